@@ -1,0 +1,10 @@
+"""Tetrahedral meshes of organs: blocks, cylinders, files, and the checks they pass.
+
+Every maker returns a `skfem.MeshTet` in metres with named `.boundaries` (facets) and, where a file has
+them, `.subdomains` (elements). One noun a module: `block`, `cylinder`, `file`, `grading`, `checks`,
+`quality`.
+"""
+
+from meshes.errors import MeshError
+
+__all__ = ["MeshError"]

@@ -1,0 +1,149 @@
+"""What a volume mesh must be before anything is computed on it; each fault is named with its numbers."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from meshes.errors import MeshError
+from meshes.facets import tet_facet_keys
+
+Array = NDArray[np.float64]
+Tets = NDArray[np.integer]
+
+# Volume over (longest edge)³ below which a tetrahedron counts as flat. A right-angled tetrahedron has 0.06,
+# one with edges 1 : 1000 : 1000 has 6e-5, one with edges 1 : 1 : 1000 has 2e-7; round-off of coordinates
+# gives 1e-16.
+FLAT = 1e-9
+# Distance over the mesh's diagonal below which two nodes count as one; single precision files resolve 1e-7.
+COINCIDENT = 1e-9
+
+
+def check(points: Array, tets: Tets) -> None:
+    """Refuse anything but a sound volume mesh: points of shape `(n, 3)`, tets `(m, 4)`.
+
+    Raises `MeshError` naming the fault: no tetrahedra, coordinates not finite, indices out of range, unused
+    or duplicate nodes, degenerate or inverted tetrahedra, tetrahedra that overlap, parts that hang together
+    by no facet.
+    """
+    _check_volume(points, tets)
+    _check_finite(points)
+    _check_indices(points, tets)
+    _check_used(points, tets)
+    _check_distinct(points)
+    _check_orientation(points, tets)
+    _check_facets(points, tets)
+    _check_connected(points, tets)
+
+
+def volumes(points: Array, tets: Tets) -> Array:
+    """Signed volumes of the tetrahedra, shape `(m,)`; positive when node 3 sees (0, 1, 2) turn
+    anticlockwise.
+    """
+    a, b, c, d = (points[tets[:, k]] for k in range(4))
+    return np.asarray(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6.0, dtype=np.float64)
+
+
+def _longest_edges(points: Array, tets: Tets) -> Array:
+    corners = points[tets]
+    edges = corners[:, [0, 0, 0, 1, 1, 2]] - corners[:, [1, 2, 3, 2, 3, 3]]
+    return np.asarray(np.linalg.norm(edges, axis=2).max(axis=1), dtype=np.float64)
+
+
+def _few(indices: NDArray[np.integer]) -> str:
+    return ", ".join(str(i) for i in indices[:3]) + (", …" if len(indices) > 3 else "")
+
+
+def _check_volume(points: Array, tets: Tets) -> None:
+    if points.ndim != 2 or points.shape[1] != 3 or tets.ndim != 2 or tets.shape[1] != 4:
+        raise MeshError(
+            f"points have shape {points.shape} and tets {tets.shape}: (n, 3) and (m, 4) are wanted"
+        )
+    if len(tets) == 0:
+        raise MeshError("it holds no tetrahedra: mesh the volume")
+
+
+def _check_finite(points: Array) -> None:
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if bad.size:
+        raise MeshError(
+            f"{bad.size} of {len(points)} nodes have coordinates that are not finite (index {_few(bad)})"
+        )
+
+
+def _check_indices(points: Array, tets: Tets) -> None:
+    bad = np.flatnonzero(((tets < 0) | (tets >= len(points))).any(axis=1))
+    if bad.size:
+        raise MeshError(f"{bad.size} tetrahedra name nodes outside 0 … {len(points) - 1} (index {_few(bad)})")
+
+
+def _check_used(points: Array, tets: Tets) -> None:
+    unused = np.setdiff1d(np.arange(len(points)), tets)
+    if unused.size:
+        raise MeshError(
+            f"{unused.size} of {len(points)} nodes belong to no tetrahedron (index {_few(unused)}): "
+            "they would move freely; delete them"
+        )
+
+
+def _check_distinct(points: Array) -> None:
+    reach = COINCIDENT * float(np.linalg.norm(np.ptp(points, axis=0)))
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    if len(pairs):
+        first = min((int(i), int(j)) for i, j in pairs)
+        raise MeshError(
+            f"{len(pairs)} pairs of nodes lie at the same place (the first: {first[0]} and {first[1]}): "
+            "merge them"
+        )
+
+
+def _check_orientation(points: Array, tets: Tets) -> None:
+    relative = volumes(points, tets) / _longest_edges(points, tets) ** 3
+    flat = np.flatnonzero(np.abs(relative) <= FLAT)
+    if flat.size:
+        raise MeshError(
+            f"{flat.size} of {len(tets)} tetrahedra are degenerate, with no volume (index {_few(flat)}): "
+            "remesh, or optimise the mesh"
+        )
+    inverted = np.flatnonzero(relative < 0)
+    if len(inverted) == len(tets):
+        raise MeshError(
+            f"all {len(tets)} tetrahedra are inverted (negative volume): the other node order; "
+            "swap two nodes of every tetrahedron"
+        )
+    if inverted.size:
+        raise MeshError(
+            f"{inverted.size} of {len(tets)} tetrahedra are inverted (negative volume, "
+            f"index {_few(inverted)}): remesh, or put their nodes in the order of the others"
+        )
+
+
+def _check_facets(points: Array, tets: Tets) -> None:
+    keys = tet_facet_keys(tets, len(points)).ravel()
+    shared, counts = np.unique(keys, return_counts=True)
+    if counts.max() > 2:
+        owner = int(np.flatnonzero(keys == shared[counts > 2][0])[0] // 4)
+        raise MeshError(
+            f"{int((counts > 2).sum())} facets belong to more than two tetrahedra (the first: of "
+            f"tetrahedron {owner}): tetrahedra overlap or are listed twice; delete the copies"
+        )
+
+
+def _check_connected(points: Array, tets: Tets) -> None:
+    parts, labels = connected_components(_neighbours(points, tets), directed=False)
+    if parts > 1:
+        sizes = np.sort(np.bincount(labels))[::-1]
+        raise MeshError(
+            f"it falls into {parts} parts that share no facet, of {_few(sizes)} tetrahedra: "
+            "keep one, or join them"
+        )
+
+
+def _neighbours(points: Array, tets: Tets) -> coo_array:
+    """Adjacency of tetrahedra through a common facet, shape `(m, m)`."""
+    keys = tet_facet_keys(tets, len(points)).ravel()
+    order = np.argsort(keys, kind="stable")
+    twins = np.flatnonzero(keys[order[:-1]] == keys[order[1:]])
+    pair = order[twins] // 4, order[twins + 1] // 4
+    return coo_array((np.ones(len(twins)), pair), shape=(len(tets), len(tets)))

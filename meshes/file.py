@@ -1,0 +1,158 @@
+"""Volume meshes from files: gmsh `.msh` of every version through gmsh, `.vtk` and `.vtu` through meshio.
+
+Names: physical surfaces become boundaries and physical volumes subdomains (a group without a name goes by
+its number; format 1 has numbers only). Every mesh also has the boundary "surface", all its boundary facets,
+unless a group of the file bears that name. meshio could read `.msh` 2 and 4 without gmsh, but it drops the
+node numbers and with them the unused nodes; rather than two answers for one file there is one reader and an
+error that says what to install.
+"""
+
+import io
+import re
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+import skfem
+
+from meshes.errors import MeshError
+from meshes.gmsh_session import current_mesh, session
+from meshes.grading import positive
+from meshes.named import named_mesh
+
+FORMATS = ".msh (gmsh), .vtk or .vtu"
+LINEAR_ONLY = "only linear tetrahedra are taken (in gmsh: Mesh.ElementOrder = 1, no recombination)"
+
+
+def read(path: str | Path, metres_per_unit: float = 1.0) -> skfem.MeshTet:
+    """Mesh of a file, in metres, `metres_per_unit` being the length of one file unit [m].
+
+    Raises `MeshError`, with the file named, for a file that is missing, empty, unreadable or no sound
+    volume mesh (`meshes.checks.check`), and for `.msh` where gmsh cannot load.
+    """
+    path = Path(path)
+    try:
+        positive("metres_per_unit", metres_per_unit)
+        _check_present(path)
+        mesh = _reader(path)(path, metres_per_unit)
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from error
+    if "surface" in (mesh.boundaries or {}):
+        return mesh
+    return mesh.with_boundaries({"surface": mesh.boundary_facets()})
+
+
+def _check_present(path: Path) -> None:
+    if not path.exists():
+        raise MeshError("there is no such file")
+    if not path.is_file():
+        raise MeshError("this is no file")
+    if path.stat().st_size == 0:
+        raise MeshError("the file is empty")
+
+
+def _reader(path: Path) -> Callable[[Path, float], skfem.MeshTet]:
+    readers = {".msh": _read_msh, ".vtk": _read_vtk, ".vtu": _read_vtk}
+    try:
+        return readers[path.suffix.lower()]
+    except KeyError:
+        raise MeshError(f"its ending {path.suffix!r} is none of the formats {FORMATS}") from None
+
+
+def _read_vtk(path: Path, metres_per_unit: float) -> skfem.MeshTet:
+    """Tetrahedra of a VTK file; it carries no names."""
+    data = _meshio_data(path)
+    cells = {kind: np.concatenate([b.data for b in data.cells if b.type == kind]) for kind in data.cells_dict}
+    _check_kinds(list(cells), {"tetra"}, {"vertex", "line", "triangle"})
+    return named_mesh(np.asarray(data.points, dtype=float) * metres_per_unit, cells["tetra"], {}, {})
+
+
+def _meshio_data(path: Path) -> Any:
+    """meshio prints and ends the interpreter on a file it cannot read (meshio 5.3): both are contained
+    here.
+    """
+    said = io.StringIO()
+    try:
+        with redirect_stdout(said), redirect_stderr(said):
+            return meshio.read(path)
+    except (Exception, SystemExit) as error:
+        reason = " ".join(f"{said.getvalue()} {'' if isinstance(error, SystemExit) else error}".split())
+        raise MeshError(
+            f"meshio cannot read it as a {path.suffix} mesh: {reason or type(error).__name__}"
+        ) from error
+
+
+def _check_kinds(kinds: Sequence[str], volume: set[str], allowed: set[str]) -> None:
+    """Refuse a file without linear tetrahedra, or with volume elements of another kind."""
+    others = sorted(set(kinds) - volume - allowed)
+    if others:
+        raise MeshError(f"it holds elements of the kind {', '.join(others)}; {LINEAR_ONLY}")
+    if not volume & set(kinds):
+        held = f"only {', '.join(sorted(kinds))} elements" if kinds else "no elements"
+        raise MeshError(f"it is not a volume mesh, it holds {held} and no tetrahedra: mesh the volume")
+
+
+def _read_msh(path: Path, metres_per_unit: float) -> skfem.MeshTet:
+    """Tetrahedra, physical surfaces and physical volumes of a gmsh file of any version, text or binary."""
+    _check_msh_header(path)
+    declared = _old_node_count(path)
+    with session() as gmsh:
+        try:
+            gmsh.open(str(path))
+        except Exception as error:  # gmsh raises nothing more specific
+            raise MeshError(f"gmsh cannot read it: {error}") from error
+        types = gmsh.model.mesh.getElementTypes()
+        kinds = [gmsh.model.mesh.getElementProperties(t)[0] for t in types]
+        _check_kinds(kinds, {"Tetrahedron 4"}, {"Point", "Line 2", "Triangle 3"})
+        if declared is not None:
+            _check_all_nodes_kept(declared, len(gmsh.model.mesh.getNodes()[0]))
+            _check_groups_apart(gmsh)
+        return current_mesh(gmsh, metres_per_unit)
+
+
+def _check_msh_header(path: Path) -> None:
+    """gmsh runs anything it does not know as a script in its own language, shell commands included: never
+    let it.
+    """
+    with path.open("rb") as file:
+        first = file.read(64).lstrip().split(maxsplit=1)[:1]
+    if first not in ([b"$NOD"], [b"$MeshFormat"], [b"$Comments"], [b"$PhysicalNames"]):
+        raise MeshError("it does not begin like a gmsh mesh, with $NOD or $MeshFormat")
+
+
+def _old_node_count(path: Path) -> int | None:
+    """Number of nodes a file of format 1 or 2 declares; `None` in later formats, where gmsh keeps every
+    node.
+    """
+    content = path.read_bytes()
+    header = re.search(rb"\$MeshFormat\s+(\d)", content)
+    if header and header[1] != b"2":
+        return None
+    declared = re.search(rb"\$(?:NOD|Nodes)\s+(\d+)", content)
+    return int(declared[1]) if declared else None
+
+
+def _check_all_nodes_kept(declared: int, kept: int) -> None:
+    """In formats 1 and 2 gmsh drops, without a word, the nodes that no element uses."""
+    if declared != kept:
+        raise MeshError(
+            f"{declared - kept} of {declared} nodes belong to no element: delete them, "
+            "or find the elements that are missing"
+        )
+
+
+def _check_groups_apart(gmsh: Any) -> None:
+    """Formats 1 and 2 give groups by element, gmsh keeps them by entity: two groups in one entity would
+    silently merge.
+    """
+    for dimension, entity in [*gmsh.model.getEntities(2), *gmsh.model.getEntities(3)]:
+        groups = gmsh.model.getPhysicalGroupsForEntity(dimension, entity).tolist()
+        if len(groups) > 1:
+            raise MeshError(
+                f"its elementary entity {entity} of dimension {dimension} lies in the physical groups "
+                f"{groups}, which gmsh cannot tell apart: give each group an elementary number of its own, "
+                "or save as format 4.1"
+            )

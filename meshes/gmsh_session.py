@@ -1,0 +1,151 @@
+"""The one door to gmsh: loaded when first needed, silent, the same mesh for the same input, always closed
+again.
+"""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+import skfem
+from numpy.typing import NDArray
+
+from meshes.errors import MeshError
+from meshes.grading import Grading
+from meshes.named import named_mesh
+
+Array = NDArray[np.float64]
+
+TRIANGLE, TETRAHEDRON = 2, 4  # gmsh element types (gmsh manual, "MSH file format")
+
+SYSTEM_LIBRARIES = "libglu1-mesa libgl1 libegl1 libxrender1 libxcursor1 libxft2 libxinerama1 libgomp1"
+WITHOUT_GMSH = "The structured block and mesh files in .vtk or .vtu format work without gmsh."
+
+OPTIONS = {
+    "General.Terminal": 0,
+    "General.NumThreads": 1,  # parallel meshing is not reproducible
+    "Mesh.RandomSeed": 1,
+    "Mesh.Algorithm": 6,  # frontal Delaunay in the surfaces
+    "Mesh.Algorithm3D": 1,  # Delaunay in the volume; HXT would be parallel
+    "Mesh.Optimize": 1,
+    "Mesh.MeshSizeExtendFromBoundary": 0,  # the size field alone decides
+    "Mesh.MeshSizeFromPoints": 0,
+    "Mesh.MeshSizeFromCurvature": 0,
+}
+
+
+def load_gmsh() -> Any:
+    """The gmsh module; raises `MeshError` saying what is missing, what installs it and what works without."""
+    try:
+        return import_module("gmsh")
+    except ModuleNotFoundError as error:
+        raise MeshError(
+            f"gmsh is not installed: `pip install gmsh` (no wheel exists for Linux on ARM). {WITHOUT_GMSH}"
+        ) from error
+    except OSError as error:
+        found = re.search(r"lib[\w+.-]+\.so[.\d]*", str(error))
+        missing = (
+            f"the system library {found[0]} is missing" if found else f"a system library is missing ({error})"
+        )
+        raise MeshError(
+            f"gmsh cannot load: {missing}. On Debian and Ubuntu, as root: "
+            f"`apt-get install --no-install-recommends {SYSTEM_LIBRARIES}`. {WITHOUT_GMSH}"
+        ) from error
+
+
+@contextmanager
+def session() -> Iterator[Any]:
+    """A fresh gmsh, initialised without the user's settings or signal handlers, finalised on the way out.
+
+    Raises `MeshError` when gmsh cannot load or is in use by the calling program.
+    """
+    gmsh = load_gmsh()
+    if gmsh.isInitialized():
+        raise MeshError("gmsh is already initialised in this process: call gmsh.finalize() first")
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        for option, value in OPTIONS.items():
+            gmsh.option.setNumber(option, value)
+        yield gmsh
+    finally:
+        gmsh.finalize()
+
+
+def generate(gmsh: Any, grading: Grading, sites: Array) -> skfem.MeshTet:
+    """Mesh the current model with the size graded toward the sites, shape `(p, 3)` [m].
+
+    Raises `MeshError` when gmsh fails.
+    """
+    gmsh.option.setNumber("Mesh.MeshSizeMax", grading.h)
+    _set_size_field(gmsh, grading, sites)
+    try:
+        gmsh.model.mesh.generate(3)
+    except Exception as error:  # gmsh raises nothing more specific
+        raise MeshError(
+            f"gmsh cannot mesh this shape with h = {grading.h}, h_site = {grading.h_site}: {error}"
+        ) from error
+    return current_mesh(gmsh, 1.0)
+
+
+def _set_size_field(gmsh: Any, grading: Grading, sites: Array) -> None:
+    """One ball per site, size linear through its shell; the smallest rules (gmsh manual, fields Ball and
+    Min).
+    """
+    field = gmsh.model.mesh.field
+    balls = []
+    for site in sites:
+        ball = field.add("Ball")
+        for key, value in zip(("XCenter", "YCenter", "ZCenter"), site, strict=True):
+            field.setNumber(ball, key, float(value))
+        field.setNumber(ball, "Radius", grading.flat)
+        field.setNumber(ball, "Thickness", grading.reach - grading.flat)
+        field.setNumber(ball, "VIn", grading.h_site)
+        field.setNumber(ball, "VOut", grading.h)
+        balls.append(ball)
+    smallest = field.add("Min")
+    field.setNumbers(smallest, "FieldsList", balls)
+    if balls:
+        field.setAsBackgroundMesh(smallest)
+
+
+def current_mesh(gmsh: Any, metres_per_unit: float) -> skfem.MeshTet:
+    """The tetrahedra of the current model, physical surfaces as boundaries, physical volumes as subdomains;
+    points in metres.
+
+    A group without a name goes by its number; names that begin with `gmsh:` are gmsh's own and dropped.
+    Raises `MeshError` from the checks of `named_mesh`.
+    """
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    tags, first = np.unique(np.asarray(tags, dtype=np.int64), return_index=True)
+    points = np.asarray(coordinates, dtype=float).reshape(-1, 3)[first] * metres_per_unit
+
+    def elements(kind: int, entity: int) -> NDArray[np.int64]:
+        nodes = np.asarray(gmsh.model.mesh.getElementsByType(kind, entity)[1], dtype=np.int64)
+        return np.searchsorted(tags, nodes).astype(np.int64).reshape(-1, 3 if kind == TRIANGLE else 4)
+
+    blocks = {entity: elements(TETRAHEDRON, entity) for _, entity in gmsh.model.getEntities(3)}
+    tets = np.concatenate([np.empty((0, 4), dtype=np.int64), *blocks.values()])
+    ends = np.cumsum([0, *(len(block) for block in blocks.values())])
+    ranges = {entity: np.arange(ends[k], ends[k + 1]) for k, entity in enumerate(blocks)}
+    surfaces = {
+        name: np.concatenate([elements(TRIANGLE, e) for e in entities])
+        for name, entities in _groups(gmsh, 2).items()
+    }
+    volumes = {
+        name: np.concatenate([ranges[e] for e in entities]) for name, entities in _groups(gmsh, 3).items()
+    }
+    return named_mesh(points, tets, surfaces, volumes)
+
+
+def _groups(gmsh: Any, dimension: int) -> dict[str, list[int]]:
+    """Entities of the physical groups of a dimension, by name."""
+    groups: dict[str, list[int]] = {}
+    for _, tag in gmsh.model.getPhysicalGroups(dimension):
+        name = gmsh.model.getPhysicalName(dimension, tag) or str(tag)
+        if not name.startswith("gmsh:"):
+            groups.setdefault(name, []).extend(
+                gmsh.model.getEntitiesForPhysicalGroup(dimension, tag).tolist()
+            )
+    return groups

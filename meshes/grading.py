@@ -1,0 +1,101 @@
+"""Element size as a function of the distance to the nearest site, shared by every graded mesh."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meshes.errors import MeshError
+
+Array = NDArray[np.float64]
+
+
+def positive(name: str, value: float) -> float:
+    """The value, or `MeshError` unless it is a positive, finite number."""
+    if not (math.isfinite(value) and value > 0):
+        raise MeshError(f"{name} = {value!r} must be positive and finite")
+    return float(value)
+
+
+@dataclass(frozen=True)
+class Grading:
+    """Size `h_site` within `flat` of a site, then growing by the factor `growth` from element to element up
+    to `h` [m].
+
+    A geometric sequence of elements has a size that is linear in the distance; `slope` is ln(growth), so
+    that the ratio of neighbours never exceeds `growth`. `radius` [m] is that of the region to be kept at
+    `h_site` (a piercing's footprint); at least one element is.
+    """
+
+    h: float
+    h_site: float
+    growth: float = 1.3
+    radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        positive("h", self.h)
+        positive("h_site", self.h_site)
+        if self.h_site > self.h:
+            raise MeshError(
+                f"h_site = {self.h_site!r} must not exceed h = {self.h!r}: swap them, or leave h_site out"
+            )
+        if not (math.isfinite(self.growth) and self.growth > 1):
+            raise MeshError(f"growth = {self.growth!r} must be finite and above 1, e.g. 1.3")
+        if not (math.isfinite(self.radius) and self.radius >= 0):
+            raise MeshError(f"radius = {self.radius!r} must be finite and not negative")
+
+    @property
+    def slope(self) -> float:
+        """Increase of size per distance [-]."""
+        return math.log(self.growth)
+
+    @property
+    def flat(self) -> float:
+        """Distance from a site up to which the size is `h_site` [m]."""
+        return max(self.radius, self.h_site)
+
+    @property
+    def reach(self) -> float:
+        """Distance from a site at which the size `h` is reached [m]."""
+        return self.flat + (self.h - self.h_site) / self.slope
+
+    def size(self, distance: ArrayLike) -> Array:
+        """Wanted element size at a distance from the nearest site, any shape [m]."""
+        beyond = np.maximum(np.asarray(distance, dtype=float) - self.flat, 0.0)
+        return np.minimum(self.h_site + self.slope * beyond, self.h)
+
+    def cells(self, distance: ArrayLike) -> Array:
+        """Elements from a site out to a distance, ∫ dx / size(x), any shape [-]."""
+        d = np.asarray(distance, dtype=float)
+        growing = np.clip(d - self.flat, 0.0, self.reach - self.flat)
+        return np.asarray(
+            np.minimum(d, self.flat) / self.h_site
+            + np.log1p(self.slope * growing / self.h_site) / self.slope
+            + np.maximum(d - self.reach, 0.0) / self.h
+        )
+
+    def distance(self, cells: ArrayLike) -> Array:
+        """Inverse of `cells`: the distance from a site after so many elements, any shape [m]."""
+        n = np.asarray(cells, dtype=float)
+        n_flat, n_reach = self.cells(self.flat), self.cells(self.reach)
+        growing = np.clip(n - n_flat, 0.0, n_reach - n_flat)
+        return np.asarray(
+            np.minimum(n, n_flat) * self.h_site
+            + np.expm1(self.slope * growing) * self.h_site / self.slope
+            + np.maximum(n - n_reach, 0.0) * self.h
+        )
+
+
+def site_points(sites: ArrayLike) -> Array:
+    """Sites as an array of shape `(p, 3)` [m], p ≥ 0; raises `MeshError` for another shape or a value not
+    finite.
+    """
+    points = np.asarray(sites, dtype=float)
+    if points.size == 0:
+        return np.empty((0, 3))
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise MeshError(
+            f"sites must be finite points of three coordinates, shape (p, 3), not {points.tolist()!r}"
+        )
+    return points

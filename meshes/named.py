@@ -1,0 +1,30 @@
+"""From points and tetrahedra to a checked `skfem.MeshTet` with named boundaries and subdomains."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import skfem
+from numpy.typing import NDArray
+
+from meshes.checks import check
+from meshes.facets import facet_indices
+
+Array = NDArray[np.float64]
+Named = Mapping[str, NDArray[np.integer]]
+
+
+def named_mesh(points: Array, tets: NDArray[np.integer], surfaces: Named, volumes: Named) -> skfem.MeshTet:
+    """Checked mesh: points of shape `(n, 3)` [m], tets `(m, 4)`, surfaces name → triangles `(k, 3)`,
+    volumes name → tet indices.
+
+    Raises `MeshError` from `check`, and when a named triangle is no facet.
+    """
+    check(points, tets)
+    mesh = bare_mesh(points, tets)
+    boundaries = {name: facet_indices(mesh, triangles) for name, triangles in surfaces.items()}
+    return mesh.with_boundaries(boundaries).with_subdomains(dict(volumes))
+
+
+def bare_mesh(points: Array, tets: NDArray[np.integer]) -> skfem.MeshTet:
+    """`skfem.MeshTet` in the column layout it keeps, nothing named; points `(n, 3)` [m], tets `(m, 4)`."""
+    return skfem.MeshTet(np.ascontiguousarray(points.T), np.ascontiguousarray(tets.T, dtype=np.int64))

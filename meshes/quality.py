@@ -1,0 +1,69 @@
+"""How well shaped the tetrahedra of a mesh are."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import skfem
+from numpy.typing import NDArray
+
+from meshes.facets import FACETS_OF_TET
+
+Array = NDArray[np.float64]
+
+EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Extremes over all tetrahedra; the regular one has 70.5° and ratio 1."""
+
+    dihedral_min: float  # smallest angle between two facets [degree]
+    radius_ratio_min: float  # smallest 3 × inscribed / circumscribed radius [-]
+    edge_min: float  # shortest edge [m]
+    edge_max: float  # longest edge [m]
+
+
+def quality(mesh: skfem.MeshTet) -> Quality:
+    """Quality of a tetrahedral mesh."""
+    corners = mesh.p.T[mesh.t.T]
+    edges = np.linalg.norm(_edges(corners), axis=2)
+    return Quality(
+        dihedral_min=float(np.degrees(dihedral_angles(corners).min())),
+        radius_ratio_min=float(radius_ratios(corners).min()),
+        edge_min=float(edges.min()),
+        edge_max=float(edges.max()),
+    )
+
+
+def dihedral_angles(corners: Array) -> Array:
+    """The six angles between facets, corners of shape `(m, 4, 3)` [m], angles `(m, 6)` [rad]."""
+    normals = _facet_normals(corners)
+    unit = normals / np.linalg.norm(normals, axis=2, keepdims=True)
+    cosines = np.stack([-np.sum(unit[:, i] * unit[:, j], axis=1) for i, j in EDGES], axis=1)
+    return np.asarray(np.arccos(np.clip(cosines, -1.0, 1.0)))
+
+
+def radius_ratios(corners: Array) -> Array:
+    """3 r/R of each tetrahedron, shape `(m,)`: r = 3V/ΣA, R = √(s(s−aA)(s−bB)(s−cC))/6V with 2s = aA + bB +
+    cC (Crelle).
+    """
+    lengths = np.linalg.norm(_edges(corners), axis=2)
+    products = lengths[:, [0, 1, 2]] * lengths[:, [5, 4, 3]]
+    s = products.sum(axis=1) / 2
+    crelle = np.sqrt(np.maximum(s * np.prod(s[:, None] - products, axis=1), 0.0))
+    a, b, c, d = (corners[:, k] for k in range(4))
+    six_volumes = np.abs(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)))
+    area = np.linalg.norm(_facet_normals(corners), axis=2).sum(axis=1) / 2
+    return np.asarray(3 * (six_volumes / 2 / area) * six_volumes / crelle)
+
+
+def _edges(corners: Array) -> Array:
+    return np.stack([corners[:, j] - corners[:, i] for i, j in EDGES], axis=1)
+
+
+def _facet_normals(corners: Array) -> Array:
+    """Outward normals of the four facets, twice their areas long, shape `(m, 4, 3)`."""
+    facets = corners[:, FACETS_OF_TET]
+    normals = np.cross(facets[:, :, 1] - facets[:, :, 0], facets[:, :, 2] - facets[:, :, 0])
+    inward = np.sum(normals * (corners - facets[:, :, 0]), axis=2, keepdims=True)
+    return np.asarray(-np.sign(inward) * normals)
