@@ -1,0 +1,291 @@
+"""Cross-sections of suture threads, and a catalogue of them: USP size × material.
+
+Every number carries its source or says that it is an assumption. "From memory" marks a citation whose text
+was not at hand when the number was written down: check it before it is quoted.
+"""
+
+import difflib
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from thread.errors import ThreadError
+
+# EI and GJ of a braid over those of a solid rod of its diameter: the filaments slide on one another.
+# Assumption, within 0.01 … 0.1; Chu & Kizil, Surg Gynecol Obstet 1989, report braids about ten times or
+# more as flexible (from memory).
+BRAID_BENDING_FACTOR = 0.05
+# Solid part of a braid's nominal cross-section. Assumption, within 0.6 … 0.8: USP <861> measures the
+# diameter under a presser foot, and there is air between the filaments.
+BRAID_SOLID_FRACTION = 0.7
+# Poisson's ratio of the polymers and of gut. Assumption; it enters the torsional stiffness alone.
+POLYMER_POISSON_RATIO = 0.4
+
+
+@dataclass(frozen=True)
+class Section:
+    """Round cross-section of a thread; raises `ThreadError` for a value that is not physical.
+
+    `youngs_modulus` is the apparent modulus, axial force over the area of the full circle and strain: that
+    is what a tensile test on a suture reports, so the axial stiffness of a braid is not reduced a second
+    time. `density` is that of the material, `solid_fraction` the part of the circle it fills.
+    `bending_factor` is the bending and torsional stiffness over that of a solid rod, 1 for a monofilament
+    and far less for a braid.
+    """
+
+    diameter: float  # [m]
+    density: float  # of the material [kg/m³]
+    youngs_modulus: float  # apparent, along the thread [Pa]
+    poisson_ratio: float = POLYMER_POISSON_RATIO  # [-]
+    solid_fraction: float = 1.0  # [-]
+    bending_factor: float = 1.0  # [-]
+
+    def __post_init__(self) -> None:
+        for name in ("diameter", "density", "youngs_modulus"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise ThreadError(f"{name} = {value!r} must be positive and finite")
+        if not -1 < self.poisson_ratio <= 0.5:
+            raise ThreadError(f"poisson_ratio = {self.poisson_ratio!r} must be above -1 and at most 0.5")
+        if not 0 < self.solid_fraction <= 1:
+            raise ThreadError(f"solid_fraction = {self.solid_fraction!r} must be above 0 and at most 1")
+        if not 0 <= self.bending_factor <= 1:
+            raise ThreadError(f"bending_factor = {self.bending_factor!r} must be between 0 and 1")
+
+    @property
+    def area(self) -> float:
+        """Area of the full circle [m²]."""
+        return math.pi * self.diameter**2 / 4
+
+    @property
+    def I(self) -> float:  # noqa: E743, N802  the paper's symbol
+        """Second moment of area of the full circle [m⁴]."""
+        return math.pi * self.diameter**4 / 64
+
+    @property
+    def rhoA(self) -> float:  # noqa: N802
+        """Mass per length [kg/m]."""
+        return self.density * self.solid_fraction * self.area
+
+    @property
+    def EA(self) -> float:  # noqa: N802
+        """Axial stiffness [N]."""
+        return self.youngs_modulus * self.area
+
+    @property
+    def EI(self) -> float:  # noqa: N802
+        """Bending stiffness [N m²]."""
+        return self.bending_factor * self.youngs_modulus * self.I
+
+    @property
+    def GJ(self) -> float:  # noqa: N802
+        """Torsional stiffness [N m²], G = E/2(1+ν) and J = 2I."""
+        return self.bending_factor * self.youngs_modulus / (2 * (1 + self.poisson_ratio)) * 2 * self.I
+
+
+@dataclass(frozen=True)
+class Size:
+    """A USP size and its limits on the average diameter, for sutures not made of collagen."""
+
+    usp: str
+    metric: float  # European Pharmacopoeia number, tenths of a millimetre
+    d_min: float  # [mm]
+    d_max: float  # [mm]
+    source: str
+
+    @property
+    def diameter(self) -> float:
+        """Middle of the range [m]."""
+        return (self.d_min + self.d_max) / 2 * 1e-3
+
+
+USP = "USP <861> and monographs, from memory; 11-0 to 2 agree digit for digit with a public code table"
+WEB = "a public web table of thread sizes, itself in error for 2-0: check"
+
+SIZES = (
+    Size("11-0", 0.1, 0.010, 0.019, USP),
+    Size("10-0", 0.2, 0.020, 0.029, USP),
+    Size("9-0", 0.3, 0.030, 0.039, USP),
+    Size("8-0", 0.4, 0.040, 0.049, USP),
+    Size("7-0", 0.5, 0.050, 0.069, USP),
+    Size("6-0", 0.7, 0.070, 0.099, USP),
+    Size("5-0", 1.0, 0.100, 0.149, USP),
+    Size("4-0", 1.5, 0.150, 0.199, USP),
+    Size("3-0", 2.0, 0.200, 0.249, USP),
+    Size("2-0", 3.0, 0.300, 0.339, USP),
+    Size("0", 3.5, 0.350, 0.399, USP),
+    Size("1", 4.0, 0.400, 0.499, USP),
+    Size("2", 5.0, 0.500, 0.599, USP),
+    Size("3", 6.0, 0.600, 0.699, USP),
+    Size("4", 6.0, 0.600, 0.699, USP),
+    Size("5", 7.0, 0.700, 0.799, USP),
+    Size("6", 8.0, 0.800, 0.899, WEB),
+    Size("7", 9.0, 0.900, 0.999, WEB),
+)
+
+# Collagen (gut) runs one size larger for the same USP number: it has the diameter of the next larger metric
+# number. Source: a public web table; USP <861> lists it separately (from memory). Known from 9-0 to 3.
+COLLAGEN_SIZES = ("9-0", "8-0", "7-0", "6-0", "5-0", "4-0", "3-0", "2-0", "0", "1", "2", "3")
+
+
+@dataclass(frozen=True)
+class Material:
+    """A suture material; the `…_source` says where each number comes from."""
+
+    name: str
+    braided: bool
+    density: float  # [kg/m³]
+    density_source: str
+    modulus_range: tuple[float, float] | None  # [Pa]
+    range_source: str
+    modulus: float | None  # the catalogue's choice [Pa]; None where no source gives one
+    modulus_source: str
+    poisson_ratio: float = POLYMER_POISSON_RATIO
+    poisson_source: str = "assumption"
+    collagen: bool = False
+    synonyms: tuple[str, ...] = ()
+
+
+TEXTBOOK = (
+    "textbook compilations, from memory: Chu, von Fraunhofer & Greisler (eds.), Wound Closure Biomaterials "
+    "and Devices, CRC 1997; von Fraunhofer, Storey & Masterson, Biomaterials 1985; Chu, Ann Surg 1981;193:365"
+)
+NALEWAY = "Naleway, Lear, Kruzic & Maughan, J Biomed Mater Res B 2015;103:735, initial modulus of 3-0"
+WITHIN = "assumption, within the range"
+
+MATERIALS = (
+    Material(
+        "polypropylene", False, 905.0, TEXTBOOK, (2.2e9, 6.9e9), TEXTBOOK, 3.0e9, WITHIN,
+        synonyms=("pp",),
+    ),
+    Material(
+        "nylon", False, 1140.0, TEXTBOOK, (1.8e9, 4.5e9), TEXTBOOK, 2.0e9, f"{WITHIN}; softer still when wet",
+        synonyms=("polyamide", "pa6", "pa66", "nylon 6", "nylon 66"),
+    ),
+    Material(
+        "polydioxanone", False, 1360.0, TEXTBOOK, (1.2e9, 1.7e9), TEXTBOOK, 1.5e9, WITHIN,
+        synonyms=("pds", "pdo"),
+    ),
+    Material(
+        "polyglyconate", False, 1300.0, TEXTBOOK, (3.0e9, 3.4e9), TEXTBOOK, 3.2e9, WITHIN,
+    ),
+    Material(
+        "polyester", True, 1380.0, TEXTBOOK, (1.2e9, 6.5e9), TEXTBOOK, 4.0e9, WITHIN,
+        synonyms=("pet", "polyethylene terephthalate"),
+    ),
+    Material(
+        "silk", True, 1300.0, TEXTBOOK, (8.4e9, 12.9e9), TEXTBOOK, 8.7e9,
+        f"{NALEWAY} silk: 8.701 GPa (read in a public source)",
+    ),
+    Material(
+        "polyglycolic acid", True, 1530.0, TEXTBOOK, (7.0e9, 14.0e9), TEXTBOOK, 8.0e9, WITHIN,
+        synonyms=("pga", "polyglycolide"),
+    ),
+    Material(
+        "polyglactin 910", True, 1500.0, TEXTBOOK, (7.0e9, 14.0e9), TEXTBOOK, 9.0e9,
+        f"assumption, near {NALEWAY} rapid polyglactin 910: 9.32 GPa (read in a public source)",
+        synonyms=("polyglactin",),
+    ),
+    Material(
+        "catgut", False, 1300.0, TEXTBOOK, (2.4e9, 2.4e9), TEXTBOOK, 2.4e9, WITHIN,
+        collagen=True, synonyms=("gut", "collagen"),
+    ),
+    Material(
+        "steel", False, 7990.0, TEXTBOOK, (190e9, 200e9), TEXTBOOK, 193e9, f"{WITHIN}; 316L, single wire",
+        poisson_ratio=0.3, poisson_source="assumption, the usual value of austenitic steel",
+        synonyms=("stainless steel", "316l", "steel 316l"),
+    ),
+    Material(
+        "UHMWPE", True, 970.0, TEXTBOOK, None, "none found", None,
+        "none found but that it is stiffer than polyester", synonyms=("polyethylene",),
+    ),
+)  # fmt: skip
+
+
+def _key(text: str) -> str:
+    """Spelling reduced to what tells materials apart: lower case letters and digits."""
+    return re.sub(r"[^a-z0-9]", "", text.casefold())
+
+
+SIZE_OF: Mapping[str, Size] = MappingProxyType({size.usp: size for size in SIZES})
+MATERIAL_OF: Mapping[str, Material] = MappingProxyType(
+    {_key(word): material for material in MATERIALS for word in (material.name, *material.synonyms)}
+)
+
+
+def names() -> tuple[str, ...]:
+    """Every suture the catalogue makes, e.g. "2-0 polypropylene"."""
+    return tuple(
+        f"{size.usp} {material.name}"
+        for material in MATERIALS
+        if material.modulus is not None
+        for size in SIZES
+        if not material.collagen or size.usp in COLLAGEN_SIZES
+    )
+
+
+def suture(name: str) -> Section:
+    """Section of a suture by USP size and material, e.g. "2-0 polypropylene"; case, spaces, "2/0" and "USP"
+    do not matter.
+
+    Raises `ThreadError` with the nearest names for one the catalogue does not have.
+    """
+    size, material = _parse(name)
+    if material.modulus is None:
+        raise ThreadError(
+            f"suture = {name!r}: no source gives the modulus of {material.name}; "
+            "give diameter, youngs_modulus and density instead"
+        )
+    return Section(
+        diameter=_diameter(name, size, material),
+        density=material.density,
+        youngs_modulus=material.modulus,
+        poisson_ratio=material.poisson_ratio,
+        solid_fraction=BRAID_SOLID_FRACTION if material.braided else 1.0,
+        bending_factor=BRAID_BENDING_FACTOR if material.braided else 1.0,
+    )
+
+
+def _parse(name: str) -> tuple[Size, Material]:
+    match = re.fullmatch(
+        r"(?:usp)?\s*#?\s*(\d+(?:\s*[-/]\s*0)?)\s*[-,]?\s*([^\W\d].*|316l)", name.strip().casefold()
+    )
+    size = SIZE_OF.get(_usp(match[1])) if match else None
+    material = MATERIAL_OF.get(_key(match[2])) if match else None
+    if size is None or material is None:
+        raise ThreadError(_miss(name))
+    return size, material
+
+
+def _usp(text: str) -> str:
+    """Canonical USP number: "2 / 0" and "00" are "2-0"; "1-0" stays as it is, unknown, for some mean 0 by
+    it and some 1.
+    """
+    compact = re.sub(r"\s", "", text).replace("/", "-")
+    zeros = len(compact)
+    return f"{zeros}-0" if compact == "0" * zeros and zeros > 1 else compact
+
+
+def _miss(name: str) -> str:
+    near = difflib.get_close_matches(
+        name.strip().casefold(), [n.casefold() for n in names()], n=3, cutoff=0.5
+    )
+    hint = f"; the nearest are {', '.join(near)}" if near else ""
+    return (
+        f"suture = {name!r} is not in the catalogue{hint}; sizes: {' '.join(SIZE_OF)}; "
+        f"materials: {', '.join(material.name for material in MATERIALS)}"
+    )
+
+
+def _diameter(name: str, size: Size, material: Material) -> float:
+    """Nominal diameter [m], for collagen that of the next larger metric number."""
+    if not material.collagen:
+        return size.diameter
+    if size.usp not in COLLAGEN_SIZES:
+        raise ThreadError(
+            f"suture = {name!r}: collagen sizes are known from {COLLAGEN_SIZES[0]} "
+            f"to {COLLAGEN_SIZES[-1]} only"
+        )
+    return next(larger.diameter for larger in SIZES if larger.metric > size.metric)

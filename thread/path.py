@@ -1,0 +1,220 @@
+"""The path a thread is laid along at the start: straight pieces joined by tangent circular arcs."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from thread.errors import ThreadError
+
+Array = NDArray[np.float64]
+
+# Each corner takes this part of the shorter of its two segments when no radius is given: a choice between a
+# gentle bend and a path that stays near its corner, where a piercing often is.
+TRIM = 0.25
+# The largest part of a segment one corner may take: just under a half, so that two neighbours leave a
+# straight piece.
+TRIM_MAX = 0.49
+# Turns below this are round-off, and within it of 180° a reversal, which no arc can round [rad].
+ANGLE = 1e-7
+# Distances that differ by less than this part of the path's length are a tie.
+TIE = 1e-12
+
+
+@dataclass(frozen=True)
+class RoundedPath:
+    """Curve of k pieces of constant curvature with a continuous tangent, parametrised by arc length; made
+    by `rounded`.
+
+    Within a piece, at l from its beginning: P = o + t sin(κl)/κ + n (1 − cos κl)/κ.
+    """
+
+    starts: Array  # abscissa at which each piece begins, shape (k,) [m]
+    lengths: Array  # shape (k,) [m]
+    origins: Array  # o, shape (k, 3) [m]
+    tangents: Array  # t at the beginning, unit, shape (k, 3)
+    normals: Array  # n at the beginning, unit, toward the centre, zero on a straight piece, shape (k, 3)
+    curvatures: Array  # κ, zero on a straight piece, shape (k,) [1/m]
+
+    @property
+    def length(self) -> float:
+        """Arc length of the whole path [m]."""
+        return float(self.starts[-1] + self.lengths[-1])
+
+    def position(self, at: ArrayLike) -> Array:
+        """Points at abscissae of any shape [m], shape `at.shape + (3,)` [m]; raises `ThreadError` outside
+        the path.
+        """
+        k, x = self._locate(at)
+        angle = self.curvatures[k] * x
+        along = x * np.sinc(angle / np.pi)
+        across = 0.5 * angle * x * np.sinc(angle / (2 * np.pi)) ** 2
+        return np.asarray(
+            self.origins[k] + along[..., None] * self.tangents[k] + across[..., None] * self.normals[k]
+        )
+
+    def tangent(self, at: ArrayLike) -> Array:
+        """Unit tangents at abscissae of any shape [m], shape `at.shape + (3,)`; raises `ThreadError`
+        outside the path.
+        """
+        k, x = self._locate(at)
+        angle = self.curvatures[k] * x
+        return np.asarray(
+            np.cos(angle)[..., None] * self.tangents[k] + np.sin(angle)[..., None] * self.normals[k]
+        )
+
+    def nearest(self, point: ArrayLike) -> tuple[float, float]:
+        """Abscissa and distance [m] of the nearest point of the path to a point, shape `(3,)` [m]; the
+        smallest abscissa in a tie.
+        """
+        abscissae, distances = self.passes(point)
+        tie = distances <= distances.min() + TIE * self.length
+        best = int(np.argmax(tie))
+        return float(abscissae[best]), float(distances[best])
+
+    def passes(self, point: ArrayLike) -> tuple[Array, Array]:
+        """Every local minimum of the distance to a point, shape `(3,)` [m]: abscissae in order and
+        distances, shapes `(m,)` [m].
+
+        A thread that passes a place twice has two. An arc about the point counts by its ends.
+        """
+        x = np.asarray(point, dtype=float)
+        if x.shape != (3,) or not np.isfinite(x).all():
+            raise ThreadError(f"point = {x.tolist()!r} must be three finite coordinates [m]")
+        candidates = self.starts + self._candidates_in_pieces(x)
+        candidates = candidates[np.r_[True, np.diff(candidates) > 1e-9 * self.length]]
+        minima = candidates[self._is_minimum(candidates, x)]
+        return minima, np.linalg.norm(self.position(minima) - x, axis=1)
+
+    def _locate(self, at: ArrayLike) -> tuple[NDArray[np.intp], Array]:
+        """Piece of each abscissa and distance from its beginning; round-off beyond the ends is taken back."""
+        s = np.asarray(at, dtype=float)
+        slack = 1e-12 * self.length
+        if not np.all((s >= -slack) & (s <= self.length + slack)):
+            raise ThreadError(
+                f"abscissa outside the path: it must lie between 0 and its length {self.length!r} m"
+            )
+        k = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, len(self.starts) - 1)
+        return k, np.clip(s - self.starts[k], 0.0, self.lengths[k])
+
+    def _candidates_in_pieces(self, x: Array) -> Array:
+        """Distance from the beginning of each piece to the only place in it that may be nearest x, shape
+        `(k,)`.
+
+        On an arc that is the direction of x from the centre. Where this is off the arc none of it is a
+        minimum, for a straight piece goes on from either end; from the centre itself all are alike, and the
+        first is taken.
+        """
+        along = np.sum((x - self.origins) * self.tangents, axis=1)
+        cosine = 1 - self.curvatures * np.sum((x - self.origins) * self.normals, axis=1)
+        sine = self.curvatures * along
+        angle = np.where(np.hypot(cosine, sine) > TIE, np.arctan2(sine, cosine), 0.0)
+        straight = self.curvatures == 0
+        on_arc = angle / np.where(straight, 1.0, self.curvatures)
+        return np.asarray(np.clip(np.where(straight, along, on_arc), 0.0, self.lengths))
+
+    def _is_minimum(self, at: Array, x: Array) -> NDArray[np.bool_]:
+        """Whether the distance to x falls neither forward nor backward of each abscissa, shape `(k,)`.
+
+        Along the path half its square has the slope (P − x)·P'.
+        """
+        gap = self.position(at) - x
+        slope = np.sum(gap * self.tangent(at), axis=1)
+        slack = 1e-9 * np.maximum(self.length, np.linalg.norm(gap, axis=1))
+        first, last = at <= TIE * self.length, at >= (1 - TIE) * self.length
+        return np.asarray(((slope >= -slack) | last) & ((slope <= slack) | first), dtype=np.bool_)
+
+
+def rounded(points: ArrayLike, radius: float | None = None) -> RoundedPath:
+    """Path through points, shape `(m, 3)` [m], m ≥ 2, each inner corner replaced by an arc of `radius` [m]
+    tangent to both segments.
+
+    A corner shortens neither of its segments by more than 0.49 of the shorter: where `radius` would, the
+    arc is smaller. Without a radius every corner takes a quarter of its shorter segment.
+
+    Raises `ThreadError` for fewer than two points, values not finite, equal points in a row, a reversal, a
+    radius not positive.
+    """
+    vertices = _vertices(points)
+    steps = np.diff(vertices, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    _check_steps(vertices, lengths)
+    directions = steps / lengths[:, None]
+    turns = _turns(directions)
+    _check_turns(vertices, turns)
+    trims = _trims(lengths, turns, radius)
+    return _pieces(vertices, directions, lengths, turns, trims)
+
+
+def _vertices(points: ArrayLike) -> Array:
+    vertices = np.asarray(points, dtype=float)
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 2:
+        raise ThreadError(
+            f"a path needs two points or more of three coordinates each, not an array of shape "
+            f"{vertices.shape}"
+        )
+    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+    if bad.size:
+        raise ThreadError(f"path point {bad[0]} = {vertices[bad[0]].tolist()} must be finite")
+    return vertices
+
+
+def _check_steps(vertices: Array, lengths: Array) -> None:
+    short = np.flatnonzero(lengths <= 1e-12 * np.abs(vertices).max())
+    if short.size:
+        i = int(short[0])
+        raise ThreadError(f"path points {i} and {i + 1} are equal, {vertices[i].tolist()}: drop one")
+
+
+def _turns(directions: Array) -> Array:
+    """Angle of each inner corner, shape `(m − 2,)` [rad]; a turn that is round-off is none."""
+    a, b = directions[:-1], directions[1:]
+    angles = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
+    return np.where(angles < ANGLE, 0.0, angles)
+
+
+def _check_turns(vertices: Array, turns: Array) -> None:
+    back = np.flatnonzero(turns > np.pi - ANGLE)
+    if back.size:
+        i = int(back[0]) + 1
+        raise ThreadError(
+            f"the path turns back on itself at point {i}, {vertices[i].tolist()}: no arc can "
+            "round a turn of 180°; put a point beside it"
+        )
+
+
+def _trims(lengths: Array, turns: Array, radius: float | None) -> Array:
+    """Length each corner takes of both its segments, R tan(turn/2) capped, shape `(m − 2,)` [m]."""
+    shorter = np.minimum(lengths[:-1], lengths[1:])
+    if radius is None:
+        wanted = TRIM * shorter
+    elif np.isfinite(radius) and radius > 0:
+        wanted = radius * np.tan(turns / 2)
+    else:
+        raise ThreadError(f"radius = {radius!r} must be positive and finite")
+    return np.where(turns > 0, np.minimum(wanted, TRIM_MAX * shorter), 0.0)
+
+
+def _pieces(vertices: Array, directions: Array, lengths: Array, turns: Array, trims: Array) -> RoundedPath:
+    """Straight pieces and arcs in turn; a corner without a turn has no arc."""
+    before, after = np.r_[0.0, trims], np.r_[trims, 0.0]
+    corner = np.flatnonzero(turns > 0)
+    bend = directions[1:][corner] - np.cos(turns[corner])[:, None] * directions[:-1][corner]
+    curvature = np.tan(turns[corner] / 2) / trims[corner]
+    order = np.argsort(np.r_[2 * np.arange(len(lengths)), 2 * corner + 1])
+
+    def merged(straight: Array, arc: Array) -> Array:
+        return np.concatenate([straight, arc])[order]
+
+    piece_lengths = merged(lengths - before - after, turns[corner] / curvature)
+    return RoundedPath(
+        starts=np.r_[0.0, np.cumsum(piece_lengths)[:-1]],
+        lengths=piece_lengths,
+        origins=merged(
+            vertices[:-1] + before[:, None] * directions,
+            vertices[1:-1][corner] - trims[corner][:, None] * directions[:-1][corner],
+        ),
+        tangents=merged(directions, directions[:-1][corner]),
+        normals=merged(np.zeros_like(directions), bend / np.sin(turns[corner])[:, None]),
+        curvatures=merged(np.zeros(len(lengths)), curvature),
+    )
