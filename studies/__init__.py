@@ -1,0 +1,1 @@
+"""Scenarios, command line, results and the studies: the only package that sees all the others."""

@@ -1,0 +1,296 @@
+"""The command line: ``suture run | check | schema | catalogue | bench``.
+
+Exit status: 0 when all is well, 1 for a run that failed, 2 for input that is refused (a sentence for each
+problem on standard error, nothing computed), 130 or 143 for a run that was interrupted by SIGINT or SIGTERM.
+"""
+
+import argparse
+import json
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from types import FrameType
+from typing import Any, Protocol
+
+import numpy as np
+
+from coupling.errors import CouplingError
+from meshes.errors import MeshError
+from studies.observables import Frame, OrganTopology, PiercingRecord, StepRecord
+from studies.picture import picture
+from studies.progress import Progress
+from studies.record import Recorder, check_folder
+from studies.scenario import Scenario, ScenarioError, load, schema
+from thread.catalogue import names, suture
+from thread.errors import ThreadError
+from tissue.errors import FactorError, TissueError
+
+REFUSALS = (ScenarioError, MeshError, TissueError, ThreadError)
+FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
+FAILED, REFUSED = 1, 2
+MILLI = 1e-3
+
+
+class Simulation(Protocol):
+    """What ``studies.simulation.prepare(scenario)`` gives: all that can be known before the first step."""
+
+    @property
+    def scenario(self) -> Scenario:
+        """As run: with the defaults that the geometry tells."""
+
+    @property
+    def topology(self) -> OrganTopology | None:
+        """The organ's mesh, None without an organ."""
+
+    @property
+    def tissue_dofs(self) -> int:
+        """Unknowns of the organ that are not held."""
+
+    @property
+    def steps(self) -> int:
+        """Steps to be taken."""
+
+    def advance(self) -> Iterator[tuple[StepRecord, Callable[[], Frame]]]:
+        """The start, then every accepted step, each with a function that makes its frame."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    try:
+        status: int = options.command(options)
+    except REFUSALS as error:
+        return _complain(error, REFUSED)
+    return status
+
+
+def run(options: argparse.Namespace) -> int:
+    """``suture run``: simulate a scenario into a folder."""
+    check_folder(options.out, options.file)
+    simulation = _prepare(load(options.file, options.set))
+    recorder = Recorder(options.out, simulation.scenario, simulation.topology, simulation.tissue_dofs)
+    status = _simulate(simulation, recorder, options.quiet)
+    if recorder.last_frame is not None and not options.no_picture:
+        title = simulation.scenario.title
+        line = picture(recorder.last_frame, simulation.topology, recorder.folder / "picture.png", title)
+        _say(options, f"picture    {line}")
+    return status
+
+
+def check(options: argparse.Namespace) -> int:
+    """``suture check``: all that is refused is refused, nothing is computed."""
+    simulation = _prepare(load(options.file, options.set))
+    scenario = simulation.scenario
+    organ = f"{simulation.tissue_dofs} tissue unknowns" if scenario.tissue else "no organ"
+    counts = f"{len(scenario.piercing)} piercings, {scenario.thread.control_points} control points, {organ}"
+    print(f"{options.file} can be run: {counts}, {simulation.steps} steps")
+    return 0
+
+
+def print_schema(options: argparse.Namespace) -> int:
+    """``suture schema``: the JSON schema of the scenario file."""
+    print(json.dumps(schema(), indent=2, ensure_ascii=False))
+    return 0
+
+
+def print_catalogue(options: argparse.Namespace) -> int:
+    """``suture catalogue``: the sutures that a scenario can name."""
+    print(f"{'suture':28} {'d [mm]':>8} {'E [GPa]':>8} {'mass [mg/m]':>12} {'EA [N]':>10} {'EI [N m²]':>11}")
+    for name in names():
+        thread = suture(name)
+        print(
+            f"{name:28} {thread.diameter / MILLI:8.4f} {thread.youngs_modulus / 1e9:8.2f} "
+            f"{thread.rhoA * 1e6:12.4g} {thread.EA:10.4g} {thread.EI:11.3e}"
+        )
+    return 0
+
+
+def run_bench(options: argparse.Namespace) -> int:
+    """``suture bench``: time per step, beside baselines, as ratios."""
+    return int(import_module("studies.bench").main(options.json))
+
+
+def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
+    """The summary of a run to be read by a person."""
+    iterations = summary["newton_iterations"] / max(summary["steps"], 1)
+    pace = summary["seconds_per_step"]
+    speed = f", {pace / MILLI:.3g} ms a step" if pace is not None else ""
+    lines = [
+        f"{scenario.title or 'run'}: {summary['status']} at t = {summary['time']:.6g} s "
+        f"after {summary['steps']} steps ({iterations:.2g} Newton iterations{speed})",
+    ]
+    if "energy" in summary:
+        lines += ["", *_energy_lines(summary["energy"])]
+        lines += [f"constraint {summary['constraint_max']:.2e} m at most, strain {_strain(summary)} at most"]
+    return lines
+
+
+def piercing_lines(piercings: Sequence[PiercingRecord]) -> list[str]:
+    """A table of the piercings."""
+    if not piercings:
+        return []
+    width = max(8, *(len(piercing.name) for piercing in piercings))
+    head = (
+        f"{'piercing':{width}}  {'state':8}  {'x [mm]':^23}  {'slip [mm]':>9}  {'force [N]':>9}  "
+        f"{'tension [N]':^21}  {'tangent':^21}"
+    )
+    return [head, *(_piercing_line(piercing, width) for piercing in piercings)]
+
+
+def _piercing_line(piercing: PiercingRecord, width: int) -> str:
+    x = " ".join(f"{value / MILLI:z7.2f}" for value in piercing.x)
+    tangent = " ".join(f"{value:z6.3f}" for value in piercing.tangent)
+    force = float(np.linalg.norm(piercing.force))
+    return (
+        f"{piercing.name:{width}}  {piercing.state:8}  {x}  {piercing.slip / MILLI:z9.3f}  {force:9.4g}  "
+        f"{piercing.tension_before:9.4g} | {piercing.tension_after:9.4g}  {tangent}"
+    )
+
+
+def _energy_lines(energy: dict[str, float]) -> list[str]:
+    names = {
+        "work": "external_work",
+        "kinetic": "kinetic",
+        "thread": "elastic_thread",
+        "tissue": "elastic_tissue",
+        "friction": "friction_dissipation",
+        "viscous": "viscous_dissipation",
+        "numerical": "numerical_dissipation",
+        "balance": "balance_error",
+    }
+    terms = [f"{short} {energy[name]:.3g}" for short, name in names.items()]
+    return [f"energy [J] {', '.join(terms[:4])}", f"           {', '.join(terms[4:])}"]
+
+
+def _strain(summary: dict[str, Any]) -> str:
+    return f"{100 * summary['thread']['max_strain']:.3g} %"
+
+
+def _simulate(simulation: Simulation, recorder: Recorder, quiet: bool) -> int:
+    """Record every step; a failure keeps what was written."""
+    progress = Progress(simulation.steps, quiet)
+    with _signals() as received:
+        try:
+            with recorder:
+                for step, frame in simulation.advance():
+                    recorder.record(step, frame)
+                    progress.update(step.step, step.time, step.newton_iterations)
+                    if received:
+                        raise KeyboardInterrupt
+            status, outcome, text = 0, "completed", ""
+        except KeyboardInterrupt:
+            status, outcome, text = 128 + (received or [signal.SIGINT])[0], "interrupted", "interrupted"
+        except FAILURES as error:
+            status, outcome, text = FAILED, "failed", _where(recorder, error)
+        finally:
+            progress.close()
+    if text:
+        print(f"suture: {text}; what was computed is in {recorder.folder}", file=sys.stderr)
+    if not quiet:
+        _print_summary(simulation.scenario, recorder, outcome)
+    return status
+
+
+def _where(recorder: Recorder, error: BaseException) -> str:
+    done = recorder.last_step
+    place = "at the start" if done is None else f"in step {done.step + 1}, after t = {done.time:.6g} s"
+    return f"the run failed {place}: {error or type(error).__name__}"
+
+
+def _print_summary(scenario: Scenario, recorder: Recorder, status: Any) -> None:
+    step = recorder.last_step
+    lines = [*summary_lines(scenario, recorder.summary(status))]
+    table = piercing_lines(step.piercings) if step else []
+    folder = recorder.folder
+    lines[1:1] = ["", *table] if table else []
+    lines += [
+        "",
+        f"ParaView   {folder / 'results.pvd'}",
+        f"numbers    {folder / 'summary.json'}, piercings.csv, energy.csv, steps.csv",
+    ]
+    print("\n".join(lines))
+
+
+def _prepare(scenario: Scenario) -> Simulation:
+    prepared: Simulation = import_module("studies.simulation").prepare(scenario)
+    return prepared
+
+
+@contextmanager
+def _signals() -> Iterator[list[int]]:
+    """Signals that ask for an end, gathered to be heeded between two steps; a second one ends at once."""
+    received: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield received
+        return
+
+    def receive(number: int, frame: FrameType | None) -> None:
+        if received:
+            raise KeyboardInterrupt
+        received.append(number)
+
+    earlier = {number: signal.signal(number, receive) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield received
+    finally:
+        for number, handler in earlier.items():
+            signal.signal(number, handler)
+
+
+def _complain(error: Exception, status: int) -> int:
+    for line in str(error).splitlines():
+        print(f"suture: {line}", file=sys.stderr)
+    return status
+
+
+def _say(options: argparse.Namespace, text: str) -> None:
+    if not options.quiet:
+        print(text)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="suture", description="A suture thread and the organ it pierces.")
+    commands = parser.add_subparsers(required=True, metavar="command")
+    for name, command, text in (
+        ("run", run, "simulate a scenario into a folder"),
+        ("check", check, "say whether a scenario can be run"),
+        ("schema", print_schema, "print the JSON schema of the scenario file"),
+        ("catalogue", print_catalogue, "list the sutures that a scenario can name"),
+        ("bench", run_bench, "measure milliseconds per step beside two baselines"),
+    ):
+        sub = commands.add_parser(name, help=text, description=text)
+        sub.set_defaults(command=command)
+        if name in ("run", "check"):
+            _add_scenario(sub)
+        if name == "run":
+            _add_run(sub)
+        if name == "bench":
+            sub.add_argument("--json", metavar="FILE", type=Path, help="write the numbers as JSON")
+    return parser
+
+
+def _add_scenario(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", metavar="FILE.toml", type=Path, help="scenario file")
+    parser.add_argument(
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="set one key, the value in TOML; a piercing by name: --set piercing.entry.footprint=2e-3",
+    )
+
+
+def _add_run(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, required=True, help="results folder, earlier results replaced"
+    )
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    parser.add_argument("--no-picture", action="store_true", help="draw no picture of the last frame")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,67 @@
+"""What is recorded of a run: plain arrays, the only thing that the simulation hands to the output."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coupling.audit import Energies
+from coupling.observation import PiercingObservation
+
+Array = NDArray[np.float64]
+PiercingRecord = PiercingObservation
+EnergyRecord = Energies
+
+
+@dataclass(frozen=True)
+class ThreadRecord:
+    """The thread at one time, sampled at m abscissas."""
+
+    points: Array  # (m, 3) [m]
+    s: Array  # (m,) rest arc length [m]
+    tension: Array  # (m,) [N]
+    curvature: Array  # (m,) [1/m]
+    radius: float  # of the thread [m]
+
+
+@dataclass(frozen=True)
+class OrganTopology:
+    """The organ's mesh in the reference shape, for output."""
+
+    points: Array  # (nodes, 3) [m]
+    cells: NDArray[np.int64]  # (cells, 4), or (cells, 10) with the mid-edge nodes 01 12 02 03 13 23
+
+
+@dataclass(frozen=True)
+class OrganRecord:
+    """The organ at one time."""
+
+    displacement: Array  # (nodes, 3) [m]
+    stress: Array  # (nodes, 6) xx yy zz xy yz xz [Pa]
+    von_mises: Array  # (nodes,) [Pa]
+
+
+@dataclass(frozen=True)
+class StepRecord:
+    """What is known at the end of a step; step 0 is the start."""
+
+    time: float  # [s]
+    step: int
+    piercings: tuple[PiercingRecord, ...]
+    energy: EnergyRecord
+    newton_iterations: int  # of this step
+    constraint_max: float  # largest |P(s) - x| [m]
+    start_reaction: Array  # (3,) force of the holder on the thread [N]
+    end_reaction: Array  # (3,) [N]
+    max_strain: float  # largest axial strain of the thread [-]
+    seconds: float  # wall-clock time of this step [s]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What is drawn of one time."""
+
+    time: float  # [s]
+    thread: ThreadRecord
+    piercings: tuple[PiercingRecord, ...]
+    organ: OrganRecord | None = None

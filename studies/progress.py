@@ -1,0 +1,65 @@
+"""How far a run has come and how long it will still take, on standard error."""
+
+import sys
+from time import monotonic
+from typing import TextIO
+
+WIDTH = 30  # characters of the bar
+REFRESH = 0.1  # s between two drawings on a terminal
+TENTHS = 10  # plain lines when the output is not a terminal
+
+
+class Progress:
+    """A bar that redraws itself on a terminal; elsewhere a plain line at every tenth of the way."""
+
+    def __init__(self, steps: int, quiet: bool = False, stream: TextIO | None = None) -> None:
+        self._steps = max(steps, 1)
+        self._quiet = quiet
+        self._stream = stream or sys.stderr
+        self._is_terminal = self._stream.isatty()
+        self._start = self._first = self._drawn = monotonic()
+        self._tenth = 0
+
+    def update(self, step: int, time: float, newton_iterations: int) -> None:
+        """Tell that a step is done, the simulated time [s] that it reached, and its Newton iterations."""
+        if step <= 1:
+            self._first = monotonic()  # the first step prepares what the others use: no measure of their pace
+        if self._quiet or step == 0 or not self._is_due(step):
+            return
+        self._drawn = monotonic()
+        text = f"step {step}/{self._steps}, t = {time:.4g} s, Newton {newton_iterations}, {self._left(step)}"
+        if self._is_terminal:
+            done = round(WIDTH * step / self._steps)
+            self._stream.write(f"\r\x1b[K[{'#' * done}{'.' * (WIDTH - done)}] {text}")
+        else:
+            self._stream.write(f"{100 * step // self._steps:3d} %  {text}\n")
+        self._stream.flush()
+
+    def close(self) -> None:
+        """End the line of the bar."""
+        if self._is_terminal and not self._quiet:
+            self._stream.write("\n")
+            self._stream.flush()
+
+    def _is_due(self, step: int) -> bool:
+        if self._is_terminal:
+            return step >= self._steps or monotonic() - self._drawn > REFRESH
+        tenth = TENTHS * step // self._steps
+        due, self._tenth = tenth > self._tenth, max(tenth, self._tenth)
+        return due
+
+    def _left(self, step: int) -> str:
+        now = monotonic()
+        if step >= self._steps:
+            return f"{duration(now - self._start)} in all"
+        pace = (now - self._first) / (step - 1) if step > 1 else now - self._start
+        return f"{duration(pace * (self._steps - step))} left"
+
+
+def duration(seconds: float) -> str:
+    """A duration in the units one would say it in."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f"{hours} h {minutes:02d} min"
+    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -1,0 +1,288 @@
+"""The results folder: what a run leaves behind, complete or absent.
+
+``Recorder`` takes the plain arrays of ``studies.observables`` and writes
+
+- ``provenance.json``, ``scenario.toml`` (and ``mesh/``, a copy of the mesh file) before the first step,
+- ``piercings.csv``, ``energy.csv``, ``steps.csv``: whole lines, after every step,
+- ``results.pvd`` and ``frames/``: every ``output.every`` steps, the first and the last,
+- ``summary.json`` at the end, also of a failed or an interrupted run.
+
+Files are written under a temporary name and renamed: a killed run leaves every finished frame readable.
+"""
+
+import csv
+import hashlib
+import io
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, fields
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self
+
+from studies.files import write_bytes, write_json, write_text
+from studies.observables import EnergyRecord, Frame, OrganTopology, PiercingRecord, StepRecord
+from studies.provenance import provenance
+from studies.scenario import Scenario, ScenarioError, dump, mesh_file, with_mesh_file
+from studies.series import Series
+
+Status = Literal["completed", "failed", "interrupted"]
+
+MARK = "provenance.json"  # the first file written: a folder that holds it is a results folder
+FILES = (
+    "summary.json",
+    "piercings.csv",
+    "energy.csv",
+    "steps.csv",
+    "results.pvd",
+    "scenario.toml",
+    "picture.png",
+)
+FOLDERS = ("frames", "mesh")
+
+
+class Recorder:
+    """Writes a run into a folder; leaving the ``with`` block writes the summary.
+
+    The last frame is written even when it is not due, so a frame is handed over as a function that makes it.
+    """
+
+    def __init__(
+        self,
+        folder: Path | str,
+        scenario: Scenario,
+        topology: OrganTopology | None = None,
+        tissue_dofs: int = 0,
+    ) -> None:
+        self.folder = Path(folder)
+        self.last_frame: Frame | None = None
+        self.last_step: StepRecord | None = None
+        self._tissue_dofs = tissue_dofs
+        self._every = scenario.output.every
+        self._newton_iterations = 0
+        self._constraint_max = 0.0
+        self._seconds = 0.0
+        self._pending: Callable[[], Frame] | None = None
+        _clear(self.folder)
+        self.provenance = _write_beginning(self.folder, scenario)
+        self._series = Series(self.folder, topology)
+        self._tables = {name: Table(self.folder / f"{name}.csv", head) for name, head in COLUMNS.items()}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:
+            self.finish("completed")
+        elif isinstance(error, KeyboardInterrupt | GeneratorExit):
+            self.finish("interrupted", "interrupted by the user")
+        else:
+            self.finish("failed", str(error) or type(error).__name__)
+
+    def record(self, step: StepRecord, frame: Callable[[], Frame]) -> None:
+        """Write the rows of an accepted step, and its frame if it is due."""
+        self._tables["piercings"].append(_piercing_row(step, piercing) for piercing in step.piercings)
+        self._tables["energy"].append([_energy_row(step)])
+        self._tables["steps"].append([_step_row(step)])
+        self._newton_iterations += step.newton_iterations
+        self._constraint_max = max(self._constraint_max, step.constraint_max)
+        self._seconds += step.seconds if step.step else 0.0
+        self.last_step = step
+        self._pending = frame
+        if step.step % self._every == 0:
+            self._write_frame()
+
+    def finish(self, status: Status, error: str = "") -> None:
+        """Write the last frame and the summary."""
+        try:
+            self._write_frame()
+        finally:
+            for table in self._tables.values():
+                table.close()
+            write_json(self.folder / "summary.json", self.summary(status, error))
+
+    def summary(self, status: Status, error: str = "") -> dict[str, Any]:
+        """The contents of ``summary.json`` as of the last recorded step."""
+        step = self.last_step
+        head = {
+            "status": status,
+            "error": error,
+            "time": step.time if step else 0.0,
+            "steps": step.step if step else 0,
+            "newton_iterations": self._newton_iterations,
+            "constraint_max": self._constraint_max,
+            "seconds_per_step": self._seconds / step.step if step and step.step else None,
+            "tissue_dofs": self._tissue_dofs,
+        }
+        return head | (_state_summary(step) if step else {}) | {"provenance": self.provenance}
+
+    def _write_frame(self) -> None:
+        if self._pending is not None and self.last_step is not None:
+            self.last_frame = self._pending()
+            self._pending = None
+            self._series.write(self.last_step.step, self.last_frame)
+
+
+class Table:
+    """A CSV file that grows by whole lines."""
+
+    def __init__(self, path: Path, columns: Iterable[str]) -> None:
+        self._file = path.open("wb", buffering=0)
+        self.append([list(columns)])
+
+    def append(self, rows: Iterable[Iterable[object]]) -> None:
+        """Append rows in one write; on a full disk none of them."""
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows(rows)
+        data = text.getvalue().encode()
+        end = self._file.tell()
+        try:
+            if self._file.write(data) != len(data):
+                raise OSError(f"{self._file.name} cannot grow: the disk is full; free some space")
+        except OSError:
+            self._file.truncate(end)
+            self._file.seek(end)
+            raise
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def check_folder(folder: Path | str, scenario_file: Path | str | None = None) -> None:
+    """Refuse a folder that cannot be written, or that holds anything but earlier results.
+
+    Earlier results are replaced, but not before the new run has been prepared. The scenario that is run must
+    lie elsewhere, since it would be replaced with them.
+    """
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise ScenarioError(f"--out {folder} is refused: it is a file; give a folder")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / MARK).is_file():
+        raise ScenarioError(
+            f"--out {folder} is refused: it holds other files than results; give a new or empty folder"
+        )
+    inside = scenario_file is not None and folder.resolve() in Path(scenario_file).resolve().parents
+    if inside and (folder / MARK).is_file():
+        raise ScenarioError(
+            f"--out {folder} is refused: it holds the scenario {scenario_file}, which would be replaced; "
+            "give another folder"
+        )
+    _check_writable(folder)
+
+
+def _check_writable(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ScenarioError(
+            f"--out {folder} is refused: it cannot be written ({error.strerror}); give another folder"
+        ) from None
+
+
+def _clear(folder: Path) -> None:
+    """Make the folder, or take out of it what an earlier run wrote."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in FILES:
+        for path in (folder / name, *folder.glob(f".{name}.*")):  # the latter of a killed run
+            path.unlink(missing_ok=True)
+    for name in FOLDERS:
+        if (folder / name).is_dir():
+            shutil.rmtree(folder / name)
+
+
+def _write_beginning(folder: Path, scenario: Scenario) -> dict[str, Any]:
+    """Write provenance and scenario, with a copy of the mesh file so that the folder stands alone."""
+    digests = {}
+    mesh = mesh_file(scenario)
+    if mesh is not None:
+        scenario = with_mesh_file(scenario, f"mesh/{mesh.name}")
+        digests["mesh_sha256"] = hashlib.sha256(mesh.read_bytes()).hexdigest()
+    text = dump(scenario)
+    digests["scenario_sha256"] = hashlib.sha256(text.encode()).hexdigest()
+    origin = provenance() | digests
+    write_json(folder / MARK, origin)
+    if mesh is not None:
+        (folder / "mesh").mkdir(exist_ok=True)
+        write_bytes(folder / "mesh" / mesh.name, mesh.read_bytes())
+    write_text(folder / "scenario.toml", text)
+    return origin
+
+
+def _state_summary(step: StepRecord) -> dict[str, Any]:
+    hidden = ("name", "u", "v")
+    piercings = {
+        piercing.name: {key: value for key, value in _shallow(piercing).items() if key not in hidden}
+        for piercing in step.piercings
+    }
+    thread = {
+        "start": {"reaction": step.start_reaction},
+        "end": {"reaction": step.end_reaction},
+        "max_strain": step.max_strain,
+    }
+    return {"energy": asdict(step.energy), "thread": thread, "piercings": piercings}
+
+
+def _shallow(record: PiercingRecord) -> dict[str, Any]:
+    return {field.name: getattr(record, field.name) for field in fields(record)}
+
+
+def _xyz(name: str) -> list[str]:
+    return [f"{name}_x", f"{name}_y", f"{name}_z"]
+
+
+COLUMNS: dict[str, list[str]] = {
+    "piercings": [
+        *("time", "step", "piercing", "s", "slip", "x", "y", "z"),  # s, -, -, m ...
+        *_xyz("displacement"),  # m
+        *_xyz("force"),  # N
+        *("normal_force", "tangential_force"),  # N
+        *_xyz("couple"),  # N m
+        *("tension_before", "tension_after", "state"),  # N, N, -
+        *_xyz("tangent"),
+    ],
+    "energy": ["time", "step", *(field.name for field in fields(EnergyRecord))],  # s, -, J ...
+    "steps": [
+        *("time", "step", "newton_iterations", "constraint_max", "max_strain"),  # s, -, -, m, -
+        *_xyz("start_reaction"),  # N
+        *_xyz("end_reaction"),  # N
+        "seconds",  # s of wall-clock time
+    ],
+}
+
+
+def _piercing_row(step: StepRecord, piercing: PiercingRecord) -> list[object]:
+    return [
+        *_numbers(step.time),
+        step.step,
+        piercing.name,
+        *_numbers(piercing.s, piercing.slip, *piercing.x, *piercing.displacement, *piercing.force),
+        *_numbers(piercing.normal_force, piercing.tangential_force, *piercing.couple),
+        *_numbers(piercing.tension_before, piercing.tension_after),
+        piercing.state,
+        *_numbers(*piercing.tangent),
+    ]
+
+
+def _energy_row(step: StepRecord) -> list[object]:
+    return [*_numbers(step.time), step.step, *_numbers(*asdict(step.energy).values())]
+
+
+def _step_row(step: StepRecord) -> list[object]:
+    return [
+        *_numbers(step.time),
+        step.step,
+        step.newton_iterations,
+        *_numbers(
+            step.constraint_max, step.max_strain, *step.start_reaction, *step.end_reaction, step.seconds
+        ),
+    ]
+
+
+def _numbers(*values: float) -> list[str]:
+    """Numbers with all their digits: they read back to the same bits."""
+    return [repr(float(value)) for value in values]

@@ -1,0 +1,766 @@
+"""The scenario: one TOML file, validated in full before anything is computed.
+
+The models below are the contract; each field says its unit in brackets. SI units throughout; the mesh file's
+own unit is the only exception.
+
+``load`` reads a file (with ``--set`` overrides), ``dump`` writes a scenario with every default, ``schema``
+gives the JSON schema.
+"""
+
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
+from math import dist
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidator, model_validator
+
+from studies.refusal import BARE, as_key, as_toml, dotted, nearest, refused, sentences
+
+ALLOWED_START_ERROR = (
+    1e-6  # distance of a driven end's first waypoint from the path's end, over the path's length
+)
+INLINE = ("start", "end", "friction")  # tables written on one line
+BLOCK_BOUNDARIES = ("left", "right", "front", "back", "bottom", "top")
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
+NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
+Text = Annotated[str, Field(strict=True, min_length=1, pattern=r"^[^\x00-\x1f\x7f]+$")]
+Whole = Annotated[int, Field(strict=True, ge=1)]
+Vector = tuple[Number, Number, Number]
+Waypoint = tuple[Number, Number, Number, Number]
+
+
+class ScenarioError(ValueError):
+    """A scenario that is refused; ``problems`` holds one sentence for each fault."""
+
+    def __init__(self, problems: str | Sequence[str]) -> None:
+        self.problems = (problems,) if isinstance(problems, str) else tuple(problems)
+        super().__init__("\n".join(self.problems))
+
+
+def _or(allowed: str) -> WrapValidator:
+    """One sentence instead of one for each member of a union."""
+
+    def validate(value: Any, handler: Callable[[Any], Any]) -> Any:
+        try:
+            return handler(value)
+        except ValidationError:
+            raise ValueError(f" = {as_toml(value)} is refused: allowed are {allowed}") from None
+
+    return WrapValidator(validate)
+
+
+class Table(BaseModel):
+    """A table of the scenario: frozen, no unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=False)
+
+
+# --- organ ------------------------------------------------------------------------------------------------
+
+
+class _Sized(Table):
+    """A mesh that is generated, with a size far from the piercings and perhaps another at them."""
+
+    h: Positive = Field(description="mesh size far from the piercings [m]", examples=[4.0e-3])
+    h_site: Positive | None = Field(
+        default=None, description="mesh size at the piercings [m]; default: uniform", examples=[0.5e-3]
+    )
+
+    @model_validator(mode="after")
+    def _check_sizes(self) -> Self:
+        if self.h_site is not None and self.h_site > self.h:
+            raise ValueError(
+                f".h_site = {self.h_site} is refused: it must not exceed h = {self.h}; make it smaller"
+            )
+        return self
+
+
+class BlockMesh(_Sized):
+    """Block centred in x and y with its top face at z = 0."""
+
+    kind: Literal["block"]
+    size: tuple[Positive, Positive, Positive] = Field(
+        description="lengths of the block along x, y, z [m]", examples=[[0.06, 0.04, 0.02]]
+    )
+    generator: Literal["structured", "gmsh"] = Field(
+        default="structured",
+        description='mesh generator; default "gmsh" when h_site is given, else "structured"',
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _choose_generator(cls, data: Any) -> Any:
+        if isinstance(data, Mapping) and "generator" not in data and data.get("h_site") is not None:
+            return {**data, "generator": "gmsh"}
+        return data
+
+
+class CylinderMesh(_Sized):
+    """Cylinder about the x axis, centred at the origin; boundaries left, side, right."""
+
+    kind: Literal["cylinder"]
+    radius: Positive = Field(description="radius of the cylinder [m]", examples=[0.02])
+    length: Positive = Field(description="length of the cylinder [m]", examples=[0.05])
+
+
+class FileMesh(Table):
+    """Volume mesh read from a file."""
+
+    kind: Literal["file"]
+    path: Text = Field(
+        description="mesh file (.msh, .vtk, .vtu), relative to the scenario file", examples=["liver.msh"]
+    )
+    unit: Annotated[
+        Literal["m", "dm", "cm", "mm", "um"] | Positive,
+        _or('"m", "dm", "cm", "mm", "um" or the number of metres per file unit, for example unit = "mm"'),
+    ] = Field(default="m", description="length unit of the file: a name, or metres per file unit")
+
+
+Mesh = Annotated[BlockMesh | CylinderMesh | FileMesh, Field(discriminator="kind")]
+
+
+class Boundary(Table):
+    """Named set of the surface facets whose centre lies in a box."""
+
+    name: Text = Field(description="name of the boundary", examples=["bed"])
+    box: tuple[Vector, Vector] = Field(
+        description="two opposite corners [m]; the surface facets whose centre is inside",
+        examples=[[[-0.1, -0.1, -0.1], [0.1, 0.1, -0.015]]],
+    )
+
+    @model_validator(mode="after")
+    def _check_box(self) -> Self:
+        if any(low == high for low, high in zip(*self.box, strict=True)):
+            raise ValueError(
+                f".box = {as_toml(self.box)} is refused: its corners must differ in x, y and z; "
+                "give two opposite corners"
+            )
+        return self
+
+
+class Tissue(Table):
+    """Organ of small-strain isotropic linear elasticity."""
+
+    youngs_modulus: Positive = Field(description="Young's modulus of the tissue [Pa]", examples=[1.0e5])
+    poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, lt=0.5)] = Field(
+        description="Poisson's ratio of the tissue [-], between -1 and 0.5", examples=[0.45]
+    )
+    density: Positive = Field(description="density of the tissue [kg/m³]", examples=[1070.0])
+    element: Literal["P1", "P2"] = Field(default="P1", description="tetrahedral element, linear or quadratic")
+    inertia: Annotated[bool, Field(strict=True)] = Field(
+        default=True, description="whether the organ has inertia; false: quasi-static organ"
+    )
+    rayleigh: tuple[NotNegative, NotNegative] = Field(
+        default=(0.0, 0.0), description="Rayleigh damping α [1/s] of the mass and β [s] of the stiffness"
+    )
+    clamp: tuple[Text, ...] = Field(
+        default=(), description="names of the boundaries held fixed", examples=[["bottom"]]
+    )
+    mesh: Mesh = Field(
+        description="the organ's mesh", examples=[{"kind": "block", "size": [0.06, 0.04, 0.02], "h": 4.0e-3}]
+    )
+    boundary: tuple[Boundary, ...] = Field(
+        default=(), description="boundaries beside those the mesh names", examples=[[]]
+    )
+
+    @model_validator(mode="after")
+    def _check_boundaries(self) -> Self:
+        own = [boundary.name for boundary in self.boundary]
+        if problem := _repeated("boundary", own):
+            raise ValueError(f".{problem}")
+        if isinstance(self.mesh, BlockMesh):
+            if taken := next((name for name in own if name in BLOCK_BOUNDARIES), None):
+                raise ValueError(
+                    f".boundary.{as_key(taken)} is refused: the block has a {taken} already; rename it"
+                )
+            if problem := unknown_clamp(self.clamp, [*BLOCK_BOUNDARIES, *own]):
+                raise ValueError(f".{problem}")
+        return self
+
+
+# --- thread -----------------------------------------------------------------------------------------------
+
+
+class _End(Table):
+    mass: NotNegative = Field(default=0.0, description="point mass carried by this end of the thread [kg]")
+
+
+class FreeEnd(_End):
+    """End on which nothing acts."""
+
+    kind: Literal["free"]
+
+
+class FixedEnd(_End):
+    """End whose position is held."""
+
+    kind: Literal["fixed"]
+
+
+class ClampedEnd(_End):
+    """End whose position and tangent are held."""
+
+    kind: Literal["clamped"]
+
+
+class PulledEnd(_End):
+    """End under a dead load."""
+
+    kind: Literal["pulled"]
+    force: Vector = Field(description="dead load on the end [N]", examples=[[0, 0, 1.0e-2]])
+    ramp: NotNegative = Field(default=0.0, description="time in which the load grows linearly from zero [s]")
+
+
+class DrivenEnd(_End):
+    """End that follows waypoints, linearly in between; it rests before the first and after the last."""
+
+    kind: Literal["driven"]
+    waypoints: Annotated[tuple[Waypoint, ...], Field(min_length=1)] = Field(
+        description="rows of t [s], x, y, z [m], t increasing",
+        examples=[[[0.0, 0.03, 0, 0.01], [1.0, 0.05, 0, 0.03]]],
+    )
+
+    @model_validator(mode="after")
+    def _check_times(self) -> Self:
+        for row, ((before, *_), (after, *_)) in enumerate(pairwise(self.waypoints), start=1):
+            if after <= before:
+                raise ValueError(
+                    f".waypoints.{row} = {as_toml(self.waypoints[row])} is refused: "
+                    f"its time must be later than {before} s, the one before it; sort them by time"
+                )
+        return self
+
+    def position(self, time: float) -> Vector:
+        """Position (3,) [m] at a time [s]."""
+        table = np.array(self.waypoints)
+        x, y, z = (float(np.interp(time, table[:, 0], column)) for column in table[:, 1:].T)
+        return x, y, z
+
+
+End = Annotated[FreeEnd | FixedEnd | ClampedEnd | PulledEnd | DrivenEnd, Field(discriminator="kind")]
+
+
+class Thread(Table):
+    """Suture thread laid along a path."""
+
+    suture: Text | None = Field(
+        default=None,
+        description="USP size and material from the catalogue; instead of diameter, youngs_modulus, density",
+        examples=["2-0 polypropylene"],
+    )
+    diameter: Positive | None = Field(
+        default=None, description="diameter of the thread [m]", examples=[3.2e-4]
+    )
+    youngs_modulus: Positive | None = Field(
+        default=None, description="Young's modulus of the thread [Pa]", examples=[2.0e9]
+    )
+    density: Positive | None = Field(
+        default=None, description="density of the thread [kg/m³]", examples=[910.0]
+    )
+    poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, le=0.5)] | None = Field(
+        default=None,
+        description="Poisson's ratio of the thread [-], from above -1 to 0.5; default 0.4",
+        examples=[0.4],
+    )
+    control_points: Annotated[int, Field(strict=True, ge=4)] = Field(
+        default=40, description="number of control points of the cubic spline [-], at least 4"
+    )
+    graded: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1)] = Field(
+        default=3.0,
+        description="ratio of the largest to the smallest knot span [-], fine near the piercings; 1: uniform",
+    )
+    path: Annotated[tuple[Vector, ...], Field(min_length=2)] = Field(
+        description="points along which the thread is laid at the start [m], corners rounded",
+        examples=[[[-0.03, 0, 0.01], [-0.01, 0, 0], [0.01, 0, 0], [0.03, 0, 0.01]]],
+    )
+    length: Positive | None = Field(
+        default=None,
+        description="rest length of the thread [m]; default: that of the path",
+        examples=[0.0483],
+    )
+    damping: NotNegative = Field(default=0.0, description="mass-proportional damping of the thread [1/s]")
+    bending: Annotated[bool, Field(strict=True)] = Field(
+        default=True, description="whether the thread resists bending; false: EI = 0"
+    )
+    start: End = Field(
+        default=FreeEnd(kind="free"),
+        description="what holds the thread at the start of the path",
+        examples=[{"kind": "free"}],
+    )
+    end: End = Field(
+        default=FreeEnd(kind="free"),
+        description="what holds the thread at the end of the path",
+        examples=[{"kind": "free"}],
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _default_poisson_ratio(cls, data: Any) -> Any:
+        if isinstance(data, Mapping) and "suture" not in data and "poisson_ratio" not in data:
+            return {**data, "poisson_ratio": 0.4}
+        return data
+
+    @model_validator(mode="after")
+    def _check_material(self) -> Self:
+        own = {key: getattr(self, key) for key in ("diameter", "youngs_modulus", "density", "poisson_ratio")}
+        given = [key for key, value in own.items() if value is not None]
+        if self.suture is not None and given:
+            raise ValueError(
+                f".{given[0]} = {own[given[0]]} is refused: the suture {as_toml(self.suture)} sets it "
+                f"already; leave out either suture or {', '.join(given)}"
+            )
+        missing = [key for key in ("diameter", "youngs_modulus", "density") if key not in given]
+        if self.suture is None and missing:
+            raise ValueError(
+                f".{missing[0]} is missing: give suture (USP size and material, for example suture = "
+                '"2-0 polypropylene") or all of diameter [m], youngs_modulus [Pa] and density [kg/m³]'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_path(self) -> Self:
+        for row, (before, after) in enumerate(pairwise(self.path), start=1):
+            if before == after:
+                raise ValueError(
+                    f".path.{row} = {as_toml(after)} is refused: it must differ from the one before; drop it"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _check_driven_ends(self) -> Self:
+        total = sum(dist(a, b) for a, b in pairwise(self.path))
+        for key, end, place in (("start", self.start, self.path[0]), ("end", self.end, self.path[-1])):
+            away = dist(end.position(0.0), place) if isinstance(end, DrivenEnd) else 0.0
+            if away > ALLOWED_START_ERROR * total:
+                raise ValueError(
+                    f".{key}.waypoints is refused: at t = 0 it is {away:.3g} m away from the {key} of "
+                    f"thread.path, {as_toml(place)}; let it begin there"
+                )
+        return self
+
+
+# --- piercings --------------------------------------------------------------------------------------------
+
+
+class Friction(Table):
+    """Coulomb friction and grip at a piercing."""
+
+    static: NotNegative = Field(description="coefficient of static friction [-]", examples=[0.12])
+    kinetic: NotNegative = Field(description="coefficient of kinetic friction [-]", examples=[0.10])
+    grip: NotNegative = Field(default=0.0, description="friction force without any tension [N]")
+
+    @model_validator(mode="after")
+    def _check_order(self) -> Self:
+        if self.kinetic > self.static:
+            raise ValueError(
+                f".kinetic = {self.kinetic} is refused: it must not exceed static = {self.static}; "
+                "lower it or raise static"
+            )
+        return self
+
+
+class Piercing(Table):
+    """Hole through which the thread passes."""
+
+    name: Text = Field(description="name of the piercing", examples=["entry"])
+    at: Vector = Field(
+        description="place of the piercing, on the organ's surface or inside it [m]",
+        examples=[[-0.01, 0.0, 0.0]],
+    )
+    kind: Literal["sliding", "anchored"] = Field(
+        default="sliding", description='"sliding", or "anchored": this point of the thread never slides'
+    )
+    direction: Annotated[
+        Literal["free", "normal"] | Vector,
+        _or('"free", "normal" or three numbers [x, y, z], for example direction = "normal"'),
+    ] = Field(
+        default="free",
+        description='direction of the thread in the hole: "free", "normal" to the surface, or cut by the '
+        "needle along [x, y, z] [-]",
+    )
+    footprint: NotNegative = Field(
+        default=1.0e-3,
+        description="radius of the averaging disc (surface) or ball (inside) [m]; 0: the paper's bare point",
+    )
+    weight: Literal["uniform", "parabolic"] = Field(
+        default="parabolic", description="weight over the footprint [-]"
+    )
+    s: Positive | None = Field(
+        default=None,
+        description="abscissa of the piercing at the start [m]; default: where the path is nearest",
+        examples=[0.031],
+    )
+    friction: Friction | None = Field(
+        default=None,
+        description="friction coefficients [-] and grip [N]; default none",
+        examples=[{"static": 0.12, "kinetic": 0.10, "grip": 0.0}],
+    )
+    channel: Positive | None = Field(
+        default=None,
+        description="length over which the reaction couple presses on the hole [m]; default: it does not",
+        examples=[2.0e-3],
+    )
+    from_: NotNegative = Field(default=0.0, alias="from", description="time at which the piercing begins [s]")
+    until: Positive | None = Field(
+        default=None, description="time at which the piercing ends [s]; default: never", examples=[0.5]
+    )
+
+    @model_validator(mode="after")
+    def _check_effect(self) -> Self:
+        if self.direction == (0.0, 0.0, 0.0):
+            raise ValueError(".direction = [0, 0, 0] is refused: it must not be zero; give a direction")
+        if self.until is not None and self.until <= self.from_:
+            raise ValueError(
+                f".until = {self.until} is refused: it must be later than from = {self.from_}; raise it"
+            )
+        if self.kind == "anchored" and self.friction is not None:
+            raise ValueError('.friction is refused: with kind = "anchored" nothing slides; leave it out')
+        if self.channel is not None and (self.friction is None or self.direction == "free"):
+            raise ValueError(
+                f".channel = {self.channel} is refused: it acts through friction and a direction; "
+                "give both or leave it out"
+            )
+        return self
+
+
+# --- solution and output ----------------------------------------------------------------------------------
+
+
+class Solve(Table):
+    """What is solved, and how."""
+
+    kind: Literal["dynamic", "static"] = Field(
+        default="dynamic", description='"dynamic", or "static": equilibrium under the final loads'
+    )
+    dt: Positive = Field(default=1.0e-3, description="time step [s]")
+    duration: Positive = Field(default=1.0, description="simulated time [s]")
+    load_steps: Whole = Field(default=10, description="number of load steps [-] of a static solution")
+    scheme: Literal["newton", "linear"] = Field(
+        default="newton", description='time step: "newton", or "linear" (Baumgarte, one linear solve)'
+    )
+    coupling: Literal["monolithic", "staggered"] = Field(
+        default="monolithic", description="thread and organ solved together, or one after the other"
+    )
+    friction: Literal["implicit", "two-pass"] = Field(default="implicit", description="friction solver")
+    epsilon: NotNegative = Field(default=0.0, description="inertia of an abscissa ε (eq. 7) [kg]")
+    gravity: Vector = Field(default=(0.0, 0.0, 0.0), description="gravity on thread and organ [m/s²]")
+
+    @model_validator(mode="after")
+    def _check_step(self) -> Self:
+        if self.kind == "dynamic" and self.dt > self.duration:
+            raise ValueError(
+                f".dt = {self.dt} is refused: it must not exceed duration = {self.duration}; lower it"
+            )
+        return self
+
+
+class Output(Table):
+    """What is written while running."""
+
+    every: Whole = Field(default=10, description="steps between frames [-]")
+
+
+class Scenario(Table):
+    """A suture thread, an organ it pierces, and what is done to them."""
+
+    title: Annotated[str, Field(strict=True)] = Field(default="", description="title of the scenario")
+    tissue: Tissue | None = Field(
+        default=None,
+        description="the organ; left out: the piercings are points fixed in space",
+        examples=[{"youngs_modulus": 1.0e5}],
+    )
+    thread: Thread = Field(description="the thread", examples=[{"suture": "2-0 polypropylene"}])
+    piercing: tuple[Piercing, ...] = Field(
+        default=(), description="the piercings, in the order in which the thread passes them"
+    )
+    solve: Solve = Field(default=Solve(), description="what is solved, and how", examples=[{"dt": 1.0e-3}])
+    output: Output = Field(
+        default=Output(), description="what is written while running", examples=[{"every": 10}]
+    )
+
+    @model_validator(mode="after")
+    def _check_piercings(self) -> Self:
+        if problem := _repeated("piercing", [piercing.name for piercing in self.piercing]):
+            raise ValueError(problem)
+        given = [(piercing.name, piercing.s) for piercing in self.piercing if piercing.s is not None]
+        check_order([name for name, _ in given], [s for _, s in given], self.thread.length)
+        check_control_points(self.thread.control_points, len(self.piercing))
+        loose = next((piercing.name for piercing in self.piercing if piercing.direction == "normal"), None)
+        if self.tissue is None and loose is not None:
+            key = dotted(["piercing", loose, "direction"])
+            reason = 'without [tissue] there is no surface; use "free" or [x, y, z], or add [tissue]'
+            raise ValueError(refused(key, "normal", reason))
+        return self
+
+    @model_validator(mode="after")
+    def _check_held(self) -> Self:
+        tissue = self.tissue
+        if tissue is None or tissue.clamp or (tissue.inertia and self.solve.kind == "dynamic"):
+            return self
+        why = "solve.kind is static" if self.solve.kind == "static" else "tissue.inertia is false"
+        reason = f'{why}, so the organ must be held; name a boundary, for example clamp = ["bottom"]'
+        raise ValueError(refused("tissue.clamp", [], reason))
+
+
+# --- checks that the simulation repeats once it knows more ------------------------------------------------
+
+
+def check_order(names: Sequence[str], s: Sequence[float], length: float | None = None) -> None:
+    """Refuse abscissas ``s`` [m] that do not increase along the list of piercings, or are off the thread."""
+    for name, value in zip(names, s, strict=True):
+        if value <= 0 or (length is not None and value >= length):
+            limit = "the thread's length" if length is None else f"the thread's length of {length} m"
+            raise ScenarioError(
+                refused(
+                    dotted(["piercing", name, "s"]),
+                    value,
+                    f"it must lie between 0 and {limit}; move the piercing",
+                )
+            )
+    for (before, low), (after, high) in pairwise(zip(names, s, strict=True)):
+        if high <= low:
+            reason = (
+                f"it must be greater than {dotted(['piercing', before, 's'])} = {low}, because the piercings "
+                "are listed in the order in which the thread passes them; reorder them or correct s"
+            )
+            raise ScenarioError(refused(dotted(["piercing", after, "s"]), high, reason))
+
+
+def check_control_points(control_points: int, piercings: int) -> None:
+    """Refuse a spline too coarse for its holes.
+
+    A hole takes up to 5 constraints, on 3 unknowns of each control point and its own abscissa; and the
+    thread turns there, so a span of the spline should lie on either side of the hole and one at it: 3
+    control points for each hole, beside the 4 of a single cubic.
+    """
+    least = 4 + 3 * piercings
+    if control_points < least:
+        reason = f"{piercings} piercings need at least {least} (4 and 3 for each piercing); raise it"
+        raise ScenarioError(refused("thread.control_points", control_points, reason))
+
+
+def check_clamp(clamp: Iterable[str], boundaries: Sequence[str]) -> None:
+    """Refuse a clamp that names no boundary of the organ."""
+    if problem := unknown_clamp(clamp, boundaries):
+        raise ScenarioError(f"tissue.{problem}")
+
+
+def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str]) -> str | None:
+    """What is wrong with a clamp, None if nothing."""
+    lost = next((name for name in clamp if name not in boundaries), None)
+    if lost is None:
+        return None
+    match = nearest(lost, boundaries)
+    hint = f'; the nearest is "{match}"' if match else "; add it as [[tissue.boundary]]"
+    there = ", ".join(boundaries) or "none"
+    return refused("clamp", [lost], f"there is no such boundary; the boundaries are {there}{hint}")
+
+
+def _repeated(table: str, names: Sequence[str]) -> str | None:
+    twice = next((name for index, name in enumerate(names) if name in names[:index]), None)
+    return None if twice is None else refused(f"{table}.name", twice, "names must be unique; rename one")
+
+
+# --- reading and writing ----------------------------------------------------------------------------------
+
+
+def load(path: Path | str, overrides: Sequence[str] = ()) -> Scenario:
+    """Read a scenario file; each override is ``dotted.key=value`` with the value in TOML."""
+    path = Path(path)
+    data = _read(path)
+    for override in overrides:
+        _override(data, override)
+    _make_mesh_path_absolute(data, path.parent)
+    scenario = parse(data)
+    _check_mesh_file(scenario)
+    return scenario
+
+
+def parse(data: Mapping[str, Any]) -> Scenario:
+    """Validate a scenario given as tables."""
+    try:
+        return Scenario.model_validate(dict(data))
+    except ValidationError as error:
+        raise ScenarioError(sentences(error, Scenario, data)) from None
+
+
+def schema() -> dict[str, Any]:
+    """JSON schema (draft 2020-12) of the scenario file."""
+    declared = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+    return declared | Scenario.model_json_schema(by_alias=True)
+
+
+def tables(scenario: Scenario) -> dict[str, Any]:
+    """The scenario as plain tables with every default, what is not given left out."""
+    plain = scenario.model_dump(mode="json", by_alias=True, exclude_none=True)
+    return {key: _kind_first(value) for key, value in plain.items()}
+
+
+def _kind_first(value: Any) -> Any:
+    """The same tables with ``kind`` as the first key, as one would write them."""
+    match value:
+        case dict():
+            first = {"kind": value["kind"]} if "kind" in value and "name" not in value else {}
+            return first | {key: _kind_first(item) for key, item in value.items()}
+        case list():
+            return [_kind_first(item) for item in value]
+        case _:
+            return value
+
+
+def dump(scenario: Scenario) -> str:
+    """The scenario in TOML, every default written out; reads back to an equal scenario."""
+    return "\n".join(_lines(tables(scenario), ()))
+
+
+def resolved(scenario: Scenario, length: float, s: Sequence[float]) -> Scenario:
+    """The scenario with the defaults that only the geometry tells: the rest length and the abscissas [m]."""
+    thread = scenario.thread.model_copy(update={"length": length})
+    pairs = zip(scenario.piercing, s, strict=True)
+    piercing = tuple(hole.model_copy(update={"s": float(value)}) for hole, value in pairs)
+    return scenario.model_copy(update={"thread": thread, "piercing": piercing})
+
+
+def mesh_file(scenario: Scenario) -> Path | None:
+    """The mesh file that the scenario names, None if it names none."""
+    if scenario.tissue is None or not isinstance(scenario.tissue.mesh, FileMesh):
+        return None
+    return Path(scenario.tissue.mesh.path)
+
+
+def with_mesh_file(scenario: Scenario, path: str) -> Scenario:
+    """The scenario with another mesh file; unchanged if it has none."""
+    if scenario.tissue is None or not isinstance(scenario.tissue.mesh, FileMesh):
+        return scenario
+    mesh = scenario.tissue.mesh.model_copy(update={"path": path})
+    return scenario.model_copy(update={"tissue": scenario.tissue.model_copy(update={"mesh": mesh})})
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ScenarioError(f"{path} does not exist; give the path of a scenario file (.toml)") from None
+    except UnicodeDecodeError as error:
+        raise ScenarioError(
+            f"{path} is not UTF-8 text (byte {error.start}); give a scenario file (.toml) saved as UTF-8"
+        ) from None
+    except OSError as error:
+        raise ScenarioError(
+            f"{path} cannot be read ({error.strerror}); give a readable scenario file"
+        ) from None
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{path} is not valid TOML: {error}; correct that line") from None
+
+
+def _override(data: dict[str, Any], text: str) -> None:
+    """Set one key in place."""
+    *parents, last = parts = _override_key(text)
+    value = _override_value(text)
+    table: Any = data
+    for depth, part in enumerate(parents):
+        table = _enter(table, part, dotted(parts[:depth]), text)
+    if isinstance(table, list):
+        table[_index(table, last, dotted(parents), text)] = value
+    else:
+        table[last] = value
+
+
+def _override_key(text: str) -> list[str]:
+    key, equals, _ = text.partition("=")
+    try:
+        table = tomllib.loads(f"{key}=0") if equals else {}
+    except tomllib.TOMLDecodeError:
+        table = {}
+    if not table:
+        raise ScenarioError(
+            f"--set {text} is refused: write a dotted key, = and a value, for example solve.dt=5e-4"
+        )
+    parts: list[str] = []
+    while isinstance(table, dict):
+        ((part, table),) = table.items()
+        parts.append(part)
+    return parts
+
+
+def _override_value(text: str) -> Any:
+    """The value in TOML; a bare word is a string, because a shell takes the quotes away."""
+    key, _, value = text.partition("=")
+    try:
+        return tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError as error:
+        if BARE.fullmatch(value.strip()):
+            return value.strip()
+        reason = str(error).partition(" (at")[0]
+        raise ScenarioError(
+            f"--set {key}={value} is refused: the value is not TOML ({reason}); write for example 5e-4, "
+            'true, [0, 0, 1] or "text"'
+        ) from None
+
+
+def _enter(table: Any, part: str, parent: str, text: str) -> Any:
+    if isinstance(table, list):
+        return table[_index(table, part, parent, text)]
+    inner = table.setdefault(part, {})
+    if not isinstance(inner, dict | list):
+        where = f"{parent}.{part}" if parent else part
+        raise ScenarioError(f"--set {text} is refused: {where} is a value, not a table; set {where} itself")
+    return inner
+
+
+def _index(entries: list[Any], part: str, parent: str, text: str) -> int:
+    names = [entry.get("name") if isinstance(entry, dict) else None for entry in entries]
+    if part in names:
+        return names.index(part)
+    if part.isdecimal() and int(part) < len(entries):
+        return int(part)
+    there = [str(index) if name is None else str(name) for index, name in enumerate(names)]
+    raise ScenarioError(
+        f"--set {text} is refused: {parent} has no entry {part}; its entries are {', '.join(there)}"
+    )
+
+
+def _make_mesh_path_absolute(data: dict[str, Any], folder: Path) -> None:
+    tissue = data.get("tissue")
+    mesh = tissue.get("mesh") if isinstance(tissue, dict) else None
+    if isinstance(mesh, dict) and isinstance(path := mesh.get("path"), str) and path:
+        mesh["path"] = str((folder / path).resolve())
+
+
+def _check_mesh_file(scenario: Scenario) -> None:
+    path = mesh_file(scenario)
+    if path is None:
+        return
+    if not path.is_file():
+        problem = "there is no such file; give the path relative to the scenario file"
+        raise ScenarioError(refused("tissue.mesh.path", str(path), problem))
+    if path.stat().st_size == 0:
+        raise ScenarioError(refused("tissue.mesh.path", str(path), "the file is empty; give a volume mesh"))
+
+
+def _lines(table: Mapping[str, Any], parents: tuple[str, ...]) -> list[str]:
+    """A table in TOML: values first, then tables, then lists of tables."""
+    under_headers = {key for key, value in table.items() if _is_table(key, value) or _is_tables(value)}
+    values = {key: value for key, value in table.items() if key not in under_headers}
+    lines = [f"{as_key(key)} = {as_toml(value)}" for key, value in values.items()]
+    for key, value in table.items():
+        name = (*parents, key)
+        if _is_table(key, value):
+            lines += ["", f"[{dotted(name)}]", *_lines(value, name)]
+        if _is_tables(value):
+            for item in value:
+                lines += ["", f"[[{dotted(name)}]]", *_lines(item, name)]
+    return lines if parents else [*lines, ""]
+
+
+def _is_table(key: str, value: object) -> bool:
+    return isinstance(value, dict) and key not in INLINE
+
+
+def _is_tables(value: object) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(item, dict) for item in value)
