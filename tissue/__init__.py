@@ -1,0 +1,44 @@
+"""The organ: small-strain linear elasticity on tetrahedra, and the nine numbers per piercing a thread sees of
+it.
+"""
+
+from tissue.body import Elasticity, elasticity
+from tissue.errors import FactorError, TissueError
+from tissue.factor import Factor, factorize
+from tissue.material import Material
+from tissue.organ import (
+    DynamicOrgan,
+    FixedSites,
+    History,
+    OrganEnergies,
+    OrganState,
+    Prediction,
+    QuasiStaticOrgan,
+    fixed_sites,
+)
+from tissue.sites import Site, Sites, build_sites
+from tissue.stress import StressRecovery, stress_recovery, von_mises
+
+__all__ = [
+    "DynamicOrgan",
+    "Elasticity",
+    "Factor",
+    "FactorError",
+    "FixedSites",
+    "History",
+    "Material",
+    "OrganEnergies",
+    "OrganState",
+    "Prediction",
+    "QuasiStaticOrgan",
+    "Site",
+    "Sites",
+    "StressRecovery",
+    "TissueError",
+    "build_sites",
+    "elasticity",
+    "factorize",
+    "fixed_sites",
+    "stress_recovery",
+    "von_mises",
+]

@@ -1,0 +1,149 @@
+"""Small-strain isotropic linear elasticity on tetrahedra, assembled by scikit-fem."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix, kron
+from skfem import Basis, BilinearForm, ElementTetP1, ElementTetP2, ElementVector, MeshTet
+from skfem.helpers import ddot, div, sym_grad
+
+from tissue.errors import TissueError
+from tissue.material import Material, PerCell
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+ELEMENTS = {"P1": ElementTetP1, "P2": ElementTetP2}
+
+
+@dataclass(frozen=True)
+class Elasticity:
+    """The discrete organ: M Ü + K U = f over `N` displacement unknowns, some of them clamped.
+
+    `K` [N/m] and `M` [kg] are over all unknowns, shape `(N, N)`; `clamped` and `free` number the unknowns,
+    and together they are all of them. Made by `elasticity`.
+    """
+
+    mesh: MeshTet
+    element: str
+    material: Material
+    basis: Basis
+    K: csr_matrix
+    M: csr_matrix
+    clamped: Indices
+    free: Indices
+
+    @property
+    def N(self) -> int:
+        """Number of displacement unknowns, clamped ones included."""
+        return int(self.K.shape[0])
+
+    @cached_property
+    def nodes(self) -> Indices:
+        """Unknowns of each node, shape `(m, 3)`: vertices first, then (P2) the middles of the edges."""
+        blocks = [self.basis.nodal_dofs.T]
+        if self.element == "P2":
+            blocks.append(self.basis.edge_dofs.T)
+        return np.vstack(blocks).astype(np.intp)
+
+    @cached_property
+    def points(self) -> Array:
+        """Places of the nodes in the reference shape, shape `(m, 3)` [m]."""
+        return np.ascontiguousarray(self.basis.doflocs[:, self.nodes[:, 0]].T)
+
+    @cached_property
+    def cells(self) -> Indices:
+        """Nodes of each cell, shape `(c, 4)`, or `(c, 10)` for P2 in VTK's order of the quadratic
+        tetrahedron.
+        """
+        # scikit-fem and VTK number the edges alike: 01, 12, 02, 03, 13, 23.
+        blocks = [self.mesh.t]
+        if self.element == "P2":
+            blocks.append(self.mesh.t2e + self.mesh.nvertices)
+        return np.ascontiguousarray(np.vstack(blocks).T.astype(np.intp))
+
+    def connectivity(self) -> tuple[Array, Indices, Indices]:
+        """`(points, cells, nodes)`: what a file of the organ needs, and the map from nodes to unknowns."""
+        return self.points, self.cells, self.nodes
+
+    def nodal(self, field: Array) -> Array:
+        """A field over all unknowns `(N,)` as one vector per node, shape `(m, 3)`."""
+        return field[self.nodes]
+
+    def flat(self, nodal: Array) -> Array:
+        """One vector per node `(m, 3)` as a field over all unknowns `(N,)`: the inverse of `nodal`."""
+        field = np.empty(self.N)
+        field[self.nodes] = nodal
+        return field
+
+    def extended(self, field: Array) -> Array:
+        """A field over the free unknowns with zeros at the clamped ones, shape `(N,)`."""
+        full = np.zeros(self.N)
+        full[self.free] = field
+        return full
+
+    def body_force(self, acceleration: Array) -> Array:
+        """Load of a uniform acceleration (3,) [m/s²] on the organ's mass, shape `(N,)` [N]."""
+        return np.asarray(self.M @ self.flat(np.broadcast_to(np.asarray(acceleration, float), self.nodes.shape)))
+
+
+def elasticity(mesh: MeshTet, material: Material, element: str = "P1", clamp: Sequence[str] = ()) -> Elasticity:
+    """Assemble stiffness and consistent mass on `mesh`, held at the boundaries named in `clamp`."""
+    if element not in ELEMENTS:
+        raise TissueError(f"element = {element!r}: allowed are 'P1' and 'P2'; take 'P1' for speed")
+    for name in ("youngs_modulus", "poisson_ratio", "density"):
+        _check_cells(name, getattr(material, name), mesh)
+    scalar = ELEMENTS[element]()
+    basis = Basis(mesh, ElementVector(scalar), intorder=2 * scalar.maxdeg)
+    clamped = clamped_unknowns(basis, clamp)
+    K = stiffness(basis, material.lame_lambda, material.lame_mu)
+    M = mass(basis, material.density)
+    free = np.setdiff1d(np.arange(basis.N), clamped).astype(np.intp)
+    return Elasticity(mesh, element, material, basis, K, M, clamped, free)
+
+
+def stiffness(basis: Basis, lam: PerCell, mu: PerCell) -> csr_matrix:
+    """K_ij = ∫ λ div φ_i div φ_j + 2μ ε(φ_i) : ε(φ_j) dx, shape `(N, N)` [N/m]."""
+    # The strain of P_k is of degree k − 1, so the load's rule of degree 2k would be wasted on K.
+    exact = Basis(basis.mesh, basis.elem, intorder=max(1, 2 * (basis.elem.elem.maxdeg - 1)))
+    return csr_matrix(BilinearForm(_strain_energy).assemble(exact, lam=_per_cell(lam), mu=_per_cell(mu)))
+
+
+def mass(basis: Basis, rho: PerCell) -> csr_matrix:
+    """M_ij = ∫ ρ φ_i · φ_j dx, consistent, shape `(N, N)` [kg]."""
+    scalar = BilinearForm(_inertia).assemble(basis.with_element(basis.elem.elem), rho=_per_cell(rho))
+    return csr_matrix(kron(scalar, np.eye(3)))  # a node's three unknowns follow one another
+
+
+def clamped_unknowns(basis: Basis, clamp: Sequence[str]) -> Indices:
+    """Unknowns on the boundaries named in `clamp`, sorted; `TissueError` names those that exist."""
+    boundaries = basis.mesh.boundaries or {}
+    for name in clamp:
+        if name not in boundaries:
+            known = ", ".join(sorted(boundaries)) or "none at all"
+            raise TissueError(f"clamp: no boundary is named {name!r}; the mesh names {known}")
+    held = [basis.get_dofs(facets=boundaries[name]).all() for name in clamp]
+    return np.unique(np.concatenate([np.empty(0, np.intp), *held])).astype(np.intp)
+
+
+def _strain_energy(u: Any, v: Any, w: Any) -> Any:
+    return w.lam * div(u) * div(v) + 2.0 * w.mu * ddot(sym_grad(u), sym_grad(v))
+
+
+def _inertia(u: Any, v: Any, w: Any) -> Any:
+    return w.rho * u * v
+
+
+def _per_cell(value: PerCell) -> Array:
+    """A column that broadcasts over cells and quadrature points."""
+    return np.atleast_1d(np.asarray(value, float))[:, None]
+
+
+def _check_cells(name: str, value: PerCell, mesh: MeshTet) -> None:
+    shape = np.shape(value)
+    if shape not in {(), (mesh.nelements,)}:
+        raise TissueError(f"{name}: shape {shape}; allowed is one number or one per cell, ({mesh.nelements},)")

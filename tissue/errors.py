@@ -1,0 +1,9 @@
+"""Errors of the tissue package."""
+
+
+class TissueError(ValueError):
+    """An organ, material or site that cannot be: one sentence with the value, what is allowed and the remedy."""
+
+
+class FactorError(RuntimeError):
+    """A matrix that could not be factorised, or a solve whose residual is too large."""

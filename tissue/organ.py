@@ -1,0 +1,405 @@
+"""The organ as the thread sees it: nine numbers per piercing, their compliance and one back-substitution.
+
+    acceleration⁺ = a (U⁺ − U_a),   velocity⁺ = d (U⁺ − U_d),   (a M + d C + K) U⁺ = b + Yᵀ f_y
+
+with two numbers and two reference fields per time scheme. Backward Euler has a = 1/Δt², U_a = U + Δt V and
+d = 1/Δt, U_d = U. `f_y` `(9p,)` is the force on the organ conjugate to y; eliminating U is exact, so that
+y = y_free + C f_y.
+"""
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_matrix
+
+from tissue.body import Elasticity
+from tissue.errors import TissueError
+from tissue.factor import Factor, factorize
+from tissue.sites import Site, Sites, space_frames
+
+Array = NDArray[np.float64]
+
+KEPT = 4  # operators kept: one per (a, d) of a run, the start, and a halved step
+NOTHING = np.zeros(0)
+
+
+@dataclass(frozen=True)
+class OrganState:
+    """Displacement U [m], velocity V [m/s], acceleration A [m/s²] over the free unknowns `(N,)`, and the site
+    forces.
+    """
+
+    U: Array
+    V: Array
+    A: Array
+    f_y: Array
+
+
+@dataclass(frozen=True)
+class History:
+    """Reference fields of the time scheme over the free unknowns `(N,)` [m]: U_a and U_d."""
+
+    inertia: Array
+    damping: Array
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A step without site forces: site variables `(9p,)`, field `(N,)` and the history it came from."""
+
+    y_free: Array
+    U_free: Array
+    history: History
+
+
+@dataclass(frozen=True)
+class OrganEnergies:
+    """Energies at the end of a step and work done during it [J]."""
+
+    kinetic: float
+    elastic: float
+    gravity_work: float
+    viscous: float
+    numerical: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Organ:
+    """What a dynamic and a quasi-static organ share: the body, its sites and the blocks over the free
+    unknowns.
+    """
+
+    elasticity: Elasticity
+    sites: Sites
+    gravity: ArrayLike = (0.0, 0.0, 0.0)
+    method: str = "superlu"
+    K: csr_matrix = field(init=False, repr=False)
+    load: Array = field(init=False, repr=False)
+    places: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        gravity = np.asarray(self.gravity, dtype=float)
+        if gravity.shape != (3,) or not np.all(np.isfinite(gravity)):
+            raise TissueError(f"gravity = {self.gravity}: allowed are three finite numbers [m/s²]")
+        body, free = self.elasticity, self.elasticity.free
+        if self.sites.Y.shape[1] != free.size:
+            raise TissueError(
+                f"sites over {self.sites.Y.shape[1]} unknowns on an organ of {free.size}; build them on it"
+            )
+        object.__setattr__(self, "K", csr_matrix(body.K[free][:, free]))
+        object.__setattr__(self, "load", body.body_force(gravity)[free])
+        object.__setattr__(self, "places", body.basis.doflocs[:, free].T)
+
+    @property
+    def y0(self) -> Array:
+        """Reference site variables, shape `(9p,)` [m, -, -]."""
+        return self.sites.y0
+
+    @property
+    def Y(self) -> csr_matrix:
+        """y = y0 + Y U, shape `(9p, N)`."""
+        return self.sites.Y
+
+    @property
+    def size(self) -> int:
+        """Number of free unknowns N."""
+        return int(self.K.shape[0])
+
+
+@dataclass(frozen=True)
+class DynamicOperator:
+    """A = a M + d C + K, factorised, with W = A⁻¹ Yᵀ and the compliance C = Y W of the sites."""
+
+    organ: "DynamicOrgan"
+    a: float
+    d: float
+    A: csr_matrix
+    factor: Factor
+    W: Array
+    C: Array
+
+    def right_hand_side(self, state: OrganState, history: History) -> Array:
+        """b of A U⁺ = b + Yᵀ f_y, shape `(N,)` [N]."""
+        return self._residual(np.zeros_like(state.U), history)
+
+    def predict(self, state: OrganState, history: History) -> Prediction:
+        """The step without site forces: one back-substitution, for the increment, so that round-off is
+        relative to it.
+        """
+        U_free = state.U + self.factor.solve(self._residual(state.U, history))
+        return Prediction(self.organ.y0 + self.organ.Y @ U_free, U_free, history)
+
+    def complete(self, prediction: Prediction, f_y: Array) -> OrganState:
+        """U⁺ = U_free + W f_y and its rates."""
+        U = prediction.U_free + self.W @ f_y
+        history = prediction.history
+        return OrganState(U, self.d * (U - history.damping), self.a * (U - history.inertia), f_y)
+
+    def _residual(self, U: Array, history: History) -> Array:
+        """b − A U, by two products with M and K: C = αM + βK needs none of its own."""
+        alpha, beta = self.organ.rayleigh
+        damping = self.d * (history.damping - U)
+        return (
+            self.organ.load
+            + self.organ.M @ (self.a * (history.inertia - U) + alpha * damping)
+            + self.organ.K @ (beta * damping - U)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class DynamicOrgan(_Organ):
+    """An organ with inertia and Rayleigh damping C = αM + βK, `rayleigh` = (α [1/s], β [s]); it need not be
+    held.
+    """
+
+    rayleigh: tuple[float, float] = (0.0, 0.0)
+    M: csr_matrix = field(init=False, repr=False)
+    _operators: OrderedDict[tuple[float, float], DynamicOperator] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        alpha, beta = self.rayleigh
+        if not (0.0 <= alpha < np.inf and 0.0 <= beta < np.inf):
+            raise TissueError(
+                f"rayleigh = {self.rayleigh}: allowed are α ≥ 0 [1/s] and β ≥ 0 [s]; damping takes energy"
+            )
+        free = self.elasticity.free
+        object.__setattr__(self, "M", csr_matrix(self.elasticity.M[free][:, free]))
+        object.__setattr__(self, "_operators", OrderedDict())
+
+    def start(self) -> OrganState:
+        """Undeformed and at rest; gravity acts from the first step."""
+        rest = np.zeros(self.size)
+        return OrganState(rest, rest, rest, np.zeros(self.y0.size))
+
+    def operator(self, a: float, d: float) -> DynamicOperator:
+        """The factorised operator of a time scheme; the last few are kept."""
+        if not (0.0 < a < np.inf and 0.0 <= d < np.inf):
+            raise TissueError(f"a = {a} 1/s², d = {d} 1/s: allowed are a > 0 and d ≥ 0; give a positive time step")
+        if (a, d) not in self._operators:
+            self._operators[a, d] = self._factorized(a, d)
+        self._operators.move_to_end((a, d))
+        while len(self._operators) > KEPT:
+            self._operators.popitem(last=False)
+        return self._operators[a, d]
+
+    def _factorized(self, a: float, d: float) -> DynamicOperator:
+        alpha, beta = self.rayleigh
+        A = csr_matrix((a + alpha * d) * self.M + (1.0 + beta * d) * self.K)
+        factor = factorize(A, self.places, self.method)
+        W, C = _compliance(factor, self.Y)
+        return DynamicOperator(self, a, d, A, factor, W, C)
+
+    def history(self, coefficients: Sequence[tuple[float, float, float]], states: Sequence[OrganState]) -> History:
+        """U_a = Σ_k (α_k U_k + β_k V_k), U_d = Σ_k γ_k U_k for `coefficients` (α_k, β_k [s], γ_k) of earlier
+        states.
+        """
+        terms = list(zip(coefficients, states, strict=True))
+        inertia = sum((alpha * s.U + beta * s.V for (alpha, beta, _), s in terms), np.zeros(self.size))
+        return History(inertia, sum((gamma * s.U for (_, _, gamma), s in terms), np.zeros(self.size)))
+
+    def site_variables(self, state: OrganState) -> Array:
+        """y = y0 + Y U, shape `(9p,)`."""
+        return np.asarray(self.y0 + self.Y @ state.U)
+
+    def displacement(self, state: OrganState) -> Array:
+        """Displacement of all unknowns, shape `(N_all,)` [m]."""
+        return self.elasticity.extended(state.U)
+
+    def velocity(self, state: OrganState) -> Array:
+        """Velocity of all unknowns, shape `(N_all,)` [m/s]."""
+        return self.elasticity.extended(state.V)
+
+    def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
+        """Energies at `new` and the works of the step: f_y·Δy + gravity = Δ(kinetic + elastic) + viscous +
+        numerical.
+
+        Exact for backward Euler, whose own dissipation is ½ΔUᵀKΔU + ½ΔVᵀMΔV; viscous is V⁺ᵀ C ΔU.
+        """
+        alpha, beta = self.rayleigh
+        dU, dV = new.U - old.U, new.V - old.V
+        elastic, inertia = self.K @ dU, self.M @ new.V
+        return OrganEnergies(
+            kinetic=float(0.5 * new.V @ inertia),
+            elastic=float(0.5 * new.U @ (self.K @ new.U)),
+            gravity_work=float(self.load @ dU),
+            viscous=float(alpha * (inertia @ dU) + beta * (new.V @ elastic)),
+            numerical=float(0.5 * dU @ elastic + 0.5 * dV @ (self.M @ dV)),
+        )
+
+
+@dataclass(frozen=True)
+class QuasiStaticOperator:
+    """A = K with the answer to the constant load known: no work that grows with the mesh is left in a step."""
+
+    A: csr_matrix
+    factor: Factor
+    load: Array
+    W: Array
+    C: Array
+    U_load: Array
+    y_load: Array
+    sag_energy: float
+
+    def right_hand_side(self, state: OrganState, history: History) -> Array:
+        """The constant load, shape `(N,)` [N]."""
+        return self.load
+
+    def predict(self, state: OrganState, history: History) -> Prediction:
+        """The equilibrium without site forces, known in advance."""
+        return Prediction(self.y_load, NOTHING, history)
+
+    def complete(self, prediction: Prediction, f_y: Array) -> OrganState:
+        """A quasi-static organ is where its forces put it."""
+        return OrganState(NOTHING, NOTHING, NOTHING, f_y)
+
+
+@dataclass(frozen=True, eq=False)
+class QuasiStaticOrgan(_Organ):
+    """An organ without inertia: U = K⁻¹ (load + Yᵀ f_y). Its state is `f_y` alone, its field is made on
+    demand.
+    """
+
+    _operator: QuasiStaticOperator = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.elasticity.clamped.size == 0:
+            known = ", ".join(sorted(self.elasticity.mesh.boundaries or {})) or "none at all"
+            raise TissueError(
+                "clamp = []: a quasi-static organ that is not held is singular; clamp a boundary (the mesh names "
+                f"{known}) or give it inertia"
+            )
+        factor = factorize(self.K, self.places, self.method)
+        W, C = _compliance(factor, self.Y)
+        U_load = factor.solve(self.load)
+        y_load, sag_energy = np.asarray(self.y0 + self.Y @ U_load), float(0.5 * self.load @ U_load)
+        operator = QuasiStaticOperator(self.K, factor, self.load, W, C, U_load, y_load, sag_energy)
+        object.__setattr__(self, "_operator", operator)
+
+    def start(self) -> OrganState:
+        """Equilibrium under gravity, without site forces."""
+        return OrganState(NOTHING, NOTHING, NOTHING, np.zeros(self.y0.size))
+
+    def operator(self, a: float, d: float) -> QuasiStaticOperator:
+        """K, whatever the time scheme."""
+        return self._operator
+
+    def history(self, coefficients: Sequence[tuple[float, float, float]], states: Sequence[OrganState]) -> History:
+        """Nothing: the organ has no memory."""
+        return History(NOTHING, NOTHING)
+
+    def site_variables(self, state: OrganState) -> Array:
+        """y = y0 + Y U = y_load + C f_y, shape `(9p,)`."""
+        return self._operator.y_load + self._operator.C @ state.f_y
+
+    def displacement(self, state: OrganState) -> Array:
+        """Displacement of all unknowns, shape `(N_all,)` [m]."""
+        return self.elasticity.extended(self._operator.U_load + self._operator.W @ state.f_y)
+
+    def velocity(self, state: OrganState) -> Array:
+        """Zero, shape `(N_all,)` [m/s]."""
+        return np.zeros(self.elasticity.N)
+
+    def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
+        """As for the dynamic organ, with 9p numbers: U = U_load + W f_y, K U_load = load and Yᵀ U_load =
+        y_load − y0.
+        """
+        C, sag = self._operator.C, self._operator.y_load - self.y0
+        df = new.f_y - old.f_y
+        elastic = self._operator.sag_energy + sag @ new.f_y + 0.5 * new.f_y @ (C @ new.f_y)
+        return OrganEnergies(0.0, float(elastic), float(sag @ df), 0.0, float(0.5 * df @ (C @ df)))
+
+
+@dataclass(frozen=True)
+class FixedOperator:
+    """No unknowns and no compliance."""
+
+    y0: Array
+
+    @property
+    def A(self) -> csr_matrix:
+        """Shape `(0, 0)`."""
+        return csr_matrix((0, 0))
+
+    @property
+    def C(self) -> Array:
+        """Zero, shape `(9p, 9p)`."""
+        return np.zeros((self.y0.size, self.y0.size))
+
+    @property
+    def W(self) -> Array:
+        """Shape `(0, 9p)`."""
+        return np.zeros((0, self.y0.size))
+
+    def right_hand_side(self, state: OrganState, history: History) -> Array:
+        """Shape `(0,)`."""
+        return NOTHING
+
+    def predict(self, state: OrganState, history: History) -> Prediction:
+        """The sites where they are."""
+        return Prediction(self.y0, NOTHING, history)
+
+    def complete(self, prediction: Prediction, f_y: Array) -> OrganState:
+        """The space takes any force."""
+        return OrganState(NOTHING, NOTHING, NOTHING, f_y)
+
+
+@dataclass(frozen=True)
+class FixedSites:
+    """No organ: sites fixed in space, `y0` `(9p,)`. Made by `fixed_sites`."""
+
+    y0: Array
+
+    @property
+    def Y(self) -> csr_matrix:
+        """No unknowns, shape `(9p, 0)`."""
+        return csr_matrix((self.y0.size, 0))
+
+    @property
+    def size(self) -> int:
+        """Zero."""
+        return 0
+
+    def start(self) -> OrganState:
+        """No force."""
+        return OrganState(NOTHING, NOTHING, NOTHING, np.zeros(self.y0.size))
+
+    def operator(self, a: float, d: float) -> FixedOperator:
+        """Nothing to factorise."""
+        return FixedOperator(self.y0)
+
+    def history(self, coefficients: Sequence[tuple[float, float, float]], states: Sequence[OrganState]) -> History:
+        """Nothing: space has no memory."""
+        return History(NOTHING, NOTHING)
+
+    def site_variables(self, state: OrganState) -> Array:
+        """y0, shape `(9p,)`."""
+        return self.y0
+
+    def displacement(self, state: OrganState) -> Array:
+        """Shape `(0,)`."""
+        return NOTHING
+
+    def velocity(self, state: OrganState) -> Array:
+        """Shape `(0,)`."""
+        return NOTHING
+
+    def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
+        """None."""
+        return OrganEnergies(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def fixed_sites(sites: Sequence[Site]) -> FixedSites:
+    """Piercings as points fixed in space; their directions must be vectors or None."""
+    return FixedSites(space_frames(sites))
+
+
+def _compliance(factor: Factor, Y: csr_matrix) -> tuple[Array, Array]:
+    """W = A⁻¹ Yᵀ `(N, 9p)` and C = Y W `(9p, 9p)`, made symmetric to the last bit."""
+    W = factor.solve(np.asfortranarray(Y.T.toarray()))
+    C = Y @ W
+    return W, 0.5 * (C + C.T)

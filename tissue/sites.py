@@ -1,0 +1,356 @@
+"""Piercing sites: nine numbers y = (x, u, v) per piercing, linear in the organ's unknowns, y = y0 + Y U.
+
+    x = X + ⟨N⟩ U                      the point, averaged over the footprint of the hole
+    u = u₀ + ⟨∇U⟩ u₀,  v likewise      normal frame: material tangents convect, T ⟂ u, v is the normal
+    u = u₀ − ⟨∇U⟩ᵀ u₀, v likewise      fibre frame: T ⟂ u, v stays along the convected cut of the needle
+
+with (∇U)_ij = ∂U_i/∂x_j. The footprint is a disc on the
+surface, a ball inside. On the surface the fibre frame needs the derivative along the normal, whose average
+over a surface patch is not bounded by the elastic energy (it grows without limit under refinement), so there
+its gradient is averaged over the part of the ball that lies in the body. The tangential derivatives of the
+normal frame are bounded on the surface with a parabolic weight; with a uniform one they see the circle alone
+and their compliance grows like log(radius/h).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_matrix, kron, vstack
+
+from tissue import footprint
+from tissue.body import ELEMENTS, Elasticity
+from tissue.errors import TissueError
+from tissue.surface import INSIDE, ON_SURFACE, Surface, outer_surface
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Direction = Literal["normal"] | ArrayLike | None
+
+AXIS = np.array([0.0, 0.0, 1.0])  # frame axis of an interior site without a direction: any will do
+
+
+@dataclass(frozen=True)
+class Site:
+    """A piercing: `point` (3,) [m], footprint `radius` [m] (0: the bare point) and `weight`, and its
+    `direction`.
+
+    `direction` is None, "normal" (the organ's outward normal) or a vector (3,) cut by the needle, of any
+    length.
+    """
+
+    point: ArrayLike
+    radius: float = 0.0
+    weight: str = "parabolic"
+    direction: Direction = None
+    name: str = "site"
+
+    def __post_init__(self) -> None:
+        point = np.asarray(self.point, float)
+        if point.shape != (3,) or not np.all(np.isfinite(point)):
+            raise TissueError(f"{self.name}: point = {self.point!r}; allowed are three finite numbers [m]")
+        if not 0.0 <= self.radius < np.inf:
+            raise TissueError(f"{self.name}: radius = {self.radius} m; allowed is 0 (the bare point) or more")
+        if self.weight not in footprint.WEIGHTS:
+            raise TissueError(f"{self.name}: weight = {self.weight!r}; allowed are 'uniform' and 'parabolic'")
+        if isinstance(self.direction, str) and self.direction != "normal":
+            raise TissueError(f"{self.name}: direction = {self.direction!r}; allowed are None, 'normal' and a vector")
+        if self.direction is not None and not isinstance(self.direction, str):
+            vector = np.asarray(self.direction, float)
+            if vector.shape != (3,) or not np.all(np.isfinite(vector)) or not np.any(vector):
+                raise TissueError(f"{self.name}: direction = {self.direction!r}; allowed is a vector other than zero")
+
+    @property
+    def fibre(self) -> Array | None:
+        """Unit vector cut by the needle, or None."""
+        if self.direction is None or isinstance(self.direction, str):
+            return None
+        vector = np.asarray(self.direction, float)
+        return vector / np.linalg.norm(vector)
+
+
+@dataclass(frozen=True)
+class Sites:
+    """Site variables y = y0 + Y U over the free unknowns: `y0` `(9p,)`, `Y` `(9p, N)`.
+
+    `points` `(p, 3)` [m] are where the sites came to lie, `directions` `(p, 3)` the t₀ of their frames,
+    `normals` `(p, 3)` the outward normals (not a number for interior sites). Frames are orthonormal and
+    right-handed.
+    """
+
+    y0: Array
+    Y: csr_matrix
+    points: Array
+    directions: Array
+    normals: Array
+
+    def __post_init__(self) -> None:
+        p = len(self.points)
+        if self.y0.shape != (9 * p,) or self.Y.shape[0] != 9 * p:
+            raise TissueError(f"sites: y0 {self.y0.shape} and Y {self.Y.shape}; {p} sites need 9 rows each")
+        u, v = self.y0.reshape(p, 3, 3)[:, 1], self.y0.reshape(p, 3, 3)[:, 2]
+        frames = np.stack([u, v, self.directions], axis=1)
+        defect = np.abs(frames @ np.swapaxes(frames, 1, 2) - np.eye(3)).max(initial=0.0)
+        twist = np.abs(np.cross(u, v) - self.directions).max(initial=0.0)
+        if max(defect, twist) > 1e-12:
+            raise TissueError(f"sites: frames are off orthonormal and right-handed by {max(defect, twist):.1e}")
+
+
+@dataclass(frozen=True)
+class _Average:
+    """Points of one average: reference coordinates `(k, 3)` in `cells` `(k,)`, with weights summing to one."""
+
+    reference: Array
+    cells: Indices
+    weights: Array
+
+
+@dataclass(frozen=True)
+class _Slope:
+    """⟨∇U⟩ = Σ_q U(x_q) c_qᵀ: points x `(k, 3)` [m] in `cells` `(k,)`, vectors c `(k, 3)` [1/m]."""
+
+    points: Array
+    cells: Indices
+    vectors: Array
+
+
+NO_SLOPE = _Slope(np.zeros((0, 3)), np.zeros(0, np.intp), np.zeros((0, 3)))  # a bare point's gradient is its own
+
+
+def frame(t0: Array) -> tuple[Array, Array]:
+    """u₀, v₀ with u₀ × v₀ = t₀: the axes x, y carried along by the smallest rotation from z to the unit
+    vector t₀.
+
+    Continuous everywhere but at t₀ = −z, where no rule is; (u, v) is free up to a rotation about t₀.
+    """
+    x, y, z = t0
+    across = np.hypot(x, y)
+    if across == 0.0:
+        return np.array([1.0, 0.0, 0.0]), np.array([0.0, np.sign(z), 0.0])
+    c, s = x / across, y / across
+    u = np.array([1.0 - c * c * (1.0 - z), -c * s * (1.0 - z), -x])
+    u -= (u @ t0) * t0
+    u /= np.linalg.norm(u)
+    return u, np.cross(t0, u)
+
+
+def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
+    """Locate every site and assemble its nine rows over the free unknowns; `TissueError` for an impossible
+    one.
+    """
+    surface = outer_surface(elasticity.mesh)
+    built = [_build(elasticity, surface, site) for site in sites]
+    rows = [csr_matrix(rows) for _, rows, _, _, _ in built]
+    Y = csr_matrix(vstack(rows)) if rows else csr_matrix((0, elasticity.free.size))
+    y0 = np.concatenate([np.zeros(0), *(y for y, *_ in built)])
+    points, directions, normals = (np.array([b[k] for b in built]).reshape(-1, 3) for k in (2, 3, 4))
+    return Sites(y0, Y, points, directions, normals)
+
+
+def space_frames(sites: Sequence[Site]) -> Array:
+    """y0 `(9p,)` of sites fixed in space, where no organ gives a normal."""
+    for site in sites:
+        if isinstance(site.direction, str):
+            raise TissueError(f"{site.name}: direction = 'normal' without an organ; give a vector or None")
+    parts = [(np.asarray(s.point, float), *frame(AXIS if s.fibre is None else s.fibre)) for s in sites]
+    return np.concatenate([np.zeros(0), *(a for part in parts for a in part)])
+
+
+def _build(elasticity: Elasticity, surface: Surface, site: Site) -> tuple[Array, csr_matrix, Array, Array, Array]:
+    """y0 (9,), rows `(9, N)`, place, direction and outward normal of one site."""
+    distance, nearest, facets = surface.nearest(np.asarray(site.point, float))
+    if distance <= ON_SURFACE * surface.diagonal:
+        X, normal, average, patch = _surface_footprint(surface, site, nearest, facets)
+        use_fibre = site.fibre is not None
+        slope = (_half_ball_slope if use_fibre else _disc_slope)(surface, site, X, normal, patch)
+    else:
+        X, normal, use_fibre = np.asarray(site.point, float), np.full(3, np.nan), True
+        average, slope = _ball_footprint(surface, site, X, distance, nearest)
+    _check_free(elasticity, site, average)
+    t0 = site.fibre if site.fibre is not None else (AXIS if use_fibre else normal)
+    u0, v0 = frame(t0)
+    values, gradient = _value_rows(elasticity, average), _gradient_rows(elasticity, surface, average, slope)
+    turn = _fibre_rows if use_fibre else _normal_rows
+    rows = csr_matrix(vstack([values, turn(gradient, u0), turn(gradient, v0)]))
+    return np.concatenate([X, u0, v0]), csr_matrix(rows[:, elasticity.free]), X, t0, normal
+
+
+def _normal_rows(gradient: csr_matrix, u0: Array) -> csr_matrix:
+    """Rows of ⟨∇U⟩ u₀ from those of ⟨∂U_i/∂x_j⟩ (row 3i + j)."""
+    return csr_matrix(kron(np.eye(3), u0[None]) @ gradient)
+
+
+def _fibre_rows(gradient: csr_matrix, u0: Array) -> csr_matrix:
+    """Rows of −⟨∇U⟩ᵀ u₀."""
+    return csr_matrix(-kron(u0[None], np.eye(3)) @ gradient)
+
+
+def _surface_footprint(
+    surface: Surface, site: Site, X: Array, facets: Indices
+) -> tuple[Array, Array, _Average, Indices]:
+    """Place, outward normal, averaging points and surrounding facets of a site on the surface."""
+    normal = _mean_normal(site, surface.normals[facets], np.full(facets.size, 1.0 / facets.size))
+    if site.radius == 0.0:
+        cells = surface.behind[facets]
+        reference = surface.reference(np.broadcast_to(X, (cells.size, 3)), cells)
+        return X, normal, _Average(reference, cells, np.full(cells.size, 1.0 / cells.size)), facets
+    rule = footprint.disc(site.weight)
+    for _ in range(3):  # the normal the disc is projected along is the disc's own average
+        patch = surface.patch(X, facets, normal, 2.0 * site.radius)
+        hits, struck = _cast(surface, site, X, normal, patch, rule.points)
+        normal = _mean_normal(site, surface.normals[struck], rule.weights)
+    _cast(surface, site, X, normal, patch, footprint.disc_slope("uniform").points * (1.0 - INSIDE))
+    cells = surface.behind[struck]
+    return X, normal, _Average(surface.reference(hits, cells), cells, rule.weights), patch
+
+
+def _cast(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices, unit: Array) -> tuple[Array, Indices]:
+    """Points of the unit disc, laid at X across `normal` and projected on the surface."""
+    axes = np.stack([*frame(normal), normal])
+    hits, struck = surface.project(X + site.radius * unit @ axes, normal, patch, site.radius)
+    if np.any(struck < 0):
+        share = np.mean(struck < 0)
+        raise TissueError(
+            f"{site.name}: the footprint of radius {site.radius:g} m at {_show(X)} overhangs an edge of "
+            f"the surface ({share:.0%} of it has no surface below); move the site inwards or take a smaller footprint"
+        )
+    return hits, struck
+
+
+def _disc_slope(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices) -> _Slope:
+    """Tangential gradient over the disc; for a bare point none."""
+    if site.radius == 0.0:
+        return NO_SLOPE
+    rule = footprint.disc_slope(site.weight)
+    hits, struck = _cast(surface, site, X, normal, patch, rule.points * (1.0 - INSIDE))
+    return _Slope(hits, surface.behind[struck], rule.vectors @ np.stack([*frame(normal), normal]) / site.radius)
+
+
+def _half_ball_slope(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices) -> _Slope:
+    """Gradient over the ball as far as it lies in the body; for a bare point none."""
+    if site.radius == 0.0:
+        return NO_SLOPE
+    rule, axes = footprint.half_ball_slope(site.weight), np.stack([*frame(normal), normal])
+    lid = rule.points[:, 2] == 0.0
+    hits, struck = _cast(surface, site, X, normal, patch, rule.points[lid])
+    inner = X + site.radius * (1.0 - INSIDE) * rule.points[~lid] @ axes
+    cells = surface.containing(inner)
+    held, vectors = cells >= 0, rule.vectors @ axes / site.radius
+    points = np.vstack([hits, inner[held]])
+    vectors = np.vstack([vectors[lid], vectors[~lid][held]])
+    return _Slope(points, np.concatenate([surface.behind[struck], cells[held]]), _consistent(points, vectors))
+
+
+def _consistent(points: Array, vectors: Array) -> Array:
+    """Vectors changed by as little as makes Σ c = 0 and Σ x cᵀ = I, so that linear fields have their own slope.
+
+    On a flat surface nothing is left to change. On a curved or thin body part of the half ball is missing, and the
+    rest is made up by the slope of the linear field nearest in the mean square.
+    """
+    vectors = vectors - vectors.mean(axis=0)
+    offset = points - points.mean(axis=0)
+    missing = np.eye(3) - offset.T @ vectors
+    return vectors + offset @ np.linalg.solve(offset.T @ offset, missing)
+
+
+def _ball_footprint(surface: Surface, site: Site, X: Array, distance: float, nearest: Array) -> tuple[_Average, _Slope]:
+    """Averaging points of a site inside the body."""
+    sharing = surface.sharing(X)
+    if sharing.size == 0:
+        raise TissueError(
+            f"{site.name}: {_show(X)} is outside the organ, {distance:.3g} m from its surface; "
+            f"the nearest surface point is {_show(nearest)}"
+        )
+    if isinstance(site.direction, str):
+        raise TissueError(
+            f"{site.name}: direction = 'normal' at {_show(X)}, {distance:.3g} m inside the organ, "
+            f"where there is no normal; give a vector, or move the site to the surface at {_show(nearest)}"
+        )
+    if site.radius == 0.0:
+        reference = surface.reference(np.broadcast_to(X, (sharing.size, 3)), sharing)
+        return _Average(reference, sharing, np.full(sharing.size, 1.0 / sharing.size)), NO_SLOPE
+    rule, slope = footprint.ball(site.weight), footprint.ball_slope(site.weight)
+    points = X + site.radius * (1.0 - INSIDE) * np.vstack([rule.points, slope.points])
+    cells = surface.containing(points)
+    if site.radius > distance or np.any(cells < 0):
+        raise TissueError(
+            f"{site.name}: the footprint of radius {site.radius:g} m at {_show(X)} pokes out of the "
+            f"organ, whose surface is {distance:.3g} m away; take a smaller footprint or move the site to the "
+            f"surface at {_show(nearest)}"
+        )
+    k, reference = rule.weights.size, surface.reference(points, cells)
+    vectors = _consistent(points[k:], slope.vectors / site.radius)
+    return _Average(reference[:k], cells[:k], rule.weights), _Slope(points[k:], cells[k:], vectors)
+
+
+def _mean_normal(site: Site, normals: Array, weights: Array) -> Array:
+    mean = weights @ normals
+    length = float(np.linalg.norm(mean))
+    if length < 0.5:
+        raise TissueError(
+            f"{site.name}: the surface below the footprint turns by more than a right angle, so its "
+            "normal means nothing; move the site or take a smaller footprint"
+        )
+    return mean / length
+
+
+def _value_rows(elasticity: Elasticity, average: _Average) -> csr_matrix:
+    """⟨N⟩, shape `(3, N)`."""
+    phi, _ = _shapes(elasticity, average.reference)
+    dofs = elasticity.basis.element_dofs[:, average.cells].reshape(len(phi), 3, -1)
+    data = np.broadcast_to((phi * average.weights)[:, None], dofs.shape)
+    rows = np.broadcast_to(np.arange(3)[None, :, None], dofs.shape)
+    return csr_matrix((data.ravel(), (rows.ravel(), dofs.ravel())), shape=(3, elasticity.N))
+
+
+def _gradient_rows(elasticity: Elasticity, surface: Surface, average: _Average, slope: _Slope) -> csr_matrix:
+    """⟨∂U_i/∂x_j⟩ as row 3i + j, shape `(9, N)` [1/m].
+
+    Where Σ x cᵀ is not the identity (the normal of a disc, a curved surface, a bare point) the gradients of the
+    shape functions make up the difference, so that linear fields have their own slope.
+    """
+    phi, _ = _shapes(elasticity, surface.reference(slope.points, slope.cells))
+    by_parts = _slope_rows(elasticity, slope.cells, phi[:, None] * slope.vectors.T)
+    _, dphi = _shapes(elasticity, average.reference)
+    local = np.einsum("nak,kaj->njk", dphi, surface.to_reference[average.cells]) * average.weights
+    missing = (
+        np.eye(3) - (slope.points - slope.points.mean(axis=0)).T @ slope.vectors if slope.cells.size else np.eye(3)
+    )
+    if np.abs(missing).max() <= 1e-12:
+        return by_parts
+    return csr_matrix(by_parts + kron(np.eye(3), missing.T) @ _slope_rows(elasticity, average.cells, local))
+
+
+def _slope_rows(elasticity: Elasticity, cells: Indices, slopes: Array) -> csr_matrix:
+    """Slopes of shape functions `(n, 3, k)` at points in `cells`, summed into row 3i + j for ∂U_i/∂x_j."""
+    dofs = elasticity.basis.element_dofs[:, cells].reshape(len(slopes), 3, 1, -1)
+    shape = (len(slopes), 3, 3, cells.size)
+    rows = np.broadcast_to(np.arange(9).reshape(1, 3, 3, 1), shape)
+    data, columns = np.broadcast_to(slopes[:, None], shape), np.broadcast_to(dofs, shape)
+    return csr_matrix((data.ravel(), (rows.ravel(), columns.ravel())), shape=(9, elasticity.N))
+
+
+def _shapes(elasticity: Elasticity, reference: Array) -> tuple[Array, Array]:
+    """Shape functions `(n, k)` and their reference gradients `(n, 3, k)`."""
+    element = ELEMENTS[elasticity.element]()
+    pairs = [element.lbasis(reference.T, i) for i in range(len(element.doflocs))]
+    count = len(reference)
+    phi = np.array([np.broadcast_to(value, count) for value, _ in pairs])
+    return phi, np.array([np.broadcast_to(np.asarray(d).reshape(3, -1), (3, count)) for _, d in pairs])
+
+
+def _check_free(elasticity: Elasticity, site: Site, average: _Average) -> None:
+    """A point whose every unknown is clamped lies on a clamped boundary (or in a cell clamped all round)."""
+    phi, _ = _shapes(elasticity, average.reference)
+    held = np.isin(elasticity.basis.element_dofs[::3, average.cells], elasticity.clamped)
+    if np.any(np.einsum("nk,nk->k", phi, held.astype(float)) >= 1.0 - INSIDE):
+        raise TissueError(
+            f"{site.name}: the footprint at {_show(np.asarray(site.point, float))} touches a clamped "
+            "boundary, which cannot move; move the site, take a smaller footprint or release the boundary"
+        )
+
+
+def _show(point: Array) -> str:
+    return "[" + ", ".join(f"{x:.6g}" for x in point) + "]"

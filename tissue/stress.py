@@ -1,0 +1,85 @@
+"""Stress at the nodes from a displacement field: cell by cell, then averaged by volume."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix, vstack
+
+from tissue.body import ELEMENTS, Elasticity
+from tissue.material import PerCell
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")  # VTK's order of a symmetric tensor
+
+
+@dataclass(frozen=True)
+class StressRecovery:
+    """Nodal averages of λ∂/∂x_j and μ∂/∂x_j, j = x, y, z, as one sparse product `(6m, m)`. Made by
+    `stress_recovery`.
+    """
+
+    slopes: csr_matrix
+    nodes: Indices
+
+    def stress(self, U: Array) -> Array:
+        """Stress xx, yy, zz, xy, yz, xz per node, shape `(m, 6)` [Pa], of a field over all unknowns `(N,)`
+        [m].
+        """
+        m = len(self.nodes)
+        spread, shear = np.asarray(self.slopes @ U[self.nodes]).reshape(2, 3, m, 3)  # [j, node, i]: ∂U_i/∂x_j
+        pressure = np.einsum("imi->m", spread)
+        normal = [pressure + 2.0 * shear[i, :, i] for i in range(3)]
+        return np.column_stack([*normal, *(shear[i, :, j] + shear[j, :, i] for i, j in ((0, 1), (1, 2), (0, 2)))])
+
+
+def stress_recovery(elasticity: Elasticity) -> StressRecovery:
+    """σ = λ tr ε I + 2μ ε at each cell's nodes, averaged over the cells that share a node by their volumes."""
+    cells, m = elasticity.cells, len(elasticity.nodes)
+    volume = np.abs(np.linalg.det(_edges(elasticity))) / 6.0
+    total = np.bincount(cells.ravel(), np.repeat(volume, cells.shape[1]), minlength=m)
+    slope = _nodal_gradients(elasticity) * (volume[:, None] / total[cells])[:, :, None, None]
+    shape = slope.shape[:3]
+    rows, columns = (
+        np.broadcast_to(cells[:, :, None], shape).ravel(),
+        np.broadcast_to(cells[:, None], shape).ravel(),
+    )
+    blocks = [
+        csr_matrix(((slope[..., j] * modulus).ravel(), (rows, columns)), shape=(m, m))
+        for modulus in (_column(elasticity.material.lame_lambda), _column(elasticity.material.lame_mu))
+        for j in range(3)
+    ]
+    return StressRecovery(csr_matrix(vstack(blocks)), elasticity.nodes)
+
+
+def von_mises(stress: Array) -> Array:
+    """√(½[(σxx−σyy)² + (σyy−σzz)² + (σzz−σxx)²] + 3(σxy² + σyz² + σxz²)), shape `(m,)` [Pa], of stress `(m,
+    6)`.
+    """
+    xx, yy, zz, xy, yz, xz = stress.T
+    normal = 0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2)
+    return np.asarray(np.sqrt(normal + 3.0 * (xy**2 + yz**2 + xz**2)))
+
+
+def _column(modulus: PerCell) -> Array:
+    """A modulus that broadcasts over `(cells, nodes, nodes)`."""
+    return np.atleast_1d(np.asarray(modulus, float))[:, None, None]
+
+
+def _nodal_gradients(elasticity: Elasticity) -> Array:
+    """∂φ_n/∂x_j at each node a of each cell, shape `(c, a, n, 3)` [1/m]."""
+    element = ELEMENTS[elasticity.element]()
+    places = np.asarray(element.doflocs).T
+    count = places.shape[1]
+    reference = np.array(
+        [np.broadcast_to(np.reshape(element.lbasis(places, n)[1], (3, -1)), (3, count)) for n in range(count)]
+    )
+    return np.einsum("nka,ckj->canj", reference, np.linalg.inv(_edges(elasticity)), optimize=True)
+
+
+def _edges(elasticity: Elasticity) -> Array:
+    """∂x/∂ξ per cell, shape `(c, 3, 3)` [m]."""
+    corners = elasticity.mesh.p.T[elasticity.mesh.t.T]
+    return np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
