@@ -122,9 +122,7 @@ def sites_within(sites: ArrayLike, lower: Array, upper: Array) -> Array:
     points = site_points(sites)
     slack = 1e-9 * float(np.max(upper - lower))
     for site in points[((points < lower - slack) | (points > upper + slack)).any(axis=1)]:
-        raise MeshError(
-            f"site {site.tolist()} is outside the block from {lower.tolist()} to {upper.tolist()} [m]"
-        )
+        raise MeshError(f"site {site.tolist()} is outside the block from {lower.tolist()} to {upper.tolist()} [m]")
     return np.clip(points, lower, upper)
 
 
@@ -194,9 +192,7 @@ def _tensor_mesh(lines: list[Array]) -> skfem.MeshTet:
 
 def _split(nodes: list[int]) -> NDArray[np.int64]:
     """Five tetrahedra per cell of a grid of `(nx, ny, nz)` nodes, shape `(5 cells, 4)`."""
-    cells = np.stack(np.meshgrid(*(np.arange(n - 1) for n in nodes), indexing="ij"), axis=-1).reshape(
-        -1, 1, 1, 3
-    )
+    cells = np.stack(np.meshgrid(*(np.arange(n - 1) for n in nodes), indexing="ij"), axis=-1).reshape(-1, 1, 1, 3)
     odd = cells.sum(axis=-1, keepdims=True) % 2 == 1
     corners = cells + np.where(odd, np.array(ODD_SPLIT), np.array(EVEN_SPLIT))
     tets = np.ravel_multi_index(tuple(np.moveaxis(corners, -1, 0)), tuple(nodes))
@@ -207,10 +203,7 @@ def _faces(mesh: skfem.MeshTet, ends: list[tuple[float, float]]) -> dict[str, ND
     """Boundary facets on each face of the grid; end coordinates are exact, so equality is meant."""
     facets = mesh.boundary_facets()
     corners = mesh.p[:, mesh.facets[:, facets]]
-    return {
-        name: facets[(corners[axis] == ends[axis][upper]).all(axis=0)]
-        for name, (axis, upper) in FACES.items()
-    }
+    return {name: facets[(corners[axis] == ends[axis][upper]).all(axis=0)] for name, (axis, upper) in FACES.items()}
 
 
 def _name_faces(gmsh: Any, lower: Array, upper: Array) -> None:

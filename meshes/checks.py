@@ -57,9 +57,7 @@ def _few(indices: NDArray[np.integer]) -> str:
 
 def _check_volume(points: Array, tets: Tets) -> None:
     if points.ndim != 2 or points.shape[1] != 3 or tets.ndim != 2 or tets.shape[1] != 4:
-        raise MeshError(
-            f"points have shape {points.shape} and tets {tets.shape}: (n, 3) and (m, 4) are wanted"
-        )
+        raise MeshError(f"points have shape {points.shape} and tets {tets.shape}: (n, 3) and (m, 4) are wanted")
     if len(tets) == 0:
         raise MeshError("it holds no tetrahedra: mesh the volume")
 
@@ -67,9 +65,7 @@ def _check_volume(points: Array, tets: Tets) -> None:
 def _check_finite(points: Array) -> None:
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if bad.size:
-        raise MeshError(
-            f"{bad.size} of {len(points)} nodes have coordinates that are not finite (index {_few(bad)})"
-        )
+        raise MeshError(f"{bad.size} of {len(points)} nodes have coordinates that are not finite (index {_few(bad)})")
 
 
 def _check_indices(points: Array, tets: Tets) -> None:
@@ -93,8 +89,7 @@ def _check_distinct(points: Array) -> None:
     if len(pairs):
         first = min((int(i), int(j)) for i, j in pairs)
         raise MeshError(
-            f"{len(pairs)} pairs of nodes lie at the same place (the first: {first[0]} and {first[1]}): "
-            "merge them"
+            f"{len(pairs)} pairs of nodes lie at the same place (the first: {first[0]} and {first[1]}): merge them"
         )
 
 
@@ -135,8 +130,7 @@ def _check_connected(points: Array, tets: Tets) -> None:
     if parts > 1:
         sizes = np.sort(np.bincount(labels))[::-1]
         raise MeshError(
-            f"it falls into {parts} parts that share no facet, of {_few(sizes)} tetrahedra: "
-            "keep one, or join them"
+            f"it falls into {parts} parts that share no facet, of {_few(sizes)} tetrahedra: keep one, or join them"
         )
 
 

@@ -44,17 +44,13 @@ def _check_inside(site: Any, radius: float, length: float) -> None:
     slack = 1e-9 * max(radius, length)
     x, y, z = site
     if abs(x) > length / 2 + slack or (y * y + z * z) ** 0.5 > radius + slack:
-        raise MeshError(
-            f"site {site.tolist()} is outside the cylinder of radius {radius} and length {length} [m]"
-        )
+        raise MeshError(f"site {site.tolist()} is outside the cylinder of radius {radius} and length {length} [m]")
 
 
 def _name_faces(gmsh: Any, length: float) -> None:
     """Physical groups for the three faces of the only cylinder in the gmsh model, by their centres."""
     gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)], name="cylinder")
-    centres = {
-        tag: gmsh.model.occ.getCenterOfMass(2, tag)[0] / length for _, tag in gmsh.model.getEntities(2)
-    }
+    centres = {tag: gmsh.model.occ.getCenterOfMass(2, tag)[0] / length for _, tag in gmsh.model.getEntities(2)}
     for name, place in (("left", -0.5), ("side", 0.0), ("right", 0.5)):
         tag = min(centres, key=lambda t: abs(centres[t] - place))
         gmsh.model.addPhysicalGroup(2, [tag], name=name)

@@ -80,9 +80,7 @@ def _meshio_data(path: Path) -> Any:
             return meshio.read(path)
     except (Exception, SystemExit) as error:
         reason = " ".join(f"{said.getvalue()} {'' if isinstance(error, SystemExit) else error}".split())
-        raise MeshError(
-            f"meshio cannot read it as a {path.suffix} mesh: {reason or type(error).__name__}"
-        ) from error
+        raise MeshError(f"meshio cannot read it as a {path.suffix} mesh: {reason or type(error).__name__}") from error
 
 
 def _check_kinds(kinds: Sequence[str], volume: set[str], allowed: set[str]) -> None:

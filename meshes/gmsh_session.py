@@ -46,9 +46,7 @@ def load_gmsh() -> Any:
         ) from error
     except OSError as error:
         found = re.search(r"lib[\w+.-]+\.so[.\d]*", str(error))
-        missing = (
-            f"the system library {found[0]} is missing" if found else f"a system library is missing ({error})"
-        )
+        missing = f"the system library {found[0]} is missing" if found else f"a system library is missing ({error})"
         raise MeshError(
             f"gmsh cannot load: {missing}. On Debian and Ubuntu, as root: "
             f"`apt-get install --no-install-recommends {SYSTEM_LIBRARIES}`. {WITHOUT_GMSH}"
@@ -130,12 +128,9 @@ def current_mesh(gmsh: Any, metres_per_unit: float) -> skfem.MeshTet:
     ends = np.cumsum([0, *(len(block) for block in blocks.values())])
     ranges = {entity: np.arange(ends[k], ends[k + 1]) for k, entity in enumerate(blocks)}
     surfaces = {
-        name: np.concatenate([elements(TRIANGLE, e) for e in entities])
-        for name, entities in _groups(gmsh, 2).items()
+        name: np.concatenate([elements(TRIANGLE, e) for e in entities]) for name, entities in _groups(gmsh, 2).items()
     }
-    volumes = {
-        name: np.concatenate([ranges[e] for e in entities]) for name, entities in _groups(gmsh, 3).items()
-    }
+    volumes = {name: np.concatenate([ranges[e] for e in entities]) for name, entities in _groups(gmsh, 3).items()}
     return named_mesh(points, tets, surfaces, volumes)
 
 
@@ -145,7 +140,5 @@ def _groups(gmsh: Any, dimension: int) -> dict[str, list[int]]:
     for _, tag in gmsh.model.getPhysicalGroups(dimension):
         name = gmsh.model.getPhysicalName(dimension, tag) or str(tag)
         if not name.startswith("gmsh:"):
-            groups.setdefault(name, []).extend(
-                gmsh.model.getEntitiesForPhysicalGroup(dimension, tag).tolist()
-            )
+            groups.setdefault(name, []).extend(gmsh.model.getEntitiesForPhysicalGroup(dimension, tag).tolist())
     return groups

@@ -37,9 +37,7 @@ class Grading:
         positive("h", self.h)
         positive("h_site", self.h_site)
         if self.h_site > self.h:
-            raise MeshError(
-                f"h_site = {self.h_site!r} must not exceed h = {self.h!r}: swap them, or leave h_site out"
-            )
+            raise MeshError(f"h_site = {self.h_site!r} must not exceed h = {self.h!r}: swap them, or leave h_site out")
         if not (math.isfinite(self.growth) and self.growth > 1):
             raise MeshError(f"growth = {self.growth!r} must be finite and above 1, e.g. 1.3")
         if not (math.isfinite(self.radius) and self.radius >= 0):
@@ -95,7 +93,5 @@ def site_points(sites: ArrayLike) -> Array:
     if points.size == 0:
         return np.empty((0, 3))
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        raise MeshError(
-            f"sites must be finite points of three coordinates, shape (p, 3), not {points.tolist()!r}"
-        )
+        raise MeshError(f"sites must be finite points of three coordinates, shape (p, 3), not {points.tolist()!r}")
     return points

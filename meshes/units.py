@@ -28,6 +28,5 @@ def _named(unit: str) -> float:
         return METRES[unit.strip()]
     except KeyError:
         raise MeshError(
-            f"unit = {unit!r} is not a length unit: use m, dm, cm, mm or um, "
-            "or the metres per file unit as a number"
+            f"unit = {unit!r} is not a length unit: use m, dm, cm, mm or um, or the metres per file unit as a number"
         ) from None

@@ -71,9 +71,7 @@ def abscissae(scenario: Scenario, path: RoundedPath, length: float) -> list[floa
     """Abscissa of every piercing at the start [m]: given, or where the path is nearest after the piercing before it."""
     s: list[float] = []
     for hole in scenario.piercing:
-        s.append(
-            hole.s if hole.s is not None else passing(path, hole.at, after=s[-1:]) * length / path.length
-        )
+        s.append(hole.s if hole.s is not None else passing(path, hole.at, after=s[-1:]) * length / path.length)
     return s
 
 
@@ -120,9 +118,7 @@ def end_of(table: model.End, path: RoundedPath, at: float) -> End:
 
 def piercing_of(hole: model.Piercing) -> Piercing:
     """The constraint of a hole."""
-    friction = hole.friction and Friction(
-        hole.friction.static, hole.friction.kinetic, hole.friction.grip, hole.channel
-    )
+    friction = hole.friction and Friction(hole.friction.static, hole.friction.kinetic, hole.friction.grip, hole.channel)
     return Piercing(hole.name, hole.kind == "sliding", hole.direction != "free", friction)
 
 

@@ -161,9 +161,7 @@ def check_folder(folder: Path | str, scenario_file: Path | str | None = None) ->
     if folder.exists() and not folder.is_dir():
         raise ScenarioError(f"--out {folder} is refused: it is a file; give a folder")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / MARK).is_file():
-        raise ScenarioError(
-            f"--out {folder} is refused: it holds other files than results; give a new or empty folder"
-        )
+        raise ScenarioError(f"--out {folder} is refused: it holds other files than results; give a new or empty folder")
     inside = scenario_file is not None and folder.resolve() in Path(scenario_file).resolve().parents
     if inside and (folder / MARK).is_file():
         raise ScenarioError(
@@ -277,9 +275,7 @@ def _step_row(step: StepRecord) -> list[object]:
         *_numbers(step.time),
         step.step,
         step.newton_iterations,
-        *_numbers(
-            step.constraint_max, step.max_strain, *step.start_reaction, *step.end_reaction, step.seconds
-        ),
+        *_numbers(step.constraint_max, step.max_strain, *step.start_reaction, *step.end_reaction, step.seconds),
     ]
 
 

@@ -100,9 +100,7 @@ def _unknown_key(place: Place, value: object) -> str:
     known = _keys(place.table)
     match = nearest(place.parts[-1], known)
     names = ", ".join(known)
-    hint = (
-        f"the nearest is {dotted([*place.parts[:-1], match])}; known here are" if match else "known here are"
-    )
+    hint = f"the nearest is {dotted([*place.parts[:-1], match])}; known here are" if match else "known here are"
     return refused(place.key, value, f"there is no such key; {hint} {names}")
 
 

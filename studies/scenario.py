@@ -19,9 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidato
 
 from studies.refusal import BARE, as_key, as_toml, dotted, nearest, refused, sentences
 
-ALLOWED_START_ERROR = (
-    1e-6  # distance of a driven end's first waypoint from the path's end, over the path's length
-)
+ALLOWED_START_ERROR = 1e-6  # distance of a driven end's first waypoint from the path's end, over the path's length
 INLINE = ("start", "end", "friction")  # tables written on one line
 BLOCK_BOUNDARIES = ("left", "right", "front", "back", "bottom", "top")
 
@@ -74,9 +72,7 @@ class _Sized(Table):
     @model_validator(mode="after")
     def _check_sizes(self) -> Self:
         if self.h_site is not None and self.h_site > self.h:
-            raise ValueError(
-                f".h_site = {self.h_site} is refused: it must not exceed h = {self.h}; make it smaller"
-            )
+            raise ValueError(f".h_site = {self.h_site} is refused: it must not exceed h = {self.h}; make it smaller")
         return self
 
 
@@ -158,9 +154,7 @@ class Tissue(Table):
     rayleigh: tuple[NotNegative, NotNegative] = Field(
         default=(0.0, 0.0), description="Rayleigh damping α [1/s] of the mass and β [s] of the stiffness"
     )
-    clamp: tuple[Text, ...] = Field(
-        default=(), description="names of the boundaries held fixed", examples=[["bottom"]]
-    )
+    clamp: tuple[Text, ...] = Field(default=(), description="names of the boundaries held fixed", examples=[["bottom"]])
     mesh: Mesh = Field(
         description="the organ's mesh", examples=[{"kind": "block", "size": [0.06, 0.04, 0.02], "h": 4.0e-3}]
     )
@@ -175,9 +169,7 @@ class Tissue(Table):
             raise ValueError(f".{problem}")
         if isinstance(self.mesh, BlockMesh):
             if taken := next((name for name in own if name in BLOCK_BOUNDARIES), None):
-                raise ValueError(
-                    f".boundary.{as_key(taken)} is refused: the block has a {taken} already; rename it"
-                )
+                raise ValueError(f".boundary.{as_key(taken)} is refused: the block has a {taken} already; rename it")
             if problem := unknown_clamp(self.clamp, [*BLOCK_BOUNDARIES, *own]):
                 raise ValueError(f".{problem}")
         return self
@@ -253,15 +245,11 @@ class Thread(Table):
         description="USP size and material from the catalogue; instead of diameter, youngs_modulus, density",
         examples=["2-0 polypropylene"],
     )
-    diameter: Positive | None = Field(
-        default=None, description="diameter of the thread [m]", examples=[3.2e-4]
-    )
+    diameter: Positive | None = Field(default=None, description="diameter of the thread [m]", examples=[3.2e-4])
     youngs_modulus: Positive | None = Field(
         default=None, description="Young's modulus of the thread [Pa]", examples=[2.0e9]
     )
-    density: Positive | None = Field(
-        default=None, description="density of the thread [kg/m³]", examples=[910.0]
-    )
+    density: Positive | None = Field(default=None, description="density of the thread [kg/m³]", examples=[910.0])
     poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, le=0.5)] | None = Field(
         default=None,
         description="Poisson's ratio of the thread [-], from above -1 to 0.5; default 0.4",
@@ -387,9 +375,7 @@ class Piercing(Table):
         default=1.0e-3,
         description="radius of the averaging disc (surface) or ball (inside) [m]; 0: the paper's bare point",
     )
-    weight: Literal["uniform", "parabolic"] = Field(
-        default="parabolic", description="weight over the footprint [-]"
-    )
+    weight: Literal["uniform", "parabolic"] = Field(default="parabolic", description="weight over the footprint [-]")
     s: Positive | None = Field(
         default=None,
         description="abscissa of the piercing at the start [m]; default: where the path is nearest",
@@ -415,9 +401,7 @@ class Piercing(Table):
         if self.direction == (0.0, 0.0, 0.0):
             raise ValueError(".direction = [0, 0, 0] is refused: it must not be zero; give a direction")
         if self.until is not None and self.until <= self.from_:
-            raise ValueError(
-                f".until = {self.until} is refused: it must be later than from = {self.from_}; raise it"
-            )
+            raise ValueError(f".until = {self.until} is refused: it must be later than from = {self.from_}; raise it")
         if self.kind == "anchored" and self.friction is not None:
             raise ValueError('.friction is refused: with kind = "anchored" nothing slides; leave it out')
         if self.channel is not None and (self.friction is None or self.direction == "free"):
@@ -453,9 +437,7 @@ class Solve(Table):
     @model_validator(mode="after")
     def _check_step(self) -> Self:
         if self.kind == "dynamic" and self.dt > self.duration:
-            raise ValueError(
-                f".dt = {self.dt} is refused: it must not exceed duration = {self.duration}; lower it"
-            )
+            raise ValueError(f".dt = {self.dt} is refused: it must not exceed duration = {self.duration}; lower it")
         return self
 
 
@@ -479,9 +461,7 @@ class Scenario(Table):
         default=(), description="the piercings, in the order in which the thread passes them"
     )
     solve: Solve = Field(default=Solve(), description="what is solved, and how", examples=[{"dt": 1.0e-3}])
-    output: Output = Field(
-        default=Output(), description="what is written while running", examples=[{"every": 10}]
-    )
+    output: Output = Field(default=Output(), description="what is written while running", examples=[{"every": 10}])
 
     @model_validator(mode="after")
     def _check_piercings(self) -> Self:
@@ -651,9 +631,7 @@ def _read(path: Path) -> dict[str, Any]:
             f"{path} is not UTF-8 text (byte {error.start}); give a scenario file (.toml) saved as UTF-8"
         ) from None
     except OSError as error:
-        raise ScenarioError(
-            f"{path} cannot be read ({error.strerror}); give a readable scenario file"
-        ) from None
+        raise ScenarioError(f"{path} cannot be read ({error.strerror}); give a readable scenario file") from None
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{path} is not valid TOML: {error}; correct that line") from None
 
@@ -678,9 +656,7 @@ def _override_key(text: str) -> list[str]:
     except tomllib.TOMLDecodeError:
         table = {}
     if not table:
-        raise ScenarioError(
-            f"--set {text} is refused: write a dotted key, = and a value, for example solve.dt=5e-4"
-        )
+        raise ScenarioError(f"--set {text} is refused: write a dotted key, = and a value, for example solve.dt=5e-4")
     parts: list[str] = []
     while isinstance(table, dict):
         ((part, table),) = table.items()
@@ -720,9 +696,7 @@ def _index(entries: list[Any], part: str, parent: str, text: str) -> int:
     if part.isdecimal() and int(part) < len(entries):
         return int(part)
     there = [str(index) if name is None else str(name) for index, name in enumerate(names)]
-    raise ScenarioError(
-        f"--set {text} is refused: {parent} has no entry {part}; its entries are {', '.join(there)}"
-    )
+    raise ScenarioError(f"--set {text} is refused: {parent} has no entry {part}; its entries are {', '.join(there)}")
 
 
 def _make_mesh_path_absolute(data: dict[str, Any], folder: Path) -> None:

@@ -46,15 +46,11 @@ def _section_organ(axes: Axes, topology: OrganTopology, frame: Frame) -> Any:
     """Fill the cut of the deformed tetrahedra by the plane y = const through the piercings."""
     assert frame.organ is not None
     deformed = topology.points + frame.organ.displacement
-    points, triangles, stress = cut(
-        deformed, topology.cells[:, :4], frame.organ.von_mises, _section_y(frame, deformed)
-    )
+    points, triangles, stress = cut(deformed, topology.cells[:, :4], frame.organ.von_mises, _section_y(frame, deformed))
     low, high = limits(frame.organ.von_mises / KILO)
     look: Any = {"triangles": triangles, "cmap": colours(), "vmin": low, "vmax": high}
     x, z = (points / MILLI).T
-    axes.tripcolor(
-        x, z, stress / KILO, edgecolors="face", linewidth=0.8, **look
-    )  # behind the joints of the next
+    axes.tripcolor(x, z, stress / KILO, edgecolors="face", linewidth=0.8, **look)  # behind the joints of the next
     return axes.tripcolor(x, z, stress / KILO, shading="gouraud", **look)
 
 

@@ -94,8 +94,7 @@ def piercings_text(piercings: Sequence[PiercingRecord]) -> str:
     vectors = ("force", "displacement", "couple", "tangent", "u", "v")
     numbers = ("s", "slip", "normal_force", "tangential_force", "tension_before", "tension_after")
     fields: dict[str, tuple[ArrayLike, str]] = {
-        name: (np.array([getattr(piercing, name) for piercing in piercings]), "f4")
-        for name in (*vectors, *numbers)
+        name: (np.array([getattr(piercing, name) for piercing in piercings]), "f4") for name in (*vectors, *numbers)
     }
     fields["state"] = ([STATE_CODES[piercing.state] for piercing in piercings], "i4")
     points = np.array([piercing.x for piercing in piercings])
@@ -106,9 +105,7 @@ def data_array(name: str, values: ArrayLike, kind: str) -> str:
     """A field, shape ``(n,)`` or ``(n, components)``, as an inline compressed ``DataArray``."""
     array = np.ascontiguousarray(values, dtype=np.dtype(kind))
     components = array.shape[1] if array.ndim == 2 else 1
-    labels = "".join(
-        f' ComponentName{index}="{label}"' for index, label in enumerate(COMPONENTS.get(components, ()))
-    )
+    labels = "".join(f' ComponentName{index}="{label}"' for index, label in enumerate(COMPONENTS.get(components, ())))
     return (
         f'<DataArray type="{TYPE_NAMES[kind]}" Name={quoteattr(name)} format="binary"'
         f' NumberOfComponents="{components}"{labels}>\n{_encoded(array)}\n</DataArray>\n'
@@ -144,9 +141,7 @@ def _point_data(fields: Mapping[str, tuple[ArrayLike, str]], active: str) -> str
 
 def _entry(time: float, name: str) -> str:
     part, label = {"o": (0, "organ"), "t": (1, "thread"), "p": (2, "piercings")}[name[0]]
-    return (
-        f'<DataSet timestep="{float(time)!r}" group="" part="{part}" name="{label}" file="frames/{name}"/>\n'
-    )
+    return f'<DataSet timestep="{float(time)!r}" group="" part="{part}" name="{label}" file="frames/{name}"/>\n'
 
 
 def _file(kind: str, body: str, version: str = "1.0") -> str:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import ceil
 from time import perf_counter
 
@@ -71,7 +71,7 @@ class Simulation:
     def _advance(self) -> Iterator[tuple[StepRecord, Callable[[], Frame]]]:
         system, state = self.assembly.system, self.assembly.start()
         first, energies = state, initial_energies(system, state)
-        yield recorded(system, first, state, energies, 0, [], 0.0), lambda: self.frame(first, first)
+        yield recorded(system, first, state, energies, 0, [], 0.0), partial(self.frame, first, first)
         for number in range(1, self.steps + 1):
             began = perf_counter()
             taken = self.take(state, number)
@@ -80,7 +80,7 @@ class Simulation:
             state = taken[-1].new
             seconds = perf_counter() - began
             record = recorded(system, first, state, energies, number, taken, seconds)
-            yield record, lambda state=state: self.frame(first, state)
+            yield record, partial(self.frame, first, state)
 
     def take(self, state: State, number: int) -> list[Step]:
         """Step `number` (1 is the first) from `state`; more than one where it had to be halved."""
@@ -131,9 +131,7 @@ def recorded(
         piercings=observe(system, first, state),
         energy=energies,
         newton_iterations=sum(step.solution.iterations for step in taken),
-        constraint_max=max(
-            (largest_gap(system, step.new) for step in taken), default=largest_gap(system, state)
-        ),
+        constraint_max=max((largest_gap(system, step.new) for step in taken), default=largest_gap(system, state)),
         start_reaction=state.reaction[0],
         end_reaction=state.reaction[1],
         max_strain=float(np.max(np.sqrt(1.0 + 2.0 * points.strain) - 1.0)),
@@ -149,7 +147,7 @@ def largest_gap(system: System, state: State) -> float:
 
 
 def thread_record(system: System, state: State) -> ThreadRecord:
-    """The thread sampled evenly on each span; the tension is interpolated between the Gauss points, where it is best."""
+    """The thread sampled evenly on each span; tension is interpolated between the Gauss points, where it is best."""
     thread = system.thread
     breaks = thread.spline.breaks
     inner = np.arange(SAMPLES) / SAMPLES

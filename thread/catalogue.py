@@ -60,27 +60,27 @@ class Section:
         return math.pi * self.diameter**2 / 4
 
     @property
-    def I(self) -> float:  # noqa: E743, N802  the paper's symbol
+    def I(self) -> float:  # noqa: E743  the paper's symbol
         """Second moment of area of the full circle [m⁴]."""
         return math.pi * self.diameter**4 / 64
 
     @property
-    def rhoA(self) -> float:  # noqa: N802
+    def rhoA(self) -> float:
         """Mass per length [kg/m]."""
         return self.density * self.solid_fraction * self.area
 
     @property
-    def EA(self) -> float:  # noqa: N802
+    def EA(self) -> float:
         """Axial stiffness [N]."""
         return self.youngs_modulus * self.area
 
     @property
-    def EI(self) -> float:  # noqa: N802
+    def EI(self) -> float:
         """Bending stiffness [N m²]."""
         return self.bending_factor * self.youngs_modulus * self.I
 
     @property
-    def GJ(self) -> float:  # noqa: N802
+    def GJ(self) -> float:
         """Torsional stiffness [N m²], G = E/2(1+ν) and J = 2I."""
         return self.bending_factor * self.youngs_modulus / (2 * (1 + self.poisson_ratio)) * 2 * self.I
 
@@ -249,9 +249,7 @@ def suture(name: str) -> Section:
 
 
 def _parse(name: str) -> tuple[Size, Material]:
-    match = re.fullmatch(
-        r"(?:usp)?\s*#?\s*(\d+(?:\s*[-/]\s*0)?)\s*[-,]?\s*([^\W\d].*|316l)", name.strip().casefold()
-    )
+    match = re.fullmatch(r"(?:usp)?\s*#?\s*(\d+(?:\s*[-/]\s*0)?)\s*[-,]?\s*([^\W\d].*|316l)", name.strip().casefold())
     size = SIZE_OF.get(_usp(match[1])) if match else None
     material = MATERIAL_OF.get(_key(match[2])) if match else None
     if size is None or material is None:
@@ -269,9 +267,7 @@ def _usp(text: str) -> str:
 
 
 def _miss(name: str) -> str:
-    near = difflib.get_close_matches(
-        name.strip().casefold(), [n.casefold() for n in names()], n=3, cutoff=0.5
-    )
+    near = difflib.get_close_matches(name.strip().casefold(), [n.casefold() for n in names()], n=3, cutoff=0.5)
     hint = f"; the nearest are {', '.join(near)}" if near else ""
     return (
         f"suture = {name!r} is not in the catalogue{hint}; sizes: {' '.join(SIZE_OF)}; "
@@ -285,7 +281,6 @@ def _diameter(name: str, size: Size, material: Material) -> float:
         return size.diameter
     if size.usp not in COLLAGEN_SIZES:
         raise ThreadError(
-            f"suture = {name!r}: collagen sizes are known from {COLLAGEN_SIZES[0]} "
-            f"to {COLLAGEN_SIZES[-1]} only"
+            f"suture = {name!r}: collagen sizes are known from {COLLAGEN_SIZES[0]} to {COLLAGEN_SIZES[-1]} only"
         )
     return next(larger.diameter for larger in SIZES if larger.metric > size.metric)

@@ -49,9 +49,7 @@ class RoundedPath:
         angle = self.curvatures[k] * x
         along = x * np.sinc(angle / np.pi)
         across = 0.5 * angle * x * np.sinc(angle / (2 * np.pi)) ** 2
-        return np.asarray(
-            self.origins[k] + along[..., None] * self.tangents[k] + across[..., None] * self.normals[k]
-        )
+        return np.asarray(self.origins[k] + along[..., None] * self.tangents[k] + across[..., None] * self.normals[k])
 
     def tangent(self, at: ArrayLike) -> Array:
         """Unit tangents at abscissae of any shape [m], shape `at.shape + (3,)`; raises `ThreadError`
@@ -59,9 +57,7 @@ class RoundedPath:
         """
         k, x = self._locate(at)
         angle = self.curvatures[k] * x
-        return np.asarray(
-            np.cos(angle)[..., None] * self.tangents[k] + np.sin(angle)[..., None] * self.normals[k]
-        )
+        return np.asarray(np.cos(angle)[..., None] * self.tangents[k] + np.sin(angle)[..., None] * self.normals[k])
 
     def nearest(self, point: ArrayLike) -> tuple[float, float]:
         """Abscissa and distance [m] of the nearest point of the path to a point, shape `(3,)` [m]; the
@@ -91,9 +87,7 @@ class RoundedPath:
         s = np.asarray(at, dtype=float)
         slack = 1e-12 * self.length
         if not np.all((s >= -slack) & (s <= self.length + slack)):
-            raise ThreadError(
-                f"abscissa outside the path: it must lie between 0 and its length {self.length!r} m"
-            )
+            raise ThreadError(f"abscissa outside the path: it must lie between 0 and its length {self.length!r} m")
         k = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, len(self.starts) - 1)
         return k, np.clip(s - self.starts[k], 0.0, self.lengths[k])
 
@@ -150,8 +144,7 @@ def _vertices(points: ArrayLike) -> Array:
     vertices = np.asarray(points, dtype=float)
     if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 2:
         raise ThreadError(
-            f"a path needs two points or more of three coordinates each, not an array of shape "
-            f"{vertices.shape}"
+            f"a path needs two points or more of three coordinates each, not an array of shape {vertices.shape}"
         )
     bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     if bad.size:

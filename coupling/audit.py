@@ -1,0 +1,116 @@
+"""The energy audit of a step: every joule of work goes somewhere, each place by its own formula.
+
+Dot the thread's equation with Δq and the organ's with ΔU. With Φ = 0 at both ends of the step the constraints' work
+is what the driving force Φ_sᵀλ takes through the hole, −Φ_sᵀλ Δs, plus a remainder of third order in the step, which
+belongs to the integrator. Backward Euler dissipates ½Δvᵀ M Δv, and of the elastic energy ∂E(q⁺)·Δq − ΔE.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coupling.constraints import driving_force, passage, site_force, spread, thread_force
+from coupling.stepping import Step
+from coupling.system import State, System
+
+
+@dataclass(frozen=True)
+class Energies:
+    """Energies at a time and works since the start, all [J].
+
+    `balance_error` = external work − change of kinetic and elastic energy − friction − viscous − numerical.
+    """
+
+    kinetic: float
+    elastic_thread: float
+    elastic_tissue: float
+    external_work: float
+    friction_dissipation: float
+    viscous_dissipation: float
+    numerical_dissipation: float
+    balance_error: float
+
+
+def initial_energies(system: System, state: State) -> Energies:
+    """Energies at the start; no work has been done."""
+    organ = system.organ.energies(state.organ, state.organ)
+    kinetic = thread_kinetic(system, state) + organ.kinetic
+    return Energies(kinetic, thread_elastic(system, state), organ.elastic, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def thread_kinetic(system: System, state: State) -> float:
+    """½ vᵀ M v of the thread, and ½ ε ṡ² of eq. 7 [J]."""
+    M = system.thread.mass_matrix
+    return float(0.5 * np.sum(state.v * (M @ state.v)) + 0.5 * system.epsilon * np.sum(state.s_dot**2))
+
+
+def thread_elastic(system: System, state: State) -> float:
+    """Elastic energy of the thread [J]."""
+    return system.thread.energy(system.thread.points(state.q))
+
+
+def audited(system: System, before: Energies, step: Step) -> Energies:
+    """The audit after a step, from the audit before it."""
+    old, new, thread = step.old, step.new, system.thread
+    M, dq, dv = thread.mass_matrix, new.q - old.q, new.v - old.v
+    points = step.solution.residual.points
+    elastic = thread.energy(points)
+    organ = system.organ.energies(old.organ, new.organ)
+
+    external = np.sum(step.solution.problem.load * dq) + organ.gravity_work + held_work(step)
+    friction, eps_numerical, remainder = sliding_work(system, step)
+    viscous = thread.damping * np.sum(new.v * (M @ dq)) + organ.viscous
+    numerical = (
+        0.5 * np.sum(dv * (M @ dv))
+        + np.sum(thread.gradient(points) * dq)
+        - (elastic - before.elastic_thread)
+        + organ.numerical
+        + eps_numerical
+        + remainder
+    )
+    kinetic = thread_kinetic(system, new) + organ.kinetic
+    change = kinetic - before.kinetic + elastic - before.elastic_thread + organ.elastic - before.elastic_tissue
+    error = external - change - friction - viscous - numerical
+    return Energies(
+        kinetic,
+        elastic,
+        organ.elastic,
+        before.external_work + float(external),
+        before.friction_dissipation + float(friction),
+        before.viscous_dissipation + float(viscous),
+        before.numerical_dissipation + float(numerical),
+        before.balance_error + float(error),
+    )
+
+
+def held_work(step: Step) -> float:
+    """Work of the holders of the ends, whose reactions are the residuals at the prescribed unknowns [J]."""
+    held = step.solution.problem.system.held
+    dq = (step.new.q - step.old.q).ravel()
+    return float(step.solution.residual.thread.ravel()[held] @ dq[held])
+
+
+def sliding_work(system: System, step: Step) -> tuple[float, float, float]:
+    """Friction's dissipation, ε's own dissipation, and the remainder of the constraints' work [J]."""
+    old, new, at = step.old, step.new, step.solution.residual.passage
+    ds, p = new.s - old.s, len(system.piercings)
+    drive = driving_force(at, new.lam, new.y)
+    ideal_inertia = system.epsilon * (new.s_dot - old.s_dot) / step.dt
+    friction = np.sum((drive - ideal_inertia) * ds)
+    eps_numerical = 0.5 * system.epsilon * np.sum((new.s_dot - old.s_dot) ** 2)
+    work = np.sum(spread(thread_force(new.lam, new.y), at, system.thread.n) * (new.q - old.q))
+    work += np.sum(site_force(at, new.lam)[:p] * (new.y - old.y)[:p])
+    return float(friction), float(eps_numerical), float(-work - np.sum(drive * ds))
+
+
+def multiplier_imbalance(system: System, state: State) -> tuple[float, float]:
+    """Total force [N] and moment [N m] of the multipliers on thread and organ together: zero but for round-off.
+
+    The moment is taken on the site variables, x×f_x + u×f_u + v×f_v (Φ is invariant under a common rotation).
+    """
+    at = passage(system.thread.spline, state.q, state.s)
+    on_thread, on_sites = thread_force(state.lam, state.y), site_force(at, state.lam).reshape(-1, 3, 3)
+    force = on_thread[:, 0].sum(axis=0) + on_sites[:, 0].sum(axis=0)
+    moment = np.cross(at.P, on_thread[:, 0]) + np.cross(at.T, on_thread[:, 1])
+    moment += np.cross(state.y.reshape(-1, 3, 3), on_sites).sum(axis=1)
+    return float(np.abs(force).max(initial=0.0)), float(np.abs(moment.sum(axis=0)).max(initial=0.0))

@@ -1,0 +1,147 @@
+"""One Newton direction of the condensed system: a banded thread with a small dense border.
+
+The thread's unknowns meet everything else only through P, T and T' at the holds, the nine columns of
+V = (b, b', b'') ⊗ I₃ each; so the thread enters the border by its own compliance G = Vᵀ A⁻¹ V, as the organ does by C.
+
+Unknowns of the border, per hold: s, λ (3), μ_u, μ_v, then y = (x, u, v).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg.lapack import dgbtrf, dgbtrs, dgesv
+
+from coupling.constraints import LOCAL, Array, Indices, Passage, dot, moment_arm
+from thread.thread import HALF_BAND
+
+S, LAM, MU_U, MU_V, X, U, V = 0, slice(1, 4), 4, 5, slice(6, 9), slice(9, 12), slice(12, 15)
+PHI, Y = slice(1, 6), slice(6, 15)  # rows of Φ, and of the multipliers that go with them; of y
+OWN, BORDER = 6, 15  # equations of a hold without and with its site variables
+AT_P, AT_T, AT_K = slice(0, 3), slice(3, 6), slice(6, 9)  # the thread's nine numbers
+NINE = 9
+I3 = np.eye(3)
+_ORDER, _LOCAL, _AXIS = np.ogrid[:3, :4, :3]
+COLUMN_PATTERN = (3 * _ORDER + _AXIS, 3 * _LOCAL + _AXIS)  # row and first column of b^(order)_local ⊗ I₃ in V
+
+
+class SingularError(ArithmeticError):
+    """The matrix of a Newton step is singular."""
+
+
+@dataclass(frozen=True)
+class Border:
+    """The linearised holds, block by block over `m` holds.
+
+    Thread: A dq + V E dz = −r_q. Holds: B Vᵀdq + D dz = −r. Organ: dy − C (F dz + R Vᵀdq) = −r_y.
+    `E` (m, 9, 15), `B` (m, 6, 9), `D` (m, 6, 15), `F` (m, 9, 15), `R` (m, 9, 9).
+    """
+
+    E: Array
+    B: Array
+    D: Array
+    F: Array
+    R: Array
+
+
+def linearise(thread: Passage, lam: Array, y: Array) -> Border:
+    """Border of Φ = (g, c₁, c₂) and of the site force; the row of s is left to the law of sliding.
+
+    `lam` (m, 5) [N, N m], `y` (m, 9).
+    """
+    m = len(lam)
+    E, B, D = np.zeros((m, NINE, BORDER)), np.zeros((m, OWN, NINE)), np.zeros((m, OWN, BORDER))
+    F, R = np.zeros((m, NINE, BORDER)), np.zeros((m, NINE, NINE))
+    u, v, T, K = y[:, 3:6], y[:, 6:], thread.T, thread.K
+    mu_u, mu_v = lam[:, 3:4, None] * I3, lam[:, 4:5, None] * I3
+
+    E[:, AT_T, S], E[:, AT_K, S] = -lam[:, :3], -moment_arm(lam, y)
+    E[:, AT_P, LAM] = -I3
+    E[:, AT_T, MU_U], E[:, AT_T, MU_V] = -u, -v
+    E[:, AT_T, U], E[:, AT_T, V] = -mu_u, -mu_v
+
+    B[:, LAM, AT_P] = I3
+    B[:, MU_U, AT_T], B[:, MU_V, AT_T] = u, v
+    D[:, LAM, S], D[:, LAM, X] = T, -I3
+    D[:, MU_U, S], D[:, MU_V, S] = dot(K, u), dot(K, v)
+    D[:, MU_U, U], D[:, MU_V, V] = T, T
+
+    F[:, 0:3, LAM] = -I3
+    F[:, 3:6, MU_U], F[:, 6:9, MU_V] = T, T
+    F[:, 3:6, S], F[:, 6:9, S] = lam[:, 3:4] * K, lam[:, 4:5] * K
+    R[:, 3:6, AT_T], R[:, 6:9, AT_T] = mu_u, mu_v
+    return Border(E, B, D, F, R)
+
+
+def columns(thread: Passage, n: int) -> Array:
+    """V = (b, b', b'') ⊗ I₃ of every hold, shape `(3n, 9m)`, Fortran order."""
+    m = len(thread.first)
+    V = np.zeros((m, NINE, 3 * n))
+    row, column = COLUMN_PATTERN
+    V[np.arange(m)[:, None, None, None], row, 3 * thread.first[:, None, None, None] + column] = thread.b[:, :3, :, None]
+    return V.reshape(NINE * m, 3 * n).T
+
+
+def at_holds(thread: Passage, X: Array) -> Array:
+    """Vᵀ X by the four local points of each hold, shape `(9m, k)`; `X` (3n, k)."""
+    m = len(thread.first)
+    local = X.reshape(-1, 3, X.shape[1])[thread.first[:, None] + LOCAL]
+    return (thread.b[:, :3] @ local.reshape(m, 4, -1)).reshape(NINE * m, -1)
+
+
+def block_diagonal(blocks: Array) -> Array:
+    """Blocks `(m, r, k)` on the diagonal of a matrix `(m, r, m, k)`."""
+    m, r, k = blocks.shape
+    full = np.zeros((m, r, m, k))
+    hold = np.arange(m)
+    full[hold, :, hold] = blocks
+    return full
+
+
+def banded_solve(A: Array, b: Array) -> Array:
+    """Solve the banded system `A` (34, 3n), `b` (3n, k); both are overwritten. Raises `SingularError`."""
+    lu, pivots, info = dgbtrf(A, HALF_BAND, HALF_BAND, overwrite_ab=1)
+    if info != 0:
+        raise SingularError("the thread's matrix is singular")
+    x, _ = dgbtrs(lu, HALF_BAND, HALF_BAND, b, pivots, overwrite_b=1)
+    return np.asarray(x)
+
+
+def direction(
+    A: Array, held: Indices, border: Border, C: Array, thread: Passage, r_q: Array, r: Array, r_y: Array
+) -> tuple[Array, Array]:
+    """Newton direction dq (n, 3) and dz (m, 15).
+
+    `A` (34, 3n) banded, overwritten, its rows and columns of `held` (the thread's prescribed unknowns) those of the
+    identity; `C` (9m, 9m) organ compliance; residuals `r_q` (n, 3), `r` (m, 6) of the holds, `r_y` (m, 9) of y. Raises
+    `SingularError`.
+    """
+    n, m = len(r_q), len(r)
+    right = np.empty((3 * n, 1 + NINE * m), order="F")
+    right[:, 0], right[:, 1:] = -r_q.ravel(), columns(thread, n)
+    right[held] = 0.0
+    X = banded_solve(A, right)
+    if m == 0:
+        return X[:, 0].reshape(n, 3), np.empty((0, BORDER))
+    G = at_holds(thread, X)
+    w, G = G[:, 0].reshape(m, NINE), G[:, 1:]
+    GE = np.matmul(G.reshape(NINE * m, m, NINE).swapaxes(0, 1), border.E).swapaxes(0, 1).reshape(m, NINE, -1)
+
+    own = block_diagonal(border.D).reshape(m, OWN, -1) - border.B @ GE
+    force = block_diagonal(border.F).reshape(m, NINE, -1) - border.R @ GE
+    site = -C @ force.reshape(NINE * m, -1)
+    row = np.arange(NINE * m)
+    site[row, BORDER * (row // NINE) + OWN + row % NINE] += 1.0
+
+    matrix = np.concatenate([own.reshape(OWN * m, -1), site])
+    rhs = np.concatenate(
+        [
+            (-r - np.matvec(border.B, w)).ravel(),
+            C @ np.matvec(border.R, w).ravel() - r_y.ravel(),
+        ]
+    )
+    _, _, dz, info = dgesv(matrix, rhs)
+    if info != 0 or not np.all(np.isfinite(dz)):
+        raise SingularError("the holds' matrix is singular: two constraints say the same, or nothing holds the thread")
+    dz = dz.reshape(m, BORDER)
+    push = np.matvec(border.E, dz).ravel()
+    return (X[:, 0] - X[:, 1:] @ push).reshape(n, 3), dz

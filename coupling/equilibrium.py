@@ -1,0 +1,122 @@
+"""Static equilibrium under the final loads, reached in load steps.
+
+Where Newton from the last load step fails, the thread is let go gradually: it is tied to where it is by a mass-like
+stiffness that is weakened until it can be dropped (pseudo-transient continuation). The accepted answer has none of it.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from coupling.constraints import Array, site_force
+from coupling.errors import StepError
+from coupling.newton import Iterate, Problem, Solution, solve
+from coupling.sliding import law_of
+from coupling.stepping import (
+    Step,
+    all_holds,
+    end_load,
+    left,
+    padded,
+    reactions,
+    refuse_inversion,
+    release,
+    with_ends,
+)
+from coupling.system import State, System
+
+WEAKER = 10.0  # the tie is weakened by this factor after a success, tightened by its square root after a failure
+ATTEMPTS = 60
+FIRST_TIE = 1.0  # of the thread's stiffest entry
+
+
+def static_problem(
+    system: System, state: State, share: float, duration: float, tie: float, C: Array, y: Array
+) -> Problem:
+    """Equilibrium at the part `share` of the loads; `tie` [1/s²] ties each point to where it is in `state`."""
+    thread = system.thread
+    load = share * end_load(system, duration)
+    return Problem(
+        system=system,
+        time=share * duration,
+        dt=share * duration - state.time,
+        inertia=tie * thread.mass_band,
+        mass_factor=tie,
+        q_ref=state.q,
+        load=load,
+        y_free=all_holds(system, y),
+        C=padded(system, C),
+        rows=system.rows & state.present[:, None],
+        law=law_of(system, state.s, state.present, 0.0, state.s),
+        stiffen=True,
+    )
+
+
+def settle(system: System, state: State, share: float, duration: float) -> Step:
+    """Equilibrium at the part `share` of the final loads. Raises `StepError`."""
+    operator = system.organ.operator(0.0, 0.0)
+    prediction = operator.predict(state.organ, system.organ.history((), ()))
+    tie, now, cause = 0.0, state, None
+    for _ in range(ATTEMPTS):
+        problem = static_problem(system, now, share, duration, tie, operator.C, prediction.y_free)
+        try:
+            solution = solve(problem, guess(problem, now))
+        except StepError as error:
+            cause = error
+            tie = first_tie(system, now) if tie == 0.0 else tie * np.sqrt(WEAKER)
+            continue
+        now = settled(system, now, problem, solution, operator, prediction)
+        if tie == 0.0:
+            return Step(state, now, problem.dt, solution)
+        tie = 0.0 if tie < 1e-9 * first_tie(system, now) else tie / WEAKER
+    raise StepError(state.time, share * duration - state.time, f"no equilibrium found ({cause})")
+
+
+def first_tie(system: System, state: State) -> float:
+    """A tie as stiff as the thread itself [1/s²]."""
+    thread = system.thread
+    stiffness = np.abs(thread.tangent(thread.points(state.q), state.N)).max()
+    return float(FIRST_TIE * stiffness / np.abs(thread.mass_band).max())
+
+
+def guess(problem: Problem, state: State) -> Iterate:
+    """Start from the last equilibrium, the prescribed ends moved on."""
+    q = with_ends(state.q, problem.system, problem.time)
+    return Iterate(q, state.N, state.s, state.lam, state.y, state.slip)
+
+
+def settled(system: System, old: State, problem: Problem, solution: Solution, operator, prediction) -> State:  # type: ignore[no-untyped-def]
+    """The state of an equilibrium: at rest."""
+    z, at, p = solution.iterate, solution.residual.passage, len(system.piercings)
+    new = replace(
+        old,
+        time=problem.time,
+        q=z.q,
+        v=np.zeros_like(z.q),
+        N=z.N,
+        organ=operator.complete(prediction, site_force(at, z.lam)[:p].ravel()),
+        s=z.s,
+        s_dot=np.zeros_like(z.s),
+        lam=np.where(problem.rows, z.lam, 0.0),
+        y=z.y,
+        slip=z.slip,
+        reaction=reactions(system, solution.residual.thread, problem.load),
+    )
+    refuse_inversion(system, old, new, at)
+    return new
+
+
+def load_step(system: System, state: State, share: float, duration: float, depth: int = 0) -> list[Step]:
+    """Go on to the part `share` of the loads, in halves of the increment where it fails. Raises `StepError`."""
+    try:
+        step = settle(system, state, share, duration)
+    except StepError:
+        if depth == 4 or duration == 0.0:
+            raise
+        middle = 0.5 * (state.time / duration + share)
+        first = load_step(system, state, middle, duration, depth + 1)
+        return first + load_step(system, first[-1].new, share, duration, depth + 1)
+    gone = left(system, step.new)
+    if gone.any():
+        return load_step(system, release(state, gone), share, duration, depth)
+    return [step]

@@ -1,0 +1,38 @@
+"""Named failures of the coupled solve."""
+
+from dataclasses import dataclass
+
+
+class CouplingError(RuntimeError):
+    """The coupled system could not be set up or solved; the message says where."""
+
+
+@dataclass
+class StepError(CouplingError):
+    """A step that did not converge, with what is needed to look into it.
+
+    `time` [s] and `dt` [s] of the step; `piercing` names the worst constraint, if any; `cause` in words.
+    """
+
+    time: float
+    dt: float
+    cause: str
+    piercing: str = ""
+
+    def __str__(self) -> str:
+        place = f", worst at piercing {self.piercing!r}" if self.piercing else ""
+        return f"the step from t = {self.time:.6g} s with dt = {self.dt:.3g} s failed: {self.cause}{place}"
+
+
+@dataclass
+class InversionError(CouplingError):
+    """The thread's tangent flipped through a hole: an entry became an exit (§4.2)."""
+
+    time: float
+    piercing: str
+
+    def __str__(self) -> str:
+        return (
+            f"at t = {self.time:.6g} s the thread flipped at piercing {self.piercing!r}: its tangent points out of the "
+            "wrong side of the hole; pull less sideways, use a smaller dt, or more control points near the hole"
+        )

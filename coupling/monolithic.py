@@ -1,0 +1,161 @@
+"""The monolithic matrix itself (§4.4, last paragraph): thread, organ, abscissae and multipliers in one sparse system.
+
+    | A_t+H_qq   H_qU     H_qs   −Φ_qᵀ    |   dq
+    | H_Uq       A_o      H_Us   −YᵀΦ_yᵀ  |   dU
+    | H_sq       H_sU     H_ss   −Φ_sᵀ    |   ds       (signs of the row of s as in the law of sliding)
+    | Φ_q        Φ_y Y    Φ_s     0       |   dλ
+
+The default solve condenses the organ instead (`coupling.newton`): the same algebra in another order, at the price of
+one organ back-substitution. This one is to be looked at, and to be compared with.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.sparse import block_array, coo_array, csc_array, csr_array, diags_array
+from scipy.sparse.linalg import splu
+
+from coupling.border import LAM, MU_V, NINE, OWN, Border, S, Y, columns
+from coupling.constraints import Array, site_force
+from coupling.interfaces import OrganOperator
+from coupling.newton import Iterate, Problem, Residual, Solution, border_of, solve
+from coupling.stepping import all_holds
+from thread.thread import DIAGONAL
+
+MULTIPLIERS = slice(LAM.start, MU_V + 1)
+
+
+@dataclass(frozen=True)
+class Monolith(Iterate):
+    """An iterate with the organ's unknowns `U` (N,) [m] beside those of the thread."""
+
+    U: Array
+
+
+@dataclass(frozen=True)
+class BlockSystem:
+    """`matrix` (size, size), `right` (size,), and where each unknown stands: `blocks["q" | "U" | "s" | "lam"]`.
+
+    Order within the blocks: q point by point, U as the organ numbers its free unknowns, s and lam hold by hold.
+    """
+
+    matrix: csc_array
+    right: Array
+    blocks: dict[str, slice]
+
+
+@dataclass(frozen=True)
+class OrganStep:
+    """The organ's equation of a step: A U⁺ = b + Yᵀ f_y with y = y0 + Y U."""
+
+    operator: OrganOperator
+    b: Array
+    y0: Array
+    Y: Any
+
+    def site_variables(self, U: Array) -> Array:
+        """y, shape `(9p,)`."""
+        return np.asarray(self.y0 + self.Y @ U)
+
+
+def sparse_band(band: Array) -> coo_array:
+    """A banded matrix (34, 3n) in coordinates."""
+    size = band.shape[1]
+    place, column = np.indices(band.shape)
+    row = place - DIAGONAL + column
+    inside = (row >= 0) & (row < size) & (band != 0.0)
+    return coo_array((band[inside], (row[inside], column[inside])), shape=(size, size))
+
+
+def diagonal(blocks: Array) -> csr_array:
+    """Blocks (m, r, k) on the diagonal, shape `(m r, m k)`."""
+    m, r, k = blocks.shape
+    hold, row, column = np.indices(blocks.shape)
+    index = ((hold * r + row).ravel(), (hold * k + column).ravel())
+    return csr_array((blocks.ravel(), index), shape=(m * r, m * k))
+
+
+def assemble(problem: Problem, organ: OrganStep, z: Monolith, r: Residual) -> BlockSystem:
+    """The Newton system of the whole at an iterate."""
+    border, n, m = border_of(problem, z, r.passage), problem.system.thread.n, len(z.s)
+    V = csr_array(columns(r.passage, n))
+    Y_all = with_clamps(organ.Y, m)
+    thread = sparse_band(problem.inertia + problem.system.thread.tangent(r.points, z.N))
+    own = [diagonal(border.B[:, :1]), diagonal(border.B[:, 1:OWN])]
+    rows = [
+        [thread, *(V @ column for column in by_unknown(border, "E", Y_all))],
+        [
+            -Y_all.T @ diagonal(border.R) @ V.T,
+            organ.operator.A,
+            *(-Y_all.T @ x for x in by_unknown(border, "F", Y_all)[1:]),
+        ],
+        [own[0] @ V.T, *by_unknown(border, "law", Y_all)],
+        [own[1] @ V.T, *by_unknown(border, "phi", Y_all)],
+    ]
+    matrix = block_array(rows, format="csr")
+    force = site_force(r.passage, z.lam).ravel()
+    organ_residual = organ.operator.A @ z.U - organ.b - Y_all.T @ force
+    right = -np.concatenate([r.thread.ravel(), organ_residual, r.holds[:, S], r.holds[:, 1:OWN].ravel()])
+    ends = np.cumsum([0, 3 * n, len(z.U), m, 5 * m])
+    blocks = {name: slice(int(ends[k]), int(ends[k + 1])) for k, name in enumerate(("q", "U", "s", "lam"))}
+    return held_still(problem, BlockSystem(csc_array(matrix), right, blocks))
+
+
+def by_unknown(border: Border, which: str, Y_all: csr_array) -> list[csr_array]:
+    """Columns of a part of the border split by unknown: through y to U, then s, then the multipliers."""
+    part = {"E": border.E, "F": border.F, "law": border.D[:, :1], "phi": border.D[:, 1:OWN]}[which]
+    return [diagonal(part[:, :, Y]) @ Y_all, diagonal(part[:, :, S : S + 1]), diagonal(part[:, :, MULTIPLIERS])]
+
+
+def with_clamps(Y: Any, m: int) -> csr_array:
+    """Y over all holds: the site variables of a clamped end do not move, shape `(9m, N)`."""
+    empty = csr_array((NINE * m - Y.shape[0], Y.shape[1]))
+    return csr_array(block_array([[csr_array(Y)], [empty]], format="csr")) if empty.shape[0] else csr_array(Y)
+
+
+def held_still(problem: Problem, system: BlockSystem) -> BlockSystem:
+    """Rows and columns of the prescribed unknowns of the thread replaced by those of the identity."""
+    free = np.ones(len(system.right))
+    free[problem.system.held] = 0.0
+    keep = diags_array(free)
+    return replace(
+        system, matrix=csc_array(keep @ system.matrix @ keep + diags_array(1.0 - free)), right=free * system.right
+    )
+
+
+Linear = Callable[[BlockSystem], Array]
+
+
+def direct(system: BlockSystem) -> Array:
+    """The solution of a block system by sparse LU with row exchanges."""
+    return np.asarray(splu(system.matrix).solve(system.right))
+
+
+def monolithic_solve(problem: Problem, organ: OrganStep, start: Iterate, U: Array, linear: Linear = direct) -> Solution:
+    """Newton on the assembled matrix from `start` and the organ's `U` (N,), each correction by `linear`. Raises
+    `StepError`.
+
+    Its convergence test is that of the condensed solve, whose row y = y_free + C Φ_yᵀλ thereby checks the organ's
+    equation through its condensation. The solution's iterate is a `Monolith`.
+    """
+
+    def correct(problem: Problem, z: Iterate, r: Residual) -> Iterate:
+        assert isinstance(z, Monolith)
+        system = assemble(problem, organ, z, r)
+        x = linear(system)
+        dq = x[system.blocks["q"]].reshape(-1, 3)
+        U_next = z.U + x[system.blocks["U"]]
+        return replace(
+            z,
+            q=z.q + dq,
+            N=problem.system.thread.next_axial_force(r.points, dq),
+            s=z.s + x[system.blocks["s"]],
+            lam=z.lam + x[system.blocks["lam"]].reshape(-1, 5),
+            y=all_holds(problem.system, organ.site_variables(U_next)),
+            U=U_next,
+        )
+
+    y = all_holds(problem.system, organ.site_variables(U))
+    return solve(problem, Monolith(start.q, start.N, start.s, start.lam, y, start.slip, U), correct)

@@ -1,0 +1,220 @@
+"""Full Newton on the condensed monolithic system of one step (THEORY: implicit Euler, constraints at its end).
+
+    inertia (q − q_ref) + ∂E/∂q − F − Φ_qᵀλ = 0        thread
+    law of sliding                                     one a hold
+    Φ(q, s, y) = 0                                     five a hold
+    y − y_free − C Φ_yᵀλ = 0                           organ, exactly condensed
+
+Every second-order term is kept. The axial force at each quadrature point is iterated on its own (mixed integration
+points, Magisano, Leonetti & Garcea 2017): plain Newton diverges at the stretch-to-inertia ratio of a real suture.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from coupling.border import (
+    LAM,
+    NINE,
+    PHI,
+    Border,
+    S,
+    SingularError,
+    Y,
+    direction,
+    linearise,
+)
+from coupling.constraints import Array, Passage, passage, phi, site_force, spread, thread_force
+from coupling.errors import StepError
+from coupling.sliding import Law, linearise_law, next_slip
+from coupling.sliding import residual as law_residual
+from coupling.system import Flags, System
+from thread.thread import Points
+
+MAX_ITERATIONS = 25
+FORCE_TOLERANCE = 1e-10  # of the largest force in the step
+GAP_TOLERANCE = 1e-11  # of the thread's diameter
+DIRECTION_TOLERANCE = 1e-11  # of |T||u| ≈ 1
+ROUND_OFF = 2e-14  # of EA: the axial force is a difference of numbers near 1, times EA
+LONGEST_MOVE = 0.01  # of the thread's length; a Newton correction is cut down to it
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One step, ready to be solved.
+
+    `time` [s] at its end; `inertia` (34, 3n) banded and `mass_factor` [1/s²] with `q_ref` (n, 3): the inertia and
+    viscous force is mass_factor·M (q − q_ref); `load` (n, 3) [N]; `y_free`
+    (m, 9), `C` (9m, 9m); `rows` (m, 5) constraints in force; `stiffen`: add the constraints' own stiffness to the
+    thread's band, needed where there is no inertia (an exact row operation).
+    """
+
+    system: System
+    time: float
+    dt: float
+    inertia: Array
+    mass_factor: float
+    q_ref: Array
+    load: Array
+    y_free: Array
+    C: Array
+    rows: Flags
+    law: Law
+    stiffen: bool = False
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """Unknowns of a step: `q` (n, 3), `N` (spans, g), `s` (m,), `lam` (m, 5), `y` (m, 9), active set `slip` (m,)."""
+
+    q: Array
+    N: Array
+    s: Array
+    lam: Array
+    y: Array
+    slip: Array
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Residuals at an iterate, and what the tangent needs again.
+
+    `thread` (n, 3) [N] (at held unknowns: the reaction), `holds` (m, 6): law of sliding, Φ; `site` (m, 9);
+    `force_scale` [N].
+    """
+
+    points: Points
+    passage: Passage
+    thread: Array
+    holds: Array
+    site: Array
+    force_scale: float
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A converged step: its problem, the iterate, the residual, and the number of Newton directions it took."""
+
+    problem: Problem
+    iterate: Iterate
+    residual: Residual
+    iterations: int
+
+
+def evaluate(problem: Problem, z: Iterate) -> Residual:
+    """All residuals of a step."""
+    system, thread = problem.system, problem.system.thread
+    points = thread.points(z.q)
+    at = passage(thread.spline, z.q, z.s)
+    elastic = thread.gradient(points)
+    balance = elastic - problem.load - spread(thread_force(z.lam, z.y), at, thread.n)
+    if problem.mass_factor:
+        balance += problem.mass_factor * (thread.mass_matrix @ (z.q - problem.q_ref))
+    holds = np.empty((len(z.s), 6))
+    holds[:, S] = law_residual(problem.law, z.slip, at, z.s, z.lam, z.y)
+    holds[:, PHI] = np.where(problem.rows, phi(at, z.y), z.lam)
+    site = z.y - problem.y_free - (problem.C @ site_force(at, z.lam).ravel()).reshape(-1, NINE)
+    scale = max(np.abs(elastic).max(), np.abs(problem.load).max(), np.abs(z.lam[:, :3]).max(initial=0.0))
+    return Residual(points, at, balance, holds, site, max(float(scale), system.thread.force_unit))
+
+
+def converged(problem: Problem, z: Iterate, r: Residual) -> bool:
+    """Whether every equation holds to its tolerance, each relative to a named scale."""
+    thread = problem.system.thread
+    force = FORCE_TOLERANCE * r.force_scale + ROUND_OFF * thread.EA
+    gap = GAP_TOLERANCE * thread.section.diameter
+    free = np.abs(r.thread.ravel())
+    free[problem.system.held] = 0.0
+    limits = np.empty_like(r.holds)
+    limits[:, S] = np.where(z.slip == 0.0, gap, force)
+    limits[:, PHI] = np.where(problem.rows, (gap, gap, gap, DIRECTION_TOLERANCE, DIRECTION_TOLERANCE), force)
+    site = np.abs(r.site)
+    return bool(
+        free.max() <= force
+        and (np.abs(r.holds) <= limits).all()
+        and (site[:, :3] <= gap).all()
+        and (site[:, 3:] <= DIRECTION_TOLERANCE).all()
+    )
+
+
+def border_of(problem: Problem, z: Iterate, at: Passage) -> Border:
+    """Linearised holds, with the rows of constraints that are not in force replaced by λ = 0."""
+    border = linearise(at, z.lam, z.y)
+    linearise_law(border, problem.law, z.slip, at, z.lam, z.y)
+    if not problem.rows.all():
+        hold, k = np.nonzero(~problem.rows)
+        border.B[hold, PHI.start + k] = 0.0
+        border.D[hold, PHI.start + k] = 0.0
+        border.D[hold, PHI.start + k, LAM.start + k] = 1.0
+    return border
+
+
+def stiffened(problem: Problem, A: Array, border: Border, r: Residual) -> tuple[Array, Border, Array]:
+    """Add Φ_qᵀ Γ (Φ_q dq + … + Φ) to the thread's equations: the same solution, and a matrix that is regular although
+    without the constraints the thread could move or turn freely (statics). Γ is of the size of the band's diagonal."""
+    thread = problem.system.thread
+    rows, at = border.B[:, PHI], r.passage
+    scale = np.abs(A).max()
+    reach = np.einsum("mki,mki->m", at.b[:, :2], at.b[:, :2])[:, None]
+    gamma = problem.rows * scale / np.where(np.arange(5) < 3, 1.0, reach)
+    weighted = rows * gamma[:, :, None]
+    E = border.E + np.einsum("mki,mkj->mij", weighted, border.D[:, PHI])
+    push = np.einsum("mki,mk->mi", weighted, r.holds[:, PHI]).reshape(-1, 3, 3)[:, :2]
+    K = np.einsum("mki,mkj->mij", weighted, rows).reshape(-1, 3, 3, 3, 3)
+    blocks = np.einsum("mki,mkalb,mlj->mijab", at.b[:, :3], K, at.b[:, :3])
+    A = A + thread.band_at(at.first, blocks)
+    return A, replace(border, E=E), r.thread + spread(push, at, thread.n)
+
+
+def correct(problem: Problem, z: Iterate, r: Residual) -> Iterate:
+    """One Newton correction. Raises `SingularError`."""
+    thread = problem.system.thread
+    A = thread.tangent(r.points, z.N)
+    A += problem.inertia
+    border, r_q = border_of(problem, z, r.passage), r.thread
+    if problem.stiffen:
+        A, border, r_q = stiffened(problem, A, border, r)
+    A = problem.system.hold_still(A)
+    dq, dz = direction(A, problem.system.held, border, problem.C, r.passage, r_q, r.holds, r.site)
+    longest = np.abs(dq).max()
+    cut = min(1.0, LONGEST_MOVE * (thread.spline.end - thread.spline.start) / longest) if longest > 0.0 else 1.0
+    dq, dz = cut * dq, cut * dz
+    N = thread.next_axial_force(r.points, dq)
+    return Iterate(z.q + dq, N, z.s + dz[:, S], z.lam + dz[:, PHI], z.y + dz[:, Y], z.slip)
+
+
+Corrector = Callable[[Problem, Iterate, Residual], Iterate]
+
+
+def solve(problem: Problem, start: Iterate, correct: Corrector = correct) -> Solution:
+    """Iterate from `start` until every equation holds. Raises `StepError` when it does not.
+
+    `correct` makes one Newton correction; the default one condenses the organ.
+    """
+    z = start
+    r = evaluate(problem, z)
+    for iteration in range(MAX_ITERATIONS):
+        slip = next_slip(problem.law, z.slip, r.passage, z.s, z.lam, z.y) if iteration else z.slip
+        settled = np.array_equal(slip, z.slip)
+        if settled and converged(problem, z, r):
+            return Solution(problem, z, r, iteration)
+        if not settled:
+            z = replace(z, slip=slip)
+            r = evaluate(problem, z)
+        try:
+            z = correct(problem, z, r)
+        except SingularError as error:
+            raise failure(problem, r, str(error)) from error
+        r = evaluate(problem, z)
+        if not np.isfinite(r.force_scale) or not np.all(np.isfinite(r.thread)):
+            raise failure(problem, r, "the iteration ran away")
+    raise failure(problem, r, f"no convergence in {MAX_ITERATIONS} Newton iterations")
+
+
+def failure(problem: Problem, r: Residual, cause: str) -> StepError:
+    """The error of a step, with the piercing whose constraints are violated most."""
+    piercings = problem.system.piercings
+    gap = np.nan_to_num(np.abs(r.holds[: len(piercings), PHI]), nan=np.inf).max(axis=1, initial=0.0)
+    name = piercings[int(np.argmax(gap))].name if piercings else ""
+    return StepError(problem.time - problem.dt, problem.dt, cause, name)

@@ -1,0 +1,94 @@
+"""What one wants to know of a piercing, from the state."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coupling.constraints import Array, couple_on_thread, passage
+from coupling.system import State, System
+
+
+@dataclass(frozen=True)
+class PiercingObservation:
+    """One piercing at one time.
+
+    `s`, `slip` [m, thread drawn through towards rising s at the end of the thread since the start]; `x`,
+    `displacement`, `tangent` (unit), `u`, `v` (3,); `force` (3,) [N] of the hole on the thread, `normal_force` |λ_n|,
+    `tangential_force` λ·t [N]; `couple` (3,) [N m] of the direction constraint on the thread; `tension_before`,
+    `tension_after` [N] at lower and higher s; `state`: "stick", "slip", "anchored" or "left".
+    """
+
+    name: str
+    s: float
+    slip: float
+    x: Array
+    displacement: Array
+    force: Array
+    normal_force: float
+    tangential_force: float
+    couple: Array
+    tension_before: float
+    tension_after: float
+    state: str
+    tangent: Array
+    u: Array
+    v: Array
+
+
+def observe(system: System, start: State, state: State) -> tuple[PiercingObservation, ...]:
+    """All piercings of a state; `start` is the state that slip and displacement are measured from."""
+    at = passage(system.thread.spline, state.q, state.s)
+    t = at.T / np.linalg.norm(at.T, axis=1)[:, None]
+    couple = couple_on_thread(at, state.lam, state.y)
+    internal = system.thread.gradient(system.thread.points(state.q))
+    out = []
+    for k, piercing in enumerate(system.piercings):
+        force, y = state.lam[k, :3], state.y[k]
+        along = float(force @ t[k])
+        before, after = tensions(internal, int(at.first[k]), t[k])
+        out.append(
+            PiercingObservation(
+                name=piercing.name,
+                s=float(state.s[k]),
+                slip=float(start.s[k] - state.s[k]),
+                x=y[:3],
+                displacement=y[:3] - system.organ.y0.reshape(-1, 9)[k, :3],
+                force=force,
+                normal_force=float(np.linalg.norm(force - along * t[k])),
+                tangential_force=along,
+                couple=couple[k],
+                tension_before=before,
+                tension_after=after,
+                state=sliding_state(system, state, k),
+                tangent=t[k],
+                u=y[3:6],
+                v=y[6:],
+            )
+        )
+    return tuple(out)
+
+
+def sliding_state(system: System, state: State, k: int) -> str:
+    """ "left", "anchored", "slip" or "stick"."""
+    if not state.present[k]:
+        return "left"
+    if not system.piercings[k].slides:
+        return "anchored"
+    return "slip" if state.slip[k] else "stick"
+
+
+def tensions(internal: Array, first: int, t: Array) -> tuple[float, float]:
+    """Tension just before and after a hole [N], from the elastic forces (n, 3) on the control points.
+
+    ψ = Σ b_i over the points beyond the hole rises from 0 to 1 over the spans next to it, so the sum of their elastic
+    forces is the force ∫(EA ε T + …)·ψ' ds that the thread transmits there: in equilibrium exactly the pull on that
+    side. A pointwise strain would not do, since a C² curve cannot jump at the hole. The sign is that of its component
+    along the tangent `t`; a push is negative. Zero where no point lies beyond.
+    """
+    before, after = -internal[:first].sum(axis=0), internal[first + 4 :].sum(axis=0)
+    return signed_length(before, t), signed_length(after, t)
+
+
+def signed_length(force: Array, t: Array) -> float:
+    """|F| with the sign of F·t."""
+    return float(np.copysign(np.linalg.norm(force), force @ t))

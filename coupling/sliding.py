@@ -1,0 +1,110 @@
+"""The law of sliding at a hole: the one scalar equation per piercing that fixes its abscissa.
+
+With f = Φ_sᵀλ/|T| the driving force along the thread and N the force that presses it on the hole:
+
+    ideal hole     ε s̈ = Φ_sᵀλ                      (eq. 7; eq. 6 at ε = 0)
+    stick          s = s_old,            |f| ≤ F₀ + μ_s N
+    slip           f = σ (F₀ + μ_k N),   σ = sign(ds/dt)
+
+N = |λ_n| (+ |μ|/ℓ_c with a channel of length ℓ_c), λ_n the part of the multipliers of g across the thread (§4.3). The
+thread's velocity relative to the hole is v_t = −|T| ds/dt, so friction dissipates (F₀ + μ_k N)|T||ds/dt|.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coupling.border import AT_K, AT_T, LAM, MU_U, MU_V, Border, S, U, V
+from coupling.constraints import Array, Passage, dot, driving_force, moment_arm, phi_s
+from coupling.system import Flags, System
+
+
+@dataclass(frozen=True)
+class Law:
+    """What the law of sliding needs beside the iterate, over `m` holds.
+
+    `s_old` (m,) [m]; `static`, `kinetic`, `grip`, `per_channel` (m,); `inertia` = ε a [N/m] and `s_free` (m,) [m] make
+    ε s̈ = inertia (s − s_free); `rough` and `may_slide` (m,).
+    """
+
+    s_old: Array
+    static: Array
+    kinetic: Array
+    grip: Array
+    per_channel: Array
+    rough: Flags
+    may_slide: Flags
+    inertia: float
+    s_free: Array
+
+
+def law_of(system: System, s_old: Array, present: Flags, inertia: float, s_free: Array) -> Law:
+    """The law at the start of a step; an absent hold keeps its abscissa."""
+    return Law(s_old, *system.friction, system.rough, system.may_slide & present, inertia, s_free)
+
+
+def normal_force(thread: Passage, lam: Array, per_channel: Array) -> Array:
+    """Force that presses the thread on the hole, |λ_n| + |μ|/ℓ_c, shape `(m,)` [N]."""
+    t = thread.T / np.linalg.norm(thread.T, axis=1)[:, None]
+    across = lam[:, :3] - dot(lam[:, :3], t)[:, None] * t
+    return np.asarray(np.linalg.norm(across, axis=1) + per_channel * np.linalg.norm(lam[:, 3:], axis=1))
+
+
+def net_drive(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
+    """Φ_sᵀλ − ε s̈, shape `(m,)` [N]."""
+    return driving_force(thread, lam, y) - law.inertia * (s - law.s_free)
+
+
+def next_slip(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
+    """Active set after an iterate: a stuck point slips when f leaves the static cone, a slipping one sticks when it
+    moves against its own friction. Shape `(m,)`, in {−1, 0, 1}; an ideal hole keeps 1."""
+    if not law.rough.any():
+        return law.may_slide.astype(np.float64)
+    f = net_drive(law, thread, s, lam, y) / np.linalg.norm(thread.T, axis=1)
+    bound = law.grip + law.static * normal_force(thread, lam, law.per_channel)
+    from_stick = np.where(np.abs(f) > bound, np.sign(f), 0.0)
+    from_slip = np.where(slip * (s - law.s_old) < 0.0, 0.0, slip)
+    rough = np.where(slip == 0.0, from_stick, from_slip)
+    return np.where(law.may_slide, np.where(law.rough, rough, 1.0), 0.0)
+
+
+def residual(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
+    """Left-hand side of the law, shape `(m,)`: [N] where the thread slides, [m] where it is held."""
+    drive = net_drive(law, thread, s, lam, y)
+    if law.rough.any():
+        N = normal_force(thread, lam, law.per_channel)
+        drive = drive - law.rough * slip * np.linalg.norm(thread.T, axis=1) * (law.grip + law.kinetic * N)
+    return np.where(slip == 0.0, s - law.s_old, drive)
+
+
+def linearise_law(border: Border, law: Law, slip: Array, thread: Passage, lam: Array, y: Array) -> None:
+    """Write the row of s into a border under construction."""
+    arm = moment_arm(lam, y)
+    row_T, row_K, row = lam[:, :3].copy(), arm, np.zeros((len(lam), 15))
+    d_phi = phi_s(thread, y)
+    row[:, LAM], row[:, MU_U], row[:, MU_V] = d_phi[:, :3], d_phi[:, 3], d_phi[:, 4]
+    row[:, U], row[:, V] = lam[:, 3:4] * thread.K, lam[:, 4:5] * thread.K
+    if law.rough.any():
+        add_friction(row_T, row, law, slip, thread, lam)
+    row[:, S] = dot(row_T, thread.K) + dot(row_K, thread.J) - law.inertia
+    sliding = (slip != 0.0)[:, None]
+    held = np.zeros((1, 15))
+    held[0, S] = 1.0
+    border.B[:, S, AT_T], border.B[:, S, AT_K] = row_T * sliding, row_K * sliding
+    border.D[:, S] = np.where(sliding, row, held)
+
+
+def add_friction(row_T: Array, row: Array, law: Law, slip: Array, thread: Passage, lam: Array) -> None:
+    """Subtract the derivative of σ|T|(F₀ + μ_k N) from the row of s, in place of its parts by T and λ, μ."""
+    size = np.linalg.norm(thread.T, axis=1)
+    t = thread.T / size[:, None]
+    along = dot(lam[:, :3], t)
+    across = lam[:, :3] - along[:, None] * t
+    normal = across / np.maximum(np.linalg.norm(across, axis=1), np.finfo(float).tiny)[:, None]
+    couple = np.linalg.norm(lam[:, 3:], axis=1)
+    sigma = slip * law.rough
+    bound = law.grip + law.kinetic * normal_force(thread, lam, law.per_channel)
+    row_T -= sigma[:, None] * (bound[:, None] * t - (law.kinetic * along)[:, None] * normal)
+    row[:, LAM] -= (sigma * size * law.kinetic)[:, None] * normal
+    per_couple = sigma * size * law.kinetic * law.per_channel / np.maximum(couple, np.finfo(float).tiny)
+    row[:, MU_U : MU_V + 1] -= per_couple[:, None] * lam[:, 3:]

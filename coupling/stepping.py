@@ -1,0 +1,196 @@
+"""Implicit Euler with the constraints at the end of the step, and what a step that fails does: halve itself.
+
+A step that did not converge is never accepted.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from coupling.border import NINE
+from coupling.constraints import Array, Passage, site_force
+from coupling.easing import eased
+from coupling.errors import InversionError, StepError
+from coupling.newton import Iterate, Problem, Solution, solve
+from coupling.scheme import BackwardEuler
+from coupling.sliding import law_of
+from coupling.system import Flags, State, System
+
+HALVINGS = 8  # a step is given up below dt / 2^8
+
+
+@dataclass(frozen=True)
+class Step:
+    """One accepted step from `old` to `new` over `dt` [s], and its solution."""
+
+    old: State
+    new: State
+    dt: float
+    solution: Solution
+
+
+def end_load(system: System, time: float) -> Array:
+    """Weight and pulling forces on the control points at `time`, shape `(n, 3)` [N]."""
+    load = system.weight.copy()
+    load[0] += system.ends[0].force(time)
+    load[-1] += system.ends[1].force(time)
+    return load
+
+
+def prescribed(system: System, time: float) -> list[tuple[int, Array]]:
+    """Control points that are held, with their positions at `time` [m]: P(start) = q_0, P(end) = q_(n−1)."""
+    places = [(point, end.position(time)) for point, end in zip((0, -1), system.ends, strict=True)]
+    return [(point, place) for point, place in places if place is not None]
+
+
+def with_ends(q: Array, system: System, time: float) -> Array:
+    """Control points with the prescribed ends in place."""
+    q = q.copy()
+    for point, place in prescribed(system, time):
+        q[point] = place
+    return q
+
+
+def all_holds(system: System, y: Array) -> Array:
+    """Site variables of the piercings, `(9p,)`, followed by those of the clamped ends; shape `(m, 9)`."""
+    return np.concatenate([y.reshape(-1, NINE), system.clamp_frames])
+
+
+def padded(system: System, C: Array) -> Array:
+    """Organ compliance over all holds: clamped ends do not give, shape `(9m, 9m)`."""
+    return np.pad(C, (0, NINE * len(system.clamps))) if system.clamps else C
+
+
+def dynamic_problem(system: System, state: State, dt: float, C: Array, y_free: Array) -> Problem:
+    """The step of backward Euler from `state`."""
+    scheme, thread, time = BackwardEuler(dt), system.thread, state.time + dt
+    factor = scheme.a + scheme.d * thread.damping
+    q_ref = (
+        scheme.a * scheme.inertia_reference(state.q, state.v)
+        + scheme.d * thread.damping * scheme.damping_reference(state.q)
+    ) / factor
+    s_free = scheme.inertia_reference(state.s, state.s_dot)
+    rows = system.rows & state.present[:, None]
+    return Problem(
+        system=system,
+        time=time,
+        dt=dt,
+        inertia=factor * thread.mass_band,
+        mass_factor=factor,
+        q_ref=q_ref,
+        load=end_load(system, time),
+        y_free=all_holds(system, y_free),
+        C=padded(system, C),
+        rows=rows,
+        law=law_of(system, state.s, state.present, system.epsilon * scheme.a, s_free),
+    )
+
+
+def predicted(problem: Problem, state: State) -> Iterate:
+    """First iterate: everything goes on as it went."""
+    q = with_ends(state.q + problem.dt * state.v, problem.system, problem.time)
+    s = state.s + problem.dt * state.s_dot
+    return Iterate(q, state.N, s, state.lam, problem.y_free, state.slip)
+
+
+def try_step(system: System, state: State, dt: float) -> Step:
+    """One step of `dt` [s]. Raises `StepError`, `InversionError`; the state is not touched."""
+    scheme = BackwardEuler(dt)
+    operator = system.organ.operator(scheme.a, scheme.d)
+    history = organ_history(system, scheme, state)
+    prediction = operator.predict(state.organ, history)
+    problem = dynamic_problem(system, state, dt, operator.C, prediction.y_free)
+    solution = found(problem, predicted(problem, state))
+    z, at = solution.iterate, solution.residual.passage
+    p = len(system.piercings)
+    organ = operator.complete(prediction, site_force(at, z.lam)[:p].ravel())
+    new = State(
+        time=problem.time,
+        q=z.q,
+        v=(z.q - state.q) / dt,
+        N=z.N,
+        organ=organ,
+        s=z.s,
+        s_dot=(z.s - state.s) / dt,
+        lam=np.where(problem.rows, z.lam, 0.0),
+        y=z.y,
+        slip=z.slip,
+        present=state.present,
+        sense=state.sense,
+        reaction=reactions(system, solution.residual.thread, problem.load),
+    )
+    refuse_inversion(system, state, new, at)
+    return Step(state, new, dt, solution)
+
+
+def found(problem: Problem, guess: Iterate) -> Solution:
+    """The solution near the guess, or where the sliding thread comes to rest. Raises `StepError`."""
+    try:
+        return solve(problem, guess)
+    except StepError:
+        if not problem.law.may_slide.any():
+            raise
+    return eased(problem, guess)
+
+
+def organ_history(system: System, scheme: BackwardEuler, state: State) -> Any:
+    """Reference fields of the organ's inertia and damping."""
+    return system.organ.history(((1.0, scheme.dt, 1.0),), (state.organ,))
+
+
+def reactions(system: System, residual: Array, load: Array) -> Array:
+    """Force of the holders on the thread's ends, `(2, 3)` [N]: the reaction where an end is held, else its load."""
+    out = [load[k] - system.weight[k] for k in (0, -1)]
+    for point, _ in prescribed(system, 0.0):
+        out[point] = residual[point]
+    return np.array(out)
+
+
+def refuse_inversion(system: System, old: State, new: State, at: Passage) -> None:
+    """Raise `InversionError` where T·(u × v) lost its sign through a directed hole."""
+    flipped = (old.sense * sense(at, new.y) < 0.0) & system.rows[:, 3] & new.present
+    if flipped.any():
+        names = [p.name for p in system.piercings] + ["clamped end"] * len(system.clamps)
+        raise InversionError(old.time, names[int(np.argmax(flipped))])
+
+
+def sense(at: Passage, y: Array) -> Array:
+    """Sign of T·(u × v) of every hold, shape `(m,)`: +1 where the thread leaves along the frame's normal."""
+    u, v, T = y[:, 3:6], y[:, 6:], at.T
+    normal = u[:, [1, 2, 0]] * v[:, [2, 0, 1]] - u[:, [2, 0, 1]] * v[:, [1, 2, 0]]
+    return np.sign(np.einsum("mi,mi->m", T, normal))
+
+
+def left(system: System, state: State) -> Flags:
+    """Holes that the thread has left: present, with an abscissa beyond an end of the thread, shape `(m,)`."""
+    spline = system.thread.spline
+    return np.asarray(state.present & system.may_slide & ((state.s < spline.start) | (state.s > spline.end)))
+
+
+def release(state: State, gone: Flags) -> State:
+    """The state without the holes `gone`."""
+    lam = np.where(gone[:, None], 0.0, state.lam)
+    s_dot, slip = (np.where(gone, 0.0, x) for x in (state.s_dot, state.slip))
+    return replace(state, present=state.present & ~gone, lam=lam, s_dot=s_dot, slip=slip)
+
+
+def advance(system: System, state: State, dt: float, depth: int = 0) -> list[Step]:
+    """Go `dt` [s] further, in one step or, where it fails, in halves of it down to dt/2⁸.
+
+    A step at whose end the thread has left a hole is taken again without that hole. Raises `StepError` when the
+    smallest step fails too, `InversionError`.
+    """
+    step = None
+    try:
+        step = try_step(system, state, dt)
+    except StepError:
+        if depth == HALVINGS:
+            raise
+    if step is None:
+        half = advance(system, state, 0.5 * dt, depth + 1)
+        return half + advance(system, half[-1].new, 0.5 * dt, depth + 1)
+    gone = left(system, step.new)
+    if gone.any():
+        return advance(system, release(state, gone), dt, depth)
+    return [step]

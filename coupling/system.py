@@ -1,0 +1,180 @@
+"""The coupled system: a thread, its ends, an organ, and the piercings that join them."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coupling.constraints import Array, Indices
+from coupling.errors import CouplingError
+from coupling.interfaces import Organ
+from thread.ends import Clamped, End
+from thread.thread import BAND_ROWS, DIAGONAL, Thread
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Coulomb's coefficients `static`, `kinetic` [-], and `grip` F₀ [N], independent of the tension.
+
+    `channel` [m], when given, turns the couple of the direction constraint into a normal force |μ|/channel.
+    """
+
+    static: float = 0.0
+    kinetic: float = 0.0
+    grip: float = 0.0
+    channel: float | None = None
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.kinetic <= self.static or not self.grip >= 0.0:
+            raise CouplingError(
+                f"friction: static {self.static}, kinetic {self.kinetic}, grip {self.grip} N; allowed are "
+                "0 ≤ kinetic ≤ static and grip ≥ 0"
+            )
+
+
+@dataclass(frozen=True)
+class Piercing:
+    """One hole: its name, whether the thread slides in it, and whether the direction is imposed.
+
+    `friction` None means an ideal hole.
+    """
+
+    name: str
+    slides: bool = True
+    directed: bool = True
+    friction: Friction | None = None
+
+
+@dataclass(frozen=True)
+class System:
+    """Everything that does not change from step to step.
+
+    `piercings` are in the order of the organ's sites. `gravity` (3,) [m/s²] acts on the thread here (the organ
+    carries its own). `epsilon` is ε of eq. 7, zero for eq. 6.
+    """
+
+    thread: Thread
+    ends: tuple[End, End]
+    organ: Organ
+    piercings: tuple[Piercing, ...]
+    gravity: Array = field(default_factory=lambda: np.zeros(3))
+    epsilon: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.organ.y0.size != 9 * len(self.piercings):
+            raise CouplingError(
+                f"{len(self.piercings)} piercings, but the organ has {self.organ.y0.size // 9} sites; give one for one"
+            )
+
+    @cached_property
+    def held(self) -> Indices:
+        """Numbers of the thread's unknowns that its ends prescribe."""
+        last = 3 * self.thread.n
+        unknowns = (np.arange(3), np.arange(last - 3, last))
+        prescribed = [u for u, end in zip(unknowns, self.ends, strict=True) if end.position(0.0) is not None]
+        return np.concatenate([np.arange(0), *prescribed])
+
+    @cached_property
+    def held_entries(self) -> Indices:
+        """Places in a flattened band of the rows and columns of the prescribed unknowns, the diagonal included."""
+        size = 3 * self.thread.n
+        row, column = np.indices((BAND_ROWS, size))
+        row = row - DIAGONAL + column
+        return np.flatnonzero(np.isin(row, self.held) | np.isin(column, self.held))
+
+    @cached_property
+    def weight(self) -> Array:
+        """Gravity on the thread and its point masses, shape `(n, 3)` [N]."""
+        return np.outer(self.thread.mass_matrix @ np.ones(self.thread.n), self.gravity)
+
+    @cached_property
+    def clamps(self) -> tuple[int, ...]:
+        """Ends (0, 1) whose tangent is held: direction constraints at a fixed abscissa, after the piercings."""
+        return tuple(k for k, end in enumerate(self.ends) if isinstance(end, Clamped))
+
+    @cached_property
+    def holds(self) -> int:
+        """Number of places that hold the thread: piercings, then clamped ends."""
+        return len(self.piercings) + len(self.clamps)
+
+    @cached_property
+    def clamp_abscissae(self) -> Array:
+        """Abscissa of each clamped end [m]."""
+        spline = self.thread.spline
+        return np.array([(spline.start, spline.end)[k] for k in self.clamps])
+
+    @cached_property
+    def clamp_frames(self) -> Array:
+        """y of each clamped end: any point, and two vectors across its tangent, shape `(c, 9)`."""
+        tangents = [end.direction for end in self.ends if isinstance(end, Clamped)]
+        rows = [np.concatenate([np.zeros(3), *across(tangent)]) for tangent in tangents]
+        return np.array(rows).reshape(-1, 9)
+
+    @cached_property
+    def rows(self) -> Flags:
+        """Which of (g, c₁, c₂) each hold imposes, shape `(holds, 5)`."""
+        piercings = [[True] * 3 + [p.directed] * 2 for p in self.piercings]
+        return np.array(piercings + [[False] * 3 + [True] * 2] * len(self.clamps), dtype=bool).reshape(-1, 5)
+
+    @cached_property
+    def may_slide(self) -> Flags:
+        """Which abscissae are unknown, shape `(holds,)`."""
+        return np.array([p.slides for p in self.piercings] + [False] * len(self.clamps), dtype=bool)
+
+    @cached_property
+    def friction(self) -> tuple[Array, Array, Array, Array]:
+        """Coefficients of all holds: static, kinetic [-], grip [N], 1/channel [1/m], each `(holds,)`."""
+        each = [p.friction or Friction() for p in self.piercings] + [Friction()] * len(self.clamps)
+        table = [(f.static, f.kinetic, f.grip, 1.0 / f.channel if f.channel else 0.0) for f in each]
+        static, kinetic, grip, per_channel = np.array(table).reshape(-1, 4).T
+        return static, kinetic, grip, per_channel
+
+    def hold_still(self, band: Array) -> Array:
+        """A banded matrix with the rows and columns of the prescribed unknowns replaced by those of the identity."""
+        band.ravel()[self.held_entries] = 0.0
+        band[DIAGONAL, self.held] = 1.0
+        return band
+
+    @cached_property
+    def rough(self) -> Flags:
+        """Which holds have friction at all, shape `(holds,)`."""
+        static, _, grip, _ = self.friction
+        return np.asarray((static > 0.0) | (grip > 0.0))
+
+
+def across(tangent: Array) -> tuple[Array, Array]:
+    """Two unit vectors u, v with u × v = `tangent`, by the rule of Duff et al. (JCGT 2017), continuous but at −z."""
+    x, y, z = tangent
+    sign = np.copysign(1.0, z)
+    a, b = -1.0 / (sign + z), x * y * (-1.0 / (sign + z))
+    return np.array([1.0 + sign * x * x * a, sign * b, -sign * x]), np.array([b, sign + y * y * a, -y])
+
+
+@dataclass(frozen=True)
+class State:
+    """The system at one time.
+
+    `q`, `v` (n, 3) [m, m/s]; `N` (spans, g) axial forces [N]; `organ`, the organ's own state; `s`, `s_dot` (holds,)
+    [m, m/s]; `lam` (holds, 5) [N, N m]; `y` (holds, 9); `slip` (holds,): −1, 0, +1 sign of ds/dt, 0 where the thread
+    sticks; `present` (holds,): False once the thread has left the hole; `sense` (holds,): sign of T·(u × v) at the
+    start, which must not change in a directed hole; `reaction` (2, 3) [N], force of the holders
+    on the thread's ends.
+    """
+
+    time: float
+    q: Array
+    v: Array
+    N: Array
+    organ: Any
+    s: Array
+    s_dot: Array
+    lam: Array
+    y: Array
+    slip: Array
+    present: Flags
+    sense: Array
+    reaction: Array

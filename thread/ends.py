@@ -1,0 +1,81 @@
+"""What holds the two ends of a thread: nothing, a fixed point, a clamp, a dead load or a moving hand."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thread.errors import ThreadError
+
+Array = NDArray[np.float64]
+
+ZERO = np.zeros(3)
+
+
+@dataclass(frozen=True)
+class Free:
+    """Nothing holds the end."""
+
+    def position(self, time: float) -> Array | None:
+        """Prescribed position [m] at `time` [s], None where the end is free to move."""
+        return None
+
+    def force(self, time: float) -> Array:
+        """Dead load [N] at `time` [s]."""
+        return ZERO
+
+
+@dataclass(frozen=True)
+class Fixed(Free):
+    """The end stays at `point`, shape `(3,)` [m], free to turn."""
+
+    point: Array
+
+    def position(self, time: float) -> Array | None:
+        """The point, at all times [m]."""
+        return self.point
+
+
+@dataclass(frozen=True)
+class Clamped(Fixed):
+    """The end stays at `point` and leaves it along `direction` (unit, towards rising s); it may stretch."""
+
+    direction: Array
+
+    def __post_init__(self) -> None:
+        if not np.isclose(np.linalg.norm(self.direction), 1.0, rtol=0.0, atol=1e-12):
+            raise ThreadError(f"clamped end: direction {self.direction} is not a unit vector; divide it by its length")
+
+
+@dataclass(frozen=True)
+class Pulled(Free):
+    """A dead load on the end, `load` (3,) [N], reached linearly over `ramp` [s]."""
+
+    load: Array
+    ramp: float = 0.0
+
+    def force(self, time: float) -> Array:
+        """The load, or the part of it that the ramp has reached [N]."""
+        return self.load if time >= self.ramp else self.load * (time / self.ramp)
+
+
+@dataclass(frozen=True)
+class Driven(Free):
+    """A hand moves the end through `waypoints`, shape `(k, 4)`: t [s], x, y, z [m]; linear in between."""
+
+    waypoints: Array
+
+    def __post_init__(self) -> None:
+        w = self.waypoints
+        if w.ndim != 2 or w.shape[1] != 4 or len(w) < 1 or not np.all(np.isfinite(w)):
+            raise ThreadError(f"driven end: waypoints of shape {w.shape}; allowed are rows of t, x, y, z")
+        if np.any(np.diff(w[:, 0]) <= 0.0):
+            raise ThreadError("driven end: the times of the waypoints do not rise; sort them and drop repeats")
+
+    def position(self, time: float) -> Array | None:
+        """The point on the way at `time`, the last waypoint afterwards [m]."""
+        w = self.waypoints
+        return np.array([np.interp(time, w[:, 0], w[:, k]) for k in (1, 2, 3)])
+
+
+End = Free | Fixed | Clamped | Pulled | Driven

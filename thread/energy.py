@@ -1,0 +1,68 @@
+"""Energy densities of the thread at points of the curve, with exact first and second derivatives.
+
+Functions of arrays: the last axis of a vector argument is x, y, z, all axes before it are free.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+IDENTITY = np.eye(3)
+
+
+def outer(a: Array, b: Array) -> Array:
+    """a ⊗ b over the last axis, shape `(..., 3, 3)`."""
+    return a[..., :, None] * b[..., None, :]
+
+
+def dot(a: Array, b: Array) -> Array:
+    """a · b over the last axis."""
+    return np.vecdot(a, b)
+
+
+def axial_strain(T: Array) -> Array:
+    """Green–Lagrange strain ε = ½(|T|² − 1) of a thread at rest at |T| = 1 (Nocent & Rémion 2001) [-]."""
+    return 0.5 * (dot(T, T) - 1.0)
+
+
+def axial_stiffness(T: Array, N: Array, EA: float) -> Array:
+    """Second derivative of ½EAε² by T with the axial force N held as an unknown of its own [N].
+
+    At N = EA ε it is the exact Hessian; in the mixed-integration-point Newton N is the iterated force
+    (Magisano, Leonetti & Garcea 2017). `T` (..., 3), `N` (...) [N]; returns (..., 3, 3).
+    """
+    return N[..., None, None] * IDENTITY + EA * outer(T, T)
+
+
+def curvature_squared(T: Array, K: Array) -> Array:
+    """κ² = |T × T'|²/|T|⁶ of the curve, `K` = T' = ∂²P/∂s² [1/m²]."""
+    a, b, c = dot(T, T), dot(T, K), dot(K, K)
+    return (a * c - b * b) / a**3
+
+
+def curvature_squared_gradient(T: Array, K: Array) -> tuple[Array, Array]:
+    """Derivatives of κ² by T and by T', each (..., 3).
+
+    With a = T·T, b = T·T', c = T'·T': κ² = φ(a, b, c) = c/a² − b²/a³.
+    """
+    a, b, c = (x[..., None] for x in (dot(T, T), dot(T, K), dot(K, K)))
+    phi_a = (3.0 * b * b / a - 2.0 * c) / a**3
+    phi_b = -2.0 * b / a**3
+    return 2.0 * phi_a * T + phi_b * K, phi_b * T + (2.0 / a**2) * K
+
+
+def curvature_squared_hessian(T: Array, K: Array) -> tuple[Array, Array, Array]:
+    """Second derivatives of κ² by (T, T), (T, T') and (T', T'), each (..., 3, 3)."""
+    a, b, c = (x[..., None, None] for x in (dot(T, T), dot(T, K), dot(K, K)))
+    per_a3 = 1.0 / a**3
+    phi_b, phi_bb = -2.0 * b * per_a3, -2.0 * per_a3
+    phi_ab = -3.0 * phi_b / a
+    phi_a = -c * (2.0 * per_a3) + 0.5 * b * phi_ab
+    phi_aa = (6.0 * c - 12.0 * b * b / a) * per_a3 / a
+    TT, TK = outer(T, T), outer(T, K)
+    KT = TK.swapaxes(-1, -2)
+    H_TT = 2.0 * phi_a * IDENTITY + 4.0 * phi_aa * TT + 2.0 * phi_ab * (TK + KT) + phi_bb * outer(K, K)
+    H_TK = phi_b * IDENTITY + 2.0 * phi_ab * TT + phi_bb * (4.0 * TK + KT)
+    H_KK = (2.0 / a**2) * IDENTITY + phi_bb * TT
+    return H_TT, H_TK, H_KK
