@@ -3,6 +3,7 @@
 A step that did not converge is never accepted.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -175,22 +176,25 @@ def release(state: State, gone: Flags) -> State:
     return replace(state, present=state.present & ~gone, lam=lam, s_dot=s_dot, slip=slip)
 
 
-def advance(system: System, state: State, dt: float, depth: int = 0) -> list[Step]:
+Take = Callable[[System, State, float], Step]
+
+
+def advance(system: System, state: State, dt: float, take: Take = try_step, depth: int = 0) -> list[Step]:
     """Go `dt` [s] further, in one step or, where it fails, in halves of it down to dt/2⁸.
 
-    A step at whose end the thread has left a hole is taken again without that hole. Raises `StepError` when the
+    `take` makes one step and is the monolithic implicit one unless another is named. A step at whose end the thread has left a hole is taken again without that hole. Raises `StepError` when the
     smallest step fails too, `InversionError`.
     """
     step = None
     try:
-        step = try_step(system, state, dt)
+        step = take(system, state, dt)
     except StepError:
         if depth == HALVINGS:
             raise
     if step is None:
-        half = advance(system, state, 0.5 * dt, depth + 1)
-        return half + advance(system, half[-1].new, 0.5 * dt, depth + 1)
+        half = advance(system, state, 0.5 * dt, take, depth + 1)
+        return half + advance(system, half[-1].new, 0.5 * dt, take, depth + 1)
     gone = left(system, step.new)
     if gone.any():
-        return advance(system, release(state, gone), dt, depth)
+        return advance(system, release(state, gone), dt, take, depth)
     return [step]

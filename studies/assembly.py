@@ -118,7 +118,8 @@ def end_of(table: model.End, path: RoundedPath, at: float) -> End:
 
 def piercing_of(hole: model.Piercing) -> Piercing:
     """The constraint of a hole."""
-    friction = hole.friction and Friction(hole.friction.static, hole.friction.kinetic, hole.friction.grip, hole.channel)
+    given = hole.friction
+    friction = None if given is None else Friction(given.static, given.kinetic, given.grip, hole.channel)
     return Piercing(hole.name, hole.kind == "sliding", hole.direction != "free", friction)
 
 

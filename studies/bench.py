@@ -33,7 +33,7 @@ from studies.assembly import assemble
 from studies.files import write_json
 from studies.provenance import provenance
 from studies.scenario import Scenario, load
-from tissue.organ import DynamicOrgan, QuasiStaticOrgan
+from tissue.organ import DynamicOperator, DynamicOrgan, QuasiStaticOperator, QuasiStaticOrgan
 
 Array = NDArray[np.float64]
 
@@ -105,7 +105,7 @@ def measured(case: str, scenario: Scenario, rounds: int) -> Row:
     for _ in range(rounds):
         for name, call in others.items():
             with suppress(StepError):  # a baseline has no second try where the thread snaps through a hole
-                times[name] += [seconds(lambda call=call, state=state: call(state))]
+                times[name] += [seconds(call, state)]
         began = perf_counter()
         taken = advance(system, state, dt)
         times["step"] += [perf_counter() - began]
@@ -115,10 +115,10 @@ def measured(case: str, scenario: Scenario, rounds: int) -> Row:
     return Row(case, system.organ.size, float(np.mean(iterations)), **medians)
 
 
-def seconds(call: Callable[[], object]) -> float:
+def seconds(call: Callable[[State], object], state: State) -> float:
     """Wall-clock time of a call [s]."""
     began = perf_counter()
-    call()
+    call(state)
     return perf_counter() - began
 
 
@@ -126,6 +126,7 @@ def beside(system: System, dt: float) -> dict[str, Callable[[State], object]]:
     """What is measured beside our step from a state."""
     scheme = BackwardEuler(dt)
     operator = system.organ.operator(scheme.a, scheme.d)
+    assert isinstance(operator, DynamicOperator | QuasiStaticOperator)
     right = np.random.default_rng(0).standard_normal(system.organ.size)
     lu = splu(csc_array(operator.A))
     sites = SiteColumns(system.organ.Y, lu.solve(np.asfortranarray(system.organ.Y.T.toarray())))
@@ -191,7 +192,10 @@ def prefactored(system: BlockSystem, solve: Callable[[Array], Array], sites: Sit
     return x
 
 
-HEAD = f"{'':18} {'unknowns':>9} {'Newton':>7} {'step':>9} {'floor':>9} {'step/floor':>11} {'prefactored':>12} {'assembled':>10}"
+HEAD = (
+    f"{'':18} {'unknowns':>9} {'Newton':>7} {'step':>9} {'floor':>9} {'step/floor':>11} "
+    f"{'prefactored':>12} {'assembled':>10}"
+)
 
 
 def line(row: Row) -> str:
