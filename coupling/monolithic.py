@@ -63,8 +63,9 @@ class OrganStep:
 def sparse_band(band: Array) -> coo_array:
     """A banded matrix (34, 3n) in coordinates."""
     size = band.shape[1]
-    place, column = np.indices(band.shape)
+    place, column = np.ogrid[: band.shape[0], :size]
     row = place - DIAGONAL + column
+    column = np.broadcast_to(column, band.shape)
     inside = (row >= 0) & (row < size) & (band != 0.0)
     return coo_array((band[inside], (row[inside], column[inside])), shape=(size, size))
 

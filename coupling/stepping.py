@@ -182,8 +182,8 @@ Take = Callable[[System, State, float], Step]
 def advance(system: System, state: State, dt: float, take: Take = try_step, depth: int = 0) -> list[Step]:
     """Go `dt` [s] further, in one step or, where it fails, in halves of it down to dt/2⁸.
 
-    `take` makes one step and is the monolithic implicit one unless another is named. A step at whose end the thread has left a hole is taken again without that hole. Raises `StepError` when the
-    smallest step fails too, `InversionError`.
+    `take` makes one step and is the monolithic implicit one unless another is named. A step at whose end the thread has
+    left a hole is taken again without that hole. Raises `StepError` when the smallest step fails too, `InversionError`.
     """
     step = None
     try:
