@@ -160,11 +160,25 @@ def mesh_of(table: model.Mesh, holes: Sequence[model.Piercing]) -> skfem.MeshTet
     sites = [hole.at for hole in holes]
     radius = max((hole.footprint for hole in holes), default=0.0)
     if isinstance(table, model.CylinderMesh):
-        return cylinder(table.radius, table.length, table.h, table.h_site, sites, site_radius=radius)
+        near = [inside_cylinder(site, table.radius, table.length) for site in sites]
+        return cylinder(table.radius, table.length, table.h, table.h_site, near, site_radius=radius)
     if table.h_site is None and table.generator == "structured":
         return block(table.size, table.h)
     graded = graded_block_structured if table.generator == "structured" else graded_block_gmsh
-    return graded(table.size, table.h, table.h_site or table.h, sites, radius=radius)
+    return graded(table.size, table.h, table.h_site or table.h, inside_block(sites, table.size), radius=radius)
+
+
+def inside_block(sites: Sequence[Sequence[float]], size: Sequence[float]) -> Array:
+    """The nearest points of the block: a site off the organ is refused later, with its distance."""
+    x, y, z = size
+    return np.clip(np.reshape(sites, (-1, 3)), (-x / 2, -y / 2, -z), (x / 2, y / 2, 0.0))
+
+
+def inside_cylinder(site: Sequence[float], radius: float, length: float) -> Array:
+    """The nearest point of the cylinder, as for the block."""
+    x, *across = site
+    reach = float(np.hypot(*across))
+    return np.array([np.clip(x, -length / 2, length / 2), *(c * min(1.0, radius / max(reach, radius)) for c in across)])
 
 
 def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.MeshTet:
