@@ -54,6 +54,12 @@ class Pulled(Free):
     load: Array
     ramp: float = 0.0
 
+    def __post_init__(self) -> None:
+        if not (np.all(np.isfinite(self.load)) and 0.0 <= self.ramp < np.inf):
+            raise ThreadError(
+                f"pulled end: load {self.load} N, ramp {self.ramp} s; allowed are finite numbers, ramp ≥ 0"
+            )
+
     def force(self, time: float) -> Array:
         """The load, or the part of it that the ramp has reached [N]."""
         return self.load if time >= self.ramp else self.load * (time / self.ramp)

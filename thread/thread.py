@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline
 from scipy.sparse import csr_matrix, diags_array
 
 from thread.energy import (
@@ -32,11 +33,6 @@ DIAGONAL = 2 * HALF_BAND  # row of the storage that holds the main diagonal
 
 MASS_POINTS = 4  # exact for the product of two cubics
 ELASTIC_POINTS = 2
-# Membrane locking: a cubic cannot keep |T| = 1 all along a span whose curvature changes, and at the stiffness of a real
-# suture that blocks its bending. So a span resists its mean strain in full and what deviates from it by this part:
-# measured on the elastica with 20 control points (PL²/EI = 10) the error is 6e-4 with 1, 9e-5 with 0.1, 2e-5 with 0;
-# with 0 a coarse thread finds ways to stretch where it bends, and Newton fails.
-DEVIATION = 0.1
 
 
 class CrossSection(Protocol):
@@ -77,18 +73,31 @@ def gauss_rule(spline: Spline, points: int) -> Rule:
     return Rule(s, 0.5 * (right - left) * w, b.reshape(*s.shape, 4, LOCAL))
 
 
+def exact_weights(spline: Spline, s: Array) -> Array:
+    """Weights (n − 1,) [m] at as many points that integrate every function the derivative of the spline consists of.
+
+    Raises `ThreadError` where one is not positive: the spans are too unequal.
+    """
+    t = spline.knots[1:-1]
+    functions = BSpline(t, np.eye(spline.n - 1), 2)(s)
+    w = np.linalg.solve(functions.T, (t[3:] - t[:-3]) / 3.0)
+    if not np.all(w > 0.0):
+        raise ThreadError("knots: neighbouring spans differ too much for a positive rule; grade them more gently")
+    return np.asarray(w, dtype=np.float64)
+
+
 @dataclass(frozen=True)
 class Points:
     """The curve at the quadrature points of an iterate: what energy, force and tangent share.
 
-    `T`, `K` (spans, g, 3), first and second derivative of P [-, 1/m]; `strain` (spans, g), axial, the deviation from
-    the mean of the span reduced: EA times it is the axial force; `full_strain` (spans, g), nothing reduced.
+    `T`, `K` (spans, g, 3), first and second derivative of P at the points of the bending [-, 1/m]; `T_axial` (spans, g,
+    3) and `strain` (spans, g) at those of the stretch.
     """
 
     T: Array
     K: Array
+    T_axial: Array
     strain: Array
-    full_strain: Array
 
 
 @dataclass(frozen=True)
@@ -105,12 +114,11 @@ class Thread:
     damping: float = 0.0
     point_masses: tuple[float, float] = (0.0, 0.0)
     elastic_points: int = ELASTIC_POINTS
-    deviation: float = DEVIATION
 
     def __post_init__(self) -> None:
         if not self.damping >= 0.0:
             raise ThreadError(f"damping: {self.damping} 1/s; allowed are numbers from 0 on")
-        if min(self.point_masses) < 0.0:
+        if not min(self.point_masses) >= 0.0:
             raise ThreadError(f"mass of an end: {min(self.point_masses)} kg; allowed are numbers from 0 on")
 
     @property
@@ -135,8 +143,30 @@ class Thread:
 
     @cached_property
     def elastic_rule(self) -> Rule:
-        """Reduced rule of both elastic energies."""
+        """Gauss rule of the bending energy."""
         return gauss_rule(self.spline, self.elastic_points)
+
+    @cached_property
+    def axial_rule(self) -> Rule:
+        """Rule of the stretching energy: the middle of each span, and the Gauss points of the two end spans and of a
+        span that begins at a repeated knot.
+
+        A cubic cannot keep |T| = 1 all along a span whose curvature changes, and at the stiffness of a real suture a
+        full rule blocks its bending (membrane locking). These are n − 1 points, as many as T has functions, so nothing
+        stretches unseen either; their weights integrate each of those functions exactly, so a uniform tension is in
+        equilibrium on any knots. The single point is written as two equal ones, to keep one shape for all spans.
+        """
+        spline, full = self.spline, self.elastic_rule
+        breaks, repeats = np.unique(spline.knots, return_counts=True)
+        single = ((repeats[:-1] == 1) & (repeats[1:] < LOCAL))[:, None]
+        s = np.where(single, 0.5 * (breaks[:-1] + breaks[1:])[:, None], full.s)
+        once = np.ones(s.shape, dtype=bool)
+        once[single[:, 0], 1:] = False
+        w = np.zeros(s.shape)
+        w[once] = exact_weights(spline, s[once])
+        w = np.where(single, w.sum(axis=1, keepdims=True) / s.shape[1], w)
+        _, b = spline.basis(s.ravel())
+        return Rule(s, w, b.reshape(full.b.shape))
 
     # -- linear parts ------------------------------------------------------------------------------------------
 
@@ -151,6 +181,11 @@ class Thread:
         ends = np.zeros(self.n)
         ends[[0, -1]] = self.point_masses
         return csr_matrix(M + diags_array(ends))
+
+    @cached_property
+    def largest_mass(self) -> float:
+        """Largest entry of the mass matrix [kg]."""
+        return float(abs(self.mass_matrix).max())
 
     @cached_property
     def mass_band(self) -> Array:
@@ -198,83 +233,61 @@ class Thread:
 
     @cached_property
     def _evaluation(self) -> Array:
-        """Rows that map the four points of a span to T at its Gauss points, then to T', `(spans, 2g, 4)`."""
-        b = self.elastic_rule.b
-        return np.concatenate([b[:, :, 1], b[:, :, 2]], axis=1)
+        """Rows from the four points of a span to T and T' of the bending and T of the stretch, `(spans, 3g, 4)`."""
+        bending, axial = self.elastic_rule.b, self.axial_rule.b
+        return np.concatenate([bending[:, :, 1], bending[:, :, 2], axial[:, :, 1]], axis=1)
 
     @cached_property
     def _force_map(self) -> Array:
-        """Transposed, weighted evaluation: point values of the stress to span forces, `(spans, 4, 2g)`."""
-        w = np.tile(self.elastic_rule.w, 2)
+        """Transposed, weighted evaluation: point values of the stress to span forces, `(spans, 4, 3g)`."""
+        w = np.concatenate([self.elastic_rule.w, self.elastic_rule.w, self.axial_rule.w], axis=1)
         return np.ascontiguousarray((self._evaluation * w[:, :, None]).swapaxes(1, 2))
 
     @cached_property
     def _tangent_map(self) -> Array:
-        """Weighted products b_i b_j that carry point Hessians (TT, TK, KT, KK) to span matrices, `(spans, 16, 4g)`."""
+        """Weighted b_i b_j that carry point Hessians (TT, TK, KT, KK, axial) to span matrices, `(spans, 16, 5g)`."""
         w, d1, d2 = self.elastic_rule.w, self.elastic_rule.b[:, :, 1], self.elastic_rule.b[:, :, 2]
-        pairs = ((d1, d1), (d1, d2), (d2, d1), (d2, d2))
-        maps = [np.einsum("eg,egi,egj->eijg", w, x, y) for x, y in pairs]
+        axial, w_axial = self.axial_rule.b[:, :, 1], self.axial_rule.w
+        products = ((w, d1, d1), (w, d1, d2), (w, d2, d1), (w, d2, d2), (w_axial, axial, axial))
+        maps = [np.einsum("eg,egi,egj->eijg", *product) for product in products]
         return np.ascontiguousarray(np.concatenate(maps, axis=-1).reshape(len(w), LOCAL * LOCAL, -1))
-
-    @cached_property
-    def _softening(self) -> Array:
-        """Mean of a span plus a part of the deviation from it, as a matrix (g, g); the Gauss weights are equal."""
-        g = self.elastic_points
-        return self.deviation * np.eye(g) + (1.0 - self.deviation) / g
-
-    @cached_property
-    def _mean_weight(self) -> Array:
-        """Stiffness of the mean strain left beside that of the points, shape (spans, 1, 1) [N/m]."""
-        return (1.0 - self.deviation) * self.EA / np.diff(self.spline.breaks)[:, None, None]
-
-    @cached_property
-    def _mean_map(self) -> Array:
-        """From T at the points of a span to the derivative of ∫ε ds over it by its four points, `(spans, 4, g)`."""
-        return np.ascontiguousarray(self._force_map[:, :, : self.elastic_points])
 
     # -- nonlinear parts ---------------------------------------------------------------------------------------
 
     def points(self, q: Array) -> Points:
         """Evaluate the curve at the quadrature points."""
-        values = self._evaluation @ q[self.points_of_span]
-        T, K = values[:, : self.elastic_points], values[:, self.elastic_points :]
-        strain = axial_strain(T)
-        return Points(T, K, self.softened(strain), strain)
-
-    def softened(self, strain: Array) -> Array:
-        """Mean of each span plus the part `deviation` of what deviates from it, shape as given (spans, g)."""
-        return strain @ self._softening
+        values, g = self._evaluation @ q[self.points_of_span], self.elastic_points
+        T_axial = values[:, 2 * g :]
+        return Points(values[:, :g], values[:, g : 2 * g], T_axial, axial_strain(T_axial))
 
     def energy(self, points: Points) -> float:
         """Elastic energy [J]."""
-        stretch, bend = points.strain * points.full_strain, curvature_squared(points.T, points.K)
-        return float(0.5 * np.sum(self.elastic_rule.w * (self.EA * stretch + self.EI * bend)))
+        stretch = self.EA * np.sum(self.axial_rule.w * points.strain**2)
+        bend = self.EI * np.sum(self.elastic_rule.w * curvature_squared(points.T, points.K))
+        return float(0.5 * (stretch + bend))
 
     def gradient(self, points: Points) -> Array:
         """Derivative of the elastic energy by the control points, shape `(n, 3)` [N]."""
         d_T, d_K = curvature_squared_gradient(points.T, points.K)
         half = 0.5 * self.EI
-        stress = np.concatenate([self.EA * points.strain[..., None] * points.T + half * d_T, half * d_K], axis=1)
-        return self.vector(self._force_map @ stress)
+        axial = self.EA * points.strain[..., None] * points.T_axial
+        return self.vector(self._force_map @ np.concatenate([half * d_T, half * d_K, axial], axis=1))
 
     def tangent(self, points: Points, N: Array) -> Array:
         """Second derivative of the elastic energy, banded `(34, 3n)` [N/m].
 
-        `N` (spans, g) [N] is the axial force at the Gauss points: `EA * points.strain` for the exact Hessian, the
-        iterated force for the mixed-integration-point Newton.
+        `N` (spans, g) [N] is the axial force at the points of the stretch: `EA * points.strain` for the exact Hessian,
+        the iterated force for the mixed-integration-point Newton.
         """
         spans, g = N.shape
-        H = np.empty((spans, 4, g, 3, 3))
+        H = np.empty((spans, 5, g, 3, 3))
         H[:, 0], H[:, 1], H[:, 3] = curvature_squared_hessian(points.T, points.K)
         H[:, 2] = H[:, 1].swapaxes(-1, -2)
-        H *= 0.5 * self.EI
-        H[:, 0] += axial_stiffness(points.T, N, self.deviation * self.EA)
-        blocks = (self._tangent_map @ H.reshape(spans, 4 * g, 9)).reshape(-1, LOCAL, LOCAL, 3, 3)
-        mean = self._mean_map @ points.T
-        blocks += (self._mean_weight * mean)[:, :, None, :, None] * mean[:, None, :, None, :]
-        return self.band(blocks)
+        H[:, :4] *= 0.5 * self.EI
+        H[:, 4] = axial_stiffness(points.T_axial, N, self.EA)
+        return self.band((self._tangent_map @ H.reshape(spans, 5 * g, 9)).reshape(-1, LOCAL, LOCAL, 3, 3))
 
     def next_axial_force(self, points: Points, dq: Array) -> Array:
         """N of the next iterate, EA (ε + T·δT): the solution of its own linearised equation N/EA = ε(q) [N]."""
-        d_T = self._evaluation[:, : self.elastic_points] @ dq[self.points_of_span]
-        return self.EA * (points.strain + self.softened(dot(points.T, d_T)))
+        d_T = self._evaluation[:, 2 * self.elastic_points :] @ dq[self.points_of_span]
+        return self.EA * (points.strain + dot(points.T_axial, d_T))

@@ -1,0 +1,15 @@
+"""The bounds of all comparisons, each relative to a scale that the test names; none is fitted to the output."""
+
+IDENTITY = 1e-12  # two ways to write one number: a few thousand roundings of 1e-16
+RESIDUAL = 1e-10  # an equation that a solver says it solved
+TWO_SOLVERS = 1e-8  # one answer by two roads, both converged to RESIDUAL, times a condition number of 100
+AXIAL = 2e-14  # of EA: |T|² − 1 is a difference of numbers near 1, so no axial force is known better than that
+GAP = 1e-9  # a constraint at the end of an accepted step, relative to the thread's diameter
+SLOPE = 0.15  # decades: a central difference's error falls by 100 ± 40 % when its step falls by 10
+ORDER = 0.15  # of an observed order of convergence about the one of theory
+
+ELASTICA_COARSE = 1e-3  # tip of the elastica over its length, with 20 control points
+ELASTICA_FINE = 1e-5  # with 60, above the stretch P/EA of a real suture (6e-6)
+CATENARY = 1e-4  # of sag and forces; the model's own EI and EA change them by less than 1e-5
+LINEAR = 1e-6  # a beam in its linear range, at loads whose geometric effect is below 1e-7
+BUCKLING = 1e-4  # post-buckled shape over the length

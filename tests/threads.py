@@ -1,0 +1,167 @@
+"""Threads, organs and starts shared by the tests of thread and coupling; and derivatives checked by slope."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import skfem
+from bounds import SLOPE
+from numpy.typing import NDArray
+
+import tissue
+from coupling.start import start
+from coupling.stepping import Step, advance
+from coupling.system import Piercing, State, System
+from thread.ends import End, Free
+from thread.spline import Spline, uniform_knots
+from thread.thread import BAND_ROWS, DIAGONAL, MASS_POINTS, Thread, gauss_rule
+
+Array = NDArray[np.float64]
+Path = Callable[[Array], Array]
+
+X, Y, Z = np.eye(3)
+ORIGIN = np.zeros(3)
+FREE = (Free(), Free())
+
+
+@dataclass(frozen=True)
+class Strand:
+    """A section given by its products: `diameter` [m], `rhoA` [kg/m], `EA` [N], `EI` [N m²]."""
+
+    diameter: float = 0.3195e-3
+    rhoA: float = 7.25571e-5
+    EA: float = 240.521
+    EI: float = 1.534527e-6
+
+
+PP = Strand()  # 2-0 polypropylene: E = 3 GPa, 905 kg/m³, solid circle
+
+
+def thread_on(knots: Array, section: Strand = PP, **options: Any) -> Thread:
+    """A thread on given knots."""
+    return Thread(Spline(knots), section, **options)
+
+
+def uniform(length: float, n: int, section: Strand = PP, **options: Any) -> Thread:
+    """A thread of `n` control points with equal spans."""
+    return thread_on(uniform_knots(length, n), section, **options)
+
+
+def greville(spline: Spline) -> Array:
+    """Abscissae of the control points of a straight thread, shape `(n,)` [m]: the blossom of s."""
+    return (spline.knots[1:-3] + spline.knots[2:-2] + spline.knots[3:-1]) / 3.0
+
+
+def straight(spline: Spline, origin: Array = ORIGIN, along: Array = X) -> Array:
+    """Control points of the straight thread P(s) = origin + s along, exact, shape `(n, 3)` [m]."""
+    return origin + greville(spline)[:, None] * along
+
+
+def bent(spline: Spline, seed: int = 0) -> Array:
+    """A thread bent and stretched by a tenth in no special way, shape `(n, 3)` [m]."""
+    rng = np.random.default_rng(seed)
+    x = greville(spline) / spline.end
+    a, b = rng.uniform(-0.1, 0.1, (2, 4, 3))
+    waves = np.pi * x[:, None] * np.arange(1, 5)
+    return straight(spline) + spline.end * (np.sin(waves) @ (a / np.arange(1, 5)[:, None]) + np.cos(waves) @ (0.3 * b))
+
+
+def dense(band: Array) -> Array:
+    """A banded matrix as a full one."""
+    size = band.shape[1]
+    full = np.zeros((size, size))
+    for r in range(BAND_ROWS):
+        column = np.arange(max(0, DIAGONAL - r), min(size, size + DIAGONAL - r))
+        full[column + r - DIAGONAL, column] = band[r, column]
+    return full
+
+
+def laid(system: System, s: Any, path: Path) -> State:
+    """The consistent start of a thread along a path given by its arc length."""
+    return start(system, np.asarray(s, float), path(gauss_rule(system.thread.spline, MASS_POINTS).s), 1.0)
+
+
+def line(origin: Array, along: Array) -> Path:
+    """A straight path."""
+    return lambda s: origin + np.asarray(s)[..., None] * along
+
+
+def hairpin(radius: float, length: float) -> Path:
+    """Down a leg, half a circle below z = 0, up the other leg: through two holes 2 `radius` apart, at right angles."""
+    arc = np.pi * radius
+    leg = 0.5 * (length - arc)
+
+    def at(s: Array) -> Array:
+        s = np.asarray(s, float)
+        angle = np.clip((s - leg) / radius, 0.0, np.pi)
+        above = np.where(s < leg, leg - s, np.where(s > leg + arc, s - leg - arc, 0.0))
+        return np.stack([-radius * np.cos(angle), 0.0 * s, above - radius * np.sin(angle)], axis=-1)
+
+    return at
+
+
+def without_organ(
+    thread: Thread, ends: tuple[End, End] = FREE, piercings: tuple[Piercing, ...] = (), sites: Any = (), **options: Any
+) -> System:
+    """A system whose holes are fixed in space: `sites` as (point, direction)."""
+    placed = tissue.fixed_sites([tissue.Site(point, direction=direction) for point, direction in sites])
+    return System(thread, ends, placed, piercings, **options)
+
+
+def run(system: System, state: State, dt: float, steps: int) -> list[Step]:
+    """`steps` times `dt` further, halved where need be."""
+    out: list[Step] = []
+    for _ in range(steps):
+        out += advance(system, state, dt)
+        state = out[-1].new
+    return out
+
+
+RADIUS, LENGTH = 5e-3, 0.076
+SITES = (np.array([-RADIUS, 0.0, 0.0]), np.array([RADIUS, 0.0, 0.0]))
+LEG = 0.5 * (LENGTH - np.pi * RADIUS)
+ABSCISSAE = (LEG, LENGTH - LEG)
+
+
+def block_organ(element: str, inertia: bool, direction: Any = "normal", E: float = 1e5, **options: Any) -> Any:
+    """A small block, top at z = 0, held below, with the two sites of the hairpin on its top."""
+    lines = np.linspace(-0.015, 0.015, 7), np.linspace(-0.01, 0.01, 5), np.linspace(-0.01, 0.0, 4)
+    mesh = skfem.MeshTet.init_tensor(*lines).with_boundaries({"bottom": lambda x: np.isclose(x[2], -0.01)})
+    body = tissue.elasticity(mesh, tissue.Material(E, 0.45, 1070.0), element, ("bottom",))
+    sites = tissue.build_sites(body, [tissue.Site(point, 2e-3, "parabolic", direction) for point in SITES])
+    return (tissue.DynamicOrgan if inertia else tissue.QuasiStaticOrgan)(body, sites, **options)
+
+
+def hairpin_sites() -> tissue.FixedSites:
+    """The two holes of the hairpin fixed in space. Their frames' normal is up: an entry and an exit."""
+    return tissue.fixed_sites([tissue.Site(point, direction=Z) for point in SITES])
+
+
+def hairpin_system(organ: Any, ends: tuple[End, End], n: int = 40, holes: Any = None, **options: Any) -> System:
+    """The hairpin through two holes of an organ."""
+    holes = (Piercing("entry"), Piercing("exit")) if holes is None else holes
+    return System(uniform(LENGTH, n), ends, organ, holes, **options)
+
+
+def moving(state: State, v: Array) -> State:
+    """The state with the velocity `v`."""
+    return replace(state, v=v)
+
+
+def assert_slope(f: Callable[[float], Array], exact: Array, h: float = 1.0) -> None:
+    """Central differences of `f` at 0 tend to `exact` with the square of their step, down to round-off.
+
+    Steps `h`, `h`/10, …; a pair of errors counts while the smaller is a hundred times its round-off. A function whose
+    first difference is exact to 1e-9 is a polynomial of degree two along the line, and counts as well.
+    """
+    exact = np.asarray(exact, float)
+    size = np.abs(exact).max()
+    assert size > 0.0, "nothing to check: the derivative is zero"
+    steps = h * 10.0 ** -np.arange(5)
+    errors = np.array([np.abs((f(x) - f(-x)) / (2 * x) - exact).max() for x in steps]) / size
+    round_off = 2e-16 * np.abs(f(0.0)).max() / size / steps + 1e-15
+    counts = errors[1:] > 100 * round_off[1:]
+    decades = np.log10(errors[:-1][counts] / errors[1:][counts])
+    assert errors.min() < 1e-5, f"errors {errors}"
+    assert errors[0] < 1e-9 or (decades.size and abs(decades[-1] - 2.0) < SLOPE), f"errors {errors}"
