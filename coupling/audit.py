@@ -1,16 +1,29 @@
 """The energy audit of a step: every joule of work goes somewhere, each place by its own formula.
 
 Dot the thread's equation with Δq and the organ's with ΔU. With Φ = 0 at both ends of the step the constraints' work
-is what the driving force Φ_sᵀλ takes through the hole, −Φ_sᵀλ Δs, plus a remainder of third order in the step, which
-belongs to the integrator. Backward Euler dissipates ½Δvᵀ M Δv, and of the elastic energy ∂E(q⁺)·Δq − ΔE.
+is what the driving force Φ_sᵀλ takes through the hole, −Φ_sᵀλ Δs, plus a remainder of second order in the step, which
+belongs to the integrator. Backward Euler dissipates ½Δvᵀ M Δv, and of the elastic energy ∂E(q⁺)·Δq − ΔE. Under BDF2,
+a⁺ ≠ Δv/Δt and Δq ≠ Δt v⁺, and the inertia takes a⁺ᵀMΔq − v⁺ᵀMΔv more, of either sign. All works are those of the forces
+at the end of the step along it: a rectangle rule, first order whatever the scheme, and what separates it from the exact
+work stands with the integrator's share.
+
+When thread and organ are stepped one after the other (`coupling.staggered`) the holes move after the thread has, and
+the constraints' work on the two does not cancel: `coupling.staggered.work_of_the_lag`, which is in the remainder. It is
+the integrator's too: a negative numerical dissipation is energy that the scheme has created.
+
+The linear step (`coupling.baumgarte`) takes the elastic force as linearised at the start of the step; its work beyond
+that of the true force stands with the integrator's, by the formula of both. Its constraint forces are those of the
+start, and Φ is not zero at its ends: exact are kinetic, elastic, external, viscous and friction work; the remainder is
+the constraints' work on what they let the thread do.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from coupling.bdf2 import scheme_of
 from coupling.constraints import driving_force, passage, site_force, spread, thread_force
-from coupling.stepping import Step
+from coupling.stepping import Step, thread_motion
 from coupling.system import State, System
 
 
@@ -62,11 +75,13 @@ def audited(system: System, before: Energies, step: Step) -> Energies:
     viscous = thread.damping * np.sum(new.v * (M @ dq)) + organ.viscous
     numerical = (
         0.5 * np.sum(dv * (M @ dv))
+        + two_step_inertia(system, step)
         + np.sum(thread.gradient(points) * dq)
         - (elastic - before.elastic_thread)
         + organ.numerical
         + eps_numerical
         + remainder
+        + step.solution.linearisation
     )
     kinetic = thread_kinetic(system, new) + organ.kinetic
     change = kinetic - before.kinetic + elastic - before.elastic_thread + organ.elastic - before.elastic_tissue
@@ -90,15 +105,28 @@ def held_work(step: Step) -> float:
     return float(step.solution.residual.thread.ravel()[held] @ dq[held])
 
 
+def two_step_inertia(system: System, step: Step) -> float:
+    """a⁺ᵀMΔq − v⁺ᵀMΔv of the thread under BDF2 [J]; zero after a step without memory, of backward Euler."""
+    old, new, M = step.old, step.new, system.thread.mass_matrix
+    if new.q_before is None:
+        return 0.0
+    scheme = scheme_of(old, step.dt)
+    acceleration = scheme.a * (new.q - scheme.inertia_reference(*thread_motion(scheme, old)))
+    work = np.sum(acceleration * (M @ (new.q - old.q))) - np.sum(new.v * (M @ (new.v - old.v)))
+    return float(work)
+
+
 def sliding_work(system: System, step: Step) -> tuple[float, float, float]:
     """Friction's dissipation, ε's own dissipation, and the remainder of the constraints' work [J]."""
     old, new, at = step.old, step.new, step.solution.residual.passage
     ds, p = new.s - old.s, len(system.piercings)
-    drive = driving_force(at, new.lam, new.y)
-    ideal_inertia = system.epsilon * (new.s_dot - old.s_dot) / step.dt
+    y = step.solution.iterate.y  # where the holes were when the thread was solved; new.y but in a staggered step
+    drive = driving_force(at, new.lam, y)
+    law = step.solution.problem.law
+    ideal_inertia = law.inertia * (new.s - law.s_free)
     friction = np.sum((drive - ideal_inertia) * ds)
-    eps_numerical = 0.5 * system.epsilon * np.sum((new.s_dot - old.s_dot) ** 2)
-    work = np.sum(spread(thread_force(new.lam, new.y), at, system.thread.n) * (new.q - old.q))
+    eps_numerical = ideal_inertia @ ds - 0.5 * system.epsilon * np.sum(new.s_dot**2 - old.s_dot**2)
+    work = np.sum(spread(thread_force(new.lam, y), at, system.thread.n) * (new.q - old.q))
     work += np.sum(site_force(at, new.lam)[:p] * (new.y - old.y)[:p])
     return float(friction), float(eps_numerical), float(-work - np.sum(drive * ds))
 

@@ -6,9 +6,10 @@ V = (b, b', b'') ⊗ I₃ each; so the thread enters the border by its own compl
 Unknowns of the border, per hold: s, λ (3), μ_u, μ_v, then y = (x, u, v).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.lapack import dgbtrf, dgbtrs, dgesv
 
 from coupling.constraints import LOCAL, Array, Indices, Passage, dot, moment_arm
@@ -70,6 +71,16 @@ def linearise(thread: Passage, lam: Array, y: Array) -> Border:
     F[:, 3:6, S], F[:, 6:9, S] = lam[:, 3:4] * K, lam[:, 4:5] * K
     R[:, 3:6, AT_T], R[:, 6:9, AT_T] = mu_u, mu_v
     return Border(E, B, D, F, R)
+
+
+def without(border: Border, absent: NDArray[np.bool_]) -> Border:
+    """The border with the constraints that are `absent`, (m, 5), replaced by λ = 0."""
+    B, D = border.B.copy(), border.D.copy()
+    hold, k = np.nonzero(absent)
+    B[hold, PHI.start + k] = 0.0
+    D[hold, PHI.start + k] = 0.0
+    D[hold, PHI.start + k, LAM.start + k] = 1.0
+    return replace(border, B=B, D=D)
 
 
 def columns(thread: Passage, n: int) -> Array:

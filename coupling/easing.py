@@ -22,22 +22,24 @@ def eased(problem: Problem, start: Iterate) -> Solution:
     thread, law = problem.system.thread, problem.law
     k = first = thread.EA / (thread.spline.end - thread.spline.start)
     z, iterations = replace(start, s=law.s_old), 0
+    failed = StepError(problem.time - problem.dt, problem.dt, "the sliding thread found no rest")
     for _ in range(ATTEMPTS):
         held_back = replace(problem, law=replace(law, inertia=law.inertia + k, s_free=balanced(problem, z.s, k)))
         try:
             solution = solve(held_back, z)
-        except StepError:
-            k *= STRONGER
+        except StepError as error:
+            failed, k = error, k * STRONGER
             continue
         iterations += solution.iterations
         z, k = solution.iterate, k * WEAKER
         if k < 1e-2 * first:
             try:
                 free = solve(problem, z)
-            except StepError:
+            except StepError as error:
+                failed = error
                 continue
             return replace(free, iterations=iterations + free.iterations)
-    raise StepError(problem.time - problem.dt, problem.dt, "no equilibrium of the sliding thread was found")
+    raise failed
 
 
 def balanced(problem: Problem, s: np.ndarray, k: float) -> np.ndarray:

@@ -28,6 +28,7 @@ from coupling.system import State, System
 WEAKER = 10.0  # the tie is weakened by this factor after a success, tightened by its square root after a failure
 ATTEMPTS = 60
 FIRST_TIE = 1.0  # of the thread's stiffest entry
+LAID_TIE = 1e-4  # of that, for a thread as it was laid: Newton alone might jump to an equilibrium that does not hold
 
 
 def static_problem(
@@ -56,7 +57,7 @@ def settle(system: System, state: State, share: float, duration: float) -> Step:
     """Equilibrium at the part `share` of the final loads. Raises `StepError`."""
     operator = system.organ.operator(0.0, 0.0)
     prediction = operator.predict(state.organ, system.organ.history((), ()))
-    tie, now, cause = 0.0, state, None
+    tie, now, cause = first_tie(system, state) * LAID_TIE if state.time == 0.0 else 0.0, state, None
     for _ in range(ATTEMPTS):
         problem = static_problem(system, now, share, duration, tie, operator.C, prediction.y_free)
         try:

@@ -25,6 +25,25 @@ class StepError(CouplingError):
 
 
 @dataclass
+class RunAwayError(CouplingError):
+    """A staggered run that is unstable: thread and organ answer each other with ever larger motions.
+
+    `time` [s] and `dt` [s] of the step; at `piercing` the hole moved by `way` [m].
+    """
+
+    time: float
+    dt: float
+    piercing: str
+    way: float
+
+    def __str__(self) -> str:
+        return (
+            f"the staggered step from t = {self.time:.6g} s with dt = {self.dt:.3g} s ran away: the hole of piercing "
+            f'{self.piercing!r} moved by {self.way:.3g} m; use solve.coupling = "monolithic", or another dt'
+        )
+
+
+@dataclass
 class InversionError(CouplingError):
     """The thread's tangent flipped through a hole: an entry became an exit (§4.2)."""
 
@@ -36,3 +55,26 @@ class InversionError(CouplingError):
             f"at t = {self.time:.6g} s the thread flipped at piercing {self.piercing!r}: its tangent points out of the "
             "wrong side of the hole; pull less sideways, use a smaller dt, or more control points near the hole"
         )
+
+
+@dataclass
+class ConstraintError(CouplingError):
+    """Constraints that cannot be met together; `cause` names the piercings."""
+
+    time: float
+    cause: str
+
+    def __str__(self) -> str:
+        return f"at t = {self.time:.6g} s {self.cause}"
+
+
+@dataclass
+class FormingError(CouplingError):
+    """A piercing that cannot begin: the thread is not where its hole is."""
+
+    time: float
+    piercing: str
+    cause: str
+
+    def __str__(self) -> str:
+        return f"at t = {self.time:.6g} s piercing {self.piercing!r} cannot begin: {self.cause}"

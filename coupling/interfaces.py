@@ -5,7 +5,7 @@ generalized force on the organ conjugate to y, Φ_yᵀλ. A time scheme is two n
 acceleration = a (U − U_a), velocity = d (U − U_d); backward Euler has a = 1/Δt², U_a = U + Δt V, d = 1/Δt, U_d = U.
 """
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,3 +100,20 @@ class Organ(Protocol):
 
     def site_variables(self, state: Any) -> Array:
         """y, shape `(9p,)`."""
+
+
+@runtime_checkable
+class JumpingOrgan(Organ, Protocol):
+    """What a piercing that begins asks of an organ beside: to be drawn to the thread, and to take an impulse."""
+
+    def site_velocities(self, state: Any) -> Array:
+        """dy/dt, shape `(9p,)`."""
+
+    def site_mobility(self) -> Array | None:
+        """Y M⁻¹ Yᵀ, jump of dy/dt by an impulse conjugate to y, shape `(9p, 9p)`; None without mass to take one."""
+
+    def kicked(self, state: Any, impulse: Array) -> Any:
+        """The state after an impulse `(9p,)` on its sites: V + M⁻¹ Yᵀ impulse."""
+
+    def moved(self, state: Any, operator: Any, f_y: Array) -> Any:
+        """The state with other site forces and the displacement that an operator gives their change; V is kept."""

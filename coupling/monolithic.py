@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 from coupling.border import LAM, MU_V, NINE, OWN, Border, S, Y, columns
 from coupling.constraints import Array, site_force
 from coupling.interfaces import OrganOperator
-from coupling.newton import Iterate, Problem, Residual, Solution, border_of, solve
+from coupling.newton import Iterate, Problem, Residual, Solution, border_of, cut, solve
 from coupling.stepping import all_holds
 from thread.thread import DIAGONAL
 
@@ -146,6 +146,7 @@ def monolithic_solve(problem: Problem, organ: OrganStep, start: Iterate, U: Arra
         assert isinstance(z, Monolith)
         system = assemble(problem, organ, z, r)
         x = linear(system)
+        x *= cut(problem, x[system.blocks["q"]])
         dq = x[system.blocks["q"]].reshape(-1, 3)
         U_next = z.U + x[system.blocks["U"]]
         return replace(

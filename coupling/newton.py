@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from coupling.border import (
-    LAM,
     NINE,
     PHI,
     Border,
@@ -24,15 +23,18 @@ from coupling.border import (
     Y,
     direction,
     linearise,
+    without,
 )
 from coupling.constraints import Array, Passage, passage, phi, site_force, spread, thread_force
 from coupling.errors import StepError
-from coupling.sliding import Law, linearise_law, next_slip
+from coupling.sliding import Law, admissible, linearise_law, next_slip
 from coupling.sliding import residual as law_residual
 from coupling.system import Flags, System
 from thread.thread import Points
 
-MAX_ITERATIONS = 25
+MAX_ITERATIONS = 25  # for one active set of the friction
+MAX_SETS = 20
+MARGIN = 4.0  # of the force tolerance: two solved sets differ by two of them
 FORCE_TOLERANCE = 1e-10  # of the largest force in the step
 GAP_TOLERANCE = 1e-11  # of the thread's diameter
 DIRECTION_TOLERANCE = 1e-11  # of |T||u| ≈ 1
@@ -94,12 +96,17 @@ class Residual:
 
 @dataclass(frozen=True)
 class Solution:
-    """A converged step: its problem, the iterate, the residual, and the number of Newton directions it took."""
+    """A converged step: its problem, the iterate, the residual, and the number of Newton directions it took.
+
+    The constraint forces are those of `residual.passage` and `iterate.y`: the end of the step, but its start for the
+    linear one, whose elastic force does the work `linearisation` [J] beyond the true one's.
+    """
 
     problem: Problem
     iterate: Iterate
     residual: Residual
     iterations: int
+    linearisation: float = 0.0
 
 
 def evaluate(problem: Problem, z: Iterate) -> Residual:
@@ -119,10 +126,17 @@ def evaluate(problem: Problem, z: Iterate) -> Residual:
     return Residual(points, at, balance, holds, site, max(float(scale), system.thread.force_unit))
 
 
+def force_tolerance(problem: Problem, r: Residual) -> float:
+    """What a force may be off by in a solved step [N]: a part of the largest, or the round-off of those that cancel."""
+    thread = problem.system.thread
+    inertia = problem.mass_factor * thread.largest_mass * np.abs(problem.q_ref).max()
+    return FORCE_TOLERANCE * r.force_scale + ROUND_OFF * (thread.EA + inertia)
+
+
 def converged(problem: Problem, z: Iterate, r: Residual) -> bool:
     """Whether every equation holds to its tolerance, each relative to a named scale."""
     thread = problem.system.thread
-    force = FORCE_TOLERANCE * r.force_scale + ROUND_OFF * thread.EA
+    force = force_tolerance(problem, r)
     gap = GAP_TOLERANCE * thread.section.diameter
     free = np.abs(r.thread.ravel())
     free[problem.system.held] = 0.0
@@ -142,12 +156,7 @@ def border_of(problem: Problem, z: Iterate, at: Passage) -> Border:
     """Linearised holds, with the rows of constraints that are not in force replaced by λ = 0."""
     border = linearise(at, z.lam, z.y)
     linearise_law(border, problem.law, z.slip, at, z.lam, z.y)
-    if not problem.rows.all():
-        hold, k = np.nonzero(~problem.rows)
-        border.B[hold, PHI.start + k] = 0.0
-        border.D[hold, PHI.start + k] = 0.0
-        border.D[hold, PHI.start + k, LAM.start + k] = 1.0
-    return border
+    return border if problem.rows.all() else without(border, ~problem.rows)
 
 
 def stiffened(problem: Problem, A: Array, border: Border, r: Residual) -> tuple[Array, Border, Array]:
@@ -167,6 +176,12 @@ def stiffened(problem: Problem, A: Array, border: Border, r: Residual) -> tuple[
     return A, replace(border, E=E), r.thread + spread(push, at, thread.n)
 
 
+def cut(problem: Problem, dq: Array) -> float:
+    """The part of a correction that is taken: all of it, or what moves no control point further than LONGEST_MOVE."""
+    spline = problem.system.thread.spline
+    return min(1.0, LONGEST_MOVE * (spline.end - spline.start) / max(float(np.abs(dq).max()), np.finfo(float).tiny))
+
+
 def correct(problem: Problem, z: Iterate, r: Residual) -> Iterate:
     """One Newton correction. Raises `SingularError`."""
     thread = problem.system.thread
@@ -177,9 +192,8 @@ def correct(problem: Problem, z: Iterate, r: Residual) -> Iterate:
         A, border, r_q = stiffened(problem, A, border, r)
     A = problem.system.hold_still(A)
     dq, dz = direction(A, problem.system.held, border, problem.C, r.passage, r_q, r.holds, r.site)
-    longest = np.abs(dq).max()
-    cut = min(1.0, LONGEST_MOVE * (thread.spline.end - thread.spline.start) / longest) if longest > 0.0 else 1.0
-    dq, dz = cut * dq, cut * dz
+    share = cut(problem, dq)
+    dq, dz = share * dq, share * dz
     N = thread.next_axial_force(r.points, dq)
     return Iterate(z.q + dq, N, z.s + dz[:, S], z.lam + dz[:, PHI], z.y + dz[:, Y], z.slip)
 
@@ -188,27 +202,41 @@ Corrector = Callable[[Problem, Iterate, Residual], Iterate]
 
 
 def solve(problem: Problem, start: Iterate, correct: Corrector = correct) -> Solution:
-    """Iterate from `start` until every equation holds. Raises `StepError` when it does not.
+    """Iterate from `start` until every equation holds and stick and slip fit the answer. Raises `StepError`.
 
-    `correct` makes one Newton correction; the default one condenses the organ.
+    `correct` makes one Newton correction; the default one condenses the organ. Each active set of friction is solved
+    out before it is judged. Where a set comes back, one hole changes at a time, the first that has to (Murty's
+    least-index rule); what is not at rest after MAX_SETS is given up.
     """
-    z = start
+    z, seen, iterations = replace(start, slip=admissible(problem.law, start.slip)), set(), 0
+    for _ in range(MAX_SETS):
+        solution = solve_set(problem, z, correct)
+        iterations += solution.iterations
+        z, r = solution.iterate, solution.residual
+        slip = next_slip(problem.law, z.slip, r.passage, z.s, z.lam, z.y, MARGIN * force_tolerance(problem, r))
+        changed = np.flatnonzero(slip != z.slip)
+        if changed.size == 0:
+            return replace(solution, iterations=iterations)
+        if slip.tobytes() in seen:
+            slip = np.where(np.arange(len(slip)) == changed[0], slip, z.slip)
+        seen.add(z.slip.tobytes())
+        z = replace(z, slip=slip)
+    raise failure(problem, r, "stick and slip of the friction alternate without end")
+
+
+def solve_set(problem: Problem, z: Iterate, correct: Corrector) -> Solution:
+    """Newton from `z` with its active set. Raises `StepError`."""
     r = evaluate(problem, z)
     for iteration in range(MAX_ITERATIONS):
-        slip = next_slip(problem.law, z.slip, r.passage, z.s, z.lam, z.y) if iteration else z.slip
-        settled = np.array_equal(slip, z.slip)
-        if settled and converged(problem, z, r):
+        if not np.isfinite(r.force_scale) or not np.all(np.isfinite(r.thread)):
+            raise failure(problem, r, "a force is not finite: the iteration ran away, or a load is not a number")
+        if converged(problem, z, r):
             return Solution(problem, z, r, iteration)
-        if not settled:
-            z = replace(z, slip=slip)
-            r = evaluate(problem, z)
         try:
             z = correct(problem, z, r)
         except SingularError as error:
             raise failure(problem, r, str(error)) from error
         r = evaluate(problem, z)
-        if not np.isfinite(r.force_scale) or not np.all(np.isfinite(r.thread)):
-            raise failure(problem, r, "the iteration ran away")
     raise failure(problem, r, f"no convergence in {MAX_ITERATIONS} Newton iterations")
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coupling.constraints import Array, couple_on_thread, passage
+from coupling.sliding import cone_residual, law_of
 from coupling.system import State, System
 
 
@@ -15,7 +16,9 @@ class PiercingObservation:
     `s`, `slip` [m, thread drawn through towards rising s at the end of the thread since the start]; `x`,
     `displacement`, `tangent` (unit), `u`, `v` (3,); `force` (3,) [N] of the hole on the thread, `normal_force` |λ_n|,
     `tangential_force` λ·t [N]; `couple` (3,) [N m] of the direction constraint on the thread; `tension_before`,
-    `tension_after` [N] at lower and higher s; `state`: "stick", "slip", "anchored" or "left".
+    `tension_after` [N] at lower and higher s; `state`: "stick", "slip", "anchored" or "left"; `cone` [N], by how much
+    the force along the thread breaks Coulomb's law (`coupling.sliding.cone_residual`; what accelerates an abscissa with
+    ε counts as well).
     """
 
     name: str
@@ -33,6 +36,7 @@ class PiercingObservation:
     tangent: Array
     u: Array
     v: Array
+    cone: float
 
 
 def observe(system: System, start: State, state: State) -> tuple[PiercingObservation, ...]:
@@ -41,6 +45,8 @@ def observe(system: System, start: State, state: State) -> tuple[PiercingObserva
     t = at.T / np.linalg.norm(at.T, axis=1)[:, None]
     couple = couple_on_thread(at, state.lam, state.y)
     internal = system.thread.gradient(system.thread.points(state.q))
+    law = law_of(system, state.s, state.present, 0.0, state.s)
+    cone = cone_residual(law, state.slip, at, state.s, state.lam, state.y)
     out = []
     for k, piercing in enumerate(system.piercings):
         force, y = state.lam[k, :3], state.y[k]
@@ -63,6 +69,7 @@ def observe(system: System, start: State, state: State) -> tuple[PiercingObserva
                 tangent=t[k],
                 u=y[3:6],
                 v=y[6:],
+                cone=float(cone[k]),
             )
         )
     return tuple(out)

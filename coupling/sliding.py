@@ -8,9 +8,14 @@ With f = Φ_sᵀλ/|T| the driving force along the thread and N the force that p
 
 N = |λ_n| (+ |μ|/ℓ_c with a channel of length ℓ_c), λ_n the part of the multipliers of g across the thread (§4.3). The
 thread's velocity relative to the hole is v_t = −|T| ds/dt, so friction dissipates (F₀ + μ_k N)|T||ds/dt|.
+
+Which of stick and slip holds is an active set, σ ∈ {−1, 0, 1} a hold. It changes only between solved iterates: one on
+the way has forces that mean nothing, and where μ_k < μ_s both may hold, so that a wrong change would stand.
+
+A friction found elsewhere (the two-pass algorithm of §4.3) enters as a given force instead: f = `injected`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,7 +29,8 @@ class Law:
     """What the law of sliding needs beside the iterate, over `m` holds.
 
     `s_old` (m,) [m]; `static`, `kinetic`, `grip`, `per_channel` (m,); `inertia` = ε a [N/m] and `s_free` (m,) [m] make
-    ε s̈ = inertia (s − s_free); `rough` and `may_slide` (m,).
+    ε s̈ = inertia (s − s_free); `rough` and `may_slide` (m,); `injected` (m,) [N], a given force along the thread where
+    it slides, beside the friction of the rough holds.
     """
 
     s_old: Array
@@ -36,11 +42,20 @@ class Law:
     may_slide: Flags
     inertia: float
     s_free: Array
+    injected: Array
 
 
 def law_of(system: System, s_old: Array, present: Flags, inertia: float, s_free: Array) -> Law:
     """The law at the start of a step; an absent hold keeps its abscissa."""
-    return Law(s_old, *system.friction, system.rough, system.may_slide & present, inertia, s_free)
+    none = np.zeros(len(s_old))
+    return Law(s_old, *system.friction, system.rough, system.may_slide & present, inertia, s_free, none)
+
+
+def prescribed(law: Law, held: Flags, injected: Array) -> Law:
+    """The law with its friction given: fixed points where `held`, elsewhere sliding points under the force `injected`
+    (m,) [N] of the hole on the thread along t."""
+    smooth = np.zeros_like(law.rough)
+    return replace(law, rough=smooth, may_slide=law.may_slide & ~held, injected=injected)
 
 
 def normal_force(thread: Passage, lam: Array, per_channel: Array) -> Array:
@@ -55,26 +70,53 @@ def net_drive(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Arra
     return driving_force(thread, lam, y) - law.inertia * (s - law.s_free)
 
 
-def next_slip(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
-    """Active set after an iterate: a stuck point slips when f leaves the static cone, a slipping one sticks when it
-    moves against its own friction. Shape `(m,)`, in {−1, 0, 1}; an ideal hole keeps 1."""
+def along(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
+    """f, the driving force along the unit tangent, shape `(m,)` [N]."""
+    return np.asarray(net_drive(law, thread, s, lam, y) / np.linalg.norm(thread.T, axis=1))
+
+
+def static_bound(law: Law, thread: Passage, lam: Array) -> Array:
+    """F₀ + μ_s N, shape `(m,)` [N]."""
+    return np.asarray(law.grip + law.static * normal_force(thread, lam, law.per_channel))
+
+
+def kinetic_bound(law: Law, thread: Passage, lam: Array) -> Array:
+    """F₀ + μ_k N, shape `(m,)` [N]."""
+    return np.asarray(law.grip + law.kinetic * normal_force(thread, lam, law.per_channel))
+
+
+def admissible(law: Law, slip: Array) -> Array:
+    """The active set made to fit the holds: an ideal hole slides, one that may not slide sticks, shape `(m,)`."""
+    return np.where(law.may_slide, np.where(law.rough, slip, 1.0), 0.0)
+
+
+def next_slip(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, y: Array, margin: float) -> Array:
+    """Active set after a solved iterate: a stuck point slips when f leaves the static cone by more than the `margin`
+    [N] of the solve, a slipping one sticks when it moved against its own friction. Shape `(m,)`, in {−1, 0, 1}."""
     if not law.rough.any():
-        return law.may_slide.astype(np.float64)
-    f = net_drive(law, thread, s, lam, y) / np.linalg.norm(thread.T, axis=1)
-    bound = law.grip + law.static * normal_force(thread, lam, law.per_channel)
-    from_stick = np.where(np.abs(f) > bound, np.sign(f), 0.0)
+        return admissible(law, slip)
+    f = along(law, thread, s, lam, y)
+    from_stick = np.where(np.abs(f) > static_bound(law, thread, lam) + margin, np.sign(f), 0.0)
     from_slip = np.where(slip * (s - law.s_old) < 0.0, 0.0, slip)
-    rough = np.where(slip == 0.0, from_stick, from_slip)
-    return np.where(law.may_slide, np.where(law.rough, rough, 1.0), 0.0)
+    return admissible(law, np.where(slip == 0.0, from_stick, from_slip))
+
+
+def cone_residual(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
+    """By how much the force along the thread breaks Coulomb's law, shape `(m,)` [N], zero where it is obeyed.
+
+    Stick: what |f| exceeds F₀ + μ_s N by; slip: how far f is from σ (F₀ + μ_k N). Zero for a hold without friction.
+    """
+    f = along(law, thread, s, lam, y)
+    stuck = np.maximum(np.abs(f) - static_bound(law, thread, lam), 0.0)
+    slipping = np.abs(f - slip * kinetic_bound(law, thread, lam))
+    return np.where(law.rough & law.may_slide, np.where(slip == 0.0, stuck, slipping), 0.0)
 
 
 def residual(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
     """Left-hand side of the law, shape `(m,)`: [N] where the thread slides, [m] where it is held."""
     drive = net_drive(law, thread, s, lam, y)
-    if law.rough.any():
-        N = normal_force(thread, lam, law.per_channel)
-        drive = drive - law.rough * slip * np.linalg.norm(thread.T, axis=1) * (law.grip + law.kinetic * N)
-    return np.where(slip == 0.0, s - law.s_old, drive)
+    given = law.injected + law.rough * slip * kinetic_bound(law, thread, lam)
+    return np.where(slip == 0.0, s - law.s_old, drive - np.linalg.norm(thread.T, axis=1) * given)
 
 
 def linearise_law(border: Border, law: Law, slip: Array, thread: Passage, lam: Array, y: Array) -> None:
@@ -84,7 +126,7 @@ def linearise_law(border: Border, law: Law, slip: Array, thread: Passage, lam: A
     d_phi = phi_s(thread, y)
     row[:, LAM], row[:, MU_U], row[:, MU_V] = d_phi[:, :3], d_phi[:, 3], d_phi[:, 4]
     row[:, U], row[:, V] = lam[:, 3:4] * thread.K, lam[:, 4:5] * thread.K
-    if law.rough.any():
+    if law.rough.any() or law.injected.any():
         add_friction(row_T, row, law, slip, thread, lam)
     row[:, S] = dot(row_T, thread.K) + dot(row_K, thread.J) - law.inertia
     sliding = (slip != 0.0)[:, None]
@@ -95,16 +137,18 @@ def linearise_law(border: Border, law: Law, slip: Array, thread: Passage, lam: A
 
 
 def add_friction(row_T: Array, row: Array, law: Law, slip: Array, thread: Passage, lam: Array) -> None:
-    """Subtract the derivative of σ|T|(F₀ + μ_k N) from the row of s, in place of its parts by T and λ, μ."""
+    """Subtract the derivative of |T|(injected + σ(F₀ + μ_k N)) from the row of s, in place of its parts by T, λ, μ."""
     size = np.linalg.norm(thread.T, axis=1)
     t = thread.T / size[:, None]
-    along = dot(lam[:, :3], t)
-    across = lam[:, :3] - along[:, None] * t
-    normal = across / np.maximum(np.linalg.norm(across, axis=1), np.finfo(float).tiny)[:, None]
-    couple = np.linalg.norm(lam[:, 3:], axis=1)
+    tangential = dot(lam[:, :3], t)
+    normal = unit(lam[:, :3] - tangential[:, None] * t)
     sigma = slip * law.rough
-    bound = law.grip + law.kinetic * normal_force(thread, lam, law.per_channel)
-    row_T -= sigma[:, None] * (bound[:, None] * t - (law.kinetic * along)[:, None] * normal)
+    given = law.injected + sigma * kinetic_bound(law, thread, lam)
+    row_T -= given[:, None] * t - (sigma * law.kinetic * tangential)[:, None] * normal
     row[:, LAM] -= (sigma * size * law.kinetic)[:, None] * normal
-    per_couple = sigma * size * law.kinetic * law.per_channel / np.maximum(couple, np.finfo(float).tiny)
-    row[:, MU_U : MU_V + 1] -= per_couple[:, None] * lam[:, 3:]
+    row[:, MU_U : MU_V + 1] -= (sigma * size * law.kinetic * law.per_channel)[:, None] * unit(lam[:, 3:])
+
+
+def unit(a: Array) -> Array:
+    """Rows divided by their lengths; a zero row stays zero."""
+    return np.asarray(a / np.maximum(np.linalg.norm(a, axis=1), np.finfo(float).tiny)[:, None])

@@ -11,19 +11,21 @@ import numpy as np
 
 from coupling.border import NINE
 from coupling.constraints import Array, passage
+from coupling.errors import StepError
 from coupling.newton import Iterate, Problem, solve
-from coupling.sliding import law_of
+from coupling.sliding import law_of, prescribed
 from coupling.stepping import all_holds, sense, with_ends
-from coupling.system import State, System
+from coupling.system import Flags, State, System
 from thread.spline import Spline
 from thread.thread import Thread, gauss_rule
 
 BED_SPANS = 2.0  # the bed lets go of the path over this many spans beside a hole that imposes another direction
-# Axial stiffness EA h²/EI of the laid thread, soft at first. Then the bed is moved under it, so that what strain the
-# path's corners left is let go into its bends and not locked by the bed. What remains is the spline's own: in a bend
-# of curvature κ the strain of a span h swings by about (κh)²/100 about zero.
+# Axial stiffness EA h²/EI of the laid thread, soft on the path at first. Then the bed is moved under it, so that what
+# strain the path's corners left is let go into its bends and not locked by the bed, and the thread made stiffer.
 ON_PATH = (1e2, 1e4)
-SETTLING = (1e4,) * 10
+SETTLING = (1e4,) * 12 + (1e6,) * 3 + (1e8,) * 3
+UNSTRAINED = 1e-6
+FEED_SPANS = 4.0  # a loose abscissa gives way by this many spans at the axial strain 1
 
 
 @dataclass(frozen=True)
@@ -53,34 +55,63 @@ def laid_thread(thread: Thread, stretch: float, axial: float) -> Thread:
     return replace(thread, spline=spline, section=cord, bending=True, point_masses=(0.0, 0.0))
 
 
-def lay(system: System, y: Array, s: Array, path: Array, stretch: float) -> Array:
-    """Control points (n, 3) of the laid thread; `path` (spans, g, 3) [m] at its mass rule, `stretch` its length over
-    the thread's rest length. Raises `StepError`.
+@dataclass(frozen=True)
+class Laying:
+    """Where the thread is to lie: site variables `y` (m, 9), the `path` (spans, g, 3) [m] at its mass rule, and
+    `stretch`, the path's length over the thread's rest length."""
+
+    y: Array
+    path: Array
+    stretch: float
+
+
+def lay(system: System, laying: Laying, s: Array) -> tuple[Array, Array]:
+    """Control points (n, 3) [m] and abscissae (m,) [m] of the laid thread. Raises `StepError`.
+
+    Where no unstrained thread fits with the abscissae `s` (a hole may impose a direction that needs more length), it
+    slides in its holes until one does; what is strained then is held so by its ends and anchors.
+    """
+    held = laid(system, laying, s, np.zeros(system.holds, dtype=bool))
+    if held[2] < UNSTRAINED or not system.may_slide.any():
+        return held[:2]
+    loose = laid(system, laying, s, system.may_slide & system.from_start)
+    return min(held, loose, key=lambda result: result[2])[:2]
+
+
+def laid(system: System, laying: Laying, s: Array, loose: Flags) -> tuple[Array, Array, float]:
+    """The thread laid with the holds `loose` sliding, and its largest strain; as stiff as Newton allows."""
+    m, abscissae = system.holds, s * laying.stretch
+    first = laid_thread(system.thread, laying.stretch, ON_PATH[0])
+    on_path = projected(first, laying.path)
+    q, none = with_ends(on_path, system, 0.0), np.zeros(m, dtype=bool)
+    z = Iterate(q, np.zeros_like(first.elastic_rule.w), abscissae, np.zeros((m, 5)), laying.y, np.zeros(m))
+    for axial in ON_PATH:
+        z = solve(bed_problem(stiff(system, laying, axial), on_path, laying.y, z.s, none), z).iterate
+    for axial in SETTLING:
+        problem = bed_problem(stiff(system, laying, axial), z.q, laying.y, z.s, loose)
+        try:
+            z = solve(problem, replace(z, slip=loose.astype(float))).iterate
+        except StepError:
+            break
+    strain = float(np.abs(first.points(z.q).strain).max())
+    return z.q, z.s / laying.stretch, strain
+
+
+def stiff(system: System, laying: Laying, axial: float) -> System:
+    """The system with the laid thread in place of its own."""
+    return replace(system, thread=laid_thread(system.thread, laying.stretch, axial), epsilon=0.0)
+
+
+def bed_problem(system: System, on_path: Array, y: Array, s: Array, loose: Flags) -> Problem:
+    """A thread on an elastic bed along `on_path` (n, 3), its abscissae held but those that are `loose`: these are held
+    back by springs, so that they go the way the thread pulls them and not to some balance beyond.
 
     The bed gives way over BED_SPANS mean spans h: (4 EI/k)^¼ = BED_SPANS h with k the bed's stiffness, EI = 1.
     """
-    first = laid_thread(system.thread, stretch, ON_PATH[0])
-    on_path = projected(first, path)
-    m, abscissae = system.holds, s * stretch
-    z = Iterate(
-        with_ends(on_path, system, 0.0),
-        np.zeros_like(first.elastic_rule.w),
-        abscissae,
-        np.zeros((m, 5)),
-        y,
-        np.zeros(m),
-    )
-    for k, axial in enumerate(ON_PATH + SETTLING):
-        laid = replace(system, thread=laid_thread(system.thread, stretch, axial), epsilon=0.0)
-        z = solve(bed_problem(laid, on_path if k < len(ON_PATH) else z.q, y, abscissae), z).iterate
-    return z.q
-
-
-def bed_problem(system: System, on_path: Array, y: Array, s: Array) -> Problem:
-    """A thread on an elastic bed along `on_path` (n, 3), its abscissae held."""
     thread, m = system.thread, system.holds
     span = (thread.spline.end - thread.spline.start) / (thread.n - 3)
     bed = 4.0 / (BED_SPANS * span) ** 4
+    law = law_of(system, s, np.ones(m, dtype=bool), thread.EA / (FEED_SPANS * span), s)
     return Problem(
         system=system,
         time=0.0,
@@ -91,17 +122,20 @@ def bed_problem(system: System, on_path: Array, y: Array, s: Array) -> Problem:
         load=np.zeros_like(on_path),
         y_free=y,
         C=np.zeros((NINE * m, NINE * m)),
-        rows=system.rows,
-        law=law_of(system, s, np.zeros(m, dtype=bool), 0.0, s),
+        rows=system.rows & system.from_start[:, None],
+        law=prescribed(law, ~loose, np.zeros(m)),
     )
 
 
 def start(system: System, s: Array, path: Array, stretch: float) -> State:
-    """The state at t = 0, at rest: `s` (p,) [m] abscissae of the piercings, `path` and `stretch` as for `lay`."""
+    """The state at t = 0, at rest: `s` (p,) [m] abscissae of the piercings, `path` and `stretch` as for `Laying`.
+
+    Piercings that begin later do not hold the thread yet.
+    """
     organ = system.organ.start()
     y = all_holds(system, system.organ.site_variables(organ))
     s = np.concatenate([s, system.clamp_abscissae])
-    q = lay(system, y, s, path, stretch)
+    q, s = lay(system, Laying(y, path, stretch), s)
     m = system.holds
     return State(
         time=0.0,
@@ -113,8 +147,8 @@ def start(system: System, s: Array, path: Array, stretch: float) -> State:
         s_dot=np.zeros(m),
         lam=np.zeros((m, 5)),
         y=y,
-        slip=np.where(system.may_slide & ~system.rough, 1.0, 0.0),
-        present=np.ones(m, dtype=bool),
+        slip=np.where(system.may_slide & ~system.rough & system.from_start, 1.0, 0.0),
+        present=system.from_start,
         sense=sense(passage(system.thread.spline, q, s), y),
         reaction=np.zeros((2, 3)),
     )

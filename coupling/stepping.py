@@ -11,12 +11,13 @@ import numpy as np
 
 from coupling.border import NINE
 from coupling.constraints import Array, Passage, site_force
+from coupling.diagnosis import diagnosed, refuse_crossing
 from coupling.easing import eased
 from coupling.errors import InversionError, StepError
 from coupling.newton import Iterate, Problem, Solution, solve
-from coupling.scheme import BackwardEuler
+from coupling.scheme import BackwardEuler, Scheme
 from coupling.sliding import law_of
-from coupling.system import Flags, State, System
+from coupling.system import Flags, State, System, forgetful
 
 HALVINGS = 8  # a step is given up below dt / 2^8
 
@@ -63,15 +64,32 @@ def padded(system: System, C: Array) -> Array:
     return np.pad(C, (0, NINE * len(system.clamps))) if system.clamps else C
 
 
-def dynamic_problem(system: System, state: State, dt: float, C: Array, y_free: Array) -> Problem:
-    """The step of backward Euler from `state`."""
-    scheme, thread, time = BackwardEuler(dt), system.thread, state.time + dt
-    factor = scheme.a + scheme.d * thread.damping
+def thread_motion(scheme: Scheme, state: State) -> tuple[Array, ...]:
+    """q, v of the thread at the start of the step, and at the start of the one before where the scheme looks back."""
+    return before(scheme, (state.q, state.v, state.q_before, state.v_before))
+
+
+def sliding_motion(scheme: Scheme, state: State) -> tuple[Array, ...]:
+    """s, ds/dt of the holds, likewise."""
+    return before(scheme, (state.s, state.s_dot, state.s_before, state.s_dot_before))
+
+
+def before(scheme: Scheme, motion: tuple[Any, ...]) -> tuple[Any, ...]:
+    """As many pairs of position and velocity as the scheme has weights."""
+    return motion[: 2 * len(scheme.weights)]
+
+
+def dynamic_problem(
+    system: System, state: State, dt: float, C: Array, y_free: Array, scheme: Scheme | None = None
+) -> Problem:
+    """The step of a scheme, backward Euler unless another is given, from `state`."""
+    scheme, thread, time = scheme or BackwardEuler(dt), system.thread, state.time + dt
+    factor, motion = scheme.a + scheme.d * thread.damping, thread_motion(scheme, state)
     q_ref = (
-        scheme.a * scheme.inertia_reference(state.q, state.v)
-        + scheme.d * thread.damping * scheme.damping_reference(state.q)
+        scheme.a * scheme.inertia_reference(*motion)
+        + scheme.d * thread.damping * scheme.damping_reference(*motion[::2])
     ) / factor
-    s_free = scheme.inertia_reference(state.s, state.s_dot)
+    s_free = scheme.inertia_reference(*sliding_motion(scheme, state))
     rows = system.rows & state.present[:, None]
     return Problem(
         system=system,
@@ -95,25 +113,33 @@ def predicted(problem: Problem, state: State) -> Iterate:
     return Iterate(q, state.N, s, state.lam, problem.y_free, state.slip)
 
 
-def try_step(system: System, state: State, dt: float) -> Step:
-    """One step of `dt` [s]. Raises `StepError`, `InversionError`; the state is not touched."""
-    scheme = BackwardEuler(dt)
+def try_step(system: System, state: State, dt: float, scheme: Scheme | None = None) -> Step:
+    """One step of `dt` [s] by `scheme`, backward Euler unless another is given. Raises `StepError`, `InversionError`;
+    the state is not touched."""
+    scheme = scheme or BackwardEuler(dt)
     operator = system.organ.operator(scheme.a, scheme.d)
     history = organ_history(system, scheme, state)
     prediction = operator.predict(state.organ, history)
-    problem = dynamic_problem(system, state, dt, operator.C, prediction.y_free)
+    problem = dynamic_problem(system, state, dt, operator.C, prediction.y_free, scheme)
     solution = found(problem, predicted(problem, state))
-    z, at = solution.iterate, solution.residual.passage
+    return concluded(system, state, scheme, solution, operator, prediction)
+
+
+def concluded(  # type: ignore[no-untyped-def]
+    system: System, state: State, scheme: Scheme, solution: Solution, operator, prediction
+) -> Step:
+    """The step from `state` that a solution of its problem makes. Raises `InversionError`."""
+    problem, z, at = solution.problem, solution.iterate, solution.residual.passage
     p = len(system.piercings)
     organ = operator.complete(prediction, site_force(at, z.lam)[:p].ravel())
     new = State(
         time=problem.time,
         q=z.q,
-        v=(z.q - state.q) / dt,
+        v=scheme.d * (z.q - scheme.damping_reference(*thread_motion(scheme, state)[::2])),
         N=z.N,
         organ=organ,
         s=z.s,
-        s_dot=(z.s - state.s) / dt,
+        s_dot=abscissa_rates(scheme, state, z),
         lam=np.where(problem.rows, z.lam, 0.0),
         y=z.y,
         slip=z.slip,
@@ -122,7 +148,13 @@ def try_step(system: System, state: State, dt: float) -> Step:
         reaction=reactions(system, solution.residual.thread, problem.load),
     )
     refuse_inversion(system, state, new, at)
-    return Step(state, new, dt, solution)
+    return Step(state, new, problem.dt, solution)
+
+
+def abscissa_rates(scheme: Scheme, state: State, z: Iterate) -> Array:
+    """ds/dt of every hold at the end of the step, `(m,)` [m/s]: none where the thread sticks."""
+    rate = scheme.d * (z.s - scheme.damping_reference(*sliding_motion(scheme, state)[::2]))
+    return np.where(z.slip == 0.0, 0.0, rate)
 
 
 def found(problem: Problem, guess: Iterate) -> Solution:
@@ -135,9 +167,10 @@ def found(problem: Problem, guess: Iterate) -> Solution:
     return eased(problem, guess)
 
 
-def organ_history(system: System, scheme: BackwardEuler, state: State) -> Any:
+def organ_history(system: System, scheme: Scheme, state: State) -> Any:
     """Reference fields of the organ's inertia and damping."""
-    return system.organ.history(((1.0, scheme.dt, 1.0),), (state.organ,))
+    states = (state.organ, state.organ_before)[: len(scheme.weights)]
+    return system.organ.history(scheme.coefficients, states)
 
 
 def reactions(system: System, residual: Array, load: Array) -> Array:
@@ -170,10 +203,10 @@ def left(system: System, state: State) -> Flags:
 
 
 def release(state: State, gone: Flags) -> State:
-    """The state without the holes `gone`."""
+    """The state without the holes `gone`; what the thread did in them is no guide to what it does next."""
     lam = np.where(gone[:, None], 0.0, state.lam)
     s_dot, slip = (np.where(gone, 0.0, x) for x in (state.s_dot, state.slip))
-    return replace(state, present=state.present & ~gone, lam=lam, s_dot=s_dot, slip=slip)
+    return replace(forgetful(state), present=state.present & ~gone, lam=lam, s_dot=s_dot, slip=slip)
 
 
 Take = Callable[[System, State, float], Step]
@@ -183,14 +216,17 @@ def advance(system: System, state: State, dt: float, take: Take = try_step, dept
     """Go `dt` [s] further, in one step or, where it fails, in halves of it down to dt/2⁸.
 
     `take` makes one step and is the monolithic implicit one unless another is named. A step at whose end the thread has
-    left a hole is taken again without that hole. Raises `StepError` when the smallest step fails too, `InversionError`.
+    left a hole is taken again without that hole. Raises `StepError` when the smallest step fails too,
+    `ConstraintError` where the constraints are at fault, `InversionError`.
     """
     step = None
     try:
         step = take(system, state, dt)
-    except StepError:
+        refuse_crossing(system, step.old, step.new)
+    except StepError as error:
+        step = None
         if depth == HALVINGS:
-            raise
+            raise diagnosed(system, state, error) from error
     if step is None:
         half = advance(system, state, 0.5 * dt, take, depth + 1)
         return half + advance(system, half[-1].new, 0.5 * dt, take, depth + 1)

@@ -1,6 +1,6 @@
 """The coupled system: a thread, its ends, an organ, and the piercings that join them."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -40,13 +40,15 @@ class Friction:
 class Piercing:
     """One hole: its name, whether the thread slides in it, and whether the direction is imposed.
 
-    `friction` None means an ideal hole.
+    `friction` None means an ideal hole. The thread is in it from `begins` to `ends` [s].
     """
 
     name: str
     slides: bool = True
     directed: bool = True
     friction: Friction | None = None
+    begins: float = 0.0
+    ends: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -126,6 +128,11 @@ class System:
         return np.array([p.slides for p in self.piercings] + [False] * len(self.clamps), dtype=bool)
 
     @cached_property
+    def from_start(self) -> Flags:
+        """Which holds are there at t = 0, shape `(holds,)`."""
+        return np.array([p.begins <= 0.0 for p in self.piercings] + [True] * len(self.clamps), dtype=bool)
+
+    @cached_property
     def friction(self) -> tuple[Array, Array, Array, Array]:
         """Coefficients of all holds: static, kinetic [-], grip [N], 1/channel [1/m], each `(holds,)`."""
         each = [p.friction or Friction() for p in self.piercings] + [Friction()] * len(self.clamps)
@@ -160,9 +167,13 @@ class State:
 
     `q`, `v` (n, 3) [m, m/s]; `N` (spans, g) axial forces [N]; `organ`, the organ's own state; `s`, `s_dot` (holds,)
     [m, m/s]; `lam` (holds, 5) [N, N m]; `y` (holds, 9); `slip` (holds,): −1, 0, +1 sign of ds/dt, 0 where the thread
-    sticks; `present` (holds,): False once the thread has left the hole; `sense` (holds,): sign of T·(u × v) at the
-    start, which must not change in a directed hole; `reaction` (2, 3) [N], force of the holders
-    on the thread's ends.
+    sticks; `present` (holds,): False before a piercing begins, and once the thread has left the hole; `sense` (holds,):
+    sign of T·(u × v) where the piercing began, which must not change in a directed hole; `reaction` (2, 3) [N], force
+    of the holders on the thread's ends; `y_dot` (holds, 9) [m/s, 1/s], rate of y, None at rest.
+
+    A two-step integrator keeps the step before, `dt_before` [s] long: `q_before`, `v_before`, `organ_before`,
+    `s_before`, `s_dot_before` at its start. None: the next step has no memory (the start, a one-step integrator, or a
+    jump: see `forgetful`).
     """
 
     time: float
@@ -178,3 +189,24 @@ class State:
     present: Flags
     sense: Array
     reaction: Array
+    y_dot: Array | None = None
+    dt_before: float | None = None
+    q_before: Array | None = None
+    v_before: Array | None = None
+    organ_before: Any = None
+    s_before: Array | None = None
+    s_dot_before: Array | None = None
+
+
+def forgetful(state: State) -> State:
+    """The state without the step before it: after a jump of velocity or of the constraints, which no integrator of
+    second order may look across."""
+    return replace(
+        state,
+        dt_before=None,
+        q_before=None,
+        v_before=None,
+        organ_before=None,
+        s_before=None,
+        s_dot_before=None,
+    )

@@ -9,7 +9,8 @@ y = y_free + C f_y.
 
 from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -213,11 +214,33 @@ class DynamicOrgan(_Organ):
         """Velocity of all unknowns, shape `(N_all,)` [m/s]."""
         return self.elasticity.extended(state.V)
 
+    def site_velocities(self, state: OrganState) -> Array:
+        """dy/dt = Y V, shape `(9p,)`."""
+        return np.asarray(self.Y @ state.V)
+
+    def site_mobility(self) -> Array:
+        """Y M⁻¹ Yᵀ: jump of dy/dt by an impulse conjugate to y, shape `(9p, 9p)`."""
+        return self._mobility[1]
+
+    def kicked(self, state: OrganState, impulse: Array) -> OrganState:
+        """The state after an impulse `(9p,)` on the sites: V + M⁻¹ Yᵀ impulse."""
+        return replace(state, V=state.V + self._mobility[0] @ impulse)
+
+    def moved(self, state: OrganState, operator: DynamicOperator, f_y: Array) -> OrganState:
+        """The state with other site forces, displaced by W Δf_y; V is kept."""
+        return replace(state, U=state.U + operator.W @ (f_y - state.f_y), f_y=f_y)
+
+    @cached_property
+    def _mobility(self) -> tuple[Array, Array]:
+        """M⁻¹ Yᵀ `(N, 9p)` and Y M⁻¹ Yᵀ."""
+        return _compliance(factorize(self.M, self.places, self.method), self.Y)
+
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """Energies at `new` and the works of the step: f_y·Δy + gravity = Δ(kinetic + elastic) + viscous +
         numerical.
 
-        Exact for backward Euler, whose own dissipation is ½ΔUᵀKΔU + ½ΔVᵀMΔV; viscous is V⁺ᵀ C ΔU.
+        Exact for any time scheme: its own dissipation is ½ΔUᵀKΔU + ½ΔVᵀMΔV + (A⁺ᵀMΔU − V⁺ᵀMΔV), of which the bracket
+        is zero for backward Euler; viscous is V⁺ᵀ C ΔU.
         """
         alpha, beta = self.rayleigh
         dU, dV = new.U - old.U, new.V - old.V
@@ -227,7 +250,7 @@ class DynamicOrgan(_Organ):
             elastic=float(0.5 * new.U @ (self.K @ new.U)),
             gravity_work=float(self.load @ dU),
             viscous=float(alpha * (inertia @ dU) + beta * (new.V @ elastic)),
-            numerical=float(0.5 * dU @ elastic + 0.5 * dV @ (self.M @ dV)),
+            numerical=float(0.5 * dU @ elastic + 0.5 * dV @ (self.M @ dV) + (self.M @ new.A) @ dU - inertia @ dV),
         )
 
 
@@ -303,6 +326,21 @@ class QuasiStaticOrgan(_Organ):
     def velocity(self, state: OrganState) -> Array:
         """Zero, shape `(N_all,)` [m/s]."""
         return np.zeros(self.elasticity.N)
+
+    def site_velocities(self, state: OrganState) -> Array:
+        """Zero, shape `(9p,)`."""
+        return np.zeros(self.y0.size)
+
+    def site_mobility(self) -> None:
+        """None: without mass nothing takes an impulse."""
+
+    def kicked(self, state: OrganState, impulse: Array) -> OrganState:
+        """Unchanged."""
+        return state
+
+    def moved(self, state: OrganState, operator: object, f_y: Array) -> OrganState:
+        """The state with other site forces."""
+        return replace(state, f_y=f_y)
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """As for the dynamic organ, with 9p numbers: U = U_load + W f_y, K U_load = load and Yᵀ U_load =
@@ -387,6 +425,22 @@ class FixedSites:
     def velocity(self, state: OrganState) -> Array:
         """Shape `(0,)`."""
         return NOTHING
+
+    def site_velocities(self, state: OrganState) -> Array:
+        """Zero, shape `(9p,)`."""
+        return np.zeros(self.y0.size)
+
+    def site_mobility(self) -> Array:
+        """Zero, shape `(9p, 9p)`: space takes any impulse."""
+        return np.zeros((self.y0.size, self.y0.size))
+
+    def kicked(self, state: OrganState, impulse: Array) -> OrganState:
+        """Unchanged."""
+        return state
+
+    def moved(self, state: OrganState, operator: object, f_y: Array) -> OrganState:
+        """The state with other site forces."""
+        return replace(state, f_y=f_y)
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """None."""

@@ -1,0 +1,145 @@
+"""Why a set of constraints cannot be met, in words that name the piercings.
+
+Three questions are put to a state: does every hold see a tangent, do the spans leave the thread room to bend between
+two holds, and are the rows of Φ_q independent over the thread's free control points? The last one is answered by the
+singular values of the rows scaled to length one: a combination of them that nearly vanishes says one thing twice.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+
+from coupling.constraints import Array, Indices, Passage, passage
+from coupling.errors import ConstraintError, CouplingError, StepError
+from coupling.system import State, System
+
+DEPENDENT = 1e-6  # of a row's length; multipliers go with the square of its inverse and keep fewer than 4 digits below
+NO_TANGENT = 1e-2  # |∂P/∂s| of a thread that is neither stretched nor compressed is 1
+TRANSVERSE = 4  # conditions across a span that leave its four control points nothing to bend
+
+
+def hold_names(system: System) -> list[str]:
+    """What to call each hold in a message: the piercings, then the clamped ends."""
+    ends = [f"the clamped {('start', 'end')[k]} of the thread" for k in system.clamps]
+    return [f"piercing {piercing.name!r}" for piercing in system.piercings] + ends
+
+
+def faults(system: System, state: State) -> list[str]:
+    """One sentence for each thing that is wrong with the constraints in force in a state; none if they are sound."""
+    at = passage(system.thread.spline, state.q, state.s)
+    short = tangent_faults(system, state, at)
+    return short or span_faults(system, state) or dependence_faults(system, state, at)
+
+
+def refuse_faults(system: System, state: State) -> None:
+    """Raise `ConstraintError` where the constraints cannot be met."""
+    found = faults(system, state)
+    if found:
+        raise ConstraintError(state.time, "; ".join(found))
+
+
+def diagnosed(system: System, state: State, error: StepError) -> CouplingError:
+    """The constraints' fault where there is one, else the error of the step as it is."""
+    found = faults(system, state)
+    return ConstraintError(state.time, "; ".join(found)) if found else error
+
+
+def tangent_faults(system: System, state: State, at: Passage) -> list[str]:
+    """Holds where the thread has no direction."""
+    length = np.linalg.norm(at.T, axis=1)
+    names = hold_names(system)
+    return [
+        f"the thread's tangent has no length at {names[k]} (|dP/ds| = {length[k]:.2g}, 1 in an unstrained thread); "
+        "take the path's kink or the slack away from it"
+        for k in np.flatnonzero(in_force(system, state) & (length < NO_TANGENT))
+    ]
+
+
+def span_faults(system: System, state: State) -> list[str]:
+    """Holds next to one another that leave the span between them no way to bend."""
+    spline, names = system.thread.spline, hold_names(system)
+    span, conditions = spline.spans_of(state.s), 1 + system.rows[:, 3].astype(int)
+    return [
+        f"{names[i]} (s = {state.s[i]:.6g} m) and {names[j]} (s = {state.s[j]:.6g} m) lie in one span of the spline, "
+        f"{span_length(spline.breaks, span[i]):.3g} m long: there are too few control points between them for two "
+        "directions; raise thread.control_points or thread.graded, or set direction to free at one of them"
+        for i, j in pairwise(in_order(system, state))
+        if span[i] == span[j] and conditions[i] + conditions[j] >= TRANSVERSE
+    ]
+
+
+def span_length(breaks: Array, span: int) -> float:
+    """Length of a span [m]."""
+    return float(breaks[span + 1] - breaks[span])
+
+
+def dependence_faults(system: System, state: State, at: Passage) -> list[str]:
+    """Holds whose constraints on the thread say the same."""
+    rows, owner = scaled_rows(system, state, at)
+    if not len(rows):
+        return []
+    left, sizes, _ = np.linalg.svd(rows)
+    weakest = np.append(sizes, np.zeros(len(rows) - len(sizes)))[-1]
+    if weakest >= DEPENDENT:
+        return []
+    share = np.bincount(owner, left[:, -1] ** 2, system.holds)
+    names = hold_names(system)
+    pair = sorted(np.argsort(share)[-2:]) if np.sort(share)[:-1].any() else [int(np.argmax(share))]
+    who = " and ".join(f"{names[k]} (s = {state.s[k]:.6g} m)" for k in pair)
+    return [
+        f"the constraints of {who} depend on one another (a combination of their rows has length {weakest:.1e}, "
+        f"allowed is {DEPENDENT:g}): they ask the same of the same control points; move them apart, raise "
+        "thread.control_points or thread.graded, or set direction to free at one of them"
+    ]
+
+
+def scaled_rows(system: System, state: State, at: Passage) -> tuple[Array, Indices]:
+    """Rows of Φ_q over the control points that are free, each of length one, and the hold of each.
+
+    A row that reaches no free control point is left zero.
+    """
+    m, n = system.holds, system.thread.n
+    full = np.zeros((m, 5, n, 3))
+    local = at.first[:, None] + np.arange(4)
+    hold = np.arange(m)[:, None]
+    for axis in range(3):
+        full[hold, axis, local, axis] = at.b[:, 0]
+    for row, frame in ((3, slice(3, 6)), (4, slice(6, 9))):
+        full[hold, row, local] = at.b[:, 1, :, None] * state.y[:, None, frame]
+    used = system.rows & state.present[:, None]
+    owner = np.nonzero(used)[0]
+    flat = full.reshape(m, 5, -1)[used]
+    size = np.linalg.norm(flat, axis=1, keepdims=True)
+    flat[:, system.held] = 0.0
+    return flat / np.maximum(size, np.finfo(float).tiny), owner
+
+
+def in_force(system: System, state: State) -> np.ndarray:
+    """Holds that constrain the thread, shape `(m,)`."""
+    return np.asarray(system.rows.any(axis=1) & state.present)
+
+
+def in_order(system: System, state: State) -> list[int]:
+    """Holds in force along the thread."""
+    here = np.flatnonzero(in_force(system, state))
+    return [int(k) for k in here[np.argsort(state.s[here], kind="stable")]]
+
+
+def refuse_crossing(system: System, old: State, new: State) -> None:
+    """Raise `StepError` where two piercings passed one another along the thread during a step.
+
+    Two holes apart in space cannot: the solution is another one than that which continues the motion.
+    """
+    spline = system.thread.spline
+    inside = (new.s >= spline.start) & (new.s <= spline.end)
+    here = np.flatnonzero((new.present & inside)[: len(system.piercings)])
+    before, after = old.s[here], new.s[here]
+    crossed = np.argwhere((before[:, None] < before) & (after[:, None] >= after))
+    if crossed.size:
+        i, j = here[crossed[0]]
+        first, second = system.piercings[i].name, system.piercings[j].name
+        cause = (
+            f"piercing {first!r} (s = {new.s[i]:.6g} m) came past piercing {second!r} (s = {new.s[j]:.6g} m) along "
+            "the thread; are they one hole, or is the thread between them slack?"
+        )
+        raise StepError(old.time, new.time - old.time, cause, second)

@@ -1,0 +1,62 @@
+"""Who may import whom: meshes, thread and tissue know nothing of one another, coupling sees the last two and never
+scikit-fem, studies may use all, and nothing below imports studies or the tests."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = {"meshes", "thread", "tissue", "coupling", "studies"}
+MAY = {
+    "meshes": set(),
+    "thread": set(),
+    "tissue": set(),
+    "coupling": {"thread", "tissue"},
+    "studies": {"meshes", "thread", "tissue", "coupling"},
+}
+NEVER = {"coupling": {"skfem", "meshio", "gmsh", "pyvista"}, "thread": {"skfem", "meshio", "gmsh", "pyvista"}}
+TESTS = {path.stem for path in (ROOT / "tests").glob("*.py")} | {"tests", "pytest"}
+FILES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+
+
+def imported(source: str, package: str) -> set[str]:
+    """Top-level names that a module imports anywhere in it, its own package (relative imports) included."""
+    out = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            out |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            out.add(package if node.level else str(node.module).split(".")[0])
+        elif isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) in (
+            "import_module",
+            "__import__",
+        ):
+            out |= {str(a.value).split(".")[0] for a in node.args if isinstance(a, ast.Constant)}
+    return out
+
+
+def against(names: set[str], package: str) -> set[str]:
+    """Imports that go against the arrows."""
+    others = (names & PACKAGES) - MAY[package] - {package}
+    return others | (names & (TESTS - PACKAGES)) | (names & NEVER.get(package, set()))
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_no_import_against_the_arrows(path: Path) -> None:
+    """Independent check: the text of every module."""
+    package = path.relative_to(ROOT).parts[0]
+    assert against(imported(path.read_text(encoding="utf-8"), package), package) == set()
+
+
+def test_the_check_sees_what_it_should() -> None:
+    """Independent check: imports of every form, hidden in a function too, are found."""
+    assert {path.relative_to(ROOT).parts[0] for path in FILES} == PACKAGES
+    text = "import skfem.mesh as m\ndef f():\n    from studies.scenario import x\n    import importlib\n"
+    text += "    importlib.import_module('meshes.block')\nfrom . import y\n"
+    found = imported(text, "coupling")
+    assert found == {"skfem", "studies", "importlib", "meshes", "coupling"}
+    assert against(found, "coupling") == {"skfem", "studies", "meshes"}
+    assert against({"tissue", "skfem"}, "tissue") == set()
+    assert against({"thread"}, "tissue") == {"thread"}
+    assert against({"threads"}, "studies") == {"threads"}
