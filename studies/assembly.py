@@ -38,6 +38,11 @@ class Assembly:
     s: Array
     body: tissue.Elasticity | None
 
+    @property
+    def given(self) -> Array:
+        """Abscissa at which each piercing begins, `(p,)` [m]; NaN where the thread is nearest to it then."""
+        return np.array([np.nan if hole.s is None else hole.s for hole in self.scenario.piercing])
+
     def start(self) -> State:
         """The consistent start (Φ = 0, thread as near the path as that allows)."""
         thread = self.system.thread
@@ -54,7 +59,8 @@ def assemble(scenario: Scenario) -> Assembly:
     path = rounded(scenario.thread.path)
     length = scenario.thread.length or path.length
     s = abscissae(scenario, path, length)
-    model.check_order([hole.name for hole in scenario.piercing], s, length)
+    known = [(hole.name, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
+    model.check_order([name for name, _ in known], [value for _, value in known], length)
     body = body_of(scenario)
     system = System(
         thread=thread_of(scenario.thread, length, s),
@@ -65,6 +71,11 @@ def assemble(scenario: Scenario) -> Assembly:
         epsilon=scenario.solve.epsilon,
     )
     return Assembly(model.resolved(scenario, length, s), system, path, np.array(s), body)
+
+
+def is_known(hole: model.Piercing) -> bool:
+    """Whether the abscissa of a piercing is known before the first step."""
+    return hole.s is not None or hole.from_ == 0.0
 
 
 def abscissae(scenario: Scenario, path: RoundedPath, length: float) -> list[float]:
@@ -120,7 +131,8 @@ def piercing_of(hole: model.Piercing) -> Piercing:
     """The constraint of a hole."""
     given = hole.friction
     friction = None if given is None else Friction(given.static, given.kinetic, given.grip, hole.channel)
-    return Piercing(hole.name, hole.kind == "sliding", hole.direction != "free", friction)
+    until = np.inf if hole.until is None else hole.until
+    return Piercing(hole.name, hole.kind == "sliding", hole.direction != "free", friction, hole.from_, until)
 
 
 def site_of(hole: model.Piercing) -> tissue.Site:
@@ -176,9 +188,9 @@ def inside_block(sites: Sequence[Sequence[float]], size: Sequence[float]) -> Arr
 
 def inside_cylinder(site: Sequence[float], radius: float, length: float) -> Array:
     """The nearest point of the cylinder, as for the block."""
-    x, *across = site
-    reach = float(np.hypot(*across))
-    return np.array([np.clip(x, -length / 2, length / 2), *(c * min(1.0, radius / max(reach, radius)) for c in across)])
+    x, y, z = site
+    share = min(1.0, radius / max(float(np.hypot(y, z)), radius))
+    return np.array([np.clip(x, -length / 2, length / 2), share * y, share * z])
 
 
 def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.MeshTet:

@@ -20,10 +20,11 @@ import numpy as np
 
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
+from studies.checkpoint import Arrays, read_checkpoint
 from studies.observables import Frame, OrganTopology, PiercingRecord, StepRecord
 from studies.picture import picture
 from studies.progress import Progress
-from studies.record import Recorder, check_folder
+from studies.record import Recorder, check_folder, completed_run, resumable
 from studies.scenario import Scenario, ScenarioError, load, schema
 from thread.catalogue import names, suture
 from thread.errors import ThreadError
@@ -33,6 +34,7 @@ REFUSALS = (ScenarioError, MeshError, TissueError, ThreadError)
 FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
 FAILED, REFUSED = 1, 2
 MILLI = 1e-3
+Moments = Iterator[tuple[StepRecord, Callable[[], Frame]]]
 
 
 class Simulation(Protocol):
@@ -54,8 +56,9 @@ class Simulation(Protocol):
     def steps(self) -> int:
         """Steps to be taken."""
 
-    def advance(self) -> Iterator[tuple[StepRecord, Callable[[], Frame]]]:
-        """The start, then every accepted step, each with a function that makes its frame."""
+    def advance(self, memory: Arrays | None = None) -> Moments:
+        """The start, then every accepted step, each with a function that makes its frame; with the memory of a step,
+        that step again and those after it."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -70,10 +73,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run(options: argparse.Namespace) -> int:
     """``suture run``: simulate a scenario into a folder."""
-    check_folder(options.out, options.file)
+    check_folder(options.out, None if options.resume else options.file)
     simulation = _prepare(load(options.file, options.set))
-    recorder = Recorder(options.out, simulation.scenario, simulation.topology, simulation.tissue_dofs)
-    status = _simulate(simulation, recorder, options.quiet)
+    checkpoint = None
+    if options.resume and resumable(options.out, simulation.scenario):
+        if completed_run(options.out) is not None:
+            _say(options, f"the run in {options.out} is completed; nothing is left to do")
+            return 0
+        checkpoint = read_checkpoint(options.out)
+    moments = simulation.advance(checkpoint)
+    recorder = Recorder(options.out, simulation.scenario, simulation.topology, simulation.tissue_dofs, checkpoint)
+    status = _simulate(simulation, moments, recorder, options.quiet)
     if recorder.last_frame is not None and not options.no_picture:
         title = simulation.scenario.title
         line = picture(recorder.last_frame, simulation.topology, recorder.folder / "picture.png", title)
@@ -170,13 +180,13 @@ def _strain(summary: dict[str, Any]) -> str:
     return f"{100 * summary['thread']['max_strain']:.3g} %"
 
 
-def _simulate(simulation: Simulation, recorder: Recorder, quiet: bool) -> int:
+def _simulate(simulation: Simulation, moments: Moments, recorder: Recorder, quiet: bool) -> int:
     """Record every step; a failure keeps what was written."""
     progress = Progress(simulation.steps, quiet)
     with _signals() as received:
         try:
             with recorder:
-                for step, frame in simulation.advance():
+                for step, frame in moments:
                     recorder.record(step, frame)
                     progress.update(step.step, step.time, step.newton_iterations)
                     if received:
@@ -210,7 +220,7 @@ def _print_summary(scenario: Scenario, recorder: Recorder, status: Any) -> None:
     lines += [
         "",
         f"ParaView   {folder / 'results.pvd'}",
-        f"numbers    {folder / 'summary.json'}, piercings.csv, energy.csv, steps.csv",
+        f"numbers    {folder / 'summary.json'}, piercings.csv, energy.csv, steps.csv, events.csv",
     ]
     print("\n".join(lines))
 
@@ -288,6 +298,7 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", metavar="DIR", type=Path, required=True, help="results folder, earlier results replaced"
     )
+    parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint of the run in DIR")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     parser.add_argument("--no-picture", action="store_true", help="draw no picture of the last frame")
 

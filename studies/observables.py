@@ -1,11 +1,14 @@
 """What is recorded of a run: plain arrays, the only thing that the simulation hands to the output."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coupling.audit import Energies
+from coupling.events import Event
 from coupling.observation import PiercingObservation
 
 Array = NDArray[np.float64]
@@ -55,6 +58,8 @@ class StepRecord:
     end_reaction: Array  # (3,) [N]
     max_strain: float  # largest axial strain of the thread [-]
     seconds: float  # wall-clock time of this step [s]
+    events: tuple[Event, ...] = ()
+    memory: Mapping[str, NDArray[Any]] | None = None  # all that the steps after this one depend on
 
 
 @dataclass(frozen=True)

@@ -19,11 +19,13 @@ class Progress:
         self._is_terminal = self._stream.isatty()
         self._start = self._first = self._drawn = monotonic()
         self._tenth = 0
+        self._first_step: int | None = None  # that the pace is measured from; not 1 in a run that is resumed
 
     def update(self, step: int, time: float, newton_iterations: int) -> None:
         """Tell that a step is done, the simulated time [s] that it reached, and its Newton iterations."""
-        if step <= 1:
+        if step <= 1 or self._first_step is None:
             self._first = monotonic()  # the first step prepares what the others use: no measure of their pace
+            self._first_step = max(step, 1)
         if self._quiet or step == 0 or not self._is_due(step):
             return
         self._drawn = monotonic()
@@ -52,7 +54,8 @@ class Progress:
         now = monotonic()
         if step >= self._steps:
             return f"{duration(now - self._start)} in all"
-        pace = (now - self._first) / (step - 1) if step > 1 else now - self._start
+        taken = step - (self._first_step or 1)
+        pace = (now - self._first) / taken if taken > 0 else now - self._start
         return f"{duration(pace * (self._steps - step))} left"
 
 

@@ -378,7 +378,7 @@ class Piercing(Table):
     weight: Literal["uniform", "parabolic"] = Field(default="parabolic", description="weight over the footprint [-]")
     s: Positive | None = Field(
         default=None,
-        description="abscissa of the piercing at the start [m]; default: where the path is nearest",
+        description="abscissa of the piercing where it begins [m]; default: where the thread is nearest to it then",
         examples=[0.031],
     )
     friction: Friction | None = Field(
@@ -391,9 +391,16 @@ class Piercing(Table):
         description="length over which the reaction couple presses on the hole [m]; default: it does not",
         examples=[2.0e-3],
     )
-    from_: NotNegative = Field(default=0.0, alias="from", description="time at which the piercing begins [s]")
+    from_: NotNegative = Field(
+        default=0.0,
+        alias="from",
+        description="time at which the piercing begins [s], at the first end of a step not before it; until then its "
+        "state is left",
+    )
     until: Positive | None = Field(
-        default=None, description="time at which the piercing ends [s]; default: never", examples=[0.5]
+        default=None,
+        description="time at which the piercing ends [s], at the first end of a step not before it; default: never",
+        examples=[0.5],
     )
 
     @model_validator(mode="after")
@@ -427,6 +434,11 @@ class Solve(Table):
     scheme: Literal["newton", "linear"] = Field(
         default="newton", description='time step: "newton", or "linear" (Baumgarte, one linear solve)'
     )
+    integrator: Literal["euler", "bdf2"] = Field(
+        default="euler",
+        description='integration in time: "euler" (backward, order 1) or "bdf2" (order 2), constraints met at the end '
+        "of the step by either",
+    )
     coupling: Literal["monolithic", "staggered"] = Field(
         default="monolithic", description="thread and organ solved together, or one after the other"
     )
@@ -438,6 +450,30 @@ class Solve(Table):
     def _check_step(self) -> Self:
         if self.kind == "dynamic" and self.dt > self.duration:
             raise ValueError(f".dt = {self.dt} is refused: it must not exceed duration = {self.duration}; lower it")
+        return self
+
+    @model_validator(mode="after")
+    def _check_method(self) -> Self:
+        if self.integrator == "bdf2" and (self.scheme == "linear" or self.friction == "two-pass"):
+            raise ValueError(
+                '.integrator = "bdf2" is refused: the linear scheme and two-pass friction step by backward Euler; use '
+                'integrator = "euler", or scheme = "newton" with friction = "implicit"'
+            )
+        if self.scheme == "linear" and self.kind == "static":
+            raise ValueError(
+                '.scheme = "linear" is refused: solve.kind is static, an equilibrium and not a step in time; use '
+                'scheme = "newton" or kind = "dynamic"'
+            )
+        if self.friction == "two-pass" and (self.kind == "static" or self.integrator == "bdf2"):
+            raise ValueError(
+                '.friction = "two-pass" is refused: it is a step in time of backward Euler; use friction = "implicit", or '
+                'kind = "dynamic" with integrator = "euler"'
+            )
+        if self.coupling == "staggered" and self.kind == "static":
+            raise ValueError(
+                '.coupling = "staggered" is refused: solve.kind is static, where nothing moves from step to step; use '
+                'coupling = "monolithic" or kind = "dynamic"'
+            )
         return self
 
 
@@ -475,6 +511,15 @@ class Scenario(Table):
             key = dotted(["piercing", loose, "direction"])
             reason = 'without [tissue] there is no surface; use "free" or [x, y, z], or add [tissue]'
             raise ValueError(refused(key, "normal", reason))
+        return self
+
+    @model_validator(mode="after")
+    def _check_friction(self) -> Self:
+        rough = next((piercing.name for piercing in self.piercing if piercing.friction is not None), None)
+        if rough is not None and self.solve.scheme == "linear" and self.solve.friction == "implicit":
+            key = dotted(["piercing", rough, "friction"])
+            reason = f'solve.scheme is linear, which has no implicit {key}; use "two-pass", or scheme = "newton"'
+            raise ValueError(refused("solve.friction", "implicit", reason))
         return self
 
     @model_validator(mode="after")
@@ -599,10 +644,16 @@ def dump(scenario: Scenario) -> str:
 
 
 def resolved(scenario: Scenario, length: float, s: Sequence[float]) -> Scenario:
-    """The scenario with the defaults that only the geometry tells: the rest length and the abscissas [m]."""
+    """The scenario with the defaults that only the geometry tells: the rest length and the abscissas [m].
+
+    A piercing that begins later takes its abscissa, unless given, from where the thread is then.
+    """
     thread = scenario.thread.model_copy(update={"length": length})
     pairs = zip(scenario.piercing, s, strict=True)
-    piercing = tuple(hole.model_copy(update={"s": float(value)}) for hole, value in pairs)
+    piercing = tuple(
+        hole.model_copy(update={"s": float(value)}) if hole.s is None and hole.from_ == 0.0 else hole
+        for hole, value in pairs
+    )
     return scenario.model_copy(update={"thread": thread, "piercing": piercing})
 
 

@@ -9,6 +9,7 @@ Codes of ``state`` at the piercings: 0 stick, 1 slip, 2 anchored, 3 left.
 """
 
 import base64
+import re
 import sys
 import zlib
 from collections.abc import Mapping, Sequence
@@ -25,17 +26,22 @@ STATE_CODES = {"stick": 0, "slip": 1, "anchored": 2, "left": 3}
 CELL_TYPES = {4: 10, 10: 24}  # VTK_TETRA, VTK_QUADRATIC_TETRA by nodes per cell
 TYPE_NAMES = {"f4": "Float32", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 COMPONENTS = {6: ("XX", "YY", "ZZ", "XY", "YZ", "XZ")}  # VTK's order of a symmetric tensor
+STEP = re.compile(r"_(\d+)\.vt[pu]")
 FASTEST = 1  # zlib's level: float32 fields hardly shrink further
 
 
 class Series:
     """Writes frames and keeps ``results.pvd`` naming those that are complete."""
 
-    def __init__(self, folder: Path, topology: OrganTopology | None = None) -> None:
+    def __init__(self, folder: Path, topology: OrganTopology | None = None, before: int = 0) -> None:
+        """``before``: frames of earlier steps than this one are kept, as a run that is resumed wants it."""
         self._folder = folder
         self._mesh = None if topology is None else encode_mesh(topology)
-        self._entries: list[str] = []
         (folder / "frames").mkdir(parents=True, exist_ok=True)
+        self._entries = entries(folder / "results.pvd", before) if before else []
+        for path in (folder / "frames").iterdir():
+            if path.name.startswith(".") or step_of(path.name) >= before:
+                path.unlink()
 
     def write(self, step: int, frame: Frame) -> None:
         """Write the files of a frame, then the index that names them."""
@@ -48,6 +54,18 @@ class Series:
             write_text(self._folder / "frames" / name, text)
             self._entries.append(_entry(frame.time, name))
         write_text(self._folder / "results.pvd", index_text(self._entries))
+
+
+def entries(index: Path, before: int) -> list[str]:
+    """Lines of a ``.pvd`` file that name frames of earlier steps than ``before``."""
+    lines = [line for line in index.read_text(encoding="utf-8").splitlines(keepends=True) if "<DataSet" in line]
+    return [line for line in lines if step_of(line) < before]
+
+
+def step_of(name: str) -> int:
+    """The step in the name of a frame's file."""
+    found = STEP.search(name)
+    return int(found[1]) if found else -1
 
 
 def index_text(entries: Sequence[str]) -> str:

@@ -1,6 +1,6 @@
 """A run: the steps of a scenario one after the other, each with what is recorded of it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import ceil
@@ -11,15 +11,23 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 import tissue
+from coupling import bdf2
 from coupling.audit import Energies, audited, initial_energies
+from coupling.baumgarte import linear_step, linear_two_pass
 from coupling.constraints import passage, phi
+from coupling.diagnosis import faults
 from coupling.equilibrium import load_step
+from coupling.errors import StepError
+from coupling.events import Event, booked, noticed, scheduled
 from coupling.observation import observe
-from coupling.stepping import Step, advance
+from coupling.staggered import backward_euler, staggered
+from coupling.stepping import Step, Take, advance, try_step
 from coupling.system import State, System
+from coupling.two_pass import two_pass
 from studies.assembly import Assembly, assemble
+from studies.checkpoint import CHECKPOINT, Arrays, packed, unpacked
 from studies.observables import Frame, OrganRecord, OrganTopology, StepRecord, ThreadRecord
-from studies.scenario import Scenario
+from studies.scenario import Scenario, ScenarioError, Solve
 
 Array = NDArray[np.float64]
 
@@ -28,10 +36,35 @@ WHOLE = 1e-9  # of a step: a duration this near a whole number of steps is one
 
 
 @dataclass(frozen=True)
+class Standing:
+    """Where a run is after `step` steps: all that the next ones depend on.
+
+    `s_begun` (holds,) [m]: the abscissae that slip is measured from, where each piercing began.
+    """
+
+    step: int
+    state: State
+    energies: Energies
+    s_begun: Array
+
+    @property
+    def first(self) -> State:
+        """A state at the abscissae that slip is measured from."""
+        return replace(self.state, s=self.s_begun)
+
+    @property
+    def memory(self) -> Arrays:
+        """The same as arrays by name."""
+        own = {"step": np.array(self.step), "s_begun": self.s_begun}
+        return own | packed(self.state, "state") | packed(self.energies, "energies")
+
+
+@dataclass(frozen=True)
 class Simulation:
-    """A scenario ready to run."""
+    """A scenario ready to run, with the consistent start."""
 
     assembly: Assembly
+    start: State
 
     @property
     def scenario(self) -> Scenario:
@@ -60,27 +93,39 @@ class Simulation:
         """Stress from displacement, None without an organ."""
         return None if self.assembly.body is None else tissue.stress_recovery(self.assembly.body)
 
-    def advance(self) -> Iterator[tuple[StepRecord, Callable[[], Frame]]]:
+    def advance(self, memory: Arrays | None = None) -> Iterator[tuple[StepRecord, Callable[[], Frame]]]:
         """The start, then every step, each with a function that makes its frame.
 
-        One BLAS thread while stepping: two of them on busy cores cost more than they bring.
+        With the `memory` of a step's record: that step again, then those after it. Raises `ScenarioError` for a memory
+        that is none of this simulation.
         """
-        with threadpool_limits(limits=1, user_api="blas"):
-            yield from self._advance()
+        return self._from(self.beginning() if memory is None else remembered(self.beginning(), memory))
 
-    def _advance(self) -> Iterator[tuple[StepRecord, Callable[[], Frame]]]:
-        system, state = self.assembly.system, self.assembly.start()
-        first, energies = state, initial_energies(system, state)
-        yield recorded(system, first, state, energies, 0, [], 0.0), partial(self.frame, first, first)
-        for number in range(1, self.steps + 1):
-            began = perf_counter()
-            taken = self.take(state, number)
-            for step in taken:
-                energies = audited(system, energies, step)
-            state = taken[-1].new
-            seconds = perf_counter() - began
-            record = recorded(system, first, state, energies, number, taken, seconds)
-            yield record, partial(self.frame, first, state)
+    def _from(self, now: Standing) -> Iterator[tuple[StepRecord, Callable[[], Frame]]]:
+        """One BLAS thread while stepping: two of them on busy cores cost more than they bring."""
+        with threadpool_limits(limits=1, user_api="blas"):
+            yield recorded(self.assembly.system, now), partial(self.frame, now)
+            for number in range(now.step + 1, self.steps + 1):
+                began = perf_counter()
+                now, taken, events = self.next(now, number)
+                record = recorded(self.assembly.system, now, taken, events, perf_counter() - began)
+                yield record, partial(self.frame, now)
+
+    def beginning(self) -> Standing:
+        """The run before the first step."""
+        state = self.start
+        return Standing(0, state, initial_energies(self.assembly.system, state), state.s)
+
+    def next(self, now: Standing, number: int) -> tuple[Standing, list[Step], list[Event]]:
+        """Step `number`, then the piercings that end or begin with it: where the run is then, and how it got there."""
+        system, energies = self.assembly.system, now.energies
+        taken = self.take(now.state, number)
+        for step in taken:
+            energies = audited(system, energies, step)
+        state, due = scheduled(system, now.state.time, taken[-1].new, self.scenario.solve.dt, self.assembly.given)
+        s_begun = np.where(state.present & ~taken[-1].new.present, state.s, now.s_begun)
+        standing = Standing(number, state, booked(system, energies, state, due), s_begun)
+        return standing, taken, noticed(system, now.state, taken) + due
 
     def take(self, state: State, number: int) -> list[Step]:
         """Step `number` (1 is the first) from `state`; more than one where it had to be halved."""
@@ -89,14 +134,14 @@ class Simulation:
             return load_step(system, state, number / self.steps, solve.duration)
         last = number == self.steps
         dt = solve.duration - (number - 1) * solve.dt if last else solve.dt
-        taken = advance(system, state, solve.dt if abs(dt - solve.dt) < WHOLE * solve.dt else dt)
+        taken = advance(system, state, solve.dt if abs(dt - solve.dt) < WHOLE * solve.dt else dt, method(solve))
         time = solve.duration if last else number * solve.dt
         return [*taken[:-1], replace(taken[-1], new=replace(taken[-1].new, time=time))]
 
-    def frame(self, first: State, state: State) -> Frame:
+    def frame(self, now: Standing) -> Frame:
         """What is drawn of a state."""
-        system = self.assembly.system
-        piercings = observe(system, first, state)
+        system, state = self.assembly.system, now.state
+        piercings = observe(system, now.first, state)
         return Frame(state.time, thread_record(system, state), piercings, self.organ_record(state))
 
     def organ_record(self, state: State) -> OrganRecord | None:
@@ -109,33 +154,73 @@ class Simulation:
         return OrganRecord(body.nodal(U), stress, tissue.von_mises(stress))
 
 
+def method(solve: Solve) -> Take:
+    """How a step is taken: by which integrator, and with the organ in the same system or after the thread."""
+    integrators = {"euler": (try_step, backward_euler), "bdf2": (bdf2.take, bdf2.scheme_of)}
+    thread_step, scheme_of = integrators[solve.integrator]
+    if solve.friction == "two-pass":
+        thread_step = two_pass
+    if solve.scheme == "linear":
+        thread_step = linear_two_pass if solve.friction == "two-pass" else linear_step
+    return staggered(thread_step, scheme_of) if solve.coupling == "staggered" else thread_step
+
+
 def prepare(scenario: Scenario) -> Simulation:
     """Everything before the first step. Raises the errors of input that cannot be run."""
-    return Simulation(assemble(scenario))
+    assembly = assemble(scenario)
+    with threadpool_limits(limits=1, user_api="blas"):
+        return Simulation(assembly, sound_start(assembly))
+
+
+def sound_start(assembly: Assembly) -> State:
+    """The consistent start. Raises `ScenarioError` where there is none, or the constraints cannot be met."""
+    try:
+        state = assembly.start()
+    except StepError as error:
+        raise ScenarioError(
+            f"thread.path is refused: the thread cannot be laid along it through its piercings ({error.cause}); "
+            "let the path pass nearer to them and bend less"
+        ) from error
+    problems = faults(assembly.system, state)
+    if problems:
+        raise ScenarioError(problems)
+    return state
+
+
+def remembered(beginning: Standing, memory: Arrays) -> Standing:
+    """Where a run was, from what it kept in mind; `beginning` shows how that is built. Raises `ScenarioError`."""
+    try:
+        return Standing(
+            step=int(memory["step"]),
+            state=unpacked(beginning.state, memory, "state", beginning.state.organ),
+            energies=unpacked(beginning.energies, memory, "energies"),
+            s_begun=memory["s_begun"],
+        )
+    except (KeyError, TypeError) as error:
+        raise ScenarioError(
+            f"{CHECKPOINT} is of another version of this code ({error}); run without --resume to begin anew"
+        ) from None
 
 
 def recorded(
-    system: System,
-    first: State,
-    state: State,
-    energies: Energies,
-    number: int,
-    taken: list[Step],
-    seconds: float,
+    system: System, now: Standing, taken: Sequence[Step] = (), events: Sequence[Event] = (), seconds: float = 0.0
 ) -> StepRecord:
     """What is written of a step."""
+    state = now.state
     points = system.thread.points(state.q)
     return StepRecord(
         time=state.time,
-        step=number,
-        piercings=observe(system, first, state),
-        energy=energies,
+        step=now.step,
+        piercings=observe(system, now.first, state),
+        energy=now.energies,
         newton_iterations=sum(step.solution.iterations for step in taken),
         constraint_max=max((largest_gap(system, step.new) for step in taken), default=largest_gap(system, state)),
         start_reaction=state.reaction[0],
         end_reaction=state.reaction[1],
         max_strain=float(np.max(np.sqrt(1.0 + 2.0 * points.strain) - 1.0)),
         seconds=seconds,
+        events=tuple(events),
+        memory=now.memory,
     )
 
 
@@ -159,7 +244,7 @@ def thread_record(system: System, state: State) -> ThreadRecord:
     return ThreadRecord(
         points=P,
         s=s,
-        tension=np.interp(s, thread.elastic_rule.s.ravel(), tension),
+        tension=np.interp(s, thread.axial_rule.s.ravel(), tension),
         curvature=np.linalg.norm(np.cross(T, K), axis=1) / speed**3,
         radius=0.5 * thread.section.diameter,
     )

@@ -112,6 +112,7 @@ def piercing(name: str, time: float) -> PiercingRecord:
         tension_before=float("nan"),
         tension_after=0.2,
         state="slip",
+        cone=0.0,
         tangent=np.array([0.0, 0.6, 0.8]),
         u=np.array([1.0, 0.0, 0.0]),
         v=np.array([0.0, 0.8, -0.6]),
@@ -157,7 +158,7 @@ class Stub:
     topology: OrganTopology | None = LINEAR
     tissue_dofs: int = 12
 
-    def advance(self) -> Iterator[tuple[StepRecord, Callable[[], Frame]]]:
+    def advance(self, memory: object = None) -> Iterator[tuple[StepRecord, Callable[[], Frame]]]:
         for number in range(self.steps + 1):
             if number == 4 and isinstance(self.fail, Exception):
                 raise self.fail

@@ -107,9 +107,7 @@ def test_a_folder_of_somebody_else_is_refused(
     assert "holds other files than results" in capsys.readouterr().err
 
 
-def test_a_run_that_fails(
-    contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_that_fails(contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     stub(CouplingError("no convergence at piercing 'exit'"))
     out = tmp_path / "out"
     assert command.main(["run", contract, "--out", str(out), "--no-picture"]) == 1

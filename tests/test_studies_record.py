@@ -56,7 +56,7 @@ def test_a_run_leaves_what_the_contract_says(tmp_path: Path) -> None:
     assert summary["energy"]["kinetic"] == 1 / 3
     assert set(summary["piercings"]["entry"]) == {
         *("s", "slip", "x", "displacement", "force", "normal_force", "tangential_force", "couple"),
-        *("tension_before", "tension_after", "state", "tangent"),
+        *("tension_before", "tension_after", "state", "cone", "tangent"),
     }
     assert summary["piercings"]["exit"]["tension_before"] is None  # NaN has no place in JSON
     assert len(summary["provenance"]["scenario_sha256"]) == 64
@@ -227,9 +227,7 @@ def test_a_table_quotes_what_needs_it(tmp_path: Path) -> None:
 
 
 def test_json_holds_plain_numbers_only(tmp_path: Path) -> None:
-    write_json(
-        tmp_path / "a.json", {"a": np.array([1.0, math.nan]), "b": np.float64(math.inf), "c": np.int64(3)}
-    )
+    write_json(tmp_path / "a.json", {"a": np.array([1.0, math.nan]), "b": np.float64(math.inf), "c": np.int64(3)})
     assert json.loads((tmp_path / "a.json").read_text()) == {"a": [1.0, None], "b": None, "c": 3}
 
 

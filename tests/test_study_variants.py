@@ -1,0 +1,89 @@
+"""The study of staggered against monolithic, coarse: that it measures what its table says."""
+
+import csv
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from studies.coupling_variants import CREATED, DURATION, Row, largest_stable, main, of, table, written
+
+SOFT, FIRM = 1e4, 2.5e5
+COUNTS = (12, 25, 100, 200)
+
+
+@cache
+def rows() -> tuple[Row, ...]:
+    """Two organs on the coarsest mesh."""
+    return tuple(main((SOFT, FIRM), COUNTS, 5e-3, (True, False)))
+
+
+def test_every_run_is_there_once() -> None:
+    keys = {(row.coupling, row.inertia, row.youngs_modulus, row.dt) for row in rows()}
+    assert len(rows()) == len(keys) == 2 * 2 * 2 * len(COUNTS)
+    assert {row.dt for row in rows()} == {DURATION / n for n in COUNTS}
+
+
+def test_the_monolithic_way_neither_drifts_nor_creates() -> None:
+    """Consistency check: at every step and stiffness; nor is there a step that it cannot take here."""
+    for inertia in (True, False):
+        for E in (SOFT, FIRM):
+            runs = of(rows(), "monolithic", inertia, E)
+            assert all(row.stable for row in runs)
+            assert max(row.drift for row in runs) <= 1e-9 * runs[0].moved
+            assert max(abs(row.created) for row in runs) <= 1e-12
+            assert largest_stable(runs) == DURATION / COUNTS[0]
+
+
+def test_the_staggered_way_drifts_with_the_step() -> None:
+    """Independent check (theory): the drift is the way of a hole in a step, so it falls with the step, and is below the
+    whole way while the exchange is stable. A stable exchange that comes back to where it was destroys energy."""
+    for runs in (of(rows(), "staggered", True, FIRM), of(rows(), "staggered", False, FIRM)):
+        fine, middle = runs[0], runs[1]
+        assert 0.0 < fine.drift < 0.8 * middle.drift < middle.moved
+        assert -CREATED < fine.created < 0.0
+        assert fine.stable and middle.stable
+
+
+def test_softness_limits_the_step_of_the_staggered_way() -> None:
+    """Independent check (theory): the exchange diverges where the thread's stiffness times the organ's compliance is
+    above one: on the soft organ before the firm one, with inertia at long steps, without it at short ones too."""
+    soft, firm = (largest_stable(of(rows(), "staggered", True, E)) for E in (SOFT, FIRM))
+    assert 0.0 < soft < firm
+    broken = of(rows(), "staggered", False, SOFT)
+    assert largest_stable(broken) == 0.0
+    assert max(row.created for row in broken) > 1.0
+
+
+def test_what_is_written(tmp_path: Path) -> None:
+    """The table has a line for each organ, the numbers read back, and the figure is a picture in both formats."""
+    written(rows(), tmp_path)
+    lines = (tmp_path / "table.md").read_text().splitlines()
+    assert len(lines) == 2 + 4
+    assert len({line.count("|") for line in lines}) == 1
+    assert "broke off" in lines[-2] and "none" in lines[-2]
+    with (tmp_path / "runs.csv").open() as file:
+        back = list(csv.DictReader(file))
+    assert [float(line["drift"]) for line in back] == [row.drift for row in rows()]
+    assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
+    text = (tmp_path / "figure.svg").read_text()
+    assert "time step [ms]" in text and "250 kPa" in text
+
+
+def test_the_largest_stable_step() -> None:
+    """It is the end of an unbroken ladder: a coarse step that happens to hold does not count."""
+    row = rows()[0]
+    ladder = [replace(row, dt=dt, created=created) for dt, created in ((1.0, 0.0), (2.0, -1.0), (3.0, 0.2), (4.0, 0.0))]
+    assert largest_stable(ladder) == 2.0
+    assert largest_stable(ladder[2:]) == 0.0
+    assert not replace(row, completed=False).stable
+    assert np.isfinite([row.drift, row.created]).all()
+
+
+@pytest.mark.parametrize("stable", ["all", "none"])
+def test_the_table_tells_where_the_ladder_ends(stable: str) -> None:
+    row = replace(rows()[0], coupling="staggered", created=0.0 if stable == "all" else 1.0)
+    lines = table([replace(row, coupling="monolithic"), row]).splitlines()
+    assert lines[2].endswith(f"| {f'≥ {1e3 * row.dt:.2g}' if stable == 'all' else 'none'} |")
