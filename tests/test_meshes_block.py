@@ -29,9 +29,7 @@ NEEDS_GMSH = pytest.mark.skipif(bool(gmsh_fault()), reason=gmsh_fault())
 MAKERS = [
     pytest.param(lambda: block(SIZE, 5e-3), id="uniform"),
     pytest.param(lambda: graded_block_structured(SIZE, 5e-3, 1e-3, SITES, radius=2e-3), id="tensor"),
-    pytest.param(
-        lambda: graded_block_gmsh(SIZE, 5e-3, 1e-3, SITES, radius=2e-3), id="gmsh", marks=NEEDS_GMSH
-    ),
+    pytest.param(lambda: graded_block_gmsh(SIZE, 5e-3, 1e-3, SITES, radius=2e-3), id="gmsh", marks=NEEDS_GMSH),
 ]
 
 

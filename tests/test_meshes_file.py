@@ -202,9 +202,7 @@ def test_quadratic_and_hexahedral_meshes_are_refused(tmp_path):
         gmsh.model.mesh.setOrder(2)
         gmsh.write(str(path))
     assert "Tetrahedron 10, Triangle 6; only linear tetrahedra" in refusal(path)
-    cube = np.array(
-        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float
-    )
+    cube = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float)
     meshio.Mesh(cube, {"hexahedron": np.arange(8)[None]}).write(tmp_path / "cube.vtu")
     assert "hexahedron; only linear tetrahedra" in refusal(tmp_path / "cube.vtu")
 
