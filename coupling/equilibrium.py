@@ -32,9 +32,10 @@ LAID_TIE = 1e-4  # of that, for a thread as it was laid: Newton alone might jump
 
 
 def static_problem(
-    system: System, state: State, share: float, duration: float, tie: float, C: Array, y: Array
+    system: System, state: State, share: float, duration: float, tie: float, C: Array, y: Array, s_old: Array
 ) -> Problem:
-    """Equilibrium at the part `share` of the loads; `tie` [1/s²] ties each point to where it is in `state`."""
+    """Equilibrium at the part `share` of the loads; `tie` [1/s²] ties each point to where it is in `state`. Friction
+    opposes the way from `s_old` (m,) [m], the abscissae at the start of the load step."""
     thread = system.thread
     load = share * end_load(system, duration)
     return Problem(
@@ -48,7 +49,7 @@ def static_problem(
         y_free=all_holds(system, y),
         C=padded(system, C),
         rows=system.rows & state.present[:, None],
-        law=law_of(system, state.s, state.present, 0.0, state.s),
+        law=law_of(system, s_old, state.present, 0.0, s_old),
         stiffen=True,
     )
 
@@ -59,7 +60,7 @@ def settle(system: System, state: State, share: float, duration: float) -> Step:
     prediction = operator.predict(state.organ, system.organ.history((), ()))
     tie, now, cause = first_tie(system, state) * LAID_TIE if state.time == 0.0 else 0.0, state, None
     for _ in range(ATTEMPTS):
-        problem = static_problem(system, now, share, duration, tie, operator.C, prediction.y_free)
+        problem = static_problem(system, now, share, duration, tie, operator.C, prediction.y_free, state.s)
         try:
             solution = solve(problem, guess(problem, now))
         except StepError as error:

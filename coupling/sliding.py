@@ -16,6 +16,7 @@ A friction found elsewhere (the two-pass algorithm of §4.3) enters as a given f
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -43,6 +44,11 @@ class Law:
     inertia: float
     s_free: Array
     injected: Array
+
+    @cached_property
+    def ideal(self) -> bool:
+        """Whether no force but that of ε acts along the thread."""
+        return not (self.rough.any() or self.injected.any())
 
 
 def law_of(system: System, s_old: Array, present: Flags, inertia: float, s_free: Array) -> Law:
@@ -115,6 +121,8 @@ def cone_residual(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, 
 def residual(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
     """Left-hand side of the law, shape `(m,)`: [N] where the thread slides, [m] where it is held."""
     drive = net_drive(law, thread, s, lam, y)
+    if law.ideal:
+        return np.where(slip == 0.0, s - law.s_old, drive)
     given = law.injected + law.rough * slip * kinetic_bound(law, thread, lam)
     return np.where(slip == 0.0, s - law.s_old, drive - np.linalg.norm(thread.T, axis=1) * given)
 
@@ -126,7 +134,7 @@ def linearise_law(border: Border, law: Law, slip: Array, thread: Passage, lam: A
     d_phi = phi_s(thread, y)
     row[:, LAM], row[:, MU_U], row[:, MU_V] = d_phi[:, :3], d_phi[:, 3], d_phi[:, 4]
     row[:, U], row[:, V] = lam[:, 3:4] * thread.K, lam[:, 4:5] * thread.K
-    if law.rough.any() or law.injected.any():
+    if not law.ideal:
         add_friction(row_T, row, law, slip, thread, lam)
     row[:, S] = dot(row_T, thread.K) + dot(row_K, thread.J) - law.inertia
     sliding = (slip != 0.0)[:, None]

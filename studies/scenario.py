@@ -466,8 +466,8 @@ class Solve(Table):
             )
         if self.friction == "two-pass" and (self.kind == "static" or self.integrator == "bdf2"):
             raise ValueError(
-                '.friction = "two-pass" is refused: it is a step in time of backward Euler; use friction = "implicit", or '
-                'kind = "dynamic" with integrator = "euler"'
+                '.friction = "two-pass" is refused: it is a step in time of backward Euler; use friction = "implicit", '
+                'or kind = "dynamic" with integrator = "euler"'
             )
         if self.coupling == "staggered" and self.kind == "static":
             raise ValueError(

@@ -286,8 +286,6 @@ class QuasiStaticOrgan(_Organ):
     demand.
     """
 
-    _operator: QuasiStaticOperator = field(init=False, repr=False, compare=False)
-
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.elasticity.clamped.size == 0:
@@ -296,12 +294,15 @@ class QuasiStaticOrgan(_Organ):
                 "clamp = []: a quasi-static organ that is not held is singular; clamp a boundary (the mesh names "
                 f"{known}) or give it inertia"
             )
+
+    @cached_property
+    def _operator(self) -> QuasiStaticOperator:
+        """Factorised when first asked for: a scenario is checked without."""
         factor = factorize(self.K, self.places, self.method)
         W, C = _compliance(factor, self.Y)
         U_load = factor.solve(self.load)
         y_load, sag_energy = np.asarray(self.y0 + self.Y @ U_load), float(0.5 * self.load @ U_load)
-        operator = QuasiStaticOperator(self.K, factor, self.load, W, C, U_load, y_load, sag_energy)
-        object.__setattr__(self, "_operator", operator)
+        return QuasiStaticOperator(self.K, factor, self.load, W, C, U_load, y_load, sag_energy)
 
     def start(self) -> OrganState:
         """Equilibrium under gravity, without site forces."""
@@ -317,6 +318,8 @@ class QuasiStaticOrgan(_Organ):
 
     def site_variables(self, state: OrganState) -> Array:
         """y = y0 + Y U = y_load + C f_y, shape `(9p,)`."""
+        if not (self.load.any() or state.f_y.any()):
+            return self.y0
         return self._operator.y_load + self._operator.C @ state.f_y
 
     def displacement(self, state: OrganState) -> Array:
