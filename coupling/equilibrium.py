@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from coupling.constraints import Array, site_force
-from coupling.errors import StepError
+from coupling.errors import EquilibriumError, StepError
 from coupling.newton import Iterate, Problem, Solution, solve
-from coupling.sliding import law_of
+from coupling.sliding import law_of, prescribed
 from coupling.stepping import (
     Step,
     all_holds,
@@ -55,23 +55,39 @@ def static_problem(
 
 
 def settle(system: System, state: State, share: float, duration: float) -> Step:
-    """Equilibrium at the part `share` of the final loads. Raises `StepError`."""
+    """Equilibrium at the part `share` of the final loads. Raises `EquilibriumError`.
+
+    Rough holes hold the thread while it is tied; where it has a long way to slide, they let it slide on the way too.
+    """
+    try:
+        return untied(system, state, share, duration, hold=True)
+    except EquilibriumError:
+        if not system.rough.any():
+            raise
+    return untied(system, state, share, duration, hold=False)
+
+
+def untied(system: System, state: State, share: float, duration: float, hold: bool) -> Step:
+    """Equilibrium by ties that are weakened and dropped; `hold`: the rough holes hold the thread meanwhile."""
     operator = system.organ.operator(0.0, 0.0)
     prediction = operator.predict(state.organ, system.organ.history((), ()))
-    tie, now, cause = first_tie(system, state) * LAID_TIE if state.time == 0.0 else 0.0, state, None
+    tie, now, failed = first_tie(system, state) * LAID_TIE if state.time == 0.0 else 0.0, state, None
     for _ in range(ATTEMPTS):
         problem = static_problem(system, now, share, duration, tie, operator.C, prediction.y_free, state.s)
+        if hold and tie > 0.0:
+            problem = replace(problem, law=prescribed(problem.law, problem.law.rough, np.zeros(system.holds)))
         try:
-            solution = solve(problem, guess(problem, now))
+            solution = solve(problem, guess(problem, now, state.slip if hold else now.slip))
         except StepError as error:
-            cause = error
+            failed = error
             tie = first_tie(system, now) if tie == 0.0 else tie * np.sqrt(WEAKER)
             continue
         now = settled(system, now, problem, solution, operator, prediction)
         if tie == 0.0:
             return Step(state, now, problem.dt, solution)
         tie = 0.0 if tie < 1e-9 * first_tie(system, now) else tie / WEAKER
-    raise StepError(state.time, share * duration - state.time, f"no equilibrium found ({cause})")
+    cause, piercing = (failed.cause, failed.piercing) if failed else ("the ties could not be dropped", "")
+    raise EquilibriumError(state.time, share * duration - state.time, cause, piercing, share)
 
 
 def first_tie(system: System, state: State) -> float:
@@ -81,10 +97,10 @@ def first_tie(system: System, state: State) -> float:
     return float(FIRST_TIE * stiffness / np.abs(thread.mass_band).max())
 
 
-def guess(problem: Problem, state: State) -> Iterate:
+def guess(problem: Problem, state: State, slip: Array) -> Iterate:
     """Start from the last equilibrium, the prescribed ends moved on."""
     q = with_ends(state.q, problem.system, problem.time)
-    return Iterate(q, state.N, state.s, state.lam, state.y, state.slip)
+    return Iterate(q, state.N, state.s, state.lam, state.y, slip)
 
 
 def settled(system: System, old: State, problem: Problem, solution: Solution, operator, prediction) -> State:  # type: ignore[no-untyped-def]

@@ -44,6 +44,20 @@ class RunAwayError(CouplingError):
 
 
 @dataclass
+class EquilibriumError(StepError):
+    """A load step without an equilibrium; `share` is the part of the final loads."""
+
+    share: float = 1.0
+
+    def __str__(self) -> str:
+        place = f", worst at piercing {self.piercing!r}" if self.piercing else ""
+        return (
+            f"no equilibrium was found under {100 * self.share:.4g} % of the loads ({self.cause}{place}); a thread that "
+            "can be drawn out of its holes has none: hold an end, add friction or an anchor; else raise solve.load_steps"
+        )
+
+
+@dataclass
 class InversionError(CouplingError):
     """The thread's tangent flipped through a hole: an entry became an exit (§4.2)."""
 

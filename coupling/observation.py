@@ -16,7 +16,7 @@ class PiercingObservation:
     `s`, `slip` [m, thread drawn through towards rising s at the end of the thread since the start]; `x`,
     `displacement`, `tangent` (unit), `u`, `v` (3,); `force` (3,) [N] of the hole on the thread, `normal_force` |λ_n|,
     `tangential_force` λ·t [N]; `couple` (3,) [N m] of the direction constraint on the thread; `tension_before`,
-    `tension_after` [N] at lower and higher s; `state`: "stick", "slip", "anchored" or "left"; `cone` [N], by how much
+    `tension_after` [N] at lower and higher s; `state`: "stick", "slip", "anchored" or "left"; `cone_residual` [N], by how much
     the force along the thread breaks Coulomb's law (`coupling.sliding.cone_residual`; what accelerates an abscissa with
     ε counts as well).
     """
@@ -36,7 +36,7 @@ class PiercingObservation:
     tangent: Array
     u: Array
     v: Array
-    cone: float
+    cone_residual: float
 
 
 def observe(system: System, start: State, state: State) -> tuple[PiercingObservation, ...]:
@@ -69,7 +69,7 @@ def observe(system: System, start: State, state: State) -> tuple[PiercingObserva
                 tangent=t[k],
                 u=y[3:6],
                 v=y[6:],
-                cone=float(cone[k]),
+                cone_residual=float(cone[k]),
             )
         )
     return tuple(out)

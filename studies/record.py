@@ -349,6 +349,7 @@ COLUMNS: dict[str, list[str]] = {
         *_xyz("couple"),  # N m
         *("tension_before", "tension_after", "state"),  # N, N, -
         *_xyz("tangent"),
+        "cone_residual",  # N, by how much friction breaks Coulomb's law
     ],
     "energy": ["time", "step", *(field.name for field in fields(EnergyRecord))],  # s, -, J ...
     "events": [
@@ -375,7 +376,7 @@ def _piercing_row(step: StepRecord, piercing: PiercingRecord) -> list[object]:
         *_numbers(piercing.normal_force, piercing.tangential_force, *piercing.couple),
         *_numbers(piercing.tension_before, piercing.tension_after),
         piercing.state,
-        *_numbers(*piercing.tangent),
+        *_numbers(*piercing.tangent, piercing.cone_residual),
     ]
 
 

@@ -112,7 +112,7 @@ def piercing(name: str, time: float) -> PiercingRecord:
         tension_before=float("nan"),
         tension_after=0.2,
         state="slip",
-        cone=0.0,
+        cone_residual=0.0,
         tangent=np.array([0.0, 0.6, 0.8]),
         u=np.array([1.0, 0.0, 0.0]),
         v=np.array([0.0, 0.8, -0.6]),

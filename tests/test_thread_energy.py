@@ -193,3 +193,12 @@ def test_bad_threads_are_refused(options: dict) -> None:
     """Independent check: damping and masses that cannot be."""
     with pytest.raises(ThreadError):
         thread_on(KNOTS, PP, **options)
+
+
+@pytest.mark.parametrize("repeats", [1, 2, 3])
+def test_uniform_tension_on_uneven_and_repeated_knots(repeats: int) -> None:
+    """Independent check: a straight thread under uniform strain is pulled at its ends only, whatever its knots."""
+    knots = np.concatenate([np.zeros(4), [0.1, 0.25], np.full(repeats, 0.4), [0.5, 0.75, 0.9], np.ones(4)])
+    thread = thread_on(knots, SECTIONS["both"])
+    inner = gradient(thread, 1.05 * straight(thread.spline))[1:-1]
+    assert np.abs(inner).max() <= IDENTITY * thread.EA

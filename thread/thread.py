@@ -78,6 +78,8 @@ def exact_weights(spline: Spline, s: Array) -> Array:
 
     Raises `ThreadError` where one is not positive: the spans are too unequal.
     """
+    if s.size != spline.n - 1:
+        raise ThreadError("knots: repeated knots at both ends of a span; put a span between them")
     t = spline.knots[1:-1]
     functions = BSpline(t, np.eye(spline.n - 1), 2)(s)
     w = np.linalg.solve(functions.T, (t[3:] - t[:-3]) / 3.0)
@@ -148,8 +150,8 @@ class Thread:
 
     @cached_property
     def axial_rule(self) -> Rule:
-        """Rule of the stretching energy: the middle of each span, and the Gauss points of the two end spans and of a
-        span that begins at a repeated knot.
+        """Rule of the stretching energy: the middle of each span, and the Gauss points of the two end spans, of a
+        span that begins at a repeated knot, and of one that ends at a triple knot.
 
         A cubic cannot keep |T| = 1 all along a span whose curvature changes, and at the stiffness of a real suture a
         full rule blocks its bending (membrane locking). These are n − 1 points, as many as T has functions, so nothing
@@ -158,7 +160,7 @@ class Thread:
         """
         spline, full = self.spline, self.elastic_rule
         breaks, repeats = np.unique(spline.knots, return_counts=True)
-        single = ((repeats[:-1] == 1) & (repeats[1:] < LOCAL))[:, None]
+        single = ((repeats[:-1] == 1) & (repeats[1:] < LOCAL - 1))[:, None]
         s = np.where(single, 0.5 * (breaks[:-1] + breaks[1:])[:, None], full.s)
         once = np.ones(s.shape, dtype=bool)
         once[single[:, 0], 1:] = False

@@ -1,0 +1,74 @@
+"""Friction by the keys of a scenario: each one changes what is measured, in the sense it must."""
+
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+import pytest
+from bounds import TWO_SOLVERS
+
+from studies.observables import StepRecord
+from studies.scenario import Scenario
+from studies.simulation import prepare
+
+DRAWN: dict[str, Any] = {
+    "thread": {
+        "suture": "2-0 polypropylene",
+        "control_points": 40,
+        "path": [[-0.005, 0, 0.02], [-0.005, 0, -0.0055], [0.005, 0, -0.0055], [0.005, 0, 0.02]],
+        "damping": 20.0,
+        "start": {"kind": "pulled", "force": [0.0, 0.0, 0.05], "ramp": 0.01},
+        "end": {"kind": "driven", "waypoints": [[0.0, 0.005, 0, 0.02], [0.05, 0.005, 0, 0.0225]]},
+    },
+    "piercing": [
+        {"name": "entry", "at": [-0.005, 0, 0], "direction": [0, 0, -1]},
+        {"name": "exit", "at": [0.005, 0, 0], "direction": [0, 0, 1]},
+    ],
+    "solve": {"dt": 2.5e-3, "duration": 0.05},
+}
+
+
+def last(friction: dict[str, float] | None, channel: float | None = None, solver: str = "implicit") -> StepRecord:
+    """The end of the run with the friction at both holes."""
+    table = deepcopy(DRAWN)
+    for hole in table["piercing"]:
+        hole.update(({"friction": friction} if friction else {}) | ({"channel": channel} if channel else {}))
+    table["solve"]["friction"] = solver
+    return [record for record, _ in prepare(Scenario.model_validate(table)).advance()][-1]
+
+
+def pull(record: StepRecord) -> float:
+    """Force of the hand [N]."""
+    return float(np.linalg.norm(record.end_reaction))
+
+
+def test_every_key_of_friction_acts() -> None:
+    """Independent check: friction, grip and a channel each make the hand pull harder; what it takes is counted."""
+    smooth = last(None)
+    rough = last({"static": 0.2, "kinetic": 0.2})
+    gripped = last({"static": 0.2, "kinetic": 0.2, "grip": 0.02})
+    channel = last({"static": 0.2, "kinetic": 0.2}, channel=2e-3)
+    slower = last({"static": 0.2, "kinetic": 0.1})
+    assert abs(smooth.energy.friction_dissipation) <= TWO_SOLVERS * smooth.energy.external_work
+    assert pull(smooth) < pull(slower) < pull(rough) < min(pull(gripped), pull(channel))
+    assert pull(gripped) - pull(rough) > 0.03  # two holes of 0.02 N
+    for record in (rough, gripped, channel, slower):
+        assert record.energy.friction_dissipation > 0.0
+        assert all(hole.cone_residual <= TWO_SOLVERS * pull(record) for hole in record.piercings)
+
+
+def test_what_never_slips() -> None:
+    """Independent check: with a grip no pull here overcomes, no thread goes through, to the last bit."""
+    record = last({"static": 0.0, "kinetic": 0.0, "grip": 1e4})
+    assert all(hole.slip == 0.0 and hole.state == "stick" for hole in record.piercings)
+
+
+@pytest.mark.parametrize("static", [0.2, 0.24])
+def test_two_pass_by_its_key(static: float) -> None:
+    """Independent check: solve.friction = "two-pass" is another friction, near the exact one at small μ, and misses its
+    cone; what it takes is counted too."""
+    table = {"static": static, "kinetic": 0.2}
+    exact, lagged = last(table), last(table, solver="two-pass")
+    assert 1e-4 < abs(pull(lagged) / pull(exact) - 1.0) < 0.2
+    assert max(hole.cone_residual for hole in lagged.piercings) > 1e-4 * pull(exact)
+    assert lagged.energy.friction_dissipation > 0.0
