@@ -41,9 +41,9 @@ from coupling.border import (
     Y,
     at_holds,
     banded_solve,
-    block_diagonal,
     columns,
     direction,
+    plus_diagonal,
 )
 from coupling.constraints import Array, Passage, dot, passage, phi, site_force, spread, thread_force
 from coupling.errors import CouplingError, StepError
@@ -298,7 +298,7 @@ def whole_matrix(posed: Posed) -> Array:
 def wide(blocks: Array) -> Array:
     """Blocks (m, r, k) on the diagonal, shape `(m r, m k)`."""
     m, r, k = blocks.shape
-    return block_diagonal(blocks).reshape(m * r, m * k)
+    return plus_diagonal(np.zeros((m, r, m * k)), blocks).reshape(m * r, m * k)
 
 
 # -- the step ----------------------------------------------------------------------------------------------------------

@@ -99,15 +99,6 @@ def at_holds(thread: Passage, X: Array) -> Array:
     return (thread.b[:, :3] @ local.reshape(m, 4, -1)).reshape(NINE * m, -1)
 
 
-def block_diagonal(blocks: Array) -> Array:
-    """Blocks `(m, r, k)` on the diagonal of a matrix `(m, r, m, k)`."""
-    m, r, k = blocks.shape
-    full = np.zeros((m, r, m, k))
-    hold = np.arange(m)
-    full[hold, :, hold] = blocks
-    return full
-
-
 def banded_solve(A: Array, b: Array) -> Array:
     """Solve the banded system `A` (34, 3n), `b` (3n, k); both are overwritten. Raises `SingularError`."""
     lu, pivots, info = dgbtrf(A, HALF_BAND, HALF_BAND, overwrite_ab=1)
@@ -134,25 +125,40 @@ def direction(
     if m == 0:
         return X[:, 0].reshape(n, 3), np.empty((0, BORDER))
     G = at_holds(thread, X)
-    w, G = G[:, 0].reshape(m, NINE), G[:, 1:]
-    GE = np.matmul(G.reshape(NINE * m, m, NINE).swapaxes(0, 1), border.E).swapaxes(0, 1).reshape(m, NINE, -1)
+    matrix, rhs = holds_system(border, C, G[:, 0].reshape(m, NINE), G[:, 1:], r, r_y)
+    _, _, own, info = dgesv(matrix, rhs)
+    if info != 0 or not np.all(np.isfinite(own)):
+        raise SingularError("the holds' matrix is singular: two constraints say the same, or nothing holds the thread")
+    dz = np.zeros((m, BORDER))
+    dz[:, : len(own) // m] = own.reshape(m, -1)
+    push = np.matvec(border.E, dz).ravel()
+    return (X[:, 0] - X[:, 1:] @ push).reshape(n, 3), dz
 
-    own = block_diagonal(border.D).reshape(m, OWN, -1) - border.B @ GE
-    force = block_diagonal(border.F).reshape(m, NINE, -1) - border.R @ GE
+
+def holds_system(border: Border, C: Array, w: Array, G: Array, r: Array, r_y: Array) -> tuple[Array, Array]:
+    """Matrix and right-hand side of the border once the thread is eliminated: Vᵀdq = w − G E dz.
+
+    Where no site gives way (C = 0) and each is in its place, dy = 0 and the six equations of a hold are all.
+    """
+    m = len(r)
+    rigid = not (C.any() or r_y.any())
+    E = border.E[:, :, :OWN] if rigid else border.E
+    GE = np.matmul(G.reshape(NINE * m, m, NINE).swapaxes(0, 1), E).swapaxes(0, 1).reshape(m, NINE, -1)
+    own = plus_diagonal(-border.B @ GE, border.D[:, :, : E.shape[2]]).reshape(OWN * m, -1)
+    own_rhs = (-r - np.matvec(border.B, w)).ravel()
+    if rigid:
+        return own, own_rhs
+    force = plus_diagonal(-border.R @ GE, border.F)
     site = -C @ force.reshape(NINE * m, -1)
     row = np.arange(NINE * m)
     site[row, BORDER * (row // NINE) + OWN + row % NINE] += 1.0
+    site_rhs = C @ np.matvec(border.R, w).ravel() - r_y.ravel()
+    return np.concatenate([own, site]), np.concatenate([own_rhs, site_rhs])
 
-    matrix = np.concatenate([own.reshape(OWN * m, -1), site])
-    rhs = np.concatenate(
-        [
-            (-r - np.matvec(border.B, w)).ravel(),
-            C @ np.matvec(border.R, w).ravel() - r_y.ravel(),
-        ]
-    )
-    _, _, dz, info = dgesv(matrix, rhs)
-    if info != 0 or not np.all(np.isfinite(dz)):
-        raise SingularError("the holds' matrix is singular: two constraints say the same, or nothing holds the thread")
-    dz = dz.reshape(m, BORDER)
-    push = np.matvec(border.E, dz).ravel()
-    return (X[:, 0] - X[:, 1:] @ push).reshape(n, 3), dz
+
+def plus_diagonal(full: Array, blocks: Array) -> Array:
+    """`full` (m, r, m k) with the blocks (m, r, k) added on its diagonal, in place."""
+    m, r, k = blocks.shape
+    hold = np.arange(m)
+    full.reshape(m, r, m, k)[hold, :, hold] += blocks
+    return full

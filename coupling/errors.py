@@ -52,8 +52,9 @@ class EquilibriumError(StepError):
     def __str__(self) -> str:
         place = f", worst at piercing {self.piercing!r}" if self.piercing else ""
         return (
-            f"no equilibrium was found under {100 * self.share:.4g} % of the loads ({self.cause}{place}); a thread that "
-            "can be drawn out of its holes has none: hold an end, add friction or an anchor; else raise solve.load_steps"
+            f"no equilibrium was found under {100 * self.share:.4g} % of the loads ({self.cause}{place}); a thread "
+            "that can be drawn out of its holes has none: hold an end, add friction or an anchor; else raise "
+            "solve.load_steps"
         )
 
 

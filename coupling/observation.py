@@ -16,9 +16,9 @@ class PiercingObservation:
     `s`, `slip` [m, thread drawn through towards rising s at the end of the thread since the start]; `x`,
     `displacement`, `tangent` (unit), `u`, `v` (3,); `force` (3,) [N] of the hole on the thread, `normal_force` |λ_n|,
     `tangential_force` λ·t [N]; `couple` (3,) [N m] of the direction constraint on the thread; `tension_before`,
-    `tension_after` [N] at lower and higher s; `state`: "stick", "slip", "anchored" or "left"; `cone_residual` [N], by how much
-    the force along the thread breaks Coulomb's law (`coupling.sliding.cone_residual`; what accelerates an abscissa with
-    ε counts as well).
+    `tension_after` [N] at lower and higher s; `state`: "stick", "slip", "anchored" or "left"; `cone_residual` [N], by
+    how much the force along the thread breaks Coulomb's law (`coupling.sliding.cone_residual`; what accelerates an
+    abscissa with ε counts as well).
     """
 
     name: str

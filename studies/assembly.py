@@ -58,14 +58,15 @@ def assemble(scenario: Scenario) -> Assembly:
     """
     path = rounded(scenario.thread.path)
     length = scenario.thread.length or path.length
+    body = body_of(scenario)
+    organ = organ_of(scenario, body)
     s = abscissae(scenario, path, length)
     known = [(hole.name, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
     model.check_order([name for name, _ in known], [value for _, value in known], length)
-    body = body_of(scenario)
     system = System(
         thread=thread_of(scenario.thread, length, s),
         ends=(end_of(scenario.thread.start, path, 0.0), end_of(scenario.thread.end, path, path.length)),
-        organ=organ_of(scenario, body),
+        organ=organ,
         piercings=tuple(piercing_of(hole) for hole in scenario.piercing),
         gravity=np.array(scenario.solve.gravity),
         epsilon=scenario.solve.epsilon,

@@ -34,6 +34,7 @@ REFUSALS = (ScenarioError, MeshError, TissueError, ThreadError)
 FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
 FAILED, REFUSED = 1, 2
 MILLI = 1e-3
+LINEAR = 0.3  # footprints that a hole may move by: strains near it are of this size
 Moments = Iterator[tuple[StepRecord, Callable[[], Frame]]]
 
 
@@ -68,6 +69,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         status: int = options.command(options)
     except REFUSALS as error:
         return _complain(error, REFUSED)
+    except MemoryError as error:
+        reason = f"there is not enough memory ({error}); take fewer control points or a coarser mesh"
+        return _complain(MemoryError(reason), REFUSED)
     return status
 
 
@@ -135,7 +139,9 @@ def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
     ]
     if "energy" in summary:
         lines += ["", *_energy_lines(summary["energy"])]
-        lines += [f"constraint {summary['constraint_max']:.2e} m at most, strain {_strain(summary)} at most"]
+        lines += [
+            f"constraint {summary['constraint_max']:.2e} m at most, strain of the thread {_strain(summary)} at most"
+        ]
     return lines
 
 
@@ -174,6 +180,22 @@ def _energy_lines(energy: dict[str, float]) -> list[str]:
     }
     terms = [f"{short} {energy[name]:.3g}" for short, name in names.items()]
     return [f"energy [J] {', '.join(terms[:4])}", f"           {', '.join(terms[4:])}"]
+
+
+def range_line(scenario: Scenario, piercings: Sequence[PiercingRecord]) -> str:
+    """How far the holes moved, in footprints: what small-strain elasticity is asked to bear."""
+    moved = [
+        float(np.linalg.norm(record.displacement)) / hole.footprint
+        for record, hole in zip(piercings, scenario.piercing, strict=True)
+        if hole.footprint > 0.0
+    ]
+    if scenario.tissue is None or not moved:
+        return ""
+    verdict = "within" if max(moved) <= LINEAR else "BEYOND"
+    return (
+        f"tissue     the holes moved by up to {max(moved):.2g} footprints, {verdict} what small-strain elasticity "
+        f"is meant for (about {LINEAR})"
+    )
 
 
 def _strain(summary: dict[str, Any]) -> str:
@@ -217,6 +239,7 @@ def _print_summary(scenario: Scenario, recorder: Recorder, status: Any) -> None:
     table = piercing_lines(step.piercings) if step else []
     folder = recorder.folder
     lines[1:1] = ["", *table] if table else []
+    lines += [range_line(scenario, step.piercings)] if step and range_line(scenario, step.piercings) else []
     lines += [
         "",
         f"ParaView   {folder / 'results.pvd'}",

@@ -255,8 +255,8 @@ class Thread(Table):
         description="Poisson's ratio of the thread [-], from above -1 to 0.5; default 0.4",
         examples=[0.4],
     )
-    control_points: Annotated[int, Field(strict=True, ge=4)] = Field(
-        default=40, description="number of control points of the cubic spline [-], at least 4"
+    control_points: Annotated[int, Field(strict=True, ge=4, le=5000)] = Field(
+        default=40, description="number of control points of the cubic spline [-], from 4 to 5000"
     )
     graded: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1)] = Field(
         default=3.0,
