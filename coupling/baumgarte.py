@@ -370,7 +370,8 @@ def solved(posed: Posed, solver: Solver = whole) -> Step:
         dq, dz = solver(posed)
     except SingularError as error:
         raise StepError(state.time, dt, str(error)) from error
-    q, s, lam = guess.q + dq, guess.s + dz[:, S], np.where(problem.rows, dz[:, PHI], 0.0)
+    q, lam = guess.q + dq, np.where(problem.rows, dz[:, PHI], 0.0)
+    s = np.where(guess.slip == 0.0, problem.law.s_old, guess.s + dz[:, S])  # held: to the last bit, no creep
     residual = checked(posed, q, dq, dz)
     force = site_force(posed.at, lam)
     organ = posed.operator.complete(posed.prediction, force[:p].ravel())
