@@ -22,8 +22,8 @@ from thread.thread import Thread, gauss_rule
 BED_SPANS = 2.0  # the bed lets go of the path over this many spans beside a hole that imposes another direction
 # Axial stiffness EA h²/EI of the laid thread, soft on the path at first. Then the bed is moved under it, so that what
 # strain the path's corners left is let go into its bends and not locked by the bed, and the thread made stiffer.
-ON_PATH = (1e2, 1e4)
-SETTLING = (1e4,) * 12 + (1e6,) * 3 + (1e8,) * 3
+ON_PATH = 1e2
+SETTLING = (1e3,) * 2 + (1e4,) * 12 + (1e6,) * 3 + (1e8,) * 3
 UNSTRAINED = 1e-6
 FEED_SPANS = 4.0  # a loose abscissa gives way by this many spans at the axial strain 1
 
@@ -81,12 +81,11 @@ def lay(system: System, laying: Laying, s: Array) -> tuple[Array, Array]:
 def laid(system: System, laying: Laying, s: Array, loose: Flags) -> tuple[Array, Array, float]:
     """The thread laid with the holds `loose` sliding, and its largest strain; as stiff as Newton allows."""
     m, abscissae = system.holds, s * laying.stretch
-    first = laid_thread(system.thread, laying.stretch, ON_PATH[0])
+    first = laid_thread(system.thread, laying.stretch, ON_PATH)
     on_path = projected(first, laying.path)
     q, none = with_ends(on_path, system, 0.0), np.zeros(m, dtype=bool)
-    z = Iterate(q, np.zeros_like(first.elastic_rule.w), abscissae, np.zeros((m, 5)), laying.y, np.zeros(m))
-    for axial in ON_PATH:
-        z = solve(bed_problem(stiff(system, laying, axial), on_path, laying.y, z.s, none), z).iterate
+    z = Iterate(q, np.zeros_like(first.axial_rule.w), abscissae, np.zeros((m, 5)), laying.y, np.zeros(m))
+    z = solve(bed_problem(stiff(system, laying, ON_PATH), on_path, laying.y, z.s, none), z).iterate
     for axial in SETTLING:
         problem = bed_problem(stiff(system, laying, axial), z.q, laying.y, z.s, loose)
         try:

@@ -216,8 +216,9 @@ def advance(system: System, state: State, dt: float, take: Take = try_step, dept
     """Go `dt` [s] further, in one step or, where it fails, in halves of it down to dt/2⁸.
 
     `take` makes one step and is the monolithic implicit one unless another is named. A step at whose end the thread has
-    left a hole is taken again without that hole. Raises `StepError` when the smallest step fails too,
-    `ConstraintError` where the constraints are at fault, `InversionError`.
+    left a hole is taken again without that hole, one in which it flipped through a hole in halves: it may have jumped
+    where the motion would have gone. Raises `StepError` when the smallest step fails too, `ConstraintError` where the
+    constraints are at fault, `InversionError` where it flips in the smallest step.
     """
     step = None
     try:
@@ -227,6 +228,9 @@ def advance(system: System, state: State, dt: float, take: Take = try_step, dept
         step = None
         if depth == HALVINGS:
             raise diagnosed(system, state, error) from error
+    except InversionError:
+        if depth == HALVINGS:
+            raise
     if step is None:
         half = advance(system, state, 0.5 * dt, take, depth + 1)
         return half + advance(system, half[-1].new, 0.5 * dt, take, depth + 1)

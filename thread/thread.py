@@ -33,6 +33,7 @@ DIAGONAL = 2 * HALF_BAND  # row of the storage that holds the main diagonal
 
 MASS_POINTS = 4  # exact for the product of two cubics
 ELASTIC_POINTS = 2
+SHARE = 0.04  # of the axial stiffness on the full rule; see Thread.axial_rule
 
 
 class CrossSection(Protocol):
@@ -116,6 +117,7 @@ class Thread:
     damping: float = 0.0
     point_masses: tuple[float, float] = (0.0, 0.0)
     elastic_points: int = ELASTIC_POINTS
+    share: float = SHARE
 
     def __post_init__(self) -> None:
         if not self.damping >= 0.0:
@@ -157,6 +159,9 @@ class Thread:
         full rule blocks its bending (membrane locking). These are n − 1 points, as many as T has functions, so nothing
         stretches unseen either; their weights integrate each of those functions exactly, so a uniform tension is in
         equilibrium on any knots. The single point is written as two equal ones, to keep one shape for all spans.
+
+        Between those points |T| may still fall to nothing, and a hole that imposes a sharp turn would find that out
+        (T·u = 0 holds for T = 0), so the part SHARE of the stiffness sits on the full Gauss rule.
         """
         spline, full = self.spline, self.elastic_rule
         breaks, repeats = np.unique(spline.knots, return_counts=True)
@@ -167,8 +172,10 @@ class Thread:
         w = np.zeros(s.shape)
         w[once] = exact_weights(spline, s[once])
         w = np.where(single, w.sum(axis=1, keepdims=True) / s.shape[1], w)
+        s = np.concatenate([full.s[:, :1], s, full.s[:, 1:]], axis=1)
+        w = np.concatenate([self.share * full.w[:, :1], (1.0 - self.share) * w, self.share * full.w[:, 1:]], axis=1)
         _, b = spline.basis(s.ravel())
-        return Rule(s, w, b.reshape(full.b.shape))
+        return Rule(s, w, b.reshape(*s.shape, LOCAL, LOCAL))
 
     # -- linear parts ------------------------------------------------------------------------------------------
 
@@ -281,13 +288,14 @@ class Thread:
         `N` (spans, g) [N] is the axial force at the points of the stretch: `EA * points.strain` for the exact Hessian,
         the iterated force for the mixed-integration-point Newton.
         """
-        spans, g = N.shape
-        H = np.empty((spans, 5, g, 3, 3))
-        H[:, 0], H[:, 1], H[:, 3] = curvature_squared_hessian(points.T, points.K)
-        H[:, 2] = H[:, 1].swapaxes(-1, -2)
-        H[:, :4] *= 0.5 * self.EI
-        H[:, 4] = axial_stiffness(points.T_axial, N, self.EA)
-        return self.band((self._tangent_map @ H.reshape(spans, 5 * g, 9)).reshape(-1, LOCAL, LOCAL, 3, 3))
+        spans, g = len(N), self.elastic_points
+        H = np.empty((spans, 4 * g + N.shape[1], 3, 3))
+        bending = H[:, : 4 * g].reshape(spans, 4, g, 3, 3)
+        bending[:, 0], bending[:, 1], bending[:, 3] = curvature_squared_hessian(points.T, points.K)
+        bending[:, 2] = bending[:, 1].swapaxes(-1, -2)
+        bending *= 0.5 * self.EI
+        H[:, 4 * g :] = axial_stiffness(points.T_axial, N, self.EA)
+        return self.band((self._tangent_map @ H.reshape(spans, -1, 9)).reshape(-1, LOCAL, LOCAL, 3, 3))
 
     def next_axial_force(self, points: Points, dq: Array) -> Array:
         """N of the next iterate, EA (ε + T·δT): the solution of its own linearised equation N/EA = ε(q) [N]."""
