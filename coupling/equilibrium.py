@@ -27,8 +27,9 @@ from coupling.system import State, System
 
 WEAKER = 10.0  # the tie is weakened by this factor after a success, tightened by its square root after a failure
 ATTEMPTS = 60
-FIRST_TIE = 1.0  # of the thread's stiffest entry
-LAID_TIE = 1e-4  # of that, for a thread as it was laid: Newton alone might jump to an equilibrium that does not hold
+LAID_TIE = (
+    1e-4  # of the first tie, for a thread as it was laid: Newton alone might jump to an equilibrium that does not hold
+)
 
 
 def static_problem(
@@ -94,7 +95,7 @@ def first_tie(system: System, state: State) -> float:
     """A tie as stiff as the thread itself [1/s²]."""
     thread = system.thread
     stiffness = np.abs(thread.tangent(thread.points(state.q), state.N)).max()
-    return float(FIRST_TIE * stiffness / np.abs(thread.mass_band).max())
+    return float(stiffness / np.abs(thread.mass_band).max())
 
 
 def guess(problem: Problem, state: State, slip: Array) -> Iterate:
