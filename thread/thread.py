@@ -16,6 +16,9 @@ from scipy.sparse import csr_matrix, diags_array
 from thread.energy import (
     axial_stiffness,
     axial_strain,
+    crushing,
+    crushing_gradient,
+    crushing_hessian,
     curvature_squared,
     curvature_squared_gradient,
     curvature_squared_hessian,
@@ -33,7 +36,6 @@ DIAGONAL = 2 * HALF_BAND  # row of the storage that holds the main diagonal
 
 MASS_POINTS = 4  # exact for the product of two cubics
 ELASTIC_POINTS = 2
-SHARE = 0.04  # of the axial stiffness on the full rule; see Thread.axial_rule
 
 
 class CrossSection(Protocol):
@@ -117,7 +119,6 @@ class Thread:
     damping: float = 0.0
     point_masses: tuple[float, float] = (0.0, 0.0)
     elastic_points: int = ELASTIC_POINTS
-    share: float = SHARE
 
     def __post_init__(self) -> None:
         if not self.damping >= 0.0:
@@ -161,7 +162,7 @@ class Thread:
         equilibrium on any knots. The single point is written as two equal ones, to keep one shape for all spans.
 
         Between those points |T| may still fall to nothing, and a hole that imposes a sharp turn would find that out
-        (T·u = 0 holds for T = 0), so the part SHARE of the stiffness sits on the full Gauss rule.
+        (T·u = 0 holds for T = 0): `crushing_energy`, on the rule of the bending, is against it.
         """
         spline, full = self.spline, self.elastic_rule
         breaks, repeats = np.unique(spline.knots, return_counts=True)
@@ -172,8 +173,6 @@ class Thread:
         w = np.zeros(s.shape)
         w[once] = exact_weights(spline, s[once])
         w = np.where(single, w.sum(axis=1, keepdims=True) / s.shape[1], w)
-        s = np.concatenate([full.s[:, :1], s, full.s[:, 1:]], axis=1)
-        w = np.concatenate([self.share * full.w[:, :1], (1.0 - self.share) * w, self.share * full.w[:, 1:]], axis=1)
         _, b = spline.basis(s.ravel())
         return Rule(s, w, b.reshape(*s.shape, LOCAL, LOCAL))
 
@@ -273,14 +272,16 @@ class Thread:
         """Elastic energy [J]."""
         stretch = self.EA * np.sum(self.axial_rule.w * points.strain**2)
         bend = self.EI * np.sum(self.elastic_rule.w * curvature_squared(points.T, points.K))
-        return float(0.5 * (stretch + bend))
+        crush = self.EA * np.sum(self.elastic_rule.w * crushing(points.T))
+        return float(0.5 * (stretch + bend + crush))
 
     def gradient(self, points: Points) -> Array:
         """Derivative of the elastic energy by the control points, shape `(n, 3)` [N]."""
         d_T, d_K = curvature_squared_gradient(points.T, points.K)
         half = 0.5 * self.EI
+        bend_T = half * d_T + 0.5 * self.EA * crushing_gradient(points.T)
         axial = self.EA * points.strain[..., None] * points.T_axial
-        return self.vector(self._force_map @ np.concatenate([half * d_T, half * d_K, axial], axis=1))
+        return self.vector(self._force_map @ np.concatenate([bend_T, half * d_K, axial], axis=1))
 
     def tangent(self, points: Points, N: Array) -> Array:
         """Second derivative of the elastic energy, banded `(34, 3n)` [N/m].
@@ -294,6 +295,7 @@ class Thread:
         bending[:, 0], bending[:, 1], bending[:, 3] = curvature_squared_hessian(points.T, points.K)
         bending[:, 2] = bending[:, 1].swapaxes(-1, -2)
         bending *= 0.5 * self.EI
+        bending[:, 0] += 0.5 * self.EA * crushing_hessian(points.T)
         H[:, 4 * g :] = axial_stiffness(points.T_axial, N, self.EA)
         return self.band((self._tangent_map @ H.reshape(spans, -1, 9)).reshape(-1, LOCAL, LOCAL, 3, 3))
 
