@@ -45,7 +45,7 @@ from coupling.border import (
     direction,
     plus_diagonal,
 )
-from coupling.constraints import Array, Passage, dot, passage, phi, site_force, spread, thread_force
+from coupling.constraints import Array, Passage, bare_passage, dot, phi, site_force, spread, thread_force
 from coupling.errors import CouplingError, StepError
 from coupling.monolithic import sparse_band
 from coupling.newton import ROUND_OFF, Iterate, Problem, Residual, Solution, border_of, failure
@@ -139,7 +139,7 @@ def pose(system: System, state: State, dt: float, evaluation: Evaluation = "end"
     problem = dynamic_problem(system, state, dt, operator.C, prediction.y_free)
     law = prescribed(problem.law, np.zeros(system.holds, dtype=bool), np.zeros(system.holds))
     problem = replace(problem, law=law)
-    points, at = thread.points(state.q), passage(thread.spline, state.q, state.s)
+    points, at = thread.points(state.q), bare_passage(thread.spline, state.q, state.s)
     tangent = thread.tangent(points, thread.EA * points.strain)
     guess = Iterate(
         q=with_ends(state.q + dt * state.v, system, problem.time),
@@ -151,7 +151,7 @@ def pose(system: System, state: State, dt: float, evaluation: Evaluation = "end"
     )
     r = np.zeros((system.holds, 6))
     r[:, S] = np.where(law.may_slide, 0.0, law.s_free - law.s_old)
-    Phi, Phi_dot = phi(at, state.y), phi_dot(system, state, at)
+    Phi, Phi_dot = phi(at, state.lam, state.y), phi_dot(system, state, at)
     asked = restoring(Phi, Phi_dot, dt, evaluation)
     r[:, PHI] = problem.rows * (constraint_acceleration(problem, state, at, guess) - dt**2 * asked)
     Phi = Phi + dt * (Phi_dot + dt * asked)
@@ -162,14 +162,14 @@ def pose(system: System, state: State, dt: float, evaluation: Evaluation = "end"
 
 def phi_dot(system: System, state: State, at: Passage) -> Array:
     """Φ̇ at the start of a step, shape `(m, 5)` [m/s, 1/s]."""
-    rate = passage(system.thread.spline, state.v, state.s)
+    rate = bare_passage(system.thread.spline, state.v, state.s)
     return phi_rate(at, rate, state.y, state.s_dot, site_rates(system, state))
 
 
 def constraint_acceleration(problem: Problem, state: State, at: Passage, guess: Iterate) -> Array:
     """Δt² Φ̈ at the guess, where s̈ = 0, shape `(m, 5)` [m, -]."""
     dt, spline, y_dot = problem.dt, problem.system.thread.spline, site_rates(problem.system, state)
-    rate, moved = (passage(spline, x, state.s) for x in (state.v, guess.q - state.q - dt * state.v))
+    rate, moved = (bare_passage(spline, x, state.s) for x in (state.v, guess.q - state.q - dt * state.v))
     linear = phi_rate(at, moved, state.y, np.zeros_like(state.s), guess.y - state.y - dt * y_dot)
     return linear + dt**2 * velocity_terms(at, rate, state.y, state.s_dot, y_dot)
 
@@ -373,7 +373,7 @@ def solved(posed: Posed, solver: Solver = whole) -> Step:
     q, lam = guess.q + dq, np.where(problem.rows, dz[:, PHI], 0.0)
     s = np.where(guess.slip == 0.0, problem.law.s_old, guess.s + dz[:, S])  # held: to the last bit, no creep
     residual = checked(posed, q, dq, dz)
-    force = site_force(posed.at, lam)
+    force = site_force(posed.at, lam, state.y)
     organ = posed.operator.complete(posed.prediction, force[:p].ravel())
     y = problem.y_free + (problem.C @ force.ravel()).reshape(-1, NINE)
     new = replace(
@@ -391,8 +391,8 @@ def solved(posed: Posed, solver: Solver = whole) -> Step:
         slip=np.where(system.rough, np.sign(s - state.s), 1.0) * guess.slip,
         reaction=reactions(system, residual.thread, problem.load),
     )
-    at = passage(system.thread.spline, q, s)
-    refuse_missed(posed, phi(at, y))
+    at = bare_passage(system.thread.spline, q, s)
+    refuse_missed(posed, phi(at, lam, y))
     refuse_inversion(system, state, new, at)
     iterate = Iterate(q, new.N, s, lam, state.y, new.slip)
     return Step(state, new, dt, Solution(problem, iterate, residual, 1, linearisation(posed, residual.points, q)))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgbtrf, dgbtrs, dgesv
 
-from coupling.constraints import LOCAL, Array, Indices, Passage, dot, moment_arm
+from coupling.constraints import LOCAL, Array, Indices, Passage, dot, met, moment_arm
 from thread.thread import HALF_BAND
 
 S, LAM, MU_U, MU_V, X, U, V = 0, slice(1, 4), 4, 5, slice(6, 9), slice(9, 12), slice(12, 15)
@@ -52,8 +52,8 @@ def linearise(thread: Passage, lam: Array, y: Array) -> Border:
     m = len(lam)
     E, B, D = np.zeros((m, NINE, BORDER)), np.zeros((m, OWN, NINE)), np.zeros((m, OWN, BORDER))
     F, R = np.zeros((m, NINE, BORDER)), np.zeros((m, NINE, NINE))
-    u, v, T, K = y[:, 3:6], y[:, 6:], thread.T, thread.K
-    mu_u, mu_v = lam[:, 3:4, None] * I3, lam[:, 4:5, None] * I3
+    u, v, mu_u, mu_v = y[:, 3:6], y[:, 6:], lam[:, 3:4, None] * I3, lam[:, 4:5, None] * I3
+    T, (P_s, T_s) = met(thread, lam, y)[1], met(thread, lam, y, 1)
 
     E[:, AT_T, S], E[:, AT_K, S] = -lam[:, :3], -moment_arm(lam, y)
     E[:, AT_P, LAM] = -I3
@@ -62,15 +62,34 @@ def linearise(thread: Passage, lam: Array, y: Array) -> Border:
 
     B[:, LAM, AT_P] = I3
     B[:, MU_U, AT_T], B[:, MU_V, AT_T] = u, v
-    D[:, LAM, S], D[:, LAM, X] = T, -I3
-    D[:, MU_U, S], D[:, MU_V, S] = dot(K, u), dot(K, v)
+    D[:, LAM, S], D[:, LAM, X] = P_s, -I3
+    D[:, MU_U, S], D[:, MU_V, S] = dot(T_s, u), dot(T_s, v)
     D[:, MU_U, U], D[:, MU_V, V] = T, T
 
     F[:, 0:3, LAM] = -I3
     F[:, 3:6, MU_U], F[:, 6:9, MU_V] = T, T
-    F[:, 3:6, S], F[:, 6:9, S] = lam[:, 3:4] * K, lam[:, 4:5] * K
+    F[:, 3:6, S], F[:, 6:9, S] = lam[:, 3:4] * T_s, lam[:, 4:5] * T_s
     R[:, 3:6, AT_T], R[:, 6:9, AT_T] = mu_u, mu_v
+    if thread.c.any():
+        add_compliance(D, F, thread.c[:, 0], lam, y)
     return Border(E, B, D, F, R)
+
+
+def add_compliance(D: Array, F: Array, c: Array, lam: Array, y: Array) -> None:
+    """Add what Φ and the site force owe to the multipliers and the frame through P̂ and T̂; `c` (m, 3)."""
+    c0, c1, c2 = c.T[:, :, None, None]
+    u, v = y[:, 3:6, None], y[:, 6:, None]
+    dm = np.zeros((len(lam), 3, BORDER))
+    dm[:, :, MU_U : MU_U + 1], dm[:, :, MU_V : MU_V + 1] = u, v
+    dm[:, :, U], dm[:, :, V] = lam[:, 3:4, None] * I3, lam[:, 4:5, None] * I3
+    dP, dT = c1 * dm, c2 * dm
+    dP[:, :, LAM] += c0 * I3
+    dT[:, :, LAM] += c1 * I3
+    D[:, LAM] += dP
+    D[:, MU_U] += (u * dT).sum(axis=1)
+    D[:, MU_V] += (v * dT).sum(axis=1)
+    F[:, 3:6] += lam[:, 3:4, None] * dT
+    F[:, 6:9] += lam[:, 4:5, None] * dT
 
 
 def without(border: Border, absent: NDArray[np.bool_]) -> Border:

@@ -26,7 +26,7 @@ def hold_names(system: System) -> list[str]:
 
 def faults(system: System, state: State) -> list[str]:
     """One sentence for each thing that is wrong with the constraints in force in a state; none if they are sound."""
-    at = passage(system.thread.spline, state.q, state.s)
+    at = passage(system.thread, state.q, state.s)
     short = tangent_faults(system, state, at)
     return short or span_faults(system, state) or dependence_faults(system, state, at)
 

@@ -113,7 +113,7 @@ def settled(system: System, old: State, problem: Problem, solution: Solution, op
         q=z.q,
         v=np.zeros_like(z.q),
         N=z.N,
-        organ=operator.complete(prediction, site_force(at, z.lam)[:p].ravel()),
+        organ=operator.complete(prediction, site_force(at, z.lam, z.y)[:p].ravel()),
         s=z.s,
         s_dot=np.zeros_like(z.s),
         lam=np.where(problem.rows, z.lam, 0.0),

@@ -1,9 +1,11 @@
 """The monolithic matrix itself (§4.4, last paragraph): thread, organ, abscissae and multipliers in one sparse system.
 
-    | A_t+H_qq   H_qU     H_qs   −Φ_qᵀ    |   dq
-    | H_Uq       A_o      H_Us   −YᵀΦ_yᵀ  |   dU
+    | A_t+H_qq   H_qU      H_qs   −Φ_qᵀ    |   dq
+    | H_Uq       A_o+H_UU H_Us   −YᵀΦ_yᵀ  |   dU
     | H_sq       H_sU     H_ss   −Φ_sᵀ    |   ds       (signs of the row of s as in the law of sliding)
-    | Φ_q        Φ_y Y    Φ_s     0       |   dλ
+    | Φ_q        Φ_y Y    Φ_s     c       |   dλ
+
+c and H_UU come from the compliance that the spline lacks at the holes (`coupling.constraints`).
 
 The default solve condenses the organ instead (`coupling.newton`): the same algebra in another order, at the price of
 one organ back-substitution. This one is to be looked at, and to be compared with.
@@ -85,18 +87,19 @@ def assemble(problem: Problem, organ: OrganStep, z: Monolith, r: Residual) -> Bl
     Y_all = with_clamps(organ.Y, m)
     thread = sparse_band(problem.inertia + problem.system.thread.tangent(r.points, z.N))
     own = [diagonal(border.B[:, :1]), diagonal(border.B[:, 1:OWN])]
+    by_F = [-Y_all.T @ x for x in by_unknown(border, "F", Y_all)]
     rows = [
         [thread, *(V @ column for column in by_unknown(border, "E", Y_all))],
         [
             -Y_all.T @ diagonal(border.R) @ V.T,
-            organ.operator.A,
-            *(-Y_all.T @ x for x in by_unknown(border, "F", Y_all)[1:]),
+            organ.operator.A + by_F[0],
+            *by_F[1:],
         ],
         [own[0] @ V.T, *by_unknown(border, "law", Y_all)],
         [own[1] @ V.T, *by_unknown(border, "phi", Y_all)],
     ]
     matrix = block_array(rows, format="csr")
-    force = site_force(r.passage, z.lam).ravel()
+    force = site_force(r.passage, z.lam, z.y).ravel()
     organ_residual = organ.operator.A @ z.U - organ.b - Y_all.T @ force
     right = -np.concatenate([r.thread.ravel(), organ_residual, r.holds[:, S], r.holds[:, 1:OWN].ravel()])
     ends = np.cumsum([0, 3 * n, len(z.U), m, 5 * m])

@@ -113,15 +113,15 @@ def evaluate(problem: Problem, z: Iterate) -> Residual:
     """All residuals of a step."""
     system, thread = problem.system, problem.system.thread
     points = thread.points(z.q)
-    at = passage(thread.spline, z.q, z.s)
+    at = passage(thread, z.q, z.s)
     elastic = thread.gradient(points)
     balance = elastic - problem.load - spread(thread_force(z.lam, z.y), at, thread.n)
     if problem.mass_factor:
         balance += problem.mass_factor * (thread.mass_matrix @ (z.q - problem.q_ref))
     holds = np.empty((len(z.s), 6))
     holds[:, S] = law_residual(problem.law, z.slip, at, z.s, z.lam, z.y)
-    holds[:, PHI] = np.where(problem.rows, phi(at, z.y), z.lam)
-    site = z.y - problem.y_free - (problem.C @ site_force(at, z.lam).ravel()).reshape(-1, NINE)
+    holds[:, PHI] = np.where(problem.rows, phi(at, z.lam, z.y), z.lam)
+    site = z.y - problem.y_free - (problem.C @ site_force(at, z.lam, z.y).ravel()).reshape(-1, NINE)
     scale = max(np.abs(elastic).max(), np.abs(problem.load).max(), np.abs(z.lam[:, :3]).max(initial=0.0))
     return Residual(points, at, balance, holds, site, max(float(scale), system.thread.force_unit))
 

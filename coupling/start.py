@@ -52,7 +52,7 @@ def laid_thread(thread: Thread, stretch: float, axial: float) -> Thread:
     spline = Spline(thread.spline.knots * stretch)
     span = (spline.end - spline.start) / (thread.n - 3)
     cord = Cord(EA=axial / span**2, diameter=span)
-    return replace(thread, spline=spline, section=cord, bending=True, point_masses=(0.0, 0.0))
+    return replace(thread, spline=spline, section=cord, bending=True, hole_compliance=False, point_masses=(0.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -148,6 +148,6 @@ def start(system: System, s: Array, path: Array, stretch: float) -> State:
         y=y,
         slip=np.where(system.may_slide & ~system.rough & system.from_start, 1.0, 0.0),
         present=system.from_start,
-        sense=sense(passage(system.thread.spline, q, s), y),
+        sense=sense(passage(system.thread, q, s), y),
         reaction=np.zeros((2, 3)),
     )

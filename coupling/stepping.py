@@ -131,7 +131,7 @@ def concluded(  # type: ignore[no-untyped-def]
     """The step from `state` that a solution of its problem makes. Raises `InversionError`."""
     problem, z, at = solution.problem, solution.iterate, solution.residual.passage
     p = len(system.piercings)
-    organ = operator.complete(prediction, site_force(at, z.lam)[:p].ravel())
+    organ = operator.complete(prediction, site_force(at, z.lam, z.y)[:p].ravel())
     new = State(
         time=problem.time,
         q=z.q,

@@ -64,7 +64,7 @@ def assemble(scenario: Scenario) -> Assembly:
     known = [(hole.name, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
     model.check_order([name for name, _ in known], [value for _, value in known], length)
     system = System(
-        thread=thread_of(scenario.thread, length, s),
+        thread=thread_of(scenario, length, s),
         ends=(end_of(scenario.thread.start, path, 0.0), end_of(scenario.thread.end, path, path.length)),
         organ=organ,
         piercings=tuple(piercing_of(hole) for hole in scenario.piercing),
@@ -95,14 +95,16 @@ def passing(path: RoundedPath, point: Sequence[float], after: Sequence[float]) -
     return float(later[0] if later.size else near[0])
 
 
-def thread_of(table: model.Thread, length: float, s: Sequence[float]) -> Thread:
-    """The thread, its knots graded towards the piercings."""
+def thread_of(scenario: Scenario, length: float, s: Sequence[float]) -> Thread:
+    """The thread, its knots graded towards the piercings. The linear step knows no missing compliance."""
+    table = scenario.thread
     return Thread(
         spline=Spline(graded_knots(length, table.control_points, s, table.graded, REACH * length)),
         section=section_of(table),
         bending=table.bending,
         damping=table.damping,
         point_masses=(table.start.mass, table.end.mass),
+        hole_compliance=scenario.solve.scheme != "linear",
     )
 
 

@@ -226,8 +226,8 @@ def recorded(
 
 def largest_gap(system: System, state: State) -> float:
     """Largest |P(s) − x| over the holes the thread is in [m]."""
-    at = passage(system.thread.spline, state.q, state.s)
-    gap = np.linalg.norm(phi(at, state.y)[:, :3], axis=1)
+    at = passage(system.thread, state.q, state.s)
+    gap = np.linalg.norm(phi(at, state.lam, state.y)[:, :3], axis=1)
     return float(np.max(gap[system.rows[:, 0] & state.present], initial=0.0))
 
 

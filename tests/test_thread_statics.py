@@ -120,3 +120,9 @@ def test_buckled_column(alpha: int) -> None:
     assert abs(tip[2] - 2.0 * deflection) < BUCKLING
     state = equilibrium(cantilever(40, Pulled(-0.98 * critical * X)), bow(L, np.radians(alpha)))
     assert np.abs(state.q[:, 1:]).max() < TWO_SOLVERS * L
+
+
+def bow(length: float, angle: float) -> Path:
+    """A quarter wave of a bow that leaves the origin along x and turns by `angle`."""
+    radius = length / angle
+    return lambda s: radius * np.stack([np.sin(s / radius), 0.0 * s, 1.0 - np.cos(s / radius)], axis=-1)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.sparse import csr_matrix, diags_array
 
+from thread.compliance import beam_compliance, patch_of, spline_compliance
 from thread.energy import (
     axial_stiffness,
     axial_strain,
@@ -110,7 +111,8 @@ class Thread:
     """A spline thread with the section's mass and stiffness.
 
     `bending` False sets EI = 0. `damping` [1/s] is mass-proportional viscosity. `point_masses` (2,) [kg] sit on the
-    start and the end. Energies: ½∫EA ε² ds + ½∫EI κ² ds (§3; straight at rest).
+    start and the end. `hole_compliance` adds what the spline lacks in compliance where it is held
+    (`thread.compliance`). Energies: ½∫EA ε² ds + ½∫EI κ² ds (§3; straight at rest).
     """
 
     spline: Spline
@@ -119,6 +121,7 @@ class Thread:
     damping: float = 0.0
     point_masses: tuple[float, float] = (0.0, 0.0)
     elastic_points: int = ELASTIC_POINTS
+    hole_compliance: bool = True
 
     def __post_init__(self) -> None:
         if not self.damping >= 0.0:
@@ -209,6 +212,30 @@ class Thread:
         """EI/L² (EA·10⁻⁹ without bending): the force scale of a thread nothing pulls [N]."""
         length = self.spline.end - self.spline.start
         return self.EI / length**2 if self.bending else 1e-9 * self.EA
+
+    # -- at a hole ---------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _patches(self) -> dict[int, tuple[float, float, Array]]:
+        return {}
+
+    def missing_compliance(self, s: Array, b: Array) -> Array:
+        """Compliance that the spline lacks at the abscissae `s` (m,) [m], with its derivatives by s.
+
+        `b` (m, 4, 4): the basis there. Shape `(m, 3 derivatives, 3)`: displacement by force [m/N], rotation by force
+        [1/N], rotation by couple [1/(N m)]. Zero without bending, or without `hole_compliance`.
+        """
+        out = np.zeros((len(s), 3, 3))
+        if self.EI == 0.0 or not self.hole_compliance:
+            return out
+        for k, span in enumerate(self.spline.spans_of(s).tolist()):
+            if span not in self._patches:
+                self._patches[span] = patch_of(self.spline, span)
+            low, high, inverse = self._patches[span]
+            if low < s[k] < high:
+                lack = beam_compliance(s[k] - low, high - low) - spline_compliance(b[k], inverse)
+                out[k] = lack / self.EI
+        return out
 
     # -- assembly ----------------------------------------------------------------------------------------------
 
