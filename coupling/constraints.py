@@ -38,9 +38,9 @@ LOCAL_UNKNOWNS = 3 * LOCAL[:, None] + np.arange(3)  # of the four points on a sp
 
 
 def passage(spline: Spline, q: Array, s: Array) -> Passage:
-    """Evaluate the thread with control points `q` (n, 3) at the abscissae `s` (p,) [m]."""
+    """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (p,) [m]."""
     first, b = spline.basis(s)
-    D = b @ q[first[:, None] + LOCAL]
+    D = (b @ q[first[:, None] + LOCAL])[..., :3]
     return Passage(first, b, D[:, 0], D[:, 1], D[:, 2], D[:, 3])
 
 

@@ -20,8 +20,9 @@ from studies.scenario import Scenario, ScenarioError
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
 from thread.path import RoundedPath, rounded
+from thread.quadrature import gauss_rule
 from thread.spline import Spline, graded_knots
-from thread.thread import MASS_POINTS, Thread, gauss_rule
+from thread.thread import MASS_POINTS, Thread
 
 Array = NDArray[np.float64]
 
