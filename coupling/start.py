@@ -86,9 +86,10 @@ def laid(system: System, laying: Laying, s: Array, loose: Flags) -> tuple[Array,
     m, abscissae = system.holds, s * laying.stretch
     first = laid_thread(system.thread, laying.stretch, ON_PATH)
     on_path = projected(first, laying.path)
-    q, none = with_ends(on_path, system, 0.0), np.zeros(m, dtype=bool)
-    z = Iterate(q, np.zeros_like(first.axial_rule.w), abscissae, np.zeros((m, 5)), laying.y, np.zeros(m))
-    z = solve(bed_problem(stiff(system, laying, ON_PATH), on_path, laying.y, z.s, none), z).iterate
+    soft, none = stiff(system, laying, ON_PATH), np.zeros(m, dtype=bool)
+    q = with_ends(on_path, soft, 0.0)
+    z = Iterate(q, np.zeros_like(first.axial.s), abscissae, np.zeros((m, 5)), laying.y, np.zeros(m))
+    z = solve(bed_problem(soft, on_path, laying.y, z.s, none), z).iterate
     for axial in SETTLING:
         problem = bed_problem(stiff(system, laying, axial), z.q, laying.y, z.s, loose)
         try:
