@@ -393,6 +393,8 @@ def solved(posed: Posed, solver: Solver = whole) -> Step:
         reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.carried(state.frame, q),
     )
+    if system.thread.turned_too_far(state.frame, q):
+        raise StepError(state.time, dt, "a tangent turned by more than 120°, further than the twist can follow")
     at = passage(system.thread.spline, q, s)
     refuse_missed(posed, phi(at, y))
     refuse_inversion(system, state, new, at)

@@ -173,11 +173,11 @@ class State:
     """The system at one time.
 
     `q`, `v` (n, c) [m, m/s, with twist rad, rad/s]; `N`, axial forces [N]; `organ`, the organ's own state; `s`,
-    `s_dot` (holds,) [m, m/s]; `lam` (holds, 5) [N, N m]; `y` (holds, 9); `slip` (holds,): −1, 0, +1 sign of ds/dt, 0 where the thread
-    sticks; `present` (holds,): False before a piercing begins, and once the thread has left the hole; `sense` (holds,):
-    sign of T·(u × v) where the piercing began, which must not change in a directed hole; `reaction` (2, c) [N], force
-    of the holders on the thread's ends, with twist their torque about the tangent too [N m]; `y_dot` (holds, 9) [m/s,
-    1/s], rate of y, None at rest; `frame`, what the twist is measured from, None without twist.
+    `s_dot` (holds,) [m, m/s]; `lam` (holds, 5) [N, N m]; `y` (holds, 9); `slip` (holds,): −1, 0, +1 sign of ds/dt, 0
+    where the thread sticks; `present` (holds,): False before a piercing begins, and once the thread has left the hole;
+    `sense` (holds,): sign of T·(u × v) where the piercing began, which must not change in a directed hole; `reaction`
+    (2, c) [N], force of the holders on the thread's ends, with twist their torque about the tangent too [N m]; `y_dot`
+    (holds, 9) [m/s, 1/s], rate of y, None at rest; `frame`, what the twist is measured from, None without twist.
 
     A two-step integrator keeps the step before, `dt_before` [s] long: `q_before`, `v_before`, `organ_before`,
     `s_before`, `s_dot_before` at its start. None: the next step has no memory (the start, a one-step integrator, or a

@@ -217,6 +217,7 @@ def recorded(
         constraint_max=max((largest_gap(system, step.new) for step in taken), default=largest_gap(system, state)),
         start_reaction=state.reaction[0, :3],
         end_reaction=state.reaction[1, :3],
+        torques=tuple(state.reaction[:, 3]) if system.thread.twist else None,
         max_strain=float(np.max(np.sqrt(1.0 + 2.0 * points.strain) - 1.0)),
         seconds=seconds,
         events=tuple(events),
@@ -247,4 +248,5 @@ def thread_record(system: System, state: State) -> ThreadRecord:
         tension=np.interp(s, thread.axial.s.ravel(), tension),
         curvature=np.linalg.norm(np.cross(T, K), axis=1) / speed**3,
         radius=0.5 * thread.section.diameter,
+        torque=None if state.frame is None else thread.torque_at(s, state.q, state.frame),
     )

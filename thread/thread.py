@@ -355,8 +355,11 @@ class Thread:
 
     def torque(self, q: Array, frame: Frame) -> Array:
         """GJ ω about the tangent at the stations, positive where it twists the thread right-handed [N m]."""
-        at = evaluated(self.stations, q, frame)
-        return self.section.GJ * at.omega
+        return self.section.GJ * evaluated(self.stations, q, frame).omega
+
+    def torque_at(self, s: Array, q: Array, frame: Frame) -> Array:
+        """The torque at abscissae `s` (m,), interpolated between the stations, where it is best [N m]."""
+        return np.interp(s, self.stations.s.ravel(), self.torque(q, frame).ravel())
 
 
 def summed(parts: list[Array]) -> Array:
