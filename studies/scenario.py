@@ -301,13 +301,13 @@ class Thread(Table):
     )
     energy: Literal["continuous", "springs"] = Field(
         default="continuous",
-        description='elastic energies: "continuous", integrals over the thread, or "springs" between points spread along '
-        "it (the paper's §3), calibrated by EA, EI and GJ",
+        description='elastic energies: "continuous", integrals over the thread, or "springs" between points spread '
+        "along it (the paper's §3), calibrated by EA, EI and GJ",
     )
     springs: Whole | None = Field(
         default=None,
-        description="number of stretch springs along the thread [-], from control_points - 1 (the default with energy = "
-        '"springs") on; more of them lock a stiff thread',
+        description="number of stretch springs along the thread [-], from control_points - 1 (the default with energy "
+        '= "springs") on; more of them lock a stiff thread',
         examples=[39],
     )
     twist: Annotated[bool, Field(strict=True)] = Field(
