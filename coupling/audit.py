@@ -53,20 +53,21 @@ def initial_energies(system: System, state: State) -> Energies:
 
 def thread_kinetic(system: System, state: State) -> float:
     """½ vᵀ M v of the thread, and ½ ε ṡ² of eq. 7 [J]."""
-    M = system.thread.mass_matrix
-    return float(0.5 * np.sum(state.v * (M @ state.v)) + 0.5 * system.epsilon * np.sum(state.s_dot**2))
+    momentum = system.thread.momentum(state.v)
+    return float(0.5 * np.sum(state.v * momentum) + 0.5 * system.epsilon * np.sum(state.s_dot**2))
 
 
 def thread_elastic(system: System, state: State) -> float:
     """Elastic energy of the thread, and of what it lacks in compliance at the holes [J]."""
     at = passage(system.thread, state.q, state.s)
-    return system.thread.energy(system.thread.points(state.q)) + float(held_energy(at, state.lam, state.y).sum())
+    held = float(held_energy(at, state.lam, state.y).sum())
+    return system.thread.energy(system.thread.points(state.q, state.frame)) + held
 
 
 def audited(system: System, before: Energies, step: Step) -> Energies:
     """The audit after a step, from the audit before it."""
     old, new, thread = step.old, step.new, system.thread
-    M, dq, dv = thread.mass_matrix, new.q - old.q, new.v - old.v
+    dq, dv = new.q - old.q, new.v - old.v
     points = step.solution.residual.points
     solution = step.solution
     elastic = thread.energy(points) + float(held_energy(solution.residual.passage, new.lam, solution.iterate.y).sum())
@@ -74,9 +75,9 @@ def audited(system: System, before: Energies, step: Step) -> Energies:
 
     external = np.sum(step.solution.problem.load * dq) + organ.gravity_work + held_work(step)
     friction, eps_numerical, remainder = sliding_work(system, step)
-    viscous = thread.damping * np.sum(new.v * (M @ dq)) + organ.viscous
+    viscous = thread.damping * np.sum(new.v * thread.momentum(dq)) + organ.viscous
     numerical = (
-        0.5 * np.sum(dv * (M @ dv))
+        0.5 * np.sum(dv * thread.momentum(dv))
         + two_step_inertia(system, step)
         + np.sum(thread.gradient(points) * dq)
         - (elastic - before.elastic_thread)
@@ -109,12 +110,12 @@ def held_work(step: Step) -> float:
 
 def two_step_inertia(system: System, step: Step) -> float:
     """a⁺ᵀMΔq − v⁺ᵀMΔv of the thread under BDF2 [J]; zero after a step without memory, of backward Euler."""
-    old, new, M = step.old, step.new, system.thread.mass_matrix
+    old, new, momentum = step.old, step.new, system.thread.momentum
     if new.q_before is None:
         return 0.0
     scheme = scheme_of(old, step.dt)
     acceleration = scheme.a * (new.q - scheme.inertia_reference(*thread_motion(scheme, old)))
-    work = np.sum(acceleration * (M @ (new.q - old.q))) - np.sum(new.v * (M @ (new.v - old.v)))
+    work = np.sum(acceleration * momentum(new.q - old.q)) - np.sum(new.v * momentum(new.v - old.v))
     return float(work)
 
 
@@ -128,7 +129,7 @@ def sliding_work(system: System, step: Step) -> tuple[float, float, float]:
     ideal_inertia = law.inertia * (new.s - law.s_free)
     friction = np.sum((drive - ideal_inertia) * ds)
     eps_numerical = ideal_inertia @ ds - 0.5 * system.epsilon * np.sum(new.s_dot**2 - old.s_dot**2)
-    work = np.sum(spread(thread_force(new.lam, y), at, system.thread.n) * (new.q - old.q))
+    work = np.sum(spread(thread_force(new.lam, y), at, system.thread.n) * (new.q - old.q)[:, :3])
     work += np.sum(site_force(at, new.lam, y)[:p] * (new.y - old.y)[:p])
     return float(friction), float(eps_numerical), float(-work - np.sum(drive * ds))
 

@@ -49,7 +49,7 @@ LOCAL_UNKNOWNS = 3 * LOCAL[:, None] + np.arange(3)  # of the four points on a sp
 
 
 def passage(thread: Thread, q: Array, s: Array) -> Passage:
-    """Evaluate the thread with control points `q` (n, 3) at the abscissae `s` (p,) [m]."""
+    """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (p,) [m]."""
     bare = bare_passage(thread.spline, q, s)
     return replace(bare, c=thread.missing_compliance(s, bare.b))
 
@@ -57,7 +57,7 @@ def passage(thread: Thread, q: Array, s: Array) -> Passage:
 def bare_passage(spline: Spline, q: Array, s: Array) -> Passage:
     """The same without the missing compliance: of rates, and under impulses, to which a massless lack gives nothing."""
     first, b = spline.basis(s)
-    D = b @ q[first[:, None] + LOCAL]
+    D = (b @ q[first[:, None] + LOCAL])[..., :3]
     return Passage(first, b, D[:, 0], D[:, 1], D[:, 2], D[:, 3], np.zeros((len(s), 3, 3)))
 
 

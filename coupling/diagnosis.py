@@ -98,14 +98,14 @@ def scaled_rows(system: System, state: State, at: Passage) -> tuple[Array, Indic
 
     A row that reaches no free control point is left zero.
     """
-    m, n = system.holds, system.thread.n
-    full = np.zeros((m, 5, n, 3))
+    m, n, c = system.holds, system.thread.n, system.thread.coordinates
+    full = np.zeros((m, 5, n, c))
     local = at.first[:, None] + np.arange(4)
     hold = np.arange(m)[:, None]
     for axis in range(3):
         full[hold, axis, local, axis] = at.b[:, 0]
     for row, frame in ((3, slice(3, 6)), (4, slice(6, 9))):
-        full[hold, row, local] = at.b[:, 1, :, None] * state.y[:, None, frame]
+        full[hold, row, local, :3] = at.b[:, 1, :, None] * state.y[:, None, frame]
     used = system.rows & state.present[:, None]
     owner = np.nonzero(used)[0]
     flat = full.reshape(m, 5, -1)[used]

@@ -215,11 +215,11 @@ def nearest(system: System, state: State, x: Array, low: float, high: float) -> 
     spline = system.thread.spline
     count = SAMPLES * (len(spline.breaks) - 1)
     samples = np.linspace(low, high, count + 1)
-    distance = np.linalg.norm(spline.curve(state.q, samples)[:, 0] - x, axis=1)
+    distance = np.linalg.norm(spline.curve(state.q[:, :3], samples)[:, 0] - x, axis=1)
     best = int(np.argmin(distance))
     left, right, s = samples[max(best - 1, 0)], samples[min(best + 1, count)], samples[best]
     for _ in range(CORRECTIONS):
-        P, T, K, _ = spline.curve(state.q, [s])[0]
+        P, T, K, _ = spline.curve(state.q[:, :3], [s])[0]
         slope, curvature = (P - x) @ T, max(T @ T + (P - x) @ K, 0.1 * (T @ T))
         before, s = s, float(np.clip(s - slope / curvature, left, right))
         if s == before:
@@ -272,7 +272,8 @@ def drawn_in(system: System, state: State, k: int, dt: float) -> State:
     f_y = site_force(solution.residual.passage, z.lam, z.y)[: len(system.piercings)].ravel()
     organ = jumping(system).moved(state.organ, operator, f_y)
     lam = np.where(problem.rows, z.lam, 0.0)
-    return replace(state, q=z.q, N=z.N, s=z.s, lam=lam, y=z.y, organ=organ)
+    frame = system.thread.carried(state.frame, z.q)
+    return replace(state, q=z.q, N=z.N, s=z.s, lam=lam, y=z.y, organ=organ, frame=frame)
 
 
 def closing(system: System, state: State, k: int, scheme: BackwardEuler, C: Array) -> Problem:
@@ -282,7 +283,8 @@ def closing(system: System, state: State, k: int, scheme: BackwardEuler, C: Arra
     """
     thread = system.thread
     at = passage(thread, state.q, state.s)
-    balanced = thread.gradient(thread.points(state.q)) - spread(thread_force(state.lam, state.y), at, thread.n)
+    balanced = thread.gradient(thread.points(state.q, state.frame))
+    balanced[:, :3] -= spread(thread_force(state.lam, state.y), at, thread.n)
     factor = scheme.a + scheme.d * thread.damping
     f_y = site_force(at, state.lam, state.y).ravel()
     C = padded(system, C)
@@ -299,6 +301,7 @@ def closing(system: System, state: State, k: int, scheme: BackwardEuler, C: Arra
         C=C,
         rows=system.rows & state.present[:, None],
         law=law_of(system, state.s, others, system.epsilon * scheme.a, state.s),
+        frame=state.frame,
     )
 
 

@@ -24,7 +24,7 @@ from coupling.constraints import Array, site_force
 from coupling.interfaces import OrganOperator
 from coupling.newton import Iterate, Problem, Residual, Solution, border_of, cut, solve
 from coupling.stepping import all_holds
-from thread.thread import DIAGONAL
+from thread.banded import diagonal_of
 
 MULTIPLIERS = slice(LAM.start, MU_V + 1)
 
@@ -63,10 +63,10 @@ class OrganStep:
 
 
 def sparse_band(band: Array) -> coo_array:
-    """A banded matrix (34, 3n) in coordinates."""
+    """A banded matrix in coordinates."""
     size = band.shape[1]
     place, column = np.ogrid[: band.shape[0], :size]
-    row = place - DIAGONAL + column
+    row = place - diagonal_of(band) + column
     column = np.broadcast_to(column, band.shape)
     inside = (row >= 0) & (row < size) & (band != 0.0)
     return coo_array((band[inside], (row[inside], column[inside])), shape=(size, size))
@@ -82,8 +82,8 @@ def diagonal(blocks: Array) -> csr_array:
 
 def assemble(problem: Problem, organ: OrganStep, z: Monolith, r: Residual) -> BlockSystem:
     """The Newton system of the whole at an iterate."""
-    border, n, m = border_of(problem, z, r.passage), problem.system.thread.n, len(z.s)
-    V = csr_array(columns(r.passage, n))
+    border, (n, c), m = border_of(problem, z, r.passage), z.q.shape, len(z.s)
+    V = csr_array(columns(r.passage, n, c))
     Y_all = with_clamps(organ.Y, m)
     thread = sparse_band(problem.inertia + problem.system.thread.tangent(r.points, z.N))
     own = [diagonal(border.B[:, :1]), diagonal(border.B[:, 1:OWN])]
@@ -102,7 +102,7 @@ def assemble(problem: Problem, organ: OrganStep, z: Monolith, r: Residual) -> Bl
     force = site_force(r.passage, z.lam, z.y).ravel()
     organ_residual = organ.operator.A @ z.U - organ.b - Y_all.T @ force
     right = -np.concatenate([r.thread.ravel(), organ_residual, r.holds[:, S], r.holds[:, 1:OWN].ravel()])
-    ends = np.cumsum([0, 3 * n, len(z.U), m, 5 * m])
+    ends = np.cumsum([0, c * n, len(z.U), m, 5 * m])
     blocks = {name: slice(int(ends[k]), int(ends[k + 1])) for k, name in enumerate(("q", "U", "s", "lam"))}
     return held_still(problem, BlockSystem(csc_array(matrix), right, blocks))
 
@@ -149,8 +149,8 @@ def monolithic_solve(problem: Problem, organ: OrganStep, start: Iterate, U: Arra
         assert isinstance(z, Monolith)
         system = assemble(problem, organ, z, r)
         x = linear(system)
-        x *= cut(problem, x[system.blocks["q"]])
-        dq = x[system.blocks["q"]].reshape(-1, 3)
+        x *= cut(problem, x[system.blocks["q"]].reshape(z.q.shape))
+        dq = x[system.blocks["q"]].reshape(z.q.shape)
         U_next = z.U + x[system.blocks["U"]]
         return replace(
             z,

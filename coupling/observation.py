@@ -44,7 +44,7 @@ def observe(system: System, start: State, state: State) -> tuple[PiercingObserva
     at = passage(system.thread, state.q, state.s)
     _, t = tangent(at, state.lam, state.y)
     couple = couple_on_thread(at, state.lam, state.y)
-    internal = system.thread.gradient(system.thread.points(state.q))
+    internal = system.thread.gradient(system.thread.points(state.q, state.frame))[:, :3]
     law = law_of(system, state.s, state.present, 0.0, state.s)
     cone = cone_residual(law, state.slip, at, state.s, state.lam, state.y)
     out = []

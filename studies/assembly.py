@@ -20,8 +20,9 @@ from studies.scenario import Scenario, ScenarioError
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
 from thread.path import RoundedPath, rounded
+from thread.quadrature import gauss_rule
 from thread.spline import Spline, graded_knots
-from thread.thread import MASS_POINTS, Thread, gauss_rule
+from thread.thread import MASS_POINTS, Thread
 
 Array = NDArray[np.float64]
 
@@ -102,6 +103,8 @@ def thread_of(scenario: Scenario, length: float, s: Sequence[float]) -> Thread:
         spline=Spline(graded_knots(length, table.control_points, s, table.graded, REACH * length)),
         section=section_of(table),
         bending=table.bending,
+        twist=table.twist,
+        springs=None if table.energy == "continuous" else table.springs or table.control_points - 1,
         damping=table.damping,
         point_masses=(table.start.mass, table.end.mass),
         hole_compliance=scenario.solve.scheme != "linear",
@@ -120,14 +123,19 @@ def end_of(table: model.End, path: RoundedPath, at: float) -> End:
     """What holds the end of the thread that lies at the abscissa `at` of the path."""
     match table:
         case model.FixedEnd():
-            return Fixed(path.position(at))
+            return Fixed(path.position(at), turn=turn_of(table))
         case model.ClampedEnd():
-            return Clamped(path.position(at), path.tangent(at))
+            return Clamped(path.position(at), path.tangent(at), turn=turn_of(table))
         case model.PulledEnd():
             return Pulled(np.array(table.force), table.ramp)
         case model.DrivenEnd():
-            return Driven(np.array(table.waypoints))
+            return Driven(np.array(table.waypoints), turn=turn_of(table))
     return Free()
+
+
+def turn_of(table: model.FixedEnd | model.ClampedEnd | model.DrivenEnd) -> Array | None:
+    """Times and angles by which an end is turned, None where none are given."""
+    return None if table.turn is None else np.array(table.turn)
 
 
 def piercing_of(hole: model.Piercing) -> Piercing:
