@@ -46,7 +46,7 @@ from coupling.sliding import law_of, linearise_law
 from coupling.stepping import Step, all_holds, found, padded, release, sense
 from coupling.system import Flags, State, System, forgetful
 
-Kind = Literal["begins", "ends", "leaves", "slips", "sticks", "halved"]
+Kind = Literal["begins", "ends", "leaves", "slips", "sticks", "halved", "knots"]
 
 NEAR = 10.0  # diameters: a thread that passes a hole no nearer than this is not drawn in
 STEEPEST = 0.5  # cosine of the angle between thread and directed hole (60°) beyond which it is not turned in
@@ -59,9 +59,11 @@ CORRECTIONS = 50  # of that search, at most
 class Event:
     """One event.
 
-    `time` [s]; `piercing` by name, empty for a halved step; `s` [m]. Of a piercing that begins: `gap` [m] and `angle`
-    [rad] that were closed, `work` [J] done in closing them, `loss` [J] of kinetic energy and `impulse` (3,) [N s] of
-    the hole on the thread. `work` − `loss` is what the event changed of kinetic plus elastic energy.
+    `time` [s]; `piercing` by name, empty for a halved step and for other knots; `s` [m]. Of a piercing that begins:
+    `gap` [m] and `angle` [rad] that were closed, `work` [J] done in closing them, `loss` [J] of kinetic energy and
+    `impulse` (3,) [N s] of the hole on the thread. Of other knots: `control_points` after it, `loss` and `impulse`,
+    what the change cost of the thread's energy and momentum. `work` − `loss` is what the event changed of kinetic plus
+    elastic energy.
     """
 
     time: float
@@ -73,6 +75,7 @@ class Event:
     work: float = 0.0
     loss: float = 0.0
     impulse: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    control_points: int = 0
 
     @property
     def energy(self) -> float:

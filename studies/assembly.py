@@ -8,6 +8,7 @@ import skfem
 from numpy.typing import NDArray
 
 import tissue
+from coupling.adapting import Resolution, coarse_tree, first_breaks
 from coupling.start import start
 from coupling.system import Friction, Piercing, State, System
 from meshes.block import block, graded_block_gmsh, graded_block_structured
@@ -21,7 +22,7 @@ from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
 from thread.path import RoundedPath, rounded
 from thread.quadrature import gauss_rule
-from thread.spline import Spline, graded_knots
+from thread.spline import Spline, clamped, graded_knots
 from thread.thread import MASS_POINTS, Thread
 
 Array = NDArray[np.float64]
@@ -38,6 +39,7 @@ class Assembly:
     path: RoundedPath
     s: Array
     body: tissue.Elasticity | None
+    resolution: Resolution | None
 
     @property
     def given(self) -> Array:
@@ -72,7 +74,8 @@ def assemble(scenario: Scenario) -> Assembly:
         gravity=np.array(scenario.solve.gravity),
         epsilon=scenario.solve.epsilon,
     )
-    return Assembly(model.resolved(scenario, length, s), system, path, np.array(s), body)
+    resolution = resolution_of(scenario.thread, length)
+    return Assembly(model.resolved(scenario, length, s), system, path, np.array(s), body, resolution)
 
 
 def is_known(hole: model.Piercing) -> bool:
@@ -96,11 +99,26 @@ def passing(path: RoundedPath, point: Sequence[float], after: Sequence[float]) -
     return float(later[0] if later.size else near[0])
 
 
+def resolution_of(table: model.Thread, length: float) -> Resolution | None:
+    """How the knots follow the thread; None where they do not."""
+    if table.resolution == "fixed":
+        return None
+    return Resolution(coarse_tree(0.0, length, table.control_points), table.tolerance)
+
+
+def spline_of(table: model.Thread, length: float, s: Sequence[float]) -> Spline:
+    """The spline at the start, its knots graded towards the piercings."""
+    resolution = resolution_of(table, length)
+    if resolution is None:
+        return Spline(graded_knots(length, table.control_points, s, table.graded, REACH * length))
+    return Spline(clamped(first_breaks(resolution.tree, np.array(s), table.graded)))
+
+
 def thread_of(scenario: Scenario, length: float, s: Sequence[float]) -> Thread:
     """The thread, its knots graded towards the piercings. The linear step knows no missing compliance."""
     table = scenario.thread
     return Thread(
-        spline=Spline(graded_knots(length, table.control_points, s, table.graded, REACH * length)),
+        spline=spline_of(table, length, s),
         section=section_of(table),
         bending=table.bending,
         twist=table.twist,

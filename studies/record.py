@@ -354,10 +354,11 @@ COLUMNS: dict[str, list[str]] = {
     ],
     "energy": ["time", "step", *(field.name for field in fields(EnergyRecord))],  # s, -, J ...
     "events": [
-        *("time", "step", "event", "piercing", "s"),  # s, -, begins ends leaves slips sticks halved, -, m
+        *("time", "step", "event", "piercing", "s"),  # s, -, begins ends leaves slips sticks halved knots, -, m
         *("energy", "work", "loss"),  # J: energy = work - loss
         *("gap", "angle"),  # m, rad: closed when a piercing begins
-        *_xyz("impulse"),  # N s, of the hole on the thread
+        *_xyz("impulse"),  # N s, of the hole on the thread; of other knots the change of the thread's momentum
+        "control_points",  # -, after a change of the knots
     ],
     "steps": [
         *("time", "step", "newton_iterations", "constraint_max", "max_strain"),  # s, -, -, m, -
@@ -392,6 +393,7 @@ def _event_row(step: StepRecord, event: Event) -> list[object]:
         event.kind,
         event.piercing,
         *_numbers(event.s, event.energy, event.work, event.loss, event.gap, event.angle, *event.impulse),
+        event.control_points or "",
     ]
 
 

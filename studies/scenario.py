@@ -286,6 +286,14 @@ class Thread(Table):
         default=3.0,
         description="ratio of the largest to the smallest knot span [-], fine near the piercings; 1: uniform",
     )
+    resolution: Literal["fixed", "adaptive"] = Field(
+        default="fixed",
+        description="whether the knots stay, or follow the piercings as the thread slides: control_points are then "
+        "those of the coarse spline, which is refined beside the piercings and where the thread bends",
+    )
+    tolerance: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=0.1)] = Field(
+        default=0.01, description="relative error of the piercings' forces that adaptive knots aim at [-], up to 0.1"
+    )
     path: Annotated[tuple[Vector, ...], Field(min_length=2)] = Field(
         description="points along which the thread is laid at the start [m], corners rounded",
         examples=[[[-0.03, 0, 0.01], [-0.01, 0, 0], [0.01, 0, 0], [0.03, 0, 0.01]]],
@@ -357,6 +365,15 @@ class Thread(Table):
             raise ValueError(
                 f".springs = {self.springs} is refused: {self.control_points} control points need at least "
                 f"{self.control_points - 1}, else the thread could stretch unseen; raise it"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_resolution(self) -> Self:
+        if self.resolution == "adaptive" and (self.energy == "springs" or not self.bending):
+            raise ValueError(
+                '.resolution = "adaptive" is refused: it goes by the length over which a thread bends, and springs or '
+                'a thread without bending have none; set it to "fixed", or energy = "continuous" and bending = true'
             )
         return self
 

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling import bdf2
+from coupling.adapting import INTERVAL, adapted, is_too_coarse
 from coupling.audit import Energies, audited, initial_energies
 from coupling.baumgarte import linear_step, linear_two_pass
 from coupling.constraints import passage, phi
@@ -28,6 +29,7 @@ from studies.assembly import Assembly, assemble
 from studies.checkpoint import CHECKPOINT, Arrays, packed, unpacked
 from studies.observables import Frame, OrganRecord, OrganTopology, StepRecord, ThreadRecord
 from studies.scenario import Scenario, ScenarioError, Solve
+from thread.spline import Spline
 
 Array = NDArray[np.float64]
 
@@ -39,10 +41,12 @@ WHOLE = 1e-9  # of a step: a duration this near a whole number of steps is one
 class Standing:
     """Where a run is after `step` steps: all that the next ones depend on.
 
-    `s_begun` (holds,) [m]: the abscissae that slip is measured from, where each piercing began.
+    `system` is the one whose knots the thread has. `s_begun` (holds,) [m]: the abscissae that slip is measured from,
+    where each piercing began.
     """
 
     step: int
+    system: System
     state: State
     energies: Energies
     s_begun: Array
@@ -55,7 +59,7 @@ class Standing:
     @property
     def memory(self) -> Arrays:
         """The same as arrays by name."""
-        own = {"step": np.array(self.step), "s_begun": self.s_begun}
+        own = {"step": np.array(self.step), "s_begun": self.s_begun, "knots": self.system.thread.spline.knots}
         return own | packed(self.state, "state") | packed(self.energies, "energies")
 
 
@@ -104,32 +108,45 @@ class Simulation:
     def _from(self, now: Standing) -> Iterator[tuple[StepRecord, Callable[[], Frame]]]:
         """One BLAS thread while stepping: two of them on busy cores cost more than they bring."""
         with threadpool_limits(limits=1, user_api="blas"):
-            yield recorded(self.assembly.system, now), partial(self.frame, now)
+            yield recorded(now), partial(self.frame, now)
             for number in range(now.step + 1, self.steps + 1):
                 began = perf_counter()
                 now, taken, events = self.next(now, number)
-                record = recorded(self.assembly.system, now, taken, events, perf_counter() - began)
+                record = recorded(now, taken, events, perf_counter() - began)
                 yield record, partial(self.frame, now)
 
     def beginning(self) -> Standing:
         """The run before the first step."""
-        state = self.start
-        return Standing(0, state, initial_energies(self.assembly.system, state), state.s)
+        system, state = self.assembly.system, self.start
+        return Standing(0, system, state, initial_energies(system, state), state.s)
 
     def next(self, now: Standing, number: int) -> tuple[Standing, list[Step], list[Event]]:
-        """Step `number`, then the piercings that end or begin with it: where the run is then, and how it got there."""
-        system, energies = self.assembly.system, now.energies
-        taken = self.take(now.state, number)
+        """Step `number`, then the piercings that end or begin with it, and the knots: where the run is then, and how it
+        got there."""
+        system, energies = now.system, now.energies
+        taken = self.take(system, now.state, number)
         for step in taken:
             energies = audited(system, energies, step)
         state, due = scheduled(system, now.state.time, taken[-1].new, self.scenario.solve.dt, self.assembly.given)
         s_begun = np.where(state.present & ~taken[-1].new.present, state.s, now.s_begun)
-        standing = Standing(number, state, booked(system, energies, state, due), s_begun)
-        return standing, taken, noticed(system, now.state, taken) + due
+        energies = booked(system, energies, state, due)
+        found = noticed(system, now.state, taken) + due
+        system, state, knots = self.refitted(system, state, number)
+        return Standing(number, system, state, booked(system, energies, state, knots), s_begun), taken, found + knots
 
-    def take(self, state: State, number: int) -> list[Step]:
+    def refitted(self, system: System, state: State, number: int) -> tuple[System, State, list[Event]]:
+        """System and state with the knots that fit the state, where they are to follow it."""
+        resolution = self.assembly.resolution
+        due = resolution and (number % INTERVAL == 0 or is_too_coarse(resolution, system, state))
+        return (
+            adapted(resolution, system, state, INTERVAL * self.scenario.solve.dt)
+            if resolution and due
+            else (system, state, [])
+        )
+
+    def take(self, system: System, state: State, number: int) -> list[Step]:
         """Step `number` (1 is the first) from `state`; more than one where it had to be halved."""
-        solve, system = self.scenario.solve, self.assembly.system
+        solve = self.scenario.solve
         if solve.kind == "static":
             return load_step(system, state, number / self.steps, solve.duration)
         last = number == self.steps
@@ -140,7 +157,7 @@ class Simulation:
 
     def frame(self, now: Standing) -> Frame:
         """What is drawn of a state."""
-        system, state = self.assembly.system, now.state
+        system, state = now.system, now.state
         piercings = observe(system, now.first, state)
         return Frame(state.time, thread_record(system, state), piercings, self.organ_record(state))
 
@@ -187,11 +204,17 @@ def sound_start(assembly: Assembly) -> State:
     return state
 
 
+def on_knots(system: System, knots: Array) -> System:
+    """The system with its thread on other knots."""
+    return replace(system, thread=replace(system.thread, spline=Spline(knots)))
+
+
 def remembered(beginning: Standing, memory: Arrays) -> Standing:
     """Where a run was, from what it kept in mind; `beginning` shows how that is built. Raises `ScenarioError`."""
     try:
         return Standing(
             step=int(memory["step"]),
+            system=on_knots(beginning.system, memory["knots"]),
             state=unpacked(beginning.state, memory, "state", beginning.state.organ),
             energies=unpacked(beginning.energies, memory, "energies"),
             s_begun=memory["s_begun"],
@@ -203,10 +226,10 @@ def remembered(beginning: Standing, memory: Arrays) -> Standing:
 
 
 def recorded(
-    system: System, now: Standing, taken: Sequence[Step] = (), events: Sequence[Event] = (), seconds: float = 0.0
+    now: Standing, taken: Sequence[Step] = (), events: Sequence[Event] = (), seconds: float = 0.0
 ) -> StepRecord:
     """What is written of a step."""
-    state = now.state
+    system, state = now.system, now.state
     points = system.thread.points(state.q, state.frame)
     return StepRecord(
         time=state.time,
@@ -214,7 +237,9 @@ def recorded(
         piercings=observe(system, now.first, state),
         energy=now.energies,
         newton_iterations=sum(step.solution.iterations for step in taken),
-        constraint_max=max((largest_gap(system, step.new) for step in taken), default=largest_gap(system, state)),
+        constraint_max=max(
+            (largest_gap(step.solution.problem.system, step.new) for step in taken), default=largest_gap(system, state)
+        ),
         start_reaction=state.reaction[0, :3],
         end_reaction=state.reaction[1, :3],
         torques=tuple(state.reaction[:, 3]) if system.thread.twist else None,

@@ -12,20 +12,20 @@ LENGTH, LOAD = 0.1, 10  # PL²/EI = 10 turns the tip by 82°
 RATIOS = (1e4, 1e6, 1e8, 1e10)  # EA/EI [1/m²]; a round rod of diameter d has 16/d²
 
 
-def stretched(along: float, M: float, EA: float) -> float:
-    """|T| from the axial equilibrium of ½EAε² + ½EIκ², κ = θ'/|T|: |T|(EA ε − M²/EI) = F·t, M = EI θ'/|T|²."""
-    return float(brentq(lambda T: T * (0.5 * EA * (T * T - 1.0) - M * M / PP.EI) - along, 0.5, 2.0, xtol=1e-15))
+def stretched(along: float, EA: float) -> float:
+    """|T| from the axial equilibrium of ½EAε² + ½EIθ'²: |T| EA ε = F·t."""
+    return float(brentq(lambda T: 0.5 * EA * T * (T * T - 1.0) - along, 0.5, 2.0, xtol=1e-15))
 
 
 def exact_tip(EA: float) -> Array:
-    """Tip (x, z) [m] of the clamped rod under the dead load P across: x' = |T| cos θ, z' = |T| sin θ, θ' = |T|²M/EI,
+    """Tip (x, z) [m] of the clamped rod under the dead load P across: x' = |T| cos θ, z' = |T| sin θ, θ' = M/EI,
     M' = −|T| P cos θ; the moment vanishes at the tip."""
     P = LOAD * PP.EI / LENGTH**2
 
     def slope(s: Array, y: Array) -> Array:
-        T = np.array([stretched(P * np.sin(theta), M, EA) for theta, M in y[2:].T])
+        T = np.array([stretched(P * np.sin(theta), EA) for theta in y[2]])
         c, sine = np.cos(y[2]), np.sin(y[2])
-        return np.array([T * c, T * sine, T * T * y[3] / PP.EI, -T * P * c])
+        return np.array([T * c, T * sine, y[3] / PP.EI, -T * P * c])
 
     s = np.linspace(0.0, LENGTH, 41)
     guess = np.array([0.6 * s, 0.6 * s, 1.4 * s / LENGTH, P * LENGTH * 0.5 * (1.0 - s / LENGTH)])

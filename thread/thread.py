@@ -21,7 +21,7 @@ from thread.errors import ThreadError
 from thread.quadrature import Rule, gauss_rule
 from thread.spline import Indices, Spline
 from thread.springs import Layout, Springs, spread
-from thread.twist import Frame, Stations, Torsion, carried, evaluated, gauss_stations, turned_too_far, untwisted
+from thread.twist import Frame, Stations, Torsion, carried, evaluated, gauss_stations, moved, turned_too_far, untwisted
 
 Array = NDArray[np.float64]
 
@@ -387,6 +387,10 @@ class Thread:
     def carried(self, frame: Frame | None, q: Array) -> Frame | None:
         """The frame after the thread has gone to `q`."""
         return None if frame is None else carried(self.stations, frame, q)
+
+    def reframed(self, frame: Frame, stations: Stations, q: Array) -> Frame:
+        """The frame known at other `stations`, at those of this thread on the curve `q`."""
+        return moved(frame, stations, self.stations, q)
 
     def turned_too_far(self, frame: Frame | None, q: Array) -> bool:
         """Whether a tangent has turned too far for the frame to follow."""

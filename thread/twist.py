@@ -155,6 +155,15 @@ def carried(stations: Stations, frame: Frame, q: Array) -> Frame:
     return Frame(t, tangent_rate(T, K), reference_twist(T, K, frame), a_1)
 
 
+def moved(frame: Frame, known: Stations, stations: Stations, q: Array) -> Frame:
+    """The frame at other stations of the curve `q`: its twist and first direction interpolated along s."""
+    at = lambda values: np.interp(stations.s, known.s.ravel(), values.ravel())  # noqa: E731
+    T, K = stations.curve(q)
+    t = unit(T)
+    a_1 = np.stack([at(component) for component in np.moveaxis(frame.a_1, -1, 0)], axis=-1)
+    return Frame(t, tangent_rate(T, K), at(frame.tau), unit(across(a_1, t)))
+
+
 def turned_too_far(frame: Frame, T: Array) -> bool:
     """Whether a tangent has turned so far from the frame's that the smallest rotation is in doubt."""
     return bool((dot(frame.t, unit(T)) <= LARGEST_TURN).any())
