@@ -103,6 +103,7 @@ def thread_of(table: model.Thread, length: float, s: Sequence[float]) -> Thread:
         section=section_of(table),
         bending=table.bending,
         twist=table.twist,
+        springs=None if table.energy == "continuous" else table.springs or table.control_points - 1,
         damping=table.damping,
         point_masses=(table.start.mass, table.end.mass),
     )

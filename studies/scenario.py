@@ -299,6 +299,17 @@ class Thread(Table):
     bending: Annotated[bool, Field(strict=True)] = Field(
         default=True, description="whether the thread resists bending; false: EI = 0"
     )
+    energy: Literal["continuous", "springs"] = Field(
+        default="continuous",
+        description='elastic energies: "continuous", integrals over the thread, or "springs" between points spread '
+        "along it (the paper's §3), calibrated by EA, EI and GJ",
+    )
+    springs: Whole | None = Field(
+        default=None,
+        description="number of stretch springs along the thread [-], from control_points - 1 (the default with energy "
+        '= "springs") on; more of them lock a stiff thread',
+        examples=[39],
+    )
     twist: Annotated[bool, Field(strict=True)] = Field(
         default=False,
         description="whether the thread resists twist: the angle of its section becomes a fourth coordinate",
@@ -335,6 +346,17 @@ class Thread(Table):
             raise ValueError(
                 f".{missing[0]} is missing: give suture (USP size and material, for example suture = "
                 '"2-0 polypropylene") or all of diameter [m], youngs_modulus [Pa] and density [kg/m³]'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_springs(self) -> Self:
+        if self.springs is not None and self.energy != "springs":
+            raise ValueError(f'.springs = {self.springs} is refused: thread.energy is continuous; set it to "springs"')
+        if self.springs is not None and self.springs < self.control_points - 1:
+            raise ValueError(
+                f".springs = {self.springs} is refused: {self.control_points} control points need at least "
+                f"{self.control_points - 1}, else the thread could stretch unseen; raise it"
             )
         return self
 

@@ -19,6 +19,7 @@ from thread.continuous import Continuous
 from thread.errors import ThreadError
 from thread.quadrature import Rule, gauss_rule
 from thread.spline import Indices, Spline
+from thread.springs import Layout, Springs, spread
 from thread.twist import Frame, Stations, Torsion, carried, evaluated, gauss_stations, turned_too_far, untwisted
 
 Array = NDArray[np.float64]
@@ -134,7 +135,8 @@ class Thread:
 
     `bending` False sets EI = 0. `damping` [1/s] is mass-proportional viscosity. `point_masses` (2,) [kg] sit on the
     start and the end. `twist` adds the angle of the section to the coordinates of a control point, and its torsion.
-    Energies: ½∫EA ε² ds + ½∫EI κ² ds (§3; straight at rest) + ½∫GJ ω² ds.
+    Energies: ½∫EA ε² ds + ½∫EI κ² ds (§3; straight at rest) + ½∫GJ ω² ds; with a number of `springs` those of
+    `thread.springs` instead.
     """
 
     spline: Spline
@@ -145,6 +147,7 @@ class Thread:
     elastic_points: int = ELASTIC_POINTS
     share: float = SHARE
     twist: bool = False
+    springs: int | None = None
 
     def __post_init__(self) -> None:
         if not self.damping >= 0.0:
@@ -153,6 +156,10 @@ class Thread:
             raise ThreadError(f"mass of an end: {min(self.point_masses)} kg; allowed are numbers from 0 on")
         if self.twist and not self.bending:
             raise ThreadError("twist: a twisted thread without bending stiffness collapses; give it bending")
+        if self.springs is not None and self.springs < self.n - 1:
+            raise ThreadError(
+                f"springs: {self.springs}; {self.n} control points need at least {self.n - 1}, else they move unseen"
+            )
 
     @property
     def coordinates(self) -> int:
@@ -272,13 +279,22 @@ class Thread:
     # -- elastic energies --------------------------------------------------------------------------------------
 
     @cached_property
+    def spring_layout(self) -> Layout | None:
+        """Where the springs stand, None where the energies are continuous."""
+        return None if self.springs is None else spread(self.spline, self.springs)
+
+    @cached_property
     def axial(self) -> AxialEnergy:
         """The energy of stretch and bending."""
+        if self.spring_layout is not None:
+            return Springs(self.spring_layout, self.EA, self.EI)
         return Continuous(self.spline.first, self.elastic_rule, self.axial_rule, self.EA, self.EI)
 
     @cached_property
     def stations(self) -> Stations:
         """Where the twist is taken."""
+        if self.spring_layout is not None:
+            return self.spring_layout.stations
         return gauss_stations(self.spline, self.elastic_rule)
 
     @cached_property

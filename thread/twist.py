@@ -127,13 +127,13 @@ def untwisted(spline: Spline, stations: Stations, q: Array, towards: Array) -> F
 def double_reflection(chord: Array, t: Array, t_next: Array, a: Array) -> Array:
     """`a` (3,) across t, carried to the end of a chord where the tangent is `t_next`."""
     mirrored, a = reflected(t, chord), reflected(a, chord)
-    bisector = t_next - mirrored
-    return reflected(a, bisector) if bisector @ bisector > 0.0 else a
+    return reflected(a, t_next - mirrored)
 
 
 def reflected(x: Array, normal: Array) -> Array:
-    """Mirror image in the plane across `normal`."""
-    return x - 2.0 * (normal @ x) / (normal @ normal) * normal
+    """Mirror image in the plane across `normal`; x itself where that is zero."""
+    square = normal @ normal
+    return x - 2.0 * (normal @ x) / square * normal if square > 0.0 else x
 
 
 def across(x: Array, t: Array) -> Array:
