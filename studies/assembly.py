@@ -103,6 +103,8 @@ def thread_of(table: model.Thread, length: float, s: Sequence[float]) -> Thread:
         section=section_of(table),
         bending=table.bending,
         twist=table.twist,
+        coil=0.0 if table.coil_radius is None else 1.0 / table.coil_radius,
+        coil_towards=None if table.coil_towards is None else np.array(table.coil_towards),
         springs=None if table.energy == "continuous" else table.springs or table.control_points - 1,
         damping=table.damping,
         point_masses=(table.start.mass, table.end.mass),

@@ -314,6 +314,17 @@ class Thread(Table):
         default=False,
         description="whether the thread resists twist: the angle of its section becomes a fourth coordinate",
     )
+    coil_radius: Positive | None = Field(
+        default=None,
+        description="radius of the coil that the thread remembers of its packet [m]; needs thread.twist; default: "
+        "straight at rest",
+        examples=[0.02],
+    )
+    coil_towards: Vector | None = Field(
+        default=None,
+        description="side to which the start of the thread coils [-], across the path; default: one of the axes",
+        examples=[[0, 0, 1]],
+    )
     start: End = Field(
         default=FreeEnd(kind="free"),
         description="what holds the thread at the start of the path",
@@ -369,7 +380,26 @@ class Thread(Table):
         turned = next((key for key in ("start", "end") if getattr(getattr(self, key), "turn", None)), None)
         if turned is not None and not self.twist:
             raise ValueError(f".{turned}.turn is refused: the thread does not resist twist; set thread.twist = true")
+        if self.coil_radius is not None and not self.twist:
+            raise ValueError(
+                f".coil_radius = {self.coil_radius} is refused: the side to which a thread coils turns with its "
+                "section; set thread.twist = true"
+            )
+        if self.coil_towards is not None:
+            self._check_coil_towards(self.coil_towards)
         return self
+
+    def _check_coil_towards(self, towards: Vector) -> None:
+        if self.coil_radius is None:
+            raise ValueError(
+                f".coil_towards = {as_toml(towards)} is refused: the thread does not coil; give coil_radius"
+            )
+        along = np.subtract(self.path[1], self.path[0])
+        if np.linalg.norm(np.cross(towards, along)) <= 1e-3 * np.linalg.norm(towards) * np.linalg.norm(along):
+            raise ValueError(
+                f".coil_towards = {as_toml(towards)} is refused: it must not lie along the start of the path; give a "
+                "direction across it"
+            )
 
     @model_validator(mode="after")
     def _check_path(self) -> Self:

@@ -15,6 +15,7 @@ from scipy.interpolate import BSpline
 from scipy.sparse import csr_matrix, diags_array
 
 from thread.banded import Elements
+from thread.coil import Coil
 from thread.continuous import Continuous
 from thread.errors import ThreadError
 from thread.quadrature import Rule, gauss_rule
@@ -136,7 +137,8 @@ class Thread:
     `bending` False sets EI = 0. `damping` [1/s] is mass-proportional viscosity. `point_masses` (2,) [kg] sit on the
     start and the end. `twist` adds the angle of the section to the coordinates of a control point, and its torsion.
     Energies: ½∫EA ε² ds + ½∫EI κ² ds (§3; straight at rest) + ½∫GJ ω² ds; with a number of `springs` those of
-    `thread.springs` instead.
+    `thread.springs` instead. `coil` [1/m] is the curvature at rest, towards the section's first direction
+    (`thread.coil`); that points to `coil_towards` (3,) at the start of the thread as laid, somewhere if none is given.
     """
 
     spline: Spline
@@ -148,6 +150,8 @@ class Thread:
     share: float = SHARE
     twist: bool = False
     springs: int | None = None
+    coil: float = 0.0
+    coil_towards: Array | None = None
 
     def __post_init__(self) -> None:
         if not self.damping >= 0.0:
@@ -156,6 +160,8 @@ class Thread:
             raise ThreadError(f"mass of an end: {min(self.point_masses)} kg; allowed are numbers from 0 on")
         if self.twist and not self.bending:
             raise ThreadError("twist: a twisted thread without bending stiffness collapses; give it bending")
+        if self.coil and not self.twist:
+            raise ThreadError("coil: the side to which a thread coils turns with its section; give it twist")
         if self.springs is not None and self.springs < self.n - 1:
             raise ThreadError(
                 f"springs: {self.springs}; {self.n} control points need at least {self.n - 1}, else they move unseen"
@@ -300,7 +306,9 @@ class Thread:
     @cached_property
     def energies(self) -> tuple[Energy, ...]:
         """All that the thread's elastic energy is the sum of."""
-        return (self.axial, Torsion(self.stations, self.section.GJ)) if self.twist else (self.axial,)
+        twist = (Torsion(self.stations, self.section.GJ),) if self.twist else ()
+        coil = (Coil(self.stations, self.EI, self.coil),) if self.coil else ()
+        return self.axial, *twist, *coil
 
     @cached_property
     def half_band(self) -> int:
@@ -355,9 +363,12 @@ class Thread:
     # -- twist -------------------------------------------------------------------------------------------------
 
     def untwisted(self, q: Array) -> Frame | None:
-        """The frame of the thread `q` laid without twist; None where it has no twist at all."""
+        """The frame of the thread `q` laid without twist; None where it has no twist at all. Raises `ThreadError` where
+        `coil_towards` lies along the thread."""
         if not self.twist:
             return None
+        if self.coil_towards is not None:
+            return untwisted(self.spline, self.stations, q, self.coil_towards)
         along = np.abs(self.spline.curve(q[:, :POSITION], [self.spline.start])[0, 1])
         return untwisted(self.spline, self.stations, q, np.eye(POSITION)[np.argmin(along)])
 
