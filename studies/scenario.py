@@ -279,6 +279,12 @@ class Thread(Table):
         description="Poisson's ratio of the thread [-], from above -1 to 0.5; default 0.4",
         examples=[0.4],
     )
+    bending_factor: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] | None = Field(
+        default=None,
+        description="bending and torsional stiffness over that of a solid rod [-], above 0 to 1; default: that of the "
+        "suture (an assumption for braids), else 1",
+        examples=[0.05],
+    )
     control_points: Annotated[int, Field(strict=True, ge=4, le=5000)] = Field(
         default=40, description="number of control points of the cubic spline [-], from 4 to 5000"
     )

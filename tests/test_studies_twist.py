@@ -38,6 +38,7 @@ REFUSED = [
     ("thread.coil_radius=0", ["thread.coil_radius = 0", "greater than 0", "[m]"]),
     ("thread.coil_towards=[1, 0, 0]", ["thread.coil_towards", "along the start of the path", "across"]),
     ("thread.springs=40", ["thread.springs = 40", "springs"]),
+    ("thread.bending_factor=0", ["thread.bending_factor = 0", "greater than 0"]),
     ("thread.energy=spring", ['thread.energy = "spring"', '"continuous" or "springs"']),
     ("thread.end.turn=[[0, 1.0]]", ["thread.end.turn", "t = 0", "[0, 0]"]),
     ("thread.end.turn=[[0, 0], [0, 1]]", ["thread.end.turn.1 = [0.0, 1.0]", "later than 0.0 s", "sort"]),
@@ -126,3 +127,11 @@ def test_springs_of_a_scenario(file: Path, springs: str) -> None:
     assert layout is not None and layout.length.size == (30 if springs else 23)
     *_, (last, _) = simulation.advance()
     assert last.step == 20
+
+
+def test_a_bending_factor_of_ones_own(file: Path) -> None:
+    """Independent check: it scales the bending and torsional stiffness of the solid rod and nothing else."""
+    whole, half = (
+        prepare(load(file, [f"thread.bending_factor={x}"])).assembly.system.thread.section for x in (1.0, 0.5)
+    )
+    assert (half.EI / whole.EI, half.GJ / whole.GJ, half.EA / whole.EA) == (0.5, 0.5, 1.0)
