@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bounds import IDENTITY, LINEAR, TWISTED
-from scipy.linalg import eigh, null_space
+from scipy.linalg import eigh
 from scipy.optimize import brentq
 from threads import (
     ORIGIN,
@@ -20,6 +20,7 @@ from threads import (
     laid,
     line,
     run,
+    stiffness,
     straight,
     thread_on,
     uniform,
@@ -27,10 +28,7 @@ from threads import (
 )
 
 from coupling.audit import audited, initial_energies
-from coupling.border import columns
-from coupling.constraints import passage
 from coupling.equilibrium import load_step
-from coupling.system import State, System
 from thread.ends import Clamped, Driven, Fixed, Free
 from thread.errors import ThreadError
 from thread.spline import clamped
@@ -157,21 +155,6 @@ def test_audit_of_a_twisted_thread_closes() -> None:
 
 
 # -- small vibration and buckling: the thread's own matrices -----------------------------------------------------------
-
-
-def allowed(system: System, state: State) -> np.ndarray:
-    """A basis of the motions that the ends allow: the constraints are linear in the control values."""
-    thread = system.thread
-    at = passage(thread.spline, state.q, state.s)
-    V = columns(at, thread.n, thread.coordinates).reshape(-1, system.holds, 3, 3)
-    clamps = [V[:, k, 1] @ state.y[k, part] for k in range(system.holds) for part in (slice(3, 6), slice(6, 9))]
-    return null_space(np.vstack([np.eye(len(V))[system.held], *clamps]))
-
-
-def stiffness(system: System, state: State) -> np.ndarray:
-    """The tangent over the motions that the ends allow."""
-    points, B = system.thread.points(state.q, state.frame), allowed(system, state)
-    return B.T @ dense(system.thread.tangent(points, system.thread.EA * points.strain)) @ B
 
 
 def test_torsional_vibration() -> None:
