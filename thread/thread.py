@@ -5,6 +5,7 @@ i. The c coordinates of a point are x, y, z [m] and, with twist, the angle θ [r
 (`thread.twist`). Matrices are banded (`thread.banded`).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
@@ -317,8 +318,11 @@ class Thread:
         return self.coordinates * reach - 1
 
     @cached_property
-    def _elements(self) -> tuple[Elements, ...]:
-        return tuple(self.elements(energy.first, energy.reach, energy.seen) for energy in self.energies)
+    def _parts(self) -> tuple[tuple[Elements, Energy], ...]:
+        return tuple((self.elements(energy.first, energy.reach, energy.seen), energy) for energy in self.energies)
+
+    def _each(self, points: Points) -> Iterator[tuple[tuple[Elements, Energy], Any]]:
+        return zip(self._parts, points.at, strict=True)
 
     def elements(self, first: Indices, reach: int, seen: int) -> Elements:
         """Groups of control points, and where what is theirs goes in the thread's vectors and matrices."""
@@ -335,17 +339,16 @@ class Thread:
     def points(self, q: Array, frame: Frame | None = None) -> Points:
         """Evaluate the thread where its energies are taken. A thread with twist asks for the `frame` it is measured
         from: that of the start of the step."""
-        at = tuple(energy.at(q, frame) for energy in self.energies)
+        at = tuple([energy.at(q, frame) for energy in self.energies])
         return Points(at[0].strain, at)
 
     def energy(self, points: Points) -> float:
         """Elastic energy [J]."""
-        return sum(energy.energy(at) for energy, at in zip(self.energies, points.at, strict=True))
+        return sum(energy.energy(at) for (_, energy), at in self._each(points))
 
     def gradient(self, points: Points) -> Array:
         """Derivative of the elastic energy by the control values, shape `(n, c)` [N, with twist N m]."""
-        parts = zip(self._elements, self.energies, points.at, strict=True)
-        return summed([elements.vector(energy.gradient(at)) for elements, energy, at in parts])
+        return summed([elements.vector(energy.gradient(at)) for (elements, energy), at in self._each(points)])
 
     def tangent(self, points: Points, N: Array) -> Array:
         """Second derivative of the elastic energy, banded.
@@ -353,8 +356,7 @@ class Thread:
         `N` [N] is the axial force where the strain is known: `EA * points.strain` for the exact Hessian, the iterated
         force for the mixed-integration-point Newton.
         """
-        parts = zip(self._elements, self.energies, points.at, strict=True)
-        return summed([elements.band(energy.tangent(at, N)) for elements, energy, at in parts])
+        return summed([elements.band(energy.tangent(at, N)) for (elements, energy), at in self._each(points)])
 
     def next_axial_force(self, points: Points, dq: Array) -> Array:
         """N of the next iterate, EA (ε + T·δT): the solution of its own linearised equation N/EA = ε(q) [N]."""
