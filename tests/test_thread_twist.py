@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bounds import IDENTITY, LINEAR, TWISTED
+from bounds import IDENTITY, LINEAR, RESIDUAL, TWISTED
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 from threads import (
@@ -29,7 +29,7 @@ from threads import (
 
 from coupling.audit import audited, initial_energies
 from coupling.equilibrium import load_step
-from thread.ends import Clamped, Driven, Fixed, Free
+from thread.ends import Clamped, Driven, Fixed, Free, Pulled
 from thread.errors import ThreadError
 from thread.spline import clamped
 from thread.thread import Thread
@@ -287,6 +287,22 @@ def test_a_needle_turns_the_thread() -> None:
     assert abs(energies.external_work - energies.numerical_dissipation - stored) < LINEAR * stored
     assert state.frame is not None
     assert np.abs(system.thread.torque(state.q, state.frame) / torque - 1.0).max() < LINEAR
+
+
+def test_a_clamp_holds_place_direction_and_section() -> None:
+    """Independent check: at every step of a thread thrown about by its free end, while the clamp turns it."""
+    turn = np.array([[0.0, 0.0], [0.02, 1.5]])
+    ends = (Clamped(ORIGIN, X, turn=turn), Pulled(np.array([0.0, 2e-3, 3e-3]), 0.01))
+    system = without_organ(uniform(L, 20, twist=True), ends)
+    state = laid(system, [], line(ORIGIN, X))
+    for step in run(system, state, 2e-3, 15):
+        new = step.new
+        T = system.thread.spline.curve(new.q[:, :3], [0.0])[0, 1]
+        assert np.array_equal(new.q[0, :3], ORIGIN)
+        assert np.abs(T[1:]).max() <= RESIDUAL
+        assert abs(new.q[0, 3] - min(1.5, 75.0 * new.time)) <= IDENTITY
+        assert new.reaction[1, 3] == 0.0
+    assert np.abs(new.q[-1, 1:3]).max() > 0.1 * L
 
 
 @pytest.mark.parametrize("turn", [np.zeros((2, 2)), np.zeros((2, 3)), np.array([[0.0, 1.0]])])

@@ -2,9 +2,9 @@
 
 A section's material directions are d₁ = a₁ cos θ + a₂ sin θ and d₂ = t × d₁, with a₁(s) a reference frame that follows
 the tangent t in time by parallel transport: at every s, a step turns it by the smallest rotation that takes the tangent
-t_o at the start of the step to t (Bergou et al. 2010; Meier, Popp & Wall 2014; splines with a fourth coordinate:
-Theetten, Grisoni, Andriot & Barsky 2008). So θ' is not the whole twist. The
-frame's axial vector along s turns with it and gains that of the rotation itself; its component along t is
+t_o at the start of the step to t (Bergou et al. 2010; Meier, Popp & Wall 2014; θ as a fourth coordinate of a spline:
+Theetten, Grisoni, Andriot & Barsky 2008). So θ' is not the whole twist. The frame's axial vector along s turns with it
+and gains that of the rotation itself; its component along t is
 
     τ = τ_o − (t_o × t)·(t_o' + t') / (1 + t_o·t)
 
