@@ -17,14 +17,14 @@ from functools import cached_property
 
 import numpy as np
 
-from thread.energy import IDENTITY, dot, outer
+from thread.energy import IDENTITY, cross, dot, outer
 from thread.spline import Array, Indices
 from thread.twist import Frame, Stations, Twisted, evaluated, spread_gradient, spread_hessian
 
 
 def direction(theta: Array, frame: Frame) -> tuple[Array, Array]:
     """p and its derivative by θ, each (..., 3)."""
-    a_1, a_2 = frame.a_1, np.cross(frame.t, frame.a_1)
+    a_1, a_2 = frame.a_1, cross(frame.t, frame.a_1)
     cos, sin = np.cos(theta)[..., None], np.sin(theta)[..., None]
     return cos * a_1 + sin * a_2, cos * a_2 - sin * a_1
 

@@ -39,12 +39,12 @@ class Layout:
         if self.s.size < 2 or np.any(np.diff(self.s) <= 0.0):
             raise ThreadError(f"springs: {self.s.size - 1} springs with ends that do not rise; give at least one")
 
-    @property
+    @cached_property
     def length(self) -> Array:
         """Rest lengths ℓ_k, shape `(m,)` [m]."""
         return np.diff(self.s)
 
-    @property
+    @cached_property
     def share(self) -> Array:
         """Length ℓ̄_k of thread that each point stands for, shape `(m + 1,)` [m]."""
         return 0.5 * (np.append(0.0, self.length) + np.append(self.length, 0.0))
