@@ -7,6 +7,7 @@ Unknowns of the border, per hold: s, λ (3), μ_u, μ_v, then y = (x, u, v).
 """
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,6 @@ OWN, BORDER = 6, 15  # equations of a hold without and with its site variables
 AT_P, AT_T, AT_K = slice(0, 3), slice(3, 6), slice(6, 9)  # the thread's nine numbers
 NINE = 9
 I3 = np.eye(3)
-_ORDER, _LOCAL, _AXIS = np.ogrid[:3, :4, :3]
 
 
 class SingularError(ArithmeticError):
@@ -101,12 +101,19 @@ def without(border: Border, absent: NDArray[np.bool_]) -> Border:
     return replace(border, B=B, D=D)
 
 
+@cache
+def column_pattern(c: int) -> tuple[Indices, Indices]:
+    """Row of Vᵀ, and column of it beside the first point's, of each b^(order)_local ⊗ I₃."""
+    order, local, axis = np.ogrid[:3, :4, :3]
+    return 3 * order + axis, c * local + axis
+
+
 def columns(thread: Passage, n: int, c: int) -> Array:
     """V = (b, b', b'') ⊗ I₃ of every hold over the `c` coordinates of `n` points, shape `(c n, 9m)`, Fortran order."""
     m = len(thread.first)
     V = np.zeros((m, NINE, c * n))
-    hold, first = np.arange(m)[:, None, None, None], thread.first[:, None, None, None]
-    V[hold, 3 * _ORDER + _AXIS, c * (first + _LOCAL) + _AXIS] = thread.b[:, :3, :, None]
+    row, column = column_pattern(c)
+    V[np.arange(m)[:, None, None, None], row, c * thread.first[:, None, None, None] + column] = thread.b[:, :3, :, None]
     return V.reshape(NINE * m, c * n).T
 
 

@@ -135,7 +135,7 @@ def evaluate(problem: Problem, z: Iterate) -> Residual:
         holds,
         site,
         max(float(scale), thread.force_unit),
-        float(np.abs(elastic[:, 3:]).max(initial=0.0)),
+        float(np.abs(elastic[:, 3:]).max()) if thread.twist else 0.0,
     )
 
 
@@ -160,7 +160,7 @@ def converged(problem: Problem, z: Iterate, r: Residual) -> bool:
     site = np.abs(r.site)
     return bool(
         free[:, :3].max() <= force
-        and free[:, 3:].max(initial=0.0) <= torque
+        and (free.shape[1] == 3 or free[:, 3].max() <= torque)
         and (np.abs(r.holds) <= limits).all()
         and (site[:, :3] <= gap).all()
         and (site[:, 3:] <= DIRECTION_TOLERANCE).all()

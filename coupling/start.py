@@ -55,16 +55,8 @@ def laid_thread(thread: Thread, stretch: float, axial: float) -> Thread:
     spline = Spline(thread.spline.knots * stretch)
     span = (spline.end - spline.start) / (thread.n - 3)
     cord = Cord(EA=axial / span**2, diameter=span)
-    return replace(
-        thread,
-        spline=spline,
-        section=cord,
-        bending=True,
-        hole_compliance=False,
-        point_masses=(0.0, 0.0),
-        twist=False,
-        springs=None,
-    )
+    plain = replace(thread, bending=True, point_masses=(0.0, 0.0), twist=False, springs=None, coil=0.0)
+    return replace(plain, spline=spline, section=cord, hole_compliance=False)
 
 
 @dataclass(frozen=True)

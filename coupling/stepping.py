@@ -48,8 +48,10 @@ def prescribed(system: System, time: float) -> list[tuple[int, Array]]:
 
 def turned(system: System, time: float) -> list[tuple[int, float]]:
     """Control points whose angle is held, with their angles at `time` [rad]: none without twist."""
+    if not system.thread.twist:
+        return []
     angles = [(point, end.angle(time)) for point, end in zip((0, -1), system.ends, strict=True)]
-    return [(point, angle) for point, angle in angles if angle is not None and system.thread.twist]
+    return [(point, angle) for point, angle in angles if angle is not None]
 
 
 def with_ends(q: Array, system: System, time: float) -> Array:

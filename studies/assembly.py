@@ -1,7 +1,7 @@
 """From a scenario to the coupled system: mesh, organ, thread, piercings and a consistent start."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import skfem
@@ -122,6 +122,8 @@ def thread_of(scenario: Scenario, length: float, s: Sequence[float]) -> Thread:
         section=section_of(table),
         bending=table.bending,
         twist=table.twist,
+        coil=0.0 if table.coil_radius is None else 1.0 / table.coil_radius,
+        coil_towards=None if table.coil_towards is None else np.array(table.coil_towards),
         springs=None if table.energy == "continuous" else table.springs or table.control_points - 1,
         damping=table.damping,
         point_masses=(table.start.mass, table.end.mass),
@@ -131,10 +133,9 @@ def thread_of(scenario: Scenario, length: float, s: Sequence[float]) -> Thread:
 
 def section_of(table: model.Thread) -> Section:
     """The section named, or the one described."""
-    if table.suture is not None:
-        return suture(table.suture)
     given = (table.diameter, table.density, table.youngs_modulus, table.poisson_ratio)
-    return Section(*(value for value in given if value is not None))
+    section = suture(table.suture) if table.suture else Section(*(value for value in given if value is not None))
+    return section if table.bending_factor is None else replace(section, bending_factor=table.bending_factor)
 
 
 def end_of(table: model.End, path: RoundedPath, at: float) -> End:

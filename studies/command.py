@@ -26,7 +26,7 @@ from studies.picture import picture
 from studies.progress import Progress
 from studies.record import Recorder, check_folder, completed_run, resumable
 from studies.scenario import Scenario, ScenarioError, load, schema
-from thread.catalogue import names, suture
+from thread.catalogue import KNOT_PULL, TEXTBOOK, USP, knot_pull, names, suture
 from thread.errors import ThreadError
 from tissue.errors import FactorError, TissueError
 
@@ -113,13 +113,18 @@ def print_schema(options: argparse.Namespace) -> int:
 
 def print_catalogue(options: argparse.Namespace) -> int:
     """``suture catalogue``: the sutures that a scenario can name."""
-    print(f"{'suture':28} {'d [mm]':>8} {'E [GPa]':>8} {'mass [mg/m]':>12} {'EA [N]':>10} {'EI [N m²]':>11}")
+    print(
+        f"{'suture':28} {'d [mm]':>8} {'E [GPa]':>8} {'mass [mg/m]':>12} {'EA [N]':>10} {'EI [N m²]':>11} "
+        f"{'GJ [N m²]':>11} {'knot pull [N]':>14}"
+    )
     for name in names():
-        thread = suture(name)
+        thread, strength = suture(name), knot_pull(name)
         print(
             f"{name:28} {thread.diameter / MILLI:8.4f} {thread.youngs_modulus / 1e9:8.2f} "
-            f"{thread.rhoA * 1e6:12.4g} {thread.EA:10.4g} {thread.EI:11.3e}"
+            f"{thread.rhoA * 1e6:12.4g} {thread.EA:10.4g} {thread.EI:11.3e} "
+            f"{thread.GJ:11.3e} {'' if strength is None else f'{strength:.3g}':>14}"
         )
+    print(f"sizes: {USP}\nmoduli: {TEXTBOOK}\nknot pull, least average: {KNOT_PULL}")
     return 0
 
 

@@ -364,6 +364,7 @@ COLUMNS: dict[str, list[str]] = {
         *("time", "step", "newton_iterations", "constraint_max", "max_strain"),  # s, -, -, m, -
         *_xyz("start_reaction"),  # N
         *_xyz("end_reaction"),  # N
+        *("start_torque", "end_torque"),  # N m, about the tangent; empty without twist
         "seconds",  # s of wall-clock time
     ],
 }
@@ -402,7 +403,9 @@ def _step_row(step: StepRecord) -> list[object]:
         *_numbers(step.time),
         step.step,
         step.newton_iterations,
-        *_numbers(step.constraint_max, step.max_strain, *step.start_reaction, *step.end_reaction, step.seconds),
+        *_numbers(step.constraint_max, step.max_strain, *step.start_reaction, *step.end_reaction),
+        *(("", "") if step.torques is None else _numbers(*step.torques)),
+        *_numbers(step.seconds),
     ]
 
 

@@ -279,6 +279,12 @@ class Thread(Table):
         description="Poisson's ratio of the thread [-], from above -1 to 0.5; default 0.4",
         examples=[0.4],
     )
+    bending_factor: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] | None = Field(
+        default=None,
+        description="bending and torsional stiffness over that of a solid rod [-], above 0 to 1; default: that of the "
+        "suture (an assumption for braids), else 1",
+        examples=[0.05],
+    )
     control_points: Annotated[int, Field(strict=True, ge=4, le=5000)] = Field(
         default=40, description="number of control points of the cubic spline [-], from 4 to 5000"
     )
@@ -321,6 +327,17 @@ class Thread(Table):
     twist: Annotated[bool, Field(strict=True)] = Field(
         default=False,
         description="whether the thread resists twist: the angle of its section becomes a fourth coordinate",
+    )
+    coil_radius: Positive | None = Field(
+        default=None,
+        description="radius of the coil that the thread remembers of its packet [m]; needs thread.twist; default: "
+        "straight at rest",
+        examples=[0.02],
+    )
+    coil_towards: Vector | None = Field(
+        default=None,
+        description="side to which the start of the thread coils [-], across the path; default: one of the axes",
+        examples=[[0, 0, 1]],
     )
     start: End = Field(
         default=FreeEnd(kind="free"),
@@ -386,7 +403,26 @@ class Thread(Table):
         turned = next((key for key in ("start", "end") if getattr(getattr(self, key), "turn", None)), None)
         if turned is not None and not self.twist:
             raise ValueError(f".{turned}.turn is refused: the thread does not resist twist; set thread.twist = true")
+        if self.coil_radius is not None and not self.twist:
+            raise ValueError(
+                f".coil_radius = {self.coil_radius} is refused: the side to which a thread coils turns with its "
+                "section; set thread.twist = true"
+            )
+        if self.coil_towards is not None:
+            self._check_coil_towards(self.coil_towards)
         return self
+
+    def _check_coil_towards(self, towards: Vector) -> None:
+        if self.coil_radius is None:
+            raise ValueError(
+                f".coil_towards = {as_toml(towards)} is refused: the thread does not coil; give coil_radius"
+            )
+        along = np.subtract(self.path[1], self.path[0])
+        if np.linalg.norm(np.cross(towards, along)) <= 1e-3 * np.linalg.norm(towards) * np.linalg.norm(along):
+            raise ValueError(
+                f".coil_towards = {as_toml(towards)} is refused: it must not lie along the start of the path; give a "
+                "direction across it"
+            )
 
     @model_validator(mode="after")
     def _check_path(self) -> Self:

@@ -242,12 +242,18 @@ def recorded(
         ),
         start_reaction=state.reaction[0, :3],
         end_reaction=state.reaction[1, :3],
-        torques=tuple(state.reaction[:, 3]) if system.thread.twist else None,
+        torques=end_torques(state) if system.thread.twist else None,
         max_strain=float(np.max(np.sqrt(1.0 + 2.0 * points.strain) - 1.0)),
         seconds=seconds,
         events=tuple(events),
         memory=now.memory,
     )
+
+
+def end_torques(state: State) -> tuple[float, float]:
+    """Torque of the holders of start and end about the thread's tangent [N m]."""
+    start, end = state.reaction[:, 3]
+    return float(start), float(end)
 
 
 def largest_gap(system: System, state: State) -> float:

@@ -151,7 +151,7 @@ def test_the_work_of_the_lag_of_an_organ_that_follows_the_force() -> None:
 def test_energy_that_is_created_shows_with_its_sign() -> None:
     """Independent check: an exchange that grows has its energy from nowhere but the lag. Kinetic and elastic energy
     rise beyond the hand's work; the numerical dissipation is negative by as much and the balance still closes."""
-    system, first = scene("dynamic", 5e3)
+    system, first = scene("dynamic", 1e3)
     before = energies = initial_energies(system, first)
     state, steps = first, []
     with pytest.raises(CouplingError):

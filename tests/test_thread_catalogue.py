@@ -12,6 +12,7 @@ from thread.catalogue import (
     MATERIALS,
     SIZES,
     Section,
+    knot_pull,
     names,
     suture,
 )
@@ -135,6 +136,24 @@ def test_every_name_of_the_catalogue_makes_a_section_and_every_number_has_a_sour
         if material.modulus is not None and material.modulus_range is not None:
             assert material.modulus_range[0] <= material.modulus <= material.modulus_range[1]
     assert all(size.source for size in SIZES)
+
+
+@pytest.mark.parametrize(
+    ("name", "newton"),
+    [("2-0 polypropylene", 14.122), ("2-0 PDS", 26.282), ("11-0 nylon", 0.059), ("5 silk", 60.409), ("3-0 PGA", 17.358),
+     ("5 PDS", None), ("2-0 steel", None), ("0 catgut", None), ("7 nylon", None)],
+)  # fmt: skip
+def test_knot_pull_strength(name, newton):
+    assert knot_pull(name) == newton
+
+
+def test_knot_pull_grows_with_the_size_and_stays_below_the_strength_of_the_solid():
+    for kind in ("nylon", "PDS"):
+        strengths = [knot_pull(f"{size.usp} {kind}") for size in SIZES]
+        given = [x for x in strengths if x is not None]
+        assert len(given) >= 14 and given == sorted(given)
+        for size, strength in zip(SIZES, strengths, strict=True):
+            assert strength is None or strength < 1e9 * math.pi / 4 * size.diameter**2
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ def test_cantilever_in_the_linear_range(n: int) -> None:
 
 def arc(chord: float, length: float) -> Path:
     """A circular arc that sags below its chord from the origin along x."""
-    angles = np.linspace(0.01, 3.0, 200001)
+    angles = np.linspace(0.01, np.pi, 200001)
     half = np.interp(-chord / length, -np.sin(angles) / angles, angles)
     radius = 0.5 * length / half
 
@@ -126,3 +126,32 @@ def bow(length: float, angle: float) -> Path:
     """A quarter wave of a bow that leaves the origin along x and turns by `angle`."""
     radius = length / angle
     return lambda s: radius * np.stack([np.sin(s / radius), 0.0 * s, 1.0 - np.cos(s / radius)], axis=-1)
+
+
+# The pinned column: end slope α, P/P_cr, shortening/L, deflection/L of the middle (elliptic integrals). At 130.7099°
+# the ends meet.
+PINNED = {
+    20: (1.015397, 0.030269, 0.109707),
+    40: (1.063663, 0.118796, 0.211120),
+    60: (1.151720, 0.258980, 0.296604),
+    80: (1.293889, 0.440604, 0.359749),
+    90: (1.393204, 0.543053, 0.381380),
+    120: (1.884801, 0.876840, 0.401585),
+    130.7099: (2.183379, 1.000000, 0.391594),
+}
+
+
+@pytest.mark.parametrize("alpha", PINNED)
+def test_pinned_column(alpha: float) -> None:
+    """Independent check: both ends pinned and brought together, the push, the slope of the ends and the deflection; of
+    a real thread, whose stretch P/EA is 1e-5 at most."""
+    L = 0.1
+    ratio, shortening, deflection = PINNED[alpha]
+    chord = (1.0 - shortening) * L
+    system = without_organ(uniform(L, 40), (Fixed(ORIGIN), Fixed(chord * X)))
+    state = equilibrium(system, arc(chord, L))
+    push = ratio * np.pi**2 * PP.EI / L**2
+    assert np.abs(state.reaction / push - np.outer([1.0, -1.0], X)).max() < BUCKLING
+    P, T = system.thread.spline.curve(state.q, [0.0, 0.5 * L])[:, :2].swapaxes(0, 1)
+    assert abs(-P[1, 2] / L - deflection) < BUCKLING
+    assert abs(np.arctan2(-T[0, 2], T[0, 0]) - np.radians(alpha)) < BUCKLING

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bounds import IDENTITY, LINEAR, TWISTED
-from scipy.linalg import eigh, null_space
+from bounds import IDENTITY, LINEAR, RESIDUAL, TWISTED
+from scipy.linalg import eigh
 from scipy.optimize import brentq
 from threads import (
     ORIGIN,
@@ -20,6 +20,7 @@ from threads import (
     laid,
     line,
     run,
+    stiffness,
     straight,
     thread_on,
     uniform,
@@ -27,11 +28,8 @@ from threads import (
 )
 
 from coupling.audit import audited, initial_energies
-from coupling.border import columns
-from coupling.constraints import passage
 from coupling.equilibrium import load_step
-from coupling.system import State, System
-from thread.ends import Clamped, Driven, Fixed, Free
+from thread.ends import Clamped, Driven, Fixed, Free, Pulled
 from thread.errors import ThreadError
 from thread.spline import clamped
 from thread.thread import Thread
@@ -157,21 +155,6 @@ def test_audit_of_a_twisted_thread_closes() -> None:
 
 
 # -- small vibration and buckling: the thread's own matrices -----------------------------------------------------------
-
-
-def allowed(system: System, state: State) -> np.ndarray:
-    """A basis of the motions that the ends allow: the constraints are linear in the control values."""
-    thread = system.thread
-    at = passage(thread, state.q, state.s)
-    V = columns(at, thread.n, thread.coordinates).reshape(-1, system.holds, 3, 3)
-    clamps = [V[:, k, 1] @ state.y[k, part] for k in range(system.holds) for part in (slice(3, 6), slice(6, 9))]
-    return null_space(np.vstack([np.eye(len(V))[system.held], *clamps]))
-
-
-def stiffness(system: System, state: State) -> np.ndarray:
-    """The tangent over the motions that the ends allow."""
-    points, B = system.thread.points(state.q, state.frame), allowed(system, state)
-    return B.T @ dense(system.thread.tangent(points, system.thread.EA * points.strain)) @ B
 
 
 def test_torsional_vibration() -> None:
@@ -304,6 +287,22 @@ def test_a_needle_turns_the_thread() -> None:
     assert abs(energies.external_work - energies.numerical_dissipation - stored) < LINEAR * stored
     assert state.frame is not None
     assert np.abs(system.thread.torque(state.q, state.frame) / torque - 1.0).max() < LINEAR
+
+
+def test_a_clamp_holds_place_direction_and_section() -> None:
+    """Independent check: at every step of a thread thrown about by its free end, while the clamp turns it."""
+    turn = np.array([[0.0, 0.0], [0.02, 1.5]])
+    ends = (Clamped(ORIGIN, X, turn=turn), Pulled(np.array([0.0, 2e-3, 3e-3]), 0.01))
+    system = without_organ(uniform(L, 20, twist=True), ends)
+    state = laid(system, [], line(ORIGIN, X))
+    for step in run(system, state, 2e-3, 15):
+        new = step.new
+        T = system.thread.spline.curve(new.q[:, :3], [0.0])[0, 1]
+        assert np.array_equal(new.q[0, :3], ORIGIN)
+        assert np.abs(T[1:]).max() <= RESIDUAL
+        assert abs(new.q[0, 3] - min(1.5, 75.0 * new.time)) <= IDENTITY
+        assert new.reaction[1, 3] == 0.0
+    assert np.abs(new.q[-1, 1:3]).max() > 0.1 * L
 
 
 @pytest.mark.parametrize("turn", [np.zeros((2, 2)), np.zeros((2, 3)), np.array([[0.0, 1.0]])])

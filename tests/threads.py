@@ -8,8 +8,11 @@ import numpy as np
 import skfem
 from bounds import SLOPE
 from numpy.typing import NDArray
+from scipy.linalg import null_space
 
 import tissue
+from coupling.border import columns
+from coupling.constraints import passage
 from coupling.start import start
 from coupling.stepping import Step, advance
 from coupling.system import Piercing, State, System
@@ -125,6 +128,29 @@ def run(system: System, state: State, dt: float, steps: int) -> list[Step]:
         out += advance(system, state, dt)
         state = out[-1].new
     return out
+
+
+def allowed(system: System, state: State) -> Array:
+    """A basis of the motions that the ends allow: the constraints are linear in the control values."""
+    thread = system.thread
+    at = passage(thread, state.q, state.s)
+    size = thread.n * thread.coordinates
+    V = columns(at, thread.n, thread.coordinates).reshape(size, system.holds, 3, 3)
+    clamps = [V[:, k, 1] @ state.y[k, part] for k in range(system.holds) for part in (slice(3, 6), slice(6, 9))]
+    rows = np.vstack([np.eye(size)[system.held], *clamps])
+    return null_space(rows) if len(rows) else np.eye(size)
+
+
+def stiffness(system: System, state: State, N: Array | None = None) -> Array:
+    """The tangent over the motions that the ends allow; with the axial force `N` in place of the strain's."""
+    points, B = system.thread.points(state.q, state.frame), allowed(system, state)
+    return B.T @ dense(system.thread.tangent(points, system.thread.EA * points.strain if N is None else N)) @ B
+
+
+def inertia(system: System, state: State) -> Array:
+    """The mass over the motions that the ends allow."""
+    B = allowed(system, state)
+    return B.T @ dense(system.thread.mass_band) @ B
 
 
 RADIUS, LENGTH = 5e-3, 0.076

@@ -36,7 +36,8 @@ class Free:
 @dataclass(frozen=True)
 class Turning(Free):
     """An end that a hand may turn: `turn`, shape `(k, 2)`: t [s], angle [rad] about the tangent, linear in between,
-    zero at the start; None: it turns freely."""
+    zero at the start; None: it turns freely. Where the tangent moves, the angle is measured from a frame that goes with
+    it without spinning (`thread.twist`)."""
 
     turn: Array | None = field(default=None, kw_only=True)
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 IDENTITY = np.eye(3)
+NEXT, LAST = [1, 2, 0], [2, 0, 1]
 
 
 def outer(a: Array, b: Array) -> Array:
@@ -19,6 +20,11 @@ def outer(a: Array, b: Array) -> Array:
 def dot(a: Array, b: Array) -> Array:
     """a · b over the last axis."""
     return np.vecdot(a, b)
+
+
+def cross(a: Array, b: Array) -> Array:
+    """a × b over the last axis; several times as fast as `np.cross` on few vectors."""
+    return a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT]
 
 
 def axial_strain(T: Array) -> Array:

@@ -21,11 +21,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from thread.energy import IDENTITY, axial_stiffness, axial_strain, dot, outer
 from thread.errors import ThreadError
-from thread.spline import DEGREE, Array, Indices, Spline
+from thread.spline import ORDERS, Array, Indices, Spline
 from thread.twist import Stations
 
 
@@ -40,57 +39,52 @@ class Layout:
         if self.s.size < 2 or np.any(np.diff(self.s) <= 0.0):
             raise ThreadError(f"springs: {self.s.size - 1} springs with ends that do not rise; give at least one")
 
-    @property
+    @cached_property
     def length(self) -> Array:
         """Rest lengths ℓ_k, shape `(m,)` [m]."""
         return np.diff(self.s)
 
-    @property
+    @cached_property
     def share(self) -> Array:
         """Length ℓ̄_k of thread that each point stands for, shape `(m + 1,)` [m]."""
         return 0.5 * (np.append(0.0, self.length) + np.append(self.length, 0.0))
 
-    def values(self, s: Array, order: int = 0) -> Array:
-        """Basis functions at abscissae, shape `(len(s), n)`."""
-        return np.asarray(BSpline(self.spline.knots, np.eye(self.spline.n), DEGREE)(s, nu=order))
-
     @cached_property
-    def directions(self) -> Array:
-        """Rows of d_0 … d_(m+1) over all control points, shape `(m + 2, n)`."""
-        chords = np.diff(self.values(self.s), axis=0) / self.length[:, None]
-        ends = self.values(self.s[[0, -1]], 1)
-        return np.concatenate([ends[:1], chords, ends[1:]])
-
-    @cached_property
-    def sections(self) -> Array:
-        """Rows of θ in the middle of the springs and at the ends, shape `(m + 2, n)`."""
-        return self.values(np.concatenate([self.s[:1], 0.5 * (self.s[1:] + self.s[:-1]), self.s[-1:]]))
+    def beside(self) -> tuple[Array, Array]:
+        """Abscissae of the points before and after each, itself where there is none, each `(m + 1,)` [m]."""
+        return np.append(self.s[0], self.s[:-1]), np.append(self.s[1:], self.s[-1])
 
     @cached_property
     def window(self) -> tuple[Indices, int]:
-        """First control point that each P_k and what is beside it depend on, and how many do at most."""
-        used = (self.directions[:-1] != 0.0) | (self.directions[1:] != 0.0) | (self.values(self.s) != 0.0)
-        used |= (self.sections[:-1] != 0.0) | (self.sections[1:] != 0.0)
-        first = np.argmax(used, axis=1)
-        last = used.shape[1] - 1 - np.argmax(used[:, ::-1], axis=1)
-        reach = int(np.max(last - first)) + 1
-        return np.minimum(first, used.shape[1] - reach), reach
+        """First control point that each P_k and its neighbours depend on, and how many do at most."""
+        first, last = (self.spline.basis(s)[0] for s in self.beside)
+        reach = int(np.max(last - first)) + ORDERS
+        return np.minimum(first, self.spline.n - reach), reach
 
-    def cropped(self, rows: Array) -> Array:
-        """Rows (m + 1, n) over the window of each point, shape `(m + 1, reach)`."""
-        first, reach = self.window
-        return np.take_along_axis(rows, first[:, None] + np.arange(reach), axis=1)
+    def rows(self, s: Array, order: int = 0) -> Array:
+        """Derivatives of the basis functions at one abscissa a point, over its window, shape `(m + 1, reach)`."""
+        window, reach = self.window
+        first, b = self.spline.basis(s)
+        out = np.zeros((len(s), reach))
+        np.put_along_axis(out, (first - window)[:, None] + np.arange(ORDERS), b[:, order], axis=1)
+        return out
+
+    @cached_property
+    def directions(self) -> Array:
+        """Rows of the directions before and after each point, shape `(m + 1, 2, reach)`."""
+        before, after = self.beside
+        P, T = self.rows(self.s), self.rows(self.s, 1)
+        lengths = np.append(np.inf, self.length), np.append(self.length, np.inf)
+        chords = [(P - self.rows(before)) / lengths[0][:, None], (self.rows(after) - P) / lengths[1][:, None]]
+        chords[0][0], chords[1][-1] = T[0], T[-1]
+        return np.stack(chords, axis=1)
 
     @cached_property
     def stations(self) -> Stations:
         """The points P_k as stations of the twist."""
-        rows = (
-            self.values(self.s, 1),
-            self.values(self.s, 2),
-            self.values(self.s),
-            np.diff(self.sections, axis=0) / self.share[:, None],
-        )
-        T, K, theta, theta_s = (self.cropped(x)[:, None] for x in rows)
+        before, after = (self.rows(0.5 * (self.s + other)) for other in self.beside)
+        rows = (self.rows(self.s, 1), self.rows(self.s, 2), self.rows(self.s), (after - before) / self.share[:, None])
+        T, K, theta, theta_s = (x[:, None] for x in rows)
         return Stations(self.window[0], self.s[:, None], self.share[:, None], T, K, theta, theta_s)
 
 
@@ -181,11 +175,9 @@ class Springs:
     def _points(self) -> Indices:
         return self.first[:, None] + np.arange(self.reach)
 
-    @cached_property
+    @property
     def _rows(self) -> Array:
-        """Rows of the directions before and after each point, `(m + 1, 2, reach)`."""
-        d = self.layout.directions
-        return np.stack([self.layout.cropped(d[:-1]), self.layout.cropped(d[1:])], axis=1)
+        return self.layout.directions
 
     @cached_property
     def _length(self) -> Array:

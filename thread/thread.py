@@ -5,6 +5,7 @@ i. The c coordinates of a point are x, y, z [m] and, with twist, the angle θ [r
 (`thread.twist`). Matrices are banded (`thread.banded`).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
@@ -15,6 +16,7 @@ from scipy.interpolate import BSpline
 from scipy.sparse import csr_matrix, diags_array
 
 from thread.banded import Elements
+from thread.coil import Coil
 from thread.compliance import beam_compliance, patch_of, spline_compliance
 from thread.continuous import Continuous
 from thread.errors import ThreadError
@@ -136,8 +138,9 @@ class Thread:
     `bending` False sets EI = 0. `damping` [1/s] is mass-proportional viscosity. `point_masses` (2,) [kg] sit on the
     start and the end. `twist` adds the angle of the section to the coordinates of a control point, and its torsion.
     Energies: ½∫EA ε² ds + ½∫EI κ² ds (§3; straight at rest) + ½∫GJ ω² ds; with a number of `springs` those of
-    `thread.springs` instead. `hole_compliance` adds what the spline lacks in compliance where it is held
-    (`thread.compliance`).
+    `thread.springs` instead. `coil` [1/m] is the curvature at rest, towards the section's first direction
+    (`thread.coil`); that points to `coil_towards` (3,) at the start of the thread as laid, somewhere if none is given.
+    `hole_compliance` adds what the spline lacks in compliance where it is held (`thread.compliance`).
     """
 
     spline: Spline
@@ -148,6 +151,8 @@ class Thread:
     elastic_points: int = ELASTIC_POINTS
     twist: bool = False
     springs: int | None = None
+    coil: float = 0.0
+    coil_towards: Array | None = None
     hole_compliance: bool = True
 
     def __post_init__(self) -> None:
@@ -157,6 +162,8 @@ class Thread:
             raise ThreadError(f"mass of an end: {min(self.point_masses)} kg; allowed are numbers from 0 on")
         if self.twist and not self.bending:
             raise ThreadError("twist: a twisted thread without bending stiffness collapses; give it bending")
+        if self.coil and not self.twist:
+            raise ThreadError("coil: the side to which a thread coils turns with its section; give it twist")
         if self.springs is not None and self.springs < self.n - 1:
             raise ThreadError(
                 f"springs: {self.springs}; {self.n} control points need at least {self.n - 1}, else they move unseen"
@@ -323,7 +330,9 @@ class Thread:
     @cached_property
     def energies(self) -> tuple[Energy, ...]:
         """All that the thread's elastic energy is the sum of."""
-        return (self.axial, Torsion(self.stations, self.section.GJ)) if self.twist else (self.axial,)
+        twist = (Torsion(self.stations, self.section.GJ),) if self.twist else ()
+        coil = (Coil(self.stations, self.EI, self.coil),) if self.coil else ()
+        return self.axial, *twist, *coil
 
     @cached_property
     def half_band(self) -> int:
@@ -332,8 +341,11 @@ class Thread:
         return self.coordinates * reach - 1
 
     @cached_property
-    def _elements(self) -> tuple[Elements, ...]:
-        return tuple(self.elements(energy.first, energy.reach, energy.seen) for energy in self.energies)
+    def _parts(self) -> tuple[tuple[Elements, Energy], ...]:
+        return tuple((self.elements(energy.first, energy.reach, energy.seen), energy) for energy in self.energies)
+
+    def _each(self, points: Points) -> Iterator[tuple[tuple[Elements, Energy], Any]]:
+        return zip(self._parts, points.at, strict=True)
 
     def elements(self, first: Indices, reach: int, seen: int) -> Elements:
         """Groups of control points, and where what is theirs goes in the thread's vectors and matrices."""
@@ -350,17 +362,16 @@ class Thread:
     def points(self, q: Array, frame: Frame | None = None) -> Points:
         """Evaluate the thread where its energies are taken. A thread with twist asks for the `frame` it is measured
         from: that of the start of the step."""
-        at = tuple(energy.at(q, frame) for energy in self.energies)
+        at = tuple([energy.at(q, frame) for energy in self.energies])
         return Points(at[0].strain, at)
 
     def energy(self, points: Points) -> float:
         """Elastic energy [J]."""
-        return sum(energy.energy(at) for energy, at in zip(self.energies, points.at, strict=True))
+        return sum(energy.energy(at) for (_, energy), at in self._each(points))
 
     def gradient(self, points: Points) -> Array:
         """Derivative of the elastic energy by the control values, shape `(n, c)` [N, with twist N m]."""
-        parts = zip(self._elements, self.energies, points.at, strict=True)
-        return summed([elements.vector(energy.gradient(at)) for elements, energy, at in parts])
+        return summed([elements.vector(energy.gradient(at)) for (elements, energy), at in self._each(points)])
 
     def tangent(self, points: Points, N: Array) -> Array:
         """Second derivative of the elastic energy, banded.
@@ -368,8 +379,7 @@ class Thread:
         `N` [N] is the axial force where the strain is known: `EA * points.strain` for the exact Hessian, the iterated
         force for the mixed-integration-point Newton.
         """
-        parts = zip(self._elements, self.energies, points.at, strict=True)
-        return summed([elements.band(energy.tangent(at, N)) for elements, energy, at in parts])
+        return summed([elements.band(energy.tangent(at, N)) for (elements, energy), at in self._each(points)])
 
     def next_axial_force(self, points: Points, dq: Array) -> Array:
         """N of the next iterate, EA (ε + T·δT): the solution of its own linearised equation N/EA = ε(q) [N]."""
@@ -378,9 +388,12 @@ class Thread:
     # -- twist -------------------------------------------------------------------------------------------------
 
     def untwisted(self, q: Array) -> Frame | None:
-        """The frame of the thread `q` laid without twist; None where it has no twist at all."""
+        """The frame of the thread `q` laid without twist; None where it has no twist at all. Raises `ThreadError` where
+        `coil_towards` lies along the thread."""
         if not self.twist:
             return None
+        if self.coil_towards is not None:
+            return untwisted(self.spline, self.stations, q, self.coil_towards)
         along = np.abs(self.spline.curve(q[:, :POSITION], [self.spline.start])[0, 1])
         return untwisted(self.spline, self.stations, q, np.eye(POSITION)[np.argmin(along)])
 

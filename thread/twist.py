@@ -2,8 +2,9 @@
 
 A section's material directions are d₁ = a₁ cos θ + a₂ sin θ and d₂ = t × d₁, with a₁(s) a reference frame that follows
 the tangent t in time by parallel transport: at every s, a step turns it by the smallest rotation that takes the tangent
-t_o at the start of the step to t (Bergou et al. 2010; Meier, Popp & Wall 2014). So θ' is not the whole twist. The
-frame's axial vector along s turns with it and gains that of the rotation itself; its component along t is
+t_o at the start of the step to t (Bergou et al. 2010; Meier, Popp & Wall 2014; θ as a fourth coordinate of a spline:
+Theetten, Grisoni, Andriot & Barsky 2008). So θ' is not the whole twist. The frame's axial vector along s turns with it
+and gains that of the rotation itself; its component along t is
 
     τ = τ_o − (t_o × t)·(t_o' + t') / (1 + t_o·t)
 
@@ -19,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from thread.energy import IDENTITY, dot, outer
+from thread.energy import IDENTITY, cross, dot, outer
 from thread.errors import ThreadError
 from thread.quadrature import Rule
 from thread.spline import Array, Indices, Spline
@@ -45,6 +46,11 @@ class Frame:
     t_s: Array
     tau: Array
     a_1: Array
+
+    @cached_property
+    def binormal(self) -> Array:
+        """c = t × t' [1/m]."""
+        return cross(self.t, self.t_s)
 
 
 @dataclass(frozen=True)
@@ -175,7 +181,7 @@ def turned_too_far(frame: Frame, T: Array) -> bool:
 def reference_twist(T: Array, K: Array, frame: Frame) -> Array:
     """τ of the frame carried to tangents T, with `K` = T' [1/m]."""
     r = np.linalg.norm(T, axis=-1)
-    c, e = np.cross(frame.t, frame.t_s), np.cross(K, frame.t)
+    c, e = frame.binormal, cross(K, frame.t)
     return frame.tau + (dot(c, T) - dot(e, T) / r) / (r + dot(frame.t, T))
 
 
@@ -188,9 +194,9 @@ def reference_twist_derivatives(T: Array, K: Array, frame: Frame) -> tuple[Array
     t = T / r
     D, h = r + dot(t_o, T)[..., None], t_o + t
     S, g = 1.0 / (r * D), t / r + h / D
-    c, e = np.cross(t_o, frame.t_s), np.cross(K, t_o)
+    c, e = frame.binormal, cross(K, t_o)
     cT, eT = dot(c, T)[..., None], dot(e, T)[..., None]
-    cross = np.cross(T, t_o)
+    Txt = cross(T, t_o)
     by_T = S * (eT * g - e) + c / D - (cT / D**2) * h
     S, cT, eT, r, D = (x[..., None] for x in (S, cT, eT, r, D))
     plane = IDENTITY - outer(t, t)
@@ -199,7 +205,7 @@ def reference_twist_derivatives(T: Array, K: Array, frame: Frame) -> tuple[Array
     TT = eT * S * (dg - outer(g, g)) + S * (ge + ge.swapaxes(-1, -2))
     TT += (cT * (2.0 * outer(h, h) / D - plane / r) - (ch + ch.swapaxes(-1, -2))) / D**2
     spin = (t_o @ LEVI_CIVITA.reshape(3, 9)).reshape(*T.shape, 3)
-    return by_T, S[..., 0] * cross, TT, -S * (outer(g, cross) + spin)
+    return by_T, S[..., 0] * Txt, TT, -S * (outer(g, Txt) + spin)
 
 
 @dataclass(frozen=True)
@@ -212,6 +218,11 @@ class Twisted:
     omega: Array
     theta: Array
     frame: Frame
+
+    @cached_property
+    def slopes(self) -> tuple[Array, Array, Array, Array]:
+        """Derivatives of the frame's twist, which force and tangent share."""
+        return reference_twist_derivatives(self.T, self.K, self.frame)
 
 
 def evaluated(stations: Stations, q: Array, frame: Frame | None) -> Twisted:
@@ -283,13 +294,13 @@ class Torsion:
 
     def gradient(self, at: Twisted) -> Array:
         """Derivative by the control points of each group, shape `(m, reach, 4)` [N, N m]."""
-        by_T, by_K, _, _ = reference_twist_derivatives(at.T, at.K, at.frame)
+        by_T, by_K, _, _ = at.slopes
         torque = self.GJ * at.omega
         return spread_gradient(self.stations, self._rows, (torque[..., None] * by_T, torque[..., None] * by_K, torque))
 
     def tangent(self, at: Twisted, N: Array) -> Array:
         """Second derivative by the control points of each group, shape `(m, reach, reach, 4, 4)`."""
-        by_T, by_K, TT, TK = reference_twist_derivatives(at.T, at.K, at.frame)
+        by_T, by_K, TT, TK = at.slopes
         by = np.concatenate([by_T, by_K, np.ones_like(by_T[..., :1])], axis=-1)
         H = self.GJ * outer(by, by)
         torque = (self.GJ * at.omega)[..., None, None]
