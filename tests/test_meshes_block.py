@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import skfem
+from mesh_samples import NEEDS_GMSH, facet_areas
 
 from meshes.block import FACES, block, extent, graded_block_gmsh, graded_block_structured, graded_lines
 from meshes.checks import check, volumes
 from meshes.errors import MeshError
-from meshes.gmsh_session import load_gmsh
 from meshes.grading import Grading
 from meshes.quality import quality
 
@@ -16,26 +16,11 @@ SITES = np.array([[-0.01, 0.0, 0.0], [0.01, 0.0, 0.0]])
 IDENTITY = 1e-12  # relative, exact geometry in floating point
 
 
-def gmsh_fault() -> str:
-    try:
-        load_gmsh()
-    except MeshError as error:
-        return str(error)
-    return ""
-
-
-NEEDS_GMSH = pytest.mark.skipif(bool(gmsh_fault()), reason=gmsh_fault())
-
 MAKERS = [
     pytest.param(lambda: block(SIZE, 5e-3), id="uniform"),
-    pytest.param(lambda: graded_block_structured(SIZE, 5e-3, 1e-3, SITES, radius=2e-3), id="tensor"),
-    pytest.param(lambda: graded_block_gmsh(SIZE, 5e-3, 1e-3, SITES, radius=2e-3), id="gmsh", marks=NEEDS_GMSH),
+    pytest.param(lambda: graded_block_structured(SIZE, Grading(5e-3, 1e-3, radius=2e-3), SITES), id="tensor"),
+    pytest.param(lambda: graded_block_gmsh(SIZE, Grading(5e-3, 1e-3, radius=2e-3), SITES), id="gmsh", marks=NEEDS_GMSH),
 ]
-
-
-def facet_areas(mesh: skfem.MeshTet, facets: np.ndarray) -> np.ndarray:
-    a, b, c = (mesh.p[:, mesh.facets[k, facets]].T for k in range(3))
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
 
 def edges_near(mesh: skfem.MeshTet, point: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
@@ -98,7 +83,7 @@ def test_uniform_cells_divide_evenly_when_h_divides_the_size():
 
 
 def test_a_structured_block_is_its_own_mirror_image():
-    mesh = graded_block_structured(SIZE, 5e-3, 1e-3, SITES)
+    mesh = graded_block_structured(SIZE, Grading(5e-3, 1e-3), SITES)
     for axis in (0, 1):
         mirrored = mesh.p.copy()
         mirrored[axis] *= -1
@@ -111,7 +96,7 @@ def tet_centres(p: np.ndarray, t: np.ndarray) -> set[tuple[int, ...]]:
 
 
 def test_grid_lines_pass_through_the_sites():
-    mesh = graded_block_structured(SIZE, 5e-3, 1e-3, SITES)
+    mesh = graded_block_structured(SIZE, Grading(5e-3, 1e-3), SITES)
     distances = np.linalg.norm(mesh.p.T[:, None] - SITES, axis=2).min(axis=0)
     assert distances.max() <= IDENTITY * max(SIZE)
 
@@ -141,13 +126,13 @@ def test_close_sites_share_a_grid_line_and_a_site_by_the_face_takes_the_face():
 
 
 def test_no_sites_means_a_uniform_block():
-    graded, uniform = graded_block_structured(SIZE, 5e-3, 1e-3, []), block(SIZE, 5e-3)
+    graded, uniform = graded_block_structured(SIZE, Grading(5e-3, 1e-3), []), block(SIZE, 5e-3)
     assert np.array_equal(graded.p, uniform.p) and np.array_equal(graded.t, uniform.t)
 
 
 @NEEDS_GMSH
 def test_gmsh_edges_are_near_h_site_at_a_site_and_near_h_far_off():
-    mesh = graded_block_gmsh(SIZE, 6e-3, 0.8e-3, SITES[:1], growth=1.3, radius=2e-3)
+    mesh = graded_block_gmsh(SIZE, Grading(6e-3, 0.8e-3, growth=1.3, radius=2e-3), SITES[:1])
     near, top = edges_near(mesh, SITES[0], 2e-3)
     far, _ = edges_near(mesh, np.array([0.03, 0.02, -0.02]), 0.012)
     # In the surface gmsh keeps to the size; inside, its Delaunay edges are longer by a quarter to a half.
@@ -158,7 +143,7 @@ def test_gmsh_edges_are_near_h_site_at_a_site_and_near_h_far_off():
 
 @NEEDS_GMSH
 def test_gmsh_block_is_far_smaller_than_the_tensor_grid_for_the_same_sizes():
-    arguments = (SIZE, 6e-3, 0.8e-3, SITES)
+    arguments = (SIZE, Grading(6e-3, 0.8e-3), SITES)
     assert graded_block_gmsh(*arguments).nvertices < graded_block_structured(*arguments).nvertices / 2
 
 
@@ -170,14 +155,14 @@ def test_gmsh_block_is_far_smaller_than_the_tensor_grid_for_the_same_sizes():
         ("three lengths", lambda: block((1, 1), 0.5)),
         ("h = 0", lambda: block((1, 1, 1), 0)),
         ("h = inf", lambda: block((1, 1, 1), float("inf"))),
-        ("h_site = 0.2 must not exceed h = 0.1", lambda: graded_block_structured((1, 1, 1), 0.1, 0.2, [])),
-        ("h_site = -0.1", lambda: graded_block_structured((1, 1, 1), 0.1, -0.1, [])),
-        ("growth = 1.0", lambda: graded_block_structured((1, 1, 1), 0.1, 0.05, [], growth=1.0)),
-        ("radius = -1", lambda: graded_block_structured((1, 1, 1), 0.1, 0.05, [], radius=-1)),
-        ("outside the block", lambda: graded_block_structured((1, 1, 1), 0.1, 0.05, [[0, 0, 0.01]])),
-        ("outside the block", lambda: graded_block_gmsh((1, 1, 1), 0.1, 0.05, [[0.6, 0, 0]])),
-        ("shape \\(p, 3\\)", lambda: graded_block_structured((1, 1, 1), 0.1, 0.05, [0, 0, 0])),
-        ("finite", lambda: graded_block_structured((1, 1, 1), 0.1, 0.05, [[0, 0, float("nan")]])),
+        ("h_site = 0.2 must not exceed h = 0.1", lambda: Grading(0.1, 0.2)),
+        ("h_site = -0.1", lambda: Grading(0.1, -0.1)),
+        ("growth = 1.0", lambda: Grading(0.1, 0.05, growth=1.0)),
+        ("radius = -1", lambda: Grading(0.1, 0.05, radius=-1)),
+        ("outside the block", lambda: graded_block_structured((1, 1, 1), Grading(0.1, 0.05), [[0, 0, 0.01]])),
+        ("outside the block", lambda: graded_block_gmsh((1, 1, 1), Grading(0.1, 0.05), [[0.6, 0, 0]])),
+        ("shape \\(p, 3\\)", lambda: graded_block_structured((1, 1, 1), Grading(0.1, 0.05), [0, 0, 0])),
+        ("finite", lambda: graded_block_structured((1, 1, 1), Grading(0.1, 0.05), [[0, 0, float("nan")]])),
     ],
 )
 def test_impossible_input_is_refused_in_words(fault, call):
