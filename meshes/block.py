@@ -74,9 +74,20 @@ def graded_block_structured(
     Raises `MeshError` for impossible numbers and for a site outside the block.
     """
     lower, upper = extent(size)
-    points = sites_within(sites, lower, upper)
-    lines = [graded_lines(lower[k], upper[k], points[:, k], grading, planes[k]) for k in range(3)]
+    lines = block_lines(size, grading, sites, planes)
     return with_faces(bare_mesh(grid_points(lines), split(lines)), lower, upper)
+
+
+def block_lines(size: Sequence[float], grading: Grading, sites: ArrayLike, planes: Planes) -> list[Array]:
+    """Grid coordinates along x, y and z of the structured block [m]."""
+    lower, upper = extent(size)
+    points = sites_within(sites, lower, upper)
+    return [graded_lines(lower[k], upper[k], points[:, k], grading, planes[k]) for k in range(3)]
+
+
+def structured_tets(size: Sequence[float], grading: Grading, sites: ArrayLike, planes: Planes = NO_PLANES) -> int:
+    """Number of tetrahedra of the structured block, without making them."""
+    return 5 * int(np.prod([float(len(line) - 1) for line in block_lines(size, grading, sites, planes)]))
 
 
 def graded_block_gmsh(
@@ -119,9 +130,7 @@ def even(cells: float) -> int:
     return 2 * max(1, int(np.ceil(cells / 2 - 1e-9)))
 
 
-def graded_lines(
-    lower: float, upper: float, sites: Array, grading: Grading, planes: Sequence[float] = ()
-) -> Array:
+def graded_lines(lower: float, upper: float, sites: Array, grading: Grading, planes: Sequence[float] = ()) -> Array:
     """Grid coordinates from `lower` to `upper` [m] through the planes', graded toward the sites' coordinates,
     shape `(p,)`; an even number of cells between planes and sites.
     """

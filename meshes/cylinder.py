@@ -70,7 +70,9 @@ def _with_faces(mesh: skfem.MeshTet, length: float, walls: Mapping[str, float]) 
     facets = mesh.boundary_facets()
     corners: Any = mesh.p[:, mesh.facets[:, facets]]
     slack = 1e-9 * length
-    ends = {name: np.abs(corners[0] - x).max(axis=0) <= slack for name, x in (("left", -length / 2), ("right", length / 2))}
+    ends = {
+        name: np.abs(corners[0] - x).max(axis=0) <= slack for name, x in (("left", -length / 2), ("right", length / 2))
+    }
     across = np.hypot(corners[1], corners[2])
     side = ~(ends["left"] | ends["right"])
     nearest = np.abs(across.mean(axis=0) - np.array(list(walls.values()))[:, None]).argmin(axis=0)

@@ -56,7 +56,7 @@ def welded(points: Array, triangles: Indices) -> tuple[Array, Indices]:
     reach = WELD * float(np.linalg.norm(np.ptp(points, axis=0)))
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
     same = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
-    label = connected_components(same, directed=False)[1]
+    label = np.asarray(connected_components(same, directed=False)[1], dtype=np.int64)
     joined = label[triangles]
     used, renumbered = np.unique(joined[_distinct(joined)], return_inverse=True)
     _, first = np.unique(label, return_index=True)

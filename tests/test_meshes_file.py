@@ -19,7 +19,6 @@ from meshes.gmsh_session import load_gmsh, session
 from meshes.grading import Grading
 from meshes.units import metres_per_unit
 
-
 # A small organ in gmsh's format 1: an octahedron about a centre, 2 × 2 × 4 units, its lower half group 1, its
 # upper half group 2; two triangles at the bottom are group 7, one at the top is group 8. Node numbers have
 # gaps, as such files do.
