@@ -4,13 +4,14 @@ gmsh neither ends nor answers on some surfaces that cross themselves, so what it
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import skfem
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
 from meshes.errors import MeshError
@@ -27,28 +28,55 @@ SHARP = 40.0  # degrees between facets beyond which their common edge stays an e
 BLOCK = 2_000_000  # pairs of triangles tested at a time, to bound memory
 
 
-def fill(path: str | Path, metres_per_unit: float, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
-    """Tetrahedra inside the closed surface of a file, graded toward the sites, shape `(p, 3)` [m]; boundary surface.
+@dataclass(frozen=True)
+class Skin:
+    """A closed surface that does not cross itself: points `(n, 3)` [m], triangles `(m, 3)`. Made by `read_surface`."""
 
-    `metres_per_unit` is the length of one file unit [m]. The surface is triangulated anew with nodes on the file's
-    facets. Raises `MeshError`, with the file named, for a file that cannot be read, a surface that is open, not a
-    manifold, in several pieces or crosses itself, and where gmsh fails.
+    points: Array
+    triangles: Indices
+
+    @property
+    def volume(self) -> float:
+        """Volume inside [m³]: Σ ± a·(b × c)/6, the signs by which neighbours turn alike."""
+        a, b, c = np.moveaxis(self.points[self.triangles], 1, 0)
+        return abs(float(_turns(self.triangles) @ np.einsum("ij,ij->i", a, np.cross(b, c)))) / 6
+
+
+def read_surface(path: str | Path, metres_per_unit: float) -> Skin:
+    """The surface of a file, `metres_per_unit` being the length of one file unit [m].
+
+    Raises `MeshError`, with the file named, for a file that cannot be read and a surface that is open, not a
+    manifold, in several pieces or crosses itself.
     """
     try:
         points, triangles = welded(*_triangles(Path(path)))
         check_closed(points, triangles)
         check_simple(points, triangles)
-        return _filled(points * metres_per_unit, triangles, grading, site_points(sites))
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
+    return Skin(points * metres_per_unit, triangles)
 
 
-def enclosed_volume(path: str | Path, metres_per_unit: float) -> tuple[float, Array]:
-    """Volume inside the surface of a file [m³], Σ a·(b × c)/6, and the corners of its box `(2, 3)` [m]."""
-    points, triangles = _triangles(Path(path))
-    a, b, c = np.moveaxis(points[triangles] * metres_per_unit, 1, 0)
-    corners = np.stack([points.min(axis=0), points.max(axis=0)]) * metres_per_unit
-    return abs(float(np.einsum("ij,ij->", a, np.cross(b, c)))) / 6, corners
+def fill(skin: Skin, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
+    """Tetrahedra inside a surface by gmsh, graded toward the sites, shape `(p, 3)` [m]; boundary surface.
+
+    The surface is cut into patches at its sharp edges, each triangulated anew with nodes on the given facets. Raises
+    `MeshError` where gmsh fails.
+    """
+    with session() as gmsh:
+        tag = gmsh.model.addDiscreteEntity(2)
+        gmsh.model.mesh.addNodes(2, tag, np.arange(1, len(skin.points) + 1), skin.points.ravel())
+        gmsh.model.mesh.addElementsByType(tag, 2, [], (skin.triangles + 1).ravel())
+        try:
+            gmsh.model.mesh.classifySurfaces(np.radians(SHARP), True, True, np.pi)
+            gmsh.model.mesh.createGeometry()
+        except Exception as error:  # gmsh raises nothing more specific
+            raise MeshError(f"gmsh finds no geometry in the surface: {error}; remesh it more evenly") from error
+        loop = gmsh.model.geo.addSurfaceLoop([entity for _, entity in gmsh.model.getEntities(2)])
+        gmsh.model.geo.addVolume([loop])
+        gmsh.model.geo.synchronize()
+        mesh = generate(gmsh, grading, site_points(sites))
+    return mesh.with_boundaries({"surface": mesh.boundary_facets()})
 
 
 def welded(points: Array, triangles: Indices) -> tuple[Array, Indices]:
@@ -191,22 +219,20 @@ def _folded(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]
     return np.asarray(np.sum(heights[0] * heights[1], axis=1) > np.cos(np.radians(0.1)))
 
 
-def _filled(points: Array, triangles: Indices, grading: Grading, sites: Array) -> skfem.MeshTet:
-    """The volume mesh by gmsh: the surface cut into patches at sharp edges, each with a map of its own."""
-    with session() as gmsh:
-        tag = gmsh.model.addDiscreteEntity(2)
-        gmsh.model.mesh.addNodes(2, tag, np.arange(1, len(points) + 1), points.ravel())
-        gmsh.model.mesh.addElementsByType(tag, 2, [], (triangles + 1).ravel())
-        try:
-            gmsh.model.mesh.classifySurfaces(np.radians(SHARP), True, True, np.pi)
-            gmsh.model.mesh.createGeometry()
-        except Exception as error:  # gmsh raises nothing more specific
-            raise MeshError(f"gmsh finds no geometry in its surface: {error}; remesh it more evenly") from error
-        loop = gmsh.model.geo.addSurfaceLoop([entity for _, entity in gmsh.model.getEntities(2)])
-        gmsh.model.geo.addVolume([loop])
-        gmsh.model.geo.synchronize()
-        mesh = generate(gmsh, grading, sites)
-    return mesh.with_boundaries({"surface": mesh.boundary_facets()})
+def _turns(triangles: Indices) -> Array:
+    """Signs that make the triangles of a closed manifold turn alike, spread from the first over edges, `(m,)`."""
+    edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    order = np.lexsort(np.sort(edges, axis=1).T)
+    one, other = order[::2], order[1::2]
+    alike = np.where((edges[one] == edges[other]).all(axis=1), -1.0, 1.0)  # neighbours pass an edge in opposite ways
+    shape = (len(triangles),) * 2
+    graph = coo_array((np.tile(alike, 2), (np.r_[one, other] // 3, np.r_[other, one] // 3)), shape=shape).tocsr()
+    walk, before = breadth_first_order(abs(graph), 0, directed=False)
+    signs = np.ones(len(triangles))
+    steps = np.sign(np.asarray(graph[before[walk[1:]], walk[1:]]).ravel())
+    for triangle, step in zip(walk[1:], steps, strict=True):
+        signs[triangle] = step * signs[before[triangle]]
+    return signs
 
 
 def _show(point: Sequence[float] | Array) -> str:

@@ -44,7 +44,7 @@ def _add_cells(plotter: Any, part: Any) -> None:
     skin = part.extract_surface(algorithm="dataset_surface")
     number = np.asarray(skin.cell_data["region"]) % len(REGIONS)
     skin.cell_data["colour"] = np.array([pv.Color(colour).int_rgb for colour in REGIONS], dtype=np.uint8)[number]
-    plotter.add_mesh(skin, scalars="colour", rgb=True, show_edges=True, edge_color="#55453c", line_width=1)
+    plotter.add_mesh(skin, scalars="colour", rgb=True, show_edges=True, edge_color="#55453c", line_width=1, ambient=0.5)
 
 
 def _add_marks(plotter: Any, scene: MeshScene) -> None:
@@ -63,7 +63,7 @@ def _add_marks(plotter: Any, scene: MeshScene) -> None:
 def _camera(points: np.ndarray, direction: tuple[float, float, float]) -> list[tuple[float, ...]]:
     low, high = points.min(axis=0), points.max(axis=0)
     centre = (low + high) / 2
-    eye = centre + 2.2 * float(np.linalg.norm(high - low)) * np.array(direction)
+    eye = centre + 1.75 * float(np.linalg.norm(high - low)) * np.array(direction)
     return [tuple(map(float, eye)), tuple(map(float, centre)), (0.0, 0.0, 1.0)]
 
 

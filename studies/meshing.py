@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 import tissue
 from meshes.block import (
+    NO_PLANES,
     Planes,
     extent,
     graded_block_gmsh,
@@ -23,7 +24,7 @@ from meshes.checks import parts
 from meshes.cylinder import cylinder, tube
 from meshes.file import read
 from meshes.grading import Grading
-from meshes.skin import enclosed_volume, fill
+from meshes.skin import fill, read_surface
 from meshes.units import metres_per_unit
 from meshes.wound import Wound, wounded_block_gmsh, wounded_block_structured
 from studies import scenario as model
@@ -61,16 +62,13 @@ def organ_mesh(scenario: Scenario) -> skfem.MeshTet:
 
 def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> skfem.MeshTet:
     """The mesh as its maker gives it, graded towards the holes where a size is given for them."""
-    shape = table.mesh
-    if isinstance(shape, model.FileMesh) and not shape.is_surface:
-        return read(shape.path, metres_per_unit(shape.unit))
-    grading, body = grading_of(shape, holes), body_of(shape)
-    sites = body.nearest(np.reshape([hole.at for hole in holes], (-1, 3)))
-    planes = planes_of(table)
+    shape, planes = table.mesh, planes_of(table)
+    if isinstance(shape, model.FileMesh):
+        return _from_file(table, shape, holes)
+    body = body_of(shape)
+    grading, sites = grading_of(shape, holes), body.nearest(places(holes))
     check_memory(table, grading, sites, body, planes)
     match shape:
-        case model.FileMesh():
-            return fill(shape.path, metres_per_unit(shape.unit), grading, sites)
         case model.CylinderMesh():
             return cylinder(shape.radius, shape.length, grading, sites)
         case model.TubeMesh():
@@ -81,6 +79,23 @@ def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> skfem.MeshT
             return wounded(shape.size, wound_of(shape), grading, sites, planes)
     graded = graded_block_structured if shape.generator == "structured" else graded_block_gmsh
     return graded(shape.size, grading, sites, planes)
+
+
+def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model.Piercing]) -> skfem.MeshTet:
+    """The tetrahedra of a file, or a closed surface filled."""
+    unit = metres_per_unit(shape.unit)
+    if not shape.is_surface:
+        return read(shape.path, unit)
+    skin = read_surface(shape.path, unit)
+    body = _box(skin.points.min(axis=0), skin.points.max(axis=0), skin.volume)
+    grading, sites = grading_of(shape, holes), body.nearest(places(holes))
+    check_memory(table, grading, sites, body, NO_PLANES)
+    return fill(skin, grading, sites)
+
+
+def places(holes: Sequence[model.Piercing]) -> Array:
+    """Where the holes are, shape `(p, 3)` [m]."""
+    return np.reshape([hole.at for hole in holes], (-1, 3)).astype(float)
 
 
 def grading_of(shape: model.Mesh, holes: Sequence[model.Piercing]) -> Grading:
@@ -103,12 +118,9 @@ def planes_of(table: model.Tissue) -> Planes:
     return x, y, z + layers
 
 
-def body_of(shape: model.Mesh) -> Body:
+def body_of(shape: model.BlockMesh | model.WoundMesh | model.CylinderMesh | model.TubeMesh) -> Body:
     """What is known of the shape of a mesh that is to be made."""
     match shape:
-        case model.FileMesh():
-            volume, (lower, upper) = enclosed_volume(shape.path, metres_per_unit(shape.unit))
-            return _box(lower, upper, volume)
         case model.CylinderMesh():
             return _round(0.0, shape.radius, shape.length)
         case model.TubeMesh():
