@@ -3,9 +3,17 @@
 import numpy as np
 import pytest
 import skfem
-from mesh_samples import NEEDS_GMSH, facet_areas
+from mesh_samples import NEEDS_GMSH, facet_areas, node_sizes
 
-from meshes.block import FACES, block, extent, graded_block_gmsh, graded_block_structured, graded_lines
+from meshes.block import (
+    FACES,
+    block,
+    extent,
+    graded_block_gmsh,
+    graded_block_structured,
+    graded_lines,
+    structured_tets,
+)
 from meshes.checks import check, volumes
 from meshes.errors import MeshError
 from meshes.grading import Grading
@@ -128,6 +136,67 @@ def test_close_sites_share_a_grid_line_and_a_site_by_the_face_takes_the_face():
 def test_no_sites_means_a_uniform_block():
     graded, uniform = graded_block_structured(SIZE, Grading(5e-3, 1e-3), []), block(SIZE, 5e-3)
     assert np.array_equal(graded.p, uniform.p) and np.array_equal(graded.t, uniform.t)
+
+
+PLANES = ((-0.02, 0.013), (), (-1.5e-3, -6e-3))
+
+
+@pytest.mark.parametrize(
+    "make", [graded_block_structured, pytest.param(graded_block_gmsh, marks=NEEDS_GMSH)], ids=["tensor", "gmsh"]
+)
+def test_facets_follow_the_planes(make):
+    """Independent check: no tetrahedron lies on both sides, and facets in a plane have the section's area."""
+    mesh = make(SIZE, Grading(5e-3, 1e-3, radius=2e-3), SITES, PLANES)
+    check(mesh.p.T, mesh.t.T)
+    for axis, places in enumerate(PLANES):
+        for place in places:
+            away = mesh.p[axis] - place
+            assert not np.any((away[mesh.t].min(axis=0) < -1e-12) & (away[mesh.t].max(axis=0) > 1e-12))
+            within = np.flatnonzero((np.abs(away[mesh.facets]) <= 1e-12).all(axis=0))
+            assert facet_areas(mesh, within).sum() == pytest.approx(np.prod(np.delete(SIZE, axis)), rel=1e-9)
+
+
+def test_planes_outside_or_on_the_faces_change_nothing():
+    plain = graded_block_structured(SIZE, Grading(5e-3, 1e-3), SITES)
+    more = graded_block_structured(SIZE, Grading(5e-3, 1e-3), SITES, ((-0.03, 1.0), (0.02,), (0.0, -0.02, 5e-3)))
+    assert np.array_equal(plain.p, more.p) and np.array_equal(plain.t, more.t)
+
+
+def test_the_tensor_grid_is_counted_before_it_is_made():
+    grading = Grading(5e-3, 1e-3, radius=2e-3)
+    assert (
+        structured_tets(SIZE, grading, SITES, PLANES) == graded_block_structured(SIZE, grading, SITES, PLANES).nelements
+    )
+
+
+@pytest.mark.parametrize("growth", [1.1, 1.3, 2.0])
+def test_the_wanted_size_grows_by_no_more_than_its_slope(growth):
+    """Independent check: |h(x) − h(y)| ≤ ln(growth) |x − y| for the smallest of the sites' sizes, anywhere."""
+    grading = Grading(6e-3, 0.5e-3, growth, 1e-3)
+    rng = np.random.default_rng(1)
+    x, y = rng.uniform(-0.03, 0.03, (2, 20_000, 3))
+    x[::2] = y[::2] + 1e-3 * rng.uniform(-1, 1, (10_000, 3))
+    sites = np.vstack([SITES, [[0.0, 0.01, -0.01]]])
+    sizes = [grading.size(np.linalg.norm(p[:, None] - sites, axis=2).min(axis=1)) for p in (x, y)]
+    assert np.ptp(sizes[0]) > 0.8 * (grading.h - grading.h_site) or growth == 1.1
+    bound = np.log(growth) * np.linalg.norm(x - y, axis=1)
+    assert np.all(np.abs(sizes[0] - sizes[1]) <= bound * (1 + IDENTITY) + IDENTITY * grading.h)
+
+
+@NEEDS_GMSH
+@pytest.mark.parametrize("depth", [0.0, -0.01], ids=["surface", "inside"])
+def test_gmsh_keeps_to_the_wanted_size_at_surface_and_interior_sites(depth):
+    """Loosely: the mean edge at a node against the wanted size there; Delaunay edges are a quarter longer, and near
+    the faces nodes are as near as the faces make them.
+    """
+    grading = Grading(6e-3, 0.8e-3, radius=2e-3)
+    site = np.array([[0.0, 0.0, depth]])
+    mesh = graded_block_gmsh(SIZE, grading, site)
+    ratio = node_sizes(mesh) / grading.size(np.linalg.norm(mesh.p.T - site, axis=1))
+    assert 0.9 < np.median(ratio) < 1.5 and np.quantile(ratio, 0.95) < 1.8 and ratio.max() < 2.5
+    # The law between neighbours: no edge joins sizes further apart than their ratio allows, with the same slack.
+    sizes = node_sizes(mesh)[mesh.edges]
+    assert np.quantile(sizes.max(axis=0) / sizes.min(axis=0), 0.95) < 1.3 * 1.3
 
 
 @NEEDS_GMSH
