@@ -133,37 +133,71 @@ def wounded_block_gmsh(
         (_cut_ellipse if wound.width else _draw_slit)(gmsh, wound, frame)
         gmsh.model.occ.synchronize()
         half = generate(gmsh, grading, points)
-    whole = _mirrored(half.p.T, half.t.T, ON_PLANE * frame.size)
+    whole = _mirrored(half.p.T, half.t.T, frame.slack)
     if wound.width:
         return frame.finished(*whole, np.empty((0, 2), dtype=np.int64))
     return frame.finished(*_slit(*whole, frame))
 
 
 def lips(mesh: skfem.MeshTet, wound: Wound) -> Lips:
-    """What matches what on the two lips of a wounded block."""
+    """What matches what on the two lips of a wounded block made here; raises `MeshError` for another."""
     left, right = (np.asarray(mesh.boundaries[name], dtype=np.int64) for name in LIPS)
     nodes = [np.unique(mesh.facets[:, facets]) for facets in (left, right)]
     mirror = np.ones(3)
     mirror[wound.across] = -1.0
     partner = np.arange(mesh.nvertices)
-    partner[nodes[0]] = nodes[1][cKDTree(mesh.p.T[nodes[1]]).query(mesh.p.T[nodes[0]] * mirror)[1]]
+    away, place = cKDTree(mesh.p.T[nodes[1]]).query(mesh.p.T[nodes[0]] * mirror)
+    if nodes[0].size != nodes[1].size or away.max() > 0.0:
+        raise MeshError("the lips are no mirror images of one another: only blocks made by this module have pairs")
+    partner[nodes[0]] = nodes[1][place]
     by_nodes = {frozenset(triangle): facet for facet, triangle in zip(right, mesh.facets[:, right].T, strict=True)}
     matching = [by_nodes[frozenset(triangle)] for triangle in partner[mesh.facets[:, left]].T]
     return Lips(np.column_stack([nodes[0], partner[nodes[0]]]), np.column_stack([left, matching]))
 
 
+@dataclass(frozen=True)
 class _Frame:
-    """The block as the wound sees it: x across the wound, y along it."""
+    """A wounded block of a size `(3,)` [m] as the wound sees it: x across, y along."""
 
-    def __init__(self, size: Sequence[float], wound: Wound, planes: Planes) -> None:
-        self.wound = wound
-        self.extent = extent(size)
-        self.order = [0, 1, 2] if wound.across == 0 else [1, 0, 2]
-        self.lower, self.upper = self.local(self.extent[0]), self.local(self.extent[1])
-        self.planes: Planes = tuple(tuple(planes[k]) for k in self.order)  # type: ignore[assignment]
-        self.size = float(np.max(self.upper - self.lower))
-        self.ends = wound.length >= (self.upper - self.lower)[1] * (1 - ON_PLANE)  # it has none, it cuts them
-        self.through = wound.depth >= -self.lower[2] * (1 - ON_PLANE)
+    size: Sequence[float]
+    wound: Wound
+    block_planes: Planes
+
+    @property
+    def order(self) -> list[int]:
+        """The block's axes in the wound's order."""
+        return [0, 1, 2] if self.wound.across == 0 else [1, 0, 2]
+
+    @property
+    def lower(self) -> Array:
+        """Lower corner (3,) [m]."""
+        return self.local(extent(self.size)[0])
+
+    @property
+    def upper(self) -> Array:
+        """Upper corner (3,) [m]."""
+        return self.local(extent(self.size)[1])
+
+    @property
+    def planes(self) -> Planes:
+        """Coordinates that facets follow [m]."""
+        x, y, z = (self.block_planes[k] for k in self.order)
+        return x, y, z
+
+    @property
+    def slack(self) -> float:
+        """Distance within which a node lies in a plane [m]."""
+        return ON_PLANE * float(max(self.size))
+
+    @property
+    def ends(self) -> bool:
+        """Whether the wound cuts the block's sides, and so has no ends of its own."""
+        return self.wound.length >= (self.upper - self.lower)[1] * (1 - ON_PLANE)
+
+    @property
+    def through(self) -> bool:
+        """Whether the wound cuts the bottom."""
+        return self.wound.depth >= -self.lower[2] * (1 - ON_PLANE)
 
     def local(self, points: Array) -> Array:
         """Points of the block, shape `(…, 3)`, as the wound sees them; its own inverse."""
@@ -173,15 +207,14 @@ class _Frame:
         """The checked mesh in the block's own axes, everything named."""
         tets = tets if self.wound.across == 0 else tets[:, [1, 0, 2, 3]]  # exchanging x and y turns them inside out
         parts = 2 if self.ends and self.through else 1
-        mesh = with_faces(checked_mesh(self.local(points), tets, twins, parts), *self.extent)
+        mesh = with_faces(checked_mesh(self.local(points), tets, twins, parts), *extent(self.size))
         return mesh.with_boundaries(self._wound_facets(mesh))
 
     def _wound_facets(self, mesh: skfem.MeshTet) -> dict[str, Indices]:
         """The facets that are on no face of the block: floor and lips."""
         named = np.concatenate(list((mesh.boundaries or {}).values()))
         facets = np.setdiff1d(mesh.boundary_facets(), named)
-        slack = ON_PLANE * self.size
-        floor = (np.abs(mesh.p[2, mesh.facets[:, facets]] + self.wound.depth) <= slack).all(axis=0)
+        floor = (np.abs(mesh.p[2, mesh.facets[:, facets]] + self.wound.depth) <= self.slack).all(axis=0)
         wall = facets[~floor]
         # The cell behind a facet tells its side, even where both lips lie in one plane.
         side = mesh.p[self.wound.across][mesh.t[:, mesh.f2t[0, wall]]].mean(axis=0)
@@ -193,7 +226,7 @@ def _slit(points: Array, tets: Indices, frame: _Frame) -> tuple[Array, Indices, 
     """Points, tetrahedra and coincident pairs after the nodes inside the slit have been given a twin for the right
     lip; its plane must be made of facets.
     """
-    slack, wound = ON_PLANE * frame.size, frame.wound
+    slack, wound = frame.slack, frame.wound
     x, y, z = points.T
     within = np.abs(x) <= slack
     within &= True if frame.ends else np.abs(y) < wound.length / 2 - slack
@@ -226,7 +259,7 @@ def _draw_slit(gmsh: Any, wound: Wound, frame: _Frame) -> None:
     triangle to one side.
     """
     length, depth = wound.length / 2, wound.depth
-    foot = length - min(depth, length) if not frame.through else 0.0
+    foot = length - depth if depth < 0.9 * length and not frame.through else 0.0
     corners = [(-length, 0.0), (-length, -depth), (length, -depth), (length, 0.0), (foot, 0.0), (-foot, 0.0)]
     a, b, c, d, e, f = ((0.0, y, z) for y, z in corners)
     inner_part = [b, c, e, f] if foot else [b, c, e]

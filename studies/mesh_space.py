@@ -29,7 +29,7 @@ def draw_space(scene: MeshScene, path: Path) -> None:
         plotter.subplot(0, column)
         _add_cells(plotter, part)
         _add_marks(plotter, scene)
-        plotter.camera_position = _camera(scene.points, (0.45, -0.8, 0.75) if column == 0 else (0.15, -0.9, 0.45))
+        plotter.view_vector((0.45, -0.8, 0.75) if column == 0 else (0.15, -0.9, 0.45), viewup=(0.0, 0.0, 1.0))
         plotter.enable_anti_aliasing("ssaa")
     plotter.subplot(0, 0)
     plotter.add_text(scene.title or "mesh", position="upper_left", font_size=14, color="black")
@@ -44,7 +44,9 @@ def _add_cells(plotter: Any, part: Any) -> None:
     skin = part.extract_surface(algorithm="dataset_surface")
     number = np.asarray(skin.cell_data["region"]) % len(REGIONS)
     skin.cell_data["colour"] = np.array([pv.Color(colour).int_rgb for colour in REGIONS], dtype=np.uint8)[number]
-    plotter.add_mesh(skin, scalars="colour", rgb=True, show_edges=True, edge_color="#55453c", line_width=1, ambient=0.5)
+    plotter.add_mesh(
+        skin, scalars="colour", rgb=True, show_edges=True, edge_color="#55453c", line_width=1, ambient=0.35, diffuse=0.6
+    )
 
 
 def _add_marks(plotter: Any, scene: MeshScene) -> None:
@@ -58,13 +60,6 @@ def _add_marks(plotter: Any, scene: MeshScene) -> None:
     size = float(np.linalg.norm(np.ptp(scene.points, axis=0)))
     for site in scene.sites:
         plotter.add_mesh(pv.Sphere(radius=0.008 * size, center=site), color=MARKER)
-
-
-def _camera(points: np.ndarray, direction: tuple[float, float, float]) -> list[tuple[float, ...]]:
-    low, high = points.min(axis=0), points.max(axis=0)
-    centre = (low + high) / 2
-    eye = centre + 1.75 * float(np.linalg.norm(high - low)) * np.array(direction)
-    return [tuple(map(float, eye)), tuple(map(float, centre)), (0.0, 0.0, 1.0)]
 
 
 if __name__ == "__main__":

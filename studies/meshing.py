@@ -85,7 +85,10 @@ def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model
     """The tetrahedra of a file, or a closed surface filled."""
     unit = metres_per_unit(shape.unit)
     if not shape.is_surface:
-        return read(shape.path, unit)
+        mesh = read(shape.path, unit)
+        if problem := too_large(mesh.nelements, table.element):
+            raise ScenarioError(refused("tissue.mesh.path", shape.path, f"it holds {problem}; take a coarser mesh"))
+        return mesh
     skin = read_surface(shape.path, unit)
     body = _box(skin.points.min(axis=0), skin.points.max(axis=0), skin.volume)
     grading, sites = grading_of(shape, holes), body.nearest(places(holes))
@@ -157,15 +160,21 @@ def check_memory(table: model.Tissue, grading: Grading, sites: Array, body: Body
         tets = float(structured_tets(shape.size, grading, sites, planes))
     else:
         tets = expected_tets(body.volume, grading, sites, body.inside)
-    need, there = budget(tets, table.element), psutil.virtual_memory().available
-    if need.memory > there:
+    if problem := too_large(tets, table.element):
         key = "h" if grading.h_site == grading.h else "h_site"
-        reason = (
-            f"with h = {grading.h:g} m it makes about {need.tets:.1e} tetrahedra and {need.unknowns:.1e} unknowns "
-            f"({table.element}), which need about {need.memory / GIGA:.3g} GB of memory where {there / GIGA:.3g} GB "
-            "are available; take larger elements"
-        )
+        reason = f"with h = {grading.h:g} m it makes {problem}; take larger elements"
         raise ScenarioError(refused(f"tissue.mesh.{key}", getattr(grading, key), reason))
+
+
+def too_large(tets: float, element: str) -> str | None:
+    """What so many tetrahedra need, where that is more memory than there is."""
+    need, there = budget(tets, element), psutil.virtual_memory().available
+    if need.memory <= there:
+        return None
+    return (
+        f"about {need.tets:.1e} tetrahedra and {need.unknowns:.1e} unknowns ({element}), which need about "
+        f"{need.memory / GIGA:.3g} GB of memory where {there / GIGA:.3g} GB are available"
+    )
 
 
 def check_clear(shape: model.WoundMesh, holes: Sequence[model.Piercing]) -> None:

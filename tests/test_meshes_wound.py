@@ -147,6 +147,15 @@ def test_only_the_twins_of_a_slit_may_lie_at_one_place():
     check(mesh.p.T, mesh.t.T, pairs[pairs[:, 0] != pairs[:, 1]])
 
 
+def test_lips_that_are_no_mirror_images_have_no_pairs():
+    mesh = wounded_block_structured(SIZE, slit("y", (0.5, 0.4)), COARSE)
+    points = mesh.p.copy()
+    points[2, np.unique(mesh.facets[:, mesh.boundaries["lip_left"]])] *= 1.001
+    moved = skfem.MeshTet(points, mesh.t).with_boundaries(mesh.boundaries)
+    with pytest.raises(MeshError, match="no mirror images"):
+        lips(moved, slit("y", (0.5, 0.4)))
+
+
 @pytest.mark.parametrize("make", MAKERS)
 def test_two_calls_give_the_same_arrays(make):
     first, second = (make(SIZE, slit("x", (0.5, 0.4)), FINE, SITES) for _ in range(2))

@@ -229,6 +229,14 @@ def test_a_mesh_too_large_for_the_memory_is_refused_before_it_is_made(
     assert "0.0015 GB are available" in message and "take larger elements" in message
 
 
+def test_a_file_too_large_for_the_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = organ_mesh(scenario(BLOCK))
+    meshio.Mesh(made.p.T, {"tetra": made.t.T}).write(tmp_path / "block.vtu")
+    monkeypatch.setattr(meshing.psutil, "virtual_memory", lambda: SimpleNamespace(available=1e6))
+    message = refusal(lambda: scenario({"kind": "file", "path": str(tmp_path / "block.vtu")}))
+    assert message.startswith("tissue.mesh.path") and "0.001 GB are available; take a coarser mesh" in message
+
+
 # -- the scenarios of this repository, and the command ---------------------------------------------------------------
 
 
