@@ -147,7 +147,7 @@ def lips(mesh: skfem.MeshTet, wound: Wound) -> Lips:
     mirror[wound.across] = -1.0
     partner = np.arange(mesh.nvertices)
     away, place = cKDTree(mesh.p.T[nodes[1]]).query(mesh.p.T[nodes[0]] * mirror)
-    if nodes[0].size != nodes[1].size or away.max() > 0.0:
+    if nodes[0].size != nodes[1].size or np.max(away) > 0.0:
         raise MeshError("the lips are no mirror images of one another: only blocks made by this module have pairs")
     partner[nodes[0]] = nodes[1][place]
     by_nodes = {frozenset(triangle): facet for facet, triangle in zip(right, mesh.facets[:, right].T, strict=True)}
