@@ -54,6 +54,15 @@ def test_a_slit_takes_no_volume_and_has_two_lips_of_its_area(make, along, cut):
     assert np.array_equal(np.sort(named), np.sort(mesh.boundary_facets()))
 
 
+@NEEDS_GMSH
+@pytest.mark.parametrize(("length", "depth", "h"), [(8e-3, 5e-3, 4e-3), (0.012, 2e-3, 6e-3), (0.012, 2e-3, 0.01)])
+def test_a_coarse_slit_is_cut_into_its_corners_too(length, depth, h):
+    """A triangle that cut off a corner would have all its nodes on the front, and a quarter of the area stay whole."""
+    mesh = wounded_block_gmsh((0.03, 0.03, 0.02), Wound(length, depth), Grading(h, h))
+    for name in LIPS:
+        assert facet_areas(mesh, mesh.boundaries[name]).sum() == pytest.approx(length * depth, rel=IDENTITY)
+
+
 @pytest.mark.parametrize("make", MAKERS)
 @pytest.mark.parametrize("along", ["x", "y"])
 def test_lips_of_a_slit_match_node_by_node_at_one_place(make, along):
