@@ -177,16 +177,25 @@ def _crossing(points: Array, triangles: Indices, pairs: Indices) -> Indices:
 
 def _cross(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]:
     """Whether each pair of triangles, shape `(k, 3)` each, has points in common beside those of its common nodes."""
-    shared = (first[:, :, None] == second[:, None, :]).any(axis=2)
-    crossed = np.zeros(len(first), dtype=bool)
-    for one, other in ((first, second), (second, first)):
+    common = (first[:, :, None] == second[:, None, :]).any(axis=2).sum(axis=1)
+    crossed = np.asarray(common == 3)
+    neighbours = common == 2
+    crossed[neighbours] = _folded(points, first[neighbours], second[neighbours])
+    through = np.flatnonzero(_straddles(points, first, second) & _straddles(points, second, first))
+    for one, other in ((first[through], second[through]), (second[through], first[through])):
         for a, b in ((0, 1), (1, 2), (2, 0)):
             edge = one[:, [a, b]]
             apart = ~(edge[:, :, None] == other[:, None, :]).any(axis=(1, 2))
-            crossed |= apart & _pierces(points[edge], points[other])
-    neighbours = shared.sum(axis=1) == 2
-    crossed[neighbours] |= _folded(points, first[neighbours], second[neighbours])
-    return crossed | (shared.sum(axis=1) == 3)
+            crossed[through] |= apart & _pierces(points[edge], points[other])
+    return crossed
+
+
+def _straddles(points: Array, triangles: Indices, others: Indices) -> NDArray[np.bool_]:
+    """Whether each of `triangles` has nodes on both sides of the plane of its partner in `others`."""
+    a, b, c = np.moveaxis(points[others], 1, 0)
+    height = np.stack([_volume(a, b, c, points[node]) for node in triangles.T], axis=1)
+    height[(triangles[:, :, None] == others[:, None, :]).any(axis=2)] = 0.0
+    return np.asarray((height.min(axis=1) < 0) & (height.max(axis=1) > 0))
 
 
 def _pierces(segments: Array, triangles: Array) -> NDArray[np.bool_]:

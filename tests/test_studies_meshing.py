@@ -17,6 +17,8 @@ from meshes.checks import volumes
 from meshes.errors import MeshError
 from meshes.gmsh_session import session
 from studies import command, meshing
+from studies.mesh_report import scene_of
+from studies.mesh_section import draw_section
 from studies.meshing import material_of, organ_mesh
 from studies.scenario import Scenario, ScenarioError, load, parse
 from studies.simulation import prepare
@@ -292,6 +294,14 @@ def test_suture_mesh_writes_the_mesh_its_quality_and_a_picture(
     region, lip = data.cell_data_dict["region"], data.cell_data_dict["boundary_lip_left"]
     assert np.array_equal(np.flatnonzero(region["tetra"] == 1), np.sort(made.subdomains["skin"]))
     assert lip["triangle"].sum() == len(made.boundaries["lip_left"]) and not lip["tetra"].any()
+
+
+def test_without_opengl_the_mesh_is_drawn_in_a_section(tmp_path: Path) -> None:
+    """The plane lies beside the nodes of a regular mesh, and in the body where there are no piercings."""
+    for holes in ((ENTRY, EXIT), ()):
+        case = scenario(SLIT, holes)
+        draw_section(scene_of(organ_mesh(case), case), tmp_path / "section.png")
+        assert (tmp_path / "section.png").stat().st_size > 10_000
 
 
 def test_suture_mesh_refuses_what_is_no_mesh(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
