@@ -22,6 +22,7 @@ from meshes.block import (
 from meshes.budget import budget, expected_tets
 from meshes.checks import parts
 from meshes.cylinder import cylinder, tube
+from meshes.facets import sharp_edges
 from meshes.file import read
 from meshes.grading import Grading
 from meshes.skin import fill, read_surface
@@ -35,6 +36,8 @@ Array = NDArray[np.float64]
 Cells = NDArray[np.integer]
 
 GIGA = 1e9
+SHARP = 45.0  # degrees between facets beyond which their common edge is one of the organ, not of the mesh
+ON_EDGE = 1e-9  # over the organ's diagonal: a hole this near an edge is on it
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,7 @@ def organ_mesh(scenario: Scenario) -> skfem.MeshTet:
     mesh = with_boxes(mesh_of(table, scenario.piercing), table.boundary)
     model.check_clamp(table.clamp, sorted(mesh.boundaries or {}))
     check_held(mesh, table.clamp)
+    check_smooth(mesh, scenario.piercing)
     return with_regions(mesh, table.region)
 
 
@@ -204,6 +208,21 @@ def check_held(mesh: skfem.MeshTet, clamp: Sequence[str]) -> None:
             'held by nothing; clamp a boundary that both have, for example ["bottom"], or cut less'
         )
         raise ScenarioError(refused("tissue.clamp", list(clamp), reason))
+
+
+def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
+    """Refuse a footprint that reaches a sharp edge of the organ."""
+    p, q = np.moveaxis(sharp_edges(mesh, SHARP), 1, 0)
+    along, slack = q - p, ON_EDGE * float(np.linalg.norm(np.ptp(mesh.p, axis=1)))
+    for hole in holes if len(p) else ():
+        t = np.clip(np.sum((hole.at - p) * along, axis=1) / np.sum(along * along, axis=1), 0.0, 1.0)
+        away = float(np.linalg.norm(p + t[:, None] * along - hole.at, axis=1).min())
+        if away <= hole.footprint * (1 - ON_EDGE) + slack:
+            reason = (
+                f"a sharp edge of the organ is {away:.3g} m from it, within its footprint of {hole.footprint:.3g} m; "
+                "move it away or take a smaller footprint"
+            )
+            raise ScenarioError(refused(dotted(["piercing", hole.name, "at"]), hole.at, reason))
 
 
 def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.MeshTet:

@@ -16,6 +16,7 @@ from meshes.block import (
 )
 from meshes.checks import check, volumes
 from meshes.errors import MeshError
+from meshes.facets import sharp_edges
 from meshes.grading import Grading
 from meshes.quality import quality
 
@@ -69,6 +70,19 @@ def test_facets_match_from_cell_to_cell(make):
     x, y, z = SIZE
     surface = facet_areas(mesh, mesh.boundary_facets()).sum()
     assert surface == pytest.approx(2 * (x * y + y * z + z * x), rel=IDENTITY)
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_the_sharp_edges_are_the_twelve_of_the_box(make):
+    """Independent check: 4 (x + y + z) in length, all in two faces at once; nothing turns by more than 90°."""
+    mesh = make()
+    edges = sharp_edges(mesh, 45.0)
+    length = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1).sum()
+    assert length == pytest.approx(4 * sum(SIZE), rel=IDENTITY)
+    lower, upper = extent(SIZE)
+    on_face = (np.abs(edges - lower) < 1e-12) | (np.abs(edges - upper) < 1e-12)
+    assert np.all(on_face.all(axis=1).sum(axis=1) == 2)
+    assert len(sharp_edges(mesh, 91.0)) == 0
 
 
 @pytest.mark.parametrize("make", MAKERS)

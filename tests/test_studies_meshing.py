@@ -187,7 +187,11 @@ def refusal(case: Callable[[], Scenario]) -> str:
 @pytest.mark.parametrize(
     ("says", "case"),
     [
-        ("overhangs an edge", lambda: scenario(BLOCK, (ENTRY, {**EXIT, "at": [0.0295, 0, 0]}), clamp=["bottom"])),
+        ("a sharp edge of the organ is 0.0005 m", lambda: scenario(BLOCK, ({**EXIT, "at": [0.0295, 0, 0]},))),
+        (
+            "a sharp edge of the organ is 0 m",
+            lambda: scenario(BLOCK, ({**EXIT, "at": [0.03, 0.01, 0], "footprint": 0.0},)),
+        ),
         ("touches a clamped", lambda: scenario(BLOCK, (ENTRY, EXIT), clamp=["top"])),
         ("nearer than their footprints", lambda: scenario(BLOCK, (ENTRY, {**EXIT, "at": [-0.0035, 0, 0]}))),
         ("across the slit", lambda: scenario(SLIT, (ENTRY, {**EXIT, "at": [0.0008, 0, 0]}), clamp=["bottom"])),
@@ -202,6 +206,16 @@ def refusal(case: Callable[[], Scenario]) -> str:
 )
 def test_bad_geometry_is_refused_in_one_sentence(says: str, case: Callable[[], Scenario]) -> None:
     assert says in refusal(case)
+
+
+@NEEDS_GMSH
+def test_facets_of_a_round_wall_are_no_edges() -> None:
+    """An edge of the mesh is none of the organ; the rim of a cylinder is."""
+    hole = {**ENTRY, "at": [0.0, 0.0, 0.01], "direction": "free"}
+    assert organ_mesh(scenario(CYLINDER, (hole,))).nelements > 0
+    assert "a sharp edge of the organ is 0.0005 m" in refusal(
+        lambda: scenario(CYLINDER, ({**hole, "at": [0.0195, 0, 0.01]},))
+    )
 
 
 def test_two_halves_that_are_both_held_are_taken() -> None:
