@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coupling.bdf2 import scheme_of
-from coupling.constraints import driving_force, passage, site_force, spread, thread_force
+from coupling.constraints import driving_force, held_energy, passage, site_force, spread, thread_force
 from coupling.stepping import Step, thread_motion
 from coupling.system import State, System
 
@@ -53,28 +53,31 @@ def initial_energies(system: System, state: State) -> Energies:
 
 def thread_kinetic(system: System, state: State) -> float:
     """½ vᵀ M v of the thread, and ½ ε ṡ² of eq. 7 [J]."""
-    M = system.thread.mass_matrix
-    return float(0.5 * np.sum(state.v * (M @ state.v)) + 0.5 * system.epsilon * np.sum(state.s_dot**2))
+    momentum = system.thread.momentum(state.v)
+    return float(0.5 * np.sum(state.v * momentum) + 0.5 * system.epsilon * np.sum(state.s_dot**2))
 
 
 def thread_elastic(system: System, state: State) -> float:
-    """Elastic energy of the thread [J]."""
-    return system.thread.energy(system.thread.points(state.q))
+    """Elastic energy of the thread, and of what it lacks in compliance at the holes [J]."""
+    at = passage(system.thread, state.q, state.s)
+    held = float(held_energy(at, state.lam, state.y).sum())
+    return system.thread.energy(system.thread.points(state.q, state.frame)) + held
 
 
 def audited(system: System, before: Energies, step: Step) -> Energies:
     """The audit after a step, from the audit before it."""
     old, new, thread = step.old, step.new, system.thread
-    M, dq, dv = thread.mass_matrix, new.q - old.q, new.v - old.v
+    dq, dv = new.q - old.q, new.v - old.v
     points = step.solution.residual.points
-    elastic = thread.energy(points)
+    solution = step.solution
+    elastic = thread.energy(points) + float(held_energy(solution.residual.passage, new.lam, solution.iterate.y).sum())
     organ = system.organ.energies(old.organ, new.organ)
 
     external = np.sum(step.solution.problem.load * dq) + organ.gravity_work + held_work(step)
     friction, eps_numerical, remainder = sliding_work(system, step)
-    viscous = thread.damping * np.sum(new.v * (M @ dq)) + organ.viscous
+    viscous = thread.damping * np.sum(new.v * thread.momentum(dq)) + organ.viscous
     numerical = (
-        0.5 * np.sum(dv * (M @ dv))
+        0.5 * np.sum(dv * thread.momentum(dv))
         + two_step_inertia(system, step)
         + np.sum(thread.gradient(points) * dq)
         - (elastic - before.elastic_thread)
@@ -107,12 +110,12 @@ def held_work(step: Step) -> float:
 
 def two_step_inertia(system: System, step: Step) -> float:
     """a⁺ᵀMΔq − v⁺ᵀMΔv of the thread under BDF2 [J]; zero after a step without memory, of backward Euler."""
-    old, new, M = step.old, step.new, system.thread.mass_matrix
+    old, new, momentum = step.old, step.new, system.thread.momentum
     if new.q_before is None:
         return 0.0
     scheme = scheme_of(old, step.dt)
     acceleration = scheme.a * (new.q - scheme.inertia_reference(*thread_motion(scheme, old)))
-    work = np.sum(acceleration * (M @ (new.q - old.q))) - np.sum(new.v * (M @ (new.v - old.v)))
+    work = np.sum(acceleration * momentum(new.q - old.q)) - np.sum(new.v * momentum(new.v - old.v))
     return float(work)
 
 
@@ -126,8 +129,8 @@ def sliding_work(system: System, step: Step) -> tuple[float, float, float]:
     ideal_inertia = law.inertia * (new.s - law.s_free)
     friction = np.sum((drive - ideal_inertia) * ds)
     eps_numerical = ideal_inertia @ ds - 0.5 * system.epsilon * np.sum(new.s_dot**2 - old.s_dot**2)
-    work = np.sum(spread(thread_force(new.lam, y), at, system.thread.n) * (new.q - old.q))
-    work += np.sum(site_force(at, new.lam)[:p] * (new.y - old.y)[:p])
+    work = np.sum(spread(thread_force(new.lam, y), at, system.thread.n) * (new.q - old.q)[:, :3])
+    work += np.sum(site_force(at, new.lam, y)[:p] * (new.y - old.y)[:p])
     return float(friction), float(eps_numerical), float(-work - np.sum(drive * ds))
 
 
@@ -136,8 +139,8 @@ def multiplier_imbalance(system: System, state: State) -> tuple[float, float]:
 
     The moment is taken on the site variables, x×f_x + u×f_u + v×f_v (Φ is invariant under a common rotation).
     """
-    at = passage(system.thread.spline, state.q, state.s)
-    on_thread, on_sites = thread_force(state.lam, state.y), site_force(at, state.lam).reshape(-1, 3, 3)
+    at = passage(system.thread, state.q, state.s)
+    on_thread, on_sites = thread_force(state.lam, state.y), site_force(at, state.lam, state.y).reshape(-1, 3, 3)
     force = on_thread[:, 0].sum(axis=0) + on_sites[:, 0].sum(axis=0)
     moment = np.cross(at.P, on_thread[:, 0]) + np.cross(at.T, on_thread[:, 1])
     moment += np.cross(state.y.reshape(-1, 3, 3), on_sites).sum(axis=1)

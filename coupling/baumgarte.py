@@ -45,7 +45,7 @@ from coupling.border import (
     direction,
     plus_diagonal,
 )
-from coupling.constraints import Array, Passage, dot, passage, phi, site_force, spread, thread_force
+from coupling.constraints import Array, Passage, bare_passage, dot, phi, site_force, spread, thread_force
 from coupling.errors import CouplingError, StepError
 from coupling.monolithic import sparse_band
 from coupling.newton import ROUND_OFF, Iterate, Problem, Residual, Solution, border_of, failure
@@ -54,7 +54,8 @@ from coupling.sliding import Law, law_of, prescribed
 from coupling.stepping import Step, dynamic_problem, organ_history, reactions, refuse_inversion, with_ends
 from coupling.system import Flags, State, System, forgetful
 from coupling.two_pass import PASSES, Verdict, first_verdict, judged, motion, stands
-from thread.thread import HALF_BAND, Points
+from thread.banded import half_band_of
+from thread.thread import Points
 
 Evaluation = Literal["end", "start"]
 TRUST = 1.0  # diameters by which the linearised P(s) − x may be wrong at the end of a step
@@ -109,7 +110,7 @@ class Posed:
     """The linear system of one step, in the increments of position Δt² a and Δt² s̈, about a guess without forces.
 
     `problem`: the implicit step it linearises, ideal; `at`, `points`: holds and curve at the start; `tangent`
-    (34, 3n) [N/m]; `guess`: the step without forces; `r_q` (n, 3) [N], `r` (m, 6): residuals there; `phi` (m, 5): Φ
+    banded [N/m]; `guess`: the step without forces; `r_q` (n, c) [N], `r` (m, 6): residuals there; `phi` (m, 5): Φ
     at the end by the linearisation; `border`: rows and columns of the holds; `operator`, `prediction` of the organ.
     """
 
@@ -127,7 +128,7 @@ class Posed:
     prediction: Any
 
     def band(self) -> Array:
-        """A/Δt², shape `(34, 3n)` [N/m], the prescribed unknowns held; a new array."""
+        """A/Δt², banded [N/m], the prescribed unknowns held; a new array."""
         return self.problem.system.hold_still(self.problem.inertia + self.tangent)
 
 
@@ -139,7 +140,7 @@ def pose(system: System, state: State, dt: float, evaluation: Evaluation = "end"
     problem = dynamic_problem(system, state, dt, operator.C, prediction.y_free)
     law = prescribed(problem.law, np.zeros(system.holds, dtype=bool), np.zeros(system.holds))
     problem = replace(problem, law=law)
-    points, at = thread.points(state.q), passage(thread.spline, state.q, state.s)
+    points, at = thread.points(state.q, state.frame), bare_passage(thread.spline, state.q, state.s)
     tangent = thread.tangent(points, thread.EA * points.strain)
     guess = Iterate(
         q=with_ends(state.q + dt * state.v, system, problem.time),
@@ -151,7 +152,7 @@ def pose(system: System, state: State, dt: float, evaluation: Evaluation = "end"
     )
     r = np.zeros((system.holds, 6))
     r[:, S] = np.where(law.may_slide, 0.0, law.s_free - law.s_old)
-    Phi, Phi_dot = phi(at, state.y), phi_dot(system, state, at)
+    Phi, Phi_dot = phi(at, state.lam, state.y), phi_dot(system, state, at)
     asked = restoring(Phi, Phi_dot, dt, evaluation)
     r[:, PHI] = problem.rows * (constraint_acceleration(problem, state, at, guess) - dt**2 * asked)
     Phi = Phi + dt * (Phi_dot + dt * asked)
@@ -162,14 +163,14 @@ def pose(system: System, state: State, dt: float, evaluation: Evaluation = "end"
 
 def phi_dot(system: System, state: State, at: Passage) -> Array:
     """Φ̇ at the start of a step, shape `(m, 5)` [m/s, 1/s]."""
-    rate = passage(system.thread.spline, state.v, state.s)
+    rate = bare_passage(system.thread.spline, state.v, state.s)
     return phi_rate(at, rate, state.y, state.s_dot, site_rates(system, state))
 
 
 def constraint_acceleration(problem: Problem, state: State, at: Passage, guess: Iterate) -> Array:
     """Δt² Φ̈ at the guess, where s̈ = 0, shape `(m, 5)` [m, -]."""
     dt, spline, y_dot = problem.dt, problem.system.thread.spline, site_rates(problem.system, state)
-    rate, moved = (passage(spline, x, state.s) for x in (state.v, guess.q - state.q - dt * state.v))
+    rate, moved = (bare_passage(spline, x, state.s) for x in (state.v, guess.q - state.q - dt * state.v))
     linear = phi_rate(at, moved, state.y, np.zeros_like(state.s), guess.y - state.y - dt * y_dot)
     return linear + dt**2 * velocity_terms(at, rate, state.y, state.s_dot, y_dot)
 
@@ -184,16 +185,16 @@ def site_rates(system: System, state: State) -> Array:
 
 
 def thread_residual(problem: Problem, points: Points, tangent: Array, q: Array, q_new: Array) -> Array:
-    """Thread's equation without multipliers at q⁺ = `q_new`, the elastic force linearised at `q`, `(n, 3)` [N]."""
+    """Thread's equation without multipliers at q⁺ = `q_new`, the elastic force linearised at `q`, `(n, c)` [N]."""
     thread = problem.system.thread
     elastic = thread.gradient(points) + times(tangent, q_new - q)
-    return elastic + problem.mass_factor * (thread.mass_matrix @ (q_new - problem.q_ref)) - problem.load
+    return elastic + problem.mass_factor * thread.momentum(q_new - problem.q_ref) - problem.load
 
 
 def times(band: Array, x: Array) -> Array:
-    """Product of a banded matrix (34, 3n) with `x` (n, 3)."""
-    size = band.shape[1]
-    return np.asarray(dgbmv(size, size, HALF_BAND, HALF_BAND, 1.0, band[HALF_BAND:], x.ravel())).reshape(x.shape)
+    """Product of a banded matrix with `x` (n, c)."""
+    size, h = band.shape[1], half_band_of(band)
+    return np.asarray(dgbmv(size, size, h, h, 1.0, band[h:], x.ravel())).reshape(x.shape)
 
 
 def constrained(posed: Posed, held: Flags, injected: Array) -> Posed:
@@ -214,7 +215,7 @@ def constrained(posed: Posed, held: Flags, injected: Array) -> Posed:
 
 # -- solvers -----------------------------------------------------------------------------------------------------------
 
-Answer = tuple[Array, Array]  # beside the guess: of q (n, 3) [m]; of s, λ, y in the order of the border (m, 15)
+Answer = tuple[Array, Array]  # beside the guess: of q (n, c) [m]; of s, λ, y in the order of the border (m, 15)
 Solver = Callable[[Posed], Answer]
 
 
@@ -229,7 +230,7 @@ class Elimination:
     """`matrix` λ = `right`, what is left when accelerations are eliminated, in the units of Δt² a.
 
     `matrix` (5m, 5m) = L A⁻¹ Lᵀ + L_s L_sᵀ/ε + Φ_y C Φ_yᵀ, symmetric; ones for constraints that are not in force.
-    `q` (3n,) and `s` (m,): the tendencies; `q_of` (3n, 5m), `s_of` (m, 5m): the corrections by λ.
+    `q` (c n,) and `s` (m,): the tendencies; `q_of` (c n, 5m), `s_of` (m, 5m): the corrections by λ.
     """
 
     matrix: Array
@@ -249,10 +250,10 @@ def elimination(posed: Posed) -> Elimination:
             "epsilon = 0: the elimination of tendency and correction divides by it; give epsilon > 0 or solve whole"
         )
     L, L_s, L_y = (wide(x) for x in (border.B[:, PHI], border.D[:, PHI, S : S + 1], border.D[:, PHI, Y]))
-    right = np.column_stack([-posed.r_q.ravel(), columns(posed.at, len(posed.r_q)) @ L.T])
+    right = np.column_stack([-posed.r_q.ravel(), columns(posed.at, *posed.r_q.shape) @ L.T])
     right[problem.system.held] = 0.0
     X = banded_solve(posed.band(), np.asfortranarray(right))
-    LX = L @ at_holds(posed.at, X)
+    LX = L @ at_holds(posed.at, X.reshape(*posed.r_q.shape, -1))
     per_inertia = np.where(slides, 1.0, 0.0) / (problem.law.inertia or 1.0)
     s, s_of = np.where(slides, per_inertia, -1.0) * posed.r[:, S], per_inertia[:, None] * L_s.T
     matrix = LX[:, 1:] + L_s @ s_of + L_y @ problem.C @ L_y.T + np.diag(1.0 - problem.rows.ravel())
@@ -270,12 +271,12 @@ def eliminated(posed: Posed) -> Answer:
     dz = np.zeros((len(posed.r), BORDER))
     dz[:, S], dz[:, PHI] = reduced.s + reduced.s_of @ lam, lam.reshape(-1, 5)
     dz[:, Y] = (posed.problem.C @ np.matvec(border.F, dz).ravel()).reshape(-1, NINE)
-    return (reduced.q + reduced.q_of @ lam).reshape(-1, 3), dz
+    return (reduced.q + reduced.q_of @ lam).reshape(posed.r_q.shape), dz
 
 
 def whole_matrix(posed: Posed) -> Array:
     """The matrix above without units: accelerations by 1 m/s², λ by the largest entry μ of A, directions by the mean
-    span ℓ: [[A/μ, 0, −Lᵀ], [0, ε/μ, −L_sᵀ], [L, L_s, μ/Δt² Φ_y C Φ_yᵀ]], shape `(3n + 6m, 3n + 6m)`.
+    span ℓ: [[A/μ, 0, −Lᵀ], [0, ε/μ, −L_sᵀ], [L, L_s, μ/Δt² Φ_y C Φ_yᵀ]], shape `(c n + 6m, c n + 6m)`.
 
     For its condition number; rows of prescribed unknowns and of constraints not in force are those of the identity.
     """
@@ -285,7 +286,7 @@ def whole_matrix(posed: Posed) -> Array:
     mu, span = np.abs(A).max(), (thread.spline.end - thread.spline.start) / (thread.n - 3)
     unit = np.tile([1.0, 1.0, 1.0, span, span], len(posed.r))[:, None]
     L, L_s, L_y = (wide(x) * unit for x in (border.B[:, PHI], border.D[:, PHI, S : S + 1], border.D[:, PHI, Y]))
-    L, A = L @ columns(posed.at, thread.n).T, A / mu
+    L, A = L @ columns(posed.at, *posed.r_q.shape).T, A / mu
     A[held], A[:, held], L[:, held] = 0.0, 0.0, 0.0
     A[held, held] = 1.0
     slides, size = posed.guess.slip != 0.0, len(A)
@@ -373,7 +374,7 @@ def solved(posed: Posed, solver: Solver = whole) -> Step:
     q, lam = guess.q + dq, np.where(problem.rows, dz[:, PHI], 0.0)
     s = np.where(guess.slip == 0.0, problem.law.s_old, guess.s + dz[:, S])  # held: to the last bit, no creep
     residual = checked(posed, q, dq, dz)
-    force = site_force(posed.at, lam)
+    force = site_force(posed.at, lam, state.y)
     organ = posed.operator.complete(posed.prediction, force[:p].ravel())
     y = problem.y_free + (problem.C @ force.ravel()).reshape(-1, NINE)
     new = replace(
@@ -390,9 +391,12 @@ def solved(posed: Posed, solver: Solver = whole) -> Step:
         y_dot=(y - state.y) / dt,
         slip=np.where(system.rough, np.sign(s - state.s), 1.0) * guess.slip,
         reaction=reactions(system, residual.thread, problem.load),
+        frame=system.thread.carried(state.frame, q),
     )
-    at = passage(system.thread.spline, q, s)
-    refuse_missed(posed, phi(at, y))
+    if system.thread.turned_too_far(state.frame, q):
+        raise StepError(state.time, dt, "a tangent turned by more than 120°, further than the twist can follow")
+    at = bare_passage(system.thread.spline, q, s)
+    refuse_missed(posed, phi(at, lam, y))
     refuse_inversion(system, state, new, at)
     iterate = Iterate(q, new.N, s, lam, state.y, new.slip)
     return Step(state, new, dt, Solution(problem, iterate, residual, 1, linearisation(posed, residual.points, q)))
@@ -403,18 +407,23 @@ def checked(posed: Posed, q: Array, dq: Array, dz: Array) -> Residual:
     the thread by more than its length, of which no linearisation says anything."""
     problem, state, thread = posed.problem, posed.state, posed.problem.system.thread
     length = thread.spline.end - thread.spline.start
-    if not np.all(np.isfinite(dq)) or np.abs(dq).max() > length:
+    if not np.all(np.isfinite(dq)) or np.abs(dq * thread.lever).max() > length:
         raise StepError(state.time, problem.dt, "the linear step ran away; take a smaller dt, or Newton's scheme")
     lam = dz[:, PHI]
     free = thread_residual(problem, posed.points, posed.tangent, state.q, q)
-    balance = free - spread(thread_force(lam, state.y), posed.at, thread.n)
-    at = at_holds(posed.at, dq.reshape(-1, 1)).reshape(-1, NINE)
+    balance = free.copy()
+    balance[:, :3] -= spread(thread_force(lam, state.y), posed.at, thread.n)
+    at = at_holds(posed.at, dq[..., None]).reshape(-1, NINE)
     B, D = posed.border.B, posed.border.D
     holds = posed.r + np.matvec(B, at) + np.matvec(D, dz)
     terms = np.abs(posed.r) + np.matvec(np.abs(B), np.abs(at)) + np.matvec(np.abs(D), np.abs(dz))
-    force_scale = max(np.abs(free).max(), np.abs(posed.r_q).max(), np.abs(lam[:, :3]).max(initial=0.0))
-    residual = Residual(thread.points(q), posed.at, balance, holds, np.zeros_like(state.y), float(force_scale))
-    largest = np.abs(np.delete(balance.ravel(), problem.system.held)).max(initial=0.0)
+    force_scale = max(
+        np.abs(free / thread.lever).max(), np.abs(posed.r_q / thread.lever).max(), np.abs(lam[:, :3]).max(initial=0.0)
+    )
+    residual = Residual(
+        thread.points(q, state.frame), posed.at, balance, holds, np.zeros_like(state.y), float(force_scale)
+    )
+    largest = np.abs(np.delete((balance / thread.lever).ravel(), problem.system.held)).max(initial=0.0)
     force_unit = np.abs(problem.inertia + posed.tangent).max() * length
     floor = ROUND_OFF * np.array([force_unit, length, length, length, 1.0, 1.0])
     accurate = np.abs(holds).max(axis=0, initial=0.0) <= ACCURACY * terms.max(axis=0, initial=0.0) + floor

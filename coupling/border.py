@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgbtrf, dgbtrs, dgesv
 
-from coupling.constraints import LOCAL, Array, Indices, Passage, dot, moment_arm
-from thread.thread import HALF_BAND
+from coupling.constraints import LOCAL, Array, Indices, Passage, dot, met, moment_arm
+from thread.banded import half_band_of
 
 S, LAM, MU_U, MU_V, X, U, V = 0, slice(1, 4), 4, 5, slice(6, 9), slice(9, 12), slice(12, 15)
 PHI, Y = slice(1, 6), slice(6, 15)  # rows of Φ, and of the multipliers that go with them; of y
@@ -22,7 +22,6 @@ AT_P, AT_T, AT_K = slice(0, 3), slice(3, 6), slice(6, 9)  # the thread's nine nu
 NINE = 9
 I3 = np.eye(3)
 _ORDER, _LOCAL, _AXIS = np.ogrid[:3, :4, :3]
-COLUMN_PATTERN = (3 * _ORDER + _AXIS, 3 * _LOCAL + _AXIS)  # row and first column of b^(order)_local ⊗ I₃ in V
 
 
 class SingularError(ArithmeticError):
@@ -52,8 +51,8 @@ def linearise(thread: Passage, lam: Array, y: Array) -> Border:
     m = len(lam)
     E, B, D = np.zeros((m, NINE, BORDER)), np.zeros((m, OWN, NINE)), np.zeros((m, OWN, BORDER))
     F, R = np.zeros((m, NINE, BORDER)), np.zeros((m, NINE, NINE))
-    u, v, T, K = y[:, 3:6], y[:, 6:], thread.T, thread.K
-    mu_u, mu_v = lam[:, 3:4, None] * I3, lam[:, 4:5, None] * I3
+    u, v, mu_u, mu_v = y[:, 3:6], y[:, 6:], lam[:, 3:4, None] * I3, lam[:, 4:5, None] * I3
+    T, (P_s, T_s) = met(thread, lam, y)[1], met(thread, lam, y, 1)
 
     E[:, AT_T, S], E[:, AT_K, S] = -lam[:, :3], -moment_arm(lam, y)
     E[:, AT_P, LAM] = -I3
@@ -62,15 +61,34 @@ def linearise(thread: Passage, lam: Array, y: Array) -> Border:
 
     B[:, LAM, AT_P] = I3
     B[:, MU_U, AT_T], B[:, MU_V, AT_T] = u, v
-    D[:, LAM, S], D[:, LAM, X] = T, -I3
-    D[:, MU_U, S], D[:, MU_V, S] = dot(K, u), dot(K, v)
+    D[:, LAM, S], D[:, LAM, X] = P_s, -I3
+    D[:, MU_U, S], D[:, MU_V, S] = dot(T_s, u), dot(T_s, v)
     D[:, MU_U, U], D[:, MU_V, V] = T, T
 
     F[:, 0:3, LAM] = -I3
     F[:, 3:6, MU_U], F[:, 6:9, MU_V] = T, T
-    F[:, 3:6, S], F[:, 6:9, S] = lam[:, 3:4] * K, lam[:, 4:5] * K
+    F[:, 3:6, S], F[:, 6:9, S] = lam[:, 3:4] * T_s, lam[:, 4:5] * T_s
     R[:, 3:6, AT_T], R[:, 6:9, AT_T] = mu_u, mu_v
+    if thread.c.any():
+        add_compliance(D, F, thread.c[:, 0], lam, y)
     return Border(E, B, D, F, R)
+
+
+def add_compliance(D: Array, F: Array, c: Array, lam: Array, y: Array) -> None:
+    """Add what Φ and the site force owe to the multipliers and the frame through P̂ and T̂; `c` (m, 3)."""
+    c0, c1, c2 = c.T[:, :, None, None]
+    u, v = y[:, 3:6, None], y[:, 6:, None]
+    dm = np.zeros((len(lam), 3, BORDER))
+    dm[:, :, MU_U : MU_U + 1], dm[:, :, MU_V : MU_V + 1] = u, v
+    dm[:, :, U], dm[:, :, V] = lam[:, 3:4, None] * I3, lam[:, 4:5, None] * I3
+    dP, dT = c1 * dm, c2 * dm
+    dP[:, :, LAM] += c0 * I3
+    dT[:, :, LAM] += c1 * I3
+    D[:, LAM] += dP
+    D[:, MU_U] += (u * dT).sum(axis=1)
+    D[:, MU_V] += (v * dT).sum(axis=1)
+    F[:, 3:6] += lam[:, 3:4, None] * dT
+    F[:, 6:9] += lam[:, 4:5, None] * dT
 
 
 def without(border: Border, absent: NDArray[np.bool_]) -> Border:
@@ -83,48 +101,49 @@ def without(border: Border, absent: NDArray[np.bool_]) -> Border:
     return replace(border, B=B, D=D)
 
 
-def columns(thread: Passage, n: int) -> Array:
-    """V = (b, b', b'') ⊗ I₃ of every hold, shape `(3n, 9m)`, Fortran order."""
+def columns(thread: Passage, n: int, c: int) -> Array:
+    """V = (b, b', b'') ⊗ I₃ of every hold over the `c` coordinates of `n` points, shape `(c n, 9m)`, Fortran order."""
     m = len(thread.first)
-    V = np.zeros((m, NINE, 3 * n))
-    row, column = COLUMN_PATTERN
-    V[np.arange(m)[:, None, None, None], row, 3 * thread.first[:, None, None, None] + column] = thread.b[:, :3, :, None]
-    return V.reshape(NINE * m, 3 * n).T
+    V = np.zeros((m, NINE, c * n))
+    hold, first = np.arange(m)[:, None, None, None], thread.first[:, None, None, None]
+    V[hold, 3 * _ORDER + _AXIS, c * (first + _LOCAL) + _AXIS] = thread.b[:, :3, :, None]
+    return V.reshape(NINE * m, c * n).T
 
 
 def at_holds(thread: Passage, X: Array) -> Array:
-    """Vᵀ X by the four local points of each hold, shape `(9m, k)`; `X` (3n, k)."""
+    """Vᵀ X by the four local points of each hold, shape `(9m, k)`; `X` (n, c, k)."""
     m = len(thread.first)
-    local = X.reshape(-1, 3, X.shape[1])[thread.first[:, None] + LOCAL]
+    local = X[thread.first[:, None] + LOCAL, :3]
     return (thread.b[:, :3] @ local.reshape(m, 4, -1)).reshape(NINE * m, -1)
 
 
 def banded_solve(A: Array, b: Array) -> Array:
-    """Solve the banded system `A` (34, 3n), `b` (3n, k); both are overwritten. Raises `SingularError`."""
-    lu, pivots, info = dgbtrf(A, HALF_BAND, HALF_BAND, overwrite_ab=1)
+    """Solve the banded system `A`, `b` (c n, k); both are overwritten. Raises `SingularError`."""
+    h = half_band_of(A)
+    lu, pivots, info = dgbtrf(A, h, h, overwrite_ab=1)
     if info != 0:
         raise SingularError("the thread's matrix is singular")
-    x, _ = dgbtrs(lu, HALF_BAND, HALF_BAND, b, pivots, overwrite_b=1)
+    x, _ = dgbtrs(lu, h, h, b, pivots, overwrite_b=1)
     return np.asarray(x)
 
 
 def direction(
     A: Array, held: Indices, border: Border, C: Array, thread: Passage, r_q: Array, r: Array, r_y: Array
 ) -> tuple[Array, Array]:
-    """Newton direction dq (n, 3) and dz (m, 15).
+    """Newton direction dq (n, c) and dz (m, 15).
 
-    `A` (34, 3n) banded, overwritten, its rows and columns of `held` (the thread's prescribed unknowns) those of the
-    identity; `C` (9m, 9m) organ compliance; residuals `r_q` (n, 3), `r` (m, 6) of the holds, `r_y` (m, 9) of y. Raises
+    `A` banded, overwritten, its rows and columns of `held` (the thread's prescribed unknowns) those of the
+    identity; `C` (9m, 9m) organ compliance; residuals `r_q` (n, c), `r` (m, 6) of the holds, `r_y` (m, 9) of y. Raises
     `SingularError`.
     """
-    n, m = len(r_q), len(r)
-    right = np.empty((3 * n, 1 + NINE * m), order="F")
-    right[:, 0], right[:, 1:] = -r_q.ravel(), columns(thread, n)
+    (n, c), m = r_q.shape, len(r)
+    right = np.empty((c * n, 1 + NINE * m), order="F")
+    right[:, 0], right[:, 1:] = -r_q.ravel(), columns(thread, n, c)
     right[held] = 0.0
     X = banded_solve(A, right)
     if m == 0:
-        return X[:, 0].reshape(n, 3), np.empty((0, BORDER))
-    G = at_holds(thread, X)
+        return X[:, 0].reshape(n, c), np.empty((0, BORDER))
+    G = at_holds(thread, X.reshape(n, c, -1))
     matrix, rhs = holds_system(border, C, G[:, 0].reshape(m, NINE), G[:, 1:], r, r_y)
     _, _, own, info = dgesv(matrix, rhs)
     if info != 0 or not np.all(np.isfinite(own)):
@@ -132,7 +151,7 @@ def direction(
     dz = np.zeros((m, BORDER))
     dz[:, : len(own) // m] = own.reshape(m, -1)
     push = np.matvec(border.E, dz).ravel()
-    return (X[:, 0] - X[:, 1:] @ push).reshape(n, 3), dz
+    return (X[:, 0] - X[:, 1:] @ push).reshape(n, c), dz
 
 
 def holds_system(border: Border, C: Array, w: Array, G: Array, r: Array, r_y: Array) -> tuple[Array, Array]:

@@ -26,7 +26,7 @@ def hold_names(system: System) -> list[str]:
 
 def faults(system: System, state: State) -> list[str]:
     """One sentence for each thing that is wrong with the constraints in force in a state; none if they are sound."""
-    at = passage(system.thread.spline, state.q, state.s)
+    at = passage(system.thread, state.q, state.s)
     short = tangent_faults(system, state, at)
     return short or span_faults(system, state) or dependence_faults(system, state, at)
 
@@ -98,14 +98,14 @@ def scaled_rows(system: System, state: State, at: Passage) -> tuple[Array, Indic
 
     A row that reaches no free control point is left zero.
     """
-    m, n = system.holds, system.thread.n
-    full = np.zeros((m, 5, n, 3))
+    m, n, c = system.holds, system.thread.n, system.thread.coordinates
+    full = np.zeros((m, 5, n, c))
     local = at.first[:, None] + np.arange(4)
     hold = np.arange(m)[:, None]
     for axis in range(3):
         full[hold, axis, local, axis] = at.b[:, 0]
     for row, frame in ((3, slice(3, 6)), (4, slice(6, 9))):
-        full[hold, row, local] = at.b[:, 1, :, None] * state.y[:, None, frame]
+        full[hold, row, local, :3] = at.b[:, 1, :, None] * state.y[:, None, frame]
     used = system.rows & state.present[:, None]
     owner = np.nonzero(used)[0]
     flat = full.reshape(m, 5, -1)[used]

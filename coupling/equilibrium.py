@@ -52,6 +52,7 @@ def static_problem(
         rows=system.rows & state.present[:, None],
         law=law_of(system, s_old, state.present, 0.0, s_old),
         stiffen=True,
+        frame=state.frame,
     )
 
 
@@ -94,7 +95,7 @@ def untied(system: System, state: State, share: float, duration: float, hold: bo
 def first_tie(system: System, state: State) -> float:
     """A tie as stiff as the thread itself [1/s²]."""
     thread = system.thread
-    stiffness = np.abs(thread.tangent(thread.points(state.q), state.N)).max()
+    stiffness = np.abs(thread.tangent(thread.points(state.q, state.frame), state.N)).max()
     return float(stiffness / np.abs(thread.mass_band).max())
 
 
@@ -113,13 +114,14 @@ def settled(system: System, old: State, problem: Problem, solution: Solution, op
         q=z.q,
         v=np.zeros_like(z.q),
         N=z.N,
-        organ=operator.complete(prediction, site_force(at, z.lam)[:p].ravel()),
+        organ=operator.complete(prediction, site_force(at, z.lam, z.y)[:p].ravel()),
         s=z.s,
         s_dot=np.zeros_like(z.s),
         lam=np.where(problem.rows, z.lam, 0.0),
         y=z.y,
         slip=z.slip,
         reaction=reactions(system, solution.residual.thread, problem.load),
+        frame=system.thread.carried(old.frame, z.q),
     )
     refuse_inversion(system, old, new, at)
     return new

@@ -13,7 +13,8 @@ A piercing begins in two strokes, both between two steps.
    hole and the thread in it move together from then on: equal and opposite, so that momentum is kept. The kinetic
    energy lost is ½Δvᵀ M Δv ≥ 0, and counts as numerical dissipation. There is no friction in the impulse.
 
-An end of a piercing changes neither positions nor velocities: it costs no energy.
+An end of a piercing changes neither positions nor velocities. What the compliance that the spline lacks there stored
+is let go, and counts as numerical dissipation.
 """
 
 from dataclasses import dataclass, replace
@@ -24,7 +25,18 @@ import numpy as np
 
 from coupling.audit import Energies, initial_energies
 from coupling.border import NINE, PHI, Border, S, direction, linearise, without
-from coupling.constraints import Array, Passage, dot, passage, phi, site_force, spread, thread_force
+from coupling.constraints import (
+    Array,
+    Passage,
+    bare_passage,
+    dot,
+    held_energy,
+    passage,
+    phi,
+    site_force,
+    spread,
+    thread_force,
+)
 from coupling.diagnosis import refuse_faults
 from coupling.errors import CouplingError, FormingError, StepError
 from coupling.interfaces import JumpingOrgan
@@ -110,7 +122,8 @@ def scheduled(system: System, earlier: float, state: State, dt: float, given: Ar
     out = []
     for k, piercing in enumerate(system.piercings):
         if state.present[k] and is_due(piercing.ends, earlier, state.time, dt):
-            out.append(Event(state.time, "ends", piercing.name, float(state.s[k])))
+            let_go = float(held_energy(passage(system.thread, state.q, state.s), state.lam, state.y)[k])
+            out.append(Event(state.time, "ends", piercing.name, float(state.s[k]), loss=let_go))
             state = release(state, np.arange(system.holds) == k)
     for k, piercing in enumerate(system.piercings):
         if not state.present[k] and is_due(piercing.begins, earlier, state.time, dt):
@@ -147,7 +160,7 @@ def begun(system: System, state: State, k: int, dt: float, given: float) -> tupl
     name, y = system.piercings[k].name, state.y[k]
     s = abscissa(system, state, k, given)
     placed = replace(state, s=np.where(np.arange(system.holds) == k, s, state.s))
-    at = passage(system.thread.spline, placed.q, placed.s)
+    at = passage(system.thread, placed.q, placed.s)
     gap = float(np.linalg.norm(at.P[k] - y[:3]))
     angle = misdirection(system, at, y, k)
     refuse_far(system, state.time, name, gap, angle)
@@ -202,11 +215,11 @@ def nearest(system: System, state: State, x: Array, low: float, high: float) -> 
     spline = system.thread.spline
     count = SAMPLES * (len(spline.breaks) - 1)
     samples = np.linspace(low, high, count + 1)
-    distance = np.linalg.norm(spline.curve(state.q, samples)[:, 0] - x, axis=1)
+    distance = np.linalg.norm(spline.curve(state.q[:, :3], samples)[:, 0] - x, axis=1)
     best = int(np.argmin(distance))
     left, right, s = samples[max(best - 1, 0)], samples[min(best + 1, count)], samples[best]
     for _ in range(CORRECTIONS):
-        P, T, K, _ = spline.curve(state.q, [s])[0]
+        P, T, K, _ = spline.curve(state.q[:, :3], [s])[0]
         slope, curvature = (P - x) @ T, max(T @ T + (P - x) @ K, 0.1 * (T @ T))
         before, s = s, float(np.clip(s - slope / curvature, left, right))
         if s == before:
@@ -257,11 +270,12 @@ def drawn_in(system: System, state: State, k: int, dt: float) -> State:
         raise FormingError(state.time, system.piercings[k].name, f"the thread cannot be drawn in ({error})") from error
     z = solution.iterate
     # By the change alone: the organ's own forces are still those of holes that ended at this very moment.
-    at = passage(system.thread.spline, state.q, state.s)
-    f_y = (site_force(solution.residual.passage, z.lam) - site_force(at, state.lam))[: len(system.piercings)].ravel()
-    organ = jumping(system).moved(state.organ, operator, state.organ.f_y + f_y)
+    forces = site_force(passage(system.thread, state.q, state.s), state.lam, state.y)
+    change = (site_force(solution.residual.passage, z.lam, z.y) - forces)[: len(system.piercings)].ravel()
+    organ = jumping(system).moved(state.organ, operator, state.organ.f_y + change)
     lam = np.where(problem.rows, z.lam, 0.0)
-    return replace(state, q=z.q, N=z.N, s=z.s, lam=lam, y=z.y, organ=organ)
+    frame = system.thread.carried(state.frame, z.q)
+    return replace(state, q=z.q, N=z.N, s=z.s, lam=lam, y=z.y, organ=organ, frame=frame)
 
 
 def closing(system: System, state: State, k: int, scheme: BackwardEuler, C: Array) -> Problem:
@@ -270,10 +284,11 @@ def closing(system: System, state: State, k: int, scheme: BackwardEuler, C: Arra
     The hole's own abscissa is held, the others follow their laws.
     """
     thread = system.thread
-    at = passage(thread.spline, state.q, state.s)
-    balanced = thread.gradient(thread.points(state.q)) - spread(thread_force(state.lam, state.y), at, thread.n)
+    at = passage(thread, state.q, state.s)
+    balanced = thread.gradient(thread.points(state.q, state.frame))
+    balanced[:, :3] -= spread(thread_force(state.lam, state.y), at, thread.n)
     factor = scheme.a + scheme.d * thread.damping
-    f_y = site_force(at, state.lam).ravel()
+    f_y = site_force(at, state.lam, state.y).ravel()
     C = padded(system, C)
     others = state.present & (np.arange(system.holds) != k)
     return Problem(
@@ -288,6 +303,7 @@ def closing(system: System, state: State, k: int, scheme: BackwardEuler, C: Arra
         C=C,
         rows=system.rows & state.present[:, None],
         law=law_of(system, state.s, others, system.epsilon * scheme.a, state.s),
+        frame=state.frame,
     )
 
 
@@ -301,7 +317,7 @@ def struck(system: System, state: State, k: int) -> tuple[State, tuple[float, fl
     if mobility is None:
         return state, (0.0, 0.0, 0.0)
     this = np.arange(system.holds) == k
-    at, p = passage(system.thread.spline, state.q, state.s), len(system.piercings)
+    at, p = bare_passage(system.thread.spline, state.q, state.s), len(system.piercings)
     rates = np.zeros((system.holds, 6))
     rates[k, PHI] = np.where(system.rows[k], constraint_rate(system, state, at)[k], 0.0)
     slides = np.where(this, system.may_slide, state.slip != 0.0)
@@ -309,7 +325,7 @@ def struck(system: System, state: State, k: int) -> tuple[State, tuple[float, fl
     M, none = system.hold_still(system.thread.mass_band.copy()), np.zeros_like(state.q)
     dv, dz = direction(M, system.held, border, padded(system, mobility), at, none, rates, np.zeros_like(state.y))
     j, s_dot = dz[:, PHI], state.s_dot + np.where(slides, dz[:, S], 0.0)
-    organ = jumping(system).kicked(state.organ, site_force(at, j)[:p].ravel())
+    organ = jumping(system).kicked(state.organ, site_force(at, j, state.y)[:p].ravel())
     slip = np.where(this & system.rough, np.sign(s_dot), state.slip)
     x, y, z = (float(value) for value in j[k, :3])
     return replace(state, v=state.v + dv, s_dot=s_dot, slip=slip, organ=organ), (x, y, z)
@@ -317,10 +333,10 @@ def struck(system: System, state: State, k: int) -> tuple[State, tuple[float, fl
 
 def constraint_rate(system: System, state: State, at: Passage) -> Array:
     """dΦ/dt of a thread that does not slide, shape `(m, 5)` [m/s, 1/s]."""
-    moving = passage(system.thread.spline, state.v, state.s)
+    moving = bare_passage(system.thread.spline, state.v, state.s)
     dy = all_holds(system, jumping(system).site_velocities(state.organ))
     dy[len(system.piercings) :] = 0.0
-    out = phi(moving, state.y)
+    out = phi(moving, np.zeros_like(state.lam), state.y)
     out[:, :3] = moving.P - dy[:, :3]
     out[:, 3] += dot(at.T, dy[:, 3:6])
     out[:, 4] += dot(at.T, dy[:, 6:])

@@ -1,9 +1,11 @@
 """The monolithic matrix itself (§4.4, last paragraph): thread, organ, abscissae and multipliers in one sparse system.
 
-    | A_t+H_qq   H_qU     H_qs   −Φ_qᵀ    |   dq
-    | H_Uq       A_o      H_Us   −YᵀΦ_yᵀ  |   dU
+    | A_t+H_qq   H_qU      H_qs   −Φ_qᵀ    |   dq
+    | H_Uq       A_o+H_UU H_Us   −YᵀΦ_yᵀ  |   dU
     | H_sq       H_sU     H_ss   −Φ_sᵀ    |   ds       (signs of the row of s as in the law of sliding)
-    | Φ_q        Φ_y Y    Φ_s     0       |   dλ
+    | Φ_q        Φ_y Y    Φ_s     c       |   dλ
+
+c and H_UU come from the compliance that the spline lacks at the holes (`coupling.constraints`).
 
 The default solve condenses the organ instead (`coupling.newton`): the same algebra in another order, at the price of
 one organ back-substitution. This one is to be looked at, and to be compared with.
@@ -22,7 +24,7 @@ from coupling.constraints import Array, site_force
 from coupling.interfaces import OrganOperator
 from coupling.newton import Iterate, Problem, Residual, Solution, border_of, cut, solve
 from coupling.stepping import all_holds
-from thread.thread import DIAGONAL
+from thread.banded import diagonal_of
 
 MULTIPLIERS = slice(LAM.start, MU_V + 1)
 
@@ -61,10 +63,10 @@ class OrganStep:
 
 
 def sparse_band(band: Array) -> coo_array:
-    """A banded matrix (34, 3n) in coordinates."""
+    """A banded matrix in coordinates."""
     size = band.shape[1]
     place, column = np.ogrid[: band.shape[0], :size]
-    row = place - DIAGONAL + column
+    row = place - diagonal_of(band) + column
     column = np.broadcast_to(column, band.shape)
     inside = (row >= 0) & (row < size) & (band != 0.0)
     return coo_array((band[inside], (row[inside], column[inside])), shape=(size, size))
@@ -80,26 +82,27 @@ def diagonal(blocks: Array) -> csr_array:
 
 def assemble(problem: Problem, organ: OrganStep, z: Monolith, r: Residual) -> BlockSystem:
     """The Newton system of the whole at an iterate."""
-    border, n, m = border_of(problem, z, r.passage), problem.system.thread.n, len(z.s)
-    V = csr_array(columns(r.passage, n))
+    border, (n, c), m = border_of(problem, z, r.passage), z.q.shape, len(z.s)
+    V = csr_array(columns(r.passage, n, c))
     Y_all = with_clamps(organ.Y, m)
     thread = sparse_band(problem.inertia + problem.system.thread.tangent(r.points, z.N))
     own = [diagonal(border.B[:, :1]), diagonal(border.B[:, 1:OWN])]
+    by_F = [-Y_all.T @ x for x in by_unknown(border, "F", Y_all)]
     rows = [
         [thread, *(V @ column for column in by_unknown(border, "E", Y_all))],
         [
             -Y_all.T @ diagonal(border.R) @ V.T,
-            organ.operator.A,
-            *(-Y_all.T @ x for x in by_unknown(border, "F", Y_all)[1:]),
+            organ.operator.A + by_F[0],
+            *by_F[1:],
         ],
         [own[0] @ V.T, *by_unknown(border, "law", Y_all)],
         [own[1] @ V.T, *by_unknown(border, "phi", Y_all)],
     ]
     matrix = block_array(rows, format="csr")
-    force = site_force(r.passage, z.lam).ravel()
+    force = site_force(r.passage, z.lam, z.y).ravel()
     organ_residual = organ.operator.A @ z.U - organ.b - Y_all.T @ force
     right = -np.concatenate([r.thread.ravel(), organ_residual, r.holds[:, S], r.holds[:, 1:OWN].ravel()])
-    ends = np.cumsum([0, 3 * n, len(z.U), m, 5 * m])
+    ends = np.cumsum([0, c * n, len(z.U), m, 5 * m])
     blocks = {name: slice(int(ends[k]), int(ends[k + 1])) for k, name in enumerate(("q", "U", "s", "lam"))}
     return held_still(problem, BlockSystem(csc_array(matrix), right, blocks))
 
@@ -146,8 +149,8 @@ def monolithic_solve(problem: Problem, organ: OrganStep, start: Iterate, U: Arra
         assert isinstance(z, Monolith)
         system = assemble(problem, organ, z, r)
         x = linear(system)
-        x *= cut(problem, x[system.blocks["q"]])
-        dq = x[system.blocks["q"]].reshape(-1, 3)
+        x *= cut(problem, x[system.blocks["q"]].reshape(z.q.shape))
+        dq = x[system.blocks["q"]].reshape(z.q.shape)
         U_next = z.U + x[system.blocks["U"]]
         return replace(
             z,

@@ -31,6 +31,7 @@ from coupling.sliding import Law, admissible, linearise_law, next_slip
 from coupling.sliding import residual as law_residual
 from coupling.system import Flags, System
 from thread.thread import Points
+from thread.twist import Frame
 
 MAX_ITERATIONS = 25  # for one active set of the friction
 MAX_SETS = 20
@@ -46,10 +47,11 @@ LONGEST_MOVE = 0.01  # of the thread's length; a Newton correction is cut down t
 class Problem:
     """One step, ready to be solved.
 
-    `time` [s] at its end; `inertia` (34, 3n) banded and `mass_factor` [1/s²] with `q_ref` (n, 3): the inertia and
-    viscous force is mass_factor·M (q − q_ref); `load` (n, 3) [N]; `y_free`
+    `time` [s] at its end; `inertia` banded and `mass_factor` [1/s²] with `q_ref` (n, c): the inertia and viscous force
+    is mass_factor·M (q − q_ref); `load` (n, c) [N, with twist N m]; `y_free`
     (m, 9), `C` (9m, 9m); `rows` (m, 5) constraints in force; `stiffen`: add the constraints' own stiffness to the
-    thread's band, needed where there is no inertia (an exact row operation).
+    thread's band, needed where there is no inertia (an exact row operation); `frame`, that of the start of the step,
+    of a thread with twist.
     """
 
     system: System
@@ -64,11 +66,12 @@ class Problem:
     rows: Flags
     law: Law
     stiffen: bool = False
+    frame: Frame | None = None
 
 
 @dataclass(frozen=True)
 class Iterate:
-    """Unknowns of a step: `q` (n, 3), `N` (spans, g), `s` (m,), `lam` (m, 5), `y` (m, 9), active set `slip` (m,)."""
+    """Unknowns of a step: `q` (n, c), `N` (spans, g), `s` (m,), `lam` (m, 5), `y` (m, 9), active set `slip` (m,)."""
 
     q: Array
     N: Array
@@ -82,8 +85,8 @@ class Iterate:
 class Residual:
     """Residuals at an iterate, and what the tangent needs again.
 
-    `thread` (n, 3) [N] (at held unknowns: the reaction), `holds` (m, 6): law of sliding, Φ; `site` (m, 9);
-    `force_scale` [N].
+    `thread` (n, c) [N, with twist N m] (at held unknowns: the reaction), `holds` (m, 6): law of sliding, Φ;
+    `site` (m, 9); `force_scale` [N], `torque_scale` [N m].
     """
 
     points: Points
@@ -92,6 +95,7 @@ class Residual:
     holds: Array
     site: Array
     force_scale: float
+    torque_scale: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -111,25 +115,34 @@ class Solution:
 
 def evaluate(problem: Problem, z: Iterate) -> Residual:
     """All residuals of a step."""
-    system, thread = problem.system, problem.system.thread
-    points = thread.points(z.q)
-    at = passage(thread.spline, z.q, z.s)
+    thread = problem.system.thread
+    points = thread.points(z.q, problem.frame)
+    at = passage(thread, z.q, z.s)
     elastic = thread.gradient(points)
-    balance = elastic - problem.load - spread(thread_force(z.lam, z.y), at, thread.n)
+    balance = elastic - problem.load
+    balance[:, :3] -= spread(thread_force(z.lam, z.y), at, thread.n)
     if problem.mass_factor:
-        balance += problem.mass_factor * (thread.mass_matrix @ (z.q - problem.q_ref))
+        balance += problem.mass_factor * thread.momentum(z.q - problem.q_ref)
     holds = np.empty((len(z.s), 6))
     holds[:, S] = law_residual(problem.law, z.slip, at, z.s, z.lam, z.y)
-    holds[:, PHI] = np.where(problem.rows, phi(at, z.y), z.lam)
-    site = z.y - problem.y_free - (problem.C @ site_force(at, z.lam).ravel()).reshape(-1, NINE)
-    scale = max(np.abs(elastic).max(), np.abs(problem.load).max(), np.abs(z.lam[:, :3]).max(initial=0.0))
-    return Residual(points, at, balance, holds, site, max(float(scale), system.thread.force_unit))
+    holds[:, PHI] = np.where(problem.rows, phi(at, z.lam, z.y), z.lam)
+    site = z.y - problem.y_free - (problem.C @ site_force(at, z.lam, z.y).ravel()).reshape(-1, NINE)
+    scale = max(np.abs(elastic[:, :3]).max(), np.abs(problem.load[:, :3]).max(), np.abs(z.lam[:, :3]).max(initial=0.0))
+    return Residual(
+        points,
+        at,
+        balance,
+        holds,
+        site,
+        max(float(scale), thread.force_unit),
+        float(np.abs(elastic[:, 3:]).max(initial=0.0)),
+    )
 
 
 def force_tolerance(problem: Problem, r: Residual) -> float:
     """What a force may be off by in a solved step [N]: a part of the largest, or the round-off of those that cancel."""
     thread = problem.system.thread
-    inertia = problem.mass_factor * thread.largest_mass * np.abs(problem.q_ref).max()
+    inertia = problem.mass_factor * thread.largest_mass * np.abs(problem.q_ref[:, :3]).max()
     return FORCE_TOLERANCE * r.force_scale + ROUND_OFF * (thread.EA + inertia)
 
 
@@ -138,14 +151,16 @@ def converged(problem: Problem, z: Iterate, r: Residual) -> bool:
     thread = problem.system.thread
     force = force_tolerance(problem, r)
     gap = GAP_TOLERANCE * thread.section.diameter
-    free = np.abs(r.thread.ravel())
-    free[problem.system.held] = 0.0
+    free = np.abs(r.thread)
+    free.ravel()[problem.system.held] = 0.0
+    torque = max(force * thread.section.diameter, FORCE_TOLERANCE * r.torque_scale)
     limits = np.empty_like(r.holds)
     limits[:, S] = np.where(z.slip == 0.0, gap, force)
     limits[:, PHI] = np.where(problem.rows, (gap, gap, gap, DIRECTION_TOLERANCE, DIRECTION_TOLERANCE), force)
     site = np.abs(r.site)
     return bool(
-        free.max() <= force
+        free[:, :3].max() <= force
+        and free[:, 3:].max(initial=0.0) <= torque
         and (np.abs(r.holds) <= limits).all()
         and (site[:, :3] <= gap).all()
         and (site[:, 3:] <= DIRECTION_TOLERANCE).all()
@@ -173,13 +188,16 @@ def stiffened(problem: Problem, A: Array, border: Border, r: Residual) -> tuple[
     K = np.einsum("mki,mkj->mij", weighted, rows).reshape(-1, 3, 3, 3, 3)
     blocks = np.einsum("mki,mkalb,mlj->mijab", at.b[:, :3], K, at.b[:, :3])
     A = A + thread.band_at(at.first, blocks)
-    return A, replace(border, E=E), r.thread + spread(push, at, thread.n)
+    r_q = r.thread.copy()
+    r_q[:, :3] += spread(push, at, thread.n)
+    return A, replace(border, E=E), r_q
 
 
 def cut(problem: Problem, dq: Array) -> float:
     """The part of a correction that is taken: all of it, or what moves no control point further than LONGEST_MOVE."""
-    spline = problem.system.thread.spline
-    return min(1.0, LONGEST_MOVE * (spline.end - spline.start) / max(float(np.abs(dq).max()), np.finfo(float).tiny))
+    thread = problem.system.thread
+    spline, longest = thread.spline, float(np.abs(dq * thread.lever).max())
+    return min(1.0, LONGEST_MOVE * (spline.end - spline.start) / max(longest, np.finfo(float).tiny))
 
 
 def correct(problem: Problem, z: Iterate, r: Residual) -> Iterate:
@@ -231,6 +249,8 @@ def solve_set(problem: Problem, z: Iterate, correct: Corrector) -> Solution:
         if not np.isfinite(r.force_scale) or not np.all(np.isfinite(r.thread)):
             raise failure(problem, r, "a force is not finite: the iteration ran away, or a load is not a number")
         if converged(problem, z, r):
+            if problem.system.thread.turned_too_far(problem.frame, z.q):
+                raise failure(problem, r, "a tangent turned by more than 120°, further than the twist can follow")
             return Solution(problem, z, r, iteration)
         try:
             z = correct(problem, z, r)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coupling.constraints import Array, couple_on_thread, passage
+from coupling.constraints import Array, couple_on_thread, passage, tangent
 from coupling.sliding import cone_residual, law_of
 from coupling.system import State, System
 
@@ -41,10 +41,10 @@ class PiercingObservation:
 
 def observe(system: System, start: State, state: State) -> tuple[PiercingObservation, ...]:
     """All piercings of a state; `start` is the state that slip and displacement are measured from."""
-    at = passage(system.thread.spline, state.q, state.s)
-    t = at.T / np.linalg.norm(at.T, axis=1)[:, None]
+    at = passage(system.thread, state.q, state.s)
+    _, t = tangent(at, state.lam, state.y)
     couple = couple_on_thread(at, state.lam, state.y)
-    internal = system.thread.gradient(system.thread.points(state.q))
+    internal = system.thread.gradient(system.thread.points(state.q, state.frame))[:, :3]
     law = law_of(system, state.s, state.present, 0.0, state.s)
     cone = cone_residual(law, state.slip, at, state.s, state.lam, state.y)
     out = []

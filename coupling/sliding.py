@@ -1,13 +1,14 @@
 """The law of sliding at a hole: the one scalar equation per piercing that fixes its abscissa.
 
-With f = Φ_sᵀλ/|T| the driving force along the thread and N the force that presses it on the hole:
+With t = T̂/|T̂| the tangent of the thread as it is met, f = Φ_sᵀλ/|T̂| the driving force along the thread and N the force
+that presses it on the hole:
 
     ideal hole     ε s̈ = Φ_sᵀλ                      (eq. 7; eq. 6 at ε = 0)
     stick          s = s_old,            |f| ≤ F₀ + μ_s N
     slip           f = σ (F₀ + μ_k N),   σ = sign(ds/dt)
 
 N = |λ_n| (+ |μ|/ℓ_c with a channel of length ℓ_c), λ_n the part of the multipliers of g across the thread (§4.3). The
-thread's velocity relative to the hole is v_t = −|T| ds/dt, so friction dissipates (F₀ + μ_k N)|T||ds/dt|.
+thread's velocity relative to the hole is v_t = −|T̂| ds/dt, so friction dissipates (F₀ + μ_k N)|T̂||ds/dt|.
 
 Which of stick and slip holds is an active set, σ ∈ {−1, 0, 1} a hold. It changes only between solved iterates: one on
 the way has forces that mean nothing, and where μ_k < μ_s both may hold, so that a wrong change would stand.
@@ -20,8 +21,8 @@ from functools import cached_property
 
 import numpy as np
 
-from coupling.border import AT_K, AT_T, LAM, MU_U, MU_V, Border, S, U, V
-from coupling.constraints import Array, Passage, dot, driving_force, moment_arm, phi_s
+from coupling.border import AT_K, AT_T, BORDER, LAM, MU_U, MU_V, Border, S, U, V
+from coupling.constraints import Array, Passage, dot, driving_force, held_energy, met, moment_arm, phi_s, tangent
 from coupling.system import Flags, System
 
 
@@ -64,9 +65,9 @@ def prescribed(law: Law, held: Flags, injected: Array) -> Law:
     return replace(law, rough=smooth, may_slide=law.may_slide & ~held, injected=injected)
 
 
-def normal_force(thread: Passage, lam: Array, per_channel: Array) -> Array:
+def normal_force(thread: Passage, lam: Array, y: Array, per_channel: Array) -> Array:
     """Force that presses the thread on the hole, |λ_n| + |μ|/ℓ_c, shape `(m,)` [N]."""
-    t = thread.T / np.linalg.norm(thread.T, axis=1)[:, None]
+    _, t = tangent(thread, lam, y)
     across = lam[:, :3] - dot(lam[:, :3], t)[:, None] * t
     return np.asarray(np.linalg.norm(across, axis=1) + per_channel * np.linalg.norm(lam[:, 3:], axis=1))
 
@@ -78,17 +79,17 @@ def net_drive(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Arra
 
 def along(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
     """f, the driving force along the unit tangent, shape `(m,)` [N]."""
-    return np.asarray(net_drive(law, thread, s, lam, y) / np.linalg.norm(thread.T, axis=1))
+    return np.asarray(net_drive(law, thread, s, lam, y) / tangent(thread, lam, y)[0])
 
 
-def static_bound(law: Law, thread: Passage, lam: Array) -> Array:
+def static_bound(law: Law, thread: Passage, lam: Array, y: Array) -> Array:
     """F₀ + μ_s N, shape `(m,)` [N]."""
-    return np.asarray(law.grip + law.static * normal_force(thread, lam, law.per_channel))
+    return np.asarray(law.grip + law.static * normal_force(thread, lam, y, law.per_channel))
 
 
-def kinetic_bound(law: Law, thread: Passage, lam: Array) -> Array:
+def kinetic_bound(law: Law, thread: Passage, lam: Array, y: Array) -> Array:
     """F₀ + μ_k N, shape `(m,)` [N]."""
-    return np.asarray(law.grip + law.kinetic * normal_force(thread, lam, law.per_channel))
+    return np.asarray(law.grip + law.kinetic * normal_force(thread, lam, y, law.per_channel))
 
 
 def admissible(law: Law, slip: Array) -> Array:
@@ -102,7 +103,7 @@ def next_slip(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, y: A
     if not law.rough.any():
         return admissible(law, slip)
     f = along(law, thread, s, lam, y)
-    from_stick = np.where(np.abs(f) > static_bound(law, thread, lam) + margin, np.sign(f), 0.0)
+    from_stick = np.where(np.abs(f) > static_bound(law, thread, lam, y) + margin, np.sign(f), 0.0)
     from_slip = np.where(slip * (s - law.s_old) < 0.0, 0.0, slip)
     return admissible(law, np.where(slip == 0.0, from_stick, from_slip))
 
@@ -113,8 +114,8 @@ def cone_residual(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, 
     Stick: what |f| exceeds F₀ + μ_s N by; slip: how far f is from σ (F₀ + μ_k N). Zero for a hold without friction.
     """
     f = along(law, thread, s, lam, y)
-    stuck = np.maximum(np.abs(f) - static_bound(law, thread, lam), 0.0)
-    slipping = np.abs(f - slip * kinetic_bound(law, thread, lam))
+    stuck = np.maximum(np.abs(f) - static_bound(law, thread, lam, y), 0.0)
+    slipping = np.abs(f - slip * kinetic_bound(law, thread, lam, y))
     return np.where(law.rough & law.may_slide, np.where(slip == 0.0, stuck, slipping), 0.0)
 
 
@@ -123,38 +124,46 @@ def residual(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, y: Ar
     drive = net_drive(law, thread, s, lam, y)
     if law.ideal:
         return np.where(slip == 0.0, s - law.s_old, drive)
-    given = law.injected + law.rough * slip * kinetic_bound(law, thread, lam)
-    return np.where(slip == 0.0, s - law.s_old, drive - np.linalg.norm(thread.T, axis=1) * given)
+    given = law.injected + law.rough * slip * kinetic_bound(law, thread, lam, y)
+    return np.where(slip == 0.0, s - law.s_old, drive - tangent(thread, lam, y)[0] * given)
 
 
 def linearise_law(border: Border, law: Law, slip: Array, thread: Passage, lam: Array, y: Array) -> None:
     """Write the row of s into a border under construction."""
-    arm = moment_arm(lam, y)
-    row_T, row_K, row = lam[:, :3].copy(), arm, np.zeros((len(lam), 15))
-    d_phi = phi_s(thread, y)
+    arm, force = moment_arm(lam, y), lam[:, :3]
+    row_T, row = force.copy(), np.zeros((len(lam), BORDER))
+    d_phi, T_s = phi_s(thread, lam, y), met(thread, lam, y, 1)[1]
     row[:, LAM], row[:, MU_U], row[:, MU_V] = d_phi[:, :3], d_phi[:, 3], d_phi[:, 4]
-    row[:, U], row[:, V] = lam[:, 3:4] * thread.K, lam[:, 4:5] * thread.K
+    row[:, U], row[:, V] = lam[:, 3:4] * T_s, lam[:, 4:5] * T_s
+    row[:, S] = dot(force, thread.K) + dot(arm, thread.J) + held_energy(thread, lam, y, 2) - law.inertia
     if not law.ideal:
-        add_friction(row_T, row, law, slip, thread, lam)
-    row[:, S] = dot(row_T, thread.K) + dot(row_K, thread.J) - law.inertia
+        row_T += add_friction(row, law, slip, thread, lam, y)
     sliding = (slip != 0.0)[:, None]
-    held = np.zeros((1, 15))
+    held = np.zeros((1, BORDER))
     held[0, S] = 1.0
-    border.B[:, S, AT_T], border.B[:, S, AT_K] = row_T * sliding, row_K * sliding
+    border.B[:, S, AT_T], border.B[:, S, AT_K] = row_T * sliding, arm * sliding
     border.D[:, S] = np.where(sliding, row, held)
 
 
-def add_friction(row_T: Array, row: Array, law: Law, slip: Array, thread: Passage, lam: Array) -> None:
-    """Subtract the derivative of |T|(injected + σ(F₀ + μ_k N)) from the row of s, in place of its parts by T, λ, μ."""
-    size = np.linalg.norm(thread.T, axis=1)
-    t = thread.T / size[:, None]
+def add_friction(row: Array, law: Law, slip: Array, thread: Passage, lam: Array, y: Array) -> Array:
+    """Subtract the derivative of |T̂|(injected + σ(F₀ + μ_k N)) from the row of s; its part by T, `(m, 3)`, is
+    returned, what T̂ owes to the other unknowns added to the row as well."""
+    size, t = tangent(thread, lam, y)
     tangential = dot(lam[:, :3], t)
     normal = unit(lam[:, :3] - tangential[:, None] * t)
     sigma = slip * law.rough
-    given = law.injected + sigma * kinetic_bound(law, thread, lam)
-    row_T -= given[:, None] * t - (sigma * law.kinetic * tangential)[:, None] * normal
+    given = law.injected + sigma * kinetic_bound(law, thread, lam, y)
+    by_T = (sigma * law.kinetic * tangential)[:, None] * normal - given[:, None] * t
     row[:, LAM] -= (sigma * size * law.kinetic)[:, None] * normal
     row[:, MU_U : MU_V + 1] -= (sigma * size * law.kinetic * law.per_channel)[:, None] * unit(lam[:, 3:])
+    c1, c2 = thread.c[:, 0, 1], thread.c[:, 0, 2]
+    row[:, LAM] += c1[:, None] * by_T
+    row[:, MU_U] += c2 * dot(by_T, y[:, 3:6])
+    row[:, MU_V] += c2 * dot(by_T, y[:, 6:])
+    row[:, U] += (c2 * lam[:, 3])[:, None] * by_T
+    row[:, V] += (c2 * lam[:, 4])[:, None] * by_T
+    row[:, S] += dot(by_T, met(thread, lam, y, 1)[1])
+    return by_T
 
 
 def unit(a: Array) -> Array:

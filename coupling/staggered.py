@@ -131,7 +131,7 @@ def organ_moved(system: System, step: Step, scheme: Scheme) -> Step:
     """The step after the organ has taken its own under the reaction of the thread. Raises `RunAwayError`,
     `InversionError`."""
     state, new, at = step.old, step.new, step.solution.residual.passage
-    f_y = site_force(at, new.lam)[: len(system.piercings)].ravel()
+    f_y = site_force(at, new.lam, step.solution.iterate.y)[: len(system.piercings)].ravel()
     operator = system.organ.operator(scheme.a, scheme.d)
     prediction = operator.predict(state.organ, organ_history(system, scheme, state))
     organ = operator.complete(prediction, f_y)
@@ -159,6 +159,6 @@ def work_of_the_lag(system: System, met: Array, step: Step) -> float:
     moves with the force and the lag destroys energy; what it creates feeds a growing exchange.
     """
     p = len(system.piercings)
-    f_y = site_force(step.solution.residual.passage, step.new.lam)
+    f_y = site_force(step.solution.residual.passage, step.new.lam, step.solution.iterate.y)
     lag = (step.new.y - step.old.y) - (step.solution.iterate.y - met)
     return float(np.sum((f_y * lag)[:p]))

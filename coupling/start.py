@@ -16,8 +16,9 @@ from coupling.newton import Iterate, Problem, solve
 from coupling.sliding import law_of, prescribed
 from coupling.stepping import all_holds, sense, with_ends
 from coupling.system import Flags, State, System
+from thread.quadrature import gauss_rule
 from thread.spline import Spline
-from thread.thread import Thread, gauss_rule
+from thread.thread import Thread
 
 BED_SPANS = 2.0  # the bed lets go of the path over this many spans beside a hole that imposes another direction
 # Axial stiffness EA h²/EI of the laid thread, soft on the path at first. Then the bed is moved under it, so that what
@@ -30,11 +31,13 @@ FEED_SPANS = 4.0  # a loose abscissa gives way by this many spans at the axial s
 
 @dataclass(frozen=True)
 class Cord:
-    """Section of the thread while it is laid: unit bending stiffness, nearly inextensible."""
+    """Section of the thread while it is laid, without twist: unit bending stiffness, nearly inextensible."""
 
     EA: float
     EI: float = 1.0
+    GJ: float = 1.0
     rhoA: float = 1.0
+    rhoJ: float = 1.0
     diameter: float = 1.0
 
 
@@ -52,7 +55,16 @@ def laid_thread(thread: Thread, stretch: float, axial: float) -> Thread:
     spline = Spline(thread.spline.knots * stretch)
     span = (spline.end - spline.start) / (thread.n - 3)
     cord = Cord(EA=axial / span**2, diameter=span)
-    return replace(thread, spline=spline, section=cord, bending=True, point_masses=(0.0, 0.0))
+    return replace(
+        thread,
+        spline=spline,
+        section=cord,
+        bending=True,
+        hole_compliance=False,
+        point_masses=(0.0, 0.0),
+        twist=False,
+        springs=None,
+    )
 
 
 @dataclass(frozen=True)
@@ -83,9 +95,10 @@ def laid(system: System, laying: Laying, s: Array, loose: Flags) -> tuple[Array,
     m, abscissae = system.holds, s * laying.stretch
     first = laid_thread(system.thread, laying.stretch, ON_PATH)
     on_path = projected(first, laying.path)
-    q, none = with_ends(on_path, system, 0.0), np.zeros(m, dtype=bool)
-    z = Iterate(q, np.zeros_like(first.axial_rule.w), abscissae, np.zeros((m, 5)), laying.y, np.zeros(m))
-    z = solve(bed_problem(stiff(system, laying, ON_PATH), on_path, laying.y, z.s, none), z).iterate
+    soft, none = stiff(system, laying, ON_PATH), np.zeros(m, dtype=bool)
+    q = with_ends(on_path, soft, 0.0)
+    z = Iterate(q, np.zeros_like(first.axial.s), abscissae, np.zeros((m, 5)), laying.y, np.zeros(m))
+    z = solve(bed_problem(soft, on_path, laying.y, z.s, none), z).iterate
     for axial in SETTLING:
         problem = bed_problem(stiff(system, laying, axial), z.q, laying.y, z.s, loose)
         try:
@@ -135,12 +148,14 @@ def start(system: System, s: Array, path: Array, stretch: float) -> State:
     y = all_holds(system, system.organ.site_variables(organ))
     s = np.concatenate([s, system.clamp_abscissae])
     q, s = lay(system, Laying(y, path, stretch), s)
-    m = system.holds
+    m, thread = system.holds, system.thread
+    q = np.pad(q, ((0, 0), (0, thread.coordinates - 3)))
+    frame = thread.untwisted(q)
     return State(
         time=0.0,
         q=q,
         v=np.zeros_like(q),
-        N=system.thread.EA * system.thread.points(q).strain,
+        N=thread.EA * thread.points(q, frame).strain,
         organ=organ,
         s=s,
         s_dot=np.zeros(m),
@@ -148,6 +163,7 @@ def start(system: System, s: Array, path: Array, stretch: float) -> State:
         y=y,
         slip=np.where(system.may_slide & ~system.rough & system.from_start, 1.0, 0.0),
         present=system.from_start,
-        sense=sense(passage(system.thread.spline, q, s), y),
-        reaction=np.zeros((2, 3)),
+        sense=sense(passage(system.thread, q, s), y),
+        reaction=np.zeros((2, thread.coordinates)),
+        frame=frame,
     )

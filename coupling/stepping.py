@@ -33,10 +33,10 @@ class Step:
 
 
 def end_load(system: System, time: float) -> Array:
-    """Weight and pulling forces on the control points at `time`, shape `(n, 3)` [N]."""
+    """Weight and pulling forces on the control points at `time`, shape `(n, c)` [N]."""
     load = system.weight.copy()
-    load[0] += system.ends[0].force(time)
-    load[-1] += system.ends[1].force(time)
+    load[0, :3] += system.ends[0].force(time)
+    load[-1, :3] += system.ends[1].force(time)
     return load
 
 
@@ -46,11 +46,19 @@ def prescribed(system: System, time: float) -> list[tuple[int, Array]]:
     return [(point, place) for point, place in places if place is not None]
 
 
+def turned(system: System, time: float) -> list[tuple[int, float]]:
+    """Control points whose angle is held, with their angles at `time` [rad]: none without twist."""
+    angles = [(point, end.angle(time)) for point, end in zip((0, -1), system.ends, strict=True)]
+    return [(point, angle) for point, angle in angles if angle is not None and system.thread.twist]
+
+
 def with_ends(q: Array, system: System, time: float) -> Array:
-    """Control points with the prescribed ends in place."""
+    """Control values with the prescribed ends in place, and turned."""
     q = q.copy()
     for point, place in prescribed(system, time):
-        q[point] = place
+        q[point, :3] = place
+    for point, angle in turned(system, time):
+        q[point, 3] = angle
     return q
 
 
@@ -103,6 +111,7 @@ def dynamic_problem(
         C=padded(system, C),
         rows=rows,
         law=law_of(system, state.s, state.present, system.epsilon * scheme.a, s_free),
+        frame=state.frame,
     )
 
 
@@ -131,7 +140,7 @@ def concluded(  # type: ignore[no-untyped-def]
     """The step from `state` that a solution of its problem makes. Raises `InversionError`."""
     problem, z, at = solution.problem, solution.iterate, solution.residual.passage
     p = len(system.piercings)
-    organ = operator.complete(prediction, site_force(at, z.lam)[:p].ravel())
+    organ = operator.complete(prediction, site_force(at, z.lam, z.y)[:p].ravel())
     new = State(
         time=problem.time,
         q=z.q,
@@ -146,6 +155,7 @@ def concluded(  # type: ignore[no-untyped-def]
         present=state.present,
         sense=state.sense,
         reaction=reactions(system, solution.residual.thread, problem.load),
+        frame=system.thread.carried(state.frame, z.q),
     )
     refuse_inversion(system, state, new, at)
     return Step(state, new, problem.dt, solution)
@@ -174,11 +184,14 @@ def organ_history(system: System, scheme: Scheme, state: State) -> Any:
 
 
 def reactions(system: System, residual: Array, load: Array) -> Array:
-    """Force of the holders on the thread's ends, `(2, 3)` [N]: the reaction where an end is held, else its load."""
-    out = [load[k] - system.weight[k] for k in (0, -1)]
+    """Force of the holders on the thread's ends, `(2, c)` [N], with twist their torque too [N m]: the reaction where an
+    end is held, else its load."""
+    out = np.array([load[k] - system.weight[k] for k in (0, -1)])
     for point, _ in prescribed(system, 0.0):
-        out[point] = residual[point]
-    return np.array(out)
+        out[point, :3] = residual[point, :3]
+    for point, _ in turned(system, 0.0):
+        out[point, 3] = residual[point, 3]
+    return out
 
 
 def refuse_inversion(system: System, old: State, new: State, at: Passage) -> None:

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from coupling.constraints import Array, Indices
 from coupling.errors import CouplingError
 from coupling.interfaces import Organ
+from thread.banded import diagonal_of
 from thread.ends import Clamped, End
-from thread.thread import BAND_ROWS, DIAGONAL, Thread
+from thread.thread import Thread
+from thread.twist import Frame
 
 Flags = NDArray[np.bool_]
 
@@ -75,23 +77,28 @@ class System:
     @cached_property
     def held(self) -> Indices:
         """Numbers of the thread's unknowns that its ends prescribe."""
-        last = 3 * self.thread.n
-        unknowns = (np.arange(3), np.arange(last - 3, last))
-        prescribed = [u for u, end in zip(unknowns, self.ends, strict=True) if end.position(0.0) is not None]
-        return np.concatenate([np.arange(0), *prescribed])
+        c, held = self.thread.coordinates, [np.arange(0)]
+        for first, end in zip((0, c * (self.thread.n - 1)), self.ends, strict=True):
+            if end.position(0.0) is not None:
+                held.append(first + np.arange(3))
+            if self.thread.twist and end.angle(0.0) is not None:
+                held.append(first + np.array([3]))
+        return np.concatenate(held)
 
     @cached_property
     def held_entries(self) -> Indices:
         """Places in a flattened band of the rows and columns of the prescribed unknowns, the diagonal included."""
-        size = 3 * self.thread.n
-        row, column = np.indices((BAND_ROWS, size))
-        row = row - DIAGONAL + column
+        h, size = self.thread.half_band, self.thread.coordinates * self.thread.n
+        row, column = np.indices((3 * h + 1, size))
+        row = row - 2 * h + column
         return np.flatnonzero(np.isin(row, self.held) | np.isin(column, self.held))
 
     @cached_property
     def weight(self) -> Array:
-        """Gravity on the thread and its point masses, shape `(n, 3)` [N]."""
-        return np.outer(self.thread.mass_matrix @ np.ones(self.thread.n), self.gravity)
+        """Gravity on the thread and its point masses, shape `(n, c)` [N]; it does not twist."""
+        weight = np.zeros((self.thread.n, self.thread.coordinates))
+        weight[:, :3] = np.outer(self.thread.mass_matrix @ np.ones(self.thread.n), self.gravity)
+        return weight
 
     @cached_property
     def clamps(self) -> tuple[int, ...]:
@@ -143,7 +150,7 @@ class System:
     def hold_still(self, band: Array) -> Array:
         """A banded matrix with the rows and columns of the prescribed unknowns replaced by those of the identity."""
         band.ravel()[self.held_entries] = 0.0
-        band[DIAGONAL, self.held] = 1.0
+        band[diagonal_of(band), self.held] = 1.0
         return band
 
     @cached_property
@@ -165,11 +172,12 @@ def across(tangent: Array) -> tuple[Array, Array]:
 class State:
     """The system at one time.
 
-    `q`, `v` (n, 3) [m, m/s]; `N` (spans, g) axial forces [N]; `organ`, the organ's own state; `s`, `s_dot` (holds,)
-    [m, m/s]; `lam` (holds, 5) [N, N m]; `y` (holds, 9); `slip` (holds,): −1, 0, +1 sign of ds/dt, 0 where the thread
-    sticks; `present` (holds,): False before a piercing begins, and once the thread has left the hole; `sense` (holds,):
-    sign of T·(u × v) where the piercing began, which must not change in a directed hole; `reaction` (2, 3) [N], force
-    of the holders on the thread's ends; `y_dot` (holds, 9) [m/s, 1/s], rate of y, None at rest.
+    `q`, `v` (n, c) [m, m/s, with twist rad, rad/s]; `N`, axial forces [N]; `organ`, the organ's own state; `s`,
+    `s_dot` (holds,) [m, m/s]; `lam` (holds, 5) [N, N m]; `y` (holds, 9); `slip` (holds,): −1, 0, +1 sign of ds/dt, 0
+    where the thread sticks; `present` (holds,): False before a piercing begins, and once the thread has left the hole;
+    `sense` (holds,): sign of T·(u × v) where the piercing began, which must not change in a directed hole; `reaction`
+    (2, c) [N], force of the holders on the thread's ends, with twist their torque about the tangent too [N m]; `y_dot`
+    (holds, 9) [m/s, 1/s], rate of y, None at rest; `frame`, what the twist is measured from, None without twist.
 
     A two-step integrator keeps the step before, `dt_before` [s] long: `q_before`, `v_before`, `organ_before`,
     `s_before`, `s_dot_before` at its start. None: the next step has no memory (the start, a one-step integrator, or a
@@ -190,6 +198,7 @@ class State:
     sense: Array
     reaction: Array
     y_dot: Array | None = None
+    frame: Frame | None = None
     dt_before: float | None = None
     q_before: Array | None = None
     v_before: Array | None = None

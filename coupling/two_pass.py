@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from coupling.constraints import Array, passage
+from coupling.constraints import Array, bare_passage
 from coupling.newton import FORCE_TOLERANCE, Iterate, Problem, Solution
 from coupling.scheme import BackwardEuler
 from coupling.sliding import Law, along, normal_force, prescribed
@@ -77,7 +77,7 @@ def under(problem: Problem, verdict: Verdict) -> Problem:
 
 def first_verdict(system: System, law: Law, state: State, dt: float) -> Verdict:
     """Static or kinetic by the velocity at the start of the step; nothing injected yet."""
-    T = passage(system.thread.spline, state.q, state.s).T
+    T = bare_passage(system.thread.spline, state.q, state.s).T
     V_t = -np.linalg.norm(T, axis=1) * state.s_dot
     moves = law.rough & law.may_slide & (np.abs(V_t) * dt > STILL * system.thread.section.diameter)
     return Verdict(np.where(moves, -np.sign(V_t), 0.0), law.kinetic, np.zeros_like(V_t))
@@ -86,7 +86,7 @@ def first_verdict(system: System, law: Law, state: State, dt: float) -> Verdict:
 def judged(law: Law, verdict: Verdict, solution: Solution, frictionless: bool) -> Verdict:
     """The holes by the multipliers of a pass; after a `frictionless` one, motion against V_t means nothing."""
     z, at = solution.iterate, solution.residual.passage
-    f, N = along(law, at, z.s, z.lam, z.y), normal_force(at, z.lam, law.per_channel)
+    f, N = along(law, at, z.s, z.lam, z.y), normal_force(at, z.lam, z.y, law.per_channel)
     held = verdict.sense == 0.0
     loose = held & law.rough & law.may_slide & (np.abs(f) >= law.grip + law.static * N)
     driven = (not frictionless) & (verdict.sense * (z.s - law.s_old) < 0.0)

@@ -15,8 +15,9 @@ from studies.scenario import Scenario
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
 from thread.path import RoundedPath, rounded
+from thread.quadrature import gauss_rule
 from thread.spline import Spline, graded_knots
-from thread.thread import MASS_POINTS, Thread, gauss_rule
+from thread.thread import MASS_POINTS, Thread
 
 Array = NDArray[np.float64]
 
@@ -59,7 +60,7 @@ def assemble(scenario: Scenario) -> Assembly:
     known = [(hole.name, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
     model.check_order([name for name, _ in known], [value for _, value in known], length)
     system = System(
-        thread=thread_of(scenario.thread, length, s),
+        thread=thread_of(scenario, length, s),
         ends=(end_of(scenario.thread.start, path, 0.0), end_of(scenario.thread.end, path, path.length)),
         organ=organ,
         piercings=tuple(piercing_of(hole) for hole in scenario.piercing),
@@ -90,14 +91,18 @@ def passing(path: RoundedPath, point: Sequence[float], after: Sequence[float]) -
     return float(later[0] if later.size else near[0])
 
 
-def thread_of(table: model.Thread, length: float, s: Sequence[float]) -> Thread:
-    """The thread, its knots graded towards the piercings."""
+def thread_of(scenario: Scenario, length: float, s: Sequence[float]) -> Thread:
+    """The thread, its knots graded towards the piercings. The linear step knows no missing compliance."""
+    table = scenario.thread
     return Thread(
         spline=Spline(graded_knots(length, table.control_points, s, table.graded, REACH * length)),
         section=section_of(table),
         bending=table.bending,
+        twist=table.twist,
+        springs=None if table.energy == "continuous" else table.springs or table.control_points - 1,
         damping=table.damping,
         point_masses=(table.start.mass, table.end.mass),
+        hole_compliance=scenario.solve.scheme != "linear",
     )
 
 
@@ -113,14 +118,19 @@ def end_of(table: model.End, path: RoundedPath, at: float) -> End:
     """What holds the end of the thread that lies at the abscissa `at` of the path."""
     match table:
         case model.FixedEnd():
-            return Fixed(path.position(at))
+            return Fixed(path.position(at), turn=turn_of(table))
         case model.ClampedEnd():
-            return Clamped(path.position(at), path.tangent(at))
+            return Clamped(path.position(at), path.tangent(at), turn=turn_of(table))
         case model.PulledEnd():
             return Pulled(np.array(table.force), table.ramp)
         case model.DrivenEnd():
-            return Driven(np.array(table.waypoints))
+            return Driven(np.array(table.waypoints), turn=turn_of(table))
     return Free()
+
+
+def turn_of(table: model.FixedEnd | model.ClampedEnd | model.DrivenEnd) -> Array | None:
+    """Times and angles by which an end is turned, None where none are given."""
+    return None if table.turn is None else np.array(table.turn)
 
 
 def piercing_of(hole: model.Piercing) -> Piercing:

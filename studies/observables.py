@@ -25,6 +25,7 @@ class ThreadRecord:
     tension: Array  # (m,) [N]
     curvature: Array  # (m,) [1/m]
     radius: float  # of the thread [m]
+    torque: Array | None = None  # (m,) about the tangent, right-handed [N m]; None without twist
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,7 @@ class StepRecord:
     max_strain: float  # largest axial strain of the thread [-]
     seconds: float  # wall-clock time of this step [s]
     events: tuple[Event, ...] = ()
+    torques: tuple[float, float] | None = None  # of the holders of start and end about the tangent [N m], with twist
     memory: Mapping[str, NDArray[Any]] | None = None  # all that the steps after this one depend on
 
 

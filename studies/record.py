@@ -324,12 +324,13 @@ def _state_summary(step: StepRecord) -> dict[str, Any]:
         piercing.name: {key: value for key, value in _shallow(piercing).items() if key not in hidden}
         for piercing in step.piercings
     }
-    thread = {
+    ends: dict[str, dict[str, object]] = {
         "start": {"reaction": step.start_reaction},
         "end": {"reaction": step.end_reaction},
-        "max_strain": step.max_strain,
     }
-    return {"energy": asdict(step.energy), "thread": thread, "piercings": piercings}
+    for end, torque in zip(ends.values(), step.torques or (), strict=False):
+        end["torque"] = torque
+    return {"energy": asdict(step.energy), "thread": ends | {"max_strain": step.max_strain}, "piercings": piercings}
 
 
 def _shallow(record: PiercingRecord) -> dict[str, Any]:

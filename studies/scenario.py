@@ -39,6 +39,7 @@ Vector = tuple[Number, Number, Number]
 Growth = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=1, le=3)]
 GROWTH = "ratio of the sizes of neighbouring elements [-], above 1 to 3: the size grows by ln(growth) per distance"
 Waypoint = tuple[Number, Number, Number, Number]
+Turn = tuple[Number, Number]
 
 
 class ScenarioError(ValueError):
@@ -349,14 +350,37 @@ class FreeEnd(_End):
     kind: Literal["free"]
 
 
-class FixedEnd(_End):
+class _HeldEnd(_End):
+    turn: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = Field(
+        default=None,
+        description="rows of t [s], angle [rad] by which the end is turned about the thread's tangent, right-handed "
+        "towards the end of the path, t increasing, angle 0 at t = 0; needs thread.twist; default: a clamped end does "
+        "not turn, any other turns freely",
+        examples=[[[0.0, 0.0], [1.0, 6.28]]],
+    )
+
+    @model_validator(mode="after")
+    def _check_turn(self) -> Self:
+        rows = self.turn or ()
+        for row, ((before, _), (after, _)) in enumerate(pairwise(rows), start=1):
+            if after <= before:
+                raise ValueError(
+                    f".turn.{row} = {as_toml(rows[row])} is refused: "
+                    f"its time must be later than {before} s, the one before it; sort them by time"
+                )
+        if rows and (start := float(np.interp(0.0, *np.transpose(rows)))) != 0.0:
+            raise ValueError(f".turn is refused: at t = 0 its angle is {start:.3g} rad; let it begin at [0, 0]")
+        return self
+
+
+class FixedEnd(_HeldEnd):
     """End whose position is held."""
 
     kind: Literal["fixed"]
 
 
-class ClampedEnd(_End):
-    """End whose position and tangent are held."""
+class ClampedEnd(_HeldEnd):
+    """End whose position and tangent are held, and with twist its section."""
 
     kind: Literal["clamped"]
 
@@ -369,7 +393,7 @@ class PulledEnd(_End):
     ramp: NotNegative = Field(default=0.0, description="time in which the load grows linearly from zero [s]")
 
 
-class DrivenEnd(_End):
+class DrivenEnd(_HeldEnd):
     """End that follows waypoints, linearly in between; it rests before the first and after the last."""
 
     kind: Literal["driven"]
@@ -436,6 +460,21 @@ class Thread(Table):
     bending: Annotated[bool, Field(strict=True)] = Field(
         default=True, description="whether the thread resists bending; false: EI = 0"
     )
+    energy: Literal["continuous", "springs"] = Field(
+        default="continuous",
+        description='elastic energies: "continuous", integrals over the thread, or "springs" between points spread '
+        "along it (the paper's §3), calibrated by EA, EI and GJ",
+    )
+    springs: Whole | None = Field(
+        default=None,
+        description="number of stretch springs along the thread [-], from control_points - 1 (the default with energy "
+        '= "springs") on; more of them lock a stiff thread',
+        examples=[39],
+    )
+    twist: Annotated[bool, Field(strict=True)] = Field(
+        default=False,
+        description="whether the thread resists twist: the angle of its section becomes a fourth coordinate",
+    )
     start: End = Field(
         default=FreeEnd(kind="free"),
         description="what holds the thread at the start of the path",
@@ -469,6 +508,28 @@ class Thread(Table):
                 f".{missing[0]} is missing: give suture (USP size and material, for example suture = "
                 '"2-0 polypropylene") or all of diameter [m], youngs_modulus [Pa] and density [kg/m³]'
             )
+        return self
+
+    @model_validator(mode="after")
+    def _check_springs(self) -> Self:
+        if self.springs is not None and self.energy != "springs":
+            raise ValueError(f'.springs = {self.springs} is refused: thread.energy is continuous; set it to "springs"')
+        if self.springs is not None and self.springs < self.control_points - 1:
+            raise ValueError(
+                f".springs = {self.springs} is refused: {self.control_points} control points need at least "
+                f"{self.control_points - 1}, else the thread could stretch unseen; raise it"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_twist(self) -> Self:
+        if self.twist and not self.bending:
+            raise ValueError(
+                ".twist = true is refused: without bending stiffness a twisted thread collapses; set bending = true"
+            )
+        turned = next((key for key in ("start", "end") if getattr(getattr(self, key), "turn", None)), None)
+        if turned is not None and not self.twist:
+            raise ValueError(f".{turned}.turn is refused: the thread does not resist twist; set thread.twist = true")
         return self
 
     @model_validator(mode="after")
@@ -695,6 +756,15 @@ class Scenario(Table):
             key = dotted(["piercing", rough, "friction"])
             reason = f'solve.scheme is linear, which has no implicit {key}; use "two-pass", or scheme = "newton"'
             raise ValueError(refused("solve.friction", "implicit", reason))
+        return self
+
+    @model_validator(mode="after")
+    def _check_turning(self) -> Self:
+        ends = (self.thread.start, self.thread.end)
+        held = any(isinstance(end, ClampedEnd) or getattr(end, "turn", None) for end in ends)
+        if self.thread.twist and self.solve.kind == "static" and not held:
+            reason = "solve.kind is static and nothing keeps the thread from spinning; clamp an end or give it a turn"
+            raise ValueError(refused("thread.twist", True, reason))
         return self
 
     @model_validator(mode="after")

@@ -97,12 +97,14 @@ def organ_text(mesh: str, organ: OrganRecord) -> str:
 def thread_text(thread: ThreadRecord) -> str:
     """The thread of one frame as a polyline in ``.vtp``; ``radius`` is for the Tube filter."""
     count = len(thread.points)
-    fields = {
+    fields: dict[str, ArrayLike] = {
         "s": thread.s,
         "tension": thread.tension,
         "curvature": thread.curvature,
         "radius": np.full(count, thread.radius),
     }
+    if thread.torque is not None:
+        fields["torque"] = thread.torque
     data = _point_data({name: (field, "f4") for name, field in fields.items()}, 'Scalars="tension"')
     return _poly_data(thread.points, "Lines", [count] if count else [], data)
 

@@ -207,7 +207,7 @@ def recorded(
 ) -> StepRecord:
     """What is written of a step."""
     state = now.state
-    points = system.thread.points(state.q)
+    points = system.thread.points(state.q, state.frame)
     return StepRecord(
         time=state.time,
         step=now.step,
@@ -215,8 +215,9 @@ def recorded(
         energy=now.energies,
         newton_iterations=sum(step.solution.iterations for step in taken),
         constraint_max=max((largest_gap(system, step.new) for step in taken), default=largest_gap(system, state)),
-        start_reaction=state.reaction[0],
-        end_reaction=state.reaction[1],
+        start_reaction=state.reaction[0, :3],
+        end_reaction=state.reaction[1, :3],
+        torques=tuple(state.reaction[:, 3]) if system.thread.twist else None,
         max_strain=float(np.max(np.sqrt(1.0 + 2.0 * points.strain) - 1.0)),
         seconds=seconds,
         events=tuple(events),
@@ -226,8 +227,8 @@ def recorded(
 
 def largest_gap(system: System, state: State) -> float:
     """Largest |P(s) − x| over the holes the thread is in [m]."""
-    at = passage(system.thread.spline, state.q, state.s)
-    gap = np.linalg.norm(phi(at, state.y)[:, :3], axis=1)
+    at = passage(system.thread, state.q, state.s)
+    gap = np.linalg.norm(phi(at, state.lam, state.y)[:, :3], axis=1)
     return float(np.max(gap[system.rows[:, 0] & state.present], initial=0.0))
 
 
@@ -237,14 +238,15 @@ def thread_record(system: System, state: State) -> ThreadRecord:
     breaks = thread.spline.breaks
     inner = np.arange(SAMPLES) / SAMPLES
     s = np.append((breaks[:-1, None] + np.diff(breaks)[:, None] * inner).ravel(), breaks[-1])
-    P, T, K, _ = thread.spline.curve(state.q, s).swapaxes(0, 1)
+    P, T, K, _ = thread.spline.curve(state.q[:, :3], s).swapaxes(0, 1)
     speed = np.linalg.norm(T, axis=1)
-    strain = thread.points(state.q).strain.ravel()
+    strain = thread.points(state.q, state.frame).strain.ravel()
     tension = thread.EA * strain * np.sqrt(1.0 + 2.0 * strain)
     return ThreadRecord(
         points=P,
         s=s,
-        tension=np.interp(s, thread.axial_rule.s.ravel(), tension),
+        tension=np.interp(s, thread.axial.s.ravel(), tension),
         curvature=np.linalg.norm(np.cross(T, K), axis=1) / speed**3,
         radius=0.5 * thread.section.diameter,
+        torque=None if state.frame is None else thread.torque_at(s, state.q, state.frame),
     )

@@ -13,3 +13,4 @@ ELASTICA_FINE = 1e-5  # with 60, above the stretch P/EA of a real suture (6e-6)
 CATENARY = 1e-4  # of sag and forces; the model's own EI and EA change them by less than 1e-5
 LINEAR = 1e-6  # a beam in its linear range, at loads whose geometric effect is below 1e-7
 BUCKLING = 1e-4  # post-buckled shape over the length
+TWISTED = 0.02  # buckling and localisation of twisted rods with 40 control points

@@ -13,7 +13,7 @@ from threads import ABSCISSAE, LENGTH, RADIUS, X, Z, block_organ, hairpin, hairp
 
 from coupling import bdf2, staggered
 from coupling.audit import audited, initial_energies, sliding_work
-from coupling.constraints import passage, phi, site_force
+from coupling.constraints import met, passage, phi, site_force
 from coupling.errors import CouplingError, RunAwayError
 from coupling.scheme import BackwardEuler
 from coupling.stepping import Step, Take, advance, organ_history, try_step
@@ -76,14 +76,14 @@ def test_the_thread_meets_the_holes_where_they_were(kind: str) -> None:
     is the way its holes went."""
     system, _ = scene(kind)
     for step in run(kind, staggered.take, 25):
-        at = passage(system.thread.spline, step.new.q, step.new.s)
-        met = np.abs(phi(at, step.old.y))
-        assert met[:, :3].max() <= GAP * system.thread.section.diameter
-        assert met[:, 3:].max() <= GAP
-        drift = np.linalg.norm(phi(at, step.new.y)[:, :3], axis=1)
+        at = passage(system.thread, step.new.q, step.new.s)
+        violation = np.abs(phi(at, step.new.lam, step.old.y))
+        assert violation[:, :3].max() <= GAP * system.thread.section.diameter
+        assert violation[:, 3:].max() <= GAP
+        drift = np.linalg.norm(met(at, step.new.lam, step.old.y)[0] - step.new.y[:, :3], axis=1)
         way = np.linalg.norm((step.new.y - step.old.y)[:, :3], axis=1)
         assert np.abs(drift - way).max() <= GAP * system.thread.section.diameter
-        assert largest_gap(system, step.new) == pytest.approx(drift.max(), rel=TWO_SOLVERS)
+        assert largest_gap(system, step.new) == pytest.approx(drift.max(), rel=1e-2)  # there T̂ turns with the frame
         assert drift.max() > 1e-4 * WAY / 25
 
 
@@ -96,7 +96,7 @@ def test_the_organ_takes_the_reaction(kind: str) -> None:
     for step in run(kind, staggered.take, 25):
         scheme = BackwardEuler(step.dt)
         operator, history = organ.operator(scheme.a, scheme.d), organ_history(system, scheme, step.old)
-        f_y = site_force(passage(system.thread.spline, step.new.q, step.new.s), step.new.lam).ravel()
+        f_y = site_force(passage(system.thread, step.new.q, step.new.s), step.new.lam, step.old.y).ravel()
         U = organ.displacement(step.new.organ)[organ.elasticity.free]
         right = operator.right_hand_side(step.old.organ, history) + organ.Y.T @ f_y
         assert np.abs(operator.A @ U - right).max() <= RESIDUAL * (abs(operator.A) @ np.abs(U)).max()
@@ -232,7 +232,7 @@ def test_the_key_of_the_scenario(integrator: str) -> None:
         last = records[-1].energy
         assert abs(last.balance_error) <= RESIDUAL * abs(last.external_work)
     assert gaps["monolithic"] <= 1e-12
-    assert 1e-5 < gaps["staggered"] < 1e-3
+    assert 1e-6 < gaps["staggered"] < 1e-3
 
 
 def test_a_static_solution_cannot_be_staggered() -> None:

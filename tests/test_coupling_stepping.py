@@ -151,8 +151,8 @@ def test_a_thread_drawn_out_of_both_holes_goes_on() -> None:
         for step in advance(system, state, dt):
             state = step.new
             assert np.all(state.lam[~state.present] == 0.0)
-            at = passage(system.thread.spline, state.q, state.s)
-            gap = np.abs(phi(at, state.y))[state.present]
+            at = passage(system.thread, state.q, state.s)
+            gap = np.abs(phi(at, state.lam, state.y))[state.present]
             assert gap.max(initial=0.0) <= GAP
             assert np.all(state.s[state.present] >= 0.0)
         seen.append([o.state for o in observe(system, first, state)])
@@ -180,8 +180,8 @@ def test_a_taut_thread(kind: str) -> None:
     while state.time < way / 0.1 - 0.5 * dt and (not pulls or pulls[-1] < 1.05):
         for step in advance(system, state, dt):
             state, energies = step.new, audited(system, energies, step)
-            at = passage(system.thread.spline, state.q, state.s)
-            violation = np.abs(phi(at, state.y))
+            at = passage(system.thread, state.q, state.s)
+            violation = np.abs(phi(at, state.lam, state.y))
             assert violation[:, :3].max() <= GAP * system.thread.section.diameter
             assert violation[:, 3:].max() <= GAP
         pulls.append(float(np.linalg.norm(state.reaction[1])))

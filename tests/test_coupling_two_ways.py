@@ -92,8 +92,8 @@ def test_every_step_of_a_coupled_run(name: str) -> None:
     system, _ = scene(name)
     for step in steps(name):
         new = step.new
-        at = passage(system.thread.spline, new.q, new.s)
-        violation = np.abs(phi(at, new.y))
+        at = passage(system.thread, new.q, new.s)
+        violation = np.abs(phi(at, new.lam, new.y))
         assert violation[:, :3].max() <= GAP * system.thread.section.diameter
         assert violation[:, 3:].max() <= GAP
         force, couple = np.abs(new.lam[:, :3]).max(), np.abs(new.lam[:, 3:]).max()

@@ -99,7 +99,7 @@ def test_a_sliding_mass_stops(cause: str) -> None:
     lost, stopped, first = 0.0, 0.0, state
     for step in run(system, state, DT, 150):
         energies, new = audited(system, energies, step), step.new
-        at = passage(system.thread.spline, new.q, new.s)
+        at = passage(system.thread, new.q, new.s)
         lost += abs(driving_force(at, new.lam, new.y)[0] * (new.s - step.old.s)[0])
         if new.slip[0] == 0.0:
             stopped = stopped or new.time

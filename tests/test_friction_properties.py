@@ -91,12 +91,12 @@ def test_every_step(scenario: tuple[System, State]) -> None:
 
 def assert_lawful(system: System, old: State, new: State) -> None:
     """The law of every hole at the end of a step."""
-    at = passage(system.thread.spline, new.q, new.s)
+    at = passage(system.thread, new.q, new.s)
     here = new.present
     size = max(np.abs(new.lam[:, :3]).max(), np.abs(system.thread.gradient(system.thread.points(new.q))).max(), 1e-3)
     force, moment = multiplier_imbalance(system, new)
     assert force <= 1e-12 * size and moment <= 1e-12 * (size * LENGTH + np.abs(new.lam[:, 3:]).max())
-    gap = np.abs(phi(at, new.y)) * system.rows
+    gap = np.abs(phi(at, new.lam, new.y)) * system.rows
     assert gap[here, :3].max(initial=0.0) <= GAP * system.thread.section.diameter
     assert gap[here, 3:].max(initial=0.0) <= GAP
     for k, seen in enumerate(observe(system, old, new)):

@@ -66,9 +66,9 @@ def test_what_never_slips() -> None:
 @pytest.mark.parametrize("static", [0.2, 0.24])
 def test_two_pass_by_its_key(static: float) -> None:
     """Independent check: solve.friction = "two-pass" is another friction, near the exact one at small μ, and misses its
-    cone; what it takes is counted too."""
+    cone. What it takes is counted too; where a hole turns back it lags and may give."""
     table = {"static": static, "kinetic": 0.2}
     exact, lagged = last(table), last(table, solver="two-pass")
     assert 1e-4 < abs(pull(lagged) / pull(exact) - 1.0) < 0.2
     assert max(hole.cone_residual for hole in lagged.piercings) > 1e-4 * pull(exact)
-    assert lagged.energy.friction_dissipation > 0.0
+    assert abs(lagged.energy.friction_dissipation) > 1e-3 * lagged.energy.external_work

@@ -13,9 +13,11 @@ import tissue
 from coupling.start import start
 from coupling.stepping import Step, advance
 from coupling.system import Piercing, State, System
+from thread.banded import diagonal_of
 from thread.ends import End, Free
+from thread.quadrature import gauss_rule
 from thread.spline import Spline, uniform_knots
-from thread.thread import BAND_ROWS, DIAGONAL, MASS_POINTS, Thread, gauss_rule
+from thread.thread import MASS_POINTS, Thread
 
 Array = NDArray[np.float64]
 Path = Callable[[Array], Array]
@@ -27,12 +29,18 @@ FREE = (Free(), Free())
 
 @dataclass(frozen=True)
 class Strand:
-    """A section given by its products: `diameter` [m], `rhoA` [kg/m], `EA` [N], `EI` [N m²]."""
+    """A section given by its products: `diameter` [m], `rhoA` [kg/m], `EA` [N], `EI`, `GJ` [N m²]."""
 
     diameter: float = 0.3195e-3
     rhoA: float = 7.25571e-5
     EA: float = 240.521
     EI: float = 1.534527e-6
+    GJ: float = 1.096091e-6
+
+    @property
+    def rhoJ(self) -> float:
+        """Polar moment of inertia of the mass per length [kg m]."""
+        return self.rhoA * self.diameter**2 / 8
 
 
 PP = Strand()  # 2-0 polypropylene: E = 3 GPa, 905 kg/m³, solid circle
@@ -71,9 +79,10 @@ def dense(band: Array) -> Array:
     """A banded matrix as a full one."""
     size = band.shape[1]
     full = np.zeros((size, size))
-    for r in range(BAND_ROWS):
-        column = np.arange(max(0, DIAGONAL - r), min(size, size + DIAGONAL - r))
-        full[column + r - DIAGONAL, column] = band[r, column]
+    for r in range(len(band)):
+        offset = r - diagonal_of(band)
+        column = np.arange(max(0, -offset), min(size, size - offset))
+        full[column + offset, column] = band[r, column]
     return full
 
 

@@ -70,6 +70,11 @@ class Section:
         return self.density * self.solid_fraction * self.area
 
     @property
+    def rhoJ(self) -> float:
+        """Polar moment of inertia of the mass per length, spread evenly over the circle [kg m]."""
+        return self.rhoA * self.diameter**2 / 8
+
+    @property
     def EA(self) -> float:
         """Axial stiffness [N]."""
         return self.youngs_modulus * self.area

@@ -1,39 +1,35 @@
-"""The thread: a spline with mass, stretch and bending, assembled over its spans.
+"""The thread: a spline with mass and elastic energies, assembled over its spans.
 
-Unknowns are the control points `q`, shape `(n, 3)` [m], numbered point by point: unknown 3i + a is coordinate a
-of point i. Matrices are banded (11 diagonals each side) in the storage LAPACK's `gbtrf` wants.
+Unknowns are the control values `q`, shape `(n, c)`, numbered point by point: unknown c i + a is coordinate a of point
+i. The c coordinates of a point are x, y, z [m] and, with twist, the angle θ [rad] of the section about the tangent
+(`thread.twist`). Matrices are banded (`thread.banded`).
 """
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.sparse import csr_matrix, diags_array
 
-from thread.energy import (
-    axial_stiffness,
-    axial_strain,
-    curvature_squared,
-    curvature_squared_gradient,
-    curvature_squared_hessian,
-    dot,
-)
+from thread.banded import Elements
+from thread.compliance import beam_compliance, patch_of, spline_compliance
+from thread.continuous import Continuous
 from thread.errors import ThreadError
+from thread.quadrature import Rule, gauss_rule
 from thread.spline import Indices, Spline
+from thread.springs import Layout, Springs, spread
+from thread.twist import Frame, Stations, Torsion, carried, evaluated, gauss_stations, turned_too_far, untwisted
 
 Array = NDArray[np.float64]
 
 LOCAL = 4  # functions of a cubic on one span
-HALF_BAND = 3 * LOCAL - 1
-BAND_ROWS = 3 * HALF_BAND + 1  # gbtrf keeps room for the fill of row exchanges above the band
-DIAGONAL = 2 * HALF_BAND  # row of the storage that holds the main diagonal
+POSITION = 3  # coordinates of a place
 
 MASS_POINTS = 4  # exact for the product of two cubics
 ELASTIC_POINTS = 2
-SHARE = 0.04  # of the axial stiffness on the full rule; see Thread.axial_rule
 
 
 class CrossSection(Protocol):
@@ -55,23 +51,56 @@ class CrossSection(Protocol):
     def EI(self) -> float:
         """Bending stiffness [N m²]."""
 
+    @property
+    def GJ(self) -> float:
+        """Torsional stiffness [N m²]."""
 
-@dataclass(frozen=True)
-class Rule:
-    """Gauss points of every span: weights `(spans, g)` [m] and basis derivatives `(spans, g, 4 orders, 4)`."""
-
-    s: Array
-    w: Array
-    b: Array
+    @property
+    def rhoJ(self) -> float:
+        """Polar moment of inertia of the mass per rest length [kg m]."""
 
 
-def gauss_rule(spline: Spline, points: int) -> Rule:
-    """Gauss–Legendre rule with `points` points a span."""
-    x, w = np.polynomial.legendre.leggauss(points)
-    left, right = spline.breaks[:-1, None], spline.breaks[1:, None]
-    s = 0.5 * (left + right) + 0.5 * (right - left) * x
-    _, b = spline.basis(s.ravel())
-    return Rule(s, 0.5 * (right - left) * w, b.reshape(*s.shape, 4, LOCAL))
+class Energy(Protocol):
+    """An elastic energy, as the thread sums it: over groups of `reach` neighbouring control points.
+
+    Of the coordinates of a point it sees the first `seen`. What it needs of an iterate is its own (`at`).
+    """
+
+    @property
+    def first(self) -> Indices:
+        """First control point of each group, shape `(m,)`."""
+
+    @property
+    def reach(self) -> int:
+        """Control points of a group."""
+
+    @property
+    def seen(self) -> int:
+        """Coordinates that it depends on, 3 or 4."""
+
+    def at(self, q: Array, frame: Frame | None) -> Any:
+        """The thread where the energy is taken; `frame` is that of the start of the step."""
+
+    def energy(self, at: Any) -> float:
+        """Energy [J]."""
+
+    def gradient(self, at: Any) -> Array:
+        """Derivative by the control values of each group, shape `(m, reach, seen)`."""
+
+    def tangent(self, at: Any, N: Array) -> Array:
+        """Second derivative, shape `(m, reach, reach, seen, seen)`, at the iterated axial force `N` where it has
+        one."""
+
+
+class AxialEnergy(Energy, Protocol):
+    """An energy of stretch (and of what goes with it), whose axial force Newton iterates on its own."""
+
+    @property
+    def s(self) -> Array:
+        """Abscissae at which the strain is known [m]."""
+
+    def next_axial_force(self, at: Any, dq: Array) -> Array:
+        """N of the next iterate: the solution of its own linearised equation N/EA = ε(q) [N]."""
 
 
 def exact_weights(spline: Spline, s: Array) -> Array:
@@ -91,16 +120,13 @@ def exact_weights(spline: Spline, s: Array) -> Array:
 
 @dataclass(frozen=True)
 class Points:
-    """The curve at the quadrature points of an iterate: what energy, force and tangent share.
+    """The thread of an iterate where its energies are taken: what energy, force and tangent share.
 
-    `T`, `K` (spans, g, 3), first and second derivative of P at the points of the bending [-, 1/m]; `T_axial` (spans, g,
-    3) and `strain` (spans, g) at those of the stretch.
+    `strain` at the abscissae of `Thread.axial.s` [-]; `at`, one an energy.
     """
 
-    T: Array
-    K: Array
-    T_axial: Array
     strain: Array
+    at: tuple[Any, ...]
 
 
 @dataclass(frozen=True)
@@ -108,7 +134,10 @@ class Thread:
     """A spline thread with the section's mass and stiffness.
 
     `bending` False sets EI = 0. `damping` [1/s] is mass-proportional viscosity. `point_masses` (2,) [kg] sit on the
-    start and the end. Energies: ½∫EA ε² ds + ½∫EI κ² ds (§3; straight at rest).
+    start and the end. `twist` adds the angle of the section to the coordinates of a control point, and its torsion.
+    Energies: ½∫EA ε² ds + ½∫EI κ² ds (§3; straight at rest) + ½∫GJ ω² ds; with a number of `springs` those of
+    `thread.springs` instead. `hole_compliance` adds what the spline lacks in compliance where it is held
+    (`thread.compliance`).
     """
 
     spline: Spline
@@ -117,13 +146,31 @@ class Thread:
     damping: float = 0.0
     point_masses: tuple[float, float] = (0.0, 0.0)
     elastic_points: int = ELASTIC_POINTS
-    share: float = SHARE
+    twist: bool = False
+    springs: int | None = None
+    hole_compliance: bool = True
 
     def __post_init__(self) -> None:
         if not self.damping >= 0.0:
             raise ThreadError(f"damping: {self.damping} 1/s; allowed are numbers from 0 on")
         if not min(self.point_masses) >= 0.0:
             raise ThreadError(f"mass of an end: {min(self.point_masses)} kg; allowed are numbers from 0 on")
+        if self.twist and not self.bending:
+            raise ThreadError("twist: a twisted thread without bending stiffness collapses; give it bending")
+        if self.springs is not None and self.springs < self.n - 1:
+            raise ThreadError(
+                f"springs: {self.springs}; {self.n} control points need at least {self.n - 1}, else they move unseen"
+            )
+
+    @property
+    def coordinates(self) -> int:
+        """Coordinates of a control point: x, y, z and, with twist, θ."""
+        return POSITION + self.twist
+
+    @cached_property
+    def lever(self) -> Array:
+        """Lengths by which the coordinates move the thread, shape `(c,)`: 1 for x, y, z, the diameter [m] for θ."""
+        return np.array([1.0, 1.0, 1.0, self.section.diameter][: self.coordinates])
 
     @property
     def n(self) -> int:
@@ -161,7 +208,7 @@ class Thread:
         equilibrium on any knots. The single point is written as two equal ones, to keep one shape for all spans.
 
         Between those points |T| may still fall to nothing, and a hole that imposes a sharp turn would find that out
-        (T·u = 0 holds for T = 0), so the part SHARE of the stiffness sits on the full Gauss rule.
+        (T·u = 0 holds for T = 0): `crushing_energy`, on the rule of the bending, is against it.
         """
         spline, full = self.spline, self.elastic_rule
         breaks, repeats = np.unique(spline.knots, return_counts=True)
@@ -172,24 +219,25 @@ class Thread:
         w = np.zeros(s.shape)
         w[once] = exact_weights(spline, s[once])
         w = np.where(single, w.sum(axis=1, keepdims=True) / s.shape[1], w)
-        s = np.concatenate([full.s[:, :1], s, full.s[:, 1:]], axis=1)
-        w = np.concatenate([self.share * full.w[:, :1], (1.0 - self.share) * w, self.share * full.w[:, 1:]], axis=1)
         _, b = spline.basis(s.ravel())
         return Rule(s, w, b.reshape(*s.shape, LOCAL, LOCAL))
 
     # -- linear parts ------------------------------------------------------------------------------------------
 
     @cached_property
-    def mass_matrix(self) -> csr_matrix:
-        """Consistent mass ∫ρA b_i b_j ds (eq. 3) plus the end masses, shape `(n, n)` [kg]; the same for x, y, z."""
+    def _line_mass(self) -> csr_matrix:
         rule = gauss_rule(self.spline, MASS_POINTS)
         b = rule.b[:, :, 0, :]
         blocks = self.section.rhoA * np.einsum("eg,egi,egj->eij", rule.w, b, b)
         row, column = np.broadcast_arrays(self.points_of_span[:, :, None], self.points_of_span[:, None, :])
-        M = csr_matrix((blocks.ravel(), (row.ravel(), column.ravel())), shape=(self.n, self.n))
+        return csr_matrix((blocks.ravel(), (row.ravel(), column.ravel())), shape=(self.n, self.n))
+
+    @cached_property
+    def mass_matrix(self) -> csr_matrix:
+        """Consistent mass ∫ρA b_i b_j ds (eq. 3) plus the end masses, shape `(n, n)` [kg]; the same for x, y, z."""
         ends = np.zeros(self.n)
         ends[[0, -1]] = self.point_masses
-        return csr_matrix(M + diags_array(ends))
+        return csr_matrix(self._line_mass + diags_array(ends))
 
     @cached_property
     def largest_mass(self) -> float:
@@ -197,13 +245,29 @@ class Thread:
         return float(abs(self.mass_matrix).max())
 
     @cached_property
+    def spin_matrix(self) -> csr_matrix:
+        """∫ρJ b_i b_j ds, the inertia of the sections' spin about the tangent, shape `(n, n)` [kg m²].
+
+        That the spin's axis turns with the thread (a gyroscopic couple) is left out: it is smaller than what the mass
+        itself does by (diameter/wavelength)².
+        """
+        return csr_matrix(self.section.rhoJ / self.section.rhoA * self._line_mass)
+
+    @cached_property
     def mass_band(self) -> Array:
-        """The mass of all three coordinates in banded storage `(34, 3n)` [kg]."""
-        M = self.mass_matrix.tocoo()
-        band = np.zeros((BAND_ROWS, 3 * self.n))
-        for axis in range(3):
-            band[DIAGONAL + 3 * (M.row - M.col), 3 * M.col + axis] = M.data
+        """The inertia of all coordinates in banded storage [kg, of θ kg m²]."""
+        c, h = self.coordinates, self.half_band
+        band = np.zeros((3 * h + 1, c * self.n))
+        for axis in range(c):
+            M = (self.mass_matrix if axis < POSITION else self.spin_matrix).tocoo()
+            band[2 * h + c * (M.row - M.col), c * M.col + axis] = M.data
         return band
+
+    def momentum(self, v: Array) -> Array:
+        """Inertia times control values `v` (n, c), shape `(n, c)`."""
+        if not self.twist:
+            return self.mass_matrix @ v
+        return np.column_stack([self.mass_matrix @ v[:, :POSITION], self.spin_matrix @ v[:, POSITION:]])
 
     @property
     def force_unit(self) -> float:
@@ -211,93 +275,132 @@ class Thread:
         length = self.spline.end - self.spline.start
         return self.EI / length**2 if self.bending else 1e-9 * self.EA
 
-    # -- assembly ----------------------------------------------------------------------------------------------
+    # -- at a hole ---------------------------------------------------------------------------------------------
 
     @cached_property
-    def _band_index(self) -> Indices:
-        dof = 3 * self.points_of_span[:, :, None] + np.arange(3)
-        row, column = dof[:, :, None, :, None], dof[:, None, :, None, :]
-        return np.asarray((DIAGONAL + row - column) * (3 * self.n) + column).ravel()
+    def _patches(self) -> dict[int, tuple[float, float, Array]]:
+        return {}
+
+    def missing_compliance(self, s: Array, b: Array) -> Array:
+        """Compliance that the spline lacks at the abscissae `s` (m,) [m], with its derivatives by s.
+
+        `b` (m, 4, 4): the basis there. Shape `(m, 3 derivatives, 3)`: displacement by force [m/N], rotation by force
+        [1/N], rotation by couple [1/(N m)]. Zero without bending, or without `hole_compliance`.
+        """
+        out = np.zeros((len(s), 3, 3))
+        if self.EI == 0.0 or not self.hole_compliance:
+            return out
+        for k, span in enumerate(self.spline.spans_of(s).tolist()):
+            if span not in self._patches:
+                self._patches[span] = patch_of(self.spline, span)
+            low, high, inverse = self._patches[span]
+            if low < s[k] < high:
+                lack = beam_compliance(s[k] - low, high - low) - spline_compliance(b[k], inverse)
+                out[k] = lack / self.EI
+        return out
+
+    # -- elastic energies --------------------------------------------------------------------------------------
+
+    @cached_property
+    def spring_layout(self) -> Layout | None:
+        """Where the springs stand, None where the energies are continuous."""
+        return None if self.springs is None else spread(self.spline, self.springs)
+
+    @cached_property
+    def axial(self) -> AxialEnergy:
+        """The energy of stretch and bending."""
+        if self.spring_layout is not None:
+            return Springs(self.spring_layout, self.EA, self.EI)
+        return Continuous(self.spline.first, self.elastic_rule, self.axial_rule, self.EA, self.EI)
+
+    @cached_property
+    def stations(self) -> Stations:
+        """Where the twist is taken."""
+        if self.spring_layout is not None:
+            return self.spring_layout.stations
+        return gauss_stations(self.spline, self.elastic_rule)
+
+    @cached_property
+    def energies(self) -> tuple[Energy, ...]:
+        """All that the thread's elastic energy is the sum of."""
+        return (self.axial, Torsion(self.stations, self.section.GJ)) if self.twist else (self.axial,)
+
+    @cached_property
+    def half_band(self) -> int:
+        """Diagonals each side of the main one of the thread's matrices."""
+        reach = max(LOCAL, *(energy.reach for energy in self.energies))
+        return self.coordinates * reach - 1
+
+    @cached_property
+    def _elements(self) -> tuple[Elements, ...]:
+        return tuple(self.elements(energy.first, energy.reach, energy.seen) for energy in self.energies)
+
+    def elements(self, first: Indices, reach: int, seen: int) -> Elements:
+        """Groups of control points, and where what is theirs goes in the thread's vectors and matrices."""
+        return Elements(first, reach, seen, self.n, self.coordinates, self.half_band)
 
     def band_at(self, first: Indices, blocks: Array) -> Array:
-        """Sum matrices on the four points from `first` (m,) on, `(m, 4, 4, 3, 3)`, into banded storage."""
-        dof = 3 * (first[:, None, None] + np.arange(LOCAL)[:, None]) + np.arange(3)
-        row, column = dof[:, :, None, :, None], dof[:, None, :, None, :]
-        band = np.zeros((BAND_ROWS, 3 * self.n))
-        np.add.at(band, (DIAGONAL + row - column, np.broadcast_to(column, blocks.shape)), blocks)
-        return band
-
-    def band(self, blocks: Array) -> Array:
-        """Sum span matrices `(spans, 4, 4, 3, 3)` into banded storage `(34, 3n)`."""
-        size = BAND_ROWS * 3 * self.n
-        return np.bincount(self._band_index, blocks.ravel(), size).astype(np.float64, copy=False).reshape(BAND_ROWS, -1)
-
-    @cached_property
-    def _vector_index(self) -> Indices:
-        return np.asarray(3 * self.points_of_span[:, :, None] + np.arange(3)).ravel()
+        """Sum matrices on the places of the four points from `first` (m,) on, (m, 4, 4, 3, 3), into banded storage."""
+        return self.elements(first, LOCAL, POSITION).band(blocks)
 
     def vector(self, blocks: Array) -> Array:
-        """Sum span vectors `(spans, 4, 3)` into control-point values `(n, 3)`."""
-        return np.bincount(self._vector_index, blocks.ravel(), 3 * self.n).astype(np.float64, copy=False).reshape(-1, 3)
+        """Sum span vectors on the places, `(spans, 4, 3)`, into control values `(n, c)`."""
+        return self.elements(self.spline.first, LOCAL, POSITION).vector(blocks)
 
-    @cached_property
-    def _evaluation(self) -> Array:
-        """Rows from the four points of a span to T and T' of the bending and T of the stretch, `(spans, 3g, 4)`."""
-        bending, axial = self.elastic_rule.b, self.axial_rule.b
-        return np.concatenate([bending[:, :, 1], bending[:, :, 2], axial[:, :, 1]], axis=1)
-
-    @cached_property
-    def _force_map(self) -> Array:
-        """Transposed, weighted evaluation: point values of the stress to span forces, `(spans, 4, 3g)`."""
-        w = np.concatenate([self.elastic_rule.w, self.elastic_rule.w, self.axial_rule.w], axis=1)
-        return np.ascontiguousarray((self._evaluation * w[:, :, None]).swapaxes(1, 2))
-
-    @cached_property
-    def _tangent_map(self) -> Array:
-        """Weighted b_i b_j that carry point Hessians (TT, TK, KT, KK, axial) to span matrices, `(spans, 16, 5g)`."""
-        w, d1, d2 = self.elastic_rule.w, self.elastic_rule.b[:, :, 1], self.elastic_rule.b[:, :, 2]
-        axial, w_axial = self.axial_rule.b[:, :, 1], self.axial_rule.w
-        products = ((w, d1, d1), (w, d1, d2), (w, d2, d1), (w, d2, d2), (w_axial, axial, axial))
-        maps = [np.einsum("eg,egi,egj->eijg", *product) for product in products]
-        return np.ascontiguousarray(np.concatenate(maps, axis=-1).reshape(len(w), LOCAL * LOCAL, -1))
-
-    # -- nonlinear parts ---------------------------------------------------------------------------------------
-
-    def points(self, q: Array) -> Points:
-        """Evaluate the curve at the quadrature points."""
-        values, g = self._evaluation @ q[self.points_of_span], self.elastic_points
-        T_axial = values[:, 2 * g :]
-        return Points(values[:, :g], values[:, g : 2 * g], T_axial, axial_strain(T_axial))
+    def points(self, q: Array, frame: Frame | None = None) -> Points:
+        """Evaluate the thread where its energies are taken. A thread with twist asks for the `frame` it is measured
+        from: that of the start of the step."""
+        at = tuple(energy.at(q, frame) for energy in self.energies)
+        return Points(at[0].strain, at)
 
     def energy(self, points: Points) -> float:
         """Elastic energy [J]."""
-        stretch = self.EA * np.sum(self.axial_rule.w * points.strain**2)
-        bend = self.EI * np.sum(self.elastic_rule.w * curvature_squared(points.T, points.K))
-        return float(0.5 * (stretch + bend))
+        return sum(energy.energy(at) for energy, at in zip(self.energies, points.at, strict=True))
 
     def gradient(self, points: Points) -> Array:
-        """Derivative of the elastic energy by the control points, shape `(n, 3)` [N]."""
-        d_T, d_K = curvature_squared_gradient(points.T, points.K)
-        half = 0.5 * self.EI
-        axial = self.EA * points.strain[..., None] * points.T_axial
-        return self.vector(self._force_map @ np.concatenate([half * d_T, half * d_K, axial], axis=1))
+        """Derivative of the elastic energy by the control values, shape `(n, c)` [N, with twist N m]."""
+        parts = zip(self._elements, self.energies, points.at, strict=True)
+        return summed([elements.vector(energy.gradient(at)) for elements, energy, at in parts])
 
     def tangent(self, points: Points, N: Array) -> Array:
-        """Second derivative of the elastic energy, banded `(34, 3n)` [N/m].
+        """Second derivative of the elastic energy, banded.
 
-        `N` (spans, g) [N] is the axial force at the points of the stretch: `EA * points.strain` for the exact Hessian,
-        the iterated force for the mixed-integration-point Newton.
+        `N` [N] is the axial force where the strain is known: `EA * points.strain` for the exact Hessian, the iterated
+        force for the mixed-integration-point Newton.
         """
-        spans, g = len(N), self.elastic_points
-        H = np.empty((spans, 4 * g + N.shape[1], 3, 3))
-        bending = H[:, : 4 * g].reshape(spans, 4, g, 3, 3)
-        bending[:, 0], bending[:, 1], bending[:, 3] = curvature_squared_hessian(points.T, points.K)
-        bending[:, 2] = bending[:, 1].swapaxes(-1, -2)
-        bending *= 0.5 * self.EI
-        H[:, 4 * g :] = axial_stiffness(points.T_axial, N, self.EA)
-        return self.band((self._tangent_map @ H.reshape(spans, -1, 9)).reshape(-1, LOCAL, LOCAL, 3, 3))
+        parts = zip(self._elements, self.energies, points.at, strict=True)
+        return summed([elements.band(energy.tangent(at, N)) for elements, energy, at in parts])
 
     def next_axial_force(self, points: Points, dq: Array) -> Array:
         """N of the next iterate, EA (ε + T·δT): the solution of its own linearised equation N/EA = ε(q) [N]."""
-        d_T = self._evaluation[:, 2 * self.elastic_points :] @ dq[self.points_of_span]
-        return self.EA * (points.strain + dot(points.T_axial, d_T))
+        return self.axial.next_axial_force(points.at[0], dq)
+
+    # -- twist -------------------------------------------------------------------------------------------------
+
+    def untwisted(self, q: Array) -> Frame | None:
+        """The frame of the thread `q` laid without twist; None where it has no twist at all."""
+        if not self.twist:
+            return None
+        along = np.abs(self.spline.curve(q[:, :POSITION], [self.spline.start])[0, 1])
+        return untwisted(self.spline, self.stations, q, np.eye(POSITION)[np.argmin(along)])
+
+    def carried(self, frame: Frame | None, q: Array) -> Frame | None:
+        """The frame after the thread has gone to `q`."""
+        return None if frame is None else carried(self.stations, frame, q)
+
+    def turned_too_far(self, frame: Frame | None, q: Array) -> bool:
+        """Whether a tangent has turned too far for the frame to follow."""
+        return frame is not None and turned_too_far(frame, self.stations.curve(q)[0])
+
+    def torque(self, q: Array, frame: Frame) -> Array:
+        """GJ ω about the tangent at the stations, positive where it twists the thread right-handed [N m]."""
+        return self.section.GJ * evaluated(self.stations, q, frame).omega
+
+    def torque_at(self, s: Array, q: Array, frame: Frame) -> Array:
+        """The torque at abscissae `s` (m,), interpolated between the stations, where it is best [N m]."""
+        return np.interp(s, self.stations.s.ravel(), self.torque(q, frame).ravel())
+
+
+def summed(parts: list[Array]) -> Array:
+    """Sum of arrays; a single one is returned as it is."""
+    return parts[0] if len(parts) == 1 else np.sum(parts, axis=0)

@@ -1,0 +1,68 @@
+"""Banded storage of the thread's matrices, as LAPACK's `gbtrf` wants it, and the sums that fill it.
+
+The unknown c i + a is coordinate a of control point i, c the number of coordinates of a point. With h diagonals each
+side the storage has 3h + 1 rows: `gbtrf` keeps room for the fill of row exchanges above the band.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from thread.spline import Array, Indices
+
+
+def half_band_of(band: Array) -> int:
+    """Diagonals each side of the main one of a matrix in this storage."""
+    return (len(band) - 1) // 3
+
+
+def diagonal_of(band: Array) -> int:
+    """Row of the storage that holds the main diagonal."""
+    return 2 * half_band_of(band)
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Groups of `reach` neighbouring control points, from `first` (m,) on, and where what is theirs goes in the thread.
+
+    `n` points of `coordinates` each, of which an element sees the first `seen`; `half_band` of the storage.
+    """
+
+    first: Indices
+    reach: int
+    seen: int
+    n: int
+    coordinates: int
+    half_band: int
+
+    @cached_property
+    def points(self) -> Indices:
+        """Control points of each element, shape `(m, reach)`."""
+        return self.first[:, None] + np.arange(self.reach)
+
+    @cached_property
+    def unknowns(self) -> Indices:
+        """Unknowns of each element, shape `(m, reach, seen)`."""
+        return np.asarray(self.coordinates * self.points[:, :, None] + np.arange(self.seen))
+
+    @cached_property
+    def _vector_index(self) -> Indices:
+        return self.unknowns.ravel()
+
+    @cached_property
+    def _band_index(self) -> Indices:
+        row, column = self.unknowns[:, :, None, :, None], self.unknowns[:, None, :, None, :]
+        return np.asarray((2 * self.half_band + row - column) * (self.coordinates * self.n) + column).ravel()
+
+    def vector(self, blocks: Array) -> Array:
+        """Sum vectors of the elements `(m, reach, seen)` into control-point values `(n, coordinates)`."""
+        size = self.coordinates * self.n
+        summed = np.bincount(self._vector_index, blocks.ravel(), size)
+        return summed.astype(np.float64, copy=False).reshape(self.n, -1)
+
+    def band(self, blocks: Array) -> Array:
+        """Sum matrices of the elements `(m, reach, reach, seen, seen)` into banded storage."""
+        rows = 3 * self.half_band + 1
+        summed = np.bincount(self._band_index, blocks.ravel(), rows * self.coordinates * self.n)
+        return summed.astype(np.float64, copy=False).reshape(rows, -1)
