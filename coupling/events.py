@@ -272,8 +272,10 @@ def drawn_in(system: System, state: State, k: int, dt: float) -> State:
     except StepError as error:
         raise FormingError(state.time, system.piercings[k].name, f"the thread cannot be drawn in ({error})") from error
     z = solution.iterate
-    f_y = site_force(solution.residual.passage, z.lam, z.y)[: len(system.piercings)].ravel()
-    organ = jumping(system).moved(state.organ, operator, f_y)
+    # By the change alone: the organ's own forces are still those of holes that ended at this very moment.
+    forces = site_force(passage(system.thread, state.q, state.s), state.lam, state.y)
+    change = (site_force(solution.residual.passage, z.lam, z.y) - forces)[: len(system.piercings)].ravel()
+    organ = jumping(system).moved(state.organ, operator, state.organ.f_y + change)
     lam = np.where(problem.rows, z.lam, 0.0)
     frame = system.thread.carried(state.frame, z.q)
     return replace(state, q=z.q, N=z.N, s=z.s, lam=lam, y=z.y, organ=organ, frame=frame)

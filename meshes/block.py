@@ -47,66 +47,63 @@ FACES = {
     "top": (2, True),
 }
 
+Planes = tuple[Sequence[float], Sequence[float], Sequence[float]]  # coordinates that facets follow, by axis [m]
+NO_PLANES: Planes = ((), (), ())
+ON_PLANE = 1e-9  # of the block's size: nodes this near a plane lie in it; gmsh places them to 1e-16
 
-def block(size: Sequence[float], h: float) -> skfem.MeshTet:
+
+def block(size: Sequence[float], h: float, planes: Planes = NO_PLANES) -> skfem.MeshTet:
     """Uniform structured block: size `(3,)` [m], cell edges at most `h` [m]; even counts, so at least two
     cells a side.
 
     Raises `MeshError` when a size or `h` is not positive and finite.
     """
-    lower, upper = extent(size)
-    positive("h", h)
-    return _tensor_mesh([np.linspace(a, b, 1 + even((b - a) / h)) for a, b in zip(lower, upper, strict=True)])
+    return graded_block_structured(size, Grading(h, h), planes=planes)
 
 
 def graded_block_structured(
-    size: Sequence[float],
-    h: float,
-    h_site: float,
-    sites: ArrayLike,
-    growth: float = 1.3,
-    radius: float = 0.0,
+    size: Sequence[float], grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
 ) -> skfem.MeshTet:
-    """Structured block whose grid lines pass through the sites, shape `(p, 3)` [m], spaced `h_site` there
-    and `h` far off [m].
+    """Structured block whose grid lines pass through the sites, shape `(p, 3)` [m], and along the planes.
 
-    Spacing is `h_site` within `radius` [m] of a site's coordinate and grows by at most `growth` from line
-    to line (a little more across a site, where two intervals meet). Being a tensor grid it is fine along
-    the whole planes through a site, not near it alone. Coordinates of sites closer than `h_site`/2 to each
-    other or to a face share a line. Same input, same arrays.
+    Spacing is that of `grading` in each coordinate (a little more across a site, where two intervals meet; less
+    between planes, where at least two cells lie). Being a tensor grid it is fine along the whole planes through a
+    site, not near it alone. Coordinates of sites closer than `h_site`/2 to each other or to a face share a line.
+    Same input, same arrays.
 
     Raises `MeshError` for impossible numbers and for a site outside the block.
     """
-    grading = Grading(h, h_site, growth, radius)
+    lower, upper = extent(size)
+    lines = block_lines(size, grading, sites, planes)
+    return with_faces(bare_mesh(grid_points(lines), split(lines)), lower, upper)
+
+
+def block_lines(size: Sequence[float], grading: Grading, sites: ArrayLike, planes: Planes) -> list[Array]:
+    """Grid coordinates along x, y and z of the structured block [m]."""
     lower, upper = extent(size)
     points = sites_within(sites, lower, upper)
-    return _tensor_mesh([graded_lines(lower[k], upper[k], points[:, k], grading) for k in range(3)])
+    return [graded_lines(lower[k], upper[k], points[:, k], grading, planes[k]) for k in range(3)]
+
+
+def structured_tets(size: Sequence[float], grading: Grading, sites: ArrayLike, planes: Planes = NO_PLANES) -> int:
+    """Number of tetrahedra of the structured block, without making them."""
+    return 5 * int(np.prod([float(len(line) - 1) for line in block_lines(size, grading, sites, planes)]))
 
 
 def graded_block_gmsh(
-    size: Sequence[float],
-    h: float,
-    h_site: float,
-    sites: ArrayLike,
-    growth: float = 1.3,
-    radius: float = 0.0,
+    size: Sequence[float], grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
 ) -> skfem.MeshTet:
-    """Unstructured block by gmsh, element size `h_site` within `radius` [m] of each site, shape `(p, 3)`
-    [m], and `h` far off [m].
-
-    The size grows linearly with the distance, by ln(growth) per metre, that is by about `growth` from
-    element to element.
+    """Unstructured block by gmsh, element size by the distance to the nearest site, shape `(p, 3)` [m], facets
+    along the planes.
 
     Raises `MeshError` for impossible numbers, for a site outside the block, and where gmsh cannot load.
     """
-    grading = Grading(h, h_site, growth, radius)
     lower, upper = extent(size)
     points = sites_within(sites, lower, upper)
     with session() as gmsh:
-        gmsh.model.occ.addBox(*lower, *(upper - lower))
+        add_box(gmsh, lower, upper, planes)
         gmsh.model.occ.synchronize()
-        _name_faces(gmsh, lower, upper)
-        return generate(gmsh, grading, points)
+        return with_faces(generate(gmsh, grading, points), lower, upper)
 
 
 def extent(size: Sequence[float]) -> tuple[Array, Array]:
@@ -133,23 +130,25 @@ def even(cells: float) -> int:
     return 2 * max(1, int(np.ceil(cells / 2 - 1e-9)))
 
 
-def graded_lines(lower: float, upper: float, sites: Array, grading: Grading) -> Array:
-    """Grid coordinates from `lower` to `upper` [m], graded toward the sites' coordinates, shape `(p,)`."""
-    stations = _stations(lower, upper, sites, grading.h_site)
-    if not len(stations):
-        return np.linspace(lower, upper, 1 + even((upper - lower) / grading.h))
-    pieces = [
-        *([stations[0] - _outward(stations[0] - lower, grading)[::-1]] if stations[0] > lower else []),
-        *(a + _between(b - a, grading) for a, b in pairwise(stations)),
-        *([stations[-1] + _outward(upper - stations[-1], grading)] if stations[-1] < upper else []),
-    ]
-    return np.concatenate([*(piece[:-1] for piece in pieces), [upper]])
-
-
-def _stations(lower: float, upper: float, sites: Array, h_site: float) -> Array:
-    """Coordinates a grid line must pass through: sites, those within h_site/2 of one another or of an end
-    merged.
+def graded_lines(lower: float, upper: float, sites: Array, grading: Grading, planes: Sequence[float] = ()) -> Array:
+    """Grid coordinates from `lower` to `upper` [m] through the planes', graded toward the sites' coordinates,
+    shape `(p,)`; an even number of cells between planes and sites.
     """
+    fixed = np.unique([lower, *inner(planes, lower, upper), upper])
+    stations = _stations(fixed, sites, grading.h_site)
+    stops = np.union1d(fixed, stations)
+    return np.concatenate([*(_spaced(a, b, stations, grading)[:-1] for a, b in pairwise(stops)), [upper]])
+
+
+def inner(planes: Sequence[float], lower: float, upper: float) -> Array:
+    """The coordinates that lie between two ends by more than round-off, sorted [m]."""
+    places = np.unique(np.asarray(planes, dtype=float))
+    slack = ON_PLANE * (upper - lower)
+    return places[(places > lower + slack) & (places < upper - slack)]
+
+
+def _stations(fixed: Array, sites: Array, h_site: float) -> Array:
+    """Coordinates of the sites, those within h_site/2 of one another or of a `fixed` line merged."""
     groups: list[list[float]] = []
     for x in np.unique(sites):
         if groups and x - groups[-1][0] <= h_site / 2:
@@ -157,60 +156,84 @@ def _stations(lower: float, upper: float, sites: Array, h_site: float) -> Array:
         else:
             groups.append([float(x)])
     middles = np.array([(group[0] + group[-1]) / 2 for group in groups])
-    middles[middles - lower <= h_site / 2] = lower
-    middles[upper - middles <= h_site / 2] = upper
-    return np.unique(middles)
+    nearest = fixed[np.abs(middles[:, None] - fixed).argmin(axis=1)] if len(middles) else middles
+    return np.unique(np.where(np.abs(middles - nearest) <= h_site / 2, nearest, middles))
 
 
-def _outward(length: float, grading: Grading) -> Array:
-    """Distances from a site to an end, from 0 to `length` [m]."""
-    total = float(grading.cells(length))
-    distances = grading.distance(np.linspace(0.0, total, 1 + even(total)))
-    distances[-1] = length
-    return distances
+def _spaced(a: float, b: float, stations: Array, grading: Grading) -> Array:
+    """Coordinates from `a` to `b` [m], between which no station lies, spaced by the distance to the nearest one."""
+    if not len(stations):
+        return np.linspace(a, b, 1 + even((b - a) / grading.h))
+    left = max(stations[stations <= a], default=-np.inf)
+    right = min(stations[stations >= b], default=np.inf)
+    middle = float(np.clip((left + right) / 2, a, b)) if np.isfinite(left + right) else (b if right == np.inf else a)
+    begun, ended = (float(grading.cells(d)) if np.isfinite(d) else 0.0 for d in (a - left, right - b))
+    from_left = float(grading.cells(middle - left)) - begun if middle > a else 0.0
+    from_right = float(grading.cells(right - middle)) - ended if middle < b else 0.0
+    n = np.linspace(0.0, from_left + from_right, 1 + even(from_left + from_right))
+    rising = left + grading.distance(begun + n) if from_left else np.full(len(n), a)
+    falling = right - grading.distance(ended + n[::-1]) if from_right else np.full(len(n), b)
+    lines = np.where(n <= from_left, rising, falling)
+    lines[0], lines[-1] = a, b
+    return lines
 
 
-def _between(length: float, grading: Grading) -> Array:
-    """Distances from one site to the next, from 0 to `length` [m], symmetric about the middle."""
-    half = _half(length / 2, grading)
-    return np.concatenate([half, length - half[-2::-1]])
+def grid_points(lines: list[Array]) -> Array:
+    """Nodes of the tensor grid of three coordinate lists, shape `(nx ny nz, 3)` [m], z fastest."""
+    return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def _half(length: float, grading: Grading) -> Array:
-    total = float(grading.cells(length))
-    distances = grading.distance(np.linspace(0.0, total, 1 + even(2 * total) // 2))
-    distances[-1] = length
-    return distances
+def split(lines: list[Array], mirrored: bool = False) -> NDArray[np.int64]:
+    """Five tetrahedra per cell of a tensor grid, shape `(5 cells, 4)`.
 
-
-def _tensor_mesh(lines: list[Array]) -> skfem.MeshTet:
-    """Mesh of the tensor grid of three coordinate lists, its six faces named."""
-    points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
-    mesh = bare_mesh(points, _split([len(line) for line in lines]))
-    return mesh.with_boundaries(_faces(mesh, [(line[0], line[-1]) for line in lines]))
-
-
-def _split(nodes: list[int]) -> NDArray[np.int64]:
-    """Five tetrahedra per cell of a grid of `(nx, ny, nz)` nodes, shape `(5 cells, 4)`."""
+    Diagonals join the nodes whose three indices have an even sum, or where `mirrored` the others.
+    """
+    nodes = tuple(len(line) for line in lines)
     cells = np.stack(np.meshgrid(*(np.arange(n - 1) for n in nodes), indexing="ij"), axis=-1).reshape(-1, 1, 1, 3)
-    odd = cells.sum(axis=-1, keepdims=True) % 2 == 1
+    odd = (cells.sum(axis=-1, keepdims=True) + mirrored) % 2 == 1
     corners = cells + np.where(odd, np.array(ODD_SPLIT), np.array(EVEN_SPLIT))
-    tets = np.ravel_multi_index(tuple(np.moveaxis(corners, -1, 0)), tuple(nodes))
+    tets = np.ravel_multi_index(tuple(np.moveaxis(corners, -1, 0)), nodes)
     return np.asarray(tets, dtype=np.int64).reshape(-1, 4)
 
 
-def _faces(mesh: skfem.MeshTet, ends: list[tuple[float, float]]) -> dict[str, NDArray[np.integer]]:
-    """Boundary facets on each face of the grid; end coordinates are exact, so equality is meant."""
+def with_faces(mesh: skfem.MeshTet, lower: Array, upper: Array) -> skfem.MeshTet:
+    """The mesh with the boundary facets on each of the block's faces named."""
     facets = mesh.boundary_facets()
     corners = mesh.p[:, mesh.facets[:, facets]]
-    return {name: facets[(corners[axis] == ends[axis][upper]).all(axis=0)] for name, (axis, upper) in FACES.items()}
+    slack = ON_PLANE * float(np.max(upper - lower))
+    named = {
+        name: facets[(np.abs(corners[axis] - (upper if at_upper else lower)[axis]) <= slack).all(axis=0)]
+        for name, (axis, at_upper) in FACES.items()
+    }
+    return mesh.with_boundaries(named)
 
 
-def _name_faces(gmsh: Any, lower: Array, upper: Array) -> None:
-    """Physical groups for the six faces of the only box in the gmsh model, by their centres."""
-    gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)], name="block")
-    centres = {tag: np.array(gmsh.model.occ.getCenterOfMass(2, tag)) for _, tag in gmsh.model.getEntities(2)}
-    for name, (axis, at_upper) in FACES.items():
-        target = (upper if at_upper else lower)[axis]
-        tag = min(centres, key=lambda t: abs(centres[t][axis] - target))
-        gmsh.model.addPhysicalGroup(2, [tag], name=name)
+def add_box(gmsh: Any, lower: Array, upper: Array, planes: Planes) -> None:
+    """A box in the gmsh model, cut along planes so that facets follow them."""
+    box = gmsh.model.occ.addBox(*lower, *(upper - lower))
+    cuts = [
+        add_polygon(gmsh, _rectangle(lower, upper, axis, place))
+        for axis in range(3)
+        for place in inner(planes[axis], lower[axis], upper[axis])
+    ]
+    if cuts:
+        gmsh.model.occ.fragment([(3, box)], [(2, cut) for cut in cuts])
+
+
+def add_polygon(gmsh: Any, corners: Sequence[Sequence[float]]) -> int:
+    """A plane polygon in the gmsh model, corners of shape `(k, 3)` [m] in turn; its tag."""
+    points = [gmsh.model.occ.addPoint(*corner) for corner in corners]
+    lines = [gmsh.model.occ.addLine(a, b) for a, b in pairwise([*points, points[0]])]
+    return int(gmsh.model.occ.addPlaneSurface([gmsh.model.occ.addCurveLoop(lines)]))
+
+
+def _rectangle(lower: Array, upper: Array, axis: int, place: float) -> list[list[float]]:
+    """Section of the box across an axis at a coordinate, four corners in turn."""
+    first, second = (k for k in range(3) if k != axis)
+    corners = []
+    for low_first, low_second in ((True, True), (False, True), (False, False), (True, False)):
+        corner = [place] * 3
+        corner[first] = float((lower if low_first else upper)[first])
+        corner[second] = float((lower if low_second else upper)[second])
+        corners.append(corner)
+    return corners

@@ -20,8 +20,14 @@ FLAT = 1e-9
 COINCIDENT = 1e-9
 
 
-def check(points: Array, tets: Tets) -> None:
+NO_TWINS = np.empty((0, 2), dtype=np.int64)
+
+
+def check(points: Array, tets: Tets, twins: Tets = NO_TWINS, parts: int = 1) -> None:
     """Refuse anything but a sound volume mesh: points of shape `(n, 3)`, tets `(m, 4)`.
+
+    `twins` `(k, 2)` are pairs of nodes meant to lie at one place, those of a closed cut's two lips; `parts` is the
+    number of separate bodies meant.
 
     Raises `MeshError` naming the fault: no tetrahedra, coordinates not finite, indices out of range, unused
     or duplicate nodes, degenerate or inverted tetrahedra, tetrahedra that overlap, parts that hang together
@@ -31,10 +37,10 @@ def check(points: Array, tets: Tets) -> None:
     _check_finite(points)
     _check_indices(points, tets)
     _check_used(points, tets)
-    _check_distinct(points)
+    _check_distinct(points, twins)
     _check_orientation(points, tets)
     _check_facets(points, tets)
-    _check_connected(points, tets)
+    _check_connected(points, tets, parts)
 
 
 def volumes(points: Array, tets: Tets) -> Array:
@@ -83,11 +89,12 @@ def _check_used(points: Array, tets: Tets) -> None:
         )
 
 
-def _check_distinct(points: Array) -> None:
+def _check_distinct(points: Array, twins: Tets) -> None:
     reach = COINCIDENT * float(np.linalg.norm(np.ptp(points, axis=0)))
-    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
-    if len(pairs):
-        first = min((int(i), int(j)) for i, j in pairs)
+    pairs = cKDTree(points).query_pairs(reach)
+    pairs -= {(int(min(pair)), int(max(pair))) for pair in twins}
+    if pairs:
+        first = min(pairs)
         raise MeshError(
             f"{len(pairs)} pairs of nodes lie at the same place (the first: {first[0]} and {first[1]}): merge them"
         )
@@ -125,13 +132,19 @@ def _check_facets(points: Array, tets: Tets) -> None:
         )
 
 
-def _check_connected(points: Array, tets: Tets) -> None:
-    parts, labels = connected_components(_neighbours(points, tets), directed=False)
-    if parts > 1:
+def _check_connected(points: Array, tets: Tets, meant: int) -> None:
+    labels = parts(points, tets)
+    found = int(labels.max()) + 1
+    if found > meant:
         sizes = np.sort(np.bincount(labels))[::-1]
         raise MeshError(
-            f"it falls into {parts} parts that share no facet, of {_few(sizes)} tetrahedra: keep one, or join them"
+            f"it falls into {found} parts that share no facet, of {_few(sizes)} tetrahedra: keep one, or join them"
         )
+
+
+def parts(points: Array, tets: Tets) -> NDArray[np.integer]:
+    """Number of the body each tetrahedron belongs to, from 0, shape `(m,)`; bodies share no facet."""
+    return np.asarray(connected_components(_neighbours(points, tets), directed=False)[1])
 
 
 def _neighbours(points: Array, tets: Tets) -> coo_array:

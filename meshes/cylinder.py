@@ -1,26 +1,22 @@
-"""Solid round bars along x, centred at the origin, boundaries left right side. Needs gmsh."""
+"""Round bars and tubes along x, centred at the origin. Need gmsh."""
 
+from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import skfem
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from meshes.errors import MeshError
 from meshes.gmsh_session import generate, session
 from meshes.grading import Grading, positive, site_points
 
+Array = NDArray[np.float64]
 
-def cylinder(
-    radius: float,
-    length: float,
-    h: float,
-    h_site: float | None = None,
-    sites: ArrayLike = (),
-    growth: float = 1.3,
-    site_radius: float = 0.0,
-) -> skfem.MeshTet:
-    """Cylinder y² + z² ≤ radius², |x| ≤ length/2 [m], element size `h`, and `h_site` within `site_radius`
-    of each site, shape `(p, 3)` [m].
+
+def cylinder(radius: float, length: float, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
+    """Cylinder y² + z² ≤ radius², |x| ≤ length/2 [m], graded toward the sites, shape `(p, 3)` [m]; boundaries left
+    right side.
 
     left is x = −length/2, right x = +length/2. The side is made of flat facets whose corners lie on the
     true surface: their middles lie up to h²/(8 radius) inside it.
@@ -29,28 +25,56 @@ def cylinder(
     """
     positive("radius", radius)
     positive("length", length)
-    grading = Grading(h, h if h_site is None else h_site, growth, site_radius)
-    points = site_points(sites)
-    for site in points:
-        _check_inside(site, radius, length)
+    points = _sites_within(sites, 0.0, radius, length)
     with session() as gmsh:
         gmsh.model.occ.addCylinder(-length / 2, 0.0, 0.0, length, 0.0, 0.0, radius)
         gmsh.model.occ.synchronize()
-        _name_faces(gmsh, length)
-        return generate(gmsh, grading, points)
+        return _with_faces(generate(gmsh, grading, points), length, {"side": radius})
 
 
-def _check_inside(site: Any, radius: float, length: float) -> None:
+def tube(radius: float, wall: float, length: float, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
+    """Tube (radius − wall)² ≤ y² + z² ≤ radius², |x| ≤ length/2 [m], graded toward the sites, shape `(p, 3)` [m];
+    boundaries left right inner outer.
+
+    Both walls are made of flat facets with corners on the true surfaces. Raises `MeshError` as `cylinder` does, and
+    for a wall that is not thinner than the radius.
+    """
+    positive("radius", radius)
+    positive("length", length)
+    if positive("wall", wall) >= radius:
+        raise MeshError(f"wall = {wall!r} must be thinner than radius = {radius!r}: for a solid bar take the cylinder")
+    points = _sites_within(sites, radius - wall, radius, length)
+    with session() as gmsh:
+        outer, bore = (
+            gmsh.model.occ.addCylinder(-length / 2, 0.0, 0.0, length, 0.0, 0.0, r) for r in (radius, radius - wall)
+        )
+        gmsh.model.occ.cut([(3, outer)], [(3, bore)])
+        gmsh.model.occ.synchronize()
+        return _with_faces(generate(gmsh, grading, points), length, {"inner": radius - wall, "outer": radius})
+
+
+def _sites_within(sites: ArrayLike, inner: float, radius: float, length: float) -> Array:
+    """Sites, shape `(p, 3)` [m], or `MeshError` for one outside by more than round-off."""
+    points = site_points(sites)
     slack = 1e-9 * max(radius, length)
-    x, y, z = site
-    if abs(x) > length / 2 + slack or (y * y + z * z) ** 0.5 > radius + slack:
-        raise MeshError(f"site {site.tolist()} is outside the cylinder of radius {radius} and length {length} [m]")
+    across = np.hypot(points[:, 1], points[:, 2])
+    away = (np.abs(points[:, 0]) > length / 2 + slack) | (across > radius + slack) | (across < inner - slack)
+    for site in points[away]:
+        shape = f"tube of inner radius {inner:.6g}" if inner else "cylinder"
+        raise MeshError(f"site {site.tolist()} is outside the {shape}, radius {radius} and length {length} [m]")
+    return points
 
 
-def _name_faces(gmsh: Any, length: float) -> None:
-    """Physical groups for the three faces of the only cylinder in the gmsh model, by their centres."""
-    gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)], name="cylinder")
-    centres = {tag: gmsh.model.occ.getCenterOfMass(2, tag)[0] / length for _, tag in gmsh.model.getEntities(2)}
-    for name, place in (("left", -0.5), ("side", 0.0), ("right", 0.5)):
-        tag = min(centres, key=lambda t: abs(centres[t] - place))
-        gmsh.model.addPhysicalGroup(2, [tag], name=name)
+def _with_faces(mesh: skfem.MeshTet, length: float, walls: Mapping[str, float]) -> skfem.MeshTet:
+    """The mesh with its ends, left and right, and its round walls (name → radius) named."""
+    facets = mesh.boundary_facets()
+    corners: Any = mesh.p[:, mesh.facets[:, facets]]
+    slack = 1e-9 * length
+    ends = {
+        name: np.abs(corners[0] - x).max(axis=0) <= slack for name, x in (("left", -length / 2), ("right", length / 2))
+    }
+    across = np.hypot(corners[1], corners[2])
+    side = ~(ends["left"] | ends["right"])
+    nearest = np.abs(across.mean(axis=0) - np.array(list(walls.values()))[:, None]).argmin(axis=0)
+    round_walls = {name: side & (nearest == k) for k, name in enumerate(walls)}
+    return mesh.with_boundaries({name: facets[chosen] for name, chosen in (ends | round_walls).items()})

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from meshes.errors import MeshError
 
+Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 # The four facets of a tetrahedron (0, 1, 2, 3), by the vertex they leave out.
@@ -44,3 +45,25 @@ def facet_indices(mesh: skfem.MeshTet, triangles: NDArray[np.integer]) -> Indice
             "any tetrahedron: mesh surface and volume together"
         )
     return np.unique(found)
+
+
+def sharp_edges(mesh: skfem.MeshTet, degrees: float) -> Array:
+    """Edges of the surface across which its outward normal turns by more than an angle, ends `(k, 2, 3)` [m]."""
+    facets = mesh.boundary_facets()
+    corners = mesh.facets[:, facets].T
+    normals = outward_normals(mesh, facets)
+    edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    order = np.lexsort(edges.T)
+    same = (edges[order[:-1]] == edges[order[1:]]).all(axis=1)
+    one, other = order[:-1][same] // 3, order[1:][same] // 3
+    turned = np.sum(normals[one] * normals[other], axis=1) < np.cos(np.radians(degrees))
+    return np.asarray(mesh.p.T[edges[order[:-1][same][turned]]])
+
+
+def outward_normals(mesh: skfem.MeshTet, facets: NDArray[np.integer]) -> Array:
+    """Unit normals of surface facets away from the cell behind them, shape `(k, 3)`."""
+    a, b, c = np.moveaxis(mesh.p.T[mesh.facets[:, facets].T], 1, 0)
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    inward = mesh.p[:, mesh.t[:, mesh.f2t[0, facets]]].mean(axis=1).T - a
+    return np.asarray(-np.sign(np.sum(normals * inward, axis=1, keepdims=True)) * normals)

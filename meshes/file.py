@@ -64,19 +64,20 @@ def _reader(path: Path) -> Callable[[Path, float], skfem.MeshTet]:
 
 def _read_vtk(path: Path, metres_per_unit: float) -> skfem.MeshTet:
     """Tetrahedra of a VTK file; it carries no names."""
-    data = _meshio_data(path)
+    data = meshio_data(path)
     cells = {kind: np.concatenate([b.data for b in data.cells if b.type == kind]) for kind in data.cells_dict}
     _check_kinds(list(cells), {"tetra"}, {"vertex", "line", "triangle"})
     return named_mesh(np.asarray(data.points, dtype=float) * metres_per_unit, cells["tetra"], {}, {})
 
 
-def _meshio_data(path: Path) -> Any:
+def meshio_data(path: Path) -> Any:
     """meshio prints and ends the interpreter on a file it cannot read (meshio 5.3): both are contained
     here.
     """
     said = io.StringIO()
     try:
-        with redirect_stdout(said), redirect_stderr(said):
+        # Its test for binary STL multiplies text as if it were a count: numpy warns of the overflow.
+        with redirect_stdout(said), redirect_stderr(said), np.errstate(over="ignore"):
             return meshio.read(path)
     except (Exception, SystemExit) as error:
         reason = " ".join(f"{said.getvalue()} {'' if isinstance(error, SystemExit) else error}".split())

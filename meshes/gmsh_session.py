@@ -30,6 +30,7 @@ OPTIONS = {
     "Mesh.Algorithm": 6,  # frontal Delaunay in the surfaces
     "Mesh.Algorithm3D": 1,  # Delaunay in the volume; HXT would be parallel
     "Mesh.Optimize": 1,
+    "Mesh.OptimizeNetgen": 1,
     "Mesh.MeshSizeExtendFromBoundary": 0,  # the size field alone decides
     "Mesh.MeshSizeFromPoints": 0,
     "Mesh.MeshSizeFromCurvature": 0,

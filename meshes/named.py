@@ -6,7 +6,7 @@ import numpy as np
 import skfem
 from numpy.typing import NDArray
 
-from meshes.checks import check
+from meshes.checks import NO_TWINS, check
 from meshes.facets import facet_indices
 
 Array = NDArray[np.float64]
@@ -19,10 +19,17 @@ def named_mesh(points: Array, tets: NDArray[np.integer], surfaces: Named, volume
 
     Raises `MeshError` from `check`, and when a named triangle is no facet.
     """
-    check(points, tets)
-    mesh = bare_mesh(points, tets)
+    mesh = checked_mesh(points, tets)
     boundaries = {name: facet_indices(mesh, triangles) for name, triangles in surfaces.items()}
     return mesh.with_boundaries(boundaries).with_subdomains(dict(volumes))
+
+
+def checked_mesh(
+    points: Array, tets: NDArray[np.integer], twins: NDArray[np.integer] = NO_TWINS, parts: int = 1
+) -> skfem.MeshTet:
+    """`bare_mesh` after `meshes.checks.check`, whose errors it raises."""
+    check(points, tets, twins, parts)
+    return bare_mesh(points, tets)
 
 
 def bare_mesh(points: Array, tets: NDArray[np.integer]) -> skfem.MeshTet:

@@ -15,10 +15,11 @@ EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 @dataclass(frozen=True)
 class Quality:
-    """Extremes over all tetrahedra; the regular one has 70.5° and ratio 1."""
+    """Extremes and a median over all tetrahedra; the regular one has 70.5° and ratio 1."""
 
     dihedral_min: float  # smallest angle between two facets [degree]
     radius_ratio_min: float  # smallest 3 × inscribed / circumscribed radius [-]
+    radius_ratio_median: float  # [-]
     edge_min: float  # shortest edge [m]
     edge_max: float  # longest edge [m]
 
@@ -27,12 +28,21 @@ def quality(mesh: skfem.MeshTet) -> Quality:
     """Quality of a tetrahedral mesh."""
     corners = mesh.p.T[mesh.t.T]
     edges = np.linalg.norm(_edges(corners), axis=2)
+    ratios = radius_ratios(corners)
     return Quality(
         dihedral_min=float(np.degrees(dihedral_angles(corners).min())),
-        radius_ratio_min=float(radius_ratios(corners).min()),
+        radius_ratio_min=float(ratios.min()),
+        radius_ratio_median=float(np.median(ratios)),
         edge_min=float(edges.min()),
         edge_max=float(edges.max()),
     )
+
+
+def size_at(mesh: skfem.MeshTet, point: NDArray[np.floating]) -> float:
+    """Mean length of the edges that meet in the node nearest to a point (3,) [m]."""
+    node = np.linalg.norm(mesh.p.T - point, axis=1).argmin()
+    ends = mesh.p[:, mesh.edges[:, (mesh.edges == node).any(axis=0)]]
+    return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=0).mean())
 
 
 def dihedral_angles(corners: Array) -> Array:

@@ -4,20 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import skfem
 from numpy.typing import NDArray
 
 import tissue
 from coupling.adapting import Resolution, coarse_tree, first_breaks
 from coupling.start import start
 from coupling.system import Friction, Piercing, State, System
-from meshes.block import block, graded_block_gmsh, graded_block_structured
-from meshes.cylinder import cylinder
-from meshes.file import read
-from meshes.units import metres_per_unit
 from studies import scenario as model
-from studies.refusal import dotted, refused
-from studies.scenario import Scenario, ScenarioError
+from studies.meshing import material_of, organ_mesh
+from studies.scenario import Scenario
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
 from thread.path import RoundedPath, rounded
@@ -176,10 +171,8 @@ def body_of(scenario: Scenario) -> tissue.Elasticity | None:
     table = scenario.tissue
     if table is None:
         return None
-    mesh = with_boxes(mesh_of(table.mesh, scenario.piercing), table.boundary)
-    model.check_clamp(table.clamp, sorted(mesh.boundaries or {}))
-    material = tissue.Material(table.youngs_modulus, table.poisson_ratio, table.density)
-    return tissue.elasticity(mesh, material, table.element, table.clamp)
+    mesh = organ_mesh(scenario)
+    return tissue.elasticity(mesh, material_of(table, mesh), table.element, table.clamp)
 
 
 def organ_of(
@@ -193,59 +186,3 @@ def organ_of(
     if scenario.tissue.inertia and scenario.solve.kind == "dynamic":
         return tissue.DynamicOrgan(body, placed, scenario.solve.gravity, rayleigh=scenario.tissue.rayleigh)
     return tissue.QuasiStaticOrgan(body, placed, scenario.solve.gravity)
-
-
-def mesh_of(table: model.Mesh, holes: Sequence[model.Piercing]) -> skfem.MeshTet:
-    """The organ's mesh, graded towards the holes where a size is given for them."""
-    if isinstance(table, model.FileMesh):
-        return read(table.path, metres_per_unit(table.unit))
-    sites = [hole.at for hole in holes]
-    radius = max((hole.footprint for hole in holes), default=0.0)
-    if isinstance(table, model.CylinderMesh):
-        near = [inside_cylinder(site, table.radius, table.length) for site in sites]
-        return cylinder(table.radius, table.length, table.h, table.h_site, near, site_radius=radius)
-    if table.h_site is None and table.generator == "structured":
-        return block(table.size, table.h)
-    graded = graded_block_structured if table.generator == "structured" else graded_block_gmsh
-    return graded(table.size, table.h, table.h_site or table.h, inside_block(sites, table.size), radius=radius)
-
-
-def inside_block(sites: Sequence[Sequence[float]], size: Sequence[float]) -> Array:
-    """The nearest points of the block: a site off the organ is refused later, with its distance."""
-    x, y, z = size
-    return np.clip(np.reshape(sites, (-1, 3)), (-x / 2, -y / 2, -z), (x / 2, y / 2, 0.0))
-
-
-def inside_cylinder(site: Sequence[float], radius: float, length: float) -> Array:
-    """The nearest point of the cylinder, as for the block."""
-    x, y, z = site
-    share = min(1.0, radius / max(float(np.hypot(y, z)), radius))
-    return np.array([np.clip(x, -length / 2, length / 2), share * y, share * z])
-
-
-def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.MeshTet:
-    """The mesh with the boundaries that the scenario adds: surface facets whose centre lies in a box."""
-    named = dict(mesh.boundaries or {})
-    surface = mesh.boundary_facets()
-    centres = mesh.p[:, mesh.facets[:, surface]].mean(axis=1)
-    for box in boxes:
-        if box.name in named:
-            raise ScenarioError(
-                refused(
-                    dotted(["tissue", "boundary", box.name]),
-                    box.name,
-                    "the mesh has one of that name; rename it",
-                )
-            )
-        named[box.name] = surface[inside(centres, np.array(box.box))]
-        if named[box.name].size == 0:
-            low, high = mesh.p.min(axis=1), mesh.p.max(axis=1)
-            problem = f"no surface facet has its centre in it; the organ spans {low} to {high} m"
-            raise ScenarioError(refused(dotted(["tissue", "boundary", box.name, "box"]), box.box, problem))
-    return mesh.with_boundaries(named)
-
-
-def inside(points: Array, corners: Array) -> NDArray[np.bool_]:
-    """Which columns of `points` (3, k) lie in the box of two corners (2, 3)."""
-    low, high = corners.min(axis=0)[:, None], corners.max(axis=0)[:, None]
-    return np.asarray(np.all((points >= low) & (points <= high), axis=0))

@@ -1,4 +1,4 @@
-"""The command line: ``suture run | check | schema | catalogue | bench``.
+"""The command line: ``suture run | check | mesh | schema | catalogue | bench``.
 
 Exit status: 0 when all is well, 1 for a run that failed, 2 for input that is refused (a sentence for each
 problem on standard error, nothing computed), 130 or 143 for a run that was interrupted by SIGINT or SIGTERM.
@@ -102,6 +102,13 @@ def check(options: argparse.Namespace) -> int:
     organ = f"{simulation.tissue_dofs} tissue unknowns" if scenario.tissue else "no organ"
     counts = f"{len(scenario.piercing)} piercings, {scenario.thread.control_points} control points, {organ}"
     print(f"{options.file} can be run: {counts}, {simulation.steps} steps")
+    return 0
+
+
+def make_mesh(options: argparse.Namespace) -> int:
+    """``suture mesh``: the organ's mesh as a file for ParaView, its quality and a picture; nothing is run."""
+    report: list[str] = import_module("studies.mesh_report").write_report(load(options.file, options.set), options.out)
+    print("\n".join(report))
     return 0
 
 
@@ -296,16 +303,19 @@ def _parser() -> argparse.ArgumentParser:
     for name, command, text in (
         ("run", run, "simulate a scenario into a folder"),
         ("check", check, "say whether a scenario can be run"),
+        ("mesh", make_mesh, "make a scenario's mesh, write it and say how good it is"),
         ("schema", print_schema, "print the JSON schema of the scenario file"),
         ("catalogue", print_catalogue, "list the sutures that a scenario can name"),
         ("bench", run_bench, "measure milliseconds per step beside two baselines"),
     ):
         sub = commands.add_parser(name, help=text, description=text)
         sub.set_defaults(command=command)
-        if name in ("run", "check"):
+        if name in ("run", "check", "mesh"):
             _add_scenario(sub)
         if name == "run":
             _add_run(sub)
+        if name == "mesh":
+            sub.add_argument("--out", metavar="ORGAN.vtu", type=Path, required=True, help="mesh file to be written")
         if name == "bench":
             sub.add_argument("--json", metavar="FILE", type=Path, help="write the numbers as JSON")
     return parser

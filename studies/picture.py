@@ -23,14 +23,21 @@ PACKAGES = "libglu1-mesa libgl1 libegl1 libxrender1 libxcursor1 libxft2 libxiner
 
 def picture(frame: Frame, topology: OrganTopology | None, path: Path | str, title: str = "") -> str:
     """Draw a frame into a PNG file; returns one line that says how it was drawn."""
+    return drawn((frame, topology, title), path, "studies.space", "studies.section")
+
+
+def drawn(scene: object, path: Path | str, space: str, section: str) -> str:
+    """Draw a scene into a PNG file by the module `space` where OpenGL renders, else by `section`; each is run with the
+    pickled scene and the picture to make. Returns one line that says how it was drawn.
+    """
     with tempfile.TemporaryDirectory() as folder:
-        source = Path(folder) / "frame.pickle"
-        source.write_bytes(pickle.dumps((frame, topology, title)))
+        source = Path(folder) / "scene.pickle"
+        source.write_bytes(pickle.dumps(scene))
         for window in WINDOWS:
-            if _draws("studies.space", source, Path(path), {"VTK_DEFAULT_OPENGL_WINDOW": window}):
+            if _draws(space, source, Path(path), {"VTK_DEFAULT_OPENGL_WINDOW": window}):
                 return f"{path}: 3-D picture (pyvista)"
-        drawn = _draws("studies.section", source, Path(path), {"MPLCONFIGDIR": folder})
-    how = "section (matplotlib)" if drawn else "none, for pyvista and matplotlib both failed"
+        done = _draws(section, source, Path(path), {"MPLCONFIGDIR": folder})
+    how = "section (matplotlib)" if done else "none, for pyvista and matplotlib both failed"
     remedy = f"apt-get install --no-install-recommends {PACKAGES}"
     return f"{path}: {how}; no OpenGL renders here, for the 3-D picture: {remedy}"
 

@@ -106,8 +106,6 @@ def _unknown_key(place: Place, value: object) -> str:
 
 def _unknown_kind(place: Place, tag: str) -> str:
     key = f"{place.key}.kind"
-    if tag == "wound":
-        return refused(key, tag, "this kind of mesh is not available yet; use another kind")
     match = nearest(tag, _models(place.kind))
     hint = f'; the nearest is "{match}"' if match else ""
     return refused(key, tag, f"allowed are {_tags(place.kind)}{hint}")

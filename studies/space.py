@@ -90,9 +90,9 @@ def _add_piercings(plotter: Any, frame: Frame) -> None:
                 shaft_radius=0.018, tip_radius=0.05, tip_length=0.2,
             )  # fmt: skip
             plotter.add_mesh(arrow, color=ARROW)
-    if frame.piercings:
-        labels = [label(hole.name, float(np.linalg.norm(hole.force))) for hole in frame.piercings]
-        places = np.array([hole.x for hole in frame.piercings]) + np.array([0.0, 0.0, 0.03 * size])
+    if named := [hole for hole in frame.piercings if hole.state != "left"]:
+        labels = [label(hole.name, float(np.linalg.norm(hole.force))) for hole in named]
+        places = np.array([hole.x for hole in named]) + np.array([0.0, 0.0, 0.03 * size])
         plotter.add_point_labels(
             places, labels, font_size=20, text_color="black", shape_color="white", shape_opacity=0.75,
             show_points=False, always_visible=True, margin=4,

@@ -405,3 +405,23 @@ def test_the_audit_closes_over_a_thread_that_is_drawn_out(drawn_out: Path) -> No
     assert len(table) == 51
     assert np.all(error[1:] <= 1e-9 * np.maximum.accumulate(work)[1:])
     assert np.all(np.diff(friction) >= -1e-9 * work.max()) and friction[-1] > 0.1 * work.max()
+
+
+def test_a_hole_that_is_tied_as_it_ends_leaves_the_organ_in_its_shape() -> None:
+    """Independent check: a sliding hole under load ends as an anchored one begins at its place. What its compliance
+    held is drawn in, and the organ moves by less than that gap."""
+    body = free_block().elasticity
+    site = tissue.Site(np.zeros(3), 3e-3, "parabolic", Z)
+    organ = tissue.DynamicOrgan(body, tissue.build_sites(body, [site, site]))
+    slides, tied = Piercing("slides", ends=BEGINS), Piercing("tied", slides=False, begins=BEGINS)
+    system = System(uniform(LENGTH, N), FREE, organ, (slides, tied))
+    along = np.array([0.3, 0.0, -1.0]) / np.hypot(0.3, 1.0)
+    state = laid(system, [0.4 * LENGTH, 0.4 * LENGTH], line(-0.4 * LENGTH * along, along))
+    state = replace(state, v=np.array([0.3, 0.05, -0.1]) * np.linspace(0.5, 1.0, N)[:, None])
+    before, _ = until(system, state, BEGINS, initial_energies(system, state))
+    after, events = scheduled(system, BEGINS - DT, before, DT, np.full(2, np.nan))
+    assert [event.kind for event in events] == ["ends", "begins"]
+    moved = organ.displacement(before.organ)
+    assert np.abs(moved).max() > 1e-6
+    assert 0 < events[1].gap < 0.1 * np.abs(moved).max()
+    assert np.abs(organ.displacement(after.organ) - moved).max() <= events[1].gap

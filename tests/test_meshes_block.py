@@ -3,11 +3,20 @@
 import numpy as np
 import pytest
 import skfem
+from mesh_samples import NEEDS_GMSH, facet_areas, node_sizes
 
-from meshes.block import FACES, block, extent, graded_block_gmsh, graded_block_structured, graded_lines
+from meshes.block import (
+    FACES,
+    block,
+    extent,
+    graded_block_gmsh,
+    graded_block_structured,
+    graded_lines,
+    structured_tets,
+)
 from meshes.checks import check, volumes
 from meshes.errors import MeshError
-from meshes.gmsh_session import load_gmsh
+from meshes.facets import sharp_edges
 from meshes.grading import Grading
 from meshes.quality import quality
 
@@ -16,26 +25,11 @@ SITES = np.array([[-0.01, 0.0, 0.0], [0.01, 0.0, 0.0]])
 IDENTITY = 1e-12  # relative, exact geometry in floating point
 
 
-def gmsh_fault() -> str:
-    try:
-        load_gmsh()
-    except MeshError as error:
-        return str(error)
-    return ""
-
-
-NEEDS_GMSH = pytest.mark.skipif(bool(gmsh_fault()), reason=gmsh_fault())
-
 MAKERS = [
     pytest.param(lambda: block(SIZE, 5e-3), id="uniform"),
-    pytest.param(lambda: graded_block_structured(SIZE, 5e-3, 1e-3, SITES, radius=2e-3), id="tensor"),
-    pytest.param(lambda: graded_block_gmsh(SIZE, 5e-3, 1e-3, SITES, radius=2e-3), id="gmsh", marks=NEEDS_GMSH),
+    pytest.param(lambda: graded_block_structured(SIZE, Grading(5e-3, 1e-3, radius=2e-3), SITES), id="tensor"),
+    pytest.param(lambda: graded_block_gmsh(SIZE, Grading(5e-3, 1e-3, radius=2e-3), SITES), id="gmsh", marks=NEEDS_GMSH),
 ]
-
-
-def facet_areas(mesh: skfem.MeshTet, facets: np.ndarray) -> np.ndarray:
-    a, b, c = (mesh.p[:, mesh.facets[k, facets]].T for k in range(3))
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
 
 def edges_near(mesh: skfem.MeshTet, point: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
@@ -79,6 +73,19 @@ def test_facets_match_from_cell_to_cell(make):
 
 
 @pytest.mark.parametrize("make", MAKERS)
+def test_the_sharp_edges_are_the_twelve_of_the_box(make):
+    """Independent check: 4 (x + y + z) in length, all in two faces at once; nothing turns by more than 90°."""
+    mesh = make()
+    edges = sharp_edges(mesh, 45.0)
+    length = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1).sum()
+    assert length == pytest.approx(4 * sum(SIZE), rel=IDENTITY)
+    lower, upper = extent(SIZE)
+    on_face = (np.abs(edges - lower) < 1e-12) | (np.abs(edges - upper) < 1e-12)
+    assert np.all(on_face.all(axis=1).sum(axis=1) == 2)
+    assert len(sharp_edges(mesh, 91.0)) == 0
+
+
+@pytest.mark.parametrize("make", MAKERS)
 def test_two_calls_give_the_same_arrays(make):
     first, second = make(), make()
     assert np.array_equal(first.p, second.p) and np.array_equal(first.t, second.t)
@@ -98,7 +105,7 @@ def test_uniform_cells_divide_evenly_when_h_divides_the_size():
 
 
 def test_a_structured_block_is_its_own_mirror_image():
-    mesh = graded_block_structured(SIZE, 5e-3, 1e-3, SITES)
+    mesh = graded_block_structured(SIZE, Grading(5e-3, 1e-3), SITES)
     for axis in (0, 1):
         mirrored = mesh.p.copy()
         mirrored[axis] *= -1
@@ -111,7 +118,7 @@ def tet_centres(p: np.ndarray, t: np.ndarray) -> set[tuple[int, ...]]:
 
 
 def test_grid_lines_pass_through_the_sites():
-    mesh = graded_block_structured(SIZE, 5e-3, 1e-3, SITES)
+    mesh = graded_block_structured(SIZE, Grading(5e-3, 1e-3), SITES)
     distances = np.linalg.norm(mesh.p.T[:, None] - SITES, axis=2).min(axis=0)
     assert distances.max() <= IDENTITY * max(SIZE)
 
@@ -141,13 +148,74 @@ def test_close_sites_share_a_grid_line_and_a_site_by_the_face_takes_the_face():
 
 
 def test_no_sites_means_a_uniform_block():
-    graded, uniform = graded_block_structured(SIZE, 5e-3, 1e-3, []), block(SIZE, 5e-3)
+    graded, uniform = graded_block_structured(SIZE, Grading(5e-3, 1e-3), []), block(SIZE, 5e-3)
     assert np.array_equal(graded.p, uniform.p) and np.array_equal(graded.t, uniform.t)
+
+
+PLANES = ((-0.02, 0.013), (), (-1.5e-3, -6e-3))
+
+
+@pytest.mark.parametrize(
+    "make", [graded_block_structured, pytest.param(graded_block_gmsh, marks=NEEDS_GMSH)], ids=["tensor", "gmsh"]
+)
+def test_facets_follow_the_planes(make):
+    """Independent check: no tetrahedron lies on both sides, and facets in a plane have the section's area."""
+    mesh = make(SIZE, Grading(5e-3, 1e-3, radius=2e-3), SITES, PLANES)
+    check(mesh.p.T, mesh.t.T)
+    for axis, places in enumerate(PLANES):
+        for place in places:
+            away = mesh.p[axis] - place
+            assert not np.any((away[mesh.t].min(axis=0) < -1e-12) & (away[mesh.t].max(axis=0) > 1e-12))
+            within = np.flatnonzero((np.abs(away[mesh.facets]) <= 1e-12).all(axis=0))
+            assert facet_areas(mesh, within).sum() == pytest.approx(np.prod(np.delete(SIZE, axis)), rel=1e-9)
+
+
+def test_planes_outside_or_on_the_faces_change_nothing():
+    plain = graded_block_structured(SIZE, Grading(5e-3, 1e-3), SITES)
+    more = graded_block_structured(SIZE, Grading(5e-3, 1e-3), SITES, ((-0.03, 1.0), (0.02,), (0.0, -0.02, 5e-3)))
+    assert np.array_equal(plain.p, more.p) and np.array_equal(plain.t, more.t)
+
+
+def test_the_tensor_grid_is_counted_before_it_is_made():
+    grading = Grading(5e-3, 1e-3, radius=2e-3)
+    assert (
+        structured_tets(SIZE, grading, SITES, PLANES) == graded_block_structured(SIZE, grading, SITES, PLANES).nelements
+    )
+
+
+@pytest.mark.parametrize("growth", [1.1, 1.3, 2.0])
+def test_the_wanted_size_grows_by_no_more_than_its_slope(growth):
+    """Independent check: |h(x) − h(y)| ≤ ln(growth) |x − y| for the smallest of the sites' sizes, anywhere."""
+    grading = Grading(6e-3, 0.5e-3, growth, 1e-3)
+    rng = np.random.default_rng(1)
+    x, y = rng.uniform(-0.03, 0.03, (2, 20_000, 3))
+    x[::2] = y[::2] + 1e-3 * rng.uniform(-1, 1, (10_000, 3))
+    sites = np.vstack([SITES, [[0.0, 0.01, -0.01]]])
+    sizes = [grading.size(np.linalg.norm(p[:, None] - sites, axis=2).min(axis=1)) for p in (x, y)]
+    assert np.ptp(sizes[0]) > 0.8 * (grading.h - grading.h_site) or growth == 1.1
+    bound = np.log(growth) * np.linalg.norm(x - y, axis=1)
+    assert np.all(np.abs(sizes[0] - sizes[1]) <= bound * (1 + IDENTITY) + IDENTITY * grading.h)
+
+
+@NEEDS_GMSH
+@pytest.mark.parametrize("depth", [0.0, -0.01], ids=["surface", "inside"])
+def test_gmsh_keeps_to_the_wanted_size_at_surface_and_interior_sites(depth):
+    """Loosely: the mean edge at a node against the wanted size there; Delaunay edges are a quarter longer, and near
+    the faces nodes are as near as the faces make them.
+    """
+    grading = Grading(6e-3, 0.8e-3, radius=2e-3)
+    site = np.array([[0.0, 0.0, depth]])
+    mesh = graded_block_gmsh(SIZE, grading, site)
+    ratio = node_sizes(mesh) / grading.size(np.linalg.norm(mesh.p.T - site, axis=1))
+    assert 0.9 < np.median(ratio) < 1.5 and np.quantile(ratio, 0.95) < 1.8 and ratio.max() < 2.5
+    # The law between neighbours: no edge joins sizes further apart than their ratio allows, with the same slack.
+    sizes = node_sizes(mesh)[mesh.edges]
+    assert np.quantile(sizes.max(axis=0) / sizes.min(axis=0), 0.95) < 1.3 * 1.3
 
 
 @NEEDS_GMSH
 def test_gmsh_edges_are_near_h_site_at_a_site_and_near_h_far_off():
-    mesh = graded_block_gmsh(SIZE, 6e-3, 0.8e-3, SITES[:1], growth=1.3, radius=2e-3)
+    mesh = graded_block_gmsh(SIZE, Grading(6e-3, 0.8e-3, growth=1.3, radius=2e-3), SITES[:1])
     near, top = edges_near(mesh, SITES[0], 2e-3)
     far, _ = edges_near(mesh, np.array([0.03, 0.02, -0.02]), 0.012)
     # In the surface gmsh keeps to the size; inside, its Delaunay edges are longer by a quarter to a half.
@@ -158,7 +226,7 @@ def test_gmsh_edges_are_near_h_site_at_a_site_and_near_h_far_off():
 
 @NEEDS_GMSH
 def test_gmsh_block_is_far_smaller_than_the_tensor_grid_for_the_same_sizes():
-    arguments = (SIZE, 6e-3, 0.8e-3, SITES)
+    arguments = (SIZE, Grading(6e-3, 0.8e-3), SITES)
     assert graded_block_gmsh(*arguments).nvertices < graded_block_structured(*arguments).nvertices / 2
 
 
@@ -170,14 +238,14 @@ def test_gmsh_block_is_far_smaller_than_the_tensor_grid_for_the_same_sizes():
         ("three lengths", lambda: block((1, 1), 0.5)),
         ("h = 0", lambda: block((1, 1, 1), 0)),
         ("h = inf", lambda: block((1, 1, 1), float("inf"))),
-        ("h_site = 0.2 must not exceed h = 0.1", lambda: graded_block_structured((1, 1, 1), 0.1, 0.2, [])),
-        ("h_site = -0.1", lambda: graded_block_structured((1, 1, 1), 0.1, -0.1, [])),
-        ("growth = 1.0", lambda: graded_block_structured((1, 1, 1), 0.1, 0.05, [], growth=1.0)),
-        ("radius = -1", lambda: graded_block_structured((1, 1, 1), 0.1, 0.05, [], radius=-1)),
-        ("outside the block", lambda: graded_block_structured((1, 1, 1), 0.1, 0.05, [[0, 0, 0.01]])),
-        ("outside the block", lambda: graded_block_gmsh((1, 1, 1), 0.1, 0.05, [[0.6, 0, 0]])),
-        ("shape \\(p, 3\\)", lambda: graded_block_structured((1, 1, 1), 0.1, 0.05, [0, 0, 0])),
-        ("finite", lambda: graded_block_structured((1, 1, 1), 0.1, 0.05, [[0, 0, float("nan")]])),
+        ("h_site = 0.2 must not exceed h = 0.1", lambda: Grading(0.1, 0.2)),
+        ("h_site = -0.1", lambda: Grading(0.1, -0.1)),
+        ("growth = 1.0", lambda: Grading(0.1, 0.05, growth=1.0)),
+        ("radius = -1", lambda: Grading(0.1, 0.05, radius=-1)),
+        ("outside the block", lambda: graded_block_structured((1, 1, 1), Grading(0.1, 0.05), [[0, 0, 0.01]])),
+        ("outside the block", lambda: graded_block_gmsh((1, 1, 1), Grading(0.1, 0.05), [[0.6, 0, 0]])),
+        ("shape \\(p, 3\\)", lambda: graded_block_structured((1, 1, 1), Grading(0.1, 0.05), [0, 0, 0])),
+        ("finite", lambda: graded_block_structured((1, 1, 1), Grading(0.1, 0.05), [[0, 0, float("nan")]])),
     ],
 )
 def test_impossible_input_is_refused_in_words(fault, call):

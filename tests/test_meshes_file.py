@@ -8,6 +8,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+from mesh_samples import NEEDS_GMSH
 
 from meshes import gmsh_session
 from meshes.block import block, graded_block_gmsh
@@ -15,18 +16,8 @@ from meshes.checks import volumes
 from meshes.errors import MeshError
 from meshes.file import read
 from meshes.gmsh_session import load_gmsh, session
+from meshes.grading import Grading
 from meshes.units import metres_per_unit
-
-
-def gmsh_fault() -> str:
-    try:
-        load_gmsh()
-    except MeshError as error:
-        return str(error)
-    return ""
-
-
-NEEDS_GMSH = pytest.mark.skipif(bool(gmsh_fault()), reason=gmsh_fault())
 
 # A small organ in gmsh's format 1: an octahedron about a centre, 2 × 2 × 4 units, its lower half group 1, its
 # upper half group 2; two triangles at the bottom are group 7, one at the top is group 8. Node numbers have
@@ -122,7 +113,7 @@ def test_every_version_reads_to_the_same_mesh(tmp_path, version, binary):
 
 @NEEDS_GMSH
 def test_a_block_written_and_read_is_the_same_block(tmp_path):
-    made = graded_block_gmsh((0.06, 0.04, 0.02), 8e-3, 4e-3, [[0, 0, 0]])
+    made = graded_block_gmsh((0.06, 0.04, 0.02), Grading(8e-3, 4e-3), [[0, 0, 0]])
     path = tmp_path / "block.vtu"
     meshio.Mesh(made.p.T, {"tetra": made.t.T}).write(path)
     again = read(path)
@@ -317,5 +308,5 @@ def test_a_session_leaves_the_handler_of_interrupts_alone():
 @NEEDS_GMSH
 def test_gmsh_is_silent(old_file, capfd):
     read(old_file())
-    graded_block_gmsh((1, 1, 1), 0.5, 0.4, [[0, 0, 0]])
+    graded_block_gmsh((1, 1, 1), Grading(0.5, 0.4), [[0, 0, 0]])
     assert capfd.readouterr() == ("", "")

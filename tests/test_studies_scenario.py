@@ -34,6 +34,10 @@ def contract(tmp_path: Path) -> Path:
     return path
 
 
+WOUND = (
+    "tissue.mesh={kind='wound',size=[0.06,0.04,0.02],h=4e-3,length=0.02,depth=0.008"  # a slit; to be closed by a brace
+)
+
 # (override, the words that the one sentence must contain: key, value, what is allowed or the remedy)
 REFUSED = [
     ("tissue.poison_ratio=0.4", ["tissue.poison_ratio = 0.4", "no such key", "tissue.poisson_ratio"]),
@@ -58,7 +62,38 @@ REFUSED = [
     ('tissue.clamp=[""]', ['tissue.clamp.0 = ""', "at least 1 character"]),
     ("tissue.mesh={}", ["tissue.mesh.kind", "missing", '"block"']),
     ("tissue.mesh={kind='blok'}", ['tissue.mesh.kind = "blok"', '"block"', '"cylinder"', '"file"']),
-    ("tissue.mesh={kind='wound'}", ['tissue.mesh.kind = "wound"', "not available yet", "another kind"]),
+    (f"{WOUND},width=2e-3}}", ["tissue.mesh.width = 0.002", "a slit is closed", '"ellipse"']),
+    (f"{WOUND},shape='ellipse'}}", ["tissue.mesh.width = 0.0", "give its width"]),
+    (f"{WOUND},shape='ellipse',width=0.06}}", ["tissue.mesh.width = 0.06", "0.06 m wide"]),
+    (f"{WOUND},along='z'}}", ['tissue.mesh.along = "z"', '"x" or "y"']),
+    (
+        f"{WOUND},shape='ellipse',width=2e-3,generator='structured'}}",
+        ['tissue.mesh.generator = "structured"', "an ellipse needs", '"gmsh"'],
+    ),
+    (f"{WOUND.replace('0.008', '0.03')}}}", ["tissue.mesh.depth = 0.03", "0.02 m high"]),
+    (f"{WOUND.replace('length=0.02', 'length=0.05')}}}", ["tissue.mesh.length = 0.05", "0.04 m long"]),
+    ("tissue.mesh={kind='tube',radius=0.01,wall=0.01,length=0.05,h=2e-3}", ["tissue.mesh.wall = 0.01", "below radius"]),
+    ("tissue.mesh={kind='file',path='a.stl'}", ["tissue.mesh.h is missing", "filled"]),
+    ("tissue.mesh={kind='file',path='a.msh',h=1e-3}", ["tissue.mesh.h = 0.001", "tetrahedra already", ".stl"]),
+    ("tissue.mesh={kind='file',path='a.stl',h=1e-3,h_site=2e-3}", ["tissue.mesh.h_site = 0.002", "not exceed"]),
+    ("tissue.mesh.growth=1.0", ["tissue.mesh.growth = 1.0", "greater than 1"]),
+    ("tissue.region=[{name='a'}]", ["tissue.region.a is refused", "only a mesh file names regions"]),
+    ("tissue.region=[{name='a',depth=[2e-3,1e-3]}]", ["tissue.region.a.depth = [0.002, 0.001]", "must grow"]),
+    ("tissue.region=[{name='a',depth=[0,0.03]}]", ["tissue.region.a.depth = [0.0, 0.03]", "0.02 m high"]),
+    (
+        "tissue.region=[{name='a',depth=[0,1e-3],box=[[0,0,0],[1,1,1]]}]",
+        ["tissue.region.a.depth", "box places the region"],
+    ),
+    ("tissue.region=[{name='a',box=[[0,0,0],[1,0,1]]}]", ["tissue.region.a.box", "must differ in x, y and z"]),
+    (
+        "tissue.region=[{name='a',depth=[0,1e-3]},{name='a',depth=[1e-3,2e-3]}]",
+        ['tissue.region.name = "a"', "must be unique"],
+    ),
+    ("tissue.region=[{name='a',depth=[0,1e-3],poisson_ratio=0.5}]", ["tissue.region.a.poisson_ratio = 0.5", "less"]),
+    (
+        "piercing.exit.at=[-0.0085, 0.0, 0.0]",
+        ["piercing.exit.at = [-0.0085, 0.0, 0.0]", "0.0015 m from piercing.entry", "0.002 m", "move them apart"],
+    ),
     ("tissue.mesh.size=[0.06, 0.04]", ["tissue.mesh.size.2", "missing", "[m]"]),
     ("tissue.mesh.size=[0.06, 0.04, 0]", ["tissue.mesh.size.2 = 0", "greater than 0", "[m]"]),
     ("tissue.mesh.h=-1e-3", ["tissue.mesh.h = -0.001", "greater than 0", "[m]"]),

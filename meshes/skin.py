@@ -1,0 +1,248 @@
+"""Closed triangulated surfaces (STL, OBJ, PLY) filled with graded tetrahedra by gmsh.
+
+gmsh neither ends nor answers on some surfaces that cross themselves, so what it is given is checked here first.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import skfem
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.spatial import cKDTree
+
+from meshes.errors import MeshError
+from meshes.file import meshio_data
+from meshes.gmsh_session import generate, session
+from meshes.grading import Grading, site_points
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+FORMATS = (".stl", ".obj", ".ply")
+WELD = 1e-7  # over the surface's diagonal: nodes this near are one; STL writes single precision and every corner anew
+SHARP = 40.0  # degrees between facets beyond which their common edge stays an edge of the organ
+BLOCK = 2_000_000  # pairs of triangles tested at a time, to bound memory
+
+
+@dataclass(frozen=True)
+class Skin:
+    """A closed surface that does not cross itself: points `(n, 3)` [m], triangles `(m, 3)`. Made by `read_surface`."""
+
+    points: Array
+    triangles: Indices
+
+    @property
+    def volume(self) -> float:
+        """Volume inside [m³]: Σ ± a·(b × c)/6, the signs by which neighbours turn alike."""
+        a, b, c = np.moveaxis(self.points[self.triangles], 1, 0)
+        return abs(float(_turns(self.triangles) @ np.einsum("ij,ij->i", a, np.cross(b, c)))) / 6
+
+
+def read_surface(path: str | Path, metres_per_unit: float) -> Skin:
+    """The surface of a file, `metres_per_unit` being the length of one file unit [m].
+
+    Raises `MeshError`, with the file named, for a file that cannot be read and a surface that is open, not a
+    manifold, in several pieces or crosses itself.
+    """
+    try:
+        points, triangles = welded(*_triangles(Path(path)))
+        check_closed(points, triangles)
+        check_simple(points, triangles)
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from error
+    return Skin(points * metres_per_unit, triangles)
+
+
+def fill(skin: Skin, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
+    """Tetrahedra inside a surface by gmsh, graded toward the sites, shape `(p, 3)` [m]; boundary surface.
+
+    The surface is cut into patches at its sharp edges, each triangulated anew with nodes on the given facets. Raises
+    `MeshError` where gmsh fails.
+    """
+    with session() as gmsh:
+        tag = gmsh.model.addDiscreteEntity(2)
+        gmsh.model.mesh.addNodes(2, tag, np.arange(1, len(skin.points) + 1), skin.points.ravel())
+        gmsh.model.mesh.addElementsByType(tag, 2, [], (skin.triangles + 1).ravel())
+        try:
+            gmsh.model.mesh.classifySurfaces(np.radians(SHARP), True, True, np.pi)
+            gmsh.model.mesh.createGeometry()
+        except Exception as error:  # gmsh raises nothing more specific
+            raise MeshError(f"gmsh finds no geometry in the surface: {error}; remesh it more evenly") from error
+        loop = gmsh.model.geo.addSurfaceLoop([entity for _, entity in gmsh.model.getEntities(2)])
+        gmsh.model.geo.addVolume([loop])
+        gmsh.model.geo.synchronize()
+        mesh = generate(gmsh, grading, site_points(sites))
+    return mesh.with_boundaries({"surface": mesh.boundary_facets()})
+
+
+def welded(points: Array, triangles: Indices) -> tuple[Array, Indices]:
+    """The same triangles with nodes at one place joined; triangles that lose a corner by that are left out."""
+    reach = WELD * float(np.linalg.norm(np.ptp(points, axis=0)))
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    same = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
+    label = np.asarray(connected_components(same, directed=False)[1], dtype=np.int64)
+    joined = label[triangles]
+    used, renumbered = np.unique(joined[_distinct(joined)], return_inverse=True)
+    _, first = np.unique(label, return_index=True)
+    return points[first[used]], np.asarray(renumbered, dtype=np.int64).reshape(-1, 3)
+
+
+def check_closed(points: Array, triangles: Indices) -> None:
+    """Refuse a surface whose edges do not each belong to two triangles, or that falls into pieces.
+
+    Points of shape `(n, 3)`, triangles `(m, 3)`. Raises `MeshError`.
+    """
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    unique, count = np.unique(edges, axis=0, return_counts=True)
+    if (count > 2).any():
+        where = points[unique[count > 2][0]].mean(axis=0)
+        raise MeshError(
+            f"its surface is no manifold, {int((count > 2).sum())} edges belong to more than two triangles (the first "
+            f"at {_show(where)}): delete inner walls and doubled facets"
+        )
+    if (count < 2).any():
+        where = points[unique[count < 2][0]].mean(axis=0)
+        raise MeshError(
+            f"its surface is open, {int((count < 2).sum())} edges belong to one triangle only (the first at "
+            f"{_show(where)}): close the holes"
+        )
+    joins = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(points),) * 2)
+    pieces = connected_components(joins, directed=False)[0]
+    if pieces > 1:
+        raise MeshError(f"its surface falls into {pieces} separate pieces: keep the outer one, one organ a file")
+
+
+def check_simple(points: Array, triangles: Indices) -> None:
+    """Refuse a surface that crosses or folds onto itself; points of shape `(n, 3)`, triangles `(m, 3)`.
+
+    Two triangles cross where an edge of one pierces the other; neighbours that share an edge fold where they lie on
+    the same side of it. Raises `MeshError`.
+    """
+    crossing = _crossing(points, triangles, _near_pairs(points, triangles))
+    if len(crossing):
+        where = points[triangles[crossing[0, 0]]].mean(axis=0)
+        raise MeshError(
+            f"its surface intersects itself in {len(crossing)} pairs of triangles (the first at {_show(where)}): "
+            "repair it, for example by a union or a remesh in the program that made it"
+        )
+
+
+def _triangles(path: Path) -> tuple[Array, Indices]:
+    """Points `(n, 3)` and triangles `(m, 3)` of a surface file; polygons of more corners are refused."""
+    data = meshio_data(path)
+    kinds = sorted({block.type for block in data.cells} - {"vertex", "line"})
+    if kinds != ["triangle"]:
+        held = f"{', '.join(kinds)} elements" if kinds else "no elements"
+        raise MeshError(f"it holds {held}: a surface of triangles is wanted")
+    triangles = np.concatenate([block.data for block in data.cells if block.type == "triangle"])
+    points = np.asarray(data.points, dtype=float)
+    if not np.isfinite(points).all():
+        raise MeshError("some of its nodes have coordinates that are not finite")
+    return points, np.asarray(triangles, dtype=np.int64)
+
+
+def _distinct(triangles: Indices) -> NDArray[np.bool_]:
+    a, b, c = triangles.T
+    return np.asarray((a != b) & (b != c) & (c != a))
+
+
+def _near_pairs(points: Array, triangles: Indices) -> Indices:
+    """Pairs of triangles whose boxes touch, shape `(k, 2)`.
+
+    Each triangle is asked for those no larger than itself, so the search stays local on graded surfaces too.
+    """
+    corners = points[triangles]
+    centres = corners.mean(axis=1)
+    radius = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
+    found = cKDTree(centres).query_ball_point(centres, 2.0 * radius * (1 + 1e-9))
+    first = np.repeat(np.arange(len(triangles)), [len(near) for near in found])
+    second = np.concatenate([np.asarray(near, dtype=np.int64) for near in found])
+    smaller = (radius[second] < radius[first]) | ((radius[second] == radius[first]) & (second < first))
+    first, second = first[smaller], second[smaller]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    touch = ((low[first] <= high[second]) & (low[second] <= high[first])).all(axis=1)
+    return np.column_stack([first[touch], second[touch]])
+
+
+def _crossing(points: Array, triangles: Indices, pairs: Indices) -> Indices:
+    """The pairs of triangles that cross or fold onto one another."""
+    parts = [pairs[k : k + BLOCK] for k in range(0, len(pairs), BLOCK)]
+    chosen = [part[_cross(points, triangles[part[:, 0]], triangles[part[:, 1]])] for part in parts]
+    return np.concatenate([np.empty((0, 2), dtype=np.int64), *chosen])
+
+
+def _cross(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]:
+    """Whether each pair of triangles, shape `(k, 3)` each, has points in common beside those of its common nodes."""
+    common = (first[:, :, None] == second[:, None, :]).any(axis=2).sum(axis=1)
+    crossed = np.asarray(common == 3)
+    neighbours = common == 2
+    crossed[neighbours] = _folded(points, first[neighbours], second[neighbours])
+    through = np.flatnonzero(_straddles(points, first, second) & _straddles(points, second, first))
+    for one, other in ((first[through], second[through]), (second[through], first[through])):
+        for a, b in ((0, 1), (1, 2), (2, 0)):
+            edge = one[:, [a, b]]
+            apart = ~(edge[:, :, None] == other[:, None, :]).any(axis=(1, 2))
+            crossed[through] |= apart & _pierces(points[edge], points[other])
+    return crossed
+
+
+def _straddles(points: Array, triangles: Indices, others: Indices) -> NDArray[np.bool_]:
+    """Whether each of `triangles` has nodes on both sides of the plane of its partner in `others`."""
+    a, b, c = np.moveaxis(points[others], 1, 0)
+    height = np.stack([_volume(a, b, c, points[node]) for node in triangles.T], axis=1)
+    height[(triangles[:, :, None] == others[:, None, :]).any(axis=2)] = 0.0
+    return np.asarray((height.min(axis=1) < 0) & (height.max(axis=1) > 0))
+
+
+def _pierces(segments: Array, triangles: Array) -> NDArray[np.bool_]:
+    """Whether segments `(k, 2, 3)` pass through triangles `(k, 3, 3)`, by the signs of five volumes."""
+    p, q = segments[:, 0], segments[:, 1]
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    sides = _volume(a, b, c, p) * _volume(a, b, c, q) < 0
+    turns = np.stack([_volume(p, q, a, b), _volume(p, q, b, c), _volume(p, q, c, a)])
+    return np.asarray(sides & ((turns > 0).all(axis=0) | (turns < 0).all(axis=0)))
+
+
+def _volume(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """Six times the signed volume of tetrahedra, corners of shape `(k, 3)`."""
+    return np.asarray(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)))
+
+
+def _folded(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]:
+    """Whether triangles that share an edge lie upon each other, within 0.1°."""
+    common = (first[:, :, None] == second[:, None, :]).any(axis=2)
+    opposite = first[~common]
+    other = second[~(second[:, :, None] == first[:, None, :]).any(axis=2)]
+    ends = points[first[common].reshape(-1, 2)]
+    along = ends[:, 1] - ends[:, 0]
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    heights = []
+    for node in (opposite, other):
+        arm = points[node] - ends[:, 0]
+        height = arm - np.sum(arm * along, axis=1, keepdims=True) * along
+        heights.append(height / np.maximum(np.linalg.norm(height, axis=1, keepdims=True), np.finfo(float).tiny))
+    return np.asarray(np.sum(heights[0] * heights[1], axis=1) > np.cos(np.radians(0.1)))
+
+
+def _turns(triangles: Indices) -> Array:
+    """Signs that make the triangles of a closed manifold turn alike, spread from the first over edges, `(m,)`."""
+    edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    order = np.lexsort(np.sort(edges, axis=1).T)
+    one, other = order[::2], order[1::2]
+    alike = np.where((edges[one] == edges[other]).all(axis=1), -1.0, 1.0)  # neighbours pass an edge in opposite ways
+    shape = (len(triangles),) * 2
+    graph = coo_array((np.tile(alike, 2), (np.r_[one, other] // 3, np.r_[other, one] // 3)), shape=shape).tocsr()
+    walk, before = breadth_first_order(abs(graph), 0, directed=False)
+    signs = np.ones(len(triangles))
+    steps = np.sign(np.asarray(graph[before[walk[1:]], walk[1:]]).ravel())
+    for triangle, step in zip(walk[1:], steps, strict=True):
+        signs[triangle] = step * signs[before[triangle]]
+    return signs
+
+
+def _show(point: Sequence[float] | Array) -> str:
+    return "[" + ", ".join(f"{x:.4g}" for x in point) + "] in the file's unit"

@@ -1,0 +1,285 @@
+"""A block with a wound cut down from the middle of its top: a closed slit, or an opening of elliptical outline.
+
+The mesh is its own mirror image across the wound's plane, so the two lips match node by node and facet by facet:
+gmsh meshes one half only. The nodes of a closed slit's lips are there twice, at the same places.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import skfem
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from meshes.block import (
+    NO_PLANES,
+    ON_PLANE,
+    Planes,
+    add_box,
+    add_polygon,
+    extent,
+    graded_lines,
+    grid_points,
+    sites_within,
+    split,
+    with_faces,
+)
+from meshes.errors import MeshError
+from meshes.gmsh_session import generate, session
+from meshes.grading import Grading, positive
+from meshes.named import checked_mesh
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+LIPS = ("lip_left", "lip_right")
+FLOOR = "wound_floor"
+
+
+@dataclass(frozen=True)
+class Wound:
+    """A cut from the top down to `depth`, `length` long along the axis `along`, centred at x = y = 0 [m].
+
+    `width` is zero for a closed slit, else the widest opening of an ellipse with upright walls. The left lip is that
+    at lower x (along y) or lower y (along x). Raises `MeshError` unless lengths are positive and finite.
+    """
+
+    length: float
+    depth: float
+    width: float = 0.0
+    along: Literal["x", "y"] = "y"
+
+    def __post_init__(self) -> None:
+        positive("length", self.length)
+        positive("depth", self.depth)
+        if self.width != 0.0:
+            positive("width", self.width)
+        if self.along not in ("x", "y"):
+            raise MeshError(f"along = {self.along!r}: allowed are 'x' and 'y'")
+
+    @property
+    def across(self) -> int:
+        """Axis that the lips face."""
+        return 0 if self.along == "y" else 1
+
+    def check_fits(self, size: Sequence[float]) -> None:
+        """Refuse a wound that is larger than the block of a size `(3,)` [m]."""
+        extent(size)
+        side = size[1 - self.across]
+        if self.depth > size[2] * (1 + ON_PLANE):
+            raise MeshError(f"depth = {self.depth} of the wound exceeds the block's height of {size[2]} m")
+        if self.length > side * (1 + ON_PLANE):
+            raise MeshError(f"length = {self.length} of the wound exceeds the block's {side} m along {self.along}")
+        if self.width and self.length >= side * (1 - ON_PLANE):
+            raise MeshError(
+                f"length = {self.length} of an open wound must be below the block's {side} m along {self.along}: "
+                "shorten it, or cut a closed slit"
+            )
+        if self.width >= size[self.across] * (1 - ON_PLANE):
+            raise MeshError(f"width = {self.width} of the wound must be below the block's {size[self.across]} m")
+
+
+@dataclass(frozen=True)
+class Lips:
+    """Matching nodes `(k, 2)` and facets `(m, 2)` of the left and the right lip, each pair mirrored in the wound's
+    plane; in a closed slit at the same place. A node at the end of the wound is its own partner.
+    """
+
+    nodes: Indices
+    facets: Indices
+
+
+def wounded_block_structured(
+    size: Sequence[float], wound: Wound, grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
+) -> skfem.MeshTet:
+    """The structured block with a closed slit; for sizes, sites and planes see `graded_block_structured`.
+
+    Boundaries are those of the block, lip_left and lip_right. Raises `MeshError` as that does, for a wound that does
+    not fit, and for an open one.
+    """
+    wound.check_fits(size)
+    if wound.width:
+        raise MeshError(f"width = {wound.width}: an open wound needs gmsh; a structured one is a slit of width 0")
+    frame = _Frame(size, wound, planes)
+    points = frame.local(sites_within(sites, *extent(size)))
+    length, depth = wound.length / 2, wound.depth
+    cuts = ((*frame.planes[0], 0.0), (*frame.planes[1], -length, length), (*frame.planes[2], -depth))
+    lines = [graded_lines(frame.lower[k], frame.upper[k], points[:, k], grading, cuts[k]) for k in range(3)]
+    # A diagonal must start at the slit's lower corners: across them it would leave a facet uncut.
+    corner = [np.abs(lines[k] - place).argmin() for k, place in enumerate((0.0, length, -depth))]
+    tets = split(lines, mirrored=bool(sum(corner) % 2))
+    return frame.finished(*_slit(grid_points(lines), tets, frame))
+
+
+def wounded_block_gmsh(
+    size: Sequence[float], wound: Wound, grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
+) -> skfem.MeshTet:
+    """The wounded block by gmsh, element size by the distance to the nearest site, shape `(p, 3)` [m], or to its
+    mirror image across the wound.
+
+    Boundaries are those of the block, lip_left, lip_right and, in an open wound that does not go through,
+    wound_floor. Raises `MeshError` for impossible numbers, a wound that does not fit, a site outside the block, and
+    where gmsh cannot load.
+    """
+    wound.check_fits(size)
+    frame = _Frame(size, wound, planes)
+    points = frame.local(sites_within(sites, *extent(size)))
+    points[:, 0] = np.abs(points[:, 0])
+    lower = np.array([0.0, *frame.lower[1:]])
+    with session() as gmsh:
+        add_box(gmsh, lower, frame.upper, frame.planes)
+        (_cut_ellipse if wound.width else _draw_slit)(gmsh, wound, frame)
+        gmsh.model.occ.synchronize()
+        half = generate(gmsh, grading, points)
+    whole = _mirrored(half.p.T, half.t.T, frame.slack)
+    if wound.width:
+        return frame.finished(*whole, np.empty((0, 2), dtype=np.int64))
+    return frame.finished(*_slit(*whole, frame))
+
+
+def lips(mesh: skfem.MeshTet, wound: Wound) -> Lips:
+    """What matches what on the two lips of a wounded block made here; raises `MeshError` for another."""
+    left, right = (np.asarray(mesh.boundaries[name], dtype=np.int64) for name in LIPS)
+    nodes = [np.unique(mesh.facets[:, facets]) for facets in (left, right)]
+    mirror = np.ones(3)
+    mirror[wound.across] = -1.0
+    partner = np.arange(mesh.nvertices)
+    away, place = cKDTree(mesh.p.T[nodes[1]]).query(mesh.p.T[nodes[0]] * mirror)
+    if nodes[0].size != nodes[1].size or np.max(away) > 0.0:
+        raise MeshError("the lips are no mirror images of one another: only blocks made by this module have pairs")
+    partner[nodes[0]] = nodes[1][place]
+    by_nodes = {frozenset(triangle): facet for facet, triangle in zip(right, mesh.facets[:, right].T, strict=True)}
+    matching = [by_nodes[frozenset(triangle)] for triangle in partner[mesh.facets[:, left]].T]
+    return Lips(np.column_stack([nodes[0], partner[nodes[0]]]), np.column_stack([left, matching]))
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """A wounded block of a size `(3,)` [m] as the wound sees it: x across, y along."""
+
+    size: Sequence[float]
+    wound: Wound
+    block_planes: Planes
+
+    @property
+    def order(self) -> list[int]:
+        """The block's axes in the wound's order."""
+        return [0, 1, 2] if self.wound.across == 0 else [1, 0, 2]
+
+    @property
+    def lower(self) -> Array:
+        """Lower corner (3,) [m]."""
+        return self.local(extent(self.size)[0])
+
+    @property
+    def upper(self) -> Array:
+        """Upper corner (3,) [m]."""
+        return self.local(extent(self.size)[1])
+
+    @property
+    def planes(self) -> Planes:
+        """Coordinates that facets follow [m]."""
+        x, y, z = (self.block_planes[k] for k in self.order)
+        return x, y, z
+
+    @property
+    def slack(self) -> float:
+        """Distance within which a node lies in a plane [m]."""
+        return ON_PLANE * float(max(self.size))
+
+    @property
+    def ends(self) -> bool:
+        """Whether the wound cuts the block's sides, and so has no ends of its own."""
+        return self.wound.length >= (self.upper - self.lower)[1] * (1 - ON_PLANE)
+
+    @property
+    def through(self) -> bool:
+        """Whether the wound cuts the bottom."""
+        return self.wound.depth >= -self.lower[2] * (1 - ON_PLANE)
+
+    def local(self, points: Array) -> Array:
+        """Points of the block, shape `(…, 3)`, as the wound sees them; its own inverse."""
+        return np.array(points[..., self.order])
+
+    def finished(self, points: Array, tets: Indices, twins: Indices) -> skfem.MeshTet:
+        """The checked mesh in the block's own axes, everything named."""
+        tets = tets if self.wound.across == 0 else tets[:, [1, 0, 2, 3]]  # exchanging x and y turns them inside out
+        parts = 2 if self.ends and self.through else 1
+        mesh = with_faces(checked_mesh(self.local(points), tets, twins, parts), *extent(self.size))
+        return mesh.with_boundaries(self._wound_facets(mesh))
+
+    def _wound_facets(self, mesh: skfem.MeshTet) -> dict[str, Indices]:
+        """The facets that are on no face of the block: floor and lips."""
+        named = np.concatenate(list((mesh.boundaries or {}).values()))
+        facets = np.setdiff1d(mesh.boundary_facets(), named)
+        floor = (np.abs(mesh.p[2, mesh.facets[:, facets]] + self.wound.depth) <= self.slack).all(axis=0)
+        wall = facets[~floor]
+        # The cell behind a facet tells its side, even where both lips lie in one plane.
+        side = mesh.p[self.wound.across][mesh.t[:, mesh.f2t[0, wall]]].mean(axis=0)
+        found = {LIPS[0]: wall[side < 0], LIPS[1]: wall[side > 0]}
+        return found | ({FLOOR: facets[floor]} if floor.any() else {})
+
+
+def _slit(points: Array, tets: Indices, frame: _Frame) -> tuple[Array, Indices, Indices]:
+    """Points, tetrahedra and coincident pairs after the nodes inside the slit have been given a twin for the right
+    lip; its plane must be made of facets.
+    """
+    slack, wound = frame.slack, frame.wound
+    x, y, z = points.T
+    within = np.abs(x) <= slack
+    within &= True if frame.ends else np.abs(y) < wound.length / 2 - slack
+    within &= True if frame.through else z > -wound.depth + slack
+    inside = np.flatnonzero(within)
+    if not inside.size:
+        raise MeshError("the mesh is too coarse for the wound: h must be at most half its length, and its depth")
+    twin = np.arange(len(points))
+    twin[inside] = len(points) + np.arange(inside.size)
+    right = x[tets].mean(axis=1) > 0
+    tets = np.where(right[:, None], twin[tets], tets)
+    return np.vstack([points, points[inside]]), tets, np.column_stack([inside, twin[inside]])
+
+
+def _mirrored(points: Array, tets: Indices, slack: float) -> tuple[Array, Indices]:
+    """A mesh of x ≥ 0 and its mirror image, joined in the plane x = 0."""
+    points = points.copy()
+    joined = np.abs(points[:, 0]) <= slack
+    points[joined, 0] = 0.0
+    image = np.arange(len(points))
+    image[~joined] = len(points) + np.arange(np.count_nonzero(~joined))
+    mirrored = points[~joined] * np.array([-1.0, 1.0, 1.0])
+    return np.vstack([points, mirrored]), np.vstack([tets, image[tets[:, [1, 0, 2, 3]]]])
+
+
+def _draw_slit(gmsh: Any, wound: Wound, frame: _Frame) -> None:
+    """Cut the face x = 0 along the slit's outline, and from its lower corners to the top.
+
+    A triangle with two sides on the outline would have no node of its own to open by; those lines keep every
+    triangle to one side.
+    """
+    length, depth = wound.length / 2, wound.depth
+    foot = length - depth if depth < 0.9 * length and not frame.through else 0.0
+    corners = [(-length, 0.0), (-length, -depth), (length, -depth), (length, 0.0), (foot, 0.0), (-foot, 0.0)]
+    a, b, c, d, e, f = ((0.0, y, z) for y, z in corners)
+    inner_part = [b, c, e, f] if foot else [b, c, e]
+    if frame.ends:
+        pieces = [[a, b, c, d]]
+    elif frame.through:
+        low = (0.0, 0.0, -depth)
+        pieces = [[a, b, low, e], [e, low, c, d]]
+    else:
+        pieces = [[a, b, f], inner_part, [c, d, e]]
+    volumes = gmsh.model.occ.getEntities(3)
+    gmsh.model.occ.fragment(volumes, [(2, add_polygon(gmsh, piece)) for piece in pieces])
+
+
+def _cut_ellipse(gmsh: Any, wound: Wound, frame: _Frame) -> None:
+    """Take the elliptical prism of the wound out of the half block."""
+    along, across = wound.length / 2, wound.width / 2
+    disk = gmsh.model.occ.addDisk(0.0, 0.0, 0.0, max(along, across), min(along, across))
+    if along > across:
+        gmsh.model.occ.rotate([(2, disk)], 0, 0, 0, 0, 0, 1, np.pi / 2)
+    below = -1.5 * wound.depth if frame.through else -wound.depth
+    prism = [entity for entity in gmsh.model.occ.extrude([(2, disk)], 0, 0, below) if entity[0] == 3]
+    gmsh.model.occ.cut([v for v in gmsh.model.occ.getEntities(3) if v not in prism], prism)
