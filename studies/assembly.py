@@ -150,7 +150,7 @@ def body_of(scenario: Scenario) -> tissue.Elasticity | None:
     mesh = with_boxes(mesh_of(table.mesh, scenario.piercing), table.boundary)
     model.check_clamp(table.clamp, sorted(mesh.boundaries or {}))
     material = tissue.Material(table.youngs_modulus, table.poisson_ratio, table.density)
-    return tissue.elasticity(mesh, material, table.element, table.clamp)
+    return tissue.elasticity(mesh, material, table.element, table.clamp, table.dilatation)
 
 
 def organ_of(

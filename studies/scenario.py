@@ -148,6 +148,11 @@ class Tissue(Table):
     )
     density: Positive = Field(description="density of the tissue [kg/m³]", examples=[1070.0])
     element: Literal["P1", "P2"] = Field(default="P1", description="tetrahedral element, linear or quadratic")
+    dilatation: Literal["auto", "cell", "nodal"] = Field(
+        default="auto",
+        description="where the volume is held to change as ν says: in each cell, which locks as ν nears 0.5, or nodal, "
+        "averaged at the vertices; auto: nodal above ν = 0.45",
+    )
     inertia: Annotated[bool, Field(strict=True)] = Field(
         default=True, description="whether the organ has inertia; false: quasi-static organ"
     )
