@@ -139,7 +139,7 @@ def piercing_of(hole: model.Piercing) -> Piercing:
 def site_of(hole: model.Piercing) -> tissue.Site:
     """The place of a hole on the organ."""
     direction = None if hole.direction == "free" else hole.direction
-    return tissue.Site(hole.at, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"')
+    return tissue.Site(hole.at, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', hole.subgrid)
 
 
 def body_of(scenario: Scenario) -> tissue.Elasticity | None:

@@ -381,6 +381,11 @@ class Piercing(Table):
         description="radius of the averaging disc (surface) or ball (inside) [m]; 0: the paper's bare point",
     )
     weight: Literal["uniform", "parabolic"] = Field(default="parabolic", description="weight over the footprint [-]")
+    subgrid: Annotated[bool, Field(strict=True)] = Field(
+        default=True,
+        description="whether to add the compliance of the tissue around the footprint that the mesh is too coarse to "
+        "show; none on a fine mesh or for a bare point",
+    )
     s: Positive | None = Field(
         default=None,
         description="abscissa of the piercing where it begins [m]; default: where the thread is nearest to it then",

@@ -13,7 +13,7 @@ and their compliance grows like log(radius/h).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -155,7 +155,16 @@ def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
     Y = csr_matrix(vstack(rows)) if rows else csr_matrix((0, elasticity.free.size))
     y0 = np.concatenate([np.zeros(0), *(y for y, *_ in built)])
     points, directions, normals = (np.array([b[k] for b in built]).reshape(-1, 3) for k in (2, 3, 4))
-    return Sites(y0, Y, points, directions, normals, tuple(b[5] for b in built))
+    gaps = [_beside(k, sites, points, b[5]) for k, b in enumerate(built)]
+    return Sites(y0, Y, points, directions, normals, tuple(gaps))
+
+
+def _beside(k: int, sites: Sequence[Site], points: Array, gap: Missing | None) -> Missing | None:
+    """What the mesh misses of site `k`, its clear distance not beyond the rim of another site."""
+    if gap is None:
+        return None
+    between = np.linalg.norm(points - points[k], axis=1) - sites[k].radius - [site.radius for site in sites]
+    return replace(gap, clear=float(min(gap.clear, np.min(np.delete(between, k), initial=np.inf))))
 
 
 def space_frames(sites: Sequence[Site]) -> Array:

@@ -8,7 +8,8 @@ missing is local: around the site, on the organ's own mesh and matrix, the footp
 
 Had the mesh resolved the footprint, u_mesh would be the exact field and ΔC zero. What the rim, edges and other sites do
 to the site comes with the mesh's own compliance. ΔC = B Bᵀ acts as springs between the site and the mesh, without mass,
-and is exact as long as a step is longer than a wave takes over the hole.
+which is right while a wave crosses the hole in less than a step. A couple in a normal frame has no limit with a uniform
+weight (`tissue.sites`); there forces alone are made up for. A bare point has none at all.
 """
 
 from dataclasses import dataclass
@@ -26,7 +27,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 RINGS = 2.0  # cells between what the footprint touches and the rim of the patch, at least
-RADII = 3.0  # radii of the footprint from its centre to the rim, at least: a fine mesh of P1 errs that far out
+RADII = {"P1": 6.0, "P2": 2.5}  # of the footprint from its centre to the rim, at least: P1 errs further out
+NEAR = 1.0  # cells from the rim of a hole to what is around it: from there on within 3 %, at half of that 6 %
 FACING = 0.9  # cosine of the turn of the normal up to which a facet belongs to the site's own surface
 BLOCK = 2_000_000  # pairs of footprint points and rim nodes at a time, to bound memory
 NEGLIGIBLE = 1e-6  # of the site's compliance
@@ -56,13 +58,22 @@ class Footprint:
 @dataclass(frozen=True)
 class Missing:
     """What a mesh misses of a site: B `(9, m)` of ΔC = B Bᵀ; `share`, the largest part of the hole's compliance to a
-    force that it makes up; `size` [m], that of the cells around; `clear` [m], how far the nearest clamped node or
-    surface other than the site's own is from the hole's rim."""
+    force that it makes up; `size` [m], that of the cells around; `clear` [m], from the hole's rim to the nearest
+    clamped node, surface other than the site's own, or rim of another hole."""
 
     springs: Array
     share: float
     size: float
     clear: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether what is around the hole is far enough away to be the mesh's own concern."""
+        return self.clear >= NEAR * self.size
+
+    def record(self) -> dict[str, float | bool]:
+        """The numbers to be written down, `share` [-], `size` and `clear` [m], and whether they allow ΔC."""
+        return {"share": self.share, "size": self.size, "clear": self.clear, "holds": self.holds}
 
 
 def missing(body: Elasticity, surface: Surface, site: Footprint, rows: csr_matrix) -> Missing:
@@ -70,7 +81,7 @@ def missing(body: Elasticity, surface: Surface, site: Footprint, rows: csr_matri
     elsewhere, distance = foreign(body, surface, site), np.linalg.norm(body.points - site.centre, axis=1)
     touched = np.asarray(np.isin(body.nodes, rows.indices).any(axis=1))
     size = float(distance[touched].max() - site.radius)
-    inside = distance <= max(RADII * site.radius, site.radius + (1.0 + RINGS) * size)
+    inside = distance <= max(RADII[body.element] * site.radius, site.radius + (1.0 + RINGS) * size)
     inside[elsewhere] = False
     modulus = moduli(body, touched)
     exact = unbounded(site, *modulus)
