@@ -163,7 +163,7 @@ def piercing_of(hole: model.Piercing) -> Piercing:
 def site_of(hole: model.Piercing) -> tissue.Site:
     """The place of a hole on the organ."""
     direction = None if hole.direction == "free" else hole.direction
-    return tissue.Site(hole.at, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"')
+    return tissue.Site(hole.at, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', hole.subgrid)
 
 
 def body_of(scenario: Scenario) -> tissue.Elasticity | None:
@@ -172,7 +172,7 @@ def body_of(scenario: Scenario) -> tissue.Elasticity | None:
     if table is None:
         return None
     mesh = organ_mesh(scenario)
-    return tissue.elasticity(mesh, material_of(table, mesh), table.element, table.clamp)
+    return tissue.elasticity(mesh, material_of(table, mesh), table.element, table.clamp, table.dilatation)
 
 
 def organ_of(

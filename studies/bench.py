@@ -160,7 +160,7 @@ def field(system: System, state: State) -> Array:
     """The organ's free unknowns in a state, shape `(N,)` [m]."""
     organ = system.organ
     assert isinstance(organ, DynamicOrgan | QuasiStaticOrgan)
-    return np.asarray(organ.displacement(state.organ)[organ.elasticity.free])
+    return organ.field(state.organ)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import json
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -54,6 +54,10 @@ class Simulation(Protocol):
         """Unknowns of the organ that are not held."""
 
     @property
+    def subgrid(self) -> dict[str, dict[str, Any]]:
+        """By piercing, what the organ's mesh is too coarse for, where that is added."""
+
+    @property
     def steps(self) -> int:
         """Steps to be taken."""
 
@@ -86,7 +90,8 @@ def run(options: argparse.Namespace) -> int:
             return 0
         checkpoint = read_checkpoint(options.out)
     moments = simulation.advance(checkpoint)
-    recorder = Recorder(options.out, simulation.scenario, simulation.topology, simulation.tissue_dofs, checkpoint)
+    mesh = simulation.topology, simulation.tissue_dofs
+    recorder = Recorder(options.out, simulation.scenario, *mesh, checkpoint, simulation.subgrid)
     status = _simulate(simulation, moments, recorder, options.quiet)
     if recorder.last_frame is not None and not options.no_picture:
         title = simulation.scenario.title
@@ -210,6 +215,16 @@ def range_line(scenario: Scenario, piercings: Sequence[PiercingRecord]) -> str:
     )
 
 
+def subgrid_line(gaps: Mapping[str, Mapping[str, Any]]) -> str:
+    """How much of the holes' compliance the mesh is too coarse for, and where what is added for it does not hold."""
+    if not gaps:
+        return ""
+    share = max(gap["share"] for gap in gaps.values())
+    outside = ", ".join(name for name, gap in gaps.items() if not gap["holds"])
+    limit = f"; TOO NEAR an edge, a clamp or another hole for that: {outside}" if outside else ""
+    return f"sub-grid   up to {share:.0%} of a hole's compliance is added, which the mesh is too coarse for{limit}"
+
+
 def _strain(summary: dict[str, Any]) -> str:
     return f"{100 * summary['thread']['max_strain']:.3g} %"
 
@@ -252,6 +267,7 @@ def _print_summary(scenario: Scenario, recorder: Recorder, status: Any) -> None:
     folder = recorder.folder
     lines[1:1] = ["", *table] if table else []
     lines += [range_line(scenario, step.piercings)] if step and range_line(scenario, step.piercings) else []
+    lines += [line for line in [subgrid_line(recorder.subgrid)] if line]
     lines += [
         "",
         f"ParaView   {folder / 'results.pvd'}",

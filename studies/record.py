@@ -17,7 +17,7 @@ import io
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
 from types import TracebackType
@@ -65,11 +65,13 @@ class Recorder:
         topology: OrganTopology | None = None,
         tissue_dofs: int = 0,
         checkpoint: Arrays | None = None,
+        subgrid: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> None:
         self.folder = Path(folder)
         self.last_frame: Frame | None = None
         self.last_step: StepRecord | None = None
         self._tissue_dofs = tissue_dofs
+        self.subgrid = subgrid or {}
         self._every = scenario.output.every
         self._pending: Callable[[], Frame] | None = None
         counters = checkpoint or {}
@@ -152,6 +154,7 @@ class Recorder:
             "constraint_max": self._constraint_max,
             "seconds_per_step": self._seconds / step.step if step and step.step else None,
             "tissue_dofs": self._tissue_dofs,
+            "subgrid": self.subgrid,
         }
         return head | (_state_summary(step) if step else {}) | {"provenance": self.provenance}
 

@@ -284,6 +284,11 @@ class Tissue(Table):
     )
     density: Positive = Field(description="density of the tissue [kg/m³]", examples=[1070.0])
     element: Literal["P1", "P2"] = Field(default="P1", description="tetrahedral element, linear or quadratic")
+    dilatation: Literal["auto", "cell", "nodal"] = Field(
+        default="auto",
+        description="where the volume is held to change as ν says: in each cell, which locks as ν nears 0.5, or nodal, "
+        "averaged at the vertices; auto: nodal above ν = 0.45",
+    )
     inertia: Annotated[bool, Field(strict=True)] = Field(
         default=True, description="whether the organ has inertia; false: quasi-static organ"
     )
@@ -651,6 +656,11 @@ class Piercing(Table):
         description="radius of the averaging disc (surface) or ball (inside) [m]; 0: the paper's bare point",
     )
     weight: Literal["uniform", "parabolic"] = Field(default="parabolic", description="weight over the footprint [-]")
+    subgrid: Annotated[bool, Field(strict=True)] = Field(
+        default=True,
+        description="whether to add the compliance of the tissue around the footprint that the mesh is too coarse to "
+        "show; none on a fine mesh or for a bare point",
+    )
     s: Positive | None = Field(
         default=None,
         description="abscissa of the piercing where it begins [m]; default: where the thread is nearest to it then",

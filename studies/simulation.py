@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import ceil
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +86,13 @@ class Simulation:
     def tissue_dofs(self) -> int:
         """Unknowns of the organ that are not held."""
         return self.assembly.system.organ.size
+
+    @property
+    def subgrid(self) -> dict[str, dict[str, Any]]:
+        """By piercing, what the organ's mesh is too coarse for (`tissue.subgrid.Missing`), where that is added."""
+        sites: tissue.Sites | None = getattr(self.assembly.system.organ, "sites", None)
+        named = zip(self.scenario.piercing, sites.missing if sites else (), strict=False)
+        return {hole.name: gap.record() for hole, gap in named if gap is not None}
 
     @property
     def steps(self) -> int:

@@ -1,7 +1,8 @@
 """Scenarios, frames and a simulation of no physics, for the tests of the studies package."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -157,6 +158,7 @@ class Stub:
     steps: int = 7
     topology: OrganTopology | None = LINEAR
     tissue_dofs: int = 12
+    subgrid: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def advance(self, memory: object = None) -> Iterator[tuple[StepRecord, Callable[[], Frame]]]:
         for number in range(self.steps + 1):

@@ -25,7 +25,7 @@ class Material:
 
     def __post_init__(self) -> None:
         _require("youngs_modulus", self.youngs_modulus, 0.0, np.inf, "Pa", "give a positive stiffness")
-        _require("poisson_ratio", self.poisson_ratio, -1.0, 0.5, "-", "for nearly incompressible tissue take 0.49")
+        _require("poisson_ratio", self.poisson_ratio, -1.0, 0.5, "-", "for incompressible tissue take 0.4999")
         _require("density", self.density, 0.0, np.inf, "kg/m³", "give a positive density")
 
     @property

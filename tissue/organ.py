@@ -4,7 +4,8 @@
 
 with two numbers and two reference fields per time scheme. Backward Euler has a = 1/Δt², U_a = U + Δt V and
 d = 1/Δt, U_d = U. `f_y` `(9p,)` is the force on the organ conjugate to y; eliminating U is exact, so that
-y = y_free + C f_y.
+y = y_free + C f_y. Where a mesh is too coarse for a hole, springs without mass stand between site and mesh, as further
+unknowns behind those of the mesh, as stiff as these are in the mean: y = y0 + Y U + √κ B ζ (`tissue.subgrid`).
 """
 
 from collections import OrderedDict
@@ -14,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csr_matrix
+from scipy.sparse import block_diag, csr_matrix, eye_array, hstack
 
 from tissue.body import Elasticity
 from tissue.errors import TissueError
@@ -78,6 +79,7 @@ class _Organ:
     gravity: ArrayLike = (0.0, 0.0, 0.0)
     method: str = "superlu"
     K: csr_matrix = field(init=False, repr=False)
+    Y: csr_matrix = field(init=False, repr=False)
     load: Array = field(init=False, repr=False)
     places: Array = field(init=False, repr=False)
 
@@ -90,9 +92,13 @@ class _Organ:
             raise TissueError(
                 f"sites over {self.sites.Y.shape[1]} unknowns on an organ of {free.size}; build them on it"
             )
-        object.__setattr__(self, "K", csr_matrix(body.K[free][:, free]))
-        object.__setattr__(self, "load", body.body_force(gravity)[free])
-        object.__setattr__(self, "places", body.basis.doflocs[:, free].T)
+        B, places = self.sites.springs, body.basis.doflocs[:, free].T
+        m, lowest = B.shape[1], places.min(axis=0, initial=0.0)
+        stiffness = float(body.K.diagonal().mean())
+        object.__setattr__(self, "K", csr_matrix(block_diag([body.K[free][:, free], stiffness * eye_array(m)])))
+        object.__setattr__(self, "Y", csr_matrix(hstack([self.sites.Y, np.sqrt(stiffness) * B])))
+        object.__setattr__(self, "load", np.append(body.body_force(gravity)[free], np.zeros(m)))
+        object.__setattr__(self, "places", np.vstack([places, lowest - 1.0 - np.arange(m)[:, None]]))
 
     @property
     def y0(self) -> Array:
@@ -100,14 +106,13 @@ class _Organ:
         return self.sites.y0
 
     @property
-    def Y(self) -> csr_matrix:
-        """y = y0 + Y U, shape `(9p, N)`."""
-        return self.sites.Y
-
-    @property
     def size(self) -> int:
-        """Number of free unknowns N."""
+        """Number of free unknowns N, those of the springs at the sites included."""
         return int(self.K.shape[0])
+
+    def whole(self, field: Array) -> Array:
+        """A field over the free unknowns as one over all unknowns of the mesh, shape `(N_all,)`."""
+        return self.elasticity.extended(field[: self.elasticity.free.size])
 
 
 @dataclass(frozen=True)
@@ -168,7 +173,8 @@ class DynamicOrgan(_Organ):
                 f"rayleigh = {self.rayleigh}: allowed are α ≥ 0 [1/s] and β ≥ 0 [s]; damping takes energy"
             )
         free = self.elasticity.free
-        object.__setattr__(self, "M", csr_matrix(self.elasticity.M[free][:, free]))
+        massless = csr_matrix((self.size - free.size,) * 2)
+        object.__setattr__(self, "M", csr_matrix(block_diag([self.elasticity.M[free][:, free], massless])))
         object.__setattr__(self, "_operators", OrderedDict())
 
     def start(self) -> OrganState:
@@ -208,11 +214,15 @@ class DynamicOrgan(_Organ):
 
     def displacement(self, state: OrganState) -> Array:
         """Displacement of all unknowns, shape `(N_all,)` [m]."""
-        return self.elasticity.extended(state.U)
+        return self.whole(state.U)
+
+    def field(self, state: OrganState) -> Array:
+        """Displacement over the free unknowns, shape `(N,)` [m]."""
+        return state.U
 
     def velocity(self, state: OrganState) -> Array:
         """Velocity of all unknowns, shape `(N_all,)` [m/s]."""
-        return self.elasticity.extended(state.V)
+        return self.whole(state.V)
 
     def site_velocities(self, state: OrganState) -> Array:
         """dy/dt = Y V, shape `(9p,)`."""
@@ -232,8 +242,10 @@ class DynamicOrgan(_Organ):
 
     @cached_property
     def _mobility(self) -> tuple[Array, Array]:
-        """M⁻¹ Yᵀ `(N, 9p)` and Y M⁻¹ Yᵀ."""
-        return _compliance(factorize(self.M, self.places, self.method), self.Y)
+        """M⁻¹ Yᵀ `(N, 9p)` and Y M⁻¹ Yᵀ of the mesh: what has no mass takes no impulse."""
+        N = self.elasticity.free.size
+        W, C = _compliance(factorize(self.M[:N, :N], self.places[:N], self.method), self.sites.Y)
+        return np.vstack([W, np.zeros((self.size - N, W.shape[1]))]), C
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """Energies at `new` and the works of the step: f_y·Δy + gravity = Δ(kinetic + elastic) + viscous +
@@ -324,7 +336,11 @@ class QuasiStaticOrgan(_Organ):
 
     def displacement(self, state: OrganState) -> Array:
         """Displacement of all unknowns, shape `(N_all,)` [m]."""
-        return self.elasticity.extended(self._operator.U_load + self._operator.W @ state.f_y)
+        return self.whole(self.field(state))
+
+    def field(self, state: OrganState) -> Array:
+        """Displacement over the free unknowns, shape `(N,)` [m]."""
+        return np.asarray(self._operator.U_load + self._operator.W @ state.f_y)
 
     def velocity(self, state: OrganState) -> Array:
         """Zero, shape `(N_all,)` [m/s]."""

@@ -13,16 +13,17 @@ and their compliance grows like log(radius/h).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csr_matrix, kron, vstack
+from scipy.sparse import block_diag, csr_matrix, kron, vstack
 
 from tissue import footprint
 from tissue.body import ELEMENTS, Elasticity
 from tissue.errors import TissueError
+from tissue.subgrid import Footprint, Missing, missing
 from tissue.surface import INSIDE, ON_SURFACE, Surface, outer_surface
 
 Array = NDArray[np.float64]
@@ -38,7 +39,7 @@ class Site:
     `direction`.
 
     `direction` is None, "normal" (the organ's outward normal) or a vector (3,) cut by the needle, of any
-    length.
+    length. `subgrid`: add the compliance of the footprint that the mesh is too coarse for.
     """
 
     point: ArrayLike
@@ -46,6 +47,7 @@ class Site:
     weight: str = "parabolic"
     direction: Direction = None
     name: str = "site"
+    subgrid: bool = False
 
     def __post_init__(self) -> None:
         point = np.asarray(self.point, float)
@@ -77,7 +79,7 @@ class Sites:
 
     `points` `(p, 3)` [m] are where the sites came to lie, `directions` `(p, 3)` the t₀ of their frames,
     `normals` `(p, 3)` the outward normals (not a number for interior sites). Frames are orthonormal and
-    right-handed.
+    right-handed. `missing` has per site what the mesh is too coarse for, None where that is not asked for.
     """
 
     y0: Array
@@ -85,6 +87,13 @@ class Sites:
     points: Array
     directions: Array
     normals: Array
+    missing: tuple[Missing | None, ...] = ()
+
+    @property
+    def springs(self) -> csr_matrix:
+        """B of the compliance B Bᵀ between the sites and the mesh, shape `(9p, m)`."""
+        each = [np.zeros((9, 0)) if gap is None else gap.springs for gap in self.missing]
+        return csr_matrix(block_diag(each)) if each else csr_matrix((len(self.y0), 0))
 
     def __post_init__(self) -> None:
         p = len(self.points)
@@ -142,11 +151,20 @@ def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
     """
     surface = outer_surface(elasticity.mesh)
     built = [_build(elasticity, surface, site) for site in sites]
-    rows = [csr_matrix(rows) for _, rows, _, _, _ in built]
+    rows = [csr_matrix(rows) for _, rows, *_ in built]
     Y = csr_matrix(vstack(rows)) if rows else csr_matrix((0, elasticity.free.size))
     y0 = np.concatenate([np.zeros(0), *(y for y, *_ in built)])
     points, directions, normals = (np.array([b[k] for b in built]).reshape(-1, 3) for k in (2, 3, 4))
-    return Sites(y0, Y, points, directions, normals)
+    gaps = [_beside(k, sites, points, b[5]) for k, b in enumerate(built)]
+    return Sites(y0, Y, points, directions, normals, tuple(gaps))
+
+
+def _beside(k: int, sites: Sequence[Site], points: Array, gap: Missing | None) -> Missing | None:
+    """What the mesh misses of site `k`, its clear distance not beyond the rim of another site."""
+    if gap is None:
+        return None
+    between = np.linalg.norm(points - points[k], axis=1) - sites[k].radius - [site.radius for site in sites]
+    return replace(gap, clear=float(min(gap.clear, np.min(np.delete(between, k), initial=np.inf))))
 
 
 def space_frames(sites: Sequence[Site]) -> Array:
@@ -158,8 +176,10 @@ def space_frames(sites: Sequence[Site]) -> Array:
     return np.concatenate([np.zeros(0), *(a for part in parts for a in part)])
 
 
-def _build(elasticity: Elasticity, surface: Surface, site: Site) -> tuple[Array, csr_matrix, Array, Array, Array]:
-    """y0 (9,), rows `(9, N)`, place, direction and outward normal of one site."""
+def _build(
+    elasticity: Elasticity, surface: Surface, site: Site
+) -> tuple[Array, csr_matrix, Array, Array, Array, Missing | None]:
+    """y0 (9,), rows `(9, N)`, place, direction and outward normal of one site, and what the mesh misses of it."""
     distance, nearest, facets = surface.nearest(np.asarray(site.point, float))
     if distance <= ON_SURFACE * surface.diagonal:
         X, normal, average, patch = _surface_footprint(surface, site, nearest, facets)
@@ -174,7 +194,15 @@ def _build(elasticity: Elasticity, surface: Surface, site: Site) -> tuple[Array,
     values, gradient = _value_rows(elasticity, average), _gradient_rows(elasticity, surface, average, slope)
     turn = _fibre_rows if use_fibre else _normal_rows
     rows = csr_matrix(vstack([values, turn(gradient, u0), turn(gradient, v0)]))
-    return np.concatenate([X, u0, v0]), csr_matrix(rows[:, elasticity.free]), X, t0, normal
+    gap = None
+    if site.subgrid and site.radius > 0.0:
+        axes = np.stack([*frame(normal), normal]) if np.isfinite(normal).all() else np.eye(3)
+        kind = "ball" if np.isnan(normal).any() else "half ball" if use_fibre else "disc"
+        slopes = csr_matrix(np.eye(9))
+        of_averages = csr_matrix(block_diag([np.eye(3), vstack([turn(slopes, u0), turn(slopes, v0)])])).toarray()
+        seen = Footprint(X, axes, site.radius, site.weight, kind, of_averages)
+        gap = missing(elasticity, surface, seen, rows)
+    return np.concatenate([X, u0, v0]), csr_matrix(rows[:, elasticity.free]), X, t0, normal, gap
 
 
 def _normal_rows(gradient: csr_matrix, u0: Array) -> csr_matrix:

@@ -1,4 +1,7 @@
-"""Stress at the nodes from a displacement field: cell by cell, then averaged by volume."""
+"""Stress at the nodes from a displacement field: cell by cell, then averaged by volume.
+
+A pressure that is averaged at the vertices (`tissue.body`) is taken from there, halfway between on an edge.
+"""
 
 from dataclasses import dataclass
 
@@ -6,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 
-from tissue.body import ELEMENTS, Elasticity
+from tissue.body import ELEMENTS, Elasticity, cellwise_lambda
 from tissue.material import PerCell
 
 Array = NDArray[np.float64]
@@ -17,11 +20,12 @@ COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")  # VTK's order of a symmetric 
 
 @dataclass(frozen=True)
 class StressRecovery:
-    """Nodal averages of λ∂/∂x_j and μ∂/∂x_j, j = x, y, z, as one sparse product `(6m, m)`. Made by
-    `stress_recovery`.
+    """Nodal averages of λ∂/∂x_j and μ∂/∂x_j, j = x, y, z, as one sparse product `(6m, m)`, and the pressure that is
+    averaged at the vertices, `(m, N)`. Made by `stress_recovery`.
     """
 
     slopes: csr_matrix
+    pressure: csr_matrix
     nodes: Indices
 
     def stress(self, U: Array) -> Array:
@@ -30,14 +34,15 @@ class StressRecovery:
         """
         m = len(self.nodes)
         spread, shear = np.asarray(self.slopes @ U[self.nodes]).reshape(2, 3, m, 3)  # [j, node, i]: ∂U_i/∂x_j
-        pressure = np.einsum("imi->m", spread)
+        pressure = np.einsum("imi->m", spread) + self.pressure @ U
         normal = [pressure + 2.0 * shear[i, :, i] for i in range(3)]
         return np.column_stack([*normal, *(shear[i, :, j] + shear[j, :, i] for i, j in ((0, 1), (1, 2), (0, 2)))])
 
 
 def stress_recovery(elasticity: Elasticity) -> StressRecovery:
     """σ = λ tr ε I + 2μ ε at each cell's nodes, averaged over the cells that share a node by their volumes."""
-    cells, m = elasticity.cells, len(elasticity.nodes)
+    cells, m, material = elasticity.cells, len(elasticity.nodes), elasticity.material
+    spread = material.lame_lambda if elasticity.pressure is None else cellwise_lambda(material)
     volume = np.abs(np.linalg.det(_edges(elasticity))) / 6.0
     total = np.bincount(cells.ravel(), np.repeat(volume, cells.shape[1]), minlength=m)
     slope = _nodal_gradients(elasticity) * (volume[:, None] / total[cells])[:, :, None, None]
@@ -48,10 +53,10 @@ def stress_recovery(elasticity: Elasticity) -> StressRecovery:
     )
     blocks = [
         csr_matrix(((slope[..., j] * modulus).ravel(), (rows, columns)), shape=(m, m))
-        for modulus in (_column(elasticity.material.lame_lambda), _column(elasticity.material.lame_mu))
+        for modulus in (_column(spread), _column(material.lame_mu))
         for j in range(3)
     ]
-    return StressRecovery(csr_matrix(vstack(blocks)), elasticity.nodes)
+    return StressRecovery(csr_matrix(vstack(blocks)), _nodal_pressure(elasticity), elasticity.nodes)
 
 
 def von_mises(stress: Array) -> Array:
@@ -61,6 +66,16 @@ def von_mises(stress: Array) -> Array:
     xx, yy, zz, xy, yz, xz = stress.T
     normal = 0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2)
     return np.asarray(np.sqrt(normal + 3.0 * (xy**2 + yz**2 + xz**2)))
+
+
+def _nodal_pressure(elasticity: Elasticity) -> csr_matrix:
+    """The part of λ div U that is averaged at the vertices, at every node, shape `(m, N)` [Pa/m]."""
+    if elasticity.pressure is None:
+        return csr_matrix((len(elasticity.nodes), elasticity.N))
+    if elasticity.element == "P1":
+        return elasticity.pressure
+    first, second = elasticity.mesh.edges
+    return csr_matrix(vstack([elasticity.pressure, 0.5 * (elasticity.pressure[first] + elasticity.pressure[second])]))
 
 
 def _column(modulus: PerCell) -> Array:
