@@ -69,6 +69,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         status: int = options.command(options)
     except REFUSALS as error:
         return _complain(error, REFUSED)
+    except FactorError as error:
+        return _complain(error, FAILED)
     except MemoryError as error:
         reason = f"there is not enough memory ({error}); take fewer control points or a coarser mesh"
         return _complain(MemoryError(reason), REFUSED)
