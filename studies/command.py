@@ -126,7 +126,9 @@ def print_catalogue(options: argparse.Namespace) -> int:
 
 
 def run_bench(options: argparse.Namespace) -> int:
-    """``suture bench``: time per step, beside baselines, as ratios."""
+    """``suture bench``: time per step beside baselines, or what the organ's solvers take."""
+    if options.what == "organ":
+        return int(import_module("studies.bench_organ").main(options.sizes, options.element, options.json))
     return int(import_module("studies.bench").main(options.json))
 
 
@@ -295,7 +297,7 @@ def _parser() -> argparse.ArgumentParser:
         ("check", check, "say whether a scenario can be run"),
         ("schema", print_schema, "print the JSON schema of the scenario file"),
         ("catalogue", print_catalogue, "list the sutures that a scenario can name"),
-        ("bench", run_bench, "measure milliseconds per step beside two baselines"),
+        ("bench", run_bench, "measure milliseconds per step beside two baselines, or the organ's solvers"),
     ):
         sub = commands.add_parser(name, help=text, description=text)
         sub.set_defaults(command=command)
@@ -304,7 +306,7 @@ def _parser() -> argparse.ArgumentParser:
         if name == "run":
             _add_run(sub)
         if name == "bench":
-            sub.add_argument("--json", metavar="FILE", type=Path, help="write the numbers as JSON")
+            _add_bench(sub)
     return parser
 
 
@@ -317,6 +319,15 @@ def _add_scenario(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="set one key, the value in TOML; a piercing by name: --set piercing.entry.footprint=2e-3",
     )
+
+
+def _add_bench(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("what", nargs="?", choices=("step", "organ"), default="step", help="default: step")
+    parser.add_argument(
+        "--sizes", metavar="N", type=int, nargs="+", default=[3_000, 10_000, 30_000], help="unknowns of the organ"
+    )
+    parser.add_argument("--element", choices=("P1", "P2"), default="P1", help="of the organ")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="write the numbers as JSON")
 
 
 def _add_run(parser: argparse.ArgumentParser) -> None:

@@ -13,11 +13,13 @@ from skfem.helpers import ddot, div, sym_grad
 
 from tissue.errors import TissueError
 from tissue.material import Material, PerCell
+from tissue.parts import assembled
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 ELEMENTS = {"P1": ElementTetP1, "P2": ElementTetP2}
+NO_POINTS = (np.zeros((3, 0)), np.zeros(0))  # the body's basis numbers unknowns; shape functions are made where needed
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ def elasticity(mesh: MeshTet, material: Material, element: str = "P1", clamp: Se
     for name in ("youngs_modulus", "poisson_ratio", "density"):
         _check_cells(name, getattr(material, name), mesh)
     scalar = ELEMENTS[element]()
-    basis = Basis(mesh, ElementVector(scalar), intorder=2 * scalar.maxdeg)
+    basis = Basis(mesh, ElementVector(scalar), quadrature=NO_POINTS)
     clamped = clamped_unknowns(basis, clamp)
     K = stiffness(basis, material.lame_lambda, material.lame_mu)
     M = mass(basis, material.density)
@@ -109,13 +111,13 @@ def elasticity(mesh: MeshTet, material: Material, element: str = "P1", clamp: Se
 def stiffness(basis: Basis, lam: PerCell, mu: PerCell) -> csr_matrix:
     """K_ij = ∫ λ div φ_i div φ_j + 2μ ε(φ_i) : ε(φ_j) dx, shape `(N, N)` [N/m]."""
     # The strain of P_k is of degree k − 1, so the load's rule of degree 2k would be wasted on K.
-    exact = Basis(basis.mesh, basis.elem, intorder=max(1, 2 * (basis.elem.elem.maxdeg - 1)))
-    return csr_matrix(BilinearForm(_strain_energy).assemble(exact, lam=_per_cell(lam), mu=_per_cell(mu)))
+    exact = max(1, 2 * (basis.elem.elem.maxdeg - 1))
+    return assembled(BilinearForm(_strain_energy), basis, exact, lam=lam, mu=mu)
 
 
 def mass(basis: Basis, rho: PerCell) -> csr_matrix:
     """M_ij = ∫ ρ φ_i · φ_j dx, consistent, shape `(N, N)` [kg]."""
-    scalar = BilinearForm(_inertia).assemble(basis.with_element(basis.elem.elem), rho=_per_cell(rho))
+    scalar = assembled(BilinearForm(_inertia), basis.with_element(basis.elem.elem), 2 * basis.elem.elem.maxdeg, rho=rho)
     return csr_matrix(kron(scalar, np.eye(3)))  # a node's three unknowns follow one another
 
 
@@ -136,11 +138,6 @@ def _strain_energy(u: Any, v: Any, w: Any) -> Any:
 
 def _inertia(u: Any, v: Any, w: Any) -> Any:
     return w.rho * u * v
-
-
-def _per_cell(value: PerCell) -> Array:
-    """A column that broadcasts over cells and quadrature points."""
-    return np.atleast_1d(np.asarray(value, float))[:, None]
 
 
 def _check_cells(name: str, value: PerCell, mesh: MeshTet) -> None:

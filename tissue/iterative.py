@@ -27,8 +27,7 @@ COLUMNS = 10  # solved side by side: more take memory and no less time
 
 @dataclass(frozen=True)
 class ConjugateGradients:
-    """A symmetric positive definite matrix `A`, shape `(n, n)`, solved anew each time. Made by `conjugate_gradients`.
-    """
+    """A symmetric positive definite matrix `A` `(n, n)`, solved for anew each time. Made by `conjugate_gradients`."""
 
     A: csr_matrix
     norm: float
