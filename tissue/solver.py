@@ -92,6 +92,10 @@ def factor_bytes(A: csr_matrix, places: Array, method: str) -> float:
     """Memory that a factor would take, by nested dissection of the nodes; nothing for a small organ."""
     if A.shape[0] <= SMALL:
         return 0.0
+    return BYTES[method] * entries(A, places)
+
+
+def entries(A: csr_matrix, places: Array) -> float:
+    """Entries of the Cholesky factor, by nested dissection of the nodes."""
     graph, points, _ = node_graph(A, places)
-    per_node = (A.shape[0] / len(points)) ** 2
-    return float(BYTES[method] * per_node * dissection(graph, points).entries)
+    return float((A.shape[0] / len(points)) ** 2 * dissection(graph, points).entries)
