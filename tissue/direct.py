@@ -27,6 +27,7 @@ LIBRARIES = {"cholmod": "cvxopt", "pardiso": "pypardiso", "superlu": "scipy"}  #
 BYTES = {"cholmod": 8.5, "pardiso": 8.5, "superlu": 24.0}  # of memory per entry of the Cholesky factor, as measured
 DISSECTED = 100_000  # unknowns beyond which CHOLMOD is faster on dissection than on minimum degree
 PARDISO_SPD = 2  # matrix type: real, symmetric, positive definite
+METIS = 2
 SOLVE = 33  # Pardiso's phase: back-substitution
 NOT_DEFINITE = -4  # Pardiso's error: a zero or negative pivot
 
@@ -125,6 +126,8 @@ def pardiso(A: csr_matrix, places: Array | None) -> BackSubstitution:
     upper = triu(A, format="csr")
     upper.sort_indices()
     library = PyPardisoSolver(mtype=PARDISO_SPD)
+    library.set_iparm(1, 1)  # nothing by default: its two steps of refinement cost a second solve
+    library.set_iparm(2, METIS)
     try:
         library.factorize(upper)
     except PyPardisoError as error:
