@@ -29,6 +29,7 @@ from studies.scenario import Scenario, ScenarioError, load, schema
 from thread.catalogue import names, suture
 from thread.errors import ThreadError
 from tissue.errors import FactorError, TissueError
+from tissue.solver import SOLVERS
 
 REFUSALS = (ScenarioError, MeshError, TissueError, ThreadError)
 FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
@@ -129,7 +130,7 @@ def run_bench(options: argparse.Namespace) -> int:
     """``suture bench``: time per step beside baselines, or what the organ's solvers take."""
     if options.what == "organ":
         return int(import_module("studies.bench_organ").main(options.sizes, options.element, options.json))
-    return int(import_module("studies.bench").main(options.json))
+    return int(import_module("studies.bench").main(options.json, options.solver))
 
 
 def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
@@ -324,9 +325,10 @@ def _add_scenario(parser: argparse.ArgumentParser) -> None:
 def _add_bench(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("what", nargs="?", choices=("step", "organ"), default="step", help="default: step")
     parser.add_argument(
-        "--sizes", metavar="N", type=int, nargs="+", default=[3_000, 10_000, 30_000], help="unknowns of the organ"
+        "--sizes", metavar="N", type=int, nargs="+", default=[3_000, 10_000, 30_000], help="unknowns, for organ"
     )
-    parser.add_argument("--element", choices=("P1", "P2"), default="P1", help="of the organ")
+    parser.add_argument("--element", choices=("P1", "P2"), default="P1", help="of the organ, for organ")
+    parser.add_argument("--solver", choices=SOLVERS, default="auto", help="of the organ, for step")
     parser.add_argument("--json", metavar="FILE", type=Path, help="write the numbers as JSON")
 
 

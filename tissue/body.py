@@ -112,12 +112,13 @@ def stiffness(basis: Basis, lam: PerCell, mu: PerCell) -> csr_matrix:
     """K_ij = ∫ λ div φ_i div φ_j + 2μ ε(φ_i) : ε(φ_j) dx, shape `(N, N)` [N/m]."""
     # The strain of P_k is of degree k − 1, so the load's rule of degree 2k would be wasted on K.
     exact = max(1, 2 * (basis.elem.elem.maxdeg - 1))
-    return assembled(BilinearForm(_strain_energy), basis, exact, lam=lam, mu=mu)
+    return assembled(BilinearForm(_strain_energy), basis, exact, lam=_per_cell(lam), mu=_per_cell(mu))
 
 
 def mass(basis: Basis, rho: PerCell) -> csr_matrix:
     """M_ij = ∫ ρ φ_i · φ_j dx, consistent, shape `(N, N)` [kg]."""
-    scalar = assembled(BilinearForm(_inertia), basis.with_element(basis.elem.elem), 2 * basis.elem.elem.maxdeg, rho=rho)
+    nodes, exact = basis.with_element(basis.elem.elem), 2 * basis.elem.elem.maxdeg
+    scalar = assembled(BilinearForm(_inertia), nodes, exact, rho=_per_cell(rho))
     return csr_matrix(kron(scalar, np.eye(3)))  # a node's three unknowns follow one another
 
 
@@ -138,6 +139,11 @@ def _strain_energy(u: Any, v: Any, w: Any) -> Any:
 
 def _inertia(u: Any, v: Any, w: Any) -> Any:
     return w.rho * u * v
+
+
+def _per_cell(value: PerCell) -> Array:
+    """A column that broadcasts over cells and quadrature points."""
+    return np.atleast_1d(np.asarray(value, float))[:, None]
 
 
 def _check_cells(name: str, value: PerCell, mesh: MeshTet) -> None:

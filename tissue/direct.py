@@ -24,7 +24,7 @@ Indices = NDArray[np.intp]
 BackSubstitution = Callable[[Array], Array]
 
 LIBRARIES = {"cholmod": "cvxopt", "pardiso": "pypardiso", "superlu": "scipy"}  # the fastest first
-BYTES = {"cholmod": 8.5, "pardiso": 8.5, "superlu": 24.0}  # of memory per entry of the Cholesky factor, as measured
+BYTES = {"cholmod": 10.0, "pardiso": 8.0, "superlu": 24.0}  # of memory per entry of the Cholesky factor, as measured
 DISSECTED = 100_000  # unknowns beyond which CHOLMOD is faster on dissection than on minimum degree
 PARDISO_SPD = 2  # matrix type: real, symmetric, positive definite
 METIS = 2
