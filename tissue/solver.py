@@ -32,13 +32,14 @@ SOLVERS = ("auto", *LIBRARIES, MULTIGRID)
 ONCE = {"cholmod": 250_000, "pardiso": 250_000, "superlu": 60_000}  # unknowns beyond which 20 columns cost less
 SMALL = 50_000  # unknowns of an organ whose factor is not worth an estimate: less than half a gigabyte
 SHARE = 0.8  # of the free memory that a factor may take
+LEVELS = 45.0  # bytes of the levels of multigrid per entry of the matrix, as measured
 MANY = 1000  # factors, as good as no limit
 GIGA = 1e9
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A solver's name, and how many of its factors there is room for."""
+    """A solver's name, and how many of its factors (or sets of levels) there is room for, one at least."""
 
     name: str
     room: int
@@ -75,17 +76,24 @@ def chosen(name: str, A: csr_matrix, places: Array, once: bool) -> Choice:
     if name in LIBRARIES and not installed(name):
         raise TissueError(f"solver = {name!r} needs {LIBRARIES[name]}; pip install it, or take 'auto'")
     direct = next(method for method in LIBRARIES if installed(method)) if name == "auto" else name
+    room = SHARE * free_memory()
+    levels = Choice(MULTIGRID, _times(room, LEVELS * A.nnz))
     if direct == MULTIGRID or (name == "auto" and once and A.shape[0] > ONCE[direct]):
-        return Choice(MULTIGRID, 1)
-    need, room = factor_bytes(A, places, direct), SHARE * free_memory()
+        return levels
+    need = factor_bytes(A, places, direct)
     if need <= room:
-        return Choice(direct, int(min(room // max(need, 1.0), MANY)))
+        return Choice(direct, _times(room, need))
     if name == "auto":
-        return Choice(MULTIGRID, 1)
+        return levels
     raise TissueError(
         f"solver = {name!r}: the factor of {A.shape[0]} unknowns takes about {need / GIGA:.2g} GB and "
         f"{room / GIGA:.2g} GB can be had; take 'multigrid' or a coarser mesh"
     )
+
+
+def _times(room: float, need: float) -> int:
+    """How often a need goes into the room there is, once at least."""
+    return int(max(1.0, min(room / max(need, 1.0), MANY)))
 
 
 def factor_bytes(A: csr_matrix, places: Array, method: str) -> float:
