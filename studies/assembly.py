@@ -184,5 +184,6 @@ def organ_of(
         return tissue.fixed_sites(sites)
     placed = tissue.build_sites(body, sites)
     if scenario.tissue.inertia and scenario.solve.kind == "dynamic":
-        return tissue.DynamicOrgan(body, placed, scenario.solve.gravity, rayleigh=scenario.tissue.rayleigh)
-    return tissue.QuasiStaticOrgan(body, placed, scenario.solve.gravity)
+        rayleigh = scenario.tissue.rayleigh
+        return tissue.DynamicOrgan(body, placed, scenario.solve.gravity, scenario.tissue.solver, rayleigh=rayleigh)
+    return tissue.QuasiStaticOrgan(body, placed, scenario.solve.gravity, scenario.tissue.solver)

@@ -29,6 +29,7 @@ from studies.scenario import Scenario, ScenarioError, load, schema
 from thread.catalogue import KNOT_PULL, TEXTBOOK, USP, knot_pull, names, suture
 from thread.errors import ThreadError
 from tissue.errors import FactorError, TissueError
+from tissue.solver import SOLVERS
 
 REFUSALS = (ScenarioError, MeshError, TissueError, ThreadError)
 FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
@@ -73,6 +74,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         status: int = options.command(options)
     except REFUSALS as error:
         return _complain(error, REFUSED)
+    except FactorError as error:
+        return _complain(error, FAILED)
     except MemoryError as error:
         reason = f"there is not enough memory ({error}); take fewer control points or a coarser mesh"
         return _complain(MemoryError(reason), REFUSED)
@@ -141,8 +144,10 @@ def print_catalogue(options: argparse.Namespace) -> int:
 
 
 def run_bench(options: argparse.Namespace) -> int:
-    """``suture bench``: time per step, beside baselines, as ratios."""
-    return int(import_module("studies.bench").main(options.json))
+    """``suture bench``: time per step beside baselines, or what the organ's solvers take."""
+    if options.what == "organ":
+        return int(import_module("studies.bench_organ").main(options.sizes, options.element, options.json))
+    return int(import_module("studies.bench").main(options.json, options.solver))
 
 
 def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
@@ -322,7 +327,7 @@ def _parser() -> argparse.ArgumentParser:
         ("mesh", make_mesh, "make a scenario's mesh, write it and say how good it is"),
         ("schema", print_schema, "print the JSON schema of the scenario file"),
         ("catalogue", print_catalogue, "list the sutures that a scenario can name"),
-        ("bench", run_bench, "measure milliseconds per step beside two baselines"),
+        ("bench", run_bench, "measure milliseconds per step beside two baselines, or the organ's solvers"),
     ):
         sub = commands.add_parser(name, help=text, description=text)
         sub.set_defaults(command=command)
@@ -333,7 +338,7 @@ def _parser() -> argparse.ArgumentParser:
         if name == "mesh":
             sub.add_argument("--out", metavar="ORGAN.vtu", type=Path, required=True, help="mesh file to be written")
         if name == "bench":
-            sub.add_argument("--json", metavar="FILE", type=Path, help="write the numbers as JSON")
+            _add_bench(sub)
     return parser
 
 
@@ -346,6 +351,16 @@ def _add_scenario(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="set one key, the value in TOML; a piercing by name: --set piercing.entry.footprint=2e-3",
     )
+
+
+def _add_bench(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("what", nargs="?", choices=("step", "organ"), default="step", help="default: step")
+    parser.add_argument(
+        "--sizes", metavar="N", type=int, nargs="+", default=[3_000, 10_000, 30_000], help="unknowns, for organ"
+    )
+    parser.add_argument("--element", choices=("P1", "P2"), default="P1", help="of the organ, for organ")
+    parser.add_argument("--solver", choices=SOLVERS, default="auto", help="of the organ, for step")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="write the numbers as JSON")
 
 
 def _add_run(parser: argparse.ArgumentParser) -> None:

@@ -292,6 +292,11 @@ class Tissue(Table):
     inertia: Annotated[bool, Field(strict=True)] = Field(
         default=True, description="whether the organ has inertia; false: quasi-static organ"
     )
+    solver: Literal["auto", "superlu", "cholmod", "pardiso", "multigrid"] = Field(
+        default="auto",
+        description='what solves the organ: "auto" (by size, memory and what is installed), or "superlu", "cholmod" '
+        '(needs cvxopt), "pardiso" (needs pypardiso), "multigrid"',
+    )
     rayleigh: tuple[NotNegative, NotNegative] = Field(
         default=(0.0, 0.0), description="Rayleigh damping α [1/s] of the mass and β [s] of the stiffness"
     )

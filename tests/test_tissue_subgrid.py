@@ -9,6 +9,7 @@ from skfem import MeshTet
 
 import tissue
 from meshes.block import block, graded_block_structured
+from meshes.grading import Grading
 from tissue import footprint, kernels
 from tissue.sites import frame
 
@@ -87,7 +88,7 @@ def test_a_coarse_mesh_answers_as_a_layer_does(element: str, ratio: float) -> No
     if ratio >= 5.0:
         mesh = block((width, width, H), ratio * R)
     else:
-        mesh = graded_block_structured((width, width, H), 10.0 * R, ratio * R, [off], growth=1.45, radius=R)
+        mesh = graded_block_structured((width, width, H), Grading(10.0 * R, ratio * R, 1.45, R), [off])
     C = compliance(mesh, element, [hole(off)])[0]
     normal, tangential = layer_compliance("parabolic", R, H, E, NU)
     couple = np.diag(kernels.disc_compliance("parabolic", NU))[[3, 6, 9]]
@@ -104,7 +105,7 @@ def test_a_coarse_mesh_answers_as_a_fine_one_inside_and_along_a_cut() -> None:
     holes = [hole([0.0, 0.0, 0.0], FIBRE), hole([0.0, 0.0, -0.012], FIBRE), hole([0.0, 0.0, -0.012], FIBRE, "uniform")]
     size = (0.04, 0.04, 0.024)
     centres = [[0.0, 0.0, 0.0], [0.0, 0.0, -0.012]]
-    fine = compliance(graded_block_structured(size, 6e-3, 1.5 * R, centres, growth=3.0, radius=R), "P2", holes)
+    fine = compliance(graded_block_structured(size, Grading(6e-3, 1.5 * R, 3.0, R), centres), "P2", holes)
     coarse = compliance(block(size, 6e-3), "P1", holes)
     for got, exact in zip(coarse, fine, strict=True):
         assert mismatch(got, exact) <= 0.03

@@ -5,6 +5,7 @@ it.
 from tissue.body import Elasticity, elasticity
 from tissue.errors import FactorError, TissueError
 from tissue.factor import Factor, factorize
+from tissue.iterative import ConjugateGradients, conjugate_gradients
 from tissue.material import Material
 from tissue.organ import (
     DynamicOrgan,
@@ -20,6 +21,7 @@ from tissue.sites import Site, Sites, build_sites
 from tissue.stress import StressRecovery, stress_recovery, von_mises
 
 __all__ = [
+    "ConjugateGradients",
     "DynamicOrgan",
     "Elasticity",
     "Factor",
@@ -36,6 +38,7 @@ __all__ = [
     "StressRecovery",
     "TissueError",
     "build_sites",
+    "conjugate_gradients",
     "elasticity",
     "factorize",
     "fixed_sites",

@@ -20,6 +20,7 @@ from skfem.helpers import ddot, div, sym_grad
 
 from tissue.errors import TissueError
 from tissue.material import Material, PerCell
+from tissue.parts import assembled
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -28,6 +29,7 @@ ELEMENTS = {"P1": ElementTetP1, "P2": ElementTetP2}
 DILATATIONS = ("auto", "cell", "nodal")
 LOCKS = 0.45  # ν beyond which "auto" averages: a P1 layer is 1.7 times as wrong there as at 0.3, and 3.6 times at 0.49
 CELLWISE = 0.3  # ν whose λ stays with the cells
+NO_POINTS = (np.zeros((3, 0)), np.zeros(0))  # the body's basis numbers unknowns; shape functions are made where needed
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,7 @@ def elasticity(
     for name in ("youngs_modulus", "poisson_ratio", "density"):
         _check_cells(name, getattr(material, name), mesh)
     scalar = ELEMENTS[element]()
-    basis = Basis(mesh, ElementVector(scalar), intorder=2 * scalar.maxdeg)
+    basis = Basis(mesh, ElementVector(scalar), quadrature=NO_POINTS)
     clamped = clamped_unknowns(basis, clamp)
     average = dilatation == "nodal" or (dilatation == "auto" and np.max(material.poisson_ratio) > LOCKS)
     cellwise = cellwise_lambda(material) if average else material.lame_lambda
@@ -138,8 +140,8 @@ def cellwise_lambda(material: Material) -> PerCell:
 def stiffness(basis: Basis, lam: PerCell, mu: PerCell) -> csr_matrix:
     """K_ij = ∫ λ div φ_i div φ_j + 2μ ε(φ_i) : ε(φ_j) dx, shape `(N, N)` [N/m]."""
     # The strain of P_k is of degree k − 1, so the load's rule of degree 2k would be wasted on K.
-    exact = Basis(basis.mesh, basis.elem, intorder=max(1, 2 * (basis.elem.elem.maxdeg - 1)))
-    return csr_matrix(BilinearForm(_strain_energy).assemble(exact, lam=_per_cell(lam), mu=_per_cell(mu)))
+    exact = max(1, 2 * (basis.elem.elem.maxdeg - 1))
+    return assembled(BilinearForm(_strain_energy), basis, exact, lam=_per_cell(lam), mu=_per_cell(mu))
 
 
 def nodal_dilatation(basis: Basis, excess: PerCell) -> tuple[csr_matrix, csr_matrix]:
@@ -159,7 +161,8 @@ def nodal_dilatation(basis: Basis, excess: PerCell) -> tuple[csr_matrix, csr_mat
 
 def mass(basis: Basis, rho: PerCell) -> csr_matrix:
     """M_ij = ∫ ρ φ_i · φ_j dx, consistent, shape `(N, N)` [kg]."""
-    scalar = BilinearForm(_inertia).assemble(basis.with_element(basis.elem.elem), rho=_per_cell(rho))
+    nodes, exact = basis.with_element(basis.elem.elem), 2 * basis.elem.elem.maxdeg
+    scalar = assembled(BilinearForm(_inertia), nodes, exact, rho=_per_cell(rho))
     return csr_matrix(kron(scalar, np.eye(3)))  # a node's three unknowns follow one another
 
 

@@ -8,8 +8,8 @@ y = y_free + C f_y. Where a mesh is too coarse for a hole, springs without mass 
 unknowns behind those of the mesh, as stiff as these are in the mean: y = y0 + Y U + √κ B ζ (`tissue.subgrid`).
 """
 
-from collections import OrderedDict
-from collections.abc import Sequence
+from collections import OrderedDict, deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -19,12 +19,13 @@ from scipy.sparse import block_diag, csr_matrix, eye_array, hstack
 
 from tissue.body import Elasticity
 from tissue.errors import TissueError
-from tissue.factor import Factor, factorize
 from tissue.sites import Site, Sites, space_frames
+from tissue.solver import Choice, Solver, chosen, mass_solver, solver
 
 Array = NDArray[np.float64]
 
-KEPT = 4  # operators kept: one per (a, d) of a run, the start, and a halved step
+KEPT = 4  # operators kept, memory allowing: one per (a, d) of a run, the start, and a halved step
+RECALLED = 4  # fields whose elastic force is remembered: a step asks again for those of its start and of its end
 NOTHING = np.zeros(0)
 
 
@@ -77,7 +78,8 @@ class _Organ:
     elasticity: Elasticity
     sites: Sites
     gravity: ArrayLike = (0.0, 0.0, 0.0)
-    method: str = "superlu"
+    solver: str = "auto"  # one of `tissue.solver.SOLVERS`
+    choice: Choice = field(init=False, repr=False)
     K: csr_matrix = field(init=False, repr=False)
     Y: csr_matrix = field(init=False, repr=False)
     load: Array = field(init=False, repr=False)
@@ -93,12 +95,31 @@ class _Organ:
                 f"sites over {self.sites.Y.shape[1]} unknowns on an organ of {free.size}; build them on it"
             )
         B, places = self.sites.springs, body.basis.doflocs[:, free].T
-        m, lowest = B.shape[1], places.min(axis=0, initial=0.0)
+        K = csr_matrix(body.K[free][:, free])
+        K.eliminate_zeros()  # a fifth of the entries on a block
         stiffness = float(body.K.diagonal().mean())
-        object.__setattr__(self, "K", csr_matrix(block_diag([body.K[free][:, free], stiffness * eye_array(m)])))
+        springs = stiffness * eye_array(B.shape[1])
+        object.__setattr__(self, "K", csr_matrix(block_diag([K, springs])) if B.shape[1] else K)
         object.__setattr__(self, "Y", csr_matrix(hstack([self.sites.Y, np.sqrt(stiffness) * B])))
-        object.__setattr__(self, "load", np.append(body.body_force(gravity)[free], np.zeros(m)))
-        object.__setattr__(self, "places", np.vstack([places, lowest - 1.0 - np.arange(m)[:, None]]))
+        object.__setattr__(self, "load", np.append(body.body_force(gravity)[free], np.zeros(B.shape[1])))
+        object.__setattr__(self, "places", places)
+        object.__setattr__(self, "choice", chosen(self.solver, K, places, self._solved_once))
+
+    @property
+    def mesh_size(self) -> int:
+        """Number of free unknowns of the mesh, which come before those of the springs."""
+        return int(self.elasticity.free.size)
+
+    @property
+    def _solved_once(self) -> bool:
+        """Whether all that is ever solved for are the sites' columns and the load."""
+        return False
+
+    def solved(self, A: csr_matrix) -> Solver:
+        """What solves with a matrix of the organ: the springs are coupled to nothing but the sites."""
+        N = self.mesh_size
+        mesh = solver(csr_matrix(A[:N, :N]) if A.shape[0] > N else A, self.places, self.choice.name)
+        return mesh if A.shape[0] == N else Sprung(A, mesh)
 
     @property
     def y0(self) -> Array:
@@ -116,6 +137,21 @@ class _Organ:
 
 
 @dataclass(frozen=True)
+class Sprung:
+    """A matrix of the mesh, with its solver, and behind it a diagonal of springs."""
+
+    A: csr_matrix
+    mesh: Solver
+
+    def solve(self, b: Array, guess: Callable[[], Array] | None = None) -> Array:
+        """A⁻¹ b for b of shape `(n,)` or `(n, k)`; a guess is asked for where it is of use."""
+        N = self.mesh.A.shape[0]
+        near = None if guess is None else lambda: guess()[:N]
+        springs = self.A.diagonal()[N:].reshape(-1, *[1] * (b.ndim - 1))
+        return np.concatenate([self.mesh.solve(b[:N], near), b[N:] / springs])
+
+
+@dataclass(frozen=True)
 class DynamicOperator:
     """A = a M + d C + K, factorised, with W = A⁻¹ Yᵀ and the compliance C = Y W of the sites."""
 
@@ -123,7 +159,7 @@ class DynamicOperator:
     a: float
     d: float
     A: csr_matrix
-    factor: Factor
+    factor: Solver
     W: Array
     C: Array
 
@@ -132,10 +168,13 @@ class DynamicOperator:
         return self._residual(np.zeros_like(state.U), history)
 
     def predict(self, state: OrganState, history: History) -> Prediction:
-        """The step without site forces: one back-substitution, for the increment, so that round-off is
-        relative to it.
-        """
-        U_free = state.U + self.factor.solve(self._residual(state.U, history))
+        """The step without site forces: one solve, for the increment, so that round-off is relative to it."""
+
+        def guess() -> Array:
+            """As if acceleration and site forces stayed what they are."""
+            return history.inertia + state.A / self.a - state.U - self.W @ state.f_y
+
+        U_free = state.U + self.factor.solve(self._residual(state.U, history), guess)
         return Prediction(self.organ.y0 + self.organ.Y @ U_free, U_free, history)
 
     def complete(self, prediction: Prediction, f_y: Array) -> OrganState:
@@ -145,14 +184,12 @@ class DynamicOperator:
         return OrganState(U, self.d * (U - history.damping), self.a * (U - history.inertia), f_y)
 
     def _residual(self, U: Array, history: History) -> Array:
-        """b − A U, by two products with M and K: C = αM + βK needs none of its own."""
+        """b − A U, by products with M and K: C = αM + βK needs none of its own."""
         alpha, beta = self.organ.rayleigh
         damping = self.d * (history.damping - U)
-        return (
-            self.organ.load
-            + self.organ.M @ (self.a * (history.inertia - U) + alpha * damping)
-            + self.organ.K @ (beta * damping - U)
-        )
+        inertia = self.organ.weighed(self.a * (history.inertia - U) + alpha * damping)
+        residual = self.organ.load + inertia - self.organ.elastic_force(U)
+        return residual + self.organ.K @ (beta * damping) if beta and damping.any() else residual
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +200,8 @@ class DynamicOrgan(_Organ):
 
     rayleigh: tuple[float, float] = (0.0, 0.0)
     M: csr_matrix = field(init=False, repr=False)
+    node_mass: csr_matrix = field(init=False, repr=False)
+    _recalled: deque[tuple[Array, Array]] = field(init=False, repr=False, compare=False)
     _operators: OrderedDict[tuple[float, float], DynamicOperator] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -173,8 +212,13 @@ class DynamicOrgan(_Organ):
                 f"rayleigh = {self.rayleigh}: allowed are α ≥ 0 [1/s] and β ≥ 0 [s]; damping takes energy"
             )
         free = self.elasticity.free
-        massless = csr_matrix((self.size - free.size,) * 2)
-        object.__setattr__(self, "M", csr_matrix(block_diag([self.elasticity.M[free][:, free], massless])))
+        M = csr_matrix(self.elasticity.M[free][:, free])
+        springs = csr_matrix((self.size - free.size,) * 2)
+        object.__setattr__(self, "M", csr_matrix(block_diag([M, springs])) if springs.shape[0] else M)
+        object.__setattr__(self, "node_mass", csr_matrix(M[::3, ::3]))
+        if 3 * self.node_mass.nnz != M.nnz:
+            raise TissueError("the mass matrix must be one over the nodes, the same for x, y and z of each")
+        object.__setattr__(self, "_recalled", deque(maxlen=RECALLED))
         object.__setattr__(self, "_operators", OrderedDict())
 
     def start(self) -> OrganState:
@@ -187,16 +231,29 @@ class DynamicOrgan(_Organ):
         if not (0.0 < a < np.inf and 0.0 <= d < np.inf):
             raise TissueError(f"a = {a} 1/s², d = {d} 1/s: allowed are a > 0 and d ≥ 0; give a positive time step")
         if (a, d) not in self._operators:
+            while len(self._operators) >= min(KEPT, self.choice.room):
+                self._operators.popitem(last=False)
             self._operators[a, d] = self._factorized(a, d)
         self._operators.move_to_end((a, d))
-        while len(self._operators) > KEPT:
-            self._operators.popitem(last=False)
         return self._operators[a, d]
+
+    def weighed(self, field: Array) -> Array:
+        """M times a field over the free unknowns `(N,)`: a node's three components share its row."""
+        return self._weighed_together(field)[0]
+
+    def elastic_force(self, U: Array) -> Array:
+        """K U; of the fields asked for last it is remembered, since a state's own is asked for by both its steps."""
+        for known, force in self._recalled:
+            if known is U:
+                return force
+        force = np.asarray(self.K @ U)
+        self._recalled.append((U, force))
+        return force
 
     def _factorized(self, a: float, d: float) -> DynamicOperator:
         alpha, beta = self.rayleigh
         A = csr_matrix((a + alpha * d) * self.M + (1.0 + beta * d) * self.K)
-        factor = factorize(A, self.places, self.method)
+        factor = self.solved(A)
         W, C = _compliance(factor, self.Y)
         return DynamicOperator(self, a, d, A, factor, W, C)
 
@@ -243,8 +300,8 @@ class DynamicOrgan(_Organ):
     @cached_property
     def _mobility(self) -> tuple[Array, Array]:
         """M⁻¹ Yᵀ `(N, 9p)` and Y M⁻¹ Yᵀ of the mesh: what has no mass takes no impulse."""
-        N = self.elasticity.free.size
-        W, C = _compliance(factorize(self.M[:N, :N], self.places[:N], self.method), self.sites.Y)
+        N = self.mesh_size
+        W, C = _compliance(mass_solver(csr_matrix(self.M[:N, :N]), self.places, self.choice.name), self.sites.Y)
         return np.vstack([W, np.zeros((self.size - N, W.shape[1]))]), C
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
@@ -255,15 +312,24 @@ class DynamicOrgan(_Organ):
         is zero for backward Euler; viscous is V⁺ᵀ C ΔU.
         """
         alpha, beta = self.rayleigh
-        dU, dV = new.U - old.U, new.V - old.V
-        elastic, inertia = self.K @ dU, self.M @ new.V
+        dU, dV, force = new.U - old.U, new.V - old.V, self.elastic_force(new.U)
+        elastic = force - self.elastic_force(old.U)
+        inertia, given, spent = self._weighed_together(new.V, dV, new.A)
         return OrganEnergies(
             kinetic=float(0.5 * new.V @ inertia),
-            elastic=float(0.5 * new.U @ (self.K @ new.U)),
+            elastic=float(0.5 * new.U @ force),
             gravity_work=float(self.load @ dU),
             viscous=float(alpha * (inertia @ dU) + beta * (new.V @ elastic)),
-            numerical=float(0.5 * dU @ elastic + 0.5 * dV @ (self.M @ dV) + (self.M @ new.A) @ dU - inertia @ dV),
+            numerical=float(0.5 * dU @ elastic + 0.5 * dV @ given + spent @ dU - inertia @ dV),
         )
+
+    def _weighed_together(self, *fields: Array) -> Array:
+        """M times several fields in one pass over it, shape `(k, N)`; the springs have no mass."""
+        N, k = self.mesh_size, len(fields)
+        side_by_side = np.hstack([field[:N].reshape(-1, 3) for field in fields])
+        out = np.zeros((k, self.size))
+        out[:, :N] = np.asarray(self.node_mass @ side_by_side).reshape(-1, k, 3).swapaxes(0, 1).reshape(k, -1)
+        return out
 
 
 @dataclass(frozen=True)
@@ -271,7 +337,7 @@ class QuasiStaticOperator:
     """A = K with the answer to the constant load known: no work that grows with the mesh is left in a step."""
 
     A: csr_matrix
-    factor: Factor
+    factor: Solver
     load: Array
     W: Array
     C: Array
@@ -298,6 +364,10 @@ class QuasiStaticOrgan(_Organ):
     demand.
     """
 
+    @property
+    def _solved_once(self) -> bool:
+        return True
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.elasticity.clamped.size == 0:
@@ -310,7 +380,7 @@ class QuasiStaticOrgan(_Organ):
     @cached_property
     def _operator(self) -> QuasiStaticOperator:
         """Factorised when first asked for: a scenario is checked without."""
-        factor = factorize(self.K, self.places, self.method)
+        factor = self.solved(self.K)
         W, C = _compliance(factor, self.Y)
         U_load = factor.solve(self.load)
         y_load, sag_energy = np.asarray(self.y0 + self.Y @ U_load), float(0.5 * self.load @ U_load)
@@ -471,8 +541,8 @@ def fixed_sites(sites: Sequence[Site]) -> FixedSites:
     return FixedSites(space_frames(sites))
 
 
-def _compliance(factor: Factor, Y: csr_matrix) -> tuple[Array, Array]:
+def _compliance(factor: Solver, Y: csr_matrix) -> tuple[Array, Array]:
     """W = A⁻¹ Yᵀ `(N, 9p)` and C = Y W `(9p, 9p)`, made symmetric to the last bit."""
-    W = factor.solve(np.asfortranarray(Y.T.toarray()))
+    W = factor.solve(Y.T.toarray())
     C = Y @ W
     return W, 0.5 * (C + C.T)

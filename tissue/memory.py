@@ -1,0 +1,26 @@
+"""Memory that is free, as far as the system says."""
+
+from pathlib import Path
+
+KILO = 1024
+UNKNOWN = float("inf")
+
+
+def free_memory(proc: Path = Path("/proc/meminfo"), group: Path = Path("/sys/fs/cgroup")) -> float:
+    """Bytes that can be had without swapping, within a container's limit; infinite where the system does not say."""
+    return min(_available(proc), _allowed(group))
+
+
+def _available(proc: Path) -> float:
+    try:
+        lines = dict(line.split(":", 1) for line in proc.read_text().splitlines())
+        return float(lines["MemAvailable"].split()[0]) * KILO
+    except (OSError, KeyError, ValueError, IndexError):
+        return UNKNOWN
+
+
+def _allowed(group: Path) -> float:
+    try:
+        return float((group / "memory.max").read_text()) - float((group / "memory.current").read_text())
+    except (OSError, ValueError):  # no group, or no limit: "max"
+        return UNKNOWN
