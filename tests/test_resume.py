@@ -55,7 +55,6 @@ name = "exit"
 at = [0.005, 0, 0]
 direction = "normal"
 footprint = 2.0e-3
-subgrid = false
 from = 0.0115
 [solve]
 dt = 1.0e-3

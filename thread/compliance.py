@@ -29,14 +29,20 @@ _BEAM = (
     _X**2 * (1 - _X) ** 2 * (1 - 2 * _X) / 2,
     _X * (1 - _X) * (1 - 3 * _X + 3 * _X**2),
 )
-_BEAM_RATES = tuple(tuple(g.deriv(k) if k else g for g in _BEAM) for k in range(3))
+_POWERS = np.arange(7)
+_COEFFICIENTS = np.zeros((3, 3, 7))  # derivative, entry, power of x
+for _k in range(3):
+    for _j, _g in enumerate(_BEAM):
+        _c = _g.deriv(_k).coef if _k else _g.coef
+        _COEFFICIENTS[_k, _j, : len(_c)] = _c
+_LENGTHS = np.array([3, 2, 1]) - np.arange(3)[:, None]  # power of the beam's length
 
 
-def beam_compliance(a: float, length: float) -> Array:
-    """Compliance of a clamped beam of EI = 1 at `a` [m], shape `(3 derivatives by a, 3)`: deflection by force
+def beam_compliance(a: Array, length: Array) -> Array:
+    """Compliance of clamped beams of EI = 1 at `a` (m,) [m], shape `(m, 3 derivatives by a, 3)`: deflection by force
     [m³ over EI], slope by force, slope by couple (Roark, table of clamped beams)."""
-    powers = np.array([3, 2, 1])
-    return np.array([[g(a / length) for g in rates] * length ** (powers - k) for k, rates in enumerate(_BEAM_RATES)])
+    x = (a / length)[:, None] ** _POWERS
+    return np.einsum("kjp,mp->mkj", _COEFFICIENTS, x) * length[:, None, None] ** _LENGTHS
 
 
 def patch_of(spline: Spline, span: int) -> tuple[float, float, Array]:
@@ -66,12 +72,13 @@ def bending_stiffness(spline: Spline) -> Array:
 
 
 def spline_compliance(b: Array, inverse: Array) -> Array:
-    """βᵀK⁻¹β and its first two derivatives by s, shape `(3, 3)` as in `beam_compliance`; `b` (4 orders, 4)."""
-    p = b @ inverse @ b.T
-    return np.array(
-        [
-            [p[0, 0], p[0, 1], p[1, 1]],
-            [2 * p[0, 1], p[1, 1] + p[0, 2], 2 * p[1, 2]],
-            [2 * (p[0, 2] + p[1, 1]), 3 * p[1, 2] + p[0, 3], 2 * (p[1, 3] + p[2, 2])],
-        ]
-    )
+    """βᵀK⁻¹β and its first two derivatives by s, shape `(m, 3, 3)` as in `beam_compliance`; `b` (m, 4 orders, 4),
+    `inverse` (m, 4, 4)."""
+    p = b @ inverse @ b.swapaxes(1, 2)
+    out = np.empty((len(b), 3, 3))
+    out[:, 0, 0], out[:, 0, 1], out[:, 0, 2] = p[:, 0, 0], p[:, 0, 1], p[:, 1, 1]
+    out[:, 1, 0], out[:, 1, 1], out[:, 1, 2] = 2 * p[:, 0, 1], p[:, 1, 1] + p[:, 0, 2], 2 * p[:, 1, 2]
+    out[:, 2, 0] = 2 * (p[:, 0, 2] + p[:, 1, 1])
+    out[:, 2, 1] = 3 * p[:, 1, 2] + p[:, 0, 3]
+    out[:, 2, 2] = 2 * (p[:, 1, 3] + p[:, 2, 2])
+    return out

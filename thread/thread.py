@@ -294,17 +294,22 @@ class Thread:
         `b` (m, 4, 4): the basis there. Shape `(m, 3 derivatives, 3)`: displacement by force [m/N], rotation by force
         [1/N], rotation by couple [1/(N m)]. Zero without bending, or without `hole_compliance`.
         """
-        out = np.zeros((len(s), 3, 3))
-        if self.EI == 0.0 or not self.hole_compliance:
-            return out
-        for k, span in enumerate(self.spline.spans_of(s).tolist()):
-            if span not in self._patches:
-                self._patches[span] = patch_of(self.spline, span)
-            low, high, inverse = self._patches[span]
-            if low < s[k] < high:
-                lack = beam_compliance(s[k] - low, high - low) - spline_compliance(b[k], inverse)
-                out[k] = lack / self.EI
-        return out
+        if self.EI == 0.0 or not self.hole_compliance or not len(s):
+            return np.zeros((len(s), 3, 3))
+        low, length, inverse = self._patches_of(self.spline.spans_of(s))
+        a = s - low
+        lack = (beam_compliance(a, length) - spline_compliance(b, inverse)) / self.EI
+        lack[(a <= 0.0) | (a >= length)] = 0.0
+        return lack
+
+    def _patches_of(self, spans: Indices) -> tuple[Array, Array, Array]:
+        """Start and length [m] of the patch of each of the `spans` (m,), and its inverse (`thread.compliance`)."""
+        known = self._patches
+        for span in spans.tolist():
+            if span not in known:
+                known[span] = patch_of(self.spline, span)
+        low, high, inverse = zip(*(known[span] for span in spans.tolist()), strict=True)
+        return np.array(low), np.array(high) - low, np.array(inverse)
 
     # -- elastic energies --------------------------------------------------------------------------------------
 
