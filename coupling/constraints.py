@@ -51,7 +51,7 @@ LOCAL_UNKNOWNS = 3 * LOCAL[:, None] + np.arange(3)  # of the four points on a sp
 def passage(thread: Thread, q: Array, s: Array) -> Passage:
     """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (p,) [m]."""
     bare = bare_passage(thread.spline, q, s)
-    return replace(bare, c=thread.missing_compliance(s, bare.b))
+    return replace(bare, c=thread.missing_compliance(s))
 
 
 def bare_passage(spline: Spline, q: Array, s: Array) -> Passage:

@@ -9,7 +9,8 @@ around s, clamped at its ends, as the difference of two linear answers,
     c(s) = g(s) − β(s)ᵀ K⁻¹ β(s),     β = (b, b'),   K = ∫EI b'' b''ᵀ ds,
 
 g being the compliance of the clamped beam itself (force–force, force–couple, couple–couple), and added where the
-rod is held. c is positive semidefinite, since the spline's answer is a Galerkin one; it falls with h³, h² and h.
+rod is held. c is a polynomial of degree six on each span, and positive semidefinite since the spline's answer is a
+Galerkin one; it falls with h³, h² and h.
 """
 
 import numpy as np
@@ -23,31 +24,41 @@ Array = NDArray[np.float64]
 REACH = 6  # spans on each side of that of the hole; what a spline feels of its patch's ends falls by 0.27 a span
 
 _X = Polynomial([0.0, 1.0])
-# Clamped beam of unit length and EI, force and couple at x: deflection by force, slope by force, slope by couple.
-_BEAM = (
-    _X**3 * (1 - _X) ** 3 / 3,
-    _X**2 * (1 - _X) ** 2 * (1 - 2 * _X) / 2,
-    _X * (1 - _X) * (1 - 3 * _X + 3 * _X**2),
-)
-_POWERS = np.arange(7)
-_COEFFICIENTS = np.zeros((3, 3, 7))  # derivative, entry, power of x
-for _k in range(3):
-    for _j, _g in enumerate(_BEAM):
-        _c = _g.deriv(_k).coef if _k else _g.coef
-        _COEFFICIENTS[_k, _j, : len(_c)] = _c
-_LENGTHS = np.array([3, 2, 1]) - np.arange(3)[:, None]  # power of the beam's length
+# Clamped beam of unit length and EI, a force or a couple at x: deflection by force, slope by couple (Roark, table of
+# clamped beams). The slope by force is half the derivative of the first, whatever the structure.
+DEFLECTION = _X**3 * (1 - _X) ** 3 / 3
+SLOPE = _X * (1 - _X) * (1 - 3 * _X + 3 * _X**2)
+POWERS = np.arange(7)  # of s on a span, in which c is a polynomial
 
 
-def beam_compliance(a: Array, length: Array) -> Array:
-    """Compliance of clamped beams of EI = 1 at `a` (m,) [m], shape `(m, 3 derivatives by a, 3)`: deflection by force
-    [m³ over EI], slope by force, slope by couple (Roark, table of clamped beams)."""
-    x = (a / length)[:, None] ** _POWERS
-    return np.einsum("kjp,mp->mkj", _COEFFICIENTS, x) * length[:, None, None] ** _LENGTHS
+def missing_on(spline: Spline, span: int) -> Array:
+    """What the spline lacks on a span at EI = 1, as polynomials in the distance from its start [m].
+
+    Shape `(3 derivatives by s, 3, 7 powers)`: deflection by force [m³ over EI], slope by force, slope by couple.
+    """
+    start, low, high, inverse = patch_of(spline, span)
+    at = (Polynomial([start - low, 1.0])) / (high - low)
+    values, slopes = (FALLING[k][:, None] * spline.polynomials[span] for k in (0, 1))
+    force = (high - low) ** 3 * DEFLECTION(at) - quadratic(values, inverse)
+    couple = (high - low) * SLOPE(at) - quadratic(slopes[1:], inverse)
+    out = np.zeros((3, 3, len(POWERS)))
+    for j, lack in enumerate((force, 0.5 * force.deriv(), couple)):
+        for k in range(3):
+            c = lack.deriv(k).coef if k else lack.coef
+            out[k, j, : len(c)] = c
+    return out
 
 
-def patch_of(spline: Spline, span: int) -> tuple[float, float, Array]:
-    """Ends [m] of the patch around a span, and the inverse of its stiffness at EI = 1 over the four functions of that
-    span, shape `(4, 4)`; zero for a function that does not vanish at the patch's clamped ends."""
+def quadratic(b: Array, inverse: Array) -> Polynomial:
+    """bᵀ K⁻¹ b for functions with the power coefficients `b` (r, 4), `inverse` (4, 4)."""
+    product = b @ inverse @ b.T
+    power = np.add.outer(np.arange(len(b)), np.arange(len(b)))
+    return Polynomial(np.bincount(power.ravel(), product.ravel()))
+
+
+def patch_of(spline: Spline, span: int) -> tuple[float, float, float, Array]:
+    """Start of a span, ends of the patch around it [m], and the inverse of the patch's stiffness at EI = 1 over the
+    four functions of the span, shape `(4, 4)`; zero for a function that does not vanish at the patch's clamped ends."""
     breaks = spline.breaks
     low, high = breaks[max(span - REACH, 0)], breaks[min(span + 1 + REACH, len(breaks) - 1)]
     inside = spline.knots[(spline.knots > low) & (spline.knots < high)]
@@ -56,7 +67,7 @@ def patch_of(spline: Spline, span: int) -> tuple[float, float, Array]:
     inverse = np.zeros((patch.n, patch.n))
     inverse[np.ix_(free, free)] = np.linalg.inv(bending_stiffness(patch)[np.ix_(free, free)])
     local = patch.first[np.searchsorted(patch.breaks, breaks[span])] + np.arange(ORDERS)
-    return float(low), float(high), inverse[np.ix_(local, local)]
+    return float(breaks[span]), float(low), float(high), inverse[np.ix_(local, local)]
 
 
 def bending_stiffness(spline: Spline) -> Array:
@@ -69,16 +80,3 @@ def bending_stiffness(spline: Spline) -> Array:
         local = np.ix_(first + np.arange(ORDERS), first + np.arange(ORDERS))
         K[local] += np.einsum("g,gi,gj->ij", 0.5 * h * w, curvature, curvature)
     return K
-
-
-def spline_compliance(b: Array, inverse: Array) -> Array:
-    """βᵀK⁻¹β and its first two derivatives by s, shape `(m, 3, 3)` as in `beam_compliance`; `b` (m, 4 orders, 4),
-    `inverse` (m, 4, 4)."""
-    p = b @ inverse @ b.swapaxes(1, 2)
-    out = np.empty((len(b), 3, 3))
-    out[:, 0, 0], out[:, 0, 1], out[:, 0, 2] = p[:, 0, 0], p[:, 0, 1], p[:, 1, 1]
-    out[:, 1, 0], out[:, 1, 1], out[:, 1, 2] = 2 * p[:, 0, 1], p[:, 1, 1] + p[:, 0, 2], 2 * p[:, 1, 2]
-    out[:, 2, 0] = 2 * (p[:, 0, 2] + p[:, 1, 1])
-    out[:, 2, 1] = 3 * p[:, 1, 2] + p[:, 0, 3]
-    out[:, 2, 2] = 2 * (p[:, 1, 3] + p[:, 2, 2])
-    return out

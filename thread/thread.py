@@ -17,7 +17,7 @@ from scipy.sparse import csr_matrix, diags_array
 
 from thread.banded import Elements
 from thread.coil import Coil
-from thread.compliance import beam_compliance, patch_of, spline_compliance
+from thread.compliance import POWERS, missing_on
 from thread.continuous import Continuous
 from thread.errors import ThreadError
 from thread.quadrature import Rule, gauss_rule
@@ -285,31 +285,24 @@ class Thread:
     # -- at a hole ---------------------------------------------------------------------------------------------
 
     @cached_property
-    def _patches(self) -> dict[int, tuple[float, float, Array]]:
+    def _missing(self) -> dict[int, Array]:
         return {}
 
-    def missing_compliance(self, s: Array, b: Array) -> Array:
+    def missing_compliance(self, s: Array) -> Array:
         """Compliance that the spline lacks at the abscissae `s` (m,) [m], with its derivatives by s.
 
-        `b` (m, 4, 4): the basis there. Shape `(m, 3 derivatives, 3)`: displacement by force [m/N], rotation by force
-        [1/N], rotation by couple [1/(N m)]. Zero without bending, or without `hole_compliance`.
+        Shape `(m, 3 derivatives, 3)`: displacement by force [m/N], rotation by force [1/N], rotation by couple
+        [1/(N m)]. Zero without bending, or without `hole_compliance`; zero at the ends of the thread.
         """
         if self.EI == 0.0 or not self.hole_compliance or not len(s):
             return np.zeros((len(s), 3, 3))
-        low, length, inverse = self._patches_of(self.spline.spans_of(s))
-        a = s - low
-        lack = (beam_compliance(a, length) - spline_compliance(b, inverse)) / self.EI
-        lack[(a <= 0.0) | (a >= length)] = 0.0
+        spans = self.spline.spans_of(s)
+        for span in set(spans.tolist()) - self._missing.keys():
+            self._missing[span] = missing_on(self.spline, span) / self.EI
+        powers = (s - self.spline.breaks[spans])[:, None, None] ** POWERS
+        lack = np.matvec(np.array([self._missing[span] for span in spans.tolist()]), powers)
+        lack[(s <= self.spline.start) | (s >= self.spline.end)] = 0.0
         return lack
-
-    def _patches_of(self, spans: Indices) -> tuple[Array, Array, Array]:
-        """Start and length [m] of the patch of each of the `spans` (m,), and its inverse (`thread.compliance`)."""
-        known = self._patches
-        for span in spans.tolist():
-            if span not in known:
-                known[span] = patch_of(self.spline, span)
-        low, high, inverse = zip(*(known[span] for span in spans.tolist()), strict=True)
-        return np.array(low), np.array(high) - low, np.array(inverse)
 
     # -- elastic energies --------------------------------------------------------------------------------------
 
