@@ -10,7 +10,7 @@ import pytest
 
 from studies.coupling_variants import CREATED, DURATION, Row, largest_stable, main, of, table, written
 
-SOFT, FIRM = 1e4, 2.5e5
+SOFT, FIRM = 2e3, 2.5e5
 COUNTS = (12, 25, 100, 200)
 
 

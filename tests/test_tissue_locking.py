@@ -41,6 +41,31 @@ def test_a_deep_layer_is_a_half_space() -> None:
     assert C_xx == pytest.approx(0.02 * mean * 2.6 / E, rel=0.02)
 
 
+def test_a_point_doubles_and_a_footprint_converges() -> None:
+    """Independent check (theory), uniform P1 mesh, h halved twice: a bare point's compliance is c/(Eh) and a remainder
+    that stays, so that its growth doubles; the footprint's error against the layer's Hankel transform falls with the
+    second order of a traction without jumps, and from below."""
+    points, errors = [], []
+    exact = layer_compliance("parabolic", A, H, E, 0.3)[0]
+    for cells in (2, 4, 8):
+        mesh = quarter_layer(A, H, cells, 1.0 + 1.6 / cells, 3.0)
+        body = tissue.elasticity(mesh, tissue.Material(E, 0.3, 1000.0), "P1", ["base"])
+        errors.append(1.0 - footprint_compliance(body, A, "parabolic", 2) / exact)
+        line = np.linspace(-1.0, 1.0, 2 * cells + 1)
+        block = MeshTet.init_tensor(line, line, line[: cells + 1])
+        body = tissue.elasticity(
+            block.with_boundaries({"base": lambda x: x[2] < -1.0 + 1e-9}),
+            tissue.Material(E, 0.3, 1000.0),
+            "P1",
+            ["base"],
+        )
+        point = tissue.build_sites(body, [tissue.Site([0.0, 0.0, 0.0], 0.0, "uniform", None)])
+        points.append(tissue.QuasiStaticOrgan(body, point).operator(0.0, 0.0).C[2, 2])
+    assert abs((points[2] - points[1]) / (points[1] - points[0]) - 2.0) < 0.1
+    assert min(errors) > 0.0
+    assert abs(np.log2(errors[1] / errors[2]) - 2.0) < 0.4  # the gradation of the mesh is not halved with it
+
+
 @cache
 def layer_errors(element: str, nu: float, dilatation: str = "auto") -> tuple[float, float]:
     """Relative errors of the normal and tangential compliance on a coarse mesh."""
