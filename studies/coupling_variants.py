@@ -307,7 +307,7 @@ def curve(axes: Axes, runs: Sequence[Row], values: Sequence[float], colour: str,
 
 def drift_axes(axes: Axes, name: str) -> None:
     """Drift over the step."""
-    axes.set(yscale="log", ylim=(0.01, 4.0), ylabel="largest drift |P − x| [mm]")
+    axes.set(yscale="log", ylim=(0.001, 4.0), ylabel="largest drift |P − x| [mm]")
     axes.set_title(f"{name}, staggered", fontsize=10)
     axes.legend(title="Young's modulus", fontsize=8, title_fontsize=8, loc="lower right")
     over_steps(axes)

@@ -55,7 +55,7 @@ def _add_organ(plotter: Any, topology: OrganTopology, frame: Frame) -> None:
         "color": "black",
         "vertical": False,
         "width": 0.4,
-        "height": 0.07,
+        "height": 0.09,
         "position_x": 0.3,
         "position_y": 0.02,
     }

@@ -31,6 +31,7 @@ Indices = NDArray[np.intp]
 Direction = Literal["normal"] | ArrayLike | None
 
 AXIS = np.array([0.0, 0.0, 1.0])  # frame axis of an interior site without a direction: any will do
+SAME = 1e-9  # of a cell: places nearer than this are one
 
 
 @dataclass(frozen=True)
@@ -160,11 +161,13 @@ def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
 
 
 def _beside(k: int, sites: Sequence[Site], points: Array, gap: Missing | None) -> Missing | None:
-    """What the mesh misses of site `k`, its clear distance not beyond the rim of another site."""
+    """What the mesh misses of site `k`, its clear distance not beyond the rim of another site; one at the same place is
+    the same hole at another time."""
     if gap is None:
         return None
-    between = np.linalg.norm(points - points[k], axis=1) - sites[k].radius - [site.radius for site in sites]
-    return replace(gap, clear=float(min(gap.clear, np.min(np.delete(between, k), initial=np.inf))))
+    apart = np.linalg.norm(points - points[k], axis=1)
+    between = apart - sites[k].radius - [site.radius for site in sites]
+    return replace(gap, clear=float(min(gap.clear, np.min(between[apart > SAME * gap.size], initial=np.inf))))
 
 
 def space_frames(sites: Sequence[Site]) -> Array:
