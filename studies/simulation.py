@@ -129,23 +129,25 @@ class Simulation:
         return Standing(0, system, state, initial_energies(system, state), state.s)
 
     def next(self, now: Standing, number: int) -> tuple[Standing, list[Step], list[Event]]:
-        """Step `number`, then the piercings that end or begin with it, and the knots: where the run is then, and how it
-        got there."""
-        system, energies = now.system, now.energies
-        taken = self.take(system, now.state, number)
+        """The knots that the state asks for, step `number`, then the piercings that end or begin with it: where the run
+        is then, and how it got there.
+
+        What is recorded is thus always a step's own solution: taking out knots leaves an inextensible thread's axial
+        force in disorder until the step after."""
+        system, state, knots = self.refitted(now.system, now.state, now.step)
+        energies = booked(system, now.energies, state, knots)
+        taken = self.take(system, state, number)
         for step in taken:
             energies = audited(system, energies, step)
+        found = knots + noticed(system, state, taken)
         state, due = scheduled(system, now.state.time, taken[-1].new, self.scenario.solve.dt, self.assembly.given)
         s_begun = np.where(state.present & ~taken[-1].new.present, state.s, now.s_begun)
-        energies = booked(system, energies, state, due)
-        found = noticed(system, now.state, taken) + due
-        system, state, knots = self.refitted(system, state, number)
-        return Standing(number, system, state, booked(system, energies, state, knots), s_begun), taken, found + knots
+        return Standing(number, system, state, booked(system, energies, state, due), s_begun), taken, found + due
 
-    def refitted(self, system: System, state: State, number: int) -> tuple[System, State, list[Event]]:
-        """System and state with the knots that fit the state, where they are to follow it."""
+    def refitted(self, system: System, state: State, done: int) -> tuple[System, State, list[Event]]:
+        """System and state with the knots that fit the state after `done` steps, where they are to follow it."""
         resolution = self.assembly.resolution
-        due = resolution and (number % INTERVAL == 0 or is_too_coarse(resolution, system, state))
+        due = resolution and done and (done % INTERVAL == 0 or is_too_coarse(resolution, system, state))
         return (
             adapted(resolution, system, state, INTERVAL * self.scenario.solve.dt)
             if resolution and due
