@@ -857,7 +857,7 @@ def check_order(names: Sequence[str], s: Sequence[float], length: float | None =
                 refused(
                     dotted(["piercing", name, "s"]),
                     value,
-                    f"it must lie between 0 and {limit}; move the piercing",
+                    f"it must lie between 0 and {limit}; move the piercing, or let the path go on beyond it",
                 )
             )
     for (before, low), (after, high) in pairwise(zip(names, s, strict=True)):
