@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling import bdf2
-from coupling.adapting import INTERVAL, adapted, is_too_coarse
+from coupling.adapting import INTERVAL, adapted, is_too_coarse, span_ratio
 from coupling.audit import Energies, audited, initial_energies
 from coupling.baumgarte import linear_step, linear_two_pass
 from coupling.constraints import passage, phi
@@ -141,7 +141,8 @@ class Simulation:
     def solved(self, now: Standing, number: int) -> tuple[Standing, list[Step], list[Event]]:
         """Step `number` on knots that fit the state it begins with, so that what is recorded is solved for on its own
         knots. An equilibrium is far from where it began: it is found again on the knots that fit it."""
-        now, events = self.refitted(now, number)
+        # A thread that has just been laid is under no tension to go by.
+        now, events = self.refitted(now, number) if number > 1 else (now, [])
         now, taken, found = self.on_its_knots(now, number)
         events = events + found
         for _ in range(EQUILIBRIA if self.scenario.solve.kind == "static" else 0):
@@ -273,6 +274,7 @@ def recorded(
         end_reaction=state.reaction[1, :3],
         torques=end_torques(state) if system.thread.twist else None,
         max_strain=float(np.max(np.sqrt(1.0 + 2.0 * points.strain) - 1.0)),
+        span_ratio=span_ratio(system, state),
         seconds=seconds,
         events=tuple(events),
         memory=now.memory,
