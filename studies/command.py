@@ -226,8 +226,8 @@ def resolution_line(ratio: float) -> str:
     if ratio <= RESOLVED:
         return ""
     return (
-        f"thread     its spans at the holes are {ratio:.2g} of the length it bends over there, TOO COARSE for the forces "
-        'along it (a third is fine): set thread.resolution = "adaptive", or raise thread.control_points'
+        f"thread     its spans at the holes are {ratio:.2g} of the length it bends over there, TOO COARSE for the "
+        'forces along it (a third is fine): set thread.resolution = "adaptive", or raise thread.control_points'
     )
 
 
