@@ -35,7 +35,7 @@ class Verdict:
     def text(self) -> str:
         """In words."""
         if self.kind == "diverging":
-            return f"DIVERGING like h^{self.order:.2f}" if self.order < -FLAT else "DIVERGING like log h"
+            return f"DIVERGING, order {self.order:.2f}" if self.order < -FLAT else "DIVERGING like a logarithm"
         if self.kind == "converged":
             return f"converged to {100 * self.index:.2g} %"
         return "pre-asymptotic"
@@ -79,17 +79,19 @@ def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
     """What three or more numbers say, the three finest of them; `formal` is the order of theory.
 
     An order above the formal one is luck: the formal one is taken with the larger factor. A number that swings has
-    thrice the largest change for its interval. Changes that grow diverge, unless they are too small to tell.
+    thrice the largest change for its interval. Changes that grow diverge, unless they are too small to tell or a
+    coarser number lay on the other side.
     """
-    order_of_size = np.argsort(h)[:3]
-    h, f = np.asarray(h, float)[order_of_size], np.asarray(f, float)[order_of_size]
-    if len(h) < 3 or len(set(h)) < 3:
-        raise ValueError(f"a verdict needs three different refinements, got {len(h)}; run one more")
+    whole = dict(sorted(zip(h, f, strict=True)))
+    if len(whole) < 3:
+        raise ValueError(f"a verdict needs three different refinements, got {len(whole)}; run more")
+    h, f = list(whole)[:3], list(whole.values())[:3]
+    steady = abs(np.sign(np.diff(list(whole.values()))).sum()) == len(whole) - 1
     change = float(np.ptp(f) / np.max(np.abs(f))) if np.any(f) else 0.0
     if change <= STILL:
         return Verdict("converged", float("nan"), float(f[0]), change)
     p = observed_order(h, f)
-    if np.isnan(p) or (p <= FLAT and UNSURE * change <= CONVERGED):
+    if np.isnan(p) or (p <= FLAT and (not steady or UNSURE * change <= CONVERGED)):
         index = UNSURE * float(np.ptp(f) / abs(f[0]))
         return Verdict("converged" if np.isnan(p) and index <= CONVERGED else "pre-asymptotic", p, float("nan"), index)
     if p <= FLAT:

@@ -36,7 +36,7 @@ def panels(lines: int, columns: int) -> tuple[Figure, np.ndarray]:
 
 def ticks(axes: Axes, axis: str, values: Sequence[float]) -> None:
     """Plain numbers on an axis, logarithmic or not."""
-    {"x": axes.set_xticks, "y": axes.set_yticks}[axis](values, [f"{value:g}" for value in values])
+    {"x": axes.set_xticks, "y": axes.set_yticks}[axis](values, [f"{value:.3g}" for value in values])
     axes.minorticks_off()
 
 

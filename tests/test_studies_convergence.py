@@ -37,10 +37,10 @@ def test_celik_table_1() -> None:
 def test_a_logarithm_diverges() -> None:
     """Independent check: f = log h has order zero, f = c/h the order −1 that its verdict names."""
     log = verdict(H, np.log(1e3 / H), 2.0)
-    assert (log.kind, log.text) == ("diverging", "DIVERGING like log h")
+    assert (log.kind, log.text) == ("diverging", "DIVERGING like a logarithm")
     assert log.order == pytest.approx(0.0, abs=TWO_SOLVERS)
     point = verdict(H, 3.0 / H + 1.0, 2.0)
-    assert point.text == "DIVERGING like h^-1.00" and np.isnan(point.limit) and np.isinf(point.index)
+    assert point.text == "DIVERGING, order -1.00" and np.isnan(point.limit) and np.isinf(point.index)
 
 
 def test_verdicts() -> None:
@@ -60,7 +60,9 @@ def test_swings_and_noise() -> None:
     assert np.isnan(swing.order) and np.isnan(swing.limit)
     assert (swing.kind, swing.index) == ("converged", pytest.approx(0.045))
     assert verdict(H, [1.0, 1.2, 0.9, 1.0], 2.0).kind == "pre-asymptotic"
-    assert verdict(H, [1.0, 0.999, 0.9985, 1.0], 2.0).kind == "pre-asymptotic"
+    assert verdict(H, [1.0, 0.999, 0.9985, 0.9983], 2.0).kind == "pre-asymptotic"
+    assert verdict(H, [1.5, 1.0, 0.9, 0.8], 2.0).kind == "diverging"
+    assert verdict(H, [1.5, 1.0, 0.9, 1.0], 2.0).kind == "pre-asymptotic"
 
 
 def test_two_refinements_are_no_study() -> None:
