@@ -23,7 +23,7 @@ from studies.refusal import as_toml, nearest, refused
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NAMES = ("coupling_variants", "mesh_refinement")
+NAMES = ("coupling_variants", "friction", "mesh_refinement")
 PRESETS = ("quick", "full")
 WRITTEN = ("study.json", "table.md", "table.csv", "runs.csv", "figure.png", "figure.svg")
 LINEAR = 0.3  # footprints that a hole may move by: strains near it are of this size
