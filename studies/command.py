@@ -1,4 +1,4 @@
-"""The command line: ``suture run | check | mesh | schema | catalogue | bench``.
+"""The command line: ``suture run | check | mesh | study | schema | catalogue | bench``.
 
 Exit status: 0 when all is well, 1 for a run that failed, 2 for input that is refused (a sentence for each
 problem on standard error, nothing computed), 130 or 143 for a run that was interrupted by SIGINT or SIGTERM.
@@ -26,16 +26,18 @@ from studies.picture import picture
 from studies.progress import Progress
 from studies.record import Recorder, check_folder, completed_run, resumable
 from studies.scenario import Scenario, ScenarioError, load, schema
+from studies.study import LINEAR, NAMES, PRESETS, StudyError, arguments, study
+from studies.study import check_folder as check_study_folder
+from studies.study import write as write_study
 from thread.catalogue import KNOT_PULL, TEXTBOOK, USP, knot_pull, names, suture
 from thread.errors import ThreadError
 from tissue.errors import FactorError, TissueError
 from tissue.solver import SOLVERS
 
-REFUSALS = (ScenarioError, MeshError, TissueError, ThreadError)
+REFUSALS = (ScenarioError, StudyError, MeshError, TissueError, ThreadError)
 FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
 FAILED, REFUSED = 1, 2
 MILLI = 1e-3
-LINEAR = 0.3  # footprints that a hole may move by: strains near it are of this size
 RESOLVED = 0.5  # spans at a hole over √(EI/T): beyond, forces along the thread are off by several per cent
 Moments = Iterator[tuple[StepRecord, Callable[[], Frame]]]
 
@@ -149,6 +151,25 @@ def run_bench(options: argparse.Namespace) -> int:
     if options.what == "organ":
         return int(import_module("studies.bench_organ").main(options.sizes, options.element, options.json))
     return int(import_module("studies.bench").main(options.json, options.solver))
+
+
+def run_study(options: argparse.Namespace) -> int:
+    """``suture study``: what a study asks, its table and what it does not support; everything into a folder."""
+    if options.name == "list":
+        print("\n".join(f"{name:20} {study(name).question}" for name in NAMES))
+        return 0
+    found, folder = study(options.name), options.out or Path("results") / options.name
+    given = arguments(found, options.preset, options.set)
+    check_study_folder(folder)
+    print(f"{found.question}\nindependent check: {found.independent}\nconsistency check: {found.consistency}\n")
+    try:
+        rows = found.main(**given)
+        write_study(options.name, options.preset, given, rows, folder)
+    except (CouplingError, OSError) as error:
+        return _complain(error, FAILED)
+    print((folder / "table.md").read_text(encoding="utf-8"))
+    print(f"table, numbers and figure ({options.preset} preset) are in {folder}")
+    return 0
 
 
 def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
@@ -338,6 +359,7 @@ def _parser() -> argparse.ArgumentParser:
         ("run", run, "simulate a scenario into a folder"),
         ("check", check, "say whether a scenario can be run"),
         ("mesh", make_mesh, "make a scenario's mesh, write it and say how good it is"),
+        ("study", run_study, "run a study into a table and a figure"),
         ("schema", print_schema, "print the JSON schema of the scenario file"),
         ("catalogue", print_catalogue, "list the sutures that a scenario can name"),
         ("bench", run_bench, "measure milliseconds per step beside two baselines, or the organ's solvers"),
@@ -350,6 +372,8 @@ def _parser() -> argparse.ArgumentParser:
             _add_run(sub)
         if name == "mesh":
             sub.add_argument("--out", metavar="ORGAN.vtu", type=Path, required=True, help="mesh file to be written")
+        if name == "study":
+            _add_study(sub)
         if name == "bench":
             _add_bench(sub)
     return parser
@@ -364,6 +388,13 @@ def _add_scenario(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="set one key, the value in TOML; a piercing by name: --set piercing.entry.footprint=2e-3",
     )
+
+
+def _add_study(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("name", metavar="NAME", help="a study, or list")
+    parser.add_argument("--preset", choices=PRESETS, default="quick", help="default: quick, less than a minute")
+    parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], help="set one argument, in TOML")
+    parser.add_argument("--out", metavar="DIR", type=Path, help="folder, default results/NAME")
 
 
 def _add_bench(parser: argparse.ArgumentParser) -> None:

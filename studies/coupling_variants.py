@@ -6,19 +6,12 @@ has inertia and with one that has none. Measured are the drift |P(s) − x| at t
 thread and organ creates, over the work that the hand puts in, and which steps are stable. A consistency check of two of
 our own paths; that the exchange destroys energy while it is stable is the theory it can be held against
 (`coupling.staggered`).
-
-    python -m studies.coupling_variants [FOLDER]
 """
 
-import csv
-import io
-import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
@@ -29,14 +22,15 @@ from coupling.errors import CouplingError
 from coupling.stepping import Take, advance, try_step
 from coupling.system import State, System
 from studies.assembly import assemble
-from studies.files import write_bytes, write_text
+from studies.figure import COLOURS, MARKERS, panels, ticks
 from studies.scenario import Scenario, parse
 from studies.simulation import largest_gap
+from studies.study import Study, Table, beyond_linear, too_coarse, unit
 
-HERE = Path(__file__).parent
 STIFFNESSES = (2e3, 1e4, 5e4, 2.5e5)  # of the organ [Pa]: fat to firm phantom
 STEP_COUNTS = (12, 17, 25, 35, 50, 71, 100, 141, 200, 283, 400)  # over DURATION
 SIZE = 2.5e-3  # of the mesh [m]
+FOOTPRINT = 2e-3  # [m]
 
 HOLD, HOLD_STEP = 0.1, 2e-3  # the thread settles, always in one system [s]
 DURATION = 0.1  # of pull and release [s]
@@ -45,26 +39,25 @@ HALF = 5e-3  # of the distance of the holes [m]
 CREATED = 0.1  # of the hand's work: a run whose lag has created more is unstable
 
 MILLI, KILO = 1e-3, 1e3
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")  # Okabe & Ito, told apart by the colour-blind
-MARKERS = ("o", "s", "^", "D")
 COMPARED = (2.5e-4, 1e-3, 4e-3)  # steps in the table [s]
 TICKS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # [ms]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Row:
     """One run. `created` is over `external_work`, what the hand puts in while it gives, in the monolithic run of the
     finest step."""
 
     coupling: str
     inertia: bool  # of the organ
-    youngs_modulus: float  # [Pa]
-    dt: float  # [s]
+    youngs_modulus: float = unit("Pa")
+    size: float = unit("m")  # of the mesh
+    dt: float = unit("s")
     completed: bool
-    drift: float  # largest |P(s) − x| [m]
-    moved: float  # farthest a hole moved [m]
-    created: float  # [-]
-    external_work: float  # [J]
+    drift: float = unit("m")  # largest |P(s) − x|
+    moved: float = unit("m")  # farthest a hole moved
+    created: float = unit("-")
+    external_work: float = unit("J")
 
     @property
     def stable(self) -> bool:
@@ -77,16 +70,13 @@ def main(
     step_counts: Sequence[int] = STEP_COUNTS,
     size: float = SIZE,
     inertias: Sequence[bool] = (True, False),
-    folder: Path | None = None,
 ) -> list[Row]:
-    """Every run; table, numbers and figure into `folder` if one is given."""
+    """Every run."""
     rows: list[Row] = []
     with threadpool_limits(limits=1, user_api="blas"):
         for inertia in inertias:
             for E in stiffnesses:
-                rows += compared(scenario(E, inertia, size), sorted(step_counts))
-    if folder is not None:
-        written(rows, folder)
+                rows += compared(scenario(E, inertia, size), size, sorted(step_counts))
     return rows
 
 
@@ -95,7 +85,11 @@ def scenario(youngs_modulus: float, inertia: bool = True, size: float = SIZE) ->
     phase = np.linspace(0.0, 1.0, 33)
     out = WAY * np.sin(np.pi * phase) ** 2
     hand = [[HOLD + DURATION * t, 0.02 + 0.8 * x, 0.0, 0.02 + 0.6 * x] for t, x in zip(phase, out, strict=True)]
-    hole = {"direction": "normal", "footprint": 2e-3, "subgrid": False}  # the same organ on every mesh it is run on
+    hole = {
+        "direction": "normal",
+        "footprint": FOOTPRINT,
+        "subgrid": False,
+    }  # the same organ on every mesh it is run on
     down, up = [-HALF, 0.0, 0.0], [HALF, 0.0, 0.0]
     return parse(
         {
@@ -130,7 +124,7 @@ def scenario(youngs_modulus: float, inertia: bool = True, size: float = SIZE) ->
     )
 
 
-def compared(scenario: Scenario, step_counts: Sequence[int]) -> list[Row]:
+def compared(scenario: Scenario, size: float, step_counts: Sequence[int]) -> list[Row]:
     """One organ, both ways, all steps."""
     assembly = assemble(scenario)
     system, state = assembly.system, assembly.start()
@@ -143,15 +137,16 @@ def compared(scenario: Scenario, step_counts: Sequence[int]) -> list[Row]:
     assert table is not None
     return [
         Row(
-            way,
-            table.inertia,
-            table.youngs_modulus,
-            DURATION / n,
-            run.completed,
-            run.drift,
-            run.moved,
-            run.created / work,
-            work,
+            coupling=way,
+            inertia=table.inertia,
+            youngs_modulus=table.youngs_modulus,
+            size=size,
+            dt=DURATION / n,
+            completed=run.completed,
+            drift=run.drift,
+            moved=run.moved,
+            created=run.created / work,
+            external_work=work,
         )
         for (way, n), run in runs.items()
     ]
@@ -210,46 +205,28 @@ def largest_stable(runs: Sequence[Row]) -> float:
 # --- table and figure -------------------------------------------------------------------------------------
 
 
-def written(rows: Sequence[Row], folder: Path) -> None:
-    """Table (Markdown), numbers (CSV) and figure (PNG, SVG) into a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    write_text(folder / "table.md", table(rows))
-    write_text(folder / "runs.csv", numbers(rows))
-    drawn = figure(rows)
-    for kind in ("png", "svg"):
-        buffer = io.BytesIO()
-        with rc_context({"svg.fonttype": "none", "svg.hashsalt": "coupling variants"}):
-            drawn.savefig(buffer, format=kind, dpi=120, metadata={"Date": None} if kind == "svg" else None)
-        write_bytes(folder / f"figure.{kind}", buffer.getvalue())
-
-
-def numbers(rows: Sequence[Row]) -> str:
-    """Every run, SI units."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, [f.name for f in fields(Row)] + ["stable"], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(row) | {"stable": row.stable} for row in rows)
-    return text.getvalue()
-
-
-def table(rows: Sequence[Row]) -> str:
-    """One line an organ, in Markdown."""
+def table(rows: Sequence[Row]) -> Table:
+    """One line an organ."""
     steps = " / ".join(f"{dt / MILLI:g}" for dt in COMPARED) + " ms"
     head = (
-        f"| organ | E [kPa] | hole moves [mm] | drift, monolithic, at most [mm] | drift, staggered, at {steps} [mm] | "
-        f"energy created, staggered, at {steps} [% of the hand's work] | largest stable step, monolithic [ms] | "
-        "largest stable step, staggered [ms] |"
+        "organ",
+        "E [kPa]",
+        "hole moves [mm]",
+        "drift, monolithic, at most [mm]",
+        f"drift, staggered, at {steps} [mm]",
+        f"energy created, staggered, at {steps} [% of the hand's work]",
+        "largest stable step, monolithic [ms]",
+        "largest stable step, staggered [ms]",
     )
-    rule = "|" + " --- |" * head.count(" | ") + " --- |"
-    return "\n".join([head, rule, *(table_line(rows, *organ) for organ in organs(rows))]) + "\n"
+    return Table(head, [table_line(rows, *organ) for organ in organs(rows)])
 
 
-def table_line(rows: Sequence[Row], inertia: bool, youngs_modulus: float) -> str:
+def table_line(rows: Sequence[Row], inertia: bool, youngs_modulus: float) -> list[str]:
     """Drift and energy at the steps next to those of COMPARED."""
     whole = of(rows, "monolithic", inertia, youngs_modulus)
     parts = of(rows, "staggered", inertia, youngs_modulus)
     chosen = [min(parts, key=lambda run: abs(np.log(run.dt / dt))) for dt in COMPARED]
-    cells = [
+    return [
         "with inertia" if inertia else "quasi-static",
         f"{youngs_modulus / KILO:g}",
         f"{whole[0].moved / MILLI:.2g}",
@@ -259,7 +236,6 @@ def table_line(rows: Sequence[Row], inertia: bool, youngs_modulus: float) -> str
         stable_text(whole),
         stable_text(parts),
     ]
-    return "| " + " | ".join(cells) + " |"
 
 
 def stable_text(runs: Sequence[Row]) -> str:
@@ -273,11 +249,20 @@ def stable_text(runs: Sequence[Row]) -> str:
     return f"{largest:.2g}" if largest else "only " + ", ".join(f"{dt:.2g}" for dt in stable)
 
 
+def remarks(rows: Sequence[Row]) -> list[str]:
+    """Organs too soft for small strains, and a mesh too coarse for the footprint."""
+    out = too_coarse("every run", rows[0].size, FOOTPRINT)
+    for inertia, E in organs(rows):
+        name = f"{'organ with inertia' if inertia else 'quasi-static organ'} of {E / KILO:g} kPa"
+        out += beyond_linear(name, of(rows, "monolithic", inertia, E)[0].moved, FOOTPRINT)
+    return out
+
+
 def figure(rows: Sequence[Row]) -> Figure:
     """Drift and created energy over the step, a row of panels for each kind of organ."""
     kinds = list(dict.fromkeys(row.inertia for row in rows))
-    drawing = Figure(figsize=(8.4, 3.4 * len(kinds)), layout="constrained")
-    for line, inertia in zip(drawing.subplots(len(kinds), 2, squeeze=False), kinds, strict=True):
+    drawing, grid = panels(len(kinds), 2)
+    for line, inertia in zip(grid, kinds, strict=True):
         name = "organ with inertia" if inertia else "quasi-static organ"
         for (kind, E), colour, marker in zip(
             [organ for organ in organs(rows) if organ[0] == inertia], COLOURS, MARKERS, strict=False
@@ -297,19 +282,19 @@ def curve(axes: Axes, runs: Sequence[Row], values: Sequence[float], colour: str,
     dt = np.array([run.dt for run in runs]) / MILLI
     y, done = np.array(values), np.array([run.completed for run in runs])
     stable = np.array([run.stable for run in runs])
-    axes.plot(dt[done], y[done], color=colour, linewidth=1.0)
+    axes.plot(dt[done], y[done], color=colour)
     for chosen, face in ((stable, colour), (done & ~stable, "white")):
-        axes.plot(dt[chosen], y[chosen], marker, color=colour, markerfacecolor=face, markersize=5)
+        axes.plot(dt[chosen], y[chosen], marker, color=colour, markerfacecolor=face)
     line = np.full(np.sum(~done), 0.97 - 0.05 * MARKERS.index(marker))
-    axes.plot(dt[~done], line, "x", color=colour, markersize=5, transform=axes.get_xaxis_transform())
-    axes.plot([], [], marker=marker, color=colour, markersize=5, label=label)
+    axes.plot(dt[~done], line, "x", color=colour, transform=axes.get_xaxis_transform())
+    axes.plot([], [], marker=marker, color=colour, label=label)
 
 
 def drift_axes(axes: Axes, name: str) -> None:
     """Drift over the step."""
     axes.set(yscale="log", ylim=(0.001, 4.0), ylabel="largest drift |P − x| [mm]")
-    axes.set_title(f"{name}, staggered", fontsize=10)
-    axes.legend(title="Young's modulus", fontsize=8, title_fontsize=8, loc="lower right")
+    axes.set_title(f"{name}, staggered")
+    axes.legend(title="Young's modulus", loc="lower right")
     over_steps(axes)
 
 
@@ -318,18 +303,24 @@ def energy_axes(axes: Axes, name: str) -> None:
     axes.set(ylim=(-1.0, 1e5), ylabel="created energy / work of the hand [-]")
     axes.set_yscale("symlog", linthresh=CREATED)
     axes.axhline(CREATED, color="black", linewidth=0.8, linestyle="--")
-    axes.set_title("filled: stable, hollow: not, ×: broke off", fontsize=10)
+    axes.set_title("filled: stable, hollow: not, ×: broke off")
     over_steps(axes)
 
 
 def over_steps(axes: Axes) -> None:
     """The axis of the time step."""
     axes.set(xscale="log", xlim=(0.2, 12.0), xlabel="time step [ms]")
-    axes.set_xticks(TICKS, [f"{tick:g}" for tick in TICKS])
-    axes.minorticks_off()
-    axes.grid(alpha=0.3)
+    ticks(axes, "x", TICKS)
 
 
-if __name__ == "__main__":
-    target = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "results" / "coupling_variants"
-    print(table(main(folder=target)))
+STUDY = Study(
+    main=main,
+    question="What does one system of thread and organ buy over the quasi-static, staggered variant of §4.4?",
+    independent="a stable exchange destroys energy, and it diverges where the thread's stiffness times the organ's "
+    "compliance is above one",
+    consistency="the same scenario from the same state both ways, over stiffness, step and inertia",
+    table=table,
+    figure=figure,
+    remarks=remarks,
+    quick={"stiffnesses": (2e3, 2.5e5), "step_counts": (12, 25, 100, 200), "size": 5e-3},
+)

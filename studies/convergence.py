@@ -1,0 +1,103 @@
+"""Does a number converge under refinement: observed order, Richardson's limit, grid-convergence index, verdict.
+
+Everywhere `h` is what is refined (cell, span, step …), finest first, and `f` the number measured with it. Celik, Ghia,
+Roache, Freitas, Coleman, Raad: Procedure for estimation and reporting of uncertainty due to discretization, J. Fluids
+Eng. 130 (2008) 078001; Roache: Verification and validation in computational science and engineering (1998).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+SAFETY, UNSURE = 1.25, 3.0  # Roache's factors: three grids that agree with the theory, and anything less
+STEEPEST = 12.0  # orders that are looked for
+BEYOND = 0.5  # of an order above that of theory: the grids are not in the asymptotic range
+SLOWEST = 0.5  # an order below which the limit is not trusted
+CONVERGED = 0.05  # index above which no number is called converged
+FLAT = 0.05  # an order this near zero is none: a logarithm
+STILL = 1e-9  # of the number: changes by as little are round-off
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`kind` is "converged", "pre-asymptotic" or "diverging"; observed `order`, NaN where the number swings;
+    Richardson's `limit`, NaN where there is none; `index`, half the width of the interval about the finest number, over
+    that number."""
+
+    kind: str
+    order: float
+    limit: float
+    index: float
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        if self.kind == "diverging":
+            return f"DIVERGING, order {self.order:.2f}" if self.order < -FLAT else "DIVERGING like a logarithm"
+        if self.kind == "converged":
+            return f"converged to {100 * self.index:.2g} %"
+        return "pre-asymptotic"
+
+
+def observed_order(h: Sequence[float], f: Sequence[float]) -> float:
+    """p of f = f₀ + C hᵖ through three numbers: (f₃ − f₂)/(f₂ − f₁) = (h₃ᵖ − h₂ᵖ)/(h₂ᵖ − h₁ᵖ), which grows with p.
+
+    That is Celik's equation for any ratio of the grids, with its sign: p ≤ 0 where the changes do not fall. NaN where
+    the number swings, or does not change.
+    """
+    (h1, h2, h3), (f1, f2, f3) = h, f
+    if (f3 - f2) * (f2 - f1) <= 0.0:
+        return float("nan")
+
+    def excess(p: float) -> float:
+        return float(np.log((f3 - f2) / (f2 - f1)) - np.log(growth(h3 / h2, p) / growth(h1 / h2, p) * -1.0))
+
+    low, high = excess(-STEEPEST), excess(STEEPEST)
+    if low <= 0.0 or high >= 0.0:
+        return -STEEPEST if low <= 0.0 else STEEPEST
+    return float(brentq(excess, -STEEPEST, STEEPEST))
+
+
+def growth(ratio: float, p: float) -> float:
+    """(rᵖ − 1)/p, log r at p = 0."""
+    return float(np.expm1(p * np.log(ratio)) / p) if p else float(np.log(ratio))
+
+
+def richardson(h: Sequence[float], f: Sequence[float], p: float) -> float:
+    """The limit f₀ of f = f₀ + C hᵖ through the two finest numbers."""
+    return float(f[0] + (f[0] - f[1]) / ((h[1] / h[0]) ** p - 1.0))
+
+
+def convergence_index(h: Sequence[float], f: Sequence[float], p: float, safety: float = SAFETY) -> float:
+    """Grid-convergence index of the finest number, `safety` · |f₁ − f₂|/|f₁|/(rᵖ − 1)."""
+    return float(safety * abs(f[0] - richardson(h, f, p)) / abs(f[0]))
+
+
+def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
+    """What three or more numbers say, the three finest of them; `formal` is the order of theory.
+
+    An order above the formal one is luck: the formal one is taken with the larger factor. A number that swings has
+    thrice the largest change for its interval. Changes that grow diverge, unless they are too small to tell or a
+    coarser number lay on the other side.
+    """
+    whole = dict(sorted(zip(h, f, strict=True)))
+    if len(whole) < 3:
+        raise ValueError(f"a verdict needs three different refinements, got {len(whole)}; run more")
+    h, f = list(whole)[:3], list(whole.values())[:3]
+    steady = abs(np.sign(np.diff(list(whole.values()))).sum()) == len(whole) - 1
+    change = float(np.ptp(f) / np.max(np.abs(f))) if np.any(f) else 0.0
+    if change <= STILL:
+        return Verdict("converged", float("nan"), float(f[0]), change)
+    p = observed_order(h, f)
+    if np.isnan(p) or (p <= FLAT and (not steady or UNSURE * change <= CONVERGED)):
+        index = UNSURE * float(np.ptp(f) / abs(f[0]))
+        return Verdict("converged" if np.isnan(p) and index <= CONVERGED else "pre-asymptotic", p, float("nan"), index)
+    if p <= FLAT:
+        return Verdict("diverging", p, float("nan"), float("inf"))
+    sure = p <= formal + BEYOND
+    used = p if sure else formal
+    index = convergence_index(h, f, used, SAFETY if sure else UNSURE)
+    kind = "converged" if index <= CONVERGED and p >= SLOWEST else "pre-asymptotic"
+    return Verdict(kind, p, richardson(h, f, used), index)

@@ -1,0 +1,385 @@
+"""Friction at a hole: the exact point law, the continuum it tends to, and the paper's two passes.
+
+At one hole that turns a thread by θ, its tangent half-way, the pull at slip is (1 + μt)/(1 − μt) times the hold,
+t = tan θ/2, and no pull moves it from θ = 2 atan 1/μ on. Round a capstan it is exp(μθ); many holes in a row tend to
+that with the square of their number. One lagged correction (§4.3) gives 1 + 2μt where the hold is given and
+1/(1 − 2μt) where the pull is. A thread that bends finds its own tangent, and its ratio is that of the elastica. Drawn
+out and let back, it shows the loop of the load: the ratio on the way out, one over it on the way back.
+
+A rod of 20 mm in a sleeve that is fixed in space shows the first three, a suture round a hole the last.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+import tissue
+from coupling.observation import observe
+from coupling.start import start
+from coupling.stepping import advance, try_step
+from coupling.system import Friction, Piercing, State, System
+from coupling.two_pass import two_pass
+from studies.figure import COLOURS, MARKERS, panels, ticks
+from studies.study import Study, Table, unit
+from thread.catalogue import Section, suture
+from thread.ends import Driven, End, Pulled
+from thread.quadrature import gauss_rule
+from thread.spline import Spline, uniform_knots
+from thread.thread import MASS_POINTS, Thread
+
+Array = NDArray[np.float64]
+HOLD = 0.1  # [N]
+DT = 3e-3  # of the one step that shows whether a rod slips [s]; long, for the rod bends and that takes inertia
+GLIDE = 0.05  # speed of a rod in the two passes [m/s]
+ROD = Section(diameter=7e-3, density=260.0, youngs_modulus=2.6e9, poisson_ratio=0.3)  # bends by 1e-4 under 1 N
+TINY = 1e-3  # of a pull: as far on either side of its threshold it sticks and slips
+
+SUTURE = suture("2-0 polypropylene")
+LOOP_HOLD, LOOP_WAY, LOOP_TIME = 0.2, 3e-3, 1.0  # [N], out and back [m], each [s]
+LOOP_STEPS, LOOP_POINTS = 40, 90  # steps each way
+REST = 0.05  # in which the thread settles before it is drawn [s]
+MILLI = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One ratio of pull to hold, or for `kind` "loop" the moment of one."""
+
+    kind: str  # "one hole", "holes in a row", "two passes, hold given", "two passes, pull given" or "loop"
+    mu: float = unit("-")
+    turn: float = unit("degree")
+    holes: int = unit("-")
+    way: float = unit("m")  # of the hand, in a loop
+    ratio: float = unit("-")
+    theory: float = unit("-")
+    settled: bool  # sticks and slips on either side of the threshold found; in a loop, slips
+
+
+def main(
+    mus: Sequence[float] = (0.1, 0.2, 0.3),
+    turns: Sequence[float] = (15.0, 30.0, 60.0, 90.0, 120.0),
+    wrap: float = 180.0,
+    rows_of_holes: Sequence[int] = (2, 4, 8, 16),
+    loop_turn: float = 90.0,
+) -> list[Row]:
+    """Every ratio: single holes, lags and a loop for every coefficient, and holes in a row over `wrap` [degree]."""
+    rows: list[Row] = []
+    for mu in mus:
+        rows += [one_hole(mu, turn) for turn in turns]
+        rows += [row for turn in turns for row in passes(mu, turn)]
+        rows += [in_a_row(mu, wrap, holes) for holes in rows_of_holes]
+        rows += loop(mu, loop_turn)
+    return rows
+
+
+def along(angle: float) -> Array:
+    """Unit vector at `angle` [rad] below x in the plane of x and z."""
+    return np.array([np.cos(angle), 0.0, -np.sin(angle)])
+
+
+def fixed_hole(thread: Thread, ends: tuple[End, End], friction: Friction, direction: Array, directed: bool) -> System:
+    """A thread through one hole at the origin, fixed in space."""
+    site = tissue.fixed_sites([tissue.Site(np.zeros(3), direction=direction)])
+    return System(thread, ends, site, (Piercing("hole", directed=directed, friction=friction),))
+
+
+# --- a rod in a sleeve ------------------------------------------------------------------------------------
+
+
+def rod(mu: float, half: float, pull: float, hold: float) -> tuple[System, State]:
+    """A rod along x in a sleeve, at rest, its ends pulled out of line by `half` [rad] each."""
+    thread = Thread(Spline(uniform_knots(0.02, 8)), ROD)
+    ends = (Pulled(-hold * along(-half)), Pulled(pull * along(half)))
+    system = fixed_hole(thread, ends, Friction(mu, mu), along(0.0), directed=True)
+    path = (gauss_rule(thread.spline, MASS_POINTS).s - 0.01)[..., None] * along(0.0)
+    return system, start(system, np.array([0.01]), path, 1.0)
+
+
+def slips(mu: float, half: float, pull: float, hold: float) -> bool:
+    """Whether the rod slips towards its pulled end."""
+    return bool(try_step(*rod(mu, half, pull, hold), DT).new.slip[0] < 0.0)
+
+
+def pull_at_slip(mu: float, half: float, hold: float) -> tuple[float, bool]:
+    """The pull [N] where |f| − μN, linear in the pull, has its zero, as seen while the rod sticks; and whether it
+    sticks just below and slips just above."""
+    pulls, margins = (hold, 1.01 * hold), []
+    for pull in pulls:
+        system, state = rod(mu, half, pull, hold)
+        seen = observe(system, state, try_step(system, state, DT).new)[0]
+        margins.append(abs(seen.tangential_force) - mu * seen.normal_force)
+    pull = pulls[0] - margins[0] * (pulls[1] - pulls[0]) / (margins[1] - margins[0])
+    return pull, slips(mu, half, (1 + TINY) * pull, hold) and not slips(mu, half, (1 - TINY) * pull, hold)
+
+
+def exact_ratio(mu: float, turn: float) -> float:
+    """(1 + μt)/(1 − μt) of one hole that turns the thread by `turn` [degree]; infinite where it locks."""
+    mt = mu * np.tan(np.radians(turn) / 2)
+    return float((1 + mt) / (1 - mt)) if mt < 1.0 else float("inf")
+
+
+def one_hole(mu: float, turn: float) -> Row:
+    """The ratio at which a rod slips."""
+    pull, settled = pull_at_slip(mu, np.radians(turn) / 2, HOLD)
+    theory = exact_ratio(mu, turn)
+    return Row(kind="one hole", mu=mu, turn=turn, holes=1, way=0.0, ratio=pull / HOLD, theory=theory, settled=settled)
+
+
+def in_a_row(mu: float, wrap: float, holes: int) -> Row:
+    """Rods in a row, each held by the pull of the one before; they turn by `wrap` [degree] in all."""
+    pull, settled = HOLD, True
+    for _ in range(holes):
+        pull, sure = pull_at_slip(mu, np.radians(wrap) / holes / 2, pull)
+        settled &= sure
+    theory, ratio = exact_ratio(mu, wrap / holes) ** holes, pull / HOLD
+    return Row(
+        kind="holes in a row", mu=mu, turn=wrap, holes=holes, way=0.0, ratio=ratio, theory=theory, settled=settled
+    )
+
+
+def passes(mu: float, turn: float) -> list[Row]:
+    """What the second pass makes of a gliding rod under equal pulls: the tension changes by its friction, from the hold
+    up or from the pull down."""
+    half = np.radians(turn) / 2
+    system, state = rod(mu, half, HOLD, HOLD)
+    v = np.outer(np.ones(system.thread.n), GLIDE * along(0.0))
+    state = replace(state, v=v, s_dot=np.array([-GLIDE]), slip=np.array([-1.0]))
+    change = abs(float(two_pass(system, state, DT).new.lam[0, :3] @ along(0.0))) / np.cos(half)
+    lag = 2 * mu * np.tan(half)
+    given = {"hold": (1 + change / HOLD, 1 + lag), "pull": (inverse(1 - change / HOLD), inverse(1 - lag))}
+    return [
+        Row(
+            kind=f"two passes, {name} given",
+            mu=mu,
+            turn=turn,
+            holes=1,
+            way=0.0,
+            ratio=float(ratio),
+            theory=float(theory),
+            settled=bool(np.isfinite(ratio)),
+        )
+        for name, (ratio, theory) in given.items()
+    ]
+
+
+def inverse(x: float) -> float:
+    """1/x, infinite where nothing is left to hold."""
+    return float(1.0 / x) if x > 0.0 else float("inf")
+
+
+# --- a suture round a hole --------------------------------------------------------------------------------
+
+
+def loop(mu: float, turn: float) -> list[Row]:
+    """A suture held by a dead load and drawn round a hole by a hand that goes out and comes back."""
+    angle, arm = np.radians(turn), 10 * float(np.sqrt(SUTURE.EI / LOOP_HOLD))
+    out, length = along(angle), 2 * arm + LOOP_WAY
+    thread = Thread(Spline(uniform_knots(length, LOOP_POINTS)), SUTURE, damping=100.0)
+    begin = arm + LOOP_WAY
+    way = np.array([[0.0, 0.0], [REST, 0.0], [REST + LOOP_TIME, LOOP_WAY], [REST + 2 * LOOP_TIME, 0.0]])
+    hand = np.column_stack([way[:, 0], (begin + way[:, 1])[:, None] * out])
+    ends = (Pulled(-LOOP_HOLD * along(0.0)), Driven(hand))
+    system = fixed_hole(thread, ends, Friction(mu, mu), along(angle / 2), directed=False)
+    at = (gauss_rule(thread.spline, MASS_POINTS).s - arm)[..., None]
+    state = start(system, np.array([arm]), np.where(at < 0.0, at * along(0.0), at * out), 1.0)
+    for _ in range(10):
+        state = advance(system, state, REST / 10)[-1].new
+    rows = []
+    for number in range(2 * LOOP_STEPS):
+        state = advance(system, state, LOOP_TIME / LOOP_STEPS)[-1].new
+        place = float(np.interp(state.time, way[:, 0], way[:, 1]))
+        rows.append(moment(system, state, mu, turn, place, outwards=number < LOOP_STEPS))
+    return rows
+
+
+def moment(system: System, state: State, mu: float, turn: float, place: float, outwards: bool) -> Row:
+    """Pull over hold; the theory is that of a thread that bends, for the angle by which the forces turn."""
+    hold, pull = np.linalg.norm(state.reaction, axis=1)
+    cosine = -state.reaction[0] @ state.reaction[1] / hold / pull
+    ratio = bent_ratio(mu, float(np.arccos(cosine)))
+    sense = -1.0 if outwards else 1.0
+    return Row(
+        kind="loop",
+        mu=mu,
+        turn=turn,
+        holes=1,
+        way=place,
+        ratio=float(pull / hold),
+        theory=ratio if outwards else 1.0 / ratio,
+        settled=bool(state.slip[0] == sense),
+    )
+
+
+def bent_ratio(mu: float, turn: float) -> float:
+    """T₁/T₂ of a thread that bends, turned by `turn` [rad]: T₁(1 − cos α) = T₂(1 − cos β), for its moment is the same
+    on both sides (elastica), and T₁ − T₂ = μ(T₁ sin α + T₂ sin β), α + β the turn."""
+
+    def ratio(alpha: float) -> float:
+        return float((1 + mu * np.sin(turn - alpha)) / (1 - mu * np.sin(alpha)))
+
+    def jump_of_moment(alpha: float) -> float:
+        return float(ratio(alpha) * (1 - np.cos(alpha)) - (1 - np.cos(turn - alpha)))
+
+    return ratio(brentq(jump_of_moment, 1e-9, turn / 2))
+
+
+# --- table and figure -------------------------------------------------------------------------------------
+
+
+def of(rows: Sequence[Row], kind: str, mu: float) -> list[Row]:
+    """The rows of a kind and a coefficient."""
+    return [row for row in rows if (row.kind, row.mu) == (kind, mu)]
+
+
+def coefficients(rows: Sequence[Row]) -> list[float]:
+    """Every coefficient of friction [-]."""
+    return list(dict.fromkeys(row.mu for row in rows))
+
+
+def error(rows: Sequence[Row]) -> float:
+    """Largest error of the ratios that settled, over theirs of theory; NaN where there are none."""
+    return max((abs(row.ratio / row.theory - 1.0) for row in rows if row.settled), default=float("nan"))
+
+
+def order_in_number(runs: Sequence[Row]) -> float:
+    """Order in 1/N by which the last two holes in a row tend to exp(μθ)."""
+    few, many = runs[-2:]
+    limit = np.exp(many.mu * np.radians(many.turn))
+    return float(np.log((few.ratio - limit) / (many.ratio - limit)) / np.log(many.holes / few.holes))
+
+
+def table(rows: Sequence[Row]) -> Table:
+    """One line a coefficient and angle, then those of the holes in a row, then those of the loops."""
+    head = ("case", "μ [-]", "turn [°]", "T₁/T₂, measured", "theory", "exp(μθ)", "error [%]", "remark")
+    lines: list[tuple[str, ...]] = []
+    for row in rows:
+        if row.kind == "loop":
+            continue
+        name = f"{row.holes} {row.kind}" if row.kind == "holes in a row" else row.kind
+        exact = exact_ratio(row.mu, row.turn)
+        off = f"{100 * (row.ratio / exact - 1.0):+.2g} % off the exact law" if np.isfinite(row.ratio) else "LOCKS"
+        lagged = off if "passes" in row.kind else ""
+        lines.append((name, *cells(row), f"{100 * error([row]):.2g}" if row.settled else "-", lagged))
+    for mu in coefficients(rows):
+        for name, turns in zip(("drawn", "let back"), branches(of(rows, "loop", mu)), strict=True):
+            slid = [row for row in turns if row.settled]
+            if slid:
+                lines.append((f"suture, {name}", *cells(slid[-1]), f"{100 * error(slid):.2g}", "largest of the branch"))
+    return Table(head, lines)
+
+
+def cells(row: Row) -> tuple[str, ...]:
+    """Coefficient, angle, ratio, theory and the continuum's, one over it where the thread goes back."""
+    capstan = np.exp(row.mu * np.radians(row.turn))
+    capstan = capstan if row.theory >= 1.0 else 1.0 / capstan
+    return f"{row.mu:g}", f"{row.turn:g}", f"{row.ratio:.5g}", f"{row.theory:.5g}", f"{capstan:.5g}"
+
+
+def branches(runs: Sequence[Row]) -> tuple[list[Row], list[Row]]:
+    """A loop on its way out and on its way back."""
+    top = max(range(len(runs)), key=lambda k: runs[k].way) if runs else -1
+    return list(runs[: top + 1]), list(runs[top + 1 :])
+
+
+def remarks(rows: Sequence[Row]) -> list[str]:
+    """Orders of the holes in a row, and what did not settle."""
+    out = []
+    for mu in coefficients(rows):
+        runs = of(rows, "holes in a row", mu)
+        limit = np.exp(mu * np.radians(runs[0].turn))
+        far = runs[-1].ratio / limit - 1.0
+        order = f"order {order_in_number(runs):.2f} in 1/N" if len(runs) > 1 else "too few for an order"
+        out.append(f"μ = {mu:g}: {runs[-1].holes} holes in a row are {100 * far:.2g} % above exp(μθ), {order}")
+        locked = [f"{row.turn:g}°" for row in of(rows, "two passes, pull given", mu) if not row.settled]
+        if locked:
+            out.append(
+                f"μ = {mu:g}: two passes with the pull given LOCK at {', '.join(locked)}, the exact law does not"
+            )
+    holes = [row for row in rows if row.kind in ("one hole", "holes in a row") and not row.settled]
+    out += [f"{row.kind}, μ = {row.mu:g}, {row.turn:g}°: the threshold was NOT FOUND" for row in holes]
+    return out
+
+
+def figure(rows: Sequence[Row]) -> Figure:
+    """The laws over the angle, the lag, holes in a row, and the loop of the load."""
+    drawing, grid = panels(2, 2)
+    over_angle(grid[0, 0], rows)
+    lag(grid[0, 1], rows)
+    rows_of_holes(grid[1, 0], rows)
+    loops(grid[1, 1], rows)
+    return drawing
+
+
+def over_angle(axes: Axes, rows: Sequence[Row]) -> None:
+    """Points are measured, full lines the exact law, dotted the capstan."""
+    for mu, colour, marker in zip(coefficients(rows), COLOURS, MARKERS, strict=False):
+        runs = of(rows, "one hole", mu)
+        turn = np.linspace(0.0, max(run.turn for run in runs), 101)
+        axes.plot(turn, [exact_ratio(mu, t) for t in turn], color=colour)
+        axes.plot(turn, np.exp(mu * np.radians(turn)), color=colour, linestyle=":")
+        x, y = [run.turn for run in runs], [run.ratio for run in runs]
+        axes.plot(x, y, marker, color=colour, label=f"μ = {mu:g}")
+    axes.plot([], [], color="black", label="(1 + μt)/(1 − μt)")
+    axes.plot([], [], color="black", linestyle=":", label="exp(μθ)")
+    axes.set(xlabel="turn θ [°]", ylabel="pull over hold at slip [-]", title="one hole")
+    axes.legend()
+
+
+def lag(axes: Axes, rows: Sequence[Row]) -> None:
+    """The two passes over the exact law, filled where the hold is given, hollow where the pull is."""
+    for mu, colour, marker in zip(coefficients(rows), COLOURS, MARKERS, strict=False):
+        for name, face in (("hold", colour), ("pull", "white")):
+            runs = [run for run in of(rows, f"two passes, {name} given", mu) if run.settled]
+            off = [100 * (run.ratio / exact_ratio(mu, run.turn) - 1.0) for run in runs]
+            label = f"μ = {mu:g}, {name} given"
+            axes.plot([r.turn for r in runs], off, color=colour, marker=marker, markerfacecolor=face, label=label)
+    axes.set_yscale("symlog", linthresh=1.0)
+    axes.set(xlabel="turn θ [°]", ylabel="two passes over the exact law, less 1 [%]", title="lag of two passes")
+    axes.legend()
+
+
+def rows_of_holes(axes: Axes, rows: Sequence[Row]) -> None:
+    """How far holes in a row are from the capstan."""
+    for mu, colour, marker in zip(coefficients(rows), COLOURS, MARKERS, strict=False):
+        runs = of(rows, "holes in a row", mu)
+        N = np.array([run.holes for run in runs])
+        far = np.array([run.ratio for run in runs]) / np.exp(mu * np.radians(runs[0].turn)) - 1.0
+        axes.plot(N, 100 * far, color=colour, marker=marker, label=f"μ = {mu:g}")
+    axes.plot(N, 100 * far[-1] * (N[-1] / N) ** 2, color="black", linestyle=":", label="N⁻²")
+    axes.set(xscale="log", yscale="log", xlabel="holes in a row N [-]", ylabel="ratio over exp(μθ), less 1 [%]")
+    axes.set_title(f"a turn of {runs[0].turn:g}° by N holes")
+    ticks(axes, "x", list(N))
+    axes.legend()
+
+
+def loops(axes: Axes, rows: Sequence[Row]) -> None:
+    """Pull over hold as the hand goes out and back; dotted, a thread that bends."""
+    for mu, colour in zip(coefficients(rows), COLOURS, strict=False):
+        runs = of(rows, "loop", mu)
+        axes.plot([run.way / MILLI for run in runs], [run.ratio for run in runs], color=colour, label=f"μ = {mu:g}")
+        for branch in branches(runs):
+            way = [run.way / MILLI for run in branch]
+            axes.plot(way, [run.theory for run in branch], color="black", linestyle=":")
+    axes.plot([], [], color="black", linestyle=":", label="a thread that bends")
+    axes.set(
+        xlabel="way of the hand [mm]", ylabel="pull over hold [-]", title=f"out and back, a turn of {runs[0].turn:g}°"
+    )
+    axes.legend(ncols=2, loc="center left", bbox_to_anchor=(0.0, 0.42))
+
+
+STUDY = Study(
+    main=main,
+    question="Which pull draws a thread through rough holes, and how far are the capstan and two passes from it?",
+    independent="the balance at one hole, its product over holes in a row and its limit exp(μθ), the lag of two passes "
+    "in closed form, and the elastica of a thread that bends",
+    consistency="two passes against the exact law",
+    table=table,
+    figure=figure,
+    remarks=remarks,
+    quick={"mus": (0.1, 0.3), "turns": (30.0, 60.0, 90.0), "rows_of_holes": (2, 4, 8)},
+)

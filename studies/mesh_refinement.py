@@ -1,0 +1,317 @@
+"""Mesh refinement: which numbers of a pulled suture converge, with a bare point, a footprint and a sub-grid footprint.
+
+A suture through two ideal holes of a quasi-static block, one end held, the other pulled by a dead load. Cells, element
+order, control points, time step and footprint are refined each alone. Measured are the compliance of a hole along the
+surface and along its normal, how far the exit moves, the force on the entry and the length drawn through the exit.
+Every quantity of every ladder gets a verdict (`studies.convergence`) from its three finest runs.
+
+A bare point has no limit: on meshes that are copies of one another its compliance is c/(E h) and a constant. So has
+none a footprint that shrinks; its compliance is c/(E a).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from studies.convergence import Verdict, verdict
+from studies.figure import COLOURS, MARKERS, panels, ticks
+from studies.scenario import Scenario, parse
+from studies.simulation import prepare
+from studies.study import Study, Table, beyond_linear, too_coarse, unit
+
+LENGTH, WIDTH, HEIGHT = 0.02, 0.01, 5e-3  # of the block [m]
+HALF = 5e-3  # of the distance of the holes [m]
+PULL = 0.02  # [N]
+DAMPING = 400.0  # of the thread [1/s]: what it stores in its bends is gone within the ramp
+RAMP = 0.05  # of the pull in a dynamic run, at whose end it is looked at [s]
+STATIC = 0.0  # time step of an equilibrium
+FOOTPRINT, CONTROL_POINTS, CELLS = 1.5e-3, 40, 16  # what is not refined [m], [-], [per LENGTH]
+
+MILLI = 1e-3
+DECADE = (2.0, 5.0, 10.0, 20.0, 50.0)  # ticks [mm/N]
+FORMAL = {"P1": 2.0, "P2": 4.0, "control points": 4.0, "time step": 1.0, "footprint": 2.0}  # orders of theory
+QUANTITIES = {
+    "compliance_along": ("compliance along the surface", "mm/N"),
+    "compliance_normal": ("compliance along the normal", "mm/N"),
+    "displacement": ("displacement of the exit", "mm"),
+    "force": ("force on the entry", "mN"),
+    "drawn": ("length drawn through", "mm"),
+}
+VARIANTS = ("bare point, P1", "footprint, P1", "footprint, P2", "sub-grid footprint, P1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One run of one ladder."""
+
+    ladder: str
+    variant: str
+    cells: int = unit("per length of the block")
+    footprint: float = unit("m")
+    control_points: int = unit("-")
+    dt: float = unit("s")  # 0: an equilibrium
+    compliance_along: float = unit("m/N")
+    compliance_normal: float = unit("m/N")
+    displacement: float = unit("m")
+    force: float = unit("N")
+    drawn: float = unit("m")
+    clear: bool  # of what the sub-grid compliance does not reckon with
+
+    @property
+    def refined(self) -> float:
+        """What the ladder refines: cell or footprint [m], time step [s], or one over the spans [-]."""
+        return {
+            "cells": LENGTH / self.cells,
+            "control points": 1.0 / (self.control_points - 3),
+            "time step": self.dt,
+            "footprint": self.footprint,
+        }[self.ladder]
+
+    @property
+    def named(self) -> str:
+        """The same in words."""
+        return {
+            "cells": f"h = {LENGTH / self.cells / MILLI:.3g} mm",
+            "control points": f"{self.control_points} points",
+            "time step": f"Δt = {self.dt / MILLI:g} ms",
+            "footprint": f"a = {self.footprint / MILLI:g} mm",
+        }[self.ladder]
+
+
+def main(
+    p1_cells: Sequence[int] = (16, 24, 32, 48),
+    p2_cells: Sequence[int] = (8, 16, 24, 32),
+    control_points: Sequence[int] = (40, 80, 160),
+    steps: Sequence[float] = (4e-3, 2e-3, 1e-3, 5e-4),
+    footprints: Sequence[float] = (2e-3, 1e-3, 5e-4),
+    youngs_modulus: float = 5e4,
+) -> list[Row]:
+    """Every run. Cells are per length of the block and multiples of eight, so that all meshes are copies of one
+    another about the holes."""
+    rows = []
+    for variant in VARIANTS:
+        for n in p2_cells if "P2" in variant else p1_cells:
+            rows.append(measured("cells", variant, youngs_modulus, cells=n))
+    whole = VARIANTS[-1]
+    rows += [measured("control points", whole, youngs_modulus, control_points=n) for n in control_points]
+    rows += [measured("time step", whole, youngs_modulus, dt=dt) for dt in steps]
+    rows += [measured("footprint", whole, youngs_modulus, footprint=a) for a in footprints]
+    return rows
+
+
+def measured(
+    ladder: str,
+    variant: str,
+    youngs_modulus: float,
+    cells: int = CELLS,
+    footprint: float = FOOTPRINT,
+    control_points: int = CONTROL_POINTS,
+    dt: float = STATIC,
+) -> Row:
+    """One run, its last moment."""
+    radius = 0.0 if variant.startswith("bare") else footprint
+    simulation = prepare(scenario(variant, youngs_modulus, cells, radius, control_points, dt))
+    C = simulation.assembly.system.organ.operator(0.0, 0.0).C
+    *_, (record, _) = simulation.advance()
+    entry, leave = record.piercings
+    return Row(
+        ladder=ladder,
+        variant=variant,
+        cells=cells,
+        footprint=radius,
+        control_points=control_points,
+        dt=dt,
+        compliance_along=float(C[9, 9]),
+        compliance_normal=float(C[11, 11]),
+        displacement=float(np.linalg.norm(leave.displacement)),
+        force=float(np.linalg.norm(entry.force)),
+        drawn=leave.slip,
+        clear=all(gap["holds"] for gap in simulation.subgrid.values()),
+    )
+
+
+def scenario(
+    variant: str, youngs_modulus: float, cells: int, footprint: float, control_points: int, dt: float
+) -> Scenario:
+    """A suture down into a block and up again, its start held, its end pulled along the block and up."""
+    hole = {"direction": "normal", "footprint": footprint, "subgrid": variant.startswith("sub-grid")}
+    path = [[-0.02, 0.015], [-HALF, 5e-3], [-HALF, -2e-3], [HALF, -2e-3], [HALF, 5e-3], [0.02, 0.015]]
+    still: dict[str, object] = {"kind": "static", "load_steps": 4}
+    return parse(
+        {
+            "title": f"mesh refinement: {variant}",
+            "tissue": {
+                "youngs_modulus": youngs_modulus,
+                "poisson_ratio": 0.3,
+                "density": 1070.0,
+                "inertia": False,
+                "element": variant[-2:],
+                "clamp": ["bottom"],
+                "mesh": {"kind": "block", "size": [LENGTH, WIDTH, HEIGHT], "h": LENGTH / cells},
+            },
+            "thread": {
+                "suture": "2-0 polypropylene",
+                "control_points": control_points,
+                "damping": DAMPING,
+                "path": [[x, 0.0, z] for x, z in path],
+                "start": {"kind": "fixed"},
+                "end": {"kind": "pulled", "force": [0.8 * PULL, 0.0, 0.6 * PULL], "ramp": RAMP if dt else 0.0},
+            },
+            "piercing": [
+                {"name": "entry", "at": [-HALF, 0.0, 0.0], **hole},
+                {"name": "exit", "at": [HALF, 0.0, 0.0], **hole},
+            ],
+            "solve": {"duration": RAMP, "dt": dt} if dt else still,
+        }
+    )
+
+
+# --- verdicts ---------------------------------------------------------------------------------------------
+
+
+def ladders(rows: Sequence[Row]) -> Iterator[tuple[str, str, list[Row]]]:
+    """Name, variant and runs of each ladder, finest first."""
+    for ladder, variant in dict.fromkeys((row.ladder, row.variant) for row in rows):
+        runs = [row for row in rows if (row.ladder, row.variant) == (ladder, variant)]
+        yield ladder, variant, sorted(runs, key=lambda row: row.refined)
+
+
+def judged(runs: Sequence[Row], quantity: str) -> Verdict:
+    """The verdict on a quantity of one ladder."""
+    formal = FORMAL[runs[0].variant[-2:] if runs[0].ladder == "cells" else runs[0].ladder]
+    return verdict([run.refined for run in runs], [getattr(run, quantity) for run in runs], formal)
+
+
+def said(runs: Sequence[Row], quantity: str) -> str:
+    """The verdict in words; nothing is called converged that hangs on a hole that diverges."""
+    found = judged(runs, quantity)
+    compliances = [name for name in QUANTITIES if name.startswith("compliance") and touched(runs[0].ladder, name)]
+    if found.kind == "converged" and any(judged(runs, name).kind == "diverging" for name in compliances):
+        return "NOT CONVERGED, for its holes diverge"
+    return found.text
+
+
+def touched(ladder: str, quantity: str) -> bool:
+    """Whether a ladder can change a quantity: the organ's compliance knows no thread."""
+    return ladder in ("cells", "footprint") or not quantity.startswith("compliance")
+
+
+def table(rows: Sequence[Row]) -> Table:
+    """One line for every quantity of every ladder."""
+    head = ("refined", "holes", "finest", "quantity", "finest value", "order", "limit", "index [%]", "verdict")
+    lines = []
+    for (ladder, variant, runs), quantity in product(ladders(rows), QUANTITIES):
+        if not touched(ladder, quantity):
+            continue
+        name, of = QUANTITIES[quantity]
+        found, finest = judged(runs, quantity), getattr(runs[0], quantity) / MILLI
+        limit = "none" if np.isnan(found.limit) else f"{found.limit / MILLI:.4g} {of}"
+        index = f"{100.0 * found.index:.2g}" if np.isfinite(found.index) else "none"
+        order = "swings" if np.isnan(found.order) else f"{found.order:.2f}"
+        lines.append(
+            (ladder, variant, runs[0].named, name, f"{finest:.4g} {of}", order, limit, index, said(runs, quantity))
+        )
+    return Table(head, lines)
+
+
+def remarks(rows: Sequence[Row]) -> list[str]:
+    """Worst of each ladder: cells too coarse, holes that moved too far, and what is too near a hole."""
+    out = []
+    for ladder, variant, runs in ladders(rows):
+        name = f"{ladder}, {variant}"
+        if runs[0].footprint == 0.0:
+            out.append(f"{name}: strains beside the hole grow without bound, NO LINEAR RANGE")
+            continue
+        if "sub-grid" not in variant:
+            coarse = max(runs, key=lambda run: LENGTH / run.cells / run.footprint)
+            out += too_coarse(f"{name}, {coarse.named}", LENGTH / coarse.cells, coarse.footprint)
+        far = max(runs, key=lambda run: run.displacement / run.footprint)
+        out += beyond_linear(f"{name}, {far.named}", far.displacement, far.footprint)
+        near = [run.named for run in runs if not run.clear]
+        if near:
+            out.append(f"{name}, {', '.join(near)}: a hole is TOO NEAR an edge, a clamp or another hole")
+    return out
+
+
+# --- figure -----------------------------------------------------------------------------------------------
+
+
+def figure(rows: Sequence[Row]) -> Figure:
+    """Every quantity over the cells, what thread and time change, and the compliance over the footprint."""
+    drawing, grid = panels(4, 2)
+    places = grid.ravel()
+    for axes, quantity in zip(places[:5], QUANTITIES, strict=True):
+        over_cells(axes, rows, quantity)
+    places[0].legend()
+    over_footprint(places[5], rows)
+    changes(places[6], rows, "control points")
+    changes(places[7], rows, "time step")
+    return drawing
+
+
+def over_cells(axes: Axes, rows: Sequence[Row], quantity: str) -> None:
+    """A quantity over the cells, one curve for each kind of hole."""
+    for variant, colour, marker in zip(VARIANTS, COLOURS, MARKERS, strict=False):
+        runs = of(rows, "cells", variant)
+        values = [getattr(run, quantity) / MILLI for run in runs]
+        axes.plot([run.refined / MILLI for run in runs], values, color=colour, marker=marker, label=variant)
+    name, unit_of = QUANTITIES[quantity]
+    axes.set(xscale="log", xlabel="cells h [mm]", ylabel=f"{name} [{unit_of}]")
+    ticks(axes, "x", sorted({run.refined / MILLI for run in rows if run.ladder == "cells"}))
+    if quantity.startswith("compliance"):
+        axes.set_yscale("log")
+        ticks(axes, "y", DECADE)
+
+
+def over_footprint(axes: Axes, rows: Sequence[Row]) -> None:
+    """The compliances over the footprint, beside 1/a."""
+    runs = of(rows, "footprint", VARIANTS[-1])
+    a = np.array([run.refined for run in runs]) / MILLI
+    for quantity, colour, marker in zip(("compliance_along", "compliance_normal"), COLOURS, MARKERS, strict=False):
+        values = np.array([getattr(run, quantity) for run in runs]) / MILLI
+        axes.plot(a, values, color=colour, marker=marker, label=QUANTITIES[quantity][0])
+        axes.plot(a, values[0] * a[0] / a, color="black", linestyle=":", label="1/a" if marker == "o" else None)
+    axes.set(xscale="log", yscale="log", xlabel="footprint a [mm]", ylabel="compliance [mm/N]")
+    ticks(axes, "x", sorted(a))
+    ticks(axes, "y", DECADE)
+    axes.legend()
+
+
+def changes(axes: Axes, rows: Sequence[Row], ladder: str) -> None:
+    """How far the quantities are from those of the finest run, over what is refined."""
+    finest, *runs = of(rows, ladder, VARIANTS[-1])
+    x = [run.control_points if ladder == "control points" else run.dt / MILLI for run in runs]
+    quantities = [quantity for quantity in QUANTITIES if touched(ladder, quantity)]
+    for quantity, colour, marker in zip(quantities, COLOURS, MARKERS, strict=False):
+        values = [abs(getattr(run, quantity) / getattr(finest, quantity) - 1.0) for run in runs]
+        axes.plot(x, values, color=colour, marker=marker, label=QUANTITIES[quantity][0])
+    label = "control points [-]" if ladder == "control points" else "time step [ms]"
+    axes.set(xscale="log", yscale="log", xlabel=label, ylabel=f"change to {finest.named} [-]")
+    ticks(axes, "x", sorted(x))
+    axes.margins(y=0.4)
+    axes.legend()
+
+
+def of(rows: Sequence[Row], ladder: str, variant: str) -> list[Row]:
+    """The runs of a ladder, finest first."""
+    return next(runs for *names, runs in ladders(rows) if names == [ladder, variant])
+
+
+STUDY = Study(
+    main=main,
+    question="Which numbers of a pulled suture converge when cells, element, control points, step or footprint change?",
+    independent="a bare point's compliance grows like 1/h, a footprint's like 1/a; backward Euler is of order one",
+    consistency="footprint on P2 against sub-grid footprint on P1, and each number against its own refinement",
+    table=table,
+    figure=figure,
+    remarks=remarks,
+    quick={
+        "p1_cells": (8, 16, 24, 32),
+        "p2_cells": (8, 16, 24),
+        "steps": (2e-3, 1e-3, 5e-4),
+    },
+)

@@ -1,0 +1,170 @@
+"""A study: one question, answered by runs of its own, with a table and a figure.
+
+A study is a module that ends in `STUDY`. Its `main` takes typed defaults, which are the preset "full", and gives rows,
+one a run or a measured number: a frozen dataclass whose fields know their unit. What a row cannot support, and what is
+not converged, is said in the remarks, which are written and printed with the table.
+"""
+
+import csv
+import io
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_type_hints
+
+from pydantic import TypeAdapter, ValidationError
+
+from studies.files import write_bytes, write_json, write_text
+from studies.provenance import provenance
+from studies.refusal import as_toml, nearest, refused
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NAMES = ("coupling_variants", "friction", "mesh_refinement")
+PRESETS = ("quick", "full")
+WRITTEN = ("study.json", "table.md", "table.csv", "runs.csv", "figure.png", "figure.svg")
+LINEAR = 0.3  # footprints that a hole may move by: strains near it are of this size
+
+
+class StudyError(ValueError):
+    """A study that is refused before anything is computed."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """`head`, each with its unit, and `lines` of as many cells."""
+
+    head: Sequence[str]
+    lines: Sequence[Sequence[str]]
+
+    @property
+    def markdown(self) -> str:
+        """The table in Markdown."""
+        return "\n".join("| " + " | ".join(x) + " |" for x in (self.head, ["---"] * len(self.head), *self.lines)) + "\n"
+
+    @property
+    def csv(self) -> str:
+        """The table in CSV."""
+        return comma_separated([self.head, *self.lines])
+
+
+@dataclass(frozen=True)
+class Study:
+    """`main` with typed defaults, what it asks, what in it is an independent and what a consistency check, how its rows
+    are shown, what they do not support, and the arguments of the preset "quick"."""
+
+    main: Callable[..., Sequence[Any]]
+    question: str
+    independent: str
+    consistency: str
+    table: Callable[[Sequence[Any]], Table]
+    figure: Callable[[Sequence[Any]], "Figure"]
+    remarks: Callable[[Sequence[Any]], list[str]]
+    quick: Mapping[str, Any]
+
+
+def unit(text: str) -> Any:
+    """A field of a row, with its unit."""
+    return field(metadata={"unit": text})
+
+
+def study(name: str) -> Study:
+    """The study of a name. Raises `StudyError`."""
+    if name not in NAMES:
+        near = nearest(name, NAMES)
+        hint = f"; the nearest is {near}" if near else ""
+        raise StudyError(refused("study", name, f"the studies are {', '.join(NAMES)}{hint}"))
+    found: Study = import_module(f"studies.{name}").STUDY
+    return found
+
+
+def arguments(found: Study, preset: str, settings: Sequence[str] = ()) -> dict[str, Any]:
+    """Arguments of a study's `main`: those of the preset, and each `settings` `name=value` with the value in TOML.
+
+    Raises `StudyError`.
+    """
+    kinds = {name: kind for name, kind in get_type_hints(found.main).items() if name != "return"}
+    given = dict(found.quick) if preset == "quick" else {}
+    for setting in settings:
+        name, equals, text = setting.partition("=")
+        if name not in kinds or not equals:
+            near = nearest(name, kinds)
+            hint = f"; the nearest is {near}" if near and near != name else ""
+            raise StudyError(f"--set {setting} is refused: write NAME=VALUE with a name of {', '.join(kinds)}{hint}")
+        given[name] = converted(setting, kinds[name], value_of(text))
+    return given
+
+
+def value_of(text: str) -> Any:
+    """A value in TOML; a bare word is a string, because a shell takes the quotes away."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text.strip()
+
+
+def converted(setting: str, kind: Any, value: Any) -> Any:
+    """A value of the type that the study's argument has."""
+    try:
+        return TypeAdapter(kind).validate_python(value)
+    except ValidationError as error:
+        detail = error.errors(include_url=False)[0]
+        reason = detail["msg"].replace("Input should be", "it must be")
+        raise StudyError(f"--set {setting} is refused: {reason}, and not {as_toml(detail['input'])}") from None
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder that holds other files than an earlier study. Raises `StudyError`."""
+    if folder.exists() and not folder.is_dir():
+        raise StudyError(f"--out {folder} is refused: it is a file; give a folder")
+    others = sorted(path.name for path in folder.iterdir() if path.name not in WRITTEN) if folder.exists() else []
+    if others:
+        reason = f"it holds other files than a study's ({others[0]}); give a new or empty folder"
+        raise StudyError(f"--out {folder} is refused: {reason}")
+
+
+def write(name: str, preset: str, given: Mapping[str, Any], rows: Sequence[Any], folder: Path) -> None:
+    """What was asked and run, table, every row, and the figure, into a folder."""
+    from studies.figure import drawn
+
+    found, remarks = study(name), study(name).remarks(rows)
+    folder.mkdir(parents=True, exist_ok=True)
+    asked = {"study": name, "preset": preset, "arguments": dict(given), "question": found.question}
+    checks = {"independent": found.independent, "consistency": found.consistency, "remarks": remarks}
+    write_json(folder / "study.json", asked | checks | {"provenance": provenance()})
+    shown = found.table(rows)
+    write_text(folder / "table.md", shown.markdown + "".join(f"\n* {remark}\n" for remark in remarks))
+    write_text(folder / "table.csv", shown.csv)
+    write_text(folder / "runs.csv", numbers(rows))
+    for kind, picture in drawn(found.figure, rows, name).items():
+        write_bytes(folder / f"figure.{kind}", picture)
+
+
+def numbers(rows: Sequence[Any]) -> str:
+    """Every row in SI units, which the header names."""
+    head = [f"{f.name} [{f.metadata['unit']}]" if "unit" in f.metadata else f.name for f in fields(rows[0])]
+    return comma_separated([head, *([str(value) for value in asdict(row).values()] for row in rows)])
+
+
+def comma_separated(lines: Sequence[Sequence[str]]) -> str:
+    """Lines of CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(lines)
+    return text.getvalue()
+
+
+def beyond_linear(what: str, moved: float, footprint: float) -> list[str]:
+    """A remark where a hole moved [m] farther than small strains allow with its footprint [m]."""
+    if moved <= LINEAR * footprint:
+        return []
+    return [f"{what}: a hole moved by {moved / footprint:.2g} footprints, BEYOND the linear range (about {LINEAR})"]
+
+
+def too_coarse(what: str, size: float, footprint: float) -> list[str]:
+    """A remark where cells [m] are larger than the radius of a footprint [m] that nothing else makes up for."""
+    if size <= footprint:
+        return []
+    return [f"{what}: cells of {size / footprint:.3g} footprint radii, TOO COARSE: the hole is as stiff as the mesh is"]
