@@ -81,12 +81,17 @@ def bending_layers(system: System, state: State) -> Array:
     return np.asarray(np.minimum(np.sqrt(thread.EI / np.maximum(pull, REST * thread.EA)), end - start))
 
 
-def is_too_coarse(resolution: Resolution, system: System, state: State) -> bool:
-    """Whether a span that holds a hole is longer than it may be by half."""
+def span_ratio(system: System, state: State) -> float:
+    """Longest span that holds a hole over the √(EI/T) that the thread bends over there [-]; 0 without bending."""
     here = state.present & system.rows.any(axis=1)
     spline, layers = system.thread.spline, bending_layers(system, state)[here]
     spans = np.diff(spline.breaks)[spline.spans_of(state.s[here])]
-    return bool(np.any(spans > 1.5 * resolution.at_hole * layers))
+    return float(np.max(spans / layers, initial=0.0)) if system.thread.EI else 0.0
+
+
+def is_too_coarse(resolution: Resolution, system: System, state: State) -> bool:
+    """Whether a span that holds a hole is longer than it may be by half."""
+    return span_ratio(system, state) > 1.5 * resolution.at_hole
 
 
 def adapted(resolution: Resolution, system: System, state: State, ahead: float) -> tuple[System, State, list[Event]]:

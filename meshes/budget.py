@@ -15,10 +15,9 @@ Array = NDArray[np.float64]
 # edges are a quarter longer than wanted. Measured: 0.19 to 0.24 on meshes of 5 000 to 40 000 tetrahedra.
 TETRAHEDRON = 0.22
 TETS_PER_NODE = {"P1": 4.7, "P2": 0.66}  # measured on the same meshes: 4.0 to 5.0, 0.61 to 0.68
-# Memory of an organ with inertia, measured as the peak of the process (scipy 1.17, P1 and P2, up to 77 000 unknowns):
-# assembly and matrices grow with the unknowns, the factor's entries with their power 1.5.
-BYTES_PER_UNKNOWN = 2.0e4
-BYTES_PER_FACTOR = 62.0
+# Memory of an organ by multigrid, measured as the peak of the process: 4.0 kB an unknown at 0.3 million and 5.1 at 1.07
+# (P1, with frames and picture), 7.3 at 0.19 (P2). A factor that has no room is not made (`tissue.solver`).
+BYTES_PER_UNKNOWN = {"P1": 6.0e3, "P2": 9.0e3}
 SHELLS, DIRECTIONS = 60, 200
 
 
@@ -28,16 +27,13 @@ class Budget:
 
     tets: float
     unknowns: float
-
-    @property
-    def memory(self) -> float:
-        """Peak of assembly and factorisation [byte]."""
-        return BYTES_PER_UNKNOWN * self.unknowns + BYTES_PER_FACTOR * self.unknowns**1.5
+    memory: float
 
 
 def budget(tets: float, element: str) -> Budget:
-    """Unknowns of so many tetrahedra, "P1" or "P2"."""
-    return Budget(tets, 3.0 * tets / TETS_PER_NODE[element])
+    """Unknowns of so many tetrahedra, "P1" or "P2", and their memory."""
+    unknowns = 3.0 * tets / TETS_PER_NODE[element]
+    return Budget(tets, unknowns, BYTES_PER_UNKNOWN[element] * unknowns)
 
 
 def expected_tets(volume: float, grading: Grading, sites: Array, inside: Callable[[Array], NDArray[np.bool_]]) -> float:

@@ -12,7 +12,8 @@ from coupling.start import start
 from coupling.system import Friction, Piercing, State, System
 from studies import scenario as model
 from studies.meshing import material_of, organ_mesh
-from studies.scenario import Scenario
+from studies.refusal import refused
+from studies.scenario import Scenario, ScenarioError
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
 from thread.path import RoundedPath, rounded
@@ -22,6 +23,7 @@ from thread.thread import MASS_POINTS, Thread
 
 Array = NDArray[np.float64]
 
+STRETCH = 1.6  # sutures break at strains of 20 to 60 %
 REACH = 0.1  # of the thread's length: how far from a piercing its spans are fine
 
 
@@ -55,7 +57,7 @@ def assemble(scenario: Scenario) -> Assembly:
     Raises `ScenarioError`, `MeshError`, `TissueError`, `ThreadError` for input that cannot be run.
     """
     path = rounded(scenario.thread.path)
-    length = scenario.thread.length or path.length
+    length = length_of(scenario, path)
     body = body_of(scenario)
     organ = organ_of(scenario, body)
     s = abscissae(scenario, path, length)
@@ -76,6 +78,15 @@ def assemble(scenario: Scenario) -> Assembly:
 def is_known(hole: model.Piercing) -> bool:
     """Whether the abscissa of a piercing is known before the first step."""
     return hole.s is not None or hole.from_ == 0.0
+
+
+def length_of(scenario: Scenario, path: RoundedPath) -> float:
+    """Rest length of the thread [m]. Raises `ScenarioError` where it would be laid stretched beyond any suture."""
+    length = scenario.thread.length or path.length
+    if path.length > STRETCH * length:
+        reason = f"the path is {path.length:.4g} m long, and no suture stretches that far; leave it out or lengthen it"
+        raise ScenarioError(refused("thread.length", length, reason))
+    return length
 
 
 def abscissae(scenario: Scenario, path: RoundedPath, length: float) -> list[float]:

@@ -38,6 +38,7 @@ REFUSALS = (ScenarioError, StudyError, MeshError, TissueError, ThreadError)
 FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
 FAILED, REFUSED = 1, 2
 MILLI = 1e-3
+RESOLVED = 0.5  # spans at a hole over √(EI/T): beyond, forces along the thread are off by several per cent
 Moments = Iterator[tuple[StepRecord, Callable[[], Frame]]]
 
 
@@ -241,6 +242,16 @@ def range_line(scenario: Scenario, piercings: Sequence[PiercingRecord]) -> str:
     )
 
 
+def resolution_line(ratio: float) -> str:
+    """Whether the spline can follow the bends at the holes."""
+    if ratio <= RESOLVED:
+        return ""
+    return (
+        f"thread     its spans at the holes are {ratio:.2g} of the length it bends over there, TOO COARSE for the "
+        'forces along it (a third is fine): set thread.resolution = "adaptive", or raise thread.control_points'
+    )
+
+
 def subgrid_line(gaps: Mapping[str, Mapping[str, Any]]) -> str:
     """How much of the holes' compliance the mesh is too coarse for, and where what is added for it does not hold."""
     if not gaps:
@@ -293,7 +304,9 @@ def _print_summary(scenario: Scenario, recorder: Recorder, status: Any) -> None:
     folder = recorder.folder
     lines[1:1] = ["", *table] if table else []
     lines += [range_line(scenario, step.piercings)] if step and range_line(scenario, step.piercings) else []
-    lines += [line for line in [subgrid_line(recorder.subgrid)] if line]
+    lines += [
+        line for line in [resolution_line(step.span_ratio if step else 0.0), subgrid_line(recorder.subgrid)] if line
+    ]
     lines += [
         "",
         f"ParaView   {folder / 'results.pvd'}",

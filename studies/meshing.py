@@ -202,9 +202,9 @@ def check_held(mesh: skfem.MeshTet, clamp: Sequence[str]) -> None:
     held = [mesh.f2t[0, (mesh.boundaries or {})[name]] for name in clamp]
     loose = np.setdiff1d(part, part[np.concatenate([np.empty(0, dtype=np.int64), *held])])
     if part.max() > 0 and loose.size:
-        centre = mesh.p[:, mesh.t[:, part == loose[0]]].mean(axis=(1, 2))
+        centre = np.round(mesh.p[:, mesh.t[:, part == loose[0]]].mean(axis=(1, 2)), 4) + 0.0  # no −0.0
         reason = (
-            f"the wound cuts the organ in {part.max() + 1}, and the part about {np.round(centre, 4).tolist()} m is "
+            f"the wound cuts the organ in {part.max() + 1}, and the part about {centre.tolist()} m is "
             'held by nothing; clamp a boundary that both have, for example ["bottom"], or cut less'
         )
         raise ScenarioError(refused("tissue.clamp", list(clamp), reason))
@@ -273,7 +273,7 @@ def _named_cells(mesh: skfem.MeshTet, name: str) -> Cells:
 
 
 def _nothing_in(mesh: skfem.MeshTet, key: str, value: object, what: str) -> ScenarioError:
-    low, high = mesh.p.min(axis=1), mesh.p.max(axis=1)
+    low, high = (np.round(x, 6).tolist() for x in (mesh.p.min(axis=1), mesh.p.max(axis=1)))
     return ScenarioError(refused(key, value, f"no {what} has its centre in it; the organ spans {low} to {high} m"))
 
 

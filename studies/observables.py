@@ -58,6 +58,7 @@ class StepRecord:
     start_reaction: Array  # (3,) force of the holder on the thread [N]
     end_reaction: Array  # (3,) [N]
     max_strain: float  # largest axial strain of the thread [-]
+    span_ratio: float  # longest span at a hole over the length that the thread bends over there [-]
     seconds: float  # wall-clock time of this step [s]
     events: tuple[Event, ...] = ()
     torques: tuple[float, float] | None = None  # of the holders of start and end about the tangent [N m], with twist

@@ -333,7 +333,8 @@ def _state_summary(step: StepRecord) -> dict[str, Any]:
     }
     for end, torque in zip(ends.values(), step.torques or (), strict=False):
         end["torque"] = torque
-    return {"energy": asdict(step.energy), "thread": ends | {"max_strain": step.max_strain}, "piercings": piercings}
+    thread = ends | {"max_strain": step.max_strain, "span_ratio": step.span_ratio}
+    return {"energy": asdict(step.energy), "thread": thread, "piercings": piercings}
 
 
 def _shallow(record: PiercingRecord) -> dict[str, Any]:

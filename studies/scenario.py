@@ -827,6 +827,13 @@ class Scenario(Table):
         return self
 
     @model_validator(mode="after")
+    def _check_knots(self) -> Self:
+        if self.thread.resolution == "adaptive" and self.solve.scheme == "linear":
+            reason = "the linear scheme knows no missing compliance, by which the knots are placed; set it to fixed"
+            raise ValueError(refused("thread.resolution", "adaptive", reason))
+        return self
+
+    @model_validator(mode="after")
     def _check_turning(self) -> Self:
         ends = (self.thread.start, self.thread.end)
         held = any(isinstance(end, ClampedEnd) or getattr(end, "turn", None) for end in ends)
@@ -857,7 +864,7 @@ def check_order(names: Sequence[str], s: Sequence[float], length: float | None =
                 refused(
                     dotted(["piercing", name, "s"]),
                     value,
-                    f"it must lie between 0 and {limit}; move the piercing",
+                    f"it must lie between 0 and {limit}; move the piercing, or let the path go on beyond it",
                 )
             )
     for (before, low), (after, high) in pairwise(zip(names, s, strict=True)):

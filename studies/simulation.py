@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling import bdf2
-from coupling.adapting import INTERVAL, adapted, is_too_coarse
+from coupling.adapting import INTERVAL, adapted, is_too_coarse, span_ratio
 from coupling.audit import Energies, audited, initial_energies
 from coupling.baumgarte import linear_step, linear_two_pass
 from coupling.constraints import passage, phi
@@ -35,6 +35,7 @@ from thread.spline import Spline
 Array = NDArray[np.float64]
 
 SAMPLES = 6  # points drawn on each span of the thread
+EQUILIBRIA = 4  # further ones of a load step at most, on knots that fit the one before
 WHOLE = 1e-9  # of a step: a duration this near a whole number of steps is one
 
 
@@ -129,28 +130,49 @@ class Simulation:
         return Standing(0, system, state, initial_energies(system, state), state.s)
 
     def next(self, now: Standing, number: int) -> tuple[Standing, list[Step], list[Event]]:
-        """Step `number`, then the piercings that end or begin with it, and the knots: where the run is then, and how it
-        got there."""
-        system, energies = now.system, now.energies
-        taken = self.take(system, now.state, number)
-        for step in taken:
-            energies = audited(system, energies, step)
-        state, due = scheduled(system, now.state.time, taken[-1].new, self.scenario.solve.dt, self.assembly.given)
-        s_begun = np.where(state.present & ~taken[-1].new.present, state.s, now.s_begun)
-        energies = booked(system, energies, state, due)
-        found = noticed(system, now.state, taken) + due
-        system, state, knots = self.refitted(system, state, number)
-        return Standing(number, system, state, booked(system, energies, state, knots), s_begun), taken, found + knots
+        """Step `number`, then the piercings that end or begin with it: where the run is then, and how it got there."""
+        end, taken, events = self.solved(now, number)
+        system, solve = end.system, self.scenario.solve
+        state, due = scheduled(system, now.state.time, end.state, solve.dt, self.assembly.given)
+        s_begun = np.where(state.present & ~end.state.present, state.s, now.s_begun)
+        energies = booked(system, end.energies, state, due)
+        return Standing(number, system, state, energies, s_begun), taken, events + due
 
-    def refitted(self, system: System, state: State, number: int) -> tuple[System, State, list[Event]]:
-        """System and state with the knots that fit the state, where they are to follow it."""
-        resolution = self.assembly.resolution
-        due = resolution and (number % INTERVAL == 0 or is_too_coarse(resolution, system, state))
-        return (
-            adapted(resolution, system, state, INTERVAL * self.scenario.solve.dt)
-            if resolution and due
-            else (system, state, [])
-        )
+    def solved(self, now: Standing, number: int) -> tuple[Standing, list[Step], list[Event]]:
+        """Step `number` on knots that fit the state it begins with, so that what is recorded is solved for on its own
+        knots. An equilibrium is far from where it began: it is found again on the knots that fit it."""
+        # A thread that has just been laid is under no tension to go by.
+        now, events = self.refitted(now, number) if number > 1 else (now, [])
+        now, taken, found = self.on_its_knots(now, number)
+        events = events + found
+        for _ in range(EQUILIBRIA if self.scenario.solve.kind == "static" else 0):
+            now, knots = self.refitted(now, number)
+            if not knots:
+                break
+            now, again, found = self.on_its_knots(now, number)
+            taken, events = taken + again, events + knots + found
+        return now, taken, events
+
+    def on_its_knots(self, now: Standing, number: int) -> tuple[Standing, list[Step], list[Event]]:
+        """Step `number` on the knots that the thread has, audited."""
+        taken, energies = self.take(now.system, now.state, number), now.energies
+        for step in taken:
+            energies = audited(now.system, energies, step)
+        found = noticed(now.system, now.state, taken)
+        return replace(now, state=taken[-1].new, energies=energies), taken, found
+
+    def refitted(self, now: Standing, number: int) -> tuple[Standing, list[Event]]:
+        """The run with the knots that fit its state, where they are to follow it and step `number` is to look."""
+        resolution, solve = self.assembly.resolution, self.scenario.solve
+        if resolution is None:
+            return now, []
+        due = solve.kind == "static" or number % INTERVAL == 1
+        if not (due or is_too_coarse(resolution, now.system, now.state)):
+            return now, []
+        system, state, knots = adapted(resolution, now.system, now.state, INTERVAL * solve.dt)
+        if not knots:
+            return now, []
+        return replace(now, system=system, state=state, energies=booked(system, now.energies, state, knots)), knots
 
     def take(self, system: System, state: State, number: int) -> list[Step]:
         """Step `number` (1 is the first) from `state`; more than one where it had to be halved."""
@@ -252,6 +274,7 @@ def recorded(
         end_reaction=state.reaction[1, :3],
         torques=end_torques(state) if system.thread.twist else None,
         max_strain=float(np.max(np.sqrt(1.0 + 2.0 * points.strain) - 1.0)),
+        span_ratio=span_ratio(system, state),
         seconds=seconds,
         events=tuple(events),
         memory=now.memory,

@@ -18,6 +18,7 @@ from coupling.errors import ConstraintError, StepError
 from coupling.stepping import advance
 from coupling.system import Piercing, State, System
 from studies import command
+from studies.assembly import assemble
 from studies.scenario import ScenarioError, load, parse
 from studies.simulation import prepare
 from thread.ends import Clamped, End, Free
@@ -251,6 +252,20 @@ def test_a_path_that_cannot_be_laid_is_refused() -> None:
     ]
     with pytest.raises(ScenarioError, match=r"thread\.path is refused: the thread cannot be laid"):
         prepare(parse(data))
+
+
+@pytest.mark.parametrize(("share", "refused"), [(0.5, True), (0.9, False), (1.5, False)])
+def test_a_thread_too_short_for_its_path_is_refused(share: float, refused: bool) -> None:
+    """Independent check: no suture doubles its length; one that is slack, or a little stretched, may be asked for."""
+    data = tomllib.loads(CLOSE)
+    data["piercing"] = []
+    path = assemble(parse(data)).path.length
+    data["thread"]["length"] = share * path
+    if not refused:
+        assert assemble(parse(data)).system.thread.spline.end == share * path
+        return
+    with pytest.raises(ScenarioError, match=r"thread\.length = .* is refused: the path is .* lengthen it"):
+        assemble(parse(data))
 
 
 def test_a_fault_that_a_piercing_brings_is_told_when_it_begins(

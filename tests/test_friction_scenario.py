@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bounds import TWO_SOLVERS
+from bounds import ADAPTED, MOVED, TWO_SOLVERS
 
 from studies.observables import StepRecord
 from studies.scenario import Scenario
@@ -72,3 +72,20 @@ def test_two_pass_by_its_key(static: float) -> None:
     assert 1e-4 < abs(pull(lagged) / pull(exact) - 1.0) < 0.2
     assert max(hole.cone_residual for hole in lagged.piercings) > 1e-4 * pull(exact)
     assert abs(lagged.energy.friction_dissipation) > 1e-3 * lagged.energy.external_work
+
+
+def test_forces_while_the_knots_follow() -> None:
+    """Independent check: at every step, those with new knots too, the thread before the first hole carries what holds
+    it back but for its inertia and damping, and beyond the last μ Σ|λ_n| more within the 1 % that adaptive knots
+    aim at."""
+    table = deepcopy(DRAWN)
+    table["thread"] |= {"suture": "3-0 silk", "resolution": "adaptive"}
+    for hole in table["piercing"]:
+        hole["friction"] = {"static": 0.1, "kinetic": 0.1}
+    records = [record for record, _ in prepare(Scenario.model_validate(table)).advance()][8:]
+    assert sum(event.kind == "knots" for record in records for event in record.events) > 2
+    for entry, exit in (record.piercings for record in records):
+        assert entry.state == exit.state == "slip"
+        assert abs(entry.tension_before - 0.05) < MOVED * 0.05
+        drag = 0.1 * (entry.normal_force + exit.normal_force)
+        assert abs(exit.tension_after - entry.tension_before - drag) < ADAPTED * 0.05

@@ -199,7 +199,7 @@ def refusal(case: Callable[[], Scenario]) -> str:
         ("is held by nothing", lambda: scenario({**SLIT, "length": 0.04, "depth": 0.02}, clamp=["left"])),
         ("is held by nothing", lambda: scenario({**SLIT, "length": 0.04, "depth": 0.02})),
         (
-            "no cell has its centre in it",
+            "no cell has its centre in it; the organ spans [-0.03, -0.02, -0.02] to [0.03, 0.02, 0.0] m",
             lambda: scenario(BLOCK, region=[{"name": "a", "box": [[1, 1, 1], [2, 2, 2]]}]),
         ),
     ],

@@ -53,6 +53,7 @@ def test_a_run_leaves_what_the_contract_says(tmp_path: Path) -> None:
     assert summary["tissue_dofs"] == 12
     assert summary["thread"]["end"]["reaction"] == [0.0, 0.0, 0.1]
     assert summary["thread"]["max_strain"] == 0.01
+    assert summary["thread"]["span_ratio"] == 0.3
     assert summary["energy"]["kinetic"] == 1 / 3
     assert set(summary["piercings"]["entry"]) == {
         *("s", "slip", "x", "displacement", "force", "normal_force", "tangential_force", "couple"),
