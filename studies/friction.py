@@ -25,7 +25,7 @@ from coupling.stepping import advance, try_step
 from coupling.system import Friction, Piercing, State, System
 from coupling.two_pass import two_pass
 from studies.figure import COLOURS, MARKERS, panels, ticks
-from studies.study import Study, Table, unit
+from studies.study import Study, StudyError, Table, unit
 from thread.catalogue import Section, suture
 from thread.ends import Driven, End, Pulled
 from thread.quadrature import gauss_rule
@@ -67,12 +67,18 @@ def main(
     rows_of_holes: Sequence[int] = (2, 4, 8, 16),
     loop_turn: float = 90.0,
 ) -> list[Row]:
-    """Every ratio: single holes, lags and a loop for every coefficient, and holes in a row over `wrap` [degree]."""
+    """Every ratio: single holes, lags and a loop for every coefficient, and holes in a row over `wrap` [degree].
+
+    Raises `StudyError` for what has no threshold.
+    """
+    if min(mus) <= 0.0 or min(turns) <= 0.0 or max(turns) >= 180.0 or min(rows_of_holes) < 2 or wrap <= 0.0:
+        reason = "coefficients and wrap above 0, turns between 0 and 180 degrees and rows of two holes or more"
+        raise StudyError(f"mus = {mus}, turns = {turns}, wrap = {wrap}, rows_of_holes = {rows_of_holes}: give {reason}")
     rows: list[Row] = []
     for mu in mus:
         rows += [one_hole(mu, turn) for turn in turns]
         rows += [row for turn in turns for row in passes(mu, turn)]
-        rows += [in_a_row(mu, wrap, holes) for holes in rows_of_holes]
+        rows += [in_a_row(mu, wrap, holes) for holes in sorted(set(rows_of_holes))]
         rows += loop(mu, loop_turn)
     return rows
 

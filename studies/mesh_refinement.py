@@ -9,7 +9,7 @@ A bare point has no limit: on meshes that are copies of one another its complian
 none a footprint that shrinks; its compliance is c/(E a).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -21,7 +21,7 @@ from studies.convergence import Verdict, verdict
 from studies.figure import COLOURS, MARKERS, panels, ticks
 from studies.scenario import Scenario, parse
 from studies.simulation import prepare
-from studies.study import Study, Table, beyond_linear, too_coarse, unit
+from studies.study import Study, StudyError, Table, beyond_linear, too_coarse, unit
 
 LENGTH, WIDTH, HEIGHT = 0.02, 0.01, 5e-3  # of the block [m]
 HALF = 5e-3  # of the distance of the holes [m]
@@ -91,7 +91,9 @@ def main(
     youngs_modulus: float = 5e4,
 ) -> list[Row]:
     """Every run. Cells are per length of the block and multiples of eight, so that all meshes are copies of one
-    another about the holes."""
+    another about the holes. Raises `StudyError` for ladders that no verdict can be given on."""
+    ladder_of = {"p1_cells": p1_cells, "p2_cells": p2_cells, "control_points": control_points}
+    check_ladders(ladder_of | {"steps": steps, "footprints": footprints})
     rows = []
     for variant in VARIANTS:
         for n in p2_cells if "P2" in variant else p1_cells:
@@ -101,6 +103,18 @@ def main(
     rows += [measured("time step", whole, youngs_modulus, dt=dt) for dt in steps]
     rows += [measured("footprint", whole, youngs_modulus, footprint=a) for a in footprints]
     return rows
+
+
+def check_ladders(ladder_of: Mapping[str, Sequence[float]]) -> None:
+    """Refuse ladders of fewer than three rungs, and meshes that are no copies of one another."""
+    for name, rungs in ladder_of.items():
+        shown = ", ".join(f"{rung:g}" for rung in rungs)
+        if len(set(rungs)) < 3 or min(rungs) <= 0:
+            raise StudyError(f"{name} = [{shown}] is refused: a verdict needs three different numbers above zero")
+        if name.endswith("cells") and any(rung % 8 for rung in rungs):
+            raise StudyError(
+                f"{name} = [{shown}] is refused: only meshes of 8, 16, 24 … cells are copies of one another"
+            )
 
 
 def measured(
@@ -202,18 +216,38 @@ def touched(ladder: str, quantity: str) -> bool:
 
 def table(rows: Sequence[Row]) -> Table:
     """One line for every quantity of every ladder."""
-    head = ("refined", "holes", "finest", "quantity", "finest value", "order", "limit", "index [%]", "verdict")
+    head = (
+        "refined",
+        "holes",
+        "finest",
+        "quantity [its unit]",
+        "finest value [same]",
+        "order [-]",
+        "limit [same]",
+        "index [%]",
+        "verdict",
+    )
     lines = []
     for (ladder, variant, runs), quantity in product(ladders(rows), QUANTITIES):
         if not touched(ladder, quantity):
             continue
         name, of = QUANTITIES[quantity]
         found, finest = judged(runs, quantity), getattr(runs[0], quantity) / MILLI
-        limit = "none" if np.isnan(found.limit) else f"{found.limit / MILLI:.4g} {of}"
+        limit = "none" if np.isnan(found.limit) else f"{found.limit / MILLI:.4g}"
         index = f"{100.0 * found.index:.2g}" if np.isfinite(found.index) else "none"
         order = "swings" if np.isnan(found.order) else f"{found.order:.2f}"
         lines.append(
-            (ladder, variant, runs[0].named, name, f"{finest:.4g} {of}", order, limit, index, said(runs, quantity))
+            (
+                ladder,
+                variant,
+                runs[0].named,
+                f"{name} [{of}]",
+                f"{finest:.4g}",
+                order,
+                limit,
+                index,
+                said(runs, quantity),
+            )
         )
     return Table(head, lines)
 

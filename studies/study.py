@@ -108,6 +108,8 @@ def value_of(text: str) -> Any:
 
 def converted(setting: str, kind: Any, value: Any) -> Any:
     """A value of the type that the study's argument has."""
+    if value == []:
+        raise StudyError(f"--set {setting} is refused: the list is empty; give at least one")
     try:
         return TypeAdapter(kind).validate_python(value)
     except ValidationError as error:

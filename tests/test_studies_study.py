@@ -64,6 +64,7 @@ def test_presets_and_settings() -> None:
         ("length=[1]", "the nearest is lengths"),
         ("lengths", "write NAME=VALUE with a name of lengths, count"),
         ("count=many", "count=many is refused"),
+        ("lengths=[]", "the list is empty"),
         ("lengths=[1, ]]", "lengths=[1, ]] is refused"),
     ],
 )

@@ -9,7 +9,7 @@ from bounds import ORDER
 
 from studies.figure import drawn
 from studies.friction import STUDY, Row, branches, coefficients, error, exact_ratio, main, of, order_in_number, passes
-from studies.study import arguments
+from studies.study import StudyError, arguments
 
 RATIO = 1e-3  # of a ratio of pulls: as far on either side of the threshold it sticks and slips
 
@@ -58,6 +58,12 @@ def test_what_locks_and_what_was_not_found_is_said() -> None:
     assert not any("LOCK" in line or "NOT FOUND" in line for line in STUDY.remarks(rows()))
     lost = [replace(row, settled=False) if row.kind == "one hole" else row for row in rows()]
     assert sum("NOT FOUND" in line for line in STUDY.remarks(lost)) == 6
+
+
+@pytest.mark.parametrize("given", [{"mus": (0.0,)}, {"turns": (180.0,)}, {"rows_of_holes": (1,)}])
+def test_what_has_no_threshold_is_refused(given: dict[str, tuple[float, ...]]) -> None:
+    with pytest.raises(StudyError, match="give coefficients"):
+        main(**given)  # type: ignore[arg-type]
 
 
 def test_table_and_figure() -> None:

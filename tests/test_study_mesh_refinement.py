@@ -8,7 +8,7 @@ from bounds import ORDER
 
 from studies.figure import drawn
 from studies.mesh_refinement import QUANTITIES, STUDY, VARIANTS, Row, judged, main, of, said
-from studies.study import arguments
+from studies.study import StudyError, arguments
 
 BARE, POINTWISE, P2, SUBGRID = VARIANTS
 
@@ -59,6 +59,15 @@ def test_what_is_not_supported_is_said() -> None:
     worse = [replace(row, displacement=1e-3, clear=False) for row in rows()]
     assert any("time step" in line and "BEYOND" in line for line in STUDY.remarks(worse))
     assert any("Δt = 0.5 ms" in line and "TOO NEAR" in line for line in STUDY.remarks(worse))
+
+
+@pytest.mark.parametrize(
+    ("ladder", "words"), [({"steps": (1e-3, 2e-3)}, "steps = [0.001, 0.002]"), ({"p1_cells": (8, 12, 16)}, "8, 16, 24")]
+)
+def test_ladders_without_a_verdict_are_refused(ladder: dict[str, tuple[float, ...]], words: str) -> None:
+    with pytest.raises(StudyError) as caught:
+        main(**ladder)  # type: ignore[arg-type]
+    assert words in str(caught.value)
 
 
 def test_table_and_figure() -> None:
