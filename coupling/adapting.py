@@ -14,7 +14,7 @@ from coupling.audit import initial_energies
 from coupling.constraints import Array
 from coupling.events import Event
 from coupling.system import State, System
-from thread.refinement import LEVELS, Refit, Tree, refit, wanted_at_holes, wanted_by_curvature
+from thread.refinement import Refit, Tree, refit, wanted_at_holes, wanted_by_curvature
 from thread.thread import Thread
 
 KEPT = 0.6  # a knot goes when a span this much smaller than the largest allowed would still not need it
@@ -72,12 +72,10 @@ def bending_layers(system: System, state: State) -> Array:
     thread = system.thread
     start, end = thread.spline.start, thread.spline.end
     here = np.sort(state.s[state.present & (state.s > start) & (state.s < end)])
-    borders = np.concatenate([[start], here, [end]])
-    part = np.searchsorted(here, thread.axial.s.ravel())
-    count = np.bincount(part, minlength=len(borders) - 1)
-    mean = np.bincount(part, state.N.ravel(), len(borders) - 1) / np.maximum(count, 1)
+    part, parts = np.searchsorted(here, thread.axial.s.ravel()), len(here) + 1
+    mean = np.bincount(part, state.N.ravel(), parts) / np.maximum(np.bincount(part, minlength=parts), 1)
     at = np.searchsorted(here, state.s)
-    pull = np.maximum(mean[np.minimum(at, len(mean) - 1)], mean[np.minimum(at + 1, len(mean) - 1)])
+    pull = np.maximum(mean[np.minimum(at, parts - 1)], mean[np.minimum(at + 1, parts - 1)])
     return np.asarray(np.minimum(np.sqrt(thread.EI / np.maximum(pull, REST * thread.EA)), end - start))
 
 
@@ -137,7 +135,7 @@ def exchanged(system: System, state: State, new: Refit) -> tuple[System, State, 
 
 def momentum(system: System, state: State) -> Array:
     """Linear momentum of the thread, shape `(3,)` [N s]."""
-    return np.asarray((system.thread.mass_matrix @ state.v[:, :3]).sum(axis=0))
+    return np.asarray(system.thread.momentum(state.v)[:, :3].sum(axis=0))
 
 
 def coarse_tree(start: float, end: float, control_points: int) -> Tree:
@@ -147,8 +145,5 @@ def coarse_tree(start: float, end: float, control_points: int) -> Tree:
 
 def first_breaks(tree: Tree, holes: Array, ratio: float) -> Array:
     """Breaks [m] of a thread that has not been pulled yet: at `holes` (m,) [m] `ratio` times as fine as elsewhere."""
-    root = tree.root
-    wanted = np.full(tree.cells, root)
-    for hole in holes:
-        wanted = np.minimum(wanted, root / ratio + 0.5 * np.abs(tree.middles - hole))
-    return np.asarray(tree.places[tree.breaks(np.maximum(wanted, root / (1 << LEVELS)))])
+    still, finest = np.stack([holes, holes], axis=1), np.full(len(holes), tree.root / ratio)
+    return np.asarray(tree.places[tree.breaks(wanted_at_holes(tree.middles, still, finest, 1.0, np.inf))])

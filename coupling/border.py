@@ -76,19 +76,25 @@ def linearise(thread: Passage, lam: Array, y: Array) -> Border:
 
 def add_compliance(D: Array, F: Array, c: Array, lam: Array, y: Array) -> None:
     """Add what Φ and the site force owe to the multipliers and the frame through P̂ and T̂; `c` (m, 3)."""
-    c0, c1, c2 = c.T[:, :, None, None]
     u, v = y[:, 3:6, None], y[:, 6:, None]
-    dm = np.zeros((len(lam), 3, BORDER))
-    dm[:, :, MU_U : MU_U + 1], dm[:, :, MU_V : MU_V + 1] = u, v
-    dm[:, :, U], dm[:, :, V] = lam[:, 3:4, None] * I3, lam[:, 4:5, None] * I3
-    dP, dT = c1 * dm, c2 * dm
-    dP[:, :, LAM] += c0 * I3
-    dT[:, :, LAM] += c1 * I3
+    dP, dT = by_multipliers(c, lam, y)
     D[:, LAM] += dP
     D[:, MU_U] += (u * dT).sum(axis=1)
     D[:, MU_V] += (v * dT).sum(axis=1)
     F[:, 3:6] += lam[:, 3:4, None] * dT
     F[:, 6:9] += lam[:, 4:5, None] * dT
+
+
+def by_multipliers(c: Array, lam: Array, y: Array) -> tuple[Array, Array]:
+    """Derivatives of P̂ and T̂ by a hold's multipliers and frame, each `(m, 3, 15)`; `c` (m, 3)."""
+    c0, c1, c2 = c.T[:, :, None, None]
+    dm = np.zeros((len(lam), 3, BORDER))
+    dm[:, :, MU_U], dm[:, :, MU_V] = y[:, 3:6], y[:, 6:]
+    dm[:, :, U], dm[:, :, V] = lam[:, 3:4, None] * I3, lam[:, 4:5, None] * I3
+    dP, dT = c1 * dm, c2 * dm
+    dP[:, :, LAM] += c0 * I3
+    dT[:, :, LAM] += c1 * I3
+    return dP, dT
 
 
 def without(border: Border, absent: NDArray[np.bool_]) -> Border:

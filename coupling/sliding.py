@@ -21,7 +21,7 @@ from functools import cached_property
 
 import numpy as np
 
-from coupling.border import AT_K, AT_T, BORDER, LAM, MU_U, MU_V, Border, S, U, V
+from coupling.border import AT_K, AT_T, BORDER, LAM, MU_U, MU_V, Border, S, U, V, by_multipliers
 from coupling.constraints import Array, Passage, dot, driving_force, held_energy, met, moment_arm, phi_s, tangent
 from coupling.system import Flags, System
 
@@ -156,12 +156,7 @@ def add_friction(row: Array, law: Law, slip: Array, thread: Passage, lam: Array,
     by_T = (sigma * law.kinetic * tangential)[:, None] * normal - given[:, None] * t
     row[:, LAM] -= (sigma * size * law.kinetic)[:, None] * normal
     row[:, MU_U : MU_V + 1] -= (sigma * size * law.kinetic * law.per_channel)[:, None] * unit(lam[:, 3:])
-    c1, c2 = thread.c[:, 0, 1], thread.c[:, 0, 2]
-    row[:, LAM] += c1[:, None] * by_T
-    row[:, MU_U] += c2 * dot(by_T, y[:, 3:6])
-    row[:, MU_V] += c2 * dot(by_T, y[:, 6:])
-    row[:, U] += (c2 * lam[:, 3])[:, None] * by_T
-    row[:, V] += (c2 * lam[:, 4])[:, None] * by_T
+    row += np.vecmat(by_T, by_multipliers(thread.c[:, 0], lam, y)[1])
     row[:, S] += dot(by_T, met(thread, lam, y, 1)[1])
     return by_T
 

@@ -14,9 +14,9 @@ from threads import (
     X,
     Y,
     Z,
+    assert_derivatives,
     assert_slope,
     bent,
-    dense,
     laid,
     line,
     thread_on,
@@ -66,12 +66,7 @@ def test_derivatives_of_the_energy(springs: int | None) -> None:
     q = np.column_stack([bent(thread.spline), rng.standard_normal(thread.n)])
     frame = thread.untwisted(q)
     q, d = q + 0.02 * rng.standard_normal(q.shape), 0.01 * rng.standard_normal(q.shape)
-    gradient = lambda x: thread.gradient(thread.points(x, frame))  # noqa: E731
-    assert_slope(lambda h: np.array(thread.energy(thread.points(q + h * d, frame))), np.array(np.sum(gradient(q) * d)))
-    points = thread.points(q, frame)
-    H = dense(thread.tangent(points, thread.EA * points.strain))
-    assert_slope(lambda h: gradient(q + h * d).ravel(), H @ d.ravel())
-    assert np.abs(H - H.T).max() <= IDENTITY * np.abs(H).max()
+    points = assert_derivatives(thread, frame, q, d)
     assert frame is not None
     assert np.abs(np.vecdot(direction(points.at[-1].theta, frame)[0], frame.t)).max() <= IDENTITY
 

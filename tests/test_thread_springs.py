@@ -17,10 +17,9 @@ from threads import (
     Strand,
     X,
     Z,
-    assert_slope,
+    assert_derivatives,
     bent,
     block_organ,
-    dense,
     greville,
     hairpin,
     laid,
@@ -58,12 +57,7 @@ def test_derivatives(more: int, twist: bool) -> None:
     q = np.pad(bent(thread.spline), ((0, 0), (0, int(twist))))
     frame = thread.untwisted(q)
     q, d = q + 0.02 * rng.standard_normal(q.shape), 0.01 * rng.standard_normal(q.shape)
-    gradient = lambda x: thread.gradient(thread.points(x, frame))  # noqa: E731
-    assert_slope(lambda h: np.array(thread.energy(thread.points(q + h * d, frame))), np.array(np.sum(gradient(q) * d)))
-    points = thread.points(q, frame)
-    H = dense(thread.tangent(points, thread.EA * points.strain))
-    assert_slope(lambda h: gradient(q + h * d).ravel(), H @ d.ravel())
-    assert np.abs(H - H.T).max() <= IDENTITY * np.abs(H).max()
+    points = assert_derivatives(thread, frame, q, d)
     both = [thread.EA * thread.points(q + x * d, frame).strain for x in (1.0, -1.0)]
     change = thread.next_axial_force(points, d) - thread.EA * points.strain
     assert np.abs(0.5 * (both[0] - both[1]) - change).max() <= 10 * IDENTITY * np.abs(change).max()

@@ -13,6 +13,7 @@ from threads import (
     Path,
     Strand,
     X,
+    assert_derivatives,
     assert_slope,
     bent,
     dense,
@@ -103,12 +104,7 @@ def test_derivatives_of_the_energy_with_twist(seed: int) -> None:
     """Independent check: force and torque are the slope of the energy, the tangent that of both; it is symmetric."""
     thread, q, frame = twisted(seed)
     d = 0.02 * np.random.default_rng(seed).standard_normal(q.shape)
-    gradient = lambda x: thread.gradient(thread.points(x, frame))  # noqa: E731
-    assert_slope(lambda h: np.array(thread.energy(thread.points(q + h * d, frame))), np.array(np.sum(gradient(q) * d)))
-    points = thread.points(q, frame)
-    H = dense(thread.tangent(points, thread.EA * points.strain))
-    assert_slope(lambda h: gradient(q + h * d).ravel(), H @ d.ravel())
-    assert np.abs(H - H.T).max() <= IDENTITY * np.abs(H).max()
+    assert_derivatives(thread, frame, q, d)
 
 
 def test_carrying_the_frame_changes_no_energy() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import skfem
-from bounds import SLOPE
+from bounds import IDENTITY, SLOPE
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
@@ -20,7 +20,8 @@ from thread.banded import diagonal_of
 from thread.ends import End, Free
 from thread.quadrature import gauss_rule
 from thread.spline import Spline, uniform_knots
-from thread.thread import MASS_POINTS, Thread
+from thread.thread import MASS_POINTS, Points, Thread
+from thread.twist import Frame
 
 Array = NDArray[np.float64]
 Path = Callable[[Array], Array]
@@ -203,3 +204,17 @@ def assert_slope(f: Callable[[float], Array], exact: Array, h: float = 1.0) -> N
     decades = np.log10(errors[:-1][counts] / errors[1:][counts])
     assert errors.min() < 1e-5, f"errors {errors}"
     assert errors[0] < 1e-9 or (decades.size and abs(decades[-1] - 2.0) < SLOPE), f"errors {errors}"
+
+
+def assert_derivatives(thread: Thread, frame: Frame | None, q: Array, d: Array) -> Points:
+    """Force and tangent of a thread along `d` (n, c) by the slope of energy and force; the tangent is symmetric.
+
+    Returns the thread at `q`.
+    """
+    gradient = lambda x: thread.gradient(thread.points(x, frame))  # noqa: E731
+    assert_slope(lambda h: np.array(thread.energy(thread.points(q + h * d, frame))), np.array(np.sum(gradient(q) * d)))
+    points = thread.points(q, frame)
+    H = dense(thread.tangent(points, thread.EA * points.strain))
+    assert_slope(lambda h: gradient(q + h * d).ravel(), H @ d.ravel())
+    assert np.abs(H - H.T).max() <= IDENTITY * np.abs(H).max()
+    return points

@@ -18,8 +18,8 @@ from functools import cached_property
 import numpy as np
 
 from thread.energy import IDENTITY, cross, dot, outer
-from thread.spline import Array, Indices
-from thread.twist import Frame, Stations, Twisted, evaluated, spread_gradient, spread_hessian
+from thread.spline import Array
+from thread.twist import Frame, OnStations, Twisted, spread_gradient, spread_hessian
 
 
 def direction(theta: Array, frame: Frame) -> tuple[Array, Array]:
@@ -69,32 +69,15 @@ def symmetric(a: Array, b: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Coil:
+class Coil(OnStations):
     """What the memory of a coil adds to the bending energy: `EI` [N m²], curvature at rest `kappa` [1/m]."""
 
-    stations: Stations
     EI: float
     kappa: float
-
-    seen = 4
-
-    @property
-    def first(self) -> Indices:
-        """First control point of each group, shape `(m,)`."""
-        return self.stations.first
-
-    @property
-    def reach(self) -> int:
-        """Control points of a group."""
-        return self.stations.reach
 
     @cached_property
     def _rows(self) -> tuple[Array, ...]:
         return self.stations.T, self.stations.K, self.stations.theta
-
-    def at(self, q: Array, frame: Frame | None) -> Twisted:
-        """Evaluate the thread at the stations."""
-        return evaluated(self.stations, q, frame)
 
     def energy(self, at: Twisted) -> float:
         """Energy [J]."""

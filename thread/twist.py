@@ -262,11 +262,10 @@ def spread_hessian(stations: Stations, rows: tuple[Array, ...], H: Array) -> Arr
 
 
 @dataclass(frozen=True)
-class Torsion:
-    """Torsional energy ½∫GJ ω² ds of a round section; `GJ` [N m²]."""
+class OnStations:
+    """What the energies of a twisted thread share: where they are taken, and on which control points."""
 
     stations: Stations
-    GJ: float
 
     seen = 4
 
@@ -280,13 +279,20 @@ class Torsion:
         """Control points of a group."""
         return self.stations.reach
 
-    @cached_property
-    def _rows(self) -> tuple[Array, ...]:
-        return self.stations.T, self.stations.K, self.stations.theta_s
-
     def at(self, q: Array, frame: Frame | None) -> Twisted:
         """Evaluate the thread at the stations."""
         return evaluated(self.stations, q, frame)
+
+
+@dataclass(frozen=True)
+class Torsion(OnStations):
+    """Torsional energy ½∫GJ ω² ds of a round section; `GJ` [N m²]."""
+
+    GJ: float
+
+    @cached_property
+    def _rows(self) -> tuple[Array, ...]:
+        return self.stations.T, self.stations.K, self.stations.theta_s
 
     def energy(self, at: Twisted) -> float:
         """Elastic energy [J]."""
