@@ -8,7 +8,6 @@ from scipy.optimize import minimize, nnls
 from wounds import SIDES, SIZE, SOFT, Array, at_rest, contact_of, cut_block, gaps_on, organ_of, stretched, whole_block
 
 import tissue
-from coupling.contact import answer, forces, misfits, pressed_under
 from meshes.wound import Wound
 
 THROUGH = Wound(SIZE[1], SIZE[2])

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import skfem
 from numpy.typing import NDArray
+from threads import SITES
 
 import tissue
 from coupling.contact import Contact, forces, pressed_under
-from meshes.block import graded_block_structured
 from meshes.grading import Grading
 from meshes.wound import Wound, lips, wounded_block_structured
 
@@ -78,3 +78,22 @@ def at_rest(organ: Any, start: Any = None) -> tissue.OrganState:
     first = np.zeros(organ.pairs, dtype=bool) if start is None else start
     p = forces(contact, pressed_under(contact, none, first), none)
     return organ.operator(0.0, 0.0).complete(None, none, p)
+
+
+def wounded_organ(
+    inertia: bool,
+    element: str = "P1",
+    width: float = 0.0,
+    h: float = 5e-3,
+    E: float = 2e4,
+    contact: bool = True,
+    **options: Any,
+) -> Any:
+    """A block held below with a wound 12 mm long and 5 mm deep, the two sites of the hairpin beside it."""
+    wound = Wound(0.012, 5e-3)
+    closed = wounded_block_structured(SIZE, wound, Grading(h, h), SITES)
+    mesh = opened(closed, width) if width else closed
+    body = tissue.elasticity(mesh, tissue.Material(E, 0.45, 1070.0), element, ("bottom",))
+    sites = tissue.build_sites(body, [tissue.Site(point, 2e-3, "parabolic", "normal") for point in SITES])
+    gaps = gaps_on(body, wound, closed) if contact else None
+    return (tissue.DynamicOrgan if inertia else tissue.QuasiStaticOrgan)(body, sites, gaps=gaps, **options)
