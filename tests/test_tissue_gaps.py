@@ -1,5 +1,7 @@
 """Lips that press on one another, without a thread: a cut block against the whole one, and against other solvers."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
@@ -22,6 +24,7 @@ from wounds import (
 )
 
 import tissue
+from coupling.contact import Contact, forces, misfits, pressed_under
 from meshes.wound import Wound, lips
 
 THROUGH = Wound(SIZE[1], SIZE[2])
@@ -184,6 +187,22 @@ def test_every_node_of_the_lips_has_its_pair(element: str, width: float) -> None
     field[body.clamped] = 0.0
     U = body.nodal(field)
     assert np.abs(gaps.G @ field[body.free] - (U[gaps.nodes[:, 1]] - U[gaps.nodes[:, 0]])[:, 0]).max() <= IDENTITY
+
+
+def test_a_search_that_would_go_round_ends() -> None:
+    """Independent check: with this matrix exchanging all wrong pairs at once comes back to where it was (found by
+    trying random ones); one at a time it ends, with the answer of scipy's non-negative least squares."""
+    C = np.array(
+        [[23.0, 12.0, 0.0, -7.0], [12.0, 22.0, 12.0, -15.0], [0.0, 12.0, 10.0, -11.0], [-7.0, -15.0, -11.0, 17.0]]
+    )
+    g, none, sets = np.array([-2.0, -2.0, -1.0, 2.0]), np.zeros(0), [np.zeros(4, dtype=bool)]
+    contact = Contact(g, np.zeros((4, 0)), SimpleNamespace(C_cc=C))
+    while len({tuple(pressed) for pressed in sets}) == len(sets):
+        sets.append(sets[-1] ^ misfits(contact, none, sets[-1]))
+    assert misfits(contact, none, sets[-1]).any()
+    root = cholesky(C)
+    p, _ = nnls(root, -solve_triangular(root, g, trans="T"))
+    assert np.abs(forces(contact, pressed_under(contact, none, sets[0]), none) - p).max() <= RESIDUAL * p.max()
 
 
 def test_two_halves_that_collide_exchange_their_momentum() -> None:
