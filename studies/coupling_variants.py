@@ -8,8 +8,9 @@ our own paths; that the exchange destroys energy while it is stable is the theor
 (`coupling.staggered`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,9 +24,10 @@ from coupling.stepping import Take, advance, try_step
 from coupling.system import State, System
 from studies.assembly import assemble
 from studies.figure import COLOURS, MARKERS, panels, ticks
+from studies.limits import beyond_linear, too_coarse
 from studies.scenario import Scenario, parse
 from studies.simulation import largest_gap
-from studies.study import Study, Table, beyond_linear, too_coarse, unit
+from studies.study import Study, Table, unit
 
 STIFFNESSES = (2e3, 1e4, 5e4, 2.5e5)  # of the organ [Pa]: fat to firm phantom
 STEP_COUNTS = (12, 17, 25, 35, 50, 71, 100, 141, 200, 283, 400)  # over DURATION
@@ -70,14 +72,11 @@ def main(
     step_counts: Sequence[int] = STEP_COUNTS,
     size: float = SIZE,
     inertias: Sequence[bool] = (True, False),
-) -> list[Row]:
+) -> Iterator[Row]:
     """Every run."""
-    rows: list[Row] = []
     with threadpool_limits(limits=1, user_api="blas"):
-        for inertia in inertias:
-            for E in stiffnesses:
-                rows += compared(scenario(E, inertia, size), size, sorted(step_counts))
-    return rows
+        for inertia, E in product(inertias, stiffnesses):
+            yield from compared(scenario(E, inertia, size), size, sorted(step_counts))
 
 
 def scenario(youngs_modulus: float, inertia: bool = True, size: float = SIZE) -> Scenario:

@@ -9,7 +9,7 @@ out and let back, it shows the loop of the load: the ratio on the way out, one o
 A rod of 20 mm in a sleeve that is fixed in space shows the first three, a suture round a hole the last.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,7 +66,7 @@ def main(
     wrap: float = 180.0,
     rows_of_holes: Sequence[int] = (2, 4, 8, 16),
     loop_turn: float = 90.0,
-) -> list[Row]:
+) -> Iterator[Row]:
     """Every ratio: single holes, lags and a loop for every coefficient, and holes in a row over `wrap` [degree].
 
     Raises `StudyError` for what has no threshold.
@@ -74,13 +74,11 @@ def main(
     if min(mus) <= 0.0 or min(turns) <= 0.0 or max(turns) >= 180.0 or min(rows_of_holes) < 2 or wrap <= 0.0:
         reason = "coefficients and wrap above 0, turns between 0 and 180 degrees and rows of two holes or more"
         raise StudyError(f"mus = {mus}, turns = {turns}, wrap = {wrap}, rows_of_holes = {rows_of_holes}: give {reason}")
-    rows: list[Row] = []
     for mu in mus:
-        rows += [one_hole(mu, turn) for turn in turns]
-        rows += [row for turn in turns for row in passes(mu, turn)]
-        rows += [in_a_row(mu, wrap, holes) for holes in sorted(set(rows_of_holes))]
-        rows += loop(mu, loop_turn)
-    return rows
+        yield from (one_hole(mu, turn) for turn in turns)
+        yield from (row for turn in turns for row in passes(mu, turn))
+        yield from (in_a_row(mu, wrap, holes) for holes in sorted(set(rows_of_holes)))
+        yield from loop(mu, loop_turn)
 
 
 def along(angle: float) -> Array:
