@@ -141,7 +141,7 @@ def carried_out(
         rows.append(row)
         write_text(folder / "runs.csv", numbers(rows))
         tell(rows)
-    write(name, found, {"preset": preset, "arguments": dict(given), "provenance": started}, rows, folder)
+    write(name, {"preset": preset, "arguments": dict(given), "provenance": started}, rows, folder)
 
 
 def emptied(folder: Path) -> None:
@@ -151,10 +151,11 @@ def emptied(folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def write(name: str, found: Study, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path) -> None:
+def write(name: str, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path) -> None:
     """Table, figure, and what was asked and checked, into a folder."""
     from studies.figure import drawn
 
+    found = study(name)
     remarks, shown = found.remarks(rows), found.table(rows)
     checks = {"independent": found.independent, "consistency": found.consistency, "remarks": remarks}
     write_json(folder / "study.json", {"study": name, "question": found.question, **asked, **checks})

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from studies.coupling_variants import CREATED, DURATION, STUDY, Row, largest_stable, main, of, table
-from studies.study import arguments, write
+from studies.study import arguments, numbers, write
 
 SOFT, FIRM = 2e3, 2.5e5
 COUNTS = (12, 25, 100, 200)
@@ -60,13 +60,12 @@ def test_softness_limits_the_step_of_the_staggered_way() -> None:
 
 def test_what_is_written(tmp_path: Path) -> None:
     """The table has a line for each organ, the numbers read back, and the figure is a picture in both formats."""
-    write("coupling_variants", "quick", {}, rows(), tmp_path)
+    write("coupling_variants", {}, rows(), tmp_path)
     lines = [line for line in (tmp_path / "table.md").read_text().splitlines() if line.startswith("|")]
     assert len(lines) == 2 + 4
     assert len({line.count("|") for line in lines}) == 1
     assert "broke off" in lines[-2] and "none" in lines[-2]
-    with (tmp_path / "runs.csv").open() as file:
-        back = list(csv.DictReader(file))
+    back = list(csv.DictReader(numbers(rows()).splitlines()))
     assert [float(line["drift [m]"]) for line in back] == [row.drift for row in rows()]
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
     text = (tmp_path / "figure.svg").read_text()
