@@ -407,7 +407,7 @@ def loops(axes: Axes, rows: Sequence[Row], shown: Sequence[tuple[float, int, str
     axes.set(yscale="log", xlabel="way of the hand [mm]", ylabel="pull over hold [-]")
     axes.set_title(f"out and back, {runs[0].turn:g}° at each hole, {common}")
     ticks(axes, "y", PULLS)
-    axes.legend(ncols=2, loc="center left", bbox_to_anchor=(0.0, 0.5))
+    axes.legend(ncols=2, loc="lower left")
 
 
 def over_holes(axes: Axes, rows: Sequence[Row]) -> None:
@@ -426,7 +426,7 @@ def over_holes(axes: Axes, rows: Sequence[Row]) -> None:
     axes.set(yscale="log", xlabel="holes N [-]", ylabel="pull over hold [-]", title="drawn, and let back")
     axes.set_xticks(sorted({holes for _, holes in loops_of(rows)}))
     ticks(axes, "y", PULLS)
-    axes.legend()
+    axes.legend(loc="lower left")
 
 
 STUDY = Study(
