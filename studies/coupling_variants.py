@@ -322,6 +322,9 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     for inertia, E in organs(rows):
         name = f"{'organ with inertia' if inertia else 'quasi-static organ'} of {E / KILO:g} kPa"
         out += beyond_linear(name, of(rows, "monolithic", inertia, E)[0].moved, FOOTPRINT)
+    out.append(
+        "linear: held against a thread without the compliance that a spline lacks at a hole, which it cannot have"
+    )
     return out
 
 
