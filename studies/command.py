@@ -21,14 +21,14 @@ import numpy as np
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.checkpoint import Arrays, read_checkpoint
-from studies.observables import ContactRecord, Frame, OrganTopology, PiercingRecord, StepRecord
+from studies.limits import LINEAR, RESOLVED, SETTLED
+from studies.observables import ContactRecord, EnergyRecord, Frame, OrganTopology, PiercingRecord, StepRecord
 from studies.picture import picture
-from studies.progress import Progress
+from studies.progress import Progress, StudyProgress
 from studies.record import Recorder, check_folder, completed_run, resumable
 from studies.scenario import Scenario, ScenarioError, load, schema
-from studies.study import LINEAR, NAMES, PRESETS, StudyError, arguments, study
+from studies.study import NAMES, PRESETS, StudyError, arguments, carried_out, study
 from studies.study import check_folder as check_study_folder
-from studies.study import write as write_study
 from thread.catalogue import KNOT_PULL, TEXTBOOK, USP, knot_pull, names, suture
 from thread.errors import ThreadError
 from tissue.errors import FactorError, TissueError
@@ -38,7 +38,6 @@ REFUSALS = (ScenarioError, StudyError, MeshError, TissueError, ThreadError)
 FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
 FAILED, REFUSED = 1, 2
 MILLI = 1e-3
-RESOLVED = 0.5  # spans at a hole over √(EI/T): beyond, forces along the thread are off by several per cent
 Moments = Iterator[tuple[StepRecord, Callable[[], Frame]]]
 
 
@@ -162,11 +161,15 @@ def run_study(options: argparse.Namespace) -> int:
     given = arguments(found, options.preset, options.set)
     check_study_folder(folder)
     print(f"{found.question}\nindependent check: {found.independent}\nconsistency check: {found.consistency}\n")
+    progress = StudyProgress()
     try:
-        rows = found.main(**given)
-        write_study(options.name, options.preset, given, rows, folder)
-    except (CouplingError, OSError) as error:
-        return _complain(error, FAILED)
+        carried_out(options.name, options.preset, given, folder, progress.update)
+    except (CouplingError, FactorError, OSError) as error:
+        return _stopped(str(error), progress, folder, FAILED)
+    except KeyboardInterrupt:
+        return _stopped("interrupted", progress, folder, 128 + signal.SIGINT)
+    finally:
+        progress.close()
     print((folder / "table.md").read_text(encoding="utf-8"))
     print(f"table, numbers and figure ({options.preset} preset) are in {folder}")
     return 0
@@ -242,6 +245,13 @@ def range_line(scenario: Scenario, piercings: Sequence[PiercingRecord]) -> str:
     )
 
 
+def motion_line(energy: EnergyRecord) -> str:
+    """Whether a run came to rest: kinetic energy beside what is elastic."""
+    share = energy.kinetic / max(energy.elastic_thread + energy.elastic_tissue, np.finfo(float).tiny)
+    verdict = "at rest" if share <= SETTLED else "still moving"
+    return f"motion     {verdict} at the end: its kinetic energy is {share:.2g} of the elastic (at rest: {SETTLED:g})"
+
+
 def resolution_line(ratio: float) -> str:
     """Whether the spline can follow the bends at the holes."""
     if ratio <= RESOLVED:
@@ -312,11 +322,11 @@ def _print_summary(scenario: Scenario, recorder: Recorder, status: Any) -> None:
     table = piercing_lines(step.piercings) if step else []
     folder = recorder.folder
     lines[1:1] = ["", *table] if table else []
-    lines += [range_line(scenario, step.piercings)] if step and range_line(scenario, step.piercings) else []
-    lines += [
-        line for line in [resolution_line(step.span_ratio if step else 0.0), subgrid_line(recorder.subgrid)] if line
-    ]
-    lines += [contact_line(step.contact)] if step and step.contact else []
+    if step:
+        still = "" if scenario.solve.kind == "static" else motion_line(step.energy)
+        remarks = (range_line(scenario, step.piercings), resolution_line(step.span_ratio), still)
+        lines += [line for line in (*remarks, subgrid_line(recorder.subgrid)) if line]
+        lines += [contact_line(step.contact)] if step.contact else []
     lines += [
         "",
         f"ParaView   {folder / 'results.pvd'}",
@@ -354,6 +364,14 @@ def _signals() -> Iterator[list[int]]:
 def _complain(error: Exception, status: int) -> int:
     for line in str(error).splitlines():
         print(f"suture: {line}", file=sys.stderr)
+    return status
+
+
+def _stopped(cause: str, progress: StudyProgress, folder: Path, status: int) -> int:
+    """Say why a study ended early, and where what it has done is."""
+    progress.close()
+    kept = f"; the rows that were done are in {folder / 'runs.csv'}" if progress.rows else ""
+    print(f"suture: {cause}{kept}", file=sys.stderr)
     return status
 
 

@@ -19,9 +19,10 @@ from matplotlib.figure import Figure
 
 from studies.convergence import Verdict, verdict
 from studies.figure import COLOURS, MARKERS, panels, ticks
+from studies.limits import beyond_linear, too_coarse
 from studies.scenario import Scenario, parse
 from studies.simulation import prepare
-from studies.study import Study, StudyError, Table, beyond_linear, too_coarse, unit
+from studies.study import Study, StudyError, Table, unit
 
 LENGTH, WIDTH, HEIGHT = 0.02, 0.01, 5e-3  # of the block [m]
 HALF = 5e-3  # of the distance of the holes [m]
@@ -89,20 +90,21 @@ def main(
     steps: Sequence[float] = (4e-3, 2e-3, 1e-3, 5e-4),
     footprints: Sequence[float] = (2e-3, 1e-3, 5e-4),
     youngs_modulus: float = 5e4,
-) -> list[Row]:
+) -> Iterator[Row]:
     """Every run. Cells are per length of the block and multiples of eight, so that all meshes are copies of one
     another about the holes. Raises `StudyError` for ladders that no verdict can be given on."""
     ladder_of = {"p1_cells": p1_cells, "p2_cells": p2_cells, "control_points": control_points}
     check_ladders(ladder_of | {"steps": steps, "footprints": footprints})
-    rows = []
     for variant in VARIANTS:
         for n in p2_cells if "P2" in variant else p1_cells:
-            rows.append(measured("cells", variant, youngs_modulus, cells=n))
+            yield measured("cells", variant, youngs_modulus, cells=n)
     whole = VARIANTS[-1]
-    rows += [measured("control points", whole, youngs_modulus, control_points=n) for n in control_points]
-    rows += [measured("time step", whole, youngs_modulus, dt=dt) for dt in steps]
-    rows += [measured("footprint", whole, youngs_modulus, footprint=a) for a in footprints]
-    return rows
+    for n in control_points:
+        yield measured("control points", whole, youngs_modulus, control_points=n)
+    for dt in steps:
+        yield measured("time step", whole, youngs_modulus, dt=dt)
+    for a in footprints:
+        yield measured("footprint", whole, youngs_modulus, footprint=a)
 
 
 def check_ladders(ladder_of: Mapping[str, Sequence[float]]) -> None:

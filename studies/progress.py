@@ -1,11 +1,13 @@
 """How far a run has come and how long it will still take, on standard error."""
 
 import sys
+from collections.abc import Sequence
 from time import monotonic
-from typing import TextIO
+from typing import Any, TextIO
 
 WIDTH = 30  # characters of the bar
 REFRESH = 0.1  # s between two drawings on a terminal
+TERMINAL = 79  # characters of a line that is written over
 TENTHS = 10  # plain lines when the output is not a terminal
 
 
@@ -57,6 +59,33 @@ class Progress:
         taken = step - (self._first_step or 1)
         pace = (now - self._first) / taken if taken > 0 else now - self._start
         return f"{duration(pace * (self._steps - step))} left"
+
+
+class StudyProgress:
+    """How many rows of a study are done and which was the last, in one line that is written over on a terminal; a line
+    each elsewhere."""
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = stream or sys.stderr
+        self._is_terminal = self._stream.isatty()
+        self._start = monotonic()
+        self._open = False
+        self.rows = 0
+
+    def update(self, rows: Sequence[Any]) -> None:
+        """Tell of the last row by its words and of the time since the start."""
+        self.rows = len(rows)
+        words = ", ".join(value for value in vars(rows[-1]).values() if isinstance(value, str) and value)
+        text = f"row {self.rows}, {duration(monotonic() - self._start)}: {words}"
+        self._stream.write(f"\r\x1b[K{text[:TERMINAL]}" if self._is_terminal else f"{text}\n")
+        self._stream.flush()
+        self._open = self._is_terminal
+
+    def close(self) -> None:
+        """End the line."""
+        if self._open:
+            self._stream.write("\n")
+            self._open = False
 
 
 def duration(seconds: float) -> str:

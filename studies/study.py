@@ -1,14 +1,15 @@
 """A study: one question, answered by runs of its own, with a table and a figure.
 
-A study is a module that ends in `STUDY`. Its `main` takes typed defaults, which are the preset "full", and gives rows,
-one a run or a measured number: a frozen dataclass whose fields know their unit. What a row cannot support, and what is
-not converged, is said in the remarks, which are written and printed with the table.
+A study is a module that ends in `STUDY`. Its `main` takes typed defaults, which are the preset "full", and yields rows
+as they are done, one a run or a measured number: a frozen dataclass whose fields know their unit. What a row cannot
+support (`studies.limits`), and what is not converged, is said in the remarks, which are written and printed with the
+table.
 """
 
 import csv
 import io
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from importlib import import_module
 from pathlib import Path
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 NAMES = ("coupling_variants", "friction", "mesh_refinement")
 PRESETS = ("quick", "full")
 WRITTEN = ("study.json", "table.md", "table.csv", "runs.csv", "figure.png", "figure.svg")
-LINEAR = 0.3  # footprints that a hole may move by: strains near it are of this size
 
 
 class StudyError(ValueError):
@@ -56,7 +56,7 @@ class Study:
     """`main` with typed defaults, what it asks, what in it is an independent and what a consistency check, how its rows
     are shown, what they do not support, and the arguments of the preset "quick"."""
 
-    main: Callable[..., Sequence[Any]]
+    main: Callable[..., Iterator[Any]]
     question: str
     independent: str
     consistency: str
@@ -128,19 +128,39 @@ def check_folder(folder: Path) -> None:
         raise StudyError(f"--out {folder} is refused: {reason}")
 
 
-def write(name: str, preset: str, given: Mapping[str, Any], rows: Sequence[Any], folder: Path) -> None:
-    """What was asked and run, table, every row, and the figure, into a folder."""
+def carried_out(
+    name: str, preset: str, given: Mapping[str, Any], folder: Path, tell: Callable[[Sequence[Any]], None]
+) -> None:
+    """Run a study into a folder: every row is written as soon as it is done, and told; then table, figure and what was
+    asked. A study that fails leaves its rows. Raises what its `main` does."""
+    found, started = study(name), provenance()
+    rows: list[Any] = []
+    for row in found.main(**given):
+        if not rows:
+            emptied(folder)
+        rows.append(row)
+        write_text(folder / "runs.csv", numbers(rows))
+        tell(rows)
+    write(name, {"preset": preset, "arguments": dict(given), "provenance": started}, rows, folder)
+
+
+def emptied(folder: Path) -> None:
+    """A folder without an earlier study."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in WRITTEN:
+        (folder / name).unlink(missing_ok=True)
+
+
+def write(name: str, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path) -> None:
+    """Table, figure, and what was asked and checked, into a folder."""
     from studies.figure import drawn
 
-    found, remarks = study(name), study(name).remarks(rows)
-    folder.mkdir(parents=True, exist_ok=True)
-    asked = {"study": name, "preset": preset, "arguments": dict(given), "question": found.question}
+    found = study(name)
+    remarks, shown = found.remarks(rows), found.table(rows)
     checks = {"independent": found.independent, "consistency": found.consistency, "remarks": remarks}
-    write_json(folder / "study.json", asked | checks | {"provenance": provenance()})
-    shown = found.table(rows)
+    write_json(folder / "study.json", {"study": name, "question": found.question, **asked, **checks})
     write_text(folder / "table.md", shown.markdown + "".join(f"\n* {remark}\n" for remark in remarks))
     write_text(folder / "table.csv", shown.csv)
-    write_text(folder / "runs.csv", numbers(rows))
     for kind, picture in drawn(found.figure, rows, name).items():
         write_bytes(folder / f"figure.{kind}", picture)
 
@@ -156,17 +176,3 @@ def comma_separated(lines: Sequence[Sequence[str]]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(lines)
     return text.getvalue()
-
-
-def beyond_linear(what: str, moved: float, footprint: float) -> list[str]:
-    """A remark where a hole moved [m] farther than small strains allow with its footprint [m]."""
-    if moved <= LINEAR * footprint:
-        return []
-    return [f"{what}: a hole moved by {moved / footprint:.2g} footprints, BEYOND the linear range (about {LINEAR})"]
-
-
-def too_coarse(what: str, size: float, footprint: float) -> list[str]:
-    """A remark where cells [m] are larger than the radius of a footprint [m] that nothing else makes up for."""
-    if size <= footprint:
-        return []
-    return [f"{what}: cells of {size / footprint:.3g} footprint radii, TOO COARSE: the hole is as stiff as the mesh is"]

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,9 +10,11 @@ from types import SimpleNamespace
 import pytest
 from matplotlib.figure import Figure
 
+from coupling.errors import StepError
 from studies import command, study
 from studies.figure import panels
-from studies.study import NAMES, Study, StudyError, Table, arguments, beyond_linear, check_folder, too_coarse, unit
+from studies.limits import beyond_bearing, beyond_linear, not_settled, spans_too_coarse, too_coarse
+from studies.study import NAMES, WRITTEN, Study, StudyError, Table, arguments, check_folder, unit
 
 
 @dataclass(frozen=True)
@@ -20,8 +23,11 @@ class Row:
     length: float = unit("m")
 
 
-def main(lengths: tuple[float, ...] = (1.0, 2.0), count: int = 3) -> list[Row]:
-    return [Row(f"way {count}", length) for length in lengths]
+def main(lengths: tuple[float, ...] = (1.0, 2.0), count: int = 3) -> Iterator[Row]:
+    for length in lengths:
+        if length < 0.0:
+            raise StepError(0.1, 1e-3, "no length is negative", "entry")
+        yield Row(f"way {count}", length)
 
 
 def figure(rows: list[Row]) -> Figure:
@@ -125,3 +131,24 @@ def test_marks() -> None:
     assert beyond_linear("run", 0.29e-3, 1e-3) == [] and too_coarse("run", 1e-3, 1e-3) == []
     assert "moved by 0.31 footprints, BEYOND" in beyond_linear("run", 0.31e-3, 1e-3)[0]
     assert "cells of 1.1 footprint radii, TOO COARSE" in too_coarse("run", 1.1e-3, 1e-3)[0]
+    assert spans_too_coarse("run", 0.5) == [] and "0.51 bending lengths" in spans_too_coarse("run", 0.51)[0]
+    assert not_settled("run", 1e-7, 1e-3) == [] and "2 of the elastic" in not_settled("run", 2.0, 1.0)[0]
+    assert "inf of the elastic" in not_settled("run", 1e-9, 0.0)[0] and not_settled("run", 0.0, 0.0) == []
+    assert beyond_bearing("run", 1.0, 0.3e-3, 5e-3, 3e6) == []
+    assert "T/(d ℓ E) is 0.67, BEYOND" in beyond_bearing("run", 1.0, 0.3e-3, 5e-3, 1e6)[0]
+
+
+def test_a_study_that_fails_keeps_its_rows(sample: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """And nothing of an earlier one is left beside them; a study that is refused leaves the earlier one alone."""
+    assert command.main(["study", "sample", "--out", str(tmp_path)]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == set(WRITTEN)
+    assert command.main(["study", "sample", "--set", "lengths=[-1]", "--out", str(tmp_path)]) == 1
+    assert {path.name for path in tmp_path.iterdir()} == set(WRITTEN)
+    assert "the rows that were done" not in capsys.readouterr().err
+    assert command.main(["study", "sample", "--set", "lengths=[1, 2, -1]", "--out", str(tmp_path)]) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["runs.csv"]
+    assert (tmp_path / "runs.csv").read_text() == "way,length [m]\nway 3,1.0\nway 3,2.0\n"
+    told = capsys.readouterr().err
+    assert (
+        "row 2, " in told and "way 3" in told and "no length is negative" in told and "the rows that were done" in told
+    )

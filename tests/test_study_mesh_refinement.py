@@ -66,7 +66,7 @@ def test_what_is_not_supported_is_said() -> None:
 )
 def test_ladders_without_a_verdict_are_refused(ladder: dict[str, tuple[float, ...]], words: str) -> None:
     with pytest.raises(StudyError) as caught:
-        main(**ladder)  # type: ignore[arg-type]
+        next(main(**ladder))  # type: ignore[arg-type]
     assert words in str(caught.value)
 
 
