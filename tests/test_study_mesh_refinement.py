@@ -46,13 +46,13 @@ def test_what_hangs_on_a_diverging_hole_is_never_called_converged() -> None:
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_orders_of_a_footprint(quantity: str) -> None:
     """Independent check: h⁴ ln(a/h) with P2, whose cells are fine enough for it; with P1 the order comes nearer to two
-    from rung to rung, and has one and a half behind it at 6 cells to the radius."""
+    with every rung."""
     second = of(rows(), "cells", P2)
     assert formal(second) == pytest.approx(4.0 - 1.0 / math.log(FOOTPRINT / second[1].refined), abs=ORDER)
     assert abs(judged(second, quantity).order - formal(second)) < REACHED
-    first = [run for run in rows() if run.variant == POINTWISE and run.ladder == "cells"]
-    coarse = judged(sorted(first, key=lambda run: -run.cells)[1:], quantity).order
-    assert 1.0 < coarse < judged(first, quantity).order < 2.0 + ORDER
+    first = of(rows(), "cells", POINTWISE)
+    fine, coarse = (judged(runs, quantity).order for runs in (first, first[1:]))
+    assert 1.0 < coarse < fine < 2.0 + ORDER
 
 
 def test_footprint_and_sub_grid_converge_to_one_another() -> None:
@@ -66,6 +66,15 @@ def test_footprint_and_sub_grid_converge_to_one_another() -> None:
 
 
 @pytest.mark.parametrize("quantity", ["displacement", "force", "drawn"])
+def test_order_of_all_refined_together(quantity: str) -> None:
+    """Independent check: two, of P1 in h and of backward Euler in steps like h²; the thread adds less."""
+    runs = of(rows(), "coupled", SUBGRID)
+    assert [round(0.05 / run.dt) for run in runs] == [72, 32, 18]
+    found = judged(runs, quantity)
+    assert abs(found.order - 2.0) < REACHED and found.index < 0.01
+
+
+@pytest.mark.parametrize("quantity", ["displacement", "force", "drawn"])
 def test_order_of_the_time_step(quantity: str) -> None:
     """Independent check: backward Euler."""
     assert abs(judged(of(rows(), "time step", SUBGRID), quantity).order - 1.0) < ORDER
@@ -75,7 +84,8 @@ def test_what_is_not_supported_is_said() -> None:
     """The bare point at once; coarse cells, a far pull and a near edge when they come."""
     remarks = STUDY.remarks(rows())
     assert any(BARE in line and "NO LINEAR RANGE" in line for line in remarks)
-    assert not any(word in line for line in remarks for word in ("BEYOND", "TOO NEAR", "TOO COARSE"))
+    assert not any(word in line for line in remarks for word in ("TOO NEAR", "TOO COARSE"))
+    assert [line.split(",")[0] for line in remarks if "BEYOND" in line] == ["footprint"]
     coarse = [replace(row, cells=4) for row in rows() if row.ladder == "cells"]
     assert any(P2 in line and "TOO COARSE" in line for line in STUDY.remarks(coarse))
     worse = [replace(row, displacement=1e-3, clear=False) for row in rows()]
