@@ -1,5 +1,7 @@
 """Sites: weights, rigid motions, compliances of the half space and the full space, and every refused place."""
 
+from itertools import combinations_with_replacement
+
 import numpy as np
 import pytest
 from bounds import IDENTITY
@@ -79,7 +81,11 @@ def test_a_disc_is_integrated_facet_by_facet(count: int) -> None:
     inside = (np.linalg.norm(triangles, axis=2) < 1.0).all(axis=1)
     share = np.bincount(cover.triangles, flat, minlength=len(triangles))
     assert inside.any() == (count > 10)
-    assert np.abs(share - np.abs(u * z - v * w) / (2.0 * np.pi))[inside].max(initial=0.0) <= IDENTITY
+    area = np.abs(u * z - v * w) / (2.0 * np.pi)
+    assert np.abs(share - area)[inside].max(initial=0.0) <= IDENTITY
+    fourth = sum(np.prod(c, axis=0) for c in combinations_with_replacement(triangles[..., 0].T, 4)) * area / 15.0
+    found = np.bincount(cover.triangles, flat * x**4, minlength=len(triangles))
+    assert np.abs(found - fourth)[inside].max(initial=0.0) <= IDENTITY
 
 
 @pytest.mark.parametrize("weight", ["uniform", "parabolic"])
