@@ -12,7 +12,7 @@ does not depend on E.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
@@ -46,6 +46,7 @@ GIVEN = 0.4e-3  # by which the hand at the start gives way where there is fricti
 DIP = 1e-3  # of the laid thread below the holes [m]
 DAMPING, RELAXED, RELAXED_STEP = 400.0, 1.0, 1e-2  # of a dynamic run [1/s, s, s], its load rising all the while
 ROUND = 48  # points of a ring
+CURVE = 41  # points of a curve
 CLEAR = 2.0  # footprints from a hole inside to the surface, at least
 TAUT = 0.2  # of the bite: a thread that bends over less is as good as a string
 COARSEST = 1.3  # cells at the holes over the footprint, on the coarsest mesh for stress; finer by its `refinement`
@@ -214,14 +215,15 @@ def main(
         yield from over_tension(replace(case, sweep="tension", name=name, youngs_modulus=TISSUES[name]), tensions)
     yield from (last(replace(case, sweep="stiffness", youngs_modulus=E)) for E in moduli)
     yield from (last(replace(case, sweep="friction", mu=mu, given=GIVEN)) for mu in mus)
-    yield from (last(replace(case, sweep="distance", ring=r)) for r in distances)
+    fine = replace(case, sweep="distance", refinement=max((refinement, *refinements)))
+    yield from (last(replace(fine, ring=r)) for r in distances)
+    yield from (last(replace(case, sweep="cells", refinement=k)) for k in sorted(refinements, reverse=True))
     yield from (last(replace(case, sweep="bite width", bite=w)) for w in bites)
     yield from (last(replace(case, sweep="bite depth", depth=c)) for c in depths)
     yield from (last(replace(case, sweep="footprint", footprint=a)) for a in footprints)
-    yield from (last(replace(case, sweep="cells", refinement=k)) for k in refinements)
     yield from (last(replace(case, sweep="direction", name=holes, holes=holes)) for holes in ("free", "normal"))
     soft = replace(
-        case, sweep="soft organ", suture="2-0 polypropylene", knots="fixed", holes="normal", tension=1.0,
+        case, sweep="soft organ", suture="2-0 polypropylene", knots="fixed", holes="normal", tension=0.5,
         youngs_modulus=TISSUES["liver"],
     )  # fmt: skip
     yield from (last(replace(soft, name=f"{n} load steps", load_steps=n)) for n in soft_steps)
@@ -273,11 +275,15 @@ def run(case: Case) -> Iterator[Row]:
     simulation = prepare(scenario(case))
     now = simulation.beginning()
     for number in range(1, simulation.steps + 1):
+        before = now
         try:
             with threadpool_limits(limits=1, user_api="blas"):
                 now, _, _ = simulation.next(now, number)
         except CouplingError as error:
-            yield measured(case, simulation, now, f"{type(error).__name__}: {error}")
+            yield measured(case, simulation, before, f"{type(error).__name__}: {error}")
+            return
+        if not now.state.present.all():
+            yield measured(case, simulation, before, "left its hole: a hole came up to the hand that holds the start")
             return
         if case.way == "static" or number == simulation.steps:
             yield measured(case, simulation, now, "")
@@ -516,8 +522,10 @@ def of(rows: Sequence[Row], sweep: str) -> list[Row]:
 
 def by_tissue(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """Load steps of the tensions by tissue, by load; the last may be one that failed."""
-    names = dict.fromkeys(row.name for row in of(rows, "tension"))
-    return {name: [row for row in of(rows, "tension") if row.name == name] for name in names}
+    runs = sorted(of(rows, "tension"), key=lambda row: (row.load, bool(row.failed)))
+    return {
+        name: [row for row in runs if row.name == name] for name in dict.fromkeys(x.name for x in of(rows, "tension"))
+    }
 
 
 def table(rows: Sequence[Row]) -> Table:
@@ -627,9 +635,10 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     out = [*ranges(rows), *slopes(rows)]
     for quantity, name in QUANTITIES.items():
         if of(rows, "cells"):
-            found = verdict_on(rows, quantity)
+            found, off = verdict_on(rows, quantity), off_theory(rows, quantity)
             word = found.text if found.kind == "converged" else f"NOT CONVERGED ({found.text})"
-            out.append(f"cells, {name}: {word}, {100 * off_theory(rows, quantity):.2g} % off the half-space")
+            out.append(f"cells, {name}: {word}" + ("" if np.isnan(off) else f", {off:+.1%} off the half-space"))
+    out += of_the_sweeps(rows)
     if not of(rows, "cells"):
         out.append("cells: no ladder was run, so that no stress is SHOWN TO CONVERGE; the preset full has one")
     for row in rows:
@@ -649,6 +658,22 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     return list(dict.fromkeys(out))
 
 
+def of_the_sweeps(rows: Sequence[Row]) -> list[str]:
+    """How far the stress of the sweeps is from that of the half-space under the same forces."""
+    runs = [row for row in rows if row.sweep not in ("cells", "distance") and np.isfinite(row.theory_ring_von_mises)]
+    out = []
+    for where, words in (("mean", "below the hole"), ("ring", "on the ring")):
+        name = f"{where}_von_mises"
+        known = [row for row in runs if getattr(row, f"theory_{name}") > 0.0]
+        off = [getattr(row, name) / getattr(row, f"theory_{name}") - 1.0 for row in known]
+        if off:
+            spread = f"{min(off):+.1%} to {max(off):+.1%}"
+            out.append(
+                f"sweeps, cells of {runs[0].cells / MILLI:.2g} mm: von Mises {words} {spread} off the half-space"
+            )
+    return out
+
+
 def beyond(row: Row) -> str:
     """By which measures a row is beyond the linear range."""
     measures = {
@@ -661,10 +686,10 @@ def beyond(row: Row) -> str:
 
 
 def off_theory(rows: Sequence[Row], quantity: str) -> float:
-    """Difference of the finest cells' number from the half-space's, over that; NaN where none is known."""
+    """The finest cells' number over the half-space's, less 1; NaN where none is known."""
     finest = min(of(rows, "cells"), key=lambda row: row.cells)
     theory = getattr(finest, f"theory_{quantity.removeprefix('exit_')}", float("nan"))
-    return float(abs(getattr(finest, quantity) / theory - 1.0))
+    return float(getattr(finest, quantity) / theory - 1.0)
 
 
 # --- figure -----------------------------------------------------------------------------------------------
@@ -728,7 +753,7 @@ def over_distance(axes: Axes, rows: Sequence[Row]) -> None:
     runs = of(rows, "distance")
     x = [row.ring for row in runs]
     for name, colour, marker in (("von_mises", COLOURS[0], "o"), ("largest", COLOURS[1], "s")):
-        label = name.replace("_", " ").replace("largest", "largest principal")
+        label = {"von_mises": "von Mises", "largest": "largest principal"}[name]
         axes.plot(x, [getattr(row, f"ring_{name}") / KILO for row in runs], marker, color=colour, label=label)
         axes.plot(x, [getattr(row, f"theory_ring_{name}") / KILO for row in runs], color=colour)
     axes.plot(x, [-row.ring_smallest / KILO for row in runs], "^", color=COLOURS[2], label="− smallest principal")
@@ -746,7 +771,7 @@ def over_cells(axes: Axes, rows: Sequence[Row]) -> None:
         theory = [getattr(row, f"theory_{quantity.removeprefix('exit_')}") for row in runs]
         ratio = [getattr(row, quantity) / value for row, value in zip(runs, theory, strict=True)]
         axes.plot([row.cells / MILLI for row in runs], ratio, color=colour, marker=marker, label=QUANTITIES[quantity])
-    axes.axhline(1.0, color="black")
+    axes.axhline(1.0, color="black", label="half-space")
     axes.set(xlabel="cells (V/N)^⅓ [mm]", ylabel="measured over half-space [-]")
     axes.legend(fontsize=6)
 
@@ -754,36 +779,57 @@ def over_cells(axes: Axes, rows: Sequence[Row]) -> None:
 def approaches(axes: Axes, rows: Sequence[Row]) -> None:
     """Approach of the holes over the bite."""
     runs = of(rows, "bite width")
-    x = [row.bite / MILLI for row in runs]
-    axes.plot(x, [row.approach / MILLI for row in runs], "o", color=COLOURS[0], label="measured")
-    axes.plot(x, [row.theory_approach / MILLI for row in runs], color="black", label="half-space")
+    axes.plot([row.bite / MILLI for row in runs], [row.approach / MILLI for row in runs], "o", label="measured")
+    bites = np.linspace(min(row.bite for row in runs), max(row.bite for row in runs), CURVE)
+    cases = [replace(case_of(runs[0]), bite=float(bite)) for bite in bites]
+    theory = [np.ptp(moved_in_theory(case)[:, 0]) / MILLI for case in cases]
+    axes.plot(bites / MILLI, theory, color="black", label="half-space")
     axes.set(xlabel="bite [mm]", ylabel="approach of the holes [mm]")
     axes.legend()
 
 
 def over_depth(axes: Axes, rows: Sequence[Row]) -> None:
-    """Displacement of the exit over its depth."""
-    over(axes, of(rows, "bite depth"), "depth", "depth of the holes [mm]")
+    """Displacement of the exit over its depth: discs on the surface, balls below it."""
+    runs = of(rows, "bite depth")
+    deepest = max(row.depth for row in runs)
+    below_surface = np.linspace(CLEAR * runs[0].footprint, max(deepest, 2.0 * CLEAR * runs[0].footprint), CURVE)
+    over(axes, runs, "depth", below_surface, "depth of the holes [mm]")
+    for k, colour in ((0, COLOURS[0]), (1, COLOURS[1])):
+        disc = abs(moved_in_theory(replace(case_of(runs[0]), depth=0.0))[1, k])
+        axes.plot(0.0, disc / MILLI, "_", color=colour, markersize=20)
 
 
 def over_footprint(axes: Axes, rows: Sequence[Row]) -> None:
     """Displacement of the exit over the footprint."""
     runs = of(rows, "footprint")
-    over(axes, runs, "footprint", "footprint [mm]")
+    radii = np.geomspace(min(row.footprint for row in runs), max(row.footprint for row in runs), CURVE)
+    over(axes, runs, "footprint", radii, "footprint [mm]")
     axes.set(xscale="log", yscale="log")
     ticks(axes, "x", [row.footprint / MILLI for row in runs])
     ticks(axes, "y", (0.05, 0.1, 0.2, 0.3))
 
 
-def over(axes: Axes, runs: Sequence[Row], name: str, label: str) -> None:
-    """Displacement of the exit, along and normal, beside theory."""
+def over(axes: Axes, runs: Sequence[Row], name: str, values: Array, label: str) -> None:
+    """Displacement of the exit, along and normal, and lines of theory at `values` of what was changed."""
     x = [getattr(row, name) / MILLI for row in runs]
-    for way, colour, marker in zip(("along", "normal"), COLOURS, MARKERS, strict=False):
+    cases = [Case(**(asdict(case_of(runs[0])) | {name: float(value)})) for value in values]
+    theory = np.array([np.abs(moved_in_theory(case)[1]) for case in cases])
+    for k, (way, colour, marker) in enumerate(zip(("along", "normal"), COLOURS, MARKERS, strict=False)):
         axes.plot(x, [getattr(row, f"exit_{way}") / MILLI for row in runs], marker, color=colour, label=way)
-        axes.plot(x, [getattr(row, f"theory_{way}") / MILLI for row in runs], color=colour, linestyle="--")
-    axes.plot([], [], color="black", linestyle="--", label="half-space")
+        axes.plot(values / MILLI, theory[:, k] / MILLI, color=colour)
+    axes.plot([], [], color="black", label="half-space")
     axes.set(xlabel=label, ylabel="displacement of the exit [mm]")
     axes.legend()
+
+
+def case_of(row: Row) -> Case:
+    """What was run."""
+    return Case(**{f.name: getattr(row, f.name) for f in fields(Case)})
+
+
+def moved_in_theory(case: Case) -> Array:
+    """(x, z) of entry and exit in a half-space under the whole tension, shape `(2, 2)` [m]."""
+    return case.theory.displacements(*in_theory(case, case.tension))
 
 
 def over_friction(axes: Axes, rows: Sequence[Row]) -> None:
@@ -795,8 +841,10 @@ def over_friction(axes: Axes, rows: Sequence[Row]) -> None:
         ("held", "held", COLOURS[1], "s"),
     ):
         axes.plot(x, [getattr(row, name) / row.load for row in runs], marker, color=colour, label=words)
+    mus = np.linspace(min(x), max(x), CURVE)
+    theory = np.array([in_theory(replace(case_of(runs[0]), mu=float(mu)), 1.0) for mu in mus])
     for k, colour in ((1, COLOURS[0]), (0, COLOURS[1])):
-        axes.plot(x, [in_theory(row, row.load)[k] / row.load for row in runs], color=colour)
+        axes.plot(mus, theory[:, k], color=colour)
     axes.plot([], [], color="black", label="a thread that bends by 90° at each hole")
     axes.set(xlabel="friction μ [-]", ylabel="tension over the pull [-]", ylim=(0.0, 1.1))
     axes.legend()
