@@ -66,6 +66,11 @@ CLINICAL = {  # tension [N] and where it is from
 }
 MILLI, KILO = 1e-3, 1e3
 THEORY = ("theory_mean_von_mises", "theory_mean_largest", "theory_ring_von_mises", "theory_ring_largest")
+SOFT: dict[str, dict[str, Any]] = {  # ways to pull at an organ that is too soft for it
+    "10 load steps": {"load_steps": 10},
+    "40 load steps": {"load_steps": 40},
+    "damped motion": {"way": "dynamic", "load_steps": round(RELAXED / RELAXED_STEP)},
+}
 STRESSES = ("mean_von_mises", "mean_largest", "mean_smallest", "ring_von_mises", "ring_largest", "ring_smallest")
 FORMAL = {"exit_along": 4.0, "exit_normal": 4.0} | dict.fromkeys(STRESSES, 2.0)  # orders of P2
 QUANTITIES = {
@@ -161,6 +166,11 @@ class Row(Case):
         return float(max(np.hypot(self.entry_along, self.entry_normal), np.hypot(self.exit_along, self.exit_normal)))
 
     @property
+    def gap(self) -> float:
+        """Distance of the holes along [m]."""
+        return self.bite - self.approach
+
+    @property
     def bearing(self) -> float:
         """T/(d ℓ E)."""
         return bearing_strain(self.load, suture(self.suture).diameter, self.bite, self.youngs_modulus)
@@ -200,16 +210,15 @@ def main(
     footprints: Sequence[float] = (0.5e-3, 1e-3, 2e-3),
     mus: Sequence[float] = (0.0, 0.1, 0.2, 0.3, 0.4),
     distances: Sequence[float] = (1.5, 2.0, 3.0, 4.0),
-    refinements: Sequence[float] = (1.5, 2.0, 2.5),
-    soft_steps: Sequence[int] = (10, 40),
-    soft_motion: bool = True,
+    refinements: Sequence[float] = (1.5, 2.0, 2.5, 3.0),
+    soft_ways: Sequence[str] = ("10 load steps", "40 load steps", "damped motion"),
     refinement: float = 1.5,
 ) -> Iterator[Row]:
     """Every load step of the tensions, by tissue and up to the first that fails; the last one of everything else.
 
     Raises `StudyError`.
     """
-    check(tissues, bites, depths, footprints, refinements)
+    check(tissues, soft_ways, bites, depths, footprints, refinements)
     case = replace(REFERENCE, refinement=refinement)
     for name in tissues:
         yield from over_tension(replace(case, sweep="tension", name=name, youngs_modulus=TISSUES[name]), tensions)
@@ -226,13 +235,12 @@ def main(
         case, sweep="soft organ", suture="2-0 polypropylene", knots="fixed", holes="normal", tension=0.5,
         youngs_modulus=TISSUES["liver"],
     )  # fmt: skip
-    yield from (last(replace(soft, name=f"{n} load steps", load_steps=n)) for n in soft_steps)
-    if soft_motion:
-        yield last(replace(soft, name="damped motion", way="dynamic", load_steps=round(RELAXED / RELAXED_STEP)))
+    yield from (last(replace(soft, name=name, **SOFT[name])) for name in soft_ways)
 
 
 def check(
     tissues: Sequence[str],
+    soft_ways: Sequence[str],
     bites: Sequence[float],
     depths: Sequence[float],
     footprints: Sequence[float],
@@ -242,14 +250,19 @@ def check(
     for name in tissues:
         if name not in TISSUES:
             raise StudyError(f'tissues: "{name}" is refused: those known are {", ".join(TISSUES)}')
+    for name in soft_ways:
+        if name not in SOFT:
+            raise StudyError(f'soft_ways: "{name}" is refused: those known are {", ".join(SOFT)}')
     if min(bites) < 4.0 * REFERENCE.footprint or max(bites) > 0.5 * SIZE[0]:
         raise StudyError(f"bites = {list(bites)} is refused: give 4 footprints (4e-3) to half the block (0.04) [m]")
     if any(0.0 < depth < CLEAR * REFERENCE.footprint for depth in depths) or max(depths) > 0.5 * SIZE[2]:
         raise StudyError(f"depths = {list(depths)} is refused: give 0 or 2 footprints (2e-3) to half the block [m]")
     if min(footprints) <= 0.0 or max(footprints) > 0.25 * REFERENCE.bite:
         raise StudyError(f"footprints = {list(footprints)} is refused: give numbers above 0 to 2.5e-3 [m]")
-    if refinements and (len(set(refinements)) < 3 or min(refinements) < 1.0):
-        raise StudyError(f"refinements = {list(refinements)} is refused: a verdict needs three, none below 1")
+    if len(set(refinements)) == 2 or min(refinements) < 1.0:
+        raise StudyError(
+            f"refinements = {list(refinements)} is refused: give one, or three for a verdict, none below 1"
+        )
 
 
 # --- runs -------------------------------------------------------------------------------------------------
@@ -579,6 +592,11 @@ def judged(row: Row) -> str:
     return "linear" if row.is_linear else "BEYOND linear"
 
 
+def has_ladder(rows: Sequence[Row]) -> bool:
+    """Whether there are cells enough for a verdict."""
+    return len({row.cells for row in of(rows, "cells")}) >= 3
+
+
 def verdict_on(rows: Sequence[Row], quantity: str) -> Verdict:
     """The verdict on a quantity of the cells."""
     runs = of(rows, "cells")
@@ -634,28 +652,31 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     """Ranges by tissue, slopes, verdicts on the cells, and what is beyond, failed, not settled or too near."""
     out = [*ranges(rows), *slopes(rows)]
     for quantity, name in QUANTITIES.items():
-        if of(rows, "cells"):
+        if has_ladder(rows):
             found, off = verdict_on(rows, quantity), off_theory(rows, quantity)
             word = found.text if found.kind == "converged" else f"NOT CONVERGED ({found.text})"
             out.append(f"cells, {name}: {word}" + ("" if np.isnan(off) else f", {off:+.1%} off the half-space"))
     out += of_the_sweeps(rows)
-    if not of(rows, "cells"):
+    if not has_ladder(rows):
         out.append("cells: no ladder was run, so that no stress is SHOWN TO CONVERGE; the preset full has one")
-    for row in rows:
-        name = f"{row.sweep}, {said(row)}"
-        if row.failed:
-            gap = row.bite - row.approach
-            where = f"the holes are {gap / row.footprint:.2g} footprints apart then, of {row.bite / row.footprint:g}"
-            out.append(f"{name}: FAILED beyond {row.load:.3g} N, {where}; {row.failed}")
-        elif row.sweep not in ("tension", "cells", "distance") and not row.is_linear:
-            out.append(f"{name}: {beyond(row)}")
-        if row.way == "dynamic":
-            out += not_settled(name, row.kinetic, row.elastic)
-        if not row.clear:
-            out.append(f"{name}: a hole is TOO NEAR an edge, a clamp or another hole for its sub-grid compliance")
-        if not row.failed:
-            out += spans_too_coarse(name, row.span_ratio)
-    return list(dict.fromkeys(out))
+    return list(dict.fromkeys([*out, *(line for row in rows for line in unsupported(row))]))
+
+
+def unsupported(row: Row) -> list[str]:
+    """What failed, is beyond, did not settle, is too coarse or too near in a row."""
+    name, out = f"{row.sweep}, {said(row)}, {row.load:.3g} N", []
+    if row.failed:
+        out.append(f"{name}: FAILED beyond, {row.failed}")
+    elif row.sweep not in ("tension", "cells", "distance") and not row.is_linear:
+        out.append(f"{name}: {beyond(row)}")
+    if row.gap < row.footprint and (row.failed or row.load == row.tension):
+        where = f"the holes are {row.gap / row.footprint:.2g} footprints apart, of {row.bite / row.footprint:g}"
+        out.append(f"{name}: {where}, and nothing keeps them apart: the MODEL ENDS there")
+    if row.way == "dynamic":
+        out += not_settled(name, row.kinetic, row.elastic)
+    if not row.clear:
+        out.append(f"{name}: a hole is TOO NEAR an edge, a clamp or another hole for its sub-grid compliance")
+    return out if row.failed else [*out, *spans_too_coarse(name, row.span_ratio)]
 
 
 def of_the_sweeps(rows: Sequence[Row]) -> list[str]:
@@ -870,9 +891,8 @@ STUDY = Study(
         "footprints": (0.5e-3, 1e-3),
         "mus": (0.0, 0.2, 0.4),
         "distances": (1.5, 3.0),
-        "refinements": (),
-        "soft_steps": (10,),
-        "soft_motion": False,
+        "refinements": (1.0,),
+        "soft_ways": ("10 load steps",),
         "refinement": 1.0,
     },
 )

@@ -18,7 +18,7 @@ from tissue import kernels
 
 SUBGRID = 0.03  # of a coarse mesh's compliance (README, what is verified)
 LEANING = 0.03  # of the tensions' directions: the thread leans by √(EI/T) over its leg of 30 mm, 2 % at 0.1 N
-COARSE = 0.2  # of the stress on P2 cells of 1.3 footprints at the hole, half as large as the distance: ½ (1.3/2)²
+COARSE = 0.2  # of the stress two and three footprints from a hole on P2 cells as large as the distance
 
 
 @cache
@@ -32,10 +32,9 @@ def rows() -> tuple[Row, ...]:
             depths=(4e-3,),
             footprints=(1e-3,),
             mus=(0.0, 0.4),
-            distances=(2.0, 4.0),
-            refinements=(),
-            soft_steps=(),
-            soft_motion=False,
+            distances=(2.0, 3.0),
+            refinements=(1.0,),
+            soft_ways=(),
             refinement=1.0,
         )
     )
@@ -115,7 +114,7 @@ def test_stress_at_a_distance() -> None:
     for row in (near, far):
         assert row.ring_von_mises == pytest.approx(row.theory_ring_von_mises, rel=COARSE)
         assert row.ring_largest == pytest.approx(row.theory_ring_largest, rel=COARSE)
-    assert near.ring_von_mises > 2.0 * far.ring_von_mises
+    assert near.ring_von_mises > 1.5 * far.ring_von_mises
     assert 0.5 < near.mean_von_mises / near.theory_mean_von_mises < 1.0
 
 
@@ -151,7 +150,9 @@ def test_a_run_that_fails_is_a_row_with_its_error(monkeypatch: pytest.MonkeyPatc
     assert not first.failed and last.failed.startswith("InversionError: ")
     assert replace(last, failed="") == first and last.load == 0.25 * REFERENCE.tension
     assert suture_tension.line(last)[-1] == "FAILED: InversionError"
-    assert any("FAILED beyond 0.025 N" in text for text in STUDY.remarks([*rows(), last]))
+    assert any("0.025 N: FAILED beyond, InversionError" in text for text in STUDY.remarks([*rows(), last]))
+    assert not any("MODEL ENDS" in text for text in STUDY.remarks([*rows(), last]))
+    assert any("MODEL ENDS" in text for text in STUDY.remarks([*rows(), replace(last, approach=9.5e-3)]))
 
 
 def test_what_is_not_supported_is_said() -> None:
@@ -160,12 +161,25 @@ def test_what_is_not_supported_is_said() -> None:
     moving = replace(base, sweep="soft organ", name="damped motion", way="dynamic", kinetic=1.0, elastic=1.0)
     said = "\n".join(STUDY.remarks([*rows(), far, moving]))
     assert "frame turned by 0.5, BEYOND" in said and "TOO NEAR" in said and "TOO COARSE" in said
-    assert "damped motion: NOT SETTLED" in said
+    assert "damped motion, 0.1 N: NOT SETTLED" in said
     swinging = [
         replace(base, sweep="cells", cells=h, ring_von_mises=f) for h, f in ((1.0, 1.0), (2.0, 2.0), (3.0, 1.5))
     ]
     said = "\n".join(STUDY.remarks([*rows(), *swinging]))
     assert "von Mises stress on the ring: NOT CONVERGED" in said
+
+
+def test_a_thread_that_leaves_a_hole_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    going = suture_tension.Simulation.next
+
+    def leaving(self, now, number):  # type: ignore[no-untyped-def]
+        then, taken, events = going(self, now, number)
+        gone = replace(then, state=replace(then.state, present=np.array([False, True])))
+        return (gone if number == 2 else then), taken, events
+
+    monkeypatch.setattr(suture_tension.Simulation, "next", leaving)
+    first, last = run(replace(REFERENCE, sweep="direction", name="free", refinement=1.0))
+    assert replace(last, failed="") == first and last.failed.startswith("left its hole")
 
 
 @pytest.mark.parametrize(
@@ -175,7 +189,8 @@ def test_what_is_not_supported_is_said() -> None:
         ({"bites": (1e-3,)}, "bites = [0.001] is refused"),
         ({"depths": (1e-3,)}, "give 0 or 2 footprints"),
         ({"footprints": (0.0,)}, "footprints = [0.0] is refused"),
-        ({"refinements": (1.0, 2.0)}, "a verdict needs three"),
+        ({"refinements": (1.0, 2.0)}, "three for a verdict"),
+        ({"soft_ways": ("pray",)}, "those known are 10 load steps"),
     ],
 )
 def test_what_has_no_meaning_is_refused(given: dict[str, tuple[float, ...]], words: str) -> None:
@@ -187,7 +202,7 @@ def test_what_has_no_meaning_is_refused(given: dict[str, tuple[float, ...]], wor
 def test_table_and_figure() -> None:
     """A line a run, and an axis with its unit for each sweep."""
     shown = STUDY.table(rows())
-    assert len(shown.lines) == 2 + 2 + 2 + 2 + 1 + 1 + 1 + 2
+    assert len(shown.lines) == 2 + 2 + 2 + 2 + 1 + 1 + 1 + 1 + 2
     assert {len(line) for line in shown.lines} == {len(shown.head)}
     text = drawn(STUDY.figure, rows(), "sample")["svg"].decode()
     assert all(label in text for label in ("tension T [N]", "T/(E a²) [-]", "bite [mm]", "friction μ [-]"))
