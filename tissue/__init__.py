@@ -19,7 +19,7 @@ from tissue.organ import (
     fixed_sites,
 )
 from tissue.sites import Site, Sites, build_sites
-from tissue.stress import StressRecovery, stress_recovery, von_mises
+from tissue.stress import StressRecovery, interpolation, stress_recovery, von_mises
 
 __all__ = [
     "ConjugateGradients",
@@ -45,6 +45,7 @@ __all__ = [
     "elasticity",
     "factorize",
     "fixed_sites",
+    "interpolation",
     "stress_recovery",
     "von_mises",
 ]
