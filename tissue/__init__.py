@@ -2,7 +2,7 @@
 it.
 """
 
-from tissue.body import Elasticity, elasticity
+from tissue.body import Elasticity, elasticity, held_components, holds_still
 from tissue.errors import FactorError, TissueError
 from tissue.factor import Factor, factorize
 from tissue.iterative import ConjugateGradients, conjugate_gradients
@@ -42,6 +42,8 @@ __all__ = [
     "elasticity",
     "factorize",
     "fixed_sites",
+    "held_components",
+    "holds_still",
     "stress_recovery",
     "von_mises",
 ]
