@@ -307,6 +307,9 @@ class Tissue(Table):
         "slides on a bed, or a plane of symmetry",
         examples=[["bottom"]],
     )
+    contact: Annotated[bool, Field(strict=True)] = Field(
+        default=False, description="whether the lips of a wound press on one another where they meet; else they cross"
+    )
     mesh: Mesh = Field(
         description="the organ's mesh", examples=[{"kind": "block", "size": [0.06, 0.04, 0.02], "h": 4.0e-3}]
     )
@@ -328,6 +331,15 @@ class Tissue(Table):
         for key in ("clamp", "roller"):
             if there and (problem := unknown_clamp(getattr(self, key), [*there, *own], key)):
                 raise ValueError(f".{problem}")
+        return self
+
+    @model_validator(mode="after")
+    def _check_lips(self) -> Self:
+        if self.contact and self.mesh.kind != "wound":
+            raise ValueError(
+                f".contact = true is refused: tissue.mesh.kind is {self.mesh.kind}, which has no lips; leave it out or "
+                'take kind = "wound"'
+            )
         return self
 
     @model_validator(mode="after")
@@ -865,6 +877,14 @@ class Scenario(Table):
             key = dotted(["piercing", rough, "friction"])
             reason = f'solve.scheme is linear, which has no implicit {key}; use "two-pass", or scheme = "newton"'
             raise ValueError(refused("solve.friction", "implicit", reason))
+        return self
+
+    @model_validator(mode="after")
+    def _check_contact(self) -> Self:
+        linear = self.solve.scheme == "linear" and self.solve.coupling == "monolithic"
+        if self.tissue is not None and self.tissue.contact and linear:
+            reason = 'the linear scheme has no inequalities; use solve.scheme = "newton", or coupling = "staggered"'
+            raise ValueError(refused("tissue.contact", True, reason))
         return self
 
     @model_validator(mode="after")
