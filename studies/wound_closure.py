@@ -518,8 +518,8 @@ def where_largest(rows: Sequence[Row]) -> list[str]:
         agree = all(1 < peak < 0.5 * (len(row.tied) + 1) for peak, row in zip(peaks, in_turn, strict=True))
         shown = ", ".join(f"{peak} of {len(row.tied)}" for peak, row in zip(peaks, in_turn, strict=True))
         out.append(
-            f"one after another: the force when tied is largest at stitch {shown}; published, it rises to a peak before "
-            f"the centre and falls (Wen 2023): {VERDICTS[agree]}"
+            f"one after another: the force when tied is largest at stitch {shown}; published, it rises to a peak "
+            f"before the centre and falls (Wen 2023): {VERDICTS[agree]}"
         )
     if together := [row for row in plain if row.way == TOGETHER]:
         ratios = [max(row.forces[0], row.forces[-1]) / row.middle for row in together]
