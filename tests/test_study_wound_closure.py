@@ -40,7 +40,7 @@ COARSE = Case(*NARROW, sheet=0.1, size=2.5e-3, far=15e-3, pitch=5e-3, bite=4e-3)
 @cache
 def rows() -> tuple[Row, ...]:
     """The narrow wound, both ways."""
-    return tuple(main((NARROW,), COARSE.sheet, COARSE.size, COARSE.far, checks=False))
+    return tuple(main((NARROW,), COARSE.sheet, COARSE.size, COARSE.far, checks=()))
 
 
 @cache
@@ -52,9 +52,9 @@ def hands() -> Hands:
 def test_a_uniform_traction_closes_a_large_sheet() -> None:
     """Independent check: held edges are felt with the square of the wound's length over theirs, and far away the
     traction is EW/(4c), within 1 % of the mesh."""
-    larger = Hands(replace(COARSE, sheet=0.2), assemble(scenario(replace(COARSE, sheet=0.2))))
-    theory = E * COARSE.width / (2.0 * COARSE.length)
-    near, far = (uniform_traction(each) / theory - 1.0 for each in (hands(), larger))
+    cases = [replace(COARSE, width=WIDE[1], sheet=sheet) for sheet in (0.1, 0.2)]
+    theory = E * WIDE[1] / (2.0 * WIDE[0])
+    near, far = (uniform_traction(Hands(case, assemble(scenario(case)))) / theory - 1.0 for case in cases)
     assert 0.1 < near < 0.3 and abs((4.0 * far - near) / 3.0) < 0.02  # the limit of both
 
 
@@ -81,8 +81,8 @@ def test_lips_are_together_and_do_not_cross(way: str) -> None:
 
 
 def test_forces_are_those_of_the_theory_and_more() -> None:
-    """Independent check: stitches act at points and away from the lips, so they take more than the uniform traction, but
-    not half as much again in the middle; both halves of the wound take the same."""
+    """Independent check: stitches act at points and away from the lips, so they take more than the uniform traction,
+    but not half as much again in the middle; both halves of the wound take the same."""
     row = row_with(rows(), NARROW, TOGETHER)
     assert row is not None and row.theory == pytest.approx(E * THICKNESS * row.width / 12.0)
     assert row.uniform < row.middle / row.theory < 1.5 * row.uniform
@@ -138,4 +138,6 @@ def test_refusals() -> None:
     for wound in ((0.03, 0.04), (0.06, 0.01), (0.004, 0.001)):
         with pytest.raises(StudyError, match="in a sheet of"):
             next(main((wound,), sheet=0.1))
+    with pytest.raises(StudyError, match="allowed are 'finer mesh'"):
+        next(main((NARROW,), checks=("finest mesh",)))
     assert arguments(STUDY, "quick", ["bite=3e-3"])["bite"] == 3e-3

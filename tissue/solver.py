@@ -23,6 +23,7 @@ from tissue.errors import TissueError
 from tissue.factor import factorize
 from tissue.iterative import conjugate_gradients
 from tissue.memory import free_memory
+from tissue.multigrid import is_by_nodes
 from tissue.ordering import dissection, node_graph
 
 Array = NDArray[np.float64]
@@ -96,11 +97,6 @@ def chosen(name: str, A: csr_matrix, places: Array, once: bool) -> Choice:
         f"solver = {name!r}: the factor of {A.shape[0]} unknowns takes about {need / GIGA:.2g} GB and "
         f"{room / GIGA:.2g} GB can be had; take {remedy}"
     )
-
-
-def is_by_nodes(places: Array) -> bool:
-    """Whether unknowns at `places` `(n, 3)` are three a node, one after the other."""
-    return len(places) % 3 == 0 and all(np.array_equal(places[::3], places[i::3]) for i in (1, 2))
 
 
 def _times(room: float, need: float) -> int:
