@@ -22,6 +22,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from coupling.border import NINE
 from coupling.constraints import Array, passage, site_force
+from coupling.errors import CouplingError
 from coupling.interfaces import ContactOperator
 from coupling.system import Flags, State, System
 
@@ -49,7 +50,7 @@ class Contact:
         return np.asarray(self.g_free + self.C_cy @ f)
 
     def slack(self, unpressed: Array, force: float) -> float:
-        """What a gap may be off by [m] where site forces are known to within `force` [N]."""
+        """What a gap may be off by [m] where the holes' forces are known to within `force` [N]."""
         by_forces = np.abs(self.C_cy[:, np.arange(self.C_cy.shape[1]) % NINE < 3]).sum(axis=1)
         return float(ROUND_OFF * np.abs(unpressed).max() + force * by_forces.max())
 
@@ -63,27 +64,29 @@ def answer(contact: Contact, pressed: Flags, unpressed: Array) -> tuple[Array, A
     return p, unpressed + contact.C_cc @ p
 
 
-def misfits(contact: Contact, pressed: Flags, unpressed: Array, slack: float) -> Flags:
-    """Pairs that are pressed and pull, or open and cross, by more than the `slack` [m], shape `(k,)`."""
-    p, g = answer(contact, pressed, unpressed)
+def misfits(contact: Contact, f: Array, pressed: Flags, force: float = 0.0) -> Flags:
+    """Pairs that are pressed and pull, or open and cross, under the site forces `f` (9m,) known to within `force` [N];
+    a force counts by the gap that it opens. Shape `(k,)`."""
+    unpressed = contact.unpressed(f)
+    (p, g), slack = answer(contact, pressed, unpressed), contact.slack(unpressed, force)
     return np.where(pressed, p * np.diag(contact.C_cc), g) < -slack if pressed.any() else g < -slack
 
 
-def pressed_under(contact: Contact, f: Array, pressed: Flags, force: float = 0.0) -> Flags:
-    """The pairs that are pressed under the site forces `f` (9m,), known to within `force` [N]; sought from `pressed`.
+def pressed_under(contact: Contact, f: Array, pressed: Flags) -> Flags:
+    """The pairs that are pressed under the site forces `f` (9m,), sought from `pressed`, shape `(k,)`.
 
-    The answer does not depend on where the search begins. Shape `(k,)`.
+    The answer does not depend on where the search begins. Raises `CouplingError` where there is none, which a body
+    that something holds never comes to.
     """
-    unpressed = contact.unpressed(f)
-    slack, fewest, chances = contact.slack(unpressed, force), len(pressed) + 1, CHANCES
-    for _ in range(EXCHANGES * len(pressed)):
-        wrong = misfits(contact, pressed, unpressed, slack)
+    fewest, chances = len(pressed) + 1, CHANCES
+    for _ in range(EXCHANGES * (1 + len(pressed))):
+        wrong = misfits(contact, f, pressed)
         count = int(wrong.sum())
         if count == 0:
-            break
+            return pressed
         fewest, chances = (count, CHANCES) if count < fewest else (fewest, chances - 1)
         pressed = pressed ^ (wrong if chances > 0 else first_of(wrong))
-    return pressed
+    raise CouplingError(f"contact of {len(pressed)} pairs of the lips: no set of pressed pairs was found")
 
 
 def first_of(flags: Flags) -> Flags:

@@ -245,7 +245,7 @@ def solve(problem: Problem, start: Iterate, correct: Corrector = correct) -> Sol
         seen.add(sets_of(z))
         fitting = with_next_sets(problem, z, r, seen)
         if fitting is z:
-            return replace(solution, problem=problem, iterations=iterations, p=contact_forces(problem, z, r))
+            return replace(solution, problem=problem, iterations=iterations, p=contact_forces(problem.contact, z, r))
         z = fitting
     what = "stick and slip of the friction" if problem.contact is None else "friction's or the lips' active sets"
     raise failure(problem, r, f"{what} alternate without end")
@@ -265,37 +265,34 @@ def sets_of(z: Iterate) -> bytes:
 
 
 def with_next_sets(problem: Problem, z: Iterate, r: Residual, seen: set[bytes]) -> Iterate:
-    """A solved iterate with the active sets that its forces ask for, the very same one where it has them."""
+    """A solved iterate with the active sets that its forces ask for, the very same one where it has them.
+
+    Pairs are judged to round-off first, and within what the solve leaves open only where that leads back.
+    """
     margin = MARGIN * force_tolerance(problem, r)
     slip = next_slip(problem.law, z.slip, r.passage, z.s, z.lam, z.y, margin)
-    pressed, wrong = next_pressed(problem.contact, z, r, margin)
-    other, any_wrong = slip != z.slip, wrong.any()
-    if not (other.any() or any_wrong):
+    contact = problem.contact
+    pressed = z.pressed if contact is None else pressed_under(contact, site_forces(z, r), z.pressed)
+    fitting = replace(z, slip=slip, pressed=pressed)
+    if np.array_equal(slip, z.slip) and np.array_equal(pressed, z.pressed):
         return z
-    next_z = replace(z, slip=slip, pressed=pressed)
-    if sets_of(next_z) not in seen:
-        return next_z
+    if sets_of(fitting) not in seen:
+        return fitting
+    other = slip != z.slip
     if other.any():
         return replace(z, slip=np.where(first_of(other), slip, z.slip))
-    return replace(z, pressed=z.pressed ^ first_of(wrong))
+    wrong = NO_PAIRS if contact is None else misfits(contact, site_forces(z, r), z.pressed, margin)
+    return replace(z, pressed=z.pressed ^ first_of(wrong)) if wrong.any() else z
 
 
-def next_pressed(contact: Contact | None, z: Iterate, r: Residual, margin: float) -> tuple[Flags, Flags]:
-    """The pairs that the site forces of a solved iterate press, and those it has wrong; forces are known to within the
-    `margin` [N]. Shape `(k,)`."""
-    if contact is None:
-        return z.pressed, NO_PAIRS
-    f = site_force(r.passage, z.lam, z.y).ravel()
-    unpressed = contact.unpressed(f)
-    wrong = misfits(contact, z.pressed, unpressed, contact.slack(unpressed, margin))
-    return (pressed_under(contact, f, z.pressed, margin) if wrong.any() else z.pressed), wrong
+def site_forces(z: Iterate, r: Residual) -> Array:
+    """f_y of all holds at an iterate, shape `(9m,)`."""
+    return site_force(r.passage, z.lam, z.y).ravel()
 
 
-def contact_forces(problem: Problem, z: Iterate, r: Residual) -> Array:
+def contact_forces(contact: Contact | None, z: Iterate, r: Residual) -> Array:
     """p of a solved iterate, shape `(k,)` [N]."""
-    if problem.contact is None:
-        return NO_FORCES
-    return forces(problem.contact, z.pressed, site_force(r.passage, z.lam, z.y).ravel())
+    return NO_FORCES if contact is None else forces(contact, z.pressed, site_forces(z, r))
 
 
 def solve_set(problem: Problem, z: Iterate, correct: Corrector) -> Solution:

@@ -326,7 +326,7 @@ def _print_summary(scenario: Scenario, recorder: Recorder, status: Any) -> None:
         still = "" if scenario.solve.kind == "static" else motion_line(step.energy)
         remarks = (range_line(scenario, step.piercings), resolution_line(step.span_ratio), still)
         lines += [line for line in (*remarks, subgrid_line(recorder.subgrid)) if line]
-    lines += [contact_line(step.contact)] if step and step.contact else []
+        lines += [contact_line(step.contact)] if step.contact else []
     lines += [
         "",
         f"ParaView   {folder / 'results.pvd'}",

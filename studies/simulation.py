@@ -17,7 +17,7 @@ from coupling.adapting import INTERVAL, adapted, is_too_coarse, span_ratio
 from coupling.audit import Energies, audited, initial_energies
 from coupling.baumgarte import linear_step, linear_two_pass
 from coupling.constraints import passage, phi
-from coupling.contact import observe_contact
+from coupling.contact import ContactObservation, observe_contact
 from coupling.diagnosis import faults
 from coupling.equilibrium import load_step
 from coupling.errors import StepError
@@ -284,10 +284,10 @@ def recorded(
     )
 
 
-def gaps_of(system: System) -> tissue.Gaps:
-    """The gaps of an organ whose lips may touch."""
-    gaps: tissue.Gaps = getattr(system.organ, "gaps")  # noqa: B009
-    return gaps
+def pressures(system: System, lips: ContactObservation) -> Array:
+    """Pressure at the pairs of the lips, shape `(k,)` [Pa]."""
+    organ: Any = system.organ
+    return np.asarray(organ.gaps.pressure(lips.force))
 
 
 def contact_record(system: System, state: State) -> ContactRecord | None:
@@ -299,7 +299,7 @@ def contact_record(system: System, state: State) -> ContactRecord | None:
         pairs=len(lips.gap),
         pressed=lips.pressed,
         smallest_gap=float(lips.gap.min()),
-        largest_pressure=float(gaps_of(system).pressure(lips.force).max()),
+        largest_pressure=float(pressures(system, lips).max()),
         force=float(lips.force.sum()),
         complementarity=lips.complementarity,
     )
@@ -310,9 +310,10 @@ def on_lips(system: System, state: State, nodes: int) -> tuple[Array, Array] | t
     lips = observe_contact(system, state)
     if lips is None:
         return None, None
-    pressure, gap, gaps = np.zeros(nodes), np.full(nodes, np.nan), gaps_of(system)
-    for side in gaps.nodes.T:
-        pressure[side], gap[side] = gaps.pressure(lips.force), lips.gap
+    organ: Any = system.organ
+    pressure, gap = np.zeros(nodes), np.full(nodes, np.nan)
+    for side in organ.gaps.nodes.T:
+        pressure[side], gap[side] = pressures(system, lips), lips.gap
     return pressure, gap
 
 

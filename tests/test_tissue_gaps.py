@@ -1,14 +1,31 @@
 """Lips that press on one another, without a thread: a cut block against the whole one, and against other solvers."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize, nnls
-from wounds import SIDES, SIZE, SOFT, Array, at_rest, contact_of, cut_block, gaps_on, organ_of, stretched, whole_block
+from wounds import (
+    SIDES,
+    SIZE,
+    SOFT,
+    Array,
+    at_rest,
+    contact_of,
+    cut_block,
+    forced,
+    gaps_on,
+    opened,
+    organ_of,
+    stretched,
+    whole_block,
+)
 
 import tissue
-from meshes.wound import Wound
+from coupling.contact import Contact, forces, misfits, pressed_under
+from meshes.wound import Wound, lips
 
 THROUGH = Wound(SIZE[1], SIZE[2])
 SQUEEZE = 0.02
@@ -145,3 +162,97 @@ def test_it_does_not_matter_where_the_search_begins() -> None:
     for start in [*starts, *(chance.random((8, organ.pairs)) < 0.5)]:
         assert np.array_equal(at_rest(organ, start).p > 0.0, right > 0.0)
         assert np.abs(at_rest(organ, start).p - right).max() <= IDENTITY * 1e2 * right.max()
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+@pytest.mark.parametrize("width", [0.0, 1e-3])
+def test_every_node_of_the_lips_has_its_pair(element: str, width: float) -> None:
+    """Independent check: pairs are mirror images, with P2 at the middles of the edges too; each node that is on one lip
+    only is in one pair, and G U is the difference of the nodes' displacements along n."""
+    wound = Wound(0.012, 5e-3)
+    closed = cut_block(wound)
+    mesh = opened(closed, width) if width else closed
+    body = tissue.elasticity(mesh, SOFT, element, ["bottom"])
+    gaps = gaps_on(body, wound, closed)
+    left, right = (body.points[side] for side in gaps.nodes.T)
+    assert np.array_equal(left * [-1.0, 1.0, 1.0], right)
+    assert np.abs(gaps.g0 - 2.0 * right[:, 0]).max() <= IDENTITY * SIZE[0]
+    lip = {
+        name: np.unique(body.basis.get_dofs(facets=mesh.boundaries[name]).all()) for name in ("lip_left", "lip_right")
+    }
+    alone = [np.setdiff1d(lip[a], lip[b]) for a, b in (("lip_left", "lip_right"), ("lip_right", "lip_left"))]
+    for side, unknowns in zip(gaps.nodes.T, alone, strict=True):
+        assert np.array_equal(np.sort(body.nodes[side].ravel()), unknowns)
+    field = np.random.default_rng(3).standard_normal(body.N)
+    field[body.clamped] = 0.0
+    U = body.nodal(field)
+    assert np.abs(gaps.G @ field[body.free] - (U[gaps.nodes[:, 1]] - U[gaps.nodes[:, 0]])[:, 0]).max() <= IDENTITY
+
+
+def test_a_search_that_would_go_round_ends() -> None:
+    """Independent check: with this matrix exchanging all wrong pairs at once comes back to where it was (found by
+    trying random ones); one at a time it ends, with the answer of scipy's non-negative least squares."""
+    C = np.array(
+        [[23.0, 12.0, 0.0, -7.0], [12.0, 22.0, 12.0, -15.0], [0.0, 12.0, 10.0, -11.0], [-7.0, -15.0, -11.0, 17.0]]
+    )
+    g, none, sets = np.array([-2.0, -2.0, -1.0, 2.0]), np.zeros(0), [np.zeros(4, dtype=bool)]
+    contact = Contact(g, np.zeros((4, 0)), SimpleNamespace(C_cc=C))
+    while len({tuple(pressed) for pressed in sets}) == len(sets):
+        sets.append(sets[-1] ^ misfits(contact, none, sets[-1]))
+    assert misfits(contact, none, sets[-1]).any()
+    root = cholesky(C)
+    p, _ = nnls(root, -solve_triangular(root, g, trans="T"))
+    assert np.abs(forces(contact, pressed_under(contact, none, sets[0]), none) - p).max() <= RESIDUAL * p.max()
+
+
+def test_two_halves_that_collide_exchange_their_momentum() -> None:
+    """Independent check: two halves of a free block fly at one another. What the contact forces give one they take from
+    the other, Σ dt Σ p is the change of either's momentum, in every step; no energy is made, and they part again."""
+    wound, speed, dt = Wound(SIZE[1], SIZE[2]), 0.05, 2e-4
+    closed = cut_block(wound)
+    body = tissue.elasticity(opened(closed, 1e-4), SOFT)
+    organ = tissue.DynamicOrgan(body, tissue.build_sites(body, []), gaps=gaps_on(body, wound, closed))
+    side = np.ones(len(body.points))
+    side[np.unique(body.mesh.t[:, body.mesh.p[0][body.mesh.t].mean(axis=0) < 0.0])] = -1.0
+    V = body.flat(np.outer(-speed * side, [1.0, 0.0, 0.0]))
+    right = body.flat(np.outer(side > 0.0, [1.0, 0.0, 0.0]))
+    state = tissue.OrganState(0.0 * V, V, 0.0 * V, np.zeros(0), np.zeros(organ.pairs))
+    first = right @ (body.M @ V)
+    momentum, stored, touched = first, 0.5 * V @ (body.M @ V), 0
+    operator = organ.operator(1.0 / dt**2, 1.0 / dt)
+    for _ in range(150):
+        prediction = operator.predict(state, organ.history([(1.0, dt, 1.0)], [state]))
+        p = forced(prediction.g_free, operator)
+        new = operator.complete(prediction, np.zeros(0), p)
+        energies = organ.energies(state, new)
+        assert organ.gap(new).min() >= -IDENTITY * SIZE[0]
+        assert np.abs(organ.gap(new) * p).max() <= IDENTITY * p.max() * SIZE[0]
+        assert abs(right @ (body.M @ new.V) - momentum - dt * p.sum()) <= RESIDUAL * abs(first)
+        now = energies.kinetic + energies.elastic
+        assert abs(stored - now - energies.numerical) <= RESIDUAL * stored
+        assert energies.numerical >= -IDENTITY * stored
+        momentum, stored, state, touched = right @ (body.M @ new.V), now, new, touched + bool(p.any())
+    assert abs(body.flat(np.tile([1.0, 0.0, 0.0], (len(side), 1))) @ (body.M @ state.V)) <= RESIDUAL * abs(first)
+    assert 10 < touched < 140 and momentum > 0.2 * abs(first) and not state.p.any()
+
+
+def test_what_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Refusals name the value and the remedy: lips that overlap, a normal of nothing, lips that are held, gaps of
+    another body, more pairs than there is room for."""
+    wound = Wound(0.012, 5e-3)
+    closed = cut_block(wound)
+    body = tissue.elasticity(opened(closed, 1e-3), SOFT, "P1", ["bottom"])
+    pairs = lips(closed, wound)
+    with pytest.raises(tissue.TissueError, match=r"overlap by 0\.001 m"):
+        tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], [-1.0, 0.0, 0.0])
+    with pytest.raises(tissue.TissueError, match="normal"):
+        tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], [0.0, 0.0, 0.0])
+    held = tissue.elasticity(closed, SOFT, "P1", ["lip_left", "lip_right"])
+    with pytest.raises(tissue.TissueError, match="no pair of nodes that can move"):
+        tissue.build_gaps(held, pairs.nodes, pairs.facets[:, 0], [1.0, 0.0, 0.0])
+    other = tissue.elasticity(closed, SOFT, "P1", ["left"])
+    with pytest.raises(tissue.TissueError, match="build them on it"):
+        organ_of(other, gaps_on(body, wound, closed))
+    monkeypatch.setattr("tissue.organ.free_memory", lambda: 1e3)
+    with pytest.raises(tissue.TissueError, match=r"pairs of nodes on the lips take about .* coarser mesh at the lips"):
+        organ_of(body, gaps_on(body, wound, closed))

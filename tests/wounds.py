@@ -72,12 +72,17 @@ def contact_of(organ: Any) -> Contact:
     return Contact(operator.g_load, operator.C_cy, operator)
 
 
+def forced(g_free: Array, operator: Any, start: Any = None) -> Array:
+    """Contact forces where the gaps would be `g_free` without them; the pressed pairs are sought from `start`."""
+    contact, none = Contact(g_free, operator.C_cy, operator), np.zeros(0)
+    first = np.zeros(len(g_free), dtype=bool) if start is None else start
+    return forces(contact, pressed_under(contact, none, first), none)
+
+
 def at_rest(organ: Any, start: Any = None) -> tissue.OrganState:
-    """The organ under its constant load, its lips held apart; the pressed pairs are sought from `start`."""
-    contact, none = contact_of(organ), np.zeros(0)
-    first = np.zeros(organ.pairs, dtype=bool) if start is None else start
-    p = forces(contact, pressed_under(contact, none, first), none)
-    return organ.operator(0.0, 0.0).complete(None, none, p)
+    """The organ under its constant load, its lips held apart."""
+    operator = organ.operator(0.0, 0.0)
+    return operator.complete(None, np.zeros(0), forced(operator.g_load, operator, start))
 
 
 def wounded_organ(
@@ -87,6 +92,7 @@ def wounded_organ(
     h: float = 5e-3,
     E: float = 2e4,
     contact: bool = True,
+    subgrid: bool = False,
     **options: Any,
 ) -> Any:
     """A block held below with a wound 12 mm long and 5 mm deep, the two sites of the hairpin beside it."""
@@ -94,6 +100,8 @@ def wounded_organ(
     closed = wounded_block_structured(SIZE, wound, Grading(h, h), SITES)
     mesh = opened(closed, width) if width else closed
     body = tissue.elasticity(mesh, tissue.Material(E, 0.45, 1070.0), element, ("bottom",))
-    sites = tissue.build_sites(body, [tissue.Site(point, 2e-3, "parabolic", "normal") for point in SITES])
+    sites = tissue.build_sites(
+        body, [tissue.Site(point, 2e-3, "parabolic", "normal", subgrid=subgrid) for point in SITES]
+    )
     gaps = gaps_on(body, wound, closed) if contact else None
     return (tissue.DynamicOrgan if inertia else tissue.QuasiStaticOrgan)(body, sites, gaps=gaps, **options)

@@ -154,13 +154,13 @@ class _Organ:
         """p, shape `(k,)` [N]."""
         return NOTHING if state.p is None else state.p
 
-    def _held_apart(self, p: Array) -> Array | None:
-        """Contact forces as a state keeps them."""
+    def held_apart(self, p: Array) -> Array | None:
+        """Contact forces `(k,)` as a state keeps them: None without gaps."""
         return p if self.pairs else None
 
     @property
     def _no_contact(self) -> Array | None:
-        return self._held_apart(np.zeros(self.pairs))
+        return self.held_apart(np.zeros(self.pairs))
 
     @property
     def mesh_size(self) -> int:
@@ -208,8 +208,26 @@ class Sprung:
         return np.concatenate([self.mesh.solve(b[:N], near), b[N:] / springs])
 
 
+class _Lips:
+    """What an operator says of the gaps, when it is asked: the columns A⁻¹Gᵀ are dear."""
+
+    organ: _Organ
+    factor: Solver
+    W: Array
+
+    @cached_property
+    def C_cc(self) -> Array:
+        """G A⁻¹ Gᵀ, gaps by contact forces, shape `(k, k)` [m/N]."""
+        return _gap_compliance(self.factor, self.organ.G)
+
+    @cached_property
+    def C_cy(self) -> Array:
+        """G W, gaps by site forces, shape `(k, 9p)`."""
+        return np.asarray(self.organ.G @ self.W)
+
+
 @dataclass(frozen=True)
-class DynamicOperator:
+class DynamicOperator(_Lips):
     """A = a M + d C + K, factorised, with W = A⁻¹ Yᵀ and the compliance C = Y W of the sites."""
 
     organ: "DynamicOrgan"
@@ -239,22 +257,12 @@ class DynamicOperator:
         """U⁺ = U_free + W f_y + A⁻¹Gᵀ p and its rates."""
         U, history, organ = self.moved(prediction.U_free, f_y, p), prediction.history, self.organ
         rates = self.d * (U - history.damping), self.a * (U - history.inertia)
-        return OrganState(U, *rates, f_y, organ._held_apart(p))
+        return OrganState(U, *rates, f_y, organ.held_apart(p))
 
     def moved(self, U: Array, f_y: Array, p: Array) -> Array:
         """U + W f_y + A⁻¹Gᵀ p, shape `(N,)` [m]."""
         U = U + self.W @ f_y
         return U + self.factor.solve(self.organ.G.T @ p) if p.any() else U
-
-    @cached_property
-    def C_cc(self) -> Array:
-        """G A⁻¹ Gᵀ, gaps by contact forces, shape `(k, k)` [m/N]."""
-        return _gap_compliance(self.factor, self.organ.G)
-
-    @cached_property
-    def C_cy(self) -> Array:
-        """G W, gaps by site forces, shape `(k, 9p)`."""
-        return np.asarray(self.organ.G @ self.W)
 
     def _residual(self, U: Array, history: History) -> Array:
         """b − A U, by products with M and K: C = αM + βK needs none of its own."""
@@ -378,7 +386,7 @@ class DynamicOrgan(_Organ):
     def moved(self, state: OrganState, operator: DynamicOperator, f_y: Array, p: Array = NOTHING) -> OrganState:
         """The state with other site and contact forces, displaced by W Δf_y + A⁻¹Gᵀ Δp; V is kept."""
         U = operator.moved(state.U, f_y - state.f_y, p - self.contact_forces(state))
-        return replace(state, U=U, f_y=f_y, p=self._held_apart(p))
+        return replace(state, U=U, f_y=f_y, p=self.held_apart(p))
 
     @cached_property
     def _mobility(self) -> tuple[Array, Array]:
@@ -427,7 +435,7 @@ class DynamicOrgan(_Organ):
 
 
 @dataclass(frozen=True)
-class QuasiStaticOperator:
+class QuasiStaticOperator(_Lips):
     """A = K with the answer to the constant load known: no work that grows with the mesh is left in a step."""
 
     organ: "QuasiStaticOrgan"
@@ -450,22 +458,12 @@ class QuasiStaticOperator:
 
     def complete(self, prediction: Prediction, f_y: Array, p: Array = NOTHING) -> OrganState:
         """A quasi-static organ is where its forces put it."""
-        return OrganState(NOTHING, NOTHING, NOTHING, f_y, self.organ._held_apart(p))
+        return OrganState(NOTHING, NOTHING, NOTHING, f_y, self.organ.held_apart(p))
 
     @cached_property
     def g_load(self) -> Array:
         """Gaps under the constant load alone, shape `(k,)` [m]."""
         return np.asarray(self.organ.g0 + self.organ.G @ self.U_load)
-
-    @cached_property
-    def C_cc(self) -> Array:
-        """G K⁻¹ Gᵀ, gaps by contact forces, shape `(k, k)` [m/N]."""
-        return _gap_compliance(self.factor, self.organ.G)
-
-    @cached_property
-    def C_cy(self) -> Array:
-        """G W, gaps by site forces, shape `(k, 9p)`."""
-        return np.asarray(self.organ.G @ self.W)
 
 
 @dataclass(frozen=True, eq=False)
@@ -556,7 +554,7 @@ class QuasiStaticOrgan(_Organ):
 
     def moved(self, state: OrganState, operator: object, f_y: Array, p: Array = NOTHING) -> OrganState:
         """The state with other site and contact forces."""
-        return replace(state, f_y=f_y, p=self._held_apart(p))
+        return replace(state, f_y=f_y, p=self.held_apart(p))
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """As for the dynamic organ, with 9p + k numbers: U = U_load + W f_y + K⁻¹Gᵀ p, K U_load = load,
