@@ -16,9 +16,13 @@ Array = NDArray[np.float64]
 
 
 def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None:
-    """Refuse a piece of a cut thread with too few control points for its holes at `s` [m], or that nothing holds."""
+    """Refuse a piece of a cut thread with too few control points for its holes at `s` [m], a hole at a cut, and in
+    statics a piece that nothing holds."""
     if spline.pieces == 1:
         return
+    if at_cut := [float(value) for value in s if value in spline.cuts]:
+        reason = f"a piercing has its abscissa there, s = {at_cut[0]:.6g} m; cut beside it"
+        raise ScenarioError(refused("thread.cuts", scenario.thread.cuts, reason))
     held = np.bincount(spline.piece_of(s), minlength=spline.pieces)
     after = np.append(np.searchsorted(spline.knots, spline.piece_ends[:-1], side="right"), spline.knots.size)
     for k, (holes, points) in enumerate(zip(held.tolist(), np.diff(after).tolist(), strict=True)):

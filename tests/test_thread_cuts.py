@@ -155,6 +155,7 @@ def test_a_hole_is_left_at_a_cut() -> None:
         ({"energy": "springs"}, 'energy = "springs" goes through cuts'),
         ({"cuts": [0.0375, 0.0425], "control_points": 12}, "control points|control_points = 12"),
         ({"cuts": [0.035, 0.045]}, "is in no hole"),
+        ({"cuts": [0.02]}, "a piercing has its abscissa there"),
     ],
 )
 def test_refusals(change: dict[str, Any], words: str) -> None:
