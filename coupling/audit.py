@@ -5,7 +5,8 @@ is what the driving force Φ_sᵀλ takes through the hole, −Φ_sᵀλ Δs, pl
 belongs to the integrator. Backward Euler dissipates ½Δvᵀ M Δv, and of the elastic energy ∂E(q⁺)·Δq − ΔE. Under BDF2,
 a⁺ ≠ Δv/Δt and Δq ≠ Δt v⁺, and the inertia takes a⁺ᵀMΔq − v⁺ᵀMΔv more, of either sign. All works are those of the forces
 at the end of the step along it: a rectangle rule, first order whatever the scheme, and what separates it from the exact
-work stands with the integrator's share.
+work stands with the integrator's share. Where a hand draws the thread through a hole, −Φ_sᵀλ Δs is its work, and
+external.
 
 When thread and organ are stepped one after the other (`coupling.staggered`) the holes move after the thread has, and
 the constraints' work on the two does not cancel: `coupling.staggered.work_of_the_lag`, which is in the remainder. It is
@@ -74,7 +75,8 @@ def audited(system: System, before: Energies, step: Step) -> Energies:
     organ = system.organ.energies(old.organ, new.organ)
 
     external = np.sum(step.solution.problem.load * dq) + organ.gravity_work + held_work(step)
-    friction, eps_numerical, remainder = sliding_work(system, step)
+    friction, eps_numerical, remainder, by_hand = sliding_work(system, step)
+    external += by_hand
     viscous = thread.damping * np.sum(new.v * thread.momentum(dq)) + organ.viscous
     numerical = (
         0.5 * np.sum(dv * thread.momentum(dv))
@@ -119,19 +121,21 @@ def two_step_inertia(system: System, step: Step) -> float:
     return float(work)
 
 
-def sliding_work(system: System, step: Step) -> tuple[float, float, float]:
-    """Friction's dissipation, ε's own dissipation, and the remainder of the constraints' work [J]."""
+def sliding_work(system: System, step: Step) -> tuple[float, float, float, float]:
+    """Friction's dissipation, ε's own dissipation, the remainder of the constraints' work, and that of the hands that
+    draw the thread through holes [J]."""
     old, new, at = step.old, step.new, step.solution.residual.passage
     ds, p = new.s - old.s, len(system.piercings)
     y = step.solution.iterate.y  # where the holes were when the thread was solved; new.y but in a staggered step
     drive = driving_force(at, new.lam, y)
     law = step.solution.problem.law
+    slides, hand = ds * ~system.by_hand, ds * system.by_hand
     ideal_inertia = law.inertia * (new.s - law.s_free)
-    friction = np.sum((drive - ideal_inertia) * ds)
-    eps_numerical = ideal_inertia @ ds - 0.5 * system.epsilon * np.sum(new.s_dot**2 - old.s_dot**2)
+    friction = np.sum((drive - ideal_inertia) * slides)
+    eps_numerical = ideal_inertia @ slides - 0.5 * system.epsilon * np.sum(new.s_dot**2 - old.s_dot**2)
     work = np.sum(spread(thread_force(new.lam, y), at, system.thread.n) * (new.q - old.q)[:, :3])
     work += np.sum(site_force(at, new.lam, y)[:p] * (new.y - old.y)[:p])
-    return float(friction), float(eps_numerical), float(-work - np.sum(drive * ds))
+    return float(friction), float(eps_numerical), float(-work - np.sum(drive * ds)), float(-np.sum(drive * hand))
 
 
 def multiplier_imbalance(system: System, state: State) -> tuple[float, float]:

@@ -50,15 +50,16 @@ LOCAL = np.arange(4)
 LOCAL_UNKNOWNS = 3 * LOCAL[:, None] + np.arange(3)  # of the four points on a span, from the first point's on
 
 
-def passage(thread: Thread, q: Array, s: Array) -> Passage:
-    """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (p,) [m]."""
-    bare = bare_passage(thread.spline, q, s)
-    return replace(bare, c=thread.missing_compliance(s))
+def passage(thread: Thread, q: Array, s: Array, home: Array | None = None) -> Passage:
+    """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (p,) [m], on the pieces of a cut thread
+    that hold the abscissae `home` where they are given."""
+    bare = bare_passage(thread.spline, q, s, home)
+    return replace(bare, c=thread.missing_compliance(s, home))
 
 
-def bare_passage(spline: Spline, q: Array, s: Array) -> Passage:
+def bare_passage(spline: Spline, q: Array, s: Array, home: Array | None = None) -> Passage:
     """The same without the missing compliance: of rates, and under impulses, to which a massless lack gives nothing."""
-    first, b = spline.basis(s)
+    first, b = spline.basis(s, home)
     D = (b @ q[first[:, None] + LOCAL])[..., :3]
     return Passage(first, b, D[:, 0], D[:, 1], D[:, 2], D[:, 3], np.zeros((len(s), 3, 3)))
 

@@ -131,7 +131,7 @@ def refuse_crossing(system: System, old: State, new: State) -> None:
     Two holes apart in space cannot: the solution is another one than that which continues the motion.
     """
     spline = system.thread.spline
-    inside = (new.s >= spline.start) & (new.s <= spline.end)
+    inside = ~spline.left(new.s, home=old.s)
     here = np.flatnonzero((new.present & inside)[: len(system.piercings)])
     before, after = old.s[here], new.s[here]
     crossed = np.argwhere((before[:, None] < before) & (after[:, None] >= after))

@@ -41,11 +41,11 @@ def static_problem(
     tie: float,
     C: Array,
     y: Array,
-    s_old: Array,
+    first: State,
     contact: Contact | None = None,
 ) -> Problem:
     """Equilibrium at the part `share` of the loads; `tie` [1/s²] ties each point to where it is in `state`. Friction
-    opposes the way from `s_old` (m,) [m], the abscissae at the start of the load step."""
+    opposes the way from `first`, the start of the load step; what is drawn through is counted from there."""
     thread = system.thread
     load = share * end_load(system, duration)
     return Problem(
@@ -59,7 +59,7 @@ def static_problem(
         y_free=all_holds(system, y),
         C=padded(system, C),
         rows=system.rows & state.present[:, None],
-        law=law_of(system, s_old, state.present, 0.0, s_old),
+        law=law_of(system, first.s, state.present, 0.0, first.s, system.drawn(first.time, share * duration)),
         stiffen=True,
         frame=state.frame,
         contact=contact,
@@ -86,7 +86,7 @@ def untied(system: System, state: State, share: float, duration: float, hold: bo
     contact = contact_of(system, operator, prediction)
     tie, now, failed = first_tie(system, state) * LAID_TIE if state.time == 0.0 else 0.0, state, None
     for _ in range(ATTEMPTS):
-        problem = static_problem(system, now, share, duration, tie, operator.C, prediction.y_free, state.s, contact)
+        problem = static_problem(system, now, share, duration, tie, operator.C, prediction.y_free, state, contact)
         if hold and tie > 0.0:
             problem = replace(problem, law=prescribed(problem.law, problem.law.rough, np.zeros(system.holds)))
         try:
@@ -149,7 +149,7 @@ def load_step(system: System, state: State, share: float, duration: float, depth
         middle = 0.5 * (state.time / duration + share)
         first = load_step(system, state, middle, duration, depth + 1)
         return first + load_step(system, first[-1].new, share, duration, depth + 1)
-    gone = left(system, step.new)
+    gone = left(system, step.old, step.new)
     if gone.any():
         return load_step(system, release(state, gone), share, duration, depth)
     return [step]

@@ -110,9 +110,10 @@ def changes(system: System, old: State, new: State) -> list[Event]:
 
 
 def nearer_end(system: System, s: float) -> float:
-    """The end of the thread by which a hole at `s` was left [m]."""
+    """The end of its piece of thread by which a hole at `s` was left [m]."""
     spline = system.thread.spline
-    return spline.start if s - spline.start < spline.end - s else spline.end
+    start, end = spline.piece_ends[spline.piece_of(s) + np.arange(2)]
+    return float(start if s - start < end - s else end)
 
 
 # -- at a time -------------------------------------------------------------------------------------------------------

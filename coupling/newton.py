@@ -126,7 +126,7 @@ def evaluate(problem: Problem, z: Iterate) -> Residual:
     """All residuals of a step."""
     thread = problem.system.thread
     points = thread.points(z.q, problem.frame)
-    at = passage(thread, z.q, z.s)
+    at = passage(thread, z.q, z.s, home=problem.law.s_old)
     elastic = thread.gradient(points)
     balance = elastic - problem.load
     balance[:, :3] -= spread(thread_force(z.lam, z.y), at, thread.n)

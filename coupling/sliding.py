@@ -5,6 +5,7 @@ that presses it on the hole:
 
     ideal hole     ε s̈ = Φ_sᵀλ                      (eq. 7; eq. 6 at ε = 0)
     stick          s = s_old,            |f| ≤ F₀ + μ_s N
+    drawn          s = s_old − Δd        a hand draws the length Δd through the hole, whatever it takes
     slip           f = σ (F₀ + μ_k N),   σ = sign(ds/dt)
 
 N = |λ_n| (+ |μ|/ℓ_c with a channel of length ℓ_c), λ_n the part of the multipliers of g across the thread (§4.3). The
@@ -30,12 +31,14 @@ from coupling.system import Flags, System
 class Law:
     """What the law of sliding needs beside the iterate, over `m` holds.
 
-    `s_old` (m,) [m]; `static`, `kinetic`, `grip`, `per_channel` (m,); `inertia` = ε a [N/m] and `s_free` (m,) [m] make
+    `s_old` (m,) [m]; `s_held` (m,) [m], where a thread that does not slide is at the end of the step; `static`,
+    `kinetic`, `grip`, `per_channel` (m,); `inertia` = ε a [N/m] and `s_free` (m,) [m] make
     ε s̈ = inertia (s − s_free); `rough` and `may_slide` (m,); `injected` (m,) [N], a given force along the thread where
     it slides, beside the friction of the rough holds.
     """
 
     s_old: Array
+    s_held: Array
     static: Array
     kinetic: Array
     grip: Array
@@ -52,10 +55,14 @@ class Law:
         return not (self.rough.any() or self.injected.any())
 
 
-def law_of(system: System, s_old: Array, present: Flags, inertia: float, s_free: Array) -> Law:
-    """The law at the start of a step; an absent hold keeps its abscissa."""
+def law_of(
+    system: System, s_old: Array, present: Flags, inertia: float, s_free: Array, drawn: Array | float = 0.0
+) -> Law:
+    """The law at the start of a step in which lengths `drawn` (m,) [m] are drawn through; an absent hold keeps its
+    abscissa."""
     none = np.zeros(len(s_old))
-    return Law(s_old, *system.friction, system.rough, system.may_slide & present, inertia, s_free, none)
+    s_held = s_old - drawn * present
+    return Law(s_old, s_held, *system.friction, system.rough, system.may_slide & present, inertia, s_free, none)
 
 
 def prescribed(law: Law, held: Flags, injected: Array) -> Law:
@@ -123,9 +130,9 @@ def residual(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, y: Ar
     """Left-hand side of the law, shape `(m,)`: [N] where the thread slides, [m] where it is held."""
     drive = net_drive(law, thread, s, lam, y)
     if law.ideal:
-        return np.where(slip == 0.0, s - law.s_old, drive)
+        return np.where(slip == 0.0, s - law.s_held, drive)
     given = law.injected + law.rough * slip * kinetic_bound(law, thread, lam, y)
-    return np.where(slip == 0.0, s - law.s_old, drive - tangent(thread, lam, y)[0] * given)
+    return np.where(slip == 0.0, s - law.s_held, drive - tangent(thread, lam, y)[0] * given)
 
 
 def linearise_law(border: Border, law: Law, slip: Array, thread: Passage, lam: Array, y: Array) -> None:

@@ -55,7 +55,7 @@ def laid_thread(thread: Thread, stretch: float, axial: float) -> Thread:
     """The thread over the path's own arc length (`stretch` times its rest length), with the section of a cord whose
     EA is `axial` EI/h², h the mean span."""
     spline = Spline(thread.spline.knots * stretch)
-    span = (spline.end - spline.start) / (thread.n - 3)
+    span = (spline.end - spline.start) / (len(spline.breaks) - 1)
     cord = Cord(EA=axial / span**2, diameter=span)
     plain = replace(thread, bending=True, point_masses=(0.0, 0.0), twist=False, springs=None, coil=0.0)
     return replace(plain, spline=spline, section=cord, hole_compliance=False)
@@ -115,7 +115,7 @@ def bed_problem(system: System, on_path: Array, y: Array, s: Array, loose: Flags
     The bed gives way over BED_SPANS mean spans h: (4 EI/k)^¼ = BED_SPANS h with k the bed's stiffness, EI = 1.
     """
     thread, m = system.thread, system.holds
-    span = (thread.spline.end - thread.spline.start) / (thread.n - 3)
+    span = (thread.spline.end - thread.spline.start) / (len(thread.spline.breaks) - 1)
     bed = 4.0 / (BED_SPANS * span) ** 4
     law = law_of(system, s, np.ones(m, dtype=bool), thread.EA / (FEED_SPANS * span), s)
     return Problem(

@@ -119,7 +119,7 @@ def dynamic_problem(
         y_free=all_holds(system, y_free),
         C=padded(system, C),
         rows=rows,
-        law=law_of(system, state.s, state.present, system.epsilon * scheme.a, s_free),
+        law=law_of(system, state.s, state.present, system.epsilon * scheme.a, s_free, system.drawn(state.time, time)),
         frame=state.frame,
         contact=contact,
     )
@@ -221,10 +221,10 @@ def sense(at: Passage, y: Array) -> Array:
     return np.sign(np.einsum("mi,mi->m", T, normal))
 
 
-def left(system: System, state: State) -> Flags:
-    """Holes that the thread has left: present, with an abscissa beyond an end of the thread, shape `(m,)`."""
-    spline = system.thread.spline
-    return np.asarray(state.present & system.may_slide & ((state.s < spline.start) | (state.s > spline.end)))
+def left(system: System, old: State, new: State) -> Flags:
+    """Holes that the thread has left: present, with an abscissa beyond an end of the piece of thread that was in them,
+    shape `(m,)`."""
+    return np.asarray(new.present & system.may_slide & system.thread.spline.left(new.s, home=old.s))
 
 
 def release(state: State, gone: Flags) -> State:
@@ -259,7 +259,7 @@ def advance(system: System, state: State, dt: float, take: Take = try_step, dept
     if step is None:
         half = advance(system, state, 0.5 * dt, take, depth + 1)
         return half + advance(system, half[-1].new, 0.5 * dt, take, depth + 1)
-    gone = left(system, step.new)
+    gone = left(system, step.old, step.new)
     if gone.any():
         return advance(system, release(state, gone), dt, take, depth)
     return [step]

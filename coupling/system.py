@@ -42,7 +42,9 @@ class Friction:
 class Piercing:
     """One hole: its name, whether the thread slides in it, and whether the direction is imposed.
 
-    `friction` None means an ideal hole. The thread is in it from `begins` to `ends` [s].
+    `friction` None means an ideal hole. The thread is in it from `begins` to `ends` [s]. A hand may draw the thread
+    through a hole in which it does not slide: `draw`, shape `(k, 2)`: t [s], length [m] towards the end of the thread,
+    linear in between. Raises `CouplingError` where the thread slides.
     """
 
     name: str
@@ -51,6 +53,15 @@ class Piercing:
     friction: Friction | None = None
     begins: float = 0.0
     ends: float = np.inf
+    draw: Array | None = None
+
+    def __post_init__(self) -> None:
+        if self.draw is not None and (self.slides or self.friction is not None):
+            raise CouplingError(f"piercing {self.name!r}: a thread that is drawn through does not slide; anchor it")
+
+    def drawn(self, time: float) -> float:
+        """Length drawn through until `time` [s], from the first row of `draw` on [m]."""
+        return 0.0 if self.draw is None else float(np.interp(time, self.draw[:, 0], self.draw[:, 1]))
 
 
 @dataclass(frozen=True)
@@ -146,6 +157,16 @@ class System:
         table = [(f.static, f.kinetic, f.grip, 1.0 / f.channel if f.channel else 0.0) for f in each]
         static, kinetic, grip, per_channel = np.array(table).reshape(-1, 4).T
         return static, kinetic, grip, per_channel
+
+    @cached_property
+    def by_hand(self) -> Flags:
+        """Holds through which a hand draws the thread, shape `(holds,)`."""
+        return np.array([p.draw is not None for p in self.piercings] + [False] * len(self.clamps), dtype=bool)
+
+    def drawn(self, earlier: float, later: float) -> Array:
+        """Length drawn through each hold between two times [s], shape `(holds,)` [m]."""
+        lengths = [p.drawn(later) - p.drawn(earlier) for p in self.piercings]
+        return np.array(lengths + [0.0] * len(self.clamps))
 
     def hold_still(self, band: Array) -> Array:
         """A banded matrix with the rows and columns of the prescribed unknowns replaced by those of the identity."""

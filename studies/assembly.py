@@ -13,6 +13,7 @@ from coupling.system import Friction, Piercing, State, System
 from meshes.wound import lips
 from studies import scenario as model
 from studies.meshing import material_of, organ_mesh, wound_of
+from studies.pieces import check_draws, check_pieces
 from studies.refusal import refused
 from studies.scenario import Scenario, ScenarioError
 from thread.catalogue import Section, suture
@@ -64,8 +65,12 @@ def assemble(scenario: Scenario) -> Assembly:
     s = abscissae(scenario, path, length)
     known = [(hole.name, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
     model.check_order([name for name, _ in known], [value for _, value in known], length)
+    model.check_cuts(scenario.thread.cuts, length)
+    thread = thread_of(scenario, length, s)
+    check_pieces(scenario, thread.spline, [value for _, value in known])
+    check_draws(scenario.piercing, thread.spline, s)
     system = System(
-        thread=thread_of(scenario, length, s),
+        thread=thread,
         ends=(end_of(scenario.thread.start, path, 0.0), end_of(scenario.thread.end, path, path.length)),
         organ=organ,
         piercings=tuple(piercing_of(hole) for hole in scenario.piercing),
@@ -117,7 +122,7 @@ def spline_of(table: model.Thread, length: float, s: Sequence[float]) -> Spline:
     """The spline at the start, its knots graded towards the piercings."""
     resolution = resolution_of(table, length)
     if resolution is None:
-        return Spline(graded_knots(length, table.control_points, s, table.graded, REACH * length))
+        return Spline(graded_knots(length, table.control_points, s, table.graded, REACH * length, table.cuts))
     return Spline(clamped(first_breaks(resolution.tree, np.array(s), table.graded)))
 
 
@@ -169,7 +174,8 @@ def piercing_of(hole: model.Piercing) -> Piercing:
     given = hole.friction
     friction = None if given is None else Friction(given.static, given.kinetic, given.grip, hole.channel)
     until = np.inf if hole.until is None else hole.until
-    return Piercing(hole.name, hole.kind == "sliding", hole.direction != "free", friction, hole.from_, until)
+    draw = None if hole.draw is None else np.array(hole.draw)
+    return Piercing(hole.name, hole.kind == "sliding", hole.direction != "free", friction, hole.from_, until, draw)
 
 
 def site_of(hole: model.Piercing) -> tissue.Site:
@@ -184,7 +190,7 @@ def body_of(scenario: Scenario) -> tissue.Elasticity | None:
     if table is None:
         return None
     mesh = organ_mesh(scenario)
-    return tissue.elasticity(mesh, material_of(table, mesh), table.element, table.clamp, table.dilatation)
+    return tissue.elasticity(mesh, material_of(table, mesh), table.element, table.clamp, table.dilatation, table.roller)
 
 
 def organ_of(

@@ -58,8 +58,9 @@ def organ_mesh(scenario: Scenario) -> skfem.MeshTet:
     if table is None:
         raise ScenarioError("tissue is missing: without an organ there is no mesh; add [tissue] and [tissue.mesh]")
     mesh = with_boxes(mesh_of(table, scenario.piercing), table.boundary)
-    model.check_clamp(table.clamp, sorted(mesh.boundaries or {}))
-    check_held(mesh, table.clamp)
+    for key, names in (("clamp", table.clamp), ("roller", table.roller)):
+        model.check_clamp(names, sorted(mesh.boundaries or {}), key)
+    check_held(mesh, table.clamp, table.roller)
     check_smooth(mesh, scenario.piercing)
     return with_regions(mesh, table.region)
 
@@ -196,12 +197,15 @@ def check_clear(shape: model.WoundMesh, holes: Sequence[model.Piercing]) -> None
             raise ScenarioError(refused(dotted(["piercing", hole.name, "at"]), hole.at, reason))
 
 
-def check_held(mesh: skfem.MeshTet, clamp: Sequence[str]) -> None:
-    """Refuse a body cut in several of which one is held by no clamp."""
+def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] = ()) -> None:
+    """Refuse a body cut in several of which one is held by no clamp, and not by rollers all round either."""
     part = parts(mesh.p.T, mesh.t.T)
-    held = [mesh.f2t[0, (mesh.boundaries or {})[name]] for name in clamp]
-    loose = np.setdiff1d(part, part[np.concatenate([np.empty(0, dtype=np.int64), *held])])
-    if part.max() > 0 and loose.size:
+    if part.max() == 0:
+        return
+    held = tissue.held_components(mesh, clamp, roller)
+    nodes = [np.unique(mesh.t[:, part == k]) for k in range(part.max() + 1)]
+    loose = [k for k, those in enumerate(nodes) if not tissue.holds_still(mesh.p.T[those], held[those])]
+    if loose:
         centre = np.round(mesh.p[:, mesh.t[:, part == loose[0]]].mean(axis=(1, 2)), 4) + 0.0  # no −0.0
         reason = (
             f"the wound cuts the organ in {part.max() + 1}, and the part about {centre.tolist()} m is "

@@ -25,7 +25,12 @@ class ThreadRecord:
     tension: Array  # (m,) [N]
     curvature: Array  # (m,) [1/m]
     radius: float  # of the thread [m]
+    pieces: tuple[int, ...] = ()  # points of each piece of a thread that is cut; none where it is whole
     torque: Array | None = None  # (m,) about the tangent, right-handed [N m]; None without twist
+
+    def split(self) -> list[Array]:
+        """Points of each piece, (k, 3) [m]."""
+        return np.split(self.points, np.cumsum(self.pieces[:-1]))
 
 
 @dataclass(frozen=True)

@@ -301,6 +301,12 @@ class Tissue(Table):
         default=(0.0, 0.0), description="Rayleigh damping α [1/s] of the mass and β [s] of the stiffness"
     )
     clamp: tuple[Text, ...] = Field(default=(), description="names of the boundaries held fixed", examples=[["bottom"]])
+    roller: tuple[Text, ...] = Field(
+        default=(),
+        description="names of the plane boundaries, each across x, y or z, that are held across themselves alone: what "
+        "slides on a bed, or a plane of symmetry",
+        examples=[["bottom"]],
+    )
     contact: Annotated[bool, Field(strict=True)] = Field(
         default=False, description="whether the lips of a wound press on one another where they meet; else they cross"
     )
@@ -322,8 +328,9 @@ class Tissue(Table):
             raise ValueError(
                 f".boundary.{as_key(taken)} is refused: the {self.mesh.kind} has a {taken} already; rename it"
             )
-        if there and (problem := unknown_clamp(self.clamp, [*there, *own])):
-            raise ValueError(f".{problem}")
+        for key in ("clamp", "roller"):
+            if there and (problem := unknown_clamp(getattr(self, key), [*there, *own], key)):
+                raise ValueError(f".{problem}")
         return self
 
     @model_validator(mode="after")
@@ -487,6 +494,12 @@ class Thread(Table):
         description="points along which the thread is laid at the start [m], corners rounded",
         examples=[[[-0.03, 0, 0.01], [-0.01, 0, 0], [0.01, 0, 0], [0.03, 0, 0.01]]],
     )
+    cuts: tuple[Positive, ...] = Field(
+        default=(),
+        description="abscissae where the thread is cut from the start, rising [m]: the pieces share nothing, and the "
+        "new ends are free",
+        examples=[[0.05, 0.1]],
+    )
     length: Positive | None = Field(
         default=None,
         description="rest length of the thread [m]; default: that of the path",
@@ -554,6 +567,19 @@ class Thread(Table):
             raise ValueError(
                 f".{missing[0]} is missing: give suture (USP size and material, for example suture = "
                 '"2-0 polypropylene") or all of diameter [m], youngs_modulus [Pa] and density [kg/m³]'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_cuts(self) -> Self:
+        if any(after <= before for before, after in pairwise(self.cuts)):
+            raise ValueError(f".cuts = {as_toml(self.cuts)} is refused: they must rise; sort them and drop repeats")
+        kept = {"resolution": "fixed", "energy": "continuous", "twist": False}
+        lost = next((key for key, value in kept.items() if getattr(self, key) != value), None)
+        if self.cuts and lost is not None:
+            raise ValueError(
+                f".cuts = {as_toml(self.cuts)} is refused: thread.{lost} = {as_toml(getattr(self, lost))} goes through "
+                f"cuts; set it to {as_toml(kept[lost])}"
             )
         return self
 
@@ -688,6 +714,13 @@ class Piercing(Table):
         description="friction coefficients [-] and grip [N]; default none",
         examples=[{"static": 0.12, "kinetic": 0.10, "grip": 0.0}],
     )
+    draw: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = Field(
+        default=None,
+        description='rows of t [s], length [m] of thread that a hand draws through an "anchored" hole towards the end '
+        "of the path, negative towards its start, t increasing; linear in between, at rest before and after, and "
+        "counted from the moment the piercing begins; in statics t goes from 0 to solve.duration; default: none",
+        examples=[[[0.0, 0.0], [1.0, 0.005]]],
+    )
     channel: Positive | None = Field(
         default=None,
         description="length over which the reaction couple presses on the hole [m]; default: it does not",
@@ -711,6 +744,14 @@ class Piercing(Table):
             raise ValueError(".direction = [0, 0, 0] is refused: it must not be zero; give a direction")
         if self.until is not None and self.until <= self.from_:
             raise ValueError(f".until = {self.until} is refused: it must be later than from = {self.from_}; raise it")
+        if self.draw is not None and self.kind == "sliding":
+            raise ValueError('.draw is refused: a hand holds the thread that it draws; set kind = "anchored"')
+        for row, ((before, _), (after, _)) in enumerate(pairwise(self.draw or ()), start=1):
+            if after <= before:
+                raise ValueError(
+                    f".draw.{row} = {as_toml((self.draw or ())[row])} is refused: "
+                    f"its time must be later than {before} s, the one before it; sort them by time"
+                )
         if self.kind == "anchored" and self.friction is not None:
             raise ValueError('.friction is refused: with kind = "anchored" nothing slides; leave it out')
         if self.channel is not None and (self.friction is None or self.direction == "free"):
@@ -854,6 +895,15 @@ class Scenario(Table):
         return self
 
     @model_validator(mode="after")
+    def _check_linear(self) -> Self:
+        drawn = next((hole.name for hole in self.piercing if hole.draw is not None), None)
+        if self.solve.scheme == "linear" and (self.thread.cuts or drawn is not None):
+            key = "thread.cuts" if self.thread.cuts else dotted(["piercing", str(drawn), "draw"])
+            reason = f'the paper\'s linear step knows no {key}; use "newton"'
+            raise ValueError(refused("solve.scheme", "linear", reason))
+        return self
+
+    @model_validator(mode="after")
     def _check_turning(self) -> Self:
         ends = (self.thread.start, self.thread.end)
         held = any(isinstance(end, ClampedEnd) or getattr(end, "turn", None) for end in ends)
@@ -865,7 +915,7 @@ class Scenario(Table):
     @model_validator(mode="after")
     def _check_held(self) -> Self:
         tissue = self.tissue
-        if tissue is None or tissue.clamp or (tissue.inertia and self.solve.kind == "dynamic"):
+        if tissue is None or tissue.clamp or tissue.roller or (tissue.inertia and self.solve.kind == "dynamic"):
             return self
         why = "solve.kind is static" if self.solve.kind == "static" else "tissue.inertia is false"
         reason = f'{why}, so the organ must be held; name a boundary, for example clamp = ["bottom"]'
@@ -896,6 +946,14 @@ def check_order(names: Sequence[str], s: Sequence[float], length: float | None =
             raise ScenarioError(refused(dotted(["piercing", after, "s"]), high, reason))
 
 
+def check_cuts(cuts: Sequence[float], length: float) -> None:
+    """Refuse cuts that lie off the thread of that length [m]."""
+    lost = next((s for s in cuts if s >= length), None)
+    if lost is not None:
+        reason = f"it must lie between 0 and the thread's length of {length} m; move it"
+        raise ScenarioError(refused("thread.cuts", lost, reason))
+
+
 def check_control_points(control_points: int, piercings: int) -> None:
     """Refuse a spline too coarse for its holes.
 
@@ -909,13 +967,13 @@ def check_control_points(control_points: int, piercings: int) -> None:
         raise ScenarioError(refused("thread.control_points", control_points, reason))
 
 
-def check_clamp(clamp: Iterable[str], boundaries: Sequence[str]) -> None:
-    """Refuse a clamp that names no boundary of the organ."""
-    if problem := unknown_clamp(clamp, boundaries):
+def check_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "clamp") -> None:
+    """Refuse a clamp, or another `key`, that names no boundary of the organ."""
+    if problem := unknown_clamp(clamp, boundaries, key):
         raise ScenarioError(f"tissue.{problem}")
 
 
-def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str]) -> str | None:
+def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "clamp") -> str | None:
     """What is wrong with a clamp, None if nothing."""
     lost = next((name for name in clamp if name not in boundaries), None)
     if lost is None:
@@ -923,7 +981,7 @@ def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str]) -> str | None
     match = nearest(lost, boundaries)
     hint = f'; the nearest is "{match}"' if match else "; add it as [[tissue.boundary]]"
     there = ", ".join(boundaries) or "none"
-    return refused("clamp", [lost], f"there is no such boundary; the boundaries are {there}{hint}")
+    return refused(key, [lost], f"there is no such boundary; the boundaries are {there}{hint}")
 
 
 def _repeated(table: str, names: Sequence[str]) -> str | None:

@@ -72,8 +72,9 @@ def cut(points: Array, cells: Indices, values: Array, y: float) -> tuple[Array, 
 
 
 def _section_thread(axes: Axes, frame: Frame) -> None:
-    points = frame.thread.points / MILLI
-    axes.plot(points[:, 0], points[:, 2], color=THREAD, linewidth=2.5, solid_capstyle="round", label="thread")
+    for points in frame.thread.split():
+        x, _, z = points.T / MILLI
+        axes.plot(x, z, color=THREAD, linewidth=2.5, solid_capstyle="round", label="thread")
     largest = max((float(np.linalg.norm(hole.force)) for hole in frame.piercings), default=0.0)
     middle = float(np.mean([hole.x[0] for hole in frame.piercings] or [0.0])) / MILLI
     for hole in frame.piercings:

@@ -107,7 +107,7 @@ def thread_text(thread: ThreadRecord) -> str:
     if thread.torque is not None:
         fields["torque"] = thread.torque
     data = _point_data({name: (field, "f4") for name, field in fields.items()}, 'Scalars="tension"')
-    return _poly_data(thread.points, "Lines", [count] if count else [], data)
+    return _poly_data(thread.points, "Lines", thread.pieces or ([count] if count else []), data)
 
 
 def piercings_text(piercings: Sequence[PiercingRecord]) -> str:

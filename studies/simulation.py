@@ -332,19 +332,29 @@ def largest_gap(system: System, state: State) -> float:
 
 def thread_record(system: System, state: State) -> ThreadRecord:
     """The thread sampled evenly on each span; tension is interpolated between the Gauss points, where it is best."""
-    thread = system.thread
-    breaks = thread.spline.breaks
+    thread, spline = system.thread, system.thread.spline
+    breaks, ends = spline.breaks, np.searchsorted(spline.breaks, spline.piece_ends)
     inner = np.arange(SAMPLES) / SAMPLES
-    s = np.append((breaks[:-1, None] + np.diff(breaks)[:, None] * inner).ravel(), breaks[-1])
-    P, T, K, _ = thread.spline.curve(state.q[:, :3], s).swapaxes(0, 1)
+    inside = (breaks[:-1, None] + np.diff(breaks)[:, None] * inner).ravel()
+    s = np.insert(inside, SAMPLES * ends[1:], spline.piece_ends[1:])
+    pieces = tuple((SAMPLES * np.diff(ends) + 1).tolist())
+    home = np.repeat(spline.piece_ends[:-1], pieces)
+    P, T, K, _ = spline.curve(state.q[:, :3], s, home).swapaxes(0, 1)
     speed = np.linalg.norm(T, axis=1)
     strain = thread.points(state.q, state.frame).strain.ravel()
     tension = thread.EA * strain * np.sqrt(1.0 + 2.0 * strain)
     return ThreadRecord(
         points=P,
         s=s,
-        tension=np.interp(s, thread.axial.s.ravel(), tension),
+        tension=piecewise(spline, s, home, thread.axial.s.ravel(), tension),
         curvature=np.linalg.norm(np.cross(T, K), axis=1) / speed**3,
         radius=0.5 * thread.section.diameter,
+        pieces=pieces if spline.cuts.size else (),
         torque=None if state.frame is None else thread.torque_at(s, state.q, state.frame),
     )
+
+
+def piecewise(spline: Spline, s: Array, home: Array, at: Array, values: Array) -> Array:
+    """Values known at abscissae `at`, interpolated at `s` within the piece of the thread that holds `home`."""
+    piece, own = spline.piece_of(home), spline.piece_of(at)
+    return np.concatenate([np.interp(s[piece == k], at[own == k], values[own == k]) for k in range(spline.pieces)])

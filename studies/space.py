@@ -72,9 +72,10 @@ def _add_organ(plotter: Any, topology: OrganTopology, frame: Frame) -> None:
 
 def _add_thread(plotter: Any, frame: Frame) -> None:
     """The thread as a tube, at least as thick as can be seen."""
-    line = pv.lines_from_points(frame.thread.points)
     radius = max(frame.thread.radius, 0.004 * view_width(frame))
-    plotter.add_mesh(line.tube(radius=radius, n_sides=24), color=THREAD, smooth_shading=True, specular=0.4)
+    for points in frame.thread.split():
+        tube = pv.lines_from_points(points).tube(radius=radius, n_sides=24)
+        plotter.add_mesh(tube, color=THREAD, smooth_shading=True, specular=0.4)
 
 
 def _add_piercings(plotter: Any, frame: Frame) -> None:

@@ -104,8 +104,8 @@ def test_a_knot_takes_one_order_of_smoothness_each_time(knot: float, smooth: int
         (np.zeros(8), "order"),
         (np.array([0, 0, 0, 0.1, 0.5, 1, 1, 1, 1.0]), "clamped"),
         (np.array([0, 0, 0, 0, 0.5, 0.9, 1, 1, 1.0]), "clamped"),
-        (np.array([0, 0, 0, 0, 0.5, 0.5, 0.5, 0.5, 1, 1, 1, 1]), "three times"),
-        (np.array([0, 0, 0, 0, 0, 1, 1, 1, 1.0]), "three times"),
+        (np.array([0, 0, 0, 0, 0.5, 0.5, 0.5, 0.5, 0.5, 1, 1, 1, 1]), "four times"),
+        (np.array([0, 0, 0, 0, 0, 1, 1, 1, 1.0]), "four times"),
     ],
 )
 def test_bad_knots_are_refused(knots: np.ndarray, word: str) -> None:

@@ -59,8 +59,10 @@ def quadratic(b: Array, inverse: Array) -> Polynomial:
 def patch_of(spline: Spline, span: int) -> tuple[float, float, float, Array]:
     """Start of a span, ends of the patch around it [m], and the inverse of the patch's stiffness at EI = 1 over the
     four functions of the span, shape `(4, 4)`; zero for a function that does not vanish at the patch's clamped ends."""
-    breaks = spline.breaks
-    low, high = breaks[max(span - REACH, 0)], breaks[min(span + 1 + REACH, len(breaks) - 1)]
+    breaks, ends = spline.breaks, spline.piece_ends
+    piece = spline.piece_of(breaks[span])
+    low = max(breaks[max(span - REACH, 0)], ends[piece])
+    high = min(breaks[min(span + 1 + REACH, len(breaks) - 1)], ends[piece + 1])
     inside = spline.knots[(spline.knots > low) & (spline.knots < high)]
     patch = Spline(clamped(np.concatenate([[low], inside, [high]])))
     free = np.arange(2, patch.n - 2)

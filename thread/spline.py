@@ -1,5 +1,6 @@
 """Clamped cubic B-splines over rest arc length (eq. 1): P(s, t) = Σ b_i(s) q_i(t)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,7 +27,8 @@ class Spline:
     """A clamped cubic B-spline basis on a non-decreasing knot sequence.
 
     `knots`: shape `(n + 4,)` [m of rest arc length], the first and the last four equal. Interior knots may be
-    double (C¹) or triple (C⁰). Raises `ThreadError` when they are not such a sequence.
+    double (C¹), triple (C⁰) or fourfold: there the curve is cut, no function lives on both sides, and every matrix
+    over the control points falls apart by itself. Raises `ThreadError` when they are not such a sequence.
     """
 
     knots: Array
@@ -39,8 +41,8 @@ class Spline:
             raise ThreadError("knots: not in rising order; sort them")
         if np.any(knots[:ORDERS] != knots[0]) or np.any(knots[-ORDERS:] != knots[-1]):
             raise ThreadError("knots: the spline is not clamped; repeat the first and the last knot four times")
-        if np.any(knots[ORDERS:-1] <= knots[1:-ORDERS]):
-            raise ThreadError("knots: a knot stands more than three times inside; the curve would come apart there")
+        if np.any(knots[ORDERS:] <= knots[:-ORDERS]):
+            raise ThreadError("knots: a knot stands more than four times; four of them cut the curve already")
 
     @property
     def n(self) -> int:
@@ -68,6 +70,33 @@ class Spline:
         return self.breaks[1:-1]
 
     @cached_property
+    def cuts(self) -> Array:
+        """Abscissae where the curve is cut, shape `(pieces − 1,)` [m]."""
+        inside = self.knots[ORDERS:-ORDERS]
+        return (
+            inside[: 1 - ORDERS][inside[: 1 - ORDERS] == inside[ORDERS - 1 :]] if inside.size >= ORDERS else inside[:0]
+        )
+
+    @property
+    def pieces(self) -> int:
+        """Number of curves, one more than the cuts."""
+        return self.cuts.size + 1
+
+    @cached_property
+    def piece_ends(self) -> Array:
+        """Ends of the pieces, shape `(pieces + 1,)` [m]."""
+        return np.concatenate([[self.start], self.cuts, [self.end]])
+
+    def piece_of(self, s: ArrayLike) -> Indices:
+        """Index of the piece that holds each abscissa; at a cut the one that begins there."""
+        return np.asarray(np.searchsorted(self.cuts, s, side="right"), dtype=np.intp)
+
+    def left(self, s: Array, home: Array) -> NDArray[np.bool_]:
+        """Whether abscissae `s` lie beyond the ends of the pieces that hold the abscissae `home`."""
+        piece = self.piece_of(home)
+        return np.asarray((s < self.piece_ends[piece]) | (s > self.piece_ends[piece + 1]))
+
+    @cached_property
     def first(self) -> Indices:
         """Index of the first of the four functions living on each span, shape `(spans,)`."""
         return np.searchsorted(self.knots, self.breaks[:-1], side="right") - ORDERS
@@ -79,25 +108,32 @@ class Spline:
         taylor = [functions(self.breaks[:-1], nu=r) / FALLING[r, r] for r in range(ORDERS)]
         return np.array([np.take_along_axis(x, self.first[:, None] + _R, axis=1) for x in taylor]).swapaxes(0, 1)
 
-    def spans_of(self, s: Array) -> Indices:
-        """Index of the span that holds each abscissa; the outer spans hold what lies beyond the ends."""
-        return np.searchsorted(self.interior, s, side="right")
+    def spans_of(self, s: Array, home: Array | None = None) -> Indices:
+        """Index of the span that holds each abscissa; the outer spans hold what lies beyond the ends.
 
-    def basis(self, s: ArrayLike) -> tuple[Indices, Array]:
-        """Basis functions and their derivatives at abscissae `s`, shape `(m,)` [m].
+        `home` (m,) [m]: abscissae on the pieces that are meant, whose outer spans then hold what lies beyond them.
+        """
+        span = np.searchsorted(self.interior, s, side="right")
+        if home is None or not self.cuts.size:
+            return span
+        ends, piece = np.searchsorted(self.breaks, self.piece_ends), self.piece_of(home)
+        return np.clip(span, ends[piece], ends[piece + 1] - 1)
+
+    def basis(self, s: ArrayLike, home: Array | None = None) -> tuple[Indices, Array]:
+        """Basis functions and their derivatives at abscissae `s`, shape `(m,)` [m], `home` as for `spans_of`.
 
         Returns the index of the first function of each point, shape `(m,)`, and the values, shape
         `(m, 4, 4)`: `[:, k, i]` is the k-th derivative of function `first + i` [1/m^k].
         """
         s = np.asarray(s, dtype=np.float64)
-        span = self.spans_of(s)
+        span = self.spans_of(s, home)
         x = s - self.breaks[span]
         powers = FALLING * (x[:, None] ** _R)[:, POWER]
         return self.first[span], powers @ self.polynomials[span]
 
-    def curve(self, q: Array, s: ArrayLike) -> Array:
-        """P and its first three derivatives at `s`, shape `(m, 4, 3)` [m, -, 1/m, 1/m²]."""
-        first, b = self.basis(s)
+    def curve(self, q: Array, s: ArrayLike, home: Array | None = None) -> Array:
+        """P and its first three derivatives at `s`, shape `(m, 4, 3)` [m, -, 1/m, 1/m²]; `home` as for `spans_of`."""
+        first, b = self.basis(s, home)
         return np.asarray(b @ q[first[:, None] + _R])
 
 
@@ -111,25 +147,46 @@ def clamped(breaks: Array) -> Array:
     return np.concatenate([np.full(DEGREE, breaks[0]), breaks, np.full(DEGREE, breaks[-1])])
 
 
-def graded_knots(length: float, n: int, centres: ArrayLike, ratio: float, reach: float) -> Array:
-    """Clamped knots of `n` control points, `ratio` times denser near the `centres`.
+def severed(pieces: Sequence[Array]) -> Array:
+    """Clamped knots on the span ends of pieces that follow one another, cut where one ends and the next begins."""
+    knots = [clamped(breaks) for breaks in pieces]
+    return np.concatenate([knots[0], *(piece[ORDERS:] for piece in knots[1:])])
+
+
+def shared_out(spans: int, shares: Array) -> Indices:
+    """Whole numbers, at least 1, of the sum `spans` and in proportion to the `shares`, as near as may be."""
+    exact = (spans - shares.size) * shares / shares.sum()
+    out = np.floor(exact).astype(np.intp)
+    out[np.argsort(out - exact, kind="stable")[: spans - shares.size - out.sum()]] += 1
+    return out + 1
+
+
+def graded_knots(length: float, n: int, centres: ArrayLike, ratio: float, reach: float, cuts: ArrayLike = ()) -> Array:
+    """Clamped knots of `n` control points, `ratio` times denser near the `centres`, cut at the abscissae `cuts`.
 
     The span at distance x from the nearest centre is proportional to the ratio by which a smooth density
     falls: `1 + (ratio − 1) exp(−(x/reach)²)`. A thread that must leave a hole in a given direction bends over
     √(EI/T), often below a millimetre, and spans longer than that lock (bending boundary layer).
-    `length`, `centres`, `reach` in [m], `ratio` ≥ 1. Raises `ThreadError` for other values.
+    `length`, `centres`, `reach`, `cuts` in [m], `ratio` ≥ 1. Raises `ThreadError` for other values.
     """
-    centres = np.atleast_1d(np.asarray(centres, dtype=np.float64))
+    centres, cuts = (np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (centres, cuts))
     if not ratio >= 1.0:
         raise ThreadError(f"graded knots: the ratio is {ratio}; allowed are numbers from 1 (uniform) on")
-    if n <= DEGREE:
-        raise ThreadError(f"graded knots: {n} control points; a cubic needs at least 4")
-    if ratio == 1.0 or centres.size == 0:
+    if n <= DEGREE * (cuts.size + 1) + cuts.size:
+        raise ThreadError(f"graded knots: {n} control points in {cuts.size + 1} pieces; each cubic needs at least 4")
+    if np.any(np.diff(cuts) <= 0.0) or np.any((cuts <= 0.0) | (cuts >= length)):
+        raise ThreadError(f"graded knots: cuts at {cuts} m; they must rise and lie inside the length {length} m")
+    if (ratio == 1.0 or centres.size == 0) and not cuts.size:
         return uniform_knots(length, n)
     s = np.linspace(0.0, length, 4001)
-    nearest = np.min(np.abs(s[:, None] - centres), axis=1)
+    nearest = np.min(np.abs(s[:, None] - centres), axis=1, initial=np.inf)
     density = 1.0 + (ratio - 1.0) * np.exp(-((nearest / reach) ** 2))
     share = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
-    breaks = np.interp(np.linspace(0.0, share[-1], n - DEGREE + 1), share, s)
-    breaks[[0, -1]] = 0.0, length
-    return clamped(breaks)
+    ends = np.concatenate([[0.0], cuts, [length]])
+    at = np.interp(ends, s, share)
+    pieces = []
+    for k, spans in enumerate(shared_out(n - DEGREE * (cuts.size + 1), np.diff(at))):
+        breaks = np.interp(np.linspace(at[k], at[k + 1], spans + 1), share, s)
+        breaks[[0, -1]] = ends[k : k + 2]
+        pieces.append(breaks)
+    return severed(pieces)

@@ -106,15 +106,17 @@ class AxialEnergy(Energy, Protocol):
 
 
 def exact_weights(spline: Spline, s: Array) -> Array:
-    """Weights (n − 1,) [m] at as many points that integrate every function the derivative of the spline consists of.
+    """Weights [m], one less than control points in every piece, at as many points, that integrate every function the
+    derivative of the spline consists of.
 
     Raises `ThreadError` where one is not positive: the spans are too unequal.
     """
-    if s.size != spline.n - 1:
+    if s.size != spline.n - spline.pieces:
         raise ThreadError("knots: repeated knots at both ends of a span; put a span between them")
     t = spline.knots[1:-1]
-    functions = BSpline(t, np.eye(spline.n - 1), 2)(s)
-    w = np.linalg.solve(functions.T, (t[3:] - t[:-3]) / 3.0)
+    length = t[3:] - t[:-3]  # of each function's support; none where the spline is cut
+    functions = BSpline(t, np.eye(spline.n - 1), 2)(s)[:, length > 0.0]
+    w = np.linalg.solve(functions.T, length[length > 0.0] / 3.0)
     if not np.all(w > 0.0):
         raise ThreadError("knots: neighbouring spans differ too much for a positive rule; grade them more gently")
     return np.asarray(w, dtype=np.float64)
@@ -164,6 +166,8 @@ class Thread:
             raise ThreadError("twist: a twisted thread without bending stiffness collapses; give it bending")
         if self.coil and not self.twist:
             raise ThreadError("coil: the side to which a thread coils turns with its section; give it twist")
+        if self.spline.cuts.size and (self.twist or self.springs is not None):
+            raise ThreadError("cuts: twist and springs go through them; take continuous energies without twist")
         if self.springs is not None and self.springs < self.n - 1:
             raise ThreadError(
                 f"springs: {self.springs}; {self.n} control points need at least {self.n - 1}, else they move unseen"
@@ -207,12 +211,12 @@ class Thread:
     @cached_property
     def axial_rule(self) -> Rule:
         """Rule of the stretching energy: the middle of each span, and the Gauss points of the two end spans, of a
-        span that begins at a repeated knot, and of one that ends at a triple knot.
+        span that begins at a repeated knot, and of one that ends at a triple knot or at a cut.
 
         A cubic cannot keep |T| = 1 all along a span whose curvature changes, and at the stiffness of a real suture a
-        full rule blocks its bending (membrane locking). These are n − 1 points, as many as T has functions, so nothing
-        stretches unseen either; their weights integrate each of those functions exactly, so a uniform tension is in
-        equilibrium on any knots. The single point is written as two equal ones, to keep one shape for all spans.
+        full rule blocks its bending (membrane locking). These are n − 1 points a piece, as many as T has functions, so
+        nothing stretches unseen either; their weights integrate each of those functions exactly, so a uniform tension
+        is in equilibrium on any knots. The single point is written as two equal ones, to keep one shape for all spans.
 
         Between those points |T| may still fall to nothing, and a hole that imposes a sharp turn would find that out
         (T·u = 0 holds for T = 0): `crushing_energy`, on the rule of the bending, is against it.
@@ -288,20 +292,22 @@ class Thread:
     def _missing(self) -> dict[int, Array]:
         return {}
 
-    def missing_compliance(self, s: Array) -> Array:
-        """Compliance that the spline lacks at the abscissae `s` (m,) [m], with its derivatives by s.
+    def missing_compliance(self, s: Array, home: Array | None = None) -> Array:
+        """Compliance that the spline lacks at the abscissae `s` (m,) [m], with its derivatives by s; `home` as for
+        `Spline.spans_of`.
 
         Shape `(m, 3 derivatives, 3)`: displacement by force [m/N], rotation by force [1/N], rotation by couple
-        [1/(N m)]. Zero without bending, or without `hole_compliance`; zero at the ends of the thread.
+        [1/(N m)]. Zero without bending, or without `hole_compliance`; zero at the ends of the thread's pieces.
         """
         if self.EI == 0.0 or not self.hole_compliance or not len(s):
             return np.zeros((len(s), 3, 3))
-        spans = self.spline.spans_of(s)
+        spline = self.spline
+        spans, piece = spline.spans_of(s, home), spline.piece_of(s if home is None else home)
         for span in set(spans.tolist()) - self._missing.keys():
-            self._missing[span] = missing_on(self.spline, span) / self.EI
-        powers = (s - self.spline.breaks[spans])[:, None, None] ** POWERS
+            self._missing[span] = missing_on(spline, span) / self.EI
+        powers = (s - spline.breaks[spans])[:, None, None] ** POWERS
         lack = np.matvec(np.array([self._missing[span] for span in spans.tolist()]), powers)
-        lack[(s <= self.spline.start) | (s >= self.spline.end)] = 0.0
+        lack[(s <= spline.piece_ends[piece]) | (s >= spline.piece_ends[piece + 1])] = 0.0
         return lack
 
     # -- elastic energies --------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 it.
 """
 
-from tissue.body import Elasticity, elasticity
+from tissue.body import Elasticity, elasticity, held_components, holds_still
 from tissue.errors import FactorError, TissueError
 from tissue.factor import Factor, factorize
 from tissue.gaps import Gaps, build_gaps
@@ -46,6 +46,8 @@ __all__ = [
     "factorize",
     "fixed_sites",
     "interpolation",
+    "held_components",
+    "holds_still",
     "stress_recovery",
     "von_mises",
 ]

@@ -66,10 +66,15 @@ class Multigrid:
         return _smoothed(level, b, x)
 
 
+def is_by_nodes(places: Array) -> bool:
+    """Whether unknowns at `places` `(n, 3)` are three a node, one after the other; not so on rollers."""
+    return len(places) % 3 == 0 and all(np.array_equal(places[::3], places[i::3]) for i in (1, 2))
+
+
 def rigid_motions(places: Array) -> Array:
     """Three translations and three rotations of nodes with three unknowns each, shape `(n, 6)`, of size one."""
     nodes = places[::3]
-    if len(places) % 3 or not all(np.array_equal(nodes, places[i::3]) for i in (1, 2)):
+    if not is_by_nodes(places):
         raise FactorError("multigrid needs three unknowns a node, one after the other; take another solver")
     x = nodes - nodes.mean(axis=0)
     x /= np.abs(x).max()

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import block_diag, csr_matrix, eye_array, hstack
 
-from tissue.body import Elasticity
+from tissue.body import Elasticity, holds_still
 from tissue.errors import TissueError
 from tissue.gaps import Gaps
 from tissue.memory import free_memory
@@ -282,6 +282,7 @@ class DynamicOrgan(_Organ):
     rayleigh: tuple[float, float] = (0.0, 0.0)
     M: csr_matrix = field(init=False, repr=False)
     node_mass: csr_matrix = field(init=False, repr=False)
+    slots: NDArray[np.intp] | None = field(init=False, repr=False)  # of the free unknowns where nodes are held in part
     _recalled: deque[tuple[Array, Array]] = field(init=False, repr=False, compare=False)
     _operators: OrderedDict[tuple[float, float], DynamicOperator] = field(init=False, repr=False, compare=False)
 
@@ -296,8 +297,12 @@ class DynamicOrgan(_Organ):
         M = csr_matrix(self.elasticity.M[free][:, free])
         springs = csr_matrix((self.size - free.size,) * 2)
         object.__setattr__(self, "M", csr_matrix(block_diag([M, springs])) if springs.shape[0] else M)
-        object.__setattr__(self, "node_mass", csr_matrix(M[::3, ::3]))
-        if 3 * self.node_mass.nnz != M.nnz:
+        whole = np.unique(free // 3)[:, None] * 3 + np.arange(3)  # all unknowns of the nodes that have a free one
+        rolls = whole.size > free.size
+        nodal = csr_matrix(self.elasticity.M[whole.ravel()][:, whole.ravel()]) if rolls else M
+        object.__setattr__(self, "slots", np.searchsorted(whole.ravel(), free) if rolls else None)
+        object.__setattr__(self, "node_mass", csr_matrix(nodal[::3, ::3]))
+        if 3 * self.node_mass.nnz != nodal.nnz:
             raise TissueError("the mass matrix must be one over the nodes, the same for x, y and z of each")
         object.__setattr__(self, "_recalled", deque(maxlen=RECALLED))
         object.__setattr__(self, "_operators", OrderedDict())
@@ -414,10 +419,19 @@ class DynamicOrgan(_Organ):
     def _weighed_together(self, *fields: Array) -> Array:
         """M times several fields in one pass over it, shape `(k, N)`; the springs have no mass."""
         N, k = self.mesh_size, len(fields)
-        side_by_side = np.hstack([field[:N].reshape(-1, 3) for field in fields])
+        side_by_side = np.hstack([self._by_nodes(field[:N]) for field in fields])
+        weighed = np.asarray(self.node_mass @ side_by_side).reshape(-1, k, 3).swapaxes(0, 1).reshape(k, -1)
         out = np.zeros((k, self.size))
-        out[:, :N] = np.asarray(self.node_mass @ side_by_side).reshape(-1, k, 3).swapaxes(0, 1).reshape(k, -1)
+        out[:, :N] = weighed if self.slots is None else weighed[:, self.slots]
         return out
+
+    def _by_nodes(self, field: Array) -> Array:
+        """A field over the mesh's free unknowns as one vector per node, shape `(m, 3)`; zero where a node is held."""
+        if self.slots is None:
+            return field.reshape(-1, 3)
+        whole = np.zeros(3 * self.node_mass.shape[0])
+        whole[self.slots] = field
+        return whole.reshape(-1, 3)
 
 
 @dataclass(frozen=True)
@@ -464,11 +478,17 @@ class QuasiStaticOrgan(_Organ):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.elasticity.clamped.size == 0:
-            known = ", ".join(sorted(self.elasticity.mesh.boundaries or {})) or "none at all"
+        body = self.elasticity
+        known = ", ".join(sorted(body.mesh.boundaries or {})) or "none at all"
+        if body.clamped.size == 0:
             raise TissueError(
                 "clamp = []: a quasi-static organ that is not held is singular; clamp a boundary (the mesh names "
                 f"{known}) or give it inertia"
+            )
+        if not holds_still(body.points, np.isin(body.nodes, body.clamped)):
+            raise TissueError(
+                "roller: a quasi-static organ that can still move as a rigid body is singular; clamp a boundary, or "
+                f"put rollers on more of them (the mesh names {known})"
             )
 
     @cached_property

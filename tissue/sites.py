@@ -410,10 +410,11 @@ def _shapes(elasticity: Elasticity, reference: Array) -> tuple[Array, Array]:
 
 
 def _check_free(elasticity: Elasticity, site: Site, average: _Average) -> None:
-    """A point whose every unknown is clamped lies on a clamped boundary (or in a cell clamped all round)."""
+    """A point whose every unknown along an axis is clamped lies on a clamped boundary (or in a cell clamped all
+    round)."""
     phi, _ = _shapes(elasticity, average.reference)
-    held = np.isin(elasticity.basis.element_dofs[::3, average.cells], elasticity.clamped)
-    if np.any(np.einsum("nk,nk->k", phi, held.astype(float)) >= 1.0 - INSIDE):
+    held = np.isin(elasticity.basis.element_dofs[:, average.cells], elasticity.clamped).reshape(len(phi), 3, -1)
+    if np.any(np.einsum("nk,nak->ak", phi, held.astype(float)) >= 1.0 - INSIDE):
         raise TissueError(
             f"{site.name}: the footprint at {_show(np.asarray(site.point, float))} touches a clamped "
             "boundary, which cannot move; move the site, take a smaller footprint or release the boundary"

@@ -23,6 +23,7 @@ from tissue.errors import TissueError
 from tissue.factor import factorize
 from tissue.iterative import conjugate_gradients
 from tissue.memory import free_memory
+from tissue.multigrid import is_by_nodes
 from tissue.ordering import dissection, node_graph
 
 Array = NDArray[np.float64]
@@ -69,7 +70,8 @@ def mass_solver(M: csr_matrix, places: Array, name: str) -> Solver:
 def chosen(name: str, A: csr_matrix, places: Array, once: bool) -> Choice:
     """The solver to take for a matrix of the pattern of A; `once`: for the sites' columns and no steps.
 
-    Raises `TissueError` where the one named is unknown, is not installed or asks for more memory than there is.
+    Multigrid needs three unknowns a node, so no rollers. Raises `TissueError` where the one named is unknown, is not
+    installed, cannot be had or asks for more memory than there is.
     """
     if name not in SOLVERS:
         raise TissueError(f"solver = {name!r}: allowed are {', '.join(map(repr, SOLVERS))}; take 'auto'")
@@ -78,16 +80,22 @@ def chosen(name: str, A: csr_matrix, places: Array, once: bool) -> Choice:
     direct = next(method for method in LIBRARIES if installed(method)) if name == "auto" else name
     room = SHARE * free_memory()
     levels = Choice(MULTIGRID, _times(room, LEVELS * A.nnz))
-    if direct == MULTIGRID or (name == "auto" and once and A.shape[0] > ONCE[direct]):
+    by_nodes = is_by_nodes(places)
+    if direct == MULTIGRID and not by_nodes:
+        raise TissueError(
+            f"solver = {name!r} needs three unknowns a node, and rollers hold one; take 'auto' or a clamp"
+        )
+    if direct == MULTIGRID or (name == "auto" and by_nodes and once and A.shape[0] > ONCE[direct]):
         return levels
     need = factor_bytes(A, places, direct)
     if need <= room:
         return Choice(direct, _times(room, need))
-    if name == "auto":
+    if name == "auto" and by_nodes:
         return levels
+    remedy = "'multigrid' or a coarser mesh" if by_nodes else "a coarser mesh"
     raise TissueError(
         f"solver = {name!r}: the factor of {A.shape[0]} unknowns takes about {need / GIGA:.2g} GB and "
-        f"{room / GIGA:.2g} GB can be had; take 'multigrid' or a coarser mesh"
+        f"{room / GIGA:.2g} GB can be had; take {remedy}"
     )
 
 

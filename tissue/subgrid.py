@@ -89,7 +89,7 @@ def missing(body: Elasticity, surface: Surface, site: Footprint, rows: csr_matri
     gap[~np.isfinite(exact)] = 0.0
     B = springs(0.5 * (gap + gap.T), exact, site.radius)
     share = np.max(np.sum(B[:3] ** 2, axis=1) / np.diag(exact)[:3])
-    alien = np.isin(body.nodes[:, 0], body.clamped)
+    alien = np.asarray(np.isin(body.nodes, body.clamped).any(axis=1))
     alien[elsewhere] = True
     return Missing(B, float(share), size, float(np.min(distance[alien], initial=np.inf) - site.radius))
 
