@@ -24,7 +24,7 @@ from studies.refusal import as_toml, nearest, refused
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NAMES = ("coupling_variants", "friction", "mesh_refinement")
+NAMES = ("coupling_variants", "friction", "mesh_refinement", "running_suture")
 PRESETS = ("quick", "full")
 WRITTEN = ("study.json", "table.md", "table.csv", "runs.csv", "figure.png", "figure.svg")
 
