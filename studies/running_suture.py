@@ -18,6 +18,7 @@ as long as nothing but the pull moves thread through a hole.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import cycle
 from typing import Any, Literal
 
 import numpy as np
@@ -55,6 +56,7 @@ SUTURE, OTHER = "2-0 polyglactin 910", "2-0 polydioxanone"  # that of the experi
 PUBLISHED_PULL, PULL_SD = 3.0, 1.2  # [N]
 PUBLISHED_LEFT, LEFT_SD = 1.0, 0.3  # two stitches back [N]
 PUBLISHED_REACH = 3  # stitches back at most
+CALIBRATED = "calibrated"
 BACK = 2  # stitches from the pull to where μ is calibrated
 FELT = LEFT_SD  # change of tension that counts as felt [N]
 COEFFICIENTS = (
@@ -75,6 +77,7 @@ SLIPPED = 1.2  # times its tension before the pull: a stitch this far above it w
 OVER = np.array([-2 * BITE, PITCH, 0.0]) / np.hypot(2 * BITE, PITCH)  # over the wound to the next stitch
 UNDER = np.array([1.0, 0.0, 0.0])  # under it
 UP = np.array([0.0, 0.0, 1.0])
+DASHES = {"closed fascia": "-", "gaping fascia": "--", "fixed points": "-."}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,8 +196,8 @@ def main(
         for row in one_pull(replace(base, mu=mu)):
             rows.append(row)
             yield row
-    case = replace(base, mu=calibrated(rows))
-    yield from one_pull(case)
+    case = replace(base, mu=calibrated(rows)[0])
+    yield from one_pull(replace(case, check=CALIBRATED))
     for other in others(case) if checks else ():
         yield from one_pull(other)
     for hold in holds:
@@ -433,8 +436,7 @@ def at(run: Sequence[Row], moment: str = "pulled") -> dict[int, Row]:
 
 def reference(rows: Sequence[Row]) -> list[Row]:
     """The run of one pull with the calibrated coefficient."""
-    mu = calibrated(rows)
-    return next(run for run in sweep(rows) if run[0].mu == mu)
+    return next(run for run in runs(rows) if run[0].check == CALIBRATED)
 
 
 def coefficient(rows: Sequence[Row], left: float) -> float:
@@ -452,9 +454,10 @@ def coefficient(rows: Sequence[Row], left: float) -> float:
     return float(np.tanh(np.interp(wanted, ratios, [np.arctanh(run[0].mu) for run in over])))
 
 
-def calibrated(rows: Sequence[Row]) -> float:
-    """The μ of the published tension."""
-    return coefficient(rows, PUBLISHED_LEFT)
+def calibrated(rows: Sequence[Row]) -> tuple[float, float, float]:
+    """The μ of the published tension, and those of one SD more and one less. Raises `StudyError`."""
+    mu, low, high = (coefficient(rows, PUBLISHED_LEFT + sign * LEFT_SD) for sign in (0, 1, -1))
+    return mu, low, high
 
 
 def hand_of(run: Sequence[Row]) -> float:
@@ -473,6 +476,11 @@ def reach(run: Sequence[Row]) -> int:
     return max(felt, default=0)
 
 
+def to_the_knot(run: Sequence[Row]) -> bool:
+    """Whether a pull is felt as far as the run goes, so that it does not tell how far."""
+    return reach(run) == max(row.stitches for row in run) - 1
+
+
 def off_the_law(run: Sequence[Row]) -> float:
     """Largest error of the tensions that slip has brought about on the way out, over those of the law of a ring."""
     slid = [row for row in run if row.moment in ("rising", "pulled") and row.back and row.law > SLIPPED * row.hold]
@@ -486,10 +494,9 @@ def later_change(tensions: dict[int, Row]) -> float:
     )
 
 
-def capstan(rows: Sequence[Row], run: Sequence[Row]) -> float:
-    """The μ that exp(μθ) would want for the same ratio over the same turns."""
-    pulled = at(run)
-    turn = np.radians(pulled[0].turn)
+def capstan(run: Sequence[Row]) -> float:
+    """The μ that exp(μθ) would want for the published ratio over the mean turn in each hole."""
+    turn = np.radians(at(run)[0].turn)
     return float(np.log(PUBLISHED_PULL / PUBLISHED_LEFT) / (2 * BACK * turn))
 
 
@@ -498,9 +505,9 @@ def table(rows: Sequence[Row]) -> Table:
     most = max(row.stitches for row in rows)
     columns = [f"T, {back} back [N]" for back in range(most)]
     head = ("run", "organ", "μ [-]", "hold [N]", *columns, "felt [stitches back]", "off the law [%]")
-    published = [f"{PUBLISHED_PULL:g} (SD {PULL_SD:g})", "", f"{PUBLISHED_LEFT:g} (SD {LEFT_SD:g})"]
-    published += ["the same"] * max(min(most, 6) - 3, 0)
-    lines = [["Horeman et al., stitch 2", "pig fascia", "", "", *padded(published, most), f"≤ {PUBLISHED_REACH}", ""]]
+    seen = [f"{PUBLISHED_PULL:g} (SD {PULL_SD:g})", "", f"{PUBLISHED_LEFT:g} (SD {LEFT_SD:g})"]
+    seen += ["the same"] * max(min(most, 6) - 3, 0)
+    lines = [["Horeman et al., stitch 2", "pig fascia", "", "", *padded(seen, most), f"≤ {PUBLISHED_REACH}", ""]]
     for run in runs(rows):
         first, tensions = run[0], at(run)
         name = "placing, stitch 2" if first.kind == "placing" else ", ".join(x for x in ("one pull", first.check) if x)
@@ -512,7 +519,7 @@ def table(rows: Sequence[Row]) -> Table:
                 f"{first.mu:.4g}",
                 f"{first.hold:g}",
                 *padded(cells, most),
-                f"{reach(run)}",
+                f"{'≥ ' if to_the_knot(run) else ''}{reach(run)}",
                 f"{100 * off_the_law(run):.2g}",
             ]
         )
@@ -531,13 +538,13 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 def calibration(rows: Sequence[Row]) -> list[str]:
     """μ with its interval, and whether it is a coefficient one would expect."""
-    run, mu = reference(rows), calibrated(rows)
-    more, less = (coefficient(rows, PUBLISHED_LEFT + sign * LEFT_SD) for sign in (1, -1))
+    run, (mu, more, less) = reference(rows), calibrated(rows)
     low, high = COEFFICIENTS
     inside = "within" if low <= mu <= high else "OUTSIDE"
     return [
         f"calibrated: μ = {mu:.3f}, by {PUBLISHED_LEFT:g} N two stitches back from {hand_of(run):g} N; {more:.3f} to "
-        f"{less:.3f} for ± 1 SD. Round cylinders (exp μθ) the same turns would want {capstan(rows, run):.3f}",
+        f"{less:.3f} for ± 1 SD. Round cylinders (exp μθ) of the holes' mean turn, {at(run)[0].turn:.0f}°, it would be "
+        f"{capstan(run):.3f}",
         f"that is {inside} the {low:g} to {high:g} assumed for sutures on wet tissue",
     ]
 
@@ -546,10 +553,10 @@ def foretold(rows: Sequence[Row]) -> list[str]:
     """What was not used to calibrate: the later pulls at the second stitch, and the reach."""
     run = reference(rows)
     out = [f"foretold, one pull: felt {reach(run)} stitches back, published at most {PUBLISHED_REACH}: {verdict(run)}"]
-    out.append(f"foretold, every row drawn anew, friction forgets: stitch 2 {sequence(anew(run))}")
+    followed = {"every row drawn anew, friction forgets": anew(run)}
     for placed in placings(rows):
-        first = placed[0]
-        out.append(f"foretold, placing, {first.organ}, hold {first.hold:g} N: stitch 2 {sequence(at(placed))}")
+        followed[f"placing, {placed[0].organ}, hold {placed[0].hold:g} N"] = at(placed)
+    out += [f"foretold, {name}: stitch 2 {sequence(found)}" for name, found in followed.items() if BACK in found]
     return out
 
 
@@ -560,6 +567,8 @@ def anew(run: Sequence[Row]) -> dict[int, Row]:
 
 def verdict(run: Sequence[Row]) -> str:
     """Whether the reach is the published one."""
+    if to_the_knot(run):
+        return "the row is too short to tell"
     return "agrees" if reach(run) <= PUBLISHED_REACH else "DISAGREES"
 
 
@@ -580,7 +589,7 @@ def compared(rows: Sequence[Row]) -> list[str]:
     out, usual = [], at(reference(rows))[BACK].tension
     for run in runs(rows):
         first = run[0]
-        if first.check:
+        if first.check not in ("", CALIBRATED):
             change = 100 * (at(run)[BACK].tension / usual - 1.0)
             out.append(f"{first.check}: {change:+.2g} % two stitches back")
     return out
@@ -617,42 +626,41 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 def along_the_line(axes: Axes, rows: Sequence[Row]) -> None:
     """Points are runs, dotted lines the law of a ring, bars the published mean and SD."""
-    mu = calibrated(rows)
     shown = [run for run in sweep(rows) if run[0].mu]
-    for number, run in enumerate(shown):
-        tensions, style = at(run), "k" if run[0].mu == mu else COLOURS[number % len(COLOURS)]
+    greys = [str(grey) for grey in np.linspace(0.7, 0.2, len(shown))]
+    for run, colour, marker in zip([*shown, reference(rows)], [*greys, COLOURS[0]], cycle(MARKERS), strict=False):
+        tensions = at(run)
         back = sorted(tensions)
-        label = f"μ = {run[0].mu:.3g}" + (" (calibrated)" if run[0].mu == mu else "")
-        marker = MARKERS[number % len(MARKERS)]
-        axes.plot(back, [tensions[k].tension for k in back], marker, color=style, label=label, markersize=4)
-        axes.plot(back, [tensions[k].law for k in back], ":", color=style)
-    published = {"color": COLOURS[1], "capsize": 4, "fmt": "s", "markerfacecolor": "white", "zorder": 5}
-    axes.errorbar(
-        [0, BACK],
-        [PUBLISHED_PULL, PUBLISHED_LEFT],
-        [PULL_SD, LEFT_SD],
-        label="Horeman et al. 2013, mean and SD",
-        **published,  # type: ignore[arg-type]
-    )
-    axes.plot([], [], ":", color="black", label="ring law, by turns measured")
-    axes.set(yscale="log", xlabel="stitches back from the pull [-]", ylabel="tension [N]", title="one pull of 3 N")
+        label = f"μ = {run[0].mu:.3g} {run[0].check}"
+        axes.plot(back, [tensions[k].tension for k in back], marker, color=colour, label=label, markersize=4)
+        axes.plot(back, [tensions[k].law for k in back], ":", color=colour)
+    published(axes, [0, BACK], [PUBLISHED_PULL, PUBLISHED_LEFT], [PULL_SD, LEFT_SD])
+    axes.plot([], [], ":", color="black", label="ring law, by the turns measured")
+    axes.set(yscale="log", xlabel="stitches back from the pull [-]", ylabel="tension [N]", title="one pull")
+    ticks(axes, "x", range(max(row.stitches for row in rows)))
     ticks(axes, "y", (0.1, 0.2, 0.5, 1.0, 2.0, 5.0))
     axes.legend(fontsize=6.5)
 
 
+def published(axes: Axes, x: Sequence[float], mean: Sequence[float], deviation: Sequence[float]) -> None:
+    """Published means with their SD."""
+    label = "Horeman et al. 2013, mean and SD"
+    style = {"fmt": "s", "markerfacecolor": "white", "capsize": 4, "zorder": 5}
+    axes.errorbar(x, mean, deviation, color=COLOURS[1], label=label, **style)  # type: ignore[arg-type]
+
+
 def reach_over_mu(axes: Axes, rows: Sequence[Row]) -> None:
     """Stitches back in which one pull is felt."""
-    over = sweep(rows)
-    axes.plot([run[0].mu for run in over], [reach(run) for run in over], "o", color=COLOURS[0], label="one pull")
-    mu = calibrated(rows)
-    interval = sorted(coefficient(rows, PUBLISHED_LEFT + sign * LEFT_SD) for sign in (1, -1))
+    for ends, marker, label in ((False, "o", "one pull"), (True, "^", "one pull, to the knot")):
+        over = [run for run in (*sweep(rows), reference(rows)) if to_the_knot(run) == ends]
+        axes.plot([run[0].mu for run in over], [reach(run) for run in over], marker, color=COLOURS[0], label=label)
+    mu, *interval = calibrated(rows)
     axes.axvspan(*interval, color="black", alpha=0.12, label="μ within ± 1 SD")
     axes.axvline(mu, color="black", linestyle="--", label=f"calibrated, μ = {mu:.3f}")
     axes.axhspan(0, PUBLISHED_REACH, color=COLOURS[1], alpha=0.12, label=f"published: ≤ {PUBLISHED_REACH}")
-    axes.set(
-        xlabel="coefficient of friction μ [-]", ylabel=f"felt (by {FELT:g} N or more), stitches back [-]", title="reach"
-    )
-    axes.set_ylim(0, max(row.stitches for row in rows) - 0.5)
+    axes.set(xlabel="coefficient of friction μ [-]", title=f"felt: a change by {FELT:g} N or more")
+    axes.set(ylabel="felt, stitches back [-]", ylim=(0, max(row.stitches for row in rows) - 0.5))
+    ticks(axes, "y", range(max(row.stitches for row in rows)))
     axes.legend()
 
 
@@ -662,32 +670,22 @@ def second_stitch(axes: Axes, rows: Sequence[Row]) -> None:
     alone = anew(reference(rows))
     x, y = [k + 2 for k in sorted(alone)], [alone[k].tension for k in sorted(alone)]
     axes.plot(x, y, "k:", marker="x", label="each row drawn anew")
-    styles = {"closed fascia": "-", "gaping fascia": "--", "fixed points": "-."}
-    for number, run in enumerate(placings(rows)):
+    colours = [colour for colour in COLOURS if colour != COLOURS[1]]
+    for run, colour, marker in zip(placings(rows), cycle(colours), cycle(MARKERS), strict=False):
         tensions, first = at(run), run[0]
-        label = f"{first.organ}, hold {first.hold:g} N"
         x, y = [k + 2 for k in sorted(tensions)], [tensions[k].tension for k in sorted(tensions)]
-        colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
-        axes.plot(x, y, styles[first.organ], color=colour, marker=marker, label=label, markersize=4)
-    axes.errorbar([2], [PUBLISHED_PULL], [PULL_SD], color=COLOURS[1], capsize=4, fmt="s", markerfacecolor="white")
-    later = range(2 + BACK, last + 1)
-    axes.errorbar(
-        list(later),
-        [PUBLISHED_LEFT] * len(later),
-        [LEFT_SD] * len(later),
-        color=COLOURS[1],
-        capsize=4,
-        fmt="s",
-        markerfacecolor="white",
-        label="Horeman et al. 2013, mean and SD",
-    )
+        label = f"{first.organ}, hold {first.hold:g} N"
+        axes.plot(x, y, DASHES[first.organ], color=colour, marker=marker, label=label, markersize=4)
+    later = len(range(2 + BACK, last + 1))
+    measured, deviation = [PUBLISHED_PULL, *[PUBLISHED_LEFT] * later], [PULL_SD, *[LEFT_SD] * later]
+    published(axes, [2, *range(2 + BACK, last + 1)], measured, deviation)
     axes.set(xlabel="stitch that is pulled [-]", ylabel="tension of stitch 2 [N]", title="stitches placed one by one")
+    ticks(axes, "x", range(2, last + 1))
     axes.legend(fontsize=6.5)
 
 
 def let_back(axes: Axes, rows: Sequence[Row]) -> None:
     """Tensions over the hand's force, out and back; dotted, the law."""
-    mu = calibrated(rows)
     run = reference(rows)
     for back in range(1, min(5, run[0].stitches)):
         of = [row for row in run if row.back == back]
@@ -695,7 +693,9 @@ def let_back(axes: Axes, rows: Sequence[Row]) -> None:
         axes.plot(hand, [row.tension for row in of], color=COLOURS[back], marker=MARKERS[back], label=f"{back} back")
         axes.plot(hand, [row.law for row in of], ":", color="black")
     axes.plot([], [], ":", color="black", label="ring law")
-    axes.set(xlabel="pull on the loose end [N]", ylabel="tension [N]", title=f"pulled and let back, μ = {mu:.3f}")
+    axes.set(
+        xlabel="pull on the loose end [N]", ylabel="tension [N]", title=f"pulled and let back, μ = {run[0].mu:.3f}"
+    )
     axes.legend()
 
 
