@@ -233,6 +233,18 @@ def by_law(before: Array, hand: float, ratios: Array) -> Array:
     return np.clip(before, hand / reach, hand * reach)
 
 
+def second_by_law(ratio: float, pull: float, hold: float, stitches: int) -> Array:
+    """Tension of the second stitch [N] under each pull, from its own on, when stitches are placed one after the other
+    and every hole slips at the same ratio, shape `(stitches - 1,)`."""
+    law, out = np.full(2, hold), []
+    for number in range(2, stitches + 1):
+        ratios = np.full(2 * number - 1, ratio)
+        law = by_law(np.append(law, [hold, hold]), pull, ratios)
+        out.append(law[3])
+        law = by_law(law, hold, ratios)
+    return np.array(out)
+
+
 # --- the suture -------------------------------------------------------------------------------------------
 
 
@@ -557,7 +569,19 @@ def foretold(rows: Sequence[Row]) -> list[str]:
     for placed in placings(rows):
         followed[f"placing, {placed[0].organ}, hold {placed[0].hold:g} N"] = at(placed)
     out += [f"foretold, {name}: stitch 2 {sequence(found)}" for name, found in followed.items() if BACK in found]
-    return out
+    holds = agreeing_holds(run)
+    found = f"for holds from {holds[0]:.2f} to {holds[-1]:.2f} N" if len(holds) else "for no hold"
+    return [*out, f"by the law alone, with the same μ, stitch 2 is within the published SD {found}"]
+
+
+def agreeing_holds(run: Sequence[Row]) -> Array:
+    """Holds [N] in steps of 10 mN with which the law alone leaves the second stitch as published."""
+    pull, last = hand_of(run), max(row.stitches for row in run)
+    ratio = (pull / at(run)[BACK].tension) ** (1 / (2 * BACK))
+    holds = np.arange(0.01, pull, 0.01)
+    second = np.array([second_by_law(ratio, pull, hold, max(last, 3 + BACK)) for hold in holds])[:, BACK:]
+    fourth = np.abs(second[:, 0] - PUBLISHED_LEFT) <= LEFT_SD
+    return holds[fourth & (np.abs(second - second[:, :1]).max(axis=1) < FELT)]
 
 
 def anew(run: Sequence[Row]) -> dict[int, Row]:
@@ -639,7 +663,7 @@ def along_the_line(axes: Axes, rows: Sequence[Row]) -> None:
     axes.set(yscale="log", xlabel="stitches back from the pull [-]", ylabel="tension [N]", title="one pull")
     ticks(axes, "x", range(max(row.stitches for row in rows)))
     ticks(axes, "y", (0.1, 0.2, 0.5, 1.0, 2.0, 5.0))
-    axes.legend(fontsize=6.5)
+    axes.legend(fontsize=6.5, loc="lower left")
 
 
 def published(axes: Axes, x: Sequence[float], mean: Sequence[float], deviation: Sequence[float]) -> None:

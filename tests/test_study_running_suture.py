@@ -26,6 +26,7 @@ from studies.running_suture import (
     reach,
     reference,
     runs,
+    second_by_law,
     sequence,
     sweep,
 )
@@ -54,6 +55,16 @@ def test_law_of_segments() -> None:
         )
     assert back[0] == pulled[0] and back[-2] == pytest.approx(0.5 * 1.1, rel=IDENTITY)
     np.testing.assert_array_equal(by_law(back, 0.5, ratios), back)
+
+
+def test_law_of_placing() -> None:
+    """Independent check (Coulomb): a hold of none leaves what each pull alone brings; one that holds what the fourth
+    stitch's pull has brought leaves it for good."""
+    anew = 3.0 * 3.0 ** (-np.arange(6) / 2)
+    ratio = 3.0**0.25
+    np.testing.assert_allclose(second_by_law(ratio, 3.0, 1e-6, 7), anew, rtol=IDENTITY)
+    np.testing.assert_allclose(second_by_law(ratio, 3.0, 0.4, 7)[2:], 1.0, rtol=IDENTITY)
+    assert second_by_law(ratio, 3.0, 1.0, 7)[-1] == pytest.approx(3.0**0.5, rel=IDENTITY)
 
 
 def test_a_pull_falls_off_by_the_law_of_a_ring() -> None:
