@@ -37,7 +37,7 @@ MUS, HOLD = (0.1, 0.2), 0.4
 
 @cache
 def rows() -> tuple[Row, ...]:
-    return tuple(main(MUS, stitches=3, holds=(HOLD,), checks=False, organ="fixed points"))
+    return tuple(main(MUS, stitches=3, holds=(HOLD,), unchecked=True, organ="fixed points"))
 
 
 def test_law_of_segments() -> None:
