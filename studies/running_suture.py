@@ -666,7 +666,8 @@ def along_the_line(axes: Axes, rows: Sequence[Row]) -> None:
     axes.set(yscale="log", xlabel="stitches back from the pull [-]", ylabel="tension [N]", title="one pull")
     ticks(axes, "x", range(max(row.stitches for row in rows)))
     ticks(axes, "y", (0.1, 0.2, 0.5, 1.0, 2.0, 5.0))
-    axes.legend(fontsize=6.5, loc="lower left")
+    axes.set_ylim(0.08, 30.0)
+    axes.legend(fontsize=6.5, loc="upper right", ncols=2)
 
 
 def published(axes: Axes, x: Sequence[float], mean: Sequence[float], deviation: Sequence[float]) -> None:
