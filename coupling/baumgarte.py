@@ -46,6 +46,7 @@ from coupling.border import (
     plus_diagonal,
 )
 from coupling.constraints import Array, Passage, bare_passage, dot, phi, site_force, spread, thread_force
+from coupling.contact import NO_FORCES
 from coupling.errors import CouplingError, StepError
 from coupling.monolithic import sparse_band
 from coupling.newton import ROUND_OFF, Iterate, Problem, Residual, Solution, border_of, failure
@@ -133,7 +134,10 @@ class Posed:
 
 
 def pose(system: System, state: State, dt: float, evaluation: Evaluation = "end") -> Posed:
-    """The linear system of a step of `dt` [s] through ideal holes; one organ back-substitution."""
+    """The linear system of a step of `dt` [s] through ideal holes; one organ back-substitution. Raises `CouplingError`
+    for an organ whose lips may touch."""
+    if system.organ.pairs:
+        raise CouplingError("the linear step knows no contact of the lips; use Newton's scheme, or leave out contact")
     scheme, thread = BackwardEuler(dt), system.thread
     operator = system.organ.operator(scheme.a, scheme.d)
     prediction = operator.predict(state.organ, organ_history(system, scheme, state))
@@ -375,7 +379,7 @@ def solved(posed: Posed, solver: Solver = whole) -> Step:
     s = np.where(guess.slip == 0.0, problem.law.s_old, guess.s + dz[:, S])  # held: to the last bit, no creep
     residual = checked(posed, q, dq, dz)
     force = site_force(posed.at, lam, state.y)
-    organ = posed.operator.complete(posed.prediction, force[:p].ravel())
+    organ = posed.operator.complete(posed.prediction, force[:p].ravel(), NO_FORCES)
     y = problem.y_free + (problem.C @ force.ravel()).reshape(-1, NINE)
     new = replace(
         forgetful(state),

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from coupling.constraints import Array, site_force
+from coupling.contact import Contact, contact_of, first_pressed
 from coupling.errors import EquilibriumError, StepError
 from coupling.newton import Iterate, Problem, Solution, solve
 from coupling.sliding import law_of, prescribed
@@ -33,7 +34,15 @@ LAID_TIE = (
 
 
 def static_problem(
-    system: System, state: State, share: float, duration: float, tie: float, C: Array, y: Array, s_old: Array
+    system: System,
+    state: State,
+    share: float,
+    duration: float,
+    tie: float,
+    C: Array,
+    y: Array,
+    s_old: Array,
+    contact: Contact | None = None,
 ) -> Problem:
     """Equilibrium at the part `share` of the loads; `tie` [1/s²] ties each point to where it is in `state`. Friction
     opposes the way from `s_old` (m,) [m], the abscissae at the start of the load step."""
@@ -53,6 +62,7 @@ def static_problem(
         law=law_of(system, s_old, state.present, 0.0, s_old),
         stiffen=True,
         frame=state.frame,
+        contact=contact,
     )
 
 
@@ -73,9 +83,10 @@ def untied(system: System, state: State, share: float, duration: float, hold: bo
     """Equilibrium by ties that are weakened and dropped; `hold`: the rough holes hold the thread meanwhile."""
     operator = system.organ.operator(0.0, 0.0)
     prediction = operator.predict(state.organ, system.organ.history((), ()))
+    contact = contact_of(system, operator, prediction)
     tie, now, failed = first_tie(system, state) * LAID_TIE if state.time == 0.0 else 0.0, state, None
     for _ in range(ATTEMPTS):
-        problem = static_problem(system, now, share, duration, tie, operator.C, prediction.y_free, state.s)
+        problem = static_problem(system, now, share, duration, tie, operator.C, prediction.y_free, state.s, contact)
         if hold and tie > 0.0:
             problem = replace(problem, law=prescribed(problem.law, problem.law.rough, np.zeros(system.holds)))
         try:
@@ -102,7 +113,8 @@ def first_tie(system: System, state: State) -> float:
 def guess(problem: Problem, state: State, slip: Array) -> Iterate:
     """Start from the last equilibrium, the prescribed ends moved on."""
     q = with_ends(state.q, problem.system, problem.time)
-    return Iterate(q, state.N, state.s, state.lam, state.y, slip)
+    pressed = first_pressed(problem.contact, problem.system, state)
+    return Iterate(q, state.N, state.s, state.lam, state.y, slip, pressed=pressed)
 
 
 def settled(system: System, old: State, problem: Problem, solution: Solution, operator, prediction) -> State:  # type: ignore[no-untyped-def]
@@ -114,7 +126,7 @@ def settled(system: System, old: State, problem: Problem, solution: Solution, op
         q=z.q,
         v=np.zeros_like(z.q),
         N=z.N,
-        organ=operator.complete(prediction, site_force(at, z.lam, z.y)[:p].ravel()),
+        organ=operator.complete(prediction, site_force(at, z.lam, z.y)[:p].ravel(), solution.p),
         s=z.s,
         s_dot=np.zeros_like(z.s),
         lam=np.where(problem.rows, z.lam, 0.0),

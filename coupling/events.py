@@ -11,7 +11,8 @@ A piercing begins in two strokes, both between two steps.
    is that of whoever draws the thread in, and counts as external work.
 2. *An inelastic impulse.* The velocities jump by M⁻¹Φ_qᵀj on the thread and M_o⁻¹YᵀΦ_yᵀj on the organ, such that the
    hole and the thread in it move together from then on: equal and opposite, so that momentum is kept. The kinetic
-   energy lost is ½Δvᵀ M Δv ≥ 0, and counts as numerical dissipation. There is no friction in the impulse.
+   energy lost is ½Δvᵀ M Δv ≥ 0, and counts as numerical dissipation. There is no friction in the impulse, nor
+   contact: lips that it drives together are stopped by the next step.
 
 An end of a piercing changes neither positions nor velocities. What the compliance that the spline lacks there stored
 is let go, and counts as numerical dissipation.
@@ -37,9 +38,10 @@ from coupling.constraints import (
     spread,
     thread_force,
 )
+from coupling.contact import contact_at, first_pressed
 from coupling.diagnosis import refuse_faults
 from coupling.errors import CouplingError, FormingError, StepError
-from coupling.interfaces import JumpingOrgan
+from coupling.interfaces import JumpingOrgan, OrganOperator
 from coupling.newton import Iterate, Problem
 from coupling.scheme import BackwardEuler
 from coupling.sliding import law_of, linearise_law
@@ -265,8 +267,9 @@ def drawn_in(system: System, state: State, k: int, dt: float) -> State:
     """The state with Φ = 0 in hole `k`, entered at its abscissa; velocities are kept. Raises `FormingError`."""
     scheme = BackwardEuler(dt)
     operator = system.organ.operator(scheme.a, scheme.d)
-    problem = closing(system, state, k, scheme, operator.C)
-    guess = Iterate(state.q, state.N, state.s, state.lam, state.y, np.where(problem.law.may_slide, state.slip, 0.0))
+    problem = closing(system, state, k, scheme, operator)
+    slip, pressed = np.where(problem.law.may_slide, state.slip, 0.0), first_pressed(problem.contact, system, state)
+    guess = Iterate(state.q, state.N, state.s, state.lam, state.y, slip, pressed=pressed)
     try:
         solution = found(problem, guess)
     except StepError as error:
@@ -275,16 +278,16 @@ def drawn_in(system: System, state: State, k: int, dt: float) -> State:
     # By the change alone: the organ's own forces are still those of holes that ended at this very moment.
     forces = site_force(passage(system.thread, state.q, state.s), state.lam, state.y)
     change = (site_force(solution.residual.passage, z.lam, z.y) - forces)[: len(system.piercings)].ravel()
-    organ = jumping(system).moved(state.organ, operator, state.organ.f_y + change)
+    organ = jumping(system).moved(state.organ, operator, state.organ.f_y + change, solution.p)
     lam = np.where(problem.rows, z.lam, 0.0)
     frame = system.thread.carried(state.frame, z.q)
     return replace(state, q=z.q, N=z.N, s=z.s, lam=lam, y=z.y, organ=organ, frame=frame)
 
 
-def closing(system: System, state: State, k: int, scheme: BackwardEuler, C: Array) -> Problem:
+def closing(system: System, state: State, k: int, scheme: BackwardEuler, operator: OrganOperator) -> Problem:
     """The step that moves nothing but what hole `k` asks: all forces of the state are loads on it.
 
-    The hole's own abscissa is held, the others follow their laws.
+    The hole's own abscissa is held, the others follow their laws; lips do not cross.
     """
     thread = system.thread
     at = passage(thread, state.q, state.s)
@@ -292,7 +295,10 @@ def closing(system: System, state: State, k: int, scheme: BackwardEuler, C: Arra
     balanced[:, :3] -= spread(thread_force(state.lam, state.y), at, thread.n)
     factor = scheme.a + scheme.d * thread.damping
     f_y = site_force(at, state.lam, state.y).ravel()
-    C = padded(system, C)
+    C, contact = padded(system, operator.C), contact_at(system, state, operator, f_y)
+    y_free = state.y - (C @ f_y).reshape(-1, NINE)
+    if contact is not None:
+        y_free -= (system.organ.contact_forces(state.organ) @ contact.C_cy).reshape(-1, NINE)
     others = state.present & (np.arange(system.holds) != k)
     return Problem(
         system=system,
@@ -302,11 +308,12 @@ def closing(system: System, state: State, k: int, scheme: BackwardEuler, C: Arra
         mass_factor=factor,
         q_ref=state.q,
         load=balanced,
-        y_free=state.y - (C @ f_y).reshape(-1, NINE),
+        y_free=y_free,
         C=C,
         rows=system.rows & state.present[:, None],
         law=law_of(system, state.s, others, system.epsilon * scheme.a, state.s),
         frame=state.frame,
+        contact=contact,
     )
 
 

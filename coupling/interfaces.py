@@ -1,5 +1,8 @@
 """What the coupling asks of an organ: nine numbers per piercing, their compliance, and one back-substitution.
 
+Of an organ whose lips may touch (`Organ.pairs` > 0) it asks their gaps `g`, shape `(k,)`, and gives it the contact
+forces `p` (k,) [N] that push them apart. Of an organ of no pairs it asks nothing of that.
+
 `y`, shape `(9p,)`, holds per piercing the point x [m] and the frame vectors u, v [-]. `f_y`, shape `(9p,)`, is the
 generalized force on the organ conjugate to y, Φ_yᵀλ. A time scheme is two numbers and two reference fields:
 acceleration = a (U − U_a), velocity = d (U − U_d); backward Euler has a = 1/Δt², U_a = U + Δt V, d = 1/Δt, U_d = U.
@@ -40,8 +43,21 @@ class OrganOperator(Protocol):
     def predict(self, state: Any, history: Any) -> Prediction:
         """The step without site forces."""
 
-    def complete(self, prediction: Any, f_y: Array) -> Any:
-        """The organ's state after the step under the site forces `f_y`."""
+    def complete(self, prediction: Any, f_y: Array, p: Array) -> Any:
+        """The organ's state after the step under the site forces `f_y` and the contact forces `p`, `(0,)` without
+        pairs."""
+
+
+class ContactOperator(OrganOperator, Protocol):
+    """That of an organ with pairs, whose predictions have `g_free` (k,) [m] beside `y_free`."""
+
+    @property
+    def C_cc(self) -> Array:
+        """Gaps by contact forces, symmetric and positive definite, shape `(k, k)` [m/N]."""
+
+    @property
+    def C_cy(self) -> Array:
+        """Gaps by site forces, shape `(k, 9p)`."""
 
 
 class OrganEnergies(Protocol):
@@ -65,7 +81,7 @@ class OrganEnergies(Protocol):
 
     @property
     def numerical(self) -> float:
-        """Taken by the integrator."""
+        """Taken by the integrator, and by contact: −p⁺·Δg."""
 
 
 class Organ(Protocol):
@@ -101,6 +117,16 @@ class Organ(Protocol):
     def site_variables(self, state: Any) -> Array:
         """y, shape `(9p,)`."""
 
+    @property
+    def pairs(self) -> int:
+        """Number k of pairs of points on lips that may touch; 0: nothing below is asked for."""
+
+    def gap(self, state: Any) -> Array:
+        """g, shape `(k,)` [m]."""
+
+    def contact_forces(self, state: Any) -> Array:
+        """p, shape `(k,)` [N]."""
+
 
 @runtime_checkable
 class JumpingOrgan(Organ, Protocol):
@@ -115,5 +141,6 @@ class JumpingOrgan(Organ, Protocol):
     def kicked(self, state: Any, impulse: Array) -> Any:
         """The state after an impulse `(9p,)` on its sites: V + M⁻¹ Yᵀ impulse."""
 
-    def moved(self, state: Any, operator: Any, f_y: Array) -> Any:
-        """The state with other site forces and the displacement that an operator gives their change; V is kept."""
+    def moved(self, state: Any, operator: Any, f_y: Array, p: Array) -> Any:
+        """The state with other site and contact forces and the displacement that an operator gives their change; V is
+        kept."""

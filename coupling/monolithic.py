@@ -1,9 +1,10 @@
 """The monolithic matrix itself (§4.4, last paragraph): thread, organ, abscissae and multipliers in one sparse system.
 
-    | A_t+H_qq   H_qU      H_qs   −Φ_qᵀ    |   dq
-    | H_Uq       A_o+H_UU H_Us   −YᵀΦ_yᵀ  |   dU
-    | H_sq       H_sU     H_ss   −Φ_sᵀ    |   ds       (signs of the row of s as in the law of sliding)
-    | Φ_q        Φ_y Y    Φ_s     c       |   dλ
+    | A_t+H_qq   H_qU      H_qs   −Φ_qᵀ         |   dq
+    | H_Uq       A_o+H_UU H_Us   −YᵀΦ_yᵀ  −Gᵀ  |   dU
+    | H_sq       H_sU     H_ss   −Φ_sᵀ         |   ds       (signs of the row of s as in the law of sliding)
+    | Φ_q        Φ_y Y    Φ_s     c            |   dλ
+    |            G_𝒜                     1_∖𝒜 |   dp       (pressed pairs: g = 0; open ones: p = 0)
 
 c and H_UU come from the compliance that the spline lacks at the holes (`coupling.constraints`).
 
@@ -12,7 +13,7 @@ one organ back-substitution. This one is to be looked at, and to be compared wit
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from scipy.sparse.linalg import splu
 
 from coupling.border import LAM, MU_V, NINE, OWN, Border, S, Y, columns
 from coupling.constraints import Array, site_force
+from coupling.contact import NO_FORCES
 from coupling.interfaces import OrganOperator
 from coupling.newton import Iterate, Problem, Residual, Solution, border_of, cut, solve
 from coupling.stepping import all_holds
@@ -31,16 +33,19 @@ MULTIPLIERS = slice(LAM.start, MU_V + 1)
 
 @dataclass(frozen=True)
 class Monolith(Iterate):
-    """An iterate with the organ's unknowns `U` (N,) [m] beside those of the thread."""
+    """An iterate with the organ's unknowns `U` (N,) [m] and the contact forces `p` (k,) [N] beside those of the
+    thread."""
 
     U: Array
+    p: Array = field(default_factory=lambda: NO_FORCES)
 
 
 @dataclass(frozen=True)
 class BlockSystem:
-    """`matrix` (size, size), `right` (size,), and where each unknown stands: `blocks["q" | "U" | "s" | "lam"]`.
+    """`matrix` (size, size), `right` (size,), and where each unknown stands: `blocks["q" | "U" | "s" | "lam" | "p"]`.
 
-    Order within the blocks: q point by point, U as the organ numbers its free unknowns, s and lam hold by hold.
+    Order within the blocks: q point by point, U as the organ numbers its free unknowns, s and lam hold by hold, p pair
+    by pair.
     """
 
     matrix: csc_array
@@ -50,16 +55,24 @@ class BlockSystem:
 
 @dataclass(frozen=True)
 class OrganStep:
-    """The organ's equation of a step: A U⁺ = b + Yᵀ f_y with y = y0 + Y U."""
+    """The organ's equation of a step: A U⁺ = b + Yᵀ f_y + Gᵀ p with y = y0 + Y U and, of lips that may touch,
+    g = g0 + G U."""
 
     operator: OrganOperator
     b: Array
     y0: Array
     Y: Any
+    g0: Array = field(default_factory=lambda: NO_FORCES)
+    G: Any = None
 
     def site_variables(self, U: Array) -> Array:
         """y, shape `(9p,)`."""
         return np.asarray(self.y0 + self.Y @ U)
+
+    @property
+    def gap_rows(self) -> csr_array:
+        """G, shape `(k, N)`."""
+        return csr_array((0, self.Y.shape[1])) if self.G is None else csr_array(self.G)
 
 
 def sparse_band(band: Array) -> coo_array:
@@ -88,22 +101,26 @@ def assemble(problem: Problem, organ: OrganStep, z: Monolith, r: Residual) -> Bl
     thread = sparse_band(problem.inertia + problem.system.thread.tangent(r.points, z.N))
     own = [diagonal(border.B[:, :1]), diagonal(border.B[:, 1:OWN])]
     by_F = [-Y_all.T @ x for x in by_unknown(border, "F", Y_all)]
+    G, closed = organ.gap_rows, diags_array(z.pressed.astype(np.float64))
     rows = [
-        [thread, *(V @ column for column in by_unknown(border, "E", Y_all))],
+        [thread, *(V @ column for column in by_unknown(border, "E", Y_all)), None],
         [
             -Y_all.T @ diagonal(border.R) @ V.T,
             organ.operator.A + by_F[0],
             *by_F[1:],
+            -G.T,
         ],
-        [own[0] @ V.T, *by_unknown(border, "law", Y_all)],
-        [own[1] @ V.T, *by_unknown(border, "phi", Y_all)],
+        [own[0] @ V.T, *by_unknown(border, "law", Y_all), None],
+        [own[1] @ V.T, *by_unknown(border, "phi", Y_all), None],
+        [None, closed @ G, None, None, diags_array((~z.pressed).astype(np.float64))],
     ]
     matrix = block_array(rows, format="csr")
     force = site_force(r.passage, z.lam, z.y).ravel()
-    organ_residual = organ.operator.A @ z.U - organ.b - Y_all.T @ force
-    right = -np.concatenate([r.thread.ravel(), organ_residual, r.holds[:, S], r.holds[:, 1:OWN].ravel()])
-    ends = np.cumsum([0, c * n, len(z.U), m, 5 * m])
-    blocks = {name: slice(int(ends[k]), int(ends[k + 1])) for k, name in enumerate(("q", "U", "s", "lam"))}
+    organ_residual = organ.operator.A @ z.U - organ.b - Y_all.T @ force - G.T @ z.p
+    lips = np.where(z.pressed, organ.g0 + G @ z.U, z.p)
+    right = -np.concatenate([r.thread.ravel(), organ_residual, r.holds[:, S], r.holds[:, 1:OWN].ravel(), lips])
+    ends = np.cumsum([0, c * n, len(z.U), m, 5 * m, len(z.p)])
+    blocks = {name: slice(int(ends[k]), int(ends[k + 1])) for k, name in enumerate(("q", "U", "s", "lam", "p"))}
     return held_still(problem, BlockSystem(csc_array(matrix), right, blocks))
 
 
@@ -160,7 +177,9 @@ def monolithic_solve(problem: Problem, organ: OrganStep, start: Iterate, U: Arra
             lam=z.lam + x[system.blocks["lam"]].reshape(-1, 5),
             y=all_holds(problem.system, organ.site_variables(U_next)),
             U=U_next,
+            p=z.p + x[system.blocks["p"]],
         )
 
-    y = all_holds(problem.system, organ.site_variables(U))
-    return solve(problem, Monolith(start.q, start.N, start.s, start.lam, y, start.slip, U), correct)
+    y, p = all_holds(problem.system, organ.site_variables(U)), np.zeros(len(organ.g0))
+    first = Monolith(start.q, start.N, start.s, start.lam, y, start.slip, U, p, pressed=start.pressed)
+    return solve(problem, first, correct)

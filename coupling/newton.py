@@ -5,12 +5,13 @@
     Φ(q, s, y) = 0                                     five a hold
     y − y_free − C Φ_yᵀλ = 0                           organ, exactly condensed
 
+Where the lips of a wound touch, y_free and C are those of the organ with these pairs closed (`coupling.contact`).
 Every second-order term is kept. The axial force at each quadrature point is iterated on its own (mixed integration
 points, Magisano, Leonetti & Garcea 2017): plain Newton diverges at the stretch-to-inertia ratio of a real suture.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from coupling.border import (
     without,
 )
 from coupling.constraints import Array, Passage, passage, phi, site_force, spread, thread_force
+from coupling.contact import NO_FORCES, Contact, condensed, first_of, forces, misfits, pressed_under
 from coupling.errors import StepError
 from coupling.sliding import Law, admissible, linearise_law, next_slip
 from coupling.sliding import residual as law_residual
@@ -33,14 +35,15 @@ from coupling.system import Flags, System
 from thread.thread import Points
 from thread.twist import Frame
 
-MAX_ITERATIONS = 25  # for one active set of the friction
-MAX_SETS = 20
+MAX_ITERATIONS = 25  # for one active set of friction and contact
+MAX_SETS = 20  # and one more for every pair of lips that may touch
 MARGIN = 4.0  # of the force tolerance: two solved sets differ by two of them
 FORCE_TOLERANCE = 1e-10  # of the largest force in the step
 GAP_TOLERANCE = 1e-11  # of the thread's diameter
 DIRECTION_TOLERANCE = 1e-11  # of |T||u| ≈ 1
 ROUND_OFF = 2e-14  # of EA: the axial force is a difference of numbers near 1, times EA
 LONGEST_MOVE = 0.01  # of the thread's length; a Newton correction is cut down to it
+NO_PAIRS = np.zeros(0, dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ class Problem:
     is mass_factor·M (q − q_ref); `load` (n, c) [N, with twist N m]; `y_free`
     (m, 9), `C` (9m, 9m); `rows` (m, 5) constraints in force; `stiffen`: add the constraints' own stiffness to the
     thread's band, needed where there is no inertia (an exact row operation); `frame`, that of the start of the step,
-    of a thread with twist.
+    of a thread with twist; `contact` of the lips, None where nothing may touch.
     """
 
     system: System
@@ -67,11 +70,14 @@ class Problem:
     law: Law
     stiffen: bool = False
     frame: Frame | None = None
+    contact: Contact | None = None
 
 
 @dataclass(frozen=True)
 class Iterate:
-    """Unknowns of a step: `q` (n, c), `N` (spans, g), `s` (m,), `lam` (m, 5), `y` (m, 9), active set `slip` (m,)."""
+    """Unknowns of a step: `q` (n, c), `N` (spans, g), `s` (m,), `lam` (m, 5), `y` (m, 9); active sets `slip` (m,)
+    of the friction and `pressed` (k,) of the contact, whose forces follow from the others.
+    """
 
     q: Array
     N: Array
@@ -79,6 +85,7 @@ class Iterate:
     lam: Array
     y: Array
     slip: Array
+    pressed: Flags = field(default_factory=lambda: NO_PAIRS, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -103,7 +110,8 @@ class Solution:
     """A converged step: its problem, the iterate, the residual, and the number of Newton directions it took.
 
     The constraint forces are those of `residual.passage` and `iterate.y`: the end of the step, but its start for the
-    linear one, whose elastic force does the work `linearisation` [J] beyond the true one's.
+    linear one, whose elastic force does the work `linearisation` [J] beyond the true one's. `p` (k,) [N] are the
+    contact forces.
     """
 
     problem: Problem
@@ -111,6 +119,7 @@ class Solution:
     residual: Residual
     iterations: int
     linearisation: float = 0.0
+    p: Array = field(default_factory=lambda: NO_FORCES)
 
 
 def evaluate(problem: Problem, z: Iterate) -> Residual:
@@ -213,33 +222,77 @@ def correct(problem: Problem, z: Iterate, r: Residual) -> Iterate:
     share = cut(problem, dq)
     dq, dz = share * dq, share * dz
     N = thread.next_axial_force(r.points, dq)
-    return Iterate(z.q + dq, N, z.s + dz[:, S], z.lam + dz[:, PHI], z.y + dz[:, Y], z.slip)
+    return replace(z, q=z.q + dq, N=N, s=z.s + dz[:, S], lam=z.lam + dz[:, PHI], y=z.y + dz[:, Y])
 
 
 Corrector = Callable[[Problem, Iterate, Residual], Iterate]
 
 
 def solve(problem: Problem, start: Iterate, correct: Corrector = correct) -> Solution:
-    """Iterate from `start` until every equation holds and stick and slip fit the answer. Raises `StepError`.
+    """Iterate from `start` until every equation holds, and stick and slip, touch and open fit the answer. Raises
+    `StepError`.
 
-    `correct` makes one Newton correction; the default one condenses the organ. Each active set of friction is solved
-    out before it is judged. Where a set comes back, one hole changes at a time, the first that has to (Murty's
-    least-index rule); what is not at rest after MAX_SETS is given up.
+    `correct` makes one Newton correction; the default one condenses the organ. Each active set of friction and contact
+    is solved out before it is judged. Where a set comes back, one hole or pair changes at a time, the first that has to
+    (Murty's least-index rule); what is not at rest after MAX_SETS is given up.
     """
-    z, seen, iterations = replace(start, slip=admissible(problem.law, start.slip)), set(), 0
-    for _ in range(MAX_SETS):
-        solution = solve_set(problem, z, correct)
+    z, iterations = replace(start, slip=admissible(problem.law, start.slip)), 0
+    seen: set[bytes] = set()
+    for _ in range(MAX_SETS + len(z.pressed)):
+        solution = solve_set(touching(problem, z.pressed), z, correct)
         iterations += solution.iterations
         z, r = solution.iterate, solution.residual
-        slip = next_slip(problem.law, z.slip, r.passage, z.s, z.lam, z.y, MARGIN * force_tolerance(problem, r))
-        changed = np.flatnonzero(slip != z.slip)
-        if changed.size == 0:
-            return replace(solution, iterations=iterations)
-        if slip.tobytes() in seen:
-            slip = np.where(np.arange(len(slip)) == changed[0], slip, z.slip)
-        seen.add(z.slip.tobytes())
-        z = replace(z, slip=slip)
-    raise failure(problem, r, "stick and slip of the friction alternate without end")
+        seen.add(sets_of(z))
+        fitting = with_next_sets(problem, z, r, seen)
+        if fitting is z:
+            return replace(solution, problem=problem, iterations=iterations, p=contact_forces(problem.contact, z, r))
+        z = fitting
+    what = "stick and slip of the friction" if problem.contact is None else "friction's or the lips' active sets"
+    raise failure(problem, r, f"{what} alternate without end")
+
+
+def touching(problem: Problem, pressed: Flags) -> Problem:
+    """The problem with some pairs of the lips closed, whatever their force."""
+    if problem.contact is None or not pressed.any():
+        return problem
+    y_free, C = condensed(problem.contact, pressed, problem.y_free, problem.C)
+    return replace(problem, y_free=y_free, C=C)
+
+
+def sets_of(z: Iterate) -> bytes:
+    """The active sets of an iterate, to know them again."""
+    return z.slip.tobytes() + z.pressed.tobytes()
+
+
+def with_next_sets(problem: Problem, z: Iterate, r: Residual, seen: set[bytes]) -> Iterate:
+    """A solved iterate with the active sets that its forces ask for, the very same one where it has them.
+
+    Pairs are judged to round-off first, and within what the solve leaves open only where that leads back.
+    """
+    margin = MARGIN * force_tolerance(problem, r)
+    slip = next_slip(problem.law, z.slip, r.passage, z.s, z.lam, z.y, margin)
+    contact = problem.contact
+    pressed = z.pressed if contact is None else pressed_under(contact, site_forces(z, r), z.pressed)
+    fitting = replace(z, slip=slip, pressed=pressed)
+    if np.array_equal(slip, z.slip) and np.array_equal(pressed, z.pressed):
+        return z
+    if sets_of(fitting) not in seen:
+        return fitting
+    other = slip != z.slip
+    if other.any():
+        return replace(z, slip=np.where(first_of(other), slip, z.slip))
+    wrong = NO_PAIRS if contact is None else misfits(contact, site_forces(z, r), z.pressed, margin)
+    return replace(z, pressed=z.pressed ^ first_of(wrong)) if wrong.any() else z
+
+
+def site_forces(z: Iterate, r: Residual) -> Array:
+    """f_y of all holds at an iterate, shape `(9m,)`."""
+    return site_force(r.passage, z.lam, z.y).ravel()
+
+
+def contact_forces(contact: Contact | None, z: Iterate, r: Residual) -> Array:
+    """p of a solved iterate, shape `(k,)` [N]."""
+    return NO_FORCES if contact is None else forces(contact, z.pressed, site_forces(z, r))
 
 
 def solve_set(problem: Problem, z: Iterate, correct: Corrector) -> Solution:

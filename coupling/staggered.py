@@ -18,6 +18,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from coupling.constraints import Array, site_force
+from coupling.contact import NO_FORCES, contact_under
 from coupling.errors import RunAwayError
 from coupling.interfaces import Organ
 from coupling.scheme import BackwardEuler, Scheme
@@ -55,6 +56,19 @@ class HeldOrgan:
     def size(self) -> int:
         """Zero."""
         return 0
+
+    @property
+    def pairs(self) -> int:
+        """Zero: its lips meet one another in its own step."""
+        return 0
+
+    def gap(self, state: Any) -> Array:
+        """None, shape `(0,)`."""
+        return NO_FORCES
+
+    def contact_forces(self, state: Any) -> Array:
+        """None, shape `(0,)`."""
+        return NO_FORCES
 
     @property
     def A(self) -> csr_matrix:
@@ -97,7 +111,7 @@ class HeldOrgan:
         """Where it is."""
         return HeldPrediction(self.organ.site_variables(state), state)
 
-    def complete(self, prediction: HeldPrediction, f_y: Array) -> Any:
+    def complete(self, prediction: HeldPrediction, f_y: Array, p: Array = NO_FORCES) -> Any:
         """As it was."""
         return prediction.state
 
@@ -134,7 +148,7 @@ def organ_moved(system: System, step: Step, scheme: Scheme) -> Step:
     f_y = site_force(at, new.lam, step.solution.iterate.y)[: len(system.piercings)].ravel()
     operator = system.organ.operator(scheme.a, scheme.d)
     prediction = operator.predict(state.organ, organ_history(system, scheme, state))
-    organ = operator.complete(prediction, f_y)
+    organ = operator.complete(prediction, f_y, contact_under(system, f_y, operator, prediction))
     y = all_holds(system, system.organ.site_variables(organ))
     refuse_runaway(system, state, y, step.dt)
     new = replace(new, organ=organ, y=y)

@@ -6,11 +6,13 @@ so the same Newton serves.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from coupling.border import NINE
 from coupling.constraints import Array, passage
+from coupling.contact import contact_under
 from coupling.errors import StepError
 from coupling.newton import Iterate, Problem, solve
 from coupling.sliding import law_of, prescribed
@@ -131,12 +133,23 @@ def bed_problem(system: System, on_path: Array, y: Array, s: Array, loose: Flags
     )
 
 
+def rested(system: System) -> Any:
+    """The organ's state at the start, its lips held apart where the organ's own weight would make them cross."""
+    organ = system.organ
+    state = organ.start()
+    if not organ.pairs or organ.gap(state).min() >= 0.0:
+        return state
+    operator = organ.operator(0.0, 0.0)  # an organ with inertia starts undeformed, and never comes here
+    prediction, f_y = operator.predict(state, organ.history((), ())), np.zeros(organ.y0.size)
+    return operator.complete(prediction, f_y, contact_under(system, f_y, operator, prediction))
+
+
 def start(system: System, s: Array, path: Array, stretch: float) -> State:
     """The state at t = 0, at rest: `s` (p,) [m] abscissae of the piercings, `path` and `stretch` as for `Laying`.
 
     Piercings that begin later do not hold the thread yet.
     """
-    organ = system.organ.start()
+    organ = rested(system)
     y = all_holds(system, system.organ.site_variables(organ))
     s = np.concatenate([s, system.clamp_abscissae])
     q, s = lay(system, Laying(y, path, stretch), s)

@@ -11,6 +11,7 @@ import numpy as np
 
 from coupling.border import NINE
 from coupling.constraints import Array, Passage, site_force
+from coupling.contact import Contact, contact_of, first_pressed
 from coupling.diagnosis import diagnosed, refuse_crossing
 from coupling.easing import eased
 from coupling.errors import InversionError, StepError
@@ -90,7 +91,13 @@ def before(scheme: Scheme, motion: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def dynamic_problem(
-    system: System, state: State, dt: float, C: Array, y_free: Array, scheme: Scheme | None = None
+    system: System,
+    state: State,
+    dt: float,
+    C: Array,
+    y_free: Array,
+    scheme: Scheme | None = None,
+    contact: Contact | None = None,
 ) -> Problem:
     """The step of a scheme, backward Euler unless another is given, from `state`."""
     scheme, thread, time = scheme or BackwardEuler(dt), system.thread, state.time + dt
@@ -114,6 +121,7 @@ def dynamic_problem(
         rows=rows,
         law=law_of(system, state.s, state.present, system.epsilon * scheme.a, s_free),
         frame=state.frame,
+        contact=contact,
     )
 
 
@@ -121,7 +129,8 @@ def predicted(problem: Problem, state: State) -> Iterate:
     """First iterate: everything goes on as it went."""
     q = with_ends(state.q + problem.dt * state.v, problem.system, problem.time)
     s = state.s + problem.dt * state.s_dot
-    return Iterate(q, state.N, s, state.lam, problem.y_free, state.slip)
+    pressed = first_pressed(problem.contact, problem.system, state)
+    return Iterate(q, state.N, s, state.lam, problem.y_free, state.slip, pressed=pressed)
 
 
 def try_step(system: System, state: State, dt: float, scheme: Scheme | None = None) -> Step:
@@ -131,7 +140,8 @@ def try_step(system: System, state: State, dt: float, scheme: Scheme | None = No
     operator = system.organ.operator(scheme.a, scheme.d)
     history = organ_history(system, scheme, state)
     prediction = operator.predict(state.organ, history)
-    problem = dynamic_problem(system, state, dt, operator.C, prediction.y_free, scheme)
+    contact = contact_of(system, operator, prediction)
+    problem = dynamic_problem(system, state, dt, operator.C, prediction.y_free, scheme, contact)
     solution = found(problem, predicted(problem, state))
     return concluded(system, state, scheme, solution, operator, prediction)
 
@@ -142,7 +152,7 @@ def concluded(  # type: ignore[no-untyped-def]
     """The step from `state` that a solution of its problem makes. Raises `InversionError`."""
     problem, z, at = solution.problem, solution.iterate, solution.residual.passage
     p = len(system.piercings)
-    organ = operator.complete(prediction, site_force(at, z.lam, z.y)[:p].ravel())
+    organ = operator.complete(prediction, site_force(at, z.lam, z.y)[:p].ravel(), solution.p)
     new = State(
         time=problem.time,
         q=z.q,

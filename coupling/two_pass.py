@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from coupling.constraints import Array, bare_passage
+from coupling.contact import contact_of
 from coupling.newton import FORCE_TOLERANCE, Iterate, Problem, Solution
 from coupling.scheme import BackwardEuler
 from coupling.sliding import Law, along, normal_force, prescribed
@@ -49,7 +50,8 @@ def two_pass(system: System, state: State, dt: float, passes: int = PASSES) -> S
     scheme = BackwardEuler(dt)
     operator = system.organ.operator(scheme.a, scheme.d)
     prediction = operator.predict(state.organ, organ_history(system, scheme, state))
-    problem = dynamic_problem(system, state, dt, operator.C, prediction.y_free)
+    contact = contact_of(system, operator, prediction)
+    problem = dynamic_problem(system, state, dt, operator.C, prediction.y_free, scheme, contact)
     solution = solve_passes(problem, predicted(problem, state), first_verdict(system, problem.law, state, dt), passes)
     return concluded(system, state, scheme, solution, operator, prediction)
 

@@ -216,6 +216,11 @@ class _Frame:
         facets = np.setdiff1d(mesh.boundary_facets(), named)
         floor = (np.abs(mesh.p[2, mesh.facets[:, facets]] + self.wound.depth) <= self.slack).all(axis=0)
         wall = facets[~floor]
+        if not wall.size:
+            raise MeshError(
+                f"width = {self.wound.width} m of the wound: gmsh lost so narrow a cut where it crosses planes inside "
+                "the block; widen it, cut a closed slit, or leave out the regions' borders"
+            )
         # The cell behind a facet tells its side, even where both lips lie in one plane.
         side = mesh.p[self.wound.across][mesh.t[:, mesh.f2t[0, wall]]].mean(axis=0)
         found = {LIPS[0]: wall[side < 0], LIPS[1]: wall[side > 0]}

@@ -10,8 +10,9 @@ import tissue
 from coupling.adapting import Resolution, coarse_tree, first_breaks
 from coupling.start import start
 from coupling.system import Friction, Piercing, State, System
+from meshes.wound import lips
 from studies import scenario as model
-from studies.meshing import material_of, organ_mesh
+from studies.meshing import material_of, organ_mesh, wound_of
 from studies.refusal import refused
 from studies.scenario import Scenario, ScenarioError
 from thread.catalogue import Section, suture
@@ -194,7 +195,16 @@ def organ_of(
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
     placed = tissue.build_sites(body, sites)
+    given = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps_of(scenario.tissue, body)
     if scenario.tissue.inertia and scenario.solve.kind == "dynamic":
-        rayleigh = scenario.tissue.rayleigh
-        return tissue.DynamicOrgan(body, placed, scenario.solve.gravity, scenario.tissue.solver, rayleigh=rayleigh)
-    return tissue.QuasiStaticOrgan(body, placed, scenario.solve.gravity, scenario.tissue.solver)
+        return tissue.DynamicOrgan(*given, rayleigh=scenario.tissue.rayleigh)
+    return tissue.QuasiStaticOrgan(*given)
+
+
+def gaps_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Gaps | None:
+    """The gaps between a wound's lips, None where they may cross."""
+    if not table.contact or not isinstance(table.mesh, model.WoundMesh):
+        return None
+    wound = wound_of(table.mesh)
+    pairs = lips(body.mesh, wound)
+    return tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.across])

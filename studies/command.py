@@ -22,7 +22,7 @@ from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.checkpoint import Arrays, read_checkpoint
 from studies.limits import LINEAR, RESOLVED, SETTLED
-from studies.observables import EnergyRecord, Frame, OrganTopology, PiercingRecord, StepRecord
+from studies.observables import ContactRecord, EnergyRecord, Frame, OrganTopology, PiercingRecord, StepRecord
 from studies.picture import picture
 from studies.progress import Progress, StudyProgress
 from studies.record import Recorder, check_folder, completed_run, resumable
@@ -272,6 +272,15 @@ def subgrid_line(gaps: Mapping[str, Mapping[str, Any]]) -> str:
     return f"sub-grid   up to {share:.0%} of a hole's compliance is added, which the mesh is too coarse for{limit}"
 
 
+def contact_line(contact: ContactRecord) -> str:
+    """How the lips of a wound press on one another."""
+    return (
+        f"lips       {contact.pressed} of {contact.pairs} pairs of nodes press on one another, "
+        f"{contact.largest_pressure:.3g} Pa at most, {contact.force:.3g} N in all; the smallest gap is "
+        f"{contact.smallest_gap / MILLI:.3g} mm"
+    )
+
+
 def _strain(summary: dict[str, Any]) -> str:
     return f"{100 * summary['thread']['max_strain']:.3g} %"
 
@@ -317,6 +326,7 @@ def _print_summary(scenario: Scenario, recorder: Recorder, status: Any) -> None:
         still = "" if scenario.solve.kind == "static" else motion_line(step.energy)
         remarks = (range_line(scenario, step.piercings), resolution_line(step.span_ratio), still)
         lines += [line for line in (*remarks, subgrid_line(recorder.subgrid)) if line]
+        lines += [contact_line(step.contact)] if step.contact else []
     lines += [
         "",
         f"ParaView   {folder / 'results.pvd'}",

@@ -4,9 +4,10 @@ At one hole that turns a thread by θ, its tangent half-way, the pull at slip is
 t = tan θ/2, and no pull moves it from θ = 2 atan 1/μ on. Round a capstan it is exp(μθ); many holes in a row tend to
 that with the square of their number. One lagged correction (§4.3) gives 1 + 2μt where the hold is given and
 1/(1 − 2μt) where the pull is. A thread that bends finds its own tangent, and its ratio is that of the elastica. Drawn
-out and let back, it shows the loop of the load: the ratio on the way out, one over it on the way back.
+out and let back, it shows the loop of the load: the ratio on the way out, one over it on the way back. Through several
+holes the ratios multiply, and the loop grows as their power.
 
-A rod of 20 mm in a sleeve that is fixed in space shows the first three, a suture round a hole the last.
+A rod of 20 mm in a sleeve that is fixed in space shows the first three, a suture round fixed holes the last.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,8 +29,9 @@ from studies.figure import COLOURS, MARKERS, panels, ticks
 from studies.study import Study, StudyError, Table, unit
 from thread.catalogue import Section, suture
 from thread.ends import Driven, End, Pulled
+from thread.path import rounded
 from thread.quadrature import gauss_rule
-from thread.spline import Spline, uniform_knots
+from thread.spline import Spline, graded_knots, uniform_knots
 from thread.thread import MASS_POINTS, Thread
 
 Array = NDArray[np.float64]
@@ -41,9 +43,10 @@ TINY = 1e-3  # of a pull: as far on either side of its threshold it sticks and s
 
 SUTURE = suture("2-0 polypropylene")
 LOOP_HOLD, LOOP_WAY, LOOP_TIME = 0.2, 3e-3, 1.0  # [N], out and back [m], each [s]
-LOOP_STEPS, LOOP_POINTS = 40, 90  # steps each way
+LOOP_STEPS, LOOP_POINTS, FINER = 40, 90, 3.0  # steps each way, control points a hole, knots at it
 REST = 0.05  # in which the thread settles before it is drawn [s]
 MILLI = 1e-3
+PULLS = (0.25, 0.5, 1.0, 2.0, 4.0)  # ticks [-]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,19 +69,31 @@ def main(
     wrap: float = 180.0,
     rows_of_holes: Sequence[int] = (2, 4, 8, 16),
     loop_turn: float = 90.0,
+    loop_holes: Sequence[int] = (1, 2, 3),
 ) -> Iterator[Row]:
     """Every ratio: single holes, lags and a loop for every coefficient, and holes in a row over `wrap` [degree].
 
     Raises `StudyError` for what has no threshold.
     """
-    if min(mus) <= 0.0 or min(turns) <= 0.0 or max(turns) >= 180.0 or min(rows_of_holes) < 2 or wrap <= 0.0:
-        reason = "coefficients and wrap above 0, turns between 0 and 180 degrees and rows of two holes or more"
-        raise StudyError(f"mus = {mus}, turns = {turns}, wrap = {wrap}, rows_of_holes = {rows_of_holes}: give {reason}")
+    if (
+        min(loop_holes) < 1
+        or min(mus) <= 0.0
+        or min(turns) <= 0.0
+        or max(turns) >= 180.0
+        or min(rows_of_holes) < 2
+        or wrap <= 0.0
+    ):
+        reason = (
+            "coefficients and wrap above 0, turns between 0 and 180 degrees, rows of two holes or more, loops of one"
+        )
+        given = f"mus = {mus}, turns = {turns}, wrap = {wrap}, rows_of_holes = {rows_of_holes}, loops = {loop_holes}"
+        raise StudyError(f"{given}: give {reason}")
     for mu in mus:
         yield from (one_hole(mu, turn) for turn in turns)
         yield from (row for turn in turns for row in passes(mu, turn))
         yield from (in_a_row(mu, wrap, holes) for holes in sorted(set(rows_of_holes)))
-        yield from loop(mu, loop_turn)
+        for holes in loop_holes:
+            yield from loop(mu, loop_turn, holes)
 
 
 def along(angle: float) -> Array:
@@ -86,10 +101,13 @@ def along(angle: float) -> Array:
     return np.array([np.cos(angle), 0.0, -np.sin(angle)])
 
 
-def fixed_hole(thread: Thread, ends: tuple[End, End], friction: Friction, direction: Array, directed: bool) -> System:
-    """A thread through one hole at the origin, fixed in space."""
-    site = tissue.fixed_sites([tissue.Site(np.zeros(3), direction=direction)])
-    return System(thread, ends, site, (Piercing("hole", directed=directed, friction=friction),))
+def fixed_holes(
+    thread: Thread, ends: tuple[End, End], friction: Friction, places: Array, directed: Array | None = None
+) -> System:
+    """A thread through holes at `places` (p, 3) [m], fixed in space, all `directed` (3,) or none."""
+    sites = tissue.fixed_sites([tissue.Site(place, direction=directed) for place in places])
+    holes = [Piercing(f"hole {k}", directed=directed is not None, friction=friction) for k in range(len(places))]
+    return System(thread, ends, sites, tuple(holes))
 
 
 # --- a rod in a sleeve ------------------------------------------------------------------------------------
@@ -99,7 +117,7 @@ def rod(mu: float, half: float, pull: float, hold: float) -> tuple[System, State
     """A rod along x in a sleeve, at rest, its ends pulled out of line by `half` [rad] each."""
     thread = Thread(Spline(uniform_knots(0.02, 8)), ROD)
     ends = (Pulled(-hold * along(-half)), Pulled(pull * along(half)))
-    system = fixed_hole(thread, ends, Friction(mu, mu), along(0.0), directed=True)
+    system = fixed_holes(thread, ends, Friction(mu, mu), np.zeros((1, 3)), along(0.0))
     path = (gauss_rule(thread.spline, MASS_POINTS).s - 0.01)[..., None] * along(0.0)
     return system, start(system, np.array([0.01]), path, 1.0)
 
@@ -179,43 +197,45 @@ def inverse(x: float) -> float:
 # --- a suture round a hole --------------------------------------------------------------------------------
 
 
-def loop(mu: float, turn: float) -> list[Row]:
-    """A suture held by a dead load and drawn round a hole by a hand that goes out and comes back."""
-    angle, arm = np.radians(turn), 10 * float(np.sqrt(SUTURE.EI / LOOP_HOLD))
-    out, length = along(angle), 2 * arm + LOOP_WAY
-    thread = Thread(Spline(uniform_knots(length, LOOP_POINTS)), SUTURE, damping=100.0)
-    begin = arm + LOOP_WAY
+def loop(mu: float, turn: float, holes: int) -> Iterator[Row]:
+    """A suture held by a dead load and drawn through a zigzag of holes by a hand that goes out and comes back."""
+    sides = along(0.0), along(np.radians(turn))
+    arm = 10 * float(np.sqrt(SUTURE.EI / LOOP_HOLD))
+    corners = np.cumsum([np.zeros(3), *(2 * arm * sides[k % 2] for k in range(1, holes))], axis=0)
+    last = corners[-1] + (arm + LOOP_WAY) * sides[holes % 2]
+    path = rounded([-arm * sides[0], *corners, last], arm / 10)
+    s = np.array([path.nearest(corner)[0] for corner in corners])
+    thread = Thread(Spline(graded_knots(path.length, LOOP_POINTS * holes, s, FINER, arm / 2)), SUTURE, damping=100.0)
     way = np.array([[0.0, 0.0], [REST, 0.0], [REST + LOOP_TIME, LOOP_WAY], [REST + 2 * LOOP_TIME, 0.0]])
-    hand = np.column_stack([way[:, 0], (begin + way[:, 1])[:, None] * out])
-    ends = (Pulled(-LOOP_HOLD * along(0.0)), Driven(hand))
-    system = fixed_hole(thread, ends, Friction(mu, mu), along(angle / 2), directed=False)
-    at = (gauss_rule(thread.spline, MASS_POINTS).s - arm)[..., None]
-    state = start(system, np.array([arm]), np.where(at < 0.0, at * along(0.0), at * out), 1.0)
+    hand = np.column_stack([way[:, 0], last + way[:, 1, None] * sides[holes % 2]])
+    ends = (Pulled(-LOOP_HOLD * sides[0]), Driven(hand))
+    system = fixed_holes(thread, ends, Friction(mu, mu), corners)
+    state = start(system, s, path.position(gauss_rule(thread.spline, MASS_POINTS).s), 1.0)
     for _ in range(10):
         state = advance(system, state, REST / 10)[-1].new
-    rows = []
     for number in range(2 * LOOP_STEPS):
         state = advance(system, state, LOOP_TIME / LOOP_STEPS)[-1].new
         place = float(np.interp(state.time, way[:, 0], way[:, 1]))
-        rows.append(moment(system, state, mu, turn, place, outwards=number < LOOP_STEPS))
-    return rows
+        yield moment(system, state, mu, turn, place, outwards=number < LOOP_STEPS)
 
 
 def moment(system: System, state: State, mu: float, turn: float, place: float, outwards: bool) -> Row:
-    """Pull over hold; the theory is that of a thread that bends, for the angle by which the forces turn."""
+    """Pull over hold; the theory is that of a thread that bends, for the angles by which the force in it turns."""
     hold, pull = np.linalg.norm(state.reaction, axis=1)
-    cosine = -state.reaction[0] @ state.reaction[1] / hold / pull
-    ratio = bent_ratio(mu, float(np.arccos(cosine)))
+    inner = np.cumsum([-state.reaction[0], *-state.lam[:, :3]], axis=0)
+    inner /= np.linalg.norm(inner, axis=1)[:, None]
+    turns = np.arccos(np.sum(inner[:-1] * inner[1:], axis=1))
+    ratio = float(np.prod([bent_ratio(mu, angle) for angle in turns]))
     sense = -1.0 if outwards else 1.0
     return Row(
         kind="loop",
         mu=mu,
         turn=turn,
-        holes=1,
+        holes=len(turns),
         way=place,
         ratio=float(pull / hold),
         theory=ratio if outwards else 1.0 / ratio,
-        settled=bool(state.slip[0] == sense),
+        settled=bool(np.all(state.slip == sense)),
     )
 
 
@@ -235,9 +255,14 @@ def bent_ratio(mu: float, turn: float) -> float:
 # --- table and figure -------------------------------------------------------------------------------------
 
 
-def of(rows: Sequence[Row], kind: str, mu: float) -> list[Row]:
-    """The rows of a kind and a coefficient."""
-    return [row for row in rows if (row.kind, row.mu) == (kind, mu)]
+def of(rows: Sequence[Row], kind: str, mu: float, holes: int | None = None) -> list[Row]:
+    """The rows of a kind and a coefficient, and of a number of holes."""
+    return [row for row in rows if (row.kind, row.mu) == (kind, mu) and holes in (None, row.holes)]
+
+
+def loops_of(rows: Sequence[Row]) -> list[tuple[float, int]]:
+    """Coefficient and number of holes of every loop."""
+    return list(dict.fromkeys((row.mu, row.holes) for row in rows if row.kind == "loop"))
 
 
 def coefficients(rows: Sequence[Row]) -> list[float]:
@@ -269,17 +294,19 @@ def table(rows: Sequence[Row]) -> Table:
         off = f"{100 * (row.ratio / exact - 1.0):+.2g} % off the exact law" if np.isfinite(row.ratio) else "LOCKS"
         lagged = off if "passes" in row.kind else ""
         lines.append((name, *cells(row), f"{100 * error([row]):.2g}" if row.settled else "-", lagged))
-    for mu in coefficients(rows):
-        for name, turns in zip(("drawn", "let back"), branches(of(rows, "loop", mu)), strict=True):
+    for mu, holes in loops_of(rows):
+        for name, turns in zip(("drawn", "let back"), branches(of(rows, "loop", mu, holes)), strict=True):
             slid = [row for row in turns if row.settled]
             if slid:
-                lines.append((f"suture, {name}", *cells(slid[-1]), f"{100 * error(slid):.2g}", "largest of the branch"))
+                case = f"suture, {holes} hole{'s' * (holes > 1)}, {name}"
+                lines.append((case, *cells(slid[-1]), f"{100 * error(slid):.2g}", "largest of the branch"))
     return Table(head, lines)
 
 
 def cells(row: Row) -> tuple[str, ...]:
     """Coefficient, angle, ratio, theory and the continuum's, one over it where the thread goes back."""
-    capstan = np.exp(row.mu * np.radians(row.turn))
+    wrap = row.turn * row.holes if row.kind == "loop" else row.turn
+    capstan = np.exp(row.mu * np.radians(wrap))
     capstan = capstan if row.theory >= 1.0 else 1.0 / capstan
     return f"{row.mu:g}", f"{row.turn:g}", f"{row.ratio:.5g}", f"{row.theory:.5g}", f"{capstan:.5g}"
 
@@ -310,12 +337,18 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """The laws over the angle, the lag, holes in a row, and the loop of the load."""
-    drawing, grid = panels(2, 2)
+    """The laws over the angle, the lag, holes in a row, and the loops of the load."""
+    drawing, grid = panels(2, 3)
     over_angle(grid[0, 0], rows)
     lag(grid[0, 1], rows)
-    rows_of_holes(grid[1, 0], rows)
-    loops(grid[1, 1], rows)
+    rows_of_holes(grid[0, 2], rows)
+    fewest = min(holes for _, holes in loops_of(rows))
+    middle = coefficients(rows)[len(coefficients(rows)) // 2]
+    one = [(mu, holes, f"μ = {mu:g}") for mu, holes in loops_of(rows) if holes == fewest]
+    several = [(mu, holes, f"N = {holes}") for mu, holes in loops_of(rows) if mu == middle]
+    loops(grid[1, 0], rows, one, f"N = {fewest}")
+    loops(grid[1, 1], rows, several, f"μ = {middle:g}")
+    over_holes(grid[1, 2], rows)
     return drawing
 
 
@@ -361,19 +394,39 @@ def rows_of_holes(axes: Axes, rows: Sequence[Row]) -> None:
     axes.legend()
 
 
-def loops(axes: Axes, rows: Sequence[Row]) -> None:
-    """Pull over hold as the hand goes out and back; dotted, a thread that bends."""
-    for mu, colour in zip(coefficients(rows), COLOURS, strict=False):
-        runs = of(rows, "loop", mu)
-        axes.plot([run.way / MILLI for run in runs], [run.ratio for run in runs], color=colour, label=f"μ = {mu:g}")
+def loops(axes: Axes, rows: Sequence[Row], shown: Sequence[tuple[float, int, str]], common: str) -> None:
+    """Pull over hold as the hand goes out and back, for coefficients, numbers of holes and their labels; dotted, a
+    thread that bends."""
+    for (mu, holes, label), colour in zip(shown, COLOURS, strict=False):
+        runs = of(rows, "loop", mu, holes)
+        axes.plot([run.way / MILLI for run in runs], [run.ratio for run in runs], color=colour, label=label)
         for branch in branches(runs):
             way = [run.way / MILLI for run in branch]
             axes.plot(way, [run.theory for run in branch], color="black", linestyle=":")
     axes.plot([], [], color="black", linestyle=":", label="a thread that bends")
-    axes.set(
-        xlabel="way of the hand [mm]", ylabel="pull over hold [-]", title=f"out and back, a turn of {runs[0].turn:g}°"
-    )
-    axes.legend(ncols=2, loc="center left", bbox_to_anchor=(0.0, 0.42))
+    axes.set(yscale="log", xlabel="way of the hand [mm]", ylabel="pull over hold [-]")
+    axes.set_title(f"out and back, {runs[0].turn:g}° at each hole, {common}")
+    ticks(axes, "y", PULLS)
+    axes.legend(ncols=2, loc="lower left")
+
+
+def over_holes(axes: Axes, rows: Sequence[Row]) -> None:
+    """Last ratio of both branches over the number of holes; dotted, the capstan."""
+    for mu, colour, marker in zip(coefficients(rows), COLOURS, MARKERS, strict=False):
+        counts = [holes for coefficient, holes in loops_of(rows) if coefficient == mu]
+        for side in (0, 1):
+            ends = [branches(of(rows, "loop", mu, holes))[side][-1] for holes in counts]
+            label = f"μ = {mu:g}" if side == 0 else None
+            axes.plot(counts, [run.theory for run in ends], color=colour)
+            axes.plot(counts, [run.ratio for run in ends], marker, color=colour, label=label)
+            turned = np.radians(ends[0].turn) * np.array(counts)
+            axes.plot(counts, np.exp((1 - 2 * side) * mu * turned), color=colour, linestyle=":")
+    axes.plot([], [], color="black", label="a thread that bends")
+    axes.plot([], [], color="black", linestyle=":", label="exp(±μθ)")
+    axes.set(yscale="log", xlabel="holes N [-]", ylabel="pull over hold [-]", title="drawn, and let back")
+    axes.set_xticks(sorted({holes for _, holes in loops_of(rows)}))
+    ticks(axes, "y", PULLS)
+    axes.legend(loc="lower left")
 
 
 STUDY = Study(
@@ -385,5 +438,5 @@ STUDY = Study(
     table=table,
     figure=figure,
     remarks=remarks,
-    quick={"mus": (0.1, 0.3), "turns": (30.0, 60.0, 90.0), "rows_of_holes": (2, 4, 8)},
+    quick={"mus": (0.1, 0.3), "turns": (30.0, 60.0, 90.0), "rows_of_holes": (2, 4, 8), "loop_holes": (1, 2)},
 )

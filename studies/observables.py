@@ -43,6 +43,20 @@ class OrganRecord:
     displacement: Array  # (nodes, 3) [m]
     stress: Array  # (nodes, 6) xx yy zz xy yz xz [Pa]
     von_mises: Array  # (nodes,) [Pa]
+    contact_pressure: Array | None = None  # (nodes,) [Pa], zero off the lips; None without contact
+    lip_gap: Array | None = None  # (nodes,) [m], not a number off the lips
+
+
+@dataclass(frozen=True)
+class ContactRecord:
+    """The lips of a wound at one time."""
+
+    pairs: int  # of nodes that face one another
+    pressed: int  # of them, under a force
+    smallest_gap: float  # [m]
+    largest_pressure: float  # [Pa]
+    force: float  # that pushes the lips apart, in all [N]
+    complementarity: float  # largest |force times gap| of a pair [J]
 
 
 @dataclass(frozen=True)
@@ -61,6 +75,7 @@ class StepRecord:
     span_ratio: float  # longest span at a hole over the length that the thread bends over there [-]
     seconds: float  # wall-clock time of this step [s]
     events: tuple[Event, ...] = ()
+    contact: ContactRecord | None = None  # None where lips may cross
     torques: tuple[float, float] | None = None  # of the holders of start and end about the tangent [N m], with twist
     memory: Mapping[str, NDArray[Any]] | None = None  # all that the steps after this one depend on
 

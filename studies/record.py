@@ -3,7 +3,8 @@
 ``Recorder`` takes the plain arrays of ``studies.observables`` and writes
 
 - ``provenance.json``, ``scenario.toml`` (and ``mesh/``, a copy of the mesh file) before the first step,
-- ``piercings.csv``, ``energy.csv``, ``steps.csv``, ``events.csv``: whole lines, after every step,
+- ``piercings.csv``, ``energy.csv``, ``steps.csv``, ``events.csv``, and ``contact.csv`` of a wound whose lips may touch:
+  whole lines, after every step,
 - ``results.pvd`` and ``frames/``: every ``output.every`` steps, the first and the last,
 - ``checkpoint.npz`` after every frame that was due, from which ``--resume`` goes on,
 - ``summary.json`` at the end, also of a failed or an interrupted run.
@@ -28,7 +29,7 @@ import numpy as np
 from coupling.events import Event
 from studies.checkpoint import Arrays, difference, write_checkpoint
 from studies.files import write_bytes, write_json, write_text
-from studies.observables import EnergyRecord, Frame, OrganTopology, PiercingRecord, StepRecord
+from studies.observables import ContactRecord, EnergyRecord, Frame, OrganTopology, PiercingRecord, StepRecord
 from studies.provenance import provenance
 from studies.scenario import Scenario, ScenarioError, dump, mesh_file, with_mesh_file
 from studies.series import Series
@@ -42,6 +43,7 @@ FILES = (
     "energy.csv",
     "steps.csv",
     "events.csv",
+    "contact.csv",
     "checkpoint.npz",
     "results.pvd",
     "scenario.toml",
@@ -83,11 +85,11 @@ class Recorder:
             _clear(self.folder)
             self.provenance = _write_beginning(self.folder, scenario)
         else:
-            _refuse_lost_rows(self.folder, self._recorded)
+            _refuse_lost_rows(self.folder, self._recorded, tables_of(scenario))
             self.provenance = _write_continuation(self.folder)
         self._series = Series(self.folder, topology, before=max(self._recorded, 0))
         self._tables = {
-            name: Table(self.folder / f"{name}.csv", head, self._recorded) for name, head in COLUMNS.items()
+            name: Table(self.folder / f"{name}.csv", COLUMNS[name], self._recorded) for name in tables_of(scenario)
         }
 
     def __enter__(self) -> Self:
@@ -118,6 +120,8 @@ class Recorder:
         self._tables["events"].append(_event_row(step, event) for event in step.events)
         self._tables["energy"].append([_energy_row(step)])
         self._tables["steps"].append([_step_row(step)])
+        if step.contact is not None:
+            self._tables["contact"].append([_contact_row(step, step.contact)])
         self._newton_iterations += step.newton_iterations
         self._constraint_max = max(self._constraint_max, step.constraint_max)
         self._seconds += step.seconds if step.step else 0.0
@@ -201,15 +205,21 @@ def _rows_until(path: Path, step: int) -> list[bytes]:
     return [head, *(row for row in rows if row.endswith(b"\n") and int(row.split(b",")[1]) <= step)]
 
 
-def _refuse_lost_rows(folder: Path, step: int) -> None:
+def tables_of(scenario: Scenario) -> list[str]:
+    """Names of the tables that a run of the scenario writes."""
+    touching = scenario.tissue is not None and scenario.tissue.contact
+    return [name for name in COLUMNS if name != "contact" or touching]
+
+
+def _refuse_lost_rows(folder: Path, step: int, tables: Iterable[str]) -> None:
     """Raise `ScenarioError` where the tables do not reach the step of the checkpoint."""
-    for name in COLUMNS:
+    for name in tables:
         path = folder / f"{name}.csv"
         try:
             rows = len(_rows_until(path, step)) - 1
         except (OSError, ValueError, IndexError) as error:
             raise ScenarioError(f"{path} cannot be read ({error}); run without --resume to begin anew") from None
-        if name in ("energy", "steps") and rows != step + 1:
+        if name in ("energy", "steps", "contact") and rows != step + 1:
             reason = f"{path} lacks rows before step {step}, that of the checkpoint"
             raise ScenarioError(f"--resume is refused: {reason}; run without --resume to begin anew")
 
@@ -334,7 +344,8 @@ def _state_summary(step: StepRecord) -> dict[str, Any]:
     for end, torque in zip(ends.values(), step.torques or (), strict=False):
         end["torque"] = torque
     thread = ends | {"max_strain": step.max_strain, "span_ratio": step.span_ratio}
-    return {"energy": asdict(step.energy), "thread": thread, "piercings": piercings}
+    contact = {} if step.contact is None else {"contact": asdict(step.contact)}
+    return {"energy": asdict(step.energy), "thread": thread, "piercings": piercings} | contact
 
 
 def _shallow(record: PiercingRecord) -> dict[str, Any]:
@@ -371,6 +382,7 @@ COLUMNS: dict[str, list[str]] = {
         *("start_torque", "end_torque"),  # N m, about the tangent; empty without twist
         "seconds",  # s of wall-clock time
     ],
+    "contact": ["time", "step", *(field.name for field in fields(ContactRecord))],  # s, -, -, -, m, Pa, N, J
 }
 
 
@@ -411,6 +423,11 @@ def _step_row(step: StepRecord) -> list[object]:
         *(("", "") if step.torques is None else _numbers(*step.torques)),
         *_numbers(step.seconds),
     ]
+
+
+def _contact_row(step: StepRecord, contact: ContactRecord) -> list[object]:
+    numbers = (contact.smallest_gap, contact.largest_pressure, contact.force, contact.complementarity)
+    return [*_numbers(step.time), step.step, contact.pairs, contact.pressed, *_numbers(*numbers)]
 
 
 def _numbers(*values: float) -> list[str]:

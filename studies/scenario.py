@@ -301,6 +301,9 @@ class Tissue(Table):
         default=(0.0, 0.0), description="Rayleigh damping α [1/s] of the mass and β [s] of the stiffness"
     )
     clamp: tuple[Text, ...] = Field(default=(), description="names of the boundaries held fixed", examples=[["bottom"]])
+    contact: Annotated[bool, Field(strict=True)] = Field(
+        default=False, description="whether the lips of a wound press on one another where they meet; else they cross"
+    )
     mesh: Mesh = Field(
         description="the organ's mesh", examples=[{"kind": "block", "size": [0.06, 0.04, 0.02], "h": 4.0e-3}]
     )
@@ -321,6 +324,15 @@ class Tissue(Table):
             )
         if there and (problem := unknown_clamp(self.clamp, [*there, *own])):
             raise ValueError(f".{problem}")
+        return self
+
+    @model_validator(mode="after")
+    def _check_lips(self) -> Self:
+        if self.contact and self.mesh.kind != "wound":
+            raise ValueError(
+                f".contact = true is refused: tissue.mesh.kind is {self.mesh.kind}, which has no lips; leave it out or "
+                'take kind = "wound"'
+            )
         return self
 
     @model_validator(mode="after")
@@ -824,6 +836,14 @@ class Scenario(Table):
             key = dotted(["piercing", rough, "friction"])
             reason = f'solve.scheme is linear, which has no implicit {key}; use "two-pass", or scheme = "newton"'
             raise ValueError(refused("solve.friction", "implicit", reason))
+        return self
+
+    @model_validator(mode="after")
+    def _check_contact(self) -> Self:
+        linear = self.solve.scheme == "linear" and self.solve.coupling == "monolithic"
+        if self.tissue is not None and self.tissue.contact and linear:
+            reason = 'the linear scheme has no inequalities; use solve.scheme = "newton", or coupling = "staggered"'
+            raise ValueError(refused("tissue.contact", True, reason))
         return self
 
     @model_validator(mode="after")

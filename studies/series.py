@@ -89,8 +89,9 @@ def encode_mesh(topology: OrganTopology) -> str:
 
 def organ_text(mesh: str, organ: OrganRecord) -> str:
     """The organ of one frame as ``.vtu``."""
-    fields = {"displacement": organ.displacement, "stress": organ.stress, "von_mises": organ.von_mises}
-    data = _point_data({name: (field, "f4") for name, field in fields.items()}, 'Vectors="displacement"')
+    names = ("displacement", "stress", "von_mises", "contact_pressure", "lip_gap")
+    fields = {name: (getattr(organ, name), "f4") for name in names if getattr(organ, name) is not None}
+    data = _point_data(fields, 'Vectors="displacement"')
     return _file("UnstructuredGrid", f"<UnstructuredGrid>\n{mesh}{data}</Piece>\n</UnstructuredGrid>\n")
 
 

@@ -17,6 +17,7 @@ from coupling.adapting import INTERVAL, adapted, is_too_coarse, span_ratio
 from coupling.audit import Energies, audited, initial_energies
 from coupling.baumgarte import linear_step, linear_two_pass
 from coupling.constraints import passage, phi
+from coupling.contact import ContactObservation, observe_contact
 from coupling.diagnosis import faults
 from coupling.equilibrium import load_step
 from coupling.errors import StepError
@@ -28,7 +29,7 @@ from coupling.system import State, System
 from coupling.two_pass import two_pass
 from studies.assembly import Assembly, assemble
 from studies.checkpoint import CHECKPOINT, Arrays, packed, unpacked
-from studies.observables import Frame, OrganRecord, OrganTopology, StepRecord, ThreadRecord
+from studies.observables import ContactRecord, Frame, OrganRecord, OrganTopology, StepRecord, ThreadRecord
 from studies.scenario import Scenario, ScenarioError, Solve
 from thread.spline import Spline
 
@@ -198,7 +199,8 @@ class Simulation:
             return None
         U = organ.displacement(state.organ)
         stress = self.recovery.stress(U)
-        return OrganRecord(body.nodal(U), stress, tissue.von_mises(stress))
+        lips = on_lips(self.assembly.system, state, len(body.points))
+        return OrganRecord(body.nodal(U), stress, tissue.von_mises(stress), *lips)
 
 
 def method(solve: Solve) -> Take:
@@ -277,8 +279,42 @@ def recorded(
         span_ratio=span_ratio(system, state),
         seconds=seconds,
         events=tuple(events),
+        contact=contact_record(system, state),
         memory=now.memory,
     )
+
+
+def pressures(system: System, lips: ContactObservation) -> Array:
+    """Pressure at the pairs of the lips, shape `(k,)` [Pa]."""
+    organ: Any = system.organ
+    return np.asarray(organ.gaps.pressure(lips.force))
+
+
+def contact_record(system: System, state: State) -> ContactRecord | None:
+    """The lips of a state, None where they may cross."""
+    lips = observe_contact(system, state)
+    if lips is None:
+        return None
+    return ContactRecord(
+        pairs=len(lips.gap),
+        pressed=lips.pressed,
+        smallest_gap=float(lips.gap.min()),
+        largest_pressure=float(pressures(system, lips).max()),
+        force=float(lips.force.sum()),
+        complementarity=lips.complementarity,
+    )
+
+
+def on_lips(system: System, state: State, nodes: int) -> tuple[Array, Array] | tuple[None, None]:
+    """Pressure and gap of the lips at all nodes of the organ, `(nodes,)` each [Pa, m]."""
+    lips = observe_contact(system, state)
+    if lips is None:
+        return None, None
+    organ: Any = system.organ
+    pressure, gap = np.zeros(nodes), np.full(nodes, np.nan)
+    for side in organ.gaps.nodes.T:
+        pressure[side], gap[side] = pressures(system, lips), lips.gap
+    return pressure, gap
 
 
 def end_torques(state: State) -> tuple[float, float]:

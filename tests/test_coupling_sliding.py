@@ -135,6 +135,7 @@ class Ring:
 
     Y = csr_matrix(np.eye(9, 3))
     size = 3
+    pairs = 0
 
     def start(self) -> RingState:
         return RingState(np.zeros(3), np.zeros(3))
@@ -176,7 +177,7 @@ class RingStep:
         U = push / self.mass
         return RingPrediction(self.ring.y0 + self.ring.Y @ U, U, history[1])
 
-    def complete(self, prediction: RingPrediction, f_y: Array) -> RingState:
+    def complete(self, prediction: RingPrediction, f_y: Array, p: Array) -> RingState:
         U = prediction.U_free + f_y[:3] / self.mass
         return RingState(U, self.d * (U - prediction.old))
 

@@ -63,6 +63,13 @@ def test_a_coarse_slit_is_cut_into_its_corners_too(length, depth, h):
         assert facet_areas(mesh, mesh.boundaries[name]).sum() == pytest.approx(length * depth, rel=IDENTITY)
 
 
+@NEEDS_GMSH
+def test_a_cut_that_gmsh_loses_is_refused():
+    """gmsh's geometry drops an opening of 0.2 mm that crosses a plane inside the block of 50 mm."""
+    with pytest.raises(MeshError, match="lost so narrow a cut"):
+        wounded_block_gmsh((0.05, 0.05, 0.02), Wound(0.034, 8e-3, 2e-4), COARSE, planes=((), (), (-2e-3,)))
+
+
 @pytest.mark.parametrize("make", MAKERS)
 @pytest.mark.parametrize("along", ["x", "y"])
 def test_lips_of_a_slit_match_node_by_node_at_one_place(make, along):

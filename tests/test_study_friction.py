@@ -8,7 +8,19 @@ import pytest
 from bounds import ORDER
 
 from studies.figure import drawn
-from studies.friction import STUDY, Row, branches, coefficients, error, exact_ratio, main, of, order_in_number, passes
+from studies.friction import (
+    STUDY,
+    Row,
+    branches,
+    coefficients,
+    error,
+    exact_ratio,
+    loops_of,
+    main,
+    of,
+    order_in_number,
+    passes,
+)
 from studies.study import StudyError, arguments
 
 RATIO = 1e-3  # of a ratio of pulls: as far on either side of the threshold it sticks and slips
@@ -39,13 +51,16 @@ def test_the_law_at_one_hole_is_no_capstan() -> None:
 
 
 def test_loop_of_the_load() -> None:
-    """Independent check (elastica): out at the ratio of a thread that bends, back at one over it; between them it
-    sticks."""
-    for mu in coefficients(rows()):
-        out, back = branches(of(rows(), "loop", mu))
+    """Independent check (elastica): out at the ratio of a thread that bends, back at one over it, through two holes at
+    the product; between them it sticks."""
+    for mu, holes in loops_of(rows()):
+        out, back = branches(of(rows(), "loop", mu, holes))
         assert all(row.settled and row.ratio > 1.0 for row in out)
         assert error(out) < RATIO and error(back) < RATIO
         assert not back[0].settled and all(row.settled and row.ratio < 1.0 for row in back[len(back) // 2 :])
+    for mu in coefficients(rows()):
+        one, two = (branches(of(rows(), "loop", mu, holes))[0][-1].ratio for holes in (1, 2))
+        assert one**1.9 < two < one**2.1
 
 
 def test_what_locks_and_what_was_not_found_is_said() -> None:
@@ -60,7 +75,7 @@ def test_what_locks_and_what_was_not_found_is_said() -> None:
     assert sum("NOT FOUND" in line for line in STUDY.remarks(lost)) == 6
 
 
-@pytest.mark.parametrize("given", [{"mus": (0.0,)}, {"turns": (180.0,)}, {"rows_of_holes": (1,)}])
+@pytest.mark.parametrize("given", [{"mus": (0.0,)}, {"turns": (180.0,)}, {"rows_of_holes": (1,)}, {"loop_holes": (0,)}])
 def test_what_has_no_threshold_is_refused(given: dict[str, tuple[float, ...]]) -> None:
     with pytest.raises(StudyError, match="give coefficients"):
         next(main(**given))  # type: ignore[arg-type]
@@ -68,7 +83,7 @@ def test_what_has_no_threshold_is_refused(given: dict[str, tuple[float, ...]]) -
 
 def test_table_and_figure() -> None:
     shown = STUDY.table(rows())
-    assert len(shown.lines) == 2 * (3 + 6 + 3 + 2)
+    assert len(shown.lines) == 2 * (3 + 6 + 3 + 4)
     assert {len(line) for line in shown.lines} == {len(shown.head)}
     text = drawn(STUDY.figure, rows(), "sample")["svg"].decode()
     assert all(label in text for label in ("turn θ [°]", "holes in a row N [-]", "way of the hand [mm]"))

@@ -5,6 +5,7 @@ it.
 from tissue.body import Elasticity, elasticity
 from tissue.errors import FactorError, TissueError
 from tissue.factor import Factor, factorize
+from tissue.gaps import Gaps, build_gaps
 from tissue.iterative import ConjugateGradients, conjugate_gradients
 from tissue.material import Material
 from tissue.organ import (
@@ -27,6 +28,7 @@ __all__ = [
     "Factor",
     "FactorError",
     "FixedSites",
+    "Gaps",
     "History",
     "Material",
     "OrganEnergies",
@@ -37,6 +39,7 @@ __all__ = [
     "Sites",
     "StressRecovery",
     "TissueError",
+    "build_gaps",
     "build_sites",
     "conjugate_gradients",
     "elasticity",

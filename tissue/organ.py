@@ -6,6 +6,12 @@ with two numbers and two reference fields per time scheme. Backward Euler has a 
 d = 1/Δt, U_d = U. `f_y` `(9p,)` is the force on the organ conjugate to y; eliminating U is exact, so that
 y = y_free + C f_y. Where a mesh is too coarse for a hole, springs without mass stand between site and mesh, as further
 unknowns behind those of the mesh, as stiff as these are in the mean: y = y0 + Y U + √κ B ζ (`tissue.subgrid`).
+
+The lips of a wound may be given gaps g = g0 + G U (`tissue.gaps`), and forces p that push them apart:
+
+    A U⁺ = b + Yᵀ f_y + Gᵀ p,   y = y_free + C f_y + C_yc p,   g = g_free + C_cy f_y + C_cc p
+
+The columns A⁻¹Gᵀ are not kept: once C_cc is known, p costs one more back-substitution a step.
 """
 
 from collections import OrderedDict, deque
@@ -19,26 +25,31 @@ from scipy.sparse import block_diag, csr_matrix, eye_array, hstack
 
 from tissue.body import Elasticity
 from tissue.errors import TissueError
+from tissue.gaps import Gaps
+from tissue.memory import free_memory
 from tissue.sites import Site, Sites, space_frames
-from tissue.solver import Choice, Solver, chosen, mass_solver, solver
+from tissue.solver import GIGA, Choice, Solver, chosen, mass_solver, solver
 
 Array = NDArray[np.float64]
 
 KEPT = 4  # operators kept, memory allowing: one per (a, d) of a run, the start, and a halved step
 RECALLED = 4  # fields whose elastic force is remembered: a step asks again for those of its start and of its end
+COLUMNS = 64  # of A⁻¹Gᵀ that are made together
+SHARE = 0.5  # of the free memory that the compliance of the gaps may take
 NOTHING = np.zeros(0)
 
 
 @dataclass(frozen=True)
 class OrganState:
-    """Displacement U [m], velocity V [m/s], acceleration A [m/s²] over the free unknowns `(N,)`, and the site
-    forces.
+    """Displacement U [m], velocity V [m/s], acceleration A [m/s²] over the free unknowns `(N,)`, the site
+    forces, and the contact forces `(k,)` [N], None of an organ without gaps.
     """
 
     U: Array
     V: Array
     A: Array
     f_y: Array
+    p: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -51,11 +62,14 @@ class History:
 
 @dataclass(frozen=True)
 class Prediction:
-    """A step without site forces: site variables `(9p,)`, field `(N,)` and the history it came from."""
+    """A step without site forces and contact: site variables `(9p,)`, field `(N,)`, the history it came from and
+    the gaps `(k,)` [m].
+    """
 
     y_free: Array
     U_free: Array
     history: History
+    g_free: Array = field(default_factory=lambda: NOTHING)
 
 
 @dataclass(frozen=True)
@@ -79,11 +93,13 @@ class _Organ:
     sites: Sites
     gravity: ArrayLike = (0.0, 0.0, 0.0)
     solver: str = "auto"  # one of `tissue.solver.SOLVERS`
+    gaps: Gaps | None = None
     choice: Choice = field(init=False, repr=False)
     K: csr_matrix = field(init=False, repr=False)
     Y: csr_matrix = field(init=False, repr=False)
     load: Array = field(init=False, repr=False)
     places: Array = field(init=False, repr=False)
+    G: csr_matrix = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         gravity = np.asarray(self.gravity, dtype=float)
@@ -104,6 +120,47 @@ class _Organ:
         object.__setattr__(self, "load", np.append(body.body_force(gravity)[free], np.zeros(B.shape[1])))
         object.__setattr__(self, "places", places)
         object.__setattr__(self, "choice", chosen(self.solver, K, places, self._solved_once))
+        object.__setattr__(self, "G", self._gap_rows(B.shape[1]))
+
+    def _gap_rows(self, springs: int) -> csr_matrix:
+        """G over all unknowns, shape `(k, N)`; refused where its compliance has no room."""
+        N = self.elasticity.free.size + springs
+        if self.gaps is None:
+            return csr_matrix((0, N))
+        k, room = self.pairs, SHARE * free_memory()
+        need = 8.0 * ((KEPT + 2) * k**2 + COLUMNS * N)
+        if self.gaps.G.shape[1] != self.elasticity.free.size:
+            raise TissueError(
+                f"gaps over {self.gaps.G.shape[1]} unknowns on an organ of {N - springs}; build them on it"
+            )
+        if need > room:
+            raise TissueError(
+                f"contact: the {k} pairs of nodes on the lips take about {need / GIGA:.2g} GB and {room / GIGA:.2g} GB "
+                "can be had; take a coarser mesh at the lips, or leave out contact"
+            )
+        return csr_matrix(hstack([self.gaps.G, csr_matrix((k, springs))]))
+
+    @property
+    def pairs(self) -> int:
+        """Number k of pairs of nodes on the lips that may touch; 0 without gaps."""
+        return 0 if self.gaps is None else len(self.gaps.g0)
+
+    @property
+    def g0(self) -> Array:
+        """Gaps of the reference shape, shape `(k,)` [m]."""
+        return NOTHING if self.gaps is None else self.gaps.g0
+
+    def contact_forces(self, state: OrganState) -> Array:
+        """p, shape `(k,)` [N]."""
+        return NOTHING if state.p is None else state.p
+
+    def held_apart(self, p: Array) -> Array | None:
+        """Contact forces `(k,)` as a state keeps them: None without gaps."""
+        return p if self.pairs else None
+
+    @property
+    def _no_contact(self) -> Array | None:
+        return self.held_apart(np.zeros(self.pairs))
 
     @property
     def mesh_size(self) -> int:
@@ -151,8 +208,26 @@ class Sprung:
         return np.concatenate([self.mesh.solve(b[:N], near), b[N:] / springs])
 
 
+class _Lips:
+    """What an operator says of the gaps, when it is asked: the columns A⁻¹Gᵀ are dear."""
+
+    organ: _Organ
+    factor: Solver
+    W: Array
+
+    @cached_property
+    def C_cc(self) -> Array:
+        """G A⁻¹ Gᵀ, gaps by contact forces, shape `(k, k)` [m/N]."""
+        return _gap_compliance(self.factor, self.organ.G)
+
+    @cached_property
+    def C_cy(self) -> Array:
+        """G W, gaps by site forces, shape `(k, 9p)`."""
+        return np.asarray(self.organ.G @ self.W)
+
+
 @dataclass(frozen=True)
-class DynamicOperator:
+class DynamicOperator(_Lips):
     """A = a M + d C + K, factorised, with W = A⁻¹ Yᵀ and the compliance C = Y W of the sites."""
 
     organ: "DynamicOrgan"
@@ -175,13 +250,19 @@ class DynamicOperator:
             return history.inertia + state.A / self.a - state.U - self.W @ state.f_y
 
         U_free = state.U + self.factor.solve(self._residual(state.U, history), guess)
-        return Prediction(self.organ.y0 + self.organ.Y @ U_free, U_free, history)
+        organ = self.organ
+        return Prediction(organ.y0 + organ.Y @ U_free, U_free, history, organ.g0 + organ.G @ U_free)
 
-    def complete(self, prediction: Prediction, f_y: Array) -> OrganState:
-        """U⁺ = U_free + W f_y and its rates."""
-        U = prediction.U_free + self.W @ f_y
-        history = prediction.history
-        return OrganState(U, self.d * (U - history.damping), self.a * (U - history.inertia), f_y)
+    def complete(self, prediction: Prediction, f_y: Array, p: Array = NOTHING) -> OrganState:
+        """U⁺ = U_free + W f_y + A⁻¹Gᵀ p and its rates."""
+        U, history, organ = self.moved(prediction.U_free, f_y, p), prediction.history, self.organ
+        rates = self.d * (U - history.damping), self.a * (U - history.inertia)
+        return OrganState(U, *rates, f_y, organ.held_apart(p))
+
+    def moved(self, U: Array, f_y: Array, p: Array) -> Array:
+        """U + W f_y + A⁻¹Gᵀ p, shape `(N,)` [m]."""
+        U = U + self.W @ f_y
+        return U + self.factor.solve(self.organ.G.T @ p) if p.any() else U
 
     def _residual(self, U: Array, history: History) -> Array:
         """b − A U, by products with M and K: C = αM + βK needs none of its own."""
@@ -224,7 +305,7 @@ class DynamicOrgan(_Organ):
     def start(self) -> OrganState:
         """Undeformed and at rest; gravity acts from the first step."""
         rest = np.zeros(self.size)
-        return OrganState(rest, rest, rest, np.zeros(self.y0.size))
+        return OrganState(rest, rest, rest, np.zeros(self.y0.size), self._no_contact)
 
     def operator(self, a: float, d: float) -> DynamicOperator:
         """The factorised operator of a time scheme; the last few are kept."""
@@ -269,6 +350,10 @@ class DynamicOrgan(_Organ):
         """y = y0 + Y U, shape `(9p,)`."""
         return np.asarray(self.y0 + self.Y @ state.U)
 
+    def gap(self, state: OrganState) -> Array:
+        """g = g0 + G U, shape `(k,)` [m]."""
+        return np.asarray(self.g0 + self.G @ state.U)
+
     def displacement(self, state: OrganState) -> Array:
         """Displacement of all unknowns, shape `(N_all,)` [m]."""
         return self.whole(state.U)
@@ -293,9 +378,10 @@ class DynamicOrgan(_Organ):
         """The state after an impulse `(9p,)` on the sites: V + M⁻¹ Yᵀ impulse."""
         return replace(state, V=state.V + self._mobility[0] @ impulse)
 
-    def moved(self, state: OrganState, operator: DynamicOperator, f_y: Array) -> OrganState:
-        """The state with other site forces, displaced by W Δf_y; V is kept."""
-        return replace(state, U=state.U + operator.W @ (f_y - state.f_y), f_y=f_y)
+    def moved(self, state: OrganState, operator: DynamicOperator, f_y: Array, p: Array = NOTHING) -> OrganState:
+        """The state with other site and contact forces, displaced by W Δf_y + A⁻¹Gᵀ Δp; V is kept."""
+        U = operator.moved(state.U, f_y - state.f_y, p - self.contact_forces(state))
+        return replace(state, U=U, f_y=f_y, p=self.held_apart(p))
 
     @cached_property
     def _mobility(self) -> tuple[Array, Array]:
@@ -309,7 +395,8 @@ class DynamicOrgan(_Organ):
         numerical.
 
         Exact for any time scheme: its own dissipation is ½ΔUᵀKΔU + ½ΔVᵀMΔV + (A⁺ᵀMΔU − V⁺ᵀMΔV), of which the bracket
-        is zero for backward Euler; viscous is V⁺ᵀ C ΔU.
+        is zero for backward Euler; viscous is V⁺ᵀ C ΔU. With p⁺·g⁺ = 0 the contact takes −p⁺·Δg = p⁺·g ≥ 0, of first
+        order in the step but where lips strike one another: it stands with the integrator's share.
         """
         alpha, beta = self.rayleigh
         dU, dV, force = new.U - old.U, new.V - old.V, self.elastic_force(new.U)
@@ -320,7 +407,8 @@ class DynamicOrgan(_Organ):
             elastic=float(0.5 * new.U @ force),
             gravity_work=float(self.load @ dU),
             viscous=float(alpha * (inertia @ dU) + beta * (new.V @ elastic)),
-            numerical=float(0.5 * dU @ elastic + 0.5 * dV @ given + spent @ dU - inertia @ dV),
+            numerical=float(0.5 * dU @ elastic + 0.5 * dV @ given + spent @ dU - inertia @ dV)
+            - float(self.contact_forces(new) @ (self.G @ dU)),
         )
 
     def _weighed_together(self, *fields: Array) -> Array:
@@ -333,9 +421,10 @@ class DynamicOrgan(_Organ):
 
 
 @dataclass(frozen=True)
-class QuasiStaticOperator:
+class QuasiStaticOperator(_Lips):
     """A = K with the answer to the constant load known: no work that grows with the mesh is left in a step."""
 
+    organ: "QuasiStaticOrgan"
     A: csr_matrix
     factor: Solver
     load: Array
@@ -351,11 +440,16 @@ class QuasiStaticOperator:
 
     def predict(self, state: OrganState, history: History) -> Prediction:
         """The equilibrium without site forces, known in advance."""
-        return Prediction(self.y_load, NOTHING, history)
+        return Prediction(self.y_load, NOTHING, history, self.g_load)
 
-    def complete(self, prediction: Prediction, f_y: Array) -> OrganState:
+    def complete(self, prediction: Prediction, f_y: Array, p: Array = NOTHING) -> OrganState:
         """A quasi-static organ is where its forces put it."""
-        return OrganState(NOTHING, NOTHING, NOTHING, f_y)
+        return OrganState(NOTHING, NOTHING, NOTHING, f_y, self.organ.held_apart(p))
+
+    @cached_property
+    def g_load(self) -> Array:
+        """Gaps under the constant load alone, shape `(k,)` [m]."""
+        return np.asarray(self.organ.g0 + self.organ.G @ self.U_load)
 
 
 @dataclass(frozen=True, eq=False)
@@ -384,11 +478,11 @@ class QuasiStaticOrgan(_Organ):
         W, C = _compliance(factor, self.Y)
         U_load = factor.solve(self.load)
         y_load, sag_energy = np.asarray(self.y0 + self.Y @ U_load), float(0.5 * self.load @ U_load)
-        return QuasiStaticOperator(self.K, factor, self.load, W, C, U_load, y_load, sag_energy)
+        return QuasiStaticOperator(self, self.K, factor, self.load, W, C, U_load, y_load, sag_energy)
 
     def start(self) -> OrganState:
-        """Equilibrium under gravity, without site forces."""
-        return OrganState(NOTHING, NOTHING, NOTHING, np.zeros(self.y0.size))
+        """Equilibrium under gravity, without site forces; the lips are not held apart yet."""
+        return OrganState(NOTHING, NOTHING, NOTHING, np.zeros(self.y0.size), self._no_contact)
 
     def operator(self, a: float, d: float) -> QuasiStaticOperator:
         """K, whatever the time scheme."""
@@ -399,10 +493,20 @@ class QuasiStaticOrgan(_Organ):
         return History(NOTHING, NOTHING)
 
     def site_variables(self, state: OrganState) -> Array:
-        """y = y0 + Y U = y_load + C f_y, shape `(9p,)`."""
-        if not (self.load.any() or state.f_y.any()):
+        """y = y0 + Y U = y_load + C f_y + C_yc p, shape `(9p,)`."""
+        p = self.contact_forces(state)
+        if not (self.load.any() or state.f_y.any() or p.any()):
             return self.y0
-        return self._operator.y_load + self._operator.C @ state.f_y
+        y = self._operator.y_load + self._operator.C @ state.f_y
+        return y + p @ self._operator.C_cy if p.any() else y
+
+    def gap(self, state: OrganState) -> Array:
+        """g = g0 + G U = g_load + C_cy f_y + C_cc p, shape `(k,)` [m]."""
+        p = self.contact_forces(state)
+        if not (self.pairs and (self.load.any() or state.f_y.any() or p.any())):
+            return self.g0
+        g = self._operator.g_load + self._operator.C_cy @ state.f_y
+        return g + self._operator.C_cc @ p if p.any() else g
 
     def displacement(self, state: OrganState) -> Array:
         """Displacement of all unknowns, shape `(N_all,)` [m]."""
@@ -410,7 +514,8 @@ class QuasiStaticOrgan(_Organ):
 
     def field(self, state: OrganState) -> Array:
         """Displacement over the free unknowns, shape `(N,)` [m]."""
-        return np.asarray(self._operator.U_load + self._operator.W @ state.f_y)
+        U, p = np.asarray(self._operator.U_load + self._operator.W @ state.f_y), self.contact_forces(state)
+        return U + self._operator.factor.solve(self.G.T @ p) if p.any() else U
 
     def velocity(self, state: OrganState) -> Array:
         """Zero, shape `(N_all,)` [m/s]."""
@@ -427,18 +532,34 @@ class QuasiStaticOrgan(_Organ):
         """Unchanged."""
         return state
 
-    def moved(self, state: OrganState, operator: object, f_y: Array) -> OrganState:
-        """The state with other site forces."""
-        return replace(state, f_y=f_y)
+    def moved(self, state: OrganState, operator: object, f_y: Array, p: Array = NOTHING) -> OrganState:
+        """The state with other site and contact forces."""
+        return replace(state, f_y=f_y, p=self.held_apart(p))
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """As for the dynamic organ, with 9p numbers: U = U_load + W f_y, K U_load = load and Yᵀ U_load =
-        y_load − y0.
+        """As for the dynamic organ, with 9p + k numbers: U = U_load + W f_y + K⁻¹Gᵀ p, K U_load = load,
+        Yᵀ U_load = y_load − y0 and Gᵀ U_load = g_load − g0.
         """
         C, sag = self._operator.C, self._operator.y_load - self.y0
         df = new.f_y - old.f_y
         elastic = self._operator.sag_energy + sag @ new.f_y + 0.5 * new.f_y @ (C @ new.f_y)
-        return OrganEnergies(0.0, float(elastic), float(sag @ df), 0.0, float(0.5 * df @ (C @ df)))
+        by_sites = OrganEnergies(0.0, float(elastic), float(sag @ df), 0.0, float(0.5 * df @ (C @ df)))
+        return self._with_contact(by_sites, old, new) if self.pairs else by_sites
+
+    def _with_contact(self, by_sites: OrganEnergies, old: OrganState, new: OrganState) -> OrganEnergies:
+        """What the contact forces add; their own work −p⁺·Δg stands with the integrator's share."""
+        p, df = self.contact_forces(new), new.f_y - old.f_y
+        dp = p - self.contact_forces(old)
+        if not (p.any() or dp.any()):
+            return by_sites
+        C_cc, C_cy, closing = self._operator.C_cc, self._operator.C_cy, self._operator.g_load - self.g0
+        elastic, dg = p @ (closing + C_cy @ new.f_y + 0.5 * C_cc @ p), C_cy @ df + C_cc @ dp
+        return replace(
+            by_sites,
+            elastic=by_sites.elastic + float(elastic),
+            gravity_work=by_sites.gravity_work + float(closing @ dp),
+            numerical=by_sites.numerical + float(dp @ (C_cy @ df + 0.5 * C_cc @ dp) - p @ dg),
+        )
 
 
 @dataclass(frozen=True)
@@ -470,7 +591,7 @@ class FixedOperator:
         """The sites where they are."""
         return Prediction(self.y0, NOTHING, history)
 
-    def complete(self, prediction: Prediction, f_y: Array) -> OrganState:
+    def complete(self, prediction: Prediction, f_y: Array, p: Array = NOTHING) -> OrganState:
         """The space takes any force."""
         return OrganState(NOTHING, NOTHING, NOTHING, f_y)
 
@@ -490,6 +611,19 @@ class FixedSites:
     def size(self) -> int:
         """Zero."""
         return 0
+
+    @property
+    def pairs(self) -> int:
+        """Zero: space has no lips."""
+        return 0
+
+    def gap(self, state: OrganState) -> Array:
+        """Shape `(0,)`."""
+        return NOTHING
+
+    def contact_forces(self, state: OrganState) -> Array:
+        """Shape `(0,)`."""
+        return NOTHING
 
     def start(self) -> OrganState:
         """No force."""
@@ -527,7 +661,7 @@ class FixedSites:
         """Unchanged."""
         return state
 
-    def moved(self, state: OrganState, operator: object, f_y: Array) -> OrganState:
+    def moved(self, state: OrganState, operator: object, f_y: Array, p: Array = NOTHING) -> OrganState:
         """The state with other site forces."""
         return replace(state, f_y=f_y)
 
@@ -546,3 +680,10 @@ def _compliance(factor: Solver, Y: csr_matrix) -> tuple[Array, Array]:
     W = factor.solve(Y.T.toarray())
     C = Y @ W
     return W, 0.5 * (C + C.T)
+
+
+def _gap_compliance(factor: Solver, G: csr_matrix) -> Array:
+    """G A⁻¹ Gᵀ `(k, k)`, made symmetric to the last bit; its columns are made a few at a time."""
+    some = [slice(first, first + COLUMNS) for first in range(0, G.shape[0], COLUMNS)]
+    C = np.hstack([G @ factor.solve(G[rows].T.toarray()) for rows in some])
+    return 0.5 * (C + C.T)

@@ -1,0 +1,172 @@
+"""Unilateral contact of a wound's lips: in every pair a gap g ≥ 0, a force p ≥ 0 that pushes them apart, and p g = 0.
+
+The p are multipliers of the same system as those of the piercings. The organ exactly condensed says
+
+    y = y_free + C f_y + C_yc p,    g = g_free + C_cy f_y + C_cc p,    f_y = Φ_yᵀλ
+
+and where the pairs 𝒜 are pressed, p_𝒜 = −C_𝒜𝒜⁻¹ (g_free + C_cy f_y)_𝒜 and g_𝒜 = 0, the others being open with p = 0.
+The thread then meets an organ of compliance C − C_y𝒜 C_𝒜𝒜⁻¹ C_𝒜y: Newton's method stays what it is without contact.
+
+Which pairs are pressed is an active set. Under given site forces it is the answer of a linear complementarity problem
+with a symmetric positive definite matrix: there is one, and only one, and it is found by exchanging all pairs that are
+wrong at once, or the first of them where that makes no headway (block principal pivoting, Júdice & Pires, Computers &
+Operations Research 21, 1994; the single exchange is Murty's rule, which always ends). As with stick and slip, it is
+judged by the forces of solved iterates only (`coupling.newton.solve`).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from coupling.border import NINE
+from coupling.constraints import Array, passage, site_force
+from coupling.errors import CouplingError
+from coupling.interfaces import ContactOperator
+from coupling.system import Flags, State, System
+
+ROUND_OFF = 1e-12  # of the largest gap without contact: a compliance of condition 10³ times what is rounded
+CHANCES = 3  # exchanges of all wrong pairs that may pass without fewer being wrong
+EXCHANGES = 20  # per pair, at most; some ten in all are the rule
+NO_FORCES = np.zeros(0)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What the pairs see of a step: `g_free` (k,) [m], `C_cy` (k, 9m) and the organ's operator."""
+
+    g_free: Array
+    C_cy: Array
+    operator: ContactOperator
+
+    @property
+    def C_cc(self) -> Array:
+        """Gaps by contact forces, shape `(k, k)` [m/N]; dear, and not asked for while all pairs are open."""
+        return self.operator.C_cc
+
+    def unpressed(self, f: Array) -> Array:
+        """Gaps without contact forces under the site forces `f` (9m,), shape `(k,)` [m]."""
+        return np.asarray(self.g_free + self.C_cy @ f)
+
+    def slack(self, unpressed: Array, force: float) -> float:
+        """What a gap may be off by [m] where the holes' forces are known to within `force` [N]."""
+        by_forces = np.abs(self.C_cy[:, np.arange(self.C_cy.shape[1]) % NINE < 3]).sum(axis=1)
+        return float(ROUND_OFF * np.abs(unpressed).max() + force * by_forces.max())
+
+
+def answer(contact: Contact, pressed: Flags, unpressed: Array) -> tuple[Array, Array]:
+    """Forces p and gaps g of all pairs, `(k,)` each [N, m], where the pairs `pressed` are closed."""
+    p = np.zeros_like(unpressed)
+    if not pressed.any():
+        return p, unpressed
+    p[pressed] = -cho_solve(cho_factor(contact.C_cc[np.ix_(pressed, pressed)]), unpressed[pressed])
+    return p, unpressed + contact.C_cc @ p
+
+
+def misfits(contact: Contact, f: Array, pressed: Flags, force: float = 0.0) -> Flags:
+    """Pairs that are pressed and pull, or open and cross, under the site forces `f` (9m,) known to within `force` [N];
+    a force counts by the gap that it opens. Shape `(k,)`."""
+    unpressed = contact.unpressed(f)
+    (p, g), slack = answer(contact, pressed, unpressed), contact.slack(unpressed, force)
+    return np.where(pressed, p * np.diag(contact.C_cc), g) < -slack if pressed.any() else g < -slack
+
+
+def pressed_under(contact: Contact, f: Array, pressed: Flags) -> Flags:
+    """The pairs that are pressed under the site forces `f` (9m,), sought from `pressed`, shape `(k,)`.
+
+    The answer does not depend on where the search begins. Raises `CouplingError` where there is none, which a body
+    that something holds never comes to.
+    """
+    fewest, chances = len(pressed) + 1, CHANCES
+    for _ in range(EXCHANGES * (1 + len(pressed))):
+        wrong = misfits(contact, f, pressed)
+        count = int(wrong.sum())
+        if count == 0:
+            return pressed
+        fewest, chances = (count, CHANCES) if count < fewest else (fewest, chances - 1)
+        pressed = pressed ^ (wrong if chances > 0 else first_of(wrong))
+    raise CouplingError(f"contact of {len(pressed)} pairs of the lips: no set of pressed pairs was found")
+
+
+def first_of(flags: Flags) -> Flags:
+    """Only the first that is set."""
+    return flags & (np.cumsum(flags) == 1)
+
+
+def condensed(contact: Contact, pressed: Flags, y_free: Array, C: Array) -> tuple[Array, Array]:
+    """`y_free` (m, 9) and `C` (9m, 9m) of the organ with the pairs `pressed` closed."""
+    factor = np.linalg.cholesky(contact.C_cc[np.ix_(pressed, pressed)])
+    closing = np.column_stack([contact.C_cy[pressed], contact.g_free[pressed]])
+    half = solve_triangular(factor, closing, lower=True)
+    by_sites = half[:, :-1]
+    return y_free - (by_sites.T @ half[:, -1]).reshape(y_free.shape), C - by_sites.T @ by_sites
+
+
+# -- of a system -------------------------------------------------------------------------------------------------------
+
+
+def contact_of(system: System, operator: Any, prediction: Any) -> Contact | None:
+    """The contact of a step, None where the organ has no lips that may touch."""
+    return contact_with(system, operator, prediction.g_free) if system.organ.pairs else None
+
+
+def contact_with(system: System, operator: ContactOperator, g_free: Array) -> Contact:
+    """The contact of an organ whose gaps are `g_free` (k,) [m] without any force; clamped ends open none."""
+    return Contact(g_free, np.pad(operator.C_cy, ((0, 0), (0, NINE * len(system.clamps)))), operator)
+
+
+def first_pressed(contact: Contact | None, system: System, state: State) -> Flags:
+    """The pairs that the site forces of a state press in the step of a contact, shape `(k,)`."""
+    if contact is None:
+        return np.zeros(0, dtype=bool)
+    f = site_force(passage(system.thread, state.q, state.s), state.lam, state.y).ravel()
+    return pressed_under(contact, f, system.organ.contact_forces(state.organ) > 0.0)
+
+
+def contact_under(system: System, f_y: Array, operator: Any, prediction: Any) -> Array:
+    """Contact forces of a step under given site forces `f_y` (9p,), shape `(k,)` [N]."""
+    contact = contact_of(system, operator, prediction)
+    if contact is None:
+        return NO_FORCES
+    f = np.pad(f_y, (0, NINE * len(system.clamps)))
+    return forces(contact, pressed_under(contact, f, np.zeros(len(contact.g_free), dtype=bool)), f)
+
+
+def contact_at(system: System, state: State, operator: Any, f: Array) -> Contact | None:
+    """The contact of a step in which nothing moves as long as the site forces are `f` (9m,)."""
+    organ = system.organ
+    if not organ.pairs:
+        return None
+    contact, p = contact_with(system, operator, organ.gap(state.organ)), organ.contact_forces(state.organ)
+    pressing = contact.C_cc @ p if p.any() else 0.0
+    return replace(contact, g_free=contact.g_free - contact.C_cy @ f - pressing)
+
+
+def forces(contact: Contact, pressed: Flags, f: Array) -> Array:
+    """p of all pairs under the site forces `f` (9m,), shape `(k,)` [N]; what is pulled by round-off is not."""
+    return np.maximum(answer(contact, pressed, contact.unpressed(f))[0], 0.0)
+
+
+@dataclass(frozen=True)
+class ContactObservation:
+    """The lips at one time: `gap` (k,) [m] and `force` (k,) [N] of every pair."""
+
+    gap: Array
+    force: Array
+
+    @property
+    def pressed(self) -> int:
+        """Number of pairs under a force."""
+        return int(np.count_nonzero(self.force > 0.0))
+
+    @property
+    def complementarity(self) -> float:
+        """Largest |p g| over the pairs [J], zero but for round-off."""
+        return float(np.abs(self.force * self.gap).max())
+
+
+def observe_contact(system: System, state: State) -> ContactObservation | None:
+    """The lips of a state, None where the organ has none that may touch."""
+    organ = system.organ
+    return ContactObservation(organ.gap(state.organ), organ.contact_forces(state.organ)) if organ.pairs else None
