@@ -28,6 +28,7 @@ NAMES = (
     "coupling_variants",
     "friction",
     "mesh_refinement",
+    "running_suture",
     "suture_tension",
     "wound_closure",
 )

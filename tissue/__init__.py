@@ -45,9 +45,9 @@ __all__ = [
     "elasticity",
     "factorize",
     "fixed_sites",
-    "interpolation",
     "held_components",
     "holds_still",
+    "interpolation",
     "stress_recovery",
     "von_mises",
 ]
