@@ -16,15 +16,16 @@ STEEPEST = 12.0  # orders that are looked for
 BEYOND = 0.5  # of an order above that of theory: the grids are not in the asymptotic range
 SLOWEST = 0.5  # an order below which the limit is not trusted
 CONVERGED = 0.05  # index above which no number is called converged
+UNRESOLVED = 3e-3  # of the number: how a mesh happens to cut the rim of a hole changes it by as much, at no order
 FLAT = 0.05  # an order this near zero is none: a logarithm
 STILL = 1e-9  # of the number: changes by as little are round-off
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """`kind` is "converged", "pre-asymptotic" or "diverging"; observed `order`, NaN where the number swings;
-    Richardson's `limit`, NaN where there is none; `index`, half the width of the interval about the finest number, over
-    that number."""
+    """`kind` is "converged", "unresolved", "pre-asymptotic" or "diverging"; observed `order`, NaN where the number
+    swings; Richardson's `limit`, NaN where there is none; `index`, half the width of the interval about the finest
+    number, over that number."""
 
     kind: str
     order: float
@@ -37,7 +38,9 @@ class Verdict:
         if self.kind == "diverging":
             return f"DIVERGING, order {self.order:.2f}" if self.order < -FLAT else "DIVERGING like a logarithm"
         if self.kind == "converged":
-            return f"converged to {100 * self.index:.2g} %"
+            return f"converged to {100 * self.index:.2g} %" + ", order not resolved" * bool(np.isnan(self.limit))
+        if self.kind == "unresolved":
+            return f"changes by less than {100 * UNRESOLVED:g} %, order not resolved"
         return "pre-asymptotic"
 
 
@@ -79,8 +82,9 @@ def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
     """What three or more numbers say, the three finest of them; `formal` is the order of theory.
 
     An order above the formal one is luck: the formal one is taken with the larger factor. A number that swings has
-    thrice the largest change for its interval. Changes that grow diverge, unless they are too small to tell or a
-    coarser number lay on the other side.
+    thrice the largest change for its interval. Changes that do not fall as they should are a matter of the meshes where
+    all are below `UNRESOLVED`, which is not called convergence, since a slow divergence would look the same. Other
+    changes that grow diverge, unless a coarser number lay on the other side.
     """
     whole = dict(sorted(zip(h, f, strict=True)))
     if len(whole) < 3:
@@ -91,9 +95,13 @@ def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
     if change <= STILL:
         return Verdict("converged", float("nan"), float(f[0]), change)
     p = observed_order(h, f)
-    if np.isnan(p) or (p <= FLAT and (not steady or UNSURE * change <= CONVERGED)):
-        index = UNSURE * float(np.ptp(f) / abs(f[0]))
-        return Verdict("converged" if np.isnan(p) and index <= CONVERGED else "pre-asymptotic", p, float("nan"), index)
+    swung = UNSURE * float(np.ptp(f) / abs(f[0]))
+    if np.isnan(p):
+        return Verdict("converged" if swung <= CONVERGED else "pre-asymptotic", p, float("nan"), swung)
+    if p < SLOWEST and change <= UNRESOLVED:
+        return Verdict("unresolved", p, float("nan"), swung)
+    if p <= FLAT and (not steady or UNSURE * change <= CONVERGED):
+        return Verdict("pre-asymptotic", p, float("nan"), swung)
     if p <= FLAT:
         return Verdict("diverging", p, float("nan"), float("inf"))
     sure = p <= formal + BEYOND

@@ -24,7 +24,14 @@ from studies.refusal import as_toml, nearest, refused
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NAMES = ("coupling_variants", "friction", "mesh_refinement", "wound_closure")
+NAMES = (
+    "coupling_variants",
+    "friction",
+    "mesh_refinement",
+    "running_suture",
+    "suture_tension",
+    "wound_closure",
+)
 PRESETS = ("quick", "full")
 WRITTEN = ("study.json", "table.md", "table.csv", "runs.csv", "figure.png", "figure.svg")
 

@@ -48,19 +48,22 @@ def test_verdicts() -> None:
     good = verdict(H[::-1], power(2.0)[::-1], 2.0)
     assert good.text == "converged to 1.2 %" and good.limit == pytest.approx(1.0, rel=TWO_SOLVERS)
     assert verdict(H, power(1.0, C=1.0), 2.0).kind == "pre-asymptotic"
-    assert verdict(H, power(0.2), 2.0).kind == "pre-asymptotic"
+    assert verdict(H, power(0.2, C=0.1), 2.0).kind == "pre-asymptotic"
     lucky = verdict(H, power(6.0, C=1e-3), 2.0)
     assert lucky.index > 3.0 * abs(power(6.0, C=1e-3)[0] - 1.0)
     assert verdict(H, np.full(4, 0.7), 2.0).index <= IDENTITY
 
 
 def test_swings_and_noise() -> None:
-    """A number that swings is given thrice its swing; small changes that grow are not called a divergence."""
+    """A number that swings is given thrice its swing; changes too small to show an order are said to be so, and
+    not called convergence, for a logarithm may be as small; large ones that grow diverge."""
     swing = verdict(H, [1.0, 1.01, 0.995, 1.0], 2.0)
-    assert np.isnan(swing.order) and np.isnan(swing.limit)
+    assert np.isnan(swing.order) and np.isnan(swing.limit) and swing.text.endswith("order not resolved")
     assert (swing.kind, swing.index) == ("converged", pytest.approx(0.045))
     assert verdict(H, [1.0, 1.2, 0.9, 1.0], 2.0).kind == "pre-asymptotic"
-    assert verdict(H, [1.0, 0.999, 0.9985, 0.9983], 2.0).kind == "pre-asymptotic"
+    assert verdict(H, [1.0, 0.999, 0.9985, 0.9983], 2.0).text == "changes by less than 0.3 %, order not resolved"
+    assert verdict(H, 1.0 + 1e-3 * np.log(H), 2.0).kind == "unresolved"
+    assert verdict(H, [1.0, 0.992, 0.987, 0.986], 2.0).kind == "pre-asymptotic"
     assert verdict(H, [1.5, 1.0, 0.9, 0.8], 2.0).kind == "diverging"
     assert verdict(H, [1.5, 1.0, 0.9, 1.0], 2.0).kind == "pre-asymptotic"
 

@@ -1,10 +1,14 @@
 """Sites: weights, rigid motions, compliances of the half space and the full space, and every refused place."""
 
+from itertools import combinations_with_replacement
+
 import numpy as np
 import pytest
+from bounds import IDENTITY
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.spatial import Delaunay
 from skfem import MeshTet
 
 import tissue
@@ -58,6 +62,30 @@ def test_footprint_rules_average_polynomials_exactly(weight: str) -> None:
     below = ball.points[:, 2] < 0.0
     assert ball.weights[below].sum() == pytest.approx(0.5, rel=1e-13)
     assert 2.0 * ball.weights[below] @ ball.points[below, 2] == pytest.approx(half, rel=1e-13)
+
+
+@pytest.mark.parametrize("count", [0, 5, 3000])
+def test_a_disc_is_integrated_facet_by_facet(count: int) -> None:
+    """Polynomials of degree six in closed form, whatever the size and sense of the triangles, and the area of each of
+    those inside, which a sum over fixed points cannot know."""
+    places = np.random.default_rng(7).uniform(-1.5, 1.5, (count, 2))
+    cells = Delaunay(np.vstack([places, [[-3, -3], [3, -3], [3, 3], [-3, 3]]])).simplices
+    cells[::2] = cells[::2, ::-1]
+    triangles = np.vstack([places, [[-3, -3], [3, -3], [3, 3], [-3, 3]]])[cells]
+    cover = footprint.cover(triangles)
+    (x, y), flat, bowl = cover.points.T, cover.weights("uniform"), cover.weights("parabolic")
+    for average, exact in ((flat @ x**6, 5 / 64), (flat @ (x * y) ** 2, 1 / 24), (bowl @ x**4, 1 / 16)):
+        assert average == pytest.approx(exact, rel=IDENTITY)
+    assert np.abs([flat @ x, bowl @ y, flat.sum() - 1.0, bowl.sum() - 1.0]).max() <= IDENTITY
+    (u, v), (w, z) = (triangles[:, 1] - triangles[:, 0]).T, (triangles[:, 2] - triangles[:, 0]).T
+    inside = (np.linalg.norm(triangles, axis=2) < 1.0).all(axis=1)
+    share = np.bincount(cover.triangles, flat, minlength=len(triangles))
+    assert inside.any() == (count > 10)
+    area = np.abs(u * z - v * w) / (2.0 * np.pi)
+    assert np.abs(share - area)[inside].max(initial=0.0) <= IDENTITY
+    fourth = sum(np.prod(c, axis=0) for c in combinations_with_replacement(triangles[..., 0].T, 4)) * area / 15.0
+    found = np.bincount(cover.triangles, flat * x**4, minlength=len(triangles))
+    assert np.abs(found - fourth)[inside].max(initial=0.0) <= IDENTITY
 
 
 @pytest.mark.parametrize("weight", ["uniform", "parabolic"])

@@ -49,3 +49,20 @@ def test_stiff_cells_carry_more_stress_under_one_strain() -> None:
     right, left = body.points[:, 0] > 0.019, body.points[:, 0] < 0.0
     assert stress[right, 0] == pytest.approx(np.full(right.sum(), 3.0e5), rel=1e-11)
     assert stress[left, 0] == pytest.approx(np.full(left.sum(), 1.0e5), rel=1e-11)
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_interpolation_is_exact_for_the_elements_own_fields(element: str) -> None:
+    """A linear field, and with P2 a quadratic one; a point outside is refused."""
+    body = body_of(element)
+    low, high = body.points.min(axis=0), body.points.max(axis=0)
+    points = low + (high - low) * np.random.default_rng(1).random((20, 3))
+
+    def field(x: np.ndarray) -> np.ndarray:
+        linear = x @ [1.0, -2.0, 0.5] + 0.1
+        return linear if element == "P1" else linear * (x @ [0.3, 1.0, 2.0])
+
+    got = tissue.interpolation(body, points) @ field(body.points)
+    assert np.abs(got - field(points)).max() <= 1e-12 * np.abs(field(body.points)).max()
+    with pytest.raises(tissue.TissueError, match="outside the organ"):
+        tissue.interpolation(body, high[None] + 1.0)

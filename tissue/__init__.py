@@ -19,7 +19,7 @@ from tissue.organ import (
     fixed_sites,
 )
 from tissue.sites import Site, Sites, build_sites
-from tissue.stress import StressRecovery, stress_recovery, von_mises
+from tissue.stress import StressRecovery, interpolation, stress_recovery, von_mises
 
 __all__ = [
     "ConjugateGradients",
@@ -47,6 +47,7 @@ __all__ = [
     "fixed_sites",
     "held_components",
     "holds_still",
+    "interpolation",
     "stress_recovery",
     "von_mises",
 ]

@@ -31,6 +31,8 @@ Indices = NDArray[np.intp]
 Direction = Literal["normal"] | ArrayLike | None
 
 AXIS = np.array([0.0, 0.0, 1.0])  # frame axis of an interior site without a direction: any will do
+EDGE_ON = 1e-3  # cosine of a facet's tilt below which its plane is too steep to be reckoned with beside it
+COVERED = 1e-9  # of a disc: facets that cover as much of it too much or too little do so by round-off
 SAME = 1e-9  # of a cell: places nearer than this are one
 
 
@@ -186,12 +188,14 @@ def _build(
     distance, nearest, facets = surface.nearest(np.asarray(site.point, float))
     if distance <= ON_SURFACE * surface.diagonal:
         X, normal, average, patch = _surface_footprint(surface, site, nearest, facets)
+        _check_free(elasticity, site, average)
         use_fibre = site.fibre is not None
+        average = _over_facets(surface, site, X, normal, patch) or average
         slope = (_half_ball_slope if use_fibre else _disc_slope)(surface, site, X, normal, patch)
     else:
         X, normal, use_fibre = np.asarray(site.point, float), np.full(3, np.nan), True
         average, slope = _ball_footprint(surface, site, X, distance, nearest)
-    _check_free(elasticity, site, average)
+        _check_free(elasticity, site, average)
     t0 = site.fibre if site.fibre is not None else (AXIS if use_fibre else normal)
     u0, v0 = frame(t0)
     values, gradient = _value_rows(elasticity, average), _gradient_rows(elasticity, surface, average, slope)
@@ -250,10 +254,43 @@ def _cast(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices,
     return hits, struck
 
 
+def _cover(
+    surface: Surface, site: Site, X: Array, normal: Array, patch: Indices
+) -> tuple[Array, footprint.Cover] | None:
+    """The disc facet by facet, its points on the planes of the facets; None for a bare point, where facets cover it
+    twice, which only lines along the normal tell apart, and where one is seen edge-on."""
+    if site.radius == 0.0:
+        return None
+    axes = np.stack(frame(normal))
+    cover = footprint.cover((surface.triangles[patch] - X) @ axes.T / site.radius)
+    points, facets = X + site.radius * cover.points @ axes, patch[cover.triangles]
+    across = surface.normals[facets]
+    facing = across @ normal
+    if abs(cover.flat.sum() - 1.0) > COVERED or facing.min() < EDGE_ON:
+        return None
+    height = np.sum((surface.triangles[facets, 0] - points) * across, axis=1) / facing
+    return points + height[:, None] * normal, replace(cover, triangles=facets)
+
+
+def _over_facets(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices) -> _Average | None:
+    """The average over a disc, exact for what is polynomial on each facet."""
+    covered = _cover(surface, site, X, normal, patch)
+    if covered is None:
+        return None
+    points, cover = covered
+    cells = surface.behind[cover.triangles]
+    return _Average(surface.reference(points, cells), cells, cover.weights(site.weight))
+
+
 def _disc_slope(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices) -> _Slope:
     """Tangential gradient over the disc; for a bare point none."""
     if site.radius == 0.0:
         return NO_SLOPE
+    covered = _cover(surface, site, X, normal, patch) if site.weight == "parabolic" else None
+    if covered is not None:
+        points, cover = covered
+        vectors = 4.0 * cover.flat[:, None] * cover.points
+        return _Slope(points, surface.behind[cover.triangles], vectors @ np.stack(frame(normal)) / site.radius)
     rule = footprint.disc_slope(site.weight)
     hits, struck = _cast(surface, site, X, normal, patch, rule.points * (1.0 - INSIDE))
     return _Slope(hits, surface.behind[struck], rule.vectors @ np.stack([*frame(normal), normal]) / site.radius)

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 
 from tissue.body import ELEMENTS, Elasticity, cellwise_lambda
+from tissue.errors import TissueError
 from tissue.material import PerCell
+from tissue.surface import outer_surface
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -57,6 +59,22 @@ def stress_recovery(elasticity: Elasticity) -> StressRecovery:
         for j in range(3)
     ]
     return StressRecovery(csr_matrix(vstack(blocks)), _nodal_pressure(elasticity), elasticity.nodes)
+
+
+def interpolation(elasticity: Elasticity, points: Array) -> csr_matrix:
+    """A nodal field at points `(k, 3)` [m] by the element's shape functions, shape `(k, m)`. Raises `TissueError` for a
+    point outside the body.
+    """
+    surface, element = outer_surface(elasticity.mesh), ELEMENTS[elasticity.element]()
+    cells = surface.containing(points)
+    if np.any(cells < 0):
+        outside = [float(x) for x in points[np.argmin(cells)]]
+        raise TissueError(f"the point {outside} [m] is outside the organ; give points inside it")
+    reference = surface.reference(points, cells).T
+    shapes = [np.broadcast_to(element.lbasis(reference, n)[0], len(points)) for n in range(len(element.doflocs))]
+    rows = np.broadcast_to(np.arange(len(points)), (len(shapes), len(points)))
+    shape = (len(points), len(elasticity.nodes))
+    return csr_matrix((np.ravel(shapes), (rows.ravel(), elasticity.cells[cells].T.ravel())), shape=shape)
 
 
 def von_mises(stress: Array) -> Array:
