@@ -724,7 +724,8 @@ def let_back(axes: Axes, rows: Sequence[Row]) -> None:
     axes.set(
         xlabel="pull on the loose end [N]", ylabel="tension [N]", title=f"pulled and let back, μ = {run[0].mu:.3f}"
     )
-    axes.legend()
+    axes.set_ylim(top=1.25 * axes.get_ylim()[1])
+    axes.legend(loc="upper left", ncols=3)
 
 
 STUDY = Study(
