@@ -2,8 +2,9 @@
 
 Everywhere `h` is what is refined (cell, span, step …), finest first, and `f` the number measured with it. Celik, Ghia,
 Roache, Freitas, Coleman, Raad: Procedure for estimation and reporting of uncertainty due to discretization, J. Fluids
-Eng. 130 (2008) 078001; Roache: Verification and validation in computational science and engineering (1998); Eça, Hoekstra: A procedure for the
-estimation of the numerical uncertainty of CFD calculations, J. Comput. Phys. 262 (2014) 104.
+Eng. 130 (2008) 078001; Roache: Verification and validation in computational science and engineering (1998); Eça,
+Hoekstra: A procedure for the estimation of the numerical uncertainty of CFD calculations, J. Comput. Phys. 262 (2014)
+104.
 """
 
 from collections.abc import Sequence
@@ -101,19 +102,25 @@ def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
         return Verdict("converged", float("nan"), float(f[0]), change)
     p = observed_order(h, f)
     swung = UNSURE * float(np.ptp(f) / abs(f[0]))
-    if np.isnan(p) and abs(f[0] - f[1]) <= abs(f[1] - f[2]):
-        return Verdict("converged" if swung <= CONVERGED else "pre-asymptotic", p, float("nan"), swung)
-    if np.isnan(p):
-        return Verdict("unresolved" if change <= UNRESOLVED else "pre-asymptotic", p, float("nan"), swung)
-    if p < SLOWEST and change <= UNRESOLVED:
-        return Verdict("unresolved", p, float("nan"), swung)
-    if p <= FLAT and (not steady or UNSURE * change <= CONVERGED):
-        return Verdict("pre-asymptotic", p, float("nan"), swung)
-    if p <= FLAT:
-        return Verdict("diverging", p, float("nan"), float("inf"))
+    kind = without_order(p, f, change, swung, steady)
+    if kind == "diverging":
+        return Verdict(kind, p, float("nan"), float("inf"))
+    if kind:
+        return Verdict(kind, p, float("nan"), swung)
     sure = p <= formal + BEYOND
     used = p if sure else formal
     index = convergence_index(h, f, used, SAFETY if sure else UNSURE)
     index = index if sure else max(index, SAFETY * swung / UNSURE)
     kind = "converged" if index <= CONVERGED and p >= SLOWEST else "pre-asymptotic"
     return Verdict(kind, p, richardson(h, f, used), index)
+
+
+def without_order(p: float, f: Sequence[float], change: float, swung: float, steady: bool) -> str:
+    """The kind of a number whose changes swing or do not fall as they should, "" for any other."""
+    if np.isnan(p) and abs(f[0] - f[1]) <= abs(f[1] - f[2]):
+        return "converged" if swung <= CONVERGED else "pre-asymptotic"
+    if (np.isnan(p) or p < SLOWEST) and change <= UNRESOLVED:
+        return "unresolved"
+    if np.isnan(p) or (p <= FLAT and (not steady or UNSURE * change <= CONVERGED)):
+        return "pre-asymptotic"
+    return "diverging" if p <= FLAT else ""
