@@ -566,16 +566,18 @@ def calibration(rows: Sequence[Row]) -> list[str]:
 
 
 def foretold(rows: Sequence[Row]) -> list[str]:
-    """What was not used to calibrate: the later pulls at the second stitch, and the reach."""
+    """What was not used to calibrate: the reach and the later pulls at the second stitch, foretold by one pull, and of
+    stitches placed for each hold."""
     run = reference(rows)
     out = [f"foretold, one pull: felt {reach(run)} stitches back, published at most {PUBLISHED_REACH}: {verdict(run)}"]
-    followed = {"every row drawn anew, friction forgets": anew(run)}
+    followed = {"foretold, every row drawn anew, friction forgets": anew(run)}
     for placed in placings(rows):
         followed[f"placing, {placed[0].organ}, hold {placed[0].hold:g} N"] = at(placed)
-    out += [f"foretold, {name}: stitch 2 {sequence(found)}" for name, found in followed.items() if BACK in found]
+    out += [f"{name}: stitch 2 {sequence(found)}" for name, found in followed.items() if BACK in found]
     holds = agreeing_holds(run)
     found = f"for holds from {holds[0]:.2f} to {holds[-1]:.2f} N" if len(holds) else "for no hold"
-    return [*out, f"by the law alone, with the same μ, stitch 2 is within the published SD {found}"]
+    free = "the hold is not published: a second free number, with which the published course is possible, not foretold"
+    return [*out, f"{free}; by the law alone, with the same μ, stitch 2 is within the published SD {found}"]
 
 
 def agreeing_holds(run: Sequence[Row]) -> Array:
@@ -732,7 +734,7 @@ STUDY = Study(
     main=main,
     question="How far along a running suture is a pull at its loose end felt, and is that what was measured on fascia?",
     independent="the law of a ring with the turns measured in each run; Horeman et al. (PLoS ONE 2013;8:e84466): one "
-    "number (1 N two stitches back) calibrates μ, the others are foretold",
+    "number (1 N two stitches back) calibrates μ, the hold is varied, the others are foretold",
     consistency="fixed points against an elastic sheet, half the time step, a finer thread or mesh, another suture",
     table=table,
     figure=figure,

@@ -129,6 +129,9 @@ def test_lips_that_cross_are_said() -> None:
     """Consistency check: a run whose lips cross, or that was not closed, is not passed off as one that did."""
     row = rows()[0]
     assert any("CROSS" in remark for remark in remarks([replace(row, smallest_gap=-1e-6)]))
+    pulled = remarks([row, replace(row, pushes=False)])
+    assert "some forces PULL" in pulled[-1] and any("CROSS" in remark for remark in pulled)
+    assert "no force pulls" in remarks([row])[-1]
     assert any("NOT BROUGHT TOGETHER" in remark for remark in remarks([replace(row, closed=False)]))
     assert not any("CROSS" in remark for remark in remarks([row]))
 
