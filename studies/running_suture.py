@@ -559,8 +559,8 @@ def calibration(rows: Sequence[Row]) -> list[str]:
     inside = "within" if low <= mu <= high else "OUTSIDE"
     return [
         f"calibrated: μ = {mu:.3f}, by {PUBLISHED_LEFT:g} N two stitches back from {hand_of(run):g} N; {more:.3f} to "
-        f"{less:.3f} for ± 1 SD. Round cylinders (exp μθ) of the holes' mean turn, {at(run)[0].turn:.0f}°, it would be "
-        f"{capstan(run):.3f}",
+        f"{less:.3f} for ± 1 SD of that alone. Round cylinders (exp μθ) of the holes' mean turn, "
+        f"{at(run)[0].turn:.0f}°, it would be {capstan(run):.3f}",
         f"that is {inside} the {low:g} to {high:g} assumed for sutures on wet tissue",
     ]
 
