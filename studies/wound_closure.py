@@ -424,12 +424,14 @@ def row_with(rows: Sequence[Row], wound: tuple[float, float], way: str, variant:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A published wound beside its run; `fitted` is the sheet's stiffness Et [N/m] from the first of the pair."""
+    """A published wound beside its run; `fitted` is the sheet's stiffness Et [N/m] from the first of the pair, `edges`
+    by how much more the held edges of the sheet are felt than by that one [-]."""
 
     source: Source
     published: float
     row: Row
     fitted: float
+    edges: float
 
     @property
     def predicted(self) -> float:
@@ -450,7 +452,11 @@ def comparisons(rows: Sequence[Row]) -> list[Comparison]:
         if pair[0] is not None:
             fitted = E * THICKNESS * source.forces[0] / pair[0].compared
             each = zip(source.forces, pair, strict=True)
-            out += [Comparison(source, force, row, fitted) for force, row in each if row is not None]
+            out += [
+                Comparison(source, force, row, fitted, row.uniform / pair[0].uniform - 1.0)
+                for force, row in each
+                if row is not None
+            ]
     return out
 
 
@@ -523,7 +529,8 @@ def sentence(c: Comparison) -> str:
     first, off = " × ".join(f"{x / MILLI:g}" for x in c.source.wounds[0]), 100.0 * (c.predicted / c.published - 1.0)
     return (
         f"{c.source.name}: Et = {c.fitted:.0f} N/m, fitted to {first} mm, predicts {c.predicted:.2f} N for "
-        f"{c.row.name} mm; published are {c.published:g} N ({off:+.0f} %)"
+        f"{c.row.name} mm, {100.0 * c.edges:+.1f} % of it by the edges of the sheet; published are {c.published:g} N "
+        f"({off:+.0f} %)"
     )
 
 

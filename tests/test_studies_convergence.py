@@ -49,6 +49,8 @@ def test_verdicts() -> None:
     assert good.text == "converged to 1.2 %" and good.limit == pytest.approx(1.0, rel=TWO_SOLVERS)
     assert verdict(H, power(1.0, C=1.0), 2.0).kind == "pre-asymptotic"
     assert verdict(H, power(0.2, C=0.1), 2.0).kind == "pre-asymptotic"
+    slow = verdict(H, power(0.3, C=0.02), 2.0)
+    assert slow.kind == "pre-asymptotic" and slow.index < 0.03
     lucky = verdict(H, power(6.0, C=1e-3), 2.0)
     assert lucky.index > 3.0 * abs(power(6.0, C=1e-3)[0] - 1.0)
     assert verdict(H, np.full(4, 0.7), 2.0).index <= IDENTITY
