@@ -183,6 +183,10 @@ def test_a_run_that_fails_is_a_row_with_its_error(monkeypatch: pytest.MonkeyPatc
 
 def test_what_is_not_supported_is_said() -> None:
     base = of(rows(), "distance")[0]
+    assert base.is_linear and base.bearing < 0.1
+    assert not any(
+        replace(base, **changed).is_linear for changed in ({"load": 0.5}, {"exit_normal": 4e-4}, {"turn": 0.5})
+    )
     far = replace(base, sweep="footprint", turn=0.5, clear=False, span_ratio=0.9)
     moving = replace(base, sweep="soft organ", name="damped motion", way="dynamic", kinetic=1.0, elastic=1.0)
     said = "\n".join(STUDY.remarks([*rows(), far, moving]))
