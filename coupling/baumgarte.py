@@ -135,9 +135,11 @@ class Posed:
 
 def pose(system: System, state: State, dt: float, evaluation: Evaluation = "end") -> Posed:
     """The linear system of a step of `dt` [s] through ideal holes; one organ back-substitution. Raises `CouplingError`
-    for an organ whose lips may touch."""
+    for an organ whose lips may touch, and for a thread that is drawn by hand."""
     if system.organ.pairs:
         raise CouplingError("the linear step knows no contact of the lips; use Newton's scheme, or leave out contact")
+    if system.by_hand.any():
+        raise CouplingError("the linear step draws no thread by hand; use Newton's scheme, or leave out draw")
     scheme, thread = BackwardEuler(dt), system.thread
     operator = system.organ.operator(scheme.a, scheme.d)
     prediction = operator.predict(state.organ, organ_history(system, scheme, state))

@@ -143,3 +143,16 @@ def refuse_crossing(system: System, old: State, new: State) -> None:
             "the thread; are they one hole, or is the thread between them slack?"
         )
         raise StepError(old.time, new.time - old.time, cause, second)
+
+
+def refuse_drawn_out(system: System, old: State, new: State) -> None:
+    """Raise `ConstraintError` where a hand has drawn the thread, or a piece of it, out of a hole during a step."""
+    ends, piece = system.thread.spline.piece_ends, system.thread.spline.piece_of(old.s)
+    beyond = (new.s <= ends[piece]) | (new.s >= ends[piece + 1])
+    for k in np.flatnonzero(new.present & system.by_hand & beyond):
+        low, high = ends[piece[k] : piece[k] + 2]
+        cause = (
+            f"the thread is drawn out of piercing {system.piercings[k].name!r} (s = {new.s[k]:.6g} m, and its piece "
+            f"goes from {low:.6g} to {high:.6g} m); draw less, or lay out more"
+        )
+        raise ConstraintError(new.time, cause)

@@ -10,6 +10,7 @@ import numpy as np
 
 from coupling.constraints import Array, site_force
 from coupling.contact import Contact, contact_of, first_pressed
+from coupling.diagnosis import refuse_drawn_out
 from coupling.errors import EquilibriumError, StepError
 from coupling.newton import Iterate, Problem, Solution, solve
 from coupling.sliding import law_of, prescribed
@@ -140,9 +141,11 @@ def settled(system: System, old: State, problem: Problem, solution: Solution, op
 
 
 def load_step(system: System, state: State, share: float, duration: float, depth: int = 0) -> list[Step]:
-    """Go on to the part `share` of the loads, in halves of the increment where it fails. Raises `StepError`."""
+    """Go on to the part `share` of the loads, in halves of the increment where it fails. Raises `StepError`,
+    `ConstraintError` where a hand has drawn the thread out."""
     try:
         step = settle(system, state, share, duration)
+        refuse_drawn_out(system, step.old, step.new)
     except StepError:
         if depth == 4 or duration == 0.0:
             raise

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coupling.constraints import Array, couple_on_thread, passage, tangent
+from coupling.constraints import LOCAL, Array, Indices, couple_on_thread, passage, tangent, thread_force
 from coupling.sliding import cone_residual, law_of
 from coupling.system import State, System
 
@@ -45,13 +45,14 @@ def observe(system: System, start: State, state: State) -> tuple[PiercingObserva
     _, t = tangent(at, state.lam, state.y)
     couple = couple_on_thread(at, state.lam, state.y)
     internal = system.thread.gradient(system.thread.points(state.q, state.frame))[:, :3]
+    shares = at.b[:, :2].swapaxes(1, 2) @ thread_force(state.lam, state.y)
     law = law_of(system, state.s, state.present, 0.0, state.s)
     cone = cone_residual(law, state.slip, at, state.s, state.lam, state.y)
     out = []
     for k, piercing in enumerate(system.piercings):
         force, y = state.lam[k, :3], state.y[k]
         along = float(force @ t[k])
-        before, after = tensions(internal, int(at.first[k]), t[k])
+        before, after = tensions(internal, at.first, shares, state.s, k, t[k])
         out.append(
             PiercingObservation(
                 name=piercing.name,
@@ -84,15 +85,20 @@ def sliding_state(system: System, state: State, k: int) -> str:
     return "slip" if state.slip[k] else "stick"
 
 
-def tensions(internal: Array, first: int, t: Array) -> tuple[float, float]:
-    """Tension just before and after a hole [N], from the elastic forces (n, 3) on the control points.
+def tensions(internal: Array, first: Indices, shares: Array, s: Array, k: int, t: Array) -> tuple[float, float]:
+    """Tension just before and after hole k [N], from the elastic forces (n, 3) on the control points.
 
     ψ = Σ b_i over the points beyond the hole rises from 0 to 1 over the spans next to it, so the sum of their elastic
     forces is the force ∫(EA ε T + …)·ψ' ds that the thread transmits there: in equilibrium exactly the pull on that
-    side. A pointwise strain would not do, since a C² curve cannot jump at the hole. The sign is that of its component
-    along the tangent `t`; a push is negative. Zero where no point lies beyond.
+    side. A pointwise strain would not do, since a C² curve cannot jump at the hole. What another hole puts on the
+    points on this one's far side, `shares` (m, 4, 3) at the points from `first` (m,) on, is counted with the others of
+    its side. The sign is that of the component along the tangent `t`; a push is negative. Zero where no point lies
+    beyond.
     """
-    before, after = -internal[:first].sum(axis=0), internal[first + 4 :].sum(axis=0)
+    points = first[:, None] + LOCAL
+    beyond, behind = points >= first[k], points < first[k] + len(LOCAL)
+    before = -internal[: first[k]].sum(axis=0) - shares[beyond & (s < s[k])[:, None]].sum(axis=0)
+    after = internal[first[k] + len(LOCAL) :].sum(axis=0) + shares[behind & (s > s[k])[:, None]].sum(axis=0)
     return signed_length(before, t), signed_length(after, t)
 
 

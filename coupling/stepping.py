@@ -12,7 +12,7 @@ import numpy as np
 from coupling.border import NINE
 from coupling.constraints import Array, Passage, site_force
 from coupling.contact import Contact, contact_of, first_pressed
-from coupling.diagnosis import diagnosed, refuse_crossing
+from coupling.diagnosis import diagnosed, refuse_crossing, refuse_drawn_out
 from coupling.easing import eased
 from coupling.errors import InversionError, StepError
 from coupling.newton import Iterate, Problem, Solution, solve
@@ -243,11 +243,12 @@ def advance(system: System, state: State, dt: float, take: Take = try_step, dept
     `take` makes one step and is the monolithic implicit one unless another is named. A step at whose end the thread has
     left a hole is taken again without that hole, one in which it flipped through a hole in halves: it may have jumped
     where the motion would have gone. Raises `StepError` when the smallest step fails too, `ConstraintError` where the
-    constraints are at fault, `InversionError` where it flips in the smallest step.
+    constraints are at fault or a hand has drawn the thread out, `InversionError` where it flips in the smallest step.
     """
     step = None
     try:
         step = take(system, state, dt)
+        refuse_drawn_out(system, step.old, step.new)
         refuse_crossing(system, step.old, step.new)
     except StepError as error:
         step = None

@@ -14,13 +14,16 @@ from thread.spline import Spline
 
 Array = NDArray[np.float64]
 
+AT_CUT = 1e-9  # of the thread: a hole this near a cut is at it, on the one side or the other by round-off
+
 
 def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None:
     """Refuse a piece of a cut thread with too few control points for its holes at `s` [m], a hole at a cut, and in
     statics a piece that nothing holds."""
     if spline.pieces == 1:
         return
-    if at_cut := [float(value) for value in s if value in spline.cuts]:
+    near = AT_CUT * (spline.end - spline.start)
+    if at_cut := [float(value) for value in s if np.abs(spline.cuts - value).min() <= near]:
         reason = f"a piercing has its abscissa there, s = {at_cut[0]:.6g} m; cut beside it"
         raise ScenarioError(refused("thread.cuts", scenario.thread.cuts, reason))
     held = np.bincount(spline.piece_of(s), minlength=spline.pieces)

@@ -652,7 +652,6 @@ STUDY = Study(
     remarks=remarks,
     quick={
         "wounds": ((0.030, 0.005), (0.030, 0.015)),
-        "sheet": 0.1,
         "size": 2e-3,
         "checks": (LARGER,),
     },

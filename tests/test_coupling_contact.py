@@ -38,12 +38,18 @@ DT, STEPS, WIDTH = 2e-3, 9, 1e-3
 START, END = hairpin(RADIUS, LENGTH)(np.array([0.0, LENGTH]))
 # The end is drawn across the wound and up, harder on one side of it, so that a part of the lips meets.
 DRAWN = (Fixed(START), Pulled(np.array([-0.1, 0.02, 0.3]), STEPS * DT))
+HANDS = (  # the thread is drawn by hand through the one hole, and slides with friction through the other
+    Piercing("entry", slides=False, draw=np.array([[0.0, 0.0], [STEPS * DT, -1e-3]])),
+    Piercing("exit", friction=Friction(0.15, 0.12, 1e-4)),
+)
 CLAMPED = (Clamped(START, -Z), DRAWN[1])
 SCENES = {
     "slit dynamic P1": (True, "P1", 0.0),
     "slit dynamic P1 subgrid, clamped": (True, "P1", 0.0),
     "slit quasi-static P1": (False, "P1", 0.0),
+    "slit quasi-static P1, rough, drawn": (False, "P1", 0.0),
     "open dynamic P1": (True, "P1", WIDTH),
+    "open dynamic P1, rough, drawn": (True, "P1", WIDTH),
     "open quasi-static P1": (False, "P1", WIDTH),
     "slit dynamic P2": (True, "P2", 0.0),
     "open quasi-static P2": (False, "P2", WIDTH),
@@ -58,6 +64,7 @@ def scene(name: str, contact: bool = True) -> tuple[System, State]:
     special = "clamped" in name
     organ = wounded_organ(inertia, element, width, h, contact=contact, subgrid=special, **options)
     system = hairpin_system(organ, CLAMPED if special else DRAWN, 40, gravity=-9.81 * Z)
+    system = replace(system, piercings=HANDS) if "drawn" in name else system
     return system, laid(system, ABSCISSAE, hairpin(RADIUS, LENGTH))
 
 
@@ -138,7 +145,7 @@ def test_condensed_and_assembled_agree(name: str) -> None:
         pairs += [(organ.field(step.new.organ), z.U), (organ.contact_forces(step.new.organ), z.p)]
         for got, exact in pairs:
             assert np.abs(got - exact).max() <= TWO_SOLVERS * np.abs(exact).max()
-        assert np.array_equal(a.iterate.pressed, z.pressed)
+        assert np.array_equal(a.iterate.pressed, z.pressed) and np.array_equal(a.iterate.slip, z.slip)
         residual = operator.A @ z.U - b - organ.Y.T @ step.new.organ.f_y - organ.G.T @ a.p
         terms = np.abs(abs(operator.A) @ np.abs(z.U)).max()
         assert np.abs(residual).max() <= RESIDUAL * terms + TWO_SOLVERS * np.abs(step.new.organ.f_y).max()

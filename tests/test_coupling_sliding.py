@@ -214,6 +214,25 @@ def test_ring_on_a_string() -> None:
     assert abs(new.y[0, 2] / -0.03 - 1.0) < 0.04
 
 
+@pytest.mark.parametrize("gap", [2.5e-3, 40e-3])
+def test_tensions_between_holes(gap: float) -> None:
+    """Independent check (equilibrium): between two anchored holes, two spans or thirty apart, the thread carries what
+    the load and the holes up to there put into it, seen alike from both; outside, what its ends pull."""
+    thread = uniform(0.1, 83, Strand(EA=1e3, EI=1e-6))
+    at = np.array([0.05 - gap / 2, 0.05 + gap / 2])
+    holes = tuple(Piercing(name, slides=False, directed=False) for name in ("one", "two"))
+    places = [(np.array([s - 0.05, 0.0, 0.0]), None) for s in at]
+    ends = (Pulled(np.array([-0.1, 0.0, 0.04])), Pulled(np.array([0.3, 0.0, 0.02])))
+    system = without_organ(thread, ends, holes, places)
+    state = settle(system, laid(system, at, lambda s: (np.asarray(s) - 0.05)[..., None] * X), 2)
+    one, two = observe(system, state, state)
+    inner = np.linalg.norm(ends[0].force(1.0) + state.lam[0, :3])
+    assert inner > 0.02
+    seen = np.array([one.tension_before, one.tension_after, two.tension_before, two.tension_after])
+    pulls = [np.linalg.norm(end.force(1.0)) for end in ends]
+    assert np.abs(np.abs(seen) - [pulls[0], inner, inner, pulls[1]]).max() < TWO_SOLVERS
+
+
 # -- a sleeve --------------------------------------------------------------------------------------------------------
 
 SPANS, SLEEVE = 40, 0.04  # of a rod 0.1 m long: the sleeve sits on a knot

@@ -22,7 +22,7 @@ from studies.assembly import assemble
 from studies.scenario import ScenarioError, load, parse
 from studies.simulation import prepare
 from thread.ends import Clamped, End, Free
-from thread.spline import clamped
+from thread.spline import Spline, clamped
 
 STUDIES = Path(command.__file__).parent
 N = 20
@@ -172,6 +172,11 @@ def test_piercings_do_not_pass_one_another() -> None:
         assert caught.value.piercing == "second"
     refuse_crossing(system, old, at(8.6 * SPAN, 8.5 * SPAN, present=np.array([True, False])))
     refuse_crossing(system, old, at(1.01 * LENGTH, 8.5 * SPAN))
+    knots = system.thread.spline.knots
+    cut = Spline(np.sort(np.append(knots, np.full(3, knots[10]))))
+    severed = replace(system, thread=replace(system.thread, spline=cut))
+    assert old.s[0] < cut.cuts[0] < old.s[1]
+    refuse_crossing(severed, old, at(8.6 * SPAN, 8.5 * SPAN))
 
 
 def test_a_step_in_which_piercings_cross_is_halved_and_then_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -48,6 +48,9 @@ def test_energies_mass_and_compliance_are_those_of_the_pieces() -> None:
     lacks = [missing_on(piece, span) for piece in APART for span in range(len(piece.breaks) - 1)]
     for span, lack in enumerate(lacks):
         assert np.abs(missing_on(CUT, span) - lack).max() <= IDENTITY * np.abs(lack).max()
+    for beyond, home in ((0.0201, 0.019), (0.0199, 0.0201)):  # on the way, before the hole is found to be left
+        assert whole.missing_compliance(np.array([home]), np.array([home])).any()
+        assert not whole.missing_compliance(np.array([beyond]), np.array([home])).any()
 
 
 def test_control_points_are_shared_out() -> None:
@@ -156,6 +159,8 @@ def test_a_hole_is_left_at_a_cut() -> None:
         ({"cuts": [0.0375, 0.0425], "control_points": 12}, "control points|control_points = 12"),
         ({"cuts": [0.035, 0.045]}, "is in no hole"),
         ({"cuts": [0.02]}, "a piercing has its abscissa there"),
+        ({"cuts": [0.02 + 1e-15, 0.05]}, "a piercing has its abscissa there"),
+        ({"cuts": [0.02 - 1e-15]}, "a piercing has its abscissa there"),
     ],
 )
 def test_refusals(change: dict[str, Any], words: str) -> None:

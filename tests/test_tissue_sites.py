@@ -178,6 +178,22 @@ def test_normals_and_places() -> None:
     assert np.abs(sites.points[0]).max() <= 1e-15
 
 
+def test_the_normal_turns_smoothly_over_a_ridge() -> None:
+    """Closed form: a uniform disc at the distance d from the ridge of a roof of small slope m has the mean normal
+    m (1 − 2A) across it, A the share of the segment beyond; steps of d much smaller than what fixed points can tell."""
+    slope, a = 1e-4, 0.3
+    mesh = MeshTet.init_tensor(np.linspace(-1, 1, 5), np.linspace(-1, 1, 5), np.linspace(-1, 0, 3))
+    p = mesh.p.copy()
+    p[2] -= slope * np.abs(p[0])
+    roof = tissue.elasticity(MeshTet(p, mesh.t), tissue.Material(1e3, 0.3, 1.0))
+    d = np.linspace(0.1, 0.101, 6)
+    points = np.column_stack([a * d, np.full(6, 0.03), -slope * a * d])
+    sites = tissue.build_sites(roof, [tissue.Site(point, a, "uniform", "normal") for point in points])
+    beyond = (np.arccos(d) - d * np.sqrt(1.0 - d**2)) / np.pi
+    tilt = sites.normals[:, 0] / slope
+    assert np.abs(tilt - (1.0 - 2.0 * beyond)).max() <= 1e-6
+
+
 def test_normal_of_a_sphere_cap_points_outward() -> None:
     """A curved surface: the average normal is the radius to within the facets' size, weights still sum to
     one.

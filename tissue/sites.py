@@ -235,10 +235,20 @@ def _surface_footprint(
     for _ in range(3):  # the normal the disc is projected along is the disc's own average
         patch = surface.patch(X, facets, normal, 2.0 * site.radius)
         hits, struck = _cast(surface, site, X, normal, patch, rule.points)
-        normal = _mean_normal(site, surface.normals[struck], rule.weights)
+        normal = _normal_below(surface, site, X, normal, patch, struck)
     _cast(surface, site, X, normal, patch, footprint.disc_slope("uniform").points * (1.0 - INSIDE))
     cells = surface.behind[struck]
     return X, normal, _Average(surface.reference(hits, cells), cells, rule.weights), patch
+
+
+def _normal_below(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices, struck: Indices) -> Array:
+    """The disc's average of the outward normal, facet by facet, so that it turns smoothly as the site moves; by the
+    facets that lines have `struck` where facets do not cover it once."""
+    covered = _cover(surface, site, X, normal, patch)
+    if covered is None:
+        return _mean_normal(site, surface.normals[struck], footprint.disc(site.weight).weights)
+    _, cover = covered
+    return _mean_normal(site, surface.normals[cover.triangles], cover.weights(site.weight))
 
 
 def _cast(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices, unit: Array) -> tuple[Array, Indices]:
