@@ -2,7 +2,9 @@
 
 Everywhere `h` is what is refined (cell, span, step …), finest first, and `f` the number measured with it. Celik, Ghia,
 Roache, Freitas, Coleman, Raad: Procedure for estimation and reporting of uncertainty due to discretization, J. Fluids
-Eng. 130 (2008) 078001; Roache: Verification and validation in computational science and engineering (1998).
+Eng. 130 (2008) 078001; Roache: Verification and validation in computational science and engineering (1998); Eça,
+Hoekstra: A procedure for the estimation of the numerical uncertainty of CFD calculations, J. Comput. Phys. 262 (2014)
+104.
 """
 
 from collections.abc import Sequence
@@ -81,31 +83,44 @@ def convergence_index(h: Sequence[float], f: Sequence[float], p: float, safety: 
 def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
     """What three or more numbers say, the three finest of them; `formal` is the order of theory.
 
-    An order above the formal one is luck: the formal one is taken with the larger factor. A number that swings has
-    thrice the largest change for its interval. Changes that do not fall as they should are a matter of the meshes where
-    all are below `UNRESOLVED`, which is not called convergence, since a slow divergence would look the same. Other
-    changes that grow diverge, unless a coarser number lay on the other side.
+    An order above the formal one is luck, since the two finest numbers may be near one another where the error turns:
+    the formal one is taken with the larger factor, and no less than the range of the three (Eça & Hoekstra 2014). A
+    number that swings less and less has thrice the largest change for its interval. Changes that do not fall as they
+    should are a matter of the meshes where all are below `UNRESOLVED`, which is not called convergence, since a slow
+    divergence would look the same. Other changes that grow to one side diverge, unless a coarser number lay on the
+    other. Of a finest number that is zero or not finite nothing is said.
     """
     whole = dict(sorted(zip(h, f, strict=True)))
     if len(whole) < 3:
         raise ValueError(f"a verdict needs three different refinements, got {len(whole)}; run more")
     h, f = list(whole)[:3], list(whole.values())[:3]
     steady = abs(np.sign(np.diff(list(whole.values()))).sum()) == len(whole) - 1
+    if not np.all(np.isfinite(f)) or (np.any(f) and f[0] == 0.0):
+        return Verdict("pre-asymptotic", float("nan"), float("nan"), float("inf"))
     change = float(np.ptp(f) / np.max(np.abs(f))) if np.any(f) else 0.0
     if change <= STILL:
         return Verdict("converged", float("nan"), float(f[0]), change)
     p = observed_order(h, f)
     swung = UNSURE * float(np.ptp(f) / abs(f[0]))
-    if np.isnan(p):
-        return Verdict("converged" if swung <= CONVERGED else "pre-asymptotic", p, float("nan"), swung)
-    if p < SLOWEST and change <= UNRESOLVED:
-        return Verdict("unresolved", p, float("nan"), swung)
-    if p <= FLAT and (not steady or UNSURE * change <= CONVERGED):
-        return Verdict("pre-asymptotic", p, float("nan"), swung)
-    if p <= FLAT:
-        return Verdict("diverging", p, float("nan"), float("inf"))
+    kind = without_order(p, f, change, swung, steady)
+    if kind == "diverging":
+        return Verdict(kind, p, float("nan"), float("inf"))
+    if kind:
+        return Verdict(kind, p, float("nan"), swung)
     sure = p <= formal + BEYOND
     used = p if sure else formal
     index = convergence_index(h, f, used, SAFETY if sure else UNSURE)
+    index = index if sure else max(index, SAFETY * swung / UNSURE)
     kind = "converged" if index <= CONVERGED and p >= SLOWEST else "pre-asymptotic"
     return Verdict(kind, p, richardson(h, f, used), index)
+
+
+def without_order(p: float, f: Sequence[float], change: float, swung: float, steady: bool) -> str:
+    """The kind of a number whose changes swing or do not fall as they should, "" for any other."""
+    if np.isnan(p) and abs(f[0] - f[1]) <= abs(f[1] - f[2]):
+        return "converged" if swung <= CONVERGED else "pre-asymptotic"
+    if (np.isnan(p) or p < SLOWEST) and change <= UNRESOLVED:
+        return "unresolved"
+    if np.isnan(p) or (p <= FLAT and (not steady or UNSURE * change <= CONVERGED)):
+        return "pre-asymptotic"
+    return "diverging" if p <= FLAT else ""

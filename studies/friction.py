@@ -426,7 +426,8 @@ def over_holes(axes: Axes, rows: Sequence[Row]) -> None:
     axes.set(yscale="log", xlabel="holes N [-]", ylabel="pull over hold [-]", title="drawn, and let back")
     axes.set_xticks(sorted({holes for _, holes in loops_of(rows)}))
     ticks(axes, "y", PULLS)
-    axes.legend(loc="lower left")
+    axes.set_ylim(top=2.5 * axes.get_ylim()[1])
+    axes.legend(loc="upper left", ncols=2)
 
 
 STUDY = Study(

@@ -559,23 +559,25 @@ def calibration(rows: Sequence[Row]) -> list[str]:
     inside = "within" if low <= mu <= high else "OUTSIDE"
     return [
         f"calibrated: μ = {mu:.3f}, by {PUBLISHED_LEFT:g} N two stitches back from {hand_of(run):g} N; {more:.3f} to "
-        f"{less:.3f} for ± 1 SD. Round cylinders (exp μθ) of the holes' mean turn, {at(run)[0].turn:.0f}°, it would be "
-        f"{capstan(run):.3f}",
+        f"{less:.3f} for ± 1 SD of that alone. Round cylinders (exp μθ) of the holes' mean turn, "
+        f"{at(run)[0].turn:.0f}°, it would be {capstan(run):.3f}",
         f"that is {inside} the {low:g} to {high:g} assumed for sutures on wet tissue",
     ]
 
 
 def foretold(rows: Sequence[Row]) -> list[str]:
-    """What was not used to calibrate: the later pulls at the second stitch, and the reach."""
+    """What was not used to calibrate: the reach and the later pulls at the second stitch, foretold by one pull, and of
+    stitches placed for each hold."""
     run = reference(rows)
     out = [f"foretold, one pull: felt {reach(run)} stitches back, published at most {PUBLISHED_REACH}: {verdict(run)}"]
-    followed = {"every row drawn anew, friction forgets": anew(run)}
+    followed = {"foretold, every row drawn anew, friction forgets": anew(run)}
     for placed in placings(rows):
         followed[f"placing, {placed[0].organ}, hold {placed[0].hold:g} N"] = at(placed)
-    out += [f"foretold, {name}: stitch 2 {sequence(found)}" for name, found in followed.items() if BACK in found]
+    out += [f"{name}: stitch 2 {sequence(found)}" for name, found in followed.items() if BACK in found]
     holds = agreeing_holds(run)
     found = f"for holds from {holds[0]:.2f} to {holds[-1]:.2f} N" if len(holds) else "for no hold"
-    return [*out, f"by the law alone, with the same μ, stitch 2 is within the published SD {found}"]
+    free = "the hold is not published: a second free number, with which the published course is possible, not foretold"
+    return [*out, f"{free}; by the law alone, with the same μ, stitch 2 is within the published SD {found}"]
 
 
 def agreeing_holds(run: Sequence[Row]) -> Array:
@@ -724,14 +726,15 @@ def let_back(axes: Axes, rows: Sequence[Row]) -> None:
     axes.set(
         xlabel="pull on the loose end [N]", ylabel="tension [N]", title=f"pulled and let back, μ = {run[0].mu:.3f}"
     )
-    axes.legend()
+    axes.set_ylim(top=1.25 * axes.get_ylim()[1])
+    axes.legend(loc="upper left", ncols=3)
 
 
 STUDY = Study(
     main=main,
     question="How far along a running suture is a pull at its loose end felt, and is that what was measured on fascia?",
     independent="the law of a ring with the turns measured in each run; Horeman et al. (PLoS ONE 2013;8:e84466): one "
-    "number (1 N two stitches back) calibrates μ, the others are foretold",
+    "number (1 N two stitches back) calibrates μ, the hold is varied, the others are foretold",
     consistency="fixed points against an elastic sheet, half the time step, a finer thread or mesh, another suture",
     table=table,
     figure=figure,

@@ -743,7 +743,8 @@ def over_load(axes: Axes, rows: Sequence[Row]) -> None:
     axes.plot([], [], "x", color="black", markersize=10, label="fails beyond")
     axes.plot([], [], color="black", linestyle=":", label="clinical tension")
     axes.set(xscale="log", yscale="log", xlabel="tension T [N]", ylabel="displacement of a hole [mm]")
-    axes.legend(fontsize=6)
+    axes.set_ylim(top=50.0 * axes.get_ylim()[1])
+    axes.legend(fontsize=6, loc="upper left", ncols=2)
 
 
 def collapsed(axes: Axes, rows: Sequence[Row]) -> None:

@@ -137,6 +137,11 @@ class Row:
         return self.middle / (self.uniform * self.theory)
 
     @property
+    def over_middle(self) -> float:
+        """The stitch at the end that takes more over that in the middle [-]."""
+        return max(self.forces[0], self.forces[-1]) / self.middle
+
+    @property
     def compared(self) -> float:
         """The force to be held against a published one [N]: drawn all at once that in the middle of the wound, where
         the published one is largest; one after another the largest of those that a stitch was tied with."""
@@ -419,12 +424,14 @@ def row_with(rows: Sequence[Row], wound: tuple[float, float], way: str, variant:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A published wound beside its run; `fitted` is the sheet's stiffness Et [N/m] from the first of the pair."""
+    """A published wound beside its run; `fitted` is the sheet's stiffness Et [N/m] from the first of the pair, `edges`
+    by how much more the held edges of the sheet are felt than by that one [-]."""
 
     source: Source
     published: float
     row: Row
     fitted: float
+    edges: float
 
     @property
     def predicted(self) -> float:
@@ -445,7 +452,11 @@ def comparisons(rows: Sequence[Row]) -> list[Comparison]:
         if pair[0] is not None:
             fitted = E * THICKNESS * source.forces[0] / pair[0].compared
             each = zip(source.forces, pair, strict=True)
-            out += [Comparison(source, force, row, fitted) for force, row in each if row is not None]
+            out += [
+                Comparison(source, force, row, fitted, row.uniform / pair[0].uniform - 1.0)
+                for force, row in each
+                if row is not None
+            ]
     return out
 
 
@@ -509,7 +520,8 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     out += beyond_small_bearing(rows)
     out += too_coarse("the holes, not the lips", max(row.size for row in rows), FOOTPRINT)
     gap, worst = min(row.smallest_gap / row.width for row in rows), max(row.complementarity for row in rows)
-    return [*out, f"lips: smallest gap {gap:.0e} of the width, no force pulls, |force × gap| at most {worst:.0e} J"]
+    pulls = "no force pulls" if all(row.pushes for row in rows) else "some forces PULL"
+    return [*out, f"lips: smallest gap {gap:.0e} of the width, {pulls}, |force × gap| at most {worst:.0e} J"]
 
 
 def sentence(c: Comparison) -> str:
@@ -517,7 +529,8 @@ def sentence(c: Comparison) -> str:
     first, off = " × ".join(f"{x / MILLI:g}" for x in c.source.wounds[0]), 100.0 * (c.predicted / c.published - 1.0)
     return (
         f"{c.source.name}: Et = {c.fitted:.0f} N/m, fitted to {first} mm, predicts {c.predicted:.2f} N for "
-        f"{c.row.name} mm; published are {c.published:g} N ({off:+.0f} %)"
+        f"{c.row.name} mm, {100.0 * c.edges:+.1f} % of it by the edges of the sheet; published are {c.published:g} N "
+        f"({off:+.0f} %)"
     )
 
 
@@ -533,7 +546,7 @@ def where_largest(rows: Sequence[Row]) -> list[str]:
             f"before the centre and falls (Wen 2023): {VERDICTS[agree]}"
         )
     if together := [row for row in plain if row.way == TOGETHER]:
-        ratios = [max(row.forces[0], row.forces[-1]) / row.middle for row in together]
+        ratios = [row.over_middle for row in together]
         out.append(
             f"all at once: the stitches at the ends take {min(ratios):.2f} to {max(ratios):.2f} times that in the "
             f"middle; published, the largest is in the middle (Čapek 2012): {VERDICTS[max(ratios) < 1.0]}"
@@ -552,7 +565,8 @@ def changes(rows: Sequence[Row]) -> list[str]:
         if row.variant == HALVES:
             out.append(
                 f"{row.name} mm, {HALVES}: the stitch in the middle takes {row.over_uniform:.3f} of its share of the "
-                f"uniform traction, {plain.over_uniform:.3f} before"
+                f"uniform traction, {plain.over_uniform:.3f} before; those at the ends {row.over_middle:.2g} times "
+                f"that in the middle, {plain.over_middle:.2g} before: NOT CONVERGED in the pitch"
             )
             continue
         verdict = "" if abs(change - 1.0) <= CONVERGED else ": NOT CONVERGED"

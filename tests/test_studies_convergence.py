@@ -49,6 +49,8 @@ def test_verdicts() -> None:
     assert good.text == "converged to 1.2 %" and good.limit == pytest.approx(1.0, rel=TWO_SOLVERS)
     assert verdict(H, power(1.0, C=1.0), 2.0).kind == "pre-asymptotic"
     assert verdict(H, power(0.2, C=0.1), 2.0).kind == "pre-asymptotic"
+    slow = verdict(H, power(0.3, C=0.02), 2.0)
+    assert slow.kind == "pre-asymptotic" and slow.index < 0.03
     lucky = verdict(H, power(6.0, C=1e-3), 2.0)
     assert lucky.index > 3.0 * abs(power(6.0, C=1e-3)[0] - 1.0)
     assert verdict(H, np.full(4, 0.7), 2.0).index <= IDENTITY
@@ -66,6 +68,32 @@ def test_swings_and_noise() -> None:
     assert verdict(H, [1.0, 0.992, 0.987, 0.986], 2.0).kind == "pre-asymptotic"
     assert verdict(H, [1.5, 1.0, 0.9, 0.8], 2.0).kind == "diverging"
     assert verdict(H, [1.5, 1.0, 0.9, 1.0], 2.0).kind == "pre-asymptotic"
+
+
+def test_near_a_turn_of_the_error_two_numbers_are_near() -> None:
+    """Independent check: with the error C (h − h²/k) two finest numbers are as near to one another as one likes, the
+    limit is not, and the interval holds it all the same."""
+    h = np.array([1.0, 2.0, 4.0])
+    for C, k in ((0.003, 3.0001), (0.003, 3.01), (0.1, 3.0001), (-0.003, 3.0001)):
+        f = 1.0 + C * (h - h**2 / k)
+        found = verdict(h, f, 2.0)
+        assert abs(f[0] - f[1]) < 1e-2 * abs(f[0] - 1.0)
+        assert found.index * abs(f[0]) > abs(f[0] - 1.0)
+    assert verdict([1.0, 2.0, 4.0], [1.0, 1.0000001, 1.1], 2.0).kind == "pre-asymptotic"
+
+
+@pytest.mark.parametrize("growth", [1.5, 3.0])
+def test_swings_that_grow_are_not_called_converged(growth: float) -> None:
+    """Independent check: (−g)ᵏ after k refinements has no limit, however small."""
+    swing = (-growth) ** np.arange(4)[::-1]
+    assert verdict(H, 1.0 + 2e-4 * swing, 2.0).kind in ("unresolved", "pre-asymptotic")
+    assert verdict(H, 1.0 + 1e-3 * swing, 2.0).kind in ("unresolved", "pre-asymptotic")
+
+
+@pytest.mark.parametrize("f", [[np.nan, 1.0, 1.1], [1.0, np.nan, 1.1], [np.inf, 1.0, 1.0], [0.0, 1e-3, 4e-3]])
+def test_of_numbers_that_are_none_nothing_is_said(f: list[float]) -> None:
+    """A finest number of zero has no relative error."""
+    assert verdict([1.0, 2.0, 4.0], f, 2.0).kind == "pre-asymptotic"
 
 
 def test_two_refinements_are_no_study() -> None:

@@ -51,6 +51,32 @@ def test_half_space_between_its_limits() -> None:
     assert np.abs(shallow - shallow.T).max() <= IDENTITY * shallow.max()
 
 
+@pytest.mark.parametrize("depth", [2e-3, 4e-3, 8e-3])
+def test_half_space_at_any_depth(depth: float) -> None:
+    """Independent check (Betti): what a free surface adds is minus the work of Kelvin's tractions on it, about one
+    hole, through the displacements there by forces on the other, which are Boussinesq's and Cerruti's inside it."""
+    bite, nodes = 0.01, np.polynomial.legendre.leggauss(60)
+    share, weight = 0.5 * (nodes[0] + 1.0), 0.5 * nodes[1]
+    angle = 2.0 * np.pi * (np.arange(64) + 0.5) / 64
+    scale = depth + bite
+    R, A = np.meshgrid(scale * share / (1.0 - share), angle, indexing="ij")
+    area = np.repeat(R[:, 0] * weight * scale / (1.0 - share) ** 2, 64) * 2.0 * np.pi / 64
+    surface = np.stack([R * np.cos(A), R * np.sin(A), np.zeros_like(R)], axis=-1).reshape(-1, 3)
+    ways = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    entry, leave = np.array([[-0.5 * bite, 0.0, -depth], [0.5 * bite, 0.0, -depth]])
+    r = np.linalg.norm(surface - entry, axis=1)[:, None, None]
+    e = (surface - entry) / r[:, 0]
+    up, along = e[:, 2], e @ ways.T
+    z = np.array([0.0, 0.0, 1.0])
+    bracket = ways * up[:, None, None] + ways[None] @ z[:, None] * e[:, None, :] - along[..., None] * z
+    traction = -((1.0 - 2.0 * POISSON) * bracket + 3.0 * (along * up[:, None])[..., None] * e[:, None, :])
+    traction = traction / (8.0 * np.pi * (1.0 - POISSON) * r**2)
+    moved = np.einsum("bj,kji->kbi", ways, kernels.surface_force(leave - surface, POISSON))
+    work = -np.einsum("k,kai,kbi->ba", area, traction, moved)
+    found = image(bite, depth, POISSON)
+    assert np.abs(found - work).max() <= 1e-3 * np.abs(found).max()
+
+
 def test_stress_of_the_half_space_carries_its_forces() -> None:
     """Independent check: the tractions on a hemisphere about a hole are in equilibrium with its force."""
     theory, force = TwoHoles(0.01, 0.0, 1e-3, 5e5, POISSON), np.array([[0.0, 0.0, 0.0], [-0.1, 0.05, 0.2]])
@@ -157,6 +183,10 @@ def test_a_run_that_fails_is_a_row_with_its_error(monkeypatch: pytest.MonkeyPatc
 
 def test_what_is_not_supported_is_said() -> None:
     base = of(rows(), "distance")[0]
+    assert base.is_linear and base.bearing < 0.1
+    assert not any(
+        replace(base, **changed).is_linear for changed in ({"load": 0.5}, {"exit_normal": 4e-4}, {"turn": 0.5})
+    )
     far = replace(base, sweep="footprint", turn=0.5, clear=False, span_ratio=0.9)
     moving = replace(base, sweep="soft organ", name="damped motion", way="dynamic", kinetic=1.0, elastic=1.0)
     said = "\n".join(STUDY.remarks([*rows(), far, moving]))
