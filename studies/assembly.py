@@ -122,7 +122,9 @@ def spline_of(table: model.Thread, length: float, s: Sequence[float]) -> Spline:
     """The spline at the start, its knots graded towards the piercings."""
     resolution = resolution_of(table, length)
     if resolution is None:
-        return Spline(graded_knots(length, table.control_points, s, table.graded, REACH * length, table.cuts))
+        spline = Spline(graded_knots(length, table.control_points, s, table.graded, REACH * length, table.cuts))
+        model.check_spans(table.cuts, spline.piece_ends.tolist(), spline.breaks.tolist())
+        return spline
     return Spline(clamped(first_breaks(resolution.tree, np.array(s), table.graded)))
 
 

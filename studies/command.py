@@ -327,10 +327,17 @@ def _print_summary(scenario: Scenario, recorder: Recorder, status: Any) -> None:
         remarks = (range_line(scenario, step.piercings), resolution_line(step.span_ratio), still)
         lines += [line for line in (*remarks, subgrid_line(recorder.subgrid)) if line]
         lines += [contact_line(step.contact)] if step.contact else []
+    tables = [
+        "piercings.csv",
+        "energy.csv",
+        "steps.csv",
+        "events.csv",
+        *(["contact.csv"] if step and step.contact else []),
+    ]
     lines += [
         "",
         f"ParaView   {folder / 'results.pvd'}",
-        f"numbers    {folder / 'summary.json'}, piercings.csv, energy.csv, steps.csv, events.csv",
+        f"numbers    {', '.join([str(folder / 'summary.json'), *tables])}",
     ]
     print("\n".join(lines))
 

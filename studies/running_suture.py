@@ -189,8 +189,8 @@ def main(
 
     Raises `StudyError` for what cannot be calibrated.
     """
-    if stitches <= BACK or min(mus) < 0.0 or min(holds) <= 0.0:
-        reason = f"more than {BACK} stitches, coefficients from 0 and holds above 0"
+    if stitches <= BACK or min(mus) < 0.0 or max(mus) >= 1.0 or min(holds) <= 0.0:
+        reason = f"more than {BACK} stitches, coefficients from 0 to below 1 and holds above 0"
         raise StudyError(f"stitches = {stitches}, mus = {mus}, holds = {holds}: give {reason}")
     base = Case(0.0, organ, stitches=stitches, suture=thread, youngs_modulus=youngs_modulus)
     rows: list[Row] = []

@@ -954,6 +954,17 @@ def check_cuts(cuts: Sequence[float], length: float) -> None:
         raise ScenarioError(refused("thread.cuts", lost, reason))
 
 
+def check_spans(cuts: Sequence[float], ends: Sequence[float], breaks: Sequence[float]) -> None:
+    """Refuse cuts that leave a piece of a single span; `ends` of the pieces and of the spans, `breaks` [m]."""
+    for before, after in pairwise(ends) if cuts else ():
+        if sum(before <= s <= after for s in breaks) < 3:
+            reason = (
+                f"the piece from {before:.6g} to {after:.6g} m is shorter than two spans of the thread; cut elsewhere, "
+                "or raise thread.control_points"
+            )
+            raise ScenarioError(refused("thread.cuts", cuts, reason))
+
+
 def check_control_points(control_points: int, piercings: int) -> None:
     """Refuse a spline too coarse for its holes.
 

@@ -15,7 +15,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from studies.files import write_bytes, write_json, write_text
 from studies.provenance import provenance
@@ -118,7 +118,7 @@ def converted(setting: str, kind: Any, value: Any) -> Any:
     if value == []:
         raise StudyError(f"--set {setting} is refused: the list is empty; give at least one")
     try:
-        return TypeAdapter(kind).validate_python(value)
+        return TypeAdapter(kind, config=ConfigDict(allow_inf_nan=False)).validate_python(value)
     except ValidationError as error:
         detail = error.errors(include_url=False)[0]
         reason = detail["msg"].replace("Input should be", "it must be")

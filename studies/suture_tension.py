@@ -11,7 +11,7 @@ mean round a ring about it. It is that of a P2 mesh of its own under the forces 
 does not depend on E.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
@@ -219,6 +219,9 @@ def main(
     Raises `StudyError`.
     """
     check(tissues, soft_ways, bites, depths, footprints, refinements)
+    check_positive({"tensions": tensions, "moduli": moduli, "distances": distances})
+    if min(mus) < 0.0 or max(mus) >= 1.0:
+        raise StudyError(f"mus = {list(mus)} is refused: give coefficients from 0 to below 1")
     case = replace(REFERENCE, refinement=refinement)
     for name in tissues:
         yield from over_tension(replace(case, sweep="tension", name=name, youngs_modulus=TISSUES[name]), tensions)
@@ -263,6 +266,13 @@ def check(
         raise StudyError(
             f"refinements = {list(refinements)} is refused: give one, or three for a verdict, none below 1"
         )
+
+
+def check_positive(numbers: Mapping[str, Sequence[float]]) -> None:
+    """Refuse tensions, moduli and distances that are none. Raises `StudyError`."""
+    for name, values in numbers.items():
+        if min(values) <= 0.0:
+            raise StudyError(f"{name} = {list(values)} is refused: give numbers above 0")
 
 
 # --- runs -------------------------------------------------------------------------------------------------

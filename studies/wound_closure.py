@@ -160,10 +160,12 @@ def main(
     """Every wound both ways, and the first again for every check: on a finer mesh, in a larger sheet, drawn tighter,
     and with stitches nearer to one another and to the lips.
 
-    Raises `StudyError` for wounds that do not fit, and for other checks.
+    Raises `StudyError` for wounds or stitches that do not fit, and for other checks.
     """
     if unknown := [check for check in checks if check not in CHECKS]:
         raise StudyError(f"checks: {unknown[0]!r} is refused; allowed are {', '.join(map(repr, CHECKS))}")
+    if min(pitch, bite) <= 0.0:
+        raise StudyError(f"pitch = {pitch}, bite = {bite} is refused: give lengths above 0 [m]")
     for length, width in wounds:
         if not (0.0 < width <= length < 0.5 * sheet) or length < pitch:
             reason = "a width up to the length, and a length from a pitch to half the sheet's edge"

@@ -342,7 +342,8 @@ def test_what_a_run_says_of_its_lips(closed: Path, capsys: pytest.CaptureFixture
     text = (out / "frames" / "organ_000030.vtu").read_text()
     assert 'Name="contact_pressure"' in text and 'Name="lip_gap"' in text
     assert start(closed, closed.parent / "again", "--set", "solve.duration=2e-3") == 0
-    assert "lips       0 of" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "lips       0 of" in printed and "events.csv, contact.csv" in printed
 
 
 def test_a_resumed_run_has_the_same_lips(closed: Path) -> None:

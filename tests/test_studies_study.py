@@ -71,6 +71,7 @@ def test_presets_and_settings() -> None:
         ("lengths", "write NAME=VALUE with a name of lengths, count"),
         ("count=many", "count=many is refused"),
         ("lengths=[]", "the list is empty"),
+        ("lengths=[1, nan]", "it must be a finite number, and not nan"),
         ("lengths=[1, ]]", "lengths=[1, ]] is refused"),
     ],
 )

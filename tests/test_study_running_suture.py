@@ -116,7 +116,7 @@ def test_what_disagrees_is_said() -> None:
     assert not any("NOT SETTLED" in line or "TOO COARSE" in line for line in STUDY.remarks(rows()))
 
 
-@pytest.mark.parametrize("given", [{"stitches": 2}, {"mus": (-0.1,)}, {"holds": (0.0,)}])
+@pytest.mark.parametrize("given", [{"stitches": 2}, {"mus": (-0.1,)}, {"mus": (0.1, 1.5)}, {"holds": (0.0,)}])
 def test_what_cannot_be_calibrated_is_refused(given: dict[str, object]) -> None:
     with pytest.raises(StudyError, match="give more than 2 stitches"):
         next(main(**given))  # type: ignore[arg-type]

@@ -220,6 +220,9 @@ def test_a_thread_that_leaves_a_hole_ends_the_run(monkeypatch: pytest.MonkeyPatc
         ({"depths": (1e-3,)}, "give 0 or 2 footprints"),
         ({"footprints": (0.0,)}, "footprints = [0.0] is refused"),
         ({"refinements": (1.0, 2.0)}, "three for a verdict"),
+        ({"tensions": (-1.0, 0.2)}, "tensions = [-1.0, 0.2] is refused: give numbers above 0"),
+        ({"moduli": (0.0,)}, "moduli = [0.0] is refused"),
+        ({"mus": (1.5,)}, "from 0 to below 1"),
         ({"soft_ways": ("pray",)}, "those known are 10 load steps"),
     ],
 )

@@ -144,6 +144,9 @@ def test_refusals() -> None:
     for wound in ((0.03, 0.04), (0.06, 0.01), (0.004, 0.001)):
         with pytest.raises(StudyError, match="in a sheet of"):
             next(main((wound,), sheet=0.1))
+    for wrong in ({"pitch": 0.0}, {"bite": -1e-3}):
+        with pytest.raises(StudyError, match="give lengths above 0"):
+            next(main((NARROW,), **wrong))
     with pytest.raises(StudyError, match="allowed are 'finer mesh'"):
         next(main((NARROW,), checks=("finest mesh",)))
     assert arguments(STUDY, "quick", ["bite=3e-3"])["bite"] == 3e-3
