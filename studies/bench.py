@@ -34,7 +34,8 @@ from studies.assembly import assemble
 from studies.files import write_json
 from studies.provenance import provenance
 from studies.scenario import Scenario, load
-from tissue.organ import DynamicOperator, DynamicOrgan, QuasiStaticOperator, QuasiStaticOrgan
+from tissue.dynamic import DynamicOperator, DynamicOrgan
+from tissue.quasi_static import QuasiStaticOperator, QuasiStaticOrgan
 
 Array = NDArray[np.float64]
 

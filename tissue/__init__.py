@@ -3,21 +3,15 @@ it.
 """
 
 from tissue.body import Elasticity, elasticity, held_components, holds_still
+from tissue.dynamic import DynamicOrgan
 from tissue.errors import FactorError, TissueError
 from tissue.factor import Factor, factorize
+from tissue.fixed import FixedSites, fixed_sites
 from tissue.gaps import Gaps, build_gaps
 from tissue.iterative import ConjugateGradients, conjugate_gradients
 from tissue.material import Material
-from tissue.organ import (
-    DynamicOrgan,
-    FixedSites,
-    History,
-    OrganEnergies,
-    OrganState,
-    Prediction,
-    QuasiStaticOrgan,
-    fixed_sites,
-)
+from tissue.organ import History, OrganEnergies, OrganState, Prediction
+from tissue.quasi_static import QuasiStaticOrgan
 from tissue.sites import Site, Sites, build_sites
 from tissue.stress import StressRecovery, interpolation, stress_recovery, von_mises
 
