@@ -62,20 +62,24 @@ class Progress:
 
 
 class StudyProgress:
-    """How many rows of a study are done and which was the last, in one line that is written over on a terminal; a line
-    each elsewhere."""
+    """How many rows of a study are done and which was the last, in one line that is written over on a terminal;
+    elsewhere a line where a row has other words than the one before."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
         self._stream = stream or sys.stderr
         self._is_terminal = self._stream.isatty()
         self._start = monotonic()
         self._open = False
+        self._told = ""
         self.rows = 0
 
     def update(self, rows: Sequence[Any]) -> None:
         """Tell of the last row by its words and of the time since the start."""
         self.rows = len(rows)
         words = ", ".join(value for value in vars(rows[-1]).values() if isinstance(value, str) and value)
+        if words == self._told and not self._is_terminal:
+            return
+        self._told = words
         text = f"row {self.rows}, {duration(monotonic() - self._start)}: {words}"
         self._stream.write(f"\r\x1b[K{text[:TERMINAL]}" if self._is_terminal else f"{text}\n")
         self._stream.flush()
