@@ -92,6 +92,16 @@ def is_too_coarse(resolution: Resolution, system: System, state: State) -> bool:
     return span_ratio(system, state) > 1.5 * resolution.at_hole
 
 
+def followed(
+    resolution: Resolution, system: System, state: State, dt: float, due: bool
+) -> tuple[System, State, list[Event]]:
+    """`adapted` for the next INTERVAL steps of `dt` [s], where that is `due` or the spans at a hole have grown too
+    coarse before; else the same ones."""
+    if not (due or is_too_coarse(resolution, system, state)):
+        return system, state, []
+    return adapted(resolution, system, state, INTERVAL * dt)
+
+
 def adapted(resolution: Resolution, system: System, state: State, ahead: float) -> tuple[System, State, list[Event]]:
     """System and state with the knots that the state asks for, and where the holes go in the next `ahead` [s]; what it
     cost. The same ones where nothing is due."""

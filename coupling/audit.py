@@ -44,6 +44,11 @@ class Energies:
     numerical_dissipation: float
     balance_error: float
 
+    @property
+    def elastic(self) -> float:
+        """Of thread and organ."""
+        return self.elastic_thread + self.elastic_tissue
+
 
 def initial_energies(system: System, state: State) -> Energies:
     """Energies at the start; no work has been done."""

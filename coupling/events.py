@@ -175,7 +175,7 @@ def begun(system: System, state: State, k: int, dt: float, given: float) -> tupl
     closed = drawn_in(system, within, k, dt)
     after, impulse = struck(system, closed, k)
     energies = [initial_energies(system, x) for x in (state, closed, after)]
-    work = sum(stored(e) * sign for e, sign in zip(energies[:2], (-1.0, 1.0), strict=True))
+    work = sum(e.elastic * sign for e, sign in zip(energies[:2], (-1.0, 1.0), strict=True))
     loss = energies[1].kinetic - energies[2].kinetic
     return after, Event(state.time, "begins", name, float(after.s[k]), gap, angle, work, loss, impulse)
 
@@ -187,11 +187,6 @@ def jumping(system: System) -> JumpingOrgan:
             f"no piercing can begin in an organ of type {type(system.organ).__name__}: it takes no jump"
         )
     return system.organ
-
-
-def stored(energies: Energies) -> float:
-    """Elastic energy of thread and organ [J]."""
-    return energies.elastic_thread + energies.elastic_tissue
 
 
 def abscissa(system: System, state: State, k: int, given: float) -> float:

@@ -21,7 +21,7 @@ import numpy as np
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.checkpoint import Arrays, read_checkpoint
-from studies.limits import LINEAR, RESOLVED, SETTLED
+from studies.limits import LINEAR, RESOLVED, SETTLED, unrest
 from studies.observables import ContactRecord, EnergyRecord, Frame, OrganTopology, PiercingRecord, StepRecord
 from studies.picture import picture
 from studies.progress import Progress, StudyProgress
@@ -247,7 +247,7 @@ def range_line(scenario: Scenario, piercings: Sequence[PiercingRecord]) -> str:
 
 def motion_line(energy: EnergyRecord) -> str:
     """Whether a run came to rest: kinetic energy beside what is elastic."""
-    share = energy.kinetic / max(energy.elastic_thread + energy.elastic_tissue, np.finfo(float).tiny)
+    share = unrest(energy.kinetic, energy.elastic)
     verdict = "at rest" if share <= SETTLED else "still moving"
     return f"motion     {verdict} at the end: its kinetic energy is {share:.2g} of the elastic (at rest: {SETTLED:g})"
 

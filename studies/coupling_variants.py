@@ -371,8 +371,6 @@ def stability_map(axes: Axes, rows: Sequence[Row], inertia: bool) -> None:
     axes.set_yticks(range(len(stiffnesses)), [f"{E / KILO:g}" for E in stiffnesses])
     axes.set_title(("organ with inertia" if inertia else "quasi-static organ") + "; □ creates energy, × breaks off")
     axes.legend(loc="upper left", ncols=3, columnspacing=1.0, handletextpad=0.1)
-    axes.margins(y=0.2)
-    axes.set_ylim(-0.6, len(stiffnesses) - 0.1)
     over_steps(axes)
 
 

@@ -43,7 +43,12 @@ def spans_too_coarse(what: str, ratio: float) -> list[str]:
 
 def not_settled(what: str, kinetic: float, elastic: float) -> list[str]:
     """A remark where a run still moves at its end: by its kinetic energy [J] over what is elastic in it [J]."""
-    if kinetic <= SETTLED * elastic:
+    share = unrest(kinetic, elastic)
+    if share <= SETTLED:
         return []
-    share = kinetic / elastic if elastic else float("inf")
     return [f"{what}: NOT SETTLED, its kinetic energy is {share:.2g} of the elastic (at most {SETTLED:g})"]
+
+
+def unrest(kinetic: float, elastic: float) -> float:
+    """Kinetic over elastic energy, zero where nothing moves and infinite where nothing but motion is there."""
+    return kinetic / elastic if elastic else float("inf") if kinetic else 0.0

@@ -28,7 +28,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from coupling.adapting import INTERVAL, Resolution, adapted, is_too_coarse, span_ratio
+from coupling.adapting import INTERVAL, Resolution, followed, span_ratio
 from coupling.audit import initial_energies
 from coupling.events import begun
 from coupling.observation import observe
@@ -37,7 +37,7 @@ from coupling.system import State, System
 from studies.assembly import assemble
 from studies.figure import COLOURS, MARKERS, panels, ticks
 from studies.friction import bent_ratio
-from studies.limits import beyond_bearing, beyond_linear, not_settled, spans_too_coarse
+from studies.limits import beyond_bearing, beyond_linear, not_settled, spans_too_coarse, unrest
 from studies.scenario import Scenario, parse
 from studies.study import Study, StudyError, Table, unit
 from thread.ends import Free
@@ -337,8 +337,8 @@ def led(line: Line, force: Array, seconds: float) -> Line:
     system = replace(system, ends=(system.ends[0], hand))
     count = int(np.ceil(seconds / line.step - 1e-9))
     for number in range(count):
-        if number % INTERVAL == 0 or is_too_coarse(line.resolution, system, state):
-            system, state, _ = adapted(line.resolution, system, state, INTERVAL * line.step)
+        due = number % INTERVAL == 0
+        system, state, _ = followed(line.resolution, system, state, line.step, due)
         state = advance(system, state, line.step)[-1].new
     return replace(line, system=system, state=state, steps=line.steps + count)
 
@@ -415,7 +415,7 @@ def moment(line: Line, case: Case, kind: str, hold: float, name: str) -> Iterato
             diameter=line.system.thread.section.diameter,
             youngs_modulus=np.inf if case.organ == "fixed points" else case.youngs_modulus,
             spans=span_ratio(line.system, state),
-            settled=energies.kinetic / (energies.elastic_thread + energies.elastic_tissue),
+            settled=unrest(energies.kinetic, energies.elastic),
             steps=line.steps,
         )
 

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling import bdf2
-from coupling.adapting import INTERVAL, adapted, is_too_coarse, span_ratio
+from coupling.adapting import INTERVAL, followed, span_ratio
 from coupling.audit import Energies, audited, initial_energies
 from coupling.baumgarte import linear_step, linear_two_pass
 from coupling.constraints import passage, phi
@@ -168,9 +168,7 @@ class Simulation:
         if resolution is None:
             return now, []
         due = solve.kind == "static" or number % INTERVAL == 1
-        if not (due or is_too_coarse(resolution, now.system, now.state)):
-            return now, []
-        system, state, knots = adapted(resolution, now.system, now.state, INTERVAL * solve.dt)
+        system, state, knots = followed(resolution, now.system, now.state, solve.dt, due)
         if not knots:
             return now, []
         return replace(now, system=system, state=state, energies=booked(system, now.energies, state, knots)), knots

@@ -393,7 +393,7 @@ def measured(case: Case, simulation: Simulation, now: Standing, failed: str) -> 
         residual=float(np.linalg.norm(C @ f.ravel() - moved) / max(np.linalg.norm(moved), np.finfo(float).tiny)),
         span_ratio=seen.span_ratio,
         kinetic=now.energies.kinetic,
-        elastic=now.energies.elastic_thread + now.energies.elastic_tissue,
+        elastic=now.energies.elastic,
         clear=all(gap["holds"] for gap in simulation.subgrid.values()),
         failed=failed,
     )

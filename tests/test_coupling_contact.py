@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
-from threads import ABSCISSAE, LENGTH, RADIUS, Z, hairpin, hairpin_system, laid, run
+from threads import ABSCISSAE, LENGTH, RADIUS, Z, hairpin, hairpin_system, laid, run, taken
 from wounds import wounded_organ
 
 from coupling import bdf2
@@ -70,13 +70,7 @@ def scene(name: str, contact: bool = True) -> tuple[System, State]:
 
 @cache
 def steps(name: str) -> list[Step]:
-    """Every step as taken, none halved."""
-    system, state = scene(name)
-    out: list[Step] = []
-    for _ in range(STEPS):
-        out.append(try_step(system, state, DT))
-        state = out[-1].new
-    return out
+    return taken(*scene(name), DT, STEPS)
 
 
 def scale_of(system: System, state: State) -> float:

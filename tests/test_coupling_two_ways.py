@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
-from threads import ABSCISSAE, LENGTH, RADIUS, X, Z, block_organ, hairpin, hairpin_system, laid
+from threads import ABSCISSAE, LENGTH, RADIUS, X, Z, block_organ, hairpin, hairpin_system, laid, taken
 
 from coupling.audit import Energies, audited, initial_energies, multiplier_imbalance
 from coupling.constraints import driving_force, passage, phi
@@ -46,13 +46,7 @@ def scene(name: str) -> tuple[System, State]:
 
 @cache
 def steps(name: str) -> list[Step]:
-    """Every step as taken, none halved."""
-    system, state = scene(name)
-    out: list[Step] = []
-    for _ in range(STEPS):
-        out.append(try_step(system, state, DT))
-        state = out[-1].new
-    return out
+    return taken(*scene(name), DT, STEPS)
 
 
 def close(got: np.ndarray, exact: np.ndarray, scale: float | None = None) -> bool:

@@ -14,7 +14,7 @@ import tissue
 from coupling.border import columns
 from coupling.constraints import passage
 from coupling.start import start
-from coupling.stepping import Step, advance
+from coupling.stepping import Step, advance, try_step
 from coupling.system import Piercing, State, System
 from thread.banded import diagonal_of
 from thread.ends import End, Free
@@ -127,6 +127,15 @@ def run(system: System, state: State, dt: float, steps: int) -> list[Step]:
     out: list[Step] = []
     for _ in range(steps):
         out += advance(system, state, dt)
+        state = out[-1].new
+    return out
+
+
+def taken(system: System, state: State, dt: float, steps: int) -> list[Step]:
+    """The same, every step as taken, none halved."""
+    out: list[Step] = []
+    for _ in range(steps):
+        out.append(try_step(system, state, dt))
         state = out[-1].new
     return out
 
