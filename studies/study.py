@@ -142,11 +142,13 @@ def carried_out(
     asked. A study that fails leaves its rows. Raises what its `main` does."""
     found, started = study(name), provenance()
     rows: list[Any] = []
+    text = ""
     for row in found.main(**given):
         if not rows:
             emptied(folder)
         rows.append(row)
-        write_text(folder / "runs.csv", numbers(rows))
+        text += numbers([row]) if len(rows) == 1 else comma_separated([cells(row)])
+        write_text(folder / "runs.csv", text)
         tell(rows)
     write(name, {"preset": preset, "arguments": dict(given), "provenance": started}, rows, folder)
 
@@ -175,7 +177,12 @@ def write(name: str, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path
 def numbers(rows: Sequence[Any]) -> str:
     """Every row in SI units, which the header names."""
     head = [f"{f.name} [{f.metadata['unit']}]" if "unit" in f.metadata else f.name for f in fields(rows[0])]
-    return comma_separated([head, *([str(value) for value in asdict(row).values()] for row in rows)])
+    return comma_separated([head, *map(cells, rows)])
+
+
+def cells(row: Any) -> list[str]:
+    """What a row says, field by field."""
+    return [str(value) for value in asdict(row).values()]
 
 
 def comma_separated(lines: Sequence[Sequence[str]]) -> str:
