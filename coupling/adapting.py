@@ -13,6 +13,7 @@ import numpy as np
 from coupling.audit import initial_energies
 from coupling.constraints import Array
 from coupling.events import Event
+from coupling.interfaces import Body
 from coupling.system import State, System
 from thread.refinement import Refit, Tree, refit, wanted_at_holes, wanted_by_curvature
 from thread.thread import Thread
@@ -42,7 +43,7 @@ class Resolution:
         """Span beside a hole over √(EI/T), where the curve is smooth and its force of fourth order in it."""
         return float(self.tolerance**0.25)
 
-    def wanted(self, system: System, state: State, ahead: float) -> Array:
+    def wanted(self, system: System[Body], state: State[Body], ahead: float) -> Array:
         """Largest span allowed on each finest cell of the tree [m], for the next `ahead` [s]."""
         thread, here = system.thread, state.present & system.rows.any(axis=1)
         own = wanted_by_curvature(thread.spline, state.q, self.beside**3)
@@ -66,7 +67,7 @@ def near_holes(thread: Thread, s: Array) -> Array:
     return np.unique(np.clip(spans, 0, len(thread.spline.breaks) - 2))
 
 
-def bending_layers(system: System, state: State) -> Array:
+def bending_layers(system: System[Body], state: State[Body]) -> Array:
     """√(EI/T) of every hold, at most the thread's length, shape `(m,)` [m]. T is the larger of the mean axial forces
     in the parts of the thread before and after it: at the hole itself the force is not that of the pull."""
     thread = system.thread
@@ -79,7 +80,7 @@ def bending_layers(system: System, state: State) -> Array:
     return np.asarray(np.minimum(np.sqrt(thread.EI / np.maximum(pull, REST * thread.EA)), end - start))
 
 
-def span_ratio(system: System, state: State) -> float:
+def span_ratio(system: System[Body], state: State[Body]) -> float:
     """Longest span that holds a hole over the √(EI/T) that the thread bends over there [-]; 0 without bending."""
     here = state.present & system.rows.any(axis=1)
     spline, layers = system.thread.spline, bending_layers(system, state)[here]
@@ -87,14 +88,14 @@ def span_ratio(system: System, state: State) -> float:
     return float(np.max(spans / layers, initial=0.0)) if system.thread.EI else 0.0
 
 
-def is_too_coarse(resolution: Resolution, system: System, state: State) -> bool:
+def is_too_coarse(resolution: Resolution, system: System[Body], state: State[Body]) -> bool:
     """Whether a span that holds a hole is longer than it may be by half."""
     return span_ratio(system, state) > 1.5 * resolution.at_hole
 
 
 def followed(
-    resolution: Resolution, system: System, state: State, dt: float, due: bool
-) -> tuple[System, State, list[Event]]:
+    resolution: Resolution, system: System[Body], state: State[Body], dt: float, due: bool
+) -> tuple[System[Body], State[Body], list[Event]]:
     """`adapted` for the next INTERVAL steps of `dt` [s], where that is `due` or the spans at a hole have grown too
     coarse before; else the same ones."""
     if not (due or is_too_coarse(resolution, system, state)):
@@ -102,7 +103,9 @@ def followed(
     return adapted(resolution, system, state, INTERVAL * dt)
 
 
-def adapted(resolution: Resolution, system: System, state: State, ahead: float) -> tuple[System, State, list[Event]]:
+def adapted(
+    resolution: Resolution, system: System[Body], state: State[Body], ahead: float
+) -> tuple[System[Body], State[Body], list[Event]]:
     """System and state with the knots that the state asks for, and where the holes go in the next `ahead` [s]; what it
     cost. The same ones where nothing is due."""
     tree, spline = resolution.tree, system.thread.spline
@@ -112,7 +115,7 @@ def adapted(resolution: Resolution, system: System, state: State, ahead: float) 
     due = np.union1d(tree.breaks(wanted), kept)
     if np.array_equal(due, present):
         return system, state, []
-    before = [x for x in (state.q_before, state.v_before) if x is not None]
+    before = [] if state.before is None else [state.before.q, state.before.v]
     inside = (state.s > spline.start) & (state.s < spline.end) & state.present
     held = np.concatenate([[spline.start], state.s[inside], [spline.end]])
     new = refit(tree, spline, due, [state.q, state.v, *before], held, TURN * resolution.tolerance)
@@ -121,15 +124,15 @@ def adapted(resolution: Resolution, system: System, state: State, ahead: float) 
     return exchanged(system, state, new)
 
 
-def exchanged(system: System, state: State, new: Refit) -> tuple[System, State, list[Event]]:
+def exchanged(system: System[Body], state: State[Body], new: Refit) -> tuple[System[Body], State[Body], list[Event]]:
     """System and state on another spline."""
     thread = replace(system.thread, spline=new.spline)
     other = replace(system, thread=thread)
     q, v, *before = new.fields
-    q_before, v_before = before or (None, None)
     N = np.interp(thread.axial.s, system.thread.axial.s.ravel(), state.N.ravel())
     frame = None if state.frame is None else thread.reframed(state.frame, system.thread.stations, q)
-    moved = replace(state, q=q, v=v, N=N, q_before=q_before, v_before=v_before, frame=frame)
+    earlier = None if state.before is None else replace(state.before, q=before[0], v=before[1])
+    moved = replace(state, q=q, v=v, N=N, before=earlier, frame=frame)
     energies = [initial_energies(*pair) for pair in ((system, state), (other, moved))]
     stored = [e.kinetic + e.elastic_thread for e in energies]
     change = momentum(other, moved) - momentum(system, state)
@@ -143,7 +146,7 @@ def exchanged(system: System, state: State, new: Refit) -> tuple[System, State, 
     return other, moved, [event]
 
 
-def momentum(system: System, state: State) -> Array:
+def momentum(system: System[Body], state: State[Body]) -> Array:
     """Linear momentum of the thread, shape `(3,)` [N s]."""
     return np.asarray(system.thread.momentum(state.v)[:, :3].sum(axis=0))
 

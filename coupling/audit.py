@@ -24,6 +24,7 @@ import numpy as np
 
 from coupling.bdf2 import scheme_of
 from coupling.constraints import driving_force, held_energy, passage, site_force, spread, thread_force
+from coupling.interfaces import Body
 from coupling.stepping import Step, thread_motion
 from coupling.system import State, System
 
@@ -50,56 +51,58 @@ class Energies:
         return self.elastic_thread + self.elastic_tissue
 
 
-def initial_energies(system: System, state: State) -> Energies:
+def initial_energies(system: System[Body], state: State[Body]) -> Energies:
     """Energies at the start; no work has been done."""
-    organ = system.organ.energies(state.organ, state.organ)
-    kinetic = thread_kinetic(system, state) + organ.kinetic
-    return Energies(kinetic, thread_elastic(system, state), organ.elastic, 0.0, 0.0, 0.0, 0.0, 0.0)
+    organ_kinetic, organ_elastic, *_ = system.organ.energies(state.organ, state.organ)
+    kinetic = thread_kinetic(system, state) + organ_kinetic
+    return Energies(kinetic, thread_elastic(system, state), organ_elastic, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def thread_kinetic(system: System, state: State) -> float:
+def thread_kinetic(system: System[Body], state: State[Body]) -> float:
     """½ vᵀ M v of the thread, and ½ ε ṡ² of eq. 7 [J]."""
     momentum = system.thread.momentum(state.v)
     return float(0.5 * np.sum(state.v * momentum) + 0.5 * system.epsilon * np.sum(state.s_dot**2))
 
 
-def thread_elastic(system: System, state: State) -> float:
+def thread_elastic(system: System[Body], state: State[Body]) -> float:
     """Elastic energy of the thread, and of what it lacks in compliance at the holes [J]."""
     at = passage(system.thread, state.q, state.s)
     held = float(held_energy(at, state.lam, state.y).sum())
     return system.thread.energy(system.thread.points(state.q, state.frame)) + held
 
 
-def audited(system: System, before: Energies, step: Step) -> Energies:
+def audited(system: System[Body], before: Energies, step: Step[Body]) -> Energies:
     """The audit after a step, from the audit before it."""
     old, new, thread = step.old, step.new, system.thread
     dq, dv = new.q - old.q, new.v - old.v
     points = step.solution.residual.points
     solution = step.solution
     elastic = thread.energy(points) + float(held_energy(solution.residual.passage, new.lam, solution.iterate.y).sum())
-    organ = system.organ.energies(old.organ, new.organ)
+    organ_kinetic, organ_elastic, weight_work, organ_viscous, organ_numerical = system.organ.energies(
+        old.organ, new.organ
+    )
 
-    external = np.sum(step.solution.problem.load * dq) + organ.gravity_work + held_work(step)
+    external = np.sum(step.solution.problem.load * dq) + weight_work + held_work(step)
     friction, eps_numerical, remainder, by_hand = sliding_work(system, step)
     external += by_hand
-    viscous = thread.damping * np.sum(new.v * thread.momentum(dq)) + organ.viscous
+    viscous = thread.damping * np.sum(new.v * thread.momentum(dq)) + organ_viscous
     numerical = (
         0.5 * np.sum(dv * thread.momentum(dv))
         + two_step_inertia(system, step)
         + np.sum(thread.gradient(points) * dq)
         - (elastic - before.elastic_thread)
-        + organ.numerical
+        + organ_numerical
         + eps_numerical
         + remainder
         + step.solution.linearisation
     )
-    kinetic = thread_kinetic(system, new) + organ.kinetic
-    change = kinetic - before.kinetic + elastic - before.elastic_thread + organ.elastic - before.elastic_tissue
+    kinetic = thread_kinetic(system, new) + organ_kinetic
+    change = kinetic - before.kinetic + elastic - before.elastic_thread + organ_elastic - before.elastic_tissue
     error = external - change - friction - viscous - numerical
     return Energies(
         kinetic,
         elastic,
-        organ.elastic,
+        organ_elastic,
         before.external_work + float(external),
         before.friction_dissipation + float(friction),
         before.viscous_dissipation + float(viscous),
@@ -108,17 +111,17 @@ def audited(system: System, before: Energies, step: Step) -> Energies:
     )
 
 
-def held_work(step: Step) -> float:
+def held_work(step: Step[Body]) -> float:
     """Work of the holders of the ends, whose reactions are the residuals at the prescribed unknowns [J]."""
     held = step.solution.problem.system.held
     dq = (step.new.q - step.old.q).ravel()
     return float(step.solution.residual.thread.ravel()[held] @ dq[held])
 
 
-def two_step_inertia(system: System, step: Step) -> float:
+def two_step_inertia(system: System[Body], step: Step[Body]) -> float:
     """a⁺ᵀMΔq − v⁺ᵀMΔv of the thread under BDF2 [J]; zero after a step without memory, of backward Euler."""
     old, new, momentum = step.old, step.new, system.thread.momentum
-    if new.q_before is None:
+    if new.before is None:
         return 0.0
     scheme = scheme_of(old, step.dt)
     acceleration = scheme.a * (new.q - scheme.inertia_reference(*thread_motion(scheme, old)))
@@ -126,7 +129,7 @@ def two_step_inertia(system: System, step: Step) -> float:
     return float(work)
 
 
-def sliding_work(system: System, step: Step) -> tuple[float, float, float, float]:
+def sliding_work(system: System[Body], step: Step[Body]) -> tuple[float, float, float, float]:
     """Friction's dissipation, ε's own dissipation, the remainder of the constraints' work, and that of the hands that
     draw the thread through holes [J]."""
     old, new, at = step.old, step.new, step.solution.residual.passage
@@ -143,7 +146,7 @@ def sliding_work(system: System, step: Step) -> tuple[float, float, float, float
     return float(friction), float(eps_numerical), float(-work - np.sum(drive * ds)), float(-np.sum(drive * hand))
 
 
-def multiplier_imbalance(system: System, state: State) -> tuple[float, float]:
+def multiplier_imbalance(system: System[Body], state: State[Body]) -> tuple[float, float]:
     """Total force [N] and moment [N m] of the multipliers on thread and organ together: zero but for round-off.
 
     The moment is taken on the site variables, x×f_x + u×f_u + v×f_v (Φ is invariant under a common rotation).

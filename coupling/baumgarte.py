@@ -26,7 +26,7 @@ Motion leaves a violation of order Δt² w behind it, as any step does that has 
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Generic, Literal
 
 import numpy as np
 from scipy.linalg.blas import dgbmv
@@ -48,11 +48,12 @@ from coupling.border import (
 from coupling.constraints import Array, Passage, bare_passage, dot, phi, site_force, spread, thread_force
 from coupling.contact import NO_FORCES
 from coupling.errors import CouplingError, StepError
+from coupling.interfaces import Body
 from coupling.monolithic import sparse_band
 from coupling.newton import ROUND_OFF, Iterate, Problem, Residual, Solution, border_of, failure
 from coupling.scheme import BackwardEuler
 from coupling.sliding import Law, law_of, prescribed
-from coupling.stepping import Step, dynamic_problem, organ_history, reactions, refuse_inversion, with_ends
+from coupling.stepping import Step, dynamic_problem, organ_answer, reactions, refuse_inversion, with_ends
 from coupling.system import Flags, State, System, forgetful
 from coupling.two_pass import PASSES, Verdict, first_verdict, judged, motion, stands
 from thread.banded import half_band_of
@@ -107,16 +108,16 @@ def restoring(violation: Array, rate: Array, dt: float, evaluation: Evaluation) 
 
 
 @dataclass(frozen=True)
-class Posed:
+class Posed(Generic[Body]):
     """The linear system of one step, in the increments of position Δt² a and Δt² s̈, about a guess without forces.
 
     `problem`: the implicit step it linearises, ideal; `at`, `points`: holds and curve at the start; `tangent`
     banded [N/m]; `guess`: the step without forces; `r_q` (n, c) [N], `r` (m, 6): residuals there; `phi` (m, 5): Φ
-    at the end by the linearisation; `border`: rows and columns of the holds; `operator`, `prediction` of the organ.
+    at the end by the linearisation; `border`: rows and columns of the holds.
     """
 
-    problem: Problem
-    state: State
+    problem: Problem[Body]
+    state: State[Body]
     at: Passage
     points: Points
     tangent: Array
@@ -125,25 +126,21 @@ class Posed:
     r: Array
     phi: Array
     border: Border
-    operator: Any
-    prediction: Any
 
     def band(self) -> Array:
         """A/Δt², banded [N/m], the prescribed unknowns held; a new array."""
         return self.problem.system.hold_still(self.problem.inertia + self.tangent)
 
 
-def pose(system: System, state: State, dt: float, evaluation: Evaluation = "end") -> Posed:
+def pose(system: System[Body], state: State[Body], dt: float, evaluation: Evaluation = "end") -> Posed[Body]:
     """The linear system of a step of `dt` [s] through ideal holes; one organ back-substitution. Raises `CouplingError`
     for an organ whose lips may touch, and for a thread that is drawn by hand."""
-    if system.organ.pairs:
+    if system.organ.lips(state.organ)[0].size:
         raise CouplingError("the linear step knows no contact of the lips; use Newton's scheme, or leave out contact")
     if system.by_hand.any():
         raise CouplingError("the linear step draws no thread by hand; use Newton's scheme, or leave out draw")
     scheme, thread = BackwardEuler(dt), system.thread
-    operator = system.organ.operator(scheme.a, scheme.d)
-    prediction = operator.predict(state.organ, organ_history(system, scheme, state))
-    problem = dynamic_problem(system, state, dt, operator.C, prediction.y_free)
+    problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state))
     law = prescribed(problem.law, np.zeros(system.holds, dtype=bool), np.zeros(system.holds))
     problem = replace(problem, law=law)
     points, at = thread.points(state.q, state.frame), bare_passage(thread.spline, state.q, state.s)
@@ -164,16 +161,16 @@ def pose(system: System, state: State, dt: float, evaluation: Evaluation = "end"
     Phi = Phi + dt * (Phi_dot + dt * asked)
     r_q = thread_residual(problem, points, tangent, state.q, guess.q)
     border = border_of(problem, replace(guess, y=state.y), at)
-    return Posed(problem, state, at, points, tangent, guess, r_q, r, Phi, border, operator, prediction)
+    return Posed(problem, state, at, points, tangent, guess, r_q, r, Phi, border)
 
 
-def phi_dot(system: System, state: State, at: Passage) -> Array:
+def phi_dot(system: System[Body], state: State[Body], at: Passage) -> Array:
     """Φ̇ at the start of a step, shape `(m, 5)` [m/s, 1/s]."""
     rate = bare_passage(system.thread.spline, state.v, state.s)
     return phi_rate(at, rate, state.y, state.s_dot, site_rates(system, state))
 
 
-def constraint_acceleration(problem: Problem, state: State, at: Passage, guess: Iterate) -> Array:
+def constraint_acceleration(problem: Problem[Body], state: State[Body], at: Passage, guess: Iterate) -> Array:
     """Δt² Φ̈ at the guess, where s̈ = 0, shape `(m, 5)` [m, -]."""
     dt, spline, y_dot = problem.dt, problem.system.thread.spline, site_rates(problem.system, state)
     rate, moved = (bare_passage(spline, x, state.s) for x in (state.v, guess.q - state.q - dt * state.v))
@@ -181,16 +178,16 @@ def constraint_acceleration(problem: Problem, state: State, at: Passage, guess: 
     return linear + dt**2 * velocity_terms(at, rate, state.y, state.s_dot, y_dot)
 
 
-def site_rates(system: System, state: State) -> Array:
+def site_rates(system: System[Body], state: State[Body]) -> Array:
     """ẏ of every hold at the start of a step, `(m, 9)`: Y V of an organ with inertia; of one without, as last seen."""
     known = np.zeros_like(state.y) if state.y_dot is None else state.y_dot.copy()
-    organ, V = system.organ, state.organ.V
-    if V.size and V.size == organ.size:
-        known[: len(system.piercings)] = (organ.Y @ V).reshape(-1, NINE)
+    moving = system.organ.impulse(state.organ)
+    if moving is not None:
+        known[: len(system.piercings)] = moving.y_free.reshape(-1, NINE)
     return known
 
 
-def thread_residual(problem: Problem, points: Points, tangent: Array, q: Array, q_new: Array) -> Array:
+def thread_residual(problem: Problem[Body], points: Points, tangent: Array, q: Array, q_new: Array) -> Array:
     """Thread's equation without multipliers at q⁺ = `q_new`, the elastic force linearised at `q`, `(n, c)` [N]."""
     thread = problem.system.thread
     elastic = thread.gradient(points) + times(tangent, q_new - q)
@@ -203,7 +200,7 @@ def times(band: Array, x: Array) -> Array:
     return np.asarray(dgbmv(size, size, h, h, 1.0, band[h:], x.ravel())).reshape(x.shape)
 
 
-def constrained(posed: Posed, held: Flags, injected: Array) -> Posed:
+def constrained(posed: Posed[Body], held: Flags, injected: Array) -> Posed[Body]:
     """The same step with some abscissae held and forces injected; what is dear is shared.
 
     `held` (m,): ds = 0 in this step, a fixed point in place of the sliding one (§4.3, static case). `injected` (m,)
@@ -222,10 +219,10 @@ def constrained(posed: Posed, held: Flags, injected: Array) -> Posed:
 # -- solvers -----------------------------------------------------------------------------------------------------------
 
 Answer = tuple[Array, Array]  # beside the guess: of q (n, c) [m]; of s, λ, y in the order of the border (m, 15)
-Solver = Callable[[Posed], Answer]
+Solver = Callable[[Posed[Body]], Answer]
 
 
-def whole(posed: Posed) -> Answer:
+def whole(posed: Posed[Body]) -> Answer:
     """The whole system, ε = 0 included: a banded thread with a dense border. Raises `SingularError`."""
     problem, site = posed.problem, np.zeros_like(posed.guess.y)
     return direction(posed.band(), problem.system.held, posed.border, problem.C, posed.at, posed.r_q, posed.r, site)
@@ -247,7 +244,7 @@ class Elimination:
     s_of: Array
 
 
-def elimination(posed: Posed) -> Elimination:
+def elimination(posed: Posed[Body]) -> Elimination:
     """Tendency and correction (§4.1). Raises `CouplingError` at ε = 0, `SingularError`."""
     problem, border = posed.problem, posed.border
     slides = posed.guess.slip != 0.0
@@ -266,7 +263,7 @@ def elimination(posed: Posed) -> Elimination:
     return Elimination(matrix, -posed.r[:, PHI].ravel() - LX[:, 0] - L_s @ s, X[:, 0], s, X[:, 1:], s_of)
 
 
-def eliminated(posed: Posed) -> Answer:
+def eliminated(posed: Posed[Body]) -> Answer:
     """The paper's own solver (§4.1), for ε > 0: its matrix is as bad as 1/ε. Raises `CouplingError`,
     `SingularError`."""
     reduced, border = elimination(posed), posed.border
@@ -280,7 +277,7 @@ def eliminated(posed: Posed) -> Answer:
     return (reduced.q + reduced.q_of @ lam).reshape(posed.r_q.shape), dz
 
 
-def whole_matrix(posed: Posed) -> Array:
+def whole_matrix(posed: Posed[Body]) -> Array:
     """The matrix above without units: accelerations by 1 m/s², λ by the largest entry μ of A, directions by the mean
     span ℓ: [[A/μ, 0, −Lᵀ], [0, ε/μ, −L_sᵀ], [L, L_s, μ/Δt² Φ_y C Φ_yᵀ]], shape `(c n + 6m, c n + 6m)`.
 
@@ -312,14 +309,14 @@ def wide(blocks: Array) -> Array:
 
 
 def linear_step(
-    system: System,
-    state: State,
+    system: System[Body],
+    state: State[Body],
     dt: float,
     held: Flags | None = None,
     injected: Array | None = None,
     evaluation: Evaluation = "end",
     solver: Solver = whole,
-) -> Step:
+) -> Step[Body]:
     """One step of `dt` [s] by one linear solve; the state is not touched.
 
     Friction is the caller's: `held` and `injected` as for `constrained`. Raises `CouplingError` where holes have
@@ -334,7 +331,7 @@ def linear_step(
     return solved(posed, solver)
 
 
-def linear_two_pass(system: System, state: State, dt: float, passes: int = PASSES) -> Step:
+def linear_two_pass(system: System[Body], state: State[Body], dt: float, passes: int = PASSES) -> Step[Body]:
     """One step of `dt` [s] with friction by the passes of §4.3, a linear solve each: the paper's whole algorithm.
 
     The organ is asked once. Raises `StepError`, `InversionError`.
@@ -353,12 +350,12 @@ def linear_two_pass(system: System, state: State, dt: float, passes: int = PASSE
     return replace(step, new=replace(step.new, slip=z.slip), solution=solution)
 
 
-def under(posed: Posed, law: Law, verdict: Verdict) -> Posed:
+def under(posed: Posed[Body], law: Law, verdict: Verdict) -> Posed[Body]:
     """The linear system of a pass."""
     return constrained(posed, law.rough & (verdict.sense == 0.0), verdict.friction)
 
 
-def refuse_friction(system: System) -> None:
+def refuse_friction(system: System[Body]) -> None:
     """Raise `CouplingError` at a hole with friction."""
     if system.rough.any():
         name = system.piercings[int(np.argmax(system.rough))].name
@@ -368,7 +365,7 @@ def refuse_friction(system: System) -> None:
         )
 
 
-def solved(posed: Posed, solver: Solver = whole) -> Step:
+def solved(posed: Posed[Body], solver: Solver = whole) -> Step[Body]:
     """The step of a linear system. Raises `StepError` where the solve is singular, inaccurate or runs away,
     `InversionError`."""
     problem, state, guess = posed.problem, posed.state, posed.guess
@@ -381,7 +378,7 @@ def solved(posed: Posed, solver: Solver = whole) -> Step:
     s = np.where(guess.slip == 0.0, problem.law.s_old, guess.s + dz[:, S])  # held: to the last bit, no creep
     residual = checked(posed, q, dq, dz)
     force = site_force(posed.at, lam, state.y)
-    organ = posed.operator.complete(posed.prediction, force[:p].ravel(), NO_FORCES)
+    organ = problem.answer.accept(force[:p].ravel(), NO_FORCES)
     y = problem.y_free + (problem.C @ force.ravel()).reshape(-1, NINE)
     new = replace(
         forgetful(state),
@@ -408,7 +405,7 @@ def solved(posed: Posed, solver: Solver = whole) -> Step:
     return Step(state, new, dt, Solution(problem, iterate, residual, 1, linearisation(posed, residual.points, q)))
 
 
-def checked(posed: Posed, q: Array, dq: Array, dz: Array) -> Residual:
+def checked(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residual:
     """Residuals of the linear system at its solution. Raises `StepError` where they are not small, or the forces moved
     the thread by more than its length, of which no linearisation says anything."""
     problem, state, thread = posed.problem, posed.state, posed.problem.system.thread
@@ -427,7 +424,13 @@ def checked(posed: Posed, q: Array, dq: Array, dz: Array) -> Residual:
         np.abs(free / thread.lever).max(), np.abs(posed.r_q / thread.lever).max(), np.abs(lam[:, :3]).max(initial=0.0)
     )
     residual = Residual(
-        thread.points(q, state.frame), posed.at, balance, holds, np.zeros_like(state.y), float(force_scale)
+        thread.points(q, state.frame),
+        posed.at,
+        site_force(posed.at, lam, state.y),
+        balance,
+        holds,
+        np.zeros_like(state.y),
+        float(force_scale),
     )
     largest = np.abs(np.delete((balance / thread.lever).ravel(), problem.system.held)).max(initial=0.0)
     force_unit = np.abs(problem.inertia + posed.tangent).max() * length
@@ -438,7 +441,7 @@ def checked(posed: Posed, q: Array, dq: Array, dz: Array) -> Residual:
     return residual
 
 
-def refuse_missed(posed: Posed, end: Array) -> None:
+def refuse_missed(posed: Posed[Body], end: Array) -> None:
     """Raise `StepError` where P(s) − x of `end`, the true Φ (m, 5), is far from that of the linearisation."""
     problem = posed.problem
     missed = np.linalg.norm((end - posed.phi)[:, :3], axis=1) * problem.rows[:, 0]
@@ -448,7 +451,7 @@ def refuse_missed(posed: Posed, end: Array) -> None:
         raise StepError(posed.state.time, problem.dt, f"{cause}; take a smaller dt, or Newton's scheme", name)
 
 
-def linearisation(posed: Posed, points: Points, q: Array) -> float:
+def linearisation(posed: Posed[Body], points: Points, q: Array) -> float:
     """Work of the elastic force that the step used beyond that of the true one at its end [J]."""
     thread, dq = posed.problem.system.thread, q - posed.state.q
     used = thread.gradient(posed.points) + times(posed.tangent, dq)

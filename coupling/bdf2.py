@@ -9,34 +9,27 @@ followed with first order there, as by any integrator that does not stop at the 
 
 from dataclasses import replace
 
+from coupling.interfaces import Body
 from coupling.scheme import BDF2, BackwardEuler, Scheme
 from coupling.stepping import Step, try_step
-from coupling.system import State, System
+from coupling.system import State, System, forgetful
 
 GROWTH = 2.0  # largest ratio of a step to the one before; zero-stability ends at 1 + √2
 
 
-def scheme_of(state: State, dt: float) -> Scheme:
+def scheme_of(state: State[Body], dt: float) -> Scheme:
     """BDF2 where there is a step to look back at, else backward Euler."""
     if state.dt_before is None or dt > GROWTH * state.dt_before:
         return BackwardEuler(dt)
     return BDF2(dt, state.dt_before)
 
 
-def take(system: System, state: State, dt: float) -> Step:
+def take(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
     """One step of `dt` [s]. Raises `StepError`, `InversionError`; the state is not touched."""
     step = try_step(system, state, dt, scheme_of(state, dt))
     return replace(step, new=remembering(step.new, state, dt))
 
 
-def remembering(new: State, old: State, dt: float) -> State:
+def remembering(new: State[Body], old: State[Body], dt: float) -> State[Body]:
     """The state `new` with the step from `old` that led to it."""
-    return replace(
-        new,
-        dt_before=dt,
-        q_before=old.q,
-        v_before=old.v,
-        organ_before=old.organ,
-        s_before=old.s,
-        s_dot_before=old.s_dot,
-    )
+    return replace(new, before=forgetful(old), dt_before=dt)

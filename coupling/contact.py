@@ -14,8 +14,8 @@ Operations Research 21, 1994; the single exchange is Murty's rule, which always 
 judged by the forces of solved iterates only (`coupling.newton.solve`).
 """
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Generic
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
@@ -23,7 +23,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from coupling.border import NINE
 from coupling.constraints import Array, passage, site_force
 from coupling.errors import CouplingError
-from coupling.interfaces import ContactOperator
+from coupling.interfaces import Answer, Body
 from coupling.system import Flags, State, System
 
 ROUND_OFF = 1e-12  # of the largest gap without contact: a compliance of condition 10³ times what is rounded
@@ -33,17 +33,17 @@ NO_FORCES = np.zeros(0)
 
 
 @dataclass(frozen=True)
-class Contact:
-    """What the pairs see of a step: `g_free` (k,) [m], `C_cy` (k, 9m) and the organ's operator."""
+class Contact(Generic[Body]):
+    """What the pairs see of a step: `g_free` (k,) [m], `C_cy` (k, 9m) and the organ's answer."""
 
     g_free: Array
     C_cy: Array
-    operator: ContactOperator
+    answer: Answer[Body]
 
     @property
     def C_cc(self) -> Array:
-        """Gaps by contact forces, shape `(k, k)` [m/N]; dear, and not asked for while all pairs are open."""
-        return self.operator.C_cc
+        """Gaps by contact forces, shape `(k, k)` [m/N]; expensive, not asked for while all pairs are open."""
+        return self.answer.C_cc
 
     def unpressed(self, f: Array) -> Array:
         """Gaps without contact forces under the site forces `f` (9m,), shape `(k,)` [m]."""
@@ -55,7 +55,7 @@ class Contact:
         return float(ROUND_OFF * np.abs(unpressed).max() + force * by_forces.max())
 
 
-def answer(contact: Contact, pressed: Flags, unpressed: Array) -> tuple[Array, Array]:
+def answer(contact: Contact[Body], pressed: Flags, unpressed: Array) -> tuple[Array, Array]:
     """Forces p and gaps g of all pairs, `(k,)` each [N, m], where the pairs `pressed` are closed."""
     p = np.zeros_like(unpressed)
     if not pressed.any():
@@ -64,7 +64,7 @@ def answer(contact: Contact, pressed: Flags, unpressed: Array) -> tuple[Array, A
     return p, unpressed + contact.C_cc @ p
 
 
-def misfits(contact: Contact, f: Array, pressed: Flags, force: float = 0.0) -> Flags:
+def misfits(contact: Contact[Body], f: Array, pressed: Flags, force: float = 0.0) -> Flags:
     """Pairs that are pressed and pull, or open and cross, under the site forces `f` (9m,) known to within `force` [N];
     a force counts by the gap that it opens. Shape `(k,)`."""
     unpressed = contact.unpressed(f)
@@ -72,7 +72,7 @@ def misfits(contact: Contact, f: Array, pressed: Flags, force: float = 0.0) -> F
     return np.where(pressed, p * np.diag(contact.C_cc), g) < -slack if pressed.any() else g < -slack
 
 
-def pressed_under(contact: Contact, f: Array, pressed: Flags) -> Flags:
+def pressed_under(contact: Contact[Body], f: Array, pressed: Flags) -> Flags:
     """The pairs that are pressed under the site forces `f` (9m,), sought from `pressed`, shape `(k,)`.
 
     The answer does not depend on where the search begins. Raises `CouplingError` where there is none, which a body
@@ -94,7 +94,7 @@ def first_of(flags: Flags) -> Flags:
     return flags & (np.cumsum(flags) == 1)
 
 
-def condensed(contact: Contact, pressed: Flags, y_free: Array, C: Array) -> tuple[Array, Array]:
+def condensed(contact: Contact[Body], pressed: Flags, y_free: Array, C: Array) -> tuple[Array, Array]:
     """`y_free` (m, 9) and `C` (9m, 9m) of the organ with the pairs `pressed` closed."""
     factor = np.linalg.cholesky(contact.C_cc[np.ix_(pressed, pressed)])
     closing = np.column_stack([contact.C_cy[pressed], contact.g_free[pressed]])
@@ -106,44 +106,31 @@ def condensed(contact: Contact, pressed: Flags, y_free: Array, C: Array) -> tupl
 # -- of a system -------------------------------------------------------------------------------------------------------
 
 
-def contact_of(system: System, operator: Any, prediction: Any) -> Contact | None:
-    """The contact of a step, None where the organ has no lips that may touch."""
-    return contact_with(system, operator, prediction.g_free) if system.organ.pairs else None
+def contact_of(system: System[Body], answer: Answer[Body]) -> Contact[Body] | None:
+    """Return the contact of a step, None where the organ has no lips that may touch; clamped ends open none."""
+    if not answer.g_free.size:
+        return None
+    return Contact(answer.g_free, np.pad(answer.C_cy, ((0, 0), (0, NINE * len(system.clamps)))), answer)
 
 
-def contact_with(system: System, operator: ContactOperator, g_free: Array) -> Contact:
-    """The contact of an organ whose gaps are `g_free` (k,) [m] without any force; clamped ends open none."""
-    return Contact(g_free, np.pad(operator.C_cy, ((0, 0), (0, NINE * len(system.clamps)))), operator)
-
-
-def first_pressed(contact: Contact | None, system: System, state: State) -> Flags:
+def first_pressed(contact: Contact[Body] | None, system: System[Body], state: State[Body]) -> Flags:
     """The pairs that the site forces of a state press in the step of a contact, shape `(k,)`."""
     if contact is None:
         return np.zeros(0, dtype=bool)
     f = site_force(passage(system.thread, state.q, state.s), state.lam, state.y).ravel()
-    return pressed_under(contact, f, system.organ.contact_forces(state.organ) > 0.0)
+    return pressed_under(contact, f, system.organ.lips(state.organ)[1] > 0.0)
 
 
-def contact_under(system: System, f_y: Array, operator: Any, prediction: Any) -> Array:
-    """Contact forces of a step under given site forces `f_y` (9p,), shape `(k,)` [N]."""
-    contact = contact_of(system, operator, prediction)
+def contact_under(system: System[Body], f_y: Array, answer: Answer[Body]) -> Array:
+    """Return the contact forces of a step under given site forces `f_y` (9p,), shape `(k,)` [N]."""
+    contact = contact_of(system, answer)
     if contact is None:
         return NO_FORCES
     f = np.pad(f_y, (0, NINE * len(system.clamps)))
     return forces(contact, pressed_under(contact, f, np.zeros(len(contact.g_free), dtype=bool)), f)
 
 
-def contact_at(system: System, state: State, operator: Any, f: Array) -> Contact | None:
-    """The contact of a step in which nothing moves as long as the site forces are `f` (9m,)."""
-    organ = system.organ
-    if not organ.pairs:
-        return None
-    contact, p = contact_with(system, operator, organ.gap(state.organ)), organ.contact_forces(state.organ)
-    pressing = contact.C_cc @ p if p.any() else 0.0
-    return replace(contact, g_free=contact.g_free - contact.C_cy @ f - pressing)
-
-
-def forces(contact: Contact, pressed: Flags, f: Array) -> Array:
+def forces(contact: Contact[Body], pressed: Flags, f: Array) -> Array:
     """p of all pairs under the site forces `f` (9m,), shape `(k,)` [N]; what is pulled by round-off is not."""
     return np.maximum(answer(contact, pressed, contact.unpressed(f))[0], 0.0)
 
@@ -166,7 +153,7 @@ class ContactObservation:
         return float(np.abs(self.force * self.gap).max())
 
 
-def observe_contact(system: System, state: State) -> ContactObservation | None:
+def observe_contact(system: System[Body], state: State[Body]) -> ContactObservation | None:
     """The lips of a state, None where the organ has none that may touch."""
-    organ = system.organ
-    return ContactObservation(organ.gap(state.organ), organ.contact_forces(state.organ)) if organ.pairs else None
+    gap, force = system.organ.lips(state.organ)
+    return ContactObservation(gap, force) if gap.size else None

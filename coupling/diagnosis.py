@@ -11,6 +11,7 @@ import numpy as np
 
 from coupling.constraints import Array, Indices, Passage, passage
 from coupling.errors import ConstraintError, CouplingError, StepError
+from coupling.interfaces import Body
 from coupling.system import State, System
 
 DEPENDENT = 1e-6  # of a row's length; multipliers go with the square of its inverse and keep fewer than 4 digits below
@@ -18,33 +19,33 @@ NO_TANGENT = 1e-2  # |∂P/∂s| of a thread that is neither stretched nor compr
 TRANSVERSE = 4  # conditions across a span that leave its four control points nothing to bend
 
 
-def hold_names(system: System) -> list[str]:
+def hold_names(system: System[Body]) -> list[str]:
     """What to call each hold in a message: the piercings, then the clamped ends."""
     ends = [f"the clamped {('start', 'end')[k]} of the thread" for k in system.clamps]
     return [f"piercing {piercing.name!r}" for piercing in system.piercings] + ends
 
 
-def faults(system: System, state: State) -> list[str]:
+def faults(system: System[Body], state: State[Body]) -> list[str]:
     """One sentence for each thing that is wrong with the constraints in force in a state; none if they are sound."""
     at = passage(system.thread, state.q, state.s)
     short = tangent_faults(system, state, at)
     return short or span_faults(system, state) or dependence_faults(system, state, at)
 
 
-def refuse_faults(system: System, state: State) -> None:
+def refuse_faults(system: System[Body], state: State[Body]) -> None:
     """Raise `ConstraintError` where the constraints cannot be met."""
     found = faults(system, state)
     if found:
         raise ConstraintError(state.time, "; ".join(found))
 
 
-def diagnosed(system: System, state: State, error: StepError) -> CouplingError:
+def diagnosed(system: System[Body], state: State[Body], error: StepError) -> CouplingError:
     """The constraints' fault where there is one, else the error of the step as it is."""
     found = faults(system, state)
     return ConstraintError(state.time, "; ".join(found)) if found else error
 
 
-def tangent_faults(system: System, state: State, at: Passage) -> list[str]:
+def tangent_faults(system: System[Body], state: State[Body], at: Passage) -> list[str]:
     """Holds where the thread has no direction."""
     length = np.linalg.norm(at.T, axis=1)
     names = hold_names(system)
@@ -55,7 +56,7 @@ def tangent_faults(system: System, state: State, at: Passage) -> list[str]:
     ]
 
 
-def span_faults(system: System, state: State) -> list[str]:
+def span_faults(system: System[Body], state: State[Body]) -> list[str]:
     """Holds next to one another that leave the span between them no way to bend."""
     spline, names = system.thread.spline, hold_names(system)
     span, conditions = spline.spans_of(state.s), 1 + system.rows[:, 3].astype(int)
@@ -73,7 +74,7 @@ def span_length(breaks: Array, span: int) -> float:
     return float(breaks[span + 1] - breaks[span])
 
 
-def dependence_faults(system: System, state: State, at: Passage) -> list[str]:
+def dependence_faults(system: System[Body], state: State[Body], at: Passage) -> list[str]:
     """Holds whose constraints on the thread say the same."""
     rows, owner = scaled_rows(system, state, at)
     if not len(rows):
@@ -93,7 +94,7 @@ def dependence_faults(system: System, state: State, at: Passage) -> list[str]:
     ]
 
 
-def scaled_rows(system: System, state: State, at: Passage) -> tuple[Array, Indices]:
+def scaled_rows(system: System[Body], state: State[Body], at: Passage) -> tuple[Array, Indices]:
     """Rows of Φ_q over the control points that are free, each of length one, and the hold of each.
 
     A row that reaches no free control point is left zero.
@@ -114,18 +115,18 @@ def scaled_rows(system: System, state: State, at: Passage) -> tuple[Array, Indic
     return flat / np.maximum(size, np.finfo(float).tiny), owner
 
 
-def in_force(system: System, state: State) -> np.ndarray:
+def in_force(system: System[Body], state: State[Body]) -> np.ndarray:
     """Holds that constrain the thread, shape `(m,)`."""
     return np.asarray(system.rows.any(axis=1) & state.present)
 
 
-def in_order(system: System, state: State) -> list[int]:
+def in_order(system: System[Body], state: State[Body]) -> list[int]:
     """Holds in force along the thread."""
     here = np.flatnonzero(in_force(system, state))
     return [int(k) for k in here[np.argsort(state.s[here], kind="stable")]]
 
 
-def refuse_crossing(system: System, old: State, new: State) -> None:
+def refuse_crossing(system: System[Body], old: State[Body], new: State[Body]) -> None:
     """Raise `StepError` where two piercings passed one another along the thread during a step.
 
     Two holes apart in space cannot: the solution is another one than that which continues the motion.
@@ -145,7 +146,7 @@ def refuse_crossing(system: System, old: State, new: State) -> None:
         raise StepError(old.time, new.time - old.time, cause, second)
 
 
-def refuse_drawn_out(system: System, old: State, new: State) -> None:
+def refuse_drawn_out(system: System[Body], old: State[Body], new: State[Body]) -> None:
     """Raise `ConstraintError` where a hand has drawn the thread, or a piece of it, out of a hole during a step."""
     ends, piece = system.thread.spline.piece_ends, system.thread.spline.piece_of(old.s)
     beyond = (new.s <= ends[piece]) | (new.s >= ends[piece + 1])

@@ -11,13 +11,14 @@ from dataclasses import replace
 import numpy as np
 
 from coupling.errors import StepError
+from coupling.interfaces import Body
 from coupling.newton import Iterate, Problem, Solution, solve
 
 ATTEMPTS = 40
 WEAKER, STRONGER = 0.3, 5.0
 
 
-def eased(problem: Problem, start: Iterate) -> Solution:
+def eased(problem: Problem[Body], start: Iterate) -> Solution[Body]:
     """The solution of a step by springs on the abscissae. Raises `StepError`."""
     thread, law = problem.system.thread, problem.law
     k = first = thread.EA / (thread.spline.end - thread.spline.start)
@@ -42,7 +43,7 @@ def eased(problem: Problem, start: Iterate) -> Solution:
     raise failed
 
 
-def balanced(problem: Problem, s: np.ndarray, k: float) -> np.ndarray:
+def balanced(problem: Problem[Body], s: np.ndarray, k: float) -> np.ndarray:
     """Where the springs must be tied so that inertia and spring together pull towards s_free and s in their shares."""
     law = problem.law
     return (law.inertia * law.s_free + k * s) / (law.inertia + k)

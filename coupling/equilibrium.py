@@ -8,18 +8,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from coupling.constraints import Array, site_force
-from coupling.contact import Contact, contact_of, first_pressed
+from coupling.constraints import Array
+from coupling.contact import first_pressed
 from coupling.diagnosis import refuse_drawn_out
 from coupling.errors import EquilibriumError, StepError
+from coupling.interfaces import Answer, Body
 from coupling.newton import Iterate, Problem, Solution, solve
+from coupling.scheme import Equilibrium
 from coupling.sliding import law_of, prescribed
 from coupling.stepping import (
     Step,
-    all_holds,
+    accepted,
     end_load,
     left,
-    padded,
     reactions,
     refuse_inversion,
     release,
@@ -35,16 +36,14 @@ LAID_TIE = (
 
 
 def static_problem(
-    system: System,
-    state: State,
+    system: System[Body],
+    state: State[Body],
     share: float,
     duration: float,
     tie: float,
-    C: Array,
-    y: Array,
-    first: State,
-    contact: Contact | None = None,
-) -> Problem:
+    answer: Answer[Body],
+    first: State[Body],
+) -> Problem[Body]:
     """Equilibrium at the part `share` of the loads; `tie` [1/s²] ties each point to where it is in `state`. Friction
     opposes the way from `first`, the start of the load step; what is drawn through is counted from there."""
     thread = system.thread
@@ -57,17 +56,15 @@ def static_problem(
         mass_factor=tie,
         q_ref=state.q,
         load=load,
-        y_free=all_holds(system, y),
-        C=padded(system, C),
+        answer=answer,
         rows=system.rows & state.present[:, None],
         law=law_of(system, first.s, state.present, 0.0, first.s, system.drawn(first.time, share * duration)),
         stiffen=True,
         frame=state.frame,
-        contact=contact,
     )
 
 
-def settle(system: System, state: State, share: float, duration: float) -> Step:
+def settle(system: System[Body], state: State[Body], share: float, duration: float) -> Step[Body]:
     """Equilibrium at the part `share` of the final loads. Raises `EquilibriumError`.
 
     Rough holes hold the thread while it is tied; where it has a long way to slide, they let it slide on the way too.
@@ -80,14 +77,12 @@ def settle(system: System, state: State, share: float, duration: float) -> Step:
     return untied(system, state, share, duration, hold=False)
 
 
-def untied(system: System, state: State, share: float, duration: float, hold: bool) -> Step:
+def untied(system: System[Body], state: State[Body], share: float, duration: float, hold: bool) -> Step[Body]:
     """Equilibrium by ties that are weakened and dropped; `hold`: the rough holes hold the thread meanwhile."""
-    operator = system.organ.operator(0.0, 0.0)
-    prediction = operator.predict(state.organ, system.organ.history((), ()))
-    contact = contact_of(system, operator, prediction)
+    answer = system.organ.answer(Equilibrium(), [state.organ])
     tie, now, failed = first_tie(system, state) * LAID_TIE if state.time == 0.0 else 0.0, state, None
     for _ in range(ATTEMPTS):
-        problem = static_problem(system, now, share, duration, tie, operator.C, prediction.y_free, state, contact)
+        problem = static_problem(system, now, share, duration, tie, answer, state)
         if hold and tie > 0.0:
             problem = replace(problem, law=prescribed(problem.law, problem.law.rough, np.zeros(system.holds)))
         try:
@@ -96,7 +91,7 @@ def untied(system: System, state: State, share: float, duration: float, hold: bo
             failed = error
             tie = first_tie(system, now) if tie == 0.0 else tie * np.sqrt(WEAKER)
             continue
-        now = settled(system, now, problem, solution, operator, prediction)
+        now, answer = settled(now, solution), solution.problem.answer
         if tie == 0.0:
             return Step(state, now, problem.dt, solution)
         tie = 0.0 if tie < 1e-9 * first_tie(system, now) else tie / WEAKER
@@ -104,43 +99,46 @@ def untied(system: System, state: State, share: float, duration: float, hold: bo
     raise EquilibriumError(state.time, share * duration - state.time, cause, piercing, share)
 
 
-def first_tie(system: System, state: State) -> float:
+def first_tie(system: System[Body], state: State[Body]) -> float:
     """A tie as stiff as the thread itself [1/s²]."""
     thread = system.thread
     stiffness = np.abs(thread.tangent(thread.points(state.q, state.frame), state.N)).max()
     return float(stiffness / np.abs(thread.mass_band).max())
 
 
-def guess(problem: Problem, state: State, slip: Array) -> Iterate:
+def guess(problem: Problem[Body], state: State[Body], slip: Array) -> Iterate:
     """Start from the last equilibrium, the prescribed ends moved on."""
     q = with_ends(state.q, problem.system, problem.time)
     pressed = first_pressed(problem.contact, problem.system, state)
     return Iterate(q, state.N, state.s, state.lam, state.y, slip, pressed=pressed)
 
 
-def settled(system: System, old: State, problem: Problem, solution: Solution, operator, prediction) -> State:  # type: ignore[no-untyped-def]
-    """The state of an equilibrium: at rest."""
-    z, at, p = solution.iterate, solution.residual.passage, len(system.piercings)
+def settled(old: State[Body], solution: Solution[Body]) -> State[Body]:
+    """Return the state of an equilibrium: at rest. Raises `InversionError`."""
+    problem, z, residual = solution.problem, solution.iterate, solution.residual
+    system = problem.system
     new = replace(
         old,
         time=problem.time,
         q=z.q,
         v=np.zeros_like(z.q),
         N=z.N,
-        organ=operator.complete(prediction, site_force(at, z.lam, z.y)[:p].ravel(), solution.p),
+        organ=accepted(solution),
         s=z.s,
         s_dot=np.zeros_like(z.s),
         lam=np.where(problem.rows, z.lam, 0.0),
         y=z.y,
         slip=z.slip,
-        reaction=reactions(system, solution.residual.thread, problem.load),
+        reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.carried(old.frame, z.q),
     )
-    refuse_inversion(system, old, new, at)
+    refuse_inversion(system, old, new, residual.passage)
     return new
 
 
-def load_step(system: System, state: State, share: float, duration: float, depth: int = 0) -> list[Step]:
+def load_step(
+    system: System[Body], state: State[Body], share: float, duration: float, depth: int = 0
+) -> list[Step[Body]]:
     """Go on to the part `share` of the loads, in halves of the increment where it fails. Raises `StepError`,
     `ConstraintError` where a hand has drawn the thread out."""
     try:

@@ -24,8 +24,9 @@ from typing import Literal
 
 import numpy as np
 
+from coupling.answer import all_holds, padded
 from coupling.audit import Energies, initial_energies
-from coupling.border import NINE, PHI, Border, S, direction, linearise, without
+from coupling.border import PHI, Border, S, direction, linearise, without
 from coupling.constraints import (
     Array,
     Passage,
@@ -38,14 +39,14 @@ from coupling.constraints import (
     spread,
     thread_force,
 )
-from coupling.contact import contact_at, first_pressed
+from coupling.contact import NO_FORCES, first_pressed
 from coupling.diagnosis import refuse_faults
-from coupling.errors import CouplingError, FormingError, StepError
-from coupling.interfaces import JumpingOrgan, OrganOperator
+from coupling.errors import FormingError, StepError
+from coupling.interfaces import Body
 from coupling.newton import Iterate, Problem
 from coupling.scheme import BackwardEuler
 from coupling.sliding import law_of, linearise_law
-from coupling.stepping import Step, all_holds, found, padded, release, sense
+from coupling.stepping import Step, accepted, found, release, sense
 from coupling.system import Flags, State, System, forgetful
 
 Kind = Literal["begins", "ends", "leaves", "slips", "sticks", "halved", "knots"]
@@ -88,7 +89,7 @@ class Event:
 # -- found in a step -------------------------------------------------------------------------------------------------
 
 
-def noticed(system: System, old: State, taken: list[Step]) -> list[Event]:
+def noticed(system: System[Body], old: State[Body], taken: list[Step[Body]]) -> list[Event]:
     """Events in the steps taken from `old`, in the order of their times."""
     states = [old, *(step.new for step in taken)]
     out = [event for before, after in pairwise(states) for event in changes(system, before, after)]
@@ -97,7 +98,7 @@ def noticed(system: System, old: State, taken: list[Step]) -> list[Event]:
     return out
 
 
-def changes(system: System, old: State, new: State) -> list[Event]:
+def changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Event]:
     """Holes left, and stitches that began to slip or to stick, between two states."""
     out = []
     for k, piercing in enumerate(system.piercings):
@@ -109,7 +110,7 @@ def changes(system: System, old: State, new: State) -> list[Event]:
     return out
 
 
-def nearer_end(system: System, s: float) -> float:
+def nearer_end(system: System[Body], s: float) -> float:
     """The end of its piece of thread by which a hole at `s` was left [m]."""
     spline = system.thread.spline
     start, end = spline.piece_ends[spline.piece_of(s) + np.arange(2)]
@@ -119,7 +120,9 @@ def nearer_end(system: System, s: float) -> float:
 # -- at a time -------------------------------------------------------------------------------------------------------
 
 
-def scheduled(system: System, earlier: float, state: State, dt: float, given: Array) -> tuple[State, list[Event]]:
+def scheduled(
+    system: System[Body], earlier: float, state: State[Body], dt: float, given: Array
+) -> tuple[State[Body], list[Event]]:
     """The state after every piercing that ends or begins later than `earlier` [s] and not after the state's time.
 
     `dt` [s] is the step; `given` (p,) [m] the abscissae of piercings that begin, NaN where the thread's nearest place
@@ -143,7 +146,7 @@ def is_due(time: float, earlier: float, now: float, dt: float) -> bool:
     return earlier < time - ON_TIME * dt <= now
 
 
-def booked(system: System, energies: Energies, state: State, events: list[Event]) -> Energies:
+def booked(system: System[Body], energies: Energies, state: State[Body], events: list[Event]) -> Energies:
     """The audit after events: what was done to draw the thread in is external work, the impulse's loss numerical."""
     if not events:
         return energies
@@ -161,7 +164,7 @@ def booked(system: System, energies: Energies, state: State, events: list[Event]
 # -- a piercing begins -----------------------------------------------------------------------------------------------
 
 
-def begun(system: System, state: State, k: int, dt: float, given: float) -> tuple[State, Event]:
+def begun(system: System[Body], state: State[Body], k: int, dt: float, given: float) -> tuple[State[Body], Event]:
     """The state with the thread in hole `k`, and what it took. Raises `FormingError`, `ConstraintError`."""
     name, y = system.piercings[k].name, state.y[k]
     s = abscissa(system, state, k, given)
@@ -180,16 +183,7 @@ def begun(system: System, state: State, k: int, dt: float, given: float) -> tupl
     return after, Event(state.time, "begins", name, float(after.s[k]), gap, angle, work, loss, impulse)
 
 
-def jumping(system: System) -> JumpingOrgan:
-    """The organ, if it can take a jump. Raises `CouplingError`."""
-    if not isinstance(system.organ, JumpingOrgan):
-        raise CouplingError(
-            f"no piercing can begin in an organ of type {type(system.organ).__name__}: it takes no jump"
-        )
-    return system.organ
-
-
-def abscissa(system: System, state: State, k: int, given: float) -> float:
+def abscissa(system: System[Body], state: State[Body], k: int, given: float) -> float:
     """Where the thread enters hole `k` [m]: as given, else nearest to the hole; between the piercings beside it."""
     low, high = between(system, state, k)
     if np.isnan(given):
@@ -200,7 +194,7 @@ def abscissa(system: System, state: State, k: int, given: float) -> float:
     return given
 
 
-def between(system: System, state: State, k: int) -> tuple[float, float]:
+def between(system: System[Body], state: State[Body], k: int) -> tuple[float, float]:
     """Abscissae of the piercings present before and after the k-th, or the thread's ends [m]."""
     spline, p = system.thread.spline, len(system.piercings)
     here = state.present[:p]
@@ -208,7 +202,7 @@ def between(system: System, state: State, k: int) -> tuple[float, float]:
     return float(low.max(initial=spline.start)), float(high.min(initial=spline.end))
 
 
-def nearest(system: System, state: State, x: Array, low: float, high: float) -> float:
+def nearest(system: System[Body], state: State[Body], x: Array, low: float, high: float) -> float:
     """Abscissa of the thread's nearest place to the point `x` (3,), between `low` and `high` [m].
 
     The nearest of many samples, then Newton on ½|P − x|², kept between the samples beside it.
@@ -228,7 +222,7 @@ def nearest(system: System, state: State, x: Array, low: float, high: float) -> 
     return float(s)
 
 
-def misdirection(system: System, at: Passage, y: Array, k: int) -> float:
+def misdirection(system: System[Body], at: Passage, y: Array, k: int) -> float:
     """Angle between the thread and the axis of hole `k`, whichever way it passes [rad]; 0 where none is imposed."""
     if not system.piercings[k].directed:
         return 0.0
@@ -236,7 +230,7 @@ def misdirection(system: System, at: Passage, y: Array, k: int) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(T, normal)), abs(T @ normal)))
 
 
-def refuse_far(system: System, time: float, name: str, gap: float, angle: float) -> None:
+def refuse_far(system: System[Body], time: float, name: str, gap: float, angle: float) -> None:
     """Raise `FormingError` where the thread is too far from the hole or too steep to it."""
     allowed = NEAR * system.thread.section.diameter
     if not gap <= allowed:
@@ -247,7 +241,7 @@ def refuse_far(system: System, time: float, name: str, gap: float, angle: float)
         raise FormingError(time, name, f"{cause}; lead it in more directly, or set direction to free")
 
 
-def with_hole(system: System, state: State, at: Passage, k: int) -> State:
+def with_hole(system: System[Body], state: State[Body], at: Passage, k: int) -> State[Body]:
     """The state with hole `k` in force, not yet met."""
     this = np.arange(system.holds) == k
     return replace(
@@ -259,28 +253,22 @@ def with_hole(system: System, state: State, at: Passage, k: int) -> State:
     )
 
 
-def drawn_in(system: System, state: State, k: int, dt: float) -> State:
+def drawn_in(system: System[Body], state: State[Body], k: int, dt: float) -> State[Body]:
     """The state with Φ = 0 in hole `k`, entered at its abscissa; velocities are kept. Raises `FormingError`."""
-    scheme = BackwardEuler(dt)
-    operator = system.organ.operator(scheme.a, scheme.d)
-    problem = closing(system, state, k, scheme, operator)
+    problem = closing(system, state, k, BackwardEuler(dt))
     slip, pressed = np.where(problem.law.may_slide, state.slip, 0.0), first_pressed(problem.contact, system, state)
     guess = Iterate(state.q, state.N, state.s, state.lam, state.y, slip, pressed=pressed)
     try:
         solution = found(problem, guess)
     except StepError as error:
         raise FormingError(state.time, system.piercings[k].name, f"the thread cannot be drawn in ({error})") from error
-    z = solution.iterate
-    # By the change alone: the organ's own forces are still those of holes that ended at this very moment.
-    forces = site_force(passage(system.thread, state.q, state.s), state.lam, state.y)
-    change = (site_force(solution.residual.passage, z.lam, z.y) - forces)[: len(system.piercings)].ravel()
-    organ = jumping(system).moved(state.organ, operator, state.organ.f_y + change, solution.p)
+    z, organ = solution.iterate, accepted(solution)
     lam = np.where(problem.rows, z.lam, 0.0)
     frame = system.thread.carried(state.frame, z.q)
     return replace(state, q=z.q, N=z.N, s=z.s, lam=lam, y=z.y, organ=organ, frame=frame)
 
 
-def closing(system: System, state: State, k: int, scheme: BackwardEuler, operator: OrganOperator) -> Problem:
+def closing(system: System[Body], state: State[Body], k: int, scheme: BackwardEuler) -> Problem[Body]:
     """The step that moves nothing but what hole `k` asks: all forces of the state are loads on it.
 
     The hole's own abscissa is held, the others follow their laws; lips do not cross.
@@ -290,11 +278,7 @@ def closing(system: System, state: State, k: int, scheme: BackwardEuler, operato
     balanced = thread.gradient(thread.points(state.q, state.frame))
     balanced[:, :3] -= spread(thread_force(state.lam, state.y), at, thread.n)
     factor = scheme.a + scheme.d * thread.damping
-    f_y = site_force(at, state.lam, state.y).ravel()
-    C, contact = padded(system, operator.C), contact_at(system, state, operator, f_y)
-    y_free = state.y - (C @ f_y).reshape(-1, NINE)
-    if contact is not None:
-        y_free -= (system.organ.contact_forces(state.organ) @ contact.C_cy).reshape(-1, NINE)
+    f_y = site_force(at, state.lam, state.y)[: len(system.piercings)].ravel()
     others = state.present & (np.arange(system.holds) != k)
     return Problem(
         system=system,
@@ -304,43 +288,41 @@ def closing(system: System, state: State, k: int, scheme: BackwardEuler, operato
         mass_factor=factor,
         q_ref=state.q,
         load=balanced,
-        y_free=y_free,
-        C=C,
+        answer=system.organ.displace(scheme, state.organ, f_y),
         rows=system.rows & state.present[:, None],
         law=law_of(system, state.s, others, system.epsilon * scheme.a, state.s),
         frame=state.frame,
-        contact=contact,
     )
 
 
-def struck(system: System, state: State, k: int) -> tuple[State, tuple[float, float, float]]:
+def struck(system: System[Body], state: State[Body], k: int) -> tuple[State[Body], tuple[float, float, float]]:
     """The state after the impulse that makes thread and organ move together in hole `k`, and the impulse [N s].
 
     Minimises ½Δvᵀ M Δv of thread and organ under dΦ/dt = 0 in the hole, unchanged in the others. An organ without mass
     takes no impulse: its holes go with the thread.
     """
-    mobility = jumping(system).site_mobility()
-    if mobility is None:
+    answer = system.organ.impulse(state.organ)
+    if answer is None:
         return state, (0.0, 0.0, 0.0)
     this = np.arange(system.holds) == k
     at, p = bare_passage(system.thread.spline, state.q, state.s), len(system.piercings)
     rates = np.zeros((system.holds, 6))
-    rates[k, PHI] = np.where(system.rows[k], constraint_rate(system, state, at)[k], 0.0)
+    rates[k, PHI] = np.where(system.rows[k], constraint_rate(system, state, at, answer.y_free)[k], 0.0)
     slides = np.where(this, system.may_slide, state.slip != 0.0)
     border = impact(system, state, at, slides)
     M, none = system.hold_still(system.thread.mass_band.copy()), np.zeros_like(state.q)
-    dv, dz = direction(M, system.held, border, padded(system, mobility), at, none, rates, np.zeros_like(state.y))
+    dv, dz = direction(M, system.held, border, padded(system, answer.C), at, none, rates, np.zeros_like(state.y))
     j, s_dot = dz[:, PHI], state.s_dot + np.where(slides, dz[:, S], 0.0)
-    organ = jumping(system).kicked(state.organ, site_force(at, j, state.y)[:p].ravel())
+    organ = answer.accept(site_force(at, j, state.y)[:p].ravel(), NO_FORCES)
     slip = np.where(this & system.rough, np.sign(s_dot), state.slip)
     x, y, z = (float(value) for value in j[k, :3])
     return replace(state, v=state.v + dv, s_dot=s_dot, slip=slip, organ=organ), (x, y, z)
 
 
-def constraint_rate(system: System, state: State, at: Passage) -> Array:
-    """dΦ/dt of a thread that does not slide, shape `(m, 5)` [m/s, 1/s]."""
+def constraint_rate(system: System[Body], state: State[Body], at: Passage, y_dot: Array) -> Array:
+    """Return dΦ/dt of a thread that does not slide where the sites go with `y_dot` (9p,), shape `(m, 5)` [m/s, 1/s]."""
     moving = bare_passage(system.thread.spline, state.v, state.s)
-    dy = all_holds(system, jumping(system).site_velocities(state.organ))
+    dy = all_holds(system, y_dot)
     dy[len(system.piercings) :] = 0.0
     out = phi(moving, np.zeros_like(state.lam), state.y)
     out[:, :3] = moving.P - dy[:, :3]
@@ -349,7 +331,7 @@ def constraint_rate(system: System, state: State, at: Passage) -> Array:
     return out
 
 
-def impact(system: System, state: State, at: Passage, slides: Flags) -> Border:
+def impact(system: System[Body], state: State[Body], at: Passage, slides: Flags) -> Border:
     """The holds as an impulse meets them: the thread slides freely where `slides`, else not at all."""
     none = np.zeros((system.holds, 5))
     law = replace(

@@ -1,146 +1,93 @@
-"""What the coupling asks of an organ: nine numbers per piercing, their compliance, and one back-substitution.
-
-Of an organ whose lips may touch (`Organ.pairs` > 0) it asks their gaps `g`, shape `(k,)`, and gives it the contact
-forces `p` (k,) [N] that push them apart. Of an organ of no pairs it asks nothing of that.
+"""What the coupling asks of an organ: nine numbers per piercing, and how they answer to forces.
 
 `y`, shape `(9p,)`, holds per piercing the point x [m] and the frame vectors u, v [-]. `f_y`, shape `(9p,)`, is the
-generalized force on the organ conjugate to y, Φ_yᵀλ. A time scheme is two numbers and two reference fields:
-acceleration = a (U − U_a), velocity = d (U − U_d); backward Euler has a = 1/Δt², U_a = U + Δt V, d = 1/Δt, U_d = U.
+generalized force on the organ conjugate to y, Φ_yᵀλ. Where the lips of a wound may touch, `g`, shape `(k,)` [m], are
+the gaps of their pairs and `p`, shape `(k,)` [N], the contact forces that push them apart; k = 0 without such lips.
+
+The state of an organ's body, of type `Body`, is the organ's own: the coupling keeps it, hands it back, and never looks
+into it.
 """
 
-from typing import Any, Protocol, runtime_checkable
+from collections.abc import Sequence
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
+
+from coupling.scheme import Scheme
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+Body = TypeVar("Body")
 
-class Prediction(Protocol):
-    """The organ's answer to a step without the thread."""
+# Kinetic and elastic energy at the end of a step, and what was done during it [J]: the weight's work, what viscous
+# damping took, and what the integrator took (contact's −p⁺·Δg with it).
+OrganEnergies = tuple[float, float, float, float, float]
+
+
+class Answer(Protocol[Body]):
+    """The organ condensed for one iteration of a step: y = y_free + C f_y + C_cyᵀ p, g = g_free + C_cy f_y + C_cc p."""
 
     @property
     def y_free(self) -> Array:
-        """Site variables without site forces, shape `(9p,)`."""
-
-
-class OrganOperator(Protocol):
-    """The factored organ at one pair (a, d)."""
-
-    @property
-    def A(self) -> csr_matrix:
-        """a M + d C + K over the free unknowns, shape `(N, N)`; K for a quasi-static organ."""
+        """Site variables without site and contact forces, shape `(9p,)`."""
 
     @property
     def C(self) -> Array:
-        """Site compliance Y A⁻¹ Yᵀ, shape `(9p, 9p)`."""
-
-    def right_hand_side(self, state: Any, history: Any) -> Array:
-        """b of A U⁺ = b + Yᵀ f_y, shape `(N,)`."""
-
-    def predict(self, state: Any, history: Any) -> Prediction:
-        """The step without site forces."""
-
-    def complete(self, prediction: Any, f_y: Array, p: Array) -> Any:
-        """The organ's state after the step under the site forces `f_y` and the contact forces `p`, `(0,)` without
-        pairs."""
-
-
-class ContactOperator(OrganOperator, Protocol):
-    """That of an organ with pairs, whose predictions have `g_free` (k,) [m] beside `y_free`."""
+        """Site compliance, symmetric, shape `(9p, 9p)`."""
 
     @property
-    def C_cc(self) -> Array:
-        """Gaps by contact forces, symmetric and positive definite, shape `(k, k)` [m/N]."""
+    def g_free(self) -> Array:
+        """Gaps without site and contact forces, shape `(k,)` [m]."""
 
     @property
     def C_cy(self) -> Array:
         """Gaps by site forces, shape `(k, 9p)`."""
 
-
-class OrganEnergies(Protocol):
-    """Energies at the end of a step and works during it [J]."""
-
     @property
-    def kinetic(self) -> float:
-        """½VᵀMV"""
+    def C_cc(self) -> Array:
+        """Gaps by contact forces, symmetric and positive definite, shape `(k, k)` [m/N]; expensive when first asked."""
 
-    @property
-    def elastic(self) -> float:
-        """½UᵀKU"""
+    def accept(self, f_y: Array, p: Array) -> Body:
+        """Return the organ's state at the end of the step under the forces `f_y` (9p,) and `p` (k,)."""
 
-    @property
-    def gravity_work(self) -> float:
-        """Of the weight."""
+    def again(self, f_y: Array, p: Array) -> "Answer[Body]":
+        """Return the answer linearised anew under the forces `f_y` (9p,) and `p` (k,).
 
-    @property
-    def viscous(self) -> float:
-        """Taken by the Rayleigh damping."""
-
-    @property
-    def numerical(self) -> float:
-        """Taken by the integrator, and by contact: −p⁺·Δg."""
+        An answer that stands under these forces returns itself: a linear organ's always does, that of a nonlinear
+        organ once its own equations hold to their tolerance.
+        """
 
 
-class Organ(Protocol):
+class Organ(Protocol[Body]):
     """An elastic organ, or none, as the coupling sees it."""
 
     @property
     def y0(self) -> Array:
         """Reference site variables, shape `(9p,)`."""
 
-    @property
-    def Y(self) -> csr_matrix:
-        """y = y0 + Y U over the free unknowns, shape `(9p, N)`."""
+    def start(self) -> Body:
+        """Return the state at the start of a run."""
 
-    @property
-    def size(self) -> int:
-        """Number N of free unknowns."""
+    def answer(self, scheme: Scheme, past: Sequence[Body]) -> Answer[Body]:
+        """Return the answer of a step of `scheme` from the states `past`, the newest first."""
 
-    def displacement(self, state: Any) -> Array:
-        """Displacement of all unknowns, made on demand [m]."""
+    def site_variables(self, state: Body) -> Array:
+        """Return y, shape `(9p,)`."""
 
-    def start(self) -> Any:
-        """State at the start of a run."""
+    def lips(self, state: Body) -> tuple[Array, Array]:
+        """Return the gaps g [m] and the contact forces p [N], shape `(k,)` each."""
 
-    def operator(self, a: float, d: float) -> OrganOperator:
-        """Factored operator of a time scheme; kept for the pairs used last."""
+    def energies(self, old: Body, new: Body) -> OrganEnergies:
+        """Return the energies at `new`, and what was done on the way from `old` [J]."""
 
-    def history(self, coefficients: Any, states: Any) -> Any:
-        """Reference fields of the time scheme: U_a = Σ (α U + β V), U_d = Σ γ U over `coefficients` (α, β, γ)."""
+    def impulse(self, state: Body) -> Answer[Body] | None:
+        """Return the answer to an impulse on the sites [N s, N m s]: `y_free` is dy/dt, and C is Y M⁻¹ Yᵀ.
 
-    def energies(self, old: Any, new: Any) -> OrganEnergies:
-        """Energies at `new` and works of the step."""
+        None stands for an organ without mass, which takes no impulse.
+        """
 
-    def site_variables(self, state: Any) -> Array:
-        """y, shape `(9p,)`."""
-
-    @property
-    def pairs(self) -> int:
-        """Number k of pairs of points on lips that may touch; 0: nothing below is asked for."""
-
-    def gap(self, state: Any) -> Array:
-        """g, shape `(k,)` [m]."""
-
-    def contact_forces(self, state: Any) -> Array:
-        """p, shape `(k,)` [N]."""
-
-
-@runtime_checkable
-class JumpingOrgan(Organ, Protocol):
-    """What a piercing that begins asks of an organ beside: to be drawn to the thread, and to take an impulse."""
-
-    def site_velocities(self, state: Any) -> Array:
-        """dy/dt, shape `(9p,)`."""
-
-    def site_mobility(self) -> Array | None:
-        """Y M⁻¹ Yᵀ, jump of dy/dt by an impulse conjugate to y, shape `(9p, 9p)`; None without mass to take one."""
-
-    def kicked(self, state: Any, impulse: Array) -> Any:
-        """The state after an impulse `(9p,)` on its sites: V + M⁻¹ Yᵀ impulse."""
-
-    def moved(self, state: Any, operator: Any, f_y: Array, p: Array) -> Any:
-        """The state with other site and contact forces and the displacement that an operator gives their change; V is
-        kept."""
+    def displace(self, scheme: Scheme, state: Body, f_y: Array) -> Answer[Body]:
+        """Return the answer of a step in which nothing moves as long as the site forces are `f_y` (9p,) and the contact
+        forces those of `state`; velocities are kept."""

@@ -14,18 +14,19 @@ one organ back-substitution. This one is to be looked at, and to be compared wit
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Protocol, runtime_checkable
 
 import numpy as np
-from scipy.sparse import block_array, coo_array, csc_array, csr_array, diags_array
+from scipy.sparse import block_array, coo_array, csc_array, csr_array, csr_matrix, diags_array
 from scipy.sparse.linalg import splu
 
+from coupling.answer import all_holds
 from coupling.border import LAM, MU_V, NINE, OWN, Border, S, Y, columns
-from coupling.constraints import Array, site_force
+from coupling.constraints import Array
 from coupling.contact import NO_FORCES
-from coupling.interfaces import OrganOperator
+from coupling.errors import CouplingError
+from coupling.interfaces import Body
 from coupling.newton import Iterate, Problem, Residual, Solution, border_of, cut, solve
-from coupling.stepping import all_holds
 from thread.banded import diagonal_of
 
 MULTIPLIERS = slice(LAM.start, MU_V + 1)
@@ -53,26 +54,48 @@ class BlockSystem:
     blocks: dict[str, slice]
 
 
-@dataclass(frozen=True)
-class OrganStep:
-    """The organ's equation of a step: A U⁺ = b + Yᵀ f_y + Gᵀ p with y = y0 + Y U and, of lips that may touch,
-    g = g0 + G U."""
-
-    operator: OrganOperator
-    b: Array
-    y0: Array
-    Y: Any
-    g0: Array = field(default_factory=lambda: NO_FORCES)
-    G: Any = None
-
-    def site_variables(self, U: Array) -> Array:
-        """y, shape `(9p,)`."""
-        return np.asarray(self.y0 + self.Y @ U)
+class Equation(Protocol):
+    """The organ's rows: A U⁺ = b + Yᵀ f_y + Gᵀ p with y = y0 + Y U and g = g0 + G U, over N unknowns U."""
 
     @property
-    def gap_rows(self) -> csr_array:
-        """G, shape `(k, N)`."""
-        return csr_array((0, self.Y.shape[1])) if self.G is None else csr_array(self.G)
+    def A(self) -> csr_matrix:
+        """Tangent, shape `(N, N)`."""
+
+    @property
+    def b(self) -> Array:
+        """Right-hand side, shape `(N,)`."""
+
+    @property
+    def y0(self) -> Array:
+        """Site variables at U = 0, shape `(9p,)`."""
+
+    @property
+    def Y(self) -> csr_matrix:
+        """Rows of the sites, shape `(9p, N)`."""
+
+    @property
+    def g0(self) -> Array:
+        """Gaps at U = 0, shape `(k,)` [m]."""
+
+    @property
+    def G(self) -> csr_matrix:
+        """Rows of the gaps, shape `(k, N)`."""
+
+
+@runtime_checkable
+class AssembledAnswer(Protocol):
+    """What the assembled matrix asks of an answer beside: the organ's own rows."""
+
+    @property
+    def equation(self) -> Equation:
+        """The organ's equation, linearised where the answer is."""
+
+
+def equation_of(problem: Problem[Body]) -> Equation:
+    """Return the organ's rows of a step. Raises `CouplingError` where the answer has none."""
+    if not isinstance(problem.answer, AssembledAnswer):
+        raise CouplingError(f"{type(problem.answer).__name__} has no equation to assemble; solve it condensed")
+    return problem.answer.equation
 
 
 def sparse_band(band: Array) -> coo_array:
@@ -93,20 +116,21 @@ def diagonal(blocks: Array) -> csr_array:
     return csr_array((blocks.ravel(), index), shape=(m * r, m * k))
 
 
-def assemble(problem: Problem, organ: OrganStep, z: Monolith, r: Residual) -> BlockSystem:
+def assemble(problem: Problem[Body], z: Monolith, r: Residual) -> BlockSystem:
     """The Newton system of the whole at an iterate."""
-    border, (n, c), m = border_of(problem, z, r.passage), z.q.shape, len(z.s)
+    organ, (n, c), m = equation_of(problem), z.q.shape, len(z.s)
+    border = border_of(problem, z, r.passage)
     V = csr_array(columns(r.passage, n, c))
     Y_all = with_clamps(organ.Y, m)
     thread = sparse_band(problem.inertia + problem.system.thread.tangent(r.points, z.N))
     own = [diagonal(border.B[:, :1]), diagonal(border.B[:, 1:OWN])]
     by_F = [-Y_all.T @ x for x in by_unknown(border, "F", Y_all)]
-    G, closed = organ.gap_rows, diags_array(z.pressed.astype(np.float64))
+    G, closed = csr_array(organ.G), diags_array(z.pressed.astype(np.float64))
     rows = [
         [thread, *(V @ column for column in by_unknown(border, "E", Y_all)), None],
         [
             -Y_all.T @ diagonal(border.R) @ V.T,
-            organ.operator.A + by_F[0],
+            organ.A + by_F[0],
             *by_F[1:],
             -G.T,
         ],
@@ -115,8 +139,7 @@ def assemble(problem: Problem, organ: OrganStep, z: Monolith, r: Residual) -> Bl
         [None, closed @ G, None, None, diags_array((~z.pressed).astype(np.float64))],
     ]
     matrix = block_array(rows, format="csr")
-    force = site_force(r.passage, z.lam, z.y).ravel()
-    organ_residual = organ.operator.A @ z.U - organ.b - Y_all.T @ force - G.T @ z.p
+    organ_residual = organ.A @ z.U - organ.b - Y_all.T @ r.f_y.ravel() - G.T @ z.p
     lips = np.where(z.pressed, organ.g0 + G @ z.U, z.p)
     right = -np.concatenate([r.thread.ravel(), organ_residual, r.holds[:, S], r.holds[:, 1:OWN].ravel(), lips])
     ends = np.cumsum([0, c * n, len(z.U), m, 5 * m, len(z.p)])
@@ -130,13 +153,13 @@ def by_unknown(border: Border, which: str, Y_all: csr_array) -> list[csr_array]:
     return [diagonal(part[:, :, Y]) @ Y_all, diagonal(part[:, :, S : S + 1]), diagonal(part[:, :, MULTIPLIERS])]
 
 
-def with_clamps(Y: Any, m: int) -> csr_array:
+def with_clamps(Y: csr_matrix, m: int) -> csr_array:
     """Y over all holds: the site variables of a clamped end do not move, shape `(9m, N)`."""
     empty = csr_array((NINE * m - Y.shape[0], Y.shape[1]))
     return csr_array(block_array([[csr_array(Y)], [empty]], format="csr")) if empty.shape[0] else csr_array(Y)
 
 
-def held_still(problem: Problem, system: BlockSystem) -> BlockSystem:
+def held_still(problem: Problem[Body], system: BlockSystem) -> BlockSystem:
     """Rows and columns of the prescribed unknowns of the thread replaced by those of the identity."""
     free = np.ones(len(system.right))
     free[problem.system.held] = 0.0
@@ -154,7 +177,7 @@ def direct(system: BlockSystem) -> Array:
     return np.asarray(splu(system.matrix).solve(system.right))
 
 
-def monolithic_solve(problem: Problem, organ: OrganStep, start: Iterate, U: Array, linear: Linear = direct) -> Solution:
+def monolithic_solve(problem: Problem[Body], start: Iterate, U: Array, linear: Linear = direct) -> Solution[Body]:
     """Newton on the assembled matrix from `start` and the organ's `U` (N,), each correction by `linear`. Raises
     `StepError`.
 
@@ -162,9 +185,9 @@ def monolithic_solve(problem: Problem, organ: OrganStep, start: Iterate, U: Arra
     equation through its condensation. The solution's iterate is a `Monolith`.
     """
 
-    def correct(problem: Problem, z: Iterate, r: Residual) -> Iterate:
+    def correct(problem: Problem[Body], z: Iterate, r: Residual) -> Iterate:
         assert isinstance(z, Monolith)
-        system = assemble(problem, organ, z, r)
+        organ, system = equation_of(problem), assemble(problem, z, r)
         x = linear(system)
         x *= cut(problem, x[system.blocks["q"]].reshape(z.q.shape))
         dq = x[system.blocks["q"]].reshape(z.q.shape)
@@ -175,11 +198,12 @@ def monolithic_solve(problem: Problem, organ: OrganStep, start: Iterate, U: Arra
             N=problem.system.thread.next_axial_force(r.points, dq),
             s=z.s + x[system.blocks["s"]],
             lam=z.lam + x[system.blocks["lam"]].reshape(-1, 5),
-            y=all_holds(problem.system, organ.site_variables(U_next)),
+            y=all_holds(problem.system, organ.y0 + organ.Y @ U_next),
             U=U_next,
             p=z.p + x[system.blocks["p"]],
         )
 
-    y, p = all_holds(problem.system, organ.site_variables(U)), np.zeros(len(organ.g0))
+    organ = equation_of(problem)
+    y, p = all_holds(problem.system, organ.y0 + organ.Y @ U), np.zeros(len(organ.g0))
     first = Monolith(start.q, start.N, start.s, start.lam, y, start.slip, U, p, pressed=start.pressed)
     return solve(problem, first, correct)

@@ -12,9 +12,12 @@ points, Magisano, Leonetti & Garcea 2017): plain Newton diverges at the stretch-
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Generic
 
 import numpy as np
 
+from coupling.answer import all_holds, padded
 from coupling.border import (
     NINE,
     PHI,
@@ -27,8 +30,9 @@ from coupling.border import (
     without,
 )
 from coupling.constraints import Array, Passage, passage, phi, site_force, spread, thread_force
-from coupling.contact import NO_FORCES, Contact, condensed, first_of, forces, misfits, pressed_under
+from coupling.contact import NO_FORCES, Contact, condensed, contact_of, first_of, forces, misfits, pressed_under
 from coupling.errors import StepError
+from coupling.interfaces import Answer, Body
 from coupling.sliding import Law, admissible, linearise_law, next_slip
 from coupling.sliding import residual as law_residual
 from coupling.system import Flags, System
@@ -47,30 +51,52 @@ NO_PAIRS = np.zeros(0, dtype=bool)
 
 
 @dataclass(frozen=True)
-class Problem:
+class Problem(Generic[Body]):
     """One step, ready to be solved.
 
     `time` [s] at its end; `inertia` banded and `mass_factor` [1/s²] with `q_ref` (n, c): the inertia and viscous force
-    is mass_factor·M (q − q_ref); `load` (n, c) [N, with twist N m]; `y_free`
-    (m, 9), `C` (9m, 9m); `rows` (m, 5) constraints in force; `stiffen`: add the constraints' own stiffness to the
-    thread's band, needed where there is no inertia (an exact row operation); `frame`, that of the start of the step,
-    of a thread with twist; `contact` of the lips, None where nothing may touch.
+    is mass_factor·M (q − q_ref); `load` (n, c) [N, with twist N m]; `answer`, the organ's; `rows` (m, 5) constraints in
+    force; `stiffen`: add the constraints' own stiffness to the thread's band, needed where there is no inertia (an
+    exact row operation); `frame`, that of the start of the step, of a thread with twist; `closed` (k,), the pairs of
+    lips that are held closed, whatever their force.
     """
 
-    system: System
+    system: System[Body]
     time: float
     dt: float
     inertia: Array
     mass_factor: float
     q_ref: Array
     load: Array
-    y_free: Array
-    C: Array
+    answer: Answer[Body]
     rows: Flags
     law: Law
     stiffen: bool = False
     frame: Frame | None = None
-    contact: Contact | None = None
+    closed: Flags = field(default_factory=lambda: NO_PAIRS)
+
+    @cached_property
+    def contact(self) -> Contact[Body] | None:
+        """Contact of the lips, None where nothing may touch."""
+        return contact_of(self.system, self.answer)
+
+    @cached_property
+    def met(self) -> tuple[Array, Array]:
+        """y_free, shape `(m, 9)`, and C, shape `(9m, 9m)`, of all holds, with the pairs that are closed."""
+        y_free, C = all_holds(self.system, self.answer.y_free), padded(self.system, self.answer.C)
+        if self.contact is None or not self.closed.any():
+            return y_free, C
+        return condensed(self.contact, self.closed, y_free, C)
+
+    @property
+    def y_free(self) -> Array:
+        """Site variables of all holds without forces, shape `(m, 9)`."""
+        return self.met[0]
+
+    @property
+    def C(self) -> Array:
+        """Compliance of all holds, shape `(9m, 9m)`."""
+        return self.met[1]
 
 
 @dataclass(frozen=True)
@@ -92,12 +118,13 @@ class Iterate:
 class Residual:
     """Residuals at an iterate, and what the tangent needs again.
 
-    `thread` (n, c) [N, with twist N m] (at held unknowns: the reaction), `holds` (m, 6): law of sliding, Φ;
-    `site` (m, 9); `force_scale` [N], `torque_scale` [N m].
+    `f_y` (m, 9): site forces Φ_yᵀλ; `thread` (n, c) [N, with twist N m] (at held unknowns: the reaction), `holds`
+    (m, 6): law of sliding, Φ; `site` (m, 9); `force_scale` [N], `torque_scale` [N m].
     """
 
     points: Points
     passage: Passage
+    f_y: Array
     thread: Array
     holds: Array
     site: Array
@@ -106,7 +133,7 @@ class Residual:
 
 
 @dataclass(frozen=True)
-class Solution:
+class Solution(Generic[Body]):
     """A converged step: its problem, the iterate, the residual, and the number of Newton directions it took.
 
     The constraint forces are those of `residual.passage` and `iterate.y`: the end of the step, but its start for the
@@ -114,7 +141,7 @@ class Solution:
     contact forces.
     """
 
-    problem: Problem
+    problem: Problem[Body]
     iterate: Iterate
     residual: Residual
     iterations: int
@@ -122,7 +149,7 @@ class Solution:
     p: Array = field(default_factory=lambda: NO_FORCES)
 
 
-def evaluate(problem: Problem, z: Iterate) -> Residual:
+def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
     """All residuals of a step."""
     thread = problem.system.thread
     points = thread.points(z.q, problem.frame)
@@ -135,27 +162,44 @@ def evaluate(problem: Problem, z: Iterate) -> Residual:
     holds = np.empty((len(z.s), 6))
     holds[:, S] = law_residual(problem.law, z.slip, at, z.s, z.lam, z.y)
     holds[:, PHI] = np.where(problem.rows, phi(at, z.lam, z.y), z.lam)
-    site = z.y - problem.y_free - (problem.C @ site_force(at, z.lam, z.y).ravel()).reshape(-1, NINE)
+    f_y = site_force(at, z.lam, z.y)
     scale = max(np.abs(elastic[:, :3]).max(), np.abs(problem.load[:, :3]).max(), np.abs(z.lam[:, :3]).max(initial=0.0))
     return Residual(
         points,
         at,
+        f_y,
         balance,
         holds,
-        site,
+        site_residual(problem, z, f_y),
         max(float(scale), thread.force_unit),
         float(np.abs(elastic[:, 3:]).max()) if thread.twist else 0.0,
     )
 
 
-def force_tolerance(problem: Problem, r: Residual) -> float:
+def site_residual(problem: Problem[Body], z: Iterate, f_y: Array) -> Array:
+    """Return y − y_free − C f_y of all holds, shape `(m, 9)`."""
+    return z.y - problem.y_free - (problem.C @ f_y.ravel()).reshape(-1, NINE)
+
+
+def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Body], Residual, bool]:
+    """Ask the organ again under the forces of an iterate: the problem and the residual with its answer, and whether
+    the answer stood."""
+    sites = len(problem.system.piercings)
+    answer = problem.answer.again(r.f_y[:sites].ravel(), contact_forces(problem.contact, z, r))
+    if answer is problem.answer:
+        return problem, r, True
+    problem = replace(problem, answer=answer)
+    return problem, replace(r, site=site_residual(problem, z, r.f_y)), False
+
+
+def force_tolerance(problem: Problem[Body], r: Residual) -> float:
     """What a force may be off by in a solved step [N]: a part of the largest, or the round-off of those that cancel."""
     thread = problem.system.thread
     inertia = problem.mass_factor * thread.largest_mass * np.abs(problem.q_ref[:, :3]).max()
     return FORCE_TOLERANCE * r.force_scale + ROUND_OFF * (thread.EA + inertia)
 
 
-def converged(problem: Problem, z: Iterate, r: Residual) -> bool:
+def converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
     """Whether every equation holds to its tolerance, each relative to a named scale."""
     thread = problem.system.thread
     force = force_tolerance(problem, r)
@@ -176,14 +220,14 @@ def converged(problem: Problem, z: Iterate, r: Residual) -> bool:
     )
 
 
-def border_of(problem: Problem, z: Iterate, at: Passage) -> Border:
+def border_of(problem: Problem[Body], z: Iterate, at: Passage) -> Border:
     """Linearised holds, with the rows of constraints that are not in force replaced by λ = 0."""
     border = linearise(at, z.lam, z.y)
     linearise_law(border, problem.law, z.slip, at, z.lam, z.y)
     return border if problem.rows.all() else without(border, ~problem.rows)
 
 
-def stiffened(problem: Problem, A: Array, border: Border, r: Residual) -> tuple[Array, Border, Array]:
+def stiffened(problem: Problem[Body], A: Array, border: Border, r: Residual) -> tuple[Array, Border, Array]:
     """Add Φ_qᵀ Γ (Φ_q dq + … + Φ) to the thread's equations: the same solution, and a matrix that is regular although
     without the constraints the thread could move or turn freely (statics). Γ is of the size of the band's diagonal."""
     thread = problem.system.thread
@@ -202,14 +246,14 @@ def stiffened(problem: Problem, A: Array, border: Border, r: Residual) -> tuple[
     return A, replace(border, E=E), r_q
 
 
-def cut(problem: Problem, dq: Array) -> float:
+def cut(problem: Problem[Body], dq: Array) -> float:
     """The part of a correction that is taken: all of it, or what moves no control point further than LONGEST_MOVE."""
     thread = problem.system.thread
     spline, longest = thread.spline, float(np.abs(dq * thread.lever).max())
     return min(1.0, LONGEST_MOVE * (spline.end - spline.start) / max(longest, np.finfo(float).tiny))
 
 
-def correct(problem: Problem, z: Iterate, r: Residual) -> Iterate:
+def correct(problem: Problem[Body], z: Iterate, r: Residual) -> Iterate:
     """One Newton correction. Raises `SingularError`."""
     thread = problem.system.thread
     A = thread.tangent(r.points, z.N)
@@ -225,10 +269,10 @@ def correct(problem: Problem, z: Iterate, r: Residual) -> Iterate:
     return replace(z, q=z.q + dq, N=N, s=z.s + dz[:, S], lam=z.lam + dz[:, PHI], y=z.y + dz[:, Y])
 
 
-Corrector = Callable[[Problem, Iterate, Residual], Iterate]
+Corrector = Callable[[Problem[Body], Iterate, Residual], Iterate]
 
 
-def solve(problem: Problem, start: Iterate, correct: Corrector = correct) -> Solution:
+def solve(problem: Problem[Body], start: Iterate, correct: Corrector[Body] = correct) -> Solution[Body]:
     """Iterate from `start` until every equation holds, and stick and slip, touch and open fit the answer. Raises
     `StepError`.
 
@@ -239,9 +283,10 @@ def solve(problem: Problem, start: Iterate, correct: Corrector = correct) -> Sol
     z, iterations = replace(start, slip=admissible(problem.law, start.slip)), 0
     seen: set[bytes] = set()
     for _ in range(MAX_SETS + len(z.pressed)):
-        solution = solve_set(touching(problem, z.pressed), z, correct)
+        solution = solve_set(replace(problem, closed=z.pressed), z, correct)
         iterations += solution.iterations
         z, r = solution.iterate, solution.residual
+        problem = replace(problem, answer=solution.problem.answer)
         seen.add(sets_of(z))
         fitting = with_next_sets(problem, z, r, seen)
         if fitting is z:
@@ -251,20 +296,12 @@ def solve(problem: Problem, start: Iterate, correct: Corrector = correct) -> Sol
     raise failure(problem, r, f"{what} alternate without end")
 
 
-def touching(problem: Problem, pressed: Flags) -> Problem:
-    """The problem with some pairs of the lips closed, whatever their force."""
-    if problem.contact is None or not pressed.any():
-        return problem
-    y_free, C = condensed(problem.contact, pressed, problem.y_free, problem.C)
-    return replace(problem, y_free=y_free, C=C)
-
-
 def sets_of(z: Iterate) -> bytes:
     """The active sets of an iterate, to know them again."""
     return z.slip.tobytes() + z.pressed.tobytes()
 
 
-def with_next_sets(problem: Problem, z: Iterate, r: Residual, seen: set[bytes]) -> Iterate:
+def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: set[bytes]) -> Iterate:
     """A solved iterate with the active sets that its forces ask for, the very same one where it has them.
 
     Pairs are judged to round-off first, and within what the solve leaves open only where that leads back.
@@ -272,7 +309,7 @@ def with_next_sets(problem: Problem, z: Iterate, r: Residual, seen: set[bytes]) 
     margin = MARGIN * force_tolerance(problem, r)
     slip = next_slip(problem.law, z.slip, r.passage, z.s, z.lam, z.y, margin)
     contact = problem.contact
-    pressed = z.pressed if contact is None else pressed_under(contact, site_forces(z, r), z.pressed)
+    pressed = z.pressed if contact is None else pressed_under(contact, r.f_y.ravel(), z.pressed)
     fitting = replace(z, slip=slip, pressed=pressed)
     if np.array_equal(slip, z.slip) and np.array_equal(pressed, z.pressed):
         return z
@@ -281,27 +318,23 @@ def with_next_sets(problem: Problem, z: Iterate, r: Residual, seen: set[bytes]) 
     other = slip != z.slip
     if other.any():
         return replace(z, slip=np.where(first_of(other), slip, z.slip))
-    wrong = NO_PAIRS if contact is None else misfits(contact, site_forces(z, r), z.pressed, margin)
+    wrong = NO_PAIRS if contact is None else misfits(contact, r.f_y.ravel(), z.pressed, margin)
     return replace(z, pressed=z.pressed ^ first_of(wrong)) if wrong.any() else z
 
 
-def site_forces(z: Iterate, r: Residual) -> Array:
-    """f_y of all holds at an iterate, shape `(9m,)`."""
-    return site_force(r.passage, z.lam, z.y).ravel()
-
-
-def contact_forces(contact: Contact | None, z: Iterate, r: Residual) -> Array:
+def contact_forces(contact: Contact[Body] | None, z: Iterate, r: Residual) -> Array:
     """p of a solved iterate, shape `(k,)` [N]."""
-    return NO_FORCES if contact is None else forces(contact, z.pressed, site_forces(z, r))
+    return NO_FORCES if contact is None else forces(contact, z.pressed, r.f_y.ravel())
 
 
-def solve_set(problem: Problem, z: Iterate, correct: Corrector) -> Solution:
+def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body]) -> Solution[Body]:
     """Newton from `z` with its active set. Raises `StepError`."""
     r = evaluate(problem, z)
     for iteration in range(MAX_ITERATIONS):
         if not np.isfinite(r.force_scale) or not np.all(np.isfinite(r.thread)):
             raise failure(problem, r, "a force is not finite: the iteration ran away, or a load is not a number")
-        if converged(problem, z, r):
+        problem, r, stands = follow(problem, z, r)
+        if stands and converged(problem, z, r):
             if problem.system.thread.turned_too_far(problem.frame, z.q):
                 raise failure(problem, r, "a tangent turned by more than 120°, further than the twist can follow")
             return Solution(problem, z, r, iteration)
@@ -313,7 +346,7 @@ def solve_set(problem: Problem, z: Iterate, correct: Corrector) -> Solution:
     raise failure(problem, r, f"no convergence in {MAX_ITERATIONS} Newton iterations")
 
 
-def failure(problem: Problem, r: Residual, cause: str) -> StepError:
+def failure(problem: Problem[Body], r: Residual, cause: str) -> StepError:
     """The error of a step, with the piercing whose constraints are violated most."""
     piercings = problem.system.piercings
     gap = np.nan_to_num(np.abs(r.holds[: len(piercings), PHI]), nan=np.inf).max(axis=1, initial=0.0)

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coupling.constraints import LOCAL, Array, Indices, couple_on_thread, passage, tangent, thread_force
+from coupling.constraints import LOCAL, Array, Indices, couple_on_thread, passage, site_force, tangent, thread_force
+from coupling.interfaces import Body
+from coupling.scheme import Equilibrium
 from coupling.sliding import cone_residual, law_of
 from coupling.system import State, System
 
@@ -39,7 +41,7 @@ class PiercingObservation:
     cone_residual: float
 
 
-def observe(system: System, start: State, state: State) -> tuple[PiercingObservation, ...]:
+def observe(system: System[Body], start: State[Body], state: State[Body]) -> tuple[PiercingObservation, ...]:
     """All piercings of a state; `start` is the state that slip and displacement are measured from."""
     at = passage(system.thread, state.q, state.s)
     _, t = tangent(at, state.lam, state.y)
@@ -76,7 +78,18 @@ def observe(system: System, start: State, state: State) -> tuple[PiercingObserva
     return tuple(out)
 
 
-def sliding_state(system: System, state: State, k: int) -> str:
+def site_forces(system: System[Body], state: State[Body]) -> Array:
+    """Return the forces f_y on the organ conjugate to y, shape `(p, 9)` [N, N m]."""
+    at = passage(system.thread, state.q, state.s)
+    return site_force(at, state.lam, state.y)[: len(system.piercings)]
+
+
+def site_compliance(system: System[Body], state: State[Body]) -> Array:
+    """Return the compliance C of the sites of an organ at rest, shape `(9p, 9p)`."""
+    return system.organ.answer(Equilibrium(), [state.organ]).C
+
+
+def sliding_state(system: System[Body], state: State[Body], k: int) -> str:
     """ "left", "anchored", "slip" or "stick"."""
     if not state.present[k]:
         return "left"

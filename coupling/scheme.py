@@ -48,6 +48,21 @@ class Scheme(ABC):
 
 
 @dataclass(frozen=True)
+class Equilibrium(Scheme):
+    """No motion: a = d = 0, whatever came before."""
+
+    @property
+    def d(self) -> float:
+        """Zero [1/s]."""
+        return 0.0
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """None: nothing is looked back at."""
+        return ()
+
+
+@dataclass(frozen=True)
 class BackwardEuler(Scheme):
     """velocity⁺ = (x⁺ − x)/Δt, acceleration⁺ = (x⁺ − x − Δt v)/Δt²; order 1."""
 

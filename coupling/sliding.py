@@ -24,6 +24,7 @@ import numpy as np
 
 from coupling.border import AT_K, AT_T, BORDER, LAM, MU_U, MU_V, Border, S, U, V, by_multipliers
 from coupling.constraints import Array, Passage, dot, driving_force, held_energy, met, moment_arm, phi_s, tangent
+from coupling.interfaces import Body
 from coupling.system import Flags, System
 
 
@@ -56,7 +57,7 @@ class Law:
 
 
 def law_of(
-    system: System, s_old: Array, present: Flags, inertia: float, s_free: Array, drawn: Array | float = 0.0
+    system: System[Body], s_old: Array, present: Flags, inertia: float, s_free: Array, drawn: Array | float = 0.0
 ) -> Law:
     """The law at the start of a step in which lengths `drawn` (m,) [m] are drawn through; an absent hold keeps its
     abscissa."""

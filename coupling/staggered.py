@@ -10,145 +10,96 @@ and the organ the force with its compliance: where the product is above one the 
 organ the sooner the shorter the step. The monolithic step is the one to use; this one is what it is compared with.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Generic
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
+from coupling.answer import Held, all_holds
 from coupling.constraints import Array, site_force
 from coupling.contact import NO_FORCES, contact_under
 from coupling.errors import RunAwayError
-from coupling.interfaces import Organ
+from coupling.interfaces import Answer, Body, Organ, OrganEnergies
 from coupling.scheme import BackwardEuler, Scheme
-from coupling.stepping import Step, Take, all_holds, organ_history, refuse_inversion, try_step
+from coupling.stepping import Step, Take, organ_answer, refuse_inversion, try_step
 from coupling.system import State, System
 
 FARTHEST = 0.1  # of the thread's length: a hole that moved further in one step has run away
 
 
 @dataclass(frozen=True)
-class HeldPrediction:
-    """The organ does not move: `y_free` (9p,) are the site variables of its `state`."""
-
-    y_free: Array
-    state: Any
-
-
-@dataclass(frozen=True)
-class HeldOrgan:
+class HeldOrgan(Generic[Body]):
     """An organ as the thread meets it during its own step: where it is, whatever the force."""
 
-    organ: Organ
+    organ: Organ[Body]
 
     @property
     def y0(self) -> Array:
         """Site variables of the organ at rest, shape `(9p,)`."""
         return self.organ.y0
 
-    @property
-    def Y(self) -> csr_matrix:
-        """No unknowns, shape `(9p, 0)`."""
-        return csr_matrix((self.y0.size, 0))
-
-    @property
-    def size(self) -> int:
-        """Zero."""
-        return 0
-
-    @property
-    def pairs(self) -> int:
-        """Zero: its lips meet one another in its own step."""
-        return 0
-
-    def gap(self, state: Any) -> Array:
-        """None, shape `(0,)`."""
-        return NO_FORCES
-
-    def contact_forces(self, state: Any) -> Array:
-        """None, shape `(0,)`."""
-        return NO_FORCES
-
-    @property
-    def A(self) -> csr_matrix:
-        """Shape `(0, 0)`."""
-        return csr_matrix((0, 0))
-
-    @property
-    def C(self) -> Array:
-        """It does not give, shape `(9p, 9p)`."""
-        return np.zeros((self.y0.size, self.y0.size))
-
-    def displacement(self, state: Any) -> Array:
-        """Of the organ [m]."""
-        return self.organ.displacement(state)
-
-    def start(self) -> Any:
-        """The organ's."""
+    def start(self) -> Body:
+        """Return the organ's start."""
         return self.organ.start()
 
-    def operator(self, a: float, d: float) -> "HeldOrgan":
-        """The same for all."""
-        return self
+    def answer(self, scheme: Scheme, past: Sequence[Body]) -> Held[Body]:
+        """Return the answer of the organ where it is."""
+        return Held(self.organ.site_variables(past[0]), past[0])
 
-    def history(self, coefficients: Any, states: Any) -> None:
-        """It has none."""
-
-    def energies(self, old: Any, new: Any) -> Any:
-        """Of the organ, which does no work here."""
-        return self.organ.energies(old, new)
-
-    def site_variables(self, state: Any) -> Array:
-        """y, shape `(9p,)`."""
+    def site_variables(self, state: Body) -> Array:
+        """Return y of the organ, shape `(9p,)`."""
         return self.organ.site_variables(state)
 
-    def right_hand_side(self, state: Any, history: Any) -> Array:
-        """Shape `(0,)`."""
-        return np.zeros(0)
+    def lips(self, state: Body) -> tuple[Array, Array]:
+        """Return no gaps and no forces: the lips meet one another in the organ's own step."""
+        return NO_FORCES, NO_FORCES
 
-    def predict(self, state: Any, history: Any) -> HeldPrediction:
-        """Where it is."""
-        return HeldPrediction(self.organ.site_variables(state), state)
+    def energies(self, old: Body, new: Body) -> OrganEnergies:
+        """Return the energies of the organ, which does no work here."""
+        return self.organ.energies(old, new)
 
-    def complete(self, prediction: HeldPrediction, f_y: Array, p: Array = NO_FORCES) -> Any:
-        """As it was."""
-        return prediction.state
+    def impulse(self, state: Body) -> Answer[Body] | None:
+        """Return the organ's answer to an impulse."""
+        return self.organ.impulse(state)
+
+    def displace(self, scheme: Scheme, state: Body, f_y: Array) -> Held[Body]:
+        """Return the answer of the organ where it is."""
+        return self.answer(scheme, [state])
 
 
-SchemeOf = Callable[[State, float], Scheme]
+SchemeOf = Callable[[State[Body], float], Scheme]
 
 
-def backward_euler(state: State, dt: float) -> Scheme:
+def backward_euler(state: State[Body], dt: float) -> Scheme:
     """The scheme of an organ that looks back at nothing."""
     return BackwardEuler(dt)
 
 
-def take(system: System, state: State, dt: float) -> Step:
+def take(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
     """One step of `dt` [s], thread and organ by backward Euler. Raises `StepError`, `InversionError`,
     `RunAwayError`; the state is not touched."""
     return staggered(try_step, backward_euler)(system, state, dt)
 
 
-def staggered(thread_step: Take, scheme_of: SchemeOf) -> Take:
+def staggered(thread_step: Take[Body], scheme_of: SchemeOf[Body]) -> Take[Body]:
     """The staggered step whose thread takes `thread_step` and whose organ steps by the scheme that `scheme_of` names
     for a state and dt."""
 
-    def take(system: System, state: State, dt: float) -> Step:
+    def take(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
         step = thread_step(replace(system, organ=HeldOrgan(system.organ)), state, dt)
         return organ_moved(system, step, scheme_of(state, dt))
 
     return take
 
 
-def organ_moved(system: System, step: Step, scheme: Scheme) -> Step:
+def organ_moved(system: System[Body], step: Step[Body], scheme: Scheme) -> Step[Body]:
     """The step after the organ has taken its own under the reaction of the thread. Raises `RunAwayError`,
     `InversionError`."""
     state, new, at = step.old, step.new, step.solution.residual.passage
     f_y = site_force(at, new.lam, step.solution.iterate.y)[: len(system.piercings)].ravel()
-    operator = system.organ.operator(scheme.a, scheme.d)
-    prediction = operator.predict(state.organ, organ_history(system, scheme, state))
-    organ = operator.complete(prediction, f_y, contact_under(system, f_y, operator, prediction))
+    answer = organ_answer(system, scheme, state)
+    organ = answer.accept(f_y, contact_under(system, f_y, answer))
     y = all_holds(system, system.organ.site_variables(organ))
     refuse_runaway(system, state, y, step.dt)
     new = replace(new, organ=organ, y=y)
@@ -156,7 +107,7 @@ def organ_moved(system: System, step: Step, scheme: Scheme) -> Step:
     return replace(step, new=new)
 
 
-def refuse_runaway(system: System, state: State, y: Array, dt: float) -> None:
+def refuse_runaway(system: System[Body], state: State[Body], y: Array, dt: float) -> None:
     """Raise `RunAwayError` where a hole goes further than FARTHEST of the thread's length in one step, or nowhere."""
     spline, p = system.thread.spline, len(system.piercings)
     way = np.nan_to_num(np.linalg.norm((y - state.y)[:p, :3], axis=1), nan=np.inf)
@@ -165,7 +116,7 @@ def refuse_runaway(system: System, state: State, y: Array, dt: float) -> None:
         raise RunAwayError(state.time, dt, system.piercings[worst].name, float(way[worst]))
 
 
-def work_of_the_lag(system: System, met: Array, step: Step) -> float:
+def work_of_the_lag(system: System[Body], met: Array, step: Step[Body]) -> float:
     """Energy that a step creates because the thread met the holes where they had been, [J]; negative: destroyed.
 
     f_y·(Δy − Δŷ), what the organ is given less what the thread gives, where ŷ (holds, 9) is where the thread met the

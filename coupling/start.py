@@ -6,17 +6,19 @@ so the same Newton serves.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Generic
 
 import numpy as np
 
-from coupling.border import NINE
+from coupling.answer import Held, all_holds
 from coupling.constraints import Array, passage
 from coupling.contact import contact_under
 from coupling.errors import StepError
+from coupling.interfaces import Body
 from coupling.newton import Iterate, Problem, solve
+from coupling.scheme import Equilibrium
 from coupling.sliding import law_of, prescribed
-from coupling.stepping import all_holds, sense, with_ends
+from coupling.stepping import sense, with_ends
 from coupling.system import Flags, State, System
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
@@ -62,16 +64,16 @@ def laid_thread(thread: Thread, stretch: float, axial: float) -> Thread:
 
 
 @dataclass(frozen=True)
-class Laying:
-    """Where the thread is to lie: site variables `y` (m, 9), the `path` (spans, g, 3) [m] at its mass rule, and
-    `stretch`, the path's length over the thread's rest length."""
+class Laying(Generic[Body]):
+    """Where the thread is to lie: the `answer` of an organ that is held, the `path` (spans, g, 3) [m] at its mass rule,
+    and `stretch`, the path's length over the thread's rest length."""
 
-    y: Array
+    answer: Held[Body]
     path: Array
     stretch: float
 
 
-def lay(system: System, laying: Laying, s: Array) -> tuple[Array, Array]:
+def lay(system: System[Body], laying: Laying[Body], s: Array) -> tuple[Array, Array]:
     """Control points (n, 3) [m] and abscissae (m,) [m] of the laid thread. Raises `StepError`.
 
     Where no unstrained thread fits with the abscissae `s` (a hole may impose a direction that needs more length), it
@@ -84,17 +86,18 @@ def lay(system: System, laying: Laying, s: Array) -> tuple[Array, Array]:
     return min(held, loose, key=lambda result: result[2])[:2]
 
 
-def laid(system: System, laying: Laying, s: Array, loose: Flags) -> tuple[Array, Array, float]:
+def laid(system: System[Body], laying: Laying[Body], s: Array, loose: Flags) -> tuple[Array, Array, float]:
     """The thread laid with the holds `loose` sliding, and its largest strain; as stiff as Newton allows."""
     m, abscissae = system.holds, s * laying.stretch
     first = laid_thread(system.thread, laying.stretch, ON_PATH)
     on_path = projected(first, laying.path)
     soft, none = stiff(system, laying, ON_PATH), np.zeros(m, dtype=bool)
     q = with_ends(on_path, soft, 0.0)
-    z = Iterate(q, np.zeros_like(first.axial.s), abscissae, np.zeros((m, 5)), laying.y, np.zeros(m))
-    z = solve(bed_problem(soft, on_path, laying.y, z.s, none), z).iterate
+    y = all_holds(system, laying.answer.y_free)
+    z = Iterate(q, np.zeros_like(first.axial.s), abscissae, np.zeros((m, 5)), y, np.zeros(m))
+    z = solve(bed_problem(soft, on_path, laying.answer, z.s, none), z).iterate
     for axial in SETTLING:
-        problem = bed_problem(stiff(system, laying, axial), z.q, laying.y, z.s, loose)
+        problem = bed_problem(stiff(system, laying, axial), z.q, laying.answer, z.s, loose)
         try:
             z = solve(problem, replace(z, slip=loose.astype(float))).iterate
         except StepError:
@@ -103,12 +106,12 @@ def laid(system: System, laying: Laying, s: Array, loose: Flags) -> tuple[Array,
     return z.q, z.s / laying.stretch, strain
 
 
-def stiff(system: System, laying: Laying, axial: float) -> System:
+def stiff(system: System[Body], laying: Laying[Body], axial: float) -> System[Body]:
     """The system with the laid thread in place of its own."""
     return replace(system, thread=laid_thread(system.thread, laying.stretch, axial), epsilon=0.0)
 
 
-def bed_problem(system: System, on_path: Array, y: Array, s: Array, loose: Flags) -> Problem:
+def bed_problem(system: System[Body], on_path: Array, answer: Held[Body], s: Array, loose: Flags) -> Problem[Body]:
     """A thread on an elastic bed along `on_path` (n, 3), its abscissae held but those that are `loose`: these are held
     back by springs, so that they go the way the thread pulls them and not to some balance beyond.
 
@@ -126,25 +129,24 @@ def bed_problem(system: System, on_path: Array, y: Array, s: Array, loose: Flags
         mass_factor=bed,
         q_ref=on_path,
         load=np.zeros_like(on_path),
-        y_free=y,
-        C=np.zeros((NINE * m, NINE * m)),
+        answer=answer,
         rows=system.rows & system.from_start[:, None],
         law=prescribed(law, ~loose, np.zeros(m)),
     )
 
 
-def rested(system: System) -> Any:
-    """The organ's state at the start, its lips held apart where the organ's own weight would make them cross."""
+def rested(system: System[Body]) -> Body:
+    """Return the organ's state at the start, its lips held apart where the organ's own weight would make them cross."""
     organ = system.organ
     state = organ.start()
-    if not organ.pairs or organ.gap(state).min() >= 0.0:
+    if organ.lips(state)[0].min(initial=0.0) >= 0.0:
         return state
-    operator = organ.operator(0.0, 0.0)  # an organ with inertia starts undeformed, and never comes here
-    prediction, f_y = operator.predict(state, organ.history((), ())), np.zeros(organ.y0.size)
-    return operator.complete(prediction, f_y, contact_under(system, f_y, operator, prediction))
+    # An organ with inertia starts undeformed, and never comes here.
+    answer, f_y = organ.answer(Equilibrium(), [state]), np.zeros(organ.y0.size)
+    return answer.accept(f_y, contact_under(system, f_y, answer))
 
 
-def start(system: System, s: Array, path: Array, stretch: float) -> State:
+def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[Body]:
     """The state at t = 0, at rest: `s` (p,) [m] abscissae of the piercings, `path` and `stretch` as for `Laying`.
 
     Piercings that begin later do not hold the thread yet.
@@ -152,7 +154,7 @@ def start(system: System, s: Array, path: Array, stretch: float) -> State:
     organ = rested(system)
     y = all_holds(system, system.organ.site_variables(organ))
     s = np.concatenate([s, system.clamp_abscissae])
-    q, s = lay(system, Laying(y, path, stretch), s)
+    q, s = lay(system, Laying(Held(system.organ.site_variables(organ), organ), path, stretch), s)
     m, thread = system.holds, system.thread
     q = np.pad(q, ((0, 0), (0, thread.coordinates - 3)))
     frame = thread.untwisted(q)

@@ -5,16 +5,16 @@ A step that did not converge is never accepted.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Generic
 
 import numpy as np
 
-from coupling.border import NINE
-from coupling.constraints import Array, Passage, site_force
-from coupling.contact import Contact, contact_of, first_pressed
+from coupling.constraints import Array, Passage
+from coupling.contact import first_pressed
 from coupling.diagnosis import diagnosed, refuse_crossing, refuse_drawn_out
 from coupling.easing import eased
 from coupling.errors import InversionError, StepError
+from coupling.interfaces import Answer, Body
 from coupling.newton import Iterate, Problem, Solution, solve
 from coupling.scheme import BackwardEuler, Scheme
 from coupling.sliding import law_of
@@ -24,16 +24,16 @@ HALVINGS = 8  # a step is given up below dt / 2^8
 
 
 @dataclass(frozen=True)
-class Step:
+class Step(Generic[Body]):
     """One accepted step from `old` to `new` over `dt` [s], and its solution."""
 
-    old: State
-    new: State
+    old: State[Body]
+    new: State[Body]
     dt: float
-    solution: Solution
+    solution: Solution[Body]
 
 
-def end_load(system: System, time: float) -> Array:
+def end_load(system: System[Body], time: float) -> Array:
     """Weight and pulling forces on the control points at `time`, shape `(n, c)` [N]."""
     load = system.weight.copy()
     load[0, :3] += system.ends[0].force(time)
@@ -41,13 +41,13 @@ def end_load(system: System, time: float) -> Array:
     return load
 
 
-def prescribed(system: System, time: float) -> list[tuple[int, Array]]:
+def prescribed(system: System[Body], time: float) -> list[tuple[int, Array]]:
     """Control points that are held, with their positions at `time` [m]: P(start) = q_0, P(end) = q_(n−1)."""
     places = [(point, end.position(time)) for point, end in zip((0, -1), system.ends, strict=True)]
     return [(point, place) for point, place in places if place is not None]
 
 
-def turned(system: System, time: float) -> list[tuple[int, float]]:
+def turned(system: System[Body], time: float) -> list[tuple[int, float]]:
     """Control points whose angle is held, with their angles at `time` [rad]: none without twist."""
     if not system.thread.twist:
         return []
@@ -55,7 +55,7 @@ def turned(system: System, time: float) -> list[tuple[int, float]]:
     return [(point, angle) for point, angle in angles if angle is not None]
 
 
-def with_ends(q: Array, system: System, time: float) -> Array:
+def with_ends(q: Array, system: System[Body], time: float) -> Array:
     """Control values with the prescribed ends in place, and turned."""
     q = q.copy()
     for point, place in prescribed(system, time):
@@ -65,41 +65,35 @@ def with_ends(q: Array, system: System, time: float) -> Array:
     return q
 
 
-def all_holds(system: System, y: Array) -> Array:
-    """Site variables of the piercings, `(9p,)`, followed by those of the clamped ends; shape `(m, 9)`."""
-    return np.concatenate([y.reshape(-1, NINE), system.clamp_frames])
+def earlier(scheme: Scheme, state: State[Body]) -> tuple[State[Body], ...]:
+    """Return the states that a scheme looks back at, the newest first."""
+    states = (state,) if state.before is None else (state, state.before)
+    return states[: len(scheme.weights)]
 
 
-def padded(system: System, C: Array) -> Array:
-    """Organ compliance over all holds: clamped ends do not give, shape `(9m, 9m)`."""
-    return np.pad(C, (0, NINE * len(system.clamps))) if system.clamps else C
+def thread_motion(scheme: Scheme, state: State[Body]) -> tuple[Array, ...]:
+    """Return q, v of the thread at the start of the step, and of the one before where the scheme looks back."""
+    return tuple(x for past in earlier(scheme, state) for x in (past.q, past.v))
 
 
-def thread_motion(scheme: Scheme, state: State) -> tuple[Array, ...]:
-    """q, v of the thread at the start of the step, and at the start of the one before where the scheme looks back."""
-    return before(scheme, (state.q, state.v, state.q_before, state.v_before))
+def sliding_motion(scheme: Scheme, state: State[Body]) -> tuple[Array, ...]:
+    """Return s, ds/dt of the holds, likewise."""
+    return tuple(x for past in earlier(scheme, state) for x in (past.s, past.s_dot))
 
 
-def sliding_motion(scheme: Scheme, state: State) -> tuple[Array, ...]:
-    """s, ds/dt of the holds, likewise."""
-    return before(scheme, (state.s, state.s_dot, state.s_before, state.s_dot_before))
-
-
-def before(scheme: Scheme, motion: tuple[Any, ...]) -> tuple[Any, ...]:
-    """As many pairs of position and velocity as the scheme has weights."""
-    return motion[: 2 * len(scheme.weights)]
+def organ_answer(system: System[Body], scheme: Scheme, state: State[Body]) -> Answer[Body]:
+    """Return the organ's answer to the step of a scheme from a state."""
+    return system.organ.answer(scheme, [past.organ for past in earlier(scheme, state)])
 
 
 def dynamic_problem(
-    system: System,
-    state: State,
+    system: System[Body],
+    state: State[Body],
     dt: float,
-    C: Array,
-    y_free: Array,
+    answer: Answer[Body],
     scheme: Scheme | None = None,
-    contact: Contact | None = None,
-) -> Problem:
-    """The step of a scheme, backward Euler unless another is given, from `state`."""
+) -> Problem[Body]:
+    """Return the step of a scheme, backward Euler unless another is given, from `state` with the organ's `answer`."""
     scheme, thread, time = scheme or BackwardEuler(dt), system.thread, state.time + dt
     factor, motion = scheme.a + scheme.d * thread.damping, thread_motion(scheme, state)
     q_ref = (
@@ -116,16 +110,14 @@ def dynamic_problem(
         mass_factor=factor,
         q_ref=q_ref,
         load=end_load(system, time),
-        y_free=all_holds(system, y_free),
-        C=padded(system, C),
+        answer=answer,
         rows=rows,
         law=law_of(system, state.s, state.present, system.epsilon * scheme.a, s_free, system.drawn(state.time, time)),
         frame=state.frame,
-        contact=contact,
     )
 
 
-def predicted(problem: Problem, state: State) -> Iterate:
+def predicted(problem: Problem[Body], state: State[Body]) -> Iterate:
     """First iterate: everything goes on as it went."""
     q = with_ends(state.q + problem.dt * state.v, problem.system, problem.time)
     s = state.s + problem.dt * state.s_dot
@@ -133,32 +125,24 @@ def predicted(problem: Problem, state: State) -> Iterate:
     return Iterate(q, state.N, s, state.lam, problem.y_free, state.slip, pressed=pressed)
 
 
-def try_step(system: System, state: State, dt: float, scheme: Scheme | None = None) -> Step:
+def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme | None = None) -> Step[Body]:
     """One step of `dt` [s] by `scheme`, backward Euler unless another is given. Raises `StepError`, `InversionError`;
     the state is not touched."""
     scheme = scheme or BackwardEuler(dt)
-    operator = system.organ.operator(scheme.a, scheme.d)
-    history = organ_history(system, scheme, state)
-    prediction = operator.predict(state.organ, history)
-    contact = contact_of(system, operator, prediction)
-    problem = dynamic_problem(system, state, dt, operator.C, prediction.y_free, scheme, contact)
-    solution = found(problem, predicted(problem, state))
-    return concluded(system, state, scheme, solution, operator, prediction)
+    problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
+    return concluded(state, scheme, found(problem, predicted(problem, state)))
 
 
-def concluded(  # type: ignore[no-untyped-def]
-    system: System, state: State, scheme: Scheme, solution: Solution, operator, prediction
-) -> Step:
-    """The step from `state` that a solution of its problem makes. Raises `InversionError`."""
-    problem, z, at = solution.problem, solution.iterate, solution.residual.passage
-    p = len(system.piercings)
-    organ = operator.complete(prediction, site_force(at, z.lam, z.y)[:p].ravel(), solution.p)
-    new = State(
+def concluded(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> Step[Body]:
+    """Return the step from `state` that a solution of its problem makes. Raises `InversionError`."""
+    problem, z, residual = solution.problem, solution.iterate, solution.residual
+    system = problem.system
+    new: State[Body] = State(
         time=problem.time,
         q=z.q,
         v=scheme.d * (z.q - scheme.damping_reference(*thread_motion(scheme, state)[::2])),
         N=z.N,
-        organ=organ,
+        organ=accepted(solution),
         s=z.s,
         s_dot=abscissa_rates(scheme, state, z),
         lam=np.where(problem.rows, z.lam, 0.0),
@@ -166,20 +150,26 @@ def concluded(  # type: ignore[no-untyped-def]
         slip=z.slip,
         present=state.present,
         sense=state.sense,
-        reaction=reactions(system, solution.residual.thread, problem.load),
+        reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.carried(state.frame, z.q),
     )
-    refuse_inversion(system, state, new, at)
+    refuse_inversion(system, state, new, residual.passage)
     return Step(state, new, problem.dt, solution)
 
 
-def abscissa_rates(scheme: Scheme, state: State, z: Iterate) -> Array:
+def accepted(solution: Solution[Body]) -> Body:
+    """Return the organ's state at the end of a solved step."""
+    sites = len(solution.problem.system.piercings)
+    return solution.problem.answer.accept(solution.residual.f_y[:sites].ravel(), solution.p)
+
+
+def abscissa_rates(scheme: Scheme, state: State[Body], z: Iterate) -> Array:
     """ds/dt of every hold at the end of the step, `(m,)` [m/s]: none where the thread sticks."""
     rate = scheme.d * (z.s - scheme.damping_reference(*sliding_motion(scheme, state)[::2]))
     return np.where(z.slip == 0.0, 0.0, rate)
 
 
-def found(problem: Problem, guess: Iterate) -> Solution:
+def found(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
     """The solution near the guess, or where the sliding thread comes to rest. Raises `StepError`."""
     try:
         return solve(problem, guess)
@@ -189,13 +179,7 @@ def found(problem: Problem, guess: Iterate) -> Solution:
     return eased(problem, guess)
 
 
-def organ_history(system: System, scheme: Scheme, state: State) -> Any:
-    """Reference fields of the organ's inertia and damping."""
-    states = (state.organ, state.organ_before)[: len(scheme.weights)]
-    return system.organ.history(scheme.coefficients, states)
-
-
-def reactions(system: System, residual: Array, load: Array) -> Array:
+def reactions(system: System[Body], residual: Array, load: Array) -> Array:
     """Force of the holders on the thread's ends, `(2, c)` [N], with twist their torque too [N m]: the reaction where an
     end is held, else its load."""
     out = np.array([load[k] - system.weight[k] for k in (0, -1)])
@@ -206,7 +190,7 @@ def reactions(system: System, residual: Array, load: Array) -> Array:
     return out
 
 
-def refuse_inversion(system: System, old: State, new: State, at: Passage) -> None:
+def refuse_inversion(system: System[Body], old: State[Body], new: State[Body], at: Passage) -> None:
     """Raise `InversionError` where T·(u × v) lost its sign through a directed hole."""
     flipped = (old.sense * sense(at, new.y) < 0.0) & system.rows[:, 3] & new.present
     if flipped.any():
@@ -221,23 +205,25 @@ def sense(at: Passage, y: Array) -> Array:
     return np.sign(np.einsum("mi,mi->m", T, normal))
 
 
-def left(system: System, old: State, new: State) -> Flags:
+def left(system: System[Body], old: State[Body], new: State[Body]) -> Flags:
     """Holes that the thread has left: present, with an abscissa beyond an end of the piece of thread that was in them,
     shape `(m,)`."""
     return np.asarray(new.present & system.may_slide & system.thread.spline.left(new.s, home=old.s))
 
 
-def release(state: State, gone: Flags) -> State:
+def release(state: State[Body], gone: Flags) -> State[Body]:
     """The state without the holes `gone`; what the thread did in them is no guide to what it does next."""
     lam = np.where(gone[:, None], 0.0, state.lam)
     s_dot, slip = (np.where(gone, 0.0, x) for x in (state.s_dot, state.slip))
     return replace(forgetful(state), present=state.present & ~gone, lam=lam, s_dot=s_dot, slip=slip)
 
 
-Take = Callable[[System, State, float], Step]
+Take = Callable[[System[Body], State[Body], float], Step[Body]]
 
 
-def advance(system: System, state: State, dt: float, take: Take = try_step, depth: int = 0) -> list[Step]:
+def advance(
+    system: System[Body], state: State[Body], dt: float, take: Take[Body] = try_step, depth: int = 0
+) -> list[Step[Body]]:
     """Go `dt` [s] further, in one step or, where it fails, in halves of it down to dt/2⁸.
 
     `take` makes one step and is the monolithic implicit one unless another is named. A step at whose end the thread has

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coupling.constraints import Array, Indices
 from coupling.errors import CouplingError
-from coupling.interfaces import Organ
+from coupling.interfaces import Body, Organ
 from thread.banded import diagonal_of
 from thread.ends import Clamped, End
 from thread.thread import Thread
@@ -65,7 +65,7 @@ class Piercing:
 
 
 @dataclass(frozen=True)
-class System:
+class System(Generic[Body]):
     """Everything that does not change from step to step.
 
     `piercings` are in the order of the organ's sites. `gravity` (3,) [m/s²] acts on the thread here (the organ
@@ -74,7 +74,7 @@ class System:
 
     thread: Thread
     ends: tuple[End, End]
-    organ: Organ
+    organ: Organ[Body]
     piercings: tuple[Piercing, ...]
     gravity: Array = field(default_factory=lambda: np.zeros(3))
     epsilon: float = 0.0
@@ -190,7 +190,7 @@ def across(tangent: Array) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True)
-class State:
+class State(Generic[Body]):
     """The system at one time.
 
     `q`, `v` (n, c) [m, m/s, with twist rad, rad/s]; `N`, axial forces [N]; `organ`, the organ's own state; `s`,
@@ -200,16 +200,15 @@ class State:
     (2, c) [N], force of the holders on the thread's ends, with twist their torque about the tangent too [N m]; `y_dot`
     (holds, 9) [m/s, 1/s], rate of y, None at rest; `frame`, what the twist is measured from, None without twist.
 
-    A two-step integrator keeps the step before, `dt_before` [s] long: `q_before`, `v_before`, `organ_before`,
-    `s_before`, `s_dot_before` at its start. None: the next step has no memory (the start, a one-step integrator, or a
-    jump: see `forgetful`).
+    A two-step integrator keeps the state `before`, `dt_before` [s] earlier, which itself remembers nothing. None: the
+    next step has no memory (the start, a one-step integrator, or a jump: see `forgetful`).
     """
 
     time: float
     q: Array
     v: Array
     N: Array
-    organ: Any
+    organ: Body
     s: Array
     s_dot: Array
     lam: Array
@@ -220,23 +219,11 @@ class State:
     reaction: Array
     y_dot: Array | None = None
     frame: Frame | None = None
+    before: "State[Body] | None" = None
     dt_before: float | None = None
-    q_before: Array | None = None
-    v_before: Array | None = None
-    organ_before: Any = None
-    s_before: Array | None = None
-    s_dot_before: Array | None = None
 
 
-def forgetful(state: State) -> State:
+def forgetful(state: State[Body]) -> State[Body]:
     """The state without the step before it: after a jump of velocity or of the constraints, which no integrator of
     second order may look across."""
-    return replace(
-        state,
-        dt_before=None,
-        q_before=None,
-        v_before=None,
-        organ_before=None,
-        s_before=None,
-        s_dot_before=None,
-    )
+    return replace(state, before=None, dt_before=None)

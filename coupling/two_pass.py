@@ -23,11 +23,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from coupling.constraints import Array, bare_passage
-from coupling.contact import contact_of
+from coupling.interfaces import Body
 from coupling.newton import FORCE_TOLERANCE, Iterate, Problem, Solution
 from coupling.scheme import BackwardEuler
 from coupling.sliding import Law, along, normal_force, prescribed
-from coupling.stepping import Step, concluded, dynamic_problem, found, organ_history, predicted
+from coupling.stepping import Step, concluded, dynamic_problem, found, organ_answer, predicted
 from coupling.system import State, System
 
 PASSES = 2  # the paper's
@@ -44,19 +44,16 @@ class Verdict:
     friction: Array
 
 
-def two_pass(system: System, state: State, dt: float, passes: int = PASSES) -> Step:
+def two_pass(system: System[Body], state: State[Body], dt: float, passes: int = PASSES) -> Step[Body]:
     """One step of `dt` [s] of backward Euler with friction in at most `passes` passes. Raises `StepError`,
     `InversionError`."""
     scheme = BackwardEuler(dt)
-    operator = system.organ.operator(scheme.a, scheme.d)
-    prediction = operator.predict(state.organ, organ_history(system, scheme, state))
-    contact = contact_of(system, operator, prediction)
-    problem = dynamic_problem(system, state, dt, operator.C, prediction.y_free, scheme, contact)
+    problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
     solution = solve_passes(problem, predicted(problem, state), first_verdict(system, problem.law, state, dt), passes)
-    return concluded(system, state, scheme, solution, operator, prediction)
+    return concluded(state, scheme, solution)
 
 
-def solve_passes(problem: Problem, guess: Iterate, verdict: Verdict, passes: int) -> Solution:
+def solve_passes(problem: Problem[Body], guess: Iterate, verdict: Verdict, passes: int) -> Solution[Body]:
     """The last of the passes, which end early once the verdict stands. Its problem is that of the true law."""
     solution = found(under(problem, verdict), guess)
     iterations = solution.iterations
@@ -68,16 +65,17 @@ def solve_passes(problem: Problem, guess: Iterate, verdict: Verdict, passes: int
         solution = found(under(problem, verdict), guess)  # not from the pass before, which may have snapped
         iterations += solution.iterations
     z = replace(solution.iterate, slip=motion(problem.law, verdict, solution.iterate))
-    return replace(solution, problem=problem, iterate=z, iterations=iterations)
+    answered = replace(problem, answer=solution.problem.answer)
+    return replace(solution, problem=answered, iterate=z, iterations=iterations)
 
 
-def under(problem: Problem, verdict: Verdict) -> Problem:
+def under(problem: Problem[Body], verdict: Verdict) -> Problem[Body]:
     """The problem of a pass."""
     law = problem.law
     return replace(problem, law=prescribed(law, law.rough & (verdict.sense == 0.0), verdict.friction))
 
 
-def first_verdict(system: System, law: Law, state: State, dt: float) -> Verdict:
+def first_verdict(system: System[Body], law: Law, state: State[Body], dt: float) -> Verdict:
     """Static or kinetic by the velocity at the start of the step; nothing injected yet."""
     T = bare_passage(system.thread.spline, state.q, state.s).T
     V_t = -np.linalg.norm(T, axis=1) * state.s_dot
@@ -85,7 +83,7 @@ def first_verdict(system: System, law: Law, state: State, dt: float) -> Verdict:
     return Verdict(np.where(moves, -np.sign(V_t), 0.0), law.kinetic, np.zeros_like(V_t))
 
 
-def judged(law: Law, verdict: Verdict, solution: Solution, frictionless: bool) -> Verdict:
+def judged(law: Law, verdict: Verdict, solution: Solution[Body], frictionless: bool) -> Verdict:
     """The holes by the multipliers of a pass; after a `frictionless` one, motion against V_t means nothing."""
     z, at = solution.iterate, solution.residual.passage
     f, N = along(law, at, z.s, z.lam, z.y), normal_force(at, z.lam, z.y, law.per_channel)
@@ -97,7 +95,7 @@ def judged(law: Law, verdict: Verdict, solution: Solution, frictionless: bool) -
     return Verdict(sense, mu, sense * (law.grip + mu * N))
 
 
-def stands(old: Verdict, new: Verdict, solution: Solution) -> bool:
+def stands(old: Verdict, new: Verdict, solution: Solution[Body]) -> bool:
     """Whether another pass would be the same one."""
     change = np.abs(new.friction - old.friction).max(initial=0.0)
     return np.array_equal(old.sense, new.sense) and bool(change <= FORCE_TOLERANCE * solution.residual.force_scale)

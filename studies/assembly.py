@@ -24,6 +24,7 @@ from thread.spline import Spline, clamped, graded_knots
 from thread.thread import MASS_POINTS, Thread
 
 Array = NDArray[np.float64]
+AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | tissue.DynamicOrgan
 
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
 REACH = 0.1  # of the thread's length: how far from a piercing its spans are fine
@@ -34,7 +35,8 @@ class Assembly:
     """A scenario made ready: the scenario with every default known, the system, and what lays the thread."""
 
     scenario: Scenario
-    system: System
+    system: System[tissue.OrganState]
+    organ: AnyOrgan
     path: RoundedPath
     s: Array
     body: tissue.Elasticity | None
@@ -45,7 +47,7 @@ class Assembly:
         """Abscissa at which each piercing begins, `(p,)` [m]; NaN where the thread is nearest to it then."""
         return np.array([np.nan if hole.s is None else hole.s for hole in self.scenario.piercing])
 
-    def start(self) -> State:
+    def start(self) -> State[tissue.OrganState]:
         """The consistent start (Φ = 0, thread as near the path as that allows)."""
         thread = self.system.thread
         stretch = self.path.length / thread.spline.end
@@ -69,7 +71,7 @@ def assemble(scenario: Scenario) -> Assembly:
     thread = thread_of(scenario, length, s)
     check_pieces(scenario, thread.spline, [value for _, value in known])
     check_draws(scenario.piercing, thread.spline, s)
-    system = System(
+    system: System[tissue.OrganState] = System(
         thread=thread,
         ends=(end_of(scenario.thread.start, path, 0.0), end_of(scenario.thread.end, path, path.length)),
         organ=organ,
@@ -78,7 +80,7 @@ def assemble(scenario: Scenario) -> Assembly:
         epsilon=scenario.solve.epsilon,
     )
     resolution = resolution_of(scenario.thread, length)
-    return Assembly(model.resolved(scenario, length, s), system, path, np.array(s), body, resolution)
+    return Assembly(model.resolved(scenario, length, s), system, organ, path, np.array(s), body, resolution)
 
 
 def is_known(hole: model.Piercing) -> bool:
@@ -195,9 +197,7 @@ def body_of(scenario: Scenario) -> tissue.Elasticity | None:
     return tissue.elasticity(mesh, material_of(table, mesh), table.element, table.clamp, table.dilatation, table.roller)
 
 
-def organ_of(
-    scenario: Scenario, body: tissue.Elasticity | None
-) -> tissue.FixedSites | tissue.QuasiStaticOrgan | tissue.DynamicOrgan:
+def organ_of(scenario: Scenario, body: tissue.Elasticity | None) -> AnyOrgan:
     """The organ as the coupling sees it: with inertia, without, or points fixed in space."""
     sites = [site_of(hole) for hole in scenario.piercing]
     if body is None or scenario.tissue is None:

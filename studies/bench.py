@@ -25,17 +25,19 @@ from scipy.sparse.linalg import splu, spsolve
 from threadpoolctl import threadpool_limits
 
 from coupling.errors import StepError
-from coupling.monolithic import BlockSystem, OrganStep, monolithic_solve
-from coupling.newton import Iterate, Problem
+from coupling.monolithic import BlockSystem, monolithic_solve
+from coupling.newton import Iterate
 from coupling.scheme import BackwardEuler
-from coupling.stepping import advance, dynamic_problem, organ_history, predicted
+from coupling.stepping import advance, dynamic_problem, organ_answer, predicted
 from coupling.system import State, System
 from studies.assembly import assemble
 from studies.files import write_json
 from studies.provenance import provenance
 from studies.scenario import Scenario, load
-from tissue.dynamic import DynamicOperator, DynamicOrgan
-from tissue.quasi_static import QuasiStaticOperator, QuasiStaticOrgan
+from tissue.dynamic import DynamicOrgan
+from tissue.fixed import FixedSites
+from tissue.organ import OrganState
+from tissue.quasi_static import QuasiStaticOrgan
 
 Array = NDArray[np.float64]
 
@@ -100,10 +102,10 @@ def measurements(
 def measured(case: str, scenario: Scenario, rounds: int) -> Row:
     """Time our step and what stands beside it, in turn."""
     assembly, dt = assemble(scenario), scenario.solve.dt
-    system, state = assembly.system, assembly.start()
+    system, organ, state = assembly.system, assembly.organ, assembly.start()
     for _ in range(WARM_UP):
         state = advance(system, state, dt)[-1].new
-    others = beside(system, dt) if system.organ.size else {}
+    others = {} if isinstance(organ, FixedSites) else beside(system, organ, dt)
     times: dict[str, list[float]] = {name: [] for name in ("step", *others)}
     iterations = []
     for _ in range(rounds):
@@ -116,7 +118,7 @@ def measured(case: str, scenario: Scenario, rounds: int) -> Row:
         iterations += [sum(step.solution.iterations for step in taken)]
         state = taken[-1].new
     medians = {name: median(values) / MILLI for name, values in times.items()}
-    return Row(case, system.organ.size, float(np.mean(iterations)), **medians)
+    return Row(case, organ.size, float(np.mean(iterations)), **medians)
 
 
 def seconds(call: Callable[[State], object], state: State) -> float:
@@ -126,45 +128,28 @@ def seconds(call: Callable[[State], object], state: State) -> float:
     return process_time() - began
 
 
-def beside(system: System, dt: float) -> dict[str, Callable[[State], object]]:
+def beside(
+    system: System[OrganState], organ: DynamicOrgan | QuasiStaticOrgan, dt: float
+) -> dict[str, Callable[[State[OrganState]], object]]:
     """What is measured beside our step from a state."""
     scheme = BackwardEuler(dt)
-    operator = system.organ.operator(scheme.a, scheme.d)
-    assert isinstance(operator, DynamicOperator | QuasiStaticOperator)
-    right = np.random.default_rng(0).standard_normal(system.organ.size)
+    operator = organ.operator(scheme.a, scheme.d)
+    right = np.random.default_rng(0).standard_normal(organ.size)
     lu = splu(csc_array(operator.A))
-    sites = SiteColumns(system.organ.Y, lu.solve(np.asfortranarray(system.organ.Y.T.toarray())))
-    out: dict[str, Callable[[State], object]] = {
+    sites = SiteColumns(organ.Y, lu.solve(np.asfortranarray(organ.Y.T.toarray())))
+
+    def baseline(state: State[OrganState], linear: Callable[[BlockSystem], Array]) -> Iterate:
+        """A step from a state by Newton on the assembled system with a linear solver of the user's."""
+        problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state))
+        return monolithic_solve(problem, predicted(problem, state), organ.field(state.organ), linear).iterate
+
+    out: dict[str, Callable[[State[OrganState]], object]] = {
         "floor": lambda state: operator.factor.solve(right),
-        "prefactored": lambda state: baseline(system, state, dt, lambda x: prefactored(x, lu.solve, sites)),
+        "prefactored": lambda state: baseline(state, lambda x: prefactored(x, lu.solve, sites)),
     }
-    if system.organ.size <= LARGEST_ASSEMBLED:
-        out["assembled"] = lambda state: baseline(system, state, dt, lambda x: spsolve(x.matrix, x.right))
+    if organ.size <= LARGEST_ASSEMBLED:
+        out["assembled"] = lambda state: baseline(state, lambda x: spsolve(x.matrix, x.right))
     return out
-
-
-def baseline(system: System, state: State, dt: float, linear: Callable[[BlockSystem], Array]) -> Iterate:
-    """A step from a state by Newton on the assembled system with a linear solver of the user's."""
-    problem, organ, start = posed(system, state, dt)
-    return monolithic_solve(problem, organ, start, field(system, state), linear).iterate
-
-
-def posed(system: System, state: State, dt: float) -> tuple[Problem, OrganStep, Iterate]:
-    """A step as a problem for the assembled matrix."""
-    scheme = BackwardEuler(dt)
-    operator = system.organ.operator(scheme.a, scheme.d)
-    history = organ_history(system, scheme, state)
-    prediction = operator.predict(state.organ, history)
-    problem = dynamic_problem(system, state, dt, operator.C, prediction.y_free)
-    organ = OrganStep(operator, operator.right_hand_side(state.organ, history), system.organ.y0, system.organ.Y)
-    return problem, organ, predicted(problem, state)
-
-
-def field(system: System, state: State) -> Array:
-    """The organ's free unknowns in a state, shape `(N,)` [m]."""
-    organ = system.organ
-    assert isinstance(organ, DynamicOrgan | QuasiStaticOrgan)
-    return organ.field(state.organ)
 
 
 @dataclass(frozen=True)

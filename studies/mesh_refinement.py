@@ -34,6 +34,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from coupling.observation import site_compliance
 from studies.convergence import Verdict, observed_order, verdict
 from studies.figure import COLOURS, MARKERS, panels, ticks
 from studies.limits import beyond_linear, too_coarse
@@ -161,7 +162,7 @@ def measured(
     """One run, its last moment."""
     radius = 0.0 if variant.startswith("bare") else footprint
     simulation = prepare(scenario(variant, youngs_modulus, cells, radius, control_points, dt))
-    C = simulation.assembly.system.organ.operator(0.0, 0.0).C
+    C = site_compliance(simulation.assembly.system, simulation.start)
     *_, (record, _) = simulation.advance()
     entry, leave = record.piercings
     return Row(

@@ -87,12 +87,12 @@ class Simulation:
     @property
     def tissue_dofs(self) -> int:
         """Unknowns of the organ that are not held."""
-        return self.assembly.system.organ.size
+        return self.assembly.organ.size
 
     @property
     def subgrid(self) -> dict[str, dict[str, Any]]:
         """By piercing, what the organ's mesh is too coarse for (`tissue.subgrid.Missing`), where that is added."""
-        sites: tissue.Sites | None = getattr(self.assembly.system.organ, "sites", None)
+        sites: tissue.Sites | None = getattr(self.assembly.organ, "sites", None)
         named = zip(self.scenario.piercing, sites.missing if sites else (), strict=False)
         return {hole.name: gap.record() for hole, gap in named if gap is not None}
 
@@ -192,7 +192,7 @@ class Simulation:
 
     def organ_record(self, state: State) -> OrganRecord | None:
         """Displacement and stress of the organ, None without one."""
-        body, organ = self.assembly.body, self.assembly.system.organ
+        body, organ = self.assembly.body, self.assembly.organ
         if body is None or self.recovery is None:
             return None
         U = organ.displacement(state.organ)
@@ -245,7 +245,7 @@ def remembered(beginning: Standing, memory: Arrays) -> Standing:
         return Standing(
             step=int(memory["step"]),
             system=on_knots(beginning.system, memory["knots"]),
-            state=unpacked(beginning.state, memory, "state", beginning.state.organ),
+            state=unpacked(beginning.state, memory, "state", beginning.state),
             energies=unpacked(beginning.energies, memory, "energies"),
             s_begun=memory["s_begun"],
         )

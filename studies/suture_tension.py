@@ -25,6 +25,7 @@ from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling.errors import CouplingError
+from coupling.observation import site_compliance, site_forces
 from meshes.block import graded_block_structured
 from meshes.grading import Grading
 from studies.convergence import Verdict, verdict
@@ -358,7 +359,7 @@ def scenario(case: Case) -> Scenario:
 
 def measured(case: Case, simulation: Simulation, now: Standing, failed: str) -> Row:
     """What there is to know of an equilibrium, beside theory."""
-    seen, f = recorded(now), now.state.organ.f_y.reshape(2, 9)
+    seen, f = recorded(now), site_forces(now.system, now.state)
     load = case.tension * now.state.time / simulation.scenario.solve.duration
     entry, leave = seen.piercings
     C, moved = answer(case, now)
@@ -405,8 +406,8 @@ def answer(case: Case, now: Standing) -> tuple[Array, Array]:
     organ = now.system.organ
     if case.sweep == "cells":
         C = fine_organ(geometry(case)).operator(0.0, 0.0).C / case.youngs_modulus
-        return C, C @ now.state.organ.f_y
-    return organ.operator(0.0, 0.0).C, now.state.y.ravel() - organ.y0
+        return C, C @ site_forces(now.system, now.state).ravel()
+    return site_compliance(now.system, now.state), now.state.y.ravel() - organ.y0
 
 
 def in_theory(case: Case, load: float) -> tuple[float, float, float]:

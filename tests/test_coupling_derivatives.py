@@ -28,11 +28,12 @@ from threads import (
 )
 
 from coupling import constraints
+from coupling.answer import all_holds
 from coupling.constraints import driving_force, held_energy, passage, phi, phi_s, site_force, spread, thread_force
-from coupling.monolithic import Monolith, OrganStep, assemble
+from coupling.monolithic import Equation, Monolith, assemble, equation_of
 from coupling.newton import LONGEST_MOVE, Problem, correct, evaluate
 from coupling.scheme import BackwardEuler
-from coupling.stepping import all_holds, dynamic_problem, organ_history
+from coupling.stepping import dynamic_problem, organ_answer
 from coupling.system import Friction, Piercing, System
 from thread.ends import Clamped, Fixed, Free
 from thread.thread import Thread
@@ -147,7 +148,7 @@ class Setting:
 
     system: System
     problem: Problem
-    organ: OrganStep
+    organ: Equation
     z: Monolith
 
     def moved(self, d: Monolith, h: float) -> Monolith:
@@ -155,12 +156,12 @@ class Setting:
         z = self.z
         q, U = z.q + h * d.q, z.U + h * d.U
         N = self.system.thread.EA * self.system.thread.points(q).strain
-        y = all_holds(self.system, self.organ.site_variables(U))
+        y = all_holds(self.system, self.organ.y0 + self.organ.Y @ U)
         return replace(z, q=q, N=N, s=z.s + h * d.s, lam=z.lam + h * d.lam, y=y, U=U)
 
     def residual(self, z: Monolith) -> np.ndarray:
         """All equations of the assembled system."""
-        return -assemble(self.problem, self.organ, z, evaluate(self.problem, z)).right
+        return -assemble(self.problem, z, evaluate(self.problem, z)).right
 
     def direction(self, block: str) -> Monolith:
         """A direction of no special kind in the unknowns of a block ("all": in all of them), in sizes that matter."""
@@ -183,10 +184,8 @@ def setting(name: str) -> Setting:
     more = system.holds - 2
     state = replace(state, present=np.array(case.present + (True,) * more), s_dot=0.05 + 0.0 * state.s)
     scheme = BackwardEuler(DT)
-    operator = organ.operator(scheme.a, scheme.d)
-    history = organ_history(system, scheme, state)
-    problem = dynamic_problem(system, state, DT, operator.C, operator.predict(state.organ, history).y_free)
-    step = OrganStep(operator, operator.right_hand_side(state.organ, history), organ.y0, organ.Y)
+    problem = dynamic_problem(system, state, DT, organ_answer(system, scheme, state))
+    step = equation_of(problem)
     rng = np.random.default_rng(7)
     q = state.q + 3e-4 * rng.standard_normal(state.q.shape)
     U = 2e-4 * rng.standard_normal(organ.size)
@@ -209,7 +208,7 @@ def test_assembled_matrix_is_the_slope_of_the_residual(name: str, block: str) ->
         assert name == "fixed in space"
         return
     d = case.direction(block)
-    system = assemble(case.problem, case.organ, case.z, evaluate(case.problem, case.z))
+    system = assemble(case.problem, case.z, evaluate(case.problem, case.z))
     flat = np.concatenate([d.q.ravel(), d.U, d.s, d.lam.ravel()])
     exact = system.matrix @ flat
     base = np.abs(case.residual(case.z))
@@ -232,7 +231,7 @@ def test_one_correction_by_two_roads(name: str, stiffen: bool) -> None:
     unknown relative to its own correction; adding the constraints' stiffness to the thread's rows changes nothing."""
     case = setting(name)
     r = evaluate(case.problem, case.z)
-    system = assemble(case.problem, case.organ, case.z, r)
+    system = assemble(case.problem, case.z, r)
     x = splu(system.matrix).solve(system.right)
     dq = x[system.blocks["q"]].reshape(-1, 3)
     cut = min(1.0, LONGEST_MOVE * LENGTH / np.abs(dq).max())

@@ -15,8 +15,9 @@ from coupling import bdf2, staggered
 from coupling.audit import audited, initial_energies, sliding_work
 from coupling.constraints import met, passage, phi, site_force
 from coupling.errors import CouplingError, RunAwayError
+from coupling.observation import site_compliance
 from coupling.scheme import BackwardEuler
-from coupling.stepping import Step, Take, advance, organ_history, try_step
+from coupling.stepping import Step, Take, advance, organ_answer, try_step
 from coupling.system import State, System
 from studies.coupling_variants import scenario
 from studies.scenario import ScenarioError, parse
@@ -95,11 +96,12 @@ def test_the_organ_takes_the_reaction(kind: str) -> None:
     organ: Any = system.organ
     for step in run(kind, staggered.take, 25):
         scheme = BackwardEuler(step.dt)
-        operator, history = organ.operator(scheme.a, scheme.d), organ_history(system, scheme, step.old)
+        whole: Any = organ_answer(system, scheme, step.old)
+        whole = whole.equation
         f_y = site_force(passage(system.thread, step.new.q, step.new.s), step.new.lam, step.old.y).ravel()
         U = organ.displacement(step.new.organ)[organ.elasticity.free]
-        right = operator.right_hand_side(step.old.organ, history) + organ.Y.T @ f_y
-        assert np.abs(operator.A @ U - right).max() <= RESIDUAL * (abs(operator.A) @ np.abs(U)).max()
+        right = whole.b + organ.Y.T @ f_y
+        assert np.abs(whole.A @ U - right).max() <= RESIDUAL * (abs(whole.A) @ np.abs(U)).max()
         assert np.array_equal(f_y.reshape(-1, 9)[:, :3], -step.new.lam[:, :3])
         assert np.array_equal(organ.site_variables(step.new.organ), step.new.y.ravel())
         assert np.abs(step.new.lam[:, :3]).max() > 1e-3
@@ -139,7 +141,7 @@ def test_the_audit_closes_at_every_step(kind: str, method: str) -> None:
 def test_the_work_of_the_lag_of_an_organ_that_follows_the_force() -> None:
     """Independent check: without inertia Δy = C Δf, so that a step creates f·C (Δf − Δf of the step before)."""
     system, first = scene("quasi-static")
-    C = system.organ.operator(0.0, 0.0).C
+    C = site_compliance(system, first)
     steps = run("quasi-static", staggered.take, 25)
     forces = [first.organ.f_y, *(step.new.organ.f_y for step in steps)]
     moves = [np.zeros_like(forces[0]), *(C @ (b - a) for a, b in pairwise(forces))]

@@ -31,10 +31,10 @@ from coupling.audit import audited, initial_energies
 from coupling.baumgarte import linear_step
 from coupling.constraints import passage, phi
 from coupling.errors import StepError
-from coupling.monolithic import Monolith, OrganStep, assemble
+from coupling.monolithic import Monolith, assemble, equation_of
 from coupling.newton import correct, cut, evaluate
 from coupling.scheme import BackwardEuler
-from coupling.stepping import Step, Take, advance, dynamic_problem, organ_history, try_step
+from coupling.stepping import Step, Take, advance, dynamic_problem, organ_answer, try_step
 from coupling.system import Piercing, State, System
 from thread.ends import Clamped, Driven
 
@@ -69,10 +69,8 @@ def in_the_run() -> Setting:
     system, _ = scene()
     state, organ = steps("dynamic")[9].new, system.organ
     scheme = BackwardEuler(DT)
-    operator = organ.operator(scheme.a, scheme.d)
-    history = organ_history(system, scheme, state)
-    problem = dynamic_problem(system, state, DT, operator.C, operator.predict(state.organ, history).y_free)
-    whole: Any = OrganStep(operator, operator.right_hand_side(state.organ, history), organ.y0, organ.Y)
+    problem = dynamic_problem(system, state, DT, organ_answer(system, scheme, state))
+    whole: Any = equation_of(problem)
     rng = np.random.default_rng(7)
     q = state.q + rng.standard_normal(state.q.shape) * [2e-4, 2e-4, 2e-4, 0.5]
     N = system.thread.EA * system.thread.points(q, problem.frame).strain
@@ -93,9 +91,9 @@ def test_assembled_matrix_is_the_slope_of_the_residual(coordinates: list[int]) -
     def residual(h: float) -> np.ndarray:
         q = case.z.q + h * dq
         z = replace(case.z, q=q, N=system.thread.EA * system.thread.points(q, frame).strain)
-        return np.asarray(-assemble(case.problem, case.organ, z, evaluate(case.problem, z)).right)
+        return np.asarray(-assemble(case.problem, z, evaluate(case.problem, z)).right)
 
-    block = assemble(case.problem, case.organ, case.z, evaluate(case.problem, case.z))
+    block = assemble(case.problem, case.z, evaluate(case.problem, case.z))
     exact = block.matrix @ np.concatenate([dq.ravel(), np.zeros(block.matrix.shape[1] - dq.size)])
     places = np.arange(dq.size)[np.arange(dq.size) % 4 < 3]
     for rows in (places, np.arange(3, dq.size, 4)):
@@ -106,7 +104,7 @@ def test_one_correction_by_two_roads() -> None:
     """Consistency check: the condensed Newton correction of a thread with twist is that of the assembled matrix."""
     case = in_the_run()
     r = evaluate(case.problem, case.z)
-    block = assemble(case.problem, case.organ, case.z, r)
+    block = assemble(case.problem, case.z, r)
     dq = splu(block.matrix).solve(block.right)[block.blocks["q"]].reshape(-1, 4)
     got = correct(case.problem, case.z, r).q - case.z.q
     dq *= cut(case.problem, dq)

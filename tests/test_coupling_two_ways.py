@@ -10,10 +10,10 @@ from threads import ABSCISSAE, LENGTH, RADIUS, X, Z, block_organ, hairpin, hairp
 
 from coupling.audit import Energies, audited, initial_energies, multiplier_imbalance
 from coupling.constraints import driving_force, passage, phi
-from coupling.monolithic import Monolith, OrganStep, monolithic_solve
+from coupling.monolithic import Monolith, equation_of, monolithic_solve
 from coupling.newton import solve
 from coupling.scheme import BackwardEuler
-from coupling.stepping import Step, dynamic_problem, organ_history, predicted, try_step
+from coupling.stepping import Step, dynamic_problem, organ_answer, predicted, try_step
 from coupling.system import State, System
 from thread.ends import Driven, Fixed, Pulled
 
@@ -63,12 +63,11 @@ def test_condensed_and_assembled_agree(name: str) -> None:
     organ: Any = system.organ
     for step in (steps(name)[4], steps(name)[-1]):
         scheme, state = BackwardEuler(DT), step.old
-        operator, history = organ.operator(scheme.a, scheme.d), organ_history(system, scheme, state)
-        problem = dynamic_problem(system, state, DT, operator.C, operator.predict(state.organ, history).y_free)
-        whole = OrganStep(operator, operator.right_hand_side(state.organ, history), organ.y0, organ.Y)
+        problem = dynamic_problem(system, state, DT, organ_answer(system, scheme, state))
+        whole = equation_of(problem)
         first = predicted(problem, state)
         a = solve(problem, first)
-        b = monolithic_solve(problem, whole, first, organ.field(state.organ))
+        b = monolithic_solve(problem, first, organ.field(state.organ))
         z = b.iterate
         assert isinstance(z, Monolith)
         assert a.iterations > 0 and b.iterations > 0
@@ -79,8 +78,8 @@ def test_condensed_and_assembled_agree(name: str) -> None:
         assert close(step.new.y, z.y) and close(step.new.N, z.N)
         assert close(organ.site_variables(step.new.organ), step.new.y.ravel())
         assert (
-            np.abs(operator.A @ z.U - whole.b - organ.Y.T @ step.new.organ.f_y).max()
-            <= RESIDUAL * np.abs(abs(operator.A) @ np.abs(z.U)).max() + TWO_SOLVERS * np.abs(step.new.organ.f_y).max()
+            np.abs(whole.A @ z.U - whole.b - organ.Y.T @ step.new.organ.f_y).max()
+            <= RESIDUAL * np.abs(abs(whole.A) @ np.abs(z.U)).max() + TWO_SOLVERS * np.abs(step.new.organ.f_y).max()
         )
 
 

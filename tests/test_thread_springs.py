@@ -30,10 +30,10 @@ from threads import (
 
 from coupling.audit import audited, initial_energies
 from coupling.constraints import passage, phi
-from coupling.monolithic import Monolith, OrganStep, assemble
+from coupling.monolithic import Monolith, assemble, equation_of
 from coupling.newton import correct, cut, evaluate
 from coupling.scheme import BackwardEuler
-from coupling.stepping import advance, dynamic_problem, organ_history, predicted
+from coupling.stepping import advance, dynamic_problem, organ_answer, predicted
 from coupling.system import Piercing, System
 from thread.ends import Clamped, Driven, Pulled
 from thread.energy import axial_strain
@@ -162,16 +162,15 @@ def test_springs_in_holes(twist: bool) -> None:
     errors = np.diff([e.balance_error for e in energies])
     assert np.abs(errors).max() <= RESIDUAL * energies[-1].external_work
     scheme = BackwardEuler(2e-3)
-    operator, history = organ.operator(scheme.a, scheme.d), organ_history(system, scheme, state)
-    problem = dynamic_problem(system, state, 2e-3, operator.C, operator.predict(state.organ, history).y_free)
-    whole = OrganStep(operator, operator.right_hand_side(state.organ, history), organ.y0, organ.Y)
+    problem = dynamic_problem(system, state, 2e-3, organ_answer(system, scheme, state))
+    whole = equation_of(problem)
     z = predicted(problem, state)
     U = organ.displacement(state.organ)[organ.elasticity.free]
-    y = np.concatenate([whole.site_variables(U).reshape(-1, 9), system.clamp_frames])
+    y = np.concatenate([(whole.y0 + whole.Y @ U).reshape(-1, 9), system.clamp_frames])
     shaken = np.random.default_rng(1).standard_normal(z.q.shape) * [1e-5, 1e-5, 1e-5, 0.1][: thread.coordinates]
     z = Monolith(z.q + shaken, z.N, z.s, z.lam, y, z.slip, U)
     r = evaluate(problem, z)
-    block = assemble(problem, whole, z, r)
+    block = assemble(problem, z, r)
     dq = splu(block.matrix).solve(block.right)[block.blocks["q"]].reshape(z.q.shape)
     dq *= cut(problem, dq)
     got = correct(problem, z, r).q - z.q

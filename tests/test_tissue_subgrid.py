@@ -136,9 +136,9 @@ def test_springs_leave_the_organ_what_it_was() -> None:
     B = soft.sites.springs.toarray()
     C = plain.operator(0.0, 0.0).C + B @ B.T
     assert np.abs(soft.operator(0.0, 0.0).C - C).max() <= IDENTITY * np.abs(C).max()
-    state = soft.moved(soft.start(), None, force)
+    state = soft.complete(force, np.zeros(0))
     assert soft.energies(soft.start(), state).elastic == pytest.approx(0.5 * force @ C @ force, rel=1e-10)
-    U = plain.displacement(plain.moved(plain.start(), None, force))
+    U = plain.displacement(plain.complete(force, np.zeros(0)))
     assert np.abs(soft.displacement(state) - U).max() <= 1e-10 * np.abs(U).max()
 
 

@@ -9,6 +9,7 @@ from threads import SITES
 
 import tissue
 from coupling.contact import Contact, forces, pressed_under
+from coupling.scheme import Equilibrium
 from meshes.grading import Grading
 from meshes.wound import Wound, lips, wounded_block_structured
 
@@ -68,21 +69,21 @@ def stretched(organ: tissue.QuasiStaticOrgan, strain: Array) -> Array:
 
 def contact_of(organ: Any) -> Contact:
     """The contact of an organ under its constant load alone."""
-    operator = organ.operator(0.0, 0.0)
-    return Contact(operator.g_load, operator.C_cy, operator)
+    answer = organ.answer(Equilibrium(), [organ.start()])
+    return Contact(answer.g_free, answer.C_cy, answer)
 
 
-def forced(g_free: Array, operator: Any, start: Any = None) -> Array:
+def forced(g_free: Array, answer: Any, start: Any = None) -> Array:
     """Contact forces where the gaps would be `g_free` without them; the pressed pairs are sought from `start`."""
-    contact, none = Contact(g_free, operator.C_cy, operator), np.zeros(0)
+    contact, none = Contact(g_free, answer.C_cy, answer), np.zeros(0)
     first = np.zeros(len(g_free), dtype=bool) if start is None else start
     return forces(contact, pressed_under(contact, none, first), none)
 
 
 def at_rest(organ: Any, start: Any = None) -> tissue.OrganState:
     """The organ under its constant load, its lips held apart."""
-    operator = organ.operator(0.0, 0.0)
-    return operator.complete(None, np.zeros(0), forced(operator.g_load, operator, start))
+    answer = organ.answer(Equilibrium(), [organ.start()])
+    return answer.accept(np.zeros(0), forced(answer.g_free, answer, start))
 
 
 def wounded_organ(

@@ -10,7 +10,7 @@ from tissue.fixed import FixedSites, fixed_sites
 from tissue.gaps import Gaps, build_gaps
 from tissue.iterative import ConjugateGradients, conjugate_gradients
 from tissue.material import Material
-from tissue.organ import History, OrganEnergies, OrganState, Prediction
+from tissue.organ import Equation, LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.quasi_static import QuasiStaticOrgan
 from tissue.sites import Site, Sites, build_sites
 from tissue.stress import StressRecovery, interpolation, stress_recovery, von_mises
@@ -19,19 +19,21 @@ __all__ = [
     "ConjugateGradients",
     "DynamicOrgan",
     "Elasticity",
+    "Equation",
     "Factor",
     "FactorError",
     "FixedSites",
     "Gaps",
-    "History",
+    "LinearAnswer",
     "Material",
     "OrganEnergies",
     "OrganState",
-    "Prediction",
     "QuasiStaticOrgan",
     "Site",
+    "SiteAnswer",
     "Sites",
     "StressRecovery",
+    "TimeScheme",
     "TissueError",
     "build_gaps",
     "build_sites",

@@ -3,7 +3,8 @@
 from collections import OrderedDict, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,19 +13,26 @@ from scipy.sparse import block_diag, csr_matrix
 from tissue.errors import TissueError
 from tissue.organ import (
     KEPT,
-    NOTHING,
     Array,
-    History,
+    LinearAnswer,
     LipCompliance,
     MeshedOrgan,
     OrganEnergies,
     OrganState,
-    Prediction,
+    SiteAnswer,
+    TimeScheme,
     compliance,
 )
 from tissue.solver import Solver, mass_solver
 
 RECALLED = 4  # fields whose elastic force is remembered: a step asks again for those of its start and of its end
+
+
+class History(NamedTuple):
+    """Reference fields of the time scheme over the free unknowns `(N,)` [m]: U_a and U_d."""
+
+    inertia: Array
+    damping: Array
 
 
 @dataclass(frozen=True)
@@ -39,33 +47,21 @@ class DynamicOperator(LipCompliance):
     W: Array
     C: Array
 
-    def right_hand_side(self, state: OrganState, history: History) -> Array:
-        """b of A U⁺ = b + Yᵀ f_y, shape `(N,)` [N]."""
-        return self._residual(np.zeros_like(state.U), history)
-
-    def predict(self, state: OrganState, history: History) -> Prediction:
-        """The step without site forces: one solve, for the increment, so that round-off is relative to it."""
+    def predict(self, state: OrganState, history: History) -> Array:
+        """Return U⁺ without site forces: one solve, for the increment, so that round-off is relative to it."""
 
         def guess() -> Array:
             """As if acceleration and site forces stayed what they are."""
             return history.inertia + state.A / self.a - state.U - self.W @ state.f_y
 
-        U_free = state.U + self.factor.solve(self._residual(state.U, history), guess)
-        organ = self.organ
-        return Prediction(organ.y0 + organ.Y @ U_free, U_free, history, organ.g0 + organ.G @ U_free)
-
-    def complete(self, prediction: Prediction, f_y: Array, p: Array = NOTHING) -> OrganState:
-        """U⁺ = U_free + W f_y + A⁻¹Gᵀ p and its rates."""
-        U, history, organ = self.moved(prediction.U_free, f_y, p), prediction.history, self.organ
-        rates = self.d * (U - history.damping), self.a * (U - history.inertia)
-        return OrganState(U, *rates, f_y, organ.held_apart(p))
+        return state.U + self.factor.solve(self.residual(state.U, history), guess)
 
     def moved(self, U: Array, f_y: Array, p: Array) -> Array:
         """U + W f_y + A⁻¹Gᵀ p, shape `(N,)` [m]."""
         U = U + self.W @ f_y
         return U + self.factor.solve(self.organ.G.T @ p) if p.any() else U
 
-    def _residual(self, U: Array, history: History) -> Array:
+    def residual(self, U: Array, history: History) -> Array:
         """b − A U, by products with M and K: C = αM + βK needs none of its own."""
         alpha, beta = self.organ.rayleigh
         damping = self.d * (history.damping - U)
@@ -144,17 +140,37 @@ class DynamicOrgan(MeshedOrgan):
         W, C = compliance(factor, self.Y)
         return DynamicOperator(self, a, d, A, factor, W, C)
 
-    def history(self, coefficients: Sequence[tuple[float, float, float]], states: Sequence[OrganState]) -> History:
-        """U_a = Σ_k (α_k U_k + β_k V_k), U_d = Σ_k γ_k U_k for `coefficients` (α_k, β_k [s], γ_k) of earlier
-        states.
-        """
-        terms = list(zip(coefficients, states, strict=True))
+    def answer(self, scheme: TimeScheme, past: Sequence[OrganState]) -> LinearAnswer:
+        """Return the answer of a step of `scheme` from the states `past`, the newest first: one solve."""
+        operator, history = self.operator(scheme.a, scheme.d), self.history(scheme, past)
+        U_free = operator.predict(past[0], history)
+        return LinearAnswer(
+            operator,
+            self.y0 + self.Y @ U_free,
+            self.g0 + self.G @ U_free,
+            partial(self.complete, operator, U_free, history),
+            lambda: operator.residual(np.zeros(self.size), history),
+        )
+
+    def complete(self, operator: DynamicOperator, U_free: Array, history: History, f_y: Array, p: Array) -> OrganState:
+        """Return the state of U⁺ = U_free + W f_y + A⁻¹Gᵀ p and its rates."""
+        U = operator.moved(U_free, f_y, p)
+        rates = operator.d * (U - history.damping), operator.a * (U - history.inertia)
+        return OrganState(U, *rates, f_y, self.held_apart(p))
+
+    def history(self, scheme: TimeScheme, past: Sequence[OrganState]) -> History:
+        """Return the reference fields U_a = Σ_k (α_k U_k + β_k V_k), U_d = Σ_k γ_k U_k of a scheme."""
+        terms = list(zip(scheme.coefficients, past, strict=True))
         inertia = sum((alpha * s.U + beta * s.V for (alpha, beta, _), s in terms), np.zeros(self.size))
         return History(inertia, sum((gamma * s.U for (_, _, gamma), s in terms), np.zeros(self.size)))
 
     def site_variables(self, state: OrganState) -> Array:
         """y = y0 + Y U, shape `(9p,)`."""
         return np.asarray(self.y0 + self.Y @ state.U)
+
+    def lips(self, state: OrganState) -> tuple[Array, Array]:
+        """Return the gaps g [m] and the contact forces p [N], shape `(k,)` each."""
+        return self.gap(state), self.contact_forces(state)
 
     def gap(self, state: OrganState) -> Array:
         """g = g0 + G U, shape `(k,)` [m]."""
@@ -172,22 +188,26 @@ class DynamicOrgan(MeshedOrgan):
         """Velocity of all unknowns, shape `(N_all,)` [m/s]."""
         return self.whole(state.V)
 
-    def site_velocities(self, state: OrganState) -> Array:
-        """dy/dt = Y V, shape `(9p,)`."""
-        return np.asarray(self.Y @ state.V)
+    def impulse(self, state: OrganState) -> SiteAnswer:
+        """Return the answer to an impulse on the sites: dy/dt = Y V, by Y M⁻¹ Yᵀ; the state gets V + M⁻¹ Yᵀ impulse."""
+        return SiteAnswer(
+            self.Y @ state.V,
+            lambda: self._mobility[1],
+            lambda j, p: replace(state, V=state.V + self._mobility[0] @ j),
+        )
 
-    def site_mobility(self) -> Array:
-        """Y M⁻¹ Yᵀ: jump of dy/dt by an impulse conjugate to y, shape `(9p, 9p)`."""
-        return self._mobility[1]
+    def displace(self, scheme: TimeScheme, state: OrganState, f_y: Array) -> LinearAnswer:
+        """Return the answer of a step in which nothing moves as long as the site forces are `f_y` (9p,) and the contact
+        forces those of `state`; V is kept."""
+        operator, p = self.operator(scheme.a, scheme.d), self.contact_forces(state)
+        y, g = operator.unmoved(self.site_variables(state), self.gap(state), f_y, p)
 
-    def kicked(self, state: OrganState, impulse: Array) -> OrganState:
-        """The state after an impulse `(9p,)` on the sites: V + M⁻¹ Yᵀ impulse."""
-        return replace(state, V=state.V + self._mobility[0] @ impulse)
+        def displaced(f_new: Array, p_new: Array) -> OrganState:
+            # By the change alone: the state's own forces may be those of holes that ended at this very moment.
+            df, held = f_new - f_y, self.held_apart(p_new)
+            return replace(state, U=operator.moved(state.U, df, p_new - p), f_y=state.f_y + df, p=held)
 
-    def moved(self, state: OrganState, operator: DynamicOperator, f_y: Array, p: Array = NOTHING) -> OrganState:
-        """The state with other site and contact forces, displaced by W Δf_y + A⁻¹Gᵀ Δp; V is kept."""
-        U = operator.moved(state.U, f_y - state.f_y, p - self.contact_forces(state))
-        return replace(state, U=U, f_y=f_y, p=self.held_apart(p))
+        return LinearAnswer(operator, y, g, displaced, lambda: operator.A @ state.U - self.Y.T @ f_y - self.G.T @ p)
 
     @cached_property
     def _mobility(self) -> tuple[Array, Array]:

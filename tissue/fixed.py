@@ -9,46 +9,24 @@ from scipy.sparse import csr_matrix
 from tissue.organ import (
     NOTHING,
     Array,
-    History,
+    Equation,
     OrganEnergies,
     OrganState,
-    Prediction,
+    SiteAnswer,
+    TimeScheme,
 )
 from tissue.sites import Site, space_frames
 
 
 @dataclass(frozen=True)
-class FixedOperator:
-    """No unknowns and no compliance."""
-
-    y0: Array
+class FixedAnswer(SiteAnswer):
+    """The answer of sites fixed in space, whose rows of the assembled matrix are empty."""
 
     @property
-    def A(self) -> csr_matrix:
-        """Shape `(0, 0)`."""
-        return csr_matrix((0, 0))
-
-    @property
-    def C(self) -> Array:
-        """Zero, shape `(9p, 9p)`."""
-        return np.zeros((self.y0.size, self.y0.size))
-
-    @property
-    def W(self) -> Array:
-        """Shape `(0, 9p)`."""
-        return np.zeros((0, self.y0.size))
-
-    def right_hand_side(self, state: OrganState, history: History) -> Array:
-        """Shape `(0,)`."""
-        return NOTHING
-
-    def predict(self, state: OrganState, history: History) -> Prediction:
-        """The sites where they are."""
-        return Prediction(self.y0, NOTHING, history)
-
-    def complete(self, prediction: Prediction, f_y: Array, p: Array = NOTHING) -> OrganState:
-        """The space takes any force."""
-        return OrganState(NOTHING, NOTHING, NOTHING, f_y)
+    def equation(self) -> Equation:
+        """No unknowns."""
+        sites = csr_matrix((self.y_free.size, 0))
+        return Equation(csr_matrix((0, 0)), NOTHING, self.y_free, sites, NOTHING, csr_matrix((0, 0)))
 
 
 @dataclass(frozen=True)
@@ -67,30 +45,17 @@ class FixedSites:
         """Zero."""
         return 0
 
-    @property
-    def pairs(self) -> int:
-        """Zero: space has no lips."""
-        return 0
-
-    def gap(self, state: OrganState) -> Array:
-        """Shape `(0,)`."""
-        return NOTHING
-
-    def contact_forces(self, state: OrganState) -> Array:
-        """Shape `(0,)`."""
-        return NOTHING
+    def lips(self, state: OrganState) -> tuple[Array, Array]:
+        """Return no gaps and no contact forces, shape `(0,)` each: space has no lips."""
+        return NOTHING, NOTHING
 
     def start(self) -> OrganState:
         """No force."""
         return OrganState(NOTHING, NOTHING, NOTHING, np.zeros(self.y0.size))
 
-    def operator(self, a: float, d: float) -> FixedOperator:
-        """Nothing to factorise."""
-        return FixedOperator(self.y0)
-
-    def history(self, coefficients: Sequence[tuple[float, float, float]], states: Sequence[OrganState]) -> History:
-        """Nothing: space has no memory."""
-        return History(NOTHING, NOTHING)
+    def answer(self, scheme: TimeScheme, past: Sequence[OrganState]) -> FixedAnswer:
+        """Return the answer of sites that no force moves."""
+        return FixedAnswer(self.y0, self._stiff, lambda f_y, p: OrganState(NOTHING, NOTHING, NOTHING, f_y))
 
     def site_variables(self, state: OrganState) -> Array:
         """y0, shape `(9p,)`."""
@@ -104,21 +69,17 @@ class FixedSites:
         """Shape `(0,)`."""
         return NOTHING
 
-    def site_velocities(self, state: OrganState) -> Array:
-        """Zero, shape `(9p,)`."""
-        return np.zeros(self.y0.size)
+    def impulse(self, state: OrganState) -> SiteAnswer:
+        """Return the answer of sites that stand still: space takes any impulse."""
+        return SiteAnswer(np.zeros(self.y0.size), self._stiff, lambda j, p: state)
 
-    def site_mobility(self) -> Array:
-        """Zero, shape `(9p, 9p)`: space takes any impulse."""
+    def displace(self, scheme: TimeScheme, state: OrganState, f_y: Array) -> SiteAnswer:
+        """Return the answer of sites that no force moves."""
+        return SiteAnswer(self.y0, self._stiff, lambda f_new, p: replace(state, f_y=state.f_y + (f_new - f_y)))
+
+    def _stiff(self) -> Array:
+        """Space does not give, shape `(9p, 9p)`."""
         return np.zeros((self.y0.size, self.y0.size))
-
-    def kicked(self, state: OrganState, impulse: Array) -> OrganState:
-        """Unchanged."""
-        return state
-
-    def moved(self, state: OrganState, operator: object, f_y: Array, p: Array = NOTHING) -> OrganState:
-        """The state with other site forces."""
-        return replace(state, f_y=f_y)
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """None."""

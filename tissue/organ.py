@@ -17,6 +17,7 @@ The columns A⁻¹Gᵀ are not kept: once C_cc is known, p costs one more back-s
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,28 +51,23 @@ class OrganState:
     p: Array | None = None
 
 
-@dataclass(frozen=True)
-class History:
-    """Reference fields of the time scheme over the free unknowns `(N,)` [m]: U_a and U_d."""
+class TimeScheme(Protocol):
+    """What an organ reads of a time scheme: acceleration a (U − U_a) and velocity d (U − U_d)."""
 
-    inertia: Array
-    damping: Array
+    @property
+    def a(self) -> float:
+        """Factor of the mass [1/s²]; 0 in equilibrium."""
 
+    @property
+    def d(self) -> float:
+        """Factor of the damping [1/s]; 0 in equilibrium."""
 
-@dataclass(frozen=True)
-class Prediction:
-    """A step without site forces and contact: site variables `(9p,)`, field `(N,)`, the history it came from and
-    the gaps `(k,)` [m].
-    """
-
-    y_free: Array
-    U_free: Array
-    history: History
-    g_free: Array = field(default_factory=lambda: NOTHING)
+    @property
+    def coefficients(self) -> tuple[tuple[float, float, float], ...]:
+        """(α, β [s], γ) of each earlier state, newest first: U_a = Σ (α U + β V), U_d = Σ γ U."""
 
 
-@dataclass(frozen=True)
-class OrganEnergies:
+class OrganEnergies(NamedTuple):
     """Energies at the end of a step and work done during it [J]."""
 
     kinetic: float
@@ -79,6 +75,100 @@ class OrganEnergies:
     gravity_work: float
     viscous: float
     numerical: float
+
+
+class Equation(NamedTuple):
+    """The organ's rows of the assembled matrix: A U⁺ = b + Yᵀ f_y + Gᵀ p with y = y0 + Y U and g = g0 + G U."""
+
+    A: csr_matrix
+    b: Array
+    y0: Array
+    Y: csr_matrix
+    g0: Array
+    G: csr_matrix
+
+
+@dataclass(frozen=True)
+class SiteAnswer:
+    """An answer of sites alone, y = y_free + C f_y with C (9p, 9p) of `compliance`, made when it is asked for.
+
+    `accepted` makes the state at the end of the step of f_y and p.
+    """
+
+    y_free: Array
+    compliance: Callable[[], Array]
+    accepted: Callable[[Array, Array], OrganState]
+
+    @property
+    def C(self) -> Array:
+        """Site compliance, shape `(9p, 9p)`."""
+        return self.compliance()
+
+    @property
+    def g_free(self) -> Array:
+        """No gaps, shape `(0,)`."""
+        return NOTHING
+
+    @property
+    def C_cy(self) -> Array:
+        """No gaps, shape `(0, 9p)`."""
+        return np.zeros((0, self.y_free.size))
+
+    @property
+    def C_cc(self) -> Array:
+        """No gaps, shape `(0, 0)`."""
+        return np.zeros((0, 0))
+
+    def accept(self, f_y: Array, p: Array = NOTHING) -> OrganState:
+        """Return the state at the end of the step."""
+        return self.accepted(f_y, p)
+
+    def again(self, f_y: Array, p: Array) -> "SiteAnswer":
+        """Return itself: the answer is linear."""
+        return self
+
+
+@dataclass(frozen=True)
+class LinearAnswer:
+    """The answer of a meshed organ: `y_free` (9p,), `g_free` (k,) [m] and what its factored operator knows.
+
+    `accepted` makes the state at the end of the step of f_y and p; `right_hand_side` makes b of the organ's equation.
+    """
+
+    operator: "LipCompliance"
+    y_free: Array
+    g_free: Array
+    accepted: Callable[[Array, Array], OrganState]
+    right_hand_side: Callable[[], Array]
+
+    @property
+    def C(self) -> Array:
+        """Site compliance Y A⁻¹ Yᵀ, shape `(9p, 9p)`."""
+        return self.operator.C
+
+    @property
+    def C_cy(self) -> Array:
+        """Gaps by site forces, shape `(k, 9p)`."""
+        return self.operator.C_cy
+
+    @property
+    def C_cc(self) -> Array:
+        """Gaps by contact forces, shape `(k, k)` [m/N]."""
+        return self.operator.C_cc
+
+    def accept(self, f_y: Array, p: Array = NOTHING) -> OrganState:
+        """Return the state at the end of the step."""
+        return self.accepted(f_y, p)
+
+    def again(self, f_y: Array, p: Array) -> "LinearAnswer":
+        """Return itself: the organ is linear."""
+        return self
+
+    @property
+    def equation(self) -> Equation:
+        """The organ's rows of the assembled matrix."""
+        organ = self.operator.organ
+        return Equation(self.operator.A, self.right_hand_side(), organ.y0, organ.Y, organ.g0, organ.G)
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,8 +300,17 @@ class LipCompliance:
     """What an operator says of the gaps, when it is asked: the columns A⁻¹Gᵀ are dear."""
 
     organ: MeshedOrgan
+    A: csr_matrix
     factor: Solver
     W: Array
+    C: Array
+
+    def unmoved(self, y: Array, g: Array, f_y: Array, p: Array) -> tuple[Array, Array]:
+        """Return `y_free` and `g_free` of an answer that gives y and g under the forces `f_y` and `p`."""
+        y = y - self.C @ f_y
+        if not g.size:
+            return y, g
+        return y - p @ self.C_cy, g - self.C_cy @ f_y - (self.C_cc @ p if p.any() else 0.0)
 
     @cached_property
     def C_cc(self) -> Array:

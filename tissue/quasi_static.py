@@ -12,12 +12,12 @@ from tissue.errors import TissueError
 from tissue.organ import (
     NOTHING,
     Array,
-    History,
+    LinearAnswer,
     LipCompliance,
     MeshedOrgan,
     OrganEnergies,
     OrganState,
-    Prediction,
+    TimeScheme,
     compliance,
 )
 from tissue.solver import Solver
@@ -36,18 +36,6 @@ class QuasiStaticOperator(LipCompliance):
     U_load: Array
     y_load: Array
     sag_energy: float
-
-    def right_hand_side(self, state: OrganState, history: History) -> Array:
-        """The constant load, shape `(N,)` [N]."""
-        return self.load
-
-    def predict(self, state: OrganState, history: History) -> Prediction:
-        """The equilibrium without site forces, known in advance."""
-        return Prediction(self.y_load, NOTHING, history, self.g_load)
-
-    def complete(self, prediction: Prediction, f_y: Array, p: Array = NOTHING) -> OrganState:
-        """A quasi-static organ is where its forces put it."""
-        return OrganState(NOTHING, NOTHING, NOTHING, f_y, self.organ.held_apart(p))
 
     @cached_property
     def g_load(self) -> Array:
@@ -94,12 +82,17 @@ class QuasiStaticOrgan(MeshedOrgan):
         return OrganState(NOTHING, NOTHING, NOTHING, np.zeros(self.y0.size), self.no_contact)
 
     def operator(self, a: float, d: float) -> QuasiStaticOperator:
-        """K, whatever the time scheme."""
+        """Return K factorised, whatever the time scheme."""
         return self._operator
 
-    def history(self, coefficients: Sequence[tuple[float, float, float]], states: Sequence[OrganState]) -> History:
-        """Nothing: the organ has no memory."""
-        return History(NOTHING, NOTHING)
+    def answer(self, scheme: TimeScheme, past: Sequence[OrganState]) -> LinearAnswer:
+        """Return the answer of any step: the equilibrium without site forces is known in advance."""
+        operator = self._operator
+        return LinearAnswer(operator, operator.y_load, operator.g_load, self.complete, lambda: operator.load)
+
+    def complete(self, f_y: Array, p: Array) -> OrganState:
+        """Return the state of an organ that is where its forces put it."""
+        return OrganState(NOTHING, NOTHING, NOTHING, f_y, self.held_apart(p))
 
     def site_variables(self, state: OrganState) -> Array:
         """y = y0 + Y U = y_load + C f_y + C_yc p, shape `(9p,)`."""
@@ -108,6 +101,10 @@ class QuasiStaticOrgan(MeshedOrgan):
             return self.y0
         y = self._operator.y_load + self._operator.C @ state.f_y
         return y + p @ self._operator.C_cy if p.any() else y
+
+    def lips(self, state: OrganState) -> tuple[Array, Array]:
+        """Return the gaps g [m] and the contact forces p [N], shape `(k,)` each."""
+        return self.gap(state), self.contact_forces(state)
 
     def gap(self, state: OrganState) -> Array:
         """g = g0 + G U = g_load + C_cy f_y + C_cc p, shape `(k,)` [m]."""
@@ -130,20 +127,23 @@ class QuasiStaticOrgan(MeshedOrgan):
         """Zero, shape `(N_all,)` [m/s]."""
         return np.zeros(self.elasticity.N)
 
-    def site_velocities(self, state: OrganState) -> Array:
-        """Zero, shape `(9p,)`."""
-        return np.zeros(self.y0.size)
+    def impulse(self, state: OrganState) -> None:
+        """Return None: without mass nothing takes an impulse."""
 
-    def site_mobility(self) -> None:
-        """None: without mass nothing takes an impulse."""
+    def displace(self, scheme: TimeScheme, state: OrganState, f_y: Array) -> LinearAnswer:
+        """Return the answer of a step in which nothing moves as long as the site forces are `f_y` (9p,) and the contact
+        forces those of `state`."""
+        operator, p = self._operator, self.contact_forces(state)
+        y, g = operator.unmoved(self.site_variables(state), self.gap(state), f_y, p)
 
-    def kicked(self, state: OrganState, impulse: Array) -> OrganState:
-        """Unchanged."""
-        return state
+        def displaced(f_new: Array, p_new: Array) -> OrganState:
+            # By the change alone: the state's own forces may be those of holes that ended at this very moment.
+            return replace(state, f_y=state.f_y + (f_new - f_y), p=self.held_apart(p_new))
 
-    def moved(self, state: OrganState, operator: object, f_y: Array, p: Array = NOTHING) -> OrganState:
-        """The state with other site and contact forces."""
-        return replace(state, f_y=f_y, p=self.held_apart(p))
+        def right_hand_side() -> Array:
+            return operator.A @ self.field(state) - self.Y.T @ f_y - self.G.T @ p
+
+        return LinearAnswer(operator, y, g, displaced, right_hand_side)
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """As for the dynamic organ, with 9p + k numbers: U = U_load + W f_y + K⁻¹Gᵀ p, K U_load = load,
@@ -163,8 +163,7 @@ class QuasiStaticOrgan(MeshedOrgan):
             return by_sites
         C_cc, C_cy, closing = self._operator.C_cc, self._operator.C_cy, self._operator.g_load - self.g0
         elastic, dg = p @ (closing + C_cy @ new.f_y + 0.5 * C_cc @ p), C_cy @ df + C_cc @ dp
-        return replace(
-            by_sites,
+        return by_sites._replace(
             elastic=by_sites.elastic + float(elastic),
             gravity_work=by_sites.gravity_work + float(closing @ dp),
             numerical=by_sites.numerical + float(dp @ (C_cy @ df + 0.5 * C_cc @ dp) - p @ dg),
