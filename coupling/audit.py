@@ -75,9 +75,8 @@ def audited(system: System[Body], before: Energies, step: Step[Body]) -> Energie
     """The audit after a step, from the audit before it."""
     old, new, thread = step.old, step.new, system.thread
     dq, dv = new.q - old.q, new.v - old.v
-    points = step.solution.residual.points
-    solution = step.solution
-    elastic = thread.energy(points) + float(held_energy(solution.residual.passage, new.lam, solution.iterate.y).sum())
+    solution, now = step.solution, step.solution.residual.configuration
+    elastic = thread.energy(now.points) + float(held_energy(now.at, new.lam, solution.iterate.y).sum())
     organ_kinetic, organ_elastic, weight_work, organ_viscous, organ_numerical = system.organ.energies(
         old.organ, new.organ
     )
@@ -89,7 +88,7 @@ def audited(system: System[Body], before: Energies, step: Step[Body]) -> Energie
     numerical = (
         0.5 * np.sum(dv * thread.momentum(dv))
         + two_step_inertia(system, step)
-        + np.sum(thread.gradient(points) * dq)
+        + np.sum(now.elastic * dq)
         - (elastic - before.elastic_thread)
         + organ_numerical
         + eps_numerical

@@ -45,6 +45,7 @@ from coupling.border import (
     direction,
     plus_diagonal,
 )
+from coupling.configuration import Configuration
 from coupling.constraints import Array, Passage, bare_passage, dot, phi, site_force, spread, thread_force
 from coupling.contact import NO_FORCES
 from coupling.errors import CouplingError, StepError
@@ -402,7 +403,8 @@ def solved(posed: Posed[Body], solver: Solver = whole) -> Step[Body]:
     refuse_missed(posed, phi(at, lam, y))
     refuse_inversion(system, state, new, at)
     iterate = Iterate(q, new.N, s, lam, state.y, new.slip)
-    return Step(state, new, dt, Solution(problem, iterate, residual, 1, linearisation(posed, residual.points, q)))
+    solution = Solution(problem, iterate, residual, 1, linearisation(posed, residual.points, q))
+    return Step(state, new, dt, solution, replace(residual.configuration, at=at))
 
 
 def checked(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residual:
@@ -423,9 +425,9 @@ def checked(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residual:
     force_scale = max(
         np.abs(free / thread.lever).max(), np.abs(posed.r_q / thread.lever).max(), np.abs(lam[:, :3]).max(initial=0.0)
     )
+    points = thread.points(q, state.frame)
     residual = Residual(
-        thread.points(q, state.frame),
-        posed.at,
+        Configuration(points, posed.at, thread.gradient(points)),
         site_force(posed.at, lam, state.y),
         balance,
         holds,

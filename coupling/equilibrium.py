@@ -20,6 +20,7 @@ from coupling.stepping import (
     Step,
     accepted,
     end_load,
+    ended,
     left,
     reactions,
     refuse_inversion,
@@ -93,7 +94,7 @@ def untied(system: System[Body], state: State[Body], share: float, duration: flo
             continue
         now, answer = settled(now, solution), solution.problem.answer
         if tie == 0.0:
-            return Step(state, now, problem.dt, solution)
+            return Step(state, now, problem.dt, solution, ended(now, solution))
         tie = 0.0 if tie < 1e-9 * first_tie(system, now) else tie / WEAKER
     cause, piercing = (failed.cause, failed.piercing) if failed else ("the ties could not be dropped", "")
     raise EquilibriumError(state.time, share * duration - state.time, cause, piercing, share)

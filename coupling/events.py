@@ -18,6 +18,7 @@ An end of a piercing changes neither positions nor velocities. What the complian
 is let go, and counts as numerical dissipation.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
@@ -89,7 +90,7 @@ class Event:
 # -- found in a step -------------------------------------------------------------------------------------------------
 
 
-def noticed(system: System[Body], old: State[Body], taken: list[Step[Body]]) -> list[Event]:
+def noticed(system: System[Body], old: State[Body], taken: Sequence[Step[Body]]) -> list[Event]:
     """Events in the steps taken from `old`, in the order of their times."""
     states = [old, *(step.new for step in taken)]
     out = [event for before, after in pairwise(states) for event in changes(system, before, after)]

@@ -29,7 +29,8 @@ from coupling.border import (
     linearise,
     without,
 )
-from coupling.constraints import Array, Passage, passage, phi, site_force, spread, thread_force
+from coupling.configuration import Configuration, evaluate_thread
+from coupling.constraints import Array, Passage, phi, site_force, spread, thread_force
 from coupling.contact import NO_FORCES, Contact, condensed, contact_of, first_of, forces, misfits, pressed_under
 from coupling.errors import StepError
 from coupling.interfaces import Answer, Body
@@ -118,18 +119,28 @@ class Iterate:
 class Residual:
     """Residuals at an iterate, and what the tangent needs again.
 
-    `f_y` (m, 9): site forces Φ_yᵀλ; `thread` (n, c) [N, with twist N m] (at held unknowns: the reaction), `holds`
-    (m, 6): law of sliding, Φ; `site` (m, 9); `force_scale` [N], `torque_scale` [N m].
+    `configuration`: the thread evaluated there; `f_y` (m, 9): site forces Φ_yᵀλ; `thread` (n, c) [N, with twist N m]
+    (at held unknowns: the reaction), `holds` (m, 6): law of sliding, Φ; `site` (m, 9); `force_scale` [N],
+    `torque_scale` [N m].
     """
 
-    points: Points
-    passage: Passage
+    configuration: Configuration
     f_y: Array
     thread: Array
     holds: Array
     site: Array
     force_scale: float
     torque_scale: float = 0.0
+
+    @property
+    def points(self) -> Points:
+        """The curve."""
+        return self.configuration.points
+
+    @property
+    def passage(self) -> Passage:
+        """The thread where it passes the holes."""
+        return self.configuration.at
 
 
 @dataclass(frozen=True)
@@ -152,9 +163,8 @@ class Solution(Generic[Body]):
 def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
     """All residuals of a step."""
     thread = problem.system.thread
-    points = thread.points(z.q, problem.frame)
-    at = passage(thread, z.q, z.s, home=problem.law.s_old)
-    elastic = thread.gradient(points)
+    now = evaluate_thread(thread, z.q, z.s, problem.frame, home=problem.law.s_old)
+    at, elastic = now.at, now.elastic
     balance = elastic - problem.load
     balance[:, :3] -= spread(thread_force(z.lam, z.y), at, thread.n)
     if problem.mass_factor:
@@ -165,8 +175,7 @@ def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
     f_y = site_force(at, z.lam, z.y)
     scale = max(np.abs(elastic[:, :3]).max(), np.abs(problem.load[:, :3]).max(), np.abs(z.lam[:, :3]).max(initial=0.0))
     return Residual(
-        points,
-        at,
+        now,
         f_y,
         balance,
         holds,

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coupling.configuration import Configuration, configuration_of
 from coupling.constraints import LOCAL, Array, Indices, couple_on_thread, passage, site_force, tangent, thread_force
 from coupling.interfaces import Body
 from coupling.scheme import Equilibrium
@@ -41,12 +42,18 @@ class PiercingObservation:
     cone_residual: float
 
 
-def observe(system: System[Body], start: State[Body], state: State[Body]) -> tuple[PiercingObservation, ...]:
-    """All piercings of a state; `start` is the state that slip and displacement are measured from."""
-    at = passage(system.thread, state.q, state.s)
+def observe(
+    system: System[Body], start: State[Body], state: State[Body], now: Configuration | None = None
+) -> tuple[PiercingObservation, ...]:
+    """Return all piercings of a state; `start` is the state that slip and displacement are measured from.
+
+    `now` is the configuration of the state where that is known already.
+    """
+    now = now or configuration_of(system, state)
+    at = now.at
     _, t = tangent(at, state.lam, state.y)
     couple = couple_on_thread(at, state.lam, state.y)
-    internal = system.thread.gradient(system.thread.points(state.q, state.frame))[:, :3]
+    internal = now.elastic[:, :3]
     shares = at.b[:, :2].swapaxes(1, 2) @ thread_force(state.lam, state.y)
     law = law_of(system, state.s, state.present, 0.0, state.s)
     cone = cone_residual(law, state.slip, at, state.s, state.lam, state.y)

@@ -9,6 +9,7 @@ from typing import Generic
 
 import numpy as np
 
+from coupling.configuration import Configuration, configuration_of
 from coupling.constraints import Array, Passage
 from coupling.contact import first_pressed
 from coupling.diagnosis import diagnosed, refuse_crossing, refuse_drawn_out
@@ -25,12 +26,13 @@ HALVINGS = 8  # a step is given up below dt / 2^8
 
 @dataclass(frozen=True)
 class Step(Generic[Body]):
-    """One accepted step from `old` to `new` over `dt` [s], and its solution."""
+    """One accepted step from `old` to `new` over `dt` [s], its solution, and the thread's configuration at its end."""
 
     old: State[Body]
     new: State[Body]
     dt: float
     solution: Solution[Body]
+    end: Configuration
 
 
 def end_load(system: System[Body], time: float) -> Array:
@@ -154,13 +156,21 @@ def concluded(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> S
         frame=system.thread.carried(state.frame, z.q),
     )
     refuse_inversion(system, state, new, residual.passage)
-    return Step(state, new, problem.dt, solution)
+    return Step(state, new, problem.dt, solution, ended(new, solution))
 
 
 def accepted(solution: Solution[Body]) -> Body:
     """Return the organ's state at the end of a solved step."""
     sites = len(solution.problem.system.piercings)
     return solution.problem.answer.accept(solution.residual.f_y[:sites].ravel(), solution.p)
+
+
+def ended(new: State[Body], solution: Solution[Body]) -> Configuration:
+    """Return the thread's configuration at the end of a solved step: the one Newton ended with, but that the twist is
+    measured from the frame carried to the end."""
+    if new.frame is None:
+        return solution.residual.configuration
+    return configuration_of(solution.problem.system, new)
 
 
 def abscissa_rates(scheme: Scheme, state: State[Body], z: Iterate) -> Array:

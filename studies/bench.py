@@ -27,8 +27,9 @@ from threadpoolctl import threadpool_limits
 from coupling.errors import StepError
 from coupling.monolithic import BlockSystem, monolithic_solve
 from coupling.newton import Iterate
+from coupling.run import begin
 from coupling.scheme import BackwardEuler
-from coupling.stepping import advance, dynamic_problem, organ_answer, predicted
+from coupling.stepping import dynamic_problem, organ_answer, predicted
 from coupling.system import State, System
 from studies.assembly import assemble
 from studies.files import write_json
@@ -102,21 +103,20 @@ def measurements(
 def measured(case: str, scenario: Scenario, rounds: int) -> Row:
     """Time our step and what stands beside it, in turn."""
     assembly, dt = assemble(scenario), scenario.solve.dt
-    system, organ, state = assembly.system, assembly.organ, assembly.start()
+    organ, run = assembly.organ, begin(assembly.system, assembly.start())
     for _ in range(WARM_UP):
-        state = advance(system, state, dt)[-1].new
-    others = {} if isinstance(organ, FixedSites) else beside(system, organ, dt)
+        run = run.step(dt)
+    others = {} if isinstance(organ, FixedSites) else beside(run.system, organ, dt)
     times: dict[str, list[float]] = {name: [] for name in ("step", *others)}
     iterations = []
     for _ in range(rounds):
         for name, call in others.items():
             with suppress(StepError):  # a baseline has no second try where the thread snaps through a hole
-                times[name] += [seconds(call, state)]
+                times[name] += [seconds(call, run.state)]
         began = process_time()
-        taken = advance(system, state, dt)
+        run = run.step(dt)
         times["step"] += [process_time() - began]
-        iterations += [sum(step.solution.iterations for step in taken)]
-        state = taken[-1].new
+        iterations += [run.iterations]
     medians = {name: median(values) / MILLI for name, values in times.items()}
     return Row(case, organ.size, float(np.mean(iterations)), **medians)
 

@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from coupling import staggered
-from coupling.audit import Energies, audited, initial_energies, sliding_work
+from coupling.audit import Energies, sliding_work
 from coupling.baumgarte import linear_step
 from coupling.errors import CouplingError
-from coupling.stepping import Step, Take, advance, try_step
+from coupling.run import begin
+from coupling.stepping import Step, Take, try_step
 from coupling.system import State, System
 from studies.assembly import Assembly, assemble
 from studies.figure import COLOURS, MARKERS, panels, ticks
@@ -165,10 +166,10 @@ def compared(scenario: Scenario, size: float, step_counts: Sequence[int]) -> Ite
 
 def settled(assembly: Assembly) -> tuple[System, State]:
     """A system and its state after `HOLD`."""
-    system, state = assembly.system, assembly.start()
+    run = begin(assembly.system, assembly.start())
     for _ in range(round(HOLD / HOLD_STEP)):
-        state = advance(system, state, HOLD_STEP)[-1].new
-    return system, state
+        run = run.step(HOLD_STEP)
+    return run.system, run.state
 
 
 @dataclass(frozen=True)
@@ -209,7 +210,7 @@ class Run:
 
 def stepped(system: System, state: State, way: Way, n: int, shared: int) -> Run:
     """Pull and release in `n` steps, none of them halved: a step that fails ends the run."""
-    first, met, energies, places = state, state.y, initial_energies(system, state), [state.y[1, :3]]
+    now, met, places = begin(system, state, way.take, halvings=0), state.y, [state.y[1, :3]]
     drift = moved = created = work = 0.0
     solves = 0
 
@@ -217,19 +218,20 @@ def stepped(system: System, state: State, way: Way, n: int, shared: int) -> Run:
         return Run(completed, drift, moved, created, work, np.array(places), solves)
 
     for number in range(1, n + 1):
+        before = now.energies
         try:
-            step = way.take(system, state, DURATION / n)
+            now = now.step(DURATION / n)
         except CouplingError:
             return run(False)
+        step = now.taken[-1]
         created += way.created(system, met, step)
-        before, energies = energies, audited(system, energies, step)
-        state, met = step.new, step.solution.iterate.y
-        drift = max(drift, largest_gap(system, state))
-        moved = max(moved, float(np.linalg.norm((state.y - first.y)[:, :3], axis=1).max()))
-        work += given(before, energies)
-        solves += step.solution.iterations
+        met = step.solution.iterate.y
+        drift = max(drift, largest_gap(system, now.state, now.configuration))
+        moved = max(moved, float(np.linalg.norm((now.state.y - state.y)[:, :3], axis=1).max()))
+        work += given(before, now.energies)
+        solves += now.iterations
         if number % (n // shared) == 0:
-            places.append(state.y[1, :3])
+            places.append(now.state.y[1, :3])
     return run(True)
 
 

@@ -21,8 +21,8 @@ from scipy.optimize import brentq
 
 import tissue
 from coupling.observation import observe
+from coupling.run import begin
 from coupling.start import start
-from coupling.stepping import advance, try_step
 from coupling.system import Friction, Piercing, State, System
 from coupling.two_pass import two_pass
 from studies.figure import COLOURS, MARKERS, panels, ticks
@@ -124,7 +124,7 @@ def rod(mu: float, half: float, pull: float, hold: float) -> tuple[System, State
 
 def slips(mu: float, half: float, pull: float, hold: float) -> bool:
     """Whether the rod slips towards its pulled end."""
-    return bool(try_step(*rod(mu, half, pull, hold), DT).new.slip[0] < 0.0)
+    return bool(begin(*rod(mu, half, pull, hold)).step(DT).state.slip[0] < 0.0)
 
 
 def pull_at_slip(mu: float, half: float, hold: float) -> tuple[float, bool]:
@@ -132,8 +132,8 @@ def pull_at_slip(mu: float, half: float, hold: float) -> tuple[float, bool]:
     sticks just below and slips just above."""
     pulls, margins = (hold, 1.01 * hold), []
     for pull in pulls:
-        system, state = rod(mu, half, pull, hold)
-        seen = observe(system, state, try_step(system, state, DT).new)[0]
+        run = begin(*rod(mu, half, pull, hold)).step(DT)
+        seen = observe(run.system, run.first, run.state, run.configuration)[0]
         margins.append(abs(seen.tangential_force) - mu * seen.normal_force)
     pull = pulls[0] - margins[0] * (pulls[1] - pulls[0]) / (margins[1] - margins[0])
     return pull, slips(mu, half, (1 + TINY) * pull, hold) and not slips(mu, half, (1 - TINY) * pull, hold)
@@ -210,13 +210,13 @@ def loop(mu: float, turn: float, holes: int) -> Iterator[Row]:
     hand = np.column_stack([way[:, 0], last + way[:, 1, None] * sides[holes % 2]])
     ends = (Pulled(-LOOP_HOLD * sides[0]), Driven(hand))
     system = fixed_holes(thread, ends, Friction(mu, mu), corners)
-    state = start(system, s, path.position(gauss_rule(thread.spline, MASS_POINTS).s), 1.0)
+    run = begin(system, start(system, s, path.position(gauss_rule(thread.spline, MASS_POINTS).s), 1.0))
     for _ in range(10):
-        state = advance(system, state, REST / 10)[-1].new
+        run = run.step(REST / 10)
     for number in range(2 * LOOP_STEPS):
-        state = advance(system, state, LOOP_TIME / LOOP_STEPS)[-1].new
-        place = float(np.interp(state.time, way[:, 0], way[:, 1]))
-        yield moment(system, state, mu, turn, place, outwards=number < LOOP_STEPS)
+        run = run.step(LOOP_TIME / LOOP_STEPS)
+        place = float(np.interp(run.state.time, way[:, 0], way[:, 1]))
+        yield moment(system, run.state, mu, turn, place, outwards=number < LOOP_STEPS)
 
 
 def moment(system: System, state: State, mu: float, turn: float, place: float, outwards: bool) -> Row:

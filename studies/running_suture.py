@@ -28,11 +28,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from coupling.adapting import INTERVAL, Resolution, followed, span_ratio
+from coupling.adapting import Resolution, span_ratio
 from coupling.audit import initial_energies
 from coupling.events import begun
 from coupling.observation import observe
-from coupling.stepping import advance
+from coupling.run import begin
 from coupling.system import State, System
 from studies.assembly import assemble
 from studies.figure import COLOURS, MARKERS, panels, ticks
@@ -331,16 +331,14 @@ def slipping(system: System, state: State) -> Array:
 
 def led(line: Line, force: Array, seconds: float) -> Line:
     """The suture after the hand's force has gone to `force` (3,) [N]."""
-    system, state = line.system, line.state
-    begin = system.ends[1].force(state.time)
-    hand = Hand((state.time, state.time + seconds), begin, force)
+    system, now = line.system, line.state.time
+    hand = Hand((now, now + seconds), system.ends[1].force(now), force)
     system = replace(system, ends=(system.ends[0], hand))
+    run = replace(begin(system, line.state, resolution=line.resolution), fresh=False)
     count = int(np.ceil(seconds / line.step - 1e-9))
-    for number in range(count):
-        due = number % INTERVAL == 0
-        system, state, _ = followed(line.resolution, system, state, line.step, due)
-        state = advance(system, state, line.step)[-1].new
-    return replace(line, system=system, state=state, steps=line.steps + count)
+    for _ in range(count):
+        run = run.step(line.step)
+    return replace(line, system=run.system, state=run.state, steps=line.steps + count)
 
 
 def drawn(line: Line, mu: float, force: Array, seconds: float) -> Line:

@@ -1,6 +1,6 @@
 """A run: the steps of a scenario one after the other, each with what is recorded of it."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import ceil
@@ -13,18 +13,17 @@ from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling import bdf2
-from coupling.adapting import INTERVAL, followed, span_ratio
-from coupling.audit import Energies, audited, initial_energies
+from coupling.adapting import span_ratio
 from coupling.baumgarte import linear_step, linear_two_pass
-from coupling.constraints import passage, phi
+from coupling.configuration import Configuration, configuration_of
+from coupling.constraints import phi
 from coupling.contact import ContactObservation, observe_contact
 from coupling.diagnosis import faults
-from coupling.equilibrium import load_step
 from coupling.errors import StepError
-from coupling.events import Event, booked, noticed, scheduled
 from coupling.observation import observe
+from coupling.run import Run, begin
 from coupling.staggered import backward_euler, staggered
-from coupling.stepping import Step, Take, advance, try_step
+from coupling.stepping import Take, try_step
 from coupling.system import State, System
 from coupling.two_pass import two_pass
 from studies.assembly import Assembly, assemble
@@ -36,34 +35,10 @@ from thread.spline import Spline
 Array = NDArray[np.float64]
 
 SAMPLES = 6  # points drawn on each span of the thread
-EQUILIBRIA = 4  # further ones of a load step at most, on knots that fit the one before
 WHOLE = 1e-9  # of a step: a duration this near a whole number of steps is one
 
 
-@dataclass(frozen=True)
-class Standing:
-    """Where a run is after `step` steps: all that the next ones depend on.
-
-    `system` is the one whose knots the thread has. `s_begun` (holds,) [m]: the abscissae that slip is measured from,
-    where each piercing began.
-    """
-
-    step: int
-    system: System
-    state: State
-    energies: Energies
-    s_begun: Array
-
-    @property
-    def first(self) -> State:
-        """A state at the abscissae that slip is measured from."""
-        return replace(self.state, s=self.s_begun)
-
-    @property
-    def memory(self) -> Arrays:
-        """The same as arrays by name."""
-        own = {"step": np.array(self.step), "s_begun": self.s_begun, "knots": self.system.thread.spline.knots}
-        return own | packed(self.state, "state") | packed(self.energies, "energies")
+OrganRun = Run[tissue.OrganState]
 
 
 @dataclass(frozen=True)
@@ -115,76 +90,31 @@ class Simulation:
         """
         return self._from(self.beginning() if memory is None else remembered(self.beginning(), memory))
 
-    def _from(self, now: Standing) -> Iterator[tuple[StepRecord, Callable[[], Frame]]]:
+    def _from(self, now: OrganRun) -> Iterator[tuple[StepRecord, Callable[[], Frame]]]:
         """One BLAS thread while stepping: two of them on busy cores cost more than they bring."""
         with threadpool_limits(limits=1, user_api="blas"):
             yield recorded(now), partial(self.frame, now)
-            for number in range(now.step + 1, self.steps + 1):
+            while now.number < self.steps:
                 began = perf_counter()
-                now, taken, events = self.next(now, number)
-                record = recorded(now, taken, events, perf_counter() - began)
-                yield record, partial(self.frame, now)
+                now = self.next(now)
+                yield recorded(now, perf_counter() - began), partial(self.frame, now)
 
-    def beginning(self) -> Standing:
+    def beginning(self) -> OrganRun:
         """The run before the first step."""
-        system, state = self.assembly.system, self.start
-        return Standing(0, system, state, initial_energies(system, state), state.s)
+        made = self.assembly
+        return begin(made.system, self.start, method(self.scenario.solve), made.resolution, made.given)
 
-    def next(self, now: Standing, number: int) -> tuple[Standing, list[Step], list[Event]]:
-        """Step `number`, then the piercings that end or begin with it: where the run is then, and how it got there."""
-        end, taken, events = self.solved(now, number)
-        system, solve = end.system, self.scenario.solve
-        state, due = scheduled(system, now.state.time, end.state, solve.dt, self.assembly.given)
-        s_begun = np.where(state.present & ~end.state.present, state.s, now.s_begun)
-        energies = booked(system, end.energies, state, due)
-        return Standing(number, system, state, energies, s_begun), taken, events + due
-
-    def solved(self, now: Standing, number: int) -> tuple[Standing, list[Step], list[Event]]:
-        """Step `number` on knots that fit the state it begins with, so that what is recorded is solved for on its own
-        knots. An equilibrium is far from where it began: it is found again on the knots that fit it."""
-        # A thread that has just been laid is under no tension to go by.
-        now, events = self.refitted(now, number) if number > 1 else (now, [])
-        now, taken, found = self.on_its_knots(now, number)
-        events = events + found
-        for _ in range(EQUILIBRIA if self.scenario.solve.kind == "static" else 0):
-            now, knots = self.refitted(now, number)
-            if not knots:
-                break
-            now, again, found = self.on_its_knots(now, number)
-            taken, events = taken + again, events + knots + found
-        return now, taken, events
-
-    def on_its_knots(self, now: Standing, number: int) -> tuple[Standing, list[Step], list[Event]]:
-        """Step `number` on the knots that the thread has, audited."""
-        taken, energies = self.take(now.system, now.state, number), now.energies
-        for step in taken:
-            energies = audited(now.system, energies, step)
-        found = noticed(now.system, now.state, taken)
-        return replace(now, state=taken[-1].new, energies=energies), taken, found
-
-    def refitted(self, now: Standing, number: int) -> tuple[Standing, list[Event]]:
-        """The run with the knots that fit its state, where they are to follow it and step `number` is to look."""
-        resolution, solve = self.assembly.resolution, self.scenario.solve
-        if resolution is None:
-            return now, []
-        due = solve.kind == "static" or number % INTERVAL == 1
-        system, state, knots = followed(resolution, now.system, now.state, solve.dt, due)
-        if not knots:
-            return now, []
-        return replace(now, system=system, state=state, energies=booked(system, now.energies, state, knots)), knots
-
-    def take(self, system: System, state: State, number: int) -> list[Step]:
-        """Step `number` (1 is the first) from `state`; more than one where it had to be halved."""
-        solve = self.scenario.solve
+    def next(self, now: OrganRun) -> OrganRun:
+        """The run one step, or load step, further."""
+        solve, number = self.scenario.solve, now.number + 1
         if solve.kind == "static":
-            return load_step(system, state, number / self.steps, solve.duration)
+            return now.load(number / self.steps, solve.duration)
         last = number == self.steps
         dt = solve.duration - (number - 1) * solve.dt if last else solve.dt
-        taken = advance(system, state, solve.dt if abs(dt - solve.dt) < WHOLE * solve.dt else dt, method(solve))
-        time = solve.duration if last else number * solve.dt
-        return [*taken[:-1], replace(taken[-1], new=replace(taken[-1].new, time=time))]
+        whole = abs(dt - solve.dt) < WHOLE * solve.dt
+        return now.step(solve.dt if whole else dt, solve.duration if last else number * solve.dt)
 
-    def frame(self, now: Standing) -> Frame:
+    def frame(self, now: OrganRun) -> Frame:
         """What is drawn of a state."""
         system, state = now.system, now.state
         piercings = observe(system, now.first, state)
@@ -239,46 +169,54 @@ def on_knots(system: System, knots: Array) -> System:
     return replace(system, thread=replace(system.thread, spline=Spline(knots)))
 
 
-def remembered(beginning: Standing, memory: Arrays) -> Standing:
+def memory_of(now: OrganRun) -> Arrays:
+    """All that the steps after this one depend on, as arrays by name."""
+    own = {"step": np.array(now.number), "s_begun": now.s_begun, "knots": now.system.thread.spline.knots}
+    return own | packed(now.state, "state") | packed(now.energies, "energies")
+
+
+def remembered(beginning: OrganRun, memory: Arrays) -> OrganRun:
     """Where a run was, from what it kept in mind; `beginning` shows how that is built. Raises `ScenarioError`."""
     try:
-        return Standing(
-            step=int(memory["step"]),
-            system=on_knots(beginning.system, memory["knots"]),
-            state=unpacked(beginning.state, memory, "state", beginning.state),
-            energies=unpacked(beginning.energies, memory, "energies"),
-            s_begun=memory["s_begun"],
-        )
+        system, number = on_knots(beginning.system, memory["knots"]), int(memory["step"])
+        state = unpacked(beginning.state, memory, "state", beginning.state)
+        energies, s_begun = unpacked(beginning.energies, memory, "energies"), memory["s_begun"]
     except (KeyError, TypeError) as error:
         raise ScenarioError(
             f"{CHECKPOINT} is of another version of this code ({error}); run without --resume to begin anew"
         ) from None
+    return replace(
+        beginning,
+        system=system,
+        state=state,
+        energies=energies,
+        s_begun=s_begun,
+        configuration=configuration_of(system, state),
+        number=number,
+        fresh=number == 0,
+    )
 
 
-def recorded(
-    now: Standing, taken: Sequence[Step] = (), events: Sequence[Event] = (), seconds: float = 0.0
-) -> StepRecord:
+def recorded(now: OrganRun, seconds: float = 0.0) -> StepRecord:
     """What is written of a step."""
     system, state = now.system, now.state
-    points = system.thread.points(state.q, state.frame)
+    gaps = [largest_gap(step.solution.problem.system, step.new, step.end) for step in now.taken]
     return StepRecord(
         time=state.time,
-        step=now.step,
-        piercings=observe(system, now.first, state),
+        step=now.number,
+        piercings=observe(system, now.first, state, now.configuration),
         energy=now.energies,
-        newton_iterations=sum(step.solution.iterations for step in taken),
-        constraint_max=max(
-            (largest_gap(step.solution.problem.system, step.new) for step in taken), default=largest_gap(system, state)
-        ),
+        newton_iterations=now.iterations,
+        constraint_max=max(gaps) if gaps else largest_gap(system, state, now.configuration),
         start_reaction=state.reaction[0, :3],
         end_reaction=state.reaction[1, :3],
         torques=end_torques(state) if system.thread.twist else None,
-        max_strain=float(np.max(np.sqrt(1.0 + 2.0 * points.strain) - 1.0)),
+        max_strain=float(np.max(np.sqrt(1.0 + 2.0 * now.configuration.points.strain) - 1.0)),
         span_ratio=span_ratio(system, state),
         seconds=seconds,
-        events=tuple(events),
+        events=now.events,
         contact=contact_record(system, state),
-        memory=now.memory,
+        memory=memory_of(now),
     )
 
 
@@ -321,10 +259,10 @@ def end_torques(state: State) -> tuple[float, float]:
     return float(start), float(end)
 
 
-def largest_gap(system: System, state: State) -> float:
-    """Largest |P(s) − x| over the holes the thread is in [m]."""
-    at = passage(system.thread, state.q, state.s)
-    gap = np.linalg.norm(phi(at, state.lam, state.y)[:, :3], axis=1)
+def largest_gap(system: System, state: State, now: Configuration | None = None) -> float:
+    """Return the largest |P(s) − x| over the holes the thread is in [m]; `now`, where known, is its configuration."""
+    now = now or configuration_of(system, state)
+    gap = np.linalg.norm(phi(now.at, state.lam, state.y)[:, :3], axis=1)
     return float(np.max(gap[system.rows[:, 0] & state.present], initial=0.0))
 
 

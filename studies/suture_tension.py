@@ -34,7 +34,7 @@ from studies.friction import bent_ratio
 from studies.half_space import TwoHoles, half_ball
 from studies.limits import LINEAR, bearing_strain, not_settled, spans_too_coarse
 from studies.scenario import Scenario, parse
-from studies.simulation import Simulation, Standing, prepare, recorded
+from studies.simulation import OrganRun, Simulation, prepare, recorded
 from studies.study import Study, StudyError, Table, unit
 from thread.catalogue import suture
 
@@ -298,18 +298,18 @@ def run(case: Case) -> Iterator[Row]:
     """Every load step; where one fails, the last equilibrium once more with the name of what failed."""
     simulation = prepare(scenario(case))
     now = simulation.beginning()
-    for number in range(1, simulation.steps + 1):
+    while now.number < simulation.steps:
         before = now
         try:
             with threadpool_limits(limits=1, user_api="blas"):
-                now, _, _ = simulation.next(now, number)
+                now = simulation.next(now)
         except CouplingError as error:
             yield measured(case, simulation, before, f"{type(error).__name__}: {error}")
             return
         if not now.state.present.all():
             yield measured(case, simulation, before, "left its hole: a hole came up to the hand that holds the start")
             return
-        if case.way == "static" or number == simulation.steps:
+        if case.way == "static" or now.number == simulation.steps:
             yield measured(case, simulation, now, "")
 
 
@@ -357,7 +357,7 @@ def scenario(case: Case) -> Scenario:
     )
 
 
-def measured(case: Case, simulation: Simulation, now: Standing, failed: str) -> Row:
+def measured(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> Row:
     """What there is to know of an equilibrium, beside theory."""
     seen, f = recorded(now), site_forces(now.system, now.state)
     load = case.tension * now.state.time / simulation.scenario.solve.duration
@@ -400,7 +400,7 @@ def measured(case: Case, simulation: Simulation, now: Standing, failed: str) -> 
     )
 
 
-def answer(case: Case, now: Standing) -> tuple[Array, Array]:
+def answer(case: Case, now: OrganRun) -> tuple[Array, Array]:
     """Compliance `(18, 18)` of the holes and how far they moved `(18,)`; in the sweep of cells, what the mesh for
     stress makes of the forces of the run."""
     organ = now.system.organ

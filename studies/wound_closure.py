@@ -30,7 +30,7 @@ from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling.contact import observe_contact
-from coupling.equilibrium import load_step
+from coupling.run import begin
 from coupling.system import Flags, State, System
 from studies.assembly import Assembly, assemble
 from studies.figure import COLOURS, MARKERS, panels
@@ -293,7 +293,7 @@ class Hands:
         tables = [np.array([[now, 0.0], [now + 1.0, length]]) for length in half]
         pulled = zip(self.system.piercings, tables, strict=True)
         system = replace(self.system, piercings=tuple(replace(hole, draw=draw) for hole, draw in pulled))
-        return load_step(system, state, 1.0, now + 1.0)[-1].new
+        return begin(system, state).load(1.0, now + 1.0).state
 
     def forces(self, state: State) -> Array:
         """Tension of each stitch [N], which its two holes take whole, for its tails are free."""

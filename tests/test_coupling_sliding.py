@@ -1,12 +1,12 @@
 """A thread that slides through holes fixed in space: pulley, sleeve, friction of an anchor, a hole with inertia."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
 from bounds import AXIAL, GAP, IDENTITY, ORDER, RESIDUAL, TWO_SOLVERS
-from scipy.sparse import csr_matrix
 from threads import ORIGIN, PP, Array, Strand, X, Z, laid, line, run, uniform, without_organ
 
 import coupling.sliding
@@ -14,9 +14,11 @@ from coupling.audit import audited, initial_energies
 from coupling.constraints import driving_force, passage, phi, tangent
 from coupling.equilibrium import load_step
 from coupling.observation import observe
+from coupling.scheme import Scheme
 from coupling.system import Friction, Piercing, State, System
 from thread.ends import Driven, Fixed, Pulled
 from thread.thread import Thread
+from tissue.organ import SiteAnswer
 
 
 def settle(system: System, state: State, steps: int) -> State:
@@ -133,53 +135,28 @@ class Ring:
     def y0(self) -> Array:
         return np.concatenate([self.at, X, np.array([0.0, 1.0, 0.0])])
 
-    Y = csr_matrix(np.eye(9, 3))
-    size = 3
-    pairs = 0
+    Y = np.eye(9, 3)
 
     def start(self) -> RingState:
         return RingState(np.zeros(3), np.zeros(3))
 
-    def operator(self, a: float, d: float) -> Any:
-        return RingStep(self, a, d)
+    def answer(self, scheme: Scheme, past: Sequence[RingState]) -> Any:
+        inertia = scheme.inertia_reference(*(x for state in past for x in (state.U, state.V)))
+        damping = scheme.damping_reference(*(state.U for state in past))
+        mass = scheme.a * self.m + scheme.d * self.c
+        U_free = (scheme.a * self.m * inertia + scheme.d * self.c * damping - self.W * Z) / mass
 
-    def history(self, coefficients: Any, states: Any) -> Any:
-        inertia = sum(alpha * s.U + beta * s.V for (alpha, beta, _), s in zip(coefficients, states, strict=True))
-        return inertia, sum(gamma * s.U for (_, _, gamma), s in zip(coefficients, states, strict=True))
+        def accept(f_y: Array, p: Array) -> RingState:
+            U = U_free + f_y[:3] / mass
+            return RingState(U, scheme.d * (U - damping))
+
+        return SiteAnswer(self.y0 + self.Y @ U_free, lambda: self.Y @ self.Y.T / mass, accept)
 
     def site_variables(self, state: RingState) -> Array:
         return self.y0 + self.Y @ state.U
 
-
-@dataclass(frozen=True)
-class RingPrediction:
-    y_free: Array
-    U_free: Array
-    old: Array
-
-
-@dataclass(frozen=True)
-class RingStep:
-    ring: Ring
-    a: float
-    d: float
-
-    @property
-    def mass(self) -> float:
-        return self.a * self.ring.m + self.d * self.ring.c
-
-    @property
-    def C(self) -> Array:
-        return np.asarray((self.ring.Y @ self.ring.Y.T).toarray() / self.mass)
-
-    def predict(self, state: RingState, history: Any) -> RingPrediction:
-        push = self.a * self.ring.m * history[0] + self.d * self.ring.c * history[1] - self.ring.W * Z
-        U = push / self.mass
-        return RingPrediction(self.ring.y0 + self.ring.Y @ U, U, history[1])
-
-    def complete(self, prediction: RingPrediction, f_y: Array, p: Array) -> RingState:
-        U = prediction.U_free + f_y[:3] / self.mass
-        return RingState(U, self.d * (U - prediction.old))
+    def lips(self, state: RingState) -> tuple[Array, Array]:
+        return np.zeros(0), np.zeros(0)
 
 
 def string_and_ring(c: float) -> tuple[System, State]:

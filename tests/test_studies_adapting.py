@@ -7,7 +7,7 @@ import pytest
 from bounds import AXIAL, GAP, TWO_SOLVERS
 
 from studies.scenario import parse
-from studies.simulation import Simulation, Standing, largest_gap, prepare
+from studies.simulation import Simulation, OrganRun, largest_gap, prepare
 
 FORCE = (-0.5, 0.0, 0.4)
 SCENARIO = f"""
@@ -35,12 +35,12 @@ duration = 0.1
 """
 
 
-def simulated(solve: str) -> tuple[Simulation, list[Standing]]:
+def simulated(solve: str) -> tuple[Simulation, list[OrganRun]]:
     """A run by these further keys of `solve`, and where it was after every step."""
     simulation = prepare(parse(tomllib.loads(SCENARIO + solve)))
     out = [simulation.beginning()]
-    for number in range(1, simulation.steps + 1):
-        out.append(simulation.next(out[-1], number)[0])
+    while out[-1].number < simulation.steps:
+        out.append(simulation.next(out[-1]))
     return simulation, out
 
 
@@ -52,15 +52,14 @@ def test_an_equilibrium_on_knots_that_fit_it(load_steps: int) -> None:
     end = states[-1]
     assert abs(np.linalg.norm(end.state.reaction[1]) / np.linalg.norm(FORCE) - 1.0) < 2e-2
     assert np.abs(end.state.s - states[0].state.s).min() > 5 * end.system.thread.section.diameter
-    again, events = simulation.refitted(end, load_steps)
-    assert events == [] and again is end
+    assert end.refitted(0.0, due=True) is end
 
 
 def test_what_is_recorded_is_solved_for_on_its_knots() -> None:
     """Independent check: after every step Φ = 0 and N = EA ε on the very knots that are recorded, though other knots
     break both until the next solve."""
     _, states = simulated("dt = 1e-3")
-    assert len({standing.system.thread.n for standing in states}) > 5
+    assert len({run.system.thread.n for run in states}) > 5
     for now in states:
         thread, state = now.system.thread, now.state
         assert largest_gap(now.system, state) <= GAP * thread.section.diameter

@@ -1,0 +1,35 @@
+"""What the thread is at one place: its curve, its passage through the holes, and its elastic forces."""
+
+from dataclasses import dataclass
+
+from coupling.constraints import Array, Passage, passage
+from coupling.interfaces import Body
+from coupling.system import State, System
+from thread.thread import Points, Thread
+from thread.twist import Frame
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """The thread evaluated once: `points` of the curve, `at` the holes, and the `elastic` forces ∂E/∂q, shape `(n, c)`
+    [N, with twist N m]."""
+
+    points: Points
+    at: Passage
+    elastic: Array
+
+
+def evaluate_thread(
+    thread: Thread, q: Array, s: Array, frame: Frame | None = None, home: Array | None = None
+) -> Configuration:
+    """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (m,) [m].
+
+    `frame` is what the twist is measured from, `home` (m,) [m] names the pieces of a cut thread that hold `s`.
+    """
+    points = thread.points(q, frame)
+    return Configuration(points, passage(thread, q, s, home), thread.gradient(points))
+
+
+def configuration_of(system: System[Body], state: State[Body]) -> Configuration:
+    """Evaluate the thread of a state."""
+    return evaluate_thread(system.thread, state.q, state.s, state.frame)

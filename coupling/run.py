@@ -1,0 +1,156 @@
+"""A run: steps one after the other, each with its audit and events, on knots that follow the thread.
+
+    run = begin(system, state)
+    while run.state.time < duration:
+        run = run.step(dt)
+
+A step goes through four stages: the knots that fit the state it begins with; the step itself, in halves where it fails;
+its audit and what was noticed in it; the piercings that begin or end with it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Generic
+
+import numpy as np
+
+from coupling.adapting import INTERVAL, Resolution, followed
+from coupling.audit import Energies, audited, initial_energies
+from coupling.configuration import Configuration, configuration_of
+from coupling.constraints import Array
+from coupling.equilibrium import load_step
+from coupling.events import Event, booked, noticed, scheduled
+from coupling.interfaces import Body
+from coupling.stepping import HALVINGS, Step, Take, advance, try_step
+from coupling.system import State, System
+
+EQUILIBRIA = 4  # further ones of a load step at most, on knots that fit the one before
+
+
+@dataclass(frozen=True)
+class Run(Generic[Body]):
+    """Where a run is: all that its next steps depend on, and how it came there.
+
+    `system` is the one whose knots the thread has; `s_begun` (holds,) [m] the abscissae that slip is measured from,
+    where each piercing began; `number`, the steps made; `take`, how one is made, and `halvings`, how often one that
+    fails is halved; `resolution`, how the knots follow
+    the thread, None where they do not; `given` (p,) [m], the abscissae of piercings that begin, NaN where the thread's
+    nearest place is taken. `fresh` is a thread under no tension yet that knots could go by. Of the last step: the
+    steps `taken` (several where it was halved), the `events`, and the thread's `configuration` at its end.
+    """
+
+    system: System[Body]
+    state: State[Body]
+    energies: Energies
+    s_begun: Array
+    take: Take[Body]
+    resolution: Resolution | None
+    given: Array
+    configuration: Configuration
+    halvings: int = HALVINGS
+    number: int = 0
+    fresh: bool = True
+    taken: tuple[Step[Body], ...] = ()
+    events: tuple[Event, ...] = ()
+
+    @property
+    def first(self) -> State[Body]:
+        """A state at the abscissae that slip is measured from."""
+        return replace(self.state, s=self.s_begun)
+
+    @property
+    def iterations(self) -> int:
+        """Newton iterations of the last step."""
+        return sum(step.solution.iterations for step in self.taken)
+
+    def step(self, dt: float, time: float | None = None) -> "Run[Body]":
+        """Go `dt` [s] further; the end bears the `time` [s] given, to keep round-off from adding up.
+
+        Raises `StepError`, `ConstraintError`, `InversionError`, `FormingError`.
+        """
+        run = replace(self, taken=(), events=())
+        if not run.fresh:
+            run = run.refitted(dt, run.number % INTERVAL == 0)
+        taken = advance(run.system, run.state, dt, run.take, HALVINGS - run.halvings)
+        if time is not None:
+            taken = [*taken[:-1], replace(taken[-1], new=replace(taken[-1].new, time=time))]
+        return run._audited(taken)._scheduled(self.state.time, dt)
+
+    def load(self, share: float, duration: float) -> "Run[Body]":
+        """Go on to the equilibrium under the part `share` of the loads at `duration` [s].
+
+        An equilibrium is far from where it began: it is found again on the knots that fit it. Raises `StepError`,
+        `ConstraintError`.
+        """
+        run = replace(self, taken=(), events=())
+        if not run.fresh:
+            run = run.refitted(0.0, True)
+        run = run._audited(load_step(run.system, run.state, share, duration))
+        for _ in range(EQUILIBRIA):
+            knots = run.refitted(0.0, True)
+            if knots is run:
+                break
+            run = knots._audited(load_step(knots.system, knots.state, share, duration))
+        return run._scheduled(self.state.time, share * duration - self.state.time)
+
+    def _audited(self, taken: Sequence[Step[Body]]) -> "Run[Body]":
+        """The run after the steps `taken`, booked and with what was noticed in them."""
+        energies = self.energies
+        for step in taken:
+            energies = audited(self.system, energies, step)
+        return replace(
+            self,
+            state=taken[-1].new,
+            configuration=taken[-1].end,
+            energies=energies,
+            taken=self.taken + tuple(taken),
+            events=self.events + tuple(noticed(self.system, self.state, taken)),
+        )
+
+    def refitted(self, dt: float, due: bool) -> "Run[Body]":
+        """The run on the knots that fit its state, itself where they do already; `due` to be looked at, or not."""
+        if self.resolution is None:
+            return self
+        system, state, knots = followed(self.resolution, self.system, self.state, dt, due)
+        if not knots:
+            return self
+        energies = booked(system, self.energies, state, knots)
+        return replace(self, system=system, state=state, energies=energies, events=self.events + tuple(knots))
+
+    def _scheduled(self, earlier: float, dt: float) -> "Run[Body]":
+        """The run after the piercings that end or begin later than `earlier` [s]."""
+        state, due = scheduled(self.system, earlier, self.state, dt, self.given)
+        run = replace(self, number=self.number + 1, fresh=False)
+        if not due:
+            return run
+        return replace(
+            run,
+            state=state,
+            configuration=configuration_of(self.system, state),
+            energies=booked(self.system, self.energies, state, due),
+            s_begun=np.where(state.present & ~self.state.present, state.s, self.s_begun),
+            events=self.events + tuple(due),
+        )
+
+
+def begin(
+    system: System[Body],
+    state: State[Body],
+    take: Take[Body] = try_step,
+    resolution: Resolution | None = None,
+    given: Array | None = None,
+    halvings: int = HALVINGS,
+) -> Run[Body]:
+    """Return the run before its first step; the arguments are as for `Run`."""
+    nearest = np.full(len(system.piercings), np.nan)
+    return Run(
+        system=system,
+        state=state,
+        energies=initial_energies(system, state),
+        s_begun=state.s,
+        take=take,
+        resolution=resolution,
+        given=nearest if given is None else given,
+        configuration=configuration_of(system, state),
+        halvings=halvings,
+    )
