@@ -330,7 +330,8 @@ def of_item(*columns: Column[Item]) -> tuple[Column[OfStep[Item]], ...]:
 
 def _of_part(place: int, column: Column[Any]) -> Column[Any]:
     """Return the column of a pair that takes its value from one of the two."""
-    return replace(column, of=lambda pair: column.of(pair[place]))
+    of = column.of
+    return replace(column, of=lambda pair: of(pair[place]))
 
 
 EVENT_TIME: Column[Event] = Column(

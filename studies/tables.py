@@ -5,6 +5,8 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Generic
 
+import numpy as np
+
 from studies.columns import TABLES, Column, Layout, Row, Value, headings
 from studies.scenario import Scenario
 
@@ -48,15 +50,20 @@ class Table(Generic[Row]):
 
 
 def writer_of(column: Column[Any]) -> Callable[[Any], str]:
-    """Choose the function that writes a column's value as the cells of a row; None makes them empty."""
+    """Choose the function that writes a value as the cells of a row; a number that is None is an empty cell."""
     if column.parts:
-        return lambda value: ",".join([_number(part) for part in value])
+        return _numbers
     return {"number": _number, "whole": _whole, "text": _quoted}[column.kind]
 
 
 def _number(value: Value) -> str:
     """Write a number with all its digits: it reads back to the same bits."""
     return "" if value is None else repr(float(value))  # type: ignore[arg-type]
+
+
+def _numbers(value: Value) -> str:
+    """Write the components of a vector; those of a list are floats of Python, which are quick to write."""
+    return ",".join(map(repr, np.asarray(value, dtype=np.float64).tolist()))
 
 
 def _whole(value: Value) -> str:
