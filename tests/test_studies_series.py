@@ -60,6 +60,7 @@ def test_fields_read_back(reader: pv.PVDReader) -> None:
     for name in ("force", "tangent", "u", "v", "slip"):
         same(holes[name], [getattr(hole, name) for hole in written.piercings])
     assert list(holes["state"]) == [STATE_CODES["slip"]] * 2
+    assert holes["state"].dtype == np.int32
 
 
 def test_frames_have_the_arrays_of_their_columns(tmp_path: Path) -> None:
