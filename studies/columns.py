@@ -28,7 +28,7 @@ from studies.observables import (
 Row = TypeVar("Row")
 Item = TypeVar("Item")
 Value = float | int | str | Sequence[float] | NDArray[np.float64] | None
-OfStep = tuple[StepRecord, Item]  # a row of a table: a step, and what of it the row is about
+StepItem = tuple[StepRecord, Item]  # a row of a table: a step, and what of it the row is about
 
 AXES = ("x", "y", "z")
 STATE_CODES = {"stick": 0, "slip": 1, "anchored": 2, "left": 3}  # of `state` in the frames, where text has no place
@@ -318,17 +318,17 @@ class Layout(Generic[Row]):
     every_step: bool = True
 
 
-def of_step(*columns: Column[StepRecord]) -> tuple[Column[OfStep[Any]], ...]:
+def step_columns(*columns: Column[StepRecord]) -> tuple[Column[StepItem[Any]], ...]:
     """Make columns of a row from columns of its step."""
-    return tuple(_of_part(0, column) for column in columns)
+    return tuple(_part_column(0, column) for column in columns)
 
 
-def of_item(*columns: Column[Item]) -> tuple[Column[OfStep[Item]], ...]:
+def item_columns(*columns: Column[Item]) -> tuple[Column[StepItem[Item]], ...]:
     """Make columns of a row from columns of what of the step the row is about."""
-    return tuple(_of_part(1, column) for column in columns)
+    return tuple(_part_column(1, column) for column in columns)
 
 
-def _of_part(place: int, column: Column[Any]) -> Column[Any]:
+def _part_column(place: int, column: Column[Any]) -> Column[Any]:
     """Return the column of a pair that takes its value from one of the two."""
     of = column.of
     return replace(column, of=lambda pair: of(pair[place]))
@@ -338,25 +338,25 @@ EVENT_TIME: Column[Event] = Column(
     "time", "s", "when it was found: at the end of a step or of a part of it", lambda event: event.time
 )
 
-PIERCINGS: Layout[OfStep[PiercingRecord]] = Layout(
+PIERCINGS: Layout[StepItem[PiercingRecord]] = Layout(
     "piercings",
-    (*of_step(TIME, STEP), *of_item(NAME, *HOLE)),
+    (*step_columns(TIME, STEP), *item_columns(NAME, *HOLE)),
     lambda step: [(step, hole) for hole in step.piercings],
     every_step=False,
 )
-EVENTS: Layout[OfStep[Event]] = Layout(
+EVENTS: Layout[StepItem[Event]] = Layout(
     "events",
-    (*of_item(EVENT_TIME), *of_step(STEP), *of_item(*EVENT)),
+    (*item_columns(EVENT_TIME), *step_columns(STEP), *item_columns(*EVENT)),
     lambda step: [(step, event) for event in step.events],
     every_step=False,
 )
-ENERGIES: Layout[OfStep[EnergyRecord]] = Layout(
-    "energy", (*of_step(TIME, STEP), *of_item(*ENERGY)), lambda step: [(step, step.energy)]
+ENERGIES: Layout[StepItem[EnergyRecord]] = Layout(
+    "energy", (*step_columns(TIME, STEP), *item_columns(*ENERGY)), lambda step: [(step, step.energy)]
 )
 STEPS: Layout[StepRecord] = Layout("steps", (TIME, STEP, *SOLVED), lambda step: [step])
-CONTACTS: Layout[OfStep[ContactRecord]] = Layout(
+CONTACTS: Layout[StepItem[ContactRecord]] = Layout(
     "contact",
-    (*of_step(TIME, STEP), *of_item(*CONTACT)),
+    (*step_columns(TIME, STEP), *item_columns(*CONTACT)),
     lambda step: [] if step.contact is None else [(step, step.contact)],
 )
 # In the order in which they are written: where a table with a row for every step has a step, those before it have too.
