@@ -86,6 +86,19 @@ class StepRecord:
 
 
 @dataclass(frozen=True)
+class RunRecord:
+    """A run as far as it came."""
+
+    status: str
+    error: str  # empty unless it failed or was interrupted
+    last: StepRecord | None  # None where it did not get as far as its start
+    newton_iterations: int  # of all steps
+    constraint_max: float  # over all steps [m]
+    seconds: float  # wall-clock time of all steps [s]
+    tissue_dofs: int
+
+
+@dataclass(frozen=True)
 class Frame:
     """What is drawn of one time."""
 

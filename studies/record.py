@@ -12,38 +12,32 @@
 Files are written under a temporary name and renamed: a killed run leaves every finished frame readable.
 """
 
-import csv
 import hashlib
-import io
 import json
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, fields
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
 import numpy as np
 
-from coupling.events import Event
 from studies.checkpoint import Arrays, difference, write_checkpoint
+from studies.columns import RUN, TABLES, Layout, state_summary, values
 from studies.files import write_bytes, write_json, write_text
-from studies.observables import ContactRecord, EnergyRecord, Frame, OrganTopology, PiercingRecord, StepRecord
+from studies.observables import Frame, OrganTopology, RunRecord, StepRecord
 from studies.provenance import provenance
 from studies.scenario import Scenario, ScenarioError, dump, mesh_file, with_mesh_file
 from studies.series import Series
+from studies.tables import Table, head_of, rows_until, tables_of
 
 Status = Literal["completed", "failed", "interrupted"]
 
 MARK = "provenance.json"  # the first file written: a folder that holds it is a results folder
 FILES = (
     "summary.json",
-    "piercings.csv",
-    "energy.csv",
-    "steps.csv",
-    "events.csv",
-    "contact.csv",
+    *(f"{layout.name}.csv" for layout in TABLES),
     "checkpoint.npz",
     "results.pvd",
     "scenario.toml",
@@ -88,9 +82,10 @@ class Recorder:
             _refuse_lost_rows(self.folder, self._recorded, tables_of(scenario))
             self.provenance = _write_continuation(self.folder)
         self._series = Series(self.folder, topology, before=max(self._recorded, 0))
-        self._tables = {
-            name: Table(self.folder / f"{name}.csv", COLUMNS[name], self._recorded) for name in tables_of(scenario)
-        }
+        self._tables = [
+            (layout, Table(self.folder / f"{layout.name}.csv", layout.columns, self._recorded))
+            for layout in tables_of(scenario)
+        ]
 
     def __enter__(self) -> Self:
         return self
@@ -116,12 +111,8 @@ class Recorder:
             self._write_checkpoint(step)
 
     def _write_rows(self, step: StepRecord) -> None:
-        self._tables["piercings"].append(_piercing_row(step, piercing) for piercing in step.piercings)
-        self._tables["events"].append(_event_row(step, event) for event in step.events)
-        self._tables["energy"].append([_energy_row(step)])
-        self._tables["steps"].append([_step_row(step)])
-        if step.contact is not None:
-            self._tables["contact"].append([_contact_row(step, step.contact)])
+        for layout, table in self._tables:
+            table.append(layout.rows(step))
         self._newton_iterations += step.newton_iterations
         self._constraint_max = max(self._constraint_max, step.constraint_max)
         self._seconds += step.seconds if step.step else 0.0
@@ -142,25 +133,16 @@ class Recorder:
         try:
             self._write_frame()
         finally:
-            for table in self._tables.values():
+            for _, table in self._tables:
                 table.close()
             write_json(self.folder / "summary.json", self.summary(status, error))
 
     def summary(self, status: Status, error: str = "") -> dict[str, Any]:
         """The contents of ``summary.json`` as of the last recorded step."""
         step = self.last_step
-        head = {
-            "status": status,
-            "error": error,
-            "time": step.time if step else 0.0,
-            "steps": step.step if step else 0,
-            "newton_iterations": self._newton_iterations,
-            "constraint_max": self._constraint_max,
-            "seconds_per_step": self._seconds / step.step if step and step.step else None,
-            "tissue_dofs": self._tissue_dofs,
-            "subgrid": self.subgrid,
-        }
-        return head | (_state_summary(step) if step else {}) | {"provenance": self.provenance}
+        totals = self._newton_iterations, self._constraint_max, self._seconds
+        head = values(RUN, RunRecord(status, error, step, *totals, self._tissue_dofs)) | {"subgrid": self.subgrid}
+        return head | (state_summary(step) if step else {}) | {"provenance": self.provenance}
 
     def _write_frame(self) -> None:
         if self._pending is not None and self.last_step is not None:
@@ -169,58 +151,19 @@ class Recorder:
             self._series.write(self.last_step.step, self.last_frame)
 
 
-class Table:
-    """A CSV file that grows by whole lines."""
-
-    def __init__(self, path: Path, columns: Iterable[str], last_step: int = -1) -> None:
-        """``last_step``: rows up to this step are kept, as a run that is resumed wants it."""
-        kept = len(b"".join(_rows_until(path, last_step))) if last_step >= 0 else 0
-        self._file = path.open("r+b" if kept else "wb", buffering=0)
-        self._file.truncate(kept)
-        self._file.seek(kept)
-        if not kept:
-            self.append([list(columns)])
-
-    def append(self, rows: Iterable[Iterable[object]]) -> None:
-        """Append rows in one write; on a full disk none of them."""
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows(rows)
-        data = text.getvalue().encode()
-        end = self._file.tell()
+def _refuse_lost_rows(folder: Path, step: int, layouts: Iterable[Layout[Any]]) -> None:
+    """Raise `ScenarioError` where a table has other columns, or does not reach the step of the checkpoint."""
+    for layout in layouts:
+        path, reason = folder / f"{layout.name}.csv", ""
         try:
-            if self._file.write(data) != len(data):
-                raise OSError(f"{self._file.name} cannot grow: the disk is full; free some space")
-        except OSError:
-            self._file.truncate(end)
-            self._file.seek(end)
-            raise
-
-    def close(self) -> None:
-        self._file.close()
-
-
-def _rows_until(path: Path, step: int) -> list[bytes]:
-    """A table's head and its rows up to a step, each a whole line; the step is the second column of every table."""
-    head, *rows = path.read_bytes().splitlines(keepends=True)
-    return [head, *(row for row in rows if row.endswith(b"\n") and int(row.split(b",")[1]) <= step)]
-
-
-def tables_of(scenario: Scenario) -> list[str]:
-    """Names of the tables that a run of the scenario writes."""
-    touching = scenario.tissue is not None and scenario.tissue.contact
-    return [name for name in COLUMNS if name != "contact" or touching]
-
-
-def _refuse_lost_rows(folder: Path, step: int, tables: Iterable[str]) -> None:
-    """Raise `ScenarioError` where the tables do not reach the step of the checkpoint."""
-    for name in tables:
-        path = folder / f"{name}.csv"
-        try:
-            rows = len(_rows_until(path, step)) - 1
+            head, *rows = rows_until(path, step)
         except (OSError, ValueError, IndexError) as error:
             raise ScenarioError(f"{path} cannot be read ({error}); run without --resume to begin anew") from None
-        if name in ("energy", "steps", "contact") and rows != step + 1:
+        if head != head_of(layout.columns):
+            reason = f"the columns of {path} are those of another version of this code"
+        elif layout.every_step and len(rows) != step + 1:
             reason = f"{path} lacks rows before step {step}, that of the checkpoint"
+        if reason:
             raise ScenarioError(f"--resume is refused: {reason}; run without --resume to begin anew")
 
 
@@ -329,107 +272,3 @@ def _scenario_text(scenario: Scenario) -> tuple[str, dict[str, str]]:
         digests["mesh_sha256"] = hashlib.sha256(mesh.read_bytes()).hexdigest()
     text = dump(scenario)
     return text, digests | {"scenario_sha256": hashlib.sha256(text.encode()).hexdigest()}
-
-
-def _state_summary(step: StepRecord) -> dict[str, Any]:
-    hidden = ("name", "u", "v")
-    piercings = {
-        piercing.name: {key: value for key, value in _shallow(piercing).items() if key not in hidden}
-        for piercing in step.piercings
-    }
-    ends: dict[str, dict[str, object]] = {
-        "start": {"reaction": step.start_reaction},
-        "end": {"reaction": step.end_reaction},
-    }
-    for end, torque in zip(ends.values(), step.torques or (), strict=False):
-        end["torque"] = torque
-    thread = ends | {"max_strain": step.max_strain, "span_ratio": step.span_ratio}
-    contact = {} if step.contact is None else {"contact": asdict(step.contact)}
-    return {"energy": asdict(step.energy), "thread": thread, "piercings": piercings} | contact
-
-
-def _shallow(record: PiercingRecord) -> dict[str, Any]:
-    return {field.name: getattr(record, field.name) for field in fields(record)}
-
-
-def _xyz(name: str) -> list[str]:
-    return [f"{name}_x", f"{name}_y", f"{name}_z"]
-
-
-COLUMNS: dict[str, list[str]] = {
-    "piercings": [
-        *("time", "step", "piercing", "s", "slip", "x", "y", "z"),  # s, -, -, m ...
-        *_xyz("displacement"),  # m
-        *_xyz("force"),  # N
-        *("normal_force", "tangential_force"),  # N
-        *_xyz("couple"),  # N m
-        *("tension_before", "tension_after", "state"),  # N, N, -
-        *_xyz("tangent"),
-        "cone_residual",  # N, by how much friction breaks Coulomb's law
-    ],
-    "energy": ["time", "step", *(field.name for field in fields(EnergyRecord))],  # s, -, J ...
-    "events": [
-        *("time", "step", "event", "piercing", "s"),  # s, -, begins ends leaves slips sticks halved knots, -, m
-        *("energy", "work", "loss"),  # J: energy = work - loss
-        *("gap", "angle"),  # m, rad: closed when a piercing begins
-        *_xyz("impulse"),  # N s, of the hole on the thread; of other knots the change of the thread's momentum
-        "control_points",  # -, after a change of the knots
-    ],
-    "steps": [
-        *("time", "step", "newton_iterations", "constraint_max", "max_strain"),  # s, -, -, m, -
-        *_xyz("start_reaction"),  # N
-        *_xyz("end_reaction"),  # N
-        *("start_torque", "end_torque"),  # N m, about the tangent; empty without twist
-        "seconds",  # s of wall-clock time
-    ],
-    "contact": ["time", "step", *(field.name for field in fields(ContactRecord))],  # s, -, -, -, m, Pa, N, J
-}
-
-
-def _piercing_row(step: StepRecord, piercing: PiercingRecord) -> list[object]:
-    return [
-        *_numbers(step.time),
-        step.step,
-        piercing.name,
-        *_numbers(piercing.s, piercing.slip, *piercing.x, *piercing.displacement, *piercing.force),
-        *_numbers(piercing.normal_force, piercing.tangential_force, *piercing.couple),
-        *_numbers(piercing.tension_before, piercing.tension_after),
-        piercing.state,
-        *_numbers(*piercing.tangent, piercing.cone_residual),
-    ]
-
-
-def _energy_row(step: StepRecord) -> list[object]:
-    return [*_numbers(step.time), step.step, *_numbers(*asdict(step.energy).values())]
-
-
-def _event_row(step: StepRecord, event: Event) -> list[object]:
-    return [
-        *_numbers(event.time),
-        step.step,
-        event.kind,
-        event.piercing,
-        *_numbers(event.s, event.energy, event.work, event.loss, event.gap, event.angle, *event.impulse),
-        event.control_points or "",
-    ]
-
-
-def _step_row(step: StepRecord) -> list[object]:
-    return [
-        *_numbers(step.time),
-        step.step,
-        step.newton_iterations,
-        *_numbers(step.constraint_max, step.max_strain, *step.start_reaction, *step.end_reaction),
-        *(("", "") if step.torques is None else _numbers(*step.torques)),
-        *_numbers(step.seconds),
-    ]
-
-
-def _contact_row(step: StepRecord, contact: ContactRecord) -> list[object]:
-    numbers = (contact.smallest_gap, contact.largest_pressure, contact.force, contact.complementarity)
-    return [*_numbers(step.time), step.step, contact.pairs, contact.pressed, *_numbers(*numbers)]
-
-
-def _numbers(*values: float) -> list[str]:
-    """Numbers with all their digits: they read back to the same bits."""
-    return [repr(float(value)) for value in values]

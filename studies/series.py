@@ -5,7 +5,7 @@ It is written here rather than by VTK because the organ's mesh can then be encod
 package is needed to run. Points of the organ are those of the reference shape, with ``displacement`` beside
 them (Warp By Vector); thread and piercings are where they are.
 
-Codes of ``state`` at the piercings: 0 stick, 1 slip, 2 anchored, 3 left.
+Which arrays there are is said in ``studies.columns``.
 """
 
 import base64
@@ -14,15 +14,16 @@ import sys
 import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from studies.columns import ORGAN_ARRAYS, PIERCING_ARRAYS, THREAD_ARRAYS, values
 from studies.files import write_text
 from studies.observables import Frame, OrganRecord, OrganTopology, PiercingRecord, ThreadRecord
 
-STATE_CODES = {"stick": 0, "slip": 1, "anchored": 2, "left": 3}
 CELL_TYPES = {4: 10, 10: 24}  # VTK_TETRA, VTK_QUADRATIC_TETRA by nodes per cell
 TYPE_NAMES = {"f4": "Float32", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 COMPONENTS = {6: ("XX", "YY", "ZZ", "XY", "YZ", "XZ")}  # VTK's order of a symmetric tensor
@@ -89,37 +90,22 @@ def encode_mesh(topology: OrganTopology) -> str:
 
 def organ_text(mesh: str, organ: OrganRecord) -> str:
     """The organ of one frame as ``.vtu``."""
-    names = ("displacement", "stress", "von_mises", "contact_pressure", "lip_gap")
-    fields = {name: (getattr(organ, name), "f4") for name in names if getattr(organ, name) is not None}
-    data = _point_data(fields, 'Vectors="displacement"')
+    data = _point_data(values(ORGAN_ARRAYS, organ), 'Vectors="displacement"')
     return _file("UnstructuredGrid", f"<UnstructuredGrid>\n{mesh}{data}</Piece>\n</UnstructuredGrid>\n")
 
 
 def thread_text(thread: ThreadRecord) -> str:
     """The thread of one frame as a polyline in ``.vtp``; ``radius`` is for the Tube filter."""
     count = len(thread.points)
-    fields: dict[str, ArrayLike] = {
-        "s": thread.s,
-        "tension": thread.tension,
-        "curvature": thread.curvature,
-        "radius": np.full(count, thread.radius),
-    }
-    if thread.torque is not None:
-        fields["torque"] = thread.torque
-    data = _point_data({name: (field, "f4") for name, field in fields.items()}, 'Scalars="tension"')
+    data = _point_data(values(THREAD_ARRAYS, thread), 'Scalars="tension"')
     return _poly_data(thread.points, "Lines", thread.pieces or ([count] if count else []), data)
 
 
 def piercings_text(piercings: Sequence[PiercingRecord]) -> str:
     """The piercings of one frame as vertices in ``.vtp``."""
-    vectors = ("force", "displacement", "couple", "tangent", "u", "v")
-    numbers = ("s", "slip", "normal_force", "tangential_force", "tension_before", "tension_after")
-    fields: dict[str, tuple[ArrayLike, str]] = {
-        name: (np.array([getattr(piercing, name) for piercing in piercings]), "f4") for name in (*vectors, *numbers)
-    }
-    fields["state"] = ([STATE_CODES[piercing.state] for piercing in piercings], "i4")
+    arrays = {column.name: np.array([column.of(piercing) for piercing in piercings]) for column in PIERCING_ARRAYS}
     points = np.array([piercing.x for piercing in piercings])
-    return _poly_data(points, "Verts", [1] * len(piercings), _point_data(fields, 'Vectors="force"'))
+    return _poly_data(points, "Verts", [1] * len(piercings), _point_data(arrays, 'Vectors="force"'))
 
 
 def data_array(name: str, values: ArrayLike, kind: str) -> str:
@@ -155,9 +141,13 @@ def _poly_data(points: NDArray[np.float64], kind: str, counts: Sequence[int], da
     )
 
 
-def _point_data(fields: Mapping[str, tuple[ArrayLike, str]], active: str) -> str:
-    arrays = "".join(data_array(name, values, kind) for name, (values, kind) in fields.items())
-    return f"<PointData {active}>\n{arrays}</PointData>\n"
+def _point_data(arrays: Mapping[str, Any], active: str) -> str:
+    """Fields by name, whole numbers as integers; those that are None are left out."""
+    given = {name: np.asarray(values) for name, values in arrays.items() if values is not None}
+    text = "".join(
+        data_array(name, values, "i4" if values.dtype.kind == "i" else "f4") for name, values in given.items()
+    )
+    return f"<PointData {active}>\n{text}</PointData>\n"
 
 
 def _entry(time: float, name: str) -> str:

@@ -307,8 +307,9 @@ def test_what_a_run_says_of_its_lips(closed: Path, capsys: pytest.CaptureFixture
     last row, and the pressure in the last frame has the force that it says."""
     out = closed.parent / "whole"
     with (out / "contact.csv").open() as file:
-        rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
-    assert len(rows) == 31 and list(rows[0])[:2] == ["time", "step"]
+        table = list(csv.DictReader(file))
+    assert len(table) == 31 and list(table[0])[:2] == ["time [s]", "step [-]"]
+    rows = [{key.partition(" [")[0]: float(value) for key, value in row.items()} for row in table]
     assert rows[0]["pressed"] == 0 and 0 < rows[-1]["pressed"] <= rows[-1]["pairs"]
     for row in rows:
         assert row["smallest_gap"] >= -IDENTITY * RADIUS and row["force"] >= 0.0

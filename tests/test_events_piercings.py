@@ -385,23 +385,23 @@ def test_a_thread_is_drawn_out_of_both_holes(drawn_out: Path) -> None:
     events = rows(drawn_out / "events.csv")
     assert [row["piercing"] for row in events if row["event"] == "leaves"] == ["entry", "exit"]
     assert events[0]["event"] == "slips" and events[0]["piercing"] == "entry"
-    left = {row["piercing"]: (int(row["step"]), row) for row in events if row["event"] == "leaves"}
-    assert all(float(row["s"]) == 0.0 and float(row["energy"]) == 0.0 for _, row in left.values())
+    left = {row["piercing"]: (int(row["step [-]"]), row) for row in events if row["event"] == "leaves"}
+    assert all(float(row["s [m]"]) == 0.0 and float(row["energy [J]"]) == 0.0 for _, row in left.values())
     piercings = rows(drawn_out / "piercings.csv")
     assert len(piercings) == 2 * 51
     for row in piercings:
-        gone = int(row["step"]) >= left[row["piercing"]][0]
+        gone = int(row["step [-]"]) >= left[row["piercing"]][0]
         assert (row["state"] == "left") == gone
-        force = np.linalg.norm([float(row[f"force_{axis}"]) for axis in "xyz"])
-        assert (force == 0.0) == (gone or row["step"] == "0")
+        force = np.linalg.norm([float(row[f"force_{axis} [N]"]) for axis in "xyz"])
+        assert (force == 0.0) == (gone or row["step [-]"] == "0")
 
 
 def test_the_audit_closes_over_a_thread_that_is_drawn_out(drawn_out: Path) -> None:
     """Independent check: at every step to 1e-9 of the largest work done so far, across both losses of a hole."""
     table = rows(drawn_out / "energy.csv")
-    work = np.array([abs(float(row["external_work"])) for row in table])
-    error = np.array([abs(float(row["balance_error"])) for row in table])
-    friction = np.array([float(row["friction_dissipation"]) for row in table])
+    work = np.array([abs(float(row["external_work [J]"])) for row in table])
+    error = np.array([abs(float(row["balance_error [J]"])) for row in table])
+    friction = np.array([float(row["friction_dissipation [J]"]) for row in table])
     assert len(table) == 51
     assert np.all(error[1:] <= 1e-9 * np.maximum.accumulate(work)[1:])
     assert np.all(np.diff(friction) >= -1e-9 * work.max()) and friction[-1] > 0.1 * work.max()

@@ -304,7 +304,7 @@ def test_an_empty_folder_begins_anew(file: Path, whole: Path, tmp_path: Path) ->
     assert_same(tmp_path / "new", whole)
 
 
-@pytest.mark.parametrize("damage", ["truncated", "rows lost", "of another version"])
+@pytest.mark.parametrize("damage", ["truncated", "rows lost", "other columns", "of another version"])
 def test_a_damaged_folder_is_refused(
     file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -318,6 +318,9 @@ def test_a_damaged_folder_is_refused(
     elif damage == "rows lost":
         rows = (out / "energy.csv").read_bytes().splitlines(keepends=True)
         (out / "energy.csv").write_bytes(b"".join(rows[:4]))
+    elif damage == "other columns":
+        rows = (out / "steps.csv").read_bytes()
+        (out / "steps.csv").write_bytes(rows.replace(b"time [s]", b"time", 1))
     else:
         held = read_checkpoint(out)
         assert held is not None

@@ -17,10 +17,12 @@ import pytest
 import pyvista as pv
 from studies_samples import CONTRACT, LINEAR, framing, step
 
+from studies.columns import Column, text
 from studies.files import write_json, write_text
 from studies.provenance import provenance
-from studies.record import MARK, Recorder, Table, check_folder
+from studies.record import MARK, Recorder, check_folder
 from studies.scenario import ScenarioError, load, parse, tables
+from studies.tables import Table
 
 ROOT = Path(__file__).parent.parent
 SCENARIO = parse(tomllib.loads(CONTRACT.replace("every = 10", "every = 3")))
@@ -66,13 +68,13 @@ def test_a_run_leaves_what_the_contract_says(tmp_path: Path) -> None:
 def test_tables_have_a_row_for_every_step_with_all_digits(tmp_path: Path) -> None:
     folder = recorded(tmp_path)
     energy, piercings, steps = (rows(folder / f"{name}.csv") for name in ("energy", "piercings", "steps"))
-    assert [int(row["step"]) for row in energy] == list(range(8))
-    assert [float(row["time"]) for row in steps] == [step(number).time for number in range(8)]
-    assert float(energy[0]["kinetic"]) == 1 / 3
+    assert [int(row["step [-]"]) for row in energy] == list(range(8))
+    assert [float(row["time [s]"]) for row in steps] == [step(number).time for number in range(8)]
+    assert float(energy[0]["kinetic [J]"]) == 1 / 3
     assert [row["piercing"] for row in piercings] == ["entry", "exit"] * 8
     last = piercings[-1]
-    assert [float(last[key]) for key in "xyz"] == list(step(7).piercings[1].x)
-    assert (last["state"], last["tension_before"]) == ("slip", "nan")
+    assert [float(last[f"{axis} [m]"]) for axis in "xyz"] == list(step(7).piercings[1].x)
+    assert (last["state"], last["tension_before [N]"]) == ("slip", "nan")
 
 
 def test_frames_are_the_first_those_due_and_the_last(tmp_path: Path) -> None:
@@ -194,17 +196,18 @@ FULL = """
 import resource, sys
 sys.path[:0] = [{root!r}]
 from pathlib import Path
-from studies.record import Table
+from studies.columns import Column
+from studies.tables import Table
 from studies.files import write_text
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
-table = Table(Path({path!r}), ["number"])
+table = Table(Path({path!r}), [Column("number", "-", "", lambda number: number, kind="whole")])
 write_text(Path({text!r}), "first")
 try:
     write_text(Path({text!r}), "x" * 2000)
 except OSError:
     print("refused")
 for number in range(10**6, 10**7):
-    table.append([[number], [number]])
+    table.append([number, number])
 """
 
 
@@ -221,10 +224,13 @@ def test_a_full_disk_leaves_whole_lines_and_whole_files(tmp_path: Path) -> None:
 
 
 def test_a_table_quotes_what_needs_it(tmp_path: Path) -> None:
-    table = Table(tmp_path / "t.csv", ["piercing", "x"])
-    table.append([['a "b", c', 1.5]])
+    names = ['a "b", c', "d", "é|;'", "two\nlines", '"']
+    columns = [text("piercing", "", lambda name: name), Column("length", "m", "", lambda name: 1.5 * len(name))]
+    table = Table(tmp_path / "t.csv", columns)
+    table.append(names)
     table.close()
-    assert rows(tmp_path / "t.csv") == [{"piercing": 'a "b", c', "x": "1.5"}]
+    expected = [{"piercing": name, "length [m]": str(1.5 * len(name))} for name in names]
+    assert rows(tmp_path / "t.csv") == expected
 
 
 def test_json_holds_plain_numbers_only(tmp_path: Path) -> None:

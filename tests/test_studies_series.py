@@ -1,5 +1,6 @@
 """The ParaView series, read back by VTK: the same fields at the same times."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +8,9 @@ import pytest
 import pyvista as pv
 from studies_samples import LINEAR, frame, organ, quadratic
 
+from studies.columns import ORGAN_ARRAYS, PIERCING_ARRAYS, STATE_CODES, THREAD_ARRAYS
 from studies.observables import Frame, OrganTopology
-from studies.series import STATE_CODES, Series
+from studies.series import Series
 
 TIMES = (0.0, 0.1 + 0.2, 1 / 3)
 SINGLE = float(np.finfo(np.float32).eps)  # fields are float32
@@ -58,6 +60,28 @@ def test_fields_read_back(reader: pv.PVDReader) -> None:
     for name in ("force", "tangent", "u", "v", "slip"):
         same(holes[name], [getattr(hole, name) for hole in written.piercings])
     assert list(holes["state"]) == [STATE_CODES["slip"]] * 2
+    assert holes["state"].dtype == np.int32
+
+
+def test_frames_have_the_arrays_of_their_columns(tmp_path: Path) -> None:
+    """Independent check: VTK reads one array for each column that has a value, under its name, with as many components
+    as the column has parts."""
+    whole = frame(0.5)
+    assert whole.organ is not None
+    nodes = len(LINEAR.points)
+    lips = replace(whole.organ, contact_pressure=np.ones(nodes), lip_gap=np.full(nodes, np.nan))
+    Series(tmp_path, LINEAR).write(0, whole)
+    twisted = replace(whole, organ=lips, thread=replace(whole.thread, torque=whole.thread.s))
+    Series(tmp_path / "all", LINEAR).write(0, twisted)
+    optional = {"contact_pressure", "lip_gap", "torque"}
+    parts = {"organ": ORGAN_ARRAYS, "thread": THREAD_ARRAYS, "piercings": PIERCING_ARRAYS}
+    for (part, columns), kind in zip(parts.items(), ("vtu", "vtp", "vtp"), strict=True):
+        expected = {column.name: len(column.parts) or 1 for column in columns}
+        for folder, missing in ((tmp_path, optional), (tmp_path / "all", set[str]())):
+            data = pv.read(folder / "frames" / f"{part}_000000.{kind}").GetPointData()
+            arrays = [data.GetArray(index) for index in range(data.GetNumberOfArrays())]
+            found = {array.GetName(): array.GetNumberOfComponents() for array in arrays}
+            assert found == {name: size for name, size in expected.items() if name not in missing}
 
 
 def test_quadratic_tetrahedra(tmp_path: Path) -> None:

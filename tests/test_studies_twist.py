@@ -82,7 +82,7 @@ def test_a_run_with_twist(file: Path) -> None:
     assert thread["end"]["torque"] > 0.0
     assert len(thread["end"]["reaction"]) == 3
     head, *_, last = (line.split(",") for line in (out / "steps.csv").read_text().splitlines())
-    assert float(last[head.index("end_torque")]) == thread["end"]["torque"]
+    assert float(last[head.index("end_torque [N m]")]) == thread["end"]["torque"]
     root = ElementTree.parse(sorted((out / "frames").glob("thread_*.vtp"))[-1]).getroot()
     assert "torque" in [array.get("Name") for array in root.iter("DataArray")]
     scenario = load(file)
