@@ -5,7 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from coupling.configuration import Configuration, configuration_of
-from coupling.constraints import LOCAL, Array, Indices, couple_on_thread, passage, site_force, tangent, thread_force
+from coupling.constraints import (
+    LOCAL,
+    Array,
+    Indices,
+    Passage,
+    couple_on_thread,
+    passage,
+    site_force,
+    tangent,
+    thread_force,
+)
 from coupling.interfaces import Body
 from coupling.scheme import Equilibrium
 from coupling.sliding import cone_residual, law_of
@@ -55,8 +65,7 @@ def observe(
     couple = couple_on_thread(at, state.lam, state.y)
     internal = now.elastic[:, :3]
     shares = at.b[:, :2].swapaxes(1, 2) @ thread_force(state.lam, state.y)
-    law = law_of(system, state.s, state.present, 0.0, state.s)
-    cone = cone_residual(law, state.slip, at, state.s, state.lam, state.y)
+    cone = broken_cones(system, state, at)
     out = []
     for k, piercing in enumerate(system.piercings):
         force, y = state.lam[k, :3], state.y[k]
@@ -94,6 +103,14 @@ def site_forces(system: System[Body], state: State[Body]) -> Array:
 def site_compliance(system: System[Body], state: State[Body]) -> Array:
     """Return the compliance C of the sites of an organ at rest, shape `(9p, 9p)`."""
     return system.organ.answer(Equilibrium(), [state.organ]).C
+
+
+def broken_cones(system: System[Body], state: State[Body], at: Passage) -> Array:
+    """Return by how much the force along the thread breaks Coulomb's law at every hold, shape `(m,)` [N]."""
+    if not system.rough.any():
+        return np.zeros(system.holds)
+    law = law_of(system, state.s, state.present, 0.0, state.s)
+    return cone_residual(law, state.slip, at, state.s, state.lam, state.y)
 
 
 def sliding_state(system: System[Body], state: State[Body], k: int) -> str:

@@ -1,6 +1,6 @@
 """What is recorded of a run: plain arrays, the only thing that the simulation hands to the output."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,12 +77,22 @@ class StepRecord:
     start_reaction: Array  # (3,) force of the holder on the thread [N]
     end_reaction: Array  # (3,) [N]
     max_strain: float  # largest axial strain of the thread [-]
-    span_ratio: float  # longest span at a hole over the length that the thread bends over there [-]
+    spans: Callable[[], float]  # makes `span_ratio`, which only the last step's is asked for
     seconds: float  # wall-clock time of this step [s]
     events: tuple[Event, ...] = ()
     contact: ContactRecord | None = None  # None where lips may cross
     torques: tuple[float, float] | None = None  # of the holders of start and end about the tangent [N m], with twist
-    memory: Mapping[str, NDArray[Any]] | None = None  # all that the steps after this one depend on
+    kept: Callable[[], Mapping[str, NDArray[Any]]] | None = None  # makes `memory`, asked for at a checkpoint
+
+    @property
+    def span_ratio(self) -> float:
+        """Longest span at a hole over the length that the thread bends over there [-]."""
+        return self.spans()
+
+    @property
+    def memory(self) -> Mapping[str, NDArray[Any]] | None:
+        """All that the steps after this one depend on, None where nothing is kept."""
+        return None if self.kept is None else self.kept()
 
 
 @dataclass(frozen=True)

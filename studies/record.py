@@ -119,14 +119,15 @@ class Recorder:
         self._recorded = step.step
 
     def _write_checkpoint(self, step: StepRecord) -> None:
-        if step.memory is None:
+        memory = step.memory
+        if memory is None:
             return
         counters = {
             "newton_iterations": np.array(self._newton_iterations),
             "constraint_max": np.array(self._constraint_max),
             "seconds": np.array(self._seconds),
         }
-        write_checkpoint(self.folder, {**step.memory, **counters})
+        write_checkpoint(self.folder, {**memory, **counters})
 
     def finish(self, status: Status, error: str = "") -> None:
         """Write the last frame and the summary."""

@@ -117,7 +117,7 @@ class Simulation:
     def frame(self, now: OrganRun) -> Frame:
         """What is drawn of a state."""
         system, state = now.system, now.state
-        piercings = observe(system, now.first, state)
+        piercings = observe(system, now.first, state, now.configuration)
         return Frame(state.time, thread_record(system, state), piercings, self.organ_record(state))
 
     def organ_record(self, state: State) -> OrganRecord | None:
@@ -212,11 +212,11 @@ def recorded(now: OrganRun, seconds: float = 0.0) -> StepRecord:
         end_reaction=state.reaction[1, :3],
         torques=end_torques(state) if system.thread.twist else None,
         max_strain=float(np.max(np.sqrt(1.0 + 2.0 * now.configuration.points.strain) - 1.0)),
-        span_ratio=span_ratio(system, state),
+        spans=partial(span_ratio, system, state),
         seconds=seconds,
         events=now.events,
         contact=contact_record(system, state),
-        memory=memory_of(now),
+        kept=partial(memory_of, now),
     )
 
 

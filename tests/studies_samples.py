@@ -145,7 +145,7 @@ def step(number: int, dt: float = 0.1) -> StepRecord:
         start_reaction=np.zeros(3),
         end_reaction=np.array([0.0, 0.0, 0.1]),
         max_strain=0.01,
-        span_ratio=0.3,
+        spans=lambda: 0.3,
         seconds=0.5,
     )
 
