@@ -279,7 +279,8 @@ def closing(system: System[Body], state: State[Body], k: int, scheme: BackwardEu
     balanced = thread.gradient(thread.points(state.q, state.frame))
     balanced[:, :3] -= spread(thread_force(state.lam, state.y), at, thread.n)
     factor = scheme.a + scheme.d * thread.damping
-    f_y = site_force(at, state.lam, state.y)[: len(system.piercings)].ravel()
+    sites = slice(len(system.piercings))
+    y, f_y = state.y[sites].ravel(), site_force(at, state.lam, state.y)[sites].ravel()
     others = state.present & (np.arange(system.holds) != k)
     return Problem(
         system=system,
@@ -289,7 +290,7 @@ def closing(system: System[Body], state: State[Body], k: int, scheme: BackwardEu
         mass_factor=factor,
         q_ref=state.q,
         load=balanced,
-        answer=system.organ.displace(scheme, state.organ, f_y),
+        answer=system.organ.displace(scheme, state.organ, y, f_y),
         rows=system.rows & state.present[:, None],
         law=law_of(system, state.s, others, system.epsilon * scheme.a, state.s),
         frame=state.frame,

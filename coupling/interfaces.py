@@ -88,6 +88,6 @@ class Organ(Protocol[Body]):
         None stands for an organ without mass, which takes no impulse.
         """
 
-    def displace(self, scheme: Scheme, state: Body, f_y: Array) -> Answer[Body]:
-        """Return the answer of a step in which nothing moves as long as the site forces are `f_y` (9p,) and the contact
-        forces those of `state`; velocities are kept."""
+    def displace(self, scheme: Scheme, state: Body, y: Array, f_y: Array) -> Answer[Body]:
+        """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y` (9p,)
+        and the contact forces those of `state`; velocities are kept."""

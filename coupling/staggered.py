@@ -63,7 +63,7 @@ class HeldOrgan(Generic[Body]):
         """Return the organ's answer to an impulse."""
         return self.organ.impulse(state)
 
-    def displace(self, scheme: Scheme, state: Body, f_y: Array) -> Held[Body]:
+    def displace(self, scheme: Scheme, state: Body, y: Array, f_y: Array) -> Held[Body]:
         """Return the answer of the organ where it is."""
         return self.answer(scheme, [state])
 

@@ -196,18 +196,20 @@ class DynamicOrgan(MeshedOrgan):
             lambda j, p: replace(state, V=state.V + self._mobility[0] @ j),
         )
 
-    def displace(self, scheme: TimeScheme, state: OrganState, f_y: Array) -> LinearAnswer:
-        """Return the answer of a step in which nothing moves as long as the site forces are `f_y` (9p,) and the contact
-        forces those of `state`; V is kept."""
+    def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
+        """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y` (9p,)
+        and the contact forces those of `state`; V is kept."""
         operator, p = self.operator(scheme.a, scheme.d), self.contact_forces(state)
-        y, g = operator.unmoved(self.site_variables(state), self.gap(state), f_y, p)
+        y_free, g_free = operator.unmoved(y, self.gap(state), f_y, p)
 
         def displaced(f_new: Array, p_new: Array) -> OrganState:
             # By the change alone: the state's own forces may be those of holes that ended at this very moment.
             df, held = f_new - f_y, self.held_apart(p_new)
             return replace(state, U=operator.moved(state.U, df, p_new - p), f_y=state.f_y + df, p=held)
 
-        return LinearAnswer(operator, y, g, displaced, lambda: operator.A @ state.U - self.Y.T @ f_y - self.G.T @ p)
+        return LinearAnswer(
+            operator, y_free, g_free, displaced, lambda: operator.A @ state.U - self.Y.T @ f_y - self.G.T @ p
+        )
 
     @cached_property
     def _mobility(self) -> tuple[Array, Array]:

@@ -73,7 +73,7 @@ class FixedSites:
         """Return the answer of sites that stand still: space takes any impulse."""
         return SiteAnswer(np.zeros(self.y0.size), self._stiff, lambda j, p: state)
 
-    def displace(self, scheme: TimeScheme, state: OrganState, f_y: Array) -> SiteAnswer:
+    def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> SiteAnswer:
         """Return the answer of sites that no force moves."""
         return SiteAnswer(self.y0, self._stiff, lambda f_new, p: replace(state, f_y=state.f_y + (f_new - f_y)))
 

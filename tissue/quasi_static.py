@@ -130,11 +130,11 @@ class QuasiStaticOrgan(MeshedOrgan):
     def impulse(self, state: OrganState) -> None:
         """Return None: without mass nothing takes an impulse."""
 
-    def displace(self, scheme: TimeScheme, state: OrganState, f_y: Array) -> LinearAnswer:
-        """Return the answer of a step in which nothing moves as long as the site forces are `f_y` (9p,) and the contact
-        forces those of `state`."""
+    def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
+        """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y` (9p,)
+        and the contact forces those of `state`."""
         operator, p = self._operator, self.contact_forces(state)
-        y, g = operator.unmoved(self.site_variables(state), self.gap(state), f_y, p)
+        y_free, g_free = operator.unmoved(y, self.gap(state), f_y, p)
 
         def displaced(f_new: Array, p_new: Array) -> OrganState:
             # By the change alone: the state's own forces may be those of holes that ended at this very moment.
@@ -143,7 +143,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         def right_hand_side() -> Array:
             return operator.A @ self.field(state) - self.Y.T @ f_y - self.G.T @ p
 
-        return LinearAnswer(operator, y, g, displaced, right_hand_side)
+        return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side)
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """As for the dynamic organ, with 9p + k numbers: U = U_load + W f_y + K⁻¹Gᵀ p, K U_load = load,
