@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coupling.constraints import LOCAL, Array, Indices, couple_on_thread, passage, tangent, thread_force
-from coupling.sliding import cone_residual, law_of
+from coupling.sliding import cone_residual, law_of, normal_force
 from coupling.system import State, System
 
 
@@ -14,11 +14,12 @@ class PiercingObservation:
     """One piercing at one time.
 
     `s`, `slip` [m, thread drawn through towards rising s at the end of the thread since the start]; `x`,
-    `displacement`, `tangent` (unit), `u`, `v` (3,); `force` (3,) [N] of the hole on the thread, `normal_force` |λ_n|,
-    `tangential_force` λ·t [N]; `couple` (3,) [N m] of the direction constraint on the thread; `tension_before`,
-    `tension_after` [N] at lower and higher s; `state`: "stick", "slip", "anchored" or "left"; `cone_residual` [N], by
-    how much the force along the thread breaks Coulomb's law (`coupling.sliding.cone_residual`; what accelerates an
-    abscissa with ε counts as well).
+    `displacement`, `tangent` (unit), `u`, `v` (3,); `force` (3,) [N] of the hole on the thread, `tangential_force` λ·t
+    [N], `normal_force` [N] that of the law of sliding (`coupling.sliding.normal_force`), with the couple's share where
+    the hole has a `channel` [m], None where it has none; `couple` (3,) [N m] of the direction constraint on the thread;
+    `tension_before`, `tension_after` [N] at lower and higher s; `state`: "stick", "slip", "anchored" or "left";
+    `cone_residual` [N], by how much the force along the thread breaks Coulomb's law (`coupling.sliding.cone_residual`;
+    what accelerates an abscissa with ε counts as well).
     """
 
     name: str
@@ -37,6 +38,7 @@ class PiercingObservation:
     u: Array
     v: Array
     cone_residual: float
+    channel: float | None = None
 
 
 def observe(system: System, start: State, state: State) -> tuple[PiercingObservation, ...]:
@@ -47,6 +49,7 @@ def observe(system: System, start: State, state: State) -> tuple[PiercingObserva
     internal = system.thread.gradient(system.thread.points(state.q, state.frame))[:, :3]
     shares = at.b[:, :2].swapaxes(1, 2) @ thread_force(state.lam, state.y)
     law = law_of(system, state.s, state.present, 0.0, state.s)
+    normal = normal_force(at, state.lam, state.y, law.per_channel)
     cone = cone_residual(law, state.slip, at, state.s, state.lam, state.y)
     out = []
     for k, piercing in enumerate(system.piercings):
@@ -61,7 +64,7 @@ def observe(system: System, start: State, state: State) -> tuple[PiercingObserva
                 x=y[:3],
                 displacement=y[:3] - system.organ.y0.reshape(-1, 9)[k, :3],
                 force=force,
-                normal_force=float(np.linalg.norm(force - along * t[k])),
+                normal_force=float(normal[k]),
                 tangential_force=along,
                 couple=couple[k],
                 tension_before=before,
@@ -71,6 +74,7 @@ def observe(system: System, start: State, state: State) -> tuple[PiercingObserva
                 u=y[3:6],
                 v=y[6:],
                 cone_residual=float(cone[k]),
+                channel=piercing.friction.channel if piercing.friction else None,
             )
         )
     return tuple(out)

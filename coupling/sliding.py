@@ -8,8 +8,14 @@ that presses it on the hole:
     drawn          s = s_old − Δd        a hand draws the length Δd through the hole, whatever it takes
     slip           f = σ (F₀ + μ_k N),   σ = sign(ds/dt)
 
-N = |λ_n| (+ |μ|/ℓ_c with a channel of length ℓ_c), λ_n the part of the multipliers of g across the thread (§4.3). The
-thread's velocity relative to the hole is v_t = −|T̂| ds/dt, so friction dissipates (F₀ + μ_k N)|T̂||ds/dt|.
+N = |λ_n| of a hole without length, λ_n the part of λ across the thread (§4.3). A channel of length ℓ_c that imposes the
+direction presses at both its ends: each bears half of λ_n, and the couple t × m, m = μ_u u + μ_v v, is a force m/ℓ_c at
+the one and −m/ℓ_c at the other, so
+
+    N = |λ_n/2 + m/ℓ_c| + |λ_n/2 − m/ℓ_c|
+
+which is max(|λ_n|, 2|m|/ℓ_c) where both lie in a plane with the thread. The thread's velocity relative to the hole is
+v_t = −|T̂| ds/dt, so friction dissipates (F₀ + μ_k N)|T̂||ds/dt|.
 
 Which of stick and slip holds is an active set, σ ∈ {−1, 0, 1} a hold. It changes only between solved iterates: one on
 the way has forces that mean nothing, and where μ_k < μ_s both may hold, so that a wrong change would stand.
@@ -72,11 +78,22 @@ def prescribed(law: Law, held: Flags, injected: Array) -> Law:
     return replace(law, rough=smooth, may_slide=law.may_slide & ~held, injected=injected)
 
 
+def bearing(lam: Array, y: Array, per_channel: Array) -> Array:
+    """λ/2 ± m/ℓ_c, the force of each end of the channel on the thread, shape `(2, m, 3)` [N]."""
+    half, couple = 0.5 * lam[:, :3], per_channel[:, None] * moment_arm(lam, y)
+    return np.stack([half + couple, half - couple])
+
+
+def pressing(force: Array, t: Array) -> Array:
+    """The part of forces `(2, m, 3)` across the unit tangents `t` (m, 3)."""
+    return force - dot(force, t)[..., None] * t
+
+
 def normal_force(thread: Passage, lam: Array, y: Array, per_channel: Array) -> Array:
-    """Force that presses the thread on the hole, |λ_n| + |μ|/ℓ_c, shape `(m,)` [N]."""
-    _, t = tangent(thread, lam, y)
-    across = lam[:, :3] - dot(lam[:, :3], t)[:, None] * t
-    return np.asarray(np.linalg.norm(across, axis=1) + per_channel * np.linalg.norm(lam[:, 3:], axis=1))
+    """N = |λ_n/2 + m/ℓ_c| + |λ_n/2 − m/ℓ_c|, what presses the thread on the hole; |λ_n| without a channel, shape `(m,)`
+    [N]."""
+    ends = pressing(bearing(lam, y, per_channel), tangent(thread, lam, y)[1])
+    return np.asarray(np.linalg.norm(ends, axis=2).sum(axis=0))
 
 
 def net_drive(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
@@ -156,18 +173,23 @@ def add_friction(row: Array, law: Law, slip: Array, thread: Passage, lam: Array,
     """Subtract the derivative of |T̂|(injected + σ(F₀ + μ_k N)) from the row of s; its part by T, `(m, 3)`, is
     returned, what T̂ owes to the other unknowns added to the row as well."""
     size, t = tangent(thread, lam, y)
-    tangential = dot(lam[:, :3], t)
-    normal = unit(lam[:, :3] - tangential[:, None] * t)
+    ends = bearing(lam, y, law.per_channel)
+    normal = unit(pressing(ends, t))
     sigma = slip * law.rough
     given = law.injected + sigma * kinetic_bound(law, thread, lam, y)
-    by_T = (sigma * law.kinetic * tangential)[:, None] * normal - given[:, None] * t
-    row[:, LAM] -= (sigma * size * law.kinetic)[:, None] * normal
-    row[:, MU_U : MU_V + 1] -= (sigma * size * law.kinetic * law.per_channel)[:, None] * unit(lam[:, 3:])
+    by_T = (sigma * law.kinetic)[:, None] * (dot(ends, t)[..., None] * normal).sum(axis=0) - given[:, None] * t
+    by_force = -(0.5 * sigma * size * law.kinetic)[:, None] * (normal[0] + normal[1])
+    by_m = -(sigma * size * law.kinetic * law.per_channel)[:, None] * (normal[0] - normal[1])
+    row[:, LAM] += by_force
+    row[:, MU_U] += dot(by_m, y[:, 3:6])
+    row[:, MU_V] += dot(by_m, y[:, 6:])
+    row[:, U] += lam[:, 3:4] * by_m
+    row[:, V] += lam[:, 4:5] * by_m
     row += np.vecmat(by_T, by_multipliers(thread.c[:, 0], lam, y)[1])
     row[:, S] += dot(by_T, met(thread, lam, y, 1)[1])
     return by_T
 
 
 def unit(a: Array) -> Array:
-    """Rows divided by their lengths; a zero row stays zero."""
-    return np.asarray(a / np.maximum(np.linalg.norm(a, axis=1), np.finfo(float).tiny)[:, None])
+    """Vectors along the last axis divided by their lengths; one of zero length stays zero."""
+    return np.asarray(a / np.maximum(np.linalg.norm(a, axis=-1, keepdims=True), np.finfo(float).tiny))

@@ -22,7 +22,8 @@ Flags = NDArray[np.bool_]
 class Friction:
     """Coulomb's coefficients `static`, `kinetic` [-], and `grip` F₀ [N], independent of the tension.
 
-    `channel` [m], when given, turns the couple of the direction constraint into a normal force |μ|/channel.
+    `channel` [m] is the length over which a hole imposes a direction: the couple that this takes presses on both its
+    ends (`coupling.sliding`). None: it does not press.
     """
 
     static: float = 0.0

@@ -233,6 +233,24 @@ def test_tensions_between_holes(gap: float) -> None:
     assert np.abs(np.abs(seen) - [pulls[0], inner, inner, pulls[1]]).max() < TWO_SOLVERS
 
 
+@pytest.mark.parametrize("turn", [0.0, 30.0, 90.0])
+def test_a_channel_bears_force_and_couple_at_its_ends(turn: float) -> None:
+    """Independent check: a force F across the thread presses each end of a channel of length ℓ with F/2, a couple with
+    M/ℓ to opposite sides; the couple's forces make the angle `turn` with F. A force along the thread does not press."""
+    F, M, channel, along = 0.3, 4e-4, 2e-3, 0.7
+    system = without_organ(uniform(0.1, 23), piercings=(Piercing("sleeve"),), sites=((0.05 * X, X),))
+    state = laid(system, [0.05], line(ORIGIN, X))
+    y = state.y
+    u, v = y[0, 3:6], y[0, 6:]
+    across = np.cos(np.radians(turn)) * u + np.sin(np.radians(turn)) * v
+    lam = np.concatenate([F * u + along * X, [M * across @ u, M * across @ v]])[None]
+    at = replace(passage(system.thread, state.q, state.s), c=np.zeros((1, 3, 3)))
+    ends = [np.linalg.norm(0.5 * F * u + sign * M / channel * across) for sign in (1.0, -1.0)]
+    seen = coupling.sliding.normal_force(at, lam, y, np.array([1.0 / channel]))
+    assert np.abs(seen - sum(ends)).max() <= RESIDUAL * F
+    assert np.abs(coupling.sliding.normal_force(at, lam, y, np.zeros(1)) - F).max() <= RESIDUAL * F
+
+
 # -- a sleeve --------------------------------------------------------------------------------------------------------
 
 SPANS, SLEEVE = 40, 0.04  # of a rod 0.1 m long: the sleeve sits on a knot
