@@ -32,7 +32,6 @@ from coupling.constraints import (
     bare_passage,
     dot,
     held_energy,
-    passage,
     phi,
     site_force,
     spread,
@@ -128,7 +127,7 @@ def scheduled(system: System, earlier: float, state: State, dt: float, given: Ar
     out = []
     for k, piercing in enumerate(system.piercings):
         if state.present[k] and is_due(piercing.ends, earlier, state.time, dt):
-            let_go = float(held_energy(passage(system.thread, state.q, state.s), state.lam, state.y)[k])
+            let_go = float(held_energy(system.passage(state.q, state.s), state.lam, state.y)[k])
             out.append(Event(state.time, "ends", piercing.name, float(state.s[k]), loss=let_go))
             state = release(state, np.arange(system.holds) == k)
     for k, piercing in enumerate(system.piercings):
@@ -166,7 +165,7 @@ def begun(system: System, state: State, k: int, dt: float, given: float) -> tupl
     name, y = system.piercings[k].name, state.y[k]
     s = abscissa(system, state, k, given)
     placed = replace(state, s=np.where(np.arange(system.holds) == k, s, state.s))
-    at = passage(system.thread, placed.q, placed.s)
+    at = system.passage(placed.q, placed.s)
     gap = float(np.linalg.norm(at.P[k] - y[:3]))
     angle = misdirection(system, at, y, k)
     refuse_far(system, state.time, name, gap, angle)
@@ -272,7 +271,7 @@ def drawn_in(system: System, state: State, k: int, dt: float) -> State:
         raise FormingError(state.time, system.piercings[k].name, f"the thread cannot be drawn in ({error})") from error
     z = solution.iterate
     # By the change alone: the organ's own forces are still those of holes that ended at this very moment.
-    forces = site_force(passage(system.thread, state.q, state.s), state.lam, state.y)
+    forces = site_force(system.passage(state.q, state.s), state.lam, state.y)
     change = (site_force(solution.residual.passage, z.lam, z.y) - forces)[: len(system.piercings)].ravel()
     organ = jumping(system).moved(state.organ, operator, state.organ.f_y + change, solution.p)
     lam = np.where(problem.rows, z.lam, 0.0)
@@ -286,9 +285,9 @@ def closing(system: System, state: State, k: int, scheme: BackwardEuler, operato
     The hole's own abscissa is held, the others follow their laws; lips do not cross.
     """
     thread = system.thread
-    at = passage(thread, state.q, state.s)
+    at = system.passage(state.q, state.s)
     balanced = thread.gradient(thread.points(state.q, state.frame))
-    balanced[:, :3] -= spread(thread_force(state.lam, state.y), at, thread.n)
+    balanced[:, :3] -= spread(thread_force(at, state.lam, state.y), at, thread.n)
     factor = scheme.a + scheme.d * thread.damping
     f_y = site_force(at, state.lam, state.y).ravel()
     C, contact = padded(system, operator.C), contact_at(system, state, operator, f_y)

@@ -6,7 +6,7 @@
     | Φ_q        Φ_y Y    Φ_s     c            |   dλ
     |            G_𝒜                     1_∖𝒜 |   dp       (pressed pairs: g = 0; open ones: p = 0)
 
-c and H_UU come from the compliance that the spline lacks at the holes (`coupling.constraints`).
+c, H_UU and a part of H_qq come from the compliance that the spline lacks at the holes (`coupling.constraints`).
 
 The default solve condenses the organ instead (`coupling.newton`): the same algebra in another order, at the price of
 one organ back-substitution. This one is to be looked at, and to be compared with.
@@ -24,7 +24,7 @@ from coupling.border import LAM, MU_V, NINE, OWN, Border, S, Y, columns
 from coupling.constraints import Array, site_force
 from coupling.contact import NO_FORCES
 from coupling.interfaces import OrganOperator
-from coupling.newton import Iterate, Problem, Residual, Solution, border_of, cut, solve
+from coupling.newton import Iterate, Problem, Residual, Solution, border_of, cut, solve, thread_matrix
 from coupling.stepping import all_holds
 from thread.banded import diagonal_of
 
@@ -98,7 +98,7 @@ def assemble(problem: Problem, organ: OrganStep, z: Monolith, r: Residual) -> Bl
     border, (n, c), m = border_of(problem, z, r.passage), z.q.shape, len(z.s)
     V = csr_array(columns(r.passage, n, c))
     Y_all = with_clamps(organ.Y, m)
-    thread = sparse_band(problem.inertia + problem.system.thread.tangent(r.points, z.N))
+    thread = sparse_band(thread_matrix(problem, z, r))
     own = [diagonal(border.B[:, :1]), diagonal(border.B[:, 1:OWN])]
     by_F = [-Y_all.T @ x for x in by_unknown(border, "F", Y_all)]
     G, closed = organ.gap_rows, diags_array(z.pressed.astype(np.float64))

@@ -24,9 +24,10 @@ from coupling.border import (
     Y,
     direction,
     linearise,
+    own_stiffness,
     without,
 )
-from coupling.constraints import Array, Passage, passage, phi, site_force, spread, thread_force
+from coupling.constraints import Array, Passage, phi, site_force, spread, thread_force
 from coupling.contact import NO_FORCES, Contact, condensed, first_of, forces, misfits, pressed_under
 from coupling.errors import StepError
 from coupling.sliding import Law, admissible, linearise_law, next_slip
@@ -126,10 +127,10 @@ def evaluate(problem: Problem, z: Iterate) -> Residual:
     """All residuals of a step."""
     thread = problem.system.thread
     points = thread.points(z.q, problem.frame)
-    at = passage(thread, z.q, z.s, home=problem.law.s_old)
+    at = problem.system.passage(z.q, z.s, home=problem.law.s_old)
     elastic = thread.gradient(points)
     balance = elastic - problem.load
-    balance[:, :3] -= spread(thread_force(z.lam, z.y), at, thread.n)
+    balance[:, :3] -= spread(thread_force(at, z.lam, z.y), at, thread.n)
     if problem.mass_factor:
         balance += problem.mass_factor * thread.momentum(z.q - problem.q_ref)
     holds = np.empty((len(z.s), 6))
@@ -209,11 +210,21 @@ def cut(problem: Problem, dq: Array) -> float:
     return min(1.0, LONGEST_MOVE * (spline.end - spline.start) / max(longest, np.finfo(float).tiny))
 
 
+def thread_matrix(problem: Problem, z: Iterate, r: Residual) -> Array:
+    """The thread's own matrix, banded: inertia, stiffness, and what a force along it does at a hole without direction
+    (`coupling.border.own_stiffness`)."""
+    at, thread = r.passage, problem.system.thread
+    A = thread.tangent(r.points, z.N)
+    A += problem.inertia
+    if not (at.bare or at.directed.all()):
+        A += thread.band_at(at.first, own_stiffness(at, z.lam, z.y))
+    return A
+
+
 def correct(problem: Problem, z: Iterate, r: Residual) -> Iterate:
     """One Newton correction. Raises `SingularError`."""
     thread = problem.system.thread
-    A = thread.tangent(r.points, z.N)
-    A += problem.inertia
+    A = thread_matrix(problem, z, r)
     border, r_q = border_of(problem, z, r.passage), r.thread
     if problem.stiffen:
         A, border, r_q = stiffened(problem, A, border, r)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coupling.constraints import LOCAL, Array, Indices, couple_on_thread, passage, tangent, thread_force
+from coupling.constraints import LOCAL, Array, Indices, couple_on_thread, tangent, thread_force
 from coupling.sliding import cone_residual, law_of, normal_force
 from coupling.system import State, System
 
@@ -43,11 +43,11 @@ class PiercingObservation:
 
 def observe(system: System, start: State, state: State) -> tuple[PiercingObservation, ...]:
     """All piercings of a state; `start` is the state that slip and displacement are measured from."""
-    at = passage(system.thread, state.q, state.s)
+    at = system.passage(state.q, state.s)
     _, t = tangent(at, state.lam, state.y)
     couple = couple_on_thread(at, state.lam, state.y)
     internal = system.thread.gradient(system.thread.points(state.q, state.frame))[:, :3]
-    shares = at.b[:, :2].swapaxes(1, 2) @ thread_force(state.lam, state.y)
+    shares = at.b[:, :2].swapaxes(1, 2) @ thread_force(at, state.lam, state.y)
     law = law_of(system, state.s, state.present, 0.0, state.s)
     normal = normal_force(at, state.lam, state.y, law.per_channel)
     cone = cone_residual(law, state.slip, at, state.s, state.lam, state.y)

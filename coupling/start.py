@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from coupling.border import NINE
-from coupling.constraints import Array, passage
+from coupling.constraints import Array
 from coupling.contact import contact_under
 from coupling.errors import StepError
 from coupling.newton import Iterate, Problem, solve
@@ -168,7 +168,7 @@ def start(system: System, s: Array, path: Array, stretch: float) -> State:
         y=y,
         slip=np.where(system.may_slide & ~system.rough & system.from_start, 1.0, 0.0),
         present=system.from_start,
-        sense=sense(passage(system.thread, q, s), y),
+        sense=sense(system.passage(q, s), y),
         reaction=np.zeros((2, thread.coordinates)),
         frame=frame,
     )

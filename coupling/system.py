@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coupling.constraints import Array, Indices
+from coupling.constraints import Array, Indices, Passage, passage
 from coupling.errors import CouplingError
 from coupling.interfaces import Organ
 from thread.banded import diagonal_of
@@ -140,6 +140,11 @@ class System:
         """Which of (g, c₁, c₂) each hold imposes, shape `(holds, 5)`."""
         piercings = [[True] * 3 + [p.directed] * 2 for p in self.piercings]
         return np.array(piercings + [[False] * 3 + [True] * 2] * len(self.clamps), dtype=bool).reshape(-1, 5)
+
+    def passage(self, q: Array, s: Array, home: Array | None = None) -> Passage:
+        """The thread with control values `q` (n, c) at the abscissae `s` (holds,) of its holds; `home` as for
+        `coupling.constraints.passage`."""
+        return passage(self.thread, q, s, self.rows[:, 3], home)
 
     @cached_property
     def may_slide(self) -> Flags:

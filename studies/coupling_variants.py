@@ -30,7 +30,7 @@ from studies.assembly import Assembly, assemble
 from studies.figure import COLOURS, MARKERS, panels, ticks
 from studies.limits import beyond_linear, too_coarse
 from studies.scenario import Scenario, parse
-from studies.simulation import largest_gap
+from studies.simulation import largest_residual
 from studies.study import Study, StudyError, Table, unit
 
 Array = NDArray[np.float64]
@@ -224,7 +224,7 @@ def stepped(system: System, state: State, way: Way, n: int, shared: int) -> Run:
         created += way.created(system, met, step)
         before, energies = energies, audited(system, energies, step)
         state, met = step.new, step.solution.iterate.y
-        drift = max(drift, largest_gap(system, state))
+        drift = max(drift, largest_residual(system, state))
         moved = max(moved, float(np.linalg.norm((state.y - first.y)[:, :3], axis=1).max()))
         work += given(before, energies)
         solves += step.solution.iterations

@@ -79,6 +79,7 @@ class Recorder:
         counters = checkpoint or {}
         self._newton_iterations = int(counters.get("newton_iterations", 0))
         self._constraint_max = float(counters.get("constraint_max", 0.0))
+        self._constraint_residual = float(counters.get("constraint_residual", 0.0))
         self._seconds = float(counters.get("seconds", 0.0))
         self._recorded = -1 if checkpoint is None else int(checkpoint["step"])  # last step in the tables
         if checkpoint is None:
@@ -124,6 +125,7 @@ class Recorder:
             self._tables["contact"].append([_contact_row(step, step.contact)])
         self._newton_iterations += step.newton_iterations
         self._constraint_max = max(self._constraint_max, step.constraint_max)
+        self._constraint_residual = max(self._constraint_residual, step.constraint_residual)
         self._seconds += step.seconds if step.step else 0.0
         self._recorded = step.step
 
@@ -133,6 +135,7 @@ class Recorder:
         counters = {
             "newton_iterations": np.array(self._newton_iterations),
             "constraint_max": np.array(self._constraint_max),
+            "constraint_residual": np.array(self._constraint_residual),
             "seconds": np.array(self._seconds),
         }
         write_checkpoint(self.folder, {**step.memory, **counters})
@@ -156,6 +159,7 @@ class Recorder:
             "steps": step.step if step else 0,
             "newton_iterations": self._newton_iterations,
             "constraint_max": self._constraint_max,
+            "constraint_residual": self._constraint_residual,
             "seconds_per_step": self._seconds / step.step if step and step.step else None,
             "tissue_dofs": self._tissue_dofs,
             "subgrid": self.subgrid,

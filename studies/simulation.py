@@ -16,7 +16,7 @@ from coupling import bdf2
 from coupling.adapting import INTERVAL, followed, span_ratio
 from coupling.audit import Energies, audited, initial_energies
 from coupling.baumgarte import linear_step, linear_two_pass
-from coupling.constraints import passage, phi
+from coupling.constraints import phi
 from coupling.contact import ContactObservation, observe_contact
 from coupling.diagnosis import faults
 from coupling.equilibrium import load_step
@@ -267,9 +267,8 @@ def recorded(
         piercings=observe(system, now.first, state),
         energy=now.energies,
         newton_iterations=sum(step.solution.iterations for step in taken),
-        constraint_max=max(
-            (largest_gap(step.solution.problem.system, step.new) for step in taken), default=largest_gap(system, state)
-        ),
+        constraint_max=max(largest_gap(*each) for each in at_ends(system, state, taken)),
+        constraint_residual=max(largest_residual(*each) for each in at_ends(system, state, taken)),
         start_reaction=state.reaction[0, :3],
         end_reaction=state.reaction[1, :3],
         torques=end_torques(state) if system.thread.twist else None,
@@ -321,11 +320,28 @@ def end_torques(state: State) -> tuple[float, float]:
     return float(start), float(end)
 
 
+def at_ends(system: System, state: State, taken: Sequence[Step]) -> list[tuple[System, State]]:
+    """The ends of the steps taken, each with the system that it was solved for; the state given if there are none."""
+    return [(step.solution.problem.system, step.new) for step in taken] or [(system, state)]
+
+
 def largest_gap(system: System, state: State) -> float:
-    """Largest |P(s) − x| over the holes the thread is in [m]."""
-    at = passage(system.thread, state.q, state.s)
-    gap = np.linalg.norm(phi(at, state.lam, state.y)[:, :3], axis=1)
-    return float(np.max(gap[system.rows[:, 0] & state.present], initial=0.0))
+    """Largest |P(s) − x| of the drawn curve over the holes the thread is in [m]: what the spline lacks in compliance
+    there, and the residual."""
+    at = system.passage(state.q, state.s)
+    return largest_at_holes(system, state, at.P - state.y[:, :3])
+
+
+def largest_residual(system: System, state: State) -> float:
+    """Largest |P̂ − x| over the holes the thread is in [m]: what the solve leaves open of the constraint."""
+    at = system.passage(state.q, state.s)
+    return largest_at_holes(system, state, phi(at, state.lam, state.y)[:, :3])
+
+
+def largest_at_holes(system: System, state: State, gap: Array) -> float:
+    """Length of the longest of vectors (holds, 3) at the holes the thread is in."""
+    size = np.linalg.norm(gap, axis=1)
+    return float(np.max(size[system.rows[:, 0] & state.present], initial=0.0))
 
 
 def thread_record(system: System, state: State) -> ThreadRecord:
