@@ -417,7 +417,7 @@ def checked(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residual:
     lam = dz[:, PHI]
     free = thread_residual(problem, posed.points, posed.tangent, state.q, q)
     balance = free.copy()
-    balance[:, :3] -= spread(thread_force(lam, state.y), posed.at, thread.n)
+    balance[:, :3] -= spread(thread_force(posed.at, lam, state.y), posed.at, thread.n)
     at = at_holds(posed.at, dq[..., None]).reshape(-1, NINE)
     B, D = posed.border.B, posed.border.D
     holds = posed.r + np.matvec(B, at) + np.matvec(D, dz)

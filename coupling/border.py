@@ -13,7 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgbtrf, dgbtrs, dgesv
 
-from coupling.constraints import LOCAL, Array, Indices, Passage, dot, met, moment_arm
+from coupling.constraints import (
+    LOCAL,
+    Array,
+    Indices,
+    Passage,
+    axis_force,
+    axis_stiffness,
+    dot,
+    force_by_axis,
+    met,
+    moment_arm,
+    own_axis,
+    parts,
+)
 from thread.banded import half_band_of
 
 S, LAM, MU_U, MU_V, X, U, V = 0, slice(1, 4), 4, 5, slice(6, 9), slice(9, 12), slice(12, 15)
@@ -69,32 +82,86 @@ def linearise(thread: Passage, lam: Array, y: Array) -> Border:
     F[:, 3:6, MU_U], F[:, 6:9, MU_V] = T, T
     F[:, 3:6, S], F[:, 6:9, S] = lam[:, 3:4] * T_s, lam[:, 4:5] * T_s
     R[:, 3:6, AT_T], R[:, 6:9, AT_T] = mu_u, mu_v
-    if thread.c.any():
-        add_compliance(D, F, thread.c[:, 0], lam, y)
-    return Border(E, B, D, F, R)
+    border = Border(E, B, D, F, R)
+    if not thread.bare:
+        add_compliance(border, thread, lam, y)
+    return border
 
 
-def add_compliance(D: Array, F: Array, c: Array, lam: Array, y: Array) -> None:
-    """Add what Φ and the site force owe to the multipliers and the frame through P̂ and T̂; `c` (m, 3)."""
+def add_compliance(border: Border, thread: Passage, lam: Array, y: Array) -> None:
+    """Add what Φ and the forces owe to the missing compliance, into a border under construction; the stiffness of a
+    free thread's own axis is left to the thread's band (`own_stiffness`)."""
     u, v = y[:, 3:6, None], y[:, 6:, None]
-    dP, dT = by_multipliers(c, lam, y)
-    D[:, LAM] += dP
-    D[:, MU_U] += (u * dT).sum(axis=1)
-    D[:, MU_V] += (v * dT).sum(axis=1)
-    F[:, 3:6] += lam[:, 3:4, None] * dT
-    F[:, 6:9] += lam[:, 4:5, None] * dT
+    dP, dT = by_multipliers(thread, lam, y)
+    border.D[:, LAM] += dP
+    border.D[:, MU_U] += (u * dT).sum(axis=1)
+    border.D[:, MU_V] += (v * dT).sum(axis=1)
+    border.F[:, 3:6] += lam[:, 3:4, None] * dT
+    border.F[:, 6:9] += lam[:, 4:5, None] * dT
+    add_frame_turning(border.F, thread, lam, y)
+    add_own_turning(border, thread, lam, y)
 
 
-def by_multipliers(c: Array, lam: Array, y: Array) -> tuple[Array, Array]:
-    """Derivatives of P̂ and T̂ by a hold's multipliers and frame, each `(m, 3, 15)`; `c` (m, 3)."""
-    c0, c1, c2 = c.T[:, :, None, None]
+def by_multipliers(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
+    """Derivatives of P̂ and T̂ by a hold's multipliers and frame, each `(m, 3, 15)`."""
+    c0, c1, c2 = thread.c[:, 0].T[:, :, None, None]
+    unit = parts(thread, lam, y).unit
     dm = np.zeros((len(lam), 3, BORDER))
     dm[:, :, MU_U], dm[:, :, MU_V] = y[:, 3:6], y[:, 6:]
     dm[:, :, U], dm[:, :, V] = lam[:, 3:4, None] * I3, lam[:, 4:5, None] * I3
     dP, dT = c1 * dm, c2 * dm
-    dP[:, :, LAM] += c0 * I3
+    dP[:, :, LAM] += c0 * (I3 - unit[:, :, None] * unit[:, None])
     dT[:, :, LAM] += c1 * I3
-    return dP, dT
+    return dP + force_by_axis(thread, lam, y) @ axis_by_frame(thread, y), dT
+
+
+def axis_by_frame(thread: Passage, y: Array) -> Array:
+    """Derivative of the axis a = u × v by a hold's frame, zero where the axis is the thread's own, `(m, 3, 15)`."""
+    da = np.zeros((len(y), 3, BORDER))
+    da[:, :, U], da[:, :, V] = -skew(y[:, 6:]), skew(y[:, 3:6])
+    return da * thread.directed[:, None, None]
+
+
+def skew(a: Array) -> Array:
+    """Matrices of b ↦ a × b, shape `(m, 3, 3)`."""
+    return np.cross(a[:, None], I3).swapaxes(1, 2)
+
+
+def add_frame_turning(F: Array, thread: Passage, lam: Array, y: Array) -> None:
+    """Add the derivative of (v × w, w × u), the turning of a hole by the force along the thread."""
+    part, da = parts(thread, lam, y), axis_by_frame(thread, y)
+    dw = axis_stiffness(thread, lam, y) @ da
+    dw[:, :, LAM] += force_by_axis(thread, lam, y).swapaxes(1, 2)
+    dw[:, :, S] += axis_force(thread, part, 1)
+    w = skew(axis_force(thread, part)) * thread.directed[:, None, None]
+    F[:, 3:6] += da[:, :, U].swapaxes(1, 2) @ dw
+    F[:, 6:9] += da[:, :, V].swapaxes(1, 2) @ dw
+    F[:, 3:6, V] -= w
+    F[:, 6:9, U] += w
+
+
+def add_own_turning(border: Border, thread: Passage, lam: Array, y: Array) -> None:
+    """Add what the axis of a free hole, the thread's own tangent, brings into P̂ and the force on the thread."""
+    part, free = parts(thread, lam, y), ~thread.directed[:, None, None]
+    by_axis = force_by_axis(thread, lam, y) * free
+    border.B[:, LAM, AT_T] += by_axis
+    border.E[:, AT_T, LAM] -= by_axis.swapaxes(1, 2)
+    border.E[:, AT_T, S] -= own_axis_rate(thread, lam, y)
+    border.E[:, AT_K, S] -= own_axis(thread, axis_force(thread, part))
+
+
+def own_axis_rate(thread: Passage, lam: Array, y: Array) -> Array:
+    """dw/ds along a free thread, whose tangent turns with its curvature; zero elsewhere, shape `(m, 3)` [N]."""
+    turned = np.matvec(axis_stiffness(thread, lam, y), thread.K)
+    return own_axis(thread, axis_force(thread, parts(thread, lam, y), 1) + turned)
+
+
+def own_stiffness(thread: Passage, lam: Array, y: Array) -> Array:
+    """What the axis of a free hole adds to the thread's own matrix, −b' b'ᵀ ∂w/∂a on its four points, shape
+    `(m, 4, 4, 3, 3)` [N/m]."""
+    slope = thread.b[:, 1]
+    turn = -axis_stiffness(thread, lam, y) * ~thread.directed[:, None, None]
+    return np.asarray(np.einsum("ma,mb,mij->mabij", slope, slope, turn))
 
 
 def without(border: Border, absent: NDArray[np.bool_]) -> Border:

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from coupling.border import NINE
-from coupling.constraints import Array, passage, site_force
+from coupling.constraints import Array, site_force
 from coupling.errors import CouplingError
 from coupling.interfaces import Answer, Body
 from coupling.system import Flags, State, System
@@ -117,7 +117,7 @@ def first_pressed(contact: Contact[Body] | None, system: System[Body], state: St
     """The pairs that the site forces of a state press in the step of a contact, shape `(k,)`."""
     if contact is None:
         return np.zeros(0, dtype=bool)
-    f = site_force(passage(system.thread, state.q, state.s), state.lam, state.y).ravel()
+    f = site_force(system.passage(state.q, state.s), state.lam, state.y).ravel()
     return pressed_under(contact, f, system.organ.lips(state.organ)[1] > 0.0)
 
 

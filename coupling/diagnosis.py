@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from coupling.constraints import Array, Indices, Passage, passage
+from coupling.constraints import Array, Indices, Passage
 from coupling.errors import ConstraintError, CouplingError, StepError
 from coupling.interfaces import Body
 from coupling.system import State, System
@@ -27,7 +27,7 @@ def hold_names(system: System[Body]) -> list[str]:
 
 def faults(system: System[Body], state: State[Body]) -> list[str]:
     """One sentence for each thing that is wrong with the constraints in force in a state; none if they are sound."""
-    at = passage(system.thread, state.q, state.s)
+    at = system.passage(state.q, state.s)
     short = tangent_faults(system, state, at)
     return short or span_faults(system, state) or dependence_faults(system, state, at)
 

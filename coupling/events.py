@@ -34,7 +34,6 @@ from coupling.constraints import (
     bare_passage,
     dot,
     held_energy,
-    passage,
     phi,
     site_force,
     spread,
@@ -132,7 +131,7 @@ def scheduled(
     out = []
     for k, piercing in enumerate(system.piercings):
         if state.present[k] and is_due(piercing.ends, earlier, state.time, dt):
-            let_go = float(held_energy(passage(system.thread, state.q, state.s), state.lam, state.y)[k])
+            let_go = float(held_energy(system.passage(state.q, state.s), state.lam, state.y)[k])
             out.append(Event(state.time, "ends", piercing.name, float(state.s[k]), loss=let_go))
             state = release(state, np.arange(system.holds) == k)
     for k, piercing in enumerate(system.piercings):
@@ -170,7 +169,7 @@ def begun(system: System[Body], state: State[Body], k: int, dt: float, given: fl
     name, y = system.piercings[k].name, state.y[k]
     s = abscissa(system, state, k, given)
     placed = replace(state, s=np.where(np.arange(system.holds) == k, s, state.s))
-    at = passage(system.thread, placed.q, placed.s)
+    at = system.passage(placed.q, placed.s)
     gap = float(np.linalg.norm(at.P[k] - y[:3]))
     angle = misdirection(system, at, y, k)
     refuse_far(system, state.time, name, gap, angle)
@@ -275,9 +274,9 @@ def closing(system: System[Body], state: State[Body], k: int, scheme: BackwardEu
     The hole's own abscissa is held, the others follow their laws; lips do not cross.
     """
     thread = system.thread
-    at = passage(thread, state.q, state.s)
+    at = system.passage(state.q, state.s)
     balanced = thread.gradient(thread.points(state.q, state.frame))
-    balanced[:, :3] -= spread(thread_force(state.lam, state.y), at, thread.n)
+    balanced[:, :3] -= spread(thread_force(at, state.lam, state.y), at, thread.n)
     factor = scheme.a + scheme.d * thread.damping
     sites = slice(len(system.piercings))
     y, f_y = state.y[sites].ravel(), site_force(at, state.lam, state.y)[sites].ravel()

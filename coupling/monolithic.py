@@ -6,7 +6,7 @@
     | Φ_q        Φ_y Y    Φ_s     c            |   dλ
     |            G_𝒜                     1_∖𝒜 |   dp       (pressed pairs: g = 0; open ones: p = 0)
 
-c and H_UU come from the compliance that the spline lacks at the holes (`coupling.constraints`).
+c, H_UU and a part of H_qq come from the compliance that the spline lacks at the holes (`coupling.constraints`).
 
 The default solve condenses the organ instead (`coupling.newton`): the same algebra in another order, at the price of
 one organ back-substitution. This one is to be looked at, and to be compared with.
@@ -26,7 +26,7 @@ from coupling.constraints import Array
 from coupling.contact import NO_FORCES
 from coupling.errors import CouplingError
 from coupling.interfaces import Body
-from coupling.newton import Iterate, Problem, Residual, Solution, border_of, cut, solve
+from coupling.newton import Iterate, Problem, Residual, Solution, border_of, cut, solve, thread_matrix
 from thread.banded import diagonal_of
 
 MULTIPLIERS = slice(LAM.start, MU_V + 1)
@@ -122,7 +122,7 @@ def assemble(problem: Problem[Body], z: Monolith, r: Residual) -> BlockSystem:
     border = border_of(problem, z, r.passage)
     V = csr_array(columns(r.passage, n, c))
     Y_all = with_clamps(organ.Y, m)
-    thread = sparse_band(problem.inertia + problem.system.thread.tangent(r.points, z.N))
+    thread = sparse_band(thread_matrix(problem, z, r))
     own = [diagonal(border.B[:, :1]), diagonal(border.B[:, 1:OWN])]
     by_F = [-Y_all.T @ x for x in by_unknown(border, "F", Y_all)]
     G, closed = csr_array(organ.G), diags_array(z.pressed.astype(np.float64))

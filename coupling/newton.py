@@ -27,6 +27,7 @@ from coupling.border import (
     Y,
     direction,
     linearise,
+    own_stiffness,
     without,
 )
 from coupling.configuration import Configuration, evaluate_thread
@@ -163,10 +164,10 @@ class Solution(Generic[Body]):
 def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
     """All residuals of a step."""
     thread = problem.system.thread
-    now = evaluate_thread(thread, z.q, z.s, problem.frame, home=problem.law.s_old)
+    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, home=problem.law.s_old)
     at, elastic = now.at, now.elastic
     balance = elastic - problem.load
-    balance[:, :3] -= spread(thread_force(z.lam, z.y), at, thread.n)
+    balance[:, :3] -= spread(thread_force(at, z.lam, z.y), at, thread.n)
     if problem.mass_factor:
         balance += problem.mass_factor * thread.momentum(z.q - problem.q_ref)
     holds = np.empty((len(z.s), 6))
@@ -262,11 +263,21 @@ def cut(problem: Problem[Body], dq: Array) -> float:
     return min(1.0, LONGEST_MOVE * (spline.end - spline.start) / max(longest, np.finfo(float).tiny))
 
 
+def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
+    """The thread's own matrix, banded: inertia, stiffness, and what a force along it does at a hole without direction
+    (`coupling.border.own_stiffness`)."""
+    at, thread = r.passage, problem.system.thread
+    A = thread.tangent(r.points, z.N)
+    A += problem.inertia
+    if not (at.bare or at.directed.all()):
+        A += thread.band_at(at.first, own_stiffness(at, z.lam, z.y))
+    return A
+
+
 def correct(problem: Problem[Body], z: Iterate, r: Residual) -> Iterate:
     """One Newton correction. Raises `SingularError`."""
     thread = problem.system.thread
-    A = thread.tangent(r.points, z.N)
-    A += problem.inertia
+    A = thread_matrix(problem, z, r)
     border, r_q = border_of(problem, z, r.passage), r.thread
     if problem.stiffen:
         A, border, r_q = stiffened(problem, A, border, r)

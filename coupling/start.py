@@ -11,7 +11,7 @@ from typing import Generic
 import numpy as np
 
 from coupling.answer import Held, all_holds
-from coupling.constraints import Array, passage
+from coupling.constraints import Array
 from coupling.contact import contact_under
 from coupling.errors import StepError
 from coupling.interfaces import Body
@@ -170,7 +170,7 @@ def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[
         y=y,
         slip=np.where(system.may_slide & ~system.rough & system.from_start, 1.0, 0.0),
         present=system.from_start,
-        sense=sense(passage(system.thread, q, s), y),
+        sense=sense(system.passage(q, s), y),
         reaction=np.zeros((2, thread.coordinates)),
         frame=frame,
     )

@@ -7,7 +7,7 @@ from typing import Generic
 import numpy as np
 from numpy.typing import NDArray
 
-from coupling.constraints import Array, Indices
+from coupling.constraints import Array, Indices, Passage, passage
 from coupling.errors import CouplingError
 from coupling.interfaces import Body, Organ
 from thread.banded import diagonal_of
@@ -22,7 +22,8 @@ Flags = NDArray[np.bool_]
 class Friction:
     """Coulomb's coefficients `static`, `kinetic` [-], and `grip` F₀ [N], independent of the tension.
 
-    `channel` [m], when given, turns the couple of the direction constraint into a normal force |μ|/channel.
+    `channel` [m] is the length over which a hole imposes a direction: the couple that this takes presses on both its
+    ends (`coupling.sliding`). None: it does not press.
     """
 
     static: float = 0.0
@@ -139,6 +140,11 @@ class System(Generic[Body]):
         """Which of (g, c₁, c₂) each hold imposes, shape `(holds, 5)`."""
         piercings = [[True] * 3 + [p.directed] * 2 for p in self.piercings]
         return np.array(piercings + [[False] * 3 + [True] * 2] * len(self.clamps), dtype=bool).reshape(-1, 5)
+
+    def passage(self, q: Array, s: Array, home: Array | None = None) -> Passage:
+        """The thread with control values `q` (n, c) at the abscissae `s` (holds,) of its holds; `home` as for
+        `coupling.constraints.passage`."""
+        return passage(self.thread, q, s, self.rows[:, 3], home)
 
     @cached_property
     def may_slide(self) -> Flags:

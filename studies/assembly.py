@@ -28,6 +28,8 @@ AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | tissue.DynamicOrgan
 
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
 REACH = 0.1  # of the thread's length: how far from a piercing its spans are fine
+CHANNEL_FOOTPRINTS = 2.0  # length of a channel that imposes a direction, where none is given: the bite's own size
+CHANNEL_DIAMETERS = 10.0  # of the thread, where there is no footprint to go by: shorter, a hole would hardly guide it
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ def assemble(scenario: Scenario) -> Assembly:
         thread=thread,
         ends=(end_of(scenario.thread.start, path, 0.0), end_of(scenario.thread.end, path, path.length)),
         organ=organ,
-        piercings=tuple(piercing_of(hole) for hole in scenario.piercing),
+        piercings=tuple(piercing_of(hole, channel_of(hole, scenario)) for hole in scenario.piercing),
         gravity=np.array(scenario.solve.gravity),
         epsilon=scenario.solve.epsilon,
     )
@@ -173,10 +175,23 @@ def turn_of(table: model.FixedEnd | model.ClampedEnd | model.DrivenEnd) -> Array
     return None if table.turn is None else np.array(table.turn)
 
 
-def piercing_of(hole: model.Piercing) -> Piercing:
-    """The constraint of a hole."""
+def channel_of(hole: model.Piercing, scenario: Scenario) -> float | None:
+    """Length over which a rough hole imposes its direction [m], None for any other.
+
+    As given, else CHANNEL_FOOTPRINTS footprints in an organ; for a bare point, or without an organ,
+    CHANNEL_DIAMETERS diameters of the thread.
+    """
+    if hole.friction is None or hole.direction == "free":
+        return None
+    in_organ = hole.footprint if scenario.tissue is not None else 0.0
+    default = CHANNEL_FOOTPRINTS * in_organ or CHANNEL_DIAMETERS * section_of(scenario.thread).diameter
+    return hole.channel or default
+
+
+def piercing_of(hole: model.Piercing, channel: float | None) -> Piercing:
+    """The constraint of a hole with a channel of that length [m]."""
     given = hole.friction
-    friction = None if given is None else Friction(given.static, given.kinetic, given.grip, hole.channel)
+    friction = None if given is None else Friction(given.static, given.kinetic, given.grip, channel)
     until = np.inf if hole.until is None else hole.until
     draw = None if hole.draw is None else np.array(hole.draw)
     return Piercing(hole.name, hole.kind == "sliding", hole.direction != "free", friction, hole.from_, until, draw)

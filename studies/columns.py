@@ -121,7 +121,7 @@ HOLE: tuple[Column[PiercingRecord], ...] = (
     Column(
         "tension_before",
         "N",
-        "force that the thread transmits through the spans next to the hole at lower `s`; a push is negative",
+        "axial force of the thread at lower `s`, beyond its bend at the hole; positive in tension",
         lambda hole: hole.tension_before,
     ),
     Column("tension_after", "N", "the same at higher `s`", lambda hole: hole.tension_after),
@@ -132,6 +132,15 @@ HOLE: tuple[Column[PiercingRecord], ...] = (
         "N",
         "by how much the force along the thread breaks Coulomb's law",
         lambda hole: hole.cone_residual,
+    ),
+)
+HOLE_SUMMARY: tuple[Column[PiercingRecord], ...] = (
+    *HOLE,
+    Column(
+        "channel",
+        "m",
+        "length of the channel on whose two ends the couple presses; null without friction or direction",
+        lambda hole: hole.channel,
     ),
 )
 HOLE_ARRAYS: tuple[Column[PiercingRecord], ...] = (
@@ -239,8 +248,14 @@ SOLVED: tuple[Column[StepRecord], ...] = (
     Column(
         "constraint_max",
         "m",
-        "largest distance that the solver leaves between a hole and the thread in it",
+        "largest distance between a hole and the drawn thread in it",
         lambda step: step.constraint_max,
+    ),
+    Column(
+        "constraint_residual",
+        "m",
+        "what the solve leaves open of that distance, beside what the spline lacks in compliance",
+        lambda step: step.constraint_residual,
     ),
     MAX_STRAIN,
     *(reaction for reaction, _ in ENDS.values()),
@@ -289,8 +304,14 @@ RUN: tuple[Column[RunRecord], ...] = (
     Column(
         "constraint_max",
         "m",
-        "largest distance that the solver left between a hole and the thread in it, over all steps",
+        "largest distance between a hole and the drawn thread in it, over all steps",
         lambda run: run.constraint_max,
+    ),
+    Column(
+        "constraint_residual",
+        "m",
+        "what the solve left open of that distance at most, beside what the spline lacks in compliance",
+        lambda run: run.constraint_residual,
     ),
     Column(
         "seconds_per_step",
@@ -373,7 +394,7 @@ def state_summary(step: StepRecord) -> dict[str, Any]:
     return {
         "energy": values(ENERGY, step.energy),
         "thread": ends | values((MAX_STRAIN, SPAN_RATIO), step),
-        "piercings": {hole.name: values(HOLE, hole) for hole in step.piercings},
+        "piercings": {hole.name: values(HOLE_SUMMARY, hole) for hole in step.piercings},
     } | contact
 
 

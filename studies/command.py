@@ -187,7 +187,8 @@ def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
     if "energy" in summary:
         lines += ["", *_energy_lines(summary["energy"])]
         lines += [
-            f"constraint {summary['constraint_max']:.2e} m at most, strain of the thread {_strain(summary)} at most"
+            f"thread off its holes by {summary['constraint_max']:.2e} m at most (residual "
+            f"{summary['constraint_residual']:.0e} m), strained by {_strain(summary)} at most"
         ]
     return lines
 

@@ -31,7 +31,7 @@ from studies.assembly import Assembly, assemble
 from studies.figure import COLOURS, MARKERS, panels, ticks
 from studies.limits import beyond_linear, too_coarse
 from studies.scenario import Scenario, parse
-from studies.simulation import largest_gap
+from studies.simulation import largest_residual
 from studies.study import Study, StudyError, Table, unit
 
 Array = NDArray[np.float64]
@@ -226,7 +226,7 @@ def stepped(system: System, state: State, way: Way, n: int, shared: int) -> Run:
         step = now.taken[-1]
         created += way.created(system, met, step)
         met = step.solution.iterate.y
-        drift = max(drift, largest_gap(system, now.state, now.configuration))
+        drift = max(drift, largest_residual(system, now.state, now.configuration.at))
         moved = max(moved, float(np.linalg.norm((now.state.y - state.y)[:, :3], axis=1).max()))
         work += given(before, now.energies)
         solves += now.iterations

@@ -73,7 +73,8 @@ class StepRecord:
     piercings: tuple[PiercingRecord, ...]
     energy: EnergyRecord
     newton_iterations: int  # of this step
-    constraint_max: float  # largest |P(s) - x| [m]
+    constraint_max: float  # largest |P(s) - x| of the drawn thread [m]
+    constraint_residual: float  # what the solve leaves open of it, beside what the spline lacks in compliance [m]
     start_reaction: Array  # (3,) force of the holder on the thread [N]
     end_reaction: Array  # (3,) [N]
     max_strain: float  # largest axial strain of the thread [-]
@@ -104,6 +105,7 @@ class RunRecord:
     last: StepRecord | None  # None where it did not get as far as its start
     newton_iterations: int  # of all steps
     constraint_max: float  # over all steps [m]
+    constraint_residual: float  # over all steps [m]
     seconds: float  # wall-clock time of all steps [s]
     tissue_dofs: int
 

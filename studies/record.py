@@ -73,6 +73,7 @@ class Recorder:
         counters = checkpoint or {}
         self._newton_iterations = int(counters.get("newton_iterations", 0))
         self._constraint_max = float(counters.get("constraint_max", 0.0))
+        self._constraint_residual = float(counters.get("constraint_residual", 0.0))
         self._seconds = float(counters.get("seconds", 0.0))
         self._recorded = -1 if checkpoint is None else int(checkpoint["step"])  # last step in the tables
         if checkpoint is None:
@@ -115,6 +116,7 @@ class Recorder:
             table.append(layout.rows(step))
         self._newton_iterations += step.newton_iterations
         self._constraint_max = max(self._constraint_max, step.constraint_max)
+        self._constraint_residual = max(self._constraint_residual, step.constraint_residual)
         self._seconds += step.seconds if step.step else 0.0
         self._recorded = step.step
 
@@ -125,6 +127,7 @@ class Recorder:
         counters = {
             "newton_iterations": np.array(self._newton_iterations),
             "constraint_max": np.array(self._constraint_max),
+            "constraint_residual": np.array(self._constraint_residual),
             "seconds": np.array(self._seconds),
         }
         write_checkpoint(self.folder, {**memory, **counters})
@@ -141,7 +144,7 @@ class Recorder:
     def summary(self, status: Status, error: str = "") -> dict[str, Any]:
         """The contents of ``summary.json`` as of the last recorded step."""
         step = self.last_step
-        totals = self._newton_iterations, self._constraint_max, self._seconds
+        totals = self._newton_iterations, self._constraint_max, self._constraint_residual, self._seconds
         head = values(RUN, RunRecord(status, error, step, *totals, self._tissue_dofs)) | {"subgrid": self.subgrid}
         return head | (state_summary(step) if step else {}) | {"provenance": self.provenance}
 

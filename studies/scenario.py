@@ -723,7 +723,8 @@ class Piercing(Table):
     )
     channel: Positive | None = Field(
         default=None,
-        description="length over which the reaction couple presses on the hole [m]; default: it does not",
+        description="length of the channel, at whose ends the reaction couple presses [m]; default with friction and a "
+        "direction: two footprints, or ten diameters of the thread where there is no footprint",
         examples=[2.0e-3],
     )
     from_: NotNegative = Field(

@@ -15,8 +15,8 @@ import tissue
 from coupling import bdf2
 from coupling.adapting import span_ratio
 from coupling.baumgarte import linear_step, linear_two_pass
-from coupling.configuration import Configuration, configuration_of
-from coupling.constraints import phi
+from coupling.configuration import configuration_of
+from coupling.constraints import Passage, phi
 from coupling.contact import ContactObservation, observe_contact
 from coupling.diagnosis import faults
 from coupling.errors import StepError
@@ -200,14 +200,16 @@ def remembered(beginning: OrganRun, memory: Arrays) -> OrganRun:
 def recorded(now: OrganRun, seconds: float = 0.0) -> StepRecord:
     """What is written of a step."""
     system, state = now.system, now.state
-    gaps = [largest_gap(step.solution.problem.system, step.new, step.end) for step in now.taken]
+    ends = [(step.solution.problem.system, step.new, step.end.at) for step in now.taken]
+    ends = ends or [(system, state, now.configuration.at)]
     return StepRecord(
         time=state.time,
         step=now.number,
         piercings=observe(system, now.first, state, now.configuration),
         energy=now.energies,
         newton_iterations=now.iterations,
-        constraint_max=max(gaps) if gaps else largest_gap(system, state, now.configuration),
+        constraint_max=max(largest_gap(*end) for end in ends),
+        constraint_residual=max(largest_residual(*end) for end in ends),
         start_reaction=state.reaction[0, :3],
         end_reaction=state.reaction[1, :3],
         torques=end_torques(state) if system.thread.twist else None,
@@ -259,11 +261,22 @@ def end_torques(state: State) -> tuple[float, float]:
     return float(start), float(end)
 
 
-def largest_gap(system: System, state: State, now: Configuration | None = None) -> float:
-    """Return the largest |P(s) − x| over the holes the thread is in [m]; `now`, where known, is its configuration."""
-    now = now or configuration_of(system, state)
-    gap = np.linalg.norm(phi(now.at, state.lam, state.y)[:, :3], axis=1)
-    return float(np.max(gap[system.rows[:, 0] & state.present], initial=0.0))
+def largest_gap(system: System, state: State, at: Passage) -> float:
+    """Return the largest |P(s) − x| of the drawn curve over the holes the thread is in [m]: what the spline lacks in
+    compliance there, and the residual."""
+    return largest_at_holes(system, state, at.P - state.y[:, :3])
+
+
+def largest_residual(system: System, state: State, at: Passage | None = None) -> float:
+    """Return the largest |P̂ − x| over the holes the thread is in [m]: what the solve leaves open of the constraint."""
+    at = at or system.passage(state.q, state.s)
+    return largest_at_holes(system, state, phi(at, state.lam, state.y)[:, :3])
+
+
+def largest_at_holes(system: System, state: State, gap: Array) -> float:
+    """Return the length of the longest of vectors (holds, 3) at the holes the thread is in."""
+    size = np.linalg.norm(gap, axis=1)
+    return float(np.max(size[system.rows[:, 0] & state.present], initial=0.0))
 
 
 def thread_record(system: System, state: State) -> ThreadRecord:

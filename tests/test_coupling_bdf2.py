@@ -15,7 +15,7 @@ from threads import ABSCISSAE, LENGTH, RADIUS, Strand, Z, block_organ, hairpin, 
 from coupling import bdf2
 from coupling.audit import audited, initial_energies, two_step_inertia
 from coupling.bdf2 import GROWTH, scheme_of
-from coupling.constraints import passage, phi
+from coupling.constraints import phi
 from coupling.monolithic import Monolith, monolithic_solve
 from coupling.newton import solve
 from coupling.scheme import BDF2, BackwardEuler
@@ -168,7 +168,7 @@ def test_constraints_hold_and_the_audit_closes_at_every_step() -> None:
     energies, added = initial_energies(system, state), 0.0
     errors = []
     for step in go(bdf2.take, equal(60)):
-        at = passage(system.thread, step.new.q, step.new.s)
+        at = system.passage(step.new.q, step.new.s)
         violation = np.abs(phi(at, step.new.lam, step.new.y))
         assert violation[:, :3].max() <= GAP * SOFT.diameter
         assert violation[:, 3:].max() <= GAP

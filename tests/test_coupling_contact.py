@@ -16,7 +16,7 @@ from wounds import wounded_organ
 from coupling import bdf2
 from coupling.audit import Energies, audited, initial_energies, multiplier_imbalance
 from coupling.baumgarte import linear_step
-from coupling.constraints import passage, phi
+from coupling.constraints import phi
 from coupling.contact import observe_contact
 from coupling.equilibrium import load_step
 from coupling.errors import CouplingError
@@ -97,7 +97,7 @@ def test_the_law_of_contact_at_every_step(name: str) -> None:
     for step in steps(name):
         new = step.new
         pressed.append(assert_lips(system, new))
-        at = passage(system.thread, new.q, new.s)
+        at = system.passage(new.q, new.s)
         assert np.abs(phi(at, new.lam, new.y)[:2, :3]).max() <= GAP * system.thread.section.diameter
         assert np.abs(system.organ.site_variables(new.organ) - new.y[:2].ravel()).max() <= TWO_SOLVERS * RADIUS
         assert multiplier_imbalance(system, new)[0] <= IDENTITY * np.abs(new.lam[:, :3]).max()

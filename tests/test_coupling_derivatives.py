@@ -44,7 +44,8 @@ RNG = np.random.default_rng(11)
 
 @dataclass(frozen=True)
 class Point:
-    """Numbers of no special kind that Φ depends on: `q` (n, 3), `s` (2,), `y` (2, 9), and multipliers `lam` (2, 5)."""
+    """Numbers of no special kind that Φ depends on: `q` (n, 3), `s` (2,), `y` (2, 9), and multipliers `lam` (2, 5).
+    The first hole imposes a direction, the second does not."""
 
     thread: Thread
     q: np.ndarray
@@ -54,10 +55,11 @@ class Point:
 
     def at(self, dq: Any = 0.0, ds: Any = 0.0, dy: Any = 0.0) -> tuple[constraints.Passage, np.ndarray, np.ndarray]:
         """The passage, λ and y, moved."""
-        return passage(self.thread, self.q + dq, self.s + ds), self.lam, self.y + dy
+        at = passage(self.thread, self.q + dq, self.s + ds, np.array([True, False]))
+        return at, self.lam, self.y + dy
 
     def potential(self, **move: Any) -> np.ndarray:
-        """λ·(P − x) + m·T + ½(c₀λ² + 2c₁λ·m + c₂m²), which is λ·Φ less what the missing compliance stores."""
+        """λ·(P − x) + m·T + ½c₀(λ² − τ²) + c₁λ·m + ½c₂m², which is λ·Φ less what the missing compliance stores."""
         moved = self.at(**move)
         return np.array(np.sum(self.lam * phi(*moved)) - np.sum(held_energy(*moved)))
 
@@ -86,7 +88,7 @@ def test_forces_are_the_slopes_of_lambda_phi(point: Point) -> None:
     assert np.abs(at.c).min() > 0.0
     dq, ds, dy = 0.1 * RNG.standard_normal(point.q.shape), 0.02 * RNG.standard_normal(2), RNG.standard_normal((2, 9))
     dlam = RNG.standard_normal(lam.shape)
-    on_thread = spread(thread_force(lam, y), at, point.thread.n)
+    on_thread = spread(thread_force(at, lam, y), at, point.thread.n)
     assert_slope(lambda h: point.potential(dq=h * dq), np.array(np.sum(on_thread * dq)))
     assert_slope(lambda h: point.potential(ds=h * ds), np.array(driving_force(at, lam, y) @ ds))
     assert_slope(lambda h: point.potential(dy=h * dy), np.array(np.sum(site_force(at, lam, y) * dy)))
@@ -98,7 +100,7 @@ def test_mixed_directions_of_lambda_phi(point: Point) -> None:
     """Independent check: all of q, s, y moved at once, so no pair of arguments is left out."""
     at, lam, y = point.at()
     dq, ds, dy = 0.1 * RNG.standard_normal(point.q.shape), 0.02 * RNG.standard_normal(2), RNG.standard_normal((2, 9))
-    slope = np.sum(spread(thread_force(lam, y), at, point.thread.n) * dq)
+    slope = np.sum(spread(thread_force(at, lam, y), at, point.thread.n) * dq)
     slope += driving_force(at, lam, y) @ ds + np.sum(site_force(at, lam, y) * dy)
     assert_slope(lambda h: point.potential(dq=h * dq, ds=h * ds, dy=h * dy), np.array(slope))
 
@@ -131,6 +133,9 @@ CASES = {
     "slip both ways": Case(p1_dynamic, (Piercing("a", friction=ROUGH), Piercing("b", friction=ROUGH)), (1.0, -1.0)),
     "slip without direction": Case(
         p1_static, (Piercing("a", directed=False, friction=Friction(0.3, 0.2)), Piercing("b")), (-1.0, 1.0)
+    ),
+    "slip of both kinds": Case(
+        p1_dynamic, (Piercing("a", friction=ROUGH), Piercing("b", directed=False, friction=ROUGH)), (1.0, -1.0)
     ),
     "stick and anchor": Case(p1_static, (Piercing("a", friction=ROUGH), Piercing("b", slides=False)), (0.0, 0.0)),
     "inertia of s": Case(p1_dynamic, (Piercing("a", directed=False), Piercing("b")), epsilon=2e-4),

@@ -7,16 +7,34 @@ from typing import Any
 import numpy as np
 import pytest
 from bounds import AXIAL, GAP, IDENTITY, ORDER, RESIDUAL, TWO_SOLVERS
-from threads import ORIGIN, PP, Array, Strand, X, Z, laid, line, run, uniform, without_organ
+from threads import (
+    ABSCISSAE,
+    LENGTH,
+    ORIGIN,
+    PP,
+    RADIUS,
+    SITES,
+    Array,
+    Strand,
+    X,
+    Z,
+    hairpin,
+    laid,
+    line,
+    run,
+    uniform,
+    without_organ,
+)
 
 import coupling.sliding
 from coupling.audit import audited, initial_energies
-from coupling.constraints import driving_force, passage, phi, tangent
+from coupling.constraints import driving_force, phi, tangent
 from coupling.equilibrium import load_step
 from coupling.observation import observe
 from coupling.scheme import Scheme
 from coupling.system import Friction, Piercing, State, System
-from thread.ends import Driven, Fixed, Pulled
+from studies.simulation import largest_gap, largest_residual
+from thread.ends import Driven, Fixed, Free, Pulled
 from thread.thread import Thread
 from tissue.organ import SiteAnswer
 
@@ -29,6 +47,9 @@ def settle(system: System, state: State, steps: int) -> State:
 
 
 # -- a pulley --------------------------------------------------------------------------------------------------------
+
+
+BEYOND = 0.5 * np.exp(-10.0)  # of a tension: the shear left in a bend of 45° five lengths √(EI/T) from its hole
 
 
 def pulley(n: int = 83, turn: float = 90.0) -> tuple[System, State]:
@@ -60,8 +81,8 @@ def test_pulley(turn: float) -> None:
     assert abs(np.degrees(turned) - turn) < 0.2 * turn
     assert np.abs(state.reaction.sum(axis=0) + state.lam[0, :3]).max() < TWO_SOLVERS * T
     seen = observe(system, state, state)[0]
-    assert abs(seen.tension_before - np.linalg.norm(state.reaction[0])) < TWO_SOLVERS * T
-    assert abs(seen.tension_after - T) < TWO_SOLVERS * T
+    assert abs(seen.tension_before - np.linalg.norm(state.reaction[0])) < BEYOND * T
+    assert abs(seen.tension_after - T) < BEYOND * T
     assert abs(seen.tangential_force) < RESIDUAL * T
 
 
@@ -91,7 +112,7 @@ def test_friction_at_a_pulley() -> None:
     moving = state
     for step in run(system, state, 4e-3, 120):
         new, energies = step.new, audited(system, energies, step)
-        at = passage(thread, new.q, new.s)
+        at = system.passage(new.q, new.s)
         size, t = (x[0] for x in tangent(at, new.lam, new.y))
         lam, ds = new.lam[0, :3], new.s[0] - old.s[0]
         along, normal = lam @ t, np.linalg.norm(lam - (lam @ t) * t)
@@ -194,7 +215,8 @@ def test_ring_on_a_string() -> None:
 @pytest.mark.parametrize("gap", [2.5e-3, 40e-3])
 def test_tensions_between_holes(gap: float) -> None:
     """Independent check (equilibrium): between two anchored holes, two spans or thirty apart, the thread carries what
-    the load and the holes up to there put into it, seen alike from both; outside, what its ends pull."""
+    the load and the holes up to there put into it, seen alike from both and less what is shear where they are too near
+    for the bends to die out; outside, what its ends pull."""
     thread = uniform(0.1, 83, Strand(EA=1e3, EI=1e-6))
     at = np.array([0.05 - gap / 2, 0.05 + gap / 2])
     holes = tuple(Piercing(name, slides=False, directed=False) for name in ("one", "two"))
@@ -203,11 +225,44 @@ def test_tensions_between_holes(gap: float) -> None:
     system = without_organ(thread, ends, holes, places)
     state = settle(system, laid(system, at, lambda s: (np.asarray(s) - 0.05)[..., None] * X), 2)
     one, two = observe(system, state, state)
-    inner = np.linalg.norm(ends[0].force(1.0) + state.lam[0, :3])
+    middle = thread.spline.curve(state.q, [0.05])[0, 1]
+    inner = -(ends[0].force(1.0) + state.lam[0, :3]) @ middle / np.linalg.norm(middle)
     assert inner > 0.02
     seen = np.array([one.tension_before, one.tension_after, two.tension_before, two.tension_after])
     pulls = [np.linalg.norm(end.force(1.0)) for end in ends]
-    assert np.abs(np.abs(seen) - [pulls[0], inner, inner, pulls[1]]).max() < TWO_SOLVERS
+    assert np.abs(seen - [pulls[0], inner, inner, pulls[1]]).max() < BEYOND
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.3])
+def test_a_taut_strand_has_one_tension(lean: float) -> None:
+    """Independent check (equilibrium): into the one hole downwards and out of the other upwards, the strand between
+    them lies across both, at more than a right angle to one. It is taut, and carries the same at both of its ends."""
+    ends, holes = (Fixed(hairpin(RADIUS, LENGTH)(np.zeros(1))[0]), Pulled(0.2 * Z)), (Piercing("one"), Piercing("two"))
+    sites = ((SITES[0], Z), (SITES[1], Z + lean * X))
+    system = without_organ(uniform(LENGTH, 40), ends, holes, sites)
+    state = laid(system, ABSCISSAE, hairpin(RADIUS, LENGTH))
+    one, two = observe(system, state, settle(system, state, 4))
+    assert one.tension_after == pytest.approx(two.tension_before, rel=TWO_SOLVERS)
+    assert min(one.tension_before, one.tension_after) > 0.1
+    assert two.tension_after == pytest.approx(0.2, rel=BEYOND)
+
+
+@pytest.mark.parametrize("turn", [0.0, 30.0, 90.0])
+def test_a_channel_bears_force_and_couple_at_its_ends(turn: float) -> None:
+    """Independent check: a force F across the thread presses each end of a channel of length ℓ with F/2, a couple with
+    M/ℓ to opposite sides; the couple's forces make the angle `turn` with F. A force along the thread does not press."""
+    F, M, channel, along = 0.3, 4e-4, 2e-3, 0.7
+    system = without_organ(uniform(0.1, 23), piercings=(Piercing("sleeve"),), sites=((0.05 * X, X),))
+    state = laid(system, [0.05], line(ORIGIN, X))
+    y = state.y
+    u, v = y[0, 3:6], y[0, 6:]
+    across = np.cos(np.radians(turn)) * u + np.sin(np.radians(turn)) * v
+    lam = np.concatenate([F * u + along * X, [M * across @ u, M * across @ v]])[None]
+    at = replace(system.passage(state.q, state.s), c=np.zeros((1, 3, 3)))
+    ends = [np.linalg.norm(0.5 * F * u + sign * M / channel * across) for sign in (1.0, -1.0)]
+    seen = coupling.sliding.normal_force(at, lam, y, np.array([1.0 / channel]))
+    assert np.abs(seen - sum(ends)).max() <= RESIDUAL * F
+    assert np.abs(coupling.sliding.normal_force(at, lam, y, np.zeros(1)) - F).max() <= RESIDUAL * F
 
 
 # -- a sleeve --------------------------------------------------------------------------------------------------------
@@ -321,9 +376,36 @@ def test_an_anchored_point_keeps_its_abscissa() -> None:
         for step in run(system, state, 2e-3, 5):
             assert abs(step.new.s[0] - 0.05) <= IDENTITY * 0.1
             new = step.new
-            gap = phi(passage(system.thread, new.q, new.s), new.lam, new.y)[0, :3]
+            gap = phi(system.passage(new.q, new.s), new.lam, new.y)[0, :3]
             assert np.abs(gap).max() <= GAP * PP.diameter
         assert abs(step.new.lam[0, 0]) > 1e-2
+
+
+@pytest.mark.parametrize("directed", [False, True])
+@pytest.mark.parametrize("points", [10, 20])
+def test_a_straight_thread_stays_in_its_anchor(directed: bool, points: int) -> None:
+    """Independent check: along itself the spline lacks no compliance. A straight thread on long spans that is drawn at
+    by 5 N lies in its anchor, in the direction of the pull, and carries the pull beyond the anchor and nothing before
+    it; the strain is 2 %."""
+    at, pull = 0.043, 5.0
+    hole = Piercing("anchor", slides=False, directed=directed)
+    ends = (Free(), Pulled(pull * X))
+    system = without_organ(uniform(0.1, points), ends, (hole,), ((at * X, X if directed else None),))
+    state = settle(system, laid(system, [at], line(ORIGIN, X)), 4)
+    assert largest_gap(system, state) <= GAP * PP.diameter
+    seen = observe(system, state, state)[0]
+    assert seen.tangent @ X > 1.0 - IDENTITY
+    assert abs(seen.tension_before) < TWO_SOLVERS * pull
+    assert abs(seen.tension_after / pull - 1.0) < TWO_SOLVERS
+
+
+def test_a_bent_thread_is_met_beside_the_drawn_curve() -> None:
+    """Independent check: what is left open of P̂ = x is a residual, and the drawn curve passes beside the hole by what a
+    force across a span gives there, at most a hundredth of the span here."""
+    system, state = pulley()
+    span = float(np.diff(system.thread.spline.breaks)[0])
+    assert largest_residual(system, state) <= GAP * PP.diameter
+    assert 1e-4 * span < largest_gap(system, state) < 1e-2 * span
 
 
 @pytest.mark.parametrize("directed", [False, True])
@@ -336,7 +418,7 @@ def test_inertia_of_the_abscissa(epsilon: float, directed: bool) -> None:
     for step in run(system, state, dt, 8):
         new = step.new
         energies.append(audited(system, energies[-1], step))
-        at = passage(system.thread, new.q, new.s)
+        at = system.passage(new.q, new.s)
         second = (new.s - old.s - dt * old.s_dot) / dt**2
         force = driving_force(at, new.lam, new.y)
         scale = max(np.abs(new.lam[:, :3]).max(), epsilon * abs(second[0]))

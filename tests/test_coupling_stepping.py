@@ -10,7 +10,7 @@ from threads import ABSCISSAE, LENGTH, RADIUS, X, Z, block_organ, hairpin, hairp
 
 import coupling.newton
 from coupling.audit import audited, initial_energies
-from coupling.constraints import passage, phi
+from coupling.constraints import phi
 from coupling.equilibrium import load_step
 from coupling.errors import CouplingError, InversionError, StepError
 from coupling.observation import observe
@@ -151,7 +151,7 @@ def test_a_thread_drawn_out_of_both_holes_goes_on() -> None:
         for step in advance(system, state, dt):
             state = step.new
             assert np.all(state.lam[~state.present] == 0.0)
-            at = passage(system.thread, state.q, state.s)
+            at = system.passage(state.q, state.s)
             gap = np.abs(phi(at, state.lam, state.y))[state.present]
             assert gap.max(initial=0.0) <= GAP
             assert np.all(state.s[state.present] >= 0.0)
@@ -180,7 +180,7 @@ def test_a_taut_thread(kind: str) -> None:
     while state.time < way / 0.1 - 0.5 * dt and (not pulls or pulls[-1] < 1.05):
         for step in advance(system, state, dt):
             state, energies = step.new, audited(system, energies, step)
-            at = passage(system.thread, state.q, state.s)
+            at = system.passage(state.q, state.s)
             violation = np.abs(phi(at, state.lam, state.y))
             assert violation[:, :3].max() <= GAP * system.thread.section.diameter
             assert violation[:, 3:].max() <= GAP

@@ -29,7 +29,7 @@ from threads import (
 from coupling import bdf2
 from coupling.audit import audited, initial_energies
 from coupling.baumgarte import linear_step
-from coupling.constraints import passage, phi
+from coupling.constraints import phi
 from coupling.errors import StepError
 from coupling.monolithic import Monolith, assemble, equation_of
 from coupling.newton import correct, cut, evaluate
@@ -121,7 +121,7 @@ def test_audit_and_constraints_while_the_needle_turns(organ: str, take: Take) ->
     energies = [initial_energies(system, state)]
     for step in steps(organ, take):
         energies.append(audited(system, energies[-1], step))
-        violation = np.abs(phi(passage(system.thread, step.new.q, step.new.s), step.new.lam, step.new.y))[:2]
+        violation = np.abs(phi(system.passage(step.new.q, step.new.s), step.new.lam, step.new.y))[:2]
         assert violation[:, :3].max() <= GAP * system.thread.section.diameter
     errors = np.diff([e.balance_error for e in energies])
     assert np.abs(errors).max() <= RESIDUAL * energies[-1].external_work

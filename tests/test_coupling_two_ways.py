@@ -9,7 +9,7 @@ from bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
 from threads import ABSCISSAE, LENGTH, RADIUS, X, Z, block_organ, hairpin, hairpin_system, laid, taken
 
 from coupling.audit import Energies, audited, initial_energies, multiplier_imbalance
-from coupling.constraints import driving_force, passage, phi
+from coupling.constraints import driving_force, phi
 from coupling.monolithic import Monolith, equation_of, monolithic_solve
 from coupling.newton import solve
 from coupling.scheme import BackwardEuler
@@ -90,7 +90,7 @@ def test_every_step_of_a_coupled_run(name: str) -> None:
     system, _ = scene(name)
     for step in steps(name):
         new = step.new
-        at = passage(system.thread, new.q, new.s)
+        at = system.passage(new.q, new.s)
         violation = np.abs(phi(at, new.lam, new.y))
         assert violation[:, :3].max() <= GAP * system.thread.section.diameter
         assert violation[:, 3:].max() <= GAP

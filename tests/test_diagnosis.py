@@ -12,7 +12,7 @@ from bounds import RESIDUAL
 from threads import FREE, LENGTH, Array, X, Z, bent, greville, laid, line, thread_on, uniform, without_organ
 
 from coupling import stepping
-from coupling.constraints import passage, phi
+from coupling.constraints import phi
 from coupling.diagnosis import DEPENDENT, NO_TANGENT, dependence_faults, faults, refuse_crossing, scaled_rows
 from coupling.errors import ConstraintError, StepError
 from coupling.stepping import advance
@@ -53,11 +53,11 @@ def test_scaled_rows_are_those_of_the_constraints() -> None:
     state = laid(straight([0.3 * LENGTH, 0.7 * LENGTH])[0], s, line(0.0 * X, X))
     y = np.random.default_rng(0).standard_normal((2, 9))
     state = replace(state, q=q, y=y)
-    rows, owner = scaled_rows(system, state, passage(thread, q, s))
+    rows, owner = scaled_rows(system, state, system.passage(q, s))
     assert list(owner) == [0] * 5 + [1] * 3
 
     def shifted(h: Array) -> Array:
-        return phi(passage(thread, q + h, s), np.zeros((len(s), 5)), y)[system.rows]
+        return phi(system.passage(q + h, s), np.zeros((len(s), 5)), y)[system.rows]
 
     for unknown in range(3 * N):
         h = np.zeros((N, 3))
@@ -101,7 +101,7 @@ def test_two_holes_at_one_place_depend_on_one_another(directed: bool) -> None:
 def at_its_holes(system: System, state: State, s: list[float]) -> Array:
     """Site variables with every point on the thread."""
     y = state.y.copy()
-    y[:, :3] = passage(system.thread, state.q, np.array(s)).P
+    y[:, :3] = system.passage(state.q, np.array(s)).P
     return y
 
 
@@ -110,7 +110,7 @@ def test_a_direction_imposed_twice_on_a_straight_thread() -> None:
     near = [1e-8]
     system, state = straight([0.5 * SPAN], ends=(Clamped(0.0 * X, X), Free()))
     state = replace(state, s=np.array([near[0], *system.clamp_abscissae]))
-    at = passage(system.thread, state.q, state.s)
+    at = system.passage(state.q, state.s)
     (message,) = dependence_faults(system, state, at)
     assert "piercing 'first'" in message and "the clamped start of the thread" in message
     system, state = straight([0.5 * SPAN])

@@ -100,19 +100,35 @@ def test_locking_angle(mu: float) -> None:
     assert slips(friction, half, half, exact * (1 + THRESHOLD), hold) == 1.0
 
 
-def test_grip_and_channel_thresholds() -> None:
-    """Independent check: F₀ alone holds F₀, not a thousandth more; a channel of length ℓ presses with the couple of the
-    sleeve over ℓ, here (T₁ − T₂) a sin θ/2 with arms a of 10 mm, so f = μ (N + |couple|/ℓ)."""
-    grip, half, mu, channel = 0.02, np.radians(30.0), 0.2, 5e-3
+def test_grip_threshold() -> None:
+    """Independent check: F₀ alone holds F₀, not a thousandth more."""
+    grip = 0.02
     assert slips(Friction(grip=grip), 0.0, 0.0, 1 + (1 - THRESHOLD) * grip / HOLD) == 0.0
     assert slips(Friction(grip=grip), 0.0, 0.0, 1 + (1 + THRESHOLD) * grip / HOLD) == 1.0
-    press = mu * np.sin(half)
-    per_arm = press * 0.01 / channel
-    exact = (np.cos(half) + press - per_arm) / (np.cos(half) - press - per_arm)
-    assert exact / rod_ratio(mu, half, half) > 1.05
+
+
+def test_channel_threshold() -> None:
+    """Independent check: pulls T₁ and T₂ on arms a of 10 mm at 45° and 15° to the sleeve turn the rod by
+    a (T₁ sin α − T₂ sin β), which the ends of a channel of length ℓ bear with that over ℓ each, up and down. Their
+    halves of T₁ sin α + T₂ sin β are less, so they press with twice that, and f = μ 2a/ℓ (T₁ sin α − T₂ sin β)."""
+    alpha, beta, mu, channel = np.radians(45.0), np.radians(15.0), 0.1, 5e-3
+    lever = 2 * mu * 0.01 / channel
+    exact = (np.cos(beta) - lever * np.sin(beta)) / (np.cos(alpha) - lever * np.sin(alpha))
+    couple = 0.01 / channel * (exact * np.sin(alpha) - np.sin(beta))
+    assert couple > 0.5 * (exact * np.sin(alpha) + np.sin(beta))
+    assert exact / rod_ratio(mu, alpha, beta) > 1.2
     for friction in (Friction(mu, mu, channel=channel), Friction(mu, 0.0, channel=channel)):
-        assert slips(friction, half, half, exact * (1 - THRESHOLD)) == 0.0
-        assert slips(friction, half, half, exact * (1 + THRESHOLD)) == 1.0
+        assert slips(friction, alpha, beta, exact * (1 - THRESHOLD)) == 0.0
+        assert slips(friction, alpha, beta, exact * (1 + THRESHOLD)) == 1.0
+
+
+def test_long_channel_presses_with_the_force_alone() -> None:
+    """Independent check: where the halves of the force exceed the couple over the channel, both ends press to the same
+    side, and together with N whatever the couple."""
+    half, mu = np.radians(30.0), 0.2
+    exact = rod_ratio(mu, half, half)
+    for ratio, slip in ((exact * (1 - THRESHOLD), 0.0), (exact * (1 + THRESHOLD), 1.0)):
+        assert slips(Friction(mu, mu, channel=0.01), half, half, ratio) == slip
 
 
 def test_kinetic_friction_once_it_slips() -> None:

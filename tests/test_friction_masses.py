@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from threads import FREE, ORIGIN, Array, Strand, X, Z, laid, line, run, uniform, without_organ
 
 from coupling.audit import audited, initial_energies
-from coupling.constraints import driving_force, passage
+from coupling.constraints import driving_force
 from coupling.observation import observe
 from coupling.system import Friction, Piercing, State, System
 
@@ -99,7 +99,7 @@ def test_a_sliding_mass_stops(cause: str) -> None:
     lost, stopped, first = 0.0, 0.0, state
     for step in run(system, state, DT, 150):
         energies, new = audited(system, energies, step), step.new
-        at = passage(system.thread, new.q, new.s)
+        at = system.passage(new.q, new.s)
         lost += abs(driving_force(at, new.lam, new.y)[0] * (new.s - step.old.s)[0])
         if new.slip[0] == 0.0:
             stopped = stopped or new.time

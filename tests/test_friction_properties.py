@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from threads import ABSCISSAE, FREE, LENGTH, RADIUS, Strand, Z, block_organ, hairpin, hairpin_sites, laid, uniform
 
 from coupling.audit import audited, initial_energies, multiplier_imbalance
-from coupling.constraints import passage, phi
+from coupling.constraints import phi
 from coupling.observation import observe
 from coupling.stepping import advance
 from coupling.system import Friction, Piercing, State, System
@@ -91,7 +91,7 @@ def test_every_step(scenario: tuple[System, State]) -> None:
 
 def assert_lawful(system: System, old: State, new: State) -> None:
     """The law of every hole at the end of a step."""
-    at = passage(system.thread, new.q, new.s)
+    at = system.passage(new.q, new.s)
     here = new.present
     size = max(np.abs(new.lam[:, :3]).max(), np.abs(system.thread.gradient(system.thread.points(new.q))).max(), 1e-3)
     force, moment = multiplier_imbalance(system, new)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bounds import ADAPTED, MOVED, TWO_SOLVERS
+from threads import PP
 
 from studies.observables import StepRecord
 from studies.scenario import Scenario
@@ -28,11 +29,14 @@ DRAWN: dict[str, Any] = {
 }
 
 
-def last(friction: dict[str, float] | None, channel: float | None = None, solver: str = "implicit") -> StepRecord:
+LONG = 1.0  # [m]: at the ends of such a channel the couple is nothing
+
+
+def last(friction: dict[str, float] | None, channel: float = LONG, solver: str = "implicit") -> StepRecord:
     """The end of the run with the friction at both holes."""
     table = deepcopy(DRAWN)
     for hole in table["piercing"]:
-        hole.update(({"friction": friction} if friction else {}) | ({"channel": channel} if channel else {}))
+        hole.update({"friction": friction, "channel": channel} if friction else {})
     table["solve"]["friction"] = solver
     return [record for record, _ in prepare(Scenario.model_validate(table)).advance()][-1]
 
@@ -47,7 +51,7 @@ def test_every_key_of_friction_acts() -> None:
     smooth = last(None)
     rough = last({"static": 0.2, "kinetic": 0.2})
     gripped = last({"static": 0.2, "kinetic": 0.2, "grip": 0.02})
-    channel = last({"static": 0.2, "kinetic": 0.2}, channel=2e-3)
+    channel = last({"static": 0.2, "kinetic": 0.2}, channel=5e-3)
     slower = last({"static": 0.2, "kinetic": 0.1})
     assert abs(smooth.energy.friction_dissipation) <= TWO_SOLVERS * smooth.energy.external_work
     assert pull(smooth) < pull(slower) < pull(rough) < min(pull(gripped), pull(channel))
@@ -55,6 +59,55 @@ def test_every_key_of_friction_acts() -> None:
     for record in (rough, gripped, channel, slower):
         assert record.energy.friction_dissipation > 0.0
         assert all(hole.cone_residual <= TWO_SOLVERS * pull(record) for hole in record.piercings)
+
+
+def channels(footprint: float | None, **given: Any) -> list[float | None]:
+    """The channels that the holes of a scenario have at the start, in an organ if a footprint is given: the first with
+    the keys `given`, the second ideal."""
+    table = deepcopy(DRAWN)
+    table["piercing"][0] |= given
+    if footprint is not None:
+        mesh = {"kind": "block", "generator": "structured", "size": [0.03, 0.02, 0.01], "h": 5e-3}
+        table["tissue"] = {
+            "youngs_modulus": 1e5,
+            "poisson_ratio": 0.4,
+            "density": 1e3,
+            "clamp": ["bottom"],
+            "mesh": mesh,
+        }
+        table["piercing"] = [hole | {"footprint": footprint} for hole in table["piercing"]]
+    record, _ = next(iter(prepare(Scenario.model_validate(table)).advance()))
+    return [hole.channel for hole in record.piercings]
+
+
+@pytest.mark.parametrize(
+    ("footprint", "given", "channel"),
+    [(1.5e-3, {}, 3e-3), (0.0, {}, 10 * PP.diameter), (None, {}, 10 * PP.diameter), (1.5e-3, {"channel": 4e-3}, 4e-3)],
+)
+def test_a_rough_directed_hole_has_a_channel(footprint: float | None, given: dict[str, float], channel: float) -> None:
+    """Independent check: two footprints, ten diameters without one, or as given; none where there is no friction or no
+    direction."""
+    rough = {"friction": {"static": 0.2, "kinetic": 0.2}}
+    assert channels(footprint, **rough, **given) == [pytest.approx(channel, rel=1e-3), None]
+    assert channels(footprint, **rough, direction="free") == [None, None]
+
+
+def test_the_default_channel_presses() -> None:
+    """Independent check: a thread drawn straight through a hole that turns it by 45° is held back by the couple of its
+    bends over √(EI/T) at the channel's ends: by more than twice what the force across the hole holds it back by."""
+    table = deepcopy(DRAWN)
+    out = [[0.0, -0.03, 0.0, 0.0], [0.05, -0.0325, 0.0, 0.0]]
+    table["thread"] |= {"path": [[0.03, 0.0, 0.0], [-0.03, 0.0, 0.0]], "end": {"kind": "driven", "waypoints": out}}
+    table["thread"]["start"] = {"kind": "pulled", "force": [0.05, 0.0, 0.0], "ramp": 0.01}
+    table["piercing"] = [{"name": "only", "at": [0, 0, 0], "direction": [-1, 0, 1]}]
+    table["piercing"][0]["friction"] = {"static": 0.2, "kinetic": 0.2}
+    drag = {}
+    for key, channel in {"default": {}, "long": {"channel": LONG}}.items():
+        table["piercing"][0] |= channel
+        record = [record for record, _ in prepare(Scenario.model_validate(table)).advance()][-1]
+        assert record.piercings[0].state == "slip"
+        drag[key] = pull(record) - 0.05
+    assert drag["default"] > 2.0 * drag["long"] > 0.0
 
 
 def test_what_never_slips() -> None:

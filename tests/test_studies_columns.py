@@ -17,7 +17,7 @@ from coupling.events import Event
 from studies.columns import (
     CONTACT,
     ENERGY,
-    HOLE,
+    HOLE_SUMMARY,
     MANUAL,
     ORGAN_ARRAYS,
     PIERCING_ARRAYS,
@@ -118,8 +118,8 @@ def test_cells_are_what_the_records_say(tmp_path: Path) -> None:
     [
         (ENERGY, EnergyRecord, set()),
         (CONTACT, ContactRecord, set()),
-        (PIERCING_ARRAYS, PiercingRecord, {"name", "x"}),
-        (HOLE, PiercingRecord, {"name", "u", "v"}),
+        (PIERCING_ARRAYS, PiercingRecord, {"name", "x", "channel"}),
+        (HOLE_SUMMARY, PiercingRecord, {"name", "u", "v"}),
         (ORGAN_ARRAYS, OrganRecord, set()),
         (THREAD_ARRAYS, ThreadRecord, {"points", "pieces"}),
     ],
@@ -133,7 +133,7 @@ def test_each_column_takes_its_own_field() -> None:
     """Independent check: a column gives the field of its name, whichever record it is asked for."""
     hole, energy, thread = FULL.piercings[0], EnergyRecord(*np.arange(8.0)), frame(0.3).thread
     assert FULL.contact is not None
-    for columns, record in ((HOLE, hole), (ENERGY, energy), (CONTACT, FULL.contact)):
+    for columns, record in ((HOLE_SUMMARY, hole), (ENERGY, energy), (CONTACT, FULL.contact)):
         for name, value in values(columns, record).items():
             assert value is getattr(record, name)
     codes = {state: values(PIERCING_ARRAYS, replace(hole, state=state))["state"] for state in STATE_CODES}
@@ -145,7 +145,7 @@ def test_each_column_takes_its_own_field() -> None:
 
 def summary(record: StepRecord, folder: Path) -> dict[str, Any]:
     """The summary of a run that ended with a step, as it reads back."""
-    run = RunRecord("completed", "", record, 12, 1e-15, 2.0, 100)
+    run = RunRecord("completed", "", record, 12, 1e-6, 1e-15, 2.0, 100)
     write_json(folder / "summary.json", values(RUN, run) | state_summary(record))
     found: dict[str, Any] = json.loads((folder / "summary.json").read_text())
     return found

@@ -29,7 +29,7 @@ from threads import (
 )
 
 from coupling.audit import audited, initial_energies
-from coupling.constraints import passage, phi
+from coupling.constraints import phi
 from coupling.monolithic import Monolith, assemble, equation_of
 from coupling.newton import correct, cut, evaluate
 from coupling.scheme import BackwardEuler
@@ -157,7 +157,7 @@ def test_springs_in_holes(twist: bool) -> None:
         for step in advance(system, state, 2e-3):
             energies.append(audited(system, energies[-1], step))
         state = step.new
-        violation = np.abs(phi(passage(thread, state.q, state.s), state.lam, state.y))[:2, :3]
+        violation = np.abs(phi(system.passage(state.q, state.s), state.lam, state.y))[:2, :3]
         assert violation.max() <= GAP * thread.section.diameter
     errors = np.diff([e.balance_error for e in energies])
     assert np.abs(errors).max() <= RESIDUAL * energies[-1].external_work
