@@ -334,6 +334,12 @@ def led(line: Line, force: Array, seconds: float) -> Line:
     system, now = line.system, line.state.time
     hand = Hand((now, now + seconds), system.ends[1].force(now), force)
     system = replace(system, ends=(system.ends[0], hand))
+    # A stitch begins where the hand has led the thread, not at a time of its own.
+    waiting = (
+        hole if here else replace(hole, begins=np.inf)
+        for hole, here in zip(system.piercings, line.state.present, strict=False)
+    )
+    system = replace(system, piercings=tuple(waiting))
     run = replace(begin(system, line.state, resolution=line.resolution), fresh=False)
     count = int(np.ceil(seconds / line.step - 1e-9))
     for _ in range(count):
