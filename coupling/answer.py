@@ -5,8 +5,8 @@ from typing import Generic
 
 import numpy as np
 
-from coupling.border import NINE
-from coupling.constraints import Array
+from coupling.arrays import Array
+from coupling.bordered import NINE
 from coupling.interfaces import Body
 from coupling.system import System
 

@@ -8,24 +8,23 @@ at the end of the step along it: a rectangle rule, first order whatever the sche
 work stands with the integrator's share. Where a hand draws the thread through a hole, −Φ_sᵀλ Δs is its work, and
 external.
 
-When thread and organ are stepped one after the other (`coupling.staggered`) the holes move after the thread has, and
-the constraints' work on the two does not cancel: `coupling.staggered.work_of_the_lag`, which is in the remainder. It is
-the integrator's too: a negative numerical dissipation is energy that the scheme has created.
+When thread and organ are stepped one after the other (`coupling.paper.staggered`) the holes move after the thread has,
+and the constraints' work on the two does not cancel: `coupling.paper.staggered.work_of_the_lag`, which is in the
+remainder. It is the integrator's too: a negative numerical dissipation is energy that the scheme has created.
 
-The linear step (`coupling.baumgarte`) takes the elastic force as linearised at the start of the step; its work beyond
-that of the true force stands with the integrator's, by the formula of both. Its constraint forces are those of the
-start, and Φ is not zero at its ends: exact are kinetic, elastic, external, viscous and friction work; the remainder is
-the constraints' work on what they let the thread do.
+The linear step (`coupling.paper.linear_step`) takes the elastic force as linearised at the start of the step; its work
+beyond that of the true force stands with the integrator's, by the formula of both. Its constraint forces are those of
+the start, and Φ is not zero at its ends: exact are kinetic, elastic, external, viscous and friction work; the remainder
+is the constraints' work on what they let the thread do.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from coupling.bdf2 import scheme_of
 from coupling.constraints import driving_force, held_energy, site_force, spread, thread_force
 from coupling.interfaces import Body
-from coupling.stepping import Step, thread_motion
+from coupling.stepping import Step, scheme_of, thread_motion
 from coupling.system import State, System
 
 

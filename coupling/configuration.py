@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 
-from coupling.constraints import Array, Passage
+from coupling.arrays import Array
+from coupling.constraints import Passage
 from coupling.interfaces import Body
 from coupling.system import State, System
+from thread.frames import Frame
 from thread.thread import Points
-from thread.twist import Frame
 
 
 @dataclass(frozen=True)

@@ -26,11 +26,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from coupling.arrays import Array, Indices
 from thread.spline import Spline
 from thread.thread import Thread
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from thread.vectors import dot
 
 
 @dataclass(frozen=True)
@@ -74,11 +73,6 @@ def bare_passage(spline: Spline, q: Array, s: Array, home: Array | None = None) 
     D = (b @ q[first[:, None] + LOCAL])[..., :3]
     none = np.zeros(len(s), dtype=bool)
     return Passage(first, b, D[:, 0], D[:, 1], D[:, 2], D[:, 3], np.zeros((len(s), 3, 3)), none)
-
-
-def dot(a: Array, b: Array) -> Array:
-    """Row-wise scalar product, shape `(p,)`."""
-    return np.vecdot(a, b)
 
 
 def moment_arm(lam: Array, y: Array) -> Array:

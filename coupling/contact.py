@@ -20,11 +20,12 @@ from typing import Generic
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from coupling.border import NINE
-from coupling.constraints import Array, site_force
+from coupling.arrays import Array, Flags
+from coupling.bordered import NINE
+from coupling.constraints import site_force
 from coupling.errors import CouplingError
 from coupling.interfaces import Answer, Body
-from coupling.system import Flags, State, System
+from coupling.system import State, System
 
 ROUND_OFF = 1e-12  # of the largest gap without contact: a compliance of condition 10³ times what is rounded
 CHANCES = 3  # exchanges of all wrong pairs that may pass without fewer being wrong

@@ -9,7 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from coupling.constraints import Array, Indices, Passage
+from coupling.arrays import Array, Indices
+from coupling.constraints import Passage
 from coupling.errors import ConstraintError, CouplingError, StepError
 from coupling.interfaces import Body
 from coupling.system import State, System

@@ -8,25 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from coupling.constraints import Array
+from coupling.arrays import Array
 from coupling.contact import first_pressed
 from coupling.diagnosis import refuse_drawn_out
 from coupling.errors import EquilibriumError, StepError
+from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body
 from coupling.newton import Iterate, Problem, Solution, solve
-from coupling.scheme import Equilibrium
 from coupling.sliding import law_of, prescribed
-from coupling.stepping import (
-    Step,
-    accepted,
-    end_load,
-    ended,
-    left,
-    reactions,
-    refuse_inversion,
-    release,
-    with_ends,
-)
+from coupling.stepping import Step, accepted, end_load, ended, left, reactions, refuse_inversion, release, with_ends
 from coupling.system import State, System
 
 WEAKER = 10.0  # the tie is weakened by this factor after a success, tightened by its square root after a failure

@@ -18,28 +18,18 @@ from typing import Generic
 import numpy as np
 
 from coupling.answer import all_holds, padded
-from coupling.border import (
-    NINE,
-    PHI,
-    Border,
-    S,
-    SingularError,
-    Y,
-    direction,
-    linearise,
-    own_stiffness,
-    without,
-)
+from coupling.arrays import Array, Flags
+from coupling.bordered import NINE, PHI, Border, S, SingularError, Y, direction, linearise, own_stiffness, without
 from coupling.configuration import Configuration, evaluate_thread
-from coupling.constraints import Array, Passage, phi, site_force, spread, thread_force
+from coupling.constraints import Passage, phi, site_force, spread, thread_force
 from coupling.contact import NO_FORCES, Contact, condensed, contact_of, first_of, forces, misfits, pressed_under
 from coupling.errors import StepError
 from coupling.interfaces import Answer, Body
 from coupling.sliding import Law, admissible, linearise_law, next_slip
 from coupling.sliding import residual as law_residual
-from coupling.system import Flags, System
+from coupling.system import System
+from thread.frames import Frame
 from thread.thread import Points
-from thread.twist import Frame
 
 MAX_ITERATIONS = 25  # for one active set of friction and contact
 MAX_SETS = 20  # and one more for every pair of lips that may touch
@@ -265,7 +255,7 @@ def cut(problem: Problem[Body], dq: Array) -> float:
 
 def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
     """The thread's own matrix, banded: inertia, stiffness, and what a force along it does at a hole without direction
-    (`coupling.border.own_stiffness`)."""
+    (`coupling.bordered.own_stiffness`)."""
     at, thread = r.passage, problem.system.thread
     A = thread.tangent(r.points, z.N)
     A += problem.inertia

@@ -4,19 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coupling.arrays import Array, Indices
 from coupling.configuration import Configuration, configuration_of
-from coupling.constraints import (
-    LOCAL,
-    Array,
-    Indices,
-    Passage,
-    couple_on_thread,
-    site_force,
-    tangent,
-    thread_force,
-)
+from coupling.constraints import LOCAL, Passage, couple_on_thread, site_force, tangent, thread_force
+from coupling.integrators import Equilibrium
 from coupling.interfaces import Body
-from coupling.scheme import Equilibrium
 from coupling.sliding import Law, cone_residual, law_of, normal_force
 from coupling.system import State, System
 

@@ -14,17 +14,20 @@ from typing import Generic
 
 import numpy as np
 
-from coupling.adapting import INTERVAL, Resolution, followed
+from coupling.adaptivity import INTERVAL, Resolution, followed
+from coupling.arrays import Array
 from coupling.audit import Energies, audited, initial_energies
 from coupling.configuration import Configuration, configuration_of
-from coupling.constraints import Array
+from coupling.constraints import held_energy
 from coupling.equilibrium import load_step
-from coupling.events import Event, booked, noticed, scheduled
+from coupling.events import Event, noticed
+from coupling.impact import begun
 from coupling.interfaces import Body
-from coupling.stepping import HALVINGS, Step, Take, advance, try_step
+from coupling.stepping import HALVINGS, Step, Take, advance, release, try_step
 from coupling.system import State, System
 
 EQUILIBRIA = 4  # further ones of a load step at most, on knots that fit the one before
+ON_TIME = 1e-9  # of a step: a time this near the end of a step is that of its end
 
 
 @dataclass(frozen=True)
@@ -153,4 +156,45 @@ def begin(
         given=nearest if given is None else given,
         configuration=configuration_of(system, state),
         halvings=halvings,
+    )
+
+
+def scheduled(
+    system: System[Body], earlier: float, state: State[Body], dt: float, given: Array
+) -> tuple[State[Body], list[Event]]:
+    """The state after every piercing that ends or begins later than `earlier` [s] and not after the state's time.
+
+    `dt` [s] is the step; `given` (p,) [m] the abscissae of piercings that begin, NaN where the thread's nearest place
+    is taken. Raises `FormingError`, `ConstraintError`.
+    """
+    out = []
+    for k, piercing in enumerate(system.piercings):
+        if state.present[k] and is_due(piercing.ends, earlier, state.time, dt):
+            let_go = float(held_energy(system.passage(state.q, state.s), state.lam, state.y)[k])
+            out.append(Event(state.time, "ends", piercing.name, float(state.s[k]), loss=let_go))
+            state = release(state, np.arange(system.holds) == k)
+    for k, piercing in enumerate(system.piercings):
+        if not state.present[k] and is_due(piercing.begins, earlier, state.time, dt):
+            state, event = begun(system, state, k, dt, float(given[k]))
+            out.append(event)
+    return state, out
+
+
+def is_due(time: float, earlier: float, now: float, dt: float) -> bool:
+    """Whether a time lies after `earlier` and not after `now` [s]."""
+    return earlier < time - ON_TIME * dt <= now
+
+
+def booked(system: System[Body], energies: Energies, state: State[Body], events: list[Event]) -> Energies:
+    """The audit after events: what was done to draw the thread in is external work, the impulse's loss numerical."""
+    if not events:
+        return energies
+    now = initial_energies(system, state)
+    return replace(
+        energies,
+        kinetic=now.kinetic,
+        elastic_thread=now.elastic_thread,
+        elastic_tissue=now.elastic_tissue,
+        external_work=energies.external_work + sum(event.work for event in events),
+        numerical_dissipation=energies.numerical_dissipation + sum(event.loss for event in events),
     )

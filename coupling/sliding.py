@@ -28,14 +28,13 @@ from functools import cached_property
 
 import numpy as np
 
-from coupling.border import AT_K, AT_T, BORDER, LAM, MU_U, MU_V, Border, S, U, V, own_axis_rate
+from coupling.arrays import Array, Flags
+from coupling.bordered import AT_K, AT_T, BORDER, LAM, MU_U, MU_V, Border, S, U, V, own_axis_rate
 from coupling.constraints import (
-    Array,
     Parts,
     Passage,
     axis_force,
     cross,
-    dot,
     driving_force,
     held_energy,
     met,
@@ -47,7 +46,8 @@ from coupling.constraints import (
     tangent,
 )
 from coupling.interfaces import Body
-from coupling.system import Flags, System
+from coupling.system import System
+from thread.vectors import dot
 
 
 @dataclass(frozen=True)

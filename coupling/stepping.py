@@ -9,19 +9,22 @@ from typing import Generic
 
 import numpy as np
 
+from coupling.arrays import Array, Flags
 from coupling.configuration import Configuration, configuration_of
-from coupling.constraints import Array, Passage
+from coupling.constraints import Passage
 from coupling.contact import first_pressed
+from coupling.continuation import eased
 from coupling.diagnosis import diagnosed, refuse_crossing, refuse_drawn_out
-from coupling.easing import eased
 from coupling.errors import InversionError, StepError
+from coupling.integrators import BDF2, BackwardEuler, Scheme
 from coupling.interfaces import Answer, Body
 from coupling.newton import Iterate, Problem, Solution, solve
-from coupling.scheme import BackwardEuler, Scheme
 from coupling.sliding import law_of
-from coupling.system import Flags, State, System, forgetful
+from coupling.system import State, System, forgetful
 
 HALVINGS = 8  # a step is given up below dt / 2^8
+
+GROWTH = 2.0  # largest ratio of a step to the one before; zero-stability ends at 1 + √2
 
 
 @dataclass(frozen=True)
@@ -260,3 +263,21 @@ def advance(
     if gone.any():
         return advance(system, release(state, gone), dt, take, depth)
     return [step]
+
+
+def scheme_of(state: State[Body], dt: float) -> Scheme:
+    """BDF2 where there is a step to look back at, else backward Euler."""
+    if state.dt_before is None or dt > GROWTH * state.dt_before:
+        return BackwardEuler(dt)
+    return BDF2(dt, state.dt_before)
+
+
+def bdf2_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
+    """One step of `dt` [s]. Raises `StepError`, `InversionError`; the state is not touched."""
+    step = try_step(system, state, dt, scheme_of(state, dt))
+    return replace(step, new=remembering(step.new, state, dt))
+
+
+def remembering(new: State[Body], old: State[Body], dt: float) -> State[Body]:
+    """The state `new` with the step from `old` that led to it."""
+    return replace(new, before=forgetful(old), dt_before=dt)

@@ -5,17 +5,15 @@ from functools import cached_property
 from typing import Generic
 
 import numpy as np
-from numpy.typing import NDArray
 
-from coupling.constraints import Array, Indices, Passage, passage
+from coupling.arrays import Array, Flags, Indices
+from coupling.constraints import Passage, passage
 from coupling.errors import CouplingError
 from coupling.interfaces import Body, Organ
 from thread.banded import diagonal_of
 from thread.ends import Clamped, End
+from thread.frames import Frame
 from thread.thread import Thread
-from thread.twist import Frame
-
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """A study: one question, answered by runs of its own, with a table and a figure.
 
-A study is a module that ends in `STUDY`. Its `main` takes typed defaults, which are the preset "full", and yields rows
-as they are done, one a run or a measured number: a frozen dataclass whose fields know their unit. What a row cannot
-support (`studies.limits`), and what is not converged, is said in the remarks, which are written and printed with the
-table.
+A study is a package whose module `study` ends in `STUDY`. Its `main` takes typed defaults, which are the preset "full",
+and yields rows as they are done, one a run or a measured number: a frozen dataclass whose fields know their unit. What
+a row cannot support (`studies.verdicts`), and what is not converged, is said in the remarks, which are written and
+printed with the table.
 """
 
 import csv
@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from studies.files import write_bytes, write_json, write_text
-from studies.provenance import provenance
-from studies.refusal import as_toml, nearest, refused
+from studies.output.files import write_bytes, write_json, write_text
+from studies.output.provenance import provenance
+from studies.scenario.refusal import as_toml, nearest, refused
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -84,7 +84,7 @@ def study(name: str) -> Study:
         near = nearest(name, NAMES)
         hint = f"; the nearest is {near}" if near else ""
         raise StudyError(refused("study", name, f"the studies are {', '.join(NAMES)}{hint}"))
-    found: Study = import_module(f"studies.{name}").STUDY
+    found: Study = import_module(f"studies.{name}.study").STUDY
     return found
 
 
