@@ -24,7 +24,8 @@ from studies.output.checkpoint import Arrays, read_checkpoint
 from studies.output.folder import Recorder, check_folder, completed_run, resumable
 from studies.output.records import Frame, OrganTopology, StepRecord
 from studies.pictures.picture import picture
-from studies.scenario import Scenario, ScenarioError, load, schema
+from studies.scenario import Scenario, ScenarioError, load, scenes, schema
+from studies.scenario.toml import scenario_file
 from studies.study import NAMES, PRESETS, StudyError, arguments, carried_out, study
 from studies.study import check_folder as check_study_folder
 from thread.catalogue import KNOT_PULL, TEXTBOOK, USP, knot_pull, names, suture
@@ -83,7 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run(options: argparse.Namespace) -> int:
     """``suture run``: simulate a scenario into a folder."""
-    check_folder(options.out, None if options.resume else options.file)
+    check_folder(options.out, None if options.resume else scenario_file(options.file))
     simulation = _prepare(load(options.file, options.set))
     checkpoint = None
     if options.resume and resumable(options.out, simulation.scenario):
@@ -278,7 +279,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_scenario(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE.toml", type=Path, help="scenario file")
+    parser.add_argument("file", metavar="FILE.toml", type=Path, help=f"scenario file, or one of {', '.join(scenes())}")
     parser.add_argument(
         "--set",
         metavar="KEY=VALUE",

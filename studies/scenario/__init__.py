@@ -1,6 +1,6 @@
 """The scenario: one TOML file, validated in full before anything is computed.
 
-What a user calls is `load`, `parse`, `dump` and `schema`; the classes are the tables of the file.
+What a user calls is `load`, `parse`, `dump`, `schema` and `scenes`; the classes are the tables of the file.
 """
 
 from studies.scenario.organ import (
@@ -19,9 +19,10 @@ from studies.scenario.scenario import Scenario, parse, schema
 from studies.scenario.solve import Output, Solve
 from studies.scenario.table import ScenarioError
 from studies.scenario.thread import ClampedEnd, DrivenEnd, End, FixedEnd, FreeEnd, PulledEnd, Thread
-from studies.scenario.toml import dump, load
+from studies.scenario.toml import SCENES, dump, load, scenes
 
 __all__ = [
+    "SCENES",
     "BlockMesh",
     "Boundary",
     "ClampedEnd",
@@ -47,5 +48,6 @@ __all__ = [
     "dump",
     "load",
     "parse",
+    "scenes",
     "schema",
 ]

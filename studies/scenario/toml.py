@@ -14,11 +14,13 @@ from studies.scenario.scenario import Scenario, parse
 from studies.scenario.table import ScenarioError
 
 INLINE = ("start", "end", "friction")  # tables written on one line
+SCENES = Path(__file__).parent / "scenes"  # scenarios that come with the package
 
 
 def load(path: Path | str, overrides: Sequence[str] = ()) -> Scenario:
-    """Read a scenario file; each override is ``dotted.key=value`` with the value in TOML."""
-    path = Path(path)
+    """Read a scenario file, or a shipped scene by its name; each override is ``dotted.key=value`` with the value in
+    TOML."""
+    path = scenario_file(path)
     data = _read(path)
     for override in overrides:
         _override(data, override)
@@ -26,6 +28,17 @@ def load(path: Path | str, overrides: Sequence[str] = ()) -> Scenario:
     scenario = parse(data)
     _check_mesh_file(scenario)
     return scenario
+
+
+def scenes() -> list[str]:
+    """List the names of the shipped scenes."""
+    return sorted(path.stem for path in SCENES.glob("*.toml"))
+
+
+def scenario_file(path: Path | str) -> Path:
+    """Find the file of a scenario: `path` itself where it is a file, else the shipped scene of that name."""
+    path = Path(path)
+    return SCENES / f"{path}.toml" if str(path) in scenes() and not path.is_file() else path
 
 
 def tables(scenario: Scenario) -> dict[str, Any]:
@@ -70,7 +83,8 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise ScenarioError(f"{path} does not exist; give the path of a scenario file (.toml)") from None
+        remedy = f"give the path of a scenario file (.toml), or a scene that is shipped: {', '.join(scenes())}"
+        raise ScenarioError(f"{path} does not exist; {remedy}") from None
     except UnicodeDecodeError as error:
         raise ScenarioError(
             f"{path} is not UTF-8 text (byte {error.start}); give a scenario file (.toml) saved as UTF-8"

@@ -14,7 +14,7 @@ from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.command import command
 from studies.command.progress import Progress, duration
-from studies.scenario import Scenario
+from studies.scenario import Scenario, load
 from tests.studies.samples import CONTRACT, Stub
 
 Prepare = Callable[..., None]
@@ -60,6 +60,18 @@ def test_a_run(contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.Capt
     assert (out / "picture.png").stat().st_size > 10_000
     assert command.main(["check", str(out / "scenario.toml")]) == 0
     assert "2 piercings, 40 control points, 12 tissue unknowns, 7 steps" in capsys.readouterr().out
+
+
+def test_a_shipped_scene_is_checked_and_run_by_its_name(
+    stub: Prepare, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert command.main(["check", "two_piercings"]) == 0
+    for _ in range(2):  # the second time a folder of that name is there
+        assert command.main(["run", "two_piercings", "--out", "two_piercings", "--no-picture"]) == 0
+    assert load("two_piercings/scenario.toml").title == load("two_piercings").title
+    assert command.main(["mesh", "two_percings", "--out", "organ.vtu"]) == 2
+    assert "two_piercings" in capsys.readouterr().err
 
 
 def test_a_quiet_run_prints_nothing(

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from studies.scenario import DrivenEnd, FileMesh, Scenario, ScenarioError, dump, load, parse, schema
+from studies.scenario import SCENES, DrivenEnd, FileMesh, Scenario, ScenarioError, dump, load, parse, schema
 from studies.scenario.organ import check_clamp
 from studies.scenario.refusal import as_key, as_toml
 from studies.scenario.scenario import check_control_points, check_order, resolved
@@ -246,6 +246,20 @@ def test_a_mesh_file_is_found_beside_the_scenario(contract: Path) -> None:
         load(contract, [mesh.replace("mm", "inch")])
     copied = with_mesh_file(scenario, "mesh/liver.msh")
     assert parse(tomllib.loads(dump(copied))) == copied
+
+
+def test_a_shipped_scene_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: a file of that name wins, a folder does not; an unknown name is told which are there."""
+    monkeypatch.chdir(tmp_path)
+    shipped = load("paper_figure_1")
+    assert shipped == load(SCENES / "paper_figure_1.toml")
+    (tmp_path / "paper_figure_1").mkdir()
+    assert load("paper_figure_1") == shipped
+    (tmp_path / "paper_figure_1").rmdir()
+    (tmp_path / "paper_figure_1").write_text(CONTRACT, encoding="utf-8")
+    assert load("paper_figure_1") == parse(tomllib.loads(CONTRACT))
+    with pytest.raises(ScenarioError, match=r"paper_figure_2 does not exist; .*paper_figure_1, .*two_piercings"):
+        load("paper_figure_2")
 
 
 def test_overrides_reach_every_place(contract: Path) -> None:
