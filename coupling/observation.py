@@ -6,7 +6,7 @@ import numpy as np
 
 from coupling.arrays import Array, Indices
 from coupling.configuration import Configuration, configuration_of
-from coupling.constraints import LOCAL, Passage, couple_on_thread, site_force, tangent, thread_force
+from coupling.constraints import LOCAL, Passage, couple_on_thread, phi, site_force, tangent, thread_force
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Body
 from coupling.sliding import Law, cone_residual, law_of, normal_force
@@ -109,6 +109,24 @@ def broken_cones(system: System[Body], law: Law, state: State[Body], at: Passage
     if not system.rough.any():
         return np.zeros(system.holds)
     return cone_residual(law, state.slip, at, state.s, state.lam, state.y)
+
+
+def largest_gap(system: System[Body], state: State[Body], at: Passage) -> float:
+    """Return the largest |P(s) − x| of the drawn curve over the holes the thread is in [m]: what the spline lacks in
+    compliance there, and the residual."""
+    return largest_at_holes(system, state, at.P - state.y[:, :3])
+
+
+def largest_residual(system: System[Body], state: State[Body], at: Passage | None = None) -> float:
+    """Return the largest |P̂ − x| over the holes the thread is in [m]: what the solve leaves open of the constraint."""
+    at = at or system.passage(state.q, state.s)
+    return largest_at_holes(system, state, phi(at, state.lam, state.y)[:, :3])
+
+
+def largest_at_holes(system: System[Body], state: State[Body], gap: Array) -> float:
+    """Return the length of the longest of vectors (holds, 3) at the holes the thread is in."""
+    size = np.linalg.norm(gap, axis=1)
+    return float(np.max(size[system.rows[:, 0] & state.present], initial=0.0))
 
 
 def sliding_state(system: System[Body], state: State[Body], k: int) -> str:

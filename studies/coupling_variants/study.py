@@ -21,6 +21,7 @@ from threadpoolctl import threadpool_limits
 
 from coupling.audit import Energies, sliding_work
 from coupling.errors import CouplingError
+from coupling.observation import largest_residual
 from coupling.paper import staggered
 from coupling.paper.linear_step import linear_step
 from coupling.run import begin
@@ -30,7 +31,6 @@ from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, panels, ticks
 from studies.scenario import Scenario, parse
 from studies.simulation.assembly import Assembly, assemble
-from studies.simulation.simulation import largest_residual
 from studies.study import Study, StudyError, Table, unit
 from studies.verdicts import beyond_linear, too_coarse
 

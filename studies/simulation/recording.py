@@ -6,14 +6,12 @@ from typing import Any
 import numpy as np
 
 from coupling.adaptivity import span_ratio
-from coupling.constraints import Passage
 from coupling.contact import ContactObservation, observe_contact
-from coupling.observation import observe
+from coupling.observation import largest_gap, largest_residual, observe
 from coupling.system import State, System
 from studies.arrays import Array
 from studies.output.records import ContactRecord, StepRecord, ThreadRecord
 from studies.simulation.memory import OrganRun, memory_of
-from studies.simulation.simulation import largest_at_holes, largest_residual
 from thread.spline import Spline
 
 SAMPLES = 6  # points drawn on each span of the thread
@@ -81,12 +79,6 @@ def end_torques(state: State) -> tuple[float, float]:
     """Torque of the holders of start and end about the thread's tangent [N m]."""
     start, end = state.reaction[:, 3]
     return float(start), float(end)
-
-
-def largest_gap(system: System, state: State, at: Passage) -> float:
-    """Return the largest |P(s) − x| of the drawn curve over the holes the thread is in [m]: what the spline lacks in
-    compliance there, and the residual."""
-    return largest_at_holes(system, state, at.P - state.y[:, :3])
 
 
 def thread_record(system: System, state: State) -> ThreadRecord:

@@ -7,12 +7,10 @@ from math import ceil
 from time import perf_counter
 from typing import Any
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling import stepping
-from coupling.constraints import Passage, phi
 from coupling.diagnosis import faults
 from coupling.errors import StepError
 from coupling.observation import observe
@@ -21,8 +19,7 @@ from coupling.paper.staggered import backward_euler, staggered
 from coupling.paper.two_pass import two_pass
 from coupling.run import begin
 from coupling.stepping import Take, try_step
-from coupling.system import State, System
-from studies.arrays import Array
+from coupling.system import State
 from studies.output.checkpoint import Arrays
 from studies.output.records import Frame, OrganRecord, OrganTopology, StepRecord
 from studies.scenario import Scenario, ScenarioError, Solve
@@ -156,15 +153,3 @@ def sound_start(assembly: Assembly) -> State:
     if problems:
         raise ScenarioError(problems)
     return state
-
-
-def largest_residual(system: System, state: State, at: Passage | None = None) -> float:
-    """Return the largest |P̂ − x| over the holes the thread is in [m]: what the solve leaves open of the constraint."""
-    at = at or system.passage(state.q, state.s)
-    return largest_at_holes(system, state, phi(at, state.lam, state.y)[:, :3])
-
-
-def largest_at_holes(system: System, state: State, gap: Array) -> float:
-    """Return the length of the longest of vectors (holds, 3) at the holes the thread is in."""
-    size = np.linalg.norm(gap, axis=1)
-    return float(np.max(size[system.rows[:, 0] & state.present], initial=0.0))

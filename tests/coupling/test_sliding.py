@@ -12,10 +12,8 @@ from coupling.audit import audited, initial_energies
 from coupling.constraints import driving_force, phi, tangent
 from coupling.equilibrium import load_step
 from coupling.integrators import Scheme
-from coupling.observation import observe
+from coupling.observation import largest_gap, largest_residual, observe
 from coupling.system import Friction, Piercing, State, System
-from studies.simulation.recording import largest_gap
-from studies.simulation.simulation import largest_residual
 from tests.bounds import AXIAL, GAP, IDENTITY, ORDER, RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import (
     ABSCISSAE,

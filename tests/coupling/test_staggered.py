@@ -13,14 +13,13 @@ from coupling.audit import audited, initial_energies, sliding_work
 from coupling.constraints import met, phi, site_force
 from coupling.errors import CouplingError, RunAwayError
 from coupling.integrators import BackwardEuler
-from coupling.observation import site_compliance
+from coupling.observation import largest_residual, site_compliance
 from coupling.paper import staggered
 from coupling.stepping import Step, Take, advance, organ_answer, try_step
 from coupling.system import State, System
 from studies.coupling_variants.study import scenario
 from studies.scenario import ScenarioError, parse
 from studies.simulation import prepare
-from studies.simulation.simulation import largest_residual
 from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.studies.samples import CONTRACT
 from tests.thread.threads import (

@@ -5,10 +5,10 @@ import tomllib
 import numpy as np
 import pytest
 
+from coupling.observation import largest_residual
 from studies.scenario import parse
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
-from studies.simulation.simulation import largest_residual
 from tests.bounds import AXIAL, GAP, TWO_SOLVERS
 
 FORCE = (-0.5, 0.0, 0.4)
