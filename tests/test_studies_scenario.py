@@ -13,6 +13,7 @@ from studies.refusal import as_key, as_toml
 from studies.scenario import (
     DrivenEnd,
     FileMesh,
+    Piercing,
     Scenario,
     ScenarioError,
     check_clamp,
@@ -357,14 +358,27 @@ def test_quantities_name_their_unit() -> None:
     assert numbers == [("FileMesh", "unit")]
 
 
+def placed(*s: float, names: str = "abc", kind: str = "sliding") -> list[tuple[Piercing, float]]:
+    """Piercings at abscissae."""
+    return [(Piercing(name=name, at=(0.0, 0.0, 0.0), kind=kind), at) for name, at in zip(names, s, strict=False)]
+
+
 def test_order_of_the_piercings() -> None:
-    check_order(["a", "b", "c"], [0.01, 0.02, 0.03], 0.04)
+    check_order(placed(0.01, 0.02, 0.03), 0.04)
     with pytest.raises(ScenarioError, match=r"piercing\.c\.s = 0\.02 is refused: .*piercing\.b\.s = 0\.02"):
-        check_order(["a", "b", "c"], [0.01, 0.02, 0.02])
-    with pytest.raises(ScenarioError, match=r"piercing\.a\.s = 0\.0 is refused"):
-        check_order(["a"], [0.0])
+        check_order(placed(0.01, 0.02, 0.02))
     with pytest.raises(ScenarioError, match=r"piercing\.\"my hole\"\.s = 0\.05 is refused: .*0\.04 m"):
-        check_order(["my hole"], [0.05], 0.04)
+        check_order([(Piercing(name="my hole", at=(0.0, 0.0, 0.0)), 0.05)], 0.04)
+
+
+def test_only_an_anchor_sits_at_an_end_of_the_thread() -> None:
+    check_order(placed(0.0, 0.04, kind="anchored"), 0.04)
+    for s in (0.0, 0.04):
+        with pytest.raises(ScenarioError, match=rf'piercing\.a\.s = {s} is refused: .*kind = "anchored"'):
+            check_order(placed(s), 0.04)
+    for s in (-0.001, 0.041):
+        with pytest.raises(ScenarioError, match=r"it must lie between 0 and"):
+            check_order(placed(s, kind="anchored"), 0.04)
 
 
 def test_control_points_and_clamps() -> None:
