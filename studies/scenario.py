@@ -880,6 +880,13 @@ class Scenario(Table):
             key = dotted(["piercing", rough, "friction"])
             reason = f'solve.scheme is linear, which has no implicit {key}; use "two-pass", or scheme = "newton"'
             raise ValueError(refused("solve.friction", "implicit", reason))
+        if rough is not None and not self.thread.bending:
+            reason = (
+                f"{dotted(['piercing', rough, 'friction'])} acts along the tangent that the bend at a hole gives the "
+                "thread, however thin the thread, and a spline without bending has none; set bending = true, and for a "
+                "limp thread a small thread.bending_factor"
+            )
+            raise ValueError(refused("thread.bending", False, reason))
         return self
 
     @model_validator(mode="after")

@@ -145,6 +145,7 @@ REFUSED = [
         "piercing.entry.friction.kinetic=0.2",
         ["piercing.entry.friction.kinetic = 0.2", "static = 0.12", "lower"],
     ),
+    ("thread.bending=false", ["thread.bending = false", "piercing.entry.friction", "bending = true", "bending_factor"]),
     ("piercing.entry.kind=anchored", ["piercing.entry.friction", "anchored", "leave it out"]),
     ("piercing.exit.channel=1e-3", ["piercing.exit.channel = 0.001", "friction and a direction"]),
     ("piercing.entry.from=0.95", ["piercing.entry.until = 0.9", "later than from = 0.95", "raise"]),
