@@ -229,3 +229,17 @@ def test_the_checks_see_what_they_should(monkeypatch: pytest.MonkeyPatch) -> Non
     assert {"solve.dt", "piercing.from", "tissue.mesh.h_site"} <= keys(schema(), schema())
     with pytest.raises(AssertionError, match="not understood"):
         understood(["run", "two_piercings", "--outt", "DIR"], monkeypatch)
+
+
+def test_the_recipes_name_what_there_is() -> None:
+    """Independent check: every file that CONTRIBUTING.md names is there, and every name of code stands in the code."""
+    code = INLINE.findall(LISTING.sub("", PAGES["CONTRIBUTING.md"]))
+    files = {name for name in code if re.fullmatch(r"\.?\w+(/\w+)*/\w+(\.py)?", name) and "NAME" not in name}
+    assert len(files) > 10
+    assert [name for name in files if not (ROOT / name).exists()] == []
+    modules = [path for folder in ("coupling", "meshes", "studies", "tests", "thread", "tissue")
+               for path in (ROOT / folder).rglob("*.py") if path != Path(__file__)]  # fmt: skip
+    text = "\n".join(path.read_text(encoding="utf-8") for path in modules)
+    names = {name for name in code if re.fullmatch(r"[A-Za-z_]\w+(\.[a-z_]\w*)*", name)} - {"NAME", "OMP_NUM_THREADS"}
+    assert len(names) > 30
+    assert [name for name in names if not re.search(rf"\b{name.rpartition('.')[2]}\b", text)] == []
