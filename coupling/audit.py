@@ -70,7 +70,7 @@ def thread_elastic(system: System[Body], state: State[Body]) -> float:
     return system.thread.energy(system.thread.points(state.q, state.frame)) + held
 
 
-def audited(system: System[Body], before: Energies, step: Step[Body]) -> Energies:
+def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Energies:
     """The audit after a step, from the audit before it."""
     old, new, thread = step.old, step.new, system.thread
     dq, dv = new.q - old.q, new.v - old.v

@@ -19,9 +19,9 @@ from coupling.constraints import (
     Passage,
     axis_force,
     axis_stiffness,
+    effective_place,
     force_by_axis,
-    met,
-    moment_arm,
+    force_on_tangent,
     own_axis,
     parts,
 )
@@ -64,9 +64,9 @@ def linearise(thread: Passage, lam: Array, y: Array) -> Border:
     E, B, D = np.zeros((m, NINE, BORDER)), np.zeros((m, OWN, NINE)), np.zeros((m, OWN, BORDER))
     F, R = np.zeros((m, NINE, BORDER)), np.zeros((m, NINE, NINE))
     u, v, mu_u, mu_v = y[:, 3:6], y[:, 6:], lam[:, 3:4, None] * I3, lam[:, 4:5, None] * I3
-    T, (P_s, T_s) = met(thread, lam, y)[1], met(thread, lam, y, 1)
+    T, (P_s, T_s) = effective_place(thread, lam, y)[1], effective_place(thread, lam, y, 1)
 
-    E[:, AT_T, S], E[:, AT_K, S] = -lam[:, :3], -moment_arm(lam, y)
+    E[:, AT_T, S], E[:, AT_K, S] = -lam[:, :3], -force_on_tangent(lam, y)
     E[:, AT_P, LAM] = -I3
     E[:, AT_T, MU_U], E[:, AT_T, MU_V] = -u, -v
     E[:, AT_T, U], E[:, AT_T, V] = -mu_u, -mu_v
@@ -91,7 +91,7 @@ def add_compliance(border: Border, thread: Passage, lam: Array, y: Array) -> Non
     """Add what Φ and the forces owe to the missing compliance, into a border under construction; the stiffness of a
     free thread's own axis is left to the thread's band (`own_stiffness`)."""
     u, v = y[:, 3:6, None], y[:, 6:, None]
-    dP, dT = by_multipliers(thread, lam, y)
+    dP, dT = derivatives_by_multipliers(thread, lam, y)
     border.D[:, LAM] += dP
     border.D[:, MU_U] += (u * dT).sum(axis=1)
     border.D[:, MU_V] += (v * dT).sum(axis=1)
@@ -101,7 +101,7 @@ def add_compliance(border: Border, thread: Passage, lam: Array, y: Array) -> Non
     add_own_turning(border, thread, lam, y)
 
 
-def by_multipliers(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
+def derivatives_by_multipliers(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
     """Derivatives of P̂ and T̂ by a hold's multipliers and frame, each `(m, 3, 15)`."""
     c0, c1, c2 = thread.c[:, 0].T[:, :, None, None]
     unit = parts(thread, lam, y).unit
@@ -163,7 +163,7 @@ def own_stiffness(thread: Passage, lam: Array, y: Array) -> Array:
     return np.asarray(np.einsum("ma,mb,mij->mabij", slope, slope, turn))
 
 
-def without(border: Border, absent: NDArray[np.bool_]) -> Border:
+def drop_constraints(border: Border, absent: NDArray[np.bool_]) -> Border:
     """The border with the constraints that are `absent`, (m, 5), replaced by λ = 0."""
     B, D = border.B.copy(), border.D.copy()
     hold, k = np.nonzero(absent)
@@ -189,7 +189,7 @@ def columns(thread: Passage, n: int, c: int) -> Array:
     return V.reshape(NINE * m, c * n).T
 
 
-def at_holds(thread: Passage, X: Array) -> Array:
+def values_at_holds(thread: Passage, X: Array) -> Array:
     """Vᵀ X by the four local points of each hold, shape `(9m, k)`; `X` (n, c, k)."""
     m = len(thread.first)
     local = X[thread.first[:, None] + LOCAL, :3]
@@ -206,7 +206,7 @@ def banded_solve(A: Array, b: Array) -> Array:
     return np.asarray(x)
 
 
-def direction(
+def newton_direction(
     A: Array, held: Indices, border: Border, C: Array, thread: Passage, r_q: Array, r: Array, r_y: Array
 ) -> tuple[Array, Array]:
     """Newton direction dq (n, c) and dz (m, 15).
@@ -222,7 +222,7 @@ def direction(
     X = banded_solve(A, right)
     if m == 0:
         return X[:, 0].reshape(n, c), np.empty((0, BORDER))
-    G = at_holds(thread, X.reshape(n, c, -1))
+    G = values_at_holds(thread, X.reshape(n, c, -1))
     matrix, rhs = holds_system(border, C, G[:, 0].reshape(m, NINE), G[:, 1:], r, r_y)
     _, _, own, info = dgesv(matrix, rhs)
     if info != 0 or not np.all(np.isfinite(own)):

@@ -67,7 +67,7 @@ def observe(
     for k, piercing in enumerate(system.piercings):
         force, y = state.lam[k, :3], state.y[k]
         along = float(force @ t[k])
-        transmitted = forces_beside(internal, at.first, shares, state.s, k)
+        transmitted = transmitted_forces(internal, at.first, shares, state.s, k)
         before, after = (axial_force(system, state, k, side, F) for side, F in zip((-1, 1), transmitted, strict=True))
         out.append(
             PiercingObservation(
@@ -108,7 +108,7 @@ def broken_cones(system: System[Body], law: Law, state: State[Body], at: Passage
     """Return by how much the force along the thread breaks Coulomb's law at every hold, shape `(m,)` [N]."""
     if not system.rough.any():
         return np.zeros(system.holds)
-    return cone_residual(law, state.slip, at, state.s, state.lam, state.y)
+    return cone_residual(law, state.sigma, at, state.s, state.lam, state.y)
 
 
 def largest_gap(system: System[Body], state: State[Body], at: Passage) -> float:
@@ -135,10 +135,10 @@ def sliding_state(system: System[Body], state: State[Body], k: int) -> str:
         return "left"
     if not system.piercings[k].slides:
         return "anchored"
-    return "slip" if state.slip[k] else "stick"
+    return "slip" if state.sigma[k] else "stick"
 
 
-def forces_beside(internal: Array, first: Indices, shares: Array, s: Array, k: int) -> tuple[Array, Array]:
+def transmitted_forces(internal: Array, first: Indices, shares: Array, s: Array, k: int) -> tuple[Array, Array]:
     """Force that the thread transmits just before and just after hole k, of what lies beyond on what lies before, each
     `(3,)` [N], from the elastic forces (n, 3) on the control points.
 

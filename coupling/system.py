@@ -130,7 +130,7 @@ class System(Generic[Body]):
     def clamp_frames(self) -> Array:
         """y of each clamped end: any point, and two vectors across its tangent, shape `(c, 9)`."""
         tangents = [end.direction for end in self.ends if isinstance(end, Clamped)]
-        rows = [np.concatenate([np.zeros(3), *across(tangent)]) for tangent in tangents]
+        rows = [np.concatenate([np.zeros(3), *orthonormal_pair(tangent)]) for tangent in tangents]
         return np.array(rows).reshape(-1, 9)
 
     @cached_property
@@ -185,7 +185,7 @@ class System(Generic[Body]):
         return np.asarray((static > 0.0) | (grip > 0.0))
 
 
-def across(tangent: Array) -> tuple[Array, Array]:
+def orthonormal_pair(tangent: Array) -> tuple[Array, Array]:
     """Two unit vectors u, v with u × v = `tangent`, by the rule of Duff et al. (JCGT 2017), continuous but at −z."""
     x, y, z = tangent
     sign = np.copysign(1.0, z)
@@ -198,7 +198,7 @@ class State(Generic[Body]):
     """The system at one time.
 
     `q`, `v` (n, c) [m, m/s, with twist rad, rad/s]; `N`, axial forces [N]; `organ`, the organ's own state; `s`,
-    `s_dot` (holds,) [m, m/s]; `lam` (holds, 5) [N, N m]; `y` (holds, 9); `slip` (holds,): −1, 0, +1 sign of ds/dt, 0
+    `s_dot` (holds,) [m, m/s]; `lam` (holds, 5) [N, N m]; `y` (holds, 9); `sigma` (holds,): −1, 0, +1 sign of ds/dt, 0
     where the thread sticks; `present` (holds,): False before a piercing begins, and once the thread has left the hole;
     `sense` (holds,): sign of T·(u × v) where the piercing began, which must not change in a directed hole; `reaction`
     (2, c) [N], force of the holders on the thread's ends, with twist their torque about the tangent too [N m]; `y_dot`
@@ -217,7 +217,7 @@ class State(Generic[Body]):
     s_dot: Array
     lam: Array
     y: Array
-    slip: Array
+    sigma: Array
     present: Flags
     sense: Array
     reaction: Array

@@ -28,7 +28,7 @@ from coupling.errors import StepError
 from coupling.integrators import BackwardEuler
 from coupling.newton import Iterate
 from coupling.run import begin
-from coupling.stepping import dynamic_problem, organ_answer, predicted
+from coupling.stepping import dynamic_problem, organ_answer, predict
 from coupling.system import State, System
 from studies.arrays import Array
 from studies.output.files import write_json
@@ -139,7 +139,7 @@ def beside(
     def baseline(state: State[OrganState], linear: Callable[[BlockSystem], Array]) -> Iterate:
         """A step from a state by Newton on the assembled system with a linear solver of the user's."""
         problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state))
-        return monolithic_solve(problem, predicted(problem, state), organ.field(state.organ), linear).iterate
+        return monolithic_solve(problem, predict(problem, state), organ.field(state.organ), linear).iterate
 
     out: dict[str, Callable[[State[OrganState]], object]] = {
         "floor": lambda state: operator.factor.solve(right),

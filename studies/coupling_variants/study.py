@@ -186,7 +186,7 @@ def created_by_the_constraints(system: System, met: Array, step: Step) -> float:
 
 WAYS = {
     "monolithic": Way(try_step, staggered.work_of_the_lag),
-    "staggered": Way(staggered.take, staggered.work_of_the_lag),
+    "staggered": Way(staggered.staggered_step, staggered.work_of_the_lag),
     "linear": Way(linear_step, created_by_the_constraints),
 }
 LINEAR = {"scheme": "linear"}

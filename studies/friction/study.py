@@ -124,7 +124,7 @@ def rod(mu: float, half: float, pull: float, hold: float) -> tuple[System, State
 
 def slips(mu: float, half: float, pull: float, hold: float) -> bool:
     """Whether the rod slips towards its pulled end."""
-    return bool(begin(*rod(mu, half, pull, hold)).step(DT).state.slip[0] < 0.0)
+    return bool(begin(*rod(mu, half, pull, hold)).step(DT).state.sigma[0] < 0.0)
 
 
 def pull_at_slip(mu: float, half: float, hold: float) -> tuple[float, bool]:
@@ -170,7 +170,7 @@ def passes(mu: float, turn: float) -> list[Row]:
     half = np.radians(turn) / 2
     system, state = rod(mu, half, HOLD, HOLD)
     v = np.outer(np.ones(system.thread.n), GLIDE * along(0.0))
-    state = replace(state, v=v, s_dot=np.array([-GLIDE]), slip=np.array([-1.0]))
+    state = replace(state, v=v, s_dot=np.array([-GLIDE]), sigma=np.array([-1.0]))
     change = abs(float(two_pass(system, state, DT).new.lam[0, :3] @ along(0.0))) / np.cos(half)
     lag = 2 * mu * np.tan(half)
     given = {"hold": (1 + change / HOLD, 1 + lag), "pull": (inverse(1 - change / HOLD), inverse(1 - lag))}
@@ -235,7 +235,7 @@ def moment(system: System, state: State, mu: float, turn: float, place: float, o
         way=place,
         ratio=float(pull / hold),
         theory=ratio if outwards else 1.0 / ratio,
-        settled=bool(np.all(state.slip == sense)),
+        settled=bool(np.all(state.sigma == sense)),
     )
 
 

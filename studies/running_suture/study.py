@@ -29,7 +29,7 @@ from threadpoolctl import threadpool_limits
 
 from coupling.adaptivity import Resolution, span_ratio
 from coupling.audit import initial_energies
-from coupling.impact import begun
+from coupling.impact import begin_piercing
 from coupling.observation import observe
 from coupling.run import begin
 from coupling.system import State, System
@@ -314,12 +314,12 @@ def laid(case: Case, stitches: int, tension: float) -> Line:
     smooth = replace(rough, piercings=tuple(replace(hole, friction=None) for hole in rough.piercings))
     system = replace(smooth, ends=(smooth.ends[0], Hand((0.0, 1.0), tension * OVER, tension * OVER)))
     assert assembly.resolution is not None
-    state = replace(state, slip=slipping(smooth, state))
+    state = replace(state, sigma=slipping(smooth, state))
     line = Line(system, state, assembly.resolution, case.step, np.full(2 * stitches, tension))
     line = led(line, tension * OVER, LAYING)
     system, state = line.system, line.state
     system = replace(system, piercings=rough.piercings)
-    state = replace(state, slip=slipping(system, state))
+    state = replace(state, sigma=slipping(system, state))
     return replace(line, system=system, state=state)
 
 
@@ -357,7 +357,7 @@ def stitched(line: Line, number: int, hold: float) -> Line:
     """One stitch more, `number` from 0: the tail passes over its entry, is led under the wound to its exit, back."""
     for hole, came, goes, way in ((2 * number, OVER, UNDER, -UP), (2 * number + 1, UNDER, OVER, UP)):
         line = led(line, hold * came, REST)
-        state, _ = begun(line.system, line.state, hole, line.step, np.nan)
+        state, _ = begin_piercing(line.system, line.state, hole, line.step, np.nan)
         line = replace(line, state=state)
         line = led(led(line, hold * way, SWING / 2), hold * goes, SWING / 2)
     return replace(line, law=np.append(line.law, [hold, hold]))

@@ -15,7 +15,7 @@ from coupling.diagnosis import faults
 from coupling.errors import StepError
 from coupling.observation import observe
 from coupling.paper.linear_step import linear_step, linear_two_pass
-from coupling.paper.staggered import backward_euler, staggered
+from coupling.paper.staggered import backward_euler, stagger
 from coupling.paper.two_pass import two_pass
 from coupling.run import begin
 from coupling.stepping import Take, try_step
@@ -130,7 +130,7 @@ def method(solve: Solve) -> Take:
         thread_step = two_pass
     if solve.scheme == "linear":
         thread_step = linear_two_pass if solve.friction == "two-pass" else linear_step
-    return staggered(thread_step, scheme_of) if solve.coupling == "staggered" else thread_step
+    return stagger(thread_step, scheme_of) if solve.coupling == "staggered" else thread_step
 
 
 def prepare(scenario: Scenario) -> Simulation:

@@ -9,11 +9,11 @@ import pytest
 from scipy.sparse.linalg import splu
 
 from coupling.assembled import Monolith, assemble, equation_of
-from coupling.audit import audited, initial_energies
+from coupling.audit import audit_step, initial_energies
 from coupling.constraints import phi
 from coupling.integrators import BackwardEuler
-from coupling.newton import correct, cut, evaluate
-from coupling.stepping import advance, dynamic_problem, organ_answer, predicted
+from coupling.newton import allowed_share, correct, evaluate
+from coupling.stepping import advance, dynamic_problem, organ_answer, predict
 from coupling.system import Piercing, System
 from tests.bounds import GAP, IDENTITY, ORDER, RESIDUAL, TWO_SOLVERS
 from tests.thread.test_statics import ALONG_X, cantilever, equilibrium, tip_error
@@ -155,7 +155,7 @@ def test_springs_in_holes(twist: bool) -> None:
     energies = [initial_energies(system, state)]
     for _ in range(10):
         for step in advance(system, state, 2e-3):
-            energies.append(audited(system, energies[-1], step))
+            energies.append(audit_step(system, energies[-1], step))
         state = step.new
         violation = np.abs(phi(system.passage(state.q, state.s), state.lam, state.y))[:2, :3]
         assert violation.max() <= GAP * thread.section.diameter
@@ -164,15 +164,15 @@ def test_springs_in_holes(twist: bool) -> None:
     scheme = BackwardEuler(2e-3)
     problem = dynamic_problem(system, state, 2e-3, organ_answer(system, scheme, state))
     whole = equation_of(problem)
-    z = predicted(problem, state)
+    z = predict(problem, state)
     U = organ.displacement(state.organ)[organ.elasticity.free]
     y = np.concatenate([(whole.y0 + whole.Y @ U).reshape(-1, 9), system.clamp_frames])
     shaken = np.random.default_rng(1).standard_normal(z.q.shape) * [1e-5, 1e-5, 1e-5, 0.1][: thread.coordinates]
-    z = Monolith(z.q + shaken, z.N, z.s, z.lam, y, z.slip, U)
+    z = Monolith(z.q + shaken, z.N, z.s, z.lam, y, z.sigma, U)
     r = evaluate(problem, z)
     block = assemble(problem, z, r)
     dq = splu(block.matrix).solve(block.right)[block.blocks["q"]].reshape(z.q.shape)
-    dq *= cut(problem, dq)
+    dq *= allowed_share(problem, dq)
     got = correct(problem, z, r).q - z.q
     for part in (slice(0, 3), slice(3, z.q.shape[1])):
         size = np.abs(dq[:, part]).max(initial=0.0)

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 
-from coupling.audit import audited, initial_energies
+from coupling.audit import audit_step, initial_energies
 from coupling.equilibrium import load_step
 from tests.bounds import IDENTITY, LINEAR, RESIDUAL, TWISTED
 from tests.thread.threads import (
@@ -141,7 +141,7 @@ def test_audit_of_a_twisted_thread_closes() -> None:
     steps = run(system, state, 2e-3, 40)
     energies = [initial_energies(system, state)]
     for step in steps:
-        energies.append(audited(system, energies[-1], step))
+        energies.append(audit_step(system, energies[-1], step))
     scale = energies[0].kinetic + energies[0].elastic_thread
     assert np.abs(np.diff([e.balance_error for e in energies])).max() <= IDENTITY * scale
     momenta = np.array([thread.momentum(step.new.v)[:, :3].sum(axis=0) for step in steps])
@@ -277,7 +277,7 @@ def test_a_needle_turns_the_thread() -> None:
     state = laid(system, [], line(ORIGIN, X))
     energies = initial_energies(system, state)
     for step in run(system, state, 5e-3, 80):
-        energies = audited(system, energies, step)
+        energies = audit_step(system, energies, step)
     torque, stored = PP.GJ * 3.0 / L, 0.5 * PP.GJ * 9.0 / L
     state = step.new
     assert np.abs(state.reaction[:, 3] / torque - [-1.0, 1.0]).max() < LINEAR

@@ -10,7 +10,7 @@ from scipy.sparse.linalg import splu
 from skfem import MeshTet
 
 import tissue
-from coupling.audit import audited, initial_energies
+from coupling.audit import audit_step, initial_energies
 from coupling.stepping import advance
 from studies.scenario import ScenarioError, load
 from studies.simulation.assembly import assemble
@@ -46,7 +46,7 @@ def after_some_steps(name: str, inertia: bool) -> tuple[np.ndarray, ...]:
     energies = initial_energies(system, state)
     for _ in range(STEPS):
         for step in advance(system, state, scenario.solve.dt):
-            energies, state = audited(system, energies, step), step.new
+            energies, state = audit_step(system, energies, step), step.new
     assert abs(energies.balance_error) <= 1e-9 * abs(energies.external_work)
     return state.q, system.organ.displacement(state.organ), state.lam, state.y
 

@@ -7,7 +7,7 @@ import skfem
 from numpy.typing import NDArray
 
 import tissue
-from coupling.contact import Contact, forces, pressed_under
+from coupling.contact import Contact, find_pressed, forces
 from coupling.integrators import Equilibrium
 from meshes.grading import Grading
 from meshes.wound import Wound, lips, wounded_block_structured
@@ -77,7 +77,7 @@ def forced(g_free: Array, answer: Any, start: Any = None) -> Array:
     """Contact forces where the gaps would be `g_free` without them; the pressed pairs are sought from `start`."""
     contact, none = Contact(g_free, answer.C_cy, answer), np.zeros(0)
     first = np.zeros(len(g_free), dtype=bool) if start is None else start
-    return forces(contact, pressed_under(contact, none, first), none)
+    return forces(contact, find_pressed(contact, none, first), none)
 
 
 def at_rest(organ: Any, start: Any = None) -> tissue.OrganState:
