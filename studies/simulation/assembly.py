@@ -13,7 +13,7 @@ from meshes.wound import lips
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
-from studies.scenario.refusal import refused
+from studies.scenario.refusal import refusal
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
 from studies.simulation.meshing import material_of, organ_mesh, wound_of
 from studies.simulation.pieces import check_draws, check_pieces
@@ -46,7 +46,7 @@ class Assembly:
     resolution: Resolution | None
 
     @property
-    def given(self) -> Array:
+    def begin_abscissae(self) -> Array:
         """Abscissa at which each piercing begins, `(p,)` [m]; NaN where the thread is nearest to it then."""
         return np.array([np.nan if hole.s is None else hole.s for hole in self.scenario.piercing])
 
@@ -96,7 +96,7 @@ def length_of(scenario: Scenario, path: RoundedPath) -> float:
     length = scenario.thread.length or path.length
     if path.length > STRETCH * length:
         reason = f"the path is {path.length:.4g} m long, and no suture stretches that far; leave it out or lengthen it"
-        raise ScenarioError(refused("thread.length", length, reason))
+        raise ScenarioError(refusal("thread.length", length, reason))
     return length
 
 
@@ -104,11 +104,11 @@ def abscissae(scenario: Scenario, path: RoundedPath, length: float) -> list[floa
     """Abscissa of every piercing at the start [m]: given, or where the path is nearest after the piercing before it."""
     s: list[float] = []
     for hole in scenario.piercing:
-        s.append(hole.s if hole.s is not None else passing(path, hole.at, after=s[-1:]) * length / path.length)
+        s.append(hole.s if hole.s is not None else nearest_pass(path, hole.at, after=s[-1:]) * length / path.length)
     return s
 
 
-def passing(path: RoundedPath, point: Sequence[float], after: Sequence[float]) -> float:
+def nearest_pass(path: RoundedPath, point: Sequence[float], after: Sequence[float]) -> float:
     """Abscissa on the path [m] of its nearest pass by a point; of passes as near, the first `after` an abscissa."""
     places, distances = path.passes(point)
     near = places[distances <= distances.min() + 1e-9 * path.length]

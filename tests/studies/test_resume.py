@@ -16,7 +16,7 @@ import pytest
 
 from studies.command import command
 from studies.output.checkpoint import CHECKPOINT, difference, read_checkpoint, write_checkpoint
-from studies.output.folder import MARK, Recorder, resumable
+from studies.output.folder import MARK, Recorder, can_resume
 from studies.output.records import StepRecord
 from studies.scenario import ScenarioError, dump, load, parse
 from studies.scenario.toml import tables
@@ -296,10 +296,10 @@ def test_another_mesh_is_refused(tmp_path: Path) -> None:
     data["tissue"] |= {"mesh": {"kind": "file", "path": str(mesh)}, "clamp": ["bottom"]}
     with Recorder(tmp_path / "out", parse(data)):
         pass
-    assert resumable(tmp_path / "out", parse(data))
+    assert can_resume(tmp_path / "out", parse(data))
     mesh.write_text("another mesh", encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"contents of tissue\.mesh\.path changed"):
-        resumable(tmp_path / "out", parse(data))
+        can_resume(tmp_path / "out", parse(data))
 
 
 def test_an_empty_folder_begins_anew(file: Path, whole: Path, tmp_path: Path) -> None:
