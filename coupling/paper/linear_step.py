@@ -330,8 +330,8 @@ def check_accuracy(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residu
         raise StepError(state.time, problem.dt, "the linear step ran away; take a smaller dt, or Newton's scheme")
     lam = dz[:, PHI]
     free = thread_residual(problem, posed.points, posed.tangent, state.q, q)
-    balance = free.copy()
-    balance[:, :3] -= spread(thread_force(posed.at, lam, state.y), posed.at, thread.n)
+    balance, push = free.copy(), spread(thread_force(posed.at, lam, state.y), posed.at, thread.n)
+    balance[:, :3] -= push
     at = values_at_holds(posed.at, dq[..., None]).reshape(-1, NINE)
     B, D = posed.border.B, posed.border.D
     holds = posed.r + np.matvec(B, at) + np.matvec(D, dz)
@@ -343,6 +343,7 @@ def check_accuracy(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residu
     residual = Residual(
         Configuration(points, posed.at, thread.gradient(points)),
         site_force(posed.at, lam, state.y),
+        push,
         balance,
         holds,
         np.zeros_like(state.y),
