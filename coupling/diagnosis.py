@@ -110,7 +110,7 @@ def scaled_rows(system: System[Body], state: State[Body], at: Passage) -> tuple[
         full[hold, row, local, :3] = at.b[:, 1, :, None] * state.y[:, None, frame]
     used = system.rows & state.present[:, None]
     owner = np.nonzero(used)[0]
-    flat = full.reshape(m, 5, -1)[used]
+    flat = full.reshape(m, 5, n * c)[used]
     size = np.linalg.norm(flat, axis=1, keepdims=True)
     flat[:, system.held] = 0.0
     return flat / np.maximum(size, np.finfo(float).tiny), owner

@@ -14,8 +14,8 @@ from coupling.diagnosis import refuse_drawn_out
 from coupling.errors import EquilibriumError, StepError
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body
-from coupling.newton import Iterate, Problem, Solution, solve
-from coupling.sliding import law_of, prescribed
+from coupling.newton import Iterate, Problem, Solution, evaluate, solve
+from coupling.sliding import admissible_sigma, force_along_thread, law_of, prescribed, static_bound
 from coupling.stepping import (
     Step,
     accept_organ,
@@ -31,6 +31,7 @@ from coupling.system import State, System
 
 WEAKER = 10.0  # the tie is weakened by this factor after a success, tightened by its square root after a failure
 ATTEMPTS = 60
+LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
 LAID_TIE = (
     1e-4  # of the first tie, for a thread as it was laid: Newton alone might jump to an equilibrium that does not hold
 )
@@ -86,10 +87,14 @@ def relax_ties(system: System[Body], state: State[Body], share: float, duration:
         problem = static_problem(system, now, share, duration, tie, answer, state)
         if hold and tie > 0.0:
             problem = replace(problem, law=prescribed(problem.law, problem.law.rough, np.zeros(system.holds)))
+        first = guess(problem, now, state.sigma if hold else now.sigma)
+        held = hold and tie == 0.0 and now is not state
         try:
-            solution = solve(problem, guess(problem, now, state.sigma if hold else now.sigma))
+            solution = let_go(problem, first) if held else solve(problem, first)
         except StepError as error:
             failed = error
+            if held:
+                break
             tie = first_tie(system, now) if tie == 0.0 else tie * np.sqrt(WEAKER)
             continue
         now, answer = equilibrium_state(now, solution), solution.problem.answer
@@ -98,6 +103,48 @@ def relax_ties(system: System[Body], state: State[Body], share: float, duration:
         tie = 0.0 if tie < 1e-9 * first_tie(system, now) else tie / WEAKER
     cause, piercing = (failed.cause, failed.piercing) if failed else ("the ties could not be dropped", "")
     raise EquilibriumError(state.time, share * duration - state.time, cause, piercing, share)
+
+
+def let_go(problem: Problem[Body], held: Iterate) -> Solution[Body]:
+    """The equilibrium with friction near one in which the rough holes hold, at once if Newton finds it. Raises
+    `StepError`."""
+    try:
+        return solve(problem, held)
+    except StepError:
+        return let_down_friction(problem, held)
+
+
+def let_down_friction(problem: Problem[Body], held: Iterate) -> Solution[Body]:
+    """The equilibrium with friction, from one in which the rough holes hold: all friction is enlarged until it holds
+    them, then let down to its own, so that the thread slides no further at a time than Newton follows. Friction
+    opposes the way of each stage, for a hole may turn back on the way: what it takes of the whole way is then no more
+    than an estimate by the forces at the end. Raises `StepError`."""
+    z, ratio = replace(held, sigma=admissible_sigma(problem.law, np.zeros_like(held.s))), LOOSER
+    at, law = evaluate(problem, z).passage, problem.law
+    pull, bound = np.abs(force_along_thread(law, at, z.s, z.lam, z.y)), static_bound(law, at, z.lam, z.y)
+    firm = float(np.max(pull / np.maximum(bound, np.finfo(float).tiny), where=law.rough, initial=1.0))
+    iterations, failed = 0, StepError(problem.time - problem.dt, problem.dt, "the friction could not be let down")
+    for _ in range(ATTEMPTS):
+        factor = max(1.0, ratio * firm)
+        try:
+            here = replace(problem, law=replace(law, s_old=z.s, s_held=np.where(law.may_slide, z.s, law.s_held)))
+            solution = solve(with_friction(here, factor), z)
+        except StepError as error:
+            failed, ratio = error, np.sqrt(ratio)
+            continue
+        z, firm, ratio = solution.iterate, factor, max(LOOSER, ratio**2)
+        iterations += solution.iterations
+        if factor == 1.0:
+            answered = replace(problem, answer=solution.problem.answer)
+            return replace(solution, problem=answered, iterations=iterations)
+    raise failed
+
+
+def with_friction(problem: Problem[Body], factor: float) -> Problem[Body]:
+    """The problem with all friction multiplied."""
+    law = problem.law
+    more = {name: factor * getattr(law, name) for name in ("static", "kinetic", "grip")}
+    return replace(problem, law=replace(law, **more))
 
 
 def first_tie(system: System[Body], state: State[Body]) -> float:

@@ -63,7 +63,9 @@ def abscissa(system: System[Body], state: State[Body], k: int, given: float) -> 
     low, high = neighbours(system, state, k)
     if np.isnan(given):
         return nearest_abscissa(system, state, state.y[k, :3], low, high)
-    if not low < given < high:
+    spline = system.thread.spline
+    held_end = not system.piercings[k].slides and given in (spline.start, spline.end)
+    if not (low < given < high or held_end):
         cause = f"s = {given} m does not lie between its neighbours on the thread, at {low:.6g} and {high:.6g} m"
         raise FormingError(state.time, system.piercings[k].name, f"{cause}; correct s or the order of the piercings")
     return given

@@ -55,9 +55,10 @@ class Piercing(Table):
         description="whether to add the compliance of the tissue around the footprint that the mesh is too coarse to "
         "show; none on a fine mesh or for a bare point",
     )
-    s: Positive | None = Field(
+    s: NotNegative | None = Field(
         default=None,
-        description="abscissa of the piercing where it begins [m]; default: where the thread is nearest to it then",
+        description="abscissa of the piercing where it begins [m], at an end of the thread only if anchored; default: "
+        "where the thread is nearest to it then",
         examples=[0.031],
     )
     friction: Friction | None = Field(

@@ -41,8 +41,9 @@ class Scenario(Table):
     def _check_piercings(self) -> Self:
         if problem := repeated("piercing", [piercing.name for piercing in self.piercing]):
             raise ValueError(problem)
-        given = [(piercing.name, piercing.s) for piercing in self.piercing if piercing.s is not None]
-        check_order([name for name, _ in given], [s for _, s in given], self.thread.length)
+        check_order(
+            [(piercing, piercing.s) for piercing in self.piercing if piercing.s is not None], self.thread.length
+        )
         check_control_points(self.thread.control_points, len(self.piercing))
         loose = next((piercing.name for piercing in self.piercing if piercing.direction == "normal"), None)
         if self.tissue is None and loose is not None:
@@ -72,6 +73,13 @@ class Scenario(Table):
             key = dotted(["piercing", rough, "friction"])
             reason = f'solve.scheme is linear, which has no implicit {key}; use "two-pass", or scheme = "newton"'
             raise ValueError(refused("solve.friction", "implicit", reason))
+        if rough is not None and not self.thread.bending:
+            reason = (
+                f"{dotted(['piercing', rough, 'friction'])} acts along the tangent that the bend at a hole gives the "
+                "thread, however thin the thread, and a spline without bending has none; set bending = true, and for a "
+                "limp thread a small thread.bending_factor"
+            )
+            raise ValueError(refused("thread.bending", False, reason))
         return self
 
     @model_validator(mode="after")
@@ -120,25 +128,29 @@ class Scenario(Table):
 # --- checks that the simulation repeats once it knows more ------------------------------------------------
 
 
-def check_order(names: Sequence[str], s: Sequence[float], length: float | None = None) -> None:
-    """Refuse abscissas ``s`` [m] that do not increase along the list of piercings, or are off the thread."""
-    for name, value in zip(names, s, strict=True):
-        if value <= 0 or (length is not None and value >= length):
-            limit = "the thread's length" if length is None else f"the thread's length of {length} m"
-            raise ScenarioError(
-                refused(
-                    dotted(["piercing", name, "s"]),
-                    value,
-                    f"it must lie between 0 and {limit}; move the piercing, or let the path go on beyond it",
-                )
-            )
-    for (before, low), (after, high) in pairwise(zip(names, s, strict=True)):
+def check_order(placed: Sequence[tuple[Piercing, float]], length: float | None = None) -> None:
+    """Refuse piercings whose abscissas [m] do not increase along the list or are off the thread, and at an end of the
+    thread those that do not anchor it."""
+    for hole, s in placed:
+        check_within(hole, s, length)
+    for (before, low), (after, high) in pairwise(placed):
         if high <= low:
             reason = (
-                f"it must be greater than {dotted(['piercing', before, 's'])} = {low}, because the piercings "
+                f"it must be greater than {dotted(['piercing', before.name, 's'])} = {low}, because the piercings "
                 "are listed in the order in which the thread passes them; reorder them or correct s"
             )
-            raise ScenarioError(refused(dotted(["piercing", after, "s"]), high, reason))
+            raise ScenarioError(refused(dotted(["piercing", after.name, "s"]), high, reason))
+
+
+def check_within(hole: Piercing, s: float, length: float | None) -> None:
+    """Refuse a piercing whose abscissa [m] is off the thread, or at its end where it is free to slide out."""
+    last = inf if length is None else length
+    if (hole.kind == "anchored" and 0.0 <= s <= last) or 0.0 < s < last:
+        return
+    limit = "the thread's length" if length is None else f"the thread's length of {length} m"
+    reason = f"it must lie between 0 and {limit}; move the piercing, or let the path go on beyond it"
+    at_end = s in (0.0, last) and ', or hold the end of the thread there: kind = "anchored"'
+    raise ScenarioError(refused(dotted(["piercing", hole.name, "s"]), s, reason + (at_end or "")))
 
 
 def check_cuts(cuts: Sequence[float], length: float) -> None:

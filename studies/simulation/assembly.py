@@ -68,8 +68,8 @@ def assemble(scenario: Scenario) -> Assembly:
     body = body_of(scenario)
     organ = organ_of(scenario, body)
     s = abscissae(scenario, path, length)
-    known = [(hole.name, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
-    check_order([name for name, _ in known], [value for _, value in known], length)
+    known = [(hole, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
+    check_order(known, length)
     check_cuts(scenario.thread.cuts, length)
     thread = thread_of(scenario, length, s)
     check_pieces(scenario, thread.spline, [value for _, value in known])

@@ -50,7 +50,7 @@ def check_draws(holes: Sequence[model.Piercing], spline: Spline, s: Sequence[flo
     for hole, at in anchored:
         piece, way, key = int(spline.piece_of(at)), at - drawn(hole, times), dotted(["piercing", hole.name, "draw"])
         start, end = spline.piece_ends[piece : piece + 2]
-        if way.min() <= start or way.max() >= end:
+        if hole.draw and (way.min() <= start or way.max() >= end):
             reason = f"at s = {at:.6g} m it draws out the thread, whose piece goes from {start:.6g} to {end:.6g} m"
             raise ScenarioError(refused(key, hole.draw, f"{reason}; draw less, or lay out more"))
         name, last = before.get(piece, ("", np.full(way.shape, -np.inf)))

@@ -16,7 +16,7 @@ from coupling.errors import ConstraintError, StepError
 from coupling.stepping import advance
 from coupling.system import Piercing, State, System
 from studies.command import command
-from studies.scenario import ScenarioError, load, parse
+from studies.scenario import Scenario, ScenarioError, load, parse
 from studies.simulation import prepare
 from studies.simulation.assembly import assemble
 from tests.bounds import RESIDUAL
@@ -41,6 +41,26 @@ from thread.spline import Spline
 SCENES = Path(command.__file__).parents[1] / "scenario" / "scenes"
 N = 20
 SPAN = LENGTH / (N - 3)
+
+
+@pytest.mark.parametrize("at", [0.0, 0.05, None])
+@pytest.mark.parametrize("kind", ["dynamic", "static"])
+def test_a_thread_held_at_its_very_end_or_in_no_hole(at: float | None, kind: str) -> None:
+    """Independent check: an anchor at an end holds the thread there against what pulls the other end; a thread in no
+    hole hangs between its ends alone."""
+    near, far = ("start", "end") if at != 0.05 else ("end", "start")
+    table: dict[str, Any] = {
+        "thread": {"suture": "2-0 polypropylene", "control_points": 20, "path": [[0, 0, 0], [0.05, 0, 0]]},
+        "piercing": [] if at is None else [{"name": "a", "at": [at, 0, 0], "kind": "anchored", "s": at}],
+        "solve": {"kind": kind, "load_steps": 2, "dt": 1e-3, "duration": 0.005},
+    }
+    table["thread"][far] = {"kind": "pulled", "force": [0.05 if far == "end" else -0.05, 0.0, 0.001], "ramp": 1e-3}
+    if at is None:
+        table["thread"][near] = {"kind": "fixed"}
+    record = [record for record, _ in prepare(Scenario.model_validate(table)).advance()][-1]
+    force = record.start_reaction if at is None else record.piercings[0].force
+    assert record.constraint_max < 1e-12
+    assert abs(force[0] / (-0.05 if far == "end" else 0.05) - 1.0) < (1e-2 if kind == "static" else 0.5)
 
 
 def straight(

@@ -118,11 +118,12 @@ def test_a_piercing_that_begins_meets_its_constraints(kind: str) -> None:
     assert 1e-4 < event.gap < NEAR * system.thread.section.diameter
     assert np.abs(phi(at, after.lam, after.y)[0, :3]).max() <= GAP * system.thread.section.diameter
     assert np.abs(phi(at, after.lam, after.y)[0, rows]).max() <= GAP
-    rate = constraint_rate(system, after, at) + after.s_dot[:, None] * phi_s(
+    site_rates = [system.organ.impulse(state.organ).y_free for state in (before, after)]
+    rate = constraint_rate(system, after, at, site_rates[1]) + after.s_dot[:, None] * phi_s(
         bare_passage(system.thread.spline, after.q, after.s), after.lam, after.y
     )
     assert np.abs(rate[0, rows]).max() <= RESIDUAL * max(
-        np.abs(constraint_rate(system, before, at)[0, rows]).max(), 1.0
+        np.abs(constraint_rate(system, before, at, site_rates[0])[0, rows]).max(), 1.0
     )
     assert (after.s_dot[0] == 0.0) == (kind == "anchored")
     t = at.T[0] / np.linalg.norm(at.T[0])

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from studies.scenario import SCENES, DrivenEnd, FileMesh, Scenario, ScenarioError, dump, load, parse, schema
+from studies.scenario import SCENES, DrivenEnd, FileMesh, Piercing, Scenario, ScenarioError, dump, load, parse, schema
 from studies.scenario.organ import check_clamp
 from studies.scenario.refusal import as_key, as_toml
 from studies.scenario.scenario import check_control_points, check_order, resolved
@@ -133,6 +133,7 @@ REFUSED = [
         "piercing.entry.friction.kinetic=0.2",
         ["piercing.entry.friction.kinetic = 0.2", "static = 0.12", "lower"],
     ),
+    ("thread.bending=false", ["thread.bending = false", "piercing.entry.friction", "bending = true", "bending_factor"]),
     ("piercing.entry.kind=anchored", ["piercing.entry.friction", "anchored", "leave it out"]),
     ("piercing.exit.channel=1e-3", ["piercing.exit.channel = 0.001", "friction and a direction"]),
     ("piercing.entry.from=0.95", ["piercing.entry.until = 0.9", "later than from = 0.95", "raise"]),
@@ -360,14 +361,27 @@ def test_quantities_name_their_unit() -> None:
     assert numbers == [("FileMesh", "unit")]
 
 
+def placed(*s: float, names: str = "abc", kind: str = "sliding") -> list[tuple[Piercing, float]]:
+    """Piercings at abscissae."""
+    return [(Piercing(name=name, at=(0.0, 0.0, 0.0), kind=kind), at) for name, at in zip(names, s, strict=False)]
+
+
 def test_order_of_the_piercings() -> None:
-    check_order(["a", "b", "c"], [0.01, 0.02, 0.03], 0.04)
+    check_order(placed(0.01, 0.02, 0.03), 0.04)
     with pytest.raises(ScenarioError, match=r"piercing\.c\.s = 0\.02 is refused: .*piercing\.b\.s = 0\.02"):
-        check_order(["a", "b", "c"], [0.01, 0.02, 0.02])
-    with pytest.raises(ScenarioError, match=r"piercing\.a\.s = 0\.0 is refused"):
-        check_order(["a"], [0.0])
+        check_order(placed(0.01, 0.02, 0.02))
     with pytest.raises(ScenarioError, match=r"piercing\.\"my hole\"\.s = 0\.05 is refused: .*0\.04 m"):
-        check_order(["my hole"], [0.05], 0.04)
+        check_order([(Piercing(name="my hole", at=(0.0, 0.0, 0.0)), 0.05)], 0.04)
+
+
+def test_only_an_anchor_sits_at_an_end_of_the_thread() -> None:
+    check_order(placed(0.0, 0.04, kind="anchored"), 0.04)
+    for s in (0.0, 0.04):
+        with pytest.raises(ScenarioError, match=rf'piercing\.a\.s = {s} is refused: .*kind = "anchored"'):
+            check_order(placed(s), 0.04)
+    for s in (-0.001, 0.041):
+        with pytest.raises(ScenarioError, match=r"it must lie between 0 and"):
+            check_order(placed(s, kind="anchored"), 0.04)
 
 
 def test_control_points_and_clamps() -> None:
