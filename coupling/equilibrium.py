@@ -111,10 +111,10 @@ def let_go(problem: Problem[Body], held: Iterate) -> Solution[Body]:
     try:
         return solve(problem, held)
     except StepError:
-        return loosened(problem, held)
+        return let_down_friction(problem, held)
 
 
-def loosened(problem: Problem[Body], held: Iterate) -> Solution[Body]:
+def let_down_friction(problem: Problem[Body], held: Iterate) -> Solution[Body]:
     """The equilibrium with friction, from one in which the rough holes hold: all friction is enlarged until it holds
     them, then let down to its own, so that the thread slides no further at a time than Newton follows. Friction
     opposes the way of each stage, for a hole may turn back on the way: what it takes of the whole way is then no more

@@ -14,6 +14,7 @@ from thread.banded import diagonal_of
 from thread.ends import Clamped, End
 from thread.frames import Frame
 from thread.thread import Thread
+from thread.vectors import cross, unit
 
 
 @dataclass(frozen=True)
@@ -186,11 +187,19 @@ class System(Generic[Body]):
 
 
 def orthonormal_pair(tangent: Array) -> tuple[Array, Array]:
-    """Two unit vectors u, v with u × v = `tangent`, by the rule of Duff et al. (JCGT 2017), continuous but at −z."""
+    """Return the unit vectors u, v with u × v = `tangent`: the axes x, y turned by the smallest rotation from z to it.
+
+    Continuous everywhere but at −z, where no rule is. It is the rule of the organ's own sites too. Neither imports the
+    other: an organ knows no thread's end, and the coupling knows of an organ only its nine numbers per site.
+    """
     x, y, z = tangent
-    sign = np.copysign(1.0, z)
-    a, b = -1.0 / (sign + z), x * y * (-1.0 / (sign + z))
-    return np.array([1.0 + sign * x * x * a, sign * b, -sign * x]), np.array([b, sign + y * y * a, -y])
+    across = np.hypot(x, y)
+    if across == 0.0:
+        return np.array([1.0, 0.0, 0.0]), np.array([0.0, np.sign(z), 0.0])
+    c, s = x / across, y / across
+    u = np.array([1.0 - c * c * (1.0 - z), -c * s * (1.0 - z), -x])
+    u = unit(u - (u @ tangent) * tangent)
+    return u, cross(tangent, u)
 
 
 @dataclass(frozen=True)
