@@ -199,10 +199,10 @@ import resource, sys
 sys.path[:0] = [{root!r}]
 from pathlib import Path
 from studies.output.columns import Column
-from studies.output.tables import Table
+from studies.output.tables import CsvFile
 from studies.output.files import write_text
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
-table = Table(Path({path!r}), [Column("number", "-", "", lambda number: number, kind="whole")])
+table = CsvFile(Path({path!r}), [Column("number", "-", "", lambda number: number, kind="whole")])
 write_text(Path({text!r}), "first")
 try:
     write_text(Path({text!r}), "x" * 2000)
