@@ -168,7 +168,7 @@ def settled(old: State[Body], solution: Solution[Body]) -> State[Body]:
         y=z.y,
         slip=z.slip,
         reaction=reactions(system, residual.thread, problem.load),
-        frame=system.thread.carried(old.frame, z.q),
+        frame=system.thread.transport_frame(old.frame, z.q),
     )
     refuse_inversion(system, old, new, residual.passage)
     return new

@@ -307,9 +307,9 @@ def solved(posed: Posed[Body], solver: Solver = whole) -> Step[Body]:
         y_dot=(y - state.y) / dt,
         slip=np.where(system.rough, np.sign(s - state.s), 1.0) * guess.slip,
         reaction=reactions(system, residual.thread, problem.load),
-        frame=system.thread.carried(state.frame, q),
+        frame=system.thread.transport_frame(state.frame, q),
     )
-    if system.thread.turned_too_far(state.frame, q):
+    if system.thread.turns_too_far(state.frame, q):
         raise StepError(state.time, dt, "a tangent turned by more than 120°, further than the twist can follow")
     at = bare_passage(system.thread.spline, q, s)
     refuse_missed(posed, phi(at, lam, y))
