@@ -361,7 +361,7 @@ def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body]) -> S
             raise failure(problem, r, "a force is not finite: the iteration ran away, or a load is not a number")
         problem, r, stands = follow(problem, z, r)
         if stands and is_converged(problem, z, r):
-            if problem.system.thread.turned_too_far(problem.frame, z.q):
+            if problem.system.thread.turns_too_far(problem.frame, z.q):
                 raise failure(problem, r, "a tangent turned by more than 120°, further than the twist can follow")
             return Solution(problem, z, r, iteration)
         try:

@@ -309,9 +309,9 @@ def solve_posed(posed: Posed[Body], solver: Solver = solve_whole) -> Step[Body]:
         y_dot=(y - state.y) / dt,
         sigma=np.where(system.rough, np.sign(s - state.s), 1.0) * guess.sigma,
         reaction=reactions(system, residual.thread, problem.load),
-        frame=system.thread.carried(state.frame, q),
+        frame=system.thread.transport_frame(state.frame, q),
     )
-    if system.thread.turned_too_far(state.frame, q):
+    if system.thread.turns_too_far(state.frame, q):
         raise StepError(state.time, dt, "a tangent turned by more than 120°, further than the twist can follow")
     at = bare_passage(system.thread.spline, q, s)
     refuse_missed(posed, phi(at, lam, y))

@@ -20,8 +20,8 @@ import tissue
 from meshes.block import block
 from studies.output.files import write_json
 from studies.output.provenance import provenance
-from tissue.solvers.choice import MULTIGRID, chosen, solver
-from tissue.solvers.direct import LIBRARIES, installed
+from tissue.solvers.choice import MULTIGRID, choose_solver, solver
+from tissue.solvers.direct import LIBRARIES, is_installed
 from tissue.solvers.iterative import ConjugateGradients
 
 SIDES = (0.06, 0.04, 0.02)  # of the block [m]
@@ -52,7 +52,7 @@ class Row:
 def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = None) -> int:
     """Measure, print the table in Markdown, and write JSON where asked; returns the exit status."""
     rows = []
-    methods = [method for method in LIBRARIES if installed(method)]  # loaded before their threads are limited
+    methods = [method for method in LIBRARIES if is_installed(method)]  # loaded before their threads are limited
     print(HEAD)
     with threadpool_limits(limits=1, user_api="blas"):
         speed = bandwidth()
@@ -92,7 +92,7 @@ def organ_of(size: int, element: str) -> tissue.QuasiStaticOrgan:
 def has_room(organ: tissue.QuasiStaticOrgan, method: str) -> bool:
     """Whether the memory is there."""
     try:
-        chosen(method, organ.K, organ.places, once=True)
+        choose_solver(method, organ.K, organ.places, once=True)
     except tissue.TissueError:
         return False
     return True

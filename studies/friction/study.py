@@ -30,7 +30,7 @@ from studies.study import Study, StudyError, Table, unit_field
 from thread.catalogue import Section, suture
 from thread.ends import Driven, End, Pulled
 from thread.knots import graded_knots, uniform_knots
-from thread.path import rounded
+from thread.path import rounded_path
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
@@ -203,7 +203,7 @@ def loop(mu: float, turn: float, holes: int) -> Iterator[Row]:
     arm = 10 * float(np.sqrt(SUTURE.EI / LOOP_HOLD))
     corners = np.cumsum([np.zeros(3), *(2 * arm * sides[k % 2] for k in range(1, holes))], axis=0)
     last = corners[-1] + (arm + LOOP_WAY) * sides[holes % 2]
-    path = rounded([-arm * sides[0], *corners, last], arm / 10)
+    path = rounded_path([-arm * sides[0], *corners, last], arm / 10)
     s = np.array([path.nearest(corner)[0] for corner in corners])
     thread = Thread(Spline(graded_knots(path.length, LOOP_POINTS * holes, s, FINER, arm / 2)), SUTURE, damping=100.0)
     way = np.array([[0.0, 0.0], [REST, 0.0], [REST + LOOP_TIME, LOOP_WAY], [REST + 2 * LOOP_TIME, 0.0]])

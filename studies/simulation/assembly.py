@@ -19,8 +19,8 @@ from studies.simulation.meshing import material_of, organ_mesh, wound_of
 from studies.simulation.pieces import check_draws, check_pieces
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
-from thread.knots import clamped, graded_knots
-from thread.path import RoundedPath, rounded
+from thread.knots import clamped_knots, graded_knots
+from thread.path import RoundedPath, rounded_path
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
@@ -63,7 +63,7 @@ def assemble(scenario: Scenario) -> Assembly:
 
     Raises `ScenarioError`, `MeshError`, `TissueError`, `ThreadError` for input that cannot be run.
     """
-    path = rounded(scenario.thread.path)
+    path = rounded_path(scenario.thread.path)
     length = length_of(scenario, path)
     body = body_of(scenario)
     organ = organ_of(scenario, body)
@@ -130,7 +130,7 @@ def spline_of(table: model.Thread, length: float, s: Sequence[float]) -> Spline:
         spline = Spline(graded_knots(length, table.control_points, s, table.graded, REACH * length, table.cuts))
         check_spans(table.cuts, spline.piece_ends.tolist(), spline.breaks.tolist())
         return spline
-    return Spline(clamped(first_breaks(resolution.tree, np.array(s), table.graded)))
+    return Spline(clamped_knots(first_breaks(resolution.tree, np.array(s), table.graded)))
 
 
 def thread_of(scenario: Scenario, length: float, s: Sequence[float]) -> Thread:
@@ -231,4 +231,4 @@ def gaps_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Gaps | None:
         return None
     wound = wound_of(table.mesh)
     pairs = lips(body.mesh, wound)
-    return tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.across])
+    return tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.normal_axis])

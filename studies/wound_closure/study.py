@@ -40,8 +40,8 @@ from studies.simulation.assembly import Assembly, assemble
 from studies.study import Study, StudyError, Table, unit_field
 from studies.verdicts import LINEAR, bearing_strain, too_coarse
 from thread.catalogue import suture
-from thread.path import rounded
-from tissue.body import ELEMENTS
+from thread.path import rounded_path
+from tissue.elasticity import ELEMENTS
 
 E, NU, THICKNESS = 0.8e6, 0.45, 1.5e-3  # [Pa], [-], [m]: skin, as in the numbers that follow from it (Et = 1.2 kN/m)
 FOOTPRINT = 0.7e-3  # radius of the hole's averaging ball, which the sheet's thickness allows [m]
@@ -260,7 +260,7 @@ def scenario(case: Case) -> Scenario:
 
 def nearest_abscissa(path: Sequence[Sequence[float]], point: Sequence[float]) -> float:
     """Abscissa of the thread's nearest pass by a point [m]."""
-    places, distances = rounded(path).passes(point)
+    places, distances = rounded_path(path).passes(point)
     return float(places[np.argmin(distances)])
 
 
