@@ -15,7 +15,7 @@ from coupling.audit import initial_energies
 from coupling.events import Event
 from coupling.interfaces import Body
 from coupling.system import State, System
-from thread.knots import Tree, wanted_at_holes, wanted_by_curvature
+from thread.knots import Tree, spans_at_holes, spans_by_curvature
 from thread.refit import Refit, refit
 from thread.thread import Thread
 
@@ -47,13 +47,13 @@ class Resolution:
     def wanted(self, system: System[Body], state: State[Body], ahead: float) -> Array:
         """Largest span allowed on each finest cell of the tree [m], for the next `ahead` [s]."""
         thread, here = system.thread, state.present & system.rows.any(axis=1)
-        own = wanted_by_curvature(thread.spline, state.q, self.beside**3)
-        own[near_holes(thread, state.s[here])] = np.inf
+        own = spans_by_curvature(thread.spline, state.q, self.beside**3)
+        own[spans_near_holes(thread, state.s[here])] = np.inf
         by_curve = own[thread.spline.spans_of(self.tree.middles)]
         holes, layers = state.s[here], bending_layers(system, state)[here]
         way = np.stack([holes, holes + ahead * state.s_dot[here]], axis=1)
         layers = np.minimum(layers, self.gaps(holes))
-        holes_want = wanted_at_holes(self.tree.middles, way, layers, self.at_hole, self.beside)
+        holes_want = spans_at_holes(self.tree.middles, way, layers, self.at_hole, self.beside)
         return np.minimum(by_curve, holes_want)
 
     def gaps(self, s: Array) -> Array:
@@ -62,7 +62,7 @@ class Resolution:
         return np.asarray(apart.min(axis=1, initial=np.inf) / (ACROSS * self.beside))
 
 
-def near_holes(thread: Thread, s: Array) -> Array:
+def spans_near_holes(thread: Thread, s: Array) -> Array:
     """Indices of the spans within BESIDE of one that holds a hole at `s` (m,) [m]."""
     spans = thread.spline.spans_of(s)[:, None] + np.arange(-BESIDE, BESIDE + 1)
     return np.unique(np.clip(spans, 0, len(thread.spline.breaks) - 2))
@@ -94,17 +94,17 @@ def is_too_coarse(resolution: Resolution, system: System[Body], state: State[Bod
     return span_ratio(system, state) > 1.5 * resolution.at_hole
 
 
-def followed(
+def adapt_when_due(
     resolution: Resolution, system: System[Body], state: State[Body], dt: float, due: bool
 ) -> tuple[System[Body], State[Body], list[Event]]:
-    """`adapted` for the next INTERVAL steps of `dt` [s], where that is `due` or the spans at a hole have grown too
+    """Adapt for the next INTERVAL steps of `dt` [s], where that is `due` or the spans at a hole have grown too
     coarse before; else the same ones."""
     if not (due or is_too_coarse(resolution, system, state)):
         return system, state, []
-    return adapted(resolution, system, state, INTERVAL * dt)
+    return adapt(resolution, system, state, INTERVAL * dt)
 
 
-def adapted(
+def adapt(
     resolution: Resolution, system: System[Body], state: State[Body], ahead: float
 ) -> tuple[System[Body], State[Body], list[Event]]:
     """System and state with the knots that the state asks for, and where the holes go in the next `ahead` [s]; what it
@@ -122,16 +122,18 @@ def adapted(
     new = refit(tree, spline, due, [state.q, state.v, *before], held, TURN * resolution.tolerance)
     if np.array_equal(new.spline.breaks, spline.breaks):
         return system, state, []
-    return exchanged(system, state, new)
+    return exchange_spline(system, state, new)
 
 
-def exchanged(system: System[Body], state: State[Body], new: Refit) -> tuple[System[Body], State[Body], list[Event]]:
+def exchange_spline(
+    system: System[Body], state: State[Body], new: Refit
+) -> tuple[System[Body], State[Body], list[Event]]:
     """System and state on another spline."""
     thread = replace(system.thread, spline=new.spline)
     other = replace(system, thread=thread)
     q, v, *before = new.fields
     N = np.interp(thread.axial.s, system.thread.axial.s.ravel(), state.N.ravel())
-    frame = None if state.frame is None else thread.reframed(state.frame, system.thread.stations, q)
+    frame = None if state.frame is None else thread.interpolate_frame(state.frame, system.thread.stations, q)
     earlier = None if state.before is None else replace(state.before, q=before[0], v=before[1])
     moved = replace(state, q=q, v=v, N=N, before=earlier, frame=frame)
     energies = [initial_energies(*pair) for pair in ((system, state), (other, moved))]
@@ -160,4 +162,4 @@ def coarse_tree(start: float, end: float, control_points: int) -> Tree:
 def first_breaks(tree: Tree, holes: Array, ratio: float) -> Array:
     """Breaks [m] of a thread that has not been pulled yet: at `holes` (m,) [m] `ratio` times as fine as elsewhere."""
     still, finest = np.stack([holes, holes], axis=1), np.full(len(holes), tree.root / ratio)
-    return np.asarray(tree.places[tree.breaks(wanted_at_holes(tree.middles, still, finest, 1.0, np.inf))])
+    return np.asarray(tree.places[tree.breaks(spans_at_holes(tree.middles, still, finest, 1.0, np.inf))])

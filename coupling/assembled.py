@@ -26,7 +26,7 @@ from coupling.bordered import LAM, MU_V, NINE, OWN, Border, S, Y, columns
 from coupling.contact import NO_FORCES
 from coupling.errors import CouplingError
 from coupling.interfaces import Body
-from coupling.newton import Iterate, Problem, Residual, Solution, border_of, cut, solve, thread_matrix
+from coupling.newton import Iterate, Problem, Residual, Solution, allowed_share, border_of, solve, thread_matrix
 from thread.banded import diagonal_of
 
 MULTIPLIERS = slice(LAM.start, MU_V + 1)
@@ -124,18 +124,18 @@ def assemble(problem: Problem[Body], z: Monolith, r: Residual) -> BlockSystem:
     Y_all = with_clamps(organ.Y, m)
     thread = sparse_band(thread_matrix(problem, z, r))
     own = [diagonal(border.B[:, :1]), diagonal(border.B[:, 1:OWN])]
-    by_F = [-Y_all.T @ x for x in by_unknown(border, "F", Y_all)]
+    by_F = [-Y_all.T @ x for x in split_by_unknown(border, "F", Y_all)]
     G, closed = csr_array(organ.G), diags_array(z.pressed.astype(np.float64))
     rows = [
-        [thread, *(V @ column for column in by_unknown(border, "E", Y_all)), None],
+        [thread, *(V @ column for column in split_by_unknown(border, "E", Y_all)), None],
         [
             -Y_all.T @ diagonal(border.R) @ V.T,
             organ.A + by_F[0],
             *by_F[1:],
             -G.T,
         ],
-        [own[0] @ V.T, *by_unknown(border, "law", Y_all), None],
-        [own[1] @ V.T, *by_unknown(border, "phi", Y_all), None],
+        [own[0] @ V.T, *split_by_unknown(border, "law", Y_all), None],
+        [own[1] @ V.T, *split_by_unknown(border, "phi", Y_all), None],
         [None, closed @ G, None, None, diags_array((~z.pressed).astype(np.float64))],
     ]
     matrix = block_array(rows, format="csr")
@@ -144,10 +144,10 @@ def assemble(problem: Problem[Body], z: Monolith, r: Residual) -> BlockSystem:
     right = -np.concatenate([r.thread.ravel(), organ_residual, r.holds[:, S], r.holds[:, 1:OWN].ravel(), lips])
     ends = np.cumsum([0, c * n, len(z.U), m, 5 * m, len(z.p)])
     blocks = {name: slice(int(ends[k]), int(ends[k + 1])) for k, name in enumerate(("q", "U", "s", "lam", "p"))}
-    return held_still(problem, BlockSystem(csc_array(matrix), right, blocks))
+    return hold_still(problem, BlockSystem(csc_array(matrix), right, blocks))
 
 
-def by_unknown(border: Border, which: str, Y_all: csr_array) -> list[csr_array]:
+def split_by_unknown(border: Border, which: str, Y_all: csr_array) -> list[csr_array]:
     """Columns of a part of the border split by unknown: through y to U, then s, then the multipliers."""
     part = {"E": border.E, "F": border.F, "law": border.D[:, :1], "phi": border.D[:, 1:OWN]}[which]
     return [diagonal(part[:, :, Y]) @ Y_all, diagonal(part[:, :, S : S + 1]), diagonal(part[:, :, MULTIPLIERS])]
@@ -159,7 +159,7 @@ def with_clamps(Y: csr_matrix, m: int) -> csr_array:
     return csr_array(block_array([[csr_array(Y)], [empty]], format="csr")) if empty.shape[0] else csr_array(Y)
 
 
-def held_still(problem: Problem[Body], system: BlockSystem) -> BlockSystem:
+def hold_still(problem: Problem[Body], system: BlockSystem) -> BlockSystem:
     """Rows and columns of the prescribed unknowns of the thread replaced by those of the identity."""
     free = np.ones(len(system.right))
     free[problem.system.held] = 0.0
@@ -172,12 +172,12 @@ def held_still(problem: Problem[Body], system: BlockSystem) -> BlockSystem:
 Linear = Callable[[BlockSystem], Array]
 
 
-def direct(system: BlockSystem) -> Array:
+def solve_direct(system: BlockSystem) -> Array:
     """The solution of a block system by sparse LU with row exchanges."""
     return np.asarray(splu(system.matrix).solve(system.right))
 
 
-def monolithic_solve(problem: Problem[Body], start: Iterate, U: Array, linear: Linear = direct) -> Solution[Body]:
+def monolithic_solve(problem: Problem[Body], start: Iterate, U: Array, linear: Linear = solve_direct) -> Solution[Body]:
     """Newton on the assembled matrix from `start` and the organ's `U` (N,), each correction by `linear`. Raises
     `StepError`.
 
@@ -189,7 +189,7 @@ def monolithic_solve(problem: Problem[Body], start: Iterate, U: Array, linear: L
         assert isinstance(z, Monolith)
         organ, system = equation_of(problem), assemble(problem, z, r)
         x = linear(system)
-        x *= cut(problem, x[system.blocks["q"]].reshape(z.q.shape))
+        x *= allowed_share(problem, x[system.blocks["q"]].reshape(z.q.shape))
         dq = x[system.blocks["q"]].reshape(z.q.shape)
         U_next = z.U + x[system.blocks["U"]]
         return replace(
@@ -205,5 +205,5 @@ def monolithic_solve(problem: Problem[Body], start: Iterate, U: Array, linear: L
 
     organ = equation_of(problem)
     y, p = all_holds(problem.system, organ.y0 + organ.Y @ U), np.zeros(len(organ.g0))
-    first = Monolith(start.q, start.N, start.s, start.lam, y, start.slip, U, p, pressed=start.pressed)
+    first = Monolith(start.q, start.N, start.s, start.lam, y, start.sigma, U, p, pressed=start.pressed)
     return solve(problem, first, correct)

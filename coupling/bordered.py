@@ -19,9 +19,9 @@ from coupling.constraints import (
     Passage,
     axis_force,
     axis_stiffness,
+    effective_place,
     force_by_axis,
-    met,
-    moment_arm,
+    force_on_tangent,
     own_axis,
     parts,
 )
@@ -32,6 +32,8 @@ S, LAM, MU_U, MU_V, X, U, V = 0, slice(1, 4), 4, 5, slice(6, 9), slice(9, 12), s
 PHI, Y = slice(1, 6), slice(6, 15)  # rows of Φ, and of the multipliers that go with them; of y
 OWN, BORDER = 6, 15  # equations of a hold without and with its site variables
 AT_P, AT_T, AT_K = slice(0, 3), slice(3, 6), slice(6, 9)  # the thread's nine numbers
+G, C1, C2 = slice(0, 3), 3, 4  # the constraints g, c₁, c₂ among the five rows of Φ
+OF_X, OF_U, OF_V = slice(0, 3), slice(3, 6), slice(6, 9)  # x, u, v among the nine numbers of y
 NINE = 9
 I3 = np.eye(3)
 
@@ -46,6 +48,10 @@ class Border:
 
     Thread: A dq + V E dz = −r_q. Holds: B Vᵀdq + D dz = −r. Organ: dy − C (F dz + R Vᵀdq) = −r_y.
     `E` (m, 9, 15), `B` (m, 6, 9), `D` (m, 6, 15), `F` (m, 9, 15), `R` (m, 9, 9).
+
+    E = (H_qs, −Φ_qᵀ, H_qy), F = (−H_ys, Φ_yᵀ, −H_yy) and R = −H_yq, where q stands for the thread's nine numbers at a
+    hold, (P, T, T'). The first row of B and D is the law of sliding, the others are Φ_q and (Φ_s, Φ_λ, Φ_y). The blocks
+    that have a name here are views: who writes into one writes into the border.
     """
 
     E: Array
@@ -54,34 +60,72 @@ class Border:
     F: Array
     R: Array
 
+    @property
+    def H_qs(self) -> Array:
+        """−∂(Φ_qᵀλ)/∂s, shape `(m, 9)`."""
+        return self.E[:, :, S]
+
+    @property
+    def H_qy(self) -> Array:
+        """−∂(Φ_qᵀλ)/∂y, shape `(m, 9, 9)`; H_qU = H_qy Y."""
+        return self.E[:, :, Y]
+
+    @property
+    def Phi_q(self) -> Array:
+        """∂Φ/∂(P, T, T'), shape `(m, 5, 9)`; Φ_q of the control points is `Phi_q` Vᵀ."""
+        return self.B[:, PHI]
+
+    @property
+    def Phi_s(self) -> Array:
+        """∂Φ/∂s, shape `(m, 5)`."""
+        return self.D[:, PHI, S]
+
+    @property
+    def Phi_lam(self) -> Array:
+        """∂Φ/∂λ, the block c of the compliance that the spline lacks, shape `(m, 5, 5)`; zero where it lacks none."""
+        return self.D[:, PHI, PHI]
+
+    @property
+    def Phi_y(self) -> Array:
+        """∂Φ/∂y, shape `(m, 5, 9)`."""
+        return self.D[:, PHI, Y]
+
+    @property
+    def minus_H_ys(self) -> Array:
+        """∂(Φ_yᵀλ)/∂s, shape `(m, 9)`."""
+        return self.F[:, :, S]
+
+
+def empty_border(m: int) -> Border:
+    """Return the border of `m` holds with every block zero."""
+    E, B, D = np.zeros((m, NINE, BORDER)), np.zeros((m, OWN, NINE)), np.zeros((m, OWN, BORDER))
+    return Border(E, B, D, F=np.zeros((m, NINE, BORDER)), R=np.zeros((m, NINE, NINE)))
+
 
 def linearise(thread: Passage, lam: Array, y: Array) -> Border:
-    """Border of Φ = (g, c₁, c₂) and of the site force; the row of s is left to the law of sliding.
+    """Linearise Φ = (g, c₁, c₂) and the forces Φ_qᵀλ, Φ_yᵀλ; the row of s is left to the law of sliding.
 
     `lam` (m, 5) [N, N m], `y` (m, 9).
     """
-    m = len(lam)
-    E, B, D = np.zeros((m, NINE, BORDER)), np.zeros((m, OWN, NINE)), np.zeros((m, OWN, BORDER))
-    F, R = np.zeros((m, NINE, BORDER)), np.zeros((m, NINE, NINE))
-    u, v, mu_u, mu_v = y[:, 3:6], y[:, 6:], lam[:, 3:4, None] * I3, lam[:, 4:5, None] * I3
-    T, (P_s, T_s) = met(thread, lam, y)[1], met(thread, lam, y, 1)
+    border = empty_border(len(lam))
+    u, v, mu_u, mu_v = y[:, 3:6], y[:, 6:], lam[:, 3:4], lam[:, 4:5]
+    T, (P_s, T_s) = effective_place(thread, lam, y)[1], effective_place(thread, lam, y, 1)
+    H_qs, H_qy, minus_H_ys = border.H_qs, border.H_qy, border.minus_H_ys
+    Phi_q, Phi_s, Phi_y = border.Phi_q, border.Phi_s, border.Phi_y
 
-    E[:, AT_T, S], E[:, AT_K, S] = -lam[:, :3], -moment_arm(lam, y)
-    E[:, AT_P, LAM] = -I3
-    E[:, AT_T, MU_U], E[:, AT_T, MU_V] = -u, -v
-    E[:, AT_T, U], E[:, AT_T, V] = -mu_u, -mu_v
+    Phi_q[:, G, AT_P] = I3
+    Phi_q[:, C1, AT_T], Phi_q[:, C2, AT_T] = u, v
+    Phi_s[:, G], Phi_s[:, C1], Phi_s[:, C2] = P_s, dot(T_s, u), dot(T_s, v)
+    Phi_y[:, G, OF_X] = -I3
+    Phi_y[:, C1, OF_U], Phi_y[:, C2, OF_V] = T, T
 
-    B[:, LAM, AT_P] = I3
-    B[:, MU_U, AT_T], B[:, MU_V, AT_T] = u, v
-    D[:, LAM, S], D[:, LAM, X] = P_s, -I3
-    D[:, MU_U, S], D[:, MU_V, S] = dot(T_s, u), dot(T_s, v)
-    D[:, MU_U, U], D[:, MU_V, V] = T, T
+    H_qs[:, AT_T], H_qs[:, AT_K] = -lam[:, :3], -force_on_tangent(lam, y)
+    H_qy[:, AT_T, OF_U], H_qy[:, AT_T, OF_V] = -mu_u[:, :, None] * I3, -mu_v[:, :, None] * I3
+    minus_H_ys[:, OF_U], minus_H_ys[:, OF_V] = mu_u * T_s, mu_v * T_s
 
-    F[:, 0:3, LAM] = -I3
-    F[:, 3:6, MU_U], F[:, 6:9, MU_V] = T, T
-    F[:, 3:6, S], F[:, 6:9, S] = lam[:, 3:4] * T_s, lam[:, 4:5] * T_s
-    R[:, 3:6, AT_T], R[:, 6:9, AT_T] = mu_u, mu_v
-    border = Border(E, B, D, F, R)
+    border.E[:, :, PHI] -= Phi_q.swapaxes(1, 2)
+    border.F[:, :, PHI] += Phi_y.swapaxes(1, 2)
+    border.R[:] -= H_qy.swapaxes(1, 2)
     if not thread.bare:
         add_compliance(border, thread, lam, y)
     return border
@@ -91,7 +135,7 @@ def add_compliance(border: Border, thread: Passage, lam: Array, y: Array) -> Non
     """Add what Φ and the forces owe to the missing compliance, into a border under construction; the stiffness of a
     free thread's own axis is left to the thread's band (`own_stiffness`)."""
     u, v = y[:, 3:6, None], y[:, 6:, None]
-    dP, dT = by_multipliers(thread, lam, y)
+    dP, dT = derivatives_by_multipliers(thread, lam, y)
     border.D[:, LAM] += dP
     border.D[:, MU_U] += (u * dT).sum(axis=1)
     border.D[:, MU_V] += (v * dT).sum(axis=1)
@@ -101,7 +145,7 @@ def add_compliance(border: Border, thread: Passage, lam: Array, y: Array) -> Non
     add_own_turning(border, thread, lam, y)
 
 
-def by_multipliers(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
+def derivatives_by_multipliers(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
     """Derivatives of P̂ and T̂ by a hold's multipliers and frame, each `(m, 3, 15)`."""
     c0, c1, c2 = thread.c[:, 0].T[:, :, None, None]
     unit = parts(thread, lam, y).unit
@@ -163,7 +207,7 @@ def own_stiffness(thread: Passage, lam: Array, y: Array) -> Array:
     return np.asarray(np.einsum("ma,mb,mij->mabij", slope, slope, turn))
 
 
-def without(border: Border, absent: NDArray[np.bool_]) -> Border:
+def drop_constraints(border: Border, absent: NDArray[np.bool_]) -> Border:
     """The border with the constraints that are `absent`, (m, 5), replaced by λ = 0."""
     B, D = border.B.copy(), border.D.copy()
     hold, k = np.nonzero(absent)
@@ -189,7 +233,7 @@ def columns(thread: Passage, n: int, c: int) -> Array:
     return V.reshape(NINE * m, c * n).T
 
 
-def at_holds(thread: Passage, X: Array) -> Array:
+def values_at_holds(thread: Passage, X: Array) -> Array:
     """Vᵀ X by the four local points of each hold, shape `(9m, k)`; `X` (n, c, k)."""
     m = len(thread.first)
     local = X[thread.first[:, None] + LOCAL, :3]
@@ -206,7 +250,7 @@ def banded_solve(A: Array, b: Array) -> Array:
     return np.asarray(x)
 
 
-def direction(
+def newton_direction(
     A: Array, held: Indices, border: Border, C: Array, thread: Passage, r_q: Array, r: Array, r_y: Array
 ) -> tuple[Array, Array]:
     """Newton direction dq (n, c) and dz (m, 15).
@@ -222,7 +266,7 @@ def direction(
     X = banded_solve(A, right)
     if m == 0:
         return X[:, 0].reshape(n, c), np.empty((0, BORDER))
-    G = at_holds(thread, X.reshape(n, c, -1))
+    G = values_at_holds(thread, X.reshape(n, c, -1))
     matrix, rhs = holds_system(border, C, G[:, 0].reshape(m, NINE), G[:, 1:], r, r_y)
     _, _, own, info = dgesv(matrix, rhs)
     if info != 0 or not np.all(np.isfinite(own)):

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from coupling.arrays import Array, Indices
 from thread.spline import Spline
 from thread.thread import Thread
-from thread.vectors import dot
+from thread.vectors import cross, dot
 
 
 @dataclass(frozen=True)
@@ -75,14 +75,9 @@ def bare_passage(spline: Spline, q: Array, s: Array, home: Array | None = None) 
     return Passage(first, b, D[:, 0], D[:, 1], D[:, 2], D[:, 3], np.zeros((len(s), 3, 3)), none)
 
 
-def moment_arm(lam: Array, y: Array) -> Array:
+def force_on_tangent(lam: Array, y: Array) -> Array:
     """m = μ_u u + μ_v v, the force conjugate to T, shape `(p, 3)` [N m]."""
     return lam[:, 3:4] * y[:, 3:6] + lam[:, 4:5] * y[:, 6:]
-
-
-def cross(a: Array, b: Array) -> Array:
-    """Row-wise vector product, shape `(p, 3)`."""
-    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
 
 
 @dataclass(frozen=True)
@@ -115,33 +110,33 @@ def own_axis(thread: Passage, vector: Array) -> Array:
     return vector * ~thread.directed[:, None]
 
 
-def tilted(part: Parts, da: Array) -> Array:
+def tilt(part: Parts, da: Array) -> Array:
     """Change of τâ as the axis changes by `da` (p, 3), shape `(p, 3)` [N]."""
     along_a = dot(part.unit, da)[:, None] * part.unit
     turned = dot(part.across, da)[:, None] * part.unit + part.along[:, None] * (da - along_a)
     return turned / part.size[:, None]
 
 
-def met(thread: Passage, lam: Array, y: Array, derivative: int = 0) -> tuple[Array, Array]:
+def effective_place(thread: Passage, lam: Array, y: Array, derivative: int = 0) -> tuple[Array, Array]:
     """P̂ and T̂, or their first derivatives by s at constant multipliers, each `(p, 3)`."""
     P, T = (thread.P, thread.T, thread.K)[derivative : derivative + 2]
     if thread.bare:
         return P, T
-    c, m, part = thread.c[:, derivative, :, None], moment_arm(lam, y), parts(thread, lam, y)
+    c, m, part = thread.c[:, derivative, :, None], force_on_tangent(lam, y), parts(thread, lam, y)
     P_met = P + c[:, 0] * part.across + c[:, 1] * m
     if derivative:
-        P_met -= thread.c[:, 0, :1] * tilted(part, own_axis(thread, thread.K))
+        P_met -= thread.c[:, 0, :1] * tilt(part, own_axis(thread, thread.K))
     return P_met, T + c[:, 1] * lam[:, :3] + c[:, 2] * m
 
 
 def held_energy(thread: Passage, lam: Array, y: Array, derivative: int = 0) -> Array:
     """½c₀(λ² − τ²) + c₁λ·m + ½c₂m² or its derivative by s with the axis held, shape `(p,)` [J]: what the missing
     compliance stores."""
-    c, m, across = thread.c[:, derivative], moment_arm(lam, y), parts(thread, lam, y).across
+    c, m, across = thread.c[:, derivative], force_on_tangent(lam, y), parts(thread, lam, y).across
     return 0.5 * (c[:, 0] * dot(across, across) + c[:, 2] * dot(m, m)) + c[:, 1] * dot(lam[:, :3], m)
 
 
-def shrink(thread: Passage, part: Parts) -> Array:
+def shrinkage(thread: Passage, part: Parts) -> Array:
     """1 − c₀ (λ − τâ)·T'/|T|², by how much a bent thread is shorter where it is met, beside P on the inner side, than
     at P itself, shape `(p,)` [-]."""
     return 1.0 - thread.c[:, 0, 0] * dot(part.across, thread.K) / dot(thread.T, thread.T)
@@ -154,7 +149,7 @@ def tangent(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
     if not thread.bare:
         part = parts(thread, lam, y)
         in_frame = dot(T, part.unit)[:, None] * part.unit
-        beside = shrink(thread, part)[:, None] * T + thread.c[:, 0, 1:2] * part.across
+        beside = shrinkage(thread, part)[:, None] * T + thread.c[:, 0, 1:2] * part.across
         T = np.where(thread.directed[:, None], in_frame, beside)
     size = np.linalg.norm(T, axis=1)
     return size, T / size[:, None]
@@ -162,7 +157,7 @@ def tangent(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
 
 def phi(thread: Passage, lam: Array, y: Array) -> Array:
     """Φ = (g, c₁, c₂), shape `(p, 5)` [m, -]; `lam` (p, 5), `y` (p, 9)."""
-    P, T = met(thread, lam, y)
+    P, T = effective_place(thread, lam, y)
     out = np.empty((len(y), 5))
     out[:, :3] = P - y[:, :3]
     out[:, 3] = dot(T, y[:, 3:6])
@@ -172,7 +167,7 @@ def phi(thread: Passage, lam: Array, y: Array) -> Array:
 
 def phi_s(thread: Passage, lam: Array, y: Array) -> Array:
     """∂Φ/∂s = (P̂', T̂'·u, T̂'·v) at constant multipliers, shape `(p, 5)`."""
-    P_s, T_s = met(thread, lam, y, 1)
+    P_s, T_s = effective_place(thread, lam, y, 1)
     out = np.empty((len(y), 5))
     out[:, :3] = P_s
     out[:, 3] = dot(T_s, y[:, 3:6])
@@ -183,7 +178,7 @@ def phi_s(thread: Passage, lam: Array, y: Array) -> Array:
 def driving_force(thread: Passage, lam: Array, y: Array) -> Array:
     """Φ_sᵀλ, shape `(p,)` [N]: what pulls the thread along itself (eq. 6, with the configurational force of the
     direction constraint, Bigoni et al. 2015). λ·T + m·T', and of the missing compliance the slope of its energy."""
-    plain = dot(lam[:, :3], thread.T) + dot(moment_arm(lam, y), thread.K)
+    plain = dot(lam[:, :3], thread.T) + dot(force_on_tangent(lam, y), thread.K)
     if thread.bare:
         return plain
     turn = own_axis(thread, axis_force(thread, parts(thread, lam, y)))
@@ -193,7 +188,7 @@ def driving_force(thread: Passage, lam: Array, y: Array) -> Array:
 def thread_force(thread: Passage, lam: Array, y: Array) -> Array:
     """Φ_qᵀλ through the thread's numbers: forces conjugate to P and T, shape `(p, 2, 3)` [N, N m]."""
     out = np.empty((len(lam), 2, 3))
-    out[:, 0], out[:, 1] = lam[:, :3], moment_arm(lam, y)
+    out[:, 0], out[:, 1] = lam[:, :3], force_on_tangent(lam, y)
     if not thread.bare:
         out[:, 1] += own_axis(thread, axis_force(thread, parts(thread, lam, y)))
     return out
@@ -202,7 +197,7 @@ def thread_force(thread: Passage, lam: Array, y: Array) -> Array:
 def site_force(thread: Passage, lam: Array, y: Array) -> Array:
     """Φ_yᵀλ = (−λ, μ_u T̂ + v × w, μ_v T̂ + w × u): the force on the organ conjugate to y, shape `(p, 9)` [N, N m]; w
     where the hole imposes a direction."""
-    T = met(thread, lam, y)[1]
+    T = effective_place(thread, lam, y)[1]
     out = np.empty((len(lam), 9))
     out[:, :3], out[:, 3:6], out[:, 6:] = -lam[:, :3], lam[:, 3:4] * T, lam[:, 4:5] * T
     if not thread.bare:
@@ -216,7 +211,7 @@ def couple_on_thread(thread: Passage, lam: Array, y: Array) -> Array:
     """Reaction couple of the direction constraint on the thread, shape `(p, 3)` [N m]: the moment of all that it does
     to the thread about the place where it is met, zero for a free hole."""
     force = thread_force(thread, lam, y)
-    return cross(thread.P - met(thread, lam, y)[0], force[:, 0]) + cross(thread.T, force[:, 1])
+    return cross(thread.P - effective_place(thread, lam, y)[0], force[:, 0]) + cross(thread.T, force[:, 1])
 
 
 def axis_stiffness(thread: Passage, lam: Array, y: Array) -> Array:

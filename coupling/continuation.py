@@ -18,14 +18,14 @@ ATTEMPTS = 40
 WEAKER, STRONGER = 0.3, 5.0
 
 
-def eased(problem: Problem[Body], start: Iterate) -> Solution[Body]:
+def solve_with_springs(problem: Problem[Body], start: Iterate) -> Solution[Body]:
     """The solution of a step by springs on the abscissae. Raises `StepError`."""
     thread, law = problem.system.thread, problem.law
     k = first = thread.EA / (thread.spline.end - thread.spline.start)
     z, iterations = replace(start, s=law.s_old), 0
     failed = StepError(problem.time - problem.dt, problem.dt, "the sliding thread found no rest")
     for _ in range(ATTEMPTS):
-        held_back = replace(problem, law=replace(law, inertia=law.inertia + k, s_free=balanced(problem, z.s, k)))
+        held_back = replace(problem, law=replace(law, inertia=law.inertia + k, s_free=spring_ends(problem, z.s, k)))
         try:
             solution = solve(held_back, z)
         except StepError as error:
@@ -43,7 +43,7 @@ def eased(problem: Problem[Body], start: Iterate) -> Solution[Body]:
     raise failed
 
 
-def balanced(problem: Problem[Body], s: np.ndarray, k: float) -> np.ndarray:
+def spring_ends(problem: Problem[Body], s: np.ndarray, k: float) -> np.ndarray:
     """Where the springs must be tied so that inertia and spring together pull towards s_free and s in their shares."""
     law = problem.law
     return (law.inertia * law.s_free + k * s) / (law.inertia + k)

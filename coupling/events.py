@@ -48,7 +48,7 @@ class Event:
         return self.work - self.loss
 
 
-def noticed(system: System[Body], old: State[Body], taken: Sequence[Step[Body]]) -> list[Event]:
+def find_events(system: System[Body], old: State[Body], taken: Sequence[Step[Body]]) -> list[Event]:
     """Events in the steps taken from `old`, in the order of their times."""
     states = [old, *(step.new for step in taken)]
     out = [event for before, after in pairwise(states) for event in changes(system, before, after)]
@@ -63,8 +63,8 @@ def changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Ev
     for k, piercing in enumerate(system.piercings):
         if old.present[k] and not new.present[k]:
             out.append(Event(new.time, "leaves", piercing.name, nearer_end(system, float(new.s[k]))))
-        elif new.present[k] and system.rough[k] and (old.slip[k] == 0.0) != (new.slip[k] == 0.0):
-            kind: Kind = "sticks" if new.slip[k] == 0.0 else "slips"
+        elif new.present[k] and system.rough[k] and (old.sigma[k] == 0.0) != (new.sigma[k] == 0.0):
+            kind: Kind = "sticks" if new.sigma[k] == 0.0 else "slips"
             out.append(Event(new.time, kind, piercing.name, float(new.s[k])))
     return out
 

@@ -14,12 +14,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from coupling.answer import all_holds, padded
+from coupling.answer import all_holds, pad_compliance
 from coupling.arrays import Array, Flags
 from coupling.audit import initial_energies
-from coupling.bordered import PHI, Border, S, direction, linearise, without
+from coupling.bordered import PHI, Border, S, drop_constraints, linearise, newton_direction
 from coupling.constraints import Passage, bare_passage, phi, site_force, spread, thread_force
-from coupling.contact import NO_FORCES, first_pressed
+from coupling.contact import NO_FORCES, pressed_pairs
 from coupling.diagnosis import refuse_faults
 from coupling.errors import FormingError, StepError
 from coupling.events import Event
@@ -27,7 +27,7 @@ from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body
 from coupling.newton import Iterate, Problem
 from coupling.sliding import law_of, linearise_law
-from coupling.stepping import accepted, found, sense
+from coupling.stepping import accept_organ, find_solution, sense
 from coupling.system import State, System, forgetful
 from thread.vectors import dot
 
@@ -37,7 +37,9 @@ SAMPLES = 8  # places on each span at which the search for the nearest one begin
 CORRECTIONS = 50  # of that search, at most
 
 
-def begun(system: System[Body], state: State[Body], k: int, dt: float, given: float) -> tuple[State[Body], Event]:
+def begin_piercing(
+    system: System[Body], state: State[Body], k: int, dt: float, given: float
+) -> tuple[State[Body], Event]:
     """The state with the thread in hole `k`, and what it took. Raises `FormingError`, `ConstraintError`."""
     name, y = system.piercings[k].name, state.y[k]
     s = abscissa(system, state, k, given)
@@ -48,8 +50,8 @@ def begun(system: System[Body], state: State[Body], k: int, dt: float, given: fl
     refuse_far(system, state.time, name, gap, angle)
     within = with_hole(system, placed, at, k)
     refuse_faults(system, within)
-    closed = drawn_in(system, within, k, dt)
-    after, impulse = struck(system, closed, k)
+    closed = draw_in(system, within, k, dt)
+    after, impulse = strike(system, closed, k)
     energies = [initial_energies(system, x) for x in (state, closed, after)]
     work = sum(e.elastic * sign for e, sign in zip(energies[:2], (-1.0, 1.0), strict=True))
     loss = energies[1].kinetic - energies[2].kinetic
@@ -58,9 +60,9 @@ def begun(system: System[Body], state: State[Body], k: int, dt: float, given: fl
 
 def abscissa(system: System[Body], state: State[Body], k: int, given: float) -> float:
     """Where the thread enters hole `k` [m]: as given, else nearest to the hole; between the piercings beside it."""
-    low, high = between(system, state, k)
+    low, high = neighbours(system, state, k)
     if np.isnan(given):
-        return nearest(system, state, state.y[k, :3], low, high)
+        return nearest_abscissa(system, state, state.y[k, :3], low, high)
     spline = system.thread.spline
     held_end = not system.piercings[k].slides and given in (spline.start, spline.end)
     if not (low < given < high or held_end):
@@ -69,7 +71,7 @@ def abscissa(system: System[Body], state: State[Body], k: int, given: float) -> 
     return given
 
 
-def between(system: System[Body], state: State[Body], k: int) -> tuple[float, float]:
+def neighbours(system: System[Body], state: State[Body], k: int) -> tuple[float, float]:
     """Abscissae of the piercings present before and after the k-th, or the thread's ends [m]."""
     spline, p = system.thread.spline, len(system.piercings)
     here = state.present[:p]
@@ -77,7 +79,7 @@ def between(system: System[Body], state: State[Body], k: int) -> tuple[float, fl
     return float(low.max(initial=spline.start)), float(high.min(initial=spline.end))
 
 
-def nearest(system: System[Body], state: State[Body], x: Array, low: float, high: float) -> float:
+def nearest_abscissa(system: System[Body], state: State[Body], x: Array, low: float, high: float) -> float:
     """Abscissa of the thread's nearest place to the point `x` (3,), between `low` and `high` [m].
 
     The nearest of many samples, then Newton on ½|P − x|², kept between the samples beside it.
@@ -123,27 +125,27 @@ def with_hole(system: System[Body], state: State[Body], at: Passage, k: int) -> 
         forgetful(state),
         present=state.present | this,
         sense=np.where(this, sense(at, state.y), state.sense),
-        slip=np.where(this, np.where(system.may_slide & ~system.rough, 1.0, 0.0), state.slip),
+        sigma=np.where(this, np.where(system.may_slide & ~system.rough, 1.0, 0.0), state.sigma),
         s_dot=np.where(this, 0.0, state.s_dot),
     )
 
 
-def drawn_in(system: System[Body], state: State[Body], k: int, dt: float) -> State[Body]:
+def draw_in(system: System[Body], state: State[Body], k: int, dt: float) -> State[Body]:
     """The state with Φ = 0 in hole `k`, entered at its abscissa; velocities are kept. Raises `FormingError`."""
-    problem = closing(system, state, k, BackwardEuler(dt))
-    slip, pressed = np.where(problem.law.may_slide, state.slip, 0.0), first_pressed(problem.contact, system, state)
-    guess = Iterate(state.q, state.N, state.s, state.lam, state.y, slip, pressed=pressed)
+    problem = closing_problem(system, state, k, BackwardEuler(dt))
+    sigma, pressed = np.where(problem.law.may_slide, state.sigma, 0.0), pressed_pairs(problem.contact, system, state)
+    guess = Iterate(state.q, state.N, state.s, state.lam, state.y, sigma, pressed=pressed)
     try:
-        solution = found(problem, guess)
+        solution = find_solution(problem, guess)
     except StepError as error:
         raise FormingError(state.time, system.piercings[k].name, f"the thread cannot be drawn in ({error})") from error
-    z, organ = solution.iterate, accepted(solution)
+    z, organ = solution.iterate, accept_organ(solution)
     lam = np.where(problem.rows, z.lam, 0.0)
-    frame = system.thread.carried(state.frame, z.q)
+    frame = system.thread.transport_frame(state.frame, z.q)
     return replace(state, q=z.q, N=z.N, s=z.s, lam=lam, y=z.y, organ=organ, frame=frame)
 
 
-def closing(system: System[Body], state: State[Body], k: int, scheme: BackwardEuler) -> Problem[Body]:
+def closing_problem(system: System[Body], state: State[Body], k: int, scheme: BackwardEuler) -> Problem[Body]:
     """The step that moves nothing but what hole `k` asks: all forces of the state are loads on it.
 
     The hole's own abscissa is held, the others follow their laws; lips do not cross.
@@ -171,7 +173,7 @@ def closing(system: System[Body], state: State[Body], k: int, scheme: BackwardEu
     )
 
 
-def struck(system: System[Body], state: State[Body], k: int) -> tuple[State[Body], tuple[float, float, float]]:
+def strike(system: System[Body], state: State[Body], k: int) -> tuple[State[Body], tuple[float, float, float]]:
     """The state after the impulse that makes thread and organ move together in hole `k`, and the impulse [N s].
 
     Minimises ½Δvᵀ M Δv of thread and organ under dΦ/dt = 0 in the hole, unchanged in the others. An organ without mass
@@ -184,15 +186,17 @@ def struck(system: System[Body], state: State[Body], k: int) -> tuple[State[Body
     at, p = bare_passage(system.thread.spline, state.q, state.s), len(system.piercings)
     rates = np.zeros((system.holds, 6))
     rates[k, PHI] = np.where(system.rows[k], constraint_rate(system, state, at, answer.y_free)[k], 0.0)
-    slides = np.where(this, system.may_slide, state.slip != 0.0)
-    border = impact(system, state, at, slides)
+    slides = np.where(this, system.may_slide, state.sigma != 0.0)
+    border = impact_border(system, state, at, slides)
     M, none = system.hold_still(system.thread.mass_band.copy()), np.zeros_like(state.q)
-    dv, dz = direction(M, system.held, border, padded(system, answer.C), at, none, rates, np.zeros_like(state.y))
+    dv, dz = newton_direction(
+        M, system.held, border, pad_compliance(system, answer.C), at, none, rates, np.zeros_like(state.y)
+    )
     j, s_dot = dz[:, PHI], state.s_dot + np.where(slides, dz[:, S], 0.0)
     organ = answer.accept(site_force(at, j, state.y)[:p].ravel(), NO_FORCES)
-    slip = np.where(this & system.rough, np.sign(s_dot), state.slip)
+    sigma = np.where(this & system.rough, np.sign(s_dot), state.sigma)
     x, y, z = (float(value) for value in j[k, :3])
-    return replace(state, v=state.v + dv, s_dot=s_dot, slip=slip, organ=organ), (x, y, z)
+    return replace(state, v=state.v + dv, s_dot=s_dot, sigma=sigma, organ=organ), (x, y, z)
 
 
 def constraint_rate(system: System[Body], state: State[Body], at: Passage, y_dot: Array) -> Array:
@@ -207,7 +211,7 @@ def constraint_rate(system: System[Body], state: State[Body], at: Passage, y_dot
     return out
 
 
-def impact(system: System[Body], state: State[Body], at: Passage, slides: Flags) -> Border:
+def impact_border(system: System[Body], state: State[Body], at: Passage, slides: Flags) -> Border:
     """The holds as an impulse meets them: the thread slides freely where `slides`, else not at all."""
     none = np.zeros((system.holds, 5))
     law = replace(
@@ -215,4 +219,4 @@ def impact(system: System[Body], state: State[Body], at: Passage, slides: Flags)
     )
     border = linearise(at, none, state.y)
     linearise_law(border, law, slides.astype(np.float64), at, none, state.y)
-    return without(border, ~(system.rows & state.present[:, None]))
+    return drop_constraints(border, ~(system.rows & state.present[:, None]))

@@ -12,7 +12,7 @@ import numpy as np
 
 from coupling.answer import Held, all_holds
 from coupling.arrays import Array, Flags
-from coupling.contact import contact_under
+from coupling.contact import solve_contact
 from coupling.errors import StepError
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Body
@@ -45,7 +45,7 @@ class Cord:
     diameter: float = 1.0
 
 
-def projected(thread: Thread, path: Array) -> Array:
+def project_path(thread: Thread, path: Array) -> Array:
     """Least-squares control points (n, 3) of values `path` (spans, g, 3) at the points of the thread's mass rule."""
     rule = gauss_rule(thread.spline, path.shape[1])
     load = thread.vector(np.einsum("eg,egi,ega->eia", rule.w, rule.b[:, :, 0], path))
@@ -79,34 +79,34 @@ def lay(system: System[Body], laying: Laying[Body], s: Array) -> tuple[Array, Ar
     Where no unstrained thread fits with the abscissae `s` (a hole may impose a direction that needs more length), it
     slides in its holes until one does; what is strained then is held so by its ends and anchors.
     """
-    held = laid(system, laying, s, np.zeros(system.holds, dtype=bool))
+    held = lay_on_bed(system, laying, s, np.zeros(system.holds, dtype=bool))
     if held[2] < UNSTRAINED or not system.may_slide.any():
         return held[:2]
-    loose = laid(system, laying, s, system.may_slide & system.from_start)
+    loose = lay_on_bed(system, laying, s, system.may_slide & system.from_start)
     return min(held, loose, key=lambda result: result[2])[:2]
 
 
-def laid(system: System[Body], laying: Laying[Body], s: Array, loose: Flags) -> tuple[Array, Array, float]:
+def lay_on_bed(system: System[Body], laying: Laying[Body], s: Array, loose: Flags) -> tuple[Array, Array, float]:
     """The thread laid with the holds `loose` sliding, and its largest strain; as stiff as Newton allows."""
     m, abscissae = system.holds, s * laying.stretch
     first = laid_thread(system.thread, laying.stretch, ON_PATH)
-    on_path = projected(first, laying.path)
-    soft, none = stiff(system, laying, ON_PATH), np.zeros(m, dtype=bool)
+    on_path = project_path(first, laying.path)
+    soft, none = with_laid_thread(system, laying, ON_PATH), np.zeros(m, dtype=bool)
     q = with_ends(on_path, soft, 0.0)
     y = all_holds(system, laying.answer.y_free)
     z = Iterate(q, np.zeros_like(first.axial.s), abscissae, np.zeros((m, 5)), y, np.zeros(m))
     z = solve(bed_problem(soft, on_path, laying.answer, z.s, none), z).iterate
     for axial in SETTLING:
-        problem = bed_problem(stiff(system, laying, axial), z.q, laying.answer, z.s, loose)
+        problem = bed_problem(with_laid_thread(system, laying, axial), z.q, laying.answer, z.s, loose)
         try:
-            z = solve(problem, replace(z, slip=loose.astype(float))).iterate
+            z = solve(problem, replace(z, sigma=loose.astype(float))).iterate
         except StepError:
             break
     strain = float(np.abs(first.points(z.q).strain).max())
     return z.q, z.s / laying.stretch, strain
 
 
-def stiff(system: System[Body], laying: Laying[Body], axial: float) -> System[Body]:
+def with_laid_thread(system: System[Body], laying: Laying[Body], axial: float) -> System[Body]:
     """The system with the laid thread in place of its own."""
     return replace(system, thread=laid_thread(system.thread, laying.stretch, axial), epsilon=0.0)
 
@@ -135,7 +135,7 @@ def bed_problem(system: System[Body], on_path: Array, answer: Held[Body], s: Arr
     )
 
 
-def rested(system: System[Body]) -> Body:
+def resting_organ(system: System[Body]) -> Body:
     """Return the organ's state at the start, its lips held apart where the organ's own weight would make them cross."""
     organ = system.organ
     state = organ.start()
@@ -143,7 +143,7 @@ def rested(system: System[Body]) -> Body:
         return state
     # An organ with inertia starts undeformed, and never comes here.
     answer, f_y = organ.answer(Equilibrium(), [state]), np.zeros(organ.y0.size)
-    return answer.accept(f_y, contact_under(system, f_y, answer))
+    return answer.accept(f_y, solve_contact(system, f_y, answer))
 
 
 def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[Body]:
@@ -151,13 +151,13 @@ def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[
 
     Piercings that begin later do not hold the thread yet.
     """
-    organ = rested(system)
+    organ = resting_organ(system)
     y = all_holds(system, system.organ.site_variables(organ))
     s = np.concatenate([s, system.clamp_abscissae])
     q, s = lay(system, Laying(Held(system.organ.site_variables(organ), organ), path, stretch), s)
     m, thread = system.holds, system.thread
     q = np.pad(q, ((0, 0), (0, thread.coordinates - 3)))
-    frame = thread.untwisted(q)
+    frame = thread.untwisted_frame(q)
     return State(
         time=0.0,
         q=q,
@@ -168,7 +168,7 @@ def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[
         s_dot=np.zeros(m),
         lam=np.zeros((m, 5)),
         y=y,
-        slip=np.where(system.may_slide & ~system.rough & system.from_start, 1.0, 0.0),
+        sigma=np.where(system.may_slide & ~system.rough & system.from_start, 1.0, 0.0),
         present=system.from_start,
         sense=sense(system.passage(q, s), y),
         reaction=np.zeros((2, thread.coordinates)),

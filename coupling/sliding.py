@@ -34,20 +34,19 @@ from coupling.constraints import (
     Parts,
     Passage,
     axis_force,
-    cross,
     driving_force,
+    effective_place,
+    force_on_tangent,
     held_energy,
-    met,
-    moment_arm,
     own_axis,
     parts,
     phi_s,
-    shrink,
+    shrinkage,
     tangent,
 )
 from coupling.interfaces import Body
 from coupling.system import System
-from thread.vectors import dot
+from thread.vectors import cross, dot
 
 
 @dataclass(frozen=True)
@@ -95,13 +94,13 @@ def prescribed(law: Law, held: Flags, injected: Array) -> Law:
     return replace(law, rough=smooth, may_slide=law.may_slide & ~held, injected=injected)
 
 
-def bearing(lam: Array, y: Array, per_channel: Array) -> Array:
+def channel_forces(lam: Array, y: Array, per_channel: Array) -> Array:
     """λ/2 ± m/ℓ_c, the force of each end of the channel on the thread, shape `(2, m, 3)` [N]."""
-    half, couple = 0.5 * lam[:, :3], per_channel[:, None] * moment_arm(lam, y)
+    half, couple = 0.5 * lam[:, :3], per_channel[:, None] * force_on_tangent(lam, y)
     return np.stack([half + couple, half - couple])
 
 
-def pressing(force: Array, t: Array) -> Array:
+def part_across(force: Array, t: Array) -> Array:
     """The part of forces `(2, m, 3)` across the unit tangents `t` (m, 3)."""
     return force - dot(force, t)[..., None] * t
 
@@ -109,7 +108,7 @@ def pressing(force: Array, t: Array) -> Array:
 def normal_force(thread: Passage, lam: Array, y: Array, per_channel: Array) -> Array:
     """N = |λ_n/2 + m/ℓ_c| + |λ_n/2 − m/ℓ_c|, what presses the thread on the hole; |λ_n| without a channel, shape `(m,)`
     [N]."""
-    ends = pressing(bearing(lam, y, per_channel), tangent(thread, lam, y)[1])
+    ends = part_across(channel_forces(lam, y, per_channel), tangent(thread, lam, y)[1])
     return np.asarray(np.linalg.norm(ends, axis=2).sum(axis=0))
 
 
@@ -118,7 +117,7 @@ def net_drive(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Arra
     return driving_force(thread, lam, y) - law.inertia * (s - law.s_free)
 
 
-def along(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
+def force_along_thread(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
     """f, the driving force along the unit tangent, shape `(m,)` [N]."""
     return np.asarray(net_drive(law, thread, s, lam, y) / tangent(thread, lam, y)[0])
 
@@ -133,46 +132,46 @@ def kinetic_bound(law: Law, thread: Passage, lam: Array, y: Array) -> Array:
     return np.asarray(law.grip + law.kinetic * normal_force(thread, lam, y, law.per_channel))
 
 
-def admissible(law: Law, slip: Array) -> Array:
+def admissible_sigma(law: Law, sigma: Array) -> Array:
     """The active set made to fit the holds: an ideal hole slides, one that may not slide sticks, shape `(m,)`."""
-    return np.where(law.may_slide, np.where(law.rough, slip, 1.0), 0.0)
+    return np.where(law.may_slide, np.where(law.rough, sigma, 1.0), 0.0)
 
 
-def next_slip(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, y: Array, margin: float) -> Array:
+def next_sigma(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array, margin: float) -> Array:
     """Active set after a solved iterate: a stuck point slips when f leaves the static cone by more than the `margin`
     [N] of the solve, a slipping one sticks when it moved against its own friction. Shape `(m,)`, in {−1, 0, 1}."""
     if not law.rough.any():
-        return admissible(law, slip)
-    f = along(law, thread, s, lam, y)
+        return admissible_sigma(law, sigma)
+    f = force_along_thread(law, thread, s, lam, y)
     from_stick = np.where(np.abs(f) > static_bound(law, thread, lam, y) + margin, np.sign(f), 0.0)
-    from_slip = np.where(slip * (s - law.s_old) < 0.0, 0.0, slip)
-    return admissible(law, np.where(slip == 0.0, from_stick, from_slip))
+    from_slip = np.where(sigma * (s - law.s_old) < 0.0, 0.0, sigma)
+    return admissible_sigma(law, np.where(sigma == 0.0, from_stick, from_slip))
 
 
-def cone_residual(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
+def cone_residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
     """By how much the force along the thread breaks Coulomb's law, shape `(m,)` [N], zero where it is obeyed.
 
     Stick: what |f| exceeds F₀ + μ_s N by; slip: how far f is from σ (F₀ + μ_k N). Zero for a hold without friction.
     """
-    f = along(law, thread, s, lam, y)
+    f = force_along_thread(law, thread, s, lam, y)
     stuck = np.maximum(np.abs(f) - static_bound(law, thread, lam, y), 0.0)
-    slipping = np.abs(f - slip * kinetic_bound(law, thread, lam, y))
-    return np.where(law.rough & law.may_slide, np.where(slip == 0.0, stuck, slipping), 0.0)
+    slipping = np.abs(f - sigma * kinetic_bound(law, thread, lam, y))
+    return np.where(law.rough & law.may_slide, np.where(sigma == 0.0, stuck, slipping), 0.0)
 
 
-def residual(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
+def residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
     """Left-hand side of the law, shape `(m,)`: [N] where the thread slides, [m] where it is held."""
     drive = net_drive(law, thread, s, lam, y)
     if law.ideal:
-        return np.where(slip == 0.0, s - law.s_held, drive)
-    given = law.injected + law.rough * slip * kinetic_bound(law, thread, lam, y)
-    return np.where(slip == 0.0, s - law.s_held, drive - tangent(thread, lam, y)[0] * given)
+        return np.where(sigma == 0.0, s - law.s_held, drive)
+    given = law.injected + law.rough * sigma * kinetic_bound(law, thread, lam, y)
+    return np.where(sigma == 0.0, s - law.s_held, drive - tangent(thread, lam, y)[0] * given)
 
 
-def linearise_law(border: Border, law: Law, slip: Array, thread: Passage, lam: Array, y: Array) -> None:
+def linearise_law(border: Border, law: Law, sigma: Array, thread: Passage, lam: Array, y: Array) -> None:
     """Write the row of s into a border under construction."""
-    row_T, row_K, row = lam[:, :3].copy(), moment_arm(lam, y), np.zeros((len(lam), BORDER))
-    d_phi, T_s = phi_s(thread, lam, y), met(thread, lam, y, 1)[1]
+    row_T, row_K, row = lam[:, :3].copy(), force_on_tangent(lam, y), np.zeros((len(lam), BORDER))
+    d_phi, T_s = phi_s(thread, lam, y), effective_place(thread, lam, y, 1)[1]
     row[:, LAM], row[:, MU_U], row[:, MU_V] = d_phi[:, :3], d_phi[:, 3], d_phi[:, 4]
     row[:, U], row[:, V] = lam[:, 3:4] * T_s, lam[:, 4:5] * T_s
     row[:, S] = dot(row_T, thread.K) + dot(row_K, thread.J) + held_energy(thread, lam, y, 2) - law.inertia
@@ -180,9 +179,9 @@ def linearise_law(border: Border, law: Law, slip: Array, thread: Passage, lam: A
         turn = add_turning(row, thread, lam, y)
         row_T, row_K = row_T + turn[0], row_K + turn[1]
     if not law.ideal:
-        friction = add_friction(row, law, slip, thread, lam, y)
+        friction = add_friction(row, law, sigma, thread, lam, y)
         row_T, row_K = row_T + friction[0], row_K + friction[1]
-    sliding = (slip != 0.0)[:, None]
+    sliding = (sigma != 0.0)[:, None]
     held = np.zeros((1, BORDER))
     held[0, S] = 1.0
     border.B[:, S, AT_T], border.B[:, S, AT_K] = row_T * sliding, row_K * sliding
@@ -201,15 +200,15 @@ def add_turning(row: Array, thread: Passage, lam: Array, y: Array) -> tuple[Arra
     return of_own, own
 
 
-def add_friction(row: Array, law: Law, slip: Array, thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
+def add_friction(row: Array, law: Law, sigma: Array, thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
     """Subtract the derivative of |T̂|(injected + σ(F₀ + μ_k N)) from the row of s; its parts by T and T', each `(m, 3)`,
     are returned."""
     size, t = tangent(thread, lam, y)
-    ends = bearing(lam, y, law.per_channel)
-    normal = unit(pressing(ends, t))
-    sigma = slip * law.rough
-    given = law.injected + sigma * kinetic_bound(law, thread, lam, y)
-    press = sigma * size * law.kinetic
+    ends = channel_forces(lam, y, law.per_channel)
+    normal = unit_or_zero(part_across(ends, t))
+    rough_sigma = sigma * law.rough
+    given = law.injected + rough_sigma * kinetic_bound(law, thread, lam, y)
+    press = rough_sigma * size * law.kinetic
     by_m = -(press * law.per_channel)[:, None] * (normal[0] - normal[1])
     row[:, LAM] -= (0.5 * press)[:, None] * (normal[0] + normal[1])
     row[:, MU_U] += dot(by_m, y[:, 3:6])
@@ -231,13 +230,13 @@ def add_tangent(row: Array, thread: Passage, lam: Array, y: Array, by_size: Arra
         by_axis = sign * (by_size[:, None] * (thread.T - size[:, None] * t) + by_t) / part.size[:, None] * directed
         row[:, U] += cross(y[:, 6:], by_axis)
         row[:, V] += cross(by_axis, y[:, 3:6])
-        beside, by_K = add_beside(row, thread, part, own_axis(thread, by_T))
+        beside, by_K = add_effective_tangent(row, thread, part, own_axis(thread, by_T))
         by_T = np.where(directed, by_size[:, None] * t, beside)
     row[:, S] += dot(by_T, thread.K) + dot(by_K, thread.J)
     return by_T, by_K
 
 
-def add_beside(row: Array, thread: Passage, part: Parts, by: Array) -> tuple[Array, Array]:
+def add_effective_tangent(row: Array, thread: Passage, part: Parts, by: Array) -> tuple[Array, Array]:
     """Add `by` (m, 3) times the derivative of T̂ of free holes by λ and by s where T, T' are held to the row of s; the
     parts by T and T', each `(m, 3)`, are returned."""
     c0, c1, T, K = thread.c[:, :2, 0], thread.c[:, :2, 1], thread.T, thread.K
@@ -251,9 +250,9 @@ def add_beside(row: Array, thread: Passage, part: Parts, by: Array) -> tuple[Arr
     turned = (lengthwise[:, None] * part.across + part.along[:, None] * crosswise) / part.size[:, None]
     stretched = (2.0 * c0[:, 0] * bend / dot(T, T))[:, None] * T
     by_K = -(c0[:, 0] * per_square)[:, None] * part.across
-    return shrink(thread, part)[:, None] * by + stretched - turned, by_K
+    return shrinkage(thread, part)[:, None] * by + stretched - turned, by_K
 
 
-def unit(a: Array) -> Array:
+def unit_or_zero(a: Array) -> Array:
     """Vectors along the last axis divided by their lengths; one of zero length stays zero."""
     return np.asarray(a / np.maximum(np.linalg.norm(a, axis=-1, keepdims=True), np.finfo(float).tiny))

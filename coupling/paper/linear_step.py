@@ -32,7 +32,7 @@ import numpy as np
 from scipy.linalg.blas import dgbmv
 
 from coupling.arrays import Array, Flags
-from coupling.bordered import NINE, PHI, Border, S, SingularError, at_holds, direction
+from coupling.bordered import NINE, PHI, Border, S, SingularError, newton_direction, values_at_holds
 from coupling.configuration import Configuration
 from coupling.constraints import Passage, bare_passage, phi, site_force, spread, thread_force
 from coupling.contact import NO_FORCES
@@ -40,7 +40,7 @@ from coupling.errors import CouplingError, StepError
 from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body
 from coupling.newton import ROUND_OFF, Iterate, Problem, Residual, Solution, border_of, failure
-from coupling.paper.two_pass import PASSES, Verdict, first_verdict, judged, motion, stands
+from coupling.paper.two_pass import PASSES, Verdict, first_verdict, is_settled, judge, motion
 from coupling.sliding import Law, law_of, prescribed
 from coupling.stepping import Step, dynamic_problem, organ_answer, reactions, refuse_inversion, with_ends
 from coupling.system import State, System, forgetful
@@ -83,7 +83,7 @@ def frames(y: Array, y_dot: Array) -> tuple[tuple[Array, Array], tuple[Array, Ar
     return (y[:, 3:6], y_dot[:, 3:6]), (y[:, 6:], y_dot[:, 6:])
 
 
-def restoring(violation: Array, rate: Array, dt: float, evaluation: Evaluation) -> Array:
+def restoring_acceleration(violation: Array, rate: Array, dt: float, evaluation: Evaluation) -> Array:
     """Φ̈ that eq. 5 asks for at τ = Δt, from Φ and Φ̇ at the start of the step.
 
     "end": Φ̈ + (2/Δt)(Φ̇ + ΔtΦ̈) + (Φ + ΔtΦ̇ + Δt²Φ̈)/Δt² = 0.  "start": the literal eq. 5, unstable.
@@ -140,12 +140,12 @@ def pose(system: System[Body], state: State[Body], dt: float, evaluation: Evalua
         s=problem.law.s_free,
         lam=np.zeros_like(state.lam),
         y=problem.y_free,
-        slip=np.where(problem.law.may_slide, 1.0, 0.0),
+        sigma=np.where(problem.law.may_slide, 1.0, 0.0),
     )
     r = np.zeros((system.holds, 6))
     r[:, S] = np.where(law.may_slide, 0.0, law.s_free - law.s_old)
     Phi, Phi_dot = phi(at, state.lam, state.y), phi_dot(system, state, at)
-    asked = restoring(Phi, Phi_dot, dt, evaluation)
+    asked = restoring_acceleration(Phi, Phi_dot, dt, evaluation)
     r[:, PHI] = problem.rows * (constraint_acceleration(problem, state, at, guess) - dt**2 * asked)
     Phi = Phi + dt * (Phi_dot + dt * asked)
     r_q = thread_residual(problem, points, tangent, state.q, guess.q)
@@ -179,11 +179,11 @@ def site_rates(system: System[Body], state: State[Body]) -> Array:
 def thread_residual(problem: Problem[Body], points: Points, tangent: Array, q: Array, q_new: Array) -> Array:
     """Thread's equation without multipliers at q⁺ = `q_new`, the elastic force linearised at `q`, `(n, c)` [N]."""
     thread = problem.system.thread
-    elastic = thread.gradient(points) + times(tangent, q_new - q)
+    elastic = thread.gradient(points) + banded_product(tangent, q_new - q)
     return elastic + problem.mass_factor * thread.momentum(q_new - problem.q_ref) - problem.load
 
 
-def times(band: Array, x: Array) -> Array:
+def banded_product(band: Array, x: Array) -> Array:
     """Product of a banded matrix with `x` (n, c)."""
     size, h = band.shape[1], half_band_of(band)
     return np.asarray(dgbmv(size, size, h, h, 1.0, band[h:], x.ravel())).reshape(x.shape)
@@ -200,7 +200,7 @@ def constrained(posed: Posed[Body], held: Flags, injected: Array) -> Posed[Body]
     slides = np.where(law.may_slide, 1.0, 0.0)
     r, ideal = posed.r.copy(), replace(posed.problem, law=replace(law, injected=np.zeros_like(injected)))
     r[:, S] = np.where(law.may_slide, -np.linalg.norm(posed.at.T, axis=1) * injected, law.s_free - law.s_old)
-    guess = replace(posed.guess, slip=slides)
+    guess = replace(posed.guess, sigma=slides)
     border = border_of(ideal, replace(guess, y=posed.state.y), posed.at)
     return replace(posed, problem=replace(ideal, law=law), guess=guess, r=r, border=border)
 
@@ -212,10 +212,12 @@ Answer = tuple[Array, Array]  # beside the guess: of q (n, c) [m]; of s, λ, y i
 Solver = Callable[[Posed[Body]], Answer]
 
 
-def whole(posed: Posed[Body]) -> Answer:
+def solve_whole(posed: Posed[Body]) -> Answer:
     """The whole system, ε = 0 included: a banded thread with a dense border. Raises `SingularError`."""
     problem, site = posed.problem, np.zeros_like(posed.guess.y)
-    return direction(posed.band(), problem.system.held, posed.border, problem.C, posed.at, posed.r_q, posed.r, site)
+    return newton_direction(
+        posed.band(), problem.system.held, posed.border, problem.C, posed.at, posed.r_q, posed.r, site
+    )
 
 
 # -- the step ----------------------------------------------------------------------------------------------------------
@@ -228,7 +230,7 @@ def linear_step(
     held: Flags | None = None,
     injected: Array | None = None,
     evaluation: Evaluation = "end",
-    solver: Solver = whole,
+    solver: Solver = solve_whole,
 ) -> Step[Body]:
     """One step of `dt` [s] by one linear solve; the state is not touched.
 
@@ -241,7 +243,7 @@ def linear_step(
     if held is not None or injected is not None:
         held = np.zeros(system.holds, dtype=bool) if held is None else held
         posed = constrained(posed, held, np.zeros(system.holds) if injected is None else injected)
-    return solved(posed, solver)
+    return solve_posed(posed, solver)
 
 
 def linear_two_pass(system: System[Body], state: State[Body], dt: float, passes: int = PASSES) -> Step[Body]:
@@ -252,18 +254,18 @@ def linear_two_pass(system: System[Body], state: State[Body], dt: float, passes:
     posed = pose(system, state, dt)
     law = law_of(system, state.s, state.present, posed.problem.law.inertia, posed.problem.law.s_free)
     verdict = first_verdict(system, law, state, dt)
-    step = solved(under(posed, law, verdict))
+    step = solve_posed(with_verdict(posed, law, verdict))
     for number in range(1, passes):
-        new = judged(law, verdict, step.solution, frictionless=number == 1)
-        if stands(verdict, new, step.solution):
+        new = judge(law, verdict, step.solution, frictionless=number == 1)
+        if is_settled(verdict, new, step.solution):
             break
-        verdict, step = new, solved(under(posed, law, new))
-    z = replace(step.solution.iterate, slip=motion(law, verdict, step.solution.iterate))
+        verdict, step = new, solve_posed(with_verdict(posed, law, new))
+    z = replace(step.solution.iterate, sigma=motion(law, verdict, step.solution.iterate))
     solution = replace(step.solution, problem=replace(step.solution.problem, law=law), iterate=z)
-    return replace(step, new=replace(step.new, slip=z.slip), solution=solution)
+    return replace(step, new=replace(step.new, sigma=z.sigma), solution=solution)
 
 
-def under(posed: Posed[Body], law: Law, verdict: Verdict) -> Posed[Body]:
+def with_verdict(posed: Posed[Body], law: Law, verdict: Verdict) -> Posed[Body]:
     """The linear system of a pass."""
     return constrained(posed, law.rough & (verdict.sense == 0.0), verdict.friction)
 
@@ -278,7 +280,7 @@ def refuse_friction(system: System[Body]) -> None:
         )
 
 
-def solved(posed: Posed[Body], solver: Solver = whole) -> Step[Body]:
+def solve_posed(posed: Posed[Body], solver: Solver = solve_whole) -> Step[Body]:
     """The step of a linear system. Raises `StepError` where the solve is singular, inaccurate or runs away,
     `InversionError`."""
     problem, state, guess = posed.problem, posed.state, posed.guess
@@ -288,8 +290,8 @@ def solved(posed: Posed[Body], solver: Solver = whole) -> Step[Body]:
     except SingularError as error:
         raise StepError(state.time, dt, str(error)) from error
     q, lam = guess.q + dq, np.where(problem.rows, dz[:, PHI], 0.0)
-    s = np.where(guess.slip == 0.0, problem.law.s_old, guess.s + dz[:, S])  # held: to the last bit, no creep
-    residual = checked(posed, q, dq, dz)
+    s = np.where(guess.sigma == 0.0, problem.law.s_old, guess.s + dz[:, S])  # held: to the last bit, no creep
+    residual = check_accuracy(posed, q, dq, dz)
     force = site_force(posed.at, lam, state.y)
     organ = problem.answer.accept(force[:p].ravel(), NO_FORCES)
     y = problem.y_free + (problem.C @ force.ravel()).reshape(-1, NINE)
@@ -305,21 +307,21 @@ def solved(posed: Posed[Body], solver: Solver = whole) -> Step[Body]:
         lam=lam,
         y=y,
         y_dot=(y - state.y) / dt,
-        slip=np.where(system.rough, np.sign(s - state.s), 1.0) * guess.slip,
+        sigma=np.where(system.rough, np.sign(s - state.s), 1.0) * guess.sigma,
         reaction=reactions(system, residual.thread, problem.load),
-        frame=system.thread.carried(state.frame, q),
+        frame=system.thread.transport_frame(state.frame, q),
     )
-    if system.thread.turned_too_far(state.frame, q):
+    if system.thread.turns_too_far(state.frame, q):
         raise StepError(state.time, dt, "a tangent turned by more than 120°, further than the twist can follow")
     at = bare_passage(system.thread.spline, q, s)
     refuse_missed(posed, phi(at, lam, y))
     refuse_inversion(system, state, new, at)
-    iterate = Iterate(q, new.N, s, lam, state.y, new.slip)
+    iterate = Iterate(q, new.N, s, lam, state.y, new.sigma)
     solution = Solution(problem, iterate, residual, 1, linearisation(posed, residual.points, q))
     return Step(state, new, dt, solution, replace(residual.configuration, at=at))
 
 
-def checked(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residual:
+def check_accuracy(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residual:
     """Residuals of the linear system at its solution. Raises `StepError` where they are not small, or the forces moved
     the thread by more than its length, of which no linearisation says anything."""
     problem, state, thread = posed.problem, posed.state, posed.problem.system.thread
@@ -328,9 +330,9 @@ def checked(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residual:
         raise StepError(state.time, problem.dt, "the linear step ran away; take a smaller dt, or Newton's scheme")
     lam = dz[:, PHI]
     free = thread_residual(problem, posed.points, posed.tangent, state.q, q)
-    balance = free.copy()
-    balance[:, :3] -= spread(thread_force(posed.at, lam, state.y), posed.at, thread.n)
-    at = at_holds(posed.at, dq[..., None]).reshape(-1, NINE)
+    balance, push = free.copy(), spread(thread_force(posed.at, lam, state.y), posed.at, thread.n)
+    balance[:, :3] -= push
+    at = values_at_holds(posed.at, dq[..., None]).reshape(-1, NINE)
     B, D = posed.border.B, posed.border.D
     holds = posed.r + np.matvec(B, at) + np.matvec(D, dz)
     terms = np.abs(posed.r) + np.matvec(np.abs(B), np.abs(at)) + np.matvec(np.abs(D), np.abs(dz))
@@ -341,6 +343,7 @@ def checked(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residual:
     residual = Residual(
         Configuration(points, posed.at, thread.gradient(points)),
         site_force(posed.at, lam, state.y),
+        push,
         balance,
         holds,
         np.zeros_like(state.y),
@@ -368,5 +371,5 @@ def refuse_missed(posed: Posed[Body], end: Array) -> None:
 def linearisation(posed: Posed[Body], points: Points, q: Array) -> float:
     """Work of the elastic force that the step used beyond that of the true one at its end [J]."""
     thread, dq = posed.problem.system.thread, q - posed.state.q
-    used = thread.gradient(posed.points) + times(posed.tangent, dq)
+    used = thread.gradient(posed.points) + banded_product(posed.tangent, dq)
     return float(np.sum((used - thread.gradient(points)) * dq))

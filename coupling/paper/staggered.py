@@ -19,7 +19,7 @@ import numpy as np
 from coupling.answer import Held, all_holds
 from coupling.arrays import Array
 from coupling.constraints import site_force
-from coupling.contact import NO_FORCES, contact_under
+from coupling.contact import NO_FORCES, solve_contact
 from coupling.errors import RunAwayError
 from coupling.integrators import BackwardEuler, Scheme
 from coupling.interfaces import Answer, Body, Organ, OrganEnergies
@@ -77,30 +77,30 @@ def backward_euler(state: State[Body], dt: float) -> Scheme:
     return BackwardEuler(dt)
 
 
-def take(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
+def staggered_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
     """One step of `dt` [s], thread and organ by backward Euler. Raises `StepError`, `InversionError`,
     `RunAwayError`; the state is not touched."""
-    return staggered(try_step, backward_euler)(system, state, dt)
+    return stagger(try_step, backward_euler)(system, state, dt)
 
 
-def staggered(thread_step: Take[Body], scheme_of: SchemeOf[Body]) -> Take[Body]:
+def stagger(thread_step: Take[Body], scheme_of: SchemeOf[Body]) -> Take[Body]:
     """The staggered step whose thread takes `thread_step` and whose organ steps by the scheme that `scheme_of` names
     for a state and dt."""
 
     def take(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
         step = thread_step(replace(system, organ=HeldOrgan(system.organ)), state, dt)
-        return organ_moved(system, step, scheme_of(state, dt))
+        return move_organ(system, step, scheme_of(state, dt))
 
     return take
 
 
-def organ_moved(system: System[Body], step: Step[Body], scheme: Scheme) -> Step[Body]:
+def move_organ(system: System[Body], step: Step[Body], scheme: Scheme) -> Step[Body]:
     """The step after the organ has taken its own under the reaction of the thread. Raises `RunAwayError`,
     `InversionError`."""
     state, new, at = step.old, step.new, step.solution.residual.passage
     f_y = site_force(at, new.lam, step.solution.iterate.y)[: len(system.piercings)].ravel()
     answer = organ_answer(system, scheme, state)
-    organ = answer.accept(f_y, contact_under(system, f_y, answer))
+    organ = answer.accept(f_y, solve_contact(system, f_y, answer))
     y = all_holds(system, system.organ.site_variables(organ))
     refuse_runaway(system, state, y, step.dt)
     new = replace(new, organ=organ, y=y)

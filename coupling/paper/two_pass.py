@@ -27,8 +27,8 @@ from coupling.constraints import bare_passage
 from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body
 from coupling.newton import FORCE_TOLERANCE, Iterate, Problem, Solution
-from coupling.sliding import Law, along, normal_force, prescribed
-from coupling.stepping import Step, concluded, dynamic_problem, found, organ_answer, predicted
+from coupling.sliding import Law, force_along_thread, normal_force, prescribed
+from coupling.stepping import Step, conclude, dynamic_problem, find_solution, organ_answer, predict
 from coupling.system import State, System
 
 PASSES = 2  # the paper's
@@ -50,27 +50,29 @@ def two_pass(system: System[Body], state: State[Body], dt: float, passes: int = 
     `InversionError`."""
     scheme = BackwardEuler(dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
-    solution = solve_passes(problem, predicted(problem, state), first_verdict(system, problem.law, state, dt), passes)
-    return concluded(state, scheme, solution)
+    solution = solve_passes(problem, predict(problem, state), first_verdict(system, problem.law, state, dt), passes)
+    return conclude(state, scheme, solution)
 
 
 def solve_passes(problem: Problem[Body], guess: Iterate, verdict: Verdict, passes: int) -> Solution[Body]:
     """The last of the passes, which end early once the verdict stands. Its problem is that of the true law."""
-    solution = found(under(problem, verdict), guess)
+    solution = find_solution(with_verdict(problem, verdict), guess)
     iterations = solution.iterations
     for number in range(1, passes):
-        new = judged(problem.law, verdict, solution, frictionless=number == 1)
-        if stands(verdict, new, solution):
+        new = judge(problem.law, verdict, solution, frictionless=number == 1)
+        if is_settled(verdict, new, solution):
             break
         verdict = new
-        solution = found(under(problem, verdict), guess)  # not from the pass before, which may have snapped
+        solution = find_solution(
+            with_verdict(problem, verdict), guess
+        )  # not from the pass before, which may have snapped
         iterations += solution.iterations
-    z = replace(solution.iterate, slip=motion(problem.law, verdict, solution.iterate))
+    z = replace(solution.iterate, sigma=motion(problem.law, verdict, solution.iterate))
     answered = replace(problem, answer=solution.problem.answer)
     return replace(solution, problem=answered, iterate=z, iterations=iterations)
 
 
-def under(problem: Problem[Body], verdict: Verdict) -> Problem[Body]:
+def with_verdict(problem: Problem[Body], verdict: Verdict) -> Problem[Body]:
     """The problem of a pass."""
     law = problem.law
     return replace(problem, law=prescribed(law, law.rough & (verdict.sense == 0.0), verdict.friction))
@@ -84,10 +86,10 @@ def first_verdict(system: System[Body], law: Law, state: State[Body], dt: float)
     return Verdict(np.where(moves, -np.sign(V_t), 0.0), law.kinetic, np.zeros_like(V_t))
 
 
-def judged(law: Law, verdict: Verdict, solution: Solution[Body], frictionless: bool) -> Verdict:
+def judge(law: Law, verdict: Verdict, solution: Solution[Body], frictionless: bool) -> Verdict:
     """The holes by the multipliers of a pass; after a `frictionless` one, motion against V_t means nothing."""
     z, at = solution.iterate, solution.residual.passage
-    f, N = along(law, at, z.s, z.lam, z.y), normal_force(at, z.lam, z.y, law.per_channel)
+    f, N = force_along_thread(law, at, z.s, z.lam, z.y), normal_force(at, z.lam, z.y, law.per_channel)
     held = verdict.sense == 0.0
     loose = held & law.rough & law.may_slide & (np.abs(f) >= law.grip + law.static * N)
     driven = (not frictionless) & (verdict.sense * (z.s - law.s_old) < 0.0)
@@ -96,7 +98,7 @@ def judged(law: Law, verdict: Verdict, solution: Solution[Body], frictionless: b
     return Verdict(sense, mu, sense * (law.grip + mu * N))
 
 
-def stands(old: Verdict, new: Verdict, solution: Solution[Body]) -> bool:
+def is_settled(old: Verdict, new: Verdict, solution: Solution[Body]) -> bool:
     """Whether another pass would be the same one."""
     change = np.abs(new.friction - old.friction).max(initial=0.0)
     return np.array_equal(old.sense, new.sense) and bool(change <= FORCE_TOLERANCE * solution.residual.force_scale)
@@ -104,4 +106,4 @@ def stands(old: Verdict, new: Verdict, solution: Solution[Body]) -> bool:
 
 def motion(law: Law, verdict: Verdict, z: Iterate) -> Array:
     """Sign of ds/dt of the rough holes, 0 where held; an ideal hole slides."""
-    return np.where(law.rough & law.may_slide, np.abs(verdict.sense) * np.sign(z.s - law.s_old), z.slip)
+    return np.where(law.rough & law.may_slide, np.abs(verdict.sense) * np.sign(z.s - law.s_old), z.sigma)

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coupling.adaptivity import Resolution, adapted, bending_layers, coarse_tree, first_breaks, is_too_coarse, momentum
-from coupling.audit import Energies, audited, initial_energies
-from coupling.run import booked
+from coupling.adaptivity import Resolution, adapt, bending_layers, coarse_tree, first_breaks, is_too_coarse, momentum
+from coupling.audit import Energies, audit_step, initial_energies
+from coupling.run import book_events
 from coupling.stepping import advance
 from coupling.system import State, System
 from tests.bounds import IDENTITY, RESIDUAL
 from tests.thread.threads import ABSCISSAE, LENGTH, PP, RADIUS, Z, hairpin, hairpin_sites, hairpin_system, laid
 from thread.ends import Driven, Pulled
-from thread.knots import clamped
+from thread.knots import clamped_knots
 from thread.spline import Spline
 from thread.thread import Thread
 
@@ -28,7 +28,7 @@ def scene(resolution: Resolution | None, n: int) -> tuple[System, State]:
     system = hairpin_system(hairpin_sites(), ENDS, n)
     if resolution is not None:
         breaks = first_breaks(resolution.tree, np.array(ABSCISSAE), 4.0)
-        system = replace(system, thread=Thread(Spline(clamped(breaks)), PP, damping=20.0))
+        system = replace(system, thread=Thread(Spline(clamped_knots(breaks)), PP, damping=20.0))
     else:
         system = replace(system, thread=replace(system.thread, damping=20.0))
     return system, laid(system, ABSCISSAE, hairpin(RADIUS, LENGTH))
@@ -46,12 +46,12 @@ def drawn(resolution: Resolution | None, n: int) -> tuple[list[tuple[System, Sta
         taken = advance(system, state, DT)
         audit = energies[-1]
         for step in taken:
-            audit = audited(system, audit, step)
+            audit = audit_step(system, audit, step)
         state = taken[-1].new
         if resolution is not None and (number % 4 == 0 or is_too_coarse(resolution, system, state)):
             before = (system, state)
-            system, state, events = adapted(resolution, system, state, 4 * DT)
-            audit = booked(system, audit, state, events)
+            system, state, events = adapt(resolution, system, state, 4 * DT)
+            audit = book_events(system, audit, state, events)
             check_exchange(before, (system, state), [e.loss for e in events])
         out.append((system, state))
         energies.append(audit)
@@ -119,7 +119,7 @@ def test_the_audit_closes_over_changes_of_the_knots(runs: dict) -> None:
 def test_nothing_is_done_where_nothing_is_due() -> None:
     """Independent check: the knots that a state asks for are its own the second time."""
     system, state = scene(ADAPTIVE, 20)
-    system, state, events = adapted(ADAPTIVE, system, state, 0.0)
+    system, state, events = adapt(ADAPTIVE, system, state, 0.0)
     assert len(events) == 1 and events[0].control_points == system.thread.n
-    again = adapted(ADAPTIVE, system, state, 0.0)
+    again = adapt(ADAPTIVE, system, state, 0.0)
     assert again[2] == [] and again[0] is system and again[1] is state

@@ -15,7 +15,7 @@ from scipy.sparse import csr_matrix, diags_array
 from coupling.assembled import Monolith, monolithic_solve
 from coupling.integrators import BackwardEuler, Scheme
 from coupling.newton import Iterate, Problem, Residual, correct, solve
-from coupling.stepping import Step, dynamic_problem, organ_answer, predicted, try_step
+from coupling.stepping import Step, dynamic_problem, organ_answer, predict, try_step
 from coupling.system import System
 from tests.bounds import TWO_SOLVERS
 from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, Array, X, Z, hairpin, hairpin_sites, hairpin_system, laid
@@ -134,7 +134,7 @@ def test_the_springs_are_worked_into_their_cubic_range() -> None:
 def test_condensed_and_assembled_agree(step: Step[Array]) -> None:
     """Consistency check: the step by the organ's answer and with the organ's unknowns in the whole matrix."""
     problem = dynamic_problem(SYSTEM, step.old, DT, organ_answer(SYSTEM, BackwardEuler(DT), step.old))
-    first = predicted(problem, step.old)
+    first = predict(problem, step.old)
     z = monolithic_solve(problem, first, step.old.organ).iterate
     assert isinstance(z, Monolith)
     a = solve(problem, first).iterate
@@ -165,7 +165,7 @@ def test_newton_converges_quadratically() -> None:
         seen.append(size(problem, r))
         return correct(problem, z, r)
 
-    solve(problem, predicted(problem, old), watched)
+    solve(problem, predict(problem, old), watched)
     e = [x for x in seen if x > 1e-10][-3:]
     assert len(e) == 3 and e[0] < 0.3
     assert np.log(e[2] / e[1]) / np.log(e[1] / e[0]) > 1.7

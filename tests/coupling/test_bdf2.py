@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from coupling import stepping
 from coupling.assembled import Monolith, monolithic_solve
-from coupling.audit import audited, initial_energies, two_step_inertia
+from coupling.audit import audit_step, initial_energies, two_step_inertia
 from coupling.constraints import phi
 from coupling.integrators import BDF2, BackwardEuler
 from coupling.newton import solve
@@ -22,7 +22,7 @@ from coupling.stepping import (
     advance,
     dynamic_problem,
     organ_answer,
-    predicted,
+    predict,
     release,
     scheme_of,
     try_step,
@@ -193,7 +193,7 @@ def test_constraints_hold_and_the_audit_closes_at_every_step() -> None:
         violation = np.abs(phi(at, step.new.lam, step.new.y))
         assert violation[:, :3].max() <= GAP * SOFT.diameter
         assert violation[:, 3:].max() <= GAP
-        before, energies = energies, audited(system, energies, step)
+        before, energies = energies, audit_step(system, energies, step)
         errors.append(energies.balance_error - before.balance_error)
         added += abs(two_step_inertia(system, step))
     scale = energies.external_work
@@ -210,7 +210,7 @@ def test_condensed_and_assembled_agree() -> None:
     scheme = scheme_of(state, dt)
     assert isinstance(scheme, BDF2)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
-    first = predicted(problem, state)
+    first = predict(problem, state)
     one, other = solve(problem, first).iterate, monolithic_solve(problem, first, state.organ.U).iterate
     assert isinstance(other, Monolith)
     step = stepping.bdf2_step(system, state, dt)
@@ -249,7 +249,7 @@ def test_a_thread_that_sticks_does_not_creep() -> None:
     for _ in range(40):
         taken += advance(system, state, 2e-3, stepping.bdf2_step)
         state = taken[-1].new
-    stuck = [step for step in taken if (step.new.slip == 0.0).all()]
+    stuck = [step for step in taken if (step.new.sigma == 0.0).all()]
     assert len(stuck) > 0
     for step in stuck:
         assert (step.new.s_dot == 0.0).all()

@@ -118,7 +118,7 @@ class Case:
 
     organ: Callable[[], Any]
     holes: tuple[Piercing, Piercing] = (Piercing("entry"), Piercing("exit"))
-    slip: tuple[float, float] = (1.0, 1.0)
+    sigma: tuple[float, float] = (1.0, 1.0)
     epsilon: float = 0.0
     present: tuple[bool, bool] = (True, True)
     ends: tuple[Any, Any] = (Free(), Free())
@@ -143,7 +143,7 @@ CASES = {
     "inertia of s and friction": Case(
         p1_static, (Piercing("a", friction=ROUGH), Piercing("b")), (-1.0, 1.0), epsilon=2e-4
     ),
-    "one hole left": Case(p1_static, present=(True, False), slip=(1.0, 0.0)),
+    "one hole left": Case(p1_static, present=(True, False), sigma=(1.0, 0.0)),
     "fixed in space": Case(hairpin_sites, ends=HELD),
 }
 
@@ -198,8 +198,8 @@ def setting(name: str) -> Setting:
     lam = rng.standard_normal(state.lam.shape) * [0.3, 0.3, 0.3, 3e-4, 3e-4]
     span = LENGTH / (system.thread.n - 3)
     s = np.append((state.s[:2] // span + np.array([0.4, 0.6])) * span, state.s[2:])  # off the knots
-    slip = np.array(case.slip + (0.0,) * more)
-    z = Monolith(q, state.N, s, lam, state.y, slip, U)
+    sigma = np.array(case.sigma + (0.0,) * more)
+    z = Monolith(q, state.N, s, lam, state.y, sigma, U)
     still = Setting(system, problem, step, z)
     return replace(still, z=still.moved(replace(z, q=0 * q, s=0 * s, lam=0 * lam, U=0 * U), 0.0))
 

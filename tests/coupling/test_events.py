@@ -11,13 +11,13 @@ import pytest
 import skfem
 
 import tissue
-from coupling.audit import Energies, audited, initial_energies
+from coupling.audit import Energies, audit_step, initial_energies
 from coupling.constraints import bare_passage, held_energy, phi, phi_s
 from coupling.errors import FormingError
-from coupling.events import Event, noticed
+from coupling.events import Event, find_events
 from coupling.impact import NEAR, constraint_rate
 from coupling.observation import observe
-from coupling.run import booked, scheduled
+from coupling.run import book_events, schedule_piercings
 from coupling.stepping import advance
 from coupling.system import Friction, Piercing, State, System
 from studies.command import command
@@ -70,7 +70,7 @@ def until(system: System, state: State, time: float, energies: Energies) -> tupl
     """The run up to a time, and its audit."""
     while state.time < time - 0.5 * DT:
         for step in advance(system, state, DT):
-            state, energies = step.new, audited(system, energies, step)
+            state, energies = step.new, audit_step(system, energies, step)
     return replace(state, time=time), energies
 
 
@@ -78,7 +78,7 @@ def begun(hole: Piercing, organ: Any = None) -> tuple[System, State, State, Even
     """Before and after the piercing begins."""
     system, state = flying(hole, organ)
     before, _ = until(system, state, BEGINS, initial_energies(system, state))
-    after, events = scheduled(system, BEGINS - DT, before, DT, NOT_GIVEN)
+    after, events = schedule_piercings(system, BEGINS - DT, before, DT, NOT_GIVEN)
     assert [event.kind for event in events] == ["begins"]
     return system, before, after, events[0]
 
@@ -130,7 +130,7 @@ def test_a_piercing_that_begins_meets_its_constraints(kind: str) -> None:
     if kind == "not directed":
         assert abs(t @ event.impulse) <= RESIDUAL * np.linalg.norm(event.impulse)
     if kind == "rough":
-        assert after.slip[0] == np.sign(after.s_dot[0])
+        assert after.sigma[0] == np.sign(after.s_dot[0])
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -151,8 +151,8 @@ def test_a_piercing_that_begins_accounts_for_its_energy(kind: str) -> None:
 
     system, start = flying(KINDS[kind])
     state, audit = until(system, start, BEGINS, initial_energies(system, start))
-    state, events = scheduled(system, BEGINS - DT, state, DT, NOT_GIVEN)
-    state, audit = until(system, state, 3 * BEGINS, booked(system, audit, state, events))
+    state, events = schedule_piercings(system, BEGINS - DT, state, DT, NOT_GIVEN)
+    state, audit = until(system, state, 3 * BEGINS, book_events(system, audit, state, events))
     assert audit.external_work == event.work  # nobody else does any
     now, then = initial_energies(system, state), initial_energies(system, start)
     change = now.kinetic + now.elastic_thread + now.elastic_tissue - then.kinetic - then.elastic_thread
@@ -165,7 +165,7 @@ def test_a_thread_that_is_in_the_hole_feels_nothing() -> None:
     """Independent check: at rest, without gap and angle, a piercing that begins moves nothing and costs nothing."""
     system = System(uniform(LENGTH, N), FREE, free_block(), (Piercing("late", begins=DT),))
     state = replace(laid(system, [0.4 * LENGTH], line(0.4 * LENGTH * Z, -Z)), time=DT)
-    after, (event,) = scheduled(system, 0.0, state, DT, NOT_GIVEN)
+    after, (event,) = schedule_piercings(system, 0.0, state, DT, NOT_GIVEN)
     assert after.present[0] and not state.present[0]
     assert abs(event.s - 0.4 * LENGTH) <= 1e-9 * LENGTH
     assert np.abs(after.q - state.q).max() <= 1e-9 * LENGTH
@@ -188,7 +188,7 @@ def test_a_piercing_that_begins_leaves_the_others_in_balance() -> None:
     y[1, :3] = at.P[1]
     organ = replace(state.organ, V=0.0 * state.organ.V)
     state = replace(state, y=y, v=0.0 * state.v, s_dot=0.0 * state.s_dot, organ=organ)
-    after, (event,) = scheduled(system, 4 * DT, state, DT, np.full(2, np.nan))
+    after, (event,) = schedule_piercings(system, 4 * DT, state, DT, np.full(2, np.nan))
     load = np.abs(state.lam[0]).max()
     assert load > 1e-3
     assert np.abs(after.q - state.q).max() <= 1e-9 * LENGTH
@@ -203,7 +203,7 @@ def test_the_impulse_is_the_least_change_of_velocity() -> None:
     system = without_organ(uniform(LENGTH, N), piercings=(hole,), sites=((0.4 * LENGTH * X, None),))
     state = laid(system, [0.4 * LENGTH], line(0.0 * X, X))
     state = replace(state, time=DT, v=np.outer(np.linspace(0.0, 1.0, N), [0.1, 0.2, 0.3]))
-    after, (event,) = scheduled(system, 0.0, state, DT, NOT_GIVEN)
+    after, (event,) = schedule_piercings(system, 0.0, state, DT, NOT_GIVEN)
     first, b = system.thread.spline.basis(after.s)
     row = np.zeros(N)
     row[first[0] : first[0] + 4] = b[0, 0]
@@ -242,7 +242,7 @@ def test_a_thread_that_is_not_there_is_refused(off: float, tilt: float) -> None:
     state = replace(laid(system, [0.4 * LENGTH], line(side - 0.4 * LENGTH * along, along)), time=DT)
     said = r"'late' cannot begin.* 0\.003 m away .* 0\.0029 m" if tilt == 0.0 else r"'late' cannot begin.* 69°.* 60°"
     with pytest.raises(FormingError, match=said):
-        scheduled(system, 0.0, state, DT, NOT_GIVEN)
+        schedule_piercings(system, 0.0, state, DT, NOT_GIVEN)
 
 
 def test_the_thread_enters_between_its_neighbours() -> None:
@@ -253,9 +253,9 @@ def test_the_thread_enters_between_its_neighbours() -> None:
     state = replace(laid(system, [0.03, 0.02], line(0.0 * X, X)), time=DT)
     moved = replace(state, y=state.y + np.array([[0.0] * 9, [0.0, 1e-4, *[0.0] * 7]]))
     with pytest.raises(FormingError, match=r"'late' cannot begin: the thread passes 0\.01 m away"):
-        scheduled(system, 0.0, moved, DT, np.array([np.nan, np.nan]))  # beyond the first, where it should be
+        schedule_piercings(system, 0.0, moved, DT, np.array([np.nan, np.nan]))  # beyond the first, where it should be
     with pytest.raises(FormingError, match=r"s = 0\.02 m does not lie between .* 0\.03 and 0\.06 m"):
-        scheduled(system, 0.0, moved, DT, np.array([np.nan, 0.02]))
+        schedule_piercings(system, 0.0, moved, DT, np.array([np.nan, 0.02]))
 
 
 # -- before, and afterwards ------------------------------------------------------------------------------------------
@@ -275,7 +275,7 @@ def test_a_piercing_that_has_not_begun_is_not_there() -> None:
 
 def laid_alike(system: System, state: State) -> State:
     """The same thread without holes."""
-    none = dict.fromkeys(("s", "s_dot", "slip", "present", "sense"), np.zeros(0))
+    none = dict.fromkeys(("s", "s_dot", "sigma", "present", "sense"), np.zeros(0))
     none = {name: getattr(state, name)[:0] for name in none} | {"lam": state.lam[:0], "y": state.y[:0]}
     return replace(state, organ=system.organ.start(), **none)
 
@@ -288,21 +288,21 @@ def test_a_piercing_that_ends_costs_nothing() -> None:
     path = line(np.array([0.0, 0.0, 0.4 * LENGTH]), -Z)
     start = replace(laid(system, [0.4 * LENGTH], path), v=start.v)
     state, audit = until(system, start, 4 * DT, initial_energies(system, start))
-    assert scheduled(system, 3 * DT, state, DT, NOT_GIVEN) == (state, [])
+    assert schedule_piercings(system, 3 * DT, state, DT, NOT_GIVEN) == (state, [])
     state, audit = until(system, state, 5 * DT, audit)
     assert np.abs(state.lam).max() > 0.0
-    after, events = scheduled(system, 4 * DT, state, DT, NOT_GIVEN)
+    after, events = schedule_piercings(system, 4 * DT, state, DT, NOT_GIVEN)
     stored = float(held_energy(system.passage(state.q, state.s), state.lam, state.y)[0])
     assert [(e.kind, e.time, e.piercing, e.energy) for e in events] == [("ends", 5 * DT, "late", -stored)]
     assert stored > 0.0
     assert np.array_equal(after.q, state.q) and np.array_equal(after.v, state.v)
     assert after.organ is state.organ
     assert not after.present[0] and np.all(after.lam == 0.0)
-    kept = booked(system, audit, after, events)
+    kept = book_events(system, audit, after, events)
     assert kept.kinetic == audit.kinetic and kept.elastic_tissue == audit.elastic_tissue
     assert abs(audit.elastic_thread - kept.elastic_thread - stored) <= IDENTITY * audit.elastic_thread
     assert kept.numerical_dissipation == audit.numerical_dissipation + stored
-    last, audit = until(system, after, 10 * DT, booked(system, audit, after, events))
+    last, audit = until(system, after, 10 * DT, book_events(system, audit, after, events))
     assert not last.present[0]
     assert abs(audit.balance_error) <= RESIDUAL * audit.kinetic
     assert (
@@ -316,11 +316,11 @@ def test_slip_and_stick_are_noticed() -> None:
     hole = Piercing("hole", directed=False, friction=Friction(0.2, 0.1))
     system = without_organ(uniform(LENGTH, N), piercings=(hole,), sites=((0.02 * X, None),), gravity=-9.81 * Z)
     state = replace(laid(system, [0.02], line(0.0 * X, X)), v=np.tile(0.3 * X, (N, 1)))
-    words, events = [state.slip[0] != 0.0], []
+    words, events = [state.sigma[0] != 0.0], []
     for _ in range(60):
         taken = advance(system, state, DT)
-        events += [event for event in noticed(system, state, taken) if event.kind != "halved"]
-        words += [step.new.slip[0] != 0.0 for step in taken]
+        events += [event for event in find_events(system, state, taken) if event.kind != "halved"]
+        words += [step.new.sigma[0] != 0.0 for step in taken]
         state = taken[-1].new
     turns = int(np.count_nonzero(np.diff(words)))
     assert turns >= 1
@@ -423,7 +423,7 @@ def test_a_hole_that_is_tied_as_it_ends_leaves_the_organ_in_its_shape() -> None:
     state = laid(system, [0.4 * LENGTH, 0.4 * LENGTH], line(-0.4 * LENGTH * along, along))
     state = replace(state, v=np.array([0.3, 0.05, -0.1]) * np.linspace(0.5, 1.0, N)[:, None])
     before, _ = until(system, state, BEGINS, initial_energies(system, state))
-    after, events = scheduled(system, BEGINS - DT, before, DT, np.full(2, np.nan))
+    after, events = schedule_piercings(system, BEGINS - DT, before, DT, np.full(2, np.nan))
     assert [event.kind for event in events] == ["ends", "begins"]
     moved = organ.displacement(before.organ)
     assert np.abs(moved).max() > 1e-6

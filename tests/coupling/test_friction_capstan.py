@@ -53,8 +53,8 @@ def rod(friction: Friction, alpha: float, beta: float, pull: float, hold: float 
 def slips(friction: Friction, alpha: float, beta: float, ratio: float, hold: float = HOLD) -> float:
     """Sign of the thread's velocity out of the pulled end after a step under pull = ratio · hold; 0: it sticks."""
     new = try_step(*rod(friction, alpha, beta, ratio * hold, hold), DT).new
-    assert (new.s[0] == 0.01) == (new.slip[0] == 0.0)
-    return float(-new.slip[0])
+    assert (new.s[0] == 0.01) == (new.sigma[0] == 0.0)
+    return float(-new.sigma[0])
 
 
 def rod_ratio(mu: float, alpha: float, beta: float) -> float:
@@ -128,8 +128,8 @@ def test_long_channel_presses_with_the_force_alone() -> None:
     side, and together with N whatever the couple."""
     half, mu = np.radians(30.0), 0.2
     exact = rod_ratio(mu, half, half)
-    for ratio, slip in ((exact * (1 - THRESHOLD), 0.0), (exact * (1 + THRESHOLD), 1.0)):
-        assert slips(Friction(mu, mu, channel=0.01), half, half, ratio) == slip
+    for ratio, sigma in ((exact * (1 - THRESHOLD), 0.0), (exact * (1 + THRESHOLD), 1.0)):
+        assert slips(Friction(mu, mu, channel=0.01), half, half, ratio) == sigma
 
 
 def test_kinetic_friction_once_it_slips() -> None:
@@ -218,7 +218,7 @@ def drawn_round(turn: float, mu: float, directed: bool = False) -> Sliding:
 
 def measured(system: System, state: State) -> tuple[float, ...]:
     """What is averaged in `Sliding`."""
-    assert np.all(state.slip == -1.0)
+    assert np.all(state.sigma == -1.0)
     hold, pull = np.linalg.norm(state.reaction, axis=1)
     tangent = observe(system, state, state)[0].tangent
     angles = np.arccos([tangent @ state.reaction[1] / pull, -tangent @ state.reaction[0] / hold])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from coupling.audit import audited, initial_energies
+from coupling.audit import audit_step, initial_energies
 from coupling.constraints import driving_force
 from coupling.observation import observe
 from coupling.system import Friction, Piercing, State, System
@@ -67,7 +67,7 @@ def test_two_masses_over_two_holes(mu: float) -> None:
     steps = run(system, state, 5e-4, 180)
     weight = np.array([share, -heavy]) / (share + heavy)
     gains = [(step.new.v - step.old.v)[[0, -1], 2] @ weight / step.dt for step in steps]
-    sliding = np.array([mu == 0.0 or np.array_equal(step.new.slip, [-1.0, -1.0]) for step in steps])
+    sliding = np.array([mu == 0.0 or np.array_equal(step.new.sigma, [-1.0, -1.0]) for step in steps])
     sliding[:40] = False  # the first bounce
     assert sliding.sum() > 100
     assert abs(np.mean(np.array(gains)[sliding]) / exact - 1.0) < 1e-2
@@ -87,7 +87,7 @@ def sliding_mass(friction: Friction, gravity: float) -> tuple[System, State]:
     system = without_organ(thread, FREE, sleeve, ((ORIGIN, X),), gravity=-gravity * Z)
     state = laid(system, [0.5 * length], line(-0.5 * length * X, X))
     v = np.outer(np.ones(thread.n), SPEED * X)
-    return system, replace(state, v=v, s_dot=-SPEED * np.ones(1), slip=-np.ones(1))
+    return system, replace(state, v=v, s_dot=-SPEED * np.ones(1), sigma=-np.ones(1))
 
 
 @pytest.mark.parametrize("cause", ["weight", "grip"])
@@ -101,10 +101,10 @@ def test_a_sliding_mass_stops(cause: str) -> None:
     energies = before = initial_energies(system, state)
     lost, stopped, first = 0.0, 0.0, state
     for step in run(system, state, DT, 150):
-        energies, new = audited(system, energies, step), step.new
+        energies, new = audit_step(system, energies, step), step.new
         at = system.passage(new.q, new.s)
         lost += abs(driving_force(at, new.lam, new.y)[0] * (new.s - step.old.s)[0])
-        if new.slip[0] == 0.0:
+        if new.sigma[0] == 0.0:
             stopped = stopped or new.time
             assert new.s[0] == step.old.s[0]
             assert new.s_dot[0] == 0.0

@@ -11,7 +11,7 @@ import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from coupling.audit import audited, initial_energies, multiplier_imbalance
+from coupling.audit import audit_step, initial_energies, multiplier_imbalance
 from coupling.constraints import phi
 from coupling.observation import observe
 from coupling.stepping import advance
@@ -70,8 +70,8 @@ def scenarios(draw: st.DrawFn) -> tuple[System, State]:
     thread = uniform(LENGTH, 40, section, damping=draw(st.sampled_from([0.0, 5.0])), point_masses=MASSES)
     system = System(thread, ends, ORGANS[organ], piercings, gravity)
     state = lying(organ, tuple(hole.directed for hole in piercings))
-    slip = np.where(system.rough, 0.0, 1.0)
-    return system, replace(state, N=thread.EA * thread.points(state.q).strain, slip=slip)
+    sigma = np.where(system.rough, 0.0, 1.0)
+    return system, replace(state, N=thread.EA * thread.points(state.q).strain, sigma=sigma)
 
 
 @cache
@@ -93,7 +93,7 @@ def test_every_step(scenario: tuple[System, State]) -> None:
     energies = initial_energies(system, state)
     for _ in range(STEPS):
         for step in advance(system, state, DT):
-            before, energies = energies, audited(system, energies, step)
+            before, energies = energies, audit_step(system, energies, step)
             state = step.new
             assert_lawful(system, step.old, state)
             scale = abs(energies.external_work) + energies.kinetic + energies.elastic_thread + energies.elastic_tissue
@@ -114,4 +114,4 @@ def assert_lawful(system: System, old: State, new: State) -> None:
     for k, seen in enumerate(observe(system, old, new)):
         assert seen.cone_residual <= TWO_SOLVERS * size
         ds = new.s[k] - old.s[k]
-        assert ds == 0.0 if seen.state == "stick" else ds * new.slip[k] >= 0.0 or not system.rough[k]
+        assert ds == 0.0 if seen.state == "stick" else ds * new.sigma[k] >= 0.0 or not system.rough[k]

@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling.audit import Energies, audited, initial_energies, multiplier_imbalance
+from coupling.audit import Energies, audit_step, initial_energies, multiplier_imbalance
 from coupling.constraints import bare_passage, driving_force, phi
 from coupling.errors import CouplingError, StepError
-from coupling.paper.elimination import eliminated, elimination, whole_matrix
+from coupling.paper.elimination import elimination, solve_by_elimination, whole_matrix
 from coupling.paper.linear_step import (
     constrained,
     linear_step,
     linear_two_pass,
     phi_rate,
     pose,
-    restoring,
-    solved,
+    restoring_acceleration,
+    solve_posed,
     velocity_terms,
 )
 from coupling.paper.two_pass import two_pass
@@ -146,7 +146,7 @@ def test_the_map_of_an_error(dt: float) -> None:
     def characteristic(evaluation: Any) -> tuple[float, float]:
         columns = []
         for violation, rate in ((1.0, 0.0), (0.0, 1.0)):
-            more = dt**2 * restoring(np.array([violation]), np.array([rate / dt]), dt, evaluation)[0]
+            more = dt**2 * restoring_acceleration(np.array([violation]), np.array([rate / dt]), dt, evaluation)[0]
             columns.append([violation + rate + more, rate + more])
         return float(np.trace(columns)), float(np.linalg.det(columns))
 
@@ -317,7 +317,7 @@ def test_elimination_is_the_whole_solve(epsilon: float) -> None:
     state = run(system, state, 1e-3, 0.01)[-1].new
     posed = constrained(pose(system, state, 1e-3), np.array([True, False]), np.array([0.0, -0.7]))
     for case in (pose(system, state, 1e-3), posed):
-        a, b = solved(case).new, solved(case, eliminated).new
+        a, b = solve_posed(case).new, solve_posed(case, solve_by_elimination).new
         assert np.abs(a.q - b.q).max() <= TWO_SOLVERS * np.abs(a.q - state.q).max()
         assert np.abs(a.s - b.s).max() <= TWO_SOLVERS * np.abs(a.s - state.s).max()
         assert np.abs(a.lam - b.lam).max() <= TWO_SOLVERS * np.abs(a.lam).max()
@@ -330,7 +330,7 @@ def test_elimination_with_an_organ(kind: str) -> None:
     system = replace(system, epsilon=1e-2 * system.thread.mass_matrix.sum())
     state = run(system, state, 1e-3, 5e-3)[-1].new
     posed = pose(system, state, 1e-3)
-    a, b = solved(posed).new, solved(posed, eliminated).new
+    a, b = solve_posed(posed).new, solve_posed(posed, solve_by_elimination).new
     assert np.abs(a.q - b.q).max() <= TWO_SOLVERS * np.abs(a.q - state.q).max()
     for part in (slice(0, 3), slice(3, 5)):
         assert np.abs(a.lam - b.lam)[:, part].max() <= TWO_SOLVERS * np.abs(a.lam[:, part]).max()
@@ -345,7 +345,7 @@ def test_the_whole_matrix_is_the_system_that_is_solved() -> None:
     state = run(system, laid(system, ABSCISSAE, PATH), 1e-3, 3e-3)[-1].new
     dt, n, m = 1e-3, 40, system.holds
     posed = pose(system, state, dt)
-    new, matrix = solved(posed).new, whole_matrix(posed)
+    new, matrix = solve_posed(posed).new, whole_matrix(posed)
     mu = (dt**2 * np.abs(posed.problem.inertia + posed.tangent)).max()
     span = LENGTH / (n - 3)
     x = [(new.q - posed.guess.q).ravel() / dt**2, (new.s - posed.guess.s) / dt**2]
@@ -364,11 +364,11 @@ def test_elimination_needs_epsilon() -> None:
     """Independent check: it divides by ε, and says so; where its matrix is too bad the step is refused."""
     system, state = masses(0.0)
     with pytest.raises(CouplingError, match="epsilon = 0"):
-        linear_step(system, state, 1e-3, solver=eliminated)
+        linear_step(system, state, 1e-3, solver=solve_by_elimination)
     system, state = masses(1e-15)
     state = run(system, state, 1e-3, 5e-3)[-1].new
     with pytest.raises(StepError, match="raise epsilon"):
-        linear_step(system, state, 1e-3, solver=eliminated)
+        linear_step(system, state, 1e-3, solver=solve_by_elimination)
 
 
 # -- a real suture, and the monolithic organ ---------------------------------------------------------------------------
@@ -396,7 +396,7 @@ def test_every_linear_step(kind: str) -> None:
     system, state = scene(kind)
     energies: list[Energies] = [initial_energies(system, state)]
     for step in run(system, state, 1e-3, 0.02):
-        energies.append(audited(system, energies[-1], step))
+        energies.append(audit_step(system, energies[-1], step))
         new = step.new
         force, _ = multiplier_imbalance(system, new)
         assert force <= IDENTITY * np.abs(new.lam[:, :3]).max()
@@ -434,7 +434,7 @@ def test_a_thread_drawn_out_of_both_holes() -> None:
     energies, sizes = initial_energies(system, state), []
     while state.time < way - 1e-9:
         for step in advance(system, state, 5e-4, linear_step):
-            state, energies = step.new, audited(system, energies, step)
+            state, energies = step.new, audit_step(system, energies, step)
             sizes.append(step.dt)
             gap = np.abs(violation(system, state)[state.present][:, :3]).max(initial=0.0)
             assert gap <= 2.0 * system.thread.section.diameter
@@ -469,7 +469,7 @@ def test_held_and_injected() -> None:
     assert step.new.s_dot[0] == 0.0
     assert abs(drive[0]) > 1e-6
     assert abs(drive[1] - 0.02) <= RESIDUAL * np.abs(step.new.lam).max()
-    energies = audited(system, initial_energies(system, state), step)
+    energies = audit_step(system, initial_energies(system, state), step)
     work = 0.02 * np.linalg.norm(at.T[1]) * (step.new.s[1] - state.s[1])
     assert abs(energies.friction_dissipation - work) <= TWO_SOLVERS * abs(work)
     assert abs(energies.balance_error) <= RESIDUAL * energies.elastic_thread
@@ -489,7 +489,7 @@ def test_the_solver_is_an_argument_of_advance() -> None:
     """Consistency check: the elimination as a method of stepping."""
     system, state = masses(1e-3)
     a = advance(system, state, 1e-3, linear_step)[-1].new
-    b = advance(system, state, 1e-3, partial(linear_step, solver=eliminated))[-1].new
+    b = advance(system, state, 1e-3, partial(linear_step, solver=solve_by_elimination))[-1].new
     assert np.abs(a.q - b.q).max() <= TWO_SOLVERS * np.abs(a.q - state.q).max()
 
 
@@ -497,7 +497,7 @@ def rough(mu: float, grip: float = 0.0) -> tuple[System, State]:
     """The two masses with friction at the second hole; they drive the thread one way."""
     system, state = masses(0.0)
     holes = (system.piercings[0], replace(system.piercings[1], friction=Friction(mu, mu, grip)))
-    return replace(system, piercings=holes), replace(state, slip=np.array([1.0, 0.0]))
+    return replace(system, piercings=holes), replace(state, sigma=np.array([1.0, 0.0]))
 
 
 def test_two_linear_passes_hold_and_let_slip() -> None:
@@ -508,15 +508,15 @@ def test_two_linear_passes_hold_and_let_slip() -> None:
     system, start = rough(mu, 100.0)
     stuck = run(system, start, 1e-3, 0.02, linear_two_pass)[-1].new
     assert stuck.s[1] == start.s[1]
-    assert list(stuck.slip) == [1.0, 0.0]
+    assert list(stuck.sigma) == [1.0, 0.0]
     system, state = rough(mu)
     energies, ratio, taken = initial_energies(system, state), [], [0.0]
     for step in run(system, state, 5e-4, 0.02, linear_two_pass):
-        energies = audited(system, energies, step)
+        energies = audit_step(system, energies, step)
         taken.append(energies.friction_dissipation)
         at, lam = step.solution.residual.passage, step.new.lam
         f = driving_force(at, lam, step.old.y) / np.linalg.norm(at.T, axis=1)
-        ratio.append(step.new.slip[1] * f[1] / normal_force(at, lam, step.old.y, np.zeros(2))[1])
+        ratio.append(step.new.sigma[1] * f[1] / normal_force(at, lam, step.old.y, np.zeros(2))[1])
     assert np.all(np.diff(taken)[5:] >= 0.0)  # once the thread bears on its corners
     assert taken[-1] > 1e-3 * energies.external_work
     assert abs(energies.balance_error) <= RESIDUAL * energies.external_work

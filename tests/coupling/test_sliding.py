@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import coupling.sliding
-from coupling.audit import audited, initial_energies
+from coupling.audit import audit_step, initial_energies
 from coupling.constraints import driving_force, phi, tangent
 from coupling.equilibrium import load_step
 from coupling.integrators import Scheme
@@ -110,21 +110,21 @@ def test_friction_at_a_pulley() -> None:
     energies, lost, words, old = initial_energies(system, state), 0.0, [], state
     moving = state
     for step in run(system, state, 4e-3, 120):
-        new, energies = step.new, audited(system, energies, step)
+        new, energies = step.new, audit_step(system, energies, step)
         at = system.passage(new.q, new.s)
         size, t = (x[0] for x in tangent(at, new.lam, new.y))
         lam, ds = new.lam[0, :3], new.s[0] - old.s[0]
         along, normal = lam @ t, np.linalg.norm(lam - (lam @ t) * t)
-        if new.slip[0] == 0.0:
+        if new.sigma[0] == 0.0:
             assert ds == 0.0
             assert abs(along) <= (MU.grip + MU.static * normal) * (1.0 + RESIDUAL)
             kinetic.append(abs(along) / (MU.grip + MU.kinetic * normal))
         else:
-            assert ds * new.slip[0] > 0.0
-            assert abs(along - new.slip[0] * (MU.grip + MU.kinetic * normal)) <= TWO_SOLVERS * normal
+            assert ds * new.sigma[0] > 0.0
+            assert abs(along - new.sigma[0] * (MU.grip + MU.kinetic * normal)) <= TWO_SOLVERS * normal
             lost += (MU.grip + MU.kinetic * normal) * size * abs(ds)
         moving = new if new.time < 0.25 else moving
-        words.append(new.slip[0])
+        words.append(new.sigma[0])
         old = new
     assert words[40] == -1.0  # drawn through towards falling s
     at_rest = words.index(0.0)
@@ -417,7 +417,7 @@ def test_inertia_of_the_abscissa(epsilon: float, directed: bool) -> None:
     dt, old, energies = 2e-3, state, [initial_energies(system, state)]
     for step in run(system, state, dt, 8):
         new = step.new
-        energies.append(audited(system, energies[-1], step))
+        energies.append(audit_step(system, energies[-1], step))
         at = system.passage(new.q, new.s)
         second = (new.s - old.s - dt * old.s_dot) / dt**2
         force = driving_force(at, new.lam, new.y)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from coupling import stepping
-from coupling.audit import audited, initial_energies, sliding_work
-from coupling.constraints import met, phi, site_force
+from coupling.audit import audit_step, initial_energies, sliding_work
+from coupling.constraints import effective_place, phi, site_force
 from coupling.errors import CouplingError, RunAwayError
 from coupling.integrators import BackwardEuler
 from coupling.observation import largest_residual, site_compliance
@@ -70,8 +70,8 @@ def run(kind: str, take: Take, n: int, E: float = 3e5) -> list[Step]:
     return out
 
 
-BDF2 = staggered.staggered(stepping.bdf2_step, stepping.scheme_of)
-METHODS = {"euler": staggered.take, "bdf2": BDF2}
+BDF2 = staggered.stagger(stepping.bdf2_step, stepping.scheme_of)
+METHODS = {"euler": staggered.staggered_step, "bdf2": BDF2}
 
 
 def lags(system: System, first: State, steps: list[Step]) -> list[float]:
@@ -88,12 +88,12 @@ def test_the_thread_meets_the_holes_where_they_were(kind: str) -> None:
     """Independent check (§4.4): P(s⁺) = x of the start and T ⟂ u, v of the start; so the drift after the organ's step
     is the way its holes went."""
     system, _ = scene(kind)
-    for step in run(kind, staggered.take, 25):
+    for step in run(kind, staggered.staggered_step, 25):
         at = system.passage(step.new.q, step.new.s)
         violation = np.abs(phi(at, step.new.lam, step.old.y))
         assert violation[:, :3].max() <= GAP * system.thread.section.diameter
         assert violation[:, 3:].max() <= GAP
-        drift = np.linalg.norm(met(at, step.new.lam, step.old.y)[0] - step.new.y[:, :3], axis=1)
+        drift = np.linalg.norm(effective_place(at, step.new.lam, step.old.y)[0] - step.new.y[:, :3], axis=1)
         way = np.linalg.norm((step.new.y - step.old.y)[:, :3], axis=1)
         assert np.abs(drift - way).max() <= GAP * system.thread.section.diameter
         assert largest_residual(system, step.new) == pytest.approx(
@@ -108,7 +108,7 @@ def test_the_organ_takes_the_reaction(kind: str) -> None:
     on its points is that on the thread, turned about."""
     system, _ = scene(kind)
     organ: Any = system.organ
-    for step in run(kind, staggered.take, 25):
+    for step in run(kind, staggered.staggered_step, 25):
         scheme = BackwardEuler(step.dt)
         whole: Any = organ_answer(system, scheme, step.old)
         whole = whole.equation
@@ -125,7 +125,7 @@ def test_points_in_space_make_no_difference() -> None:
     """Consistency check: without an organ there is nothing to lag behind; both ways take the same step."""
     system = hairpin_system(hairpin_sites(), (Fixed(START), HAND), 30)
     state = laid(system, ABSCISSAE, PATH)
-    one, other = try_step(system, state, 1e-3), staggered.take(system, state, 1e-3)
+    one, other = try_step(system, state, 1e-3), staggered.staggered_step(system, state, 1e-3)
     assert np.array_equal(one.new.q, other.new.q) and np.array_equal(one.new.lam, other.new.lam)
     assert np.abs(one.new.y - other.new.y).max() <= GAP * system.thread.section.diameter
     assert staggered.work_of_the_lag(system, state.y, other) == pytest.approx(0.0, abs=GAP * WAY)
@@ -142,7 +142,7 @@ def test_the_audit_closes_at_every_step(kind: str, method: str) -> None:
     steps = run(kind, METHODS[method], 50)
     energies = [initial_energies(system, first)]
     for step in steps:
-        energies.append(audited(system, energies[-1], step))
+        energies.append(audit_step(system, energies[-1], step))
     scale = energies[-1].external_work
     assert np.abs(np.diff([e.balance_error for e in energies])).max() <= RESIDUAL * scale
     assert sum(np.abs(lags(system, first, steps))) > 1e-3 * scale
@@ -156,7 +156,7 @@ def test_the_work_of_the_lag_of_an_organ_that_follows_the_force() -> None:
     """Independent check: without inertia Δy = C Δf, so that a step creates f·C (Δf − Δf of the step before)."""
     system, first = scene("quasi-static")
     C = site_compliance(system, first)
-    steps = run("quasi-static", staggered.take, 25)
+    steps = run("quasi-static", staggered.staggered_step, 25)
     forces = [first.organ.f_y, *(step.new.organ.f_y for step in steps)]
     moves = [np.zeros_like(forces[0]), *(C @ (b - a) for a, b in pairwise(forces))]
     expected = [f @ (b - a) for f, (a, b) in zip(forces[1:], pairwise(moves), strict=True)]
@@ -172,8 +172,8 @@ def test_energy_that_is_created_shows_with_its_sign() -> None:
     state, steps = first, []
     with pytest.raises(CouplingError):
         for _ in range(200):
-            steps.append(staggered.take(system, state, 2e-3))
-            energies, state = audited(system, energies, steps[-1]), steps[-1].new
+            steps.append(staggered.staggered_step(system, state, 2e-3))
+            energies, state = audit_step(system, energies, steps[-1]), steps[-1].new
     gained = sum(
         getattr(energies, name) - getattr(before, name) for name in ("kinetic", "elastic_thread", "elastic_tissue")
     )
@@ -193,7 +193,7 @@ def test_drift_and_difference_are_of_first_order() -> None:
     system, _ = scene("dynamic")
     drift, apart = [], []
     for n in (100, 200, 400):
-        ours, exact = run("dynamic", staggered.take, n), run("dynamic", try_step, n)
+        ours, exact = run("dynamic", staggered.staggered_step, n), run("dynamic", try_step, n)
         last = slice(n // 2, None)
         drift.append(max(largest_residual(system, step.new) for step in ours[last]))
         pairs = zip(ours[last], exact[last], strict=True)
@@ -214,7 +214,7 @@ def test_a_run_that_grows_is_stopped_by_name() -> None:
     first = state
     with pytest.raises(RunAwayError) as caught:
         for _ in range(200):
-            state = advance(system, state, 1e-3, staggered.take)[-1].new
+            state = advance(system, state, 1e-3, staggered.staggered_step)[-1].new
     error = caught.value
     assert error.piercing in ("entry", "exit") and error.piercing in str(error)
     assert error.way > 0.1 * LENGTH

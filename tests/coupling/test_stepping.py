@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import coupling.newton
-from coupling.audit import audited, initial_energies
+from coupling.audit import audit_step, initial_energies
 from coupling.constraints import phi
 from coupling.equilibrium import load_step
 from coupling.errors import CouplingError, InversionError, StepError
@@ -97,13 +97,13 @@ def test_an_iterate_just_off_the_solution_is_not_accepted(unknown: str) -> None:
     system, state = scene((Fixed(START), pulled_up(5e-3)), block_organ("P1", False))
     solution = run(system, state, 2e-3, 3)[-1].solution
     problem, z = solution.problem, solution.iterate
-    assert coupling.newton.converged(problem, z, coupling.newton.evaluate(problem, z))
+    assert coupling.newton.is_converged(problem, z, coupling.newton.evaluate(problem, z))
     off = {name: getattr(z, name).copy() for name in ("q", "s", "lam", "y")}
     scale = {"lam": np.abs(z.lam[0, 0])}.get(unknown, system.thread.section.diameter)
     place = system.thread.n // 2 if unknown == "q" else 0
     off[unknown][place] += 10 * GAP * scale * (1.0 if unknown == "s" else np.eye(off[unknown].shape[1])[0])
     moved = replace(z, **off)
-    assert not coupling.newton.converged(problem, moved, coupling.newton.evaluate(problem, moved))
+    assert not coupling.newton.is_converged(problem, moved, coupling.newton.evaluate(problem, moved))
 
 
 def test_a_failing_step_is_halved() -> None:
@@ -191,7 +191,7 @@ def test_a_taut_thread(kind: str) -> None:
     energies, dt, pulls = initial_energies(system, state), 1e-3, []
     while state.time < way / 0.1 - 0.5 * dt and (not pulls or pulls[-1] < 1.05):
         for step in advance(system, state, dt):
-            state, energies = step.new, audited(system, energies, step)
+            state, energies = step.new, audit_step(system, energies, step)
             at = system.passage(state.q, state.s)
             violation = np.abs(phi(at, state.lam, state.y))
             assert violation[:, :3].max() <= GAP * system.thread.section.diameter

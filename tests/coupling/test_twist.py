@@ -10,11 +10,11 @@ from scipy.sparse.linalg import splu
 
 from coupling import stepping
 from coupling.assembled import Monolith, assemble, equation_of
-from coupling.audit import audited, initial_energies
+from coupling.audit import audit_step, initial_energies
 from coupling.constraints import phi
 from coupling.errors import StepError
 from coupling.integrators import BackwardEuler
-from coupling.newton import correct, cut, evaluate
+from coupling.newton import allowed_share, correct, evaluate
 from coupling.paper.linear_step import linear_step
 from coupling.stepping import Step, Take, advance, dynamic_problem, organ_answer, try_step
 from coupling.system import Piercing, State, System
@@ -76,7 +76,7 @@ def in_the_run() -> Setting:
     N = system.thread.EA * system.thread.points(q, problem.frame).strain
     U = organ.displacement(state.organ)[organ.elasticity.free]
     s = state.s + 0.3 * LENGTH / 37 * np.array([1.0, -1.0, 0.0])
-    return Setting(system, problem, whole, Monolith(q, N, s, state.lam, state.y, state.slip, U))
+    return Setting(system, problem, whole, Monolith(q, N, s, state.lam, state.y, state.sigma, U))
 
 
 @pytest.mark.parametrize("coordinates", [[0, 1, 2], [3], [0, 1, 2, 3]])
@@ -107,7 +107,7 @@ def test_one_correction_by_two_roads() -> None:
     block = assemble(case.problem, case.z, r)
     dq = splu(block.matrix).solve(block.right)[block.blocks["q"]].reshape(-1, 4)
     got = correct(case.problem, case.z, r).q - case.z.q
-    dq *= cut(case.problem, dq)
+    dq *= allowed_share(case.problem, dq)
     for part in (slice(0, 3), slice(3, 4)):
         assert np.abs(got[:, part] - dq[:, part]).max() <= TWO_SOLVERS * np.abs(dq[:, part]).max()
 
@@ -120,7 +120,7 @@ def test_audit_and_constraints_while_the_needle_turns(organ: str, take: Take) ->
     system, state = scene(organ)
     energies = [initial_energies(system, state)]
     for step in steps(organ, take):
-        energies.append(audited(system, energies[-1], step))
+        energies.append(audit_step(system, energies[-1], step))
         violation = np.abs(phi(system.passage(step.new.q, step.new.s), step.new.lam, step.new.y))[:2]
         assert violation[:, :3].max() <= GAP * system.thread.section.diameter
     errors = np.diff([e.balance_error for e in energies])

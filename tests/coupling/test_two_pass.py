@@ -44,7 +44,7 @@ def sliding_rod(friction: Friction, half: float, pull: float, speed: float = 0.0
     system = without_organ(thread, (Pulled(-T * back), Pulled(pull * out)), hole, ((ORIGIN, X),))
     state = laid(system, [0.01], line(-0.01 * X, X))
     v = np.outer(np.ones(thread.n), speed * X)
-    return system, replace(state, v=v, s_dot=-speed * np.ones(1), slip=-np.sign(speed) * np.ones(1))
+    return system, replace(state, v=v, s_dot=-speed * np.ones(1), sigma=-np.sign(speed) * np.ones(1))
 
 
 @pytest.mark.parametrize(("mu", "turn"), [(0.1, 90.0), (0.2, 90.0), (0.3, 60.0)])
@@ -96,9 +96,9 @@ def test_iterated_passes_reach_the_implicit_answer() -> None:
     for _ in range(60):
         exact = try_step(system, state, 5e-3).new
         close, lagged = converged(system, state, 5e-3).new, two_pass(system, state, 5e-3).new
-        words |= set(exact.slip)
+        words |= set(exact.sigma)
         force = np.abs(exact.lam[:, :3]).max()
-        assert np.array_equal(exact.slip, close.slip)
+        assert np.array_equal(exact.sigma, close.sigma)
         assert np.abs(exact.lam[:, :3] - close.lam[:, :3]).max() <= TWO_SOLVERS * max(force, 1e-3)
         assert np.abs(exact.q - close.q).max() <= TWO_SOLVERS * LENGTH
         assert np.abs(exact.s - close.s).max() <= TWO_SOLVERS * LENGTH
@@ -127,11 +127,11 @@ def test_static_is_held_and_pseudo_static_breaks_loose() -> None:
     exact = (1 + 0.3 * np.tan(half)) / (1 - 0.3 * np.tan(half))
     system, state = sliding_rod(friction, half, 0.999 * exact * T, 0.0)
     held = two_pass(system, state, DT)
-    assert held.new.s[0] == 0.01 and held.new.slip[0] == 0.0
+    assert held.new.s[0] == 0.01 and held.new.sigma[0] == 0.0
     pull = 1.2 * exact * T
     system, state = sliding_rod(friction, half, pull, 0.0)
     loose = two_pass(system, state, DT).new
-    assert loose.slip[0] == -1.0
+    assert loose.sigma[0] == -1.0
     force = (pull - T) * np.cos(half) - 0.3 * (pull + T) * np.sin(half)
     assert abs(loose.v[:, 0].mean() / (DT * force / MASS) - 1.0) < 1e-2
 
@@ -167,7 +167,7 @@ def test_hysteresis() -> None:
     system, state = hairpin_scene(Friction(0.2, 0.2))
     states = run_by(try_step, system, state)
     pulls = np.array([np.linalg.norm(s.reaction[1]) for s in states])
-    slips = np.array([s.slip[1] for s in states])
+    slips = np.array([s.sigma[1] for s in states])
     out, back = slips[:20] == -1.0, slips[40:] == 1.0
     assert out.any() and back.any()
     assert pulls[:20][out][-1] > 1.2 * pulls[40:][back][-1]
@@ -184,7 +184,7 @@ def test_statics_with_friction() -> None:
         for k, seen in enumerate(observe(system, state, step.new)):
             moved.add(seen.state)
             ds = step.new.s[k] - step.old.s[k]
-            assert ds == 0.0 if seen.state == "stick" else ds * step.new.slip[k] > 0.0
+            assert ds == 0.0 if seen.state == "stick" else ds * step.new.sigma[k] > 0.0
             assert seen.cone_residual <= TWO_SOLVERS * np.linalg.norm(seen.force)
         state = step.new
     assert moved == {"stick", "slip"}

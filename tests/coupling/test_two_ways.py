@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from coupling.assembled import Monolith, equation_of, monolithic_solve
-from coupling.audit import Energies, audited, initial_energies, multiplier_imbalance
+from coupling.audit import Energies, audit_step, initial_energies, multiplier_imbalance
 from coupling.constraints import driving_force, phi
 from coupling.integrators import BackwardEuler
 from coupling.newton import solve
-from coupling.stepping import Step, dynamic_problem, organ_answer, predicted, try_step
+from coupling.stepping import Step, dynamic_problem, organ_answer, predict, try_step
 from coupling.system import State, System
 from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, X, Z, block_organ, hairpin, hairpin_system, laid, taken
@@ -65,7 +65,7 @@ def test_condensed_and_assembled_agree(name: str) -> None:
         scheme, state = BackwardEuler(DT), step.old
         problem = dynamic_problem(system, state, DT, organ_answer(system, scheme, state))
         whole = equation_of(problem)
-        first = predicted(problem, state)
+        first = predict(problem, state)
         a = solve(problem, first)
         b = monolithic_solve(problem, first, organ.field(state.organ))
         z = b.iterate
@@ -127,7 +127,7 @@ def test_audit_closes_at_every_step(name: str) -> None:
     system, state = scene(name)
     energies: list[Energies] = [initial_energies(system, state)]
     for step in steps(name):
-        energies.append(audited(system, energies[-1], step))
+        energies.append(audit_step(system, energies[-1], step))
     last = energies[-1]
     scale = max(abs(last.external_work), last.elastic_thread, last.elastic_tissue)
     errors = np.diff([e.balance_error for e in energies])
@@ -148,7 +148,7 @@ def test_external_work_is_that_of_the_hand() -> None:
     for _ in range(count):
         step = try_step(system, state, 0.1 / count)
         work += step.new.reaction[1] @ (step.new.q[-1] - state.q[-1])
-        energies, state = audited(system, energies, step), step.new
+        energies, state = audit_step(system, energies, step), step.new
     assert abs(energies.external_work / work - 1.0) <= IDENTITY * count
     stored = energies.kinetic + energies.elastic_thread + energies.elastic_tissue
     before = initial_energies(system, laid(system, ABSCISSAE, hairpin(RADIUS, LENGTH)))

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from coupling.audit import audited, initial_energies
+from coupling.audit import audit_step, initial_energies
 from coupling.stepping import Step
 from coupling.system import State, System
 from tests.bounds import IDENTITY, ORDER, TWO_SOLVERS
@@ -70,7 +70,7 @@ def test_audit_of_a_thrown_thread_closes() -> None:
     system, steps = thrown()
     energies = [initial_energies(system, steps[0].old)]
     for step in steps:
-        energies.append(audited(system, energies[-1], step))
+        energies.append(audit_step(system, energies[-1], step))
     scale = energies[0].kinetic + energies[0].elastic_thread
     errors = np.diff([e.balance_error for e in energies])
     assert np.abs(errors).max() <= IDENTITY * scale
@@ -93,7 +93,7 @@ def test_free_fall() -> None:
     for k, step in enumerate(steps, 1):
         fallen = k * dt * v - 0.5 * 9.81 * dt**2 * k * (k + 1) * Z
         assert np.abs(step.new.q - state.q - fallen).max() <= 10 * IDENTITY
-        energies = audited(system, energies, step)
+        energies = audit_step(system, energies, step)
     weight = SOFT.rhoA * 9.81
     assert abs(energies.external_work / (-weight * fallen[2]) - 1.0) <= 100 * IDENTITY
     assert abs(energies.balance_error) <= 100 * IDENTITY * energies.external_work
@@ -110,7 +110,7 @@ def test_damping_decays_exponentially() -> None:
     energies = initial_energies(system, state)
     before = energies.kinetic
     for k, step in enumerate(taken, 1):
-        energies = audited(system, energies, step)
+        energies = audit_step(system, energies, step)
         viscous = sum(SOFT.rhoA * 5.0 * c * dt / (1.0 + c * dt) ** (2 * j) for j in range(1, k + 1))
         assert abs(energies.viscous_dissipation / viscous - 1.0) <= 100 * IDENTITY
         assert abs(energies.balance_error) <= 10 * IDENTITY * before

@@ -9,11 +9,11 @@ import pytest
 from scipy.sparse.linalg import splu
 
 from coupling.assembled import Monolith, assemble, equation_of
-from coupling.audit import audited, initial_energies
+from coupling.audit import audit_step, initial_energies
 from coupling.constraints import phi
 from coupling.integrators import BackwardEuler
-from coupling.newton import correct, cut, evaluate
-from coupling.stepping import advance, dynamic_problem, organ_answer, predicted
+from coupling.newton import allowed_share, correct, evaluate
+from coupling.stepping import advance, dynamic_problem, organ_answer, predict
 from coupling.system import Piercing, System
 from tests.bounds import GAP, IDENTITY, ORDER, RESIDUAL, TWO_SOLVERS
 from tests.thread.test_statics import ALONG_X, cantilever, equilibrium, tip_error
@@ -38,11 +38,11 @@ from tests.thread.threads import (
 from thread.ends import Clamped, Driven, Pulled
 from thread.energies.densities import axial_strain
 from thread.errors import ThreadError
-from thread.knots import clamped
+from thread.knots import clamped_knots
 from thread.quadrature import gauss_rule
 from thread.thread import Thread
 
-KNOTS = clamped(np.array([0.0, 0.1, 0.18, 0.3, 0.3, 0.45, 0.5, 0.7, 0.9, 1.0]))
+KNOTS = clamped_knots(np.array([0.0, 0.1, 0.18, 0.3, 0.3, 0.45, 0.5, 0.7, 0.9, 1.0]))
 SECTION = Strand(EA=3.0, EI=0.02, GJ=0.03)
 
 
@@ -55,7 +55,7 @@ def test_derivatives(more: int, twist: bool) -> None:
     thread = thread_on(KNOTS, SECTION, twist=twist, springs=n - 1 + more)
     rng = np.random.default_rng(more)
     q = np.pad(bent(thread.spline), ((0, 0), (0, int(twist))))
-    frame = thread.untwisted(q)
+    frame = thread.untwisted_frame(q)
     q, d = q + 0.02 * rng.standard_normal(q.shape), 0.01 * rng.standard_normal(q.shape)
     points = assert_derivatives(thread, frame, q, d)
     both = [thread.EA * thread.points(q + x * d, frame).strain for x in (1.0, -1.0)]
@@ -68,7 +68,7 @@ def test_a_straight_thread_stretched_and_twisted() -> None:
     the spacing, and pull and turn at the ends only."""
     thread = thread_on(KNOTS, SECTION, twist=True, springs=17)
     q = np.column_stack([1.07 * straight(thread.spline), 5.0 * greville(thread.spline)])
-    points = thread.points(q, thread.untwisted(q))
+    points = thread.points(q, thread.untwisted_frame(q))
     strain = 0.5 * (1.07**2 - 1.0)
     exact = 0.5 * SECTION.EA * strain**2 + 0.5 * SECTION.GJ * 25.0
     assert abs(thread.energy(points) / exact - 1.0) <= 10 * IDENTITY
@@ -92,7 +92,7 @@ def test_stretch_and_twist_tend_to_the_continuous_energies() -> None:
     errors = []
     for count in (78, 156, 312):
         thread = replace(base, section=replace(SECTION, EI=0.0), springs=count)
-        points = thread.points(q, thread.untwisted(q))
+        points = thread.points(q, thread.untwisted_frame(q))
         got = [energy.energy(at) for energy, at in zip(thread.energies, points.at, strict=True)]
         errors.append(np.abs(np.array(got) / exact - 1.0))
     assert errors[-1].max() < 1e-3
@@ -155,7 +155,7 @@ def test_springs_in_holes(twist: bool) -> None:
     energies = [initial_energies(system, state)]
     for _ in range(10):
         for step in advance(system, state, 2e-3):
-            energies.append(audited(system, energies[-1], step))
+            energies.append(audit_step(system, energies[-1], step))
         state = step.new
         violation = np.abs(phi(system.passage(state.q, state.s), state.lam, state.y))[:2, :3]
         assert violation.max() <= GAP * thread.section.diameter
@@ -164,15 +164,15 @@ def test_springs_in_holes(twist: bool) -> None:
     scheme = BackwardEuler(2e-3)
     problem = dynamic_problem(system, state, 2e-3, organ_answer(system, scheme, state))
     whole = equation_of(problem)
-    z = predicted(problem, state)
+    z = predict(problem, state)
     U = organ.displacement(state.organ)[organ.elasticity.free]
     y = np.concatenate([(whole.y0 + whole.Y @ U).reshape(-1, 9), system.clamp_frames])
     shaken = np.random.default_rng(1).standard_normal(z.q.shape) * [1e-5, 1e-5, 1e-5, 0.1][: thread.coordinates]
-    z = Monolith(z.q + shaken, z.N, z.s, z.lam, y, z.slip, U)
+    z = Monolith(z.q + shaken, z.N, z.s, z.lam, y, z.sigma, U)
     r = evaluate(problem, z)
     block = assemble(problem, z, r)
     dq = splu(block.matrix).solve(block.right)[block.blocks["q"]].reshape(z.q.shape)
-    dq *= cut(problem, dq)
+    dq *= allowed_share(problem, dq)
     got = correct(problem, z, r).q - z.q
     for part in (slice(0, 3), slice(3, z.q.shape[1])):
         size = np.abs(dq[:, part]).max(initial=0.0)

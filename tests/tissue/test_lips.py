@@ -8,7 +8,7 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize, nnls
 
 import tissue
-from coupling.contact import Contact, forces, misfits, pressed_under
+from coupling.contact import Contact, find_pressed, forces, misfits
 from coupling.integrators import BackwardEuler
 from meshes.wound import Wound, lips
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
@@ -203,7 +203,7 @@ def test_a_search_that_would_go_round_ends() -> None:
     assert misfits(contact, none, sets[-1]).any()
     root = cholesky(C)
     p, _ = nnls(root, -solve_triangular(root, g, trans="T"))
-    assert np.abs(forces(contact, pressed_under(contact, none, sets[0]), none) - p).max() <= RESIDUAL * p.max()
+    assert np.abs(forces(contact, find_pressed(contact, none, sets[0]), none) - p).max() <= RESIDUAL * p.max()
 
 
 def test_two_halves_that_collide_exchange_their_momentum() -> None:

@@ -7,7 +7,7 @@ import skfem
 from numpy.typing import NDArray
 
 import tissue
-from coupling.contact import Contact, forces, pressed_under
+from coupling.contact import Contact, find_pressed, forces
 from coupling.integrators import Equilibrium
 from meshes.grading import Grading
 from meshes.wound import Wound, lips, wounded_block_structured
@@ -49,7 +49,7 @@ def opened(mesh: skfem.MeshTet, width: float) -> skfem.MeshTet:
 def gaps_on(body: tissue.Elasticity, wound: Wound, mesh: skfem.MeshTet | None = None) -> tissue.Gaps:
     """The gaps of a body on a cut block; `mesh`: that before it was opened."""
     pairs = lips(body.mesh if mesh is None else mesh, wound)
-    return tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.across])
+    return tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.normal_axis])
 
 
 def organ_of(body: tissue.Elasticity, gaps: tissue.Gaps | None = None, **options: Any) -> tissue.QuasiStaticOrgan:
@@ -77,7 +77,7 @@ def forced(g_free: Array, answer: Any, start: Any = None) -> Array:
     """Contact forces where the gaps would be `g_free` without them; the pressed pairs are sought from `start`."""
     contact, none = Contact(g_free, answer.C_cy, answer), np.zeros(0)
     first = np.zeros(len(g_free), dtype=bool) if start is None else start
-    return forces(contact, pressed_under(contact, none, first), none)
+    return forces(contact, find_pressed(contact, none, first), none)
 
 
 def at_rest(organ: Any, start: Any = None) -> tissue.OrganState:

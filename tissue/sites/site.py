@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import block_diag, csr_matrix, vstack
 
 from tissue.arrays import Array, Indices
-from tissue.body import Elasticity
+from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
 from tissue.sites import footprint
 from tissue.sites.rows import (
@@ -123,7 +123,8 @@ def frame(t0: Array) -> tuple[Array, Array]:
     """u₀, v₀ with u₀ × v₀ = t₀: the axes x, y carried along by the smallest rotation from z to the unit
     vector t₀.
 
-    Continuous everywhere but at t₀ = −z, where no rule is; (u, v) is free up to a rotation about t₀.
+    Continuous everywhere but at t₀ = −z, where no rule is; (u, v) is free up to a rotation about t₀. A thread's clamped
+    end needs the same rule, and has it in a place of its own: what is sewn does not know the thread, nor the other way.
     """
     x, y, z = t0
     across = np.hypot(x, y)
