@@ -18,7 +18,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import block_diag, csr_matrix, kron, vstack
+from scipy.sparse import block_diag, csr_matrix, eye_array, kron, vstack
 
 from tissue import footprint
 from tissue.body import ELEMENTS, Elasticity
@@ -95,7 +95,7 @@ class Sites:
     @property
     def springs(self) -> csr_matrix:
         """B of the compliance B Bᵀ between the sites and the mesh, shape `(9p, m)`."""
-        each = [np.zeros((9, 0)) if gap is None else gap.springs for gap in self.missing]
+        each = [csr_matrix(np.zeros((9, 0)) if gap is None else gap.springs) for gap in self.missing]
         return csr_matrix(block_diag(each)) if each else csr_matrix((len(self.y0), 0))
 
     def __post_init__(self) -> None:
@@ -206,7 +206,7 @@ def _build(
         axes = np.stack([*frame(normal), normal]) if np.isfinite(normal).all() else np.eye(3)
         kind = "ball" if np.isnan(normal).any() else "half ball" if use_fibre else "disc"
         slopes = csr_matrix(np.eye(9))
-        of_averages = csr_matrix(block_diag([np.eye(3), vstack([turn(slopes, u0), turn(slopes, v0)])])).toarray()
+        of_averages = csr_matrix(block_diag([slopes[:3, :3], vstack([turn(slopes, u0), turn(slopes, v0)])])).toarray()
         seen = Footprint(X, axes, site.radius, site.weight, kind, of_averages)
         gap = missing(elasticity, surface, seen, rows)
     return np.concatenate([X, u0, v0]), csr_matrix(rows[:, elasticity.free]), X, t0, normal, gap
@@ -214,12 +214,12 @@ def _build(
 
 def _normal_rows(gradient: csr_matrix, u0: Array) -> csr_matrix:
     """Rows of ⟨∇U⟩ u₀ from those of ⟨∂U_i/∂x_j⟩ (row 3i + j)."""
-    return csr_matrix(kron(np.eye(3), u0[None]) @ gradient)
+    return csr_matrix(kron(eye_array(3), u0[None]) @ gradient)
 
 
 def _fibre_rows(gradient: csr_matrix, u0: Array) -> csr_matrix:
     """Rows of −⟨∇U⟩ᵀ u₀."""
-    return csr_matrix(-kron(u0[None], np.eye(3)) @ gradient)
+    return csr_matrix(-kron(u0[None], eye_array(3)) @ gradient)
 
 
 def _surface_footprint(
@@ -398,7 +398,7 @@ def _gradient_rows(elasticity: Elasticity, surface: Surface, average: _Average, 
     )
     if np.abs(missing).max() <= 1e-12:
         return by_parts
-    return csr_matrix(by_parts + kron(np.eye(3), missing.T) @ _slope_rows(elasticity, average.cells, local))
+    return csr_matrix(by_parts + kron(eye_array(3), missing.T) @ _slope_rows(elasticity, average.cells, local))
 
 
 def _slope_rows(elasticity: Elasticity, cells: Indices, slopes: Array) -> csr_matrix:
