@@ -5,8 +5,8 @@ from typing import Generic
 
 import numpy as np
 
-from coupling.border import NINE
-from coupling.constraints import Array
+from coupling.arrays import Array
+from coupling.bordered import NINE
 from coupling.interfaces import Body
 from coupling.system import System
 
@@ -18,7 +18,7 @@ def all_holds(system: System[Body], y: Array) -> Array:
     return np.concatenate([y.reshape(-1, NINE), system.clamp_frames])
 
 
-def padded(system: System[Body], C: Array) -> Array:
+def pad_compliance(system: System[Body], C: Array) -> Array:
     """Return the organ's compliance over all holds, shape `(9m, 9m)`: clamped ends do not give."""
     return np.pad(C, (0, NINE * len(system.clamps))) if system.clamps else C
 

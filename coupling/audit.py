@@ -8,24 +8,23 @@ at the end of the step along it: a rectangle rule, first order whatever the sche
 work stands with the integrator's share. Where a hand draws the thread through a hole, −Φ_sᵀλ Δs is its work, and
 external.
 
-When thread and organ are stepped one after the other (`coupling.staggered`) the holes move after the thread has, and
-the constraints' work on the two does not cancel: `coupling.staggered.work_of_the_lag`, which is in the remainder. It is
-the integrator's too: a negative numerical dissipation is energy that the scheme has created.
+When thread and organ are stepped one after the other (`coupling.paper.staggered`) the holes move after the thread has,
+and the constraints' work on the two does not cancel: `coupling.paper.staggered.work_of_the_lag`, which is in the
+remainder. It is the integrator's too: a negative numerical dissipation is energy that the scheme has created.
 
-The linear step (`coupling.baumgarte`) takes the elastic force as linearised at the start of the step; its work beyond
-that of the true force stands with the integrator's, by the formula of both. Its constraint forces are those of the
-start, and Φ is not zero at its ends: exact are kinetic, elastic, external, viscous and friction work; the remainder is
-the constraints' work on what they let the thread do.
+The linear step (`coupling.paper.linear_step`) takes the elastic force as linearised at the start of the step; its work
+beyond that of the true force stands with the integrator's, by the formula of both. Its constraint forces are those of
+the start, and Φ is not zero at its ends: exact are kinetic, elastic, external, viscous and friction work; the remainder
+is the constraints' work on what they let the thread do.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from coupling.bdf2 import scheme_of
-from coupling.constraints import driving_force, held_energy, passage, site_force, spread, thread_force
+from coupling.constraints import driving_force, held_energy, site_force, thread_force
 from coupling.interfaces import Body
-from coupling.stepping import Step, thread_motion
+from coupling.stepping import Step, scheme_of, thread_motion
 from coupling.system import State, System
 
 
@@ -66,12 +65,12 @@ def thread_kinetic(system: System[Body], state: State[Body]) -> float:
 
 def thread_elastic(system: System[Body], state: State[Body]) -> float:
     """Elastic energy of the thread, and of what it lacks in compliance at the holes [J]."""
-    at = passage(system.thread, state.q, state.s)
+    at = system.passage(state.q, state.s)
     held = float(held_energy(at, state.lam, state.y).sum())
     return system.thread.energy(system.thread.points(state.q, state.frame)) + held
 
 
-def audited(system: System[Body], before: Energies, step: Step[Body]) -> Energies:
+def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Energies:
     """The audit after a step, from the audit before it."""
     old, new, thread = step.old, step.new, system.thread
     dq, dv = new.q - old.q, new.v - old.v
@@ -140,8 +139,8 @@ def sliding_work(system: System[Body], step: Step[Body]) -> tuple[float, float, 
     ideal_inertia = law.inertia * (new.s - law.s_free)
     friction = np.sum((drive - ideal_inertia) * slides)
     eps_numerical = ideal_inertia @ slides - 0.5 * system.epsilon * np.sum(new.s_dot**2 - old.s_dot**2)
-    work = np.sum(spread(thread_force(new.lam, y), at, system.thread.n) * (new.q - old.q)[:, :3])
-    work += np.sum(site_force(at, new.lam, y)[:p] * (new.y - old.y)[:p])
+    work = np.sum(step.solution.residual.push * (new.q - old.q)[:, :3])
+    work += np.sum(step.solution.residual.f_y[:p] * (new.y - old.y)[:p])
     return float(friction), float(eps_numerical), float(-work - np.sum(drive * ds)), float(-np.sum(drive * hand))
 
 
@@ -150,8 +149,8 @@ def multiplier_imbalance(system: System[Body], state: State[Body]) -> tuple[floa
 
     The moment is taken on the site variables, x×f_x + u×f_u + v×f_v (Φ is invariant under a common rotation).
     """
-    at = passage(system.thread, state.q, state.s)
-    on_thread, on_sites = thread_force(state.lam, state.y), site_force(at, state.lam, state.y).reshape(-1, 3, 3)
+    at = system.passage(state.q, state.s)
+    on_thread, on_sites = thread_force(at, state.lam, state.y), site_force(at, state.lam, state.y).reshape(-1, 3, 3)
     force = on_thread[:, 0].sum(axis=0) + on_sites[:, 0].sum(axis=0)
     moment = np.cross(at.P, on_thread[:, 0]) + np.cross(at.T, on_thread[:, 1])
     moment += np.cross(state.y.reshape(-1, 3, 3), on_sites).sum(axis=1)

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 
-from coupling.constraints import Array, Passage, passage
+from coupling.arrays import Array
+from coupling.constraints import Passage
 from coupling.interfaces import Body
 from coupling.system import State, System
-from thread.thread import Points, Thread
-from thread.twist import Frame
+from thread.frames import Frame
+from thread.thread import Points
 
 
 @dataclass(frozen=True)
@@ -20,16 +21,17 @@ class Configuration:
 
 
 def evaluate_thread(
-    thread: Thread, q: Array, s: Array, frame: Frame | None = None, home: Array | None = None
+    system: System[Body], q: Array, s: Array, frame: Frame | None = None, home: Array | None = None
 ) -> Configuration:
     """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (m,) [m].
 
     `frame` is what the twist is measured from, `home` (m,) [m] names the pieces of a cut thread that hold `s`.
     """
+    thread = system.thread
     points = thread.points(q, frame)
-    return Configuration(points, passage(thread, q, s, home), thread.gradient(points))
+    return Configuration(points, system.passage(q, s, home), thread.gradient(points))
 
 
 def configuration_of(system: System[Body], state: State[Body]) -> Configuration:
     """Evaluate the thread of a state."""
-    return evaluate_thread(system.thread, state.q, state.s, state.frame)
+    return evaluate_thread(system, state.q, state.s, state.frame)

@@ -6,15 +6,19 @@ and never see the global matrix:
 
     g = P(s) − x,   c₁ = T·u,   c₂ = T·v
 
-The spline lacks compliance where a force λ and a couple m = μ_u u + μ_v v act on it (`thread.compliance`), c₀ by the
-force, c₁, c₂ by the couple: the thread is met where it is with it,
+The spline lacks compliance where a force λ and a couple m = μ_u u + μ_v v act on it (`thread.compliance`): c₀ by the
+force across the thread, c₁, c₂ by the couple. Along itself it lacks next to nothing. So with â the unit vector along
+the axis a, which is u × v where a direction is imposed and else the thread's own T, and τ = λ·â, the thread is met at
 
-    P̂ = P + c₀ λ + c₁ m,   T̂ = T + c₁ λ + c₂ m,
+    P̂ = P + c₀ (λ − τâ) + c₁ m,   T̂ = T + c₁ λ + c₂ m,
 
-and P̂, T̂ stand for P, T in Φ. This is the stationary point of λ·(P − x) + m·T + ½(c₀λ² + 2c₁λ·m + c₂m²), whose
-derivatives by s and y are the driving force and the force on the organ. c₀ acts on all of λ, though along itself
-the spline lacks next to nothing: a force λ_t along the thread moves P by c₀ λ_t too much, which is below
-0.011 h (h/ℓ)² with ℓ = √(EI/λ_t), small where the span h is a part of ℓ and not where it is several.
+which stand for P, T in Φ. They are the slopes by λ and m of one potential,
+
+    λ·(P − x) + m·T + ½c₀(λ² − τ²) + c₁ λ·m + ½c₂ m²,
+
+whose slopes by q, s and y are the forces on thread and abscissa and on the organ. It does not change when all turn
+together: λ along the thread, met beside P, turns the hole, or a free thread's tangent, by w = −c₀ τ (λ − τâ)/|a|, the
+force conjugate to a.
 """
 
 from dataclasses import dataclass, replace
@@ -22,11 +26,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from coupling.arrays import Array, Indices
 from thread.spline import Spline
 from thread.thread import Thread
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from thread.vectors import cross, dot
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,8 @@ class Passage:
     """The thread where it passes the holes.
 
     `first` (p,) and `b` (p, 4, 4): the basis there; `P` [m], `T` [-], `K` = T' [1/m], `J` = T'' [1/m²], each (p, 3);
-    `c` (p, 3 derivatives by s, 3): the missing compliances c₀, c₁, c₂ [m/N, 1/N, 1/(N m)].
+    `c` (p, 3 derivatives by s, 3): the missing compliances c₀, c₁, c₂ [m/N, 1/N, 1/(N m)]; `directed` (p,): where the
+    hole's frame tells what is across the thread, and not the thread itself.
     """
 
     first: Indices
@@ -44,59 +48,116 @@ class Passage:
     K: Array
     J: Array
     c: Array
+    directed: NDArray[np.bool_]
+
+    @property
+    def bare(self) -> bool:
+        """Whether the spline lacks nothing."""
+        return not self.c.any()
 
 
 LOCAL = np.arange(4)
 LOCAL_UNKNOWNS = 3 * LOCAL[:, None] + np.arange(3)  # of the four points on a span, from the first point's on
 
 
-def passage(thread: Thread, q: Array, s: Array, home: Array | None = None) -> Passage:
+def passage(thread: Thread, q: Array, s: Array, directed: NDArray[np.bool_], home: Array | None = None) -> Passage:
     """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (p,) [m], on the pieces of a cut thread
-    that hold the abscissae `home` where they are given."""
+    that hold the abscissae `home` where they are given; `directed` (p,): holes that impose a direction."""
     bare = bare_passage(thread.spline, q, s, home)
-    return replace(bare, c=thread.missing_compliance(s, home))
+    return replace(bare, c=thread.missing_compliance(s, home), directed=directed)
 
 
 def bare_passage(spline: Spline, q: Array, s: Array, home: Array | None = None) -> Passage:
     """The same without the missing compliance: of rates, and under impulses, to which a massless lack gives nothing."""
     first, b = spline.basis(s, home)
     D = (b @ q[first[:, None] + LOCAL])[..., :3]
-    return Passage(first, b, D[:, 0], D[:, 1], D[:, 2], D[:, 3], np.zeros((len(s), 3, 3)))
+    none = np.zeros(len(s), dtype=bool)
+    return Passage(first, b, D[:, 0], D[:, 1], D[:, 2], D[:, 3], np.zeros((len(s), 3, 3)), none)
 
 
-def dot(a: Array, b: Array) -> Array:
-    """Row-wise scalar product, shape `(p,)`."""
-    return np.vecdot(a, b)
-
-
-def moment_arm(lam: Array, y: Array) -> Array:
+def force_on_tangent(lam: Array, y: Array) -> Array:
     """m = μ_u u + μ_v v, the force conjugate to T, shape `(p, 3)` [N m]."""
     return lam[:, 3:4] * y[:, 3:6] + lam[:, 4:5] * y[:, 6:]
 
 
-def met(thread: Passage, lam: Array, y: Array, derivative: int = 0) -> tuple[Array, Array]:
-    """P̂ and T̂, or their derivatives by s at constant multipliers, each `(p, 3)`."""
-    c, m, force = thread.c[:, derivative, :, None], moment_arm(lam, y), lam[:, :3]
-    P, T = (thread.P, thread.T, thread.K, thread.J)[derivative : derivative + 2]
-    return P + c[:, 0] * force + c[:, 1] * m, T + c[:, 1] * force + c[:, 2] * m
+@dataclass(frozen=True)
+class Parts:
+    """λ along and across the thread: `unit` â (p, 3) and `size` |a| (p,) of the axis, `along` τ = λ·â (p,) and
+    `across` λ − τâ (p, 3) [N]."""
+
+    unit: Array
+    size: Array
+    along: Array
+    across: Array
+
+
+def parts(thread: Passage, lam: Array, y: Array) -> Parts:
+    """The force of each hole in its parts."""
+    a = np.where(thread.directed[:, None], cross(y[:, 3:6], y[:, 6:]), thread.T)
+    size = np.linalg.norm(a, axis=1)
+    unit = a / size[:, None]
+    along = dot(lam[:, :3], unit)
+    return Parts(unit, size, along, lam[:, :3] - along[:, None] * unit)
+
+
+def axis_force(thread: Passage, part: Parts, derivative: int = 0) -> Array:
+    """w = −c₀ τ (λ − τâ)/|a| conjugate to a, or its derivative by s with a held, shape `(p, 3)` [N m]."""
+    return -(thread.c[:, derivative, 0] * part.along / part.size)[:, None] * part.across
+
+
+def own_axis(thread: Passage, vector: Array) -> Array:
+    """Vectors (p, 3) where the axis is the thread's own tangent, zero elsewhere."""
+    return vector * ~thread.directed[:, None]
+
+
+def tilt(part: Parts, da: Array) -> Array:
+    """Change of τâ as the axis changes by `da` (p, 3), shape `(p, 3)` [N]."""
+    along_a = dot(part.unit, da)[:, None] * part.unit
+    turned = dot(part.across, da)[:, None] * part.unit + part.along[:, None] * (da - along_a)
+    return turned / part.size[:, None]
+
+
+def effective_place(thread: Passage, lam: Array, y: Array, derivative: int = 0) -> tuple[Array, Array]:
+    """P̂ and T̂, or their first derivatives by s at constant multipliers, each `(p, 3)`."""
+    P, T = (thread.P, thread.T, thread.K)[derivative : derivative + 2]
+    if thread.bare:
+        return P, T
+    c, m, part = thread.c[:, derivative, :, None], force_on_tangent(lam, y), parts(thread, lam, y)
+    P_met = P + c[:, 0] * part.across + c[:, 1] * m
+    if derivative:
+        P_met -= thread.c[:, 0, :1] * tilt(part, own_axis(thread, thread.K))
+    return P_met, T + c[:, 1] * lam[:, :3] + c[:, 2] * m
+
+
+def held_energy(thread: Passage, lam: Array, y: Array, derivative: int = 0) -> Array:
+    """½c₀(λ² − τ²) + c₁λ·m + ½c₂m² or its derivative by s with the axis held, shape `(p,)` [J]: what the missing
+    compliance stores."""
+    c, m, across = thread.c[:, derivative], force_on_tangent(lam, y), parts(thread, lam, y).across
+    return 0.5 * (c[:, 0] * dot(across, across) + c[:, 2] * dot(m, m)) + c[:, 1] * dot(lam[:, :3], m)
+
+
+def shrinkage(thread: Passage, part: Parts) -> Array:
+    """1 − c₀ (λ − τâ)·T'/|T|², by how much a bent thread is shorter where it is met, beside P on the inner side, than
+    at P itself, shape `(p,)` [-]."""
+    return 1.0 - thread.c[:, 0, 0] * dot(part.across, thread.K) / dot(thread.T, thread.T)
 
 
 def tangent(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
-    """|T̂| and the unit tangent t = T̂/|T̂| of the thread as it is met, shapes `(p,)` and `(p, 3)` [-]."""
-    T = met(thread, lam, y)[1]
+    """|T̂| and the unit tangent t = T̂/|T̂| of the thread as it is met, shapes `(p,)` and `(p, 3)` [-]: along the frame's
+    normal where a direction is imposed, else of the curve beside P, so that Φ_sᵀλ = λ·T̂."""
+    T = thread.T
+    if not thread.bare:
+        part = parts(thread, lam, y)
+        in_frame = dot(T, part.unit)[:, None] * part.unit
+        beside = shrinkage(thread, part)[:, None] * T + thread.c[:, 0, 1:2] * part.across
+        T = np.where(thread.directed[:, None], in_frame, beside)
     size = np.linalg.norm(T, axis=1)
     return size, T / size[:, None]
 
 
-def held_energy(thread: Passage, lam: Array, y: Array, derivative: int = 0) -> Array:
-    """½(c₀λ² + 2c₁λ·m + c₂m²) or its derivative by s, shape `(p,)` [J]: what the missing compliance stores."""
-    c, m, force = thread.c[:, derivative], moment_arm(lam, y), lam[:, :3]
-    return 0.5 * (c[:, 0] * dot(force, force) + c[:, 2] * dot(m, m)) + c[:, 1] * dot(force, m)
-
-
 def phi(thread: Passage, lam: Array, y: Array) -> Array:
     """Φ = (g, c₁, c₂), shape `(p, 5)` [m, -]; `lam` (p, 5), `y` (p, 9)."""
-    P, T = met(thread, lam, y)
+    P, T = effective_place(thread, lam, y)
     out = np.empty((len(y), 5))
     out[:, :3] = P - y[:, :3]
     out[:, 3] = dot(T, y[:, 3:6])
@@ -106,7 +167,7 @@ def phi(thread: Passage, lam: Array, y: Array) -> Array:
 
 def phi_s(thread: Passage, lam: Array, y: Array) -> Array:
     """∂Φ/∂s = (P̂', T̂'·u, T̂'·v) at constant multipliers, shape `(p, 5)`."""
-    P_s, T_s = met(thread, lam, y, 1)
+    P_s, T_s = effective_place(thread, lam, y, 1)
     out = np.empty((len(y), 5))
     out[:, :3] = P_s
     out[:, 3] = dot(T_s, y[:, 3:6])
@@ -116,28 +177,59 @@ def phi_s(thread: Passage, lam: Array, y: Array) -> Array:
 
 def driving_force(thread: Passage, lam: Array, y: Array) -> Array:
     """Φ_sᵀλ, shape `(p,)` [N]: what pulls the thread along itself (eq. 6, with the configurational force of the
-    direction constraint, Bigoni et al. 2015). λ·T + m·T', and of the missing compliance ½(c₀'λ² + 2c₁'λ·m + c₂'m²)."""
-    return dot(lam[:, :3], thread.T) + dot(moment_arm(lam, y), thread.K) + held_energy(thread, lam, y, 1)
+    direction constraint, Bigoni et al. 2015). λ·T + m·T', and of the missing compliance the slope of its energy."""
+    plain = dot(lam[:, :3], thread.T) + dot(force_on_tangent(lam, y), thread.K)
+    if thread.bare:
+        return plain
+    turn = own_axis(thread, axis_force(thread, parts(thread, lam, y)))
+    return plain + held_energy(thread, lam, y, 1) + dot(turn, thread.K)
 
 
-def thread_force(lam: Array, y: Array) -> Array:
+def thread_force(thread: Passage, lam: Array, y: Array) -> Array:
     """Φ_qᵀλ through the thread's numbers: forces conjugate to P and T, shape `(p, 2, 3)` [N, N m]."""
     out = np.empty((len(lam), 2, 3))
-    out[:, 0], out[:, 1] = lam[:, :3], moment_arm(lam, y)
+    out[:, 0], out[:, 1] = lam[:, :3], force_on_tangent(lam, y)
+    if not thread.bare:
+        out[:, 1] += own_axis(thread, axis_force(thread, parts(thread, lam, y)))
     return out
 
 
 def site_force(thread: Passage, lam: Array, y: Array) -> Array:
-    """Φ_yᵀλ = (−λ, μ_u T̂, μ_v T̂): the force on the organ conjugate to y, shape `(p, 9)` [N, N m]."""
-    T = met(thread, lam, y)[1]
+    """Φ_yᵀλ = (−λ, μ_u T̂ + v × w, μ_v T̂ + w × u): the force on the organ conjugate to y, shape `(p, 9)` [N, N m]; w
+    where the hole imposes a direction."""
+    T = effective_place(thread, lam, y)[1]
     out = np.empty((len(lam), 9))
     out[:, :3], out[:, 3:6], out[:, 6:] = -lam[:, :3], lam[:, 3:4] * T, lam[:, 4:5] * T
+    if not thread.bare:
+        w = axis_force(thread, parts(thread, lam, y)) * thread.directed[:, None]
+        out[:, 3:6] += cross(y[:, 6:], w)
+        out[:, 6:] += cross(w, y[:, 3:6])
     return out
 
 
 def couple_on_thread(thread: Passage, lam: Array, y: Array) -> Array:
-    """Reaction couple of the direction constraint on the thread about the hole, T̂ × m, shape `(p, 3)` [N m]."""
-    return np.cross(met(thread, lam, y)[1], moment_arm(lam, y))
+    """Reaction couple of the direction constraint on the thread, shape `(p, 3)` [N m]: the moment of all that it does
+    to the thread about the place where it is met, zero for a free hole."""
+    force = thread_force(thread, lam, y)
+    return cross(thread.P - effective_place(thread, lam, y)[0], force[:, 0]) + cross(thread.T, force[:, 1])
+
+
+def axis_stiffness(thread: Passage, lam: Array, y: Array) -> Array:
+    """∂w/∂a = −c₀ [λ_⊥λ_⊥ᵀ − τ(âλ_⊥ᵀ + λ_⊥âᵀ) − τ²(1 − ââᵀ)]/|a|², symmetric, shape `(p, 3, 3)` [N m]."""
+    part = parts(thread, lam, y)
+    unit, across, tau = part.unit[:, :, None], part.across[:, :, None], part.along[:, None, None]
+    T = lambda x: x.swapaxes(1, 2)  # noqa: E731
+    mixed = unit * T(across)
+    inner = across * T(across) - tau * (mixed + T(mixed)) - tau**2 * (np.eye(3) - unit * T(unit))
+    return np.asarray(-(thread.c[:, 0, 0] / part.size**2)[:, None, None] * inner)
+
+
+def force_by_axis(thread: Passage, lam: Array, y: Array) -> Array:
+    """∂P̂/∂a = (∂w/∂λ)ᵀ = −c₀ ∂(τâ)/∂a, shape `(p, 3, 3)` [m]."""
+    part = parts(thread, lam, y)
+    unit, across = part.unit[:, :, None], part.across[:, None, :]
+    turn = unit * across + part.along[:, None, None] * (np.eye(3) - unit * unit.swapaxes(1, 2))
+    return np.asarray(-(thread.c[:, 0, 0] / part.size)[:, None, None] * turn)
 
 
 def spread(forces: Array, thread: Passage, n: int) -> Array:

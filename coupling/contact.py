@@ -20,11 +20,12 @@ from typing import Generic
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from coupling.border import NINE
-from coupling.constraints import Array, passage, site_force
+from coupling.arrays import Array, Flags
+from coupling.bordered import NINE
+from coupling.constraints import site_force
 from coupling.errors import CouplingError
 from coupling.interfaces import Answer, Body
-from coupling.system import Flags, State, System
+from coupling.system import State, System
 
 ROUND_OFF = 1e-12  # of the largest gap without contact: a compliance of condition 10³ times what is rounded
 CHANCES = 3  # exchanges of all wrong pairs that may pass without fewer being wrong
@@ -45,34 +46,34 @@ class Contact(Generic[Body]):
         """Gaps by contact forces, shape `(k, k)` [m/N]; expensive, not asked for while all pairs are open."""
         return self.answer.C_cc
 
-    def unpressed(self, f: Array) -> Array:
+    def gaps_when_open(self, f: Array) -> Array:
         """Gaps without contact forces under the site forces `f` (9m,), shape `(k,)` [m]."""
         return np.asarray(self.g_free + self.C_cy @ f)
 
-    def slack(self, unpressed: Array, force: float) -> float:
+    def slack(self, open_gaps: Array, force: float) -> float:
         """What a gap may be off by [m] where the holes' forces are known to within `force` [N]."""
         by_forces = np.abs(self.C_cy[:, np.arange(self.C_cy.shape[1]) % NINE < 3]).sum(axis=1)
-        return float(ROUND_OFF * np.abs(unpressed).max() + force * by_forces.max())
+        return float(ROUND_OFF * np.abs(open_gaps).max() + force * by_forces.max())
 
 
-def answer(contact: Contact[Body], pressed: Flags, unpressed: Array) -> tuple[Array, Array]:
+def forces_and_gaps(contact: Contact[Body], pressed: Flags, open_gaps: Array) -> tuple[Array, Array]:
     """Forces p and gaps g of all pairs, `(k,)` each [N, m], where the pairs `pressed` are closed."""
-    p = np.zeros_like(unpressed)
+    p = np.zeros_like(open_gaps)
     if not pressed.any():
-        return p, unpressed
-    p[pressed] = -cho_solve(cho_factor(contact.C_cc[np.ix_(pressed, pressed)]), unpressed[pressed])
-    return p, unpressed + contact.C_cc @ p
+        return p, open_gaps
+    p[pressed] = -cho_solve(cho_factor(contact.C_cc[np.ix_(pressed, pressed)]), open_gaps[pressed])
+    return p, open_gaps + contact.C_cc @ p
 
 
 def misfits(contact: Contact[Body], f: Array, pressed: Flags, force: float = 0.0) -> Flags:
     """Pairs that are pressed and pull, or open and cross, under the site forces `f` (9m,) known to within `force` [N];
     a force counts by the gap that it opens. Shape `(k,)`."""
-    unpressed = contact.unpressed(f)
-    (p, g), slack = answer(contact, pressed, unpressed), contact.slack(unpressed, force)
+    open_gaps = contact.gaps_when_open(f)
+    (p, g), slack = forces_and_gaps(contact, pressed, open_gaps), contact.slack(open_gaps, force)
     return np.where(pressed, p * np.diag(contact.C_cc), g) < -slack if pressed.any() else g < -slack
 
 
-def pressed_under(contact: Contact[Body], f: Array, pressed: Flags) -> Flags:
+def find_pressed(contact: Contact[Body], f: Array, pressed: Flags) -> Flags:
     """The pairs that are pressed under the site forces `f` (9m,), sought from `pressed`, shape `(k,)`.
 
     The answer does not depend on where the search begins. Raises `CouplingError` where there is none, which a body
@@ -94,7 +95,7 @@ def first_of(flags: Flags) -> Flags:
     return flags & (np.cumsum(flags) == 1)
 
 
-def condensed(contact: Contact[Body], pressed: Flags, y_free: Array, C: Array) -> tuple[Array, Array]:
+def condense(contact: Contact[Body], pressed: Flags, y_free: Array, C: Array) -> tuple[Array, Array]:
     """`y_free` (m, 9) and `C` (9m, 9m) of the organ with the pairs `pressed` closed."""
     factor = np.linalg.cholesky(contact.C_cc[np.ix_(pressed, pressed)])
     closing = np.column_stack([contact.C_cy[pressed], contact.g_free[pressed]])
@@ -113,26 +114,26 @@ def contact_of(system: System[Body], answer: Answer[Body]) -> Contact[Body] | No
     return Contact(answer.g_free, np.pad(answer.C_cy, ((0, 0), (0, NINE * len(system.clamps)))), answer)
 
 
-def first_pressed(contact: Contact[Body] | None, system: System[Body], state: State[Body]) -> Flags:
+def pressed_pairs(contact: Contact[Body] | None, system: System[Body], state: State[Body]) -> Flags:
     """The pairs that the site forces of a state press in the step of a contact, shape `(k,)`."""
     if contact is None:
         return np.zeros(0, dtype=bool)
-    f = site_force(passage(system.thread, state.q, state.s), state.lam, state.y).ravel()
-    return pressed_under(contact, f, system.organ.lips(state.organ)[1] > 0.0)
+    f = site_force(system.passage(state.q, state.s), state.lam, state.y).ravel()
+    return find_pressed(contact, f, system.organ.lips(state.organ)[1] > 0.0)
 
 
-def contact_under(system: System[Body], f_y: Array, answer: Answer[Body]) -> Array:
+def solve_contact(system: System[Body], f_y: Array, answer: Answer[Body]) -> Array:
     """Return the contact forces of a step under given site forces `f_y` (9p,), shape `(k,)` [N]."""
     contact = contact_of(system, answer)
     if contact is None:
         return NO_FORCES
     f = np.pad(f_y, (0, NINE * len(system.clamps)))
-    return forces(contact, pressed_under(contact, f, np.zeros(len(contact.g_free), dtype=bool)), f)
+    return forces(contact, find_pressed(contact, f, np.zeros(len(contact.g_free), dtype=bool)), f)
 
 
 def forces(contact: Contact[Body], pressed: Flags, f: Array) -> Array:
     """p of all pairs under the site forces `f` (9m,), shape `(k,)` [N]; what is pulled by round-off is not."""
-    return np.maximum(answer(contact, pressed, contact.unpressed(f))[0], 0.0)
+    return np.maximum(forces_and_gaps(contact, pressed, contact.gaps_when_open(f))[0], 0.0)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from coupling.constraints import Array, Indices, Passage, passage
+from coupling.arrays import Array, Indices
+from coupling.constraints import Passage
 from coupling.errors import ConstraintError, CouplingError, StepError
 from coupling.interfaces import Body
 from coupling.system import State, System
@@ -27,7 +28,7 @@ def hold_names(system: System[Body]) -> list[str]:
 
 def faults(system: System[Body], state: State[Body]) -> list[str]:
     """One sentence for each thing that is wrong with the constraints in force in a state; none if they are sound."""
-    at = passage(system.thread, state.q, state.s)
+    at = system.passage(state.q, state.s)
     short = tangent_faults(system, state, at)
     return short or span_faults(system, state) or dependence_faults(system, state, at)
 
@@ -39,7 +40,7 @@ def refuse_faults(system: System[Body], state: State[Body]) -> None:
         raise ConstraintError(state.time, "; ".join(found))
 
 
-def diagnosed(system: System[Body], state: State[Body], error: StepError) -> CouplingError:
+def diagnose(system: System[Body], state: State[Body], error: StepError) -> CouplingError:
     """The constraints' fault where there is one, else the error of the step as it is."""
     found = faults(system, state)
     return ConstraintError(state.time, "; ".join(found)) if found else error
@@ -52,7 +53,7 @@ def tangent_faults(system: System[Body], state: State[Body], at: Passage) -> lis
     return [
         f"the thread's tangent has no length at {names[k]} (|dP/ds| = {length[k]:.2g}, 1 in an unstrained thread); "
         "take the path's kink or the slack away from it"
-        for k in np.flatnonzero(in_force(system, state) & (length < NO_TANGENT))
+        for k in np.flatnonzero(holds_in_force(system, state) & (length < NO_TANGENT))
     ]
 
 
@@ -64,7 +65,7 @@ def span_faults(system: System[Body], state: State[Body]) -> list[str]:
         f"{names[i]} (s = {state.s[i]:.6g} m) and {names[j]} (s = {state.s[j]:.6g} m) lie in one span of the spline, "
         f"{span_length(spline.breaks, span[i]):.3g} m long: there are too few control points between them for two "
         "directions; raise thread.control_points or thread.graded, or set direction to free at one of them"
-        for i, j in pairwise(in_order(system, state))
+        for i, j in pairwise(holds_along_thread(system, state))
         if span[i] == span[j] and conditions[i] + conditions[j] >= TRANSVERSE
     ]
 
@@ -109,20 +110,20 @@ def scaled_rows(system: System[Body], state: State[Body], at: Passage) -> tuple[
         full[hold, row, local, :3] = at.b[:, 1, :, None] * state.y[:, None, frame]
     used = system.rows & state.present[:, None]
     owner = np.nonzero(used)[0]
-    flat = full.reshape(m, 5, -1)[used]
+    flat = full.reshape(m, 5, n * c)[used]
     size = np.linalg.norm(flat, axis=1, keepdims=True)
     flat[:, system.held] = 0.0
     return flat / np.maximum(size, np.finfo(float).tiny), owner
 
 
-def in_force(system: System[Body], state: State[Body]) -> np.ndarray:
+def holds_in_force(system: System[Body], state: State[Body]) -> np.ndarray:
     """Holds that constrain the thread, shape `(m,)`."""
     return np.asarray(system.rows.any(axis=1) & state.present)
 
 
-def in_order(system: System[Body], state: State[Body]) -> list[int]:
+def holds_along_thread(system: System[Body], state: State[Body]) -> list[int]:
     """Holds in force along the thread."""
-    here = np.flatnonzero(in_force(system, state))
+    here = np.flatnonzero(holds_in_force(system, state))
     return [int(k) for k in here[np.argsort(state.s[here], kind="stable")]]
 
 

@@ -8,20 +8,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from coupling.constraints import Array
-from coupling.contact import first_pressed
+from coupling.arrays import Array
+from coupling.contact import pressed_pairs
 from coupling.diagnosis import refuse_drawn_out
 from coupling.errors import EquilibriumError, StepError
+from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body
-from coupling.newton import Iterate, Problem, Solution, solve
-from coupling.scheme import Equilibrium
-from coupling.sliding import law_of, prescribed
+from coupling.newton import Iterate, Problem, Solution, evaluate, solve
+from coupling.sliding import admissible_sigma, force_along_thread, law_of, prescribed, static_bound
 from coupling.stepping import (
     Step,
-    accepted,
+    accept_organ,
+    emptied_holds,
+    end_configuration,
     end_load,
-    ended,
-    left,
     reactions,
     refuse_inversion,
     release,
@@ -31,6 +31,7 @@ from coupling.system import State, System
 
 WEAKER = 10.0  # the tie is weakened by this factor after a success, tightened by its square root after a failure
 ATTEMPTS = 60
+LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
 LAID_TIE = (
     1e-4  # of the first tie, for a thread as it was laid: Newton alone might jump to an equilibrium that does not hold
 )
@@ -71,14 +72,14 @@ def settle(system: System[Body], state: State[Body], share: float, duration: flo
     Rough holes hold the thread while it is tied; where it has a long way to slide, they let it slide on the way too.
     """
     try:
-        return untied(system, state, share, duration, hold=True)
+        return relax_ties(system, state, share, duration, hold=True)
     except EquilibriumError:
         if not system.rough.any():
             raise
-    return untied(system, state, share, duration, hold=False)
+    return relax_ties(system, state, share, duration, hold=False)
 
 
-def untied(system: System[Body], state: State[Body], share: float, duration: float, hold: bool) -> Step[Body]:
+def relax_ties(system: System[Body], state: State[Body], share: float, duration: float, hold: bool) -> Step[Body]:
     """Equilibrium by ties that are weakened and dropped; `hold`: the rough holes hold the thread meanwhile."""
     answer = system.organ.answer(Equilibrium(), [state.organ])
     tie, now, failed = first_tie(system, state) * LAID_TIE if state.time == 0.0 else 0.0, state, None
@@ -86,18 +87,64 @@ def untied(system: System[Body], state: State[Body], share: float, duration: flo
         problem = static_problem(system, now, share, duration, tie, answer, state)
         if hold and tie > 0.0:
             problem = replace(problem, law=prescribed(problem.law, problem.law.rough, np.zeros(system.holds)))
+        first = guess(problem, now, state.sigma if hold else now.sigma)
+        held = hold and tie == 0.0 and now is not state
         try:
-            solution = solve(problem, guess(problem, now, state.slip if hold else now.slip))
+            solution = let_go(problem, first) if held else solve(problem, first)
         except StepError as error:
             failed = error
+            if held:
+                break
             tie = first_tie(system, now) if tie == 0.0 else tie * np.sqrt(WEAKER)
             continue
-        now, answer = settled(now, solution), solution.problem.answer
+        now, answer = equilibrium_state(now, solution), solution.problem.answer
         if tie == 0.0:
-            return Step(state, now, problem.dt, solution, ended(now, solution))
+            return Step(state, now, problem.dt, solution, end_configuration(now, solution))
         tie = 0.0 if tie < 1e-9 * first_tie(system, now) else tie / WEAKER
     cause, piercing = (failed.cause, failed.piercing) if failed else ("the ties could not be dropped", "")
     raise EquilibriumError(state.time, share * duration - state.time, cause, piercing, share)
+
+
+def let_go(problem: Problem[Body], held: Iterate) -> Solution[Body]:
+    """The equilibrium with friction near one in which the rough holes hold, at once if Newton finds it. Raises
+    `StepError`."""
+    try:
+        return solve(problem, held)
+    except StepError:
+        return let_down_friction(problem, held)
+
+
+def let_down_friction(problem: Problem[Body], held: Iterate) -> Solution[Body]:
+    """The equilibrium with friction, from one in which the rough holes hold: all friction is enlarged until it holds
+    them, then let down to its own, so that the thread slides no further at a time than Newton follows. Friction
+    opposes the way of each stage, for a hole may turn back on the way: what it takes of the whole way is then no more
+    than an estimate by the forces at the end. Raises `StepError`."""
+    z, ratio = replace(held, sigma=admissible_sigma(problem.law, np.zeros_like(held.s))), LOOSER
+    at, law = evaluate(problem, z).passage, problem.law
+    pull, bound = np.abs(force_along_thread(law, at, z.s, z.lam, z.y)), static_bound(law, at, z.lam, z.y)
+    firm = float(np.max(pull / np.maximum(bound, np.finfo(float).tiny), where=law.rough, initial=1.0))
+    iterations, failed = 0, StepError(problem.time - problem.dt, problem.dt, "the friction could not be let down")
+    for _ in range(ATTEMPTS):
+        factor = max(1.0, ratio * firm)
+        try:
+            here = replace(problem, law=replace(law, s_old=z.s, s_held=np.where(law.may_slide, z.s, law.s_held)))
+            solution = solve(with_friction(here, factor), z)
+        except StepError as error:
+            failed, ratio = error, np.sqrt(ratio)
+            continue
+        z, firm, ratio = solution.iterate, factor, max(LOOSER, ratio**2)
+        iterations += solution.iterations
+        if factor == 1.0:
+            answered = replace(problem, answer=solution.problem.answer)
+            return replace(solution, problem=answered, iterations=iterations)
+    raise failed
+
+
+def with_friction(problem: Problem[Body], factor: float) -> Problem[Body]:
+    """The problem with all friction multiplied."""
+    law = problem.law
+    more = {name: factor * getattr(law, name) for name in ("static", "kinetic", "grip")}
+    return replace(problem, law=replace(law, **more))
 
 
 def first_tie(system: System[Body], state: State[Body]) -> float:
@@ -107,14 +154,14 @@ def first_tie(system: System[Body], state: State[Body]) -> float:
     return float(stiffness / np.abs(thread.mass_band).max())
 
 
-def guess(problem: Problem[Body], state: State[Body], slip: Array) -> Iterate:
+def guess(problem: Problem[Body], state: State[Body], sigma: Array) -> Iterate:
     """Start from the last equilibrium, the prescribed ends moved on."""
     q = with_ends(state.q, problem.system, problem.time)
-    pressed = first_pressed(problem.contact, problem.system, state)
-    return Iterate(q, state.N, state.s, state.lam, state.y, slip, pressed=pressed)
+    pressed = pressed_pairs(problem.contact, problem.system, state)
+    return Iterate(q, state.N, state.s, state.lam, state.y, sigma, pressed=pressed)
 
 
-def settled(old: State[Body], solution: Solution[Body]) -> State[Body]:
+def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]:
     """Return the state of an equilibrium: at rest. Raises `InversionError`."""
     problem, z, residual = solution.problem, solution.iterate, solution.residual
     system = problem.system
@@ -124,12 +171,12 @@ def settled(old: State[Body], solution: Solution[Body]) -> State[Body]:
         q=z.q,
         v=np.zeros_like(z.q),
         N=z.N,
-        organ=accepted(solution),
+        organ=accept_organ(solution),
         s=z.s,
         s_dot=np.zeros_like(z.s),
         lam=np.where(problem.rows, z.lam, 0.0),
         y=z.y,
-        slip=z.slip,
+        sigma=z.sigma,
         reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.carried(old.frame, z.q),
     )
@@ -151,7 +198,7 @@ def load_step(
         middle = 0.5 * (state.time / duration + share)
         first = load_step(system, state, middle, duration, depth + 1)
         return first + load_step(system, first[-1].new, share, duration, depth + 1)
-    gone = left(system, step.old, step.new)
+    gone = emptied_holds(system, step.old, step.new)
     if gone.any():
         return load_step(system, release(state, gone), share, duration, depth)
     return [step]

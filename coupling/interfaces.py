@@ -11,13 +11,8 @@ into it.
 from collections.abc import Sequence
 from typing import Protocol, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from coupling.scheme import Scheme
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from coupling.arrays import Array
+from coupling.integrators import Scheme
 
 Body = TypeVar("Body")
 

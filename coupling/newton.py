@@ -17,28 +17,30 @@ from typing import Generic
 
 import numpy as np
 
-from coupling.answer import all_holds, padded
-from coupling.border import (
+from coupling.answer import all_holds, pad_compliance
+from coupling.arrays import Array, Flags
+from coupling.bordered import (
     NINE,
     PHI,
     Border,
     S,
     SingularError,
     Y,
-    direction,
+    drop_constraints,
     linearise,
-    without,
+    newton_direction,
+    own_stiffness,
 )
 from coupling.configuration import Configuration, evaluate_thread
-from coupling.constraints import Array, Passage, phi, site_force, spread, thread_force
-from coupling.contact import NO_FORCES, Contact, condensed, contact_of, first_of, forces, misfits, pressed_under
+from coupling.constraints import Passage, phi, site_force, spread, thread_force
+from coupling.contact import NO_FORCES, Contact, condense, contact_of, find_pressed, first_of, forces, misfits
 from coupling.errors import StepError
 from coupling.interfaces import Answer, Body
-from coupling.sliding import Law, admissible, linearise_law, next_slip
+from coupling.sliding import Law, admissible_sigma, linearise_law, next_sigma
 from coupling.sliding import residual as law_residual
-from coupling.system import Flags, System
+from coupling.system import System
+from thread.frames import Frame
 from thread.thread import Points
-from thread.twist import Frame
 
 MAX_ITERATIONS = 25  # for one active set of friction and contact
 MAX_SETS = 20  # and one more for every pair of lips that may touch
@@ -82,27 +84,27 @@ class Problem(Generic[Body]):
         return contact_of(self.system, self.answer)
 
     @cached_property
-    def met(self) -> tuple[Array, Array]:
+    def organ_at_holds(self) -> tuple[Array, Array]:
         """y_free, shape `(m, 9)`, and C, shape `(9m, 9m)`, of all holds, with the pairs that are closed."""
-        y_free, C = all_holds(self.system, self.answer.y_free), padded(self.system, self.answer.C)
+        y_free, C = all_holds(self.system, self.answer.y_free), pad_compliance(self.system, self.answer.C)
         if self.contact is None or not self.closed.any():
             return y_free, C
-        return condensed(self.contact, self.closed, y_free, C)
+        return condense(self.contact, self.closed, y_free, C)
 
     @property
     def y_free(self) -> Array:
         """Site variables of all holds without forces, shape `(m, 9)`."""
-        return self.met[0]
+        return self.organ_at_holds[0]
 
     @property
     def C(self) -> Array:
         """Compliance of all holds, shape `(9m, 9m)`."""
-        return self.met[1]
+        return self.organ_at_holds[1]
 
 
 @dataclass(frozen=True)
 class Iterate:
-    """Unknowns of a step: `q` (n, c), `N` (spans, g), `s` (m,), `lam` (m, 5), `y` (m, 9); active sets `slip` (m,)
+    """Unknowns of a step: `q` (n, c), `N` (spans, g), `s` (m,), `lam` (m, 5), `y` (m, 9); active sets `sigma` (m,)
     of the friction and `pressed` (k,) of the contact, whose forces follow from the others.
     """
 
@@ -111,7 +113,7 @@ class Iterate:
     s: Array
     lam: Array
     y: Array
-    slip: Array
+    sigma: Array
     pressed: Flags = field(default_factory=lambda: NO_PAIRS, kw_only=True)
 
 
@@ -119,13 +121,15 @@ class Iterate:
 class Residual:
     """Residuals at an iterate, and what the tangent needs again.
 
-    `configuration`: the thread evaluated there; `f_y` (m, 9): site forces Φ_yᵀλ; `thread` (n, c) [N, with twist N m]
+    `configuration`: the thread evaluated there; `f_y` (m, 9): site forces Φ_yᵀλ;
+    `push` (n, 3) [N]: Φ_qᵀλ, forces of the holes on the control points; `thread` (n, c) [N, with twist N m]
     (at held unknowns: the reaction), `holds` (m, 6): law of sliding, Φ; `site` (m, 9); `force_scale` [N],
     `torque_scale` [N m].
     """
 
     configuration: Configuration
     f_y: Array
+    push: Array
     thread: Array
     holds: Array
     site: Array
@@ -163,20 +167,21 @@ class Solution(Generic[Body]):
 def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
     """All residuals of a step."""
     thread = problem.system.thread
-    now = evaluate_thread(thread, z.q, z.s, problem.frame, home=problem.law.s_old)
+    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, home=problem.law.s_old)
     at, elastic = now.at, now.elastic
-    balance = elastic - problem.load
-    balance[:, :3] -= spread(thread_force(z.lam, z.y), at, thread.n)
+    balance, push = elastic - problem.load, spread(thread_force(at, z.lam, z.y), at, thread.n)
+    balance[:, :3] -= push
     if problem.mass_factor:
         balance += problem.mass_factor * thread.momentum(z.q - problem.q_ref)
     holds = np.empty((len(z.s), 6))
-    holds[:, S] = law_residual(problem.law, z.slip, at, z.s, z.lam, z.y)
+    holds[:, S] = law_residual(problem.law, z.sigma, at, z.s, z.lam, z.y)
     holds[:, PHI] = np.where(problem.rows, phi(at, z.lam, z.y), z.lam)
     f_y = site_force(at, z.lam, z.y)
     scale = max(np.abs(elastic[:, :3]).max(), np.abs(problem.load[:, :3]).max(), np.abs(z.lam[:, :3]).max(initial=0.0))
     return Residual(
         now,
         f_y,
+        push,
         balance,
         holds,
         site_residual(problem, z, f_y),
@@ -208,7 +213,7 @@ def force_tolerance(problem: Problem[Body], r: Residual) -> float:
     return FORCE_TOLERANCE * r.force_scale + ROUND_OFF * (thread.EA + inertia)
 
 
-def converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
+def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
     """Whether every equation holds to its tolerance, each relative to a named scale."""
     thread = problem.system.thread
     force = force_tolerance(problem, r)
@@ -217,7 +222,7 @@ def converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
     free.ravel()[problem.system.held] = 0.0
     torque = max(force * thread.section.diameter, FORCE_TOLERANCE * r.torque_scale)
     limits = np.empty_like(r.holds)
-    limits[:, S] = np.where(z.slip == 0.0, gap, force)
+    limits[:, S] = np.where(z.sigma == 0.0, gap, force)
     limits[:, PHI] = np.where(problem.rows, (gap, gap, gap, DIRECTION_TOLERANCE, DIRECTION_TOLERANCE), force)
     site = np.abs(r.site)
     return bool(
@@ -232,11 +237,13 @@ def converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
 def border_of(problem: Problem[Body], z: Iterate, at: Passage) -> Border:
     """Linearised holds, with the rows of constraints that are not in force replaced by λ = 0."""
     border = linearise(at, z.lam, z.y)
-    linearise_law(border, problem.law, z.slip, at, z.lam, z.y)
-    return border if problem.rows.all() else without(border, ~problem.rows)
+    linearise_law(border, problem.law, z.sigma, at, z.lam, z.y)
+    return border if problem.rows.all() else drop_constraints(border, ~problem.rows)
 
 
-def stiffened(problem: Problem[Body], A: Array, border: Border, r: Residual) -> tuple[Array, Border, Array]:
+def add_constraint_stiffness(
+    problem: Problem[Body], A: Array, border: Border, r: Residual
+) -> tuple[Array, Border, Array]:
     """Add Φ_qᵀ Γ (Φ_q dq + … + Φ) to the thread's equations: the same solution, and a matrix that is regular although
     without the constraints the thread could move or turn freely (statics). Γ is of the size of the band's diagonal."""
     thread = problem.system.thread
@@ -255,24 +262,34 @@ def stiffened(problem: Problem[Body], A: Array, border: Border, r: Residual) -> 
     return A, replace(border, E=E), r_q
 
 
-def cut(problem: Problem[Body], dq: Array) -> float:
+def allowed_share(problem: Problem[Body], dq: Array) -> float:
     """The part of a correction that is taken: all of it, or what moves no control point further than LONGEST_MOVE."""
     thread = problem.system.thread
     spline, longest = thread.spline, float(np.abs(dq * thread.lever).max())
     return min(1.0, LONGEST_MOVE * (spline.end - spline.start) / max(longest, np.finfo(float).tiny))
 
 
+def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
+    """The thread's own matrix, banded: inertia, stiffness, and what a force along it does at a hole without direction
+    (`coupling.bordered.own_stiffness`)."""
+    at, thread = r.passage, problem.system.thread
+    A = thread.tangent(r.points, z.N)
+    A += problem.inertia
+    if not (at.bare or at.directed.all()):
+        A += thread.band_at(at.first, own_stiffness(at, z.lam, z.y))
+    return A
+
+
 def correct(problem: Problem[Body], z: Iterate, r: Residual) -> Iterate:
     """One Newton correction. Raises `SingularError`."""
     thread = problem.system.thread
-    A = thread.tangent(r.points, z.N)
-    A += problem.inertia
+    A = thread_matrix(problem, z, r)
     border, r_q = border_of(problem, z, r.passage), r.thread
     if problem.stiffen:
-        A, border, r_q = stiffened(problem, A, border, r)
+        A, border, r_q = add_constraint_stiffness(problem, A, border, r)
     A = problem.system.hold_still(A)
-    dq, dz = direction(A, problem.system.held, border, problem.C, r.passage, r_q, r.holds, r.site)
-    share = cut(problem, dq)
+    dq, dz = newton_direction(A, problem.system.held, border, problem.C, r.passage, r_q, r.holds, r.site)
+    share = allowed_share(problem, dq)
     dq, dz = share * dq, share * dz
     N = thread.next_axial_force(r.points, dq)
     return replace(z, q=z.q + dq, N=N, s=z.s + dz[:, S], lam=z.lam + dz[:, PHI], y=z.y + dz[:, Y])
@@ -289,7 +306,7 @@ def solve(problem: Problem[Body], start: Iterate, correct: Corrector[Body] = cor
     is solved out before it is judged. Where a set comes back, one hole or pair changes at a time, the first that has to
     (Murty's least-index rule); what is not at rest after MAX_SETS is given up.
     """
-    z, iterations = replace(start, slip=admissible(problem.law, start.slip)), 0
+    z, iterations = replace(start, sigma=admissible_sigma(problem.law, start.sigma)), 0
     seen: set[bytes] = set()
     for _ in range(MAX_SETS + len(z.pressed)):
         solution = solve_set(replace(problem, closed=z.pressed), z, correct)
@@ -307,7 +324,7 @@ def solve(problem: Problem[Body], start: Iterate, correct: Corrector[Body] = cor
 
 def sets_of(z: Iterate) -> bytes:
     """The active sets of an iterate, to know them again."""
-    return z.slip.tobytes() + z.pressed.tobytes()
+    return z.sigma.tobytes() + z.pressed.tobytes()
 
 
 def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: set[bytes]) -> Iterate:
@@ -316,17 +333,17 @@ def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: set[by
     Pairs are judged to round-off first, and within what the solve leaves open only where that leads back.
     """
     margin = MARGIN * force_tolerance(problem, r)
-    slip = next_slip(problem.law, z.slip, r.passage, z.s, z.lam, z.y, margin)
+    sigma = next_sigma(problem.law, z.sigma, r.passage, z.s, z.lam, z.y, margin)
     contact = problem.contact
-    pressed = z.pressed if contact is None else pressed_under(contact, r.f_y.ravel(), z.pressed)
-    fitting = replace(z, slip=slip, pressed=pressed)
-    if np.array_equal(slip, z.slip) and np.array_equal(pressed, z.pressed):
+    pressed = z.pressed if contact is None else find_pressed(contact, r.f_y.ravel(), z.pressed)
+    fitting = replace(z, sigma=sigma, pressed=pressed)
+    if np.array_equal(sigma, z.sigma) and np.array_equal(pressed, z.pressed):
         return z
     if sets_of(fitting) not in seen:
         return fitting
-    other = slip != z.slip
+    other = sigma != z.sigma
     if other.any():
-        return replace(z, slip=np.where(first_of(other), slip, z.slip))
+        return replace(z, sigma=np.where(first_of(other), sigma, z.sigma))
     wrong = NO_PAIRS if contact is None else misfits(contact, r.f_y.ravel(), z.pressed, margin)
     return replace(z, pressed=z.pressed ^ first_of(wrong)) if wrong.any() else z
 
@@ -343,7 +360,7 @@ def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body]) -> S
         if not np.isfinite(r.force_scale) or not np.all(np.isfinite(r.thread)):
             raise failure(problem, r, "a force is not finite: the iteration ran away, or a load is not a number")
         problem, r, stands = follow(problem, z, r)
-        if stands and converged(problem, z, r):
+        if stands and is_converged(problem, z, r):
             if problem.system.thread.turned_too_far(problem.frame, z.q):
                 raise failure(problem, r, "a tangent turned by more than 120°, further than the twist can follow")
             return Solution(problem, z, r, iteration)

@@ -4,22 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coupling.arrays import Array, Indices
 from coupling.configuration import Configuration, configuration_of
-from coupling.constraints import (
-    LOCAL,
-    Array,
-    Indices,
-    Passage,
-    couple_on_thread,
-    passage,
-    site_force,
-    tangent,
-    thread_force,
-)
+from coupling.constraints import LOCAL, Passage, couple_on_thread, phi, site_force, tangent, thread_force
+from coupling.integrators import Equilibrium
 from coupling.interfaces import Body
-from coupling.scheme import Equilibrium
-from coupling.sliding import cone_residual, law_of
+from coupling.sliding import Law, cone_residual, law_of, normal_force
 from coupling.system import State, System
+from thread.vectors import dot
+
+BEND = 5.0  # lengths √(EI/T) over which a bend at a hole falls to less than 1 % of its angle
 
 
 @dataclass(frozen=True)
@@ -27,11 +21,12 @@ class PiercingObservation:
     """One piercing at one time.
 
     `s`, `slip` [m, thread drawn through towards rising s at the end of the thread since the start]; `x`,
-    `displacement`, `tangent` (unit), `u`, `v` (3,); `force` (3,) [N] of the hole on the thread, `normal_force` |λ_n|,
-    `tangential_force` λ·t [N]; `couple` (3,) [N m] of the direction constraint on the thread; `tension_before`,
-    `tension_after` [N] at lower and higher s; `state`: "stick", "slip", "anchored" or "left"; `cone_residual` [N], by
-    how much the force along the thread breaks Coulomb's law (`coupling.sliding.cone_residual`; what accelerates an
-    abscissa with ε counts as well).
+    `displacement`, `tangent` (unit), `u`, `v` (3,); `force` (3,) [N] of the hole on the thread, `tangential_force` λ·t
+    [N], `normal_force` [N] that of the law of sliding (`coupling.sliding.normal_force`), with the couple's share where
+    the hole has a `channel` [m], None where it has none; `couple` (3,) [N m] of the direction constraint on the thread;
+    `tension_before`, `tension_after` [N] of the strands at lower and higher s (`axial_force`); `state`: "stick",
+    "slip", "anchored" or "left"; `cone_residual` [N], by how much the force along the thread breaks Coulomb's law
+    (`coupling.sliding.cone_residual`; what accelerates an abscissa with ε counts as well).
     """
 
     name: str
@@ -50,6 +45,7 @@ class PiercingObservation:
     u: Array
     v: Array
     cone_residual: float
+    channel: float | None = None
 
 
 def observe(
@@ -64,13 +60,20 @@ def observe(
     _, t = tangent(at, state.lam, state.y)
     couple = couple_on_thread(at, state.lam, state.y)
     internal = now.elastic[:, :3]
-    shares = at.b[:, :2].swapaxes(1, 2) @ thread_force(state.lam, state.y)
-    cone = broken_cones(system, state, at)
+    shares = at.b[:, :2].swapaxes(1, 2) @ thread_force(at, state.lam, state.y)
+    holes = range(len(system.piercings))
+    transmitted = np.array([transmitted_forces(internal, at.first, shares, state.s, k) for k in holes]).reshape(
+        -1, 2, 3
+    )
+    law = law_of(system, state.s, state.present, 0.0, state.s)
+    normal = normal_force(at, state.lam, state.y, law.per_channel)
+    cone = broken_cones(system, law, state, at)
+    tensions = axial_forces(system, state, transmitted)
     out = []
     for k, piercing in enumerate(system.piercings):
         force, y = state.lam[k, :3], state.y[k]
         along = float(force @ t[k])
-        before, after = tensions(internal, at.first, shares, state.s, k, t[k])
+        before, after = tensions[k]
         out.append(
             PiercingObservation(
                 name=piercing.name,
@@ -79,16 +82,17 @@ def observe(
                 x=y[:3],
                 displacement=y[:3] - system.organ.y0.reshape(-1, 9)[k, :3],
                 force=force,
-                normal_force=float(np.linalg.norm(force - along * t[k])),
+                normal_force=float(normal[k]),
                 tangential_force=along,
                 couple=couple[k],
-                tension_before=before,
-                tension_after=after,
+                tension_before=float(before),
+                tension_after=float(after),
                 state=sliding_state(system, state, k),
                 tangent=t[k],
                 u=y[3:6],
                 v=y[6:],
                 cone_residual=float(cone[k]),
+                channel=piercing.friction.channel if piercing.friction else None,
             )
         )
     return tuple(out)
@@ -96,7 +100,7 @@ def observe(
 
 def site_forces(system: System[Body], state: State[Body]) -> Array:
     """Return the forces f_y on the organ conjugate to y, shape `(p, 9)` [N, N m]."""
-    at = passage(system.thread, state.q, state.s)
+    at = system.passage(state.q, state.s)
     return site_force(at, state.lam, state.y)[: len(system.piercings)]
 
 
@@ -105,12 +109,29 @@ def site_compliance(system: System[Body], state: State[Body]) -> Array:
     return system.organ.answer(Equilibrium(), [state.organ]).C
 
 
-def broken_cones(system: System[Body], state: State[Body], at: Passage) -> Array:
+def broken_cones(system: System[Body], law: Law, state: State[Body], at: Passage) -> Array:
     """Return by how much the force along the thread breaks Coulomb's law at every hold, shape `(m,)` [N]."""
     if not system.rough.any():
         return np.zeros(system.holds)
-    law = law_of(system, state.s, state.present, 0.0, state.s)
-    return cone_residual(law, state.slip, at, state.s, state.lam, state.y)
+    return cone_residual(law, state.sigma, at, state.s, state.lam, state.y)
+
+
+def largest_gap(system: System[Body], state: State[Body], at: Passage) -> float:
+    """Return the largest |P(s) − x| of the drawn curve over the holes the thread is in [m]: what the spline lacks in
+    compliance there, and the residual."""
+    return largest_at_holes(system, state, at.P - state.y[:, :3])
+
+
+def largest_residual(system: System[Body], state: State[Body], at: Passage | None = None) -> float:
+    """Return the largest |P̂ − x| over the holes the thread is in [m]: what the solve leaves open of the constraint."""
+    at = at or system.passage(state.q, state.s)
+    return largest_at_holes(system, state, phi(at, state.lam, state.y)[:, :3])
+
+
+def largest_at_holes(system: System[Body], state: State[Body], gap: Array) -> float:
+    """Return the length of the longest of vectors (holds, 3) at the holes the thread is in."""
+    size = np.linalg.norm(gap, axis=1)
+    return float(np.max(size[system.rows[:, 0] & state.present], initial=0.0))
 
 
 def sliding_state(system: System[Body], state: State[Body], k: int) -> str:
@@ -119,26 +140,50 @@ def sliding_state(system: System[Body], state: State[Body], k: int) -> str:
         return "left"
     if not system.piercings[k].slides:
         return "anchored"
-    return "slip" if state.slip[k] else "stick"
+    return "slip" if state.sigma[k] else "stick"
 
 
-def tensions(internal: Array, first: Indices, shares: Array, s: Array, k: int, t: Array) -> tuple[float, float]:
-    """Tension just before and after hole k [N], from the elastic forces (n, 3) on the control points.
+def transmitted_forces(internal: Array, first: Indices, shares: Array, s: Array, k: int) -> tuple[Array, Array]:
+    """Force that the thread transmits just before and just after hole k, of what lies beyond on what lies before, each
+    `(3,)` [N], from the elastic forces (n, 3) on the control points.
 
     ψ = Σ b_i over the points beyond the hole rises from 0 to 1 over the spans next to it, so the sum of their elastic
     forces is the force ∫(EA ε T + …)·ψ' ds that the thread transmits there: in equilibrium exactly the pull on that
     side. A pointwise strain would not do, since a C² curve cannot jump at the hole. What another hole puts on the
     points on this one's far side, `shares` (m, 4, 3) at the points from `first` (m,) on, is counted with the others of
-    its side. The sign is that of the component along the tangent `t`; a push is negative. Zero where no point lies
-    beyond.
+    its side. Zero where no point lies beyond.
     """
     points = first[:, None] + LOCAL
     beyond, behind = points >= first[k], points < first[k] + len(LOCAL)
     before = -internal[: first[k]].sum(axis=0) - shares[beyond & (s < s[k])[:, None]].sum(axis=0)
     after = internal[first[k] + len(LOCAL) :].sum(axis=0) + shares[behind & (s > s[k])[:, None]].sum(axis=0)
-    return signed_length(before, t), signed_length(after, t)
+    return before, after
 
 
-def signed_length(force: Array, t: Array) -> float:
-    """|F| with the sign of F·t."""
-    return float(np.copysign(np.linalg.norm(force), force @ t))
+def axial_forces(system: System[Body], state: State[Body], forces: Array) -> Array:
+    """Return the tensions F·t of the strands before and after every hole, shape `(p, 2)` [N], a push negative, from the
+    `forces` (p, 2, 3) [N] that they transmit.
+
+    In the bend at the hole a part of F is shear, and the tangent is that of the hole. So t is taken where the bend has
+    died out, BEND lengths √(EI/|F|) along the strand, or in the middle of a strand that is shorter: without a load
+    between, the same tension at both its ends.
+    """
+    sizes, places = np.linalg.norm(forces, axis=2), np.empty(forces.shape[:2])
+    for k, side in np.ndindex(*places.shape):
+        low, high = strand(system, state, k, 2 * side - 1)
+        bend = np.sqrt(system.thread.EI / max(sizes[k, side], np.finfo(float).tiny))
+        way = min(BEND * float(bend), 0.5 * (high - low))
+        places[k, side] = low + way if side else high - way
+    tangents = system.thread.spline.curve(state.q[:, :3], places.ravel())[:, 1].reshape(forces.shape)
+    return dot(forces, tangents) / np.linalg.norm(tangents, axis=2)
+
+
+def strand(system: System, state: State, k: int, side: int) -> tuple[float, float]:
+    """Abscissae between which the thread is in no hole, from hole k on or up to it [m]."""
+    spline, s, p = system.thread.spline, state.s, len(system.piercings)
+    ends = spline.piece_ends[spline.piece_of(s[k]) + np.arange(2)]
+    here = float(np.clip(s[k], *ends))
+    others = s[:p][state.present[:p]]
+    if side > 0:
+        return here, float(others[others > s[k]].min(initial=ends[1]))
+    return float(others[others < s[k]].max(initial=ends[0])), here

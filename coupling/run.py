@@ -14,17 +14,20 @@ from typing import Generic
 
 import numpy as np
 
-from coupling.adapting import INTERVAL, Resolution, followed
-from coupling.audit import Energies, audited, initial_energies
+from coupling.adaptivity import INTERVAL, Resolution, adapt_when_due
+from coupling.arrays import Array
+from coupling.audit import Energies, audit_step, initial_energies
 from coupling.configuration import Configuration, configuration_of
-from coupling.constraints import Array
+from coupling.constraints import held_energy
 from coupling.equilibrium import load_step
-from coupling.events import Event, booked, noticed, scheduled
+from coupling.events import Event, find_events
+from coupling.impact import begin_piercing
 from coupling.interfaces import Body
-from coupling.stepping import HALVINGS, Step, Take, advance, try_step
+from coupling.stepping import HALVINGS, Step, Take, advance, release, try_step
 from coupling.system import State, System
 
 EQUILIBRIA = 4  # further ones of a load step at most, on knots that fit the one before
+ON_TIME = 1e-9  # of a step: a time this near the end of a step is that of its end
 
 
 @dataclass(frozen=True)
@@ -97,29 +100,29 @@ class Run(Generic[Body]):
         """The run after the steps `taken`, booked and with what was noticed in them."""
         energies = self.energies
         for step in taken:
-            energies = audited(self.system, energies, step)
+            energies = audit_step(self.system, energies, step)
         return replace(
             self,
             state=taken[-1].new,
             configuration=taken[-1].end,
             energies=energies,
             taken=self.taken + tuple(taken),
-            events=self.events + tuple(noticed(self.system, self.state, taken)),
+            events=self.events + tuple(find_events(self.system, self.state, taken)),
         )
 
     def refitted(self, dt: float, due: bool) -> "Run[Body]":
         """The run on the knots that fit its state, itself where they do already; `due` to be looked at, or not."""
         if self.resolution is None:
             return self
-        system, state, knots = followed(self.resolution, self.system, self.state, dt, due)
+        system, state, knots = adapt_when_due(self.resolution, self.system, self.state, dt, due)
         if not knots:
             return self
-        energies = booked(system, self.energies, state, knots)
+        energies = book_events(system, self.energies, state, knots)
         return replace(self, system=system, state=state, energies=energies, events=self.events + tuple(knots))
 
     def _scheduled(self, earlier: float, dt: float) -> "Run[Body]":
         """The run after the piercings that end or begin later than `earlier` [s]."""
-        state, due = scheduled(self.system, earlier, self.state, dt, self.given)
+        state, due = schedule_piercings(self.system, earlier, self.state, dt, self.given)
         run = replace(self, number=self.number + 1, fresh=False)
         if not due:
             return run
@@ -127,7 +130,7 @@ class Run(Generic[Body]):
             run,
             state=state,
             configuration=configuration_of(self.system, state),
-            energies=booked(self.system, self.energies, state, due),
+            energies=book_events(self.system, self.energies, state, due),
             s_begun=np.where(state.present & ~self.state.present, state.s, self.s_begun),
             events=self.events + tuple(due),
         )
@@ -153,4 +156,45 @@ def begin(
         given=nearest if given is None else given,
         configuration=configuration_of(system, state),
         halvings=halvings,
+    )
+
+
+def schedule_piercings(
+    system: System[Body], earlier: float, state: State[Body], dt: float, given: Array
+) -> tuple[State[Body], list[Event]]:
+    """The state after every piercing that ends or begins later than `earlier` [s] and not after the state's time.
+
+    `dt` [s] is the step; `given` (p,) [m] the abscissae of piercings that begin, NaN where the thread's nearest place
+    is taken. Raises `FormingError`, `ConstraintError`.
+    """
+    out = []
+    for k, piercing in enumerate(system.piercings):
+        if state.present[k] and is_due(piercing.ends, earlier, state.time, dt):
+            let_go = float(held_energy(system.passage(state.q, state.s), state.lam, state.y)[k])
+            out.append(Event(state.time, "ends", piercing.name, float(state.s[k]), loss=let_go))
+            state = release(state, np.arange(system.holds) == k)
+    for k, piercing in enumerate(system.piercings):
+        if not state.present[k] and is_due(piercing.begins, earlier, state.time, dt):
+            state, event = begin_piercing(system, state, k, dt, float(given[k]))
+            out.append(event)
+    return state, out
+
+
+def is_due(time: float, earlier: float, now: float, dt: float) -> bool:
+    """Whether a time lies after `earlier` and not after `now` [s]."""
+    return earlier < time - ON_TIME * dt <= now
+
+
+def book_events(system: System[Body], energies: Energies, state: State[Body], events: list[Event]) -> Energies:
+    """The audit after events: what was done to draw the thread in is external work, the impulse's loss numerical."""
+    if not events:
+        return energies
+    now = initial_energies(system, state)
+    return replace(
+        energies,
+        kinetic=now.kinetic,
+        elastic_thread=now.elastic_thread,
+        elastic_tissue=now.elastic_tissue,
+        external_work=energies.external_work + sum(event.work for event in events),
+        numerical_dissipation=energies.numerical_dissipation + sum(event.loss for event in events),
     )

@@ -8,8 +8,14 @@ that presses it on the hole:
     drawn          s = s_old − Δd        a hand draws the length Δd through the hole, whatever it takes
     slip           f = σ (F₀ + μ_k N),   σ = sign(ds/dt)
 
-N = |λ_n| (+ |μ|/ℓ_c with a channel of length ℓ_c), λ_n the part of the multipliers of g across the thread (§4.3). The
-thread's velocity relative to the hole is v_t = −|T̂| ds/dt, so friction dissipates (F₀ + μ_k N)|T̂||ds/dt|.
+N = |λ_n| of a hole without length, λ_n the part of λ across the thread (§4.3). A channel of length ℓ_c that imposes the
+direction presses at both its ends: each bears half of λ_n, and the couple t × m, m = μ_u u + μ_v v, is a force m/ℓ_c at
+the one and −m/ℓ_c at the other, so
+
+    N = |λ_n/2 + m/ℓ_c| + |λ_n/2 − m/ℓ_c|
+
+which is max(|λ_n|, 2|m|/ℓ_c) where both lie in a plane with the thread. The thread's velocity relative to the hole is
+v_t = −|T̂| ds/dt, so friction dissipates (F₀ + μ_k N)|T̂||ds/dt|.
 
 Which of stick and slip holds is an active set, σ ∈ {−1, 0, 1} a hold. It changes only between solved iterates: one on
 the way has forces that mean nothing, and where μ_k < μ_s both may hold, so that a wrong change would stand.
@@ -22,10 +28,25 @@ from functools import cached_property
 
 import numpy as np
 
-from coupling.border import AT_K, AT_T, BORDER, LAM, MU_U, MU_V, Border, S, U, V, by_multipliers
-from coupling.constraints import Array, Passage, dot, driving_force, held_energy, met, moment_arm, phi_s, tangent
+from coupling.arrays import Array, Flags
+from coupling.bordered import AT_K, AT_T, BORDER, LAM, MU_U, MU_V, Border, S, U, V, own_axis_rate
+from coupling.constraints import (
+    Parts,
+    Passage,
+    axis_force,
+    driving_force,
+    effective_place,
+    force_on_tangent,
+    held_energy,
+    own_axis,
+    parts,
+    phi_s,
+    shrinkage,
+    tangent,
+)
 from coupling.interfaces import Body
-from coupling.system import Flags, System
+from coupling.system import System
+from thread.vectors import cross, dot
 
 
 @dataclass(frozen=True)
@@ -73,11 +94,22 @@ def prescribed(law: Law, held: Flags, injected: Array) -> Law:
     return replace(law, rough=smooth, may_slide=law.may_slide & ~held, injected=injected)
 
 
+def channel_forces(lam: Array, y: Array, per_channel: Array) -> Array:
+    """λ/2 ± m/ℓ_c, the force of each end of the channel on the thread, shape `(2, m, 3)` [N]."""
+    half, couple = 0.5 * lam[:, :3], per_channel[:, None] * force_on_tangent(lam, y)
+    return np.stack([half + couple, half - couple])
+
+
+def part_across(force: Array, t: Array) -> Array:
+    """The part of forces `(2, m, 3)` across the unit tangents `t` (m, 3)."""
+    return force - dot(force, t)[..., None] * t
+
+
 def normal_force(thread: Passage, lam: Array, y: Array, per_channel: Array) -> Array:
-    """Force that presses the thread on the hole, |λ_n| + |μ|/ℓ_c, shape `(m,)` [N]."""
-    _, t = tangent(thread, lam, y)
-    across = lam[:, :3] - dot(lam[:, :3], t)[:, None] * t
-    return np.asarray(np.linalg.norm(across, axis=1) + per_channel * np.linalg.norm(lam[:, 3:], axis=1))
+    """N = |λ_n/2 + m/ℓ_c| + |λ_n/2 − m/ℓ_c|, what presses the thread on the hole; |λ_n| without a channel, shape `(m,)`
+    [N]."""
+    ends = part_across(channel_forces(lam, y, per_channel), tangent(thread, lam, y)[1])
+    return np.asarray(np.linalg.norm(ends, axis=2).sum(axis=0))
 
 
 def net_drive(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
@@ -85,7 +117,7 @@ def net_drive(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Arra
     return driving_force(thread, lam, y) - law.inertia * (s - law.s_free)
 
 
-def along(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
+def force_along_thread(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
     """f, the driving force along the unit tangent, shape `(m,)` [N]."""
     return np.asarray(net_drive(law, thread, s, lam, y) / tangent(thread, lam, y)[0])
 
@@ -100,75 +132,127 @@ def kinetic_bound(law: Law, thread: Passage, lam: Array, y: Array) -> Array:
     return np.asarray(law.grip + law.kinetic * normal_force(thread, lam, y, law.per_channel))
 
 
-def admissible(law: Law, slip: Array) -> Array:
+def admissible_sigma(law: Law, sigma: Array) -> Array:
     """The active set made to fit the holds: an ideal hole slides, one that may not slide sticks, shape `(m,)`."""
-    return np.where(law.may_slide, np.where(law.rough, slip, 1.0), 0.0)
+    return np.where(law.may_slide, np.where(law.rough, sigma, 1.0), 0.0)
 
 
-def next_slip(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, y: Array, margin: float) -> Array:
+def next_sigma(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array, margin: float) -> Array:
     """Active set after a solved iterate: a stuck point slips when f leaves the static cone by more than the `margin`
     [N] of the solve, a slipping one sticks when it moved against its own friction. Shape `(m,)`, in {−1, 0, 1}."""
     if not law.rough.any():
-        return admissible(law, slip)
-    f = along(law, thread, s, lam, y)
+        return admissible_sigma(law, sigma)
+    f = force_along_thread(law, thread, s, lam, y)
     from_stick = np.where(np.abs(f) > static_bound(law, thread, lam, y) + margin, np.sign(f), 0.0)
-    from_slip = np.where(slip * (s - law.s_old) < 0.0, 0.0, slip)
-    return admissible(law, np.where(slip == 0.0, from_stick, from_slip))
+    from_slip = np.where(sigma * (s - law.s_old) < 0.0, 0.0, sigma)
+    return admissible_sigma(law, np.where(sigma == 0.0, from_stick, from_slip))
 
 
-def cone_residual(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
+def cone_residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
     """By how much the force along the thread breaks Coulomb's law, shape `(m,)` [N], zero where it is obeyed.
 
     Stick: what |f| exceeds F₀ + μ_s N by; slip: how far f is from σ (F₀ + μ_k N). Zero for a hold without friction.
     """
-    f = along(law, thread, s, lam, y)
+    f = force_along_thread(law, thread, s, lam, y)
     stuck = np.maximum(np.abs(f) - static_bound(law, thread, lam, y), 0.0)
-    slipping = np.abs(f - slip * kinetic_bound(law, thread, lam, y))
-    return np.where(law.rough & law.may_slide, np.where(slip == 0.0, stuck, slipping), 0.0)
+    slipping = np.abs(f - sigma * kinetic_bound(law, thread, lam, y))
+    return np.where(law.rough & law.may_slide, np.where(sigma == 0.0, stuck, slipping), 0.0)
 
 
-def residual(law: Law, slip: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
+def residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
     """Left-hand side of the law, shape `(m,)`: [N] where the thread slides, [m] where it is held."""
     drive = net_drive(law, thread, s, lam, y)
     if law.ideal:
-        return np.where(slip == 0.0, s - law.s_held, drive)
-    given = law.injected + law.rough * slip * kinetic_bound(law, thread, lam, y)
-    return np.where(slip == 0.0, s - law.s_held, drive - tangent(thread, lam, y)[0] * given)
+        return np.where(sigma == 0.0, s - law.s_held, drive)
+    given = law.injected + law.rough * sigma * kinetic_bound(law, thread, lam, y)
+    return np.where(sigma == 0.0, s - law.s_held, drive - tangent(thread, lam, y)[0] * given)
 
 
-def linearise_law(border: Border, law: Law, slip: Array, thread: Passage, lam: Array, y: Array) -> None:
+def linearise_law(border: Border, law: Law, sigma: Array, thread: Passage, lam: Array, y: Array) -> None:
     """Write the row of s into a border under construction."""
-    arm, force = moment_arm(lam, y), lam[:, :3]
-    row_T, row = force.copy(), np.zeros((len(lam), BORDER))
-    d_phi, T_s = phi_s(thread, lam, y), met(thread, lam, y, 1)[1]
+    row_T, row_K, row = lam[:, :3].copy(), force_on_tangent(lam, y), np.zeros((len(lam), BORDER))
+    d_phi, T_s = phi_s(thread, lam, y), effective_place(thread, lam, y, 1)[1]
     row[:, LAM], row[:, MU_U], row[:, MU_V] = d_phi[:, :3], d_phi[:, 3], d_phi[:, 4]
     row[:, U], row[:, V] = lam[:, 3:4] * T_s, lam[:, 4:5] * T_s
-    row[:, S] = dot(force, thread.K) + dot(arm, thread.J) + held_energy(thread, lam, y, 2) - law.inertia
+    row[:, S] = dot(row_T, thread.K) + dot(row_K, thread.J) + held_energy(thread, lam, y, 2) - law.inertia
+    if not thread.bare:
+        turn = add_turning(row, thread, lam, y)
+        row_T, row_K = row_T + turn[0], row_K + turn[1]
     if not law.ideal:
-        row_T += add_friction(row, law, slip, thread, lam, y)
-    sliding = (slip != 0.0)[:, None]
+        friction = add_friction(row, law, sigma, thread, lam, y)
+        row_T, row_K = row_T + friction[0], row_K + friction[1]
+    sliding = (sigma != 0.0)[:, None]
     held = np.zeros((1, BORDER))
     held[0, S] = 1.0
-    border.B[:, S, AT_T], border.B[:, S, AT_K] = row_T * sliding, arm * sliding
+    border.B[:, S, AT_T], border.B[:, S, AT_K] = row_T * sliding, row_K * sliding
     border.D[:, S] = np.where(sliding, row, held)
 
 
-def add_friction(row: Array, law: Law, slip: Array, thread: Passage, lam: Array, y: Array) -> Array:
-    """Subtract the derivative of |T̂|(injected + σ(F₀ + μ_k N)) from the row of s; its part by T, `(m, 3)`, is
-    returned, what T̂ owes to the other unknowns added to the row as well."""
+def add_turning(row: Array, thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
+    """Add the slope of the missing compliance's share in the driving force by the axis that it acts across; its parts
+    by T and T', each `(m, 3)`, are returned."""
+    part, K = parts(thread, lam, y), thread.K
+    rate, own = axis_force(thread, part, 1), own_axis(thread, axis_force(thread, part))
+    on_frame, of_own = rate * thread.directed[:, None], own_axis_rate(thread, lam, y)
+    row[:, U] += cross(y[:, 6:], on_frame)
+    row[:, V] += cross(on_frame, y[:, 3:6])
+    row[:, S] += dot(of_own + own_axis(thread, rate), K) + dot(own, thread.J)
+    return of_own, own
+
+
+def add_friction(row: Array, law: Law, sigma: Array, thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
+    """Subtract the derivative of |T̂|(injected + σ(F₀ + μ_k N)) from the row of s; its parts by T and T', each `(m, 3)`,
+    are returned."""
     size, t = tangent(thread, lam, y)
-    tangential = dot(lam[:, :3], t)
-    normal = unit(lam[:, :3] - tangential[:, None] * t)
-    sigma = slip * law.rough
-    given = law.injected + sigma * kinetic_bound(law, thread, lam, y)
-    by_T = (sigma * law.kinetic * tangential)[:, None] * normal - given[:, None] * t
-    row[:, LAM] -= (sigma * size * law.kinetic)[:, None] * normal
-    row[:, MU_U : MU_V + 1] -= (sigma * size * law.kinetic * law.per_channel)[:, None] * unit(lam[:, 3:])
-    row += np.vecmat(by_T, by_multipliers(thread.c[:, 0], lam, y)[1])
-    row[:, S] += dot(by_T, met(thread, lam, y, 1)[1])
-    return by_T
+    ends = channel_forces(lam, y, law.per_channel)
+    normal = unit_or_zero(part_across(ends, t))
+    rough_sigma = sigma * law.rough
+    given = law.injected + rough_sigma * kinetic_bound(law, thread, lam, y)
+    press = rough_sigma * size * law.kinetic
+    by_m = -(press * law.per_channel)[:, None] * (normal[0] - normal[1])
+    row[:, LAM] -= (0.5 * press)[:, None] * (normal[0] + normal[1])
+    row[:, MU_U] += dot(by_m, y[:, 3:6])
+    row[:, MU_V] += dot(by_m, y[:, 6:])
+    row[:, U] += lam[:, 3:4] * by_m
+    row[:, V] += lam[:, 4:5] * by_m
+    by_t = press[:, None] * (dot(ends, t)[..., None] * normal).sum(axis=0)
+    return add_tangent(row, thread, lam, y, -given, by_t)
 
 
-def unit(a: Array) -> Array:
-    """Rows divided by their lengths; a zero row stays zero."""
-    return np.asarray(a / np.maximum(np.linalg.norm(a, axis=1), np.finfo(float).tiny)[:, None])
+def add_tangent(row: Array, thread: Passage, lam: Array, y: Array, by_size: Array, by_t: Array) -> tuple[Array, Array]:
+    """Add `by_size` (m,) times the derivative of |T̂| and `by_t` (m, 3), across t, times that of t to the row of s; the
+    parts by T and T', each `(m, 3)`, are returned."""
+    size, t = tangent(thread, lam, y)
+    by_T, by_K = by_size[:, None] * t + by_t / size[:, None], np.zeros_like(t)
+    if not thread.bare:
+        part, directed = parts(thread, lam, y), thread.directed[:, None]
+        sign = np.sign(dot(part.unit, t))[:, None]
+        by_axis = sign * (by_size[:, None] * (thread.T - size[:, None] * t) + by_t) / part.size[:, None] * directed
+        row[:, U] += cross(y[:, 6:], by_axis)
+        row[:, V] += cross(by_axis, y[:, 3:6])
+        beside, by_K = add_effective_tangent(row, thread, part, own_axis(thread, by_T))
+        by_T = np.where(directed, by_size[:, None] * t, beside)
+    row[:, S] += dot(by_T, thread.K) + dot(by_K, thread.J)
+    return by_T, by_K
+
+
+def add_effective_tangent(row: Array, thread: Passage, part: Parts, by: Array) -> tuple[Array, Array]:
+    """Add `by` (m, 3) times the derivative of T̂ of free holes by λ and by s where T, T' are held to the row of s; the
+    parts by T and T', each `(m, 3)`, are returned."""
+    c0, c1, T, K = thread.c[:, :2, 0], thread.c[:, :2, 1], thread.T, thread.K
+    per_square = dot(by, T) / dot(T, T)
+    bend = per_square * dot(part.across, K)
+    by_across = c1[:, :1] * by - (c0[:, 0] * per_square)[:, None] * K
+    lengthwise = dot(by_across, part.unit)
+    crosswise = by_across - lengthwise[:, None] * part.unit
+    row[:, LAM] += crosswise
+    row[:, S] += c1[:, 1] * dot(by, part.across) - c0[:, 1] * bend
+    turned = (lengthwise[:, None] * part.across + part.along[:, None] * crosswise) / part.size[:, None]
+    stretched = (2.0 * c0[:, 0] * bend / dot(T, T))[:, None] * T
+    by_K = -(c0[:, 0] * per_square)[:, None] * part.across
+    return shrinkage(thread, part)[:, None] * by + stretched - turned, by_K
+
+
+def unit_or_zero(a: Array) -> Array:
+    """Vectors along the last axis divided by their lengths; one of zero length stays zero."""
+    return np.asarray(a / np.maximum(np.linalg.norm(a, axis=-1, keepdims=True), np.finfo(float).tiny))

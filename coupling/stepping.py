@@ -9,19 +9,22 @@ from typing import Generic
 
 import numpy as np
 
+from coupling.arrays import Array, Flags
 from coupling.configuration import Configuration, configuration_of
-from coupling.constraints import Array, Passage
-from coupling.contact import first_pressed
-from coupling.diagnosis import diagnosed, refuse_crossing, refuse_drawn_out
-from coupling.easing import eased
+from coupling.constraints import Passage
+from coupling.contact import pressed_pairs
+from coupling.continuation import solve_with_springs
+from coupling.diagnosis import diagnose, refuse_crossing, refuse_drawn_out
 from coupling.errors import InversionError, StepError
+from coupling.integrators import BDF2, BackwardEuler, Scheme
 from coupling.interfaces import Answer, Body
 from coupling.newton import Iterate, Problem, Solution, solve
-from coupling.scheme import BackwardEuler, Scheme
 from coupling.sliding import law_of
-from coupling.system import Flags, State, System, forgetful
+from coupling.system import State, System, forgetful
 
 HALVINGS = 8  # a step is given up below dt / 2^8
+
+GROWTH = 2.0  # largest ratio of a step to the one before; zero-stability ends at 1 + √2
 
 
 @dataclass(frozen=True)
@@ -43,13 +46,13 @@ def end_load(system: System[Body], time: float) -> Array:
     return load
 
 
-def prescribed(system: System[Body], time: float) -> list[tuple[int, Array]]:
+def prescribed_positions(system: System[Body], time: float) -> list[tuple[int, Array]]:
     """Control points that are held, with their positions at `time` [m]: P(start) = q_0, P(end) = q_(n−1)."""
     places = [(point, end.position(time)) for point, end in zip((0, -1), system.ends, strict=True)]
     return [(point, place) for point, place in places if place is not None]
 
 
-def turned(system: System[Body], time: float) -> list[tuple[int, float]]:
+def prescribed_angles(system: System[Body], time: float) -> list[tuple[int, float]]:
     """Control points whose angle is held, with their angles at `time` [rad]: none without twist."""
     if not system.thread.twist:
         return []
@@ -60,14 +63,14 @@ def turned(system: System[Body], time: float) -> list[tuple[int, float]]:
 def with_ends(q: Array, system: System[Body], time: float) -> Array:
     """Control values with the prescribed ends in place, and turned."""
     q = q.copy()
-    for point, place in prescribed(system, time):
+    for point, place in prescribed_positions(system, time):
         q[point, :3] = place
-    for point, angle in turned(system, time):
+    for point, angle in prescribed_angles(system, time):
         q[point, 3] = angle
     return q
 
 
-def earlier(scheme: Scheme, state: State[Body]) -> tuple[State[Body], ...]:
+def past_states(scheme: Scheme, state: State[Body]) -> tuple[State[Body], ...]:
     """Return the states that a scheme looks back at, the newest first."""
     states = (state,) if state.before is None else (state, state.before)
     return states[: len(scheme.weights)]
@@ -75,17 +78,17 @@ def earlier(scheme: Scheme, state: State[Body]) -> tuple[State[Body], ...]:
 
 def thread_motion(scheme: Scheme, state: State[Body]) -> tuple[Array, ...]:
     """Return q, v of the thread at the start of the step, and of the one before where the scheme looks back."""
-    return tuple(x for past in earlier(scheme, state) for x in (past.q, past.v))
+    return tuple(x for past in past_states(scheme, state) for x in (past.q, past.v))
 
 
 def sliding_motion(scheme: Scheme, state: State[Body]) -> tuple[Array, ...]:
     """Return s, ds/dt of the holds, likewise."""
-    return tuple(x for past in earlier(scheme, state) for x in (past.s, past.s_dot))
+    return tuple(x for past in past_states(scheme, state) for x in (past.s, past.s_dot))
 
 
 def organ_answer(system: System[Body], scheme: Scheme, state: State[Body]) -> Answer[Body]:
     """Return the organ's answer to the step of a scheme from a state."""
-    return system.organ.answer(scheme, [past.organ for past in earlier(scheme, state)])
+    return system.organ.answer(scheme, [past.organ for past in past_states(scheme, state)])
 
 
 def dynamic_problem(
@@ -119,12 +122,12 @@ def dynamic_problem(
     )
 
 
-def predicted(problem: Problem[Body], state: State[Body]) -> Iterate:
+def predict(problem: Problem[Body], state: State[Body]) -> Iterate:
     """First iterate: everything goes on as it went."""
     q = with_ends(state.q + problem.dt * state.v, problem.system, problem.time)
     s = state.s + problem.dt * state.s_dot
-    pressed = first_pressed(problem.contact, problem.system, state)
-    return Iterate(q, state.N, s, state.lam, problem.y_free, state.slip, pressed=pressed)
+    pressed = pressed_pairs(problem.contact, problem.system, state)
+    return Iterate(q, state.N, s, state.lam, problem.y_free, state.sigma, pressed=pressed)
 
 
 def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme | None = None) -> Step[Body]:
@@ -132,10 +135,10 @@ def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme
     the state is not touched."""
     scheme = scheme or BackwardEuler(dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
-    return concluded(state, scheme, found(problem, predicted(problem, state)))
+    return conclude(state, scheme, find_solution(problem, predict(problem, state)))
 
 
-def concluded(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> Step[Body]:
+def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> Step[Body]:
     """Return the step from `state` that a solution of its problem makes. Raises `InversionError`."""
     problem, z, residual = solution.problem, solution.iterate, solution.residual
     system = problem.system
@@ -144,28 +147,28 @@ def concluded(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> S
         q=z.q,
         v=scheme.d * (z.q - scheme.damping_reference(*thread_motion(scheme, state)[::2])),
         N=z.N,
-        organ=accepted(solution),
+        organ=accept_organ(solution),
         s=z.s,
         s_dot=abscissa_rates(scheme, state, z),
         lam=np.where(problem.rows, z.lam, 0.0),
         y=z.y,
-        slip=z.slip,
+        sigma=z.sigma,
         present=state.present,
         sense=state.sense,
         reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.carried(state.frame, z.q),
     )
     refuse_inversion(system, state, new, residual.passage)
-    return Step(state, new, problem.dt, solution, ended(new, solution))
+    return Step(state, new, problem.dt, solution, end_configuration(new, solution))
 
 
-def accepted(solution: Solution[Body]) -> Body:
+def accept_organ(solution: Solution[Body]) -> Body:
     """Return the organ's state at the end of a solved step."""
     sites = len(solution.problem.system.piercings)
     return solution.problem.answer.accept(solution.residual.f_y[:sites].ravel(), solution.p)
 
 
-def ended(new: State[Body], solution: Solution[Body]) -> Configuration:
+def end_configuration(new: State[Body], solution: Solution[Body]) -> Configuration:
     """Return the thread's configuration at the end of a solved step: the one Newton ended with, but that the twist is
     measured from the frame carried to the end."""
     if new.frame is None:
@@ -176,26 +179,26 @@ def ended(new: State[Body], solution: Solution[Body]) -> Configuration:
 def abscissa_rates(scheme: Scheme, state: State[Body], z: Iterate) -> Array:
     """ds/dt of every hold at the end of the step, `(m,)` [m/s]: none where the thread sticks."""
     rate = scheme.d * (z.s - scheme.damping_reference(*sliding_motion(scheme, state)[::2]))
-    return np.where(z.slip == 0.0, 0.0, rate)
+    return np.where(z.sigma == 0.0, 0.0, rate)
 
 
-def found(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
+def find_solution(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
     """The solution near the guess, or where the sliding thread comes to rest. Raises `StepError`."""
     try:
         return solve(problem, guess)
     except StepError:
         if not problem.law.may_slide.any():
             raise
-    return eased(problem, guess)
+    return solve_with_springs(problem, guess)
 
 
 def reactions(system: System[Body], residual: Array, load: Array) -> Array:
     """Force of the holders on the thread's ends, `(2, c)` [N], with twist their torque too [N m]: the reaction where an
     end is held, else its load."""
     out = np.array([load[k] - system.weight[k] for k in (0, -1)])
-    for point, _ in prescribed(system, 0.0):
+    for point, _ in prescribed_positions(system, 0.0):
         out[point, :3] = residual[point, :3]
-    for point, _ in turned(system, 0.0):
+    for point, _ in prescribed_angles(system, 0.0):
         out[point, 3] = residual[point, 3]
     return out
 
@@ -215,7 +218,7 @@ def sense(at: Passage, y: Array) -> Array:
     return np.sign(np.einsum("mi,mi->m", T, normal))
 
 
-def left(system: System[Body], old: State[Body], new: State[Body]) -> Flags:
+def emptied_holds(system: System[Body], old: State[Body], new: State[Body]) -> Flags:
     """Holes that the thread has left: present, with an abscissa beyond an end of the piece of thread that was in them,
     shape `(m,)`."""
     return np.asarray(new.present & system.may_slide & system.thread.spline.left(new.s, home=old.s))
@@ -224,8 +227,8 @@ def left(system: System[Body], old: State[Body], new: State[Body]) -> Flags:
 def release(state: State[Body], gone: Flags) -> State[Body]:
     """The state without the holes `gone`; what the thread did in them is no guide to what it does next."""
     lam = np.where(gone[:, None], 0.0, state.lam)
-    s_dot, slip = (np.where(gone, 0.0, x) for x in (state.s_dot, state.slip))
-    return replace(forgetful(state), present=state.present & ~gone, lam=lam, s_dot=s_dot, slip=slip)
+    s_dot, sigma = (np.where(gone, 0.0, x) for x in (state.s_dot, state.sigma))
+    return replace(forgetful(state), present=state.present & ~gone, lam=lam, s_dot=s_dot, sigma=sigma)
 
 
 Take = Callable[[System[Body], State[Body], float], Step[Body]]
@@ -249,14 +252,32 @@ def advance(
     except StepError as error:
         step = None
         if depth == HALVINGS:
-            raise diagnosed(system, state, error) from error
+            raise diagnose(system, state, error) from error
     except InversionError:
         if depth == HALVINGS:
             raise
     if step is None:
         half = advance(system, state, 0.5 * dt, take, depth + 1)
         return half + advance(system, half[-1].new, 0.5 * dt, take, depth + 1)
-    gone = left(system, step.old, step.new)
+    gone = emptied_holds(system, step.old, step.new)
     if gone.any():
         return advance(system, release(state, gone), dt, take, depth)
     return [step]
+
+
+def scheme_of(state: State[Body], dt: float) -> Scheme:
+    """BDF2 where there is a step to look back at, else backward Euler."""
+    if state.dt_before is None or dt > GROWTH * state.dt_before:
+        return BackwardEuler(dt)
+    return BDF2(dt, state.dt_before)
+
+
+def bdf2_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
+    """One step of `dt` [s]. Raises `StepError`, `InversionError`; the state is not touched."""
+    step = try_step(system, state, dt, scheme_of(state, dt))
+    return replace(step, new=remembering(step.new, state, dt))
+
+
+def remembering(new: State[Body], old: State[Body], dt: float) -> State[Body]:
+    """The state `new` with the step from `old` that led to it."""
+    return replace(new, before=forgetful(old), dt_before=dt)

@@ -5,24 +5,24 @@ from functools import cached_property
 from typing import Generic
 
 import numpy as np
-from numpy.typing import NDArray
 
-from coupling.constraints import Array, Indices
+from coupling.arrays import Array, Flags, Indices
+from coupling.constraints import Passage, passage
 from coupling.errors import CouplingError
 from coupling.interfaces import Body, Organ
 from thread.banded import diagonal_of
 from thread.ends import Clamped, End
+from thread.frames import Frame
 from thread.thread import Thread
-from thread.twist import Frame
-
-Flags = NDArray[np.bool_]
+from thread.vectors import cross, unit
 
 
 @dataclass(frozen=True)
 class Friction:
     """Coulomb's coefficients `static`, `kinetic` [-], and `grip` F₀ [N], independent of the tension.
 
-    `channel` [m], when given, turns the couple of the direction constraint into a normal force |μ|/channel.
+    `channel` [m] is the length over which a hole imposes a direction: the couple that this takes presses on both its
+    ends (`coupling.sliding`). None: it does not press.
     """
 
     static: float = 0.0
@@ -131,7 +131,7 @@ class System(Generic[Body]):
     def clamp_frames(self) -> Array:
         """y of each clamped end: any point, and two vectors across its tangent, shape `(c, 9)`."""
         tangents = [end.direction for end in self.ends if isinstance(end, Clamped)]
-        rows = [np.concatenate([np.zeros(3), *across(tangent)]) for tangent in tangents]
+        rows = [np.concatenate([np.zeros(3), *orthonormal_pair(tangent)]) for tangent in tangents]
         return np.array(rows).reshape(-1, 9)
 
     @cached_property
@@ -139,6 +139,11 @@ class System(Generic[Body]):
         """Which of (g, c₁, c₂) each hold imposes, shape `(holds, 5)`."""
         piercings = [[True] * 3 + [p.directed] * 2 for p in self.piercings]
         return np.array(piercings + [[False] * 3 + [True] * 2] * len(self.clamps), dtype=bool).reshape(-1, 5)
+
+    def passage(self, q: Array, s: Array, home: Array | None = None) -> Passage:
+        """The thread with control values `q` (n, c) at the abscissae `s` (holds,) of its holds; `home` as for
+        `coupling.constraints.passage`."""
+        return passage(self.thread, q, s, self.rows[:, 3], home)
 
     @cached_property
     def may_slide(self) -> Flags:
@@ -181,12 +186,20 @@ class System(Generic[Body]):
         return np.asarray((static > 0.0) | (grip > 0.0))
 
 
-def across(tangent: Array) -> tuple[Array, Array]:
-    """Two unit vectors u, v with u × v = `tangent`, by the rule of Duff et al. (JCGT 2017), continuous but at −z."""
+def orthonormal_pair(tangent: Array) -> tuple[Array, Array]:
+    """Return the unit vectors u, v with u × v = `tangent`: the axes x, y turned by the smallest rotation from z to it.
+
+    Continuous everywhere but at −z, where no rule is. It is the rule of the organ's own sites too. Neither imports the
+    other: an organ knows no thread's end, and the coupling knows of an organ only its nine numbers per site.
+    """
     x, y, z = tangent
-    sign = np.copysign(1.0, z)
-    a, b = -1.0 / (sign + z), x * y * (-1.0 / (sign + z))
-    return np.array([1.0 + sign * x * x * a, sign * b, -sign * x]), np.array([b, sign + y * y * a, -y])
+    across = np.hypot(x, y)
+    if across == 0.0:
+        return np.array([1.0, 0.0, 0.0]), np.array([0.0, np.sign(z), 0.0])
+    c, s = x / across, y / across
+    u = np.array([1.0 - c * c * (1.0 - z), -c * s * (1.0 - z), -x])
+    u = unit(u - (u @ tangent) * tangent)
+    return u, cross(tangent, u)
 
 
 @dataclass(frozen=True)
@@ -194,7 +207,7 @@ class State(Generic[Body]):
     """The system at one time.
 
     `q`, `v` (n, c) [m, m/s, with twist rad, rad/s]; `N`, axial forces [N]; `organ`, the organ's own state; `s`,
-    `s_dot` (holds,) [m, m/s]; `lam` (holds, 5) [N, N m]; `y` (holds, 9); `slip` (holds,): −1, 0, +1 sign of ds/dt, 0
+    `s_dot` (holds,) [m, m/s]; `lam` (holds, 5) [N, N m]; `y` (holds, 9); `sigma` (holds,): −1, 0, +1 sign of ds/dt, 0
     where the thread sticks; `present` (holds,): False before a piercing begins, and once the thread has left the hole;
     `sense` (holds,): sign of T·(u × v) where the piercing began, which must not change in a directed hole; `reaction`
     (2, c) [N], force of the holders on the thread's ends, with twist their torque about the tangent too [N m]; `y_dot`
@@ -213,7 +226,7 @@ class State(Generic[Body]):
     s_dot: Array
     lam: Array
     y: Array
-    slip: Array
+    sigma: Array
     present: Flags
     sense: Array
     reaction: Array

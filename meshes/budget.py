@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 TETRAHEDRON = 0.22
 TETS_PER_NODE = {"P1": 4.7, "P2": 0.66}  # measured on the same meshes: 4.0 to 5.0, 0.61 to 0.68
 # Memory of an organ by multigrid, measured as the peak of the process: 4.0 kB an unknown at 0.3 million and 5.1 at 1.07
-# (P1, with frames and picture), 7.3 at 0.19 (P2). A factor that has no room is not made (`tissue.solver`).
+# (P1, with frames and picture), 7.3 at 0.19 (P2). A factor that has no room is not made (`tissue.solvers.choice`).
 BYTES_PER_UNKNOWN = {"P1": 6.0e3, "P2": 9.0e3}
 SHELLS, DIRECTIONS = 60, 200
 

@@ -19,7 +19,6 @@ FLAT = 1e-9
 # Distance over the mesh's diagonal below which two nodes count as one; single precision files resolve 1e-7.
 COINCIDENT = 1e-9
 
-
 NO_TWINS = np.empty((0, 2), dtype=np.int64)
 
 

@@ -1,7 +1,9 @@
 """Who may import whom: meshes, thread and tissue know nothing of one another, coupling sees the last two and never
-scikit-fem, studies may use all, and nothing below imports studies or the tests."""
+scikit-fem, studies may use all, and nothing below imports studies or the tests. And what an installed package holds."""
 
 import ast
+import tomllib
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import pytest
@@ -16,7 +18,7 @@ MAY = {
     "studies": {"meshes", "thread", "tissue", "coupling"},
 }
 NEVER = {"coupling": {"skfem", "meshio", "gmsh", "pyvista"}, "thread": {"skfem", "meshio", "gmsh", "pyvista"}}
-TESTS = {path.stem for path in (ROOT / "tests").glob("*.py")} | {"tests", "pytest"}
+TESTS = {"tests", "pytest"}
 FILES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 
@@ -39,7 +41,7 @@ def imported(source: str, package: str) -> set[str]:
 def against(names: set[str], package: str) -> set[str]:
     """Imports that go against the arrows."""
     others = (names & PACKAGES) - MAY[package] - {package}
-    return others | (names & (TESTS - PACKAGES)) | (names & NEVER.get(package, set()))
+    return others | (names & TESTS) | (names & NEVER.get(package, set()))
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
@@ -59,4 +61,22 @@ def test_the_check_sees_what_it_should() -> None:
     assert against(found, "coupling") == {"skfem", "studies", "meshes"}
     assert against({"tissue", "skfem"}, "tissue") == set()
     assert against({"thread"}, "tissue") == {"thread"}
-    assert against({"threads"}, "studies") == {"threads"}
+    assert against({"tests"}, "studies") == {"tests"}
+
+
+def test_every_folder_of_modules_is_installed() -> None:
+    """Independent check: setuptools finds the folders that have an `__init__.py` and whose name is included."""
+    included = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["packages"]
+    patterns = included["find"]["include"]
+    for folder in {path.parent for path in FILES}:
+        name = ".".join(folder.relative_to(ROOT).parts)
+        assert (folder / "__init__.py").is_file(), f"{name} has no __init__.py"
+        assert any(fnmatchcase(name, pattern) for pattern in patterns), f"{name} is not included"
+
+
+def test_every_scene_is_installed() -> None:
+    """Independent check: the package data of `studies.scenario` are all scenario files that are shipped."""
+    data = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["package-data"]
+    scenes = {path for pattern in data["studies.scenario"] for path in (ROOT / "studies" / "scenario").glob(pattern)}
+    assert scenes == set((ROOT / "studies").rglob("*.toml"))
+    assert scenes

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from thread.spline import Array, Indices
+from thread.arrays import Array, Indices
 
 
 def half_band_of(band: Array) -> int:

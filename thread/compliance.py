@@ -15,11 +15,10 @@ Galerkin one; it falls with h³, h² and h.
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
-from thread.spline import FALLING, ORDERS, POWER, Spline, clamped
-
-Array = NDArray[np.float64]
+from thread.arrays import Array
+from thread.knots import clamped
+from thread.spline import FALLING, ORDERS, POWER, Spline
 
 REACH = 6  # spans on each side of that of the hole; what a spline feels of its patch's ends falls by 0.27 a span
 

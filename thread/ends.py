@@ -6,11 +6,9 @@ A held end of a thread with twist may turn it about its tangent too, as the fing
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from thread.arrays import Array
 from thread.errors import ThreadError
-
-Array = NDArray[np.float64]
 
 ZERO = np.zeros(3)
 
@@ -37,7 +35,7 @@ class Free:
 class Turning(Free):
     """An end that a hand may turn: `turn`, shape `(k, 2)`: t [s], angle [rad] about the tangent, linear in between,
     zero at the start; None: it turns freely. Where the tangent moves, the angle is measured from a frame that goes with
-    it without spinning (`thread.twist`)."""
+    it without spinning (`thread.frames`)."""
 
     turn: Array | None = field(default=None, kw_only=True)
 

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from thread.arrays import Array
 from thread.errors import ThreadError
-
-Array = NDArray[np.float64]
 
 # Each corner takes this part of the shorter of its two segments when no radius is given: a choice between a
 # gentle bend and a path that stays near its corner, where a piercing often is.

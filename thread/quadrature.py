@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thread.spline import ORDERS, Array, Spline
+from thread.arrays import Array
+from thread.spline import ORDERS, Spline
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 Unknowns are the control values `q`, shape `(n, c)`, numbered point by point: unknown c i + a is coordinate a of point
 i. The c coordinates of a point are x, y, z [m] and, with twist, the angle θ [rad] of the section about the tangent
-(`thread.twist`). Matrices are banded (`thread.banded`).
+(`thread.frames`). Matrices are banded (`thread.banded`).
 """
 
 from collections.abc import Iterator
@@ -11,21 +11,21 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.sparse import csr_matrix, diags_array
 
+from thread.arrays import Array, Indices
 from thread.banded import Elements
-from thread.coil import Coil
 from thread.compliance import POWERS, missing_on
-from thread.continuous import Continuous
+from thread.energies.coil import Coil
+from thread.energies.continuous import Continuous
+from thread.energies.interface import AxialEnergy, Energy
+from thread.energies.springs import Layout, Springs, spread
+from thread.energies.torsion import Torsion, evaluated
 from thread.errors import ThreadError
+from thread.frames import Frame, Stations, carried, gauss_stations, moved, turned_too_far, untwisted
 from thread.quadrature import Rule, gauss_rule
-from thread.spline import Indices, Spline
-from thread.springs import Layout, Springs, spread
-from thread.twist import Frame, Stations, Torsion, carried, evaluated, gauss_stations, moved, turned_too_far, untwisted
-
-Array = NDArray[np.float64]
+from thread.spline import Spline
 
 LOCAL = 4  # functions of a cubic on one span
 POSITION = 3  # coordinates of a place
@@ -60,49 +60,6 @@ class CrossSection(Protocol):
     @property
     def rhoJ(self) -> float:
         """Polar moment of inertia of the mass per rest length [kg m]."""
-
-
-class Energy(Protocol):
-    """An elastic energy, as the thread sums it: over groups of `reach` neighbouring control points.
-
-    Of the coordinates of a point it sees the first `seen`. What it needs of an iterate is its own (`at`).
-    """
-
-    @property
-    def first(self) -> Indices:
-        """First control point of each group, shape `(m,)`."""
-
-    @property
-    def reach(self) -> int:
-        """Control points of a group."""
-
-    @property
-    def seen(self) -> int:
-        """Coordinates that it depends on, 3 or 4."""
-
-    def at(self, q: Array, frame: Frame | None) -> Any:
-        """The thread where the energy is taken; `frame` is that of the start of the step."""
-
-    def energy(self, at: Any) -> float:
-        """Energy [J]."""
-
-    def gradient(self, at: Any) -> Array:
-        """Derivative by the control values of each group, shape `(m, reach, seen)`."""
-
-    def tangent(self, at: Any, N: Array) -> Array:
-        """Second derivative, shape `(m, reach, reach, seen, seen)`, at the iterated axial force `N` where it has
-        one."""
-
-
-class AxialEnergy(Energy, Protocol):
-    """An energy of stretch (and of what goes with it), whose axial force Newton iterates on its own."""
-
-    @property
-    def s(self) -> Array:
-        """Abscissae at which the strain is known [m]."""
-
-    def next_axial_force(self, at: Any, dq: Array) -> Array:
-        """N of the next iterate: the solution of its own linearised equation N/EA = ε(q) [N]."""
 
 
 def exact_weights(spline: Spline, s: Array) -> Array:
@@ -140,9 +97,9 @@ class Thread:
     `bending` False sets EI = 0. `damping` [1/s] is mass-proportional viscosity. `point_masses` (2,) [kg] sit on the
     start and the end. `twist` adds the angle of the section to the coordinates of a control point, and its torsion.
     Energies: ½∫EA ε² ds + ½∫EI κ² ds (§3; straight at rest) + ½∫GJ ω² ds; with a number of `springs` those of
-    `thread.springs` instead. `coil` [1/m] is the curvature at rest, towards the section's first direction
-    (`thread.coil`); that points to `coil_towards` (3,) at the start of the thread as laid, somewhere if none is given.
-    `hole_compliance` adds what the spline lacks in compliance where it is held (`thread.compliance`).
+    `thread.energies.springs` instead. `coil` [1/m] is the curvature at rest, towards the section's first direction
+    (`thread.energies.coil`); that points to `coil_towards` (3,) at the start of the thread as laid, somewhere if none
+    is given. `hole_compliance` adds what the spline lacks in compliance where it is held (`thread.compliance`).
     """
 
     spline: Spline

@@ -2,18 +2,19 @@
 it.
 """
 
-from tissue.body import Elasticity, elasticity, held_components, holds_still
-from tissue.dynamic import DynamicOrgan
+from tissue.body import Elasticity, elasticity
 from tissue.errors import FactorError, TissueError
-from tissue.factor import Factor, factorize
-from tissue.fixed import FixedSites, fixed_sites
-from tissue.gaps import Gaps, build_gaps
-from tissue.iterative import ConjugateGradients, conjugate_gradients
 from tissue.material import Material
-from tissue.organ import Equation, LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
-from tissue.quasi_static import QuasiStaticOrgan
-from tissue.sites import Site, Sites, build_sites
+from tissue.organs.dynamic import DynamicOrgan
+from tissue.organs.fixed import FixedSites, fixed_sites
+from tissue.organs.lips import Gaps, build_gaps
+from tissue.organs.meshed import Equation, LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
+from tissue.organs.quasi_static import QuasiStaticOrgan
+from tissue.sites.site import Site, Sites, build_sites
+from tissue.solvers.factor import Factor, factorize
+from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
 from tissue.stress import StressRecovery, interpolation, stress_recovery, von_mises
+from tissue.supports import held_components, holds_still
 
 __all__ = [
     "ConjugateGradients",

@@ -18,20 +18,18 @@ from scipy.sparse import csr_matrix, diags_array, kron
 from skfem import Basis, BilinearForm, ElementTetP1, ElementTetP2, ElementVector, LinearForm, MeshTet
 from skfem.helpers import ddot, div, sym_grad
 
+from tissue.arrays import Array, Indices
 from tissue.errors import TissueError
 from tissue.material import Material, PerCell
-from tissue.parts import assembled
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from tissue.supports import clamped_unknowns, rolling_unknowns
 
 ELEMENTS = {"P1": ElementTetP1, "P2": ElementTetP2}
 DILATATIONS = ("auto", "cell", "nodal")
 LOCKS = 0.45  # ν beyond which "auto" averages: a P1 layer is 1.7 times as wrong there as at 0.3, and 3.6 times at 0.49
 CELLWISE = 0.3  # ν whose λ stays with the cells
-PLANE = 1e-9  # of the body's size: how far the nodes of a plane boundary may lie from it
-FIRM = 1e-8  # of the largest: a rigid motion that is held less is not held
 NO_POINTS = (np.zeros((3, 0)), np.zeros(0))  # the body's basis numbers unknowns; shape functions are made where needed
+
+ENTRIES = 15_000_000  # of the local matrices that are made at once: half a gigabyte
 
 
 @dataclass(frozen=True)
@@ -174,65 +172,6 @@ def mass(basis: Basis, rho: PerCell) -> csr_matrix:
     return csr_matrix(kron(scalar, np.eye(3)))  # a node's three unknowns follow one another
 
 
-def clamped_unknowns(basis: Basis, clamp: Sequence[str]) -> Indices:
-    """Unknowns on the boundaries named in `clamp`, sorted; `TissueError` names those that exist."""
-    held = [basis.get_dofs(facets=facets_of(basis.mesh, "clamp", name)).all() for name in clamp]
-    return np.unique(np.concatenate([np.empty(0, np.intp), *held])).astype(np.intp)
-
-
-def rolling_unknowns(basis: Basis, roller: Sequence[str]) -> Indices:
-    """Unknowns of the displacement across the boundaries named in `roller`, sorted. Raises `TissueError`."""
-    held = [
-        basis.get_dofs(facets=facets_of(basis.mesh, "roller", name)).all(f"u^{axis_of(basis.mesh, name) + 1}")
-        for name in roller
-    ]
-    return np.unique(np.concatenate([np.empty(0, np.intp), *held])).astype(np.intp)
-
-
-def held_components(mesh: MeshTet, clamp: Sequence[str], roller: Sequence[str]) -> NDArray[np.bool_]:
-    """Which components of each vertex `clamp` and `roller` hold, shape `(vertices, 3)`. Raises `TissueError`."""
-    held = np.zeros((mesh.nvertices, 3), dtype=bool)
-    for name in clamp:
-        held[mesh.facets[:, facets_of(mesh, "clamp", name)]] = True
-    for name in roller:
-        held[mesh.facets[:, facets_of(mesh, "roller", name)], axis_of(mesh, name)] = True
-    return held
-
-
-def facets_of(mesh: MeshTet, key: str, name: str) -> Indices:
-    """Facets of a boundary; `TissueError` names those that exist."""
-    boundaries = mesh.boundaries or {}
-    if name not in boundaries:
-        known = ", ".join(sorted(boundaries)) or "none at all"
-        raise TissueError(f"{key}: no boundary is named {name!r}; the mesh names {known}")
-    return np.asarray(boundaries[name], dtype=np.intp)
-
-
-def axis_of(mesh: MeshTet, name: str) -> int:
-    """Axis 0, 1, 2 that a plane boundary lies across. Raises `TissueError` where there is none."""
-    nodes = mesh.facets[:, facets_of(mesh, "roller", name)].ravel()
-    thickness, size = np.ptp(mesh.p[:, nodes], axis=1), np.ptp(mesh.p, axis=1).max()
-    axis = int(np.argmin(thickness))
-    if thickness[axis] > PLANE * size:
-        raise TissueError(
-            f"roller: the boundary {name!r} is no plane across the x, y or z axis ({thickness[axis]:.3g} m thick); "
-            "clamp it, or name one that is"
-        )
-    return axis
-
-
-def holds_still(points: Array, held: NDArray[np.bool_]) -> bool:
-    """Whether a rigid body with `points` (k, 3) [m] held in the components `held` (k, 3) cannot move."""
-    node, component = np.nonzero(held)
-    if node.size == 0:
-        return False
-    x = points[node] - points[node].mean(axis=0)
-    x /= max(float(np.abs(x).max()), np.finfo(float).tiny)
-    rotations = np.cross(np.eye(3)[None], x[:, None])  # e_b × x
-    rows = np.concatenate([np.eye(3)[component], rotations[np.arange(len(node)), :, component]], axis=1)
-    return bool(np.linalg.matrix_rank(rows.T @ rows, tol=FIRM * len(node)) == 6)
-
-
 def _strain_energy(u: Any, v: Any, w: Any) -> Any:
     return w.lam * div(u) * div(v) + 2.0 * w.mu * ddot(sym_grad(u), sym_grad(v))
 
@@ -258,3 +197,15 @@ def _check_cells(name: str, value: PerCell, mesh: MeshTet) -> None:
     shape = np.shape(value)
     if shape not in {(), (mesh.nelements,)}:
         raise TissueError(f"{name}: shape {shape}; allowed is one number or one per cell, ({mesh.nelements},)")
+
+
+def assembled(form: BilinearForm, basis: Basis, intorder: int, **fields: NDArray[np.float64]) -> csr_matrix:
+    """The matrix of a form over the unknowns of `basis`, by a quadrature exact to `intorder`; `fields` are `(1, 1)`, or
+    `(cells, 1)` for a value per cell.
+    """
+    count, matrix = basis.mesh.nelements, csr_matrix((basis.N, basis.N))
+    for cells in np.array_split(np.arange(count), 1 + count * basis.Nbfun**2 // ENTRIES):
+        part = Basis(basis.mesh, basis.elem, intorder=intorder, elements=cells, dofs=basis.dofs)
+        here = {name: value[cells] if len(value) > 1 else value for name, value in fields.items()}
+        matrix = matrix + csr_matrix(form.assemble(part, **here))
+    return matrix

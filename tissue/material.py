@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tissue.arrays import Array
 from tissue.errors import TissueError
 
-Array = NDArray[np.float64]
 PerCell = float | Array  # one number, or one per cell, shape `(cells,)`
 
 

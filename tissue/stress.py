@@ -6,16 +6,13 @@ A pressure that is averaged at the vertices (`tissue.body`) is taken from there,
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 
+from tissue.arrays import Array, Indices
 from tissue.body import ELEMENTS, Elasticity, cellwise_lambda
 from tissue.errors import TissueError
 from tissue.material import PerCell
-from tissue.surface import outer_surface
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from tissue.sites.surface import outer_surface
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")  # VTK's order of a symmetric tensor
 

@@ -1,0 +1,8 @@
+"""The kinds of arrays that thread and organ exchange."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]

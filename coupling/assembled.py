@@ -1,0 +1,209 @@
+"""The monolithic matrix itself (§4.4, last paragraph): thread, organ, abscissae and multipliers in one sparse system.
+
+    | A_t+H_qq   H_qU      H_qs   −Φ_qᵀ         |   dq
+    | H_Uq       A_o+H_UU H_Us   −YᵀΦ_yᵀ  −Gᵀ  |   dU
+    | H_sq       H_sU     H_ss   −Φ_sᵀ         |   ds       (signs of the row of s as in the law of sliding)
+    | Φ_q        Φ_y Y    Φ_s     c            |   dλ
+    |            G_𝒜                     1_∖𝒜 |   dp       (pressed pairs: g = 0; open ones: p = 0)
+
+c, H_UU and a part of H_qq come from the compliance that the spline lacks at the holes (`coupling.constraints`).
+
+The default solve condenses the organ instead (`coupling.newton`): the same algebra in another order, at the price of
+one organ back-substitution. This one is to be looked at, and to be compared with.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from scipy.sparse import block_array, coo_array, csc_array, csr_array, csr_matrix, diags_array
+from scipy.sparse.linalg import splu
+
+from coupling.answer import all_holds
+from coupling.arrays import Array
+from coupling.bordered import LAM, MU_V, NINE, OWN, Border, S, Y, columns
+from coupling.contact import NO_FORCES
+from coupling.errors import CouplingError
+from coupling.interfaces import Body
+from coupling.newton import Iterate, Problem, Residual, Solution, allowed_share, border_of, solve, thread_matrix
+from thread.banded import diagonal_of
+
+MULTIPLIERS = slice(LAM.start, MU_V + 1)
+
+
+@dataclass(frozen=True)
+class Monolith(Iterate):
+    """An iterate with the organ's unknowns `U` (N,) [m] and the contact forces `p` (k,) [N] beside those of the
+    thread."""
+
+    U: Array
+    p: Array = field(default_factory=lambda: NO_FORCES)
+
+
+@dataclass(frozen=True)
+class BlockSystem:
+    """`matrix` (size, size), `right` (size,), and where each unknown stands: `blocks["q" | "U" | "s" | "lam" | "p"]`.
+
+    Order within the blocks: q point by point, U as the organ numbers its free unknowns, s and lam hold by hold, p pair
+    by pair.
+    """
+
+    matrix: csc_array
+    right: Array
+    blocks: dict[str, slice]
+
+
+class Equation(Protocol):
+    """The organ's rows: A U⁺ = b + Yᵀ f_y + Gᵀ p with y = y0 + Y U and g = g0 + G U, over N unknowns U."""
+
+    @property
+    def A(self) -> csr_matrix:
+        """Tangent, shape `(N, N)`."""
+
+    @property
+    def b(self) -> Array:
+        """Right-hand side, shape `(N,)`."""
+
+    @property
+    def y0(self) -> Array:
+        """Site variables at U = 0, shape `(9p,)`."""
+
+    @property
+    def Y(self) -> csr_matrix:
+        """Rows of the sites, shape `(9p, N)`."""
+
+    @property
+    def g0(self) -> Array:
+        """Gaps at U = 0, shape `(k,)` [m]."""
+
+    @property
+    def G(self) -> csr_matrix:
+        """Rows of the gaps, shape `(k, N)`."""
+
+
+@runtime_checkable
+class AssembledAnswer(Protocol):
+    """What the assembled matrix asks of an answer beside: the organ's own rows."""
+
+    @property
+    def equation(self) -> Equation:
+        """The organ's equation, linearised where the answer is."""
+
+
+def equation_of(problem: Problem[Body]) -> Equation:
+    """Return the organ's rows of a step. Raises `CouplingError` where the answer has none."""
+    if not isinstance(problem.answer, AssembledAnswer):
+        raise CouplingError(f"{type(problem.answer).__name__} has no equation to assemble; solve it condensed")
+    return problem.answer.equation
+
+
+def sparse_band(band: Array) -> coo_array:
+    """A banded matrix in coordinates."""
+    size = band.shape[1]
+    place, column = np.ogrid[: band.shape[0], :size]
+    row = place - diagonal_of(band) + column
+    column = np.broadcast_to(column, band.shape)
+    inside = (row >= 0) & (row < size) & (band != 0.0)
+    return coo_array((band[inside], (row[inside], column[inside])), shape=(size, size))
+
+
+def diagonal(blocks: Array) -> csr_array:
+    """Blocks (m, r, k) on the diagonal, shape `(m r, m k)`."""
+    m, r, k = blocks.shape
+    hold, row, column = np.indices(blocks.shape)
+    index = ((hold * r + row).ravel(), (hold * k + column).ravel())
+    return csr_array((blocks.ravel(), index), shape=(m * r, m * k))
+
+
+def assemble(problem: Problem[Body], z: Monolith, r: Residual) -> BlockSystem:
+    """The Newton system of the whole at an iterate."""
+    organ, (n, c), m = equation_of(problem), z.q.shape, len(z.s)
+    border = border_of(problem, z, r.passage)
+    V = csr_array(columns(r.passage, n, c))
+    Y_all = with_clamps(organ.Y, m)
+    thread = sparse_band(thread_matrix(problem, z, r))
+    own = [diagonal(border.B[:, :1]), diagonal(border.B[:, 1:OWN])]
+    by_F = [-Y_all.T @ x for x in split_by_unknown(border, "F", Y_all)]
+    G, closed = csr_array(organ.G), diags_array(z.pressed.astype(np.float64))
+    rows = [
+        [thread, *(V @ column for column in split_by_unknown(border, "E", Y_all)), None],
+        [
+            -Y_all.T @ diagonal(border.R) @ V.T,
+            organ.A + by_F[0],
+            *by_F[1:],
+            -G.T,
+        ],
+        [own[0] @ V.T, *split_by_unknown(border, "law", Y_all), None],
+        [own[1] @ V.T, *split_by_unknown(border, "phi", Y_all), None],
+        [None, closed @ G, None, None, diags_array((~z.pressed).astype(np.float64))],
+    ]
+    matrix = block_array(rows, format="csr")
+    organ_residual = organ.A @ z.U - organ.b - Y_all.T @ r.f_y.ravel() - G.T @ z.p
+    lips = np.where(z.pressed, organ.g0 + G @ z.U, z.p)
+    right = -np.concatenate([r.thread.ravel(), organ_residual, r.holds[:, S], r.holds[:, 1:OWN].ravel(), lips])
+    ends = np.cumsum([0, c * n, len(z.U), m, 5 * m, len(z.p)])
+    blocks = {name: slice(int(ends[k]), int(ends[k + 1])) for k, name in enumerate(("q", "U", "s", "lam", "p"))}
+    return hold_still(problem, BlockSystem(csc_array(matrix), right, blocks))
+
+
+def split_by_unknown(border: Border, which: str, Y_all: csr_array) -> list[csr_array]:
+    """Columns of a part of the border split by unknown: through y to U, then s, then the multipliers."""
+    part = {"E": border.E, "F": border.F, "law": border.D[:, :1], "phi": border.D[:, 1:OWN]}[which]
+    return [diagonal(part[:, :, Y]) @ Y_all, diagonal(part[:, :, S : S + 1]), diagonal(part[:, :, MULTIPLIERS])]
+
+
+def with_clamps(Y: csr_matrix, m: int) -> csr_array:
+    """Y over all holds: the site variables of a clamped end do not move, shape `(9m, N)`."""
+    empty = csr_array((NINE * m - Y.shape[0], Y.shape[1]))
+    return csr_array(block_array([[csr_array(Y)], [empty]], format="csr")) if empty.shape[0] else csr_array(Y)
+
+
+def hold_still(problem: Problem[Body], system: BlockSystem) -> BlockSystem:
+    """Rows and columns of the prescribed unknowns of the thread replaced by those of the identity."""
+    free = np.ones(len(system.right))
+    free[problem.system.held] = 0.0
+    keep = diags_array(free)
+    return replace(
+        system, matrix=csc_array(keep @ system.matrix @ keep + diags_array(1.0 - free)), right=free * system.right
+    )
+
+
+Linear = Callable[[BlockSystem], Array]
+
+
+def solve_direct(system: BlockSystem) -> Array:
+    """The solution of a block system by sparse LU with row exchanges."""
+    return np.asarray(splu(system.matrix).solve(system.right))
+
+
+def monolithic_solve(problem: Problem[Body], start: Iterate, U: Array, linear: Linear = solve_direct) -> Solution[Body]:
+    """Newton on the assembled matrix from `start` and the organ's `U` (N,), each correction by `linear`. Raises
+    `StepError`.
+
+    Its convergence test is that of the condensed solve, whose row y = y_free + C Φ_yᵀλ thereby checks the organ's
+    equation through its condensation. The solution's iterate is a `Monolith`.
+    """
+
+    def correct(problem: Problem[Body], z: Iterate, r: Residual) -> Iterate:
+        assert isinstance(z, Monolith)
+        organ, system = equation_of(problem), assemble(problem, z, r)
+        x = linear(system)
+        x *= allowed_share(problem, x[system.blocks["q"]].reshape(z.q.shape))
+        dq = x[system.blocks["q"]].reshape(z.q.shape)
+        U_next = z.U + x[system.blocks["U"]]
+        return replace(
+            z,
+            q=z.q + dq,
+            N=problem.system.thread.next_axial_force(r.points, dq),
+            s=z.s + x[system.blocks["s"]],
+            lam=z.lam + x[system.blocks["lam"]].reshape(-1, 5),
+            y=all_holds(problem.system, organ.y0 + organ.Y @ U_next),
+            U=U_next,
+            p=z.p + x[system.blocks["p"]],
+        )
+
+    organ = equation_of(problem)
+    y, p = all_holds(problem.system, organ.y0 + organ.Y @ U), np.zeros(len(organ.g0))
+    first = Monolith(start.q, start.N, start.s, start.lam, y, start.sigma, U, p, pressed=start.pressed)
+    return solve(problem, first, correct)

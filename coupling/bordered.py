@@ -1,0 +1,306 @@
+"""One Newton direction of the condensed system: a banded thread with a small dense border.
+
+The thread's unknowns meet everything else only through P, T and T' at the holds, the nine columns of
+V = (b, b', b'') ⊗ I₃ each; so the thread enters the border by its own compliance G = Vᵀ A⁻¹ V, as the organ does by C.
+
+Unknowns of the border, per hold: s, λ (3), μ_u, μ_v, then y = (x, u, v).
+"""
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dgbtrf, dgbtrs, dgesv
+
+from coupling.arrays import Array, Indices
+from coupling.constraints import (
+    LOCAL,
+    Passage,
+    axis_force,
+    axis_stiffness,
+    effective_place,
+    force_by_axis,
+    force_on_tangent,
+    own_axis,
+    parts,
+)
+from thread.banded import half_band_of
+from thread.vectors import dot
+
+S, LAM, MU_U, MU_V, X, U, V = 0, slice(1, 4), 4, 5, slice(6, 9), slice(9, 12), slice(12, 15)
+PHI, Y = slice(1, 6), slice(6, 15)  # rows of Φ, and of the multipliers that go with them; of y
+OWN, BORDER = 6, 15  # equations of a hold without and with its site variables
+AT_P, AT_T, AT_K = slice(0, 3), slice(3, 6), slice(6, 9)  # the thread's nine numbers
+G, C1, C2 = slice(0, 3), 3, 4  # the constraints g, c₁, c₂ among the five rows of Φ
+OF_X, OF_U, OF_V = slice(0, 3), slice(3, 6), slice(6, 9)  # x, u, v among the nine numbers of y
+NINE = 9
+I3 = np.eye(3)
+
+
+class SingularError(ArithmeticError):
+    """The matrix of a Newton step is singular."""
+
+
+@dataclass(frozen=True)
+class Border:
+    """The linearised holds, block by block over `m` holds.
+
+    Thread: A dq + V E dz = −r_q. Holds: B Vᵀdq + D dz = −r. Organ: dy − C (F dz + R Vᵀdq) = −r_y.
+    `E` (m, 9, 15), `B` (m, 6, 9), `D` (m, 6, 15), `F` (m, 9, 15), `R` (m, 9, 9).
+
+    E = (H_qs, −Φ_qᵀ, H_qy), F = (−H_ys, Φ_yᵀ, −H_yy) and R = −H_yq, where q stands for the thread's nine numbers at a
+    hold, (P, T, T'). The first row of B and D is the law of sliding, the others are Φ_q and (Φ_s, Φ_λ, Φ_y). The blocks
+    that have a name here are views: who writes into one writes into the border.
+    """
+
+    E: Array
+    B: Array
+    D: Array
+    F: Array
+    R: Array
+
+    @property
+    def H_qs(self) -> Array:
+        """−∂(Φ_qᵀλ)/∂s, shape `(m, 9)`."""
+        return self.E[:, :, S]
+
+    @property
+    def H_qy(self) -> Array:
+        """−∂(Φ_qᵀλ)/∂y, shape `(m, 9, 9)`; H_qU = H_qy Y."""
+        return self.E[:, :, Y]
+
+    @property
+    def Phi_q(self) -> Array:
+        """∂Φ/∂(P, T, T'), shape `(m, 5, 9)`; Φ_q of the control points is `Phi_q` Vᵀ."""
+        return self.B[:, PHI]
+
+    @property
+    def Phi_s(self) -> Array:
+        """∂Φ/∂s, shape `(m, 5)`."""
+        return self.D[:, PHI, S]
+
+    @property
+    def Phi_lam(self) -> Array:
+        """∂Φ/∂λ, the block c of the compliance that the spline lacks, shape `(m, 5, 5)`; zero where it lacks none."""
+        return self.D[:, PHI, PHI]
+
+    @property
+    def Phi_y(self) -> Array:
+        """∂Φ/∂y, shape `(m, 5, 9)`."""
+        return self.D[:, PHI, Y]
+
+    @property
+    def minus_H_ys(self) -> Array:
+        """∂(Φ_yᵀλ)/∂s, shape `(m, 9)`."""
+        return self.F[:, :, S]
+
+
+def empty_border(m: int) -> Border:
+    """Return the border of `m` holds with every block zero."""
+    E, B, D = np.zeros((m, NINE, BORDER)), np.zeros((m, OWN, NINE)), np.zeros((m, OWN, BORDER))
+    return Border(E, B, D, F=np.zeros((m, NINE, BORDER)), R=np.zeros((m, NINE, NINE)))
+
+
+def linearise(thread: Passage, lam: Array, y: Array) -> Border:
+    """Linearise Φ = (g, c₁, c₂) and the forces Φ_qᵀλ, Φ_yᵀλ; the row of s is left to the law of sliding.
+
+    `lam` (m, 5) [N, N m], `y` (m, 9).
+    """
+    border = empty_border(len(lam))
+    u, v, mu_u, mu_v = y[:, 3:6], y[:, 6:], lam[:, 3:4], lam[:, 4:5]
+    T, (P_s, T_s) = effective_place(thread, lam, y)[1], effective_place(thread, lam, y, 1)
+    H_qs, H_qy, minus_H_ys = border.H_qs, border.H_qy, border.minus_H_ys
+    Phi_q, Phi_s, Phi_y = border.Phi_q, border.Phi_s, border.Phi_y
+
+    Phi_q[:, G, AT_P] = I3
+    Phi_q[:, C1, AT_T], Phi_q[:, C2, AT_T] = u, v
+    Phi_s[:, G], Phi_s[:, C1], Phi_s[:, C2] = P_s, dot(T_s, u), dot(T_s, v)
+    Phi_y[:, G, OF_X] = -I3
+    Phi_y[:, C1, OF_U], Phi_y[:, C2, OF_V] = T, T
+
+    H_qs[:, AT_T], H_qs[:, AT_K] = -lam[:, :3], -force_on_tangent(lam, y)
+    H_qy[:, AT_T, OF_U], H_qy[:, AT_T, OF_V] = -mu_u[:, :, None] * I3, -mu_v[:, :, None] * I3
+    minus_H_ys[:, OF_U], minus_H_ys[:, OF_V] = mu_u * T_s, mu_v * T_s
+
+    border.E[:, :, PHI] -= Phi_q.swapaxes(1, 2)
+    border.F[:, :, PHI] += Phi_y.swapaxes(1, 2)
+    border.R[:] -= H_qy.swapaxes(1, 2)
+    if not thread.bare:
+        add_compliance(border, thread, lam, y)
+    return border
+
+
+def add_compliance(border: Border, thread: Passage, lam: Array, y: Array) -> None:
+    """Add what Φ and the forces owe to the missing compliance, into a border under construction; the stiffness of a
+    free thread's own axis is left to the thread's band (`own_stiffness`)."""
+    u, v = y[:, 3:6, None], y[:, 6:, None]
+    dP, dT = derivatives_by_multipliers(thread, lam, y)
+    border.D[:, LAM] += dP
+    border.D[:, MU_U] += (u * dT).sum(axis=1)
+    border.D[:, MU_V] += (v * dT).sum(axis=1)
+    border.F[:, 3:6] += lam[:, 3:4, None] * dT
+    border.F[:, 6:9] += lam[:, 4:5, None] * dT
+    add_frame_turning(border.F, thread, lam, y)
+    add_own_turning(border, thread, lam, y)
+
+
+def derivatives_by_multipliers(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
+    """Derivatives of P̂ and T̂ by a hold's multipliers and frame, each `(m, 3, 15)`."""
+    c0, c1, c2 = thread.c[:, 0].T[:, :, None, None]
+    unit = parts(thread, lam, y).unit
+    dm = np.zeros((len(lam), 3, BORDER))
+    dm[:, :, MU_U], dm[:, :, MU_V] = y[:, 3:6], y[:, 6:]
+    dm[:, :, U], dm[:, :, V] = lam[:, 3:4, None] * I3, lam[:, 4:5, None] * I3
+    dP, dT = c1 * dm, c2 * dm
+    dP[:, :, LAM] += c0 * (I3 - unit[:, :, None] * unit[:, None])
+    dT[:, :, LAM] += c1 * I3
+    return dP + force_by_axis(thread, lam, y) @ axis_by_frame(thread, y), dT
+
+
+def axis_by_frame(thread: Passage, y: Array) -> Array:
+    """Derivative of the axis a = u × v by a hold's frame, zero where the axis is the thread's own, `(m, 3, 15)`."""
+    da = np.zeros((len(y), 3, BORDER))
+    da[:, :, U], da[:, :, V] = -skew(y[:, 6:]), skew(y[:, 3:6])
+    return da * thread.directed[:, None, None]
+
+
+def skew(a: Array) -> Array:
+    """Matrices of b ↦ a × b, shape `(m, 3, 3)`."""
+    return np.cross(a[:, None], I3).swapaxes(1, 2)
+
+
+def add_frame_turning(F: Array, thread: Passage, lam: Array, y: Array) -> None:
+    """Add the derivative of (v × w, w × u), the turning of a hole by the force along the thread."""
+    part, da = parts(thread, lam, y), axis_by_frame(thread, y)
+    dw = axis_stiffness(thread, lam, y) @ da
+    dw[:, :, LAM] += force_by_axis(thread, lam, y).swapaxes(1, 2)
+    dw[:, :, S] += axis_force(thread, part, 1)
+    w = skew(axis_force(thread, part)) * thread.directed[:, None, None]
+    F[:, 3:6] += da[:, :, U].swapaxes(1, 2) @ dw
+    F[:, 6:9] += da[:, :, V].swapaxes(1, 2) @ dw
+    F[:, 3:6, V] -= w
+    F[:, 6:9, U] += w
+
+
+def add_own_turning(border: Border, thread: Passage, lam: Array, y: Array) -> None:
+    """Add what the axis of a free hole, the thread's own tangent, brings into P̂ and the force on the thread."""
+    part, free = parts(thread, lam, y), ~thread.directed[:, None, None]
+    by_axis = force_by_axis(thread, lam, y) * free
+    border.B[:, LAM, AT_T] += by_axis
+    border.E[:, AT_T, LAM] -= by_axis.swapaxes(1, 2)
+    border.E[:, AT_T, S] -= own_axis_rate(thread, lam, y)
+    border.E[:, AT_K, S] -= own_axis(thread, axis_force(thread, part))
+
+
+def own_axis_rate(thread: Passage, lam: Array, y: Array) -> Array:
+    """dw/ds along a free thread, whose tangent turns with its curvature; zero elsewhere, shape `(m, 3)` [N]."""
+    turned = np.matvec(axis_stiffness(thread, lam, y), thread.K)
+    return own_axis(thread, axis_force(thread, parts(thread, lam, y), 1) + turned)
+
+
+def own_stiffness(thread: Passage, lam: Array, y: Array) -> Array:
+    """What the axis of a free hole adds to the thread's own matrix, −b' b'ᵀ ∂w/∂a on its four points, shape
+    `(m, 4, 4, 3, 3)` [N/m]."""
+    slope = thread.b[:, 1]
+    turn = -axis_stiffness(thread, lam, y) * ~thread.directed[:, None, None]
+    return np.asarray(np.einsum("ma,mb,mij->mabij", slope, slope, turn))
+
+
+def drop_constraints(border: Border, absent: NDArray[np.bool_]) -> Border:
+    """The border with the constraints that are `absent`, (m, 5), replaced by λ = 0."""
+    B, D = border.B.copy(), border.D.copy()
+    hold, k = np.nonzero(absent)
+    B[hold, PHI.start + k] = 0.0
+    D[hold, PHI.start + k] = 0.0
+    D[hold, PHI.start + k, LAM.start + k] = 1.0
+    return replace(border, B=B, D=D)
+
+
+@cache
+def column_pattern(c: int) -> tuple[Indices, Indices]:
+    """Row of Vᵀ, and column of it beside the first point's, of each b^(order)_local ⊗ I₃."""
+    order, local, axis = np.ogrid[:3, :4, :3]
+    return 3 * order + axis, c * local + axis
+
+
+def columns(thread: Passage, n: int, c: int) -> Array:
+    """V = (b, b', b'') ⊗ I₃ of every hold over the `c` coordinates of `n` points, shape `(c n, 9m)`, Fortran order."""
+    m = len(thread.first)
+    V = np.zeros((m, NINE, c * n))
+    row, column = column_pattern(c)
+    V[np.arange(m)[:, None, None, None], row, c * thread.first[:, None, None, None] + column] = thread.b[:, :3, :, None]
+    return V.reshape(NINE * m, c * n).T
+
+
+def values_at_holds(thread: Passage, X: Array) -> Array:
+    """Vᵀ X by the four local points of each hold, shape `(9m, k)`; `X` (n, c, k)."""
+    m = len(thread.first)
+    local = X[thread.first[:, None] + LOCAL, :3]
+    return (thread.b[:, :3] @ local.reshape(m, 4, -1)).reshape(NINE * m, -1)
+
+
+def banded_solve(A: Array, b: Array) -> Array:
+    """Solve the banded system `A`, `b` (c n, k); both are overwritten. Raises `SingularError`."""
+    h = half_band_of(A)
+    lu, pivots, info = dgbtrf(A, h, h, overwrite_ab=1)
+    if info != 0:
+        raise SingularError("the thread's matrix is singular")
+    x, _ = dgbtrs(lu, h, h, b, pivots, overwrite_b=1)
+    return np.asarray(x)
+
+
+def newton_direction(
+    A: Array, held: Indices, border: Border, C: Array, thread: Passage, r_q: Array, r: Array, r_y: Array
+) -> tuple[Array, Array]:
+    """Newton direction dq (n, c) and dz (m, 15).
+
+    `A` banded, overwritten, its rows and columns of `held` (the thread's prescribed unknowns) those of the
+    identity; `C` (9m, 9m) organ compliance; residuals `r_q` (n, c), `r` (m, 6) of the holds, `r_y` (m, 9) of y. Raises
+    `SingularError`.
+    """
+    (n, c), m = r_q.shape, len(r)
+    right = np.empty((c * n, 1 + NINE * m), order="F")
+    right[:, 0], right[:, 1:] = -r_q.ravel(), columns(thread, n, c)
+    right[held] = 0.0
+    X = banded_solve(A, right)
+    if m == 0:
+        return X[:, 0].reshape(n, c), np.empty((0, BORDER))
+    G = values_at_holds(thread, X.reshape(n, c, -1))
+    matrix, rhs = holds_system(border, C, G[:, 0].reshape(m, NINE), G[:, 1:], r, r_y)
+    _, _, own, info = dgesv(matrix, rhs)
+    if info != 0 or not np.all(np.isfinite(own)):
+        raise SingularError("the holds' matrix is singular: two constraints say the same, or nothing holds the thread")
+    dz = np.zeros((m, BORDER))
+    dz[:, : len(own) // m] = own.reshape(m, -1)
+    push = np.matvec(border.E, dz).ravel()
+    return (X[:, 0] - X[:, 1:] @ push).reshape(n, c), dz
+
+
+def holds_system(border: Border, C: Array, w: Array, G: Array, r: Array, r_y: Array) -> tuple[Array, Array]:
+    """Matrix and right-hand side of the border once the thread is eliminated: Vᵀdq = w − G E dz.
+
+    Where no site gives way (C = 0) and each is in its place, dy = 0 and the six equations of a hold are all.
+    """
+    m = len(r)
+    rigid = not (C.any() or r_y.any())
+    E = border.E[:, :, :OWN] if rigid else border.E
+    GE = np.matmul(G.reshape(NINE * m, m, NINE).swapaxes(0, 1), E).swapaxes(0, 1).reshape(m, NINE, -1)
+    own = plus_diagonal(-border.B @ GE, border.D[:, :, : E.shape[2]]).reshape(OWN * m, -1)
+    own_rhs = (-r - np.matvec(border.B, w)).ravel()
+    if rigid:
+        return own, own_rhs
+    force = plus_diagonal(-border.R @ GE, border.F)
+    site = -C @ force.reshape(NINE * m, -1)
+    row = np.arange(NINE * m)
+    site[row, BORDER * (row // NINE) + OWN + row % NINE] += 1.0
+    site_rhs = C @ np.matvec(border.R, w).ravel() - r_y.ravel()
+    return np.concatenate([own, site]), np.concatenate([own_rhs, site_rhs])
+
+
+def plus_diagonal(full: Array, blocks: Array) -> Array:
+    """`full` (m, r, m k) with the blocks (m, r, k) added on its diagonal, in place."""
+    m, r, k = blocks.shape
+    hold = np.arange(m)
+    full.reshape(m, r, m, k)[hold, :, hold] += blocks
+    return full

@@ -1,0 +1,114 @@
+"""Time schemes: two numbers and two reference fields that make acceleration and velocity affine in the new position.
+
+A backward differentiation formula says d (x⁺ − x_d) for the velocity at the end of the step, x_d = Σ w_k x_k over the
+positions before it, newest first. Used twice it gives the acceleration a (x⁺ − x_a) with a = d² and
+x_a = x_d + v_d/d, v_d = Σ w_k v_k. The constraints are met at the end of the step, at position level.
+
+Steps of second order are BDF2 for thread, organ and abscissae. The first one, one after a jump
+(`coupling.system.forgetful`), and one much longer than the one before it are steps of backward Euler: the error of a
+single one is of second order, so the run's is too. For a constrained motion that holds for positions and velocities;
+the multipliers, which stand at the place of accelerations, are of second order from the third step on. Motion that is
+not smooth (a hand that turns a corner of its way, a hole that begins to stick) is followed with first order there, as
+by any integrator that does not stop at the corner.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from coupling.arrays import Array
+
+
+class Scheme(ABC):
+    """A backward differentiation formula for one step."""
+
+    @property
+    @abstractmethod
+    def d(self) -> float:
+        """Factor of the damping [1/s]."""
+
+    @property
+    @abstractmethod
+    def weights(self) -> tuple[float, ...]:
+        """w_k of the earlier values, newest first; they sum to one."""
+
+    @property
+    def a(self) -> float:
+        """Factor of the mass [1/s²]."""
+        return self.d**2
+
+    def damping_reference(self, *positions: Array) -> Array:
+        """x_d of the earlier positions, newest first [m]."""
+        return np.asarray(sum(w * x for w, x in zip(self.weights, positions, strict=True)))
+
+    def inertia_reference(self, *motion: Array) -> Array:
+        """x_a of earlier positions and velocities (x, v, x_before, v_before, …): where the body would be without
+        forces [m].
+        """
+        return self.damping_reference(*motion[::2]) + self.damping_reference(*motion[1::2]) / self.d
+
+    @property
+    def coefficients(self) -> tuple[tuple[float, float, float], ...]:
+        """(α, β, γ) of each earlier state in x_a = Σ (α x + β v) and x_d = Σ γ x."""
+        return tuple((w, w / self.d, w) for w in self.weights)
+
+
+@dataclass(frozen=True)
+class Equilibrium(Scheme):
+    """No motion: a = d = 0, whatever came before."""
+
+    @property
+    def d(self) -> float:
+        """Zero [1/s]."""
+        return 0.0
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """None: nothing is looked back at."""
+        return ()
+
+
+@dataclass(frozen=True)
+class BackwardEuler(Scheme):
+    """velocity⁺ = (x⁺ − x)/Δt, acceleration⁺ = (x⁺ − x − Δt v)/Δt²; order 1."""
+
+    dt: float
+
+    @property
+    def d(self) -> float:
+        """1/Δt [1/s]."""
+        return 1.0 / self.dt
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """The step starts where the body is."""
+        return (1.0,)
+
+
+@dataclass(frozen=True)
+class BDF2(Scheme):
+    """The derivative at t⁺ of the parabola through x⁺, x and x_before, steps Δt and `dt_before` apart; order 2.
+
+    Δt x'⁺ = (1+2ω)/(1+ω) x⁺ − (1+ω) x + ω²/(1+ω) x_before, ω = Δt/Δt_before: zero-stable for ω < 1 + √2 (Hairer,
+    Nørsett & Wanner, Solving Ordinary Differential Equations I, III.5). A-stable at equal steps, and damping stiff
+    modes as backward Euler does.
+    """
+
+    dt: float
+    dt_before: float
+
+    @property
+    def _ratio(self) -> float:
+        return self.dt / self.dt_before
+
+    @property
+    def d(self) -> float:
+        """(1+2ω)/((1+ω)Δt) [1/s]; 3/(2Δt) at equal steps."""
+        return (1.0 + 2.0 * self._ratio) / ((1.0 + self._ratio) * self.dt)
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """((1+ω)², −ω²)/(1+2ω); (4/3, −1/3) at equal steps."""
+        ratio = self._ratio
+        return (1.0 + ratio) ** 2 / (1.0 + 2.0 * ratio), -(ratio**2) / (1.0 + 2.0 * ratio)

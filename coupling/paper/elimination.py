@@ -1,0 +1,102 @@
+"""The paper's own solver of the linear step (§4.1): accelerations are eliminated, multipliers are left."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coupling.arrays import Array
+from coupling.assembled import sparse_band
+from coupling.bordered import (
+    BORDER,
+    NINE,
+    PHI,
+    S,
+    SingularError,
+    Y,
+    banded_solve,
+    columns,
+    plus_diagonal,
+    values_at_holds,
+)
+from coupling.errors import CouplingError
+from coupling.interfaces import Body
+from coupling.paper.linear_step import Answer, Posed
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """`matrix` λ = `right`, what is left when accelerations are eliminated, in the units of Δt² a.
+
+    `matrix` (5m, 5m) = L A⁻¹ Lᵀ + L_s L_sᵀ/ε + Φ_y C Φ_yᵀ, symmetric; ones for constraints that are not in force.
+    `q` (c n,) and `s` (m,): the tendencies; `q_of` (c n, 5m), `s_of` (m, 5m): the corrections by λ.
+    """
+
+    matrix: Array
+    right: Array
+    q: Array
+    s: Array
+    q_of: Array
+    s_of: Array
+
+
+def elimination(posed: Posed[Body]) -> Elimination:
+    """Tendency and correction (§4.1). Raises `CouplingError` at ε = 0, `SingularError`."""
+    problem, border = posed.problem, posed.border
+    slides = posed.guess.sigma != 0.0
+    if slides.any() and problem.law.inertia == 0.0:
+        raise CouplingError(
+            "epsilon = 0: the elimination of tendency and correction divides by it; give epsilon > 0 or solve whole"
+        )
+    L, L_s, L_y = (block_diagonal(x) for x in (border.B[:, PHI], border.D[:, PHI, S : S + 1], border.D[:, PHI, Y]))
+    right = np.column_stack([-posed.r_q.ravel(), columns(posed.at, *posed.r_q.shape) @ L.T])
+    right[problem.system.held] = 0.0
+    X = banded_solve(posed.band(), np.asfortranarray(right))
+    LX = L @ values_at_holds(posed.at, X.reshape(*posed.r_q.shape, -1))
+    per_inertia = np.where(slides, 1.0, 0.0) / (problem.law.inertia or 1.0)
+    s, s_of = np.where(slides, per_inertia, -1.0) * posed.r[:, S], per_inertia[:, None] * L_s.T
+    matrix = LX[:, 1:] + L_s @ s_of + L_y @ problem.C @ L_y.T + np.diag(1.0 - problem.rows.ravel())
+    return Elimination(matrix, -posed.r[:, PHI].ravel() - LX[:, 0] - L_s @ s, X[:, 0], s, X[:, 1:], s_of)
+
+
+def solve_by_elimination(posed: Posed[Body]) -> Answer:
+    """The paper's own solver (§4.1), for ε > 0: its matrix is as bad as 1/ε. Raises `CouplingError`,
+    `SingularError`."""
+    reduced, border = elimination(posed), posed.border
+    try:
+        lam = np.linalg.solve(reduced.matrix, reduced.right)
+    except np.linalg.LinAlgError as error:
+        raise SingularError("the matrix of the multipliers is singular: two constraints say the same") from error
+    dz = np.zeros((len(posed.r), BORDER))
+    dz[:, S], dz[:, PHI] = reduced.s + reduced.s_of @ lam, lam.reshape(-1, 5)
+    dz[:, Y] = (posed.problem.C @ np.matvec(border.F, dz).ravel()).reshape(-1, NINE)
+    return (reduced.q + reduced.q_of @ lam).reshape(posed.r_q.shape), dz
+
+
+def whole_matrix(posed: Posed[Body]) -> Array:
+    """The matrix above without units: accelerations by 1 m/s², λ by the largest entry μ of A, directions by the mean
+    span ℓ: [[A/μ, 0, −Lᵀ], [0, ε/μ, −L_sᵀ], [L, L_s, μ/Δt² Φ_y C Φ_yᵀ]], shape `(c n + 6m, c n + 6m)`.
+
+    For its condition number; rows of prescribed unknowns and of constraints not in force are those of the identity.
+    """
+    problem, border, dt = posed.problem, posed.border, posed.problem.dt
+    thread, held = problem.system.thread, problem.system.held
+    A = dt**2 * sparse_band(problem.inertia + posed.tangent).toarray()
+    mu, span = np.abs(A).max(), (thread.spline.end - thread.spline.start) / (thread.n - 3)
+    unit = np.tile([1.0, 1.0, 1.0, span, span], len(posed.r))[:, None]
+    L, L_s, L_y = (
+        block_diagonal(x) * unit for x in (border.B[:, PHI], border.D[:, PHI, S : S + 1], border.D[:, PHI, Y])
+    )
+    L, A = L @ columns(posed.at, *posed.r_q.shape).T, A / mu
+    A[held], A[:, held], L[:, held] = 0.0, 0.0, 0.0
+    A[held, held] = 1.0
+    slides, size = posed.guess.sigma != 0.0, len(A)
+    eps = np.diag(np.where(slides, problem.law.inertia * dt**2 / mu, 1.0))
+    compliance = mu / dt**2 * L_y @ problem.C @ L_y.T + np.diag(1.0 - problem.rows.ravel())
+    none = np.zeros((size, len(slides)))
+    return np.block([[A, none, -L.T], [none.T, eps, -(slides * L_s).T], [L, L_s, compliance]])
+
+
+def block_diagonal(blocks: Array) -> Array:
+    """Blocks (m, r, k) on the diagonal, shape `(m r, m k)`."""
+    m, r, k = blocks.shape
+    return plus_diagonal(np.zeros((m, r, m * k)), blocks).reshape(m * r, m * k)

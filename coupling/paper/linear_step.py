@@ -1,0 +1,375 @@
+"""The paper's own step (§4.1): accelerations, one linear solve, the constraints as differential equations.
+
+Unknowns are the accelerations a of the control points, s̈ of the abscissae, and the multipliers; the organ enters
+through its nine numbers, exactly condensed, y⁺ = y_free + C Φ_yᵀλ with ÿ = (y⁺ − y − Δt ẏ)/Δt². Implicit Euler:
+v⁺ = v + Δt a, q⁺ = q + Δt v⁺, and so for s.
+
+    | A    0    −Φ_qᵀ          |  a      A = (1 + Δt d) M + Δt² ∂²E/∂q², d the thread's damping
+    | 0    ε    −Φ_sᵀ          |  s̈      eq. 7; eq. 6 at ε = 0
+    | Φ_q  Φ_s  Φ_y C Φ_yᵀ/Δt² |  λ      Φ̈ + (2/τ) Φ̇ + (1/τ²) Φ = 0 (eq. 5), τ = Δt
+
+What is linearised, all of it at the start of the step: the elastic force, E'(q⁺) ≈ E'(q) + E''(q)(q⁺ − q) with the
+exact tangent (stretch EA ε, geometric and bending part), without which the speed of sound in a real suture, 2 km/s,
+would bind the step to 10⁻⁶ s; and the directions Φ_q, Φ_s, Φ_y of the constraint forces, which stay those of the
+start, as in the paper (no derivative of λ·Φ). Φ̈ = Φ_q a + Φ_s s̈ + Φ_y ÿ + w has all its velocity terms w, of the
+start. A step at whose end the thread is further than its diameter from where this linearisation has it in a hole is
+refused, and so halved: the paper has no such test, and a light thread that snaps needs one.
+
+Where Φ and Φ̇ of eq. 5 are taken decides stability. At the end of the step, Φ̇⁺ = Φ̇ + ΔtΦ̈, Φ⁺ = Φ + ΔtΦ̇⁺, the map
+of (Φ, ΔtΦ̇) has the double root 1/(1 + Δt/τ) = ½: a violation dies for every Δt. At the start, as eq. 5 reads, its
+roots with implicit Euler are (−1 ± √5)/2: the violation grows by 1.618 a step. The second is here to be studied.
+
+Friction is not part of the linear system: two passes of it (§4.3) are the paper's algorithm, `linear_two_pass`.
+
+Motion leaves a violation of order Δt² w behind it, as any step does that has the constraint at acceleration level.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Generic, Literal
+
+import numpy as np
+from scipy.linalg.blas import dgbmv
+
+from coupling.arrays import Array, Flags
+from coupling.bordered import NINE, PHI, Border, S, SingularError, newton_direction, values_at_holds
+from coupling.configuration import Configuration
+from coupling.constraints import Passage, bare_passage, phi, site_force, spread, thread_force
+from coupling.contact import NO_FORCES
+from coupling.errors import CouplingError, StepError
+from coupling.integrators import BackwardEuler
+from coupling.interfaces import Body
+from coupling.newton import ROUND_OFF, Iterate, Problem, Residual, Solution, border_of, failure
+from coupling.paper.two_pass import PASSES, Verdict, first_verdict, is_settled, judge, motion
+from coupling.sliding import Law, law_of, prescribed
+from coupling.stepping import Step, dynamic_problem, organ_answer, reactions, refuse_inversion, with_ends
+from coupling.system import State, System, forgetful
+from thread.banded import half_band_of
+from thread.thread import Points
+from thread.vectors import dot
+
+Evaluation = Literal["end", "start"]
+TRUST = 1.0  # diameters by which the linearised P(s) − x may be wrong at the end of a step
+ACCURACY = 1e-8  # residual of the linear system over its largest term; a worse solve is refused
+
+
+# -- the constraints as functions of time ------------------------------------------------------------------------------
+
+
+def phi_rate(at: Passage, rate: Passage, y: Array, s_dot: Array, y_dot: Array) -> Array:
+    """Φ̇ = Φ_q q̇ + Φ_s ṡ + Φ_y ẏ, shape `(m, 5)` [m/s, 1/s]; `rate` is the passage of q̇."""
+    out = np.empty((len(y), 5))
+    T_dot = rate.T + s_dot[:, None] * at.K
+    out[:, :3] = rate.P + s_dot[:, None] * at.T - y_dot[:, :3]
+    for k, (w, w_dot) in enumerate(frames(y, y_dot)):
+        out[:, 3 + k] = dot(T_dot, w) + dot(at.T, w_dot)
+    return out
+
+
+def velocity_terms(at: Passage, rate: Passage, y: Array, s_dot: Array, y_dot: Array) -> Array:
+    """w = Φ̈ without accelerations, shape `(m, 5)` [m/s², 1/s²].
+
+    g: 2 b'q̇ ṡ + T' ṡ²;   c₁: 2 (b'q̇)·u̇ + 2ṡ (b''q̇)·u + 2ṡ T'·u̇ + ṡ² T''·u;   c₂ with v for u.
+    """
+    out, ds = np.empty((len(y), 5)), s_dot[:, None]
+    out[:, :3] = 2.0 * ds * rate.T + ds**2 * at.K
+    for k, (w, w_dot) in enumerate(frames(y, y_dot)):
+        out[:, 3 + k] = dot(2.0 * ds * rate.K + ds**2 * at.J, w) + 2.0 * dot(rate.T + ds * at.K, w_dot)
+    return out
+
+
+def frames(y: Array, y_dot: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """(u, u̇) and (v, v̇), each `(m, 3)`."""
+    return (y[:, 3:6], y_dot[:, 3:6]), (y[:, 6:], y_dot[:, 6:])
+
+
+def restoring_acceleration(violation: Array, rate: Array, dt: float, evaluation: Evaluation) -> Array:
+    """Φ̈ that eq. 5 asks for at τ = Δt, from Φ and Φ̇ at the start of the step.
+
+    "end": Φ̈ + (2/Δt)(Φ̇ + ΔtΦ̈) + (Φ + ΔtΦ̇ + Δt²Φ̈)/Δt² = 0.  "start": the literal eq. 5, unstable.
+    """
+    if evaluation == "start":
+        return -2.0 / dt * rate - violation / dt**2
+    return -0.25 * (3.0 / dt * rate + violation / dt**2)
+
+
+# -- the linear system of a step ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Posed(Generic[Body]):
+    """The linear system of one step, in the increments of position Δt² a and Δt² s̈, about a guess without forces.
+
+    `problem`: the implicit step it linearises, ideal; `at`, `points`: holds and curve at the start; `tangent`
+    banded [N/m]; `guess`: the step without forces; `r_q` (n, c) [N], `r` (m, 6): residuals there; `phi` (m, 5): Φ
+    at the end by the linearisation; `border`: rows and columns of the holds.
+    """
+
+    problem: Problem[Body]
+    state: State[Body]
+    at: Passage
+    points: Points
+    tangent: Array
+    guess: Iterate
+    r_q: Array
+    r: Array
+    phi: Array
+    border: Border
+
+    def band(self) -> Array:
+        """A/Δt², banded [N/m], the prescribed unknowns held; a new array."""
+        return self.problem.system.hold_still(self.problem.inertia + self.tangent)
+
+
+def pose(system: System[Body], state: State[Body], dt: float, evaluation: Evaluation = "end") -> Posed[Body]:
+    """The linear system of a step of `dt` [s] through ideal holes; one organ back-substitution. Raises `CouplingError`
+    for an organ whose lips may touch, and for a thread that is drawn by hand."""
+    if system.organ.lips(state.organ)[0].size:
+        raise CouplingError("the linear step knows no contact of the lips; use Newton's scheme, or leave out contact")
+    if system.by_hand.any():
+        raise CouplingError("the linear step draws no thread by hand; use Newton's scheme, or leave out draw")
+    scheme, thread = BackwardEuler(dt), system.thread
+    problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state))
+    law = prescribed(problem.law, np.zeros(system.holds, dtype=bool), np.zeros(system.holds))
+    problem = replace(problem, law=law)
+    points, at = thread.points(state.q, state.frame), bare_passage(thread.spline, state.q, state.s)
+    tangent = thread.tangent(points, thread.EA * points.strain)
+    guess = Iterate(
+        q=with_ends(state.q + dt * state.v, system, problem.time),
+        N=state.N,
+        s=problem.law.s_free,
+        lam=np.zeros_like(state.lam),
+        y=problem.y_free,
+        sigma=np.where(problem.law.may_slide, 1.0, 0.0),
+    )
+    r = np.zeros((system.holds, 6))
+    r[:, S] = np.where(law.may_slide, 0.0, law.s_free - law.s_old)
+    Phi, Phi_dot = phi(at, state.lam, state.y), phi_dot(system, state, at)
+    asked = restoring_acceleration(Phi, Phi_dot, dt, evaluation)
+    r[:, PHI] = problem.rows * (constraint_acceleration(problem, state, at, guess) - dt**2 * asked)
+    Phi = Phi + dt * (Phi_dot + dt * asked)
+    r_q = thread_residual(problem, points, tangent, state.q, guess.q)
+    border = border_of(problem, replace(guess, y=state.y), at)
+    return Posed(problem, state, at, points, tangent, guess, r_q, r, Phi, border)
+
+
+def phi_dot(system: System[Body], state: State[Body], at: Passage) -> Array:
+    """Φ̇ at the start of a step, shape `(m, 5)` [m/s, 1/s]."""
+    rate = bare_passage(system.thread.spline, state.v, state.s)
+    return phi_rate(at, rate, state.y, state.s_dot, site_rates(system, state))
+
+
+def constraint_acceleration(problem: Problem[Body], state: State[Body], at: Passage, guess: Iterate) -> Array:
+    """Δt² Φ̈ at the guess, where s̈ = 0, shape `(m, 5)` [m, -]."""
+    dt, spline, y_dot = problem.dt, problem.system.thread.spline, site_rates(problem.system, state)
+    rate, moved = (bare_passage(spline, x, state.s) for x in (state.v, guess.q - state.q - dt * state.v))
+    linear = phi_rate(at, moved, state.y, np.zeros_like(state.s), guess.y - state.y - dt * y_dot)
+    return linear + dt**2 * velocity_terms(at, rate, state.y, state.s_dot, y_dot)
+
+
+def site_rates(system: System[Body], state: State[Body]) -> Array:
+    """ẏ of every hold at the start of a step, `(m, 9)`: Y V of an organ with inertia; of one without, as last seen."""
+    known = np.zeros_like(state.y) if state.y_dot is None else state.y_dot.copy()
+    moving = system.organ.impulse(state.organ)
+    if moving is not None:
+        known[: len(system.piercings)] = moving.y_free.reshape(-1, NINE)
+    return known
+
+
+def thread_residual(problem: Problem[Body], points: Points, tangent: Array, q: Array, q_new: Array) -> Array:
+    """Thread's equation without multipliers at q⁺ = `q_new`, the elastic force linearised at `q`, `(n, c)` [N]."""
+    thread = problem.system.thread
+    elastic = thread.gradient(points) + banded_product(tangent, q_new - q)
+    return elastic + problem.mass_factor * thread.momentum(q_new - problem.q_ref) - problem.load
+
+
+def banded_product(band: Array, x: Array) -> Array:
+    """Product of a banded matrix with `x` (n, c)."""
+    size, h = band.shape[1], half_band_of(band)
+    return np.asarray(dgbmv(size, size, h, h, 1.0, band[h:], x.ravel())).reshape(x.shape)
+
+
+def constrained(posed: Posed[Body], held: Flags, injected: Array) -> Posed[Body]:
+    """The same step with some abscissae held and forces injected; what is dear is shared.
+
+    `held` (m,): ds = 0 in this step, a fixed point in place of the sliding one (§4.3, static case). `injected` (m,)
+    [N]: force of the hole on the thread along its tangent t at the other holes (pseudo-static and kinetic case). It
+    enters as Φ_sᵀλ − ε s̈ = |T| F: λ contains it, and so does the reaction on the organ.
+    """
+    law = prescribed(posed.problem.law, held, injected)
+    slides = np.where(law.may_slide, 1.0, 0.0)
+    r, ideal = posed.r.copy(), replace(posed.problem, law=replace(law, injected=np.zeros_like(injected)))
+    r[:, S] = np.where(law.may_slide, -np.linalg.norm(posed.at.T, axis=1) * injected, law.s_free - law.s_old)
+    guess = replace(posed.guess, sigma=slides)
+    border = border_of(ideal, replace(guess, y=posed.state.y), posed.at)
+    return replace(posed, problem=replace(ideal, law=law), guess=guess, r=r, border=border)
+
+
+# -- solvers -----------------------------------------------------------------------------------------------------------
+
+
+Answer = tuple[Array, Array]  # beside the guess: of q (n, c) [m]; of s, λ, y in the order of the border (m, 15)
+Solver = Callable[[Posed[Body]], Answer]
+
+
+def solve_whole(posed: Posed[Body]) -> Answer:
+    """The whole system, ε = 0 included: a banded thread with a dense border. Raises `SingularError`."""
+    problem, site = posed.problem, np.zeros_like(posed.guess.y)
+    return newton_direction(
+        posed.band(), problem.system.held, posed.border, problem.C, posed.at, posed.r_q, posed.r, site
+    )
+
+
+# -- the step ----------------------------------------------------------------------------------------------------------
+
+
+def linear_step(
+    system: System[Body],
+    state: State[Body],
+    dt: float,
+    held: Flags | None = None,
+    injected: Array | None = None,
+    evaluation: Evaluation = "end",
+    solver: Solver = solve_whole,
+) -> Step[Body]:
+    """One step of `dt` [s] by one linear solve; the state is not touched.
+
+    Friction is the caller's: `held` and `injected` as for `constrained`. Raises `CouplingError` where holes have
+    friction and neither is given, `StepError`, `InversionError`.
+    """
+    if held is None and injected is None:
+        refuse_friction(system)
+    posed = pose(system, state, dt, evaluation)
+    if held is not None or injected is not None:
+        held = np.zeros(system.holds, dtype=bool) if held is None else held
+        posed = constrained(posed, held, np.zeros(system.holds) if injected is None else injected)
+    return solve_posed(posed, solver)
+
+
+def linear_two_pass(system: System[Body], state: State[Body], dt: float, passes: int = PASSES) -> Step[Body]:
+    """One step of `dt` [s] with friction by the passes of §4.3, a linear solve each: the paper's whole algorithm.
+
+    The organ is asked once. Raises `StepError`, `InversionError`.
+    """
+    posed = pose(system, state, dt)
+    law = law_of(system, state.s, state.present, posed.problem.law.inertia, posed.problem.law.s_free)
+    verdict = first_verdict(system, law, state, dt)
+    step = solve_posed(with_verdict(posed, law, verdict))
+    for number in range(1, passes):
+        new = judge(law, verdict, step.solution, frictionless=number == 1)
+        if is_settled(verdict, new, step.solution):
+            break
+        verdict, step = new, solve_posed(with_verdict(posed, law, new))
+    z = replace(step.solution.iterate, sigma=motion(law, verdict, step.solution.iterate))
+    solution = replace(step.solution, problem=replace(step.solution.problem, law=law), iterate=z)
+    return replace(step, new=replace(step.new, sigma=z.sigma), solution=solution)
+
+
+def with_verdict(posed: Posed[Body], law: Law, verdict: Verdict) -> Posed[Body]:
+    """The linear system of a pass."""
+    return constrained(posed, law.rough & (verdict.sense == 0.0), verdict.friction)
+
+
+def refuse_friction(system: System[Body]) -> None:
+    """Raise `CouplingError` at a hole with friction."""
+    if system.rough.any():
+        name = system.piercings[int(np.argmax(system.rough))].name
+        raise CouplingError(
+            f"friction at piercing {name!r}: the linear step has no implicit friction; solve it in two passes, or by "
+            "Newton's scheme, or leave the friction out"
+        )
+
+
+def solve_posed(posed: Posed[Body], solver: Solver = solve_whole) -> Step[Body]:
+    """The step of a linear system. Raises `StepError` where the solve is singular, inaccurate or runs away,
+    `InversionError`."""
+    problem, state, guess = posed.problem, posed.state, posed.guess
+    system, dt, p = problem.system, problem.dt, len(problem.system.piercings)
+    try:
+        dq, dz = solver(posed)
+    except SingularError as error:
+        raise StepError(state.time, dt, str(error)) from error
+    q, lam = guess.q + dq, np.where(problem.rows, dz[:, PHI], 0.0)
+    s = np.where(guess.sigma == 0.0, problem.law.s_old, guess.s + dz[:, S])  # held: to the last bit, no creep
+    residual = check_accuracy(posed, q, dq, dz)
+    force = site_force(posed.at, lam, state.y)
+    organ = problem.answer.accept(force[:p].ravel(), NO_FORCES)
+    y = problem.y_free + (problem.C @ force.ravel()).reshape(-1, NINE)
+    new = replace(
+        forgetful(state),
+        time=problem.time,
+        q=q,
+        v=(q - state.q) / dt,
+        N=system.thread.EA * residual.points.strain,
+        organ=organ,
+        s=s,
+        s_dot=(s - state.s) / dt,
+        lam=lam,
+        y=y,
+        y_dot=(y - state.y) / dt,
+        sigma=np.where(system.rough, np.sign(s - state.s), 1.0) * guess.sigma,
+        reaction=reactions(system, residual.thread, problem.load),
+        frame=system.thread.carried(state.frame, q),
+    )
+    if system.thread.turned_too_far(state.frame, q):
+        raise StepError(state.time, dt, "a tangent turned by more than 120°, further than the twist can follow")
+    at = bare_passage(system.thread.spline, q, s)
+    refuse_missed(posed, phi(at, lam, y))
+    refuse_inversion(system, state, new, at)
+    iterate = Iterate(q, new.N, s, lam, state.y, new.sigma)
+    solution = Solution(problem, iterate, residual, 1, linearisation(posed, residual.points, q))
+    return Step(state, new, dt, solution, replace(residual.configuration, at=at))
+
+
+def check_accuracy(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residual:
+    """Residuals of the linear system at its solution. Raises `StepError` where they are not small, or the forces moved
+    the thread by more than its length, of which no linearisation says anything."""
+    problem, state, thread = posed.problem, posed.state, posed.problem.system.thread
+    length = thread.spline.end - thread.spline.start
+    if not np.all(np.isfinite(dq)) or np.abs(dq * thread.lever).max() > length:
+        raise StepError(state.time, problem.dt, "the linear step ran away; take a smaller dt, or Newton's scheme")
+    lam = dz[:, PHI]
+    free = thread_residual(problem, posed.points, posed.tangent, state.q, q)
+    balance, push = free.copy(), spread(thread_force(posed.at, lam, state.y), posed.at, thread.n)
+    balance[:, :3] -= push
+    at = values_at_holds(posed.at, dq[..., None]).reshape(-1, NINE)
+    B, D = posed.border.B, posed.border.D
+    holds = posed.r + np.matvec(B, at) + np.matvec(D, dz)
+    terms = np.abs(posed.r) + np.matvec(np.abs(B), np.abs(at)) + np.matvec(np.abs(D), np.abs(dz))
+    force_scale = max(
+        np.abs(free / thread.lever).max(), np.abs(posed.r_q / thread.lever).max(), np.abs(lam[:, :3]).max(initial=0.0)
+    )
+    points = thread.points(q, state.frame)
+    residual = Residual(
+        Configuration(points, posed.at, thread.gradient(points)),
+        site_force(posed.at, lam, state.y),
+        push,
+        balance,
+        holds,
+        np.zeros_like(state.y),
+        float(force_scale),
+    )
+    largest = np.abs(np.delete((balance / thread.lever).ravel(), problem.system.held)).max(initial=0.0)
+    force_unit = np.abs(problem.inertia + posed.tangent).max() * length
+    floor = ROUND_OFF * np.array([force_unit, length, length, length, 1.0, 1.0])
+    accurate = np.abs(holds).max(axis=0, initial=0.0) <= ACCURACY * terms.max(axis=0, initial=0.0) + floor
+    if largest > ACCURACY * force_scale + floor[S] or not accurate.all():
+        raise failure(problem, residual, "the linear solve lost its accuracy; with the elimination, raise epsilon")
+    return residual
+
+
+def refuse_missed(posed: Posed[Body], end: Array) -> None:
+    """Raise `StepError` where P(s) − x of `end`, the true Φ (m, 5), is far from that of the linearisation."""
+    problem = posed.problem
+    missed = np.linalg.norm((end - posed.phi)[:, :3], axis=1) * problem.rows[:, 0]
+    if missed.max(initial=0.0) > TRUST * problem.system.thread.section.diameter:
+        name = problem.system.piercings[int(np.argmax(missed))].name
+        cause = f"linearised, it misses a hole by {missed.max():.3g} m, more than the thread's diameter"
+        raise StepError(posed.state.time, problem.dt, f"{cause}; take a smaller dt, or Newton's scheme", name)
+
+
+def linearisation(posed: Posed[Body], points: Points, q: Array) -> float:
+    """Work of the elastic force that the step used beyond that of the true one at its end [J]."""
+    thread, dq = posed.problem.system.thread, q - posed.state.q
+    used = thread.gradient(posed.points) + banded_product(posed.tangent, dq)
+    return float(np.sum((used - thread.gradient(points)) * dq))

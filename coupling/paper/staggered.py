@@ -1,0 +1,130 @@
+"""The quasi-static variant (§4.4, first half): thread and organ one after the other.
+
+    1. thread   Φ(q⁺, s⁺, y) = 0 with the holes where the organ had them at the start of the step, y held
+    2. organ    its own step under the reaction f_y = Φ_yᵀλ, which moves the holes to y⁺
+
+so P(s⁺) − x⁺ = −(x⁺ − x), the way the hole went during the step: the drift that the next step makes up for, and its own
+motion makes anew. Its work, −λ·Δ(x⁺ − x) on thread and organ together, is energy the scheme creates or destroys; the
+audit finds it in the numerical dissipation. The thread answers the hole's motion with its stiffness, M/Δt² + ∂²E/∂q²,
+and the organ the force with its compliance: where the product is above one the exchange diverges, for a quasi-static
+organ the sooner the shorter the step. The monolithic step is the one to use; this one is what it is compared with.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Generic
+
+import numpy as np
+
+from coupling.answer import Held, all_holds
+from coupling.arrays import Array
+from coupling.constraints import site_force
+from coupling.contact import NO_FORCES, solve_contact
+from coupling.errors import RunAwayError
+from coupling.integrators import BackwardEuler, Scheme
+from coupling.interfaces import Answer, Body, Organ, OrganEnergies
+from coupling.stepping import Step, Take, organ_answer, refuse_inversion, try_step
+from coupling.system import State, System
+
+FARTHEST = 0.1  # of the thread's length: a hole that moved further in one step has run away
+
+
+@dataclass(frozen=True)
+class HeldOrgan(Generic[Body]):
+    """An organ as the thread meets it during its own step: where it is, whatever the force."""
+
+    organ: Organ[Body]
+
+    @property
+    def y0(self) -> Array:
+        """Site variables of the organ at rest, shape `(9p,)`."""
+        return self.organ.y0
+
+    def start(self) -> Body:
+        """Return the organ's start."""
+        return self.organ.start()
+
+    def answer(self, scheme: Scheme, past: Sequence[Body]) -> Held[Body]:
+        """Return the answer of the organ where it is."""
+        return Held(self.organ.site_variables(past[0]), past[0])
+
+    def site_variables(self, state: Body) -> Array:
+        """Return y of the organ, shape `(9p,)`."""
+        return self.organ.site_variables(state)
+
+    def lips(self, state: Body) -> tuple[Array, Array]:
+        """Return no gaps and no forces: the lips meet one another in the organ's own step."""
+        return NO_FORCES, NO_FORCES
+
+    def energies(self, old: Body, new: Body) -> OrganEnergies:
+        """Return the energies of the organ, which does no work here."""
+        return self.organ.energies(old, new)
+
+    def impulse(self, state: Body) -> Answer[Body] | None:
+        """Return the organ's answer to an impulse."""
+        return self.organ.impulse(state)
+
+    def displace(self, scheme: Scheme, state: Body, y: Array, f_y: Array) -> Held[Body]:
+        """Return the answer of the organ where it is."""
+        return self.answer(scheme, [state])
+
+
+SchemeOf = Callable[[State[Body], float], Scheme]
+
+
+def backward_euler(state: State[Body], dt: float) -> Scheme:
+    """The scheme of an organ that looks back at nothing."""
+    return BackwardEuler(dt)
+
+
+def staggered_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
+    """One step of `dt` [s], thread and organ by backward Euler. Raises `StepError`, `InversionError`,
+    `RunAwayError`; the state is not touched."""
+    return stagger(try_step, backward_euler)(system, state, dt)
+
+
+def stagger(thread_step: Take[Body], scheme_of: SchemeOf[Body]) -> Take[Body]:
+    """The staggered step whose thread takes `thread_step` and whose organ steps by the scheme that `scheme_of` names
+    for a state and dt."""
+
+    def take(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
+        step = thread_step(replace(system, organ=HeldOrgan(system.organ)), state, dt)
+        return move_organ(system, step, scheme_of(state, dt))
+
+    return take
+
+
+def move_organ(system: System[Body], step: Step[Body], scheme: Scheme) -> Step[Body]:
+    """The step after the organ has taken its own under the reaction of the thread. Raises `RunAwayError`,
+    `InversionError`."""
+    state, new, at = step.old, step.new, step.solution.residual.passage
+    f_y = site_force(at, new.lam, step.solution.iterate.y)[: len(system.piercings)].ravel()
+    answer = organ_answer(system, scheme, state)
+    organ = answer.accept(f_y, solve_contact(system, f_y, answer))
+    y = all_holds(system, system.organ.site_variables(organ))
+    refuse_runaway(system, state, y, step.dt)
+    new = replace(new, organ=organ, y=y)
+    refuse_inversion(system, state, new, at)
+    return replace(step, new=new)
+
+
+def refuse_runaway(system: System[Body], state: State[Body], y: Array, dt: float) -> None:
+    """Raise `RunAwayError` where a hole goes further than FARTHEST of the thread's length in one step, or nowhere."""
+    spline, p = system.thread.spline, len(system.piercings)
+    way = np.nan_to_num(np.linalg.norm((y - state.y)[:p, :3], axis=1), nan=np.inf)
+    if way.max(initial=0.0) > FARTHEST * (spline.end - spline.start):
+        worst = int(np.argmax(way))
+        raise RunAwayError(state.time, dt, system.piercings[worst].name, float(way[worst]))
+
+
+def work_of_the_lag(system: System[Body], met: Array, step: Step[Body]) -> float:
+    """Energy that a step creates because the thread met the holes where they had been, [J]; negative: destroyed.
+
+    f_y·(Δy − Δŷ), what the organ is given less what the thread gives, where ŷ (holds, 9) is where the thread met the
+    holes and `met` is ŷ of the step before (y at the start). Zero for the monolithic step. Followed slowly, the organ
+    moves with the force and the lag destroys energy; what it creates feeds a growing exchange.
+    """
+    p = len(system.piercings)
+    f_y = site_force(step.solution.residual.passage, step.new.lam, step.solution.iterate.y)
+    lag = (step.new.y - step.old.y) - (step.solution.iterate.y - met)
+    return float(np.sum((f_y * lag)[:p]))

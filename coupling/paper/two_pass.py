@@ -1,0 +1,109 @@
+"""Friction by the algorithm of §4.3 as written: solve, judge every hole, inject the friction, solve again.
+
+First pass: a hole where the thread's velocity V_t is null is static and becomes a fixed point; one where it is not is
+kinetic and slides without friction. Then each hole is judged by the multipliers of that pass:
+
+    static          |f| < F₀ + μ_s N: it holds, a fixed point to the end
+    pseudo-static   else: a sliding point, with the friction F₀ + μ_s N against the motion that f held back
+    kinetic         a sliding point, with the friction F₀ + μ_k N against V_t
+
+and what is injected acts on thread and organ in the second pass. V_t is the velocity of the material point relative to
+the hole, −|T| ds/dt at the start of the step (the paper's dP/dt is zero at a hole that rests). f, N, F₀ as in the law
+of sliding; the paper has neither grip nor channel. Its −λ_t/|λ_t| is the pull of the thread on the hole; here λ is the
+force of the hole on the thread, and friction has the sign of what held the point.
+
+The lag: the friction is that of the N of the pass before, and of the V_t of the step before. So the cone is missed by
+O(μ²), and a thread that comes to rest overshoots, and shivers until V_t is taken for null. With more `passes` the holes
+are judged again after each, a friction that would drive the motion gives way to a fixed point, and the passes tend to
+the implicit answer (where μ_s = μ_k: the paper lets a point break loose under μ_s for a whole step).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from coupling.arrays import Array
+from coupling.constraints import bare_passage
+from coupling.integrators import BackwardEuler
+from coupling.interfaces import Body
+from coupling.newton import FORCE_TOLERANCE, Iterate, Problem, Solution
+from coupling.sliding import Law, force_along_thread, normal_force, prescribed
+from coupling.stepping import Step, conclude, dynamic_problem, find_solution, organ_answer, predict
+from coupling.system import State, System
+
+PASSES = 2  # the paper's
+STILL = 1e-6  # of the thread's diameter: V_t is null where it would carry the thread less far in a step
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the holes are taken for, `(m,)` each: `sense` of ds/dt that the friction opposes, 0 where the point is held;
+    coefficient `mu` [-]; `friction` [N] to be injected, along t."""
+
+    sense: Array
+    mu: Array
+    friction: Array
+
+
+def two_pass(system: System[Body], state: State[Body], dt: float, passes: int = PASSES) -> Step[Body]:
+    """One step of `dt` [s] of backward Euler with friction in at most `passes` passes. Raises `StepError`,
+    `InversionError`."""
+    scheme = BackwardEuler(dt)
+    problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
+    solution = solve_passes(problem, predict(problem, state), first_verdict(system, problem.law, state, dt), passes)
+    return conclude(state, scheme, solution)
+
+
+def solve_passes(problem: Problem[Body], guess: Iterate, verdict: Verdict, passes: int) -> Solution[Body]:
+    """The last of the passes, which end early once the verdict stands. Its problem is that of the true law."""
+    solution = find_solution(with_verdict(problem, verdict), guess)
+    iterations = solution.iterations
+    for number in range(1, passes):
+        new = judge(problem.law, verdict, solution, frictionless=number == 1)
+        if is_settled(verdict, new, solution):
+            break
+        verdict = new
+        solution = find_solution(
+            with_verdict(problem, verdict), guess
+        )  # not from the pass before, which may have snapped
+        iterations += solution.iterations
+    z = replace(solution.iterate, sigma=motion(problem.law, verdict, solution.iterate))
+    answered = replace(problem, answer=solution.problem.answer)
+    return replace(solution, problem=answered, iterate=z, iterations=iterations)
+
+
+def with_verdict(problem: Problem[Body], verdict: Verdict) -> Problem[Body]:
+    """The problem of a pass."""
+    law = problem.law
+    return replace(problem, law=prescribed(law, law.rough & (verdict.sense == 0.0), verdict.friction))
+
+
+def first_verdict(system: System[Body], law: Law, state: State[Body], dt: float) -> Verdict:
+    """Static or kinetic by the velocity at the start of the step; nothing injected yet."""
+    T = bare_passage(system.thread.spline, state.q, state.s).T
+    V_t = -np.linalg.norm(T, axis=1) * state.s_dot
+    moves = law.rough & law.may_slide & (np.abs(V_t) * dt > STILL * system.thread.section.diameter)
+    return Verdict(np.where(moves, -np.sign(V_t), 0.0), law.kinetic, np.zeros_like(V_t))
+
+
+def judge(law: Law, verdict: Verdict, solution: Solution[Body], frictionless: bool) -> Verdict:
+    """The holes by the multipliers of a pass; after a `frictionless` one, motion against V_t means nothing."""
+    z, at = solution.iterate, solution.residual.passage
+    f, N = force_along_thread(law, at, z.s, z.lam, z.y), normal_force(at, z.lam, z.y, law.per_channel)
+    held = verdict.sense == 0.0
+    loose = held & law.rough & law.may_slide & (np.abs(f) >= law.grip + law.static * N)
+    driven = (not frictionless) & (verdict.sense * (z.s - law.s_old) < 0.0)
+    sense = np.where(loose, np.sign(f), np.where(driven, 0.0, verdict.sense))
+    mu = np.where(loose, law.static, verdict.mu)
+    return Verdict(sense, mu, sense * (law.grip + mu * N))
+
+
+def is_settled(old: Verdict, new: Verdict, solution: Solution[Body]) -> bool:
+    """Whether another pass would be the same one."""
+    change = np.abs(new.friction - old.friction).max(initial=0.0)
+    return np.array_equal(old.sense, new.sense) and bool(change <= FORCE_TOLERANCE * solution.residual.force_scale)
+
+
+def motion(law: Law, verdict: Verdict, z: Iterate) -> Array:
+    """Sign of ds/dt of the rough holes, 0 where held; an ideal hole slides."""
+    return np.where(law.rough & law.may_slide, np.abs(verdict.sense) * np.sign(z.s - law.s_old), z.sigma)

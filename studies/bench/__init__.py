@@ -1,0 +1,1 @@
+"""How fast: milliseconds a step, and what the organ's solvers take."""

@@ -1,0 +1,141 @@
+"""`suture bench organ`: what each installed solver takes for an organ, from thousands to a million unknowns.
+
+A uniform block held at its bottom, two holes in its top, quasi-static. Per solver: time until the first solve (ordering
+and factor, or the levels of multigrid), memory it keeps, time of one solve, and of the columns of both holes. `floor`
+is what a solve cannot beat: the factor read twice (forwards and backwards) at the speed at which one core reads memory,
+measured in the same run. Times are those of the processor, on one thread: other work on the machine does not count.
+"""
+
+import mmap
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from statistics import median
+from time import process_time
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+import tissue
+from meshes.block import block
+from studies.output.files import write_json
+from studies.output.provenance import provenance
+from tissue.solvers.choice import MULTIGRID, chosen, solver
+from tissue.solvers.direct import LIBRARIES, installed
+from tissue.solvers.iterative import ConjugateGradients
+
+SIDES = (0.06, 0.04, 0.02)  # of the block [m]
+HOLES = ((-0.005, 0.0, 0.0), (0.005, 0.0, 0.0))
+FOOTPRINT = 1.5e-3
+
+SOLVES = 5
+LARGEST = {"superlu": 150_000, "cholmod": 500_000, "pardiso": 500_000}  # unknowns; beyond, a factor takes many minutes
+WORDS = 30_000_000  # read to measure the speed of memory
+MEGA, MILLI = 1e6, 1e-3
+
+
+@dataclass(frozen=True)
+class Row:
+    """One solver on one organ: times [s] and memory [bytes]; None where it does not apply."""
+
+    unknowns: int
+    element: str
+    solver: str
+    setup: float
+    memory: float
+    solve: float
+    floor: float | None
+    iterations: int | None
+    columns: float
+
+
+def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = None) -> int:
+    """Measure, print the table in Markdown, and write JSON where asked; returns the exit status."""
+    rows = []
+    methods = [method for method in LIBRARIES if installed(method)]  # loaded before their threads are limited
+    print(HEAD)
+    with threadpool_limits(limits=1, user_api="blas"):
+        speed = bandwidth()
+        for size in sizes:
+            for row in measure_solvers(size, element, [*methods, MULTIGRID], speed):
+                rows.append(row)
+                print(line(row), flush=True)
+    print(f"\nmemory is read at {speed / 1e9:.1f} GB/s")
+    if json_path is not None:
+        write_json(json_path, {"rows": [asdict(row) for row in rows], "bandwidth": speed, "provenance": provenance()})
+    return 0
+
+
+def bandwidth() -> float:
+    """Bytes a second that one core reads, best of a few sums over more than any cache holds."""
+    words = np.ones(WORDS)
+    return words.nbytes / min(time_call(words.sum) for _ in range(SOLVES))
+
+
+def measure_solvers(size: int, element: str, methods: Sequence[str], speed: float) -> Iterator[Row]:
+    """Every solver on an organ of about so many unknowns, but for those that have no room or would take an hour."""
+    organ = organ_of(size, element)
+    for method in methods:
+        if organ.size <= LARGEST.get(method, organ.size) and has_room(organ, method):
+            yield row_of(organ, element, method, speed)
+
+
+def organ_of(size: int, element: str) -> tissue.QuasiStaticOrgan:
+    """A block of about so many unknowns with two holes."""
+    order = 1 if element == "P1" else 2
+    h = order * float((3.0 * np.prod(SIDES) / size) ** (1.0 / 3.0))
+    body = tissue.elasticity(block(SIDES, h), tissue.Material(1.0e5, 0.45, 1070.0), element, ("bottom",))
+    sites = tissue.build_sites(body, [tissue.Site(hole, FOOTPRINT, direction="normal") for hole in HOLES])
+    return tissue.QuasiStaticOrgan(body, sites, solver=MULTIGRID)
+
+
+def has_room(organ: tissue.QuasiStaticOrgan, method: str) -> bool:
+    """Whether the memory is there."""
+    try:
+        chosen(method, organ.K, organ.places, once=True)
+    except tissue.TissueError:
+        return False
+    return True
+
+
+def row_of(organ: tissue.QuasiStaticOrgan, element: str, method: str, speed: float) -> Row:
+    """One solver: made, measured, and let go."""
+    before, began = resident_memory(), process_time()
+    made = solver(organ.K, organ.places, method)
+    setup, kept = process_time() - began, resident_memory() - before
+    b, columns = np.random.default_rng(0).standard_normal(organ.size), organ.Y.T.toarray()
+    iterations = made.iterate(b)[1] if isinstance(made, ConjugateGradients) else None
+    solve = median(time_call(lambda: made.solve(b)) for _ in range(SOLVES if iterations is None else 1))
+    floor = 2.0 * kept / speed if iterations is None else None
+    taken = time_call(lambda: made.solve(columns))
+    return Row(organ.size, element, method, setup, kept, solve, floor, iterations, taken)
+
+
+def time_call(call: Callable[[], object]) -> float:
+    """Processor time of a call [s]."""
+    began = process_time()
+    call()
+    return process_time() - began
+
+
+def resident_memory() -> float:
+    """Memory of this process [bytes]; not a number where the system does not say."""
+    try:
+        return float(Path("/proc/self/statm").read_text().split()[1]) * mmap.PAGESIZE
+    except OSError:
+        return float("nan")
+
+
+HEAD = (
+    "| unknowns | element | solver | set-up [s] | memory [MB] | solve [ms] | floor [ms] | iterations | columns [s] |\n"
+    "|---|---|---|---|---|---|---|---|---|"
+)
+
+
+def line(row: Row) -> str:
+    """A row of the table."""
+    floor = "" if row.floor is None else f"{row.floor / MILLI:.1f}"
+    return (
+        f"| {row.unknowns} | {row.element} | {row.solver} | {row.setup:.2f} | {row.memory / MEGA:.0f} | "
+        f"{row.solve / MILLI:.1f} | {floor} | {row.iterations or ''} | {row.columns:.2f} |"
+    )

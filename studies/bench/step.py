@@ -1,0 +1,193 @@
+"""`suture bench`: milliseconds per step, beside what a competent user would write, as ratios measured in one run.
+
+For each organ: our step, the floor below which no step with this factor can be (one organ back-substitution), and two
+baselines that solve the same step to the same tolerance:
+
+- `assembled`: Newton on the one assembled matrix, each correction by `scipy.sparse.linalg.spsolve`;
+- `prefactored`: the organ factored once by `scipy.sparse.linalg.splu` with W = A⁻¹Yᵀ kept, each Newton correction by
+  one back-substitution and a dense Schur complement on thread, abscissae and multipliers.
+
+Measurements of a case are taken in turn, round after round, so that a machine that slows down slows all of them. Times
+are those of the processor, on one thread: other work on the machine does not count.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from statistics import median
+from time import process_time
+
+import numpy as np
+from scipy.sparse import csc_array, csr_matrix
+from scipy.sparse.linalg import splu, spsolve
+from threadpoolctl import threadpool_limits
+
+from coupling.assembled import BlockSystem, monolithic_solve
+from coupling.errors import StepError
+from coupling.integrators import BackwardEuler
+from coupling.newton import Iterate
+from coupling.run import begin
+from coupling.stepping import dynamic_problem, organ_answer, predict
+from coupling.system import State, System
+from studies.arrays import Array
+from studies.output.files import write_json
+from studies.output.provenance import provenance
+from studies.scenario import Scenario, load
+from studies.simulation.assembly import assemble
+from tissue.organs.dynamic import DynamicOrgan
+from tissue.organs.fixed import FixedSites
+from tissue.organs.meshed import OrganState
+from tissue.organs.quasi_static import QuasiStaticOrgan
+
+SCENES = Path(__file__).parents[1] / "scenario" / "scenes"
+THREAD = SCENES / "paper_figure_1.toml"
+COUPLED = SCENES / "two_piercings.toml"
+SIZES = {"4k": (6.0e-3, 2.5e-3), "10k": (4.0e-3, 1.2e-3), "30k": (2.0e-3, 0.7e-3)}  # far from and at the holes [m]
+WARM_UP = 60  # steps before anything is measured: the first ones are not like the rest
+ROUNDS = 15
+LARGEST_ASSEMBLED = 15_000  # unknowns; beyond, one spsolve of the assembled matrix takes minutes
+MILLI = 1e-3
+
+
+@dataclass(frozen=True)
+class Row:
+    """One case: medians in milliseconds, None where not measured."""
+
+    case: str
+    tissue_unknowns: int
+    newton_iterations: float
+    step: float
+    floor: float | None = None
+    prefactored: float | None = None
+    assembled: float | None = None
+
+    def ratio(self, other: float | None) -> float | None:
+        """`other` over our step, None where it was not measured."""
+        return None if other is None else other / self.step
+
+    @property
+    def over_floor(self) -> float | None:
+        """Our step over one organ back-substitution."""
+        return None if self.floor is None else self.step / self.floor
+
+
+def main(json_path: Path | None = None, solver: str = "auto") -> int:
+    """Measure, print the table, and write JSON where asked; returns the exit status."""
+    print(HEAD)
+    rows = []
+    with threadpool_limits(limits=1, user_api="blas"):
+        for row in measurements(solver):
+            rows.append(row)
+            print(line(row), flush=True)
+    if json_path is not None:
+        table = [asdict(row) | {"over_floor": row.over_floor} for row in rows]
+        write_json(json_path, {"milliseconds_per_step": table, "provenance": provenance()})
+    return 0
+
+
+def measurements(
+    solver: str = "auto", sizes: dict[str, tuple[float, float]] = SIZES, rounds: int = ROUNDS
+) -> Iterator[Row]:
+    """Every case, smallest first, with a solver of the organ."""
+    yield measure_case("thread alone", load(THREAD), rounds)
+    for inertia in (True, False):
+        name = "dynamic" if inertia else "quasi-static"
+        for size, (h, h_site) in sizes.items():
+            overrides = [f"tissue.mesh.h={h}", f"tissue.mesh.h_site={h_site}", f"tissue.inertia={str(inertia).lower()}"]
+            yield measure_case(f"{name} {size}", load(COUPLED, [*overrides, f'tissue.solver="{solver}"']), rounds)
+
+
+def measure_case(case: str, scenario: Scenario, rounds: int) -> Row:
+    """Time our step and what stands beside it, in turn."""
+    assembly, dt = assemble(scenario), scenario.solve.dt
+    organ, run = assembly.organ, begin(assembly.system, assembly.start())
+    for _ in range(WARM_UP):
+        run = run.step(dt)
+    others = {} if isinstance(organ, FixedSites) else baselines(run.system, organ, dt)
+    times: dict[str, list[float]] = {name: [] for name in ("step", *others)}
+    iterations = []
+    for _ in range(rounds):
+        for name, call in others.items():
+            with suppress(StepError):  # a baseline has no second try where the thread snaps through a hole
+                times[name] += [time_call(call, run.state)]
+        began = process_time()
+        run = run.step(dt)
+        times["step"] += [process_time() - began]
+        iterations += [run.iterations]
+    medians = {name: median(values) / MILLI for name, values in times.items()}
+    return Row(case, organ.size, float(np.mean(iterations)), **medians)
+
+
+def time_call(call: Callable[[State], object], state: State) -> float:
+    """Processor time of a call [s]."""
+    began = process_time()
+    call(state)
+    return process_time() - began
+
+
+def baselines(
+    system: System[OrganState], organ: DynamicOrgan | QuasiStaticOrgan, dt: float
+) -> dict[str, Callable[[State[OrganState]], object]]:
+    """What is measured beside our step from a state."""
+    scheme = BackwardEuler(dt)
+    operator = organ.operator(scheme.a, scheme.d)
+    right = np.random.default_rng(0).standard_normal(organ.size)
+    lu = splu(csc_array(operator.A))
+    sites = SiteColumns(organ.Y, lu.solve(np.asfortranarray(organ.Y.T.toarray())))
+
+    def baseline(state: State[OrganState], linear: Callable[[BlockSystem], Array]) -> Iterate:
+        """A step from a state by Newton on the assembled system with a linear solver of the user's."""
+        problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state))
+        return monolithic_solve(problem, predict(problem, state), organ.field(state.organ), linear).iterate
+
+    out: dict[str, Callable[[State[OrganState]], object]] = {
+        "floor": lambda state: operator.factor.solve(right),
+        "prefactored": lambda state: baseline(state, lambda x: prefactored_correction(x, lu.solve, sites)),
+    }
+    if organ.size <= LARGEST_ASSEMBLED:
+        out["assembled"] = lambda state: baseline(state, lambda x: spsolve(x.matrix, x.right))
+    return out
+
+
+@dataclass(frozen=True)
+class SiteColumns:
+    """Y and W = A⁻¹Yᵀ: with them A⁻¹ of anything of the form YᵀZ costs a small product."""
+
+    Y: csr_matrix
+    W: Array
+
+    def lift(self, columns: csc_array) -> Array:
+        """A⁻¹ columns, for columns in the span of Yᵀ."""
+        gram = (self.Y @ self.Y.T).toarray()
+        return np.asarray(self.W @ np.linalg.solve(gram, (self.Y @ columns).toarray()))
+
+
+def prefactored_correction(system: BlockSystem, solve: Callable[[Array], Array], sites: SiteColumns) -> Array:
+    """One Newton correction with the organ eliminated: a back-substitution and a dense Schur complement."""
+    organ = system.blocks["U"]
+    small = np.r_[0 : organ.start, organ.stop : len(system.right)]
+    matrix = system.matrix.tocsr()
+    rows, columns = matrix[small], csc_array(matrix[organ][:, small])
+    used = np.flatnonzero(np.diff(columns.indptr))
+    free, lifted = solve(system.right[organ]), sites.lift(columns[:, used])
+    to_organ, own = rows[:, organ], rows[:, small].toarray()
+    own[:, used] -= to_organ @ lifted
+    x = np.empty_like(system.right)
+    x[small] = np.linalg.solve(own, system.right[small] - to_organ @ free)
+    x[organ] = free - lifted @ x[small][used]
+    return x
+
+
+HEAD = (
+    f"{'':18} {'unknowns':>9} {'Newton':>7} {'step':>9} {'floor':>9} {'step/floor':>11} "
+    f"{'prefactored':>12} {'assembled':>10}"
+)
+
+
+def line(row: Row) -> str:
+    """A row of the table, times in milliseconds, baselines as multiples of our step."""
+    floor = f"{row.floor:9.3f} {row.over_floor:11.2f}" if row.floor is not None else " " * 21
+    others = [f"{ratio:.1f} ×" if ratio else "" for ratio in (row.ratio(row.prefactored), row.ratio(row.assembled))]
+    step = f"{row.case:18} {row.tissue_unknowns:9d} {row.newton_iterations:7.1f} {row.step:9.3f}"
+    return f"{step} {floor} {others[0]:>12} {others[1]:>10}"

@@ -1,0 +1,319 @@
+"""The command line: ``suture run | check | mesh | study | schema | catalogue | bench``.
+
+Exit status: 0 when all is well, 1 for a run that failed, 2 for input that is refused (a sentence for each
+problem on standard error, nothing computed), 130 or 143 for a run that was interrupted by SIGINT or SIGTERM.
+"""
+
+import argparse
+import json
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from types import FrameType
+from typing import Any, Protocol
+
+from coupling.errors import CouplingError
+from meshes.errors import MeshError
+from studies.command.progress import Progress, StudyProgress
+from studies.command.summary import MILLI, print_summary
+from studies.output.checkpoint import Arrays, read_checkpoint
+from studies.output.folder import Recorder, can_resume, check_folder, completed_run
+from studies.output.records import OrganTopology, Snapshot, StepRecord
+from studies.pictures.picture import draw_picture
+from studies.scenario import Scenario, ScenarioError, load, scenes, schema
+from studies.scenario.toml import scenario_file
+from studies.study import NAMES, PRESETS, StudyError, arguments, carry_out, study
+from studies.study import check_folder as check_study_folder
+from thread.catalogue import KNOT_PULL, TEXTBOOK, USP, knot_pull, names, suture
+from thread.errors import ThreadError
+from tissue.errors import FactorError, TissueError
+from tissue.solvers.choice import SOLVERS
+
+REFUSALS = (ScenarioError, StudyError, MeshError, TissueError, ThreadError)
+FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
+FAILED, REFUSED = 1, 2
+Moments = Iterator[tuple[StepRecord, Callable[[], Snapshot]]]
+
+
+class Simulation(Protocol):
+    """What ``studies.simulation.prepare(scenario)`` gives: all that can be known before the first step."""
+
+    @property
+    def scenario(self) -> Scenario:
+        """As run: with the defaults that the geometry tells."""
+
+    @property
+    def topology(self) -> OrganTopology | None:
+        """The organ's mesh, None without an organ."""
+
+    @property
+    def tissue_dofs(self) -> int:
+        """Unknowns of the organ that are not held."""
+
+    @property
+    def subgrid(self) -> dict[str, dict[str, Any]]:
+        """By piercing, what the organ's mesh is too coarse for, where that is added."""
+
+    @property
+    def steps(self) -> int:
+        """Steps to be taken."""
+
+    def advance(self, memory: Arrays | None = None) -> Moments:
+        """The start, then every accepted step, each with a function that makes its frame; with the memory of a step,
+        that step again and those after it."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    try:
+        status: int = options.command(options)
+    except REFUSALS as error:
+        return _complain(error, REFUSED)
+    except FactorError as error:
+        return _complain(error, FAILED)
+    except MemoryError as error:
+        reason = f"there is not enough memory ({error}); take fewer control points or a coarser mesh"
+        return _complain(MemoryError(reason), REFUSED)
+    return status
+
+
+def run(options: argparse.Namespace) -> int:
+    """``suture run``: simulate a scenario into a folder."""
+    check_folder(options.out, None if options.resume else scenario_file(options.file))
+    simulation = _prepare(load(options.file, options.set))
+    checkpoint = None
+    if options.resume and can_resume(options.out, simulation.scenario):
+        if completed_run(options.out) is not None:
+            _say(options, f"the run in {options.out} is completed; nothing is left to do")
+            return 0
+        checkpoint = read_checkpoint(options.out)
+    moments = simulation.advance(checkpoint)
+    mesh = simulation.topology, simulation.tissue_dofs
+    recorder = Recorder(options.out, simulation.scenario, *mesh, checkpoint, simulation.subgrid)
+    status = _simulate(simulation, moments, recorder, options.quiet)
+    if recorder.last_frame is not None and not options.no_picture:
+        title = simulation.scenario.title
+        line = draw_picture(recorder.last_frame, simulation.topology, recorder.folder / "picture.png", title)
+        _say(options, f"picture    {line}")
+    return status
+
+
+def check(options: argparse.Namespace) -> int:
+    """``suture check``: all that is refused is refused, nothing is computed."""
+    simulation = _prepare(load(options.file, options.set))
+    scenario = simulation.scenario
+    organ = f"{simulation.tissue_dofs} tissue unknowns" if scenario.tissue else "no organ"
+    counts = f"{len(scenario.piercing)} piercings, {scenario.thread.control_points} control points, {organ}"
+    print(f"{options.file} can be run: {counts}, {simulation.steps} steps")
+    return 0
+
+
+def make_mesh(options: argparse.Namespace) -> int:
+    """``suture mesh``: the organ's mesh as a file for ParaView, its quality and a picture; nothing is run."""
+    report: list[str] = import_module("studies.pictures.mesh_report").write_report(
+        load(options.file, options.set), options.out
+    )
+    print("\n".join(report))
+    return 0
+
+
+def print_schema(options: argparse.Namespace) -> int:
+    """``suture schema``: the JSON schema of the scenario file."""
+    print(json.dumps(schema(), indent=2, ensure_ascii=False))
+    return 0
+
+
+def print_catalogue(options: argparse.Namespace) -> int:
+    """``suture catalogue``: the sutures that a scenario can name."""
+    print(
+        f"{'suture':28} {'d [mm]':>8} {'E [GPa]':>8} {'mass [mg/m]':>12} {'EA [N]':>10} {'EI [N m²]':>11} "
+        f"{'GJ [N m²]':>11} {'knot pull [N]':>14}"
+    )
+    for name in names():
+        thread, strength = suture(name), knot_pull(name)
+        print(
+            f"{name:28} {thread.diameter / MILLI:8.4f} {thread.youngs_modulus / 1e9:8.2f} "
+            f"{thread.rhoA * 1e6:12.4g} {thread.EA:10.4g} {thread.EI:11.3e} "
+            f"{thread.GJ:11.3e} {'' if strength is None else f'{strength:.3g}':>14}"
+        )
+    print(f"sizes: {USP}\nmoduli: {TEXTBOOK}\nknot pull, least average: {KNOT_PULL}")
+    return 0
+
+
+def run_bench(options: argparse.Namespace) -> int:
+    """``suture bench``: time per step beside baselines, or what the organ's solvers take."""
+    if options.what == "organ":
+        return int(import_module("studies.bench.organ").main(options.sizes, options.element, options.json))
+    return int(import_module("studies.bench.step").main(options.json, options.solver))
+
+
+def run_study(options: argparse.Namespace) -> int:
+    """``suture study``: what a study asks, its table and what it does not support; everything into a folder."""
+    if options.name == "list":
+        print("\n".join(f"{name:20} {study(name).question}" for name in NAMES))
+        return 0
+    found, folder = study(options.name), options.out or Path("results") / options.name
+    given = arguments(found, options.preset, options.set)
+    check_study_folder(folder)
+    print(f"{found.question}\nindependent check: {found.independent}\nconsistency check: {found.consistency}\n")
+    progress = StudyProgress()
+    try:
+        carry_out(options.name, options.preset, given, folder, progress.update)
+    except (CouplingError, FactorError, OSError) as error:
+        return _stopped(str(error), progress, folder, FAILED)
+    except KeyboardInterrupt:
+        return _stopped("interrupted", progress, folder, 128 + signal.SIGINT)
+    finally:
+        progress.close()
+    print((folder / "table.md").read_text(encoding="utf-8"))
+    print(f"table, numbers and figure ({options.preset} preset) are in {folder}")
+    return 0
+
+
+def _simulate(simulation: Simulation, moments: Moments, recorder: Recorder, quiet: bool) -> int:
+    """Record every step; a failure keeps what was written."""
+    progress = Progress(simulation.steps, quiet)
+    with _signals() as received:
+        try:
+            with recorder:
+                for step, frame in moments:
+                    recorder.record(step, frame)
+                    progress.update(step.step, step.time, step.newton_iterations)
+                    if received:
+                        raise KeyboardInterrupt
+            status, outcome, text = 0, "completed", ""
+        except KeyboardInterrupt:
+            status, outcome, text = 128 + (received or [signal.SIGINT])[0], "interrupted", "interrupted"
+        except FAILURES as error:
+            status, outcome, text = FAILED, "failed", _where(recorder, error)
+        finally:
+            progress.close()
+    if text:
+        print(f"suture: {text}; what was computed is in {recorder.folder}", file=sys.stderr)
+    if not quiet:
+        print_summary(simulation.scenario, recorder, outcome)
+    return status
+
+
+def _where(recorder: Recorder, error: BaseException) -> str:
+    done = recorder.last_step
+    place = "at the start" if done is None else f"in step {done.step + 1}, after t = {done.time:.6g} s"
+    return f"the run failed {place}: {error or type(error).__name__}"
+
+
+def _prepare(scenario: Scenario) -> Simulation:
+    prepared: Simulation = import_module("studies.simulation").prepare(scenario)
+    return prepared
+
+
+@contextmanager
+def _signals() -> Iterator[list[int]]:
+    """Signals that ask for an end, gathered to be heeded between two steps; a second one ends at once."""
+    received: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield received
+        return
+
+    def receive(number: int, frame: FrameType | None) -> None:
+        if received:
+            raise KeyboardInterrupt
+        received.append(number)
+
+    earlier = {number: signal.signal(number, receive) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield received
+    finally:
+        for number, handler in earlier.items():
+            signal.signal(number, handler)
+
+
+def _complain(error: Exception, status: int) -> int:
+    for line in str(error).splitlines():
+        print(f"suture: {line}", file=sys.stderr)
+    return status
+
+
+def _stopped(cause: str, progress: StudyProgress, folder: Path, status: int) -> int:
+    """Say why a study ended early, and where what it has done is."""
+    progress.close()
+    kept = f"; the rows that were done are in {folder / 'runs.csv'}" if progress.rows else ""
+    print(f"suture: {cause}{kept}", file=sys.stderr)
+    return status
+
+
+def _say(options: argparse.Namespace, text: str) -> None:
+    if not options.quiet:
+        print(text)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="suture", description="A suture thread and the organ it pierces.")
+    commands = parser.add_subparsers(required=True, metavar="command")
+    for name, command, text in (
+        ("run", run, "simulate a scenario into a folder"),
+        ("check", check, "say whether a scenario can be run"),
+        ("mesh", make_mesh, "make a scenario's mesh, write it and say how good it is"),
+        ("study", run_study, "run a study into a table and a figure"),
+        ("schema", print_schema, "print the JSON schema of the scenario file"),
+        ("catalogue", print_catalogue, "list the sutures that a scenario can name"),
+        ("bench", run_bench, "measure milliseconds per step beside two baselines, or the organ's solvers"),
+    ):
+        sub = commands.add_parser(name, help=text, description=text)
+        sub.set_defaults(command=command)
+        if name in ("run", "check", "mesh"):
+            _add_scenario(sub)
+        if name == "run":
+            _add_run(sub)
+        if name == "mesh":
+            sub.add_argument("--out", metavar="ORGAN.vtu", type=Path, required=True, help="mesh file to be written")
+        if name == "study":
+            _add_study(sub)
+        if name == "bench":
+            _add_bench(sub)
+    return parser
+
+
+def _add_scenario(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", metavar="FILE.toml", type=Path, help=f"scenario file, or one of {', '.join(scenes())}")
+    parser.add_argument(
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="set one key, the value in TOML; a piercing by name: --set piercing.entry.footprint=2e-3",
+    )
+
+
+def _add_study(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("name", metavar="NAME", help="a study, or list")
+    parser.add_argument("--preset", choices=PRESETS, default="quick", help="default: quick, less than a minute")
+    parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], help="set one argument, in TOML")
+    parser.add_argument("--out", metavar="DIR", type=Path, help="folder, default results/NAME")
+
+
+def _add_bench(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("what", nargs="?", choices=("step", "organ"), default="step", help="default: step")
+    parser.add_argument(
+        "--sizes", metavar="N", type=int, nargs="+", default=[3_000, 10_000, 30_000], help="unknowns, for organ"
+    )
+    parser.add_argument("--element", choices=("P1", "P2"), default="P1", help="of the organ, for organ")
+    parser.add_argument("--solver", choices=SOLVERS, default="auto", help="of the organ, for step")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="write the numbers as JSON")
+
+
+def _add_run(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, required=True, help="results folder, earlier results replaced"
+    )
+    parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint of the run in DIR")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    parser.add_argument("--no-picture", action="store_true", help="draw no picture of the last frame")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Which pull draws a thread through rough holes?"""

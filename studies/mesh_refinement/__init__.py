@@ -1,0 +1,1 @@
+"""Which numbers of a pulled suture converge, and at which order?"""

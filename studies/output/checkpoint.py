@@ -1,0 +1,97 @@
+"""Checkpoints: all that the next step depends on, in one file, complete or absent.
+
+``checkpoint.npz`` holds every array of a run's memory in full precision, under the names of the fields it comes
+from. A run that goes on from it computes the same numbers, bit by bit, as one that was never interrupted.
+"""
+
+import io
+import tomllib
+import zipfile
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from studies.output.files import write_bytes
+from studies.scenario import ScenarioError
+
+CHECKPOINT = "checkpoint.npz"
+
+Arrays = Mapping[str, NDArray[Any]]
+Record = TypeVar("Record")
+
+
+def pack(record: Any, name: str) -> dict[str, NDArray[Any]]:
+    """The fields of a dataclass as arrays, those of a dataclass in it under ``name.field``; None is left out."""
+    out: dict[str, NDArray[Any]] = {}
+    for field in fields(record):
+        value, key = getattr(record, field.name), f"{name}.{field.name}"
+        if is_dataclass(value):
+            out |= pack(value, key)
+        elif value is not None:
+            out[key] = np.asarray(value)
+    return out
+
+
+def unpack(like: Record, arrays: Arrays, name: str, nested: Any = None) -> Record:
+    """A dataclass such as ``like`` from its arrays; ``nested`` is like a dataclass in it where ``like`` has None.
+
+    Raises ``KeyError`` where one is missing that ``like`` has.
+    """
+    values: dict[str, Any] = {}
+    for field in fields(like):  # type: ignore[arg-type]
+        model, key = getattr(like, field.name), f"{name}.{field.name}"
+        if key in arrays:
+            values[field.name] = float(arrays[key]) if arrays[key].ndim == 0 else np.array(arrays[key])
+        elif any(other.startswith(f"{key}.") for other in arrays):
+            values[field.name] = unpack(nested if model is None else model, arrays, key)
+        elif model is None:
+            values[field.name] = None
+        else:
+            raise KeyError(key)
+    return replace(like, **values)  # type: ignore[type-var]
+
+
+def write_checkpoint(folder: Path, arrays: Arrays) -> None:
+    """Replace the folder's checkpoint."""
+    data = io.BytesIO()
+    np.savez(data, **arrays)  # type: ignore[arg-type]
+    write_bytes(folder / CHECKPOINT, data.getvalue())
+
+
+def read_checkpoint(folder: Path) -> dict[str, NDArray[Any]] | None:
+    """The folder's checkpoint, None where a run did not get as far as its first."""
+    path = folder / CHECKPOINT
+    if not path.is_file():
+        return None
+    try:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise ScenarioError(f"{path} cannot be read ({error}); run without --resume to begin anew") from None
+
+
+def difference(before: str, now: str) -> str | None:
+    """The first key in which two scenarios in TOML differ, with both values; None where they are equal."""
+    old, new = (dict(leaves(tomllib.loads(text))) for text in (before, now))
+    changed = sorted(key for key in old.keys() | new.keys() if old.get(key) != new.get(key))
+    if not changed:
+        return None
+    was, now_is = (repr(table[changed[0]]) if changed[0] in table else "not given" for table in (old, new))
+    return f"{changed[0]} was {was} and is {now_is}"
+
+
+def leaves(table: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted keys of nested tables with their values, in the order of the keys."""
+    match table:
+        case dict():
+            for name in sorted(table):
+                yield from leaves(table[name], f"{key}.{name}" if key else name)
+        case list() if table and all(isinstance(item, dict) for item in table):
+            for index, item in enumerate(table):
+                yield from leaves(item, f"{key}.{item.get('name', index)}")
+        case _:
+            yield key, table

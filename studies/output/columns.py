@@ -1,0 +1,443 @@
+"""The quantities of a results folder, each said once: name, unit, meaning, and what it is taken from.
+
+A `Column` makes the heading of a CSV table, the name of an array in a frame, a key of ``summary.json`` and a line of
+the manual (``python -m studies.output.columns`` writes those lines into it anew). To add a quantity, add its field to a
+record of ``studies.output.records`` and one line here.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Generic, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coupling.events import Event
+from studies.output.records import (
+    ContactRecord,
+    EnergyRecord,
+    OrganRecord,
+    PiercingRecord,
+    RunRecord,
+    StepRecord,
+    ThreadRecord,
+)
+
+Row = TypeVar("Row")
+Item = TypeVar("Item")
+Value = float | int | str | Sequence[float] | NDArray[np.float64] | None
+StepItem = tuple[StepRecord, Item]  # a row of a table: a step, and what of it the row is about
+
+AXES = ("x", "y", "z")
+STATE_CODES = {"stick": 0, "slip": 1, "anchored": 2, "left": 3}  # of `state` in the frames, where text has no place
+MANUAL = Path(__file__).with_name("README.md")
+BLOCK = re.compile(r"(?<=<!-- columns of )(\S+)( -->\n).*?(?=<!-- end -->)", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Column(Generic[Row]):
+    """A quantity: `name` (lower_snake_case), `unit` ("-" where it has none, empty for text), `meaning` for the manual,
+    and `of`, which takes its value from a row's record; None where there is none.
+
+    `kind` is that of a number in it. `parts` are the names of a vector's components in a table; none for a scalar.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    of: Callable[[Row], Value]
+    kind: Literal["number", "whole", "text"] = "number"
+    parts: tuple[str, ...] = ()
+
+    @property
+    def headings(self) -> list[str]:
+        """Headings in a CSV table, with the unit: `force_x [N]`."""
+        unit = f" [{self.unit}]" if self.unit else ""
+        return [name + unit for name in self.parts or (self.name,)]
+
+
+def vector(name: str, unit: str, meaning: str, of: Callable[[Row], Value]) -> Column[Row]:
+    """Make the column of a vector with three components along x, y and z."""
+    return Column(name, unit, meaning, of, parts=tuple(f"{name}_{axis}" for axis in AXES))
+
+
+def count(name: str, meaning: str, of: Callable[[Row], Value]) -> Column[Row]:
+    """Make the column of a whole number."""
+    return Column(name, "-", meaning, of, kind="whole")
+
+
+def text(name: str, meaning: str, of: Callable[[Row], Value]) -> Column[Row]:
+    """Make the column of a word."""
+    return Column(name, "", meaning, of, kind="text")
+
+
+def headings(columns: Iterable[Column[Any]]) -> list[str]:
+    """List the headings of a CSV table."""
+    return [heading for column in columns for heading in column.headings]
+
+
+def values(columns: Iterable[Column[Row]], record: Row) -> dict[str, Value]:
+    """Take the quantities of a record by name."""
+    return {column.name: column.of(record) for column in columns}
+
+
+# -- the quantities --------------------------------------------------------------------------------------------------
+
+
+TIME: Column[StepRecord] = Column("time", "s", "time reached", lambda step: step.time)
+STEP: Column[StepRecord] = count("step", "number of the step; 0 is the start", lambda step: step.step)
+
+NAME: Column[PiercingRecord] = text("piercing", "name of the piercing", lambda hole: hole.name)
+PLACE: Column[PiercingRecord] = Column("x", "m", "place of the hole", lambda hole: hole.x, parts=AXES)
+STATE: Column[PiercingRecord] = text(
+    "state",
+    "`stick`, `slip`, `anchored`, or `left`: the thread is not in the hole, no longer or not yet",
+    lambda hole: hole.state,
+)
+HOLE: tuple[Column[PiercingRecord], ...] = (
+    Column(
+        "s", "m", "abscissa of the thread in the hole: rest arc length from the start of the path", lambda hole: hole.s
+    ),
+    Column(
+        "slip",
+        "m",
+        "length of thread drawn through towards the thread's end since the start, or since the piercing began",
+        lambda hole: hole.slip,
+    ),
+    PLACE,
+    vector("displacement", "m", "of the hole from its place in the reference shape", lambda hole: hole.displacement),
+    vector("force", "N", "of the hole on the thread", lambda hole: hole.force),
+    Column("normal_force", "N", "magnitude of the part of `force` across the thread", lambda hole: hole.normal_force),
+    Column(
+        "tangential_force",
+        "N",
+        "part of `force` along `tangent`: friction, and the configurational force where a direction is imposed",
+        lambda hole: hole.tangential_force,
+    ),
+    vector(
+        "couple", "N m", "of the hole on the thread: the reaction to the imposed direction", lambda hole: hole.couple
+    ),
+    Column(
+        "tension_before",
+        "N",
+        "axial force of the thread at lower `s`, beyond its bend at the hole; positive in tension",
+        lambda hole: hole.tension_before,
+    ),
+    Column("tension_after", "N", "the same at higher `s`", lambda hole: hole.tension_after),
+    STATE,
+    vector("tangent", "-", "unit vector along the thread in the hole, towards rising `s`", lambda hole: hole.tangent),
+    Column(
+        "cone_residual",
+        "N",
+        "by how much the force along the thread breaks Coulomb's law",
+        lambda hole: hole.cone_residual,
+    ),
+)
+HOLE_SUMMARY: tuple[Column[PiercingRecord], ...] = (
+    *HOLE,
+    Column(
+        "channel",
+        "m",
+        "length of the channel on whose two ends the couple presses; null without friction or direction",
+        lambda hole: hole.channel,
+    ),
+)
+HOLE_ARRAYS: tuple[Column[PiercingRecord], ...] = (
+    count(
+        "state", ", ".join(f"{code} {word}" for word, code in STATE_CODES.items()), lambda hole: STATE_CODES[hole.state]
+    ),
+    vector("u", "-", "first vector across the hole's direction, as it moves with the tissue", lambda hole: hole.u),
+    vector("v", "-", "second vector across the hole's direction", lambda hole: hole.v),
+)
+PIERCING_ARRAYS = (*(column for column in HOLE if column not in (PLACE, STATE)), *HOLE_ARRAYS)
+
+EVENT: tuple[Column[Event], ...] = (
+    text(
+        "event",
+        "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing; `halved`: the step was; `knots`: they changed",
+        lambda event: event.kind,
+    ),
+    text("piercing", "name of the piercing; empty for `halved` and `knots`", lambda event: event.piercing),
+    Column("s", "m", "abscissa of the thread in the hole", lambda event: event.s),
+    Column("energy", "J", "change of kinetic and elastic energy: `work` less `loss`", lambda event: event.energy),
+    Column("work", "J", "done in drawing the thread into a hole that begins", lambda event: event.work),
+    Column(
+        "loss", "J", "of energy, by the impulse when a hole begins or by a change of knots", lambda event: event.loss
+    ),
+    Column("gap", "m", "between thread and hole, closed when it begins", lambda event: event.gap),
+    Column("angle", "rad", "between thread and the hole's direction, closed when it begins", lambda event: event.angle),
+    vector(
+        "impulse",
+        "N s",
+        "of the hole on the thread when it begins; for `knots` the change of the thread's momentum",
+        lambda event: event.impulse,
+    ),
+    count("control_points", "after a change of knots, else empty", lambda event: event.control_points or None),
+)
+
+ENERGY: tuple[Column[EnergyRecord], ...] = (
+    Column("kinetic", "J", "kinetic energy of thread and organ", lambda energy: energy.kinetic),
+    Column(
+        "elastic_thread",
+        "J",
+        "elastic energy of the thread; in row 0 that of the bends in which it was laid",
+        lambda energy: energy.elastic_thread,
+    ),
+    Column("elastic_tissue", "J", "elastic energy of the organ", lambda energy: energy.elastic_tissue),
+    Column(
+        "external_work",
+        "J",
+        "of loads, gravity, holders and hands since the start, with the forces at the end of each step",
+        lambda energy: energy.external_work,
+    ),
+    Column(
+        "friction_dissipation",
+        "J",
+        "by friction in the holes since the start",
+        lambda energy: energy.friction_dissipation,
+    ),
+    Column("viscous_dissipation", "J", "by damping since the start", lambda energy: energy.viscous_dissipation),
+    Column(
+        "numerical_dissipation",
+        "J",
+        "by the integrator, contact included, since the start; negative: the scheme has created energy",
+        lambda energy: energy.numerical_dissipation,
+    ),
+    Column(
+        "balance_error",
+        "J",
+        "external work less the three dissipations and the change of kinetic and elastic energy: round-off",
+        lambda energy: energy.balance_error,
+    ),
+)
+
+MAX_STRAIN: Column[StepRecord] = Column(
+    "max_strain", "-", "largest axial strain of the thread", lambda step: step.max_strain
+)
+SPAN_RATIO: Column[StepRecord] = Column(
+    "span_ratio",
+    "-",
+    "longest span at a hole over the length that the thread bends over there; ⅓ is fine, above ½ too coarse",
+    lambda step: step.span_ratio,
+)
+ENDS: dict[str, tuple[Column[StepRecord], Column[StepRecord]]] = {
+    "start": (
+        vector(
+            "start_reaction", "N", "force of the holder of the start on the thread", lambda step: step.start_reaction
+        ),
+        Column(
+            "start_torque",
+            "N m",
+            "of the holder of the start about the tangent; with `thread.twist`",
+            lambda step: step.torques and step.torques[0],
+        ),
+    ),
+    "end": (
+        vector("end_reaction", "N", "force of the holder of the end on the thread", lambda step: step.end_reaction),
+        Column(
+            "end_torque",
+            "N m",
+            "of the holder of the end about the tangent; with `thread.twist`",
+            lambda step: step.torques and step.torques[1],
+        ),
+    ),
+}
+SOLVED: tuple[Column[StepRecord], ...] = (
+    count("newton_iterations", "of this step", lambda step: step.newton_iterations),
+    Column(
+        "constraint_max",
+        "m",
+        "largest distance between a hole and the drawn thread in it",
+        lambda step: step.constraint_max,
+    ),
+    Column(
+        "constraint_residual",
+        "m",
+        "what the solve leaves open of that distance, beside what the spline lacks in compliance",
+        lambda step: step.constraint_residual,
+    ),
+    MAX_STRAIN,
+    *(reaction for reaction, _ in ENDS.values()),
+    *(torque for _, torque in ENDS.values()),
+    Column("seconds", "s", "wall-clock time of this step", lambda step: step.seconds),
+)
+
+CONTACT: tuple[Column[ContactRecord], ...] = (
+    count("pairs", "pairs of nodes of the lips that face one another", lambda lips: lips.pairs),
+    count("pressed", "of them, under a force", lambda lips: lips.pressed),
+    Column("smallest_gap", "m", "of all pairs, along the normal of the wound's plane", lambda lips: lips.smallest_gap),
+    Column("largest_pressure", "Pa", "of all pairs", lambda lips: lips.largest_pressure),
+    Column("force", "N", "that pushes the lips apart, in all", lambda lips: lips.force),
+    Column("complementarity", "J", "largest magnitude of force times gap of a pair", lambda lips: lips.complementarity),
+)
+
+ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
+    vector("displacement", "m", "from the reference shape, in which the points are", lambda organ: organ.displacement),
+    Column(
+        "stress",
+        "Pa",
+        "recovered at the nodes: xx, yy, zz, xy, yz, xz",
+        lambda organ: organ.stress,
+        parts=tuple(f"stress_{pair}" for pair in ("xx", "yy", "zz", "xy", "yz", "xz")),
+    ),
+    Column("von_mises", "Pa", "equivalent of that stress", lambda organ: organ.von_mises),
+    Column("contact_pressure", "Pa", "on the lips, zero off them; with contact", lambda organ: organ.contact_pressure),
+    Column("lip_gap", "m", "between the lips, not a number off them; with contact", lambda organ: organ.lip_gap),
+)
+THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
+    Column("s", "m", "abscissa: rest arc length from the start of the path", lambda thread: thread.s),
+    Column("tension", "N", "axial force; a push is negative", lambda thread: thread.tension),
+    Column("curvature", "1/m", "of the thread's axis", lambda thread: thread.curvature),
+    Column(
+        "radius", "m", "of the thread, for the Tube filter", lambda thread: np.full(len(thread.points), thread.radius)
+    ),
+    Column("torque", "N m", "about the tangent, right-handed; with `thread.twist`", lambda thread: thread.torque),
+)
+
+RUN: tuple[Column[RunRecord], ...] = (
+    text("status", "`completed`, `failed` or `interrupted`", lambda run: run.status),
+    text("error", "what ended a run that was not completed; else empty", lambda run: run.error),
+    Column("time", "s", "time reached", lambda run: run.last.time if run.last else 0.0),
+    count("steps", "steps taken", lambda run: run.last.step if run.last else 0),
+    count("newton_iterations", "of all steps", lambda run: run.newton_iterations),
+    Column(
+        "constraint_max",
+        "m",
+        "largest distance between a hole and the drawn thread in it, over all steps",
+        lambda run: run.constraint_max,
+    ),
+    Column(
+        "constraint_residual",
+        "m",
+        "what the solve left open of that distance at most, beside what the spline lacks in compliance",
+        lambda run: run.constraint_residual,
+    ),
+    Column(
+        "seconds_per_step",
+        "s",
+        "wall-clock time of a step on average; null before the first",
+        lambda run: run.seconds / run.last.step if run.last and run.last.step else None,
+    ),
+    count("tissue_dofs", "unknowns of the organ that are not held", lambda run: run.tissue_dofs),
+)
+
+
+# -- the tables ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Layout(Generic[Row]):
+    """What a table holds: its columns, of which the step is the second, and `rows`, which takes its rows from a step.
+
+    `every_step`: whether each step has exactly one row.
+    """
+
+    name: str
+    columns: tuple[Column[Row], ...]
+    rows: Callable[[StepRecord], Iterable[Row]]
+    every_step: bool = True
+
+
+def step_columns(*columns: Column[StepRecord]) -> tuple[Column[StepItem[Any]], ...]:
+    """Make columns of a row from columns of its step."""
+    return tuple(_part_column(0, column) for column in columns)
+
+
+def item_columns(*columns: Column[Item]) -> tuple[Column[StepItem[Item]], ...]:
+    """Make columns of a row from columns of what of the step the row is about."""
+    return tuple(_part_column(1, column) for column in columns)
+
+
+def _part_column(place: int, column: Column[Any]) -> Column[Any]:
+    """Return the column of a pair that takes its value from one of the two."""
+    of = column.of
+    return replace(column, of=lambda pair: of(pair[place]))
+
+
+EVENT_TIME: Column[Event] = Column(
+    "time", "s", "when it was found: at the end of a step or of a part of it", lambda event: event.time
+)
+
+PIERCINGS: Layout[StepItem[PiercingRecord]] = Layout(
+    "piercings",
+    (*step_columns(TIME, STEP), *item_columns(NAME, *HOLE)),
+    lambda step: [(step, hole) for hole in step.piercings],
+    every_step=False,
+)
+EVENTS: Layout[StepItem[Event]] = Layout(
+    "events",
+    (*item_columns(EVENT_TIME), *step_columns(STEP), *item_columns(*EVENT)),
+    lambda step: [(step, event) for event in step.events],
+    every_step=False,
+)
+ENERGIES: Layout[StepItem[EnergyRecord]] = Layout(
+    "energy", (*step_columns(TIME, STEP), *item_columns(*ENERGY)), lambda step: [(step, step.energy)]
+)
+STEPS: Layout[StepRecord] = Layout("steps", (TIME, STEP, *SOLVED), lambda step: [step])
+CONTACTS: Layout[StepItem[ContactRecord]] = Layout(
+    "contact",
+    (*step_columns(TIME, STEP), *item_columns(*CONTACT)),
+    lambda step: [] if step.contact is None else [(step, step.contact)],
+)
+# In the order in which they are written: where a table with a row for every step has a step, those before it have too.
+TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, ENERGIES, STEPS, CONTACTS)
+
+
+# -- the summary -----------------------------------------------------------------------------------------------------
+
+
+def state_summary(step: StepRecord) -> dict[str, Any]:
+    """Take from a step what ``summary.json`` says of energy, thread, piercings and lips."""
+    contact = {} if step.contact is None else {"contact": values(CONTACT, step.contact)}
+    ends = {end: _end_summary(end, step) for end in ENDS}
+    return {
+        "energy": values(ENERGY, step.energy),
+        "thread": ends | values((MAX_STRAIN, SPAN_RATIO), step),
+        "piercings": {hole.name: values(HOLE_SUMMARY, hole) for hole in step.piercings},
+    } | contact
+
+
+def _end_summary(end: str, step: StepRecord) -> dict[str, Value]:
+    """Take the reaction at an end of the thread from a step, and the torque where there is one."""
+    found = values(ENDS[end], step)
+    return {name.removeprefix(f"{end}_"): value for name, value in found.items() if value is not None}
+
+
+# -- the manual ------------------------------------------------------------------------------------------------------
+
+
+def markdown(columns: Iterable[Column[Any]], what: str) -> str:
+    """Make a table in Markdown; `what` is "column" (components by name), "array" or "key" (vectors whole)."""
+    lines = [f"| {what} | unit | meaning |", "|---|---|---|"]
+    for column in columns:
+        names = column.parts if what == "column" and column.parts else (column.name,)
+        lines.append(f"| {', '.join(f'`{name}`' for name in names)} | {column.unit} | {column.meaning} |")
+    return "\n".join(lines) + "\n"
+
+
+def manual_tables() -> dict[str, str]:
+    """Make the tables of the manual, by the name of their file."""
+    ends = [
+        replace(column, name=f"thread.{end}.{column.name.removeprefix(f'{end}_')}")
+        for end, pair in ENDS.items()
+        for column in pair
+    ]
+    sums = [replace(column, name=f"thread.{column.name}") for column in (MAX_STRAIN, SPAN_RATIO)]
+    return {
+        "summary.json": markdown([*RUN, *ends, *sums], "key"),
+        **{f"{layout.name}.csv": markdown(layout.columns, "column") for layout in TABLES},
+        "organ": markdown(ORGAN_ARRAYS, "array"),
+        "thread": markdown(THREAD_ARRAYS, "array"),
+        "piercings": markdown(HOLE_ARRAYS, "array"),
+    }
+
+
+def with_tables(manual: str, tables: Mapping[str, str]) -> str:
+    """Return the manual with each table between its marks made anew."""
+    return BLOCK.sub(lambda found: f"{found[1]}{found[2]}{tables[found[1]]}", manual)
+
+
+if __name__ == "__main__":
+    MANUAL.write_text(with_tables(MANUAL.read_text(encoding="utf-8"), manual_tables()), encoding="utf-8")

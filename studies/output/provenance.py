@@ -1,0 +1,49 @@
+"""Where a result comes from: versions and machine, without any path or host name."""
+
+import os
+import platform
+import subprocess
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+PACKAGES = ("numpy", "scipy", "scikit-fem", "meshio", "gmsh", "pydantic", "pyvista", "vtk", "matplotlib")
+
+
+def provenance() -> dict[str, Any]:
+    """Versions of the code, of Python and of the packages, the machine, and the time [UTC]."""
+    return {
+        "suturefem": installed_version("suturefem"),
+        "commit": commit(Path(__file__).parents[2]),
+        "python": platform.python_version(),
+        "packages": {name: found for name in PACKAGES if (found := installed_version(name)) is not None},
+        "machine": {"system": platform.system(), "machine": platform.machine(), "cpus": os.cpu_count()},
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def installed_version(package: str) -> str | None:
+    """Version of an installed package, None if it is not installed."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def commit(folder: Path) -> str | None:
+    """The commit that is checked out in a folder, marked when files differ from it; None outside a clone."""
+    if not (folder / ".git").exists():
+        return None
+    try:
+        head = _git(folder, "rev-parse", "--verify", "HEAD").strip()
+        return head + ("+changes" if _git(folder, "status", "--porcelain", "-uno").strip() else "")
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def _git(folder: Path, *arguments: str) -> str:
+    done = subprocess.run(
+        ["git", "-C", str(folder), *arguments], capture_output=True, text=True, check=True, timeout=10
+    )
+    return done.stdout

@@ -1,0 +1,120 @@
+"""What is recorded of a run: plain arrays, the only thing that the simulation hands to the output."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coupling.audit import Energies
+from coupling.events import Event
+from coupling.observation import PiercingObservation
+from studies.arrays import Array
+
+PiercingRecord = PiercingObservation
+EnergyRecord = Energies
+
+
+@dataclass(frozen=True)
+class ThreadRecord:
+    """The thread at one time, sampled at m abscissas."""
+
+    points: Array  # (m, 3) [m]
+    s: Array  # (m,) rest arc length [m]
+    tension: Array  # (m,) [N]
+    curvature: Array  # (m,) [1/m]
+    radius: float  # of the thread [m]
+    pieces: tuple[int, ...] = ()  # points of each piece of a thread that is cut; none where it is whole
+    torque: Array | None = None  # (m,) about the tangent, right-handed [N m]; None without twist
+
+    def split(self) -> list[Array]:
+        """Points of each piece, (k, 3) [m]."""
+        return np.split(self.points, np.cumsum(self.pieces[:-1]))
+
+
+@dataclass(frozen=True)
+class OrganTopology:
+    """The organ's mesh in the reference shape, for output."""
+
+    points: Array  # (nodes, 3) [m]
+    cells: NDArray[np.int64]  # (cells, 4), or (cells, 10) with the mid-edge nodes 01 12 02 03 13 23
+
+
+@dataclass(frozen=True)
+class OrganRecord:
+    """The organ at one time."""
+
+    displacement: Array  # (nodes, 3) [m]
+    stress: Array  # (nodes, 6) xx yy zz xy yz xz [Pa]
+    von_mises: Array  # (nodes,) [Pa]
+    contact_pressure: Array | None = None  # (nodes,) [Pa], zero off the lips; None without contact
+    lip_gap: Array | None = None  # (nodes,) [m], not a number off the lips
+
+
+@dataclass(frozen=True)
+class ContactRecord:
+    """The lips of a wound at one time."""
+
+    pairs: int  # of nodes that face one another
+    pressed: int  # of them, under a force
+    smallest_gap: float  # [m]
+    largest_pressure: float  # [Pa]
+    force: float  # that pushes the lips apart, in all [N]
+    complementarity: float  # largest |force times gap| of a pair [J]
+
+
+@dataclass(frozen=True)
+class StepRecord:
+    """What is known at the end of a step; step 0 is the start."""
+
+    time: float  # [s]
+    step: int
+    piercings: tuple[PiercingRecord, ...]
+    energy: EnergyRecord
+    newton_iterations: int  # of this step
+    constraint_max: float  # largest |P(s) - x| of the drawn thread [m]
+    constraint_residual: float  # what the solve leaves open of it, beside what the spline lacks in compliance [m]
+    start_reaction: Array  # (3,) force of the holder on the thread [N]
+    end_reaction: Array  # (3,) [N]
+    max_strain: float  # largest axial strain of the thread [-]
+    spans: Callable[[], float]  # makes `span_ratio`, which only the last step's is asked for
+    seconds: float  # wall-clock time of this step [s]
+    events: tuple[Event, ...] = ()
+    contact: ContactRecord | None = None  # None where lips may cross
+    torques: tuple[float, float] | None = None  # of the holders of start and end about the tangent [N m], with twist
+    kept: Callable[[], Mapping[str, NDArray[Any]]] | None = None  # makes `memory`, asked for at a checkpoint
+
+    @property
+    def span_ratio(self) -> float:
+        """Longest span at a hole over the length that the thread bends over there [-]."""
+        return self.spans()
+
+    @property
+    def memory(self) -> Mapping[str, NDArray[Any]] | None:
+        """All that the steps after this one depend on, None where nothing is kept."""
+        return None if self.kept is None else self.kept()
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """A run as far as it came."""
+
+    status: str
+    error: str  # empty unless it failed or was interrupted
+    last: StepRecord | None  # None where it did not get as far as its start
+    newton_iterations: int  # of all steps
+    constraint_max: float  # over all steps [m]
+    constraint_residual: float  # over all steps [m]
+    seconds: float  # wall-clock time of all steps [s]
+    tissue_dofs: int
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What is drawn of one time."""
+
+    time: float  # [s]
+    thread: ThreadRecord
+    piercings: tuple[PiercingRecord, ...]
+    organ: OrganRecord | None = None

@@ -1,0 +1,163 @@
+"""Time series for ParaView: ``results.pvd`` naming one file per frame of organ, thread and piercings.
+
+VTK XML with inline base64 data, compressed by zlib, float32: the form that ParaView 5.11 and 5.13 both read.
+It is written here rather than by VTK because the organ's mesh can then be encoded once, and no graphics
+package is needed to run. Points of the organ are those of the reference shape, with ``displacement`` beside
+them (Warp By Vector); thread and piercings are where they are.
+
+Which arrays there are is said in ``studies.output.columns``.
+"""
+
+import base64
+import re
+import sys
+import zlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from studies.output.columns import ORGAN_ARRAYS, PIERCING_ARRAYS, THREAD_ARRAYS, values
+from studies.output.files import write_text
+from studies.output.records import OrganRecord, OrganTopology, PiercingRecord, Snapshot, ThreadRecord
+
+CELL_TYPES = {4: 10, 10: 24}  # VTK_TETRA, VTK_QUADRATIC_TETRA by nodes per cell
+TYPE_NAMES = {"f4": "Float32", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
+COMPONENTS = {6: ("XX", "YY", "ZZ", "XY", "YZ", "XZ")}  # VTK's order of a symmetric tensor
+STEP = re.compile(r"_(\d+)\.vt[pu]")
+FASTEST = 1  # zlib's level: float32 fields hardly shrink further
+
+
+class Series:
+    """Writes frames and keeps ``results.pvd`` naming those that are complete."""
+
+    def __init__(self, folder: Path, topology: OrganTopology | None = None, before: int = 0) -> None:
+        """``before``: frames of earlier steps than this one are kept, as a run that is resumed wants it."""
+        self._folder = folder
+        self._mesh = None if topology is None else encode_mesh(topology)
+        (folder / "frames").mkdir(parents=True, exist_ok=True)
+        self._entries = entries(folder / "results.pvd", before) if before else []
+        for path in (folder / "frames").iterdir():
+            if path.name.startswith(".") or step_of(path.name) >= before:
+                path.unlink()
+
+    def write(self, step: int, frame: Snapshot) -> None:
+        """Write the files of a frame, then the index that names them."""
+        parts = {f"thread_{step:06d}.vtp": thread_text(frame.thread)}
+        if frame.piercings:
+            parts[f"piercings_{step:06d}.vtp"] = piercings_text(frame.piercings)
+        if frame.organ is not None and self._mesh is not None:
+            parts = {f"organ_{step:06d}.vtu": organ_text(self._mesh, frame.organ)} | parts
+        for name, text in parts.items():
+            write_text(self._folder / "frames" / name, text)
+            self._entries.append(_entry(frame.time, name))
+        write_text(self._folder / "results.pvd", index_text(self._entries))
+
+
+def entries(index: Path, before: int) -> list[str]:
+    """Lines of a ``.pvd`` file that name frames of earlier steps than ``before``."""
+    lines = [line for line in index.read_text(encoding="utf-8").splitlines(keepends=True) if "<DataSet" in line]
+    return [line for line in lines if step_of(line) < before]
+
+
+def step_of(name: str) -> int:
+    """The step in the name of a frame's file."""
+    found = STEP.search(name)
+    return int(found[1]) if found else -1
+
+
+def index_text(entries: Sequence[str]) -> str:
+    """The ``.pvd`` file; the parts of one time are shown together."""
+    return _file("Collection", "<Collection>\n" + "".join(entries) + "</Collection>\n", version="0.1")
+
+
+def encode_mesh(topology: OrganTopology) -> str:
+    """The organ's mesh up to its point data, the same in every frame."""
+    points, cells = topology.points, topology.cells
+    nodes = cells.shape[1]
+    offsets = np.arange(1, len(cells) + 1) * nodes
+    kinds = np.full(len(cells), CELL_TYPES[nodes])
+    return (
+        f'<Piece NumberOfPoints="{len(points)}" NumberOfCells="{len(cells)}">\n'
+        f"<Points>\n{data_array('points', points, 'f4')}</Points>\n"
+        f"<Cells>\n{data_array('connectivity', cells.ravel(), 'i8')}"
+        f"{data_array('offsets', offsets, 'i8')}{data_array('types', kinds, 'u1')}</Cells>\n"
+    )
+
+
+def organ_text(mesh: str, organ: OrganRecord) -> str:
+    """The organ of one frame as ``.vtu``."""
+    data = _point_data(values(ORGAN_ARRAYS, organ), 'Vectors="displacement"')
+    return _file("UnstructuredGrid", f"<UnstructuredGrid>\n{mesh}{data}</Piece>\n</UnstructuredGrid>\n")
+
+
+def thread_text(thread: ThreadRecord) -> str:
+    """The thread of one frame as a polyline in ``.vtp``; ``radius`` is for the Tube filter."""
+    count = len(thread.points)
+    data = _point_data(values(THREAD_ARRAYS, thread), 'Scalars="tension"')
+    return _poly_data(thread.points, "Lines", thread.pieces or ([count] if count else []), data)
+
+
+def piercings_text(piercings: Sequence[PiercingRecord]) -> str:
+    """The piercings of one frame as vertices in ``.vtp``."""
+    arrays = {column.name: np.array([column.of(piercing) for piercing in piercings]) for column in PIERCING_ARRAYS}
+    points = np.array([piercing.x for piercing in piercings])
+    return _poly_data(points, "Verts", [1] * len(piercings), _point_data(arrays, 'Vectors="force"'))
+
+
+def data_array(name: str, values: ArrayLike, kind: str) -> str:
+    """A field, shape ``(n,)`` or ``(n, components)``, as an inline compressed ``DataArray``."""
+    array = np.ascontiguousarray(values, dtype=np.dtype(kind))
+    components = array.shape[1] if array.ndim == 2 else 1
+    labels = "".join(f' ComponentName{index}="{label}"' for index, label in enumerate(COMPONENTS.get(components, ())))
+    return (
+        f'<DataArray type="{TYPE_NAMES[kind]}" Name={quoteattr(name)} format="binary"'
+        f' NumberOfComponents="{components}"{labels}>\n{_encoded(array)}\n</DataArray>\n'
+    )
+
+
+def _encoded(array: NDArray[np.generic]) -> str:
+    """One compressed block after its header: blocks, their size, that of a partial last one, packed size."""
+    data = array.tobytes()
+    if not data:
+        return base64.b64encode(np.zeros(1, dtype=np.uint32).tobytes()).decode()
+    packed = zlib.compress(data, FASTEST)
+    header = np.array([1, len(data), 0, len(packed)], dtype=np.uint32)
+    return base64.b64encode(header.tobytes()).decode() + base64.b64encode(packed).decode()
+
+
+def _poly_data(points: NDArray[np.float64], kind: str, counts: Sequence[int], data: str) -> str:
+    """Points joined in order into cells of ``counts`` points."""
+    cells = data_array("connectivity", np.arange(sum(counts)), "i8")
+    offsets = data_array("offsets", np.cumsum(counts, dtype=np.int64), "i8")
+    return _file(
+        "PolyData",
+        f'<PolyData>\n<Piece NumberOfPoints="{len(points)}" NumberOf{kind}="{len(counts)}">\n'
+        f"<Points>\n{data_array('points', points, 'f4')}</Points>\n<{kind}>\n{cells}{offsets}</{kind}>\n"
+        f"{data}</Piece>\n</PolyData>\n",
+    )
+
+
+def _point_data(arrays: Mapping[str, Any], active: str) -> str:
+    """Fields by name, whole numbers as integers; those that are None are left out."""
+    given = {name: np.asarray(values) for name, values in arrays.items() if values is not None}
+    text = "".join(
+        data_array(name, values, "i4" if values.dtype.kind == "i" else "f4") for name, values in given.items()
+    )
+    return f"<PointData {active}>\n{text}</PointData>\n"
+
+
+def _entry(time: float, name: str) -> str:
+    part, label = {"o": (0, "organ"), "t": (1, "thread"), "p": (2, "piercings")}[name[0]]
+    return f'<DataSet timestep="{float(time)!r}" group="" part="{part}" name="{label}" file="frames/{name}"/>\n'
+
+
+def _file(kind: str, body: str, version: str = "1.0") -> str:
+    order = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
+    attributes = f'type="{kind}" version="{version}" byte_order="{order}"'
+    if kind != "Collection":
+        attributes += ' header_type="UInt32" compressor="vtkZLibDataCompressor"'
+    return f'<?xml version="1.0"?>\n<VTKFile {attributes}>\n{body}</VTKFile>\n'

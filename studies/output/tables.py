@@ -1,0 +1,94 @@
+"""CSV tables that grow by whole lines, written when a step is done: a killed run leaves whole rows."""
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, Generic
+
+import numpy as np
+
+from studies.output.columns import TABLES, Column, Layout, Row, Value, headings
+from studies.scenario import Scenario
+
+SPECIAL = re.compile(r'[",\r\n]')  # what text is quoted for
+
+
+class CsvFile(Generic[Row]):
+    """A CSV file that grows by whole lines."""
+
+    def __init__(self, path: Path, columns: Sequence[Column[Row]], last_step: int = -1) -> None:
+        """``last_step``: rows up to this step are kept, as a run that is resumed wants it."""
+        self._cells = [(column.of, writer_of(column)) for column in columns]
+        self._end = len(b"".join(rows_until(path, last_step))) if last_step >= 0 else 0
+        self._file = path.open("r+b" if self._end else "wb", buffering=0)
+        self._file.truncate(self._end)
+        self._file.seek(self._end)
+        if not self._end:
+            self._write(head_of(columns))
+
+    def append(self, rows: Iterable[Row]) -> None:
+        """Append rows in one write; on a full disk none of them."""
+        data = "".join([self._line(row) for row in rows]).encode()
+        if data:
+            self._write(data)
+
+    def close(self) -> None:
+        self._file.close()
+
+    def _line(self, row: Row) -> str:
+        return ",".join([write(of(row)) for of, write in self._cells]) + "\n"
+
+    def _write(self, data: bytes) -> None:
+        try:
+            if self._file.write(data) != len(data):
+                raise OSError(f"{self._file.name} cannot grow: the disk is full; free some space")
+        except OSError:
+            self._file.truncate(self._end)
+            self._file.seek(self._end)
+            raise
+        self._end += len(data)
+
+
+def writer_of(column: Column[Any]) -> Callable[[Any], str]:
+    """Choose the function that writes a value as the cells of a row; a number that is None is an empty cell."""
+    if column.parts:
+        return _numbers
+    return {"number": _number, "whole": _whole, "text": _quoted}[column.kind]
+
+
+def _number(value: Value) -> str:
+    """Write a number with all its digits: it reads back to the same bits."""
+    return "" if value is None else repr(float(value))  # type: ignore[arg-type]
+
+
+def _numbers(value: Value) -> str:
+    """Write the components of a vector; those of a list are floats of Python, which are quick to write."""
+    return ",".join(map(repr, np.asarray(value, dtype=np.float64).tolist()))
+
+
+def _whole(value: Value) -> str:
+    return "" if value is None else str(value)
+
+
+def _quoted(value: str) -> str:
+    return '"' + value.replace('"', '""') + '"' if SPECIAL.search(value) else value
+
+
+def head_of(columns: Iterable[Column[Any]]) -> bytes:
+    """Write the first line of a table."""
+    return (",".join(headings(columns)) + "\n").encode()
+
+
+def rows_until(path: Path, step: int) -> list[bytes]:
+    """Read a table's head and its rows up to a step, each a whole line; the step is the second column of every table.
+
+    Raises `ValueError` for a row that does not begin so, `IndexError` for one without a second column.
+    """
+    head, *rows = path.read_bytes().splitlines(keepends=True)
+    return [head, *(row for row in rows if row.endswith(b"\n") and int(row.split(b",")[1]) <= step)]
+
+
+def tables_of(scenario: Scenario) -> list[Layout[Any]]:
+    """List the tables that a run of the scenario writes."""
+    touching = scenario.tissue is not None and scenario.tissue.contact
+    return [layout for layout in TABLES if layout.name != "contact" or touching]

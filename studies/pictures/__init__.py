@@ -1,0 +1,1 @@
+"""Pictures of frames and meshes, in space or as a section."""

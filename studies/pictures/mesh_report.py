@@ -1,0 +1,114 @@
+"""``suture mesh``: the organ's mesh of a scenario as a file for ParaView, with its quality in words and a picture."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import meshio
+import numpy as np
+import skfem
+from numpy.typing import NDArray
+
+from meshes.checks import volumes
+from meshes.quality import quality, radius_ratios, size_at
+from studies.arrays import Array
+from studies.output.files import write_bytes
+from studies.pictures.picture import draw_scene
+from studies.scenario import Scenario, ScenarioError
+from studies.simulation.meshing import organ_mesh
+
+Indices = NDArray[np.integer]
+
+MILLI = 1e-3
+NO_REGION, NO_CELL = 0, -1  # what the array `region` holds beside the regions' numbers
+
+
+@dataclass(frozen=True)
+class MeshScene:
+    """What is drawn of a mesh: points `(n, 3)` [m], cells `(m, 4)`, a region's number for each, the facets `(k, 3)` of
+    the wound's lips, the places of the piercings `(p, 3)` [m], and a title.
+    """
+
+    points: Array
+    cells: Indices
+    region: Indices
+    lips: Indices
+    sites: Array
+    title: str
+
+
+def write_report(scenario: Scenario, path: Path) -> list[str]:
+    """Make the mesh, write it to `path` (.vtu) and a picture beside it; returns the lines to be read by a person.
+
+    Raises `ScenarioError` or `MeshError` for a mesh that cannot be made or used.
+    """
+    if path.suffix.lower() != ".vtu":
+        raise ScenarioError(f"--out {path} is refused: the mesh is written for ParaView; name it {path.stem}.vtu")
+    mesh = organ_mesh(scenario)
+    scratch = path.with_name(f".{path.stem}.part.vtu")
+    paraview(mesh).write(scratch, file_format="vtu")
+    write_bytes(path, scratch.read_bytes())
+    scratch.unlink()
+    line = draw_scene(
+        scene_of(mesh, scenario),
+        path.with_suffix(".png"),
+        "studies.pictures.mesh_space",
+        "studies.pictures.mesh_section",
+    )
+    return [*lines(mesh, scenario), "", f"ParaView   {path}", f"picture    {line}"]
+
+
+def lines(mesh: skfem.MeshTet, scenario: Scenario) -> list[str]:
+    """Size, quality, boundaries, regions, and the element size at each piercing."""
+    found, content = quality(mesh), volumes(mesh.p.T, mesh.t.T)
+    unknowns = 3 * mesh.nvertices, 3 * (mesh.nvertices + mesh.nedges)
+    return [
+        f"mesh       {mesh.nvertices} vertices, {mesh.nelements} tetrahedra, {content.sum() / MILLI**3:.6g} mm³",
+        f"unknowns   {unknowns[0]} with P1, {unknowns[1]} with P2",
+        f"quality    dihedral angle {found.dihedral_min:.1f}° at least, radius ratio {found.radius_ratio_min:.2f} at "
+        f"least, {found.radius_ratio_median:.2f} in the median",
+        f"edges      {found.edge_min / MILLI:.3g} to {found.edge_max / MILLI:.3g} mm",
+        *(f"site       {hole.name}: edges of {size_at(mesh, np.array(hole.at)) / MILLI:.3g} mm there, footprint "
+          f"{hole.footprint / MILLI:.3g} mm" for hole in scenario.piercing),
+        *(f"boundary   {name}: {len(facets)} facets, {areas(mesh, facets).sum() / MILLI**2:.6g} mm²"
+          for name, facets in (mesh.boundaries or {}).items()),
+        *(f"region     {name}: number {number}, {len(cells)} tetrahedra, {content[cells].sum() / MILLI**3:.6g} mm³"
+          for number, (name, cells) in enumerate((mesh.subdomains or {}).items(), start=NO_REGION + 1)),
+    ]  # fmt: skip
+
+
+def areas(mesh: skfem.MeshTet, facets: Indices) -> Array:
+    """Areas of facets by their numbers [m²]."""
+    a, b, c = np.moveaxis(mesh.p.T[mesh.facets[:, facets].T], 1, 0)
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+
+def region_numbers(mesh: skfem.MeshTet) -> Indices:
+    """Number of the region of each cell, from 1 in the order of their names, 0 outside all of them."""
+    numbers = np.full(mesh.nelements, NO_REGION)
+    for number, cells in enumerate((mesh.subdomains or {}).values(), start=NO_REGION + 1):
+        numbers[cells] = number
+    return numbers
+
+
+def paraview(mesh: skfem.MeshTet) -> meshio.Mesh:
+    """Tetrahedra and surface triangles with cell arrays: `region` (−1 on triangles), `radius_ratio` (0 on triangles)
+    and for each boundary `boundary_…`, 1 on its triangles.
+    """
+    named = mesh.boundaries or {}
+    facets = np.unique(np.concatenate([mesh.boundary_facets(), *named.values()]))
+    m, k = mesh.nelements, len(facets)
+    data = {
+        "region": [region_numbers(mesh), np.full(k, NO_CELL)],
+        "radius_ratio": [radius_ratios(mesh.p.T[mesh.t.T]), np.zeros(k)],
+    }
+    for name, chosen in named.items():
+        data[f"boundary_{name}"] = [np.zeros(m, dtype=np.int8), np.isin(facets, chosen).astype(np.int8)]
+    return meshio.Mesh(mesh.p.T, [("tetra", mesh.t.T), ("triangle", mesh.facets[:, facets].T)], cell_data=data)
+
+
+def scene_of(mesh: skfem.MeshTet, scenario: Scenario) -> MeshScene:
+    """What is drawn."""
+    lips = [mesh.facets[:, facets].T for name, facets in (mesh.boundaries or {}).items() if name.startswith("lip_")]
+    sites = np.reshape([hole.at for hole in scenario.piercing], (-1, 3))
+    facets = np.concatenate([np.empty((0, 3), dtype=np.int64), *lips])
+    return MeshScene(mesh.p.T, mesh.t.T, region_numbers(mesh), facets, sites, scenario.title)

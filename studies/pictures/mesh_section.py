@@ -1,0 +1,46 @@
+"""The picture of a mesh in a section, by matplotlib: needs no OpenGL."""
+
+import pickle
+import sys
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from studies.pictures.mesh_report import MeshScene
+from studies.pictures.section import ASIDE, DPI, cut
+from studies.pictures.view import MARKER, MILLI, SIZE, colours
+
+
+def draw_section(scene: MeshScene, path: Path) -> None:
+    """Draw the cut y = const through the piercings [mm], coloured by the mean edge length about each node."""
+    figure = Figure(figsize=(SIZE[0] / DPI, SIZE[1] / DPI), layout="constrained")
+    axes = figure.add_subplot()
+    low, high = scene.points[:, 1].min(), scene.points[:, 1].max()
+    middle = scene.sites[:, 1].mean() if len(scene.sites) else (low + high) / 2
+    y = float(np.clip(middle, low, high - 2 * ASIDE * (high - low)) + ASIDE * (high - low))
+    points, triangles, size = cut(scene.points, np.asarray(scene.cells), _sizes(scene) / MILLI, y)
+    x, z = (points / MILLI).T
+    filled = axes.tripcolor(x, z, size, triangles=triangles, shading="gouraud", cmap=colours())
+    axes.triplot(x, z, triangles, color="#55453c", linewidth=0.4)
+    axes.plot(*(scene.sites[:, [0, 2]] / MILLI).T, "o", color=MARKER, markersize=8)
+    figure.colorbar(filled, ax=axes, label="edge length [mm]", shrink=0.8)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x [mm]")
+    axes.set_ylabel("z [mm]")
+    axes.set_title(f"{scene.title or 'mesh'}, y = {y / MILLI:.3g} mm", fontsize=11)
+    figure.savefig(path, dpi=DPI)
+
+
+def _sizes(scene: MeshScene) -> np.ndarray:
+    """Mean length of the edges at each node, those shared by more cells counted more [m]."""
+    cells = np.asarray(scene.cells)
+    pairs = cells[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]].reshape(-1, 2)
+    length = np.linalg.norm(scene.points[pairs[:, 0]] - scene.points[pairs[:, 1]], axis=1)
+    nodes = pairs.T.ravel()
+    total = np.bincount(nodes, np.tile(length, 2), minlength=len(scene.points))
+    return np.asarray(total / np.maximum(np.bincount(nodes, minlength=len(scene.points)), 1))
+
+
+if __name__ == "__main__":
+    draw_section(pickle.loads(Path(sys.argv[1]).read_bytes()), Path(sys.argv[2]))

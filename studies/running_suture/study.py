@@ -1,0 +1,748 @@
+"""A running suture: how far along the stitches a pull is felt, beside a published experiment.
+
+Horeman et al. (PLoS ONE 2013;8:e84466) sewed pig fascia with seven continuous stitches and measured the thread of the
+second: 3 N (SD 1.2) while it is pulled, 1 N (SD 0.3) from the fourth stitch on, and no influence of the fifth, sixth
+and seventh. Here a thread runs through two rough holes a stitch, its first hole a knot, and its loose end is pulled.
+
+*One pull.* Seven stitches under no load but the slack's; the end is pulled, and let back. One number, the coefficient
+of friction μ, is set so that two stitches back the tension is the published third of the pull.
+
+*Placing.* With that μ the stitches are placed one after the other: the end is held, led through two new holes, pulled,
+let back to the hold. What friction has locked in earlier stitches stays. The hold is not published: it is varied.
+
+A hole is a ring that the thread bends round: T₁ − T₂ = μN with T₁(1 − cos α) = T₂(1 − cos β), see
+`studies.friction.study.bent_ratio`; round a cylinder it would be exp(μθ). Segments obey by_law(), whatever their
+elasticity, as long as nothing but the pull moves thread through a hole. Left out are lips that press on one another,
+holes that tear, tissue that creeps, and the sensor that the published thread ran through.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import cycle
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from threadpoolctl import threadpool_limits
+
+from coupling.adaptivity import Resolution, span_ratio
+from coupling.audit import initial_energies
+from coupling.impact import begin_piercing
+from coupling.observation import observe
+from coupling.run import begin
+from coupling.system import State, System
+from studies.arrays import Array
+from studies.figure import COLOURS, MARKERS, panels, ticks
+from studies.friction.study import bent_ratio
+from studies.scenario import Scenario, parse
+from studies.simulation.assembly import assemble
+from studies.study import Study, StudyError, Table, unit_field
+from studies.verdicts import beyond_bearing, beyond_linear, not_settled, spans_too_coarse, unrest
+from thread.ends import Free
+
+Organ = Literal["closed fascia", "gaping fascia", "fixed points"]
+
+# Small bites (Deerenberg et al., Lancet 2015;386:1254): 5 mm from the edge of the wound, every 5 mm, USP 2-0.
+BITE, PITCH = 5e-3, 5e-3  # [m]
+# Förstemann et al., J Biomech 2011;44:600: 3.4 N/mm at 6 % across the linea alba, 57 N/mm, here on 1.5 mm.
+THICKNESS, YOUNGS_MODULUS = 1.5e-3, 4e7  # [m], [Pa]
+WIDTH, BEYOND = 0.04, 0.015  # of the sheet, and how far it and the wound go on beyond the stitches [m]
+FOOTPRINT, CELL = 0.7e-3, 1.5e-3  # [m]
+SUTURE, OTHER = "2-0 polyglactin 910", "2-0 polydioxanone"  # that of the experiment is not known to us
+
+PUBLISHED_PULL, PULL_SD = 3.0, 1.2  # [N]
+PUBLISHED_LEFT, LEFT_SD = 1.0, 0.3  # two stitches back [N]
+PUBLISHED_REACH = 3  # stitches back at most
+CALIBRATED = "calibrated"
+BACK = 2  # stitches from the pull to where μ is calibrated
+FELT = LEFT_SD  # change of tension that counts as felt [N]
+COEFFICIENTS = (
+    0.05,
+    0.3,
+)  # of sutures on wet tissue [-]: an assumption after Zhang et al. (Tribol Lett 2017), no value read
+
+SLACK = 0.1  # tension in which a thread is laid without friction [N]
+FREE = 6e-3  # of the thread before its knot [m]
+TAIL = 0.03  # beyond the last hole [m]
+LOOP = 1e-3  # by which it is laid beyond each hole, up and down [m]
+DAMPING = 1000.0  # [1/s]: critical for the tail, and 1e-4 N at the speeds of a pull
+LAYING, PULLING, LETTING, SWING, REST = 0.04, 0.15, 0.08, 0.06, 0.02  # [s]
+STAGES = (1.5, 0.8, 0.4, 0.2)  # of the hand on its way back [N]
+RISE = (0.5, 1.0, 2.0)  # and on its way out [N]
+TOLERANCE = 0.03  # of the knots that follow the holes
+SLIPPED = 1.2  # times its tension before the pull: a stitch this far above it was reached by slip
+OVER = np.array([-2 * BITE, PITCH, 0.0]) / np.hypot(2 * BITE, PITCH)  # over the wound to the next stitch
+UNDER = np.array([1.0, 0.0, 0.0])  # under it
+UP = np.array([0.0, 0.0, 1.0])
+DASHES = {"closed fascia": "-", "gaping fascia": "--", "fixed points": "-."}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One stitch at one moment of one run. Its tension is that of the thread where it leaves the stitch."""
+
+    kind: str  # "one pull" or "placing"
+    organ: str
+    check: str  # what is other than in the reference, or nothing
+    mu: float = unit_field("-")
+    hold: float = unit_field("N")  # between two pulls
+    stitches: int = unit_field("-")  # placed so far
+    moment: str  # "before", "rising", "pulled" or "let back"
+    hand: float = unit_field("N")
+    stitch: int = unit_field("-")  # 1 begins with the knot
+    tension: float = unit_field("N")
+    law: float = unit_field("N")  # by the turns measured in the run and the law of a ring
+    turn: float = unit_field("degree")  # mean of the holes
+    moved: float = unit_field("m")  # farthest a hole has moved
+    press: float = unit_field("N")  # largest force on a hole
+    diameter: float = unit_field("m")  # of the thread
+    youngs_modulus: float = unit_field("Pa")  # of the sheet, infinite for fixed points
+    spans: float = unit_field("-")  # longest span at a hole over √(EI/T)
+    settled: float = unit_field("-")  # kinetic over elastic energy
+    steps: int = unit_field("-")
+
+    @property
+    def stitches_back(self) -> int:
+        """Stitches back from the pull."""
+        return self.stitches - self.stitch
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is run. `tolerance` and `step` [s] are those of thread and time."""
+
+    mu: float
+    organ: Organ = "closed fascia"
+    check: str = ""
+    stitches: int = 7
+    pull: float = PUBLISHED_PULL
+    suture: str = SUTURE
+    youngs_modulus: float = YOUNGS_MODULUS
+    step: float = 2e-3
+    tolerance: float = TOLERANCE
+    cell: float = CELL
+
+
+@dataclass(frozen=True)
+class Hand(Free):
+    """Pulls with a dead load that goes from `begin` to `end` (3,) [N] between two `times` [s]."""
+
+    times: tuple[float, float]
+    begin: Array
+    end: Array
+
+    def force(self, time: float) -> Array:
+        """The load at a time [N]."""
+        share = float(np.interp(time, self.times, (0.0, 1.0)))
+        return np.asarray((1.0 - share) * self.begin + share * self.end)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A suture in its holes. `law` (segments,) [N]: the tensions behind each hole by the law of friction."""
+
+    system: System
+    state: State
+    resolution: Resolution
+    step: float
+    law: Array
+    steps: int = 0
+
+    @property
+    def holes(self) -> int:
+        """Holes that the thread is in."""
+        return int(self.state.present.sum())
+
+    @cached_property
+    def forces(self) -> Array:
+        """Tensions before and after each hole that the thread is in and its force, shape `(holes, 3)` [N]."""
+        seen = observe(self.system, self.state, self.state)[: self.holes]
+        each = [(abs(o.tension_before), abs(o.tension_after), np.linalg.norm(o.force)) for o in seen]
+        return np.array(each, dtype=np.float64)
+
+    @property
+    def turns(self) -> Array:
+        """Angle by which the thread turns in each hole but the knot (holes − 1,) [rad], from the balance of forces."""
+        before, after, force = self.forces[1:].T
+        cosine = (before**2 + after**2 - force**2) / (2.0 * before * after)
+        return np.arccos(np.clip(cosine, -1.0, 1.0))
+
+    @property
+    def hand(self) -> float:
+        """Pull on the loose end [N]."""
+        return float(np.linalg.norm(self.system.ends[1].force(self.state.time)))
+
+
+def main(
+    mus: Sequence[float] = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4),
+    stitches: int = 7,
+    holds: Sequence[float] = (0.2, 0.4, 0.8),
+    unchecked: bool = False,
+    organ: Organ = "closed fascia",
+    youngs_modulus: float = YOUNGS_MODULUS,
+    thread: str = SUTURE,
+) -> Iterator[Row]:
+    """One pull for every coefficient and for the calibrated one, its checks, and the placing with every hold [N].
+
+    Raises `StudyError` for what cannot be calibrated.
+    """
+    if stitches <= BACK or min(mus) < 0.0 or max(mus) >= 1.0 or min(holds) <= 0.0:
+        reason = f"more than {BACK} stitches, coefficients from 0 to below 1 and holds above 0"
+        raise StudyError(f"stitches = {stitches}, mus = {mus}, holds = {holds}: give {reason}")
+    base = Case(0.0, organ, stitches=stitches, suture=thread, youngs_modulus=youngs_modulus)
+    rows: list[Row] = []
+    for mu in sorted(mus):
+        for row in one_pull(replace(base, mu=mu)):
+            rows.append(row)
+            yield row
+    case = replace(base, mu=calibrate(rows)[0])
+    yield from one_pull(replace(case, check=CALIBRATED))
+    for other in () if unchecked else variations(case):
+        yield from one_pull(other)
+    for hold in holds:
+        yield from placing(case, hold)
+    if not unchecked:
+        middle = sorted(holds)[len(holds) // 2]
+        yield from placing(replace(case, organ="gaping fascia"), middle)
+        yield from placing(replace(case, organ="fixed points"), middle)
+
+
+def variations(case: Case) -> list[Case]:
+    """The same with one thing changed at a time."""
+    return [
+        replace(case, organ="fixed points", check="fixed points"),
+        replace(case, step=case.step / 2, check="half the time step"),
+        replace(case, tolerance=TOLERANCE / 3, check="finer thread"),
+        replace(case, cell=CELL / 2, check="finer mesh"),
+        replace(case, suture=OTHER, check=OTHER),
+        replace(case, stitches=BACK + 2, check=f"{BACK + 2} stitches"),
+    ]
+
+
+# --- by the law -------------------------------------------------------------------------------------------
+
+
+def tensions_by_law(before: Array, hand: float, ratios: Array) -> Array:
+    """Tensions behind each hole [N] of shape `(holes,)` when the hand pulls, from those before.
+
+    `ratios` (holes − 1,) are those at which the holes but the knot slip. A segment keeps its tension as long as no hole
+    between it and the hand slips: it lies between the hand's over and times their product.
+    """
+    reach = np.append(np.cumprod(ratios[::-1])[::-1], 1.0)
+    return np.clip(before, hand / reach, hand * reach)
+
+
+def second_stitch_by_law(ratio: float, pull: float, hold: float, stitches: int) -> Array:
+    """Tension of the second stitch [N] under each pull, from its own on, when stitches are placed one after the other
+    and every hole slips at the same ratio, shape `(stitches - 1,)`."""
+    law, out = np.full(2, hold), []
+    for number in range(2, stitches + 1):
+        ratios = np.full(2 * number - 1, ratio)
+        law = tensions_by_law(np.append(law, [hold, hold]), pull, ratios)
+        out.append(law[3])
+        law = tensions_by_law(law, hold, ratios)
+    return np.array(out)
+
+
+# --- the suture -------------------------------------------------------------------------------------------
+
+
+def scenario(case: Case, laid: int) -> Scenario:
+    """A thread laid up and down through the holes of the first stitches, its tail over the wound."""
+    holes = places(case.stitches)
+    path = [holes[0] - FREE * UNDER + LOOP * UP]
+    for number, hole in enumerate(holes[: 2 * laid]):
+        path += [hole + way * LOOP * UP for way in ((1, -1) if number % 2 == 0 else (-1, 1))]
+    tail = TAIL + (case.stitches - laid) * (2 * BITE + np.hypot(2 * BITE, PITCH))
+    path.append(holes[2 * laid - 1] + tail * OVER + LOOP * UP)
+    rough = {"friction": {"static": case.mu, "kinetic": case.mu}} if case.mu else {}
+    table: dict[str, Any] = {
+        "title": "a running suture",
+        "thread": {
+            "suture": case.suture,
+            "control_points": 60,
+            "resolution": "adaptive",
+            "graded": 6.0,
+            "tolerance": case.tolerance,
+            "damping": DAMPING,
+            "path": [point.tolist() for point in path],
+            "end": {"kind": "pulled", "force": (SLACK * OVER).tolist()},
+        },
+        "piercing": [
+            {
+                "name": f"{'entry' if number % 2 == 0 else 'exit'} {number // 2 + 1}",
+                "at": hole.tolist(),
+                "direction": "free",
+                "footprint": 0.0 if case.organ == "fixed points" else FOOTPRINT,
+                "from": 0.0 if number < 2 * laid else 1.0,
+                **({"kind": "anchored"} if number == 0 else rough),
+            }
+            for number, hole in enumerate(holes)
+        ],
+    }
+    return parse(table if case.organ == "fixed points" else table | {"tissue": fascia(case)})
+
+
+def places(stitches: int) -> list[Array]:
+    """The holes [m], in the middle of the sheet: entries on the left, exits on the right."""
+    along = PITCH * (np.arange(stitches) - (stitches - 1) / 2)
+    return [np.array([side * BITE, y, -THICKNESS / 2]) for y in along for side in (-1.0, 1.0)]
+
+
+def fascia(case: Case) -> dict[str, Any]:
+    """A sheet that the muscles hold left and right, its wound closed for good, or open and gaping."""
+    length = (case.stitches - 1) * PITCH + 2 * BEYOND
+    mesh: dict[str, Any] = {"kind": "block", "size": [WIDTH, length + 2 * BEYOND, THICKNESS], "h": case.cell}
+    if case.organ == "gaping fascia":
+        mesh |= {"kind": "wound", "shape": "slit", "length": length, "depth": THICKNESS}
+    return {
+        "youngs_modulus": case.youngs_modulus,
+        "poisson_ratio": 0.45,
+        "density": 1100.0,
+        "inertia": False,
+        "clamp": ["left", "right"],
+        "mesh": mesh,
+    }
+
+
+def lay_taut(case: Case, stitches: int, tension: float) -> Line:
+    """A thread in the first stitches, drawn taut without friction."""
+    assembly = assemble(scenario(case, stitches))
+    rough, state = assembly.system, assembly.start()
+    smooth = replace(rough, piercings=tuple(replace(hole, friction=None) for hole in rough.piercings))
+    system = replace(smooth, ends=(smooth.ends[0], Hand((0.0, 1.0), tension * OVER, tension * OVER)))
+    assert assembly.resolution is not None
+    state = replace(state, sigma=smooth_slip(smooth, state))
+    line = Line(system, state, assembly.resolution, case.step, np.full(2 * stitches, tension))
+    line = lead(line, tension * OVER, LAYING)
+    system, state = line.system, line.state
+    system = replace(system, piercings=rough.piercings)
+    state = replace(state, sigma=smooth_slip(system, state))
+    return replace(line, system=system, state=state)
+
+
+def smooth_slip(system: System, state: State) -> Array:
+    """Holes without friction slide, those with it stick."""
+    return np.where(system.may_slide & ~system.rough & state.present, 1.0, 0.0)
+
+
+def lead(line: Line, force: Array, seconds: float) -> Line:
+    """The suture after the hand's force has gone to `force` (3,) [N]."""
+    system, now = line.system, line.state.time
+    hand = Hand((now, now + seconds), system.ends[1].force(now), force)
+    system = replace(system, ends=(system.ends[0], hand))
+    # A stitch begins where the hand has led the thread, not at a time of its own.
+    waiting = (
+        hole if here else replace(hole, begins=np.inf)
+        for hole, here in zip(system.piercings, line.state.present, strict=False)
+    )
+    system = replace(system, piercings=tuple(waiting))
+    run = replace(begin(system, line.state, resolution=line.resolution), fresh=False)
+    count = int(np.ceil(seconds / line.step - 1e-9))
+    for _ in range(count):
+        run = run.step(line.step)
+    return replace(line, system=run.system, state=run.state, steps=line.steps + count)
+
+
+def draw(line: Line, mu: float, force: Array, seconds: float) -> Line:
+    """The same, then at rest, and what the law of friction makes of it."""
+    line = lead(lead(line, force, seconds), force, REST)
+    ratios = np.array([bent_ratio(mu, turn) for turn in line.turns])
+    return replace(line, law=tensions_by_law(line.law, line.hand, ratios))
+
+
+def add_stitch(line: Line, number: int, hold: float) -> Line:
+    """One stitch more, `number` from 0: the tail passes over its entry, is led under the wound to its exit, back."""
+    for hole, came, goes, way in ((2 * number, OVER, UNDER, -UP), (2 * number + 1, UNDER, OVER, UP)):
+        line = lead(line, hold * came, REST)
+        state, _ = begin_piercing(line.system, line.state, hole, line.step, np.nan)
+        line = replace(line, state=state)
+        line = lead(lead(line, hold * way, SWING / 2), hold * goes, SWING / 2)
+    return replace(line, law=np.append(line.law, [hold, hold]))
+
+
+# --- runs -------------------------------------------------------------------------------------------------
+
+
+def one_pull(case: Case) -> Iterator[Row]:
+    """Laid, pulled, and let back in stages."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        line = draw(lay_taut(case, case.stitches, SLACK), case.mu, SLACK * OVER, REST)
+        yield from moment(line, case, "one pull", SLACK, "before")
+        for hand in (*(x for x in RISE if x < case.pull), case.pull):
+            line = draw(line, case.mu, hand * OVER, PULLING / (len(RISE) + 1))
+            yield from moment(line, case, "one pull", SLACK, "pulled" if hand == case.pull else "rising")
+        for hand in STAGES:
+            line = draw(line, case.mu, hand * OVER, LETTING / len(STAGES))
+            yield from moment(line, case, "one pull", SLACK, "let back")
+
+
+def placing(case: Case, hold: float) -> Iterator[Row]:
+    """Stitch after stitch from the second on: held, pulled, let back."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        line = lay_taut(case, 2, hold)
+        for number in range(2, case.stitches + 1):
+            line = add_stitch(line, number - 1, hold) if number > 2 else line
+            line = draw(line, case.mu, hold * OVER, REST)
+            yield from moment(line, case, "placing", hold, "before")
+            line = draw(line, case.mu, case.pull * OVER, PULLING)
+            yield from moment(line, case, "placing", hold, "pulled")
+            line = lead(line, np.sqrt(case.pull * hold) * OVER, LETTING / 2)
+            line = draw(line, case.mu, hold * OVER, LETTING / 2)
+            yield from moment(line, case, "placing", hold, "let back")
+
+
+def moment(line: Line, case: Case, kind: str, hold: float, name: str) -> Iterator[Row]:
+    """Every stitch as it is."""
+    organ, state = line.system.organ, line.state
+    energies = initial_energies(line.system, state)
+    moved = np.linalg.norm((state.y - organ.y0.reshape(-1, 9))[: line.holes, :3], axis=1)
+    for stitch in range(1, line.holes // 2 + 1):
+        yield Row(
+            kind=kind,
+            organ=case.organ,
+            check=case.check,
+            mu=case.mu,
+            hold=hold,
+            stitches=line.holes // 2,
+            moment=name,
+            hand=line.hand,
+            stitch=stitch,
+            tension=float(line.forces[2 * stitch - 1, 1]),
+            law=float(line.law[2 * stitch - 1]),
+            turn=float(np.degrees(line.turns.mean())),
+            moved=float(moved.max()),
+            press=float(line.forces[:, 2].max()),
+            diameter=line.system.thread.section.diameter,
+            youngs_modulus=np.inf if case.organ == "fixed points" else case.youngs_modulus,
+            spans=span_ratio(line.system, state),
+            settled=unrest(energies.kinetic, energies.elastic),
+            steps=line.steps,
+        )
+
+
+# --- what they say ----------------------------------------------------------------------------------------
+
+
+def runs(rows: Sequence[Row]) -> list[list[Row]]:
+    """The rows of each run."""
+    out: dict[tuple[object, ...], list[Row]] = {}
+    for row in rows:
+        number = row.stitches if row.kind == "one pull" else 0
+        out.setdefault((row.kind, row.organ, row.check, row.mu, row.hold, number), []).append(row)
+    return list(out.values())
+
+
+def sweep(rows: Sequence[Row]) -> list[list[Row]]:
+    """The runs of one pull in which nothing but the coefficient is varied, by the coefficient."""
+    found = [run for run in runs(rows) if (run[0].kind, run[0].check) == ("one pull", "")]
+    return sorted(found, key=lambda run: run[0].mu)
+
+
+def placings(rows: Sequence[Row]) -> list[list[Row]]:
+    """The runs in which stitches are placed."""
+    return [run for run in runs(rows) if run[0].kind == "placing"]
+
+
+def rows_at(run: Sequence[Row], moment: str = "pulled") -> dict[int, Row]:
+    """Rows of a moment by stitches back from the pull: one pull along the line, or, of stitches placed one after the
+    other, the second under one pull after the other."""
+    followed = run[0].kind == "placing"
+    return {row.stitches_back: row for row in run if row.moment == moment and (row.stitch == 2 or not followed)}
+
+
+def reference(rows: Sequence[Row]) -> list[Row]:
+    """The run of one pull with the calibrated coefficient."""
+    return next(run for run in runs(rows) if run[0].check == CALIBRATED)
+
+
+def coefficient(rows: Sequence[Row], left: float) -> float:
+    """The μ that leaves a tension [N] two stitches back, by ln of the ratio, nearly linear in artanh μ. Raises
+    `StudyError`."""
+    over = sweep(rows)
+    ratios = [np.log(hand_of(run) / rows_at(run)[BACK].tension) for run in over]
+    wanted = float(np.log(hand_of(over[0]) / left))
+    if not min(ratios) <= wanted <= max(ratios):
+        shown = ", ".join(f"{run[0].mu:g}" for run in over)
+        reason = (
+            f"none of them leaves more, or none less, than {left:g} N two stitches back; give smaller or larger ones"
+        )
+        raise StudyError(f"mus = [{shown}] is refused: {reason}")
+    return float(np.tanh(np.interp(wanted, ratios, [np.arctanh(run[0].mu) for run in over])))
+
+
+def calibrate(rows: Sequence[Row]) -> tuple[float, float, float]:
+    """The μ of the published tension, and those of one SD more and one less. Raises `StudyError`."""
+    mu, low, high = (coefficient(rows, PUBLISHED_LEFT + sign * LEFT_SD) for sign in (0, 1, -1))
+    return mu, low, high
+
+
+def hand_of(run: Sequence[Row]) -> float:
+    """The pull of a run [N]."""
+    return next(row.hand for row in run if row.moment == "pulled")
+
+
+def reach(run: Sequence[Row]) -> int:
+    """Stitches back to the farthest in which a pull changes the tension by FELT; of several pulls the farthest."""
+    before = {(row.stitches, row.stitch): row.tension for row in run if row.moment == "before"}
+    felt = [
+        row.stitches_back
+        for row in run
+        if row.moment == "pulled" and abs(row.tension - before[row.stitches, row.stitch]) >= FELT
+    ]
+    return max(felt, default=0)
+
+
+def reaches_knot(run: Sequence[Row]) -> bool:
+    """Whether a pull is felt as far as the run goes, so that it does not tell how far."""
+    return reach(run) == max(row.stitches for row in run) - 1
+
+
+def law_error(run: Sequence[Row]) -> float:
+    """Largest error of the tensions that slip has brought about on the way out, over those of the law of a ring."""
+    outward = [row for row in run if row.moment in ("rising", "pulled") and row.stitches_back]
+    slid = [row for row in outward if row.law > SLIPPED * row.hold]
+    return max((abs(row.tension / row.law - 1.0) for row in slid), default=0.0)
+
+
+def later_change(tensions: dict[int, Row]) -> float:
+    """Largest change of the second stitch under the pulls after the fourth stitch's [N]."""
+    return max(
+        (abs(row.tension - tensions[BACK].tension) for back, row in tensions.items() if back > BACK), default=0.0
+    )
+
+
+def capstan(run: Sequence[Row]) -> float:
+    """The μ that exp(μθ) would want for the published ratio over the mean turn in each hole."""
+    turn = np.radians(rows_at(run)[0].turn)
+    return float(np.log(PUBLISHED_PULL / PUBLISHED_LEFT) / (2 * BACK * turn))
+
+
+def table(rows: Sequence[Row]) -> Table:
+    """One line a run: along the line, or the second stitch under one pull after the other."""
+    most = max(row.stitches for row in rows)
+    columns = [f"T, {back} back [N]" for back in range(most)]
+    head = ("run", "organ", "μ [-]", "hold [N]", *columns, "felt [stitches back]", "off the law [%]")
+    seen = [f"{PUBLISHED_PULL:g} (SD {PULL_SD:g})", "", f"{PUBLISHED_LEFT:g} (SD {LEFT_SD:g})"]
+    seen += ["the same"] * max(min(most, 6) - 3, 0)
+    lines = [["Horeman et al., stitch 2", "pig fascia", "", "", *pad(seen, most), f"≤ {PUBLISHED_REACH}", ""]]
+    for run in runs(rows):
+        first, tensions = run[0], rows_at(run)
+        name = "placing, stitch 2" if first.kind == "placing" else ", ".join(x for x in ("one pull", first.check) if x)
+        cells = [f"{tensions[back].tension:.3f}" if back in tensions else "" for back in range(most)]
+        lines.append(
+            [
+                name,
+                first.organ,
+                f"{first.mu:.4g}",
+                f"{first.hold:g}",
+                *pad(cells, most),
+                f"{'≥ ' if reaches_knot(run) else ''}{reach(run)}",
+                f"{100 * law_error(run):.2g}",
+            ]
+        )
+    return Table(head, lines)
+
+
+def pad(cells: Sequence[str], count: int) -> list[str]:
+    """Cells filled up with empty ones."""
+    return [*cells, *[""] * (count - len(cells))]
+
+
+def remarks(rows: Sequence[Row]) -> list[str]:
+    """The calibration, what it foretells beside the published, what the checks change, and what no run supports."""
+    return [*calibration(rows), *predictions(rows), *consistency(rows), *limits(rows)]
+
+
+def calibration(rows: Sequence[Row]) -> list[str]:
+    """μ with its interval, and whether it is a coefficient one would expect."""
+    run, (mu, more, less) = reference(rows), calibrate(rows)
+    low, high = COEFFICIENTS
+    inside = "within" if low <= mu <= high else "OUTSIDE"
+    return [
+        f"calibrated: μ = {mu:.3f}, by {PUBLISHED_LEFT:g} N two stitches back from {hand_of(run):g} N; {more:.3f} to "
+        f"{less:.3f} for ± 1 SD of that alone. Round cylinders (exp μθ) of the holes' mean turn, "
+        f"{rows_at(run)[0].turn:.0f}°, it would be {capstan(run):.3f}",
+        f"that is {inside} the {low:g} to {high:g} assumed for sutures on wet tissue",
+    ]
+
+
+def predictions(rows: Sequence[Row]) -> list[str]:
+    """What was not used to calibrate: the reach and the later pulls at the second stitch, foretold by one pull, and of
+    stitches placed for each hold."""
+    run = reference(rows)
+    felt = f"felt {reach(run)} stitches back, published at most {PUBLISHED_REACH}"
+    out = [f"foretold, one pull: {felt}: {reach_verdict(run)}"]
+    followed = {"foretold, every row drawn anew, friction forgets": tensions_drawn_anew(run)}
+    for placed in placings(rows):
+        followed[f"placing, {placed[0].organ}, hold {placed[0].hold:g} N"] = rows_at(placed)
+    out += [f"{name}: stitch 2 {sequence(found)}" for name, found in followed.items() if BACK in found]
+    holds = agreeing_holds(run)
+    found = f"for holds from {holds[0]:.2f} to {holds[-1]:.2f} N" if len(holds) else "for no hold"
+    free = "the hold is not published: a second free number, with which the published course is possible, not foretold"
+    return [*out, f"{free}; by the law alone, with the same μ, stitch 2 is within the published SD {found}"]
+
+
+def agreeing_holds(run: Sequence[Row]) -> Array:
+    """Holds [N] in steps of 10 mN with which the law alone leaves the second stitch as published."""
+    pull, last = hand_of(run), max(row.stitches for row in run)
+    ratio = (pull / rows_at(run)[BACK].tension) ** (1 / (2 * BACK))
+    holds = np.arange(0.01, pull, 0.01)
+    second = np.array([second_stitch_by_law(ratio, pull, hold, max(last, 3 + BACK)) for hold in holds])[:, BACK:]
+    fourth = np.abs(second[:, 0] - PUBLISHED_LEFT) <= LEFT_SD
+    return holds[fourth & (np.abs(second - second[:, :1]).max(axis=1) < FELT)]
+
+
+def tensions_drawn_anew(run: Sequence[Row]) -> dict[int, Row]:
+    """The second stitch of rows that end where they are pulled, each drawn anew: friction knows no past."""
+    return {back: row for back, row in rows_at(run).items() if row.stitch > 1}
+
+
+def reach_verdict(run: Sequence[Row]) -> str:
+    """Whether the reach is the published one."""
+    if reaches_knot(run):
+        return "the row is too short to tell"
+    return "agrees" if reach(run) <= PUBLISHED_REACH else "DISAGREES"
+
+
+def sequence(tensions: dict[int, Row]) -> str:
+    """Tensions of the second stitch in words."""
+    shown = ", ".join(f"{tensions[back].tension:.2f}" for back in sorted(tensions))
+    change, off = later_change(tensions), abs(tensions[BACK].tension - PUBLISHED_LEFT)
+    fourth = "agrees" if off <= LEFT_SD else "DISAGREES"
+    later = "agrees" if change < FELT else "DISAGREES"
+    return (
+        f"{shown} N; under the fourth, where one pull calibrates, {off:.2f} N off ({fourth}), then changed by up to "
+        f"{change:.2f} N (published: by none, SD {LEFT_SD:g} N: {later})"
+    )
+
+
+def consistency(rows: Sequence[Row]) -> list[str]:
+    """Consistency: what is changed by what should not matter, two stitches back."""
+    out, usual = [], rows_at(reference(rows))[BACK].tension
+    for run in runs(rows):
+        first = run[0]
+        if first.check not in ("", CALIBRATED):
+            change = 100 * (rows_at(run)[BACK].tension / usual - 1.0)
+            out.append(f"{first.check}: {change:+.2g} % two stitches back")
+    return out
+
+
+def limits(rows: Sequence[Row]) -> list[str]:
+    """The worst of each kind of run."""
+    out = []
+    for kind in dict.fromkeys((row.kind, row.organ) for row in rows):
+        of = [row for row in rows if (row.kind, row.organ) == kind]
+        name = ", ".join(kind)
+        worst = max(of, key=lambda row: row.settled)
+        out += not_settled(name, worst.settled, 1.0)
+        out += spans_too_coarse(name, max(row.spans for row in of))
+        hardest = max(of, key=lambda row: row.press / (row.diameter * row.youngs_modulus))
+        out += beyond_linear(name, max(row.moved for row in of), FOOTPRINT)
+        out += beyond_bearing(name, hardest.press, hardest.diameter, THICKNESS, hardest.youngs_modulus)
+    return out
+
+
+# --- figure -----------------------------------------------------------------------------------------------
+
+
+def figure(rows: Sequence[Row]) -> Figure:
+    """Tension along the line, reach over μ, the second stitch while stitches are placed, and a pull let back."""
+    drawing, grid = panels(2, 2)
+    tensions_along_line(grid[0, 0], rows)
+    reach_over_mu(grid[0, 1], rows)
+    second_stitch(grid[1, 0], rows)
+    plot_let_back(grid[1, 1], rows)
+    return drawing
+
+
+def tensions_along_line(axes: Axes, rows: Sequence[Row]) -> None:
+    """Points are runs, dotted lines the law of a ring, bars the published mean and SD."""
+    shown = [run for run in sweep(rows) if run[0].mu]
+    greys = [str(grey) for grey in np.linspace(0.7, 0.2, len(shown))]
+    for run, colour, marker in zip([*shown, reference(rows)], [*greys, COLOURS[0]], cycle(MARKERS), strict=False):
+        tensions = rows_at(run)
+        back = sorted(tensions)
+        label = f"μ = {run[0].mu:.3g} {run[0].check}"
+        axes.plot(back, [tensions[k].tension for k in back], marker, color=colour, label=label, markersize=4)
+        axes.plot(back, [tensions[k].law for k in back], ":", color=colour)
+    plot_published(axes, [0, BACK], [PUBLISHED_PULL, PUBLISHED_LEFT], [PULL_SD, LEFT_SD])
+    axes.plot([], [], ":", color="black", label="ring law, by the turns measured")
+    axes.set(yscale="log", xlabel="stitches back from the pull [-]", ylabel="tension [N]", title="one pull")
+    ticks(axes, "x", range(max(row.stitches for row in rows)))
+    ticks(axes, "y", (0.1, 0.2, 0.5, 1.0, 2.0, 5.0))
+    axes.set_ylim(0.08, 30.0)
+    axes.legend(fontsize=6.5, loc="upper right", ncols=2)
+
+
+def plot_published(axes: Axes, x: Sequence[float], mean: Sequence[float], deviation: Sequence[float]) -> None:
+    """Published means with their SD."""
+    label = "Horeman et al. 2013, mean and SD"
+    style = {"fmt": "s", "markerfacecolor": "white", "capsize": 4, "zorder": 5}
+    axes.errorbar(x, mean, deviation, color=COLOURS[1], label=label, **style)  # type: ignore[arg-type]
+
+
+def reach_over_mu(axes: Axes, rows: Sequence[Row]) -> None:
+    """Stitches back in which one pull is felt."""
+    for ends, marker, label in ((False, "o", "one pull"), (True, "^", "one pull, to the knot")):
+        over = [run for run in (*sweep(rows), reference(rows)) if reaches_knot(run) == ends]
+        axes.plot([run[0].mu for run in over], [reach(run) for run in over], marker, color=COLOURS[0], label=label)
+    mu, *interval = calibrate(rows)
+    axes.axvspan(*interval, color="black", alpha=0.12, label="μ within ± 1 SD")
+    axes.axvline(mu, color="black", linestyle="--", label=f"calibrated, μ = {mu:.3f}")
+    axes.axhspan(0, PUBLISHED_REACH, color=COLOURS[1], alpha=0.12, label=f"published: ≤ {PUBLISHED_REACH}")
+    axes.set(xlabel="coefficient of friction μ [-]", title=f"felt: a change by {FELT:g} N or more")
+    axes.set(ylabel="felt, stitches back [-]", ylim=(0, max(row.stitches for row in rows) - 0.5))
+    ticks(axes, "y", range(max(row.stitches for row in rows)))
+    axes.legend()
+
+
+def second_stitch(axes: Axes, rows: Sequence[Row]) -> None:
+    """Tension of the second stitch while each stitch is pulled."""
+    last = max(row.stitches for row in rows)
+    alone = tensions_drawn_anew(reference(rows))
+    x, y = [k + 2 for k in sorted(alone)], [alone[k].tension for k in sorted(alone)]
+    axes.plot(x, y, "k:", marker="x", label="each row drawn anew")
+    colours = [colour for colour in COLOURS if colour != COLOURS[1]]
+    for run, colour, marker in zip(placings(rows), cycle(colours), cycle(MARKERS), strict=False):
+        tensions, first = rows_at(run), run[0]
+        x, y = [k + 2 for k in sorted(tensions)], [tensions[k].tension for k in sorted(tensions)]
+        label = f"{first.organ}, hold {first.hold:g} N"
+        axes.plot(x, y, DASHES[first.organ], color=colour, marker=marker, label=label, markersize=4)
+    later = len(range(2 + BACK, last + 1))
+    measured, deviation = [PUBLISHED_PULL, *[PUBLISHED_LEFT] * later], [PULL_SD, *[LEFT_SD] * later]
+    plot_published(axes, [2, *range(2 + BACK, last + 1)], measured, deviation)
+    axes.set(xlabel="stitch that is pulled [-]", ylabel="tension of stitch 2 [N]", title="stitches placed one by one")
+    ticks(axes, "x", range(2, last + 1))
+    axes.legend(fontsize=6.5)
+
+
+def plot_let_back(axes: Axes, rows: Sequence[Row]) -> None:
+    """Tensions over the hand's force, out and back; dotted, the law."""
+    run = reference(rows)
+    for back in range(1, min(5, run[0].stitches)):
+        of = [row for row in run if row.stitches_back == back]
+        hand = [row.hand for row in of]
+        axes.plot(hand, [row.tension for row in of], color=COLOURS[back], marker=MARKERS[back], label=f"{back} back")
+        axes.plot(hand, [row.law for row in of], ":", color="black")
+    axes.plot([], [], ":", color="black", label="ring law")
+    axes.set(
+        xlabel="pull on the loose end [N]", ylabel="tension [N]", title=f"pulled and let back, μ = {run[0].mu:.3f}"
+    )
+    axes.set_ylim(top=1.25 * axes.get_ylim()[1])
+    axes.legend(loc="upper left", ncols=3)
+
+
+STUDY = Study(
+    main=main,
+    question="How far along a running suture is a pull at its loose end felt, and is that what was measured on fascia?",
+    independent="the law of a ring with the turns measured in each run; Horeman et al. (PLoS ONE 2013;8:e84466): one "
+    "number (1 N two stitches back) calibrates μ, the hold is varied, the others are foretold",
+    consistency="fixed points against an elastic sheet, half the time step, a finer thread or mesh, another suture",
+    table=table,
+    figure=figure,
+    remarks=remarks,
+    quick={"mus": (0.1, 0.2), "stitches": 5, "holds": (0.4,), "unchecked": True},
+)

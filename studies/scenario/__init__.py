@@ -1,0 +1,53 @@
+"""The scenario: one TOML file, validated in full before anything is computed.
+
+What a user calls is `load`, `parse`, `dump`, `schema` and `scenes`; the classes are the tables of the file.
+"""
+
+from studies.scenario.organ import (
+    BlockMesh,
+    Boundary,
+    CylinderMesh,
+    FileMesh,
+    Mesh,
+    Region,
+    Tissue,
+    TubeMesh,
+    WoundMesh,
+)
+from studies.scenario.piercing import Friction, Piercing
+from studies.scenario.scenario import Scenario, parse, schema
+from studies.scenario.solve import Output, Solve
+from studies.scenario.table import ScenarioError
+from studies.scenario.thread import ClampedEnd, DrivenEnd, End, FixedEnd, FreeEnd, PulledEnd, Thread
+from studies.scenario.toml import SCENES, dump, load, scenes
+
+__all__ = [
+    "SCENES",
+    "BlockMesh",
+    "Boundary",
+    "ClampedEnd",
+    "CylinderMesh",
+    "DrivenEnd",
+    "End",
+    "FileMesh",
+    "FixedEnd",
+    "FreeEnd",
+    "Friction",
+    "Mesh",
+    "Output",
+    "Piercing",
+    "PulledEnd",
+    "Region",
+    "Scenario",
+    "ScenarioError",
+    "Solve",
+    "Thread",
+    "Tissue",
+    "TubeMesh",
+    "WoundMesh",
+    "dump",
+    "load",
+    "parse",
+    "scenes",
+    "schema",
+]

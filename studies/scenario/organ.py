@@ -1,0 +1,348 @@
+"""The table of the organ, `[tissue]`: mesh, boundaries, regions, material."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from studies.scenario.refusal import as_key, as_toml, nearest, refusal
+from studies.scenario.table import (
+    GROWTH,
+    Growth,
+    NotNegative,
+    Positive,
+    ScenarioError,
+    ScenarioTable,
+    Text,
+    Vector,
+    one_sentence,
+    repetition,
+)
+
+BLOCK_BOUNDARIES = ("left", "right", "front", "back", "bottom", "top")
+BOUNDARIES = {  # that a generated mesh names, by its kind
+    "block": BLOCK_BOUNDARIES,
+    "wound": (*BLOCK_BOUNDARIES, "lip_left", "lip_right"),
+    "cylinder": ("left", "right", "side"),
+    "tube": ("left", "right", "inner", "outer"),
+}
+SURFACES = (".stl", ".obj", ".ply")  # files that hold a closed surface, to be filled
+
+
+# --- organ ------------------------------------------------------------------------------------------------
+
+
+class _Sized(ScenarioTable):
+    """A mesh that is generated, with a size far from the piercings and perhaps another at them."""
+
+    h: Positive = Field(description="mesh size far from the piercings [m]", examples=[4.0e-3])
+    h_site: Positive | None = Field(
+        default=None, description="mesh size at the piercings [m]; default: uniform", examples=[0.5e-3]
+    )
+    growth: Growth = Field(default=1.3, description=GROWTH)
+
+    @model_validator(mode="after")
+    def _check_sizes(self) -> Self:
+        if self.h_site is not None and self.h_site > self.h:
+            raise ValueError(f".h_site = {self.h_site} is refused: it must not exceed h = {self.h}; make it smaller")
+        return self
+
+
+class _Block(_Sized):
+    """Block centred in x and y with its top face at z = 0."""
+
+    size: tuple[Positive, Positive, Positive] = Field(
+        description="lengths of the block along x, y, z [m]", examples=[[0.06, 0.04, 0.02]]
+    )
+    generator: Literal["structured", "gmsh"] = Field(
+        default="structured",
+        description='mesh generator; default "gmsh" when h_site is given, else "structured"',
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _choose_generator(cls, data: Any) -> Any:
+        if isinstance(data, Mapping) and "generator" not in data and data.get("h_site") is not None:
+            return {**data, "generator": "gmsh"}
+        return data
+
+
+class BlockMesh(_Block):
+    """Block centred in x and y with its top face at z = 0."""
+
+    kind: Literal["block"]
+
+
+class WoundMesh(_Block):
+    """Block with a wound cut down from the middle of its top; boundaries as the block's, lip_left, lip_right and in an
+    ellipse that does not go through wound_floor.
+    """
+
+    kind: Literal["wound"]
+    shape: Literal["slit", "ellipse"] = Field(
+        default="slit", description='"slit": closed, its two lips at one place; "ellipse": open, with upright walls'
+    )
+    along: Literal["x", "y"] = Field(
+        default="y", description="axis that the wound runs along; the left lip is that at lower x, or lower y"
+    )
+    length: Positive = Field(description="length of the wound [m]", examples=[0.02])
+    width: NotNegative = Field(default=0.0, description="widest opening of an ellipse [m]; 0 for a slit")
+    depth: Positive = Field(description="depth of the wound [m]; that of the block cuts through", examples=[0.008])
+
+    @model_validator(mode="before")
+    @classmethod
+    def _choose_gmsh(cls, data: Any) -> Any:
+        if isinstance(data, Mapping) and "generator" not in data and data.get("shape") == "ellipse":
+            return {**data, "generator": "gmsh"}
+        return data
+
+    @model_validator(mode="after")
+    def _check_shape(self) -> Self:
+        if self.shape == "slit" and self.width:
+            raise ValueError(f'.width = {self.width} is refused: a slit is closed; take 0, or shape = "ellipse"')
+        if self.shape == "ellipse" and not self.width:
+            raise ValueError('.width = 0.0 is refused: an ellipse is open; give its width, or shape = "slit"')
+        if self.shape == "ellipse" and self.generator == "structured":
+            raise ValueError('.generator = "structured" is refused: an ellipse needs generator = "gmsh"')
+        return self
+
+    @model_validator(mode="after")
+    def _check_fits(self) -> Self:
+        across, along = self.size[:2] if self.along == "y" else self.size[1::-1]
+        if self.depth > self.size[2]:
+            raise ValueError(f".depth = {self.depth} is refused: the block is {self.size[2]} m high; lower it")
+        if self.length > along or (self.width and self.length == along):
+            raise ValueError(f".length = {self.length} is refused: the block is {along} m long there; shorten it")
+        if self.width >= across:
+            raise ValueError(f".width = {self.width} is refused: the block is {across} m wide there; lower it")
+        return self
+
+
+class CylinderMesh(_Sized):
+    """Cylinder about the x axis, centred at the origin; boundaries left, side, right."""
+
+    kind: Literal["cylinder"]
+    radius: Positive = Field(description="radius of the cylinder [m]", examples=[0.02])
+    length: Positive = Field(description="length of the cylinder [m]", examples=[0.05])
+
+
+class TubeMesh(_Sized):
+    """Tube about the x axis, centred at the origin; boundaries left, right, inner, outer."""
+
+    kind: Literal["tube"]
+    radius: Positive = Field(description="outer radius of the tube [m]", examples=[0.01])
+    wall: Positive = Field(description="thickness of the wall [m], below the radius", examples=[0.002])
+    length: Positive = Field(description="length of the tube [m]", examples=[0.05])
+
+    @model_validator(mode="after")
+    def _check_wall(self) -> Self:
+        if self.wall >= self.radius:
+            raise ValueError(f".wall = {self.wall} is refused: it must be below radius = {self.radius}; lower it")
+        return self
+
+
+class FileMesh(ScenarioTable):
+    """Volume mesh read from a file, or closed surface that is filled."""
+
+    kind: Literal["file"]
+    path: Text = Field(
+        description="mesh file (.msh, .vtk, .vtu) or closed surface to be filled (.stl, .obj, .ply), relative to the "
+        "scenario file",
+        examples=["liver.msh"],
+    )
+    unit: Annotated[
+        Literal["m", "dm", "cm", "mm", "um"] | Positive,
+        one_sentence('"m", "dm", "cm", "mm", "um" or the number of metres per file unit, for example unit = "mm"'),
+    ] = Field(default="m", description="length unit of the file: a name, or metres per file unit")
+    h: Positive | None = Field(
+        default=None, description="mesh size far from the piercings, of a surface to be filled [m]", examples=[4.0e-3]
+    )
+    h_site: Positive | None = Field(
+        default=None, description="mesh size at the piercings, of a surface to be filled [m]; default: uniform"
+    )
+    growth: Growth = Field(default=1.3, description=GROWTH)
+
+    @property
+    def is_surface(self) -> bool:
+        """Whether the file holds a surface to be filled."""
+        return Path(self.path).suffix.lower() in SURFACES
+
+    @model_validator(mode="after")
+    def _check_sizes(self) -> Self:
+        if self.is_surface and self.h is None:
+            raise ValueError(".h is missing: a surface is filled with tetrahedra of this size; write h = 4e-3 [m]")
+        given = next((key for key in ("h", "h_site") if getattr(self, key) is not None), None)
+        if given and not self.is_surface:
+            raise ValueError(
+                f".{given} = {getattr(self, given)} is refused: the file holds the tetrahedra already; leave it out, "
+                f"or give a surface ({', '.join(SURFACES)})"
+            )
+        if self.h is not None and self.h_site is not None and self.h_site > self.h:
+            raise ValueError(f".h_site = {self.h_site} is refused: it must not exceed h = {self.h}; make it smaller")
+        return self
+
+
+Mesh = Annotated[BlockMesh | WoundMesh | CylinderMesh | TubeMesh | FileMesh, Field(discriminator="kind")]
+
+
+class Boundary(ScenarioTable):
+    """Named set of the surface facets whose centre lies in a box."""
+
+    name: Text = Field(description="name of the boundary", examples=["bed"])
+    box: tuple[Vector, Vector] = Field(
+        description="two opposite corners [m]; the surface facets whose centre is inside",
+        examples=[[[-0.1, -0.1, -0.1], [0.1, 0.1, -0.015]]],
+    )
+
+    @model_validator(mode="after")
+    def _check_box(self) -> Self:
+        if any(low == high for low, high in zip(*self.box, strict=True)):
+            raise ValueError(
+                f".box = {as_toml(self.box)} is refused: its corners must differ in x, y and z; "
+                "give two opposite corners"
+            )
+        return self
+
+
+class Region(ScenarioTable):
+    """Part of the organ with a material of its own; what is not given is the organ's. A later region overrides an
+    earlier one.
+    """
+
+    name: Text = Field(description="name of the region; without box and depth that of a volume in the mesh file")
+    box: tuple[Vector, Vector] | None = Field(
+        default=None, description="two opposite corners [m]; the cells whose centre is inside"
+    )
+    depth: tuple[NotNegative, NotNegative] | None = Field(
+        default=None, description="layer of a block or wound, from and to, below its top [m]", examples=[[0.0, 2.0e-3]]
+    )
+    youngs_modulus: Positive | None = Field(default=None, description="Young's modulus [Pa]; default the organ's")
+    poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, lt=0.5)] | None = Field(
+        default=None, description="Poisson's ratio [-], between -1 and 0.5; default the organ's"
+    )
+    density: Positive | None = Field(default=None, description="density [kg/m³]; default the organ's")
+
+    @model_validator(mode="after")
+    def _check_place(self) -> Self:
+        if self.box is not None and self.depth is not None:
+            raise ValueError(".depth is refused: box places the region already; leave one of them out")
+        if self.depth is not None and self.depth[0] >= self.depth[1]:
+            raise ValueError(f".depth = {as_toml(self.depth)} is refused: it must grow, for example [0, 2e-3]")
+        if self.box is not None and any(low == high for low, high in zip(*self.box, strict=True)):
+            raise ValueError(
+                f".box = {as_toml(self.box)} is refused: its corners must differ in x, y and z; "
+                "give two opposite corners"
+            )
+        return self
+
+
+class Tissue(ScenarioTable):
+    """Organ of small-strain isotropic linear elasticity."""
+
+    youngs_modulus: Positive = Field(description="Young's modulus of the tissue [Pa]", examples=[1.0e5])
+    poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, lt=0.5)] = Field(
+        description="Poisson's ratio of the tissue [-], between -1 and 0.5", examples=[0.45]
+    )
+    density: Positive = Field(description="density of the tissue [kg/m³]", examples=[1070.0])
+    element: Literal["P1", "P2"] = Field(default="P1", description="tetrahedral element, linear or quadratic")
+    dilatation: Literal["auto", "cell", "nodal"] = Field(
+        default="auto",
+        description="where the volume is held to change as ν says: in each cell, which locks as ν nears 0.5, or nodal, "
+        "averaged at the vertices; auto: nodal above ν = 0.45",
+    )
+    inertia: Annotated[bool, Field(strict=True)] = Field(
+        default=True, description="whether the organ has inertia; false: quasi-static organ"
+    )
+    solver: Literal["auto", "superlu", "cholmod", "pardiso", "multigrid"] = Field(
+        default="auto",
+        description='what solves the organ: "auto" (by size, memory and what is installed), or "superlu", "cholmod" '
+        '(needs cvxopt), "pardiso" (needs pypardiso), "multigrid"',
+    )
+    rayleigh: tuple[NotNegative, NotNegative] = Field(
+        default=(0.0, 0.0), description="Rayleigh damping α [1/s] of the mass and β [s] of the stiffness"
+    )
+    clamp: tuple[Text, ...] = Field(default=(), description="names of the boundaries held fixed", examples=[["bottom"]])
+    roller: tuple[Text, ...] = Field(
+        default=(),
+        description="names of the plane boundaries, each across x, y or z, that are held across themselves alone: what "
+        "slides on a bed, or a plane of symmetry",
+        examples=[["bottom"]],
+    )
+    contact: Annotated[bool, Field(strict=True)] = Field(
+        default=False, description="whether the lips of a wound press on one another where they meet; else they cross"
+    )
+    mesh: Mesh = Field(
+        description="the organ's mesh", examples=[{"kind": "block", "size": [0.06, 0.04, 0.02], "h": 4.0e-3}]
+    )
+    boundary: tuple[Boundary, ...] = Field(
+        default=(), description="boundaries beside those the mesh names", examples=[[]]
+    )
+    region: tuple[Region, ...] = Field(default=(), description="parts of another material", examples=[[]])
+
+    @model_validator(mode="after")
+    def _check_boundaries(self) -> Self:
+        own = [boundary.name for boundary in self.boundary]
+        if problem := repetition("boundary", own):
+            raise ValueError(f".{problem}")
+        there = boundaries_of(self.mesh)
+        if taken := next((name for name in own if name in there), None):
+            raise ValueError(
+                f".boundary.{as_key(taken)} is refused: the {self.mesh.kind} has a {taken} already; rename it"
+            )
+        for key in ("clamp", "roller"):
+            if there and (problem := unknown_clamp(getattr(self, key), [*there, *own], key)):
+                raise ValueError(f".{problem}")
+        return self
+
+    @model_validator(mode="after")
+    def _check_lips(self) -> Self:
+        if self.contact and self.mesh.kind != "wound":
+            raise ValueError(
+                f".contact = true is refused: tissue.mesh.kind is {self.mesh.kind}, which has no lips; leave it out or "
+                'take kind = "wound"'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_regions(self) -> Self:
+        if problem := repetition("region", [region.name for region in self.region]):
+            raise ValueError(f".{problem}")
+        for region in self.region:
+            key = f".region.{as_key(region.name)}"
+            height = self.mesh.size[2] if isinstance(self.mesh, _Block) else 0.0
+            if region.depth is not None and not height:
+                raise ValueError(f"{key}.depth is refused: a {self.mesh.kind} has no flat top; give a box")
+            if region.depth is not None and region.depth[1] > height:
+                raise ValueError(
+                    f"{key}.depth = {as_toml(region.depth)} is refused: the block is {height} m high; lower it"
+                )
+            if region.depth is None and region.box is None and self.mesh.kind != "file":
+                raise ValueError(f"{key} is refused: only a mesh file names regions; give depth or a box")
+        return self
+
+
+def boundaries_of(mesh: Mesh) -> tuple[str, ...]:
+    """The boundaries that a mesh will name; none where only the file tells."""
+    floor = isinstance(mesh, WoundMesh) and mesh.shape == "ellipse" and mesh.depth < mesh.size[2]
+    return BOUNDARIES.get(mesh.kind, ()) + (("wound_floor",) if floor else ())
+
+
+# --- checks that the simulation repeats once it knows more ------------------------------------------------
+
+
+def check_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "clamp") -> None:
+    """Refuse a clamp, or another `key`, that names no boundary of the organ."""
+    if problem := unknown_clamp(clamp, boundaries, key):
+        raise ScenarioError(f"tissue.{problem}")
+
+
+def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "clamp") -> str | None:
+    """What is wrong with a clamp, None if nothing."""
+    lost = next((name for name in clamp if name not in boundaries), None)
+    if lost is None:
+        return None
+    match = nearest(lost, boundaries)
+    hint = f'; the nearest is "{match}"' if match else "; add it as [[tissue.boundary]]"
+    there = ", ".join(boundaries) or "none"
+    return refusal(key, [lost], f"there is no such boundary; the boundaries are {there}{hint}")

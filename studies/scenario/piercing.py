@@ -1,0 +1,115 @@
+"""The table of a piercing, `[[piercing]]`, and of its friction."""
+
+from itertools import pairwise
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from studies.scenario.refusal import as_toml
+from studies.scenario.table import NotNegative, Positive, ScenarioTable, Text, Turn, Vector, one_sentence
+
+
+class Friction(ScenarioTable):
+    """Coulomb friction and grip at a piercing."""
+
+    static: NotNegative = Field(description="coefficient of static friction [-]", examples=[0.12])
+    kinetic: NotNegative = Field(description="coefficient of kinetic friction [-]", examples=[0.10])
+    grip: NotNegative = Field(default=0.0, description="friction force without any tension [N]")
+
+    @model_validator(mode="after")
+    def _check_order(self) -> Self:
+        if self.kinetic > self.static:
+            raise ValueError(
+                f".kinetic = {self.kinetic} is refused: it must not exceed static = {self.static}; "
+                "lower it or raise static"
+            )
+        return self
+
+
+class Piercing(ScenarioTable):
+    """Hole through which the thread passes."""
+
+    name: Text = Field(description="name of the piercing", examples=["entry"])
+    at: Vector = Field(
+        description="place of the piercing, on the organ's surface or inside it [m]",
+        examples=[[-0.01, 0.0, 0.0]],
+    )
+    kind: Literal["sliding", "anchored"] = Field(
+        default="sliding", description='"sliding", or "anchored": this point of the thread never slides'
+    )
+    direction: Annotated[
+        Literal["free", "normal"] | Vector,
+        one_sentence('"free", "normal" or three numbers [x, y, z], for example direction = "normal"'),
+    ] = Field(
+        default="free",
+        description='direction of the thread in the hole: "free", "normal" to the surface, or cut by the '
+        "needle along [x, y, z] [-]",
+    )
+    footprint: NotNegative = Field(
+        default=1.0e-3,
+        description="radius of the averaging disc (surface) or ball (inside) [m]; 0: the paper's bare point",
+    )
+    weight: Literal["uniform", "parabolic"] = Field(default="parabolic", description="weight over the footprint [-]")
+    subgrid: Annotated[bool, Field(strict=True)] = Field(
+        default=True,
+        description="whether to add the compliance of the tissue around the footprint that the mesh is too coarse to "
+        "show; none on a fine mesh or for a bare point",
+    )
+    s: NotNegative | None = Field(
+        default=None,
+        description="abscissa of the piercing where it begins [m], at an end of the thread only if anchored; default: "
+        "where the thread is nearest to it then",
+        examples=[0.031],
+    )
+    friction: Friction | None = Field(
+        default=None,
+        description="friction coefficients [-] and grip [N]; default none",
+        examples=[{"static": 0.12, "kinetic": 0.10, "grip": 0.0}],
+    )
+    draw: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = Field(
+        default=None,
+        description='rows of t [s], length [m] of thread that a hand draws through an "anchored" hole towards the end '
+        "of the path, negative towards its start, t increasing; linear in between, at rest before and after, and "
+        "counted from the moment the piercing begins; in statics t goes from 0 to solve.duration; default: none",
+        examples=[[[0.0, 0.0], [1.0, 0.005]]],
+    )
+    channel: Positive | None = Field(
+        default=None,
+        description="length of the channel, at whose ends the reaction couple presses [m]; default with friction and a "
+        "direction: two footprints, or ten diameters of the thread where there is no footprint",
+        examples=[2.0e-3],
+    )
+    from_: NotNegative = Field(
+        default=0.0,
+        alias="from",
+        description="time at which the piercing begins [s], at the first end of a step not before it; until then its "
+        "state is left",
+    )
+    until: Positive | None = Field(
+        default=None,
+        description="time at which the piercing ends [s], at the first end of a step not before it; default: never",
+        examples=[0.5],
+    )
+
+    @model_validator(mode="after")
+    def _check_effect(self) -> Self:
+        if self.direction == (0.0, 0.0, 0.0):
+            raise ValueError(".direction = [0, 0, 0] is refused: it must not be zero; give a direction")
+        if self.until is not None and self.until <= self.from_:
+            raise ValueError(f".until = {self.until} is refused: it must be later than from = {self.from_}; raise it")
+        if self.draw is not None and self.kind == "sliding":
+            raise ValueError('.draw is refused: a hand holds the thread that it draws; set kind = "anchored"')
+        for row, ((before, _), (after, _)) in enumerate(pairwise(self.draw or ()), start=1):
+            if after <= before:
+                raise ValueError(
+                    f".draw.{row} = {as_toml((self.draw or ())[row])} is refused: "
+                    f"its time must be later than {before} s, the one before it; sort them by time"
+                )
+        if self.kind == "anchored" and self.friction is not None:
+            raise ValueError('.friction is refused: with kind = "anchored" nothing slides; leave it out')
+        if self.channel is not None and (self.friction is None or self.direction == "free"):
+            raise ValueError(
+                f".channel = {self.channel} is refused: it acts through friction and a direction; "
+                "give both or leave it out"
+            )
+        return self

@@ -1,0 +1,195 @@
+"""Sentences for input that is refused: the key's full name, its value, what is allowed and the remedy.
+
+pydantic finds the faults; this module says them in the user's words. A key's full name is the one that
+``--set`` takes: table names joined by dots, an entry of a list of tables by its ``name``
+(``piercing.entry.footprint``).
+"""
+
+import difflib
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+BARE = re.compile(r"[A-Za-z0-9_-]+")
+LONGEST_VALUE = 60  # characters of a refused value that are shown, unless it is text
+
+
+def as_toml(value: object) -> str:
+    """A value as one would write it in TOML, on one line; floats so that they read back to the same bits."""
+    match value:
+        case bool():
+            return "true" if value else "false"
+        case str():
+            return f'"{"".join(map(_escaped, value))}"'
+        case Mapping():
+            return "{ " + ", ".join(f"{as_key(key)} = {as_toml(item)}" for key, item in value.items()) + " }"
+        case list() | tuple():
+            return "[" + ", ".join(map(as_toml, value)) + "]"
+        case _:
+            return str(value)
+
+
+def as_key(key: str) -> str:
+    """A TOML key, quoted when it has to be."""
+    return key if BARE.fullmatch(key) else as_toml(key)
+
+
+def nearest(word: str, known: Iterable[str]) -> str | None:
+    """The known word that looks most like ``word``, if any does."""
+    matches = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
+    return matches[0] if matches else None
+
+
+def sentences(error: ValidationError, model: type[BaseModel], data: object) -> list[str]:
+    """One sentence for each fault that pydantic found in ``data`` when it was read as ``model``."""
+    details = error.errors(include_url=False)
+    return [_sentence(detail, model, data) for detail in details if not _follows(detail, details)]
+
+
+def refusal(key: str, value: object, reason: str) -> str:
+    """The common form: ``key = value is refused: reason``."""
+    return f"{key} = {_shortened(value)} is refused: {reason}"
+
+
+def dotted_key(parts: Iterable[object]) -> str:
+    """The full name of a key from its parts."""
+    return ".".join(as_key(str(part)) for part in parts)
+
+
+def _follows(detail: ErrorDetails, details: Sequence[ErrorDetails]) -> bool:
+    """Whether a list is too short only because one of its items has been refused."""
+    loc = detail["loc"]
+    inner = (other["loc"] for other in details if len(other["loc"]) > len(loc))
+    return detail["type"] == "too_short" and any(other[: len(loc)] == loc for other in inner)
+
+
+class Place(NamedTuple):
+    """Where pydantic found a fault."""
+
+    parts: list[str]  # of the key's full name
+    table: type[BaseModel]  # the table that the key is in
+    field: str | None  # the table's field of that key, None if there is none
+    kind: Any  # the type that the field allows
+
+    @property
+    def key(self) -> str:
+        return dotted_key(self.parts)
+
+
+def _sentence(detail: ErrorDetails, model: type[BaseModel], data: object) -> str:
+    place = _place(detail["loc"], model, data)
+    match detail["type"]:
+        case "extra_forbidden":
+            return _unknown_key(place, detail["input"])
+        case "missing":
+            return f"{place.key} is missing: {_remedy(place)}"
+        case "union_tag_not_found":
+            return f"{place.key}.kind is missing: allowed are {_tags(place.kind)}"
+        case "union_tag_invalid":
+            return _unknown_kind(place, detail["ctx"]["tag"])
+        case "value_error":  # ours: a sentence that continues the key's name
+            return f"{place.key}{detail['ctx']['error']}"
+        case _:
+            return refusal(place.key, detail["input"], f"{_allowed(detail)}; {_remedy(place)}")
+
+
+def _unknown_key(place: Place, value: object) -> str:
+    known = _keys(place.table)
+    match = nearest(place.parts[-1], known)
+    names = ", ".join(known)
+    hint = f"the nearest is {dotted_key([*place.parts[:-1], match])}; known here are" if match else "known here are"
+    return refusal(place.key, value, f"there is no such key; {hint} {names}")
+
+
+def _unknown_kind(place: Place, tag: str) -> str:
+    key = f"{place.key}.kind"
+    match = nearest(tag, _models(place.kind))
+    hint = f'; the nearest is "{match}"' if match else ""
+    return refusal(key, tag, f"allowed are {_tags(place.kind)}{hint}")
+
+
+def _allowed(detail: ErrorDetails) -> str:
+    """What is allowed, from pydantic's message."""
+    text = re.sub(r"^Input should be|^Value error,", "it must be", detail["msg"])
+    text = re.sub(r"^(Tuple|List|String) should have", "it must have", text)
+    match = nearest(str(detail["input"]), re.findall(r"'([^']*)'", text))
+    text = text.replace("'", '"')
+    text = text.replace("a valid tuple", "a list").replace("a valid dictionary or instance of", "a table:")
+    return f'{text}; the nearest is "{match}"' if match and detail["type"] == "literal_error" else text
+
+
+def _remedy(place: Place) -> str:
+    """What the key means and an example of it, from the field that describes it."""
+    if place.field is None:
+        return f"correct {place.key}"
+    info = place.table.model_fields[place.field]
+    name = info.alias or place.field
+    key = dotted_key(place.parts[: len(place.parts) - place.parts[::-1].index(name)])
+    example = info.examples[0] if info.examples else info.default
+    return f"write for example {key} = {as_toml(example)} ({info.description})"
+
+
+def _place(loc: Sequence[int | str], model: type[BaseModel], data: object) -> Place:
+    """Follow pydantic's location, in which a union's tag stands like a key, through models and data."""
+    parts: list[str] = []
+    table: type[BaseModel] = model
+    field: str | None = None
+    kind: Any = model
+    for step in loc:
+        models = _models(kind)
+        if isinstance(step, str) and step in models:
+            kind = models[step]
+            continue
+        data, name = _item(data, step)
+        parts.append(name)
+        if isinstance(step, str) and models:
+            table = next(iter(models.values()))
+            field = _field_of(table, step)
+            kind = table.model_fields[field].annotation if field else None
+    return Place(parts, table, field, kind)
+
+
+def _item(data: object, step: int | str) -> tuple[object, str]:
+    """The entry of ``data`` at ``step`` and what it is called: its ``name`` if it is a table in a list."""
+    try:
+        item = data[step]  # type: ignore[index]
+    except (KeyError, IndexError, TypeError):
+        return None, str(step)
+    named = isinstance(step, int) and isinstance(item, Mapping) and isinstance(item.get("name"), str)
+    return item, str(item["name"]) if named else str(step)
+
+
+def _field_of(table: type[BaseModel], key: str) -> str | None:
+    return next((name for name, info in table.model_fields.items() if (info.alias or name) == key), None)
+
+
+def _keys(table: type[BaseModel]) -> list[str]:
+    return [info.alias or name for name, info in table.model_fields.items()]
+
+
+def _models(kind: Any) -> dict[str, type[BaseModel]]:
+    """The tables that a type allows: itself, or the members of a union by their ``kind``."""
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        info = kind.model_fields.get("kind")
+        tags = get_args(info.annotation) if info else ()
+        return {tags[0] if len(tags) == 1 else kind.__name__: kind}
+    return {tag: model for part in get_args(kind) for tag, model in _models(part).items()}
+
+
+def _tags(kind: Any) -> str:
+    return ", ".join(f'"{tag}"' for tag in _models(kind))
+
+
+def _shortened(value: object) -> str:
+    text = as_toml(value)
+    whole = isinstance(value, str) or len(text) <= LONGEST_VALUE  # a path is of use only as a whole
+    return text if whole else text[: LONGEST_VALUE - 2] + " …"
+
+
+def _escaped(character: str) -> str:
+    if character in '"\\':
+        return "\\" + character
+    return f"\\u{ord(character):04x}" if ord(character) < 0x20 or ord(character) == 0x7F else character

@@ -1,0 +1,216 @@
+"""The scenario: one TOML file, validated in full before anything is computed.
+
+The models of this package are the contract; each field says its unit in brackets. SI units throughout; the mesh file's
+own unit is the only exception. ``schema`` gives the JSON schema.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations, pairwise
+from math import dist, inf
+from typing import Annotated, Any, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from studies.scenario.organ import Tissue
+from studies.scenario.piercing import Piercing
+from studies.scenario.refusal import dotted_key, refusal, sentences
+from studies.scenario.solve import Output, Solve
+from studies.scenario.table import ScenarioError, ScenarioTable, repetition
+from studies.scenario.thread import ClampedEnd, Thread
+
+# --- solution and output ----------------------------------------------------------------------------------
+
+
+class Scenario(ScenarioTable):
+    """A suture thread, an organ it pierces, and what is done to them."""
+
+    title: Annotated[str, Field(strict=True)] = Field(default="", description="title of the scenario")
+    tissue: Tissue | None = Field(
+        default=None,
+        description="the organ; left out: the piercings are points fixed in space",
+        examples=[{"youngs_modulus": 1.0e5}],
+    )
+    thread: Thread = Field(description="the thread", examples=[{"suture": "2-0 polypropylene"}])
+    piercing: tuple[Piercing, ...] = Field(
+        default=(), description="the piercings, in the order in which the thread passes them"
+    )
+    solve: Solve = Field(default=Solve(), description="what is solved, and how", examples=[{"dt": 1.0e-3}])
+    output: Output = Field(default=Output(), description="what is written while running", examples=[{"every": 10}])
+
+    @model_validator(mode="after")
+    def _check_piercings(self) -> Self:
+        if problem := repetition("piercing", [piercing.name for piercing in self.piercing]):
+            raise ValueError(problem)
+        check_order(
+            [(piercing, piercing.s) for piercing in self.piercing if piercing.s is not None], self.thread.length
+        )
+        check_control_points(self.thread.control_points, len(self.piercing))
+        loose = next((piercing.name for piercing in self.piercing if piercing.direction == "normal"), None)
+        if self.tissue is None and loose is not None:
+            key = dotted_key(["piercing", loose, "direction"])
+            reason = 'without [tissue] there is no surface; use "free" or [x, y, z], or add [tissue]'
+            raise ValueError(refusal(key, "normal", reason))
+        return self
+
+    @model_validator(mode="after")
+    def _check_apart(self) -> Self:
+        pairs = combinations(self.piercing, 2) if self.tissue is not None else ()
+        for one, other in pairs:
+            apart, reach = dist(one.at, other.at), one.footprint + other.footprint
+            together = max(one.from_, other.from_) < min(hole.until or inf for hole in (one, other))
+            if together and apart < reach:
+                reason = (
+                    f"it is {apart:.3g} m from {dotted_key(['piercing', one.name])}, nearer than their footprints "
+                    f"together, {reach:.3g} m; move them apart or take smaller footprints"
+                )
+                raise ValueError(refusal(dotted_key(["piercing", other.name, "at"]), other.at, reason))
+        return self
+
+    @model_validator(mode="after")
+    def _check_friction(self) -> Self:
+        rough = next((piercing.name for piercing in self.piercing if piercing.friction is not None), None)
+        if rough is not None and self.solve.scheme == "linear" and self.solve.friction == "implicit":
+            key = dotted_key(["piercing", rough, "friction"])
+            reason = f'solve.scheme is linear, which has no implicit {key}; use "two-pass", or scheme = "newton"'
+            raise ValueError(refusal("solve.friction", "implicit", reason))
+        if rough is not None and not self.thread.bending:
+            reason = (
+                f"{dotted_key(['piercing', rough, 'friction'])} acts along the tangent that the bend at a hole gives "
+                "the thread, however thin the thread, and a spline without bending has none; set bending = true, and "
+                "for a limp thread a small thread.bending_factor"
+            )
+            raise ValueError(refusal("thread.bending", False, reason))
+        return self
+
+    @model_validator(mode="after")
+    def _check_contact(self) -> Self:
+        linear = self.solve.scheme == "linear" and self.solve.coupling == "monolithic"
+        if self.tissue is not None and self.tissue.contact and linear:
+            reason = 'the linear scheme has no inequalities; use solve.scheme = "newton", or coupling = "staggered"'
+            raise ValueError(refusal("tissue.contact", True, reason))
+        return self
+
+    @model_validator(mode="after")
+    def _check_knots(self) -> Self:
+        if self.thread.resolution == "adaptive" and self.solve.scheme == "linear":
+            reason = "the linear scheme knows no missing compliance, by which the knots are placed; set it to fixed"
+            raise ValueError(refusal("thread.resolution", "adaptive", reason))
+        return self
+
+    @model_validator(mode="after")
+    def _check_linear(self) -> Self:
+        drawn = next((hole.name for hole in self.piercing if hole.draw is not None), None)
+        if self.solve.scheme == "linear" and (self.thread.cuts or drawn is not None):
+            key = "thread.cuts" if self.thread.cuts else dotted_key(["piercing", str(drawn), "draw"])
+            reason = f'the paper\'s linear step knows no {key}; use "newton"'
+            raise ValueError(refusal("solve.scheme", "linear", reason))
+        return self
+
+    @model_validator(mode="after")
+    def _check_turning(self) -> Self:
+        ends = (self.thread.start, self.thread.end)
+        held = any(isinstance(end, ClampedEnd) or getattr(end, "turn", None) for end in ends)
+        if self.thread.twist and self.solve.kind == "static" and not held:
+            reason = "solve.kind is static and nothing keeps the thread from spinning; clamp an end or give it a turn"
+            raise ValueError(refusal("thread.twist", True, reason))
+        return self
+
+    @model_validator(mode="after")
+    def _check_held(self) -> Self:
+        tissue = self.tissue
+        if tissue is None or tissue.clamp or tissue.roller or (tissue.inertia and self.solve.kind == "dynamic"):
+            return self
+        why = "solve.kind is static" if self.solve.kind == "static" else "tissue.inertia is false"
+        reason = f'{why}, so the organ must be held; name a boundary, for example clamp = ["bottom"]'
+        raise ValueError(refusal("tissue.clamp", [], reason))
+
+
+# --- checks that the simulation repeats once it knows more ------------------------------------------------
+
+
+def check_order(placed: Sequence[tuple[Piercing, float]], length: float | None = None) -> None:
+    """Refuse piercings whose abscissas [m] do not increase along the list or are off the thread, and at an end of the
+    thread those that do not anchor it."""
+    for hole, s in placed:
+        check_within(hole, s, length)
+    for (before, low), (after, high) in pairwise(placed):
+        if high <= low:
+            reason = (
+                f"it must be greater than {dotted_key(['piercing', before.name, 's'])} = {low}, because the piercings "
+                "are listed in the order in which the thread passes them; reorder them or correct s"
+            )
+            raise ScenarioError(refusal(dotted_key(["piercing", after.name, "s"]), high, reason))
+
+
+def check_within(hole: Piercing, s: float, length: float | None) -> None:
+    """Refuse a piercing whose abscissa [m] is off the thread, or at its end where it is free to slide out."""
+    last = inf if length is None else length
+    if (hole.kind == "anchored" and 0.0 <= s <= last) or 0.0 < s < last:
+        return
+    limit = "the thread's length" if length is None else f"the thread's length of {length} m"
+    reason = f"it must lie between 0 and {limit}; move the piercing, or let the path go on beyond it"
+    at_end = s in (0.0, last) and ', or hold the end of the thread there: kind = "anchored"'
+    raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "s"]), s, reason + (at_end or "")))
+
+
+def check_cuts(cuts: Sequence[float], length: float) -> None:
+    """Refuse cuts that lie off the thread of that length [m]."""
+    lost = next((s for s in cuts if s >= length), None)
+    if lost is not None:
+        reason = f"it must lie between 0 and the thread's length of {length} m; move it"
+        raise ScenarioError(refusal("thread.cuts", lost, reason))
+
+
+def check_spans(cuts: Sequence[float], ends: Sequence[float], breaks: Sequence[float]) -> None:
+    """Refuse cuts that leave a piece of a single span; `ends` of the pieces and of the spans, `breaks` [m]."""
+    for before, after in pairwise(ends) if cuts else ():
+        if sum(before <= s <= after for s in breaks) < 3:
+            reason = (
+                f"the piece from {before:.6g} to {after:.6g} m is shorter than two spans of the thread; cut elsewhere, "
+                "or raise thread.control_points"
+            )
+            raise ScenarioError(refusal("thread.cuts", cuts, reason))
+
+
+def check_control_points(control_points: int, piercings: int) -> None:
+    """Refuse a spline too coarse for its holes.
+
+    A hole takes up to 5 constraints, on 3 unknowns of each control point and its own abscissa; and the
+    thread turns there, so a span of the spline should lie on either side of the hole and one at it: 3
+    control points for each hole, beside the 4 of a single cubic.
+    """
+    least = 4 + 3 * piercings
+    if control_points < least:
+        reason = f"{piercings} piercings need at least {least} (4 and 3 for each piercing); raise it"
+        raise ScenarioError(refusal("thread.control_points", control_points, reason))
+
+
+# --- reading and writing ----------------------------------------------------------------------------------
+
+
+def parse(data: Mapping[str, Any]) -> Scenario:
+    """Validate a scenario given as tables."""
+    try:
+        return Scenario.model_validate(dict(data))
+    except ValidationError as error:
+        raise ScenarioError(sentences(error, Scenario, data)) from None
+
+
+def schema() -> dict[str, Any]:
+    """JSON schema (draft 2020-12) of the scenario file."""
+    declared = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+    return declared | Scenario.model_json_schema(by_alias=True)
+
+
+def resolved(scenario: Scenario, length: float, s: Sequence[float]) -> Scenario:
+    """The scenario with the defaults that only the geometry tells: the rest length and the abscissas [m].
+
+    A piercing that begins later takes its abscissa, unless given, from where the thread is then.
+    """
+    thread = scenario.thread.model_copy(update={"length": length})
+    pairs = zip(scenario.piercing, s, strict=True)
+    piercing = tuple(
+        hole.model_copy(update={"s": float(value)}) if hole.s is None and hole.from_ == 0.0 else hole
+        for hole, value in pairs
+    )
+    return scenario.model_copy(update={"thread": thread, "piercing": piercing})

@@ -1,0 +1,68 @@
+"""The tables `[solve]` and `[output]`."""
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector, Whole
+
+
+class Solve(ScenarioTable):
+    """What is solved, and how."""
+
+    kind: Literal["dynamic", "static"] = Field(
+        default="dynamic", description='"dynamic", or "static": equilibrium under the final loads'
+    )
+    dt: Positive = Field(default=1.0e-3, description="time step [s]")
+    duration: Positive = Field(default=1.0, description="simulated time [s]")
+    load_steps: Whole = Field(default=10, description="number of load steps [-] of a static solution")
+    scheme: Literal["newton", "linear"] = Field(
+        default="newton", description='time step: "newton", or "linear" (Baumgarte, one linear solve)'
+    )
+    integrator: Literal["euler", "bdf2"] = Field(
+        default="euler",
+        description='integration in time: "euler" (backward, order 1) or "bdf2" (order 2), constraints met at the end '
+        "of the step by either",
+    )
+    coupling: Literal["monolithic", "staggered"] = Field(
+        default="monolithic", description="thread and organ solved together, or one after the other"
+    )
+    friction: Literal["implicit", "two-pass"] = Field(default="implicit", description="friction solver")
+    epsilon: NotNegative = Field(default=0.0, description="inertia of an abscissa ε (eq. 7) [kg]")
+    gravity: Vector = Field(default=(0.0, 0.0, 0.0), description="gravity on thread and organ [m/s²]")
+
+    @model_validator(mode="after")
+    def _check_step(self) -> Self:
+        if self.kind == "dynamic" and self.dt > self.duration:
+            raise ValueError(f".dt = {self.dt} is refused: it must not exceed duration = {self.duration}; lower it")
+        return self
+
+    @model_validator(mode="after")
+    def _check_method(self) -> Self:
+        if self.integrator == "bdf2" and (self.scheme == "linear" or self.friction == "two-pass"):
+            raise ValueError(
+                '.integrator = "bdf2" is refused: the linear scheme and two-pass friction step by backward Euler; use '
+                'integrator = "euler", or scheme = "newton" with friction = "implicit"'
+            )
+        if self.scheme == "linear" and self.kind == "static":
+            raise ValueError(
+                '.scheme = "linear" is refused: solve.kind is static, an equilibrium and not a step in time; use '
+                'scheme = "newton" or kind = "dynamic"'
+            )
+        if self.friction == "two-pass" and (self.kind == "static" or self.integrator == "bdf2"):
+            raise ValueError(
+                '.friction = "two-pass" is refused: it is a step in time of backward Euler; use friction = "implicit", '
+                'or kind = "dynamic" with integrator = "euler"'
+            )
+        if self.coupling == "staggered" and self.kind == "static":
+            raise ValueError(
+                '.coupling = "staggered" is refused: solve.kind is static, where nothing moves from step to step; use '
+                'coupling = "monolithic" or kind = "dynamic"'
+            )
+        return self
+
+
+class Output(ScenarioTable):
+    """What is written while running."""
+
+    every: Whole = Field(default=10, description="steps between frames [-]")

@@ -1,0 +1,52 @@
+"""A table of a scenario: the kinds of values it holds, and how it is refused."""
+
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidator
+
+from studies.scenario.refusal import as_toml, refusal
+
+ALLOWED_START_ERROR = 1e-6  # distance of a driven end's first waypoint from the path's end, over the path's length
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
+NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
+Text = Annotated[str, Field(strict=True, min_length=1, pattern=r"^[^\x00-\x1f\x7f]+$")]
+Whole = Annotated[int, Field(strict=True, ge=1)]
+Vector = tuple[Number, Number, Number]
+Growth = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=1, le=3)]
+GROWTH = "ratio of the sizes of neighbouring elements [-], above 1 to 3: the size grows by ln(growth) per distance"
+Waypoint = tuple[Number, Number, Number, Number]
+Turn = tuple[Number, Number]
+
+
+class ScenarioError(ValueError):
+    """A scenario that is refused; ``problems`` holds one sentence for each fault."""
+
+    def __init__(self, problems: str | Sequence[str]) -> None:
+        self.problems = (problems,) if isinstance(problems, str) else tuple(problems)
+        super().__init__("\n".join(self.problems))
+
+
+def one_sentence(allowed: str) -> WrapValidator:
+    """One sentence instead of one for each member of a union."""
+
+    def validate(value: Any, handler: Callable[[Any], Any]) -> Any:
+        try:
+            return handler(value)
+        except ValidationError:
+            raise ValueError(f" = {as_toml(value)} is refused: allowed are {allowed}") from None
+
+    return WrapValidator(validate)
+
+
+class ScenarioTable(BaseModel):
+    """A table of the scenario: frozen, no unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=False)
+
+
+def repetition(table: str, names: Sequence[str]) -> str | None:
+    twice = next((name for index, name in enumerate(names) if name in names[:index]), None)
+    return None if twice is None else refusal(f"{table}.name", twice, "names must be unique; rename one")

@@ -1,0 +1,308 @@
+"""The table of the thread, `[thread]`, and of its ends."""
+
+from collections.abc import Mapping
+from itertools import pairwise
+from math import dist
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from studies.scenario.refusal import as_toml
+from studies.scenario.table import (
+    ALLOWED_START_ERROR,
+    NotNegative,
+    Positive,
+    ScenarioTable,
+    Text,
+    Turn,
+    Vector,
+    Waypoint,
+    Whole,
+)
+
+
+class _End(ScenarioTable):
+    mass: NotNegative = Field(default=0.0, description="point mass carried by this end of the thread [kg]")
+
+
+class FreeEnd(_End):
+    """End on which nothing acts."""
+
+    kind: Literal["free"]
+
+
+class _HeldEnd(_End):
+    turn: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = Field(
+        default=None,
+        description="rows of t [s], angle [rad] by which the end is turned about the thread's tangent, right-handed "
+        "towards the end of the path, t increasing, angle 0 at t = 0; needs thread.twist; default: a clamped end does "
+        "not turn, any other turns freely",
+        examples=[[[0.0, 0.0], [1.0, 6.28]]],
+    )
+
+    @model_validator(mode="after")
+    def _check_turn(self) -> Self:
+        rows = self.turn or ()
+        for row, ((before, _), (after, _)) in enumerate(pairwise(rows), start=1):
+            if after <= before:
+                raise ValueError(
+                    f".turn.{row} = {as_toml(rows[row])} is refused: "
+                    f"its time must be later than {before} s, the one before it; sort them by time"
+                )
+        if rows and (start := float(np.interp(0.0, *np.transpose(rows)))) != 0.0:
+            raise ValueError(f".turn is refused: at t = 0 its angle is {start:.3g} rad; let it begin at [0, 0]")
+        return self
+
+
+class FixedEnd(_HeldEnd):
+    """End whose position is held."""
+
+    kind: Literal["fixed"]
+
+
+class ClampedEnd(_HeldEnd):
+    """End whose position and tangent are held, and with twist its section."""
+
+    kind: Literal["clamped"]
+
+
+class PulledEnd(_End):
+    """End under a dead load."""
+
+    kind: Literal["pulled"]
+    force: Vector = Field(description="dead load on the end [N]", examples=[[0, 0, 1.0e-2]])
+    ramp: NotNegative = Field(default=0.0, description="time in which the load grows linearly from zero [s]")
+
+
+class DrivenEnd(_HeldEnd):
+    """End that follows waypoints, linearly in between; it rests before the first and after the last."""
+
+    kind: Literal["driven"]
+    waypoints: Annotated[tuple[Waypoint, ...], Field(min_length=1)] = Field(
+        description="rows of t [s], x, y, z [m], t increasing",
+        examples=[[[0.0, 0.03, 0, 0.01], [1.0, 0.05, 0, 0.03]]],
+    )
+
+    @model_validator(mode="after")
+    def _check_times(self) -> Self:
+        for row, ((before, *_), (after, *_)) in enumerate(pairwise(self.waypoints), start=1):
+            if after <= before:
+                raise ValueError(
+                    f".waypoints.{row} = {as_toml(self.waypoints[row])} is refused: "
+                    f"its time must be later than {before} s, the one before it; sort them by time"
+                )
+        return self
+
+    def position(self, time: float) -> Vector:
+        """Position (3,) [m] at a time [s]."""
+        table = np.array(self.waypoints)
+        x, y, z = (float(np.interp(time, table[:, 0], column)) for column in table[:, 1:].T)
+        return x, y, z
+
+
+End = Annotated[FreeEnd | FixedEnd | ClampedEnd | PulledEnd | DrivenEnd, Field(discriminator="kind")]
+
+
+class Thread(ScenarioTable):
+    """Suture thread laid along a path."""
+
+    suture: Text | None = Field(
+        default=None,
+        description="USP size and material from the catalogue; instead of diameter, youngs_modulus, density",
+        examples=["2-0 polypropylene"],
+    )
+    diameter: Positive | None = Field(default=None, description="diameter of the thread [m]", examples=[3.2e-4])
+    youngs_modulus: Positive | None = Field(
+        default=None, description="Young's modulus of the thread [Pa]", examples=[2.0e9]
+    )
+    density: Positive | None = Field(default=None, description="density of the thread [kg/m³]", examples=[910.0])
+    poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, le=0.5)] | None = Field(
+        default=None,
+        description="Poisson's ratio of the thread [-], from above -1 to 0.5; default 0.4",
+        examples=[0.4],
+    )
+    bending_factor: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] | None = Field(
+        default=None,
+        description="bending and torsional stiffness over that of a solid rod [-], above 0 to 1; default: that of the "
+        "suture (an assumption for braids), else 1",
+        examples=[0.05],
+    )
+    control_points: Annotated[int, Field(strict=True, ge=4, le=5000)] = Field(
+        default=40, description="number of control points of the cubic spline [-], from 4 to 5000"
+    )
+    graded: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1)] = Field(
+        default=3.0,
+        description="ratio of the largest to the smallest knot span [-], fine near the piercings; 1: uniform",
+    )
+    resolution: Literal["fixed", "adaptive"] = Field(
+        default="fixed",
+        description="whether the knots stay, or follow the piercings as the thread slides: control_points are then "
+        "those of the coarse spline, which is refined beside the piercings and where the thread bends",
+    )
+    tolerance: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=0.1)] = Field(
+        default=0.01, description="relative error of the piercings' forces that adaptive knots aim at [-], up to 0.1"
+    )
+    path: Annotated[tuple[Vector, ...], Field(min_length=2)] = Field(
+        description="points along which the thread is laid at the start [m], corners rounded",
+        examples=[[[-0.03, 0, 0.01], [-0.01, 0, 0], [0.01, 0, 0], [0.03, 0, 0.01]]],
+    )
+    cuts: tuple[Positive, ...] = Field(
+        default=(),
+        description="abscissae where the thread is cut from the start, rising [m]: the pieces share nothing, and the "
+        "new ends are free",
+        examples=[[0.05, 0.1]],
+    )
+    length: Positive | None = Field(
+        default=None,
+        description="rest length of the thread [m]; default: that of the path",
+        examples=[0.0483],
+    )
+    damping: NotNegative = Field(default=0.0, description="mass-proportional damping of the thread [1/s]")
+    bending: Annotated[bool, Field(strict=True)] = Field(
+        default=True, description="whether the thread resists bending; false: EI = 0"
+    )
+    energy: Literal["continuous", "springs"] = Field(
+        default="continuous",
+        description='elastic energies: "continuous", integrals over the thread, or "springs" between points spread '
+        "along it (the paper's §3), calibrated by EA, EI and GJ",
+    )
+    springs: Whole | None = Field(
+        default=None,
+        description="number of stretch springs along the thread [-], from control_points - 1 (the default with energy "
+        '= "springs") on; more of them lock a stiff thread',
+        examples=[39],
+    )
+    twist: Annotated[bool, Field(strict=True)] = Field(
+        default=False,
+        description="whether the thread resists twist: the angle of its section becomes a fourth coordinate",
+    )
+    coil_radius: Positive | None = Field(
+        default=None,
+        description="radius of the coil that the thread remembers of its packet [m]; needs thread.twist; default: "
+        "straight at rest",
+        examples=[0.02],
+    )
+    coil_towards: Vector | None = Field(
+        default=None,
+        description="side to which the start of the thread coils [-], across the path; default: one of the axes",
+        examples=[[0, 0, 1]],
+    )
+    start: End = Field(
+        default=FreeEnd(kind="free"),
+        description="what holds the thread at the start of the path",
+        examples=[{"kind": "free"}],
+    )
+    end: End = Field(
+        default=FreeEnd(kind="free"),
+        description="what holds the thread at the end of the path",
+        examples=[{"kind": "free"}],
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _default_poisson_ratio(cls, data: Any) -> Any:
+        if isinstance(data, Mapping) and "suture" not in data and "poisson_ratio" not in data:
+            return {**data, "poisson_ratio": 0.4}
+        return data
+
+    @model_validator(mode="after")
+    def _check_material(self) -> Self:
+        own = {key: getattr(self, key) for key in ("diameter", "youngs_modulus", "density", "poisson_ratio")}
+        given = [key for key, value in own.items() if value is not None]
+        if self.suture is not None and given:
+            raise ValueError(
+                f".{given[0]} = {own[given[0]]} is refused: the suture {as_toml(self.suture)} sets it "
+                f"already; leave out either suture or {', '.join(given)}"
+            )
+        missing = [key for key in ("diameter", "youngs_modulus", "density") if key not in given]
+        if self.suture is None and missing:
+            raise ValueError(
+                f".{missing[0]} is missing: give suture (USP size and material, for example suture = "
+                '"2-0 polypropylene") or all of diameter [m], youngs_modulus [Pa] and density [kg/m³]'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_cuts(self) -> Self:
+        if any(after <= before for before, after in pairwise(self.cuts)):
+            raise ValueError(f".cuts = {as_toml(self.cuts)} is refused: they must rise; sort them and drop repeats")
+        kept = {"resolution": "fixed", "energy": "continuous", "twist": False}
+        lost = next((key for key, value in kept.items() if getattr(self, key) != value), None)
+        if self.cuts and lost is not None:
+            raise ValueError(
+                f".cuts = {as_toml(self.cuts)} is refused: thread.{lost} = {as_toml(getattr(self, lost))} goes through "
+                f"cuts; set it to {as_toml(kept[lost])}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_springs(self) -> Self:
+        if self.springs is not None and self.energy != "springs":
+            raise ValueError(f'.springs = {self.springs} is refused: thread.energy is continuous; set it to "springs"')
+        if self.springs is not None and self.springs < self.control_points - 1:
+            raise ValueError(
+                f".springs = {self.springs} is refused: {self.control_points} control points need at least "
+                f"{self.control_points - 1}, else the thread could stretch unseen; raise it"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_resolution(self) -> Self:
+        if self.resolution == "adaptive" and (self.energy == "springs" or not self.bending):
+            raise ValueError(
+                '.resolution = "adaptive" is refused: it goes by the length over which a thread bends, and springs or '
+                'a thread without bending have none; set it to "fixed", or energy = "continuous" and bending = true'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_twist(self) -> Self:
+        if self.twist and not self.bending:
+            raise ValueError(
+                ".twist = true is refused: without bending stiffness a twisted thread collapses; set bending = true"
+            )
+        turned = next((key for key in ("start", "end") if getattr(getattr(self, key), "turn", None)), None)
+        if turned is not None and not self.twist:
+            raise ValueError(f".{turned}.turn is refused: the thread does not resist twist; set thread.twist = true")
+        if self.coil_radius is not None and not self.twist:
+            raise ValueError(
+                f".coil_radius = {self.coil_radius} is refused: the side to which a thread coils turns with its "
+                "section; set thread.twist = true"
+            )
+        if self.coil_towards is not None:
+            self._check_coil_towards(self.coil_towards)
+        return self
+
+    def _check_coil_towards(self, towards: Vector) -> None:
+        if self.coil_radius is None:
+            raise ValueError(
+                f".coil_towards = {as_toml(towards)} is refused: the thread does not coil; give coil_radius"
+            )
+        along = np.subtract(self.path[1], self.path[0])
+        if np.linalg.norm(np.cross(towards, along)) <= 1e-3 * np.linalg.norm(towards) * np.linalg.norm(along):
+            raise ValueError(
+                f".coil_towards = {as_toml(towards)} is refused: it must not lie along the start of the path; give a "
+                "direction across it"
+            )
+
+    @model_validator(mode="after")
+    def _check_path(self) -> Self:
+        for row, (before, after) in enumerate(pairwise(self.path), start=1):
+            if before == after:
+                raise ValueError(
+                    f".path.{row} = {as_toml(after)} is refused: it must differ from the one before; drop it"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _check_driven_ends(self) -> Self:
+        total = sum(dist(a, b) for a, b in pairwise(self.path))
+        for key, end, place in (("start", self.start, self.path[0]), ("end", self.end, self.path[-1])):
+            away = dist(end.position(0.0), place) if isinstance(end, DrivenEnd) else 0.0
+            if away > ALLOWED_START_ERROR * total:
+                raise ValueError(
+                    f".{key}.waypoints is refused: at t = 0 it is {away:.3g} m away from the {key} of "
+                    f"thread.path, {as_toml(place)}; let it begin there"
+                )
+        return self

@@ -1,0 +1,199 @@
+"""A scenario in TOML.
+
+``load`` reads a file (with ``--set`` overrides), ``dump`` writes a scenario with every default.
+"""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from studies.scenario.organ import FileMesh
+from studies.scenario.refusal import BARE, as_key, as_toml, dotted_key, refusal
+from studies.scenario.scenario import Scenario, parse
+from studies.scenario.table import ScenarioError
+
+INLINE = ("start", "end", "friction")  # tables written on one line
+SCENES = Path(__file__).parent / "scenes"  # scenarios that come with the package
+
+
+def load(path: Path | str, overrides: Sequence[str] = ()) -> Scenario:
+    """Read a scenario file, or a shipped scene by its name; each override is ``dotted.key=value`` with the value in
+    TOML."""
+    path = scenario_file(path)
+    data = _read(path)
+    for override in overrides:
+        _override(data, override)
+    _make_mesh_path_absolute(data, path.parent)
+    scenario = parse(data)
+    _check_mesh_file(scenario)
+    return scenario
+
+
+def scenes() -> list[str]:
+    """List the names of the shipped scenes."""
+    return sorted(path.stem for path in SCENES.glob("*.toml"))
+
+
+def scenario_file(path: Path | str) -> Path:
+    """Find the file of a scenario: `path` itself where it is a file, else the shipped scene of that name."""
+    path = Path(path)
+    return SCENES / f"{path}.toml" if str(path) in scenes() and not path.is_file() else path
+
+
+def tables(scenario: Scenario) -> dict[str, Any]:
+    """The scenario as plain tables with every default, what is not given left out."""
+    plain = scenario.model_dump(mode="json", by_alias=True, exclude_none=True)
+    return {key: _kind_first(value) for key, value in plain.items()}
+
+
+def _kind_first(value: Any) -> Any:
+    """The same tables with ``kind`` as the first key, as one would write them."""
+    match value:
+        case dict():
+            first = {"kind": value["kind"]} if "kind" in value and "name" not in value else {}
+            return first | {key: _kind_first(item) for key, item in value.items()}
+        case list():
+            return [_kind_first(item) for item in value]
+        case _:
+            return value
+
+
+def dump(scenario: Scenario) -> str:
+    """The scenario in TOML, every default written out; reads back to an equal scenario."""
+    return "\n".join(_lines(tables(scenario), ()))
+
+
+def mesh_file(scenario: Scenario) -> Path | None:
+    """The mesh file that the scenario names, None if it names none."""
+    if scenario.tissue is None or not isinstance(scenario.tissue.mesh, FileMesh):
+        return None
+    return Path(scenario.tissue.mesh.path)
+
+
+def with_mesh_file(scenario: Scenario, path: str) -> Scenario:
+    """The scenario with another mesh file; unchanged if it has none."""
+    if scenario.tissue is None or not isinstance(scenario.tissue.mesh, FileMesh):
+        return scenario
+    mesh = scenario.tissue.mesh.model_copy(update={"path": path})
+    return scenario.model_copy(update={"tissue": scenario.tissue.model_copy(update={"mesh": mesh})})
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        remedy = f"give the path of a scenario file (.toml), or a scene that is shipped: {', '.join(scenes())}"
+        raise ScenarioError(f"{path} does not exist; {remedy}") from None
+    except UnicodeDecodeError as error:
+        raise ScenarioError(
+            f"{path} is not UTF-8 text (byte {error.start}); give a scenario file (.toml) saved as UTF-8"
+        ) from None
+    except OSError as error:
+        raise ScenarioError(f"{path} cannot be read ({error.strerror}); give a readable scenario file") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{path} is not valid TOML: {error}; correct that line") from None
+
+
+def _override(data: dict[str, Any], text: str) -> None:
+    """Set one key in place."""
+    *parents, last = parts = _override_key(text)
+    value = _override_value(text)
+    table: Any = data
+    for depth, part in enumerate(parents):
+        table = _enter(table, part, dotted_key(parts[:depth]), text)
+    if isinstance(table, list):
+        table[_index(table, last, dotted_key(parents), text)] = value
+    else:
+        table[last] = value
+
+
+def _override_key(text: str) -> list[str]:
+    key, equals, _ = text.partition("=")
+    try:
+        table = tomllib.loads(f"{key}=0") if equals else {}
+    except tomllib.TOMLDecodeError:
+        table = {}
+    if not table:
+        raise ScenarioError(f"--set {text} is refused: write a dotted key, = and a value, for example solve.dt=5e-4")
+    parts: list[str] = []
+    while isinstance(table, dict):
+        ((part, table),) = table.items()
+        parts.append(part)
+    return parts
+
+
+def _override_value(text: str) -> Any:
+    """The value in TOML; a bare word is a string, because a shell takes the quotes away."""
+    key, _, value = text.partition("=")
+    try:
+        return tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError as error:
+        if BARE.fullmatch(value.strip()):
+            return value.strip()
+        reason = str(error).partition(" (at")[0]
+        raise ScenarioError(
+            f"--set {key}={value} is refused: the value is not TOML ({reason}); write for example 5e-4, "
+            'true, [0, 0, 1] or "text"'
+        ) from None
+
+
+def _enter(table: Any, part: str, parent: str, text: str) -> Any:
+    if isinstance(table, list):
+        return table[_index(table, part, parent, text)]
+    inner = table.setdefault(part, {})
+    if not isinstance(inner, dict | list):
+        where = f"{parent}.{part}" if parent else part
+        raise ScenarioError(f"--set {text} is refused: {where} is a value, not a table; set {where} itself")
+    return inner
+
+
+def _index(entries: list[Any], part: str, parent: str, text: str) -> int:
+    names = [entry.get("name") if isinstance(entry, dict) else None for entry in entries]
+    if part in names:
+        return names.index(part)
+    if part.isdecimal() and int(part) < len(entries):
+        return int(part)
+    there = [str(index) if name is None else str(name) for index, name in enumerate(names)]
+    raise ScenarioError(f"--set {text} is refused: {parent} has no entry {part}; its entries are {', '.join(there)}")
+
+
+def _make_mesh_path_absolute(data: dict[str, Any], folder: Path) -> None:
+    tissue = data.get("tissue")
+    mesh = tissue.get("mesh") if isinstance(tissue, dict) else None
+    if isinstance(mesh, dict) and isinstance(path := mesh.get("path"), str) and path:
+        mesh["path"] = str((folder / path).resolve())
+
+
+def _check_mesh_file(scenario: Scenario) -> None:
+    path = mesh_file(scenario)
+    if path is None:
+        return
+    if not path.is_file():
+        problem = "there is no such file; give the path relative to the scenario file"
+        raise ScenarioError(refusal("tissue.mesh.path", str(path), problem))
+    if path.stat().st_size == 0:
+        raise ScenarioError(refusal("tissue.mesh.path", str(path), "the file is empty; give a volume mesh"))
+
+
+def _lines(table: Mapping[str, Any], parents: tuple[str, ...]) -> list[str]:
+    """A table in TOML: values first, then tables, then lists of tables."""
+    under_headers = {key for key, value in table.items() if _is_table(key, value) or _is_tables(value)}
+    values = {key: value for key, value in table.items() if key not in under_headers}
+    lines = [f"{as_key(key)} = {as_toml(value)}" for key, value in values.items()]
+    for key, value in table.items():
+        name = (*parents, key)
+        if _is_table(key, value):
+            lines += ["", f"[{dotted_key(name)}]", *_lines(value, name)]
+        if _is_tables(value):
+            for item in value:
+                lines += ["", f"[[{dotted_key(name)}]]", *_lines(item, name)]
+    return lines if parents else [*lines, ""]
+
+
+def _is_table(key: str, value: object) -> bool:
+    return isinstance(value, dict) and key not in INLINE
+
+
+def _is_tables(value: object) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(item, dict) for item in value)

@@ -1,0 +1,234 @@
+"""From a scenario to the coupled system: mesh, organ, thread, piercings and a consistent start."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+import tissue
+from coupling.adaptivity import Resolution, coarse_tree, first_breaks
+from coupling.laying import start
+from coupling.system import Friction, Piercing, State, System
+from meshes.wound import lips
+from studies import scenario as model
+from studies.arrays import Array
+from studies.scenario import Scenario, ScenarioError
+from studies.scenario.refusal import refusal
+from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
+from studies.simulation.meshing import material_of, organ_mesh, wound_of
+from studies.simulation.pieces import check_draws, check_pieces
+from thread.catalogue import Section, suture
+from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
+from thread.knots import clamped, graded_knots
+from thread.path import RoundedPath, rounded
+from thread.quadrature import gauss_rule
+from thread.spline import Spline
+from thread.thread import MASS_POINTS, Thread
+
+AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | tissue.DynamicOrgan
+
+STRETCH = 1.6  # sutures break at strains of 20 to 60 %
+REACH = 0.1  # of the thread's length: how far from a piercing its spans are fine
+CHANNEL_FOOTPRINTS = 2.0  # length of a channel that imposes a direction, where none is given: the bite's own size
+CHANNEL_DIAMETERS = 10.0  # of the thread, where there is no footprint to go by: shorter, a hole would hardly guide it
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A scenario made ready: the scenario with every default known, the system, and what lays the thread."""
+
+    scenario: Scenario
+    system: System[tissue.OrganState]
+    organ: AnyOrgan
+    path: RoundedPath
+    s: Array
+    body: tissue.Elasticity | None
+    resolution: Resolution | None
+
+    @property
+    def begin_abscissae(self) -> Array:
+        """Abscissa at which each piercing begins, `(p,)` [m]; NaN where the thread is nearest to it then."""
+        return np.array([np.nan if hole.s is None else hole.s for hole in self.scenario.piercing])
+
+    def start(self) -> State[tissue.OrganState]:
+        """The consistent start (Φ = 0, thread as near the path as that allows)."""
+        thread = self.system.thread
+        stretch = self.path.length / thread.spline.end
+        points = self.path.position(gauss_rule(thread.spline, MASS_POINTS).s * stretch)
+        return start(self.system, self.s, points, stretch)
+
+
+def assemble(scenario: Scenario) -> Assembly:
+    """Build everything that is known before the first step.
+
+    Raises `ScenarioError`, `MeshError`, `TissueError`, `ThreadError` for input that cannot be run.
+    """
+    path = rounded(scenario.thread.path)
+    length = length_of(scenario, path)
+    body = body_of(scenario)
+    organ = organ_of(scenario, body)
+    s = abscissae(scenario, path, length)
+    known = [(hole, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
+    check_order(known, length)
+    check_cuts(scenario.thread.cuts, length)
+    thread = thread_of(scenario, length, s)
+    check_pieces(scenario, thread.spline, [value for _, value in known])
+    check_draws(scenario.piercing, thread.spline, s)
+    system: System[tissue.OrganState] = System(
+        thread=thread,
+        ends=(end_of(scenario.thread.start, path, 0.0), end_of(scenario.thread.end, path, path.length)),
+        organ=organ,
+        piercings=tuple(piercing_of(hole, channel_of(hole, scenario)) for hole in scenario.piercing),
+        gravity=np.array(scenario.solve.gravity),
+        epsilon=scenario.solve.epsilon,
+    )
+    resolution = resolution_of(scenario.thread, length)
+    return Assembly(resolved(scenario, length, s), system, organ, path, np.array(s), body, resolution)
+
+
+def is_known(hole: model.Piercing) -> bool:
+    """Whether the abscissa of a piercing is known before the first step."""
+    return hole.s is not None or hole.from_ == 0.0
+
+
+def length_of(scenario: Scenario, path: RoundedPath) -> float:
+    """Rest length of the thread [m]. Raises `ScenarioError` where it would be laid stretched beyond any suture."""
+    length = scenario.thread.length or path.length
+    if path.length > STRETCH * length:
+        reason = f"the path is {path.length:.4g} m long, and no suture stretches that far; leave it out or lengthen it"
+        raise ScenarioError(refusal("thread.length", length, reason))
+    return length
+
+
+def abscissae(scenario: Scenario, path: RoundedPath, length: float) -> list[float]:
+    """Abscissa of every piercing at the start [m]: given, or where the path is nearest after the piercing before it."""
+    s: list[float] = []
+    for hole in scenario.piercing:
+        s.append(hole.s if hole.s is not None else nearest_pass(path, hole.at, after=s[-1:]) * length / path.length)
+    return s
+
+
+def nearest_pass(path: RoundedPath, point: Sequence[float], after: Sequence[float]) -> float:
+    """Abscissa on the path [m] of its nearest pass by a point; of passes as near, the first `after` an abscissa."""
+    places, distances = path.passes(point)
+    near = places[distances <= distances.min() + 1e-9 * path.length]
+    later = near[near > after[0]] if after else near
+    return float(later[0] if later.size else near[0])
+
+
+def resolution_of(table: model.Thread, length: float) -> Resolution | None:
+    """How the knots follow the thread; None where they do not."""
+    if table.resolution == "fixed":
+        return None
+    return Resolution(coarse_tree(0.0, length, table.control_points), table.tolerance)
+
+
+def spline_of(table: model.Thread, length: float, s: Sequence[float]) -> Spline:
+    """The spline at the start, its knots graded towards the piercings."""
+    resolution = resolution_of(table, length)
+    if resolution is None:
+        spline = Spline(graded_knots(length, table.control_points, s, table.graded, REACH * length, table.cuts))
+        check_spans(table.cuts, spline.piece_ends.tolist(), spline.breaks.tolist())
+        return spline
+    return Spline(clamped(first_breaks(resolution.tree, np.array(s), table.graded)))
+
+
+def thread_of(scenario: Scenario, length: float, s: Sequence[float]) -> Thread:
+    """The thread, its knots graded towards the piercings. The linear step knows no missing compliance."""
+    table = scenario.thread
+    return Thread(
+        spline=spline_of(table, length, s),
+        section=section_of(table),
+        bending=table.bending,
+        twist=table.twist,
+        coil=0.0 if table.coil_radius is None else 1.0 / table.coil_radius,
+        coil_towards=None if table.coil_towards is None else np.array(table.coil_towards),
+        springs=None if table.energy == "continuous" else table.springs or table.control_points - 1,
+        damping=table.damping,
+        point_masses=(table.start.mass, table.end.mass),
+        hole_compliance=scenario.solve.scheme != "linear",
+    )
+
+
+def section_of(table: model.Thread) -> Section:
+    """The section named, or the one described."""
+    given = (table.diameter, table.density, table.youngs_modulus, table.poisson_ratio)
+    section = suture(table.suture) if table.suture else Section(*(value for value in given if value is not None))
+    return section if table.bending_factor is None else replace(section, bending_factor=table.bending_factor)
+
+
+def end_of(table: model.End, path: RoundedPath, at: float) -> End:
+    """What holds the end of the thread that lies at the abscissa `at` of the path."""
+    match table:
+        case model.FixedEnd():
+            return Fixed(path.position(at), turn=turn_of(table))
+        case model.ClampedEnd():
+            return Clamped(path.position(at), path.tangent(at), turn=turn_of(table))
+        case model.PulledEnd():
+            return Pulled(np.array(table.force), table.ramp)
+        case model.DrivenEnd():
+            return Driven(np.array(table.waypoints), turn=turn_of(table))
+    return Free()
+
+
+def turn_of(table: model.FixedEnd | model.ClampedEnd | model.DrivenEnd) -> Array | None:
+    """Times and angles by which an end is turned, None where none are given."""
+    return None if table.turn is None else np.array(table.turn)
+
+
+def channel_of(hole: model.Piercing, scenario: Scenario) -> float | None:
+    """Length over which a rough hole imposes its direction [m], None for any other.
+
+    As given, else CHANNEL_FOOTPRINTS footprints in an organ; for a bare point, or without an organ,
+    CHANNEL_DIAMETERS diameters of the thread.
+    """
+    if hole.friction is None or hole.direction == "free":
+        return None
+    in_organ = hole.footprint if scenario.tissue is not None else 0.0
+    default = CHANNEL_FOOTPRINTS * in_organ or CHANNEL_DIAMETERS * section_of(scenario.thread).diameter
+    return hole.channel or default
+
+
+def piercing_of(hole: model.Piercing, channel: float | None) -> Piercing:
+    """The constraint of a hole with a channel of that length [m]."""
+    given = hole.friction
+    friction = None if given is None else Friction(given.static, given.kinetic, given.grip, channel)
+    until = np.inf if hole.until is None else hole.until
+    draw = None if hole.draw is None else np.array(hole.draw)
+    return Piercing(hole.name, hole.kind == "sliding", hole.direction != "free", friction, hole.from_, until, draw)
+
+
+def site_of(hole: model.Piercing) -> tissue.Site:
+    """The place of a hole on the organ."""
+    direction = None if hole.direction == "free" else hole.direction
+    return tissue.Site(hole.at, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', hole.subgrid)
+
+
+def body_of(scenario: Scenario) -> tissue.Elasticity | None:
+    """The organ's discrete elasticity, None without an organ."""
+    table = scenario.tissue
+    if table is None:
+        return None
+    mesh = organ_mesh(scenario)
+    return tissue.elasticity(mesh, material_of(table, mesh), table.element, table.clamp, table.dilatation, table.roller)
+
+
+def organ_of(scenario: Scenario, body: tissue.Elasticity | None) -> AnyOrgan:
+    """The organ as the coupling sees it: with inertia, without, or points fixed in space."""
+    sites = [site_of(hole) for hole in scenario.piercing]
+    if body is None or scenario.tissue is None:
+        return tissue.fixed_sites(sites)
+    placed = tissue.build_sites(body, sites)
+    given = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps_of(scenario.tissue, body)
+    if scenario.tissue.inertia and scenario.solve.kind == "dynamic":
+        return tissue.DynamicOrgan(*given, rayleigh=scenario.tissue.rayleigh)
+    return tissue.QuasiStaticOrgan(*given)
+
+
+def gaps_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Gaps | None:
+    """The gaps between a wound's lips, None where they may cross."""
+    if not table.contact or not isinstance(table.mesh, model.WoundMesh):
+        return None
+    wound = wound_of(table.mesh)
+    pairs = lips(body.mesh, wound)
+    return tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.across])

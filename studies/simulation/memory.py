@@ -1,0 +1,49 @@
+"""What a run keeps in mind at a checkpoint, and the run that goes on from it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import tissue
+from coupling.configuration import configuration_of
+from coupling.run import Run
+from coupling.system import System
+from studies.arrays import Array
+from studies.output.checkpoint import CHECKPOINT, Arrays, pack, unpack
+from studies.scenario import ScenarioError
+from thread.spline import Spline
+
+OrganRun = Run[tissue.OrganState]
+
+
+def on_knots(system: System, knots: Array) -> System:
+    """The system with its thread on other knots."""
+    return replace(system, thread=replace(system.thread, spline=Spline(knots)))
+
+
+def memory_of(now: OrganRun) -> Arrays:
+    """All that the steps after this one depend on, as arrays by name."""
+    own = {"step": np.array(now.number), "s_begun": now.s_begun, "knots": now.system.thread.spline.knots}
+    return own | pack(now.state, "state") | pack(now.energies, "energies")
+
+
+def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
+    """Where a run was, from what it kept in mind; `beginning` shows how that is built. Raises `ScenarioError`."""
+    try:
+        system, number = on_knots(beginning.system, memory["knots"]), int(memory["step"])
+        state = unpack(beginning.state, memory, "state", beginning.state)
+        energies, s_begun = unpack(beginning.energies, memory, "energies"), memory["s_begun"]
+    except (KeyError, TypeError) as error:
+        raise ScenarioError(
+            f"{CHECKPOINT} is of another version of this code ({error}); run without --resume to begin anew"
+        ) from None
+    return replace(
+        beginning,
+        system=system,
+        state=state,
+        energies=energies,
+        s_begun=s_begun,
+        configuration=configuration_of(system, state),
+        number=number,
+        fresh=number == 0,
+    )

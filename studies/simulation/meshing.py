@@ -1,0 +1,295 @@
+"""The organ's mesh of a scenario: made or read, with its boundaries and regions, after what can be refused beforehand
+has been.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import psutil
+import skfem
+from numpy.typing import NDArray
+
+import tissue
+from meshes.block import NO_PLANES, Planes, extent, graded_block_gmsh, graded_block_structured, structured_tets
+from meshes.budget import budget, expected_tets
+from meshes.checks import parts
+from meshes.cylinder import cylinder, tube
+from meshes.facets import sharp_edges
+from meshes.file import read
+from meshes.grading import Grading
+from meshes.skin import fill, read_surface
+from meshes.units import metres_per_unit
+from meshes.wound import Wound, wounded_block_gmsh, wounded_block_structured
+from studies import scenario as model
+from studies.arrays import Array
+from studies.scenario import Scenario, ScenarioError
+from studies.scenario.organ import check_clamp
+from studies.scenario.refusal import dotted_key, refusal
+
+Cells = NDArray[np.integer]
+
+GIGA = 1e9
+SHARP = 45.0  # degrees between facets beyond which their common edge is one of the organ, not of the mesh
+ON_EDGE = 1e-9  # over the organ's diagonal: a hole this near an edge is on it
+
+
+@dataclass(frozen=True)
+class Body:
+    """What is known of a generated mesh's shape beforehand: volume [m³], where it is, and the nearest points in it."""
+
+    volume: float
+    inside: Callable[[Array], NDArray[np.bool_]]
+    nearest: Callable[[Array], Array]
+
+
+def organ_mesh(scenario: Scenario) -> skfem.MeshTet:
+    """The mesh with the boundaries and regions that the scenario adds.
+
+    Raises `ScenarioError` or `MeshError` for one that cannot be made or used.
+    """
+    table = scenario.tissue
+    if table is None:
+        raise ScenarioError("tissue is missing: without an organ there is no mesh; add [tissue] and [tissue.mesh]")
+    mesh = with_boxes(mesh_of(table, scenario.piercing), table.boundary)
+    for key, names in (("clamp", table.clamp), ("roller", table.roller)):
+        check_clamp(names, sorted(mesh.boundaries or {}), key)
+    check_held(mesh, table.clamp, table.roller)
+    check_smooth(mesh, scenario.piercing)
+    return with_regions(mesh, table.region)
+
+
+def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> skfem.MeshTet:
+    """The mesh as its maker gives it, graded towards the holes where a size is given for them."""
+    shape, planes = table.mesh, planes_of(table)
+    if isinstance(shape, model.FileMesh):
+        return _from_file(table, shape, holes)
+    body = body_of(shape)
+    grading, sites = grading_of(shape, holes), body.nearest(places(holes))
+    check_memory(table, grading, sites, body, planes)
+    match shape:
+        case model.CylinderMesh():
+            return cylinder(shape.radius, shape.length, grading, sites)
+        case model.TubeMesh():
+            return tube(shape.radius, shape.wall, shape.length, grading, sites)
+        case model.WoundMesh():
+            check_clear(shape, holes)
+            wounded = wounded_block_structured if shape.generator == "structured" else wounded_block_gmsh
+            return wounded(shape.size, wound_of(shape), grading, sites, planes)
+    graded = graded_block_structured if shape.generator == "structured" else graded_block_gmsh
+    return graded(shape.size, grading, sites, planes)
+
+
+def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model.Piercing]) -> skfem.MeshTet:
+    """The tetrahedra of a file, or a closed surface filled."""
+    unit = metres_per_unit(shape.unit)
+    if not shape.is_surface:
+        mesh = read(shape.path, unit)
+        if problem := too_large(mesh.nelements, table.element):
+            raise ScenarioError(refusal("tissue.mesh.path", shape.path, f"it holds {problem}; take a coarser mesh"))
+        return mesh
+    skin = read_surface(shape.path, unit)
+    body = _box(skin.points.min(axis=0), skin.points.max(axis=0), skin.volume)
+    grading, sites = grading_of(shape, holes), body.nearest(places(holes))
+    check_memory(table, grading, sites, body, NO_PLANES)
+    return fill(skin, grading, sites)
+
+
+def places(holes: Sequence[model.Piercing]) -> Array:
+    """Where the holes are, shape `(p, 3)` [m]."""
+    return np.reshape([hole.at for hole in holes], (-1, 3)).astype(float)
+
+
+def grading_of(shape: model.Mesh, holes: Sequence[model.Piercing]) -> Grading:
+    """Sizes of a generated mesh, `h_site` as far as the widest footprint."""
+    assert shape.h is not None
+    radius = max((hole.footprint for hole in holes), default=0.0)
+    return Grading(shape.h, shape.h_site or shape.h, shape.growth, radius)
+
+
+def wound_of(shape: model.WoundMesh) -> Wound:
+    """The cut in the block."""
+    return Wound(shape.length, shape.depth, shape.width, shape.along)
+
+
+def planes_of(table: model.Tissue) -> Planes:
+    """Coordinates of the regions' borders, by axis [m]."""
+    corners = [np.array(region.box) for region in table.region if region.box is not None]
+    layers = [-z for region in table.region if region.depth is not None for z in region.depth]
+    x, y, z = ([float(box[end, axis]) for box in corners for end in (0, 1)] for axis in range(3))
+    return x, y, z + layers
+
+
+def body_of(shape: model.BlockMesh | model.WoundMesh | model.CylinderMesh | model.TubeMesh) -> Body:
+    """What is known of the shape of a mesh that is to be made."""
+    match shape:
+        case model.CylinderMesh():
+            return _round(0.0, shape.radius, shape.length)
+        case model.TubeMesh():
+            return _round(shape.radius - shape.wall, shape.radius, shape.length)
+    return _box(*extent(shape.size), float(np.prod(shape.size)))
+
+
+def _box(lower: Array, upper: Array, volume: float) -> Body:
+    return Body(
+        volume,
+        lambda points: np.asarray(((points >= lower) & (points <= upper)).all(axis=1)),
+        lambda points: np.clip(points, lower, upper),
+    )
+
+
+def _round(inner: float, radius: float, length: float) -> Body:
+    def inside(points: Array) -> NDArray[np.bool_]:
+        across = np.hypot(points[:, 1], points[:, 2])
+        return np.asarray((across >= inner) & (across <= radius) & (np.abs(points[:, 0]) <= length / 2))
+
+    def nearest(points: Array) -> Array:
+        across = np.hypot(points[:, 1], points[:, 2])
+        share = np.clip(across, inner, radius) / np.where(across > 0, across, 1.0)
+        x = np.clip(points[:, 0], -length / 2, length / 2)
+        return np.column_stack([x, share * points[:, 1], share * points[:, 2]])
+
+    return Body(np.pi * (radius**2 - inner**2) * length, inside, nearest)
+
+
+def check_memory(table: model.Tissue, grading: Grading, sites: Array, body: Body, planes: Planes) -> None:
+    """Refuse a mesh whose organ would need more memory than there is, before it is made."""
+    shape = table.mesh
+    if isinstance(shape, model.BlockMesh | model.WoundMesh) and shape.generator == "structured":
+        tets = float(structured_tets(shape.size, grading, sites, planes))
+    else:
+        tets = expected_tets(body.volume, grading, sites, body.inside)
+    if problem := too_large(tets, table.element):
+        key = "h" if grading.h_site == grading.h else "h_site"
+        reason = f"with h = {grading.h:g} m it makes {problem}; take larger elements"
+        raise ScenarioError(refusal(f"tissue.mesh.{key}", getattr(grading, key), reason))
+
+
+def too_large(tets: float, element: str) -> str | None:
+    """What so many tetrahedra need, where that is more memory than there is."""
+    need, there = budget(tets, element), psutil.virtual_memory().available
+    if need.memory <= there:
+        return None
+    return (
+        f"about {need.tets:.1e} tetrahedra and {need.unknowns:.1e} unknowns ({element}), which need about "
+        f"{need.memory / GIGA:.3g} GB of memory where {there / GIGA:.3g} GB are available"
+    )
+
+
+def check_clear(shape: model.WoundMesh, holes: Sequence[model.Piercing]) -> None:
+    """Refuse a footprint that reaches across a closed slit, where both lips lie at one place."""
+    for hole in holes if shape.shape == "slit" else ():
+        x, y, z = hole.at
+        across, along = (x, y) if shape.along == "y" else (y, x)
+        beside, below = max(abs(along) - shape.length / 2, 0.0), max(-z - shape.depth, 0.0)
+        away = float(np.linalg.norm([across, beside, below]))
+        if away <= hole.footprint:
+            reason = (
+                f"it is {away:.3g} m from the wound and its footprint reaches {hole.footprint:.3g} m, across the slit; "
+                "move it away or take a smaller footprint"
+            )
+            raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "at"]), hole.at, reason))
+
+
+def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] = ()) -> None:
+    """Refuse a body cut in several of which one is held by no clamp, and not by rollers all round either."""
+    part = parts(mesh.p.T, mesh.t.T)
+    if part.max() == 0:
+        return
+    held = tissue.held_components(mesh, clamp, roller)
+    nodes = [np.unique(mesh.t[:, part == k]) for k in range(part.max() + 1)]
+    loose = [k for k, those in enumerate(nodes) if not tissue.holds_still(mesh.p.T[those], held[those])]
+    if loose:
+        centre = np.round(mesh.p[:, mesh.t[:, part == loose[0]]].mean(axis=(1, 2)), 4) + 0.0  # no −0.0
+        reason = (
+            f"the wound cuts the organ in {part.max() + 1}, and the part about {centre.tolist()} m is "
+            'held by nothing; clamp a boundary that both have, for example ["bottom"], or cut less'
+        )
+        raise ScenarioError(refusal("tissue.clamp", list(clamp), reason))
+
+
+def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
+    """Refuse a footprint that reaches a sharp edge of the organ."""
+    p, q = np.moveaxis(sharp_edges(mesh, SHARP), 1, 0)
+    along, slack = q - p, ON_EDGE * float(np.linalg.norm(np.ptp(mesh.p, axis=1)))
+    for hole in holes if len(p) else ():
+        t = np.clip(np.sum((hole.at - p) * along, axis=1) / np.sum(along * along, axis=1), 0.0, 1.0)
+        away = float(np.linalg.norm(p + t[:, None] * along - hole.at, axis=1).min())
+        if away <= hole.footprint * (1 - ON_EDGE) + slack:
+            reason = (
+                f"a sharp edge of the organ is {away:.3g} m from it, within its footprint of {hole.footprint:.3g} m; "
+                "move it away or take a smaller footprint"
+            )
+            raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "at"]), hole.at, reason))
+
+
+def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.MeshTet:
+    """The mesh with the boundaries that the scenario adds: surface facets whose centre lies in a box."""
+    named = dict(mesh.boundaries or {})
+    surface = mesh.boundary_facets()
+    centres = mesh.p[:, mesh.facets[:, surface]].mean(axis=1)
+    for box in boxes:
+        key = ["tissue", "boundary", box.name]
+        if box.name in named:
+            raise ScenarioError(refusal(dotted_key(key), box.name, "the mesh has one of that name; rename it"))
+        named[box.name] = surface[is_inside(centres, np.array(box.box))]
+        if named[box.name].size == 0:
+            raise _nothing_in(mesh, dotted_key([*key, "box"]), box.box, "surface facet")
+    return mesh.with_boundaries(named)
+
+
+def with_regions(mesh: skfem.MeshTet, regions: Sequence[model.Region]) -> skfem.MeshTet:
+    """The mesh with the regions of the scenario as subdomains."""
+    return mesh.with_subdomains(dict(mesh.subdomains or {}) | {r.name: region_cells(mesh, r) for r in regions})
+
+
+def region_cells(mesh: skfem.MeshTet, region: model.Region) -> Cells:
+    """Cells of a region: those named in the mesh file, or whose centre lies in its box or layer."""
+    key = ["tissue", "region", region.name]
+    centres = mesh.p[:, mesh.t].mean(axis=1)
+    place: object
+    if region.box is not None:
+        key, place = [*key, "box"], region.box
+        cells = np.flatnonzero(is_inside(centres, np.array(region.box)))
+    elif region.depth is not None:
+        key, place = [*key, "depth"], region.depth
+        cells = np.flatnonzero((-centres[2] > region.depth[0]) & (-centres[2] < region.depth[1]))
+    else:
+        return _named_cells(mesh, region.name)
+    if not cells.size:
+        raise _nothing_in(mesh, dotted_key(key), place, "cell")
+    return cells
+
+
+def _named_cells(mesh: skfem.MeshTet, name: str) -> Cells:
+    there = dict(mesh.subdomains or {})
+    if name not in there:
+        known = ", ".join(sorted(there)) or "none"
+        reason = f"the mesh file has no region of that name; its regions are {known}; correct it, or give a box"
+        raise ScenarioError(refusal(dotted_key(["tissue", "region", name, "name"]), name, reason))
+    return np.asarray(there[name])
+
+
+def _nothing_in(mesh: skfem.MeshTet, key: str, value: object, what: str) -> ScenarioError:
+    low, high = (np.round(x, 6).tolist() for x in (mesh.p.min(axis=1), mesh.p.max(axis=1)))
+    return ScenarioError(refusal(key, value, f"no {what} has its centre in it; the organ spans {low} to {high} m"))
+
+
+def is_inside(points: Array, corners: Array) -> NDArray[np.bool_]:
+    """Which columns of `points` (3, k) lie in the box of two corners (2, 3)."""
+    low, high = corners.min(axis=0)[:, None], corners.max(axis=0)[:, None]
+    return np.asarray(np.all((points >= low) & (points <= high), axis=0))
+
+
+def material_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Material:
+    """The organ's material: numbers, or one per cell where regions have their own."""
+    values = (table.youngs_modulus, table.poisson_ratio, table.density)
+    if not table.region:
+        return tissue.Material(*values)
+    E, nu, rho = (np.full(mesh.nelements, value) for value in values)
+    for region in table.region:
+        cells = mesh.subdomains[region.name]
+        for field, own in ((E, region.youngs_modulus), (nu, region.poisson_ratio), (rho, region.density)):
+            if own is not None:
+                field[cells] = own
+    return tissue.Material(E, nu, rho)

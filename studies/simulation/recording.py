@@ -1,0 +1,111 @@
+"""What is recorded of a step, and what is drawn of a state."""
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from coupling.adaptivity import span_ratio
+from coupling.contact import ContactObservation, observe_contact
+from coupling.observation import largest_gap, largest_residual, observe
+from coupling.system import State, System
+from studies.arrays import Array
+from studies.output.records import ContactRecord, StepRecord, ThreadRecord
+from studies.simulation.memory import OrganRun, memory_of
+from thread.spline import Spline
+
+SAMPLES = 6  # points drawn on each span of the thread
+
+
+def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
+    """What is written of a step."""
+    system, state = now.system, now.state
+    ends = [(step.solution.problem.system, step.new, step.end.at) for step in now.taken]
+    ends = ends or [(system, state, now.configuration.at)]
+    return StepRecord(
+        time=state.time,
+        step=now.number,
+        piercings=observe(system, now.first, state, now.configuration),
+        energy=now.energies,
+        newton_iterations=now.iterations,
+        constraint_max=max(largest_gap(*end) for end in ends),
+        constraint_residual=max(largest_residual(*end) for end in ends),
+        start_reaction=state.reaction[0, :3],
+        end_reaction=state.reaction[1, :3],
+        torques=end_torques(state) if system.thread.twist else None,
+        max_strain=float(np.max(np.sqrt(1.0 + 2.0 * now.configuration.points.strain) - 1.0)),
+        spans=partial(span_ratio, system, state),
+        seconds=seconds,
+        events=now.events,
+        contact=contact_record(system, state),
+        kept=partial(memory_of, now),
+    )
+
+
+def pressures(system: System, lips: ContactObservation) -> Array:
+    """Pressure at the pairs of the lips, shape `(k,)` [Pa]."""
+    organ: Any = system.organ
+    return np.asarray(organ.gaps.pressure(lips.force))
+
+
+def contact_record(system: System, state: State) -> ContactRecord | None:
+    """The lips of a state, None where they may cross."""
+    lips = observe_contact(system, state)
+    if lips is None:
+        return None
+    return ContactRecord(
+        pairs=len(lips.gap),
+        pressed=lips.pressed,
+        smallest_gap=float(lips.gap.min()),
+        largest_pressure=float(pressures(system, lips).max()),
+        force=float(lips.force.sum()),
+        complementarity=lips.complementarity,
+    )
+
+
+def lip_fields(system: System, state: State, nodes: int) -> tuple[Array, Array] | tuple[None, None]:
+    """Pressure and gap of the lips at all nodes of the organ, `(nodes,)` each [Pa, m]."""
+    lips = observe_contact(system, state)
+    if lips is None:
+        return None, None
+    organ: Any = system.organ
+    pressure, gap = np.zeros(nodes), np.full(nodes, np.nan)
+    for side in organ.gaps.nodes.T:
+        pressure[side], gap[side] = pressures(system, lips), lips.gap
+    return pressure, gap
+
+
+def end_torques(state: State) -> tuple[float, float]:
+    """Torque of the holders of start and end about the thread's tangent [N m]."""
+    start, end = state.reaction[:, 3]
+    return float(start), float(end)
+
+
+def thread_record(system: System, state: State) -> ThreadRecord:
+    """The thread sampled evenly on each span; tension is interpolated between the Gauss points, where it is best."""
+    thread, spline = system.thread, system.thread.spline
+    breaks, ends = spline.breaks, np.searchsorted(spline.breaks, spline.piece_ends)
+    inner = np.arange(SAMPLES) / SAMPLES
+    inside = (breaks[:-1, None] + np.diff(breaks)[:, None] * inner).ravel()
+    s = np.insert(inside, SAMPLES * ends[1:], spline.piece_ends[1:])
+    pieces = tuple((SAMPLES * np.diff(ends) + 1).tolist())
+    home = np.repeat(spline.piece_ends[:-1], pieces)
+    P, T, K, _ = spline.curve(state.q[:, :3], s, home).swapaxes(0, 1)
+    speed = np.linalg.norm(T, axis=1)
+    strain = thread.points(state.q, state.frame).strain.ravel()
+    tension = thread.EA * strain * np.sqrt(1.0 + 2.0 * strain)
+    return ThreadRecord(
+        points=P,
+        s=s,
+        tension=interpolate_piecewise(spline, s, home, thread.axial.s.ravel(), tension),
+        curvature=np.linalg.norm(np.cross(T, K), axis=1) / speed**3,
+        radius=0.5 * thread.section.diameter,
+        pieces=pieces if spline.cuts.size else (),
+        torque=None if state.frame is None else thread.torque_at(s, state.q, state.frame),
+    )
+
+
+def interpolate_piecewise(spline: Spline, s: Array, home: Array, at: Array, values: Array) -> Array:
+    """Values known at abscissae `at`, interpolated at `s` within the piece of the thread that holds `home`."""
+    piece, own = spline.piece_of(home), spline.piece_of(at)
+    return np.concatenate([np.interp(s[piece == k], at[own == k], values[own == k]) for k in range(spline.pieces)])

@@ -1,0 +1,155 @@
+"""A run: the steps of a scenario one after the other, each with what is recorded of it."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property, partial
+from math import ceil
+from time import perf_counter
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+import tissue
+from coupling import stepping
+from coupling.diagnosis import faults
+from coupling.errors import StepError
+from coupling.observation import observe
+from coupling.paper.linear_step import linear_step, linear_two_pass
+from coupling.paper.staggered import backward_euler, stagger
+from coupling.paper.two_pass import two_pass
+from coupling.run import begin
+from coupling.stepping import Take, try_step
+from coupling.system import State
+from studies.output.checkpoint import Arrays
+from studies.output.records import OrganRecord, OrganTopology, Snapshot, StepRecord
+from studies.scenario import Scenario, ScenarioError, Solve
+from studies.simulation.assembly import Assembly, assemble
+from studies.simulation.memory import OrganRun, recall
+from studies.simulation.recording import lip_fields, step_record, thread_record
+
+WHOLE = 1e-9  # of a step: a duration this near a whole number of steps is one
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A scenario ready to run, with the consistent start."""
+
+    assembly: Assembly
+    start: State
+
+    @property
+    def scenario(self) -> Scenario:
+        """As run: with the defaults that the geometry tells."""
+        return self.assembly.scenario
+
+    @cached_property
+    def topology(self) -> OrganTopology | None:
+        """The organ's mesh, None without an organ."""
+        body = self.assembly.body
+        return None if body is None else OrganTopology(body.points, body.cells)
+
+    @property
+    def tissue_dofs(self) -> int:
+        """Unknowns of the organ that are not held."""
+        return self.assembly.organ.size
+
+    @property
+    def subgrid(self) -> dict[str, dict[str, Any]]:
+        """By piercing, what the organ's mesh is too coarse for (`tissue.sites.subgrid.Missing`), where that is
+        added.
+        """
+        sites: tissue.Sites | None = getattr(self.assembly.organ, "sites", None)
+        named = zip(self.scenario.piercing, sites.missing if sites else (), strict=False)
+        return {hole.name: gap.record() for hole, gap in named if gap is not None}
+
+    @property
+    def steps(self) -> int:
+        """Steps to be taken."""
+        solve = self.scenario.solve
+        return solve.load_steps if solve.kind == "static" else ceil(solve.duration / solve.dt - WHOLE)
+
+    @cached_property
+    def recovery(self) -> tissue.StressRecovery | None:
+        """Stress from displacement, None without an organ."""
+        return None if self.assembly.body is None else tissue.stress_recovery(self.assembly.body)
+
+    def advance(self, memory: Arrays | None = None) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
+        """The start, then every step, each with a function that makes its frame.
+
+        With the `memory` of a step's record: that step again, then those after it. Raises `ScenarioError` for a memory
+        that is none of this simulation.
+        """
+        return self._from(self.beginning() if memory is None else recall(self.beginning(), memory))
+
+    def _from(self, now: OrganRun) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
+        """One BLAS thread while stepping: two of them on busy cores cost more than they bring."""
+        with threadpool_limits(limits=1, user_api="blas"):
+            yield step_record(now), partial(self.snapshot, now)
+            while now.number < self.steps:
+                began = perf_counter()
+                now = self.next(now)
+                yield step_record(now, perf_counter() - began), partial(self.snapshot, now)
+
+    def beginning(self) -> OrganRun:
+        """The run before the first step."""
+        made = self.assembly
+        return begin(made.system, self.start, method(self.scenario.solve), made.resolution, made.begin_abscissae)
+
+    def next(self, now: OrganRun) -> OrganRun:
+        """The run one step, or load step, further."""
+        solve, number = self.scenario.solve, now.number + 1
+        if solve.kind == "static":
+            return now.load(number / self.steps, solve.duration)
+        last = number == self.steps
+        dt = solve.duration - (number - 1) * solve.dt if last else solve.dt
+        whole = abs(dt - solve.dt) < WHOLE * solve.dt
+        return now.step(solve.dt if whole else dt, solve.duration if last else number * solve.dt)
+
+    def snapshot(self, now: OrganRun) -> Snapshot:
+        """What is drawn of a state."""
+        system, state = now.system, now.state
+        piercings = observe(system, now.first, state, now.configuration)
+        return Snapshot(state.time, thread_record(system, state), piercings, self.organ_record(state))
+
+    def organ_record(self, state: State) -> OrganRecord | None:
+        """Displacement and stress of the organ, None without one."""
+        body, organ = self.assembly.body, self.assembly.organ
+        if body is None or self.recovery is None:
+            return None
+        U = organ.displacement(state.organ)
+        stress = self.recovery.stress(U)
+        lips = lip_fields(self.assembly.system, state, len(body.points))
+        return OrganRecord(body.nodal(U), stress, tissue.von_mises(stress), *lips)
+
+
+def method(solve: Solve) -> Take:
+    """How a step is taken: by which integrator, and with the organ in the same system or after the thread."""
+    ways = {"euler": (try_step, backward_euler), "bdf2": (stepping.bdf2_step, stepping.scheme_of)}
+    thread_step, scheme_of = ways[solve.integrator]
+    if solve.friction == "two-pass":
+        thread_step = two_pass
+    if solve.scheme == "linear":
+        thread_step = linear_two_pass if solve.friction == "two-pass" else linear_step
+    return stagger(thread_step, scheme_of) if solve.coupling == "staggered" else thread_step
+
+
+def prepare(scenario: Scenario) -> Simulation:
+    """Everything before the first step. Raises the errors of input that cannot be run."""
+    assembly = assemble(scenario)
+    with threadpool_limits(limits=1, user_api="blas"):
+        return Simulation(assembly, sound_start(assembly))
+
+
+def sound_start(assembly: Assembly) -> State:
+    """The consistent start. Raises `ScenarioError` where there is none, or the constraints cannot be met."""
+    try:
+        state = assembly.start()
+    except StepError as error:
+        raise ScenarioError(
+            f"thread.path is refused: the thread cannot be laid along it through its piercings ({error.cause}); "
+            "let the path pass nearer to them and bend less"
+        ) from error
+    problems = faults(assembly.system, state)
+    if problems:
+        raise ScenarioError(problems)
+    return state

@@ -1,0 +1,104 @@
+"""Two holes of an elastic half-space: how far tensions move them, and the stress around them, in closed form.
+
+A hole on the surface is a disc, one below it a ball, each with the parabolic weight of a footprint. Between two holes
+both are points, which leaves out (a/w)² of what one does to the other: Mindlin's solution (J. Appl. Phys. 7 (1936)
+195), which is Kelvin's far from the surface and Cerruti's and Boussinesq's on it. The surface is z = 0, z points out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from studies.arrays import Array
+from tissue.sites import footprint, unbounded
+
+WEIGHT = "parabolic"
+STEP = 1e-4  # of a footprint, over which displacements are differenced
+
+
+@dataclass(frozen=True)
+class TwoHoles:
+    """Holes at (∓`bite`/2, 0, −`depth`) [m] of radius `footprint` [m], the first the entry, in a half-space of E [Pa]
+    and ν."""
+
+    bite: float
+    depth: float
+    footprint: float
+    youngs_modulus: float
+    poisson_ratio: float
+
+    @property
+    def places(self) -> Array:
+        """Entry and exit, shape `(2, 3)` [m]."""
+        return np.array([[-0.5 * self.bite, 0.0, -self.depth], [0.5 * self.bite, 0.0, -self.depth]])
+
+    @property
+    def compliance(self) -> Array:
+        """Of (x, z) of the entry, then of the exit, shape `(4, 4)` [m/N]."""
+        E, nu, a = self.youngs_modulus, self.poisson_ratio, self.footprint
+        if self.depth > 0.0:
+            own = (
+                unbounded.ball_compliance(WEIGHT, nu)[0, 0] * np.eye(2) / (E * a) + image_term(0.0, self.depth, nu) / E
+            )
+        else:
+            own = unbounded.disc_compliance(WEIGHT, nu)[np.ix_([0, 2], [0, 2])] / (E * a)
+        other = (direct_term(self.bite, nu) + image_term(self.bite, self.depth, nu)) / E
+        return np.block([[own, other.T], [other, own]])
+
+    def displacements(self, held: float, between: float, pulled: float) -> Array:
+        """(x, z) of entry and exit, shape `(2, 2)` [m], where the thread pulls by these tensions [N]: up at the entry,
+        along the bite between the holes, up at the exit."""
+        return np.reshape(self.compliance @ [between, held, -between, pulled], (2, 2))
+
+    def stress(self, points: Array, forces: Array, holes: Sequence[int] = (0, 1)) -> Array:
+        """Stress `(k, 3, 3)` [Pa] at points `(k, 3)` [m] by `forces` `(2, 3)` [N] on holes on the surface: the
+        displacements of Cerruti and Boussinesq over the disc, differenced."""
+        disc, slope = footprint.disc(WEIGHT), np.zeros((len(points), 3, 3))
+        for hole in holes:
+            offset = (points - self.places[hole])[:, None] / self.footprint - disc.points
+            for j, sign in np.ndindex(3, 2):
+                shift = (1.0 - 2.0 * sign) * STEP
+                field = unbounded.surface_force(offset + shift * np.eye(3)[j], self.poisson_ratio) @ forces[hole]
+                slope[:, :, j] += np.einsum("q,kqi->ki", disc.weights, field) / (2.0 * shift)
+        return hooke(slope / self.footprint**2, self.poisson_ratio)
+
+    def mean_stress(self, hole: int, forces: Array) -> Array:
+        """Stress averaged over the half ball below a hole on the surface, shape `(3, 3)` [Pa]: the hole's own from the
+        Fourier transform, the other's as at its centre."""
+        own = unbounded.half_ball_compliance(WEIGHT, self.poisson_ratio)[3:, :3] @ forces[hole]
+        points, weights = half_ball()
+        centre = self.places[hole] + self.footprint * (weights @ points)
+        mine = hooke(own.reshape(1, 3, 3) / self.footprint**2, self.poisson_ratio)[0]
+        return np.asarray(mine + self.stress(centre[None], forces, holes=[1 - hole])[0])
+
+
+def half_ball() -> tuple[Array, Array]:
+    """Points of the unit half ball z < 0, `(k, 3)`, and their weights, which sum to one."""
+    ball = footprint.ball(WEIGHT)
+    below = ball.points[:, 2] < 0.0
+    return ball.points[below], 2.0 * ball.weights[below]
+
+
+def hooke(slope: Array, nu: float) -> Array:
+    """Stress over E for displacement gradients `(k, 3, 3)`."""
+    strain = 0.5 * (slope + np.swapaxes(slope, 1, 2))
+    trace = np.trace(strain, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    return np.asarray((strain + nu / (1.0 - 2.0 * nu) * trace) / (1.0 + nu))
+
+
+def direct_term(distance: float, nu: float) -> Array:
+    """Displacement (x, z) at a distance [m] along x by unit forces along x and z in full space, E = 1: Kelvin's."""
+    whole: Array = unbounded.kelvin(np.array([distance, 0.0, 0.0]), nu)
+    return whole[np.ix_([0, 2], [0, 2])]
+
+
+def image_term(distance: float, depth: float, nu: float) -> Array:
+    """What the surface adds to that where both points lie at one depth [m], shape `(2, 2)`, E = 1: Mindlin's."""
+    x, c, R = distance, depth, float(np.hypot(distance, 2.0 * depth))
+    k, free = 3.0 - 4.0 * nu, 4.0 * (1.0 - nu) * (1.0 - 2.0 * nu)
+    along = 1.0 / R + k * x**2 / R**3 + 2.0 * c**2 / R**3 * (1.0 - 3.0 * x**2 / R**2)
+    along += free / (R + 2.0 * c) * (1.0 - x**2 / (R * (R + 2.0 * c)))
+    normal = (8.0 * (1.0 - nu) ** 2 - k) / R + (4.0 * k - 2.0) * c**2 / R**3 + 24.0 * c**4 / R**5
+    across = x * (free / (R * (R + 2.0 * c)) - 12.0 * c**3 / R**5)
+    return (1.0 + nu) / (8.0 * np.pi * (1.0 - nu)) * np.array([[along, across], [-across, normal]])

@@ -1,0 +1,181 @@
+"""What numbers support: whether one converges under refinement, and whether a run stays within its theory.
+
+Under refinement: observed order, Richardson's limit, grid-convergence index, verdict. Everywhere `h` is what is refined
+(cell, span, step …), finest first, and `f` the number measured with it. Celik, Ghia, Roache, Freitas, Coleman, Raad:
+Procedure for estimation and reporting of uncertainty due to discretization, J. Fluids Eng. 130 (2008) 078001; Roache:
+Verification and validation in computational science and engineering (1998); Eça, Hoekstra: A procedure for the
+estimation of the numerical uncertainty of CFD calculations, J. Comput. Phys. 262 (2014) 104.
+
+Of a run: linear range, cells and spans fine enough, a run that came to rest; and the remark if not.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+SAFETY, UNSURE = 1.25, 3.0  # Roache's factors: three grids that agree with the theory, and anything less
+STEEPEST = 12.0  # orders that are looked for
+BEYOND = 0.5  # of an order above that of theory: the grids are not in the asymptotic range
+SLOWEST = 0.5  # an order below which the limit is not trusted
+CONVERGED = 0.05  # index above which no number is called converged
+UNRESOLVED = 3e-3  # of the number: how a mesh happens to cut the rim of a hole changes it by as much, at no order
+FLAT = 0.05  # an order this near zero is none: a logarithm
+STILL = 1e-9  # of the number: changes by as little are round-off
+
+LINEAR = 0.3  # footprints that a hole may move by, or strain in the tissue that bears a thread: both of its size
+RESOLVED = 0.5  # spans at a hole over √(EI/T): beyond, forces along the thread are off by several per cent
+SETTLED = 1e-4  # kinetic over elastic energy: what still swings is below 1 % of what is deformed, as (v/ω)² is to u²
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`kind` is "converged", "unresolved", "pre-asymptotic" or "diverging"; observed `order`, NaN where the number
+    swings; Richardson's `limit`, NaN where there is none; `index`, half the width of the interval about the finest
+    number, over that number."""
+
+    kind: str
+    order: float
+    limit: float
+    index: float
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        if self.kind == "diverging":
+            return f"DIVERGING, order {self.order:.2f}" if self.order < -FLAT else "DIVERGING like a logarithm"
+        if self.kind == "converged":
+            return f"converged to {100 * self.index:.2g} %" + ", order not resolved" * bool(np.isnan(self.limit))
+        if self.kind == "unresolved":
+            return f"changes by less than {100 * UNRESOLVED:g} %, order not resolved"
+        return "pre-asymptotic"
+
+
+def observed_order(h: Sequence[float], f: Sequence[float]) -> float:
+    """p of f = f₀ + C hᵖ through three numbers: (f₃ − f₂)/(f₂ − f₁) = (h₃ᵖ − h₂ᵖ)/(h₂ᵖ − h₁ᵖ), which grows with p.
+
+    That is Celik's equation for any ratio of the grids, with its sign: p ≤ 0 where the changes do not fall. NaN where
+    the number swings, or does not change.
+    """
+    (h1, h2, h3), (f1, f2, f3) = h, f
+    if (f3 - f2) * (f2 - f1) <= 0.0:
+        return float("nan")
+
+    def excess(p: float) -> float:
+        return float(np.log((f3 - f2) / (f2 - f1)) - np.log(growth(h3 / h2, p) / growth(h1 / h2, p) * -1.0))
+
+    low, high = excess(-STEEPEST), excess(STEEPEST)
+    if low <= 0.0 or high >= 0.0:
+        return -STEEPEST if low <= 0.0 else STEEPEST
+    return float(brentq(excess, -STEEPEST, STEEPEST))
+
+
+def growth(ratio: float, p: float) -> float:
+    """(rᵖ − 1)/p, log r at p = 0."""
+    return float(np.expm1(p * np.log(ratio)) / p) if p else float(np.log(ratio))
+
+
+def richardson(h: Sequence[float], f: Sequence[float], p: float) -> float:
+    """The limit f₀ of f = f₀ + C hᵖ through the two finest numbers."""
+    return float(f[0] + (f[0] - f[1]) / ((h[1] / h[0]) ** p - 1.0))
+
+
+def convergence_index(h: Sequence[float], f: Sequence[float], p: float, safety: float = SAFETY) -> float:
+    """Grid-convergence index of the finest number, `safety` · |f₁ − f₂|/|f₁|/(rᵖ − 1)."""
+    return float(safety * abs(f[0] - richardson(h, f, p)) / abs(f[0]))
+
+
+def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
+    """What three or more numbers say, the three finest of them; `formal` is the order of theory.
+
+    An order above the formal one is luck, since the two finest numbers may be near one another where the error turns:
+    the formal one is taken with the larger factor, and no less than the range of the three (Eça & Hoekstra 2014). A
+    number that swings less and less has thrice the largest change for its interval. Changes that do not fall as they
+    should are a matter of the meshes where all are below `UNRESOLVED`, which is not called convergence, since a slow
+    divergence would look the same. Other changes that grow to one side diverge, unless a coarser number lay on the
+    other. Of a finest number that is zero or not finite nothing is said.
+    """
+    whole = dict(sorted(zip(h, f, strict=True)))
+    if len(whole) < 3:
+        raise ValueError(f"a verdict needs three different refinements, got {len(whole)}; run more")
+    h, f = list(whole)[:3], list(whole.values())[:3]
+    steady = abs(np.sign(np.diff(list(whole.values()))).sum()) == len(whole) - 1
+    if not np.all(np.isfinite(f)) or (np.any(f) and f[0] == 0.0):
+        return Verdict("pre-asymptotic", float("nan"), float("nan"), float("inf"))
+    change = float(np.ptp(f) / np.max(np.abs(f))) if np.any(f) else 0.0
+    if change <= STILL:
+        return Verdict("converged", float("nan"), float(f[0]), change)
+    p = observed_order(h, f)
+    swung = UNSURE * float(np.ptp(f) / abs(f[0]))
+    kind = kind_without_order(p, f, change, swung, steady)
+    if kind == "diverging":
+        return Verdict(kind, p, float("nan"), float("inf"))
+    if kind:
+        return Verdict(kind, p, float("nan"), swung)
+    sure = p <= formal + BEYOND
+    used = p if sure else formal
+    index = convergence_index(h, f, used, SAFETY if sure else UNSURE)
+    index = index if sure else max(index, SAFETY * swung / UNSURE)
+    kind = "converged" if index <= CONVERGED and p >= SLOWEST else "pre-asymptotic"
+    return Verdict(kind, p, richardson(h, f, used), index)
+
+
+def kind_without_order(p: float, f: Sequence[float], change: float, swung: float, steady: bool) -> str:
+    """The kind of a number whose changes swing or do not fall as they should, "" for any other."""
+    if np.isnan(p) and abs(f[0] - f[1]) <= abs(f[1] - f[2]):
+        return "converged" if swung <= CONVERGED else "pre-asymptotic"
+    if (np.isnan(p) or p < SLOWEST) and change <= UNRESOLVED:
+        return "unresolved"
+    if np.isnan(p) or (p <= FLAT and (not steady or UNSURE * change <= CONVERGED)):
+        return "pre-asymptotic"
+    return "diverging" if p <= FLAT else ""
+
+
+def beyond_linear(what: str, moved: float, footprint: float) -> list[str]:
+    """A remark where a hole moved [m] farther than small strains allow with its footprint [m]."""
+    if moved <= LINEAR * footprint:
+        return []
+    return [f"{what}: a hole moved by {moved / footprint:.2g} footprints, BEYOND the linear range (about {LINEAR})"]
+
+
+def beyond_bearing(what: str, tension: float, diameter: float, bite: float, youngs_modulus: float) -> list[str]:
+    """A remark where the bearing strain T/(d ℓ E) of a thread of a tension [N] and diameter [m] in a bite [m] of tissue
+    [Pa] is not small."""
+    strain = bearing_strain(tension, diameter, bite, youngs_modulus)
+    if strain <= LINEAR:
+        return []
+    return [f"{what}: the bearing strain T/(d ℓ E) is {strain:.2g}, BEYOND the linear range (about {LINEAR})"]
+
+
+def bearing_strain(tension: float, diameter: float, bite: float, youngs_modulus: float) -> float:
+    """T/(d ℓ E): mean pressure of a thread on the tissue that it lies in over a length ℓ, over the tissue's E."""
+    return tension / (diameter * bite * youngs_modulus)
+
+
+def too_coarse(what: str, size: float, footprint: float) -> list[str]:
+    """A remark where cells [m] are larger than the radius of a footprint [m] that nothing else makes up for."""
+    if size <= footprint:
+        return []
+    return [f"{what}: cells of {size / footprint:.3g} footprint radii, TOO COARSE: the hole is as stiff as the mesh is"]
+
+
+def spans_too_coarse(what: str, ratio: float) -> list[str]:
+    """A remark where the spans at the holes are too long for the bends there; `ratio` is a step's `span_ratio`."""
+    if ratio <= RESOLVED:
+        return []
+    reason = f"spans at the holes of {ratio:.2g} bending lengths √(EI/T), TOO COARSE for the forces along the thread"
+    return [f"{what}: {reason}"]
+
+
+def not_settled(what: str, kinetic: float, elastic: float) -> list[str]:
+    """A remark where a run still moves at its end: by its kinetic energy [J] over what is elastic in it [J]."""
+    share = unrest(kinetic, elastic)
+    if share <= SETTLED:
+        return []
+    return [f"{what}: NOT SETTLED, its kinetic energy is {share:.2g} of the elastic (at most {SETTLED:g})"]
+
+
+def unrest(kinetic: float, elastic: float) -> float:
+    """Kinetic over elastic energy, zero where nothing moves and infinite where nothing but motion is there."""
+    return kinetic / elastic if elastic else float("inf") if kinetic else 0.0

@@ -1,0 +1,661 @@
+"""An elliptical wound in a sheet of skin, closed by interrupted stitches: which force does each of them take?
+
+A sheet lies on rollers, so that it slides on what is below it, its edges held far away. The wound goes through it. One
+stitch a pitch, each over its own share of the wound, lies straight across in the middle of the sheet, between two holes
+a bite away from the lips; two hands draw its ends until the lips nearly touch there, and no further. Stitches are drawn
+together, all at once, or one after another along the wound as a surgeon ties them: what is not tied yet is slack, what
+is tied keeps its length. The lips press on one another where they meet.
+
+*Theory.* A large sheet in plane stress with an elliptical hole, 2c long and W wide, is closed everywhere at once by a
+uniform traction p = EW/(4c) on its lips, across the wound and per length along it: it is the stress of a sheet drawn
+across its hole (Inglis 1913) taken back. That is t e EW/(4c) a stitch in a sheet of thickness t with one stitch every
+e, and t EW/2 in all, whatever the length. What a run adds to it is the sheet's own size (the same mesh closed by the
+uniform traction shows how much) and the stitches: forces at a distance from the lips, and at points.
+
+*Published.* Čapek et al. (Med. Biol. Eng. Comput. 50, 2012, 193) give the largest suture force of their finite
+elements and of what they measured in vivo, Wen et al. (Appl. Math. Mech. 44, 2023, 441) that of pig skin. The stiffness
+Et of the sheet is the one number that is fitted, to the first wound of each pair; the second is predicted.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from skfem import ElementVector, FacetBasis, LinearForm
+from threadpoolctl import threadpool_limits
+
+import tissue
+from coupling.arrays import Flags
+from coupling.contact import observe_contact
+from coupling.run import begin
+from coupling.system import State, System
+from studies.arrays import Array
+from studies.figure import COLOURS, MARKERS, panels
+from studies.scenario import Scenario, parse
+from studies.simulation.assembly import Assembly, assemble
+from studies.study import Study, StudyError, Table, unit_field
+from studies.verdicts import LINEAR, bearing_strain, too_coarse
+from thread.catalogue import suture
+from thread.path import rounded
+from tissue.body import ELEMENTS
+
+E, NU, THICKNESS = 0.8e6, 0.45, 1.5e-3  # [Pa], [-], [m]: skin, as in the numbers that follow from it (Et = 1.2 kN/m)
+FOOTPRINT = 0.7e-3  # radius of the hole's averaging ball, which the sheet's thickness allows [m]
+SUTURE = "3-0 polypropylene"
+SPAN = 1e-3  # of the thread [m]
+TAIL = 6e-3  # of thread beyond the holes, beside what is drawn out [m]
+NEAR = 0.02  # of the open width there: lips this near are together; nearer, the force of the last stitch has no limit
+PRECISE = 1e-4  # of the width: how well the hands do that
+MOVES = 30  # of theirs at most
+PLACES = 41  # along the wound at which gaps are recorded
+CROSSED = 1e-9  # of the width: lips may cross by no more
+CONVERGED = 0.05  # a check may change the force that is compared by no more
+MILLI = 1e-3
+VERDICTS = {True: "agrees", False: "DISAGREES"}
+
+
+@dataclass(frozen=True)
+class Source:
+    """A published pair of wounds: length and width [m], and the largest force of a stitch [N]."""
+
+    name: str
+    wounds: tuple[tuple[float, float], tuple[float, float]]
+    forces: tuple[float, float]
+    way: str  # in which the stitches are drawn here to compare with it
+
+
+TOGETHER, IN_TURN = "all at once", "one after another"
+FINER, LARGER, NEARER, HALVES = CHECKS = ("finer mesh", "larger sheet", "lips twice as near", "half the pitch and bite")
+SOURCES = (
+    Source("Čapek 2012, finite elements", ((0.030, 0.005), (0.030, 0.015)), (0.5, 1.5), TOGETHER),
+    Source("Čapek 2012, in vivo", ((0.036, 0.005), (0.046, 0.013)), (1.1, 3.2), TOGETHER),
+    Source("Wen 2023, pig skin", ((0.040, 0.010), (0.040, 0.014)), (1.7, 2.5), IN_TURN),
+)
+
+WOUNDS = tuple(dict.fromkeys(wound for source in SOURCES for wound in source.wounds))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One wound, closed in one way. Forces are those of E = 0.8 MPa, and grow with it: closed is closed, whatever the
+    thread takes for it. Those of the stitches come along the wound, and so do the gaps."""
+
+    length: float = unit_field("m")
+    width: float = unit_field("m")
+    way: str  # all at once, or one after another
+    variant: str  # "", or what is changed for a check
+    sheet: float = unit_field("m")  # length of its edges
+    size: float = unit_field("m")  # of the cells at the holes
+    unknowns: int
+    places: tuple[float, ...] = unit_field("m")  # of the stitches
+    forces: tuple[float, ...] = unit_field("N")  # of the stitches at the end
+    tied: tuple[float, ...] = unit_field("N")  # of each stitch when it was tied
+    along: tuple[float, ...] = unit_field("m")  # places of the gaps
+    gaps: tuple[float, ...] = unit_field("m")  # of the lips at the end
+    uniform: float = unit_field("-")  # uniform traction that closes the same mesh, over that of an infinite sheet
+    moved: float = unit_field("m")  # farthest a hole moved
+    contact_force: float = unit_field("N")  # that pushes the lips apart, in all
+    pressure: float = unit_field("Pa")  # largest of the lips
+    smallest_gap: float = unit_field("m")
+    complementarity: float = unit_field("J")  # largest |force times gap| of a pair of nodes
+    pushes: bool  # no contact force pulls
+    closed: bool  # the hands brought the lips together
+
+    @property
+    def wound(self) -> tuple[float, float]:
+        """Length and width [m]."""
+        return self.length, self.width
+
+    @property
+    def name(self) -> str:
+        """The wound [mm]."""
+        return f"{self.length / MILLI:g} × {self.width / MILLI:g}"
+
+    @property
+    def theory(self) -> float:
+        """Force of a stitch on an infinite sheet [N]."""
+        return E * THICKNESS * self.width / (2.0 * len(self.forces))
+
+    @property
+    def over_theory(self) -> float:
+        """All stitches together over what they are on an infinite sheet [-]."""
+        return sum(self.forces) / (len(self.forces) * self.theory)
+
+    @property
+    def middle(self) -> float:
+        """Force of the stitch in the middle, or of the two beside it [N]."""
+        n = len(self.forces)
+        return float(np.mean(self.forces[(n - 1) // 2 : n // 2 + 1]))
+
+    @property
+    def over_uniform(self) -> float:
+        """The stitch in the middle over its share of the uniform traction on the same mesh [-]."""
+        return self.middle / (self.uniform * self.theory)
+
+    @property
+    def over_middle(self) -> float:
+        """The stitch at the end that takes more over that in the middle [-]."""
+        return max(self.forces[0], self.forces[-1]) / self.middle
+
+    @property
+    def comparable_force(self) -> float:
+        """The force to be held against a published one [N]: drawn all at once that in the middle of the wound, where
+        the published one is largest; one after another the largest of those that a stitch was tied with."""
+        return self.middle if self.way == TOGETHER else max(self.tied)
+
+
+def main(
+    wounds: Sequence[tuple[float, float]] = WOUNDS,
+    sheet: float = 0.2,
+    size: float = 1e-3,
+    far: float = 12e-3,
+    pitch: float = 5e-3,
+    bite: float = 4e-3,
+    checks: Sequence[str] = CHECKS,
+) -> Iterator[Row]:
+    """Every wound both ways, and the first again for every check: on a finer mesh, in a larger sheet, drawn tighter,
+    and with stitches nearer to one another and to the lips.
+
+    Raises `StudyError` for wounds or stitches that do not fit, and for other checks.
+    """
+    if unknown := [check for check in checks if check not in CHECKS]:
+        raise StudyError(f"checks: {unknown[0]!r} is refused; allowed are {', '.join(map(repr, CHECKS))}")
+    if min(pitch, bite) <= 0.0:
+        raise StudyError(f"pitch = {pitch}, bite = {bite} is refused: give lengths above 0 [m]")
+    for length, width in wounds:
+        if not (0.0 < width <= length < 0.5 * sheet) or length < pitch:
+            reason = "a width up to the length, and a length from a pitch to half the sheet's edge"
+            raise StudyError(f"wounds: {length} × {width} m in a sheet of {sheet} m; give {reason}")
+    with threadpool_limits(limits=1, user_api="blas"):
+        for length, width in wounds:
+            yield from close_wound(Case(length, width, sheet, size, far, pitch, bite), (TOGETHER, IN_TURN))
+        first = Case(*wounds[0], sheet, size, far, pitch, bite)
+        changed = {
+            FINER: replace(first, size=size / 1.5, far=far / 1.5, variant=FINER),
+            LARGER: replace(first, sheet=2.0 * sheet, far=1.5 * far, variant=LARGER),
+            NEARER: replace(first, near=0.5 * NEAR, variant=NEARER),
+            HALVES: replace(first, pitch=0.5 * pitch, bite=0.5 * bite, variant=HALVES),
+        }
+        for check in checks:
+            yield from close_wound(changed[check], (TOGETHER, IN_TURN) if check == FINER else (TOGETHER,))
+
+
+@dataclass(frozen=True)
+class Case:
+    """A wound in its sheet [m]."""
+
+    length: float
+    width: float
+    sheet: float
+    size: float
+    far: float
+    pitch: float
+    bite: float
+    near: float = NEAR  # of the open width: how near the lips are drawn together
+    variant: str = ""
+
+    @property
+    def places(self) -> Array:
+        """Where the stitches are along the wound, each over a share of its own [m]."""
+        n = max(round(self.length / self.pitch), 1)
+        return np.asarray((np.arange(n) - 0.5 * (n - 1)) * self.length / n)
+
+    def opening(self, y: Array) -> Array:
+        """Width of the open wound at y [m]."""
+        return np.asarray(self.width * np.sqrt(np.maximum(1.0 - (2.0 * y / self.length) ** 2, 0.0)))
+
+
+def scenario(case: Case) -> Scenario:
+    """The sheet and the stitches, laid to and fro as one thread and cut where it turns; nothing is drawn yet."""
+    y, depth = case.places, -0.5 * THICKNESS
+    half = 0.5 * case.opening(y) + case.bite
+    reach = 1.5 * case.width + case.bite + TAIL
+    sides = np.where(np.arange(len(y)) % 2 == 0, -1.0, 1.0)
+    path = [[float(s * side * reach), float(at), depth] for at, side in zip(y, sides, strict=True) for s in (1, -1)]
+    holes = [
+        {"name": f"{k + 1} {'left' if s < 0 else 'right'}", "at": [float(s * half[k]), float(y[k]), depth]}
+        for k, side in enumerate(sides)
+        for s in (side, -side)
+    ]
+    hole = {"kind": "anchored", "footprint": FOOTPRINT, "subgrid": False, "draw": [[0.0, 0.0]]}
+    turns = [[-side * reach, 0.5 * (a + b), depth] for side, a, b in zip(sides, y, y[1:], strict=False)]
+    return parse(
+        {
+            "title": "a wound is closed",
+            "tissue": {
+                "youngs_modulus": E,
+                "poisson_ratio": NU,
+                "density": 1100.0,
+                "element": "P2",
+                "clamp": ["left", "right", "front", "back"],
+                "roller": ["bottom"],
+                "contact": True,
+                "mesh": {
+                    "kind": "wound",
+                    "shape": "ellipse",
+                    "size": [case.sheet, case.sheet, THICKNESS],
+                    "length": case.length,
+                    "width": case.width,
+                    "depth": THICKNESS,
+                    "h": case.far,
+                    "h_site": case.size,
+                },
+            },
+            "thread": {
+                "suture": SUTURE,
+                "control_points": (round(2.0 * reach / SPAN) + 3) * len(y),
+                "graded": 1.0,
+                "path": path,
+                "cuts": [nearest_abscissa(path, turn) for turn in turns],
+            },
+            "piercing": [{**at, **hole} for at in holes],
+            "solve": {"kind": "static"},
+        }
+    )
+
+
+def nearest_abscissa(path: Sequence[Sequence[float]], point: Sequence[float]) -> float:
+    """Abscissa of the thread's nearest pass by a point [m]."""
+    places, distances = rounded(path).passes(point)
+    return float(places[np.argmin(distances)])
+
+
+# --- hands ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Hands:
+    """What draws the stitches of a case, and looks at the lips."""
+
+    case: Case
+    assembly: Assembly
+
+    @property
+    def system(self) -> System:
+        """Thread, sheet and holes."""
+        return self.assembly.system
+
+    @property
+    def organ(self) -> tissue.QuasiStaticOrgan:
+        """The sheet."""
+        organ = self.assembly.system.organ
+        assert isinstance(organ, tissue.QuasiStaticOrgan) and organ.gaps is not None
+        return organ
+
+    def draw(self, state: State, lengths: Array) -> State:
+        """The equilibrium after stitch k has been drawn shorter by `lengths` (k,) [m], half at either end. One unit of
+        time is one move of the hands."""
+        now, half = state.time, 0.5 * np.repeat(lengths, 2) * np.tile([-1.0, 1.0], len(lengths))
+        tables = [np.array([[now, 0.0], [now + 1.0, length]]) for length in half]
+        pulled = zip(self.system.piercings, tables, strict=True)
+        system = replace(self.system, piercings=tuple(replace(hole, draw=draw) for hole, draw in pulled))
+        return begin(system, state).load(1.0, now + 1.0).state
+
+    def forces(self, state: State) -> Array:
+        """Tension of each stitch [N], which its two holes take whole, for its tails are free."""
+        first, last = state.lam[0::2, :3], state.lam[1::2, :3]
+        across = state.y[0::2, :3] - state.y[1::2, :3]
+        return 0.5 * np.vecdot(first - last, across) / np.linalg.norm(across, axis=1)
+
+    @cached_property
+    def rim(self) -> tuple[NDArray[np.intp], Array]:
+        """Pairs of the lips on the sheet's upper side in their order along the wound, and their places along it [m]."""
+        gaps, body = self.organ.gaps, self.organ.elasticity
+        assert gaps is not None
+        at = body.points[gaps.nodes[:, 0]]
+        upper = np.flatnonzero(at[:, 2] >= -1e-9 * THICKNESS)
+        order = upper[np.argsort(at[upper, 1])]
+        return order, at[order, 1]
+
+    def gaps(self, state: State, y: Array) -> Array:
+        """Distance of the lips at y [m]; none at the ends of the wound."""
+        order, at = self.rim
+        end = 0.5 * self.case.length
+        return np.interp(y, [-end, *at, end], [0.0, *self.organ.gap(state.organ)[order], 0.0])
+
+    @cached_property
+    def straight_state(self) -> State:
+        """Before anything is drawn: straight."""
+        return self.draw(self.assembly.start(), np.zeros(len(self.case.places)))
+
+    @cached_property
+    def answers(self) -> tuple[Array, Array]:
+        """What a length drawn at each stitch makes of the gaps at all of them [-] and of their forces [N/m], while the
+        lips are open."""
+        y, length = self.case.places, 0.01 * self.case.width
+        each = [self.draw(self.straight_state, length * unit) for unit in np.eye(len(y))]
+        gaps = np.column_stack([self.gaps(state, y) - self.gaps(self.straight_state, y) for state in each])
+        forces = np.column_stack([self.forces(state) - self.forces(self.straight_state) for state in each])
+        return gaps / length, forces / length
+
+    def tighten(self, state: State, tying: Flags, slack: Flags) -> tuple[State, bool]:
+        """The stitches `tying` drawn until the lips nearly touch at them, those `slack` as far as they bear nothing,
+        the others left as they are; and whether that was reached. Broyden's method learns what contact changes.
+        """
+        moving = tying | slack
+        by_gap, by_force = self.answers
+        answer = np.where(tying[:, None], by_gap, by_force)[np.ix_(moving, moving)]
+        limit = np.where(tying, self.case.width, E * THICKNESS * self.case.width)[moving] * PRECISE
+        missing = self.shortfall(state, tying)[moving]
+        for _ in range(MOVES):
+            if np.all(np.abs(missing) <= limit):
+                return state, True
+            lengths = np.zeros(moving.size)
+            lengths[moving] = step = np.linalg.solve(answer, -missing)
+            state = self.draw(state, lengths)
+            before, missing = missing, self.shortfall(state, tying)[moving]
+            answer = answer + np.outer(missing - before - answer @ step, step) / (step @ step)
+        return state, False
+
+    def shortfall(self, state: State, tying: Flags) -> Array:
+        """By how much the lips are too far apart where a stitch is tied [m], and the force of the others [N]."""
+        y = self.case.places
+        return np.where(tying, self.gaps(state, y) - self.case.near * self.case.opening(y), self.forces(state))
+
+
+def close_wound(case: Case, ways: Sequence[str]) -> Iterator[Row]:
+    """The wound closed in each of the ways."""
+    hands = Hands(case, assemble(scenario(case)))
+    n, uniform = len(case.places), uniform_traction(hands) / (E * case.width / (2.0 * case.length))
+    for way in ways:
+        state, all_closed, tied = hands.straight_state, True, np.zeros(n)
+        for tying, slack in turns(n, way):
+            state, done = hands.tighten(state, tying, slack)
+            tied, all_closed = np.where(tying, hands.forces(state), tied), all_closed and done
+        yield row_of(hands, way, state, tied, all_closed, uniform)
+
+
+def turns(n: int, way: str) -> list[tuple[Flags, Flags]]:
+    """Which of `n` stitches are tied at a time, and which are still slack."""
+    each = np.arange(n)
+    return [(each >= 0, each < 0)] if way == TOGETHER else [(each == k, each > k) for k in range(n)]
+
+
+def uniform_traction(hands: Hands) -> float:
+    """Traction on the lips, across the wound and per length along it, that closes this sheet in the middle [Pa]."""
+    organ, body = hands.organ, hands.organ.elasticity
+    load = np.zeros(body.N)
+    for name, inward in (("lip_left", 1.0), ("lip_right", -1.0)):
+        lip = FacetBasis(body.mesh, ElementVector(ELEMENTS[body.element]()), facets=body.mesh.boundaries[name])
+        load += inward * LinearForm(lambda v, w: abs(w.n[0]) * v[0]).assemble(lip)
+    U = organ.operator(0.0, 0.0).factor.solve(load[body.free])
+    order, at = hands.rim
+    return hands.case.width / -float(np.interp(0.0, at, (organ.G @ U)[order]))
+
+
+def row_of(hands: Hands, way: str, state: State, tied: Array, all_closed: bool, uniform: float) -> Row:
+    """What a run left."""
+    case, lips, gaps = hands.case, observe_contact(hands.system, state), hands.organ.gaps
+    assert lips is not None and gaps is not None
+    along = np.unique(np.append(np.linspace(-0.5, 0.5, PLACES) * case.length, case.places))
+    return Row(
+        length=case.length,
+        width=case.width,
+        way=way,
+        variant=case.variant,
+        sheet=case.sheet,
+        size=case.size,
+        unknowns=hands.organ.size,
+        places=tuple(case.places.tolist()),
+        forces=tuple(hands.forces(state).tolist()),
+        tied=tuple(tied.tolist()),
+        along=tuple(along.tolist()),
+        gaps=tuple(hands.gaps(state, along).tolist()),
+        uniform=uniform,
+        moved=float(np.linalg.norm((state.y - hands.straight_state.y)[:, :3], axis=1).max()),
+        contact_force=float(lips.force.sum()),
+        pressure=float(gaps.pressure(lips.force).max()),
+        smallest_gap=float(lips.gap.min()),
+        complementarity=lips.complementarity,
+        pushes=bool(np.all(lips.force >= 0.0)),
+        closed=all_closed,
+    )
+
+
+# --- what the rows say ------------------------------------------------------------------------------------
+
+
+def row_with(rows: Sequence[Row], wound: tuple[float, float], way: str, variant: str = "") -> Row | None:
+    """One of them, None where it is not there."""
+    return next((row for row in rows if (row.wound, row.way, row.variant) == (wound, way, variant)), None)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A published wound beside its run; `fitted` is the sheet's stiffness Et [N/m] from the first of the pair, `edges`
+    by how much more the held edges of the sheet are felt than by that one [-]."""
+
+    source: Source
+    published: float
+    row: Row
+    fitted: float
+    edges: float
+
+    @property
+    def predicted_force(self) -> float:
+        """Force at the fitted stiffness [N]; the published one where it was fitted to."""
+        return self.row.comparable_force * self.fitted / (E * THICKNESS)
+
+    @property
+    def is_fit(self) -> bool:
+        """Whether the stiffness was fitted to this wound."""
+        return self.row.wound == self.source.wounds[0]
+
+
+def comparisons(rows: Sequence[Row]) -> list[Comparison]:
+    """Every published wound that was run together with the one its pair is fitted to."""
+    out = []
+    for source in SOURCES:
+        pair = [row_with(rows, wound, source.way) for wound in source.wounds]
+        if pair[0] is not None:
+            fitted = E * THICKNESS * source.forces[0] / pair[0].comparable_force
+            each = zip(source.forces, pair, strict=True)
+            out += [
+                Comparison(source, force, row, fitted, row.uniform / pair[0].uniform - 1.0)
+                for force, row in each
+                if row is not None
+            ]
+    return out
+
+
+def table(rows: Sequence[Row]) -> Table:
+    """Published wounds, one a line; then every wound, and the checks."""
+    head = (
+        "wound [mm]",
+        "drawn",
+        "stitches",
+        "theory [N]",
+        "middle / largest / smallest [N]",
+        "sum / theory",
+        "uniform traction / theory",
+        "middle / uniform traction",
+        "tied with, first to last [N]",
+        "lips press with [N]",
+        "widest gap [mm]",
+        "source",
+        "fitted Et [N/m]",
+        "predicted [N]",
+        "published [N]",
+    )
+    return Table(head, [line(row, comparisons(rows)) for row in rows])
+
+
+def line(row: Row, compared: Sequence[Comparison]) -> list[str]:
+    """One run, and what is published of it."""
+    found = [c for c in compared if c.row == row]
+    published = (
+        (c.source.name, f"{c.fitted:.0f}", "(fitted)" if c.is_fit else f"{c.predicted_force:.2f}", f"{c.published:g}")
+        for c in found
+    )
+    return [
+        row.name + (f", {row.variant}" if row.variant else ""),
+        row.way,
+        str(len(row.forces)),
+        f"{row.theory:.3f}",
+        f"{row.middle:.2f} / {max(row.forces):.2f} / {min(row.forces):.2f}",
+        f"{row.over_theory:.3f}",
+        f"{row.uniform:.3f}",
+        f"{row.over_uniform:.3f}",
+        " ".join(f"{force:.2f}" for force in row.tied) if row.way == IN_TURN else "",
+        f"{row.contact_force:.2g}",
+        f"{max(row.gaps) / MILLI:.2f}",
+        *("; ".join(cells) for cells in (zip(*published, strict=True) if found else [[""]] * 4)),
+    ]
+
+
+def remarks(rows: Sequence[Row]) -> list[str]:
+    """Agreement and disagreement in numbers; mesh, sheet and lips; what is beyond small strains."""
+    out = [sentence(c) for c in comparisons(rows) if not c.is_fit]
+    out += [*where_largest(rows), *changes(rows)]
+    for row in rows:
+        name = f"{row.name} mm, {row.way}"
+        if not row.closed:
+            out.append(f"{name}: the lips were NOT BROUGHT TOGETHER at every stitch")
+        if row.smallest_gap < -CROSSED * row.width or not row.pushes:
+            out.append(f"{name}: the lips CROSS by {-row.smallest_gap:.1e} m, or contact holds them together")
+        if row.way == TOGETHER and not row.variant:
+            out += beyond_small_turns(row)
+    out += beyond_small_bearing(rows)
+    out += too_coarse("the holes, not the lips", max(row.size for row in rows), FOOTPRINT)
+    gap, worst = min(row.smallest_gap / row.width for row in rows), max(row.complementarity for row in rows)
+    pulls = "no force pulls" if all(row.pushes for row in rows) else "some forces PULL"
+    return [*out, f"lips: smallest gap {gap:.0e} of the width, {pulls}, |force × gap| at most {worst:.0e} J"]
+
+
+def sentence(c: Comparison) -> str:
+    """A prediction beside what is published."""
+    first = " × ".join(f"{x / MILLI:g}" for x in c.source.wounds[0])
+    off = 100.0 * (c.predicted_force / c.published - 1.0)
+    return (
+        f"{c.source.name}: Et = {c.fitted:.0f} N/m, fitted to {first} mm, predicts {c.predicted_force:.2f} N for "
+        f"{c.row.name} mm, {100.0 * c.edges:+.1f} % of it by the edges of the sheet; published are {c.published:g} N "
+        f"({off:+.0f} %)"
+    )
+
+
+def where_largest(rows: Sequence[Row]) -> list[str]:
+    """Which stitch takes most, beside what is published."""
+    out, plain = [], [row for row in rows if not row.variant]
+    if in_turn := [row for row in plain if row.way == IN_TURN]:
+        peaks = [1 + int(np.argmax(row.tied)) for row in in_turn]
+        agree = all(1 < peak < 0.5 * (len(row.tied) + 1) for peak, row in zip(peaks, in_turn, strict=True))
+        shown = ", ".join(f"{peak} of {len(row.tied)}" for peak, row in zip(peaks, in_turn, strict=True))
+        out.append(
+            f"one after another: the force when tied is largest at stitch {shown}; published, it rises to a peak "
+            f"before the centre and falls (Wen 2023): {VERDICTS[agree]}"
+        )
+    if together := [row for row in plain if row.way == TOGETHER]:
+        ratios = [row.over_middle for row in together]
+        out.append(
+            f"all at once: the stitches at the ends take {min(ratios):.2f} to {max(ratios):.2f} times that in the "
+            f"middle; published, the largest is in the middle (Čapek 2012): {VERDICTS[max(ratios) < 1.0]}"
+        )
+    return out
+
+
+def changes(rows: Sequence[Row]) -> list[str]:
+    """What a finer mesh, a larger sheet and other stitches change."""
+    out = []
+    for row in rows:
+        plain = row_with(rows, row.wound, row.way)
+        if not row.variant or plain is None:
+            continue
+        change, largest = row.comparable_force / plain.comparable_force, max(row.forces) / max(plain.forces)
+        if row.variant == HALVES:
+            out.append(
+                f"{row.name} mm, {HALVES}: the stitch in the middle takes {row.over_uniform:.3f} of its share of the "
+                f"uniform traction, {plain.over_uniform:.3f} before; those at the ends {row.over_middle:.2g} times "
+                f"that in the middle, {plain.over_middle:.2g} before: NOT CONVERGED in the pitch"
+            )
+            continue
+        verdict = "" if abs(change - 1.0) <= CONVERGED else ": NOT CONVERGED"
+        out.append(
+            f"{row.name} mm, {row.way}, {row.variant}: {100 * (change - 1):+.1f} % in the force that is compared, "
+            f"{100 * (largest - 1):+.1f} % in the largest at the end{verdict}"
+        )
+    return out
+
+
+def beyond_small_bearing(rows: Sequence[Row]) -> list[str]:
+    """A remark where the holes are strained by more than what is small."""
+    strains = [bearing_strain(max(row.forces), suture(SUTURE).diameter, THICKNESS, E) for row in rows]
+    if max(strains) <= LINEAR:
+        return []
+    return [
+        f"bearing strains T/(d ℓ E) at the holes of {min(strains):.2g} to {max(strains):.2g}, BEYOND the linear range "
+        f"(about {LINEAR}): how far the thread cuts in is not supported; what it takes to close the lips hardly asks"
+    ]
+
+
+def beyond_small_turns(row: Row) -> list[str]:
+    """A remark where closing turns and strains the sheet by more than what is small."""
+    slope = row.width / row.length
+    if slope <= LINEAR:
+        return []
+    return [
+        f"{row.name} mm: closing turns the lips by up to {slope:.2g} rad and strains the sheet beside them by "
+        f"{0.5 * slope:.2g}, BEYOND the linear range (about {LINEAR} rad)"
+    ]
+
+
+# --- figure -----------------------------------------------------------------------------------------------
+
+
+def figure(rows: Sequence[Row]) -> Figure:
+    """Forces along the wound, gaps, published against predicted, and forces when tied."""
+    drawing, ((along, gaps), (published, tied)) = panels(2, 2)
+    plain = [row for row in rows if not row.variant]
+    for way, axes in ((TOGETHER, along), (IN_TURN, tied)):
+        for row, colour, marker in zip([r for r in plain if r.way == way], COLOURS, MARKERS, strict=False):
+            forces = np.array(row.tied) / row.theory
+            axes.plot(2.0 * np.array(row.places) / row.length, forces, marker + "-", color=colour, label=row.name)
+            if way == TOGETHER:
+                relative = 100.0 * np.array(row.gaps) / row.width
+                gaps.plot(2.0 * np.array(row.along) / row.length, relative, color=colour, label=row.name)
+    along.axhline(1.0, color="black", linewidth=0.8, linestyle="--")
+    axes_of(along, "stitches drawn all at once", "force of a stitch / theory [-]")
+    axes_of(gaps, "lips after that", "gap / width of the open wound [%]")
+    axes_of(tied, "stitches tied one after another", "force when tied / theory [-]")
+    compared_axes(published, comparisons(rows))
+    return drawing
+
+
+def axes_of(axes: Axes, title: str, name: str) -> None:
+    """An axis along the wound."""
+    axes.set(xlabel="place along the wound, over its half length [-]", ylabel=name, xlim=(-1.0, 1.0), title=title)
+    axes.set_ylim(bottom=0.0)
+    axes.legend(title="wound [mm]", ncols=2)
+
+
+def compared_axes(axes: Axes, compared: Sequence[Comparison]) -> None:
+    """Predicted over published forces; hollow what was fitted."""
+    top = 1.15 * max([c.published for c in compared] + [c.predicted_force for c in compared], default=1.0)
+    axes.plot([0.0, top], [0.0, top], color="black", linewidth=0.8, linestyle="--")
+    for source, colour, marker in zip(SOURCES, COLOURS, MARKERS, strict=False):
+        for c in (c for c in compared if c.source == source):
+            face, label = ("white", None) if c.is_fit else (colour, source.name)
+            axes.plot(c.published, c.predicted_force, marker, color=colour, markerfacecolor=face, label=label)
+    axes.set(xlim=(0.0, top), ylim=(0.0, top), xlabel="published force [N]", ylabel="this study [N]")
+    axes.set_title("filled: predicted, hollow: fitted to")
+    axes.legend(loc="upper left")
+
+
+STUDY = Study(
+    main=main,
+    question="Which force closes a wound of a given length and width, stitch by stitch?",
+    independent="the closed form of a large sheet, tEW/2 in all; the second of each published pair of wounds, "
+    "predicted from a stiffness fitted to the first",
+    consistency="a uniform traction on the same mesh, a finer mesh, a larger sheet, lips that neither cross nor pull",
+    table=table,
+    figure=figure,
+    remarks=remarks,
+    quick={
+        "wounds": ((0.030, 0.005), (0.030, 0.015)),
+        "size": 2e-3,
+        "checks": (LARGER,),
+    },
+)

@@ -1,0 +1,125 @@
+"""Knots that follow the holes of a sliding thread."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coupling.adaptivity import Resolution, adapt, bending_layers, coarse_tree, first_breaks, is_too_coarse, momentum
+from coupling.audit import Energies, audit_step, initial_energies
+from coupling.run import book_events
+from coupling.stepping import advance
+from coupling.system import State, System
+from tests.bounds import IDENTITY, RESIDUAL
+from tests.thread.threads import ABSCISSAE, LENGTH, PP, RADIUS, Z, hairpin, hairpin_sites, hairpin_system, laid
+from thread.ends import Driven, Pulled
+from thread.knots import clamped
+from thread.spline import Spline
+from thread.thread import Thread
+
+PULL, SPEED, DT, STEPS = 1.0, 0.1, 1e-3, 60
+TIP = np.array([RADIUS, 0.0, ABSCISSAE[0]])
+HAND = Driven(np.array([[0.0, *TIP], [0.03, *TIP], [1.03, *(TIP + SPEED * Z)]]))
+ENDS = (Pulled(PULL * Z, 0.02), HAND)
+
+
+def scene(resolution: Resolution | None, n: int) -> tuple[System, State]:
+    """A thread down one hole and up the next 10 mm beside it, held back with 1 N and drawn at 0.1 m/s."""
+    system = hairpin_system(hairpin_sites(), ENDS, n)
+    if resolution is not None:
+        breaks = first_breaks(resolution.tree, np.array(ABSCISSAE), 4.0)
+        system = replace(system, thread=Thread(Spline(clamped(breaks)), PP, damping=20.0))
+    else:
+        system = replace(system, thread=replace(system.thread, damping=20.0))
+    return system, laid(system, ABSCISSAE, hairpin(RADIUS, LENGTH))
+
+
+ADAPTIVE = Resolution(coarse_tree(0.0, LENGTH, 20), 0.02)
+
+
+def drawn(resolution: Resolution | None, n: int) -> tuple[list[tuple[System, State]], list[Energies]]:
+    """The states of a run and the audit."""
+    system, state = scene(resolution, n)
+    energies = [initial_energies(system, state)]
+    out = [(system, state)]
+    for number in range(STEPS):
+        taken = advance(system, state, DT)
+        audit = energies[-1]
+        for step in taken:
+            audit = audit_step(system, audit, step)
+        state = taken[-1].new
+        if resolution is not None and (number % 4 == 0 or is_too_coarse(resolution, system, state)):
+            before = (system, state)
+            system, state, events = adapt(resolution, system, state, 4 * DT)
+            audit = book_events(system, audit, state, events)
+            check_exchange(before, (system, state), [e.loss for e in events])
+        out.append((system, state))
+        energies.append(audit)
+    return out, energies
+
+
+def check_exchange(before: tuple[System, State], after: tuple[System, State], losses: list[float]) -> None:
+    """What other knots leave alone, and what they say they cost."""
+    (old, was), (new, now) = before, after
+    assert now.s is was.s and now.lam is was.lam and now.organ is was.organ
+    scale = np.abs(old.thread.mass_matrix @ np.abs(was.v)).sum()
+    assert np.abs(momentum(new, now) - momentum(old, was)).max() <= 1e2 * IDENTITY * scale
+    for order in (0, 1):
+        at = [s.thread.spline.curve(x.q, x.s)[:, order] for s, x in (before, after)]
+        assert np.abs(at[0] - at[1]).max() <= 1e3 * IDENTITY * np.abs(at[0]).max()
+    stored = [(e := initial_energies(s, x)).kinetic + e.elastic_thread for s, x in (before, after)]
+    assert abs(stored[0] - stored[1] - sum(losses)) <= RESIDUAL * stored[0]
+
+
+@pytest.fixture(scope="module")
+def runs() -> dict[str, tuple[list[tuple[System, State]], list[Energies]]]:
+    """The knots that follow, and a uniformly fine thread."""
+    return {"adaptive": drawn(ADAPTIVE, 20), "uniform": drawn(None, 350)}
+
+
+def pulls(run: tuple[list[tuple[System, State]], list[Energies]]) -> np.ndarray:
+    """Force of the hand [N] while the thread slides."""
+    return np.array([np.linalg.norm(state.reaction[1]) for _, state in run[0][40:]])
+
+
+def test_the_pull_with_a_third_of_the_points(runs: dict) -> None:
+    """Independent check: two ideal holes leave the tension alone, so the hand pulls with what holds back, 1 N, within
+    1 % on the mean; with at most a third of the uniform thread's control points the force swings less than with those.
+    """
+    many, few = pulls(runs["uniform"]), pulls(runs["adaptive"])
+    points = [system.thread.n for system, _ in runs["adaptive"][0]]
+    assert max(points) <= 350 / 3
+    assert abs(few.mean() - PULL) < 1e-2 * PULL
+    assert np.abs(few - PULL).max() < max(1e-2 * PULL, np.abs(many - PULL).max())
+
+
+def test_the_knots_follow(runs: dict) -> None:
+    """Independent check: at every step the spans at the holes are the part of √(EI/T) asked for, while the holes
+    travel over many of them and the number of control points stays."""
+    states = runs["adaptive"][0][40:]
+    for system, state in states:
+        spline = system.thread.spline
+        spans = np.diff(spline.breaks)[spline.spans_of(state.s)]
+        assert np.all(spans <= 1.5 * ADAPTIVE.at_hole * bending_layers(system, state))
+    travelled = np.abs(states[-1][1].s - states[0][1].s)
+    assert travelled.min() > 10 * spans.max()
+    points = [system.thread.n for system, _ in states]
+    assert max(points) - min(points) <= 0.15 * max(points)
+
+
+def test_the_audit_closes_over_changes_of_the_knots(runs: dict) -> None:
+    """Independent check: what a change of the knots costs is told and booked; it is small beside the elastic energy."""
+    energies = runs["adaptive"][1]
+    scale = energies[-1].external_work
+    assert abs(energies[-1].balance_error) <= 1e-8 * scale
+    numerical = np.array([e.numerical_dissipation for e in energies[40:]])
+    assert np.abs(np.diff(numerical)).max() < 1e-2 * energies[-1].elastic_thread
+
+
+def test_nothing_is_done_where_nothing_is_due() -> None:
+    """Independent check: the knots that a state asks for are its own the second time."""
+    system, state = scene(ADAPTIVE, 20)
+    system, state, events = adapt(ADAPTIVE, system, state, 0.0)
+    assert len(events) == 1 and events[0].control_points == system.thread.n
+    again = adapt(ADAPTIVE, system, state, 0.0)
+    assert again[2] == [] and again[0] is system and again[1] is state

@@ -1,0 +1,364 @@
+"""Lips that a thread draws together: the law of contact at every step, two ways of solving, the audit, every scheme."""
+
+import csv
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from coupling import stepping
+from coupling.assembled import Monolith, equation_of, monolithic_solve
+from coupling.audit import Energies, audit_step, initial_energies, multiplier_imbalance
+from coupling.constraints import phi
+from coupling.contact import observe_contact
+from coupling.equilibrium import load_step
+from coupling.errors import CouplingError
+from coupling.integrators import BackwardEuler
+from coupling.newton import solve
+from coupling.paper.linear_step import linear_step
+from coupling.paper.staggered import staggered_step
+from coupling.paper.two_pass import two_pass
+from coupling.run import schedule_piercings
+from coupling.stepping import Step, dynamic_problem, organ_answer, predict, try_step
+from coupling.system import Friction, Piercing, State, System
+from studies.command import command
+from studies.output.folder import Recorder
+from studies.scenario import ScenarioError, load
+from studies.simulation import prepare
+from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
+from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, Z, hairpin, hairpin_system, laid, run, taken
+from tests.tissue.wounds import wounded_organ
+from thread.ends import Clamped, Fixed, Pulled
+
+DT, STEPS, WIDTH = 2e-3, 9, 1e-3
+START, END = hairpin(RADIUS, LENGTH)(np.array([0.0, LENGTH]))
+# The end is drawn across the wound and up, harder on one side of it, so that a part of the lips meets.
+DRAWN = (Fixed(START), Pulled(np.array([-0.1, 0.02, 0.3]), STEPS * DT))
+HANDS = (  # the thread is drawn by hand through the one hole, and slides with friction through the other
+    Piercing("entry", slides=False, draw=np.array([[0.0, 0.0], [STEPS * DT, -1e-3]])),
+    Piercing("exit", friction=Friction(0.15, 0.12, 1e-4)),
+)
+CLAMPED = (Clamped(START, -Z), DRAWN[1])
+SCENES = {
+    "slit dynamic P1": (True, "P1", 0.0),
+    "slit dynamic P1 subgrid, clamped": (True, "P1", 0.0),
+    "slit quasi-static P1": (False, "P1", 0.0),
+    "slit quasi-static P1, rough, drawn": (False, "P1", 0.0),
+    "open dynamic P1": (True, "P1", WIDTH),
+    "open dynamic P1, rough, drawn": (True, "P1", WIDTH),
+    "open quasi-static P1": (False, "P1", WIDTH),
+    "slit dynamic P2": (True, "P2", 0.0),
+    "open quasi-static P2": (False, "P2", WIDTH),
+}
+
+
+@cache
+def scene(name: str, contact: bool = True) -> tuple[System, State]:
+    inertia, element, width = SCENES[name]
+    options: dict[str, Any] = {"gravity": (0.0, 0.0, -9.81)} | ({"rayleigh": (3.0, 1e-4)} if inertia else {})
+    h = 1e-2 if element == "P2" else 3e-3
+    special = "clamped" in name
+    organ = wounded_organ(inertia, element, width, h, contact=contact, subgrid=special, **options)
+    system = hairpin_system(organ, CLAMPED if special else DRAWN, 40, gravity=-9.81 * Z)
+    system = replace(system, piercings=HANDS) if "drawn" in name else system
+    return system, laid(system, ABSCISSAE, hairpin(RADIUS, LENGTH))
+
+
+@cache
+def steps(name: str) -> list[Step]:
+    return taken(*scene(name), DT, STEPS)
+
+
+def scale_of(system: System, state: State) -> float:
+    """What gaps are small against [m]: the width, or the way that the holes moved."""
+    moved = state.y[: len(system.piercings)] - system.organ.y0.reshape(-1, 9)
+    return float(max(system.organ.g0.max(), np.abs(moved[:, :3]).max()))
+
+
+def assert_lips(system: System, state: State) -> int:
+    """g ≥ 0, p ≥ 0 and p g = 0 to round-off; the number of pairs that are pressed."""
+    lips, scale = observe_contact(system, state), scale_of(system, state)
+    assert lips.gap.min() >= -IDENTITY * scale
+    assert lips.force.min() >= 0.0
+    assert lips.complementarity <= IDENTITY * scale * lips.force.max(initial=0.0)
+    return lips.pressed
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_law_of_contact_at_every_step(name: str) -> None:
+    """Independent check: lips do not cross, press and never pull, and press only where they touch; the holes'
+    constraints hold and cancel as without contact."""
+    system, start = scene(name)
+    pressed = [assert_lips(system, start)]
+    for step in steps(name):
+        new = step.new
+        pressed.append(assert_lips(system, new))
+        at = system.passage(new.q, new.s)
+        assert np.abs(phi(at, new.lam, new.y)[:2, :3]).max() <= GAP * system.thread.section.diameter
+        assert np.abs(system.organ.site_variables(new.organ) - new.y[:2].ravel()).max() <= TWO_SOLVERS * RADIUS
+        assert multiplier_imbalance(system, new)[0] <= IDENTITY * np.abs(new.lam[:, :3]).max()
+    assert pressed[0] == 0 and len(set(pressed)) > 2
+    assert pressed[-1] > 0 and len(system.organ.lips(start.organ)[0]) >= 4
+
+
+def test_without_contact_the_same_lips_cross() -> None:
+    """Independent check: what the tests above find is the contact's doing."""
+    name = "slit quasi-static P1"
+    organ, (free, state) = scene(name)[0].organ, scene(name, contact=False)
+    for _ in range(STEPS):
+        state = try_step(free, state, DT).new
+    U = free.organ.field(state.organ)
+    assert (organ.g0 + organ.G @ U).min() < -0.1 * scale_of(scene(name)[0], state)
+
+
+@pytest.mark.parametrize("name", [name for name in SCENES if name != "slit dynamic P2"])
+def test_condensed_and_assembled_agree(name: str) -> None:
+    """Consistency check: the step in which the first pairs touch and the last one, both from the same state, in every
+    unknown on its own scale, the contact forces too. Of P2, whose assembled matrix is dear, the first alone."""
+    system, _ = scene(name)
+    organ: Any = system.organ
+    touching = next(step for step in steps(name) if organ.contact_forces(step.new.organ).any())
+    for step in (touching, steps(name)[-1])[: 1 if "P2" in name else 2]:
+        scheme, state = BackwardEuler(DT), step.old
+        problem = dynamic_problem(system, state, DT, organ_answer(system, scheme, state), scheme)
+        whole = equation_of(problem)
+        first = predict(problem, state)
+        a = solve(problem, first)
+        z = monolithic_solve(problem, first, organ.field(state.organ)).iterate
+        assert isinstance(z, Monolith)
+        pairs = [(a.p, z.p), (a.iterate.q - state.q, z.q - state.q), (a.iterate.s, z.s), (a.iterate.y, z.y)]
+        pairs += [(a.iterate.lam[:, :3], z.lam[:, :3]), (a.iterate.lam[:, 3:], z.lam[:, 3:])]
+        pairs += [(organ.field(step.new.organ), z.U), (organ.contact_forces(step.new.organ), z.p)]
+        for got, exact in pairs:
+            assert np.abs(got - exact).max() <= TWO_SOLVERS * np.abs(exact).max()
+        assert np.array_equal(a.iterate.pressed, z.pressed) and np.array_equal(a.iterate.sigma, z.sigma)
+        residual = whole.A @ z.U - whole.b - organ.Y.T @ step.new.organ.f_y - organ.G.T @ a.p
+        terms = np.abs(abs(whole.A) @ np.abs(z.U)).max()
+        assert np.abs(residual).max() <= RESIDUAL * terms + TWO_SOLVERS * np.abs(step.new.organ.f_y).max()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_it_does_not_matter_which_pairs_are_thought_pressed(name: str) -> None:
+    """Consistency check: the last step begun with all pairs pressed, with none, with the wrong ones and at random."""
+    system, _ = scene(name)
+    state = steps(name)[-1].old
+    k = len(system.organ.lips(state.organ)[0])
+    scheme = BackwardEuler(DT)
+    problem = dynamic_problem(system, state, DT, organ_answer(system, scheme, state), scheme)
+    warm = solve(problem, predict(problem, state))
+    right = warm.p > 0.0
+    for pressed in (np.ones(k, bool), np.zeros(k, bool), ~right, np.random.default_rng(2).random(k) < 0.5):
+        cold = solve(problem, replace(predict(problem, state), pressed=pressed))
+        assert np.array_equal(cold.p > 0.0, right)
+        assert np.abs(cold.p - warm.p).max() <= TWO_SOLVERS * warm.p.max()
+        assert np.abs(cold.iterate.q - warm.iterate.q).max() <= TWO_SOLVERS * np.abs(warm.iterate.q - state.q).max()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_audit_closes_at_every_step(name: str) -> None:
+    """Independent check: external work = Δ kinetic + Δ elastic + friction + viscous + numerical in every step, with the
+    contact's own −p⁺·Δg in the last; each by a formula of its own."""
+    system, state = scene(name)
+    energies: list[Energies] = [initial_energies(system, state)]
+    worked = 0.0
+    for step in steps(name):
+        energies.append(audit_step(system, energies[-1], step))
+        terms = np.array([getattr(energies[-1], key) for key in ("kinetic", "elastic_thread", "elastic_tissue")])
+        moved = [abs(energies[-1].external_work), abs(energies[-1].numerical_dissipation), *terms]
+        assert abs(energies[-1].balance_error - energies[-2].balance_error) <= RESIDUAL * max(moved)
+        old, new = step.old.organ, step.new.organ
+        worked += float(system.organ.contact_forces(new) @ (system.organ.gap(old) - system.organ.gap(new)))
+    assert worked > 1e-6 * energies[-1].external_work  # the audit would not close without it
+
+
+def run_by(take: Any, system: System, state: State, count: int = STEPS) -> list[State]:
+    out = [state]
+    for _ in range(count):
+        out.append(take(system, out[-1], DT).new)
+    return out
+
+
+@pytest.mark.parametrize("take", [stepping.bdf2_step, two_pass, staggered_step], ids=["bdf2", "two-pass", "staggered"])
+@pytest.mark.parametrize("name", ["slit dynamic P1", "open quasi-static P1"])
+def test_the_law_of_contact_by_every_scheme(name: str, take: Any) -> None:
+    """Independent check: the same law under BDF2, friction in two passes, and with the organ after the thread."""
+    system, start = scene(name)
+    if take is two_pass:
+        holes = tuple(replace(hole, friction=Friction(0.1, 0.1)) for hole in system.piercings)
+        system = replace(system, piercings=holes)
+    states = run_by(take, system, start)
+    assert [assert_lips(system, state) for state in states][-1] > 0
+    if take is stepping.bdf2_step:
+        energies = initial_energies(system, start)
+        for old in states[:-1]:
+            energies = audit_step(system, energies, take(system, old, DT))
+        assert abs(energies.balance_error) <= RESIDUAL * abs(energies.external_work)
+
+
+@pytest.mark.parametrize("name", ["slit quasi-static P1", "open quasi-static P1"])
+def test_equilibrium_is_where_the_motion_comes_to_rest(name: str) -> None:
+    """Consistency check: load steps of statics and a long quasi-static run end with the same lips."""
+    system, start = scene(name)
+    state, energies = start, initial_energies(system, start)
+    for k in range(1, 6):
+        for step in load_step(system, state, k / 5, STEPS * DT):
+            energies, state = audit_step(system, energies, step), step.new
+            assert assert_lips(system, state) >= 0
+    assert abs(energies.balance_error) <= RESIDUAL * abs(energies.external_work)
+    moved = replace(system, thread=replace(system.thread, damping=100.0))
+    rest = run_by(try_step, moved, steps(name)[-1].new, 60)[-1]
+    lips, still = (observe_contact(system, x) for x in (state, rest))
+    assert lips.pressed == still.pressed > 0
+    assert np.abs(lips.force - still.force).max() <= 1e-4 * lips.force.max()
+
+
+@pytest.mark.parametrize("inertia", [True, False])
+def test_a_piercing_that_begins_and_one_that_ends_between_pressed_lips(inertia: bool) -> None:
+    """Independent check: lips that are pressed when the thread is let go of one hole and drawn into another neither
+    cross nor pull then, nor in the steps after."""
+    name = "slit dynamic P1" if inertia else "slit quasi-static P1"
+    system, _ = scene(name)
+    state = steps(name)[-1].new
+    begun = replace(state, present=np.array([True, False]), lam=state.lam * [[1.0], [0.0]])
+    late = replace(system, piercings=(Piercing("entry"), Piercing("exit", begins=state.time)))
+    after, events = schedule_piercings(late, state.time - DT, begun, DT, np.array([np.nan, np.nan]))
+    assert [event.kind for event in events] == ["begins"]
+    assert assert_lips(late, after) > 0
+    assert np.abs(system.organ.site_variables(after.organ) - after.y.ravel()).max() <= TWO_SOLVERS * RADIUS
+    ending = replace(system, piercings=(Piercing("entry"), Piercing("exit", ends=state.time)))
+    gone, events = schedule_piercings(ending, state.time - DT, state, DT, np.array([np.nan, np.nan]))
+    assert [event.kind for event in events] == ["ends"]
+    for within, first in ((late, after), (ending, gone)):
+        for step in run(within, first, DT / 8, 4):
+            assert_lips(within, step.new)
+
+
+def test_weight_presses_a_slit_from_the_start() -> None:
+    """Independent check: a quasi-static organ whose weight presses its lips together starts in contact, at rest."""
+    organ = wounded_organ(False, gravity=(0.0, 0.0, -9.81), h=3e-3)
+    upside = wounded_organ(False, gravity=(0.0, 0.0, 9.81), h=3e-3)
+    pressed = []
+    for each in (organ, upside):
+        system = hairpin_system(each, DRAWN, 40)
+        pressed.append(assert_lips(system, laid(system, ABSCISSAE, hairpin(RADIUS, LENGTH))))
+    assert max(pressed) > 0
+
+
+def test_the_linear_step_refuses_lips() -> None:
+    system, state = scene("slit quasi-static P1")
+    with pytest.raises(CouplingError, match="no contact of the lips"):
+        linear_step(system, state, DT)
+
+
+SCENARIO = """
+[thread]
+suture = "2-0 polypropylene"
+control_points = 30
+path = [[-0.015, 0, 0.015], [-0.005, 0, 0.006], [-0.005, 0, -0.005], [0.005, 0, -0.005], [0.005, 0, 0.006],
+        [0.015, 0, 0.015]]
+start = { kind = "fixed" }
+end = { kind = "driven", waypoints = [[0, 0.015, 0, 0.015], [0.03, -0.005, 0.004, 0.035]] }
+damping = 20.0
+[tissue]
+youngs_modulus = 2.0e4
+poisson_ratio = 0.45
+density = 1070.0
+rayleigh = [5.0, 5.0e-4]
+clamp = ["bottom"]
+contact = true
+mesh = { kind = "wound", size = [0.03, 0.02, 0.01], length = 0.012, depth = 0.005, h = 4.0e-3 }
+[[piercing]]
+name = "entry"
+at = [-0.005, 0, 0]
+direction = "normal"
+footprint = 2.0e-3
+[[piercing]]
+name = "exit"
+at = [0.005, 0, 0]
+direction = "normal"
+footprint = 2.0e-3
+[solve]
+dt = 1.0e-3
+duration = 0.03
+[output]
+every = 8
+"""
+
+
+def start(file: Path, out: Path, *more: str) -> int:
+    return command.main(["run", str(file), "--out", str(out), "--no-picture", *more])
+
+
+@pytest.fixture(scope="module")
+def closed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scenario file beside the folder of its run."""
+    file = tmp_path_factory.mktemp("contact") / "slit.toml"
+    file.write_text(SCENARIO, encoding="utf-8")
+    assert start(file, file.parent / "whole", "--quiet") == 0
+    return file
+
+
+def test_what_a_run_says_of_its_lips(closed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Independent check: the table obeys the law of contact row by row, the summary and the printed line repeat its
+    last row, and the pressure in the last frame has the force that it says."""
+    out = closed.parent / "whole"
+    with (out / "contact.csv").open() as file:
+        table = list(csv.DictReader(file))
+    assert len(table) == 31 and list(table[0])[:2] == ["time [s]", "step [-]"]
+    rows = [{key.partition(" [")[0]: float(value) for key, value in row.items()} for row in table]
+    assert rows[0]["pressed"] == 0 and 0 < rows[-1]["pressed"] <= rows[-1]["pairs"]
+    for row in rows:
+        assert row["smallest_gap"] >= -IDENTITY * RADIUS and row["force"] >= 0.0
+        assert row["complementarity"] <= IDENTITY * RADIUS * max(row["force"], 1e-300)
+        assert (row["force"] > 0.0) == (row["pressed"] > 0)
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["contact"] == {key: value for key, value in rows[-1].items() if key not in ("time", "step")}
+    simulation = prepare(load(closed))
+    for step, frame in simulation.advance():
+        organ = frame().organ if step.step == 12 else None
+        if organ is not None:
+            break
+    gaps = simulation.assembly.system.organ.gaps
+    left = gaps.nodes[:, 0]
+    assert organ.contact_pressure[left] @ gaps.areas == pytest.approx(rows[12]["force"], rel=TWO_SOLVERS)
+    assert organ.contact_pressure.max() == pytest.approx(rows[12]["largest_pressure"], rel=TWO_SOLVERS)
+    assert np.nanmin(organ.lip_gap) == rows[12]["smallest_gap"]
+    assert np.isfinite(organ.lip_gap).sum() == 2 * len(left) == np.isin(np.arange(len(organ.lip_gap)), gaps.nodes).sum()
+    text = (out / "frames" / "organ_000030.vtu").read_text()
+    assert 'Name="contact_pressure"' in text and 'Name="lip_gap"' in text
+    assert start(closed, closed.parent / "again", "--set", "solve.duration=2e-3") == 0
+    printed = capsys.readouterr().out
+    assert "lips       0 of" in printed and "events.csv, contact.csv" in printed
+
+
+def test_a_resumed_run_has_the_same_lips(closed: Path) -> None:
+    """Consistency check: a run that was interrupted goes on to the same bits."""
+    out, whole = closed.parent / "interrupted", closed.parent / "whole"
+    simulation = prepare(load(closed))
+    recorder = Recorder(out, simulation.scenario, simulation.topology, simulation.tissue_dofs, None, simulation.subgrid)
+    with pytest.raises(KeyboardInterrupt), recorder:
+        for step, frame in simulation.advance():
+            recorder.record(step, frame)
+            if step.step == 19:
+                raise KeyboardInterrupt
+    assert start(closed, out, "--resume", "--quiet") == 0
+    for name in ("contact.csv", "energy.csv", "piercings.csv", "frames/organ_000030.vtu"):
+        assert (out / name).read_bytes() == (whole / name).read_bytes(), name
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("tissue.mesh={kind='block',size=[0.03,0.02,0.01],h=4e-3}", ["tissue.contact = true", "no lips", '"wound"']),
+        ("solve.scheme=linear", ["tissue.contact = true", "no inequalities", 'solve.scheme = "newton"']),
+        ("tissue.contact=1", ["tissue.contact = 1", "boolean"]),
+    ],
+)
+def test_what_contact_refuses(closed: Path, override: str, words: list[str]) -> None:
+    with pytest.raises(ScenarioError) as refusal:
+        load(closed, [override])
+    assert all(word in str(refusal.value) for word in words)

@@ -1,0 +1,80 @@
+"""The coupling's README: every function that it names is there, every symbol has its row, every snippet runs."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.bounds import IDENTITY
+
+ROOT = Path(__file__).resolve().parents[2]
+TEXT = (ROOT / "coupling" / "README.md").read_text(encoding="utf-8")
+NAMED = sorted(set(re.findall(r"`([\w/]+\.py):([\w.]+)`", TEXT)))
+FILES = sorted(set(re.findall(r"`([\w/]+/[\w/]+\.py)`", TEXT)))
+ROWS = re.findall(r"^\| ([^|]+?) \| .+ \| (.+?) \|$", TEXT, re.MULTILINE)
+SYMBOLS = [
+    *("A_t", "M", "∂²E/∂q²", "H_qq", "H_qU", "H_qs", "H_Uq", "H_Us", "H_UU", "H_sq, H_sU", "H_ss", "Φ_q", "Φ_s", "Φ_y"),
+    *("Φ_λ", "V", "Y", "A_o", "y_free", "C", "λ", "m", "Φ_qᵀλ", "Φ_yᵀλ", "Φ_sᵀλ", "c₀, c₁, c₂", "P̂, T̂", "σ", "u, v"),
+    *(f"eq. {number}" for number in range(1, 10)),
+    *("condensation", "stick and slip", "N", "contact", "events", "audit"),
+]
+
+
+@cache
+def defined(file: str) -> frozenset[str]:
+    """Functions, classes, and methods and fields of classes (`Class.member`) that a module defines."""
+    out = set()
+    for node in ast.parse((ROOT / file).read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            out.add(node.name)
+        for part in node.body if isinstance(node, ast.ClassDef) else ():
+            if isinstance(part, ast.FunctionDef):
+                out.add(f"{node.name}.{part.name}")
+            elif isinstance(part, ast.AnnAssign) and isinstance(part.target, ast.Name):
+                out.add(f"{node.name}.{part.target.id}")
+    return frozenset(out)
+
+
+@pytest.mark.parametrize(("file", "name"), NAMED, ids=[f"{file}:{name}" for file, name in NAMED])
+def test_what_is_named_exists(file: str, name: str) -> None:
+    """Independent check: the text of the module."""
+    assert name in defined(file), f"coupling/README.md names {file}:{name}, which is not there"
+
+
+def test_the_tables_are_read() -> None:
+    """Independent check: the other tests look at many names and rows, not at none."""
+    assert len(NAMED) > 50 and len(ROWS) > 50
+    assert "Border.H_qs" in defined("coupling/bordered.py") and "no_such" not in defined("coupling/bordered.py")
+    assert all((ROOT / file).is_file() for file in FILES) and FILES
+
+
+@pytest.mark.parametrize("symbol", SYMBOLS)
+def test_each_symbol_has_a_row(symbol: str) -> None:
+    """Independent check: one row, whose last cell names a function."""
+    places = [where for first, where in ROWS if first == symbol]
+    assert len(places) == 1 and re.search(r"`[\w/]+\.py:[\w.]+`", places[0])
+
+
+def test_every_module_is_listed() -> None:
+    """Independent check: the modules of the folder, `arrays` apart."""
+    listed = TEXT[TEXT.index("## Modules") : TEXT.index("## Stepping")]
+    modules = {path.stem for path in (ROOT / "coupling").glob("*.py")} - {"__init__", "arrays"}
+    assert {name for name in modules if f"`{name}`" not in listed} == set()
+
+
+def test_the_snippets_run(capsys: pytest.CaptureFixture[str]) -> None:
+    """Independent check: the hand moves by 1 mm against 0.1 N, the thread between ring and hand stretches by less than
+    F L/EA of all its length, and the rest is drawn through; the audit closes."""
+    snippets = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+    assert all(len(snippet.splitlines()) <= 15 for snippet in snippets)
+    names: dict[str, object] = {}
+    for snippet in snippets:
+        exec(compile(snippet, "coupling/README.md", "exec"), names)
+    slip, balance, at_rest = (float(x) for x in capsys.readouterr().out.split())
+    EA: float = names["suture"].EA  # type: ignore[attr-defined]
+    for drawn in (slip, at_rest):
+        assert 1e-3 - 0.1 * 0.1 / EA <= drawn < 1e-3
+    assert np.abs(balance) <= IDENTITY

@@ -1,0 +1,312 @@
+"""Mesh files: every gmsh version reads to the same mesh, VTK too, units, names, and every fault in words."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+from meshes import gmsh_session
+from meshes.block import block, graded_block_gmsh
+from meshes.checks import volumes
+from meshes.errors import MeshError
+from meshes.file import read
+from meshes.gmsh_session import load_gmsh, session
+from meshes.grading import Grading
+from meshes.units import metres_per_unit
+from tests.meshes.samples import NEEDS_GMSH
+
+# A small organ in gmsh's format 1: an octahedron about a centre, 2 × 2 × 4 units, its lower half group 1, its
+# upper half group 2; two triangles at the bottom are group 7, one at the top is group 8. Node numbers have
+# gaps, as such files do.
+NODES = {
+    10: (1, 0, 0),
+    11: (0, 1, 0),
+    12: (-1, 0, 0),
+    13: (0, -1, 0),
+    20: (0, 0, 2),
+    21: (0, 0, -2),
+    30: (0, 0, 0),
+}
+RING = [(10, 11), (11, 12), (12, 13), (13, 10)]
+LOWER = [(4, 1, 1, (b, a, 30, 21)) for a, b in RING]
+UPPER = [(4, 2, 2, (a, b, 30, 20)) for a, b in RING]
+SKIN = [(2, 7, 3, (10, 11, 21)), (2, 7, 3, (11, 12, 21)), (2, 8, 4, (10, 11, 20))]
+OCTAHEDRON = 8 * (1 * 1 * 2) / 6  # volume, cubic units
+
+
+def old_format(nodes: dict[int, tuple[float, ...]], elements: list) -> str:
+    lines = ["$NOD", str(len(nodes)), *(f"{n} {x} {y} {z}" for n, (x, y, z) in nodes.items()), "$ENDNOD"]
+    lines += ["$ELM", str(len(elements))]
+    for number, (kind, physical, entity, corners) in enumerate(elements, start=1):
+        lines.append(f"{number} {kind} {physical} {entity} {len(corners)} {' '.join(map(str, corners))}")
+    return "\n".join([*lines, "$ENDELM", ""])
+
+
+@pytest.fixture
+def old_file(tmp_path):
+    def write(nodes=NODES, elements=None) -> Path:
+        path = tmp_path / "organ.msh"
+        path.write_text(old_format(nodes, LOWER + UPPER + SKIN if elements is None else elements))
+        return path
+
+    return write
+
+
+@NEEDS_GMSH
+def test_a_small_organ_in_the_old_format(old_file):
+    mesh = read(old_file(), 0.05)
+    assert mesh.p.shape == (3, 7) and mesh.t.shape == (4, 8)
+    assert volumes(mesh.p.T, mesh.t.T).sum() == pytest.approx(OCTAHEDRON * 0.05**3, rel=1e-12)
+    assert np.ptp(mesh.p, axis=1) == pytest.approx([0.1, 0.1, 0.2], rel=1e-12)
+
+
+@NEEDS_GMSH
+def test_numbered_groups_are_boundaries_and_subdomains(old_file):
+    mesh = read(old_file())
+    assert set(mesh.boundaries) == {"7", "8", "surface"}
+    assert set(mesh.subdomains) == {"1", "2"}
+    assert len(mesh.boundaries["7"]) == 2 and len(mesh.boundaries["8"]) == 1
+    assert np.array_equal(np.sort(mesh.boundaries["surface"]), np.sort(mesh.boundary_facets()))
+    assert np.all(mesh.p[2, mesh.t[:, mesh.subdomains["1"]]] <= 0)
+    assert np.all(mesh.p[2, mesh.t[:, mesh.subdomains["2"]]] >= 0)
+    corners = mesh.p[:, mesh.facets[:, mesh.boundaries["8"][0]]].T.tolist()
+    assert sorted(corners) == [[0, 0, 2], [0, 1, 0], [1, 0, 0]]
+
+
+def write_box(path: Path, version: float, binary: bool) -> Path:
+    """A meshed box of 2 × 1 × 1 with a named volume, the face x = 0 named and two more under one name."""
+    with session() as gmsh:
+        gmsh.model.occ.addBox(0, 0, 0, 2, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(3, [1], 1, name="organ")
+        gmsh.model.addPhysicalGroup(2, [1], 2, name="bed")
+        gmsh.model.addPhysicalGroup(2, [2, 3], 3, name="rim")
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.7)
+        gmsh.model.mesh.generate(3)
+        gmsh.option.setNumber("Mesh.MshFileVersion", version)
+        gmsh.option.setNumber("Mesh.Binary", binary)
+        gmsh.write(str(path))
+    return path
+
+
+@NEEDS_GMSH
+@pytest.mark.parametrize(
+    ("version", "binary"), [(1.0, False), (2.2, False), (2.2, True), (4.0, False), (4.1, False), (4.1, True)]
+)
+def test_every_version_reads_to_the_same_mesh(tmp_path, version, binary):
+    mesh = read(write_box(tmp_path / "box.msh", version, binary), 1e-3)
+    latest = read(write_box(tmp_path / "latest.msh", 4.1, False), 1e-3)
+    # Text files keep 16 digits.
+    assert np.abs(mesh.p - latest.p).max() <= 1e-12 * 2e-3 and np.array_equal(mesh.t, latest.t)
+    assert volumes(mesh.p.T, mesh.t.T).sum() == pytest.approx(2e-9, rel=1e-12)
+    organ, bed, rim = ("1", "2", "3") if version == 1.0 else ("organ", "bed", "rim")
+    assert set(mesh.subdomains) == {organ} and len(mesh.subdomains[organ]) == mesh.nelements
+    assert set(mesh.boundaries) == {bed, rim, "surface"}
+    assert np.array_equal(mesh.boundaries[bed], latest.boundaries["bed"])
+    assert np.array_equal(mesh.boundaries[rim], latest.boundaries["rim"])
+    assert np.abs(mesh.p[0, mesh.facets[:, mesh.boundaries[bed]]]).max() == 0
+
+
+@NEEDS_GMSH
+def test_a_block_written_and_read_is_the_same_block(tmp_path):
+    made = graded_block_gmsh((0.06, 0.04, 0.02), Grading(8e-3, 4e-3), [[0, 0, 0]])
+    path = tmp_path / "block.vtu"
+    meshio.Mesh(made.p.T, {"tetra": made.t.T}).write(path)
+    again = read(path)
+    assert np.array_equal(again.p, made.p) and np.array_equal(again.t, made.t)
+
+
+@pytest.mark.parametrize("name", ["block.vtu", "block.vtk"])
+def test_vtk_files_scale_by_their_unit_and_have_a_surface(tmp_path, name):
+    made = block((60.0, 40.0, 20.0), 10.0)
+    triangle = made.facets[:, made.boundary_facets()].T
+    meshio.Mesh(made.p.T, {"triangle": triangle, "tetra": made.t.T}).write(tmp_path / name)
+    mesh = read(tmp_path / name, metres_per_unit("mm"))
+    assert volumes(mesh.p.T, mesh.t.T).sum() == pytest.approx(0.06 * 0.04 * 0.02, rel=1e-12)
+    assert set(mesh.boundaries) == {"surface"}
+    assert np.array_equal(mesh.boundaries["surface"], mesh.boundary_facets())
+
+
+def test_units():
+    found = [metres_per_unit(unit) for unit in ("m", "dm", "cm", "mm", "um", "µm", 0.03, 2)]
+    assert found == [1.0, 0.1, 0.01, 1e-3, 1e-6, 1e-6, 0.03, 2.0]
+    for unit in ("inch", "MM", "", 0.0, -1.0, float("nan"), float("inf"), True):
+        with pytest.raises(MeshError, match="unit = "):
+            metres_per_unit(unit)
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(MeshError) as caught:
+        read(path)
+    message = str(caught.value)
+    assert message.startswith(str(path)) and "\n" not in message
+    return message
+
+
+@NEEDS_GMSH
+@pytest.mark.parametrize(
+    ("nodes", "elements", "says"),
+    [
+        (NODES, SKIN, "not a volume mesh, it holds only Triangle 3 elements"),
+        (NODES, [], "no elements"),
+        (
+            NODES,
+            [*LOWER, *((k, p, e, (b, a, c, d)) for k, p, e, (a, b, c, d) in UPPER)],
+            "4 of 8 tetrahedra are inverted",
+        ),
+        ({**NODES, 99: (5, 5, 5)}, LOWER + UPPER, "1 of 8 nodes belong to no element"),
+        (NODES, LOWER, "1 of 7 nodes belong to no element"),
+        (NODES, LOWER + SKIN, "1 of 7 nodes belong to no tetrahedron"),
+        (NODES, [*LOWER, (4, 1, 1, (10, 11, 30, 77))], "gmsh cannot read it: Wrong node index 77"),
+        (NODES, LOWER + UPPER + [(2, 7, 3, (10, 12, 20))], "no facet of any tetrahedron"),
+        (
+            NODES,
+            LOWER + UPPER + [(2, 7, 3, (10, 11, 21)), (2, 8, 3, (11, 12, 21))],
+            r"physical groups [7, 8]",
+        ),
+        (NODES, LOWER + UPPER + UPPER[:1], "more than two tetrahedra"),
+        ({**NODES, 20: (0, 0, "nan")}, LOWER + UPPER, "1 of 7 nodes have coordinates that are not finite"),
+        ({**NODES, 20: (0, 0, 0)}, LOWER + UPPER, "1 pairs of nodes lie at the same place"),
+        ({**NODES, 20: (0.1, 0, 0)}, LOWER + UPPER, "4 of 8 tetrahedra are degenerate"),
+        (
+            {**NODES, 40: (9, 0, 0), 41: (10, 0, 0), 42: (9, 1, 0), 43: (9, 0, 1)},
+            LOWER + UPPER + [(4, 1, 1, (40, 41, 42, 43))],
+            "2 parts that share no facet, of 8, 1 tetrahedra",
+        ),
+    ],
+)
+def test_faults_of_a_gmsh_file_are_named(old_file, nodes, elements, says):
+    assert says in refusal(old_file(nodes, elements))
+
+
+@NEEDS_GMSH
+def test_quadratic_and_hexahedral_meshes_are_refused(tmp_path):
+    path = tmp_path / "box.msh"
+    with session() as gmsh:
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.setOrder(2)
+        gmsh.write(str(path))
+    assert "Tetrahedron 10, Triangle 6; only linear tetrahedra" in refusal(path)
+    cube = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float)
+    meshio.Mesh(cube, {"hexahedron": np.arange(8)[None]}).write(tmp_path / "cube.vtu")
+    assert "hexahedron; only linear tetrahedra" in refusal(tmp_path / "cube.vtu")
+
+
+def test_missing_empty_and_unknown_files(tmp_path):
+    assert "no such file" in refusal(tmp_path / "none.msh")
+    assert "no file" in refusal(tmp_path)
+    for name in ("empty.msh", "empty.vtu"):
+        (tmp_path / name).touch()
+        assert "the file is empty" in refusal(tmp_path / name)
+    (tmp_path / "organ.stl").write_text("solid")
+    assert "'.stl' is none of the formats .msh" in refusal(tmp_path / "organ.stl")
+
+
+def test_a_file_that_is_no_gmsh_mesh_is_not_run_as_a_script(tmp_path):
+    path, trace = tmp_path / "script.msh", tmp_path / "trace"
+    path.write_text(f'SystemCall "touch {trace}";\n')
+    assert "does not begin like a gmsh mesh" in refusal(path)
+    assert not trace.exists()
+
+
+@NEEDS_GMSH
+def test_a_gmsh_file_cut_short_is_refused(old_file):
+    path = old_file()
+    path.write_text(path.read_text()[:60])
+    assert "gmsh cannot read it" in refusal(path)
+
+
+@pytest.mark.parametrize("name", ["bad.vtu", "bad.vtk"])
+def test_meshio_neither_prints_nor_ends_the_interpreter(tmp_path, capfd, name):
+    (tmp_path / name).write_text("# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 0 float\n")
+    assert "meshio cannot read it" in refusal(tmp_path / name)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_surface_only_vtk_is_not_a_volume(tmp_path):
+    meshio.Mesh(np.eye(3), {"triangle": np.array([[0, 1, 2]])}).write(tmp_path / "skin.vtk")
+    assert "not a volume mesh, it holds only triangle elements" in refusal(tmp_path / "skin.vtk")
+
+
+def test_a_vtk_file_with_an_unused_node_is_refused(tmp_path):
+    made = block((1, 1, 1), 0.5)
+    meshio.Mesh(np.vstack([made.p.T, [9, 9, 9]]), {"tetra": made.t.T}).write(tmp_path / "extra.vtu")
+    assert "1 of 28 nodes belong to no tetrahedron (index 27)" in refusal(tmp_path / "extra.vtu")
+
+
+def test_a_unit_that_is_no_length_is_refused(tmp_path):
+    (tmp_path / "a.vtu").write_text("x")
+    with pytest.raises(MeshError, match="metres_per_unit = 0"):
+        read(tmp_path / "a.vtu", 0)
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (
+            OSError("libGLU.so.1: cannot open shared object file: No such file or directory"),
+            "system library libGLU.so.1 is missing",
+        ),
+        (OSError("libXft.so.2: cannot open shared object file"), "system library libXft.so.2 is missing"),
+        (OSError("wrong ELF class"), "a system library is missing (wrong ELF class)"),
+        (ModuleNotFoundError("No module named 'gmsh'"), "gmsh is not installed: `pip install gmsh`"),
+    ],
+)
+def test_without_gmsh_the_error_says_what_to_install_and_what_works(monkeypatch, old_file, error, says):
+    def fail(name: str) -> None:
+        raise error
+
+    monkeypatch.setattr(gmsh_session, "import_module", fail)
+    message = refusal(old_file())
+    assert says in message
+    assert "structured block" in message and ".vtu" in message
+    assert ("apt-get install --no-install-recommends libglu1-mesa" in message) == isinstance(error, OSError)
+
+
+def test_gmsh_is_loaded_only_when_asked_for():
+    # Another test may have loaded it: a fresh interpreter tells.
+    code = (
+        "import sys, meshes.block, meshes.file, meshes.cylinder; meshes.block.block((1, 1, 1), 1); "
+        "print('gmsh' in sys.modules)"
+    )
+    root = Path(gmsh_session.__file__).parents[1]
+    done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+@NEEDS_GMSH
+def test_a_session_always_ends_and_refuses_to_share():
+    with pytest.raises(ZeroDivisionError), session() as gmsh:
+        raise ZeroDivisionError
+    gmsh = load_gmsh()
+    assert not gmsh.isInitialized()
+    with session(), pytest.raises(MeshError, match="already initialised"), session():
+        pass
+    assert not gmsh.isInitialized()
+
+
+@NEEDS_GMSH
+def test_a_session_leaves_the_handler_of_interrupts_alone():
+    def ours(number, frame):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, ours)
+    try:
+        with session():
+            assert signal.getsignal(signal.SIGINT) is ours
+        assert signal.getsignal(signal.SIGINT) is ours
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@NEEDS_GMSH
+def test_gmsh_is_silent(old_file, capfd):
+    read(old_file())
+    graded_block_gmsh((1, 1, 1), Grading(0.5, 0.4), [[0, 0, 0]])
+    assert capfd.readouterr() == ("", "")

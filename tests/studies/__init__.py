@@ -1,0 +1,1 @@
+"""Tests of scenarios, runs, output, the command line and the studies."""

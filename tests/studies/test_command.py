@@ -1,0 +1,196 @@
+"""The command line: exit status, sentences instead of tracebacks, and what a run prints."""
+
+import io
+import json
+import os
+import signal
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from coupling.errors import CouplingError
+from meshes.errors import MeshError
+from studies.command import command
+from studies.command.progress import Progress, duration
+from studies.scenario import Scenario, load
+from tests.studies.samples import CONTRACT, Stub
+
+Prepare = Callable[..., None]
+
+
+@pytest.fixture
+def contract(tmp_path: Path) -> str:
+    path = tmp_path / "contract.toml"
+    path.write_text(CONTRACT, encoding="utf-8")
+    return str(path)
+
+
+@pytest.fixture
+def stub(monkeypatch: pytest.MonkeyPatch) -> Prepare:
+    """Runs are made by a stub; call it to make them fail."""
+
+    def prepare(fail: Exception | Callable[[], None] | None = None, topology: object = None) -> None:
+        def prepared(scenario: Scenario) -> Stub:
+            return replace(Stub(scenario, fail), topology=topology)  # type: ignore[arg-type]
+
+        monkeypatch.setattr(command, "_prepare", prepared)
+
+    prepare()
+    return prepare
+
+
+def test_a_run(contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert command.main(["run", contract, "--out", str(out), "--set", "output.every=2"]) == 0
+    printed = capsys.readouterr()
+    for word in (
+        "two piercings",
+        "completed",
+        "entry",
+        "slip [mm]",
+        "energy [J]",
+        "results.pvd",
+        "picture.png",
+    ):
+        assert word in printed.out
+    assert "100 %  step 7/7" in printed.err
+    assert json.loads((out / "summary.json").read_text())["status"] == "completed"
+    assert (out / "picture.png").stat().st_size > 10_000
+    assert command.main(["check", str(out / "scenario.toml")]) == 0
+    assert "2 piercings, 40 control points, 12 tissue unknowns, 7 steps" in capsys.readouterr().out
+
+
+def test_a_shipped_scene_is_checked_and_run_by_its_name(
+    stub: Prepare, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert command.main(["check", "two_piercings"]) == 0
+    for _ in range(2):  # the second time a folder of that name is there
+        assert command.main(["run", "two_piercings", "--out", "two_piercings", "--no-picture"]) == 0
+    assert load("two_piercings/scenario.toml").title == load("two_piercings").title
+    assert command.main(["mesh", "two_percings", "--out", "organ.vtu"]) == 2
+    assert "two_piercings" in capsys.readouterr().err
+
+
+def test_a_quiet_run_prints_nothing(
+    contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["run", contract, "--out", str(tmp_path / "out"), "--quiet", "--no-picture"]
+    assert command.main(arguments) == 0
+    assert capsys.readouterr() == ("", "")
+    assert not (tmp_path / "out" / "picture.png").exists()
+
+
+def test_bad_input_is_refused_before_anything_is_written(
+    contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    faults = ["--set", "solve.dt=0", "--set", "tissue.density=-1"]
+    assert command.main(["run", contract, "--out", str(out), *faults]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    assert lines[0].startswith("suture: tissue.density = -1 is refused")
+    assert list(out.iterdir()) == []
+
+
+@pytest.mark.parametrize("verb", ["run", "check"])
+def test_what_the_preparation_refuses_is_refused(
+    contract: str,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    verb: str,
+) -> None:
+    def prepare(scenario: Scenario) -> Stub:
+        raise MeshError("the mesh is inside out; turn it")
+
+    monkeypatch.setattr(command, "_prepare", prepare)
+    out = ["--out", str(tmp_path / "out")] if verb == "run" else []
+    assert command.main([verb, contract, *out]) == 2
+    assert capsys.readouterr().err == "suture: the mesh is inside out; turn it\n"
+
+
+def test_a_folder_of_somebody_else_is_refused(
+    contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command.main(["run", contract, "--out", str(tmp_path)]) == 2
+    assert "holds other files than results" in capsys.readouterr().err
+
+
+def test_a_run_that_fails(contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    stub(CouplingError("no convergence at piercing 'exit'"))
+    out = tmp_path / "out"
+    assert command.main(["run", contract, "--out", str(out), "--no-picture"]) == 1
+    printed = capsys.readouterr()
+    assert "the run failed in step 4, after t = 0.3 s: no convergence at piercing 'exit'" in printed.err
+    assert "Traceback" not in printed.err
+    assert "failed at t = 0.3" in printed.out
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["status"], summary["steps"]) == ("failed", 3)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_run_that_is_interrupted(
+    contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str], number: int
+) -> None:
+    before = signal.getsignal(number)
+    stub(lambda: os.kill(os.getpid(), number))
+    out = tmp_path / "out"
+    assert command.main(["run", contract, "--out", str(out), "--no-picture"]) == 128 + number
+    assert "interrupted" in capsys.readouterr().err
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["status"], summary["steps"]) == ("interrupted", 4)  # the step is finished first
+    assert signal.getsignal(number) is before
+
+
+def test_a_defect_of_the_code_is_not_hidden(contract: str, stub: Prepare, tmp_path: Path) -> None:
+    stub(ZeroDivisionError("a bug"))
+    with pytest.raises(ZeroDivisionError):
+        command.main(["run", contract, "--out", str(tmp_path / "out"), "--quiet"])
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "failed"
+
+
+def test_schema_and_catalogue(capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main(["schema"]) == 0
+    assert json.loads(capsys.readouterr().out)["title"] == "Scenario"
+    assert command.main(["catalogue"]) == 0
+    assert "2-0 polypropylene" in capsys.readouterr().out
+
+
+def test_wrong_use_exits_with_2(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in ([], ["fly"], ["run", "a.toml"]):
+        with pytest.raises(SystemExit, match="2"):
+            command.main(arguments)
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_progress_elsewhere_than_on_a_terminal_is_ten_lines() -> None:
+    stream = io.StringIO()
+    progress = Progress(1000, stream=stream)
+    for number in range(1001):
+        progress.update(number, number * 1e-3, 4)
+    progress.close()
+    lines = stream.getvalue().splitlines()
+    assert [int(line.split()[0]) for line in lines] == list(range(10, 101, 10))
+    assert all("left" in line for line in lines[:-1])
+    assert "in all" in lines[-1]
+
+
+def test_progress_on_a_terminal_redraws_one_line() -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    stream = Terminal()
+    progress = Progress(3, stream=stream)
+    for number in range(4):
+        progress.update(number, float(number), 4)
+    progress.close()
+    assert stream.getvalue().count("\n") == 1
+    assert "[##############################] step 3/3" in stream.getvalue()
+
+
+def test_durations() -> None:
+    assert [duration(value) for value in (3.4, 61, 7322)] == ["3 s", "1 min 01 s", "2 h 02 min"]

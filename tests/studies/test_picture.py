@@ -1,0 +1,87 @@
+"""The picture of a frame: something is drawn with and without an organ, with and without OpenGL."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from studies.output.records import OrganTopology
+from studies.pictures import picture as chooser
+from studies.pictures.picture import draw_picture
+from studies.pictures.section import cut, draw_section
+from studies.pictures.view import surface
+from tests.studies.samples import LINEAR, frame, quadratic
+
+
+def is_drawn(path: Path) -> bool:
+    return bool(imread(path)[..., :3].std() > 0.02)
+
+
+@pytest.mark.parametrize("topology", [None, LINEAR, quadratic()], ids=["no organ", "linear", "quadratic"])
+def test_the_section_is_drawn(tmp_path: Path, topology: OrganTopology | None) -> None:
+    draw_section(frame(0.1, topology), topology, tmp_path / "section.png", "title")
+    assert is_drawn(tmp_path / "section.png")
+
+
+def test_a_picture_comes_out_and_says_how(tmp_path: Path) -> None:
+    line = draw_picture(frame(0.1), LINEAR, tmp_path / "picture.png", "title")
+    assert is_drawn(tmp_path / "picture.png")
+    assert "3-D picture (pyvista)" in line or "apt-get install" in line
+
+
+def test_a_child_that_dies_leaves_the_section(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chooser, "WINDOWS", ("vtkNoSuchRenderWindow",))
+    calls: list[str] = []
+    drawing = chooser._draws
+
+    def draws(module: str, *rest: object) -> bool:
+        calls.append(module)
+        return module != "studies.pictures.space" and drawing(module, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(chooser, "_draws", draws)
+    line = draw_picture(frame(0.1), LINEAR, tmp_path / "picture.png")
+    assert calls == ["studies.pictures.space", "studies.pictures.section"]
+    assert "section (matplotlib)" in line and "libegl1" in line
+    assert is_drawn(tmp_path / "picture.png")
+
+
+def test_a_child_that_crashes_is_survived(tmp_path: Path) -> None:
+    source = tmp_path / "frame.pickle"
+    source.write_bytes(b"not a pickle")
+    assert not chooser._draws("studies.pictures.section", source, tmp_path / "picture.png", {})
+    assert not (tmp_path / "picture.png").exists()
+
+
+def test_the_surface_is_closed_and_faces_outward() -> None:
+    """∮ x·n dA = 3 V, whatever the orientation of the tetrahedra."""
+    flipped = OrganTopology(LINEAR.points, LINEAR.cells[:, [1, 0, 2, 3]])
+    corners = LINEAR.points[LINEAR.cells]
+    volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])).sum() / 6
+    for topology in (LINEAR, flipped):
+        a, b, c = np.moveaxis(topology.points[surface(topology)], 1, 0)
+        assert len(a) == 6
+        assert np.sum(a * np.cross(b, c)) / 6 == pytest.approx(volume, rel=1e-12)
+
+
+def test_the_cut_has_the_area_of_the_section() -> None:
+    """The tetrahedron x, y, z ≥ 0, x + y + z ≤ 1 cut at y has a section of area (1 − y)²/2."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    for turned in ([0, 1, 2, 3], [2, 0, 3, 1]):
+        places, triangles, values = cut(points[turned], np.array([[0, 1, 2, 3]]), points[turned][:, 1], 0.3)
+        a, b, c = np.moveaxis(places[triangles], 1, 0)
+        u, v = b - a, c - a
+        area = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum() / 2
+        assert area == pytest.approx(0.7**2 / 2, rel=1e-12)
+        assert values == pytest.approx(0.3, rel=1e-12)
+
+
+def test_a_cut_through_two_and_two_nodes_is_a_quadrangle() -> None:
+    """The mid-plane of a regular tetrahedron in a unit cube, between two opposite edges: a square."""
+    points = np.array([[0, 0, 0], [1, 0, 1], [0, 1, 1], [1, 1, 0.0]])
+    places, triangles, _ = cut(points, np.array([[0, 1, 2, 3]]), points[:, 0], 0.5)
+    assert len(triangles) == 2
+    a, b, c = np.moveaxis(places[triangles], 1, 0)
+    u, v = b - a, c - a
+    doubled = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]  # signed: the triangles must not overlap
+    assert abs(doubled.sum()) / 2 == pytest.approx(0.5, rel=1e-12)

@@ -1,0 +1,115 @@
+"""The ParaView series, read back by VTK: the same fields at the same times."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import pyvista as pv
+
+from studies.output.columns import ORGAN_ARRAYS, PIERCING_ARRAYS, STATE_CODES, THREAD_ARRAYS
+from studies.output.records import OrganTopology, Snapshot
+from studies.output.series import Series
+from tests.studies.samples import LINEAR, frame, organ, quadratic
+
+TIMES = (0.0, 0.1 + 0.2, 1 / 3)
+SINGLE = float(np.finfo(np.float32).eps)  # fields are float32
+
+
+@pytest.fixture
+def reader(tmp_path: Path) -> pv.PVDReader:
+    series = Series(tmp_path, LINEAR)
+    for number, time in enumerate(TIMES):
+        series.write(number, frame(time))
+    return pv.PVDReader(str(tmp_path / "results.pvd"))
+
+
+def same(actual: object, expected: object) -> None:
+    scale = float(np.abs(np.asarray(expected)).max()) or 1.0
+    np.testing.assert_allclose(np.asarray(actual), np.asarray(expected), rtol=0, atol=SINGLE * scale)
+
+
+def test_three_parts_share_every_time(reader: pv.PVDReader) -> None:
+    assert tuple(reader.time_values) == TIMES  # to the last bit: the index is text
+    for number, time in enumerate(TIMES):
+        reader.set_active_time_point(number)
+        active = reader.active_datasets
+        assert [(data.time, data.part) for data in active] == [(time, 0), (time, 1), (time, 2)]
+        assert [Path(data.path).name.split("_")[0] for data in active] == ["organ", "thread", "piercings"]
+
+
+def test_fields_read_back(reader: pv.PVDReader) -> None:
+    reader.set_active_time_value(TIMES[-1])
+    solid, thread, holes = reader.read()
+    written = frame(TIMES[-1])
+    assert written.organ is not None
+    same(solid.points, LINEAR.points)  # the reference shape
+    same(solid["displacement"], written.organ.displacement)
+    same(solid["stress"], written.organ.stress)
+    same(solid["von_mises"], written.organ.von_mises)
+    assert [solid.GetPointData().GetArray("stress").GetComponentName(k) for k in range(6)] == [
+        *("XX", "YY", "ZZ", "XY", "YZ", "XZ")
+    ]
+    assert list(solid.celltypes) == [pv.CellType.TETRA] * 2
+    same(thread.points, written.thread.points)
+    for name in ("s", "tension", "curvature"):
+        same(thread[name], getattr(written.thread, name))
+    same(thread["radius"], np.full(11, 1.6e-4))
+    assert thread.n_lines == 1
+    assert holes.n_verts == 2
+    for name in ("force", "tangent", "u", "v", "slip"):
+        same(holes[name], [getattr(hole, name) for hole in written.piercings])
+    assert list(holes["state"]) == [STATE_CODES["slip"]] * 2
+    assert holes["state"].dtype == np.int32
+
+
+def test_frames_have_the_arrays_of_their_columns(tmp_path: Path) -> None:
+    """Independent check: VTK reads one array for each column that has a value, under its name, with as many components
+    as the column has parts."""
+    whole = frame(0.5)
+    assert whole.organ is not None
+    nodes = len(LINEAR.points)
+    lips = replace(whole.organ, contact_pressure=np.ones(nodes), lip_gap=np.full(nodes, np.nan))
+    Series(tmp_path, LINEAR).write(0, whole)
+    twisted = replace(whole, organ=lips, thread=replace(whole.thread, torque=whole.thread.s))
+    Series(tmp_path / "all", LINEAR).write(0, twisted)
+    optional = {"contact_pressure", "lip_gap", "torque"}
+    parts = {"organ": ORGAN_ARRAYS, "thread": THREAD_ARRAYS, "piercings": PIERCING_ARRAYS}
+    for (part, columns), kind in zip(parts.items(), ("vtu", "vtp", "vtp"), strict=True):
+        expected = {column.name: len(column.parts) or 1 for column in columns}
+        for folder, missing in ((tmp_path, optional), (tmp_path / "all", set[str]())):
+            data = pv.read(folder / "frames" / f"{part}_000000.{kind}").GetPointData()
+            arrays = [data.GetArray(index) for index in range(data.GetNumberOfArrays())]
+            found = {array.GetName(): array.GetNumberOfComponents() for array in arrays}
+            assert found == {name: size for name, size in expected.items() if name not in missing}
+
+
+def test_quadratic_tetrahedra(tmp_path: Path) -> None:
+    topology = quadratic()
+    Series(tmp_path, topology).write(0, frame(0.0, topology))
+    solid = pv.read(tmp_path / "frames" / "organ_000000.vtu")
+    assert list(solid.celltypes) == [pv.CellType.QUADRATIC_TETRA] * 2
+    volumes = solid.compute_cell_sizes(length=False, area=False)["Volume"]
+    linear = pv.UnstructuredGrid({pv.CellType.TETRA: LINEAR.cells}, LINEAR.points)
+    same(volumes, linear.compute_cell_sizes(length=False, area=False)["Volume"])
+
+
+def test_no_organ_and_no_piercings(tmp_path: Path) -> None:
+    bare = frame(0.5, None)
+    Series(tmp_path, None).write(5, Snapshot(bare.time, bare.thread, ()))
+    assert [path.name for path in (tmp_path / "frames").iterdir()] == ["thread_000005.vtp"]
+    (thread,) = pv.PVDReader(str(tmp_path / "results.pvd")).read()
+    assert isinstance(thread, pv.PolyData)
+    assert thread.n_points == 11
+
+
+def test_a_field_larger_than_a_block_of_the_format(tmp_path: Path) -> None:
+    """VTK's own writer cuts at 32 KiB; one block of any size must read back as well."""
+    generator = np.random.default_rng(1)
+    points = generator.random((20_000, 3))
+    topology = OrganTopology(points, generator.integers(0, 20_000, (5_000, 4)))
+    thread = frame(0.0, None).thread
+    Series(tmp_path, topology).write(0, Snapshot(0.0, thread, (), organ(topology, 2.0)))
+    solid = pv.read(tmp_path / "frames" / "organ_000000.vtu")
+    same(solid["displacement"], 2.0 * points)
+    assert np.array_equal(solid.cells_dict[pv.CellType.TETRA], topology.cells)

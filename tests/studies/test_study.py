@@ -1,0 +1,155 @@
+"""The room that the studies share: names, arguments, tables, files and the command."""
+
+import csv
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from matplotlib.figure import Figure
+
+from coupling.errors import StepError
+from studies import study
+from studies.command import command
+from studies.figure import panels
+from studies.study import NAMES, WRITTEN, Study, StudyError, Table, arguments, check_folder, unit_field
+from studies.verdicts import beyond_bearing, beyond_linear, not_settled, spans_too_coarse, too_coarse
+
+
+@dataclass(frozen=True)
+class Row:
+    way: str
+    length: float = unit_field("m")
+
+
+def main(lengths: tuple[float, ...] = (1.0, 2.0), count: int = 3) -> Iterator[Row]:
+    for length in lengths:
+        if length < 0.0:
+            raise StepError(0.1, 1e-3, "no length is negative", "entry")
+        yield Row(f"way {count}", length)
+
+
+def figure(rows: list[Row]) -> Figure:
+    drawing, grid = panels(1, 1)
+    grid[0, 0].plot([row.length for row in rows])
+    grid[0, 0].set(xlabel="length [m]")
+    return drawing
+
+
+SAMPLE = Study(
+    main=main,
+    question="How long is it?",
+    independent="none",
+    consistency="with itself",
+    table=lambda rows: Table(("way", "length [mm]"), [[row.way, f"{1e3 * row.length:g}"] for row in rows]),
+    figure=figure,
+    remarks=lambda rows: ["not converged"],
+    quick={"lengths": (0.5,)},
+)
+
+
+@pytest.fixture
+def sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sample is the only study."""
+    for module in (study, command):
+        monkeypatch.setattr(module, "NAMES", ("sample",))
+    monkeypatch.setattr(study, "import_module", lambda name: SimpleNamespace(STUDY=SAMPLE))
+
+
+def test_presets_and_settings() -> None:
+    """Full is the defaults of main; a setting is converted to the argument's type, whole numbers to floats too."""
+    assert arguments(SAMPLE, "full") == {}
+    assert arguments(SAMPLE, "quick") == {"lengths": (0.5,)}
+    assert arguments(SAMPLE, "quick", ["lengths=[1, 3]", "count=4"]) == {"lengths": (1.0, 3.0), "count": 4}
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("length=[1]", "the nearest is lengths"),
+        ("lengths", "write NAME=VALUE with a name of lengths, count"),
+        ("count=many", "count=many is refused"),
+        ("lengths=[]", "the list is empty"),
+        ("lengths=[1, nan]", "it must be a finite number, and not nan"),
+        ("lengths=[1, ]]", "lengths=[1, ]] is refused"),
+    ],
+)
+def test_a_wrong_setting_is_refused(setting: str, words: str) -> None:
+    with pytest.raises(StudyError) as caught:
+        arguments(SAMPLE, "full", [setting])
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_study_says_what_it_is(name: str) -> None:
+    """Its presets name arguments of its main, and it asks a question and says what it checks."""
+    found = study.study(name)
+    assert found.question.endswith("?") and found.independent and found.consistency
+    kinds = study.get_type_hints(found.main)
+    assert set(found.quick) <= set(kinds)
+    assert all(study.TypeAdapter(kinds[key]).validate_python(value) for key, value in found.quick.items())
+
+
+def test_a_study_into_a_folder(sample: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Table, numbers with units in the header, a picture in two formats, and what was asked; twice the same bytes."""
+    out = tmp_path / "out"
+    pictures = []
+    for _ in range(2):
+        assert command.main(["study", "sample", "--set", "count=7", "--out", str(out)]) == 0
+        pictures.append([(out / f"figure.{kind}").read_bytes() for kind in ("png", "svg")])
+    assert pictures[0] == pictures[1]
+    assert pictures[0][0].startswith(b"\x89PNG") and b"length [m]" in pictures[0][1]
+    printed = capsys.readouterr().out
+    assert "How long is it?" in printed and "independent check: none" in printed and "* not converged" in printed
+    with (out / "runs.csv").open() as file:
+        assert list(csv.DictReader(file)) == [{"way": "way 7", "length [m]": "0.5"}]
+    with (out / "table.csv").open() as file:
+        assert list(csv.reader(file)) == [["way", "length [mm]"], ["way 7", "500"]]
+    asked = json.loads((out / "study.json").read_text())
+    assert (asked["preset"], asked["arguments"]) == ("quick", {"lengths": [0.5], "count": 7})
+    assert asked["remarks"] == ["not converged"] and "python" in asked["provenance"]
+
+
+def test_the_list_and_a_name_that_is_none(sample: None, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main(["study", "list"]) == 0
+    assert capsys.readouterr().out.split() == ["sample", *SAMPLE.question.split()]
+    assert command.main(["study", "samples"]) == 2
+    assert "the nearest is sample" in capsys.readouterr().err
+
+
+def test_a_folder_of_somebody_else_is_refused(sample: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "letter.txt").write_text("dear")
+    assert command.main(["study", "sample", "--out", str(tmp_path)]) == 2
+    assert "other files than a study's (letter.txt)" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["letter.txt"]
+    with pytest.raises(StudyError, match="it is a file"):
+        check_folder(tmp_path / "letter.txt")
+
+
+def test_marks() -> None:
+    """Independent check: on either side of the limits."""
+    assert beyond_linear("run", 0.29e-3, 1e-3) == [] and too_coarse("run", 1e-3, 1e-3) == []
+    assert "moved by 0.31 footprints, BEYOND" in beyond_linear("run", 0.31e-3, 1e-3)[0]
+    assert "cells of 1.1 footprint radii, TOO COARSE" in too_coarse("run", 1.1e-3, 1e-3)[0]
+    assert spans_too_coarse("run", 0.5) == [] and "0.51 bending lengths" in spans_too_coarse("run", 0.51)[0]
+    assert not_settled("run", 1e-7, 1e-3) == [] and "2 of the elastic" in not_settled("run", 2.0, 1.0)[0]
+    assert "inf of the elastic" in not_settled("run", 1e-9, 0.0)[0] and not_settled("run", 0.0, 0.0) == []
+    assert beyond_bearing("run", 1.0, 0.3e-3, 5e-3, 3e6) == []
+    assert "T/(d ℓ E) is 0.67, BEYOND" in beyond_bearing("run", 1.0, 0.3e-3, 5e-3, 1e6)[0]
+
+
+def test_a_study_that_fails_keeps_its_rows(sample: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """And nothing of an earlier one is left beside them; a study that is refused leaves the earlier one alone."""
+    assert command.main(["study", "sample", "--out", str(tmp_path)]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == set(WRITTEN)
+    assert command.main(["study", "sample", "--set", "lengths=[-1]", "--out", str(tmp_path)]) == 1
+    assert {path.name for path in tmp_path.iterdir()} == set(WRITTEN)
+    assert "the rows that were done" not in capsys.readouterr().err
+    assert command.main(["study", "sample", "--set", "lengths=[1, 2, -1]", "--out", str(tmp_path)]) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["runs.csv"]
+    assert (tmp_path / "runs.csv").read_text() == "way,length [m]\nway 3,1.0\nway 3,2.0\n"
+    told = capsys.readouterr().err
+    assert "row 1, " in told and "way 3" in told and "row 2, " not in told  # of the same words
+    assert "no length is negative" in told and "the rows that were done" in told

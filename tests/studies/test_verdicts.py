@@ -1,0 +1,101 @@
+"""Verdicts on sequences whose limit and order are known."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from studies.verdicts import convergence_index, observed_order, richardson, verdict
+from tests.bounds import IDENTITY, TWO_SOLVERS
+
+H = np.array([1.0, 1.3, 2.0, 3.0])  # no two ratios are equal
+
+
+def power(p: float, C: float = 0.01, limit: float = 1.0) -> NDArray[np.float64]:
+    return limit + C * H**p
+
+
+@pytest.mark.parametrize("p", [-3.0, -1.0, 0.5, 1.0, 2.0, 4.0])
+@pytest.mark.parametrize("C", [0.01, -0.01])
+def test_order_and_limit_of_a_power(p: float, C: float) -> None:
+    """Independent check: any ratios, either sign, refinement that helps or does not."""
+    f = power(p, C)
+    assert observed_order(H[:3], f[:3]) == pytest.approx(p, rel=TWO_SOLVERS)
+    assert richardson(H, f, p) == pytest.approx(1.0, rel=TWO_SOLVERS)
+    assert convergence_index(H, f, p) == pytest.approx(1.25 * 0.01 / f[0], rel=TWO_SOLVERS)
+
+
+def test_celik_table_1() -> None:
+    """Independent check: the example of Celik et al. (2008), table 1, monotone column: 18 000, 8 000 and 4 500 cells in
+    two dimensions; printed are p = 1.53, limit 6.1685, index 2.2 %."""
+    h, f = 1.0 / np.sqrt([18000.0, 8000.0, 4500.0]), [6.063, 5.972, 5.863]
+    p = observed_order(h, f)
+    assert p == pytest.approx(1.53, abs=0.005)
+    assert richardson(h, f, p) == pytest.approx(6.1685, abs=5e-4)
+    assert convergence_index(h, f, p) == pytest.approx(0.022, abs=5e-4)
+
+
+def test_a_logarithm_diverges() -> None:
+    """Independent check: f = log h has order zero, f = c/h the order −1 that its verdict names."""
+    log = verdict(H, np.log(1e3 / H), 2.0)
+    assert (log.kind, log.text) == ("diverging", "DIVERGING like a logarithm")
+    assert log.order == pytest.approx(0.0, abs=TWO_SOLVERS)
+    point = verdict(H, 3.0 / H + 1.0, 2.0)
+    assert point.text == "DIVERGING, order -1.00" and np.isnan(point.limit) and np.isinf(point.index)
+
+
+def test_verdicts() -> None:
+    """Converged holds the limit in its interval; the order of the arguments does not matter; luck is not rewarded."""
+    good = verdict(H[::-1], power(2.0)[::-1], 2.0)
+    assert good.text == "converged to 1.2 %" and good.limit == pytest.approx(1.0, rel=TWO_SOLVERS)
+    assert verdict(H, power(1.0, C=1.0), 2.0).kind == "pre-asymptotic"
+    assert verdict(H, power(0.2, C=0.1), 2.0).kind == "pre-asymptotic"
+    slow = verdict(H, power(0.3, C=0.02), 2.0)
+    assert slow.kind == "pre-asymptotic" and slow.index < 0.03
+    lucky = verdict(H, power(6.0, C=1e-3), 2.0)
+    assert lucky.index > 3.0 * abs(power(6.0, C=1e-3)[0] - 1.0)
+    assert verdict(H, np.full(4, 0.7), 2.0).index <= IDENTITY
+
+
+def test_swings_and_noise() -> None:
+    """A number that swings is given thrice its swing; changes too small to show an order are said to be so, and
+    not called convergence, for a logarithm may be as small; large ones that grow diverge."""
+    swing = verdict(H, [1.0, 1.01, 0.995, 1.0], 2.0)
+    assert np.isnan(swing.order) and np.isnan(swing.limit) and swing.text.endswith("order not resolved")
+    assert (swing.kind, swing.index) == ("converged", pytest.approx(0.045))
+    assert verdict(H, [1.0, 1.2, 0.9, 1.0], 2.0).kind == "pre-asymptotic"
+    assert verdict(H, [1.0, 0.999, 0.9985, 0.9983], 2.0).text == "changes by less than 0.3 %, order not resolved"
+    assert verdict(H, 1.0 + 1e-3 * np.log(H), 2.0).kind == "unresolved"
+    assert verdict(H, [1.0, 0.992, 0.987, 0.986], 2.0).kind == "pre-asymptotic"
+    assert verdict(H, [1.5, 1.0, 0.9, 0.8], 2.0).kind == "diverging"
+    assert verdict(H, [1.5, 1.0, 0.9, 1.0], 2.0).kind == "pre-asymptotic"
+
+
+def test_near_a_turn_of_the_error_two_numbers_are_near() -> None:
+    """Independent check: with the error C (h − h²/k) two finest numbers are as near to one another as one likes, the
+    limit is not, and the interval holds it all the same."""
+    h = np.array([1.0, 2.0, 4.0])
+    for C, k in ((0.003, 3.0001), (0.003, 3.01), (0.1, 3.0001), (-0.003, 3.0001)):
+        f = 1.0 + C * (h - h**2 / k)
+        found = verdict(h, f, 2.0)
+        assert abs(f[0] - f[1]) < 1e-2 * abs(f[0] - 1.0)
+        assert found.index * abs(f[0]) > abs(f[0] - 1.0)
+    assert verdict([1.0, 2.0, 4.0], [1.0, 1.0000001, 1.1], 2.0).kind == "pre-asymptotic"
+
+
+@pytest.mark.parametrize("growth", [1.5, 3.0])
+def test_swings_that_grow_are_not_called_converged(growth: float) -> None:
+    """Independent check: (−g)ᵏ after k refinements has no limit, however small."""
+    swing = (-growth) ** np.arange(4)[::-1]
+    assert verdict(H, 1.0 + 2e-4 * swing, 2.0).kind in ("unresolved", "pre-asymptotic")
+    assert verdict(H, 1.0 + 1e-3 * swing, 2.0).kind in ("unresolved", "pre-asymptotic")
+
+
+@pytest.mark.parametrize("f", [[np.nan, 1.0, 1.1], [1.0, np.nan, 1.1], [np.inf, 1.0, 1.0], [0.0, 1e-3, 4e-3]])
+def test_of_numbers_that_are_none_nothing_is_said(f: list[float]) -> None:
+    """A finest number of zero has no relative error."""
+    assert verdict([1.0, 2.0, 4.0], f, 2.0).kind == "pre-asymptotic"
+
+
+def test_two_refinements_are_no_study() -> None:
+    with pytest.raises(ValueError, match="three different refinements"):
+        verdict([1.0, 2.0], [1.0, 2.0], 2.0)

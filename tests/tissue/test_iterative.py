@@ -1,0 +1,125 @@
+"""Conjugate gradients and multigrid: the direct solver's answers, work that grows no faster than the mesh, failures."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from skfem import MeshTet
+
+import tissue
+from tests.bounds import RESIDUAL, TWO_SOLVERS
+from tissue.solvers import iterative
+from tissue.solvers.multigrid import multigrid, rigid_motions
+
+Array = NDArray[np.float64]
+DT = 1.0e-3
+GROWTH = 1.5  # of the iterations while h falls to a quarter: without multigrid they grow like 1/h, fourfold
+
+
+def body_of(cells: int, element: str = "P1", nu: float = 0.45) -> tissue.Elasticity:
+    """A block of 3 : 2 : 1, `cells` along its shortest side."""
+    lines = [np.linspace(0.0, 0.02 * side, side * cells + 1) for side in (3, 2, 1)]
+    mesh = MeshTet.init_tensor(*lines).with_boundaries({"bottom": lambda x: x[2] < 1e-9})
+    return tissue.elasticity(mesh, tissue.Material(1.0e5, nu, 1070.0), element, ("bottom",))
+
+
+def system_of(body: tissue.Elasticity, a: float = 0.0) -> tuple[csr_matrix, Array]:
+    """a M + K over the free unknowns, and their places."""
+    free = body.free
+    return csr_matrix((body.K + a * body.M)[free][:, free]), body.basis.doflocs[:, free].T
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize("a", [0.0, 1.0 / DT**2])
+def test_conjugate_gradients_give_the_direct_answer(element: str, a: float) -> None:
+    """Consistency check of two solvers, one column and more than fit side by side."""
+    A, places = system_of(body_of(6 if element == "P1" else 3, element), a)
+    b = np.random.default_rng(1).standard_normal((A.shape[0], iterative.COLUMNS + 2))
+    exact = tissue.factorize(A, places).solve(b)
+    solver = tissue.conjugate_gradients(A, places)
+    x = solver.solve(b)
+    assert np.abs(x - exact).max() <= TWO_SOLVERS * np.abs(exact).max()
+    assert np.linalg.norm(A @ x - b) <= RESIDUAL * np.linalg.norm(b)
+    assert np.abs(solver.solve(b[:, 0]) - exact[:, 0]).max() <= TWO_SOLVERS * np.abs(exact).max()
+    assert np.array_equal(tissue.conjugate_gradients(A, places).solve(b), x)
+
+
+def test_iterations_do_not_grow_with_the_mesh() -> None:
+    """Independent check: with the rigid motions in the coarse spaces the work per unknown is bounded. 600 to 33 000
+    unknowns.
+    """
+    counts = []
+    for cells in (3, 6, 12):
+        A, places = system_of(body_of(cells))
+        b = np.random.default_rng(1).standard_normal(A.shape[0])
+        counts.append(tissue.conjugate_gradients(A, places).iterate(b)[1])
+    assert max(counts) <= GROWTH * counts[0]
+
+
+def test_the_cycle_is_symmetric_and_positive() -> None:
+    """Independent check: what conjugate gradients ask of a preconditioner, to single precision."""
+    A, places = system_of(body_of(6))
+    cycle = multigrid(A, places)
+    x, y = np.random.default_rng(2).standard_normal((2, A.shape[0]))
+    scale = np.sqrt((x @ cycle(x)) * (y @ cycle(y)))
+    assert abs(y @ cycle(x) - x @ cycle(y)) <= 1e-5 * scale
+    assert x @ cycle(x) > 0.0
+    together = cycle(np.column_stack([x, y]))
+    assert np.abs(together[:, 1] - cycle(y)).max() <= 1e-5 * np.abs(together).max()
+
+
+def test_rigid_motions_take_no_force() -> None:
+    """Independent check: a body that is not held resists none of the six, and they are linearly independent."""
+    body = body_of(3)
+    motions = rigid_motions(body.basis.doflocs.T)
+    size = abs(body.K) @ abs(motions)
+    assert np.abs(body.K @ motions).max() <= 1e-12 * size.max()
+    assert np.linalg.matrix_rank(motions) == 6
+
+
+def test_a_good_guess_saves_work_and_changes_no_answer() -> None:
+    A, places = system_of(body_of(6), 1.0 / DT**2)
+    solver = tissue.conjugate_gradients(A, places)
+    x = np.random.default_rng(3).standard_normal(A.shape[0])
+    near = x + 1e-4 * np.random.default_rng(4).standard_normal(x.size)
+    cold, warm = solver.iterate(A @ x)[1], solver.iterate(A @ x, near)[1]
+    assert warm < cold - 5
+    assert np.abs(solver.solve(A @ x, lambda: near) - x).max() <= TWO_SOLVERS * np.abs(x).max()
+    assert solver.iterate(np.zeros_like(x)) == (pytest.approx(np.zeros_like(x)), 0)
+    assert solver.iterate(A @ x, x)[1] <= 1
+
+
+def test_a_mass_matrix_needs_no_levels() -> None:
+    """Consistency check: by its diagonal alone."""
+    body = body_of(5)
+    M = csr_matrix(body.M)
+    b = np.random.default_rng(5).standard_normal((body.N, 2))
+    exact = tissue.factorize(M).solve(b)
+    assert np.abs(tissue.conjugate_gradients(M).solve(b) - exact).max() <= TWO_SOLVERS * np.abs(exact).max()
+
+
+def test_what_is_not_solved_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    A, places = system_of(body_of(4))
+    b = np.random.default_rng(6).standard_normal(A.shape[0])
+    solver = tissue.conjugate_gradients(A, places)
+    with pytest.raises(tissue.FactorError, match="not positive definite"):
+        tissue.ConjugateGradients(csr_matrix(-A), solver.norm, solver.preconditioner).solve(b)
+    with pytest.raises(tissue.FactorError):
+        solver.solve(np.full(b.size, np.nan))
+    with pytest.raises(tissue.FactorError, match="not symmetric"):
+        tissue.conjugate_gradients(csr_matrix(A + 1e-6 * np.abs(A).max() * csr_matrix(np.tri(A.shape[0]))), places)
+    with pytest.raises(tissue.FactorError, match="three unknowns a node"):
+        tissue.conjugate_gradients(A, places[::-1] + np.arange(A.shape[0])[:, None])
+    monkeypatch.setattr(iterative, "ITERATIONS", 3)
+    with pytest.raises(tissue.FactorError, match=r"after 3 iterations, allowed is 1e-11; take a direct solver"):
+        solver.solve(b)
+
+
+def test_a_residual_that_is_missed_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The contract is checked on A x − b itself, not on what the iteration believes of it."""
+    A, places = system_of(body_of(4))
+    solver = tissue.conjugate_gradients(A, places)
+    wrong = tissue.ConjugateGradients(A, solver.norm, solver.preconditioner)
+    monkeypatch.setattr(iterative, "TOLERANCE", 1e-5)
+    with pytest.raises(tissue.FactorError, match="allowed is 1e-10"):
+        wrong.solve(np.random.default_rng(7).standard_normal(A.shape[0]))

@@ -1,0 +1,258 @@
+"""Lips that press on one another, without a thread: a cut block against the whole one, and against other solvers."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import minimize, nnls
+
+import tissue
+from coupling.contact import Contact, find_pressed, forces, misfits
+from coupling.integrators import BackwardEuler
+from meshes.wound import Wound, lips
+from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
+from tests.tissue.wounds import (
+    SIDES,
+    SIZE,
+    SOFT,
+    Array,
+    at_rest,
+    contact_of,
+    cut_block,
+    forced,
+    gaps_on,
+    opened,
+    organ_of,
+    stretched,
+    whole_block,
+)
+
+THROUGH = Wound(SIZE[1], SIZE[2])
+SQUEEZE = 0.02
+ELEMENTS = ("P1", "P2")
+
+
+def halves(element: str, h: float = 5e-3) -> tissue.QuasiStaticOrgan:
+    """A block cut right through, its two halves held at their far ends."""
+    body = tissue.elasticity(cut_block(THROUGH, h), SOFT, element, SIDES)
+    return organ_of(body, gaps_on(body, THROUGH))
+
+
+def uniaxial(strain: float) -> Array:
+    """Displacement gradient of a bar that is stretched along x and free across."""
+    return np.diag([strain, -SOFT.poisson_ratio * strain, -SOFT.poisson_ratio * strain])
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_two_halves_pressed_together_are_one_bar(element: str) -> None:
+    """Independent check: the patch test of contact. Held ends that follow U = ε·x press the halves together by −E ε,
+    the same everywhere; the field is in the space, so it is met to round-off, at the lips too."""
+    organ = halves(element)
+    held = stretched(organ, uniaxial(-SQUEEZE))
+    state = at_rest(organ)
+    body = organ.elasticity
+    U, exact = body.nodal(organ.displacement(state) + held), body.points @ uniaxial(-SQUEEZE)
+    assert np.abs(U - exact).max() <= RESIDUAL * np.abs(exact).max()
+    pressure, expected = organ.gaps.pressure(state.p), SOFT.youngs_modulus * SQUEEZE
+    assert np.abs(pressure - expected).max() <= TWO_SOLVERS * expected
+    assert state.p.sum() == pytest.approx(expected * SIZE[1] * SIZE[2], rel=RESIDUAL)
+    assert state.p.min() >= 0.0
+    assert np.abs(organ.gap(state)).max() <= IDENTITY * SQUEEZE * SIZE[0]
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_two_halves_drawn_apart_part(element: str) -> None:
+    """Independent check: nothing holds the halves, so each goes with its end as a rigid body (but for what its held
+    face, which contracts, strains), and no pair has a force."""
+    organ = halves(element)
+    held = stretched(organ, np.diag([SQUEEZE, 0.0, 0.0]))
+    state = at_rest(organ)
+    U = organ.elasticity.nodal(organ.displacement(state) + held)
+    side = np.sign(organ.elasticity.points[:, 0])
+    far = side != 0.0
+    assert np.abs(U[far] - np.outer(side[far], [SQUEEZE * SIZE[0] / 2, 0.0, 0.0])).max() <= RESIDUAL * SIZE[0]
+    assert not state.p.any()
+    assert organ.gap(state) == pytest.approx(SQUEEZE * SIZE[0], rel=RESIDUAL)
+
+
+@pytest.mark.parametrize(("element", "h"), [("P1", 2.5e-3), ("P2", 5e-3)])
+def test_a_beam_with_a_slit_in_its_pressed_side_is_as_stiff_as_the_whole_one(element: str, h: float) -> None:
+    """Independent check: a beam held at both ends sags under its weight and presses its top together in the middle,
+    where by symmetry nothing is sheared: a slit there is not felt, with P1 to round-off. With P2 a vertex's share of a
+    pressure that is not uniform may be a pull, and then it lets go: the more the softer, by a thousandth of what the
+    slit could. Under the opposite weight it opens, and the beam is softer than the whole one."""
+    wound = Wound(SIZE[1], 5e-3)
+    size = (0.04, SIZE[1], SIZE[2])
+    cut = tissue.elasticity(cut_block(wound, h, size), SOFT, element, SIDES)
+    whole = tissue.elasticity(whole_block(wound, h, size), SOFT, element, SIDES)
+    sags = []
+    for g in (-9.81, 9.81):
+        weight = (0.0, 0.0, g)
+        uncut, slit = organ_of(whole, gravity=weight), organ_of(cut, gaps_on(cut, wound), gravity=weight)
+        state = at_rest(slit)
+        works = [0.5 * x.load @ x.field(s) for x, s in ((uncut, uncut.start()), (slit, state))]
+        sags.append((works[1] / works[0], state.p, slit.gap(state)))
+    (pressed, p, gap), (open_, none, width) = sags
+    assert open_ > 1.01
+    assert not none.any() and width.max() > 0.0
+    assert gap.min() >= -IDENTITY * width.max() and (p > 0.0).mean() > 0.5
+    if element == "P1":
+        assert abs(pressed - 1.0) <= TWO_SOLVERS and gap.max() <= IDENTITY * SIZE[2] and p.min() > 0.0
+    else:
+        assert -TWO_SOLVERS <= pressed - 1.0 <= 1e-3 * (open_ - 1.0)
+
+
+def bent_open(h: float = 4e-3) -> tissue.QuasiStaticOrgan:
+    """A block with a slit from its top, squeezed along x while it is bent to open and turned about z: a part of the
+    pairs is pressed, a part is open."""
+    wound = Wound(SIZE[1], 8e-3)
+    body = tissue.elasticity(cut_block(wound, h), SOFT, "P1", SIDES)
+    organ = organ_of(body, gaps_on(body, wound))
+    x, y, z = body.points.T
+    bend = np.column_stack([x * (-0.01 + 3.0 * y + 1.0 * z), 0.0 * x, 0.0 * x])
+    held, field = np.zeros(body.N), body.flat(bend)
+    held[body.clamped] = field[body.clamped]
+    object.__setattr__(organ, "load", -(body.K @ held)[body.free])
+    return organ
+
+
+def test_the_answer_is_that_of_other_solvers() -> None:
+    """Independent check: scipy's non-negative least squares on the dual, min ½pᵀC p + pᵀg over p ≥ 0; the body's own
+    energy ½UᵀKU − fᵀU, minimised under g ≥ 0 by scipy's SLSQP on a tiny mesh, is no lower."""
+    organ = bent_open()
+    state, contact = at_rest(organ), contact_of(organ)
+    root = cholesky(contact.C_cc)
+    p, _ = nnls(root, -solve_triangular(root, contact.g_free, trans="T"))
+    pressed = state.p > 0.0
+    assert 0.2 < pressed.mean() < 0.8
+    assert np.array_equal(p > 0.0, pressed)
+    assert np.abs(p - state.p).max() <= TWO_SOLVERS * p.max()
+    assert organ.gap(state).min() >= -IDENTITY * organ.gap(state).max()
+    assert np.abs(organ.gap(state) * state.p).max() <= IDENTITY * organ.gap(state).max() * p.max()
+
+
+def test_the_answer_is_the_least_energy_without_crossing() -> None:
+    """Independent check: ½UᵀKU − fᵀU over all U that keep the lips apart, by scipy's SLSQP on a tiny mesh, which knows
+    nothing of compliance or active sets. Its own precision is the bound."""
+    organ = bent_open(1e-2)
+    U, unit = organ.field(at_rest(organ)), 1e-4
+    K, f, G = (unit * organ.K).toarray(), organ.load, organ.G.toarray()
+    scale = np.abs(f @ U)
+
+    found = minimize(
+        lambda x: (0.5 * x @ K @ x - f @ x) * unit / scale,
+        np.zeros(organ.size),
+        jac=lambda x: (K @ x - f) * unit / scale,
+        constraints={"type": "ineq", "fun": lambda x: G @ x, "jac": lambda x: G},
+        method="SLSQP",
+        options={"ftol": 1e-15, "maxiter": 500},
+    )
+    assert found.success and 0 < (at_rest(organ).p > 0.0).sum() < organ.pairs
+    assert np.abs(unit * found.x - U).max() <= 1e-5 * np.abs(U).max()
+    ours = 0.5 * U @ (organ.K @ U) - f @ U
+    assert ours <= found.fun * scale + RESIDUAL * scale
+
+
+def test_it_does_not_matter_where_the_search_begins() -> None:
+    """Consistency check: from all pairs open, all pressed, the answer itself, its opposite and at random."""
+    organ = bent_open(2.5e-3)
+    right = at_rest(organ).p
+    chance = np.random.default_rng(1)
+    starts = [np.zeros(organ.pairs, bool), np.ones(organ.pairs, bool), right > 0.0, right <= 0.0]
+    for start in [*starts, *(chance.random((8, organ.pairs)) < 0.5)]:
+        assert np.array_equal(at_rest(organ, start).p > 0.0, right > 0.0)
+        assert np.abs(at_rest(organ, start).p - right).max() <= IDENTITY * 1e2 * right.max()
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+@pytest.mark.parametrize("width", [0.0, 1e-3])
+def test_every_node_of_the_lips_has_its_pair(element: str, width: float) -> None:
+    """Independent check: pairs are mirror images, with P2 at the middles of the edges too; each node that is on one lip
+    only is in one pair, and G U is the difference of the nodes' displacements along n."""
+    wound = Wound(0.012, 5e-3)
+    closed = cut_block(wound)
+    mesh = opened(closed, width) if width else closed
+    body = tissue.elasticity(mesh, SOFT, element, ["bottom"])
+    gaps = gaps_on(body, wound, closed)
+    left, right = (body.points[side] for side in gaps.nodes.T)
+    assert np.array_equal(left * [-1.0, 1.0, 1.0], right)
+    assert np.abs(gaps.g0 - 2.0 * right[:, 0]).max() <= IDENTITY * SIZE[0]
+    lip = {
+        name: np.unique(body.basis.get_dofs(facets=mesh.boundaries[name]).all()) for name in ("lip_left", "lip_right")
+    }
+    alone = [np.setdiff1d(lip[a], lip[b]) for a, b in (("lip_left", "lip_right"), ("lip_right", "lip_left"))]
+    for side, unknowns in zip(gaps.nodes.T, alone, strict=True):
+        assert np.array_equal(np.sort(body.nodes[side].ravel()), unknowns)
+    field = np.random.default_rng(3).standard_normal(body.N)
+    field[body.clamped] = 0.0
+    U = body.nodal(field)
+    assert np.abs(gaps.G @ field[body.free] - (U[gaps.nodes[:, 1]] - U[gaps.nodes[:, 0]])[:, 0]).max() <= IDENTITY
+
+
+def test_a_search_that_would_go_round_ends() -> None:
+    """Independent check: with this matrix exchanging all wrong pairs at once comes back to where it was (found by
+    trying random ones); one at a time it ends, with the answer of scipy's non-negative least squares."""
+    C = np.array(
+        [[23.0, 12.0, 0.0, -7.0], [12.0, 22.0, 12.0, -15.0], [0.0, 12.0, 10.0, -11.0], [-7.0, -15.0, -11.0, 17.0]]
+    )
+    g, none, sets = np.array([-2.0, -2.0, -1.0, 2.0]), np.zeros(0), [np.zeros(4, dtype=bool)]
+    contact = Contact(g, np.zeros((4, 0)), SimpleNamespace(C_cc=C))
+    while len({tuple(pressed) for pressed in sets}) == len(sets):
+        sets.append(sets[-1] ^ misfits(contact, none, sets[-1]))
+    assert misfits(contact, none, sets[-1]).any()
+    root = cholesky(C)
+    p, _ = nnls(root, -solve_triangular(root, g, trans="T"))
+    assert np.abs(forces(contact, find_pressed(contact, none, sets[0]), none) - p).max() <= RESIDUAL * p.max()
+
+
+def test_two_halves_that_collide_exchange_their_momentum() -> None:
+    """Independent check: two halves of a free block fly at one another. What the contact forces give one they take from
+    the other, Σ dt Σ p is the change of either's momentum, in every step; no energy is made, and they part again."""
+    wound, speed, dt = Wound(SIZE[1], SIZE[2]), 0.05, 2e-4
+    closed = cut_block(wound)
+    body = tissue.elasticity(opened(closed, 1e-4), SOFT)
+    organ = tissue.DynamicOrgan(body, tissue.build_sites(body, []), gaps=gaps_on(body, wound, closed))
+    side = np.ones(len(body.points))
+    side[np.unique(body.mesh.t[:, body.mesh.p[0][body.mesh.t].mean(axis=0) < 0.0])] = -1.0
+    V = body.flat(np.outer(-speed * side, [1.0, 0.0, 0.0]))
+    right = body.flat(np.outer(side > 0.0, [1.0, 0.0, 0.0]))
+    state = tissue.OrganState(0.0 * V, V, 0.0 * V, np.zeros(0), np.zeros(organ.pairs))
+    first = right @ (body.M @ V)
+    momentum, stored, touched = first, 0.5 * V @ (body.M @ V), 0
+    for _ in range(150):
+        answer = organ.answer(BackwardEuler(dt), [state])
+        p = forced(answer.g_free, answer)
+        new = answer.accept(np.zeros(0), p)
+        energies = organ.energies(state, new)
+        assert organ.gap(new).min() >= -IDENTITY * SIZE[0]
+        assert np.abs(organ.gap(new) * p).max() <= IDENTITY * p.max() * SIZE[0]
+        assert abs(right @ (body.M @ new.V) - momentum - dt * p.sum()) <= RESIDUAL * abs(first)
+        now = energies.kinetic + energies.elastic
+        assert abs(stored - now - energies.numerical) <= RESIDUAL * stored
+        assert energies.numerical >= -IDENTITY * stored
+        momentum, stored, state, touched = right @ (body.M @ new.V), now, new, touched + bool(p.any())
+    assert abs(body.flat(np.tile([1.0, 0.0, 0.0], (len(side), 1))) @ (body.M @ state.V)) <= RESIDUAL * abs(first)
+    assert 10 < touched < 140 and momentum > 0.2 * abs(first) and not state.p.any()
+
+
+def test_what_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Refusals name the value and the remedy: lips that overlap, a normal of nothing, lips that are held, gaps of
+    another body, more pairs than there is room for."""
+    wound = Wound(0.012, 5e-3)
+    closed = cut_block(wound)
+    body = tissue.elasticity(opened(closed, 1e-3), SOFT, "P1", ["bottom"])
+    pairs = lips(closed, wound)
+    with pytest.raises(tissue.TissueError, match=r"overlap by 0\.001 m"):
+        tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], [-1.0, 0.0, 0.0])
+    with pytest.raises(tissue.TissueError, match="normal"):
+        tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], [0.0, 0.0, 0.0])
+    held = tissue.elasticity(closed, SOFT, "P1", ["lip_left", "lip_right"])
+    with pytest.raises(tissue.TissueError, match="no pair of nodes that can move"):
+        tissue.build_gaps(held, pairs.nodes, pairs.facets[:, 0], [1.0, 0.0, 0.0])
+    other = tissue.elasticity(closed, SOFT, "P1", ["left"])
+    with pytest.raises(tissue.TissueError, match="build them on it"):
+        organ_of(other, gaps_on(body, wound, closed))
+    monkeypatch.setattr("tissue.organs.meshed.free_memory", lambda: 1e3)
+    with pytest.raises(tissue.TissueError, match=r"pairs of nodes on the lips take about .* coarser mesh at the lips"):
+        organ_of(body, gaps_on(body, wound, closed))

@@ -1,0 +1,213 @@
+"""The paper's springs (§3): between points spread along the curve, by generalized forces Q_i = F ∂P/∂q_i.
+
+Points P_0 … P_m stand at the abscissae s_k; spring k joins P_(k−1) to P_k, ℓ_k apart at rest. With the directions
+
+    d_k = (P_k − P_(k−1))/ℓ_k   of the springs,   d_0 = T(start), d_(m+1) = T(end)   of the curve's ends
+
+and ℓ̄_k half the length of the springs beside P_k, every spring is calibrated by the section:
+
+    stretch   ½ EA ℓ_k ε_k²,                ε_k = ½(|d_k|² − 1), the strain of the continuous energy
+    bend      ½ (EI/ℓ̄_k) (2 tan φ_k/2)²,    φ_k the angle from d_k to d_(k+1) (discrete rods: Bergou et al. 2008)
+    twist     ½ (GJ/ℓ̄_k) (Δθ_k + ℓ̄_k τ_k)², Δθ_k of the sections in the middle of the springs beside P_k
+
+so that the sums tend to ½∫EA ε² ds, ½∫EI κ² ds and ½∫GJ ω² ds with the square of the spacing. Without the two springs
+at the ends half a spacing of the thread would bend and twist for nothing, an error of first order.
+
+As many springs as T has functions, n − 1, keep the length of the thread and leave it free to bend; with more of them a
+thread as stiff as a real suture locks (membrane locking).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from thread.arrays import Array, Indices
+from thread.energies.densities import axial_stiffness, axial_strain
+from thread.errors import ThreadError
+from thread.frames import Stations
+from thread.spline import ORDERS, Spline
+from thread.vectors import IDENTITY, dot, outer, unit
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Springs on a spline: abscissae `s` (m + 1,) of their ends [m]."""
+
+    spline: Spline
+    s: Array
+
+    def __post_init__(self) -> None:
+        if self.s.size < 2 or np.any(np.diff(self.s) <= 0.0):
+            raise ThreadError(f"springs: {self.s.size - 1} springs with ends that do not rise; give at least one")
+
+    @cached_property
+    def length(self) -> Array:
+        """Rest lengths ℓ_k, shape `(m,)` [m]."""
+        return np.diff(self.s)
+
+    @cached_property
+    def share(self) -> Array:
+        """Length ℓ̄_k of thread that each point stands for, shape `(m + 1,)` [m]."""
+        return 0.5 * (np.append(0.0, self.length) + np.append(self.length, 0.0))
+
+    @cached_property
+    def beside(self) -> tuple[Array, Array]:
+        """Abscissae of the points before and after each, itself where there is none, each `(m + 1,)` [m]."""
+        return np.append(self.s[0], self.s[:-1]), np.append(self.s[1:], self.s[-1])
+
+    @cached_property
+    def window(self) -> tuple[Indices, int]:
+        """First control point that each P_k and its neighbours depend on, and how many do at most."""
+        first, last = (self.spline.basis(s)[0] for s in self.beside)
+        reach = int(np.max(last - first)) + ORDERS
+        return np.minimum(first, self.spline.n - reach), reach
+
+    def rows(self, s: Array, order: int = 0) -> Array:
+        """Derivatives of the basis functions at one abscissa a point, over its window, shape `(m + 1, reach)`."""
+        window, reach = self.window
+        first, b = self.spline.basis(s)
+        out = np.zeros((len(s), reach))
+        np.put_along_axis(out, (first - window)[:, None] + np.arange(ORDERS), b[:, order], axis=1)
+        return out
+
+    @cached_property
+    def directions(self) -> Array:
+        """Rows of the directions before and after each point, shape `(m + 1, 2, reach)`."""
+        before, after = self.beside
+        P, T = self.rows(self.s), self.rows(self.s, 1)
+        lengths = np.append(np.inf, self.length), np.append(self.length, np.inf)
+        chords = [(P - self.rows(before)) / lengths[0][:, None], (self.rows(after) - P) / lengths[1][:, None]]
+        chords[0][0], chords[1][-1] = T[0], T[-1]
+        return np.stack(chords, axis=1)
+
+    @cached_property
+    def stations(self) -> Stations:
+        """The points P_k as stations of the twist."""
+        before, after = (self.rows(0.5 * (self.s + other)) for other in self.beside)
+        rows = (self.rows(self.s, 1), self.rows(self.s, 2), self.rows(self.s), (after - before) / self.share[:, None])
+        T, K, theta, theta_s = (x[:, None] for x in rows)
+        return Stations(self.window[0], self.s[:, None], self.share[:, None], T, K, theta, theta_s)
+
+
+def spread(spline: Spline, count: int) -> Layout:
+    """`count` springs from end to end; n − 1 of them join the Greville abscissae, more or fewer are spread as these
+    are: finer where the control points are."""
+    t = spline.knots
+    greville = (t[1:-3] + t[2:-2] + t[3:-1]) / 3.0
+    return Layout(spline, np.interp(np.linspace(0.0, spline.n - 1.0, count + 1), np.arange(spline.n), greville))
+
+
+def bend(a: Array, b: Array) -> Array:
+    """(2 tan φ/2)² of the angle φ between a and b, both (..., 3): 4 (1 − c)/(1 + c), c = cos φ [-]."""
+    u, v = unit(a), unit(b)
+    return 2.0 * dot(u - v, u - v) / (1.0 + dot(u, v))
+
+
+def bend_gradient(a: Array, b: Array) -> tuple[Array, Array]:
+    """Derivatives of `bend` by a and by b, each (..., 3)."""
+    u, v = unit(a), unit(b)
+    c = dot(u, v)[..., None]
+    f_c = -8.0 / (1.0 + c) ** 2
+    return f_c * (v - c * u) / size(a), f_c * (u - c * v) / size(b)
+
+
+def bend_hessian(a: Array, b: Array) -> tuple[Array, Array, Array]:
+    """Second derivatives of `bend` by (a, a), (a, b) and (b, b), each (..., 3, 3)."""
+    u, v, A, B = unit(a), unit(b), size(a), size(b)
+    c = dot(u, v)[..., None]
+    f_c, f_cc = (-8.0 / (1.0 + c) ** 2)[..., None], (16.0 / (1.0 + c) ** 3)[..., None]
+    c_a, c_b = (v - c * u) / A, (u - c * v) / B
+    A, B, c = A[..., None], B[..., None], c[..., None]
+    across_a, across_b = IDENTITY - outer(u, u), IDENTITY - outer(v, v)
+    c_aa = -(A * (outer(u, c_a) + outer(c_a, u)) + c * across_a) / A**2
+    c_bb = -(B * (outer(v, c_b) + outer(c_b, v)) + c * across_b) / B**2
+    c_ab = across_a @ across_b / (A * B)
+    return f_cc * outer(c_a, c_a) + f_c * c_aa, f_cc * outer(c_a, c_b) + f_c * c_ab, f_cc * outer(c_b, c_b) + f_c * c_bb
+
+
+def size(a: Array) -> Array:
+    """|a| over the last axis, which is kept."""
+    return np.linalg.norm(a, axis=-1, keepdims=True)
+
+
+@dataclass(frozen=True)
+class Taut:
+    """The springs of an iterate: directions `a`, `b` before and after each point, and the `strain` of the spring after
+    it, each (m + 1, …)."""
+
+    a: Array
+    b: Array
+    strain: Array
+
+
+@dataclass(frozen=True)
+class Springs:
+    """Stretch and bend springs: `EA` [N], `EI` [N m²]. After the last point stands no spring: its strain counts for
+    nothing."""
+
+    layout: Layout
+    EA: float
+    EI: float
+
+    seen = 3
+
+    @property
+    def first(self) -> Indices:
+        """First control point of each group, shape `(m + 1,)`."""
+        return self.layout.window[0]
+
+    @property
+    def reach(self) -> int:
+        """Control points of a group."""
+        return self.layout.window[1]
+
+    @cached_property
+    def s(self) -> Array:
+        """Middle of each spring, and the end: where the strain is known, shape `(m + 1,)` [m]."""
+        s = self.layout.s
+        return np.append(0.5 * (s[1:] + s[:-1]), s[-1])
+
+    @cached_property
+    def _points(self) -> Indices:
+        return self.first[:, None] + np.arange(self.reach)
+
+    @property
+    def _rows(self) -> Array:
+        return self.layout.directions
+
+    @cached_property
+    def _length(self) -> Array:
+        return np.append(self.layout.length, 0.0)
+
+    def at(self, q: Array, frame: object = None) -> Taut:
+        """Evaluate the directions."""
+        d = (self._rows @ q[self._points])[..., :3]
+        return Taut(d[:, 0], d[:, 1], axial_strain(d[:, 1]))
+
+    def energy(self, at: Taut) -> float:
+        """Elastic energy [J]."""
+        stretch = self.EA * np.sum(self._length * at.strain**2)
+        return float(0.5 * (stretch + self.EI * np.sum(bend(at.a, at.b) / self.layout.share)))
+
+    def gradient(self, at: Taut) -> Array:
+        """Derivative by the control points of each group, shape `(m + 1, reach, 3)` [N]."""
+        k = 0.5 * self.EI / self.layout.share[:, None]
+        by_a, by_b = bend_gradient(at.a, at.b)
+        pull = self.EA * (self._length * at.strain)[:, None] * at.b
+        return self._rows.swapaxes(1, 2) @ np.stack([k * by_a, k * by_b + pull], axis=1)
+
+    def tangent(self, at: Taut, N: Array) -> Array:
+        """Second derivative by the control points of each group, shape `(m + 1, reach, reach, 3, 3)` [N/m]; `N`
+        (m + 1,) [N] are the axial forces."""
+        k = 0.5 * self.EI / self.layout.share[:, None, None]
+        aa, ab, bb = bend_hessian(at.a, at.b)
+        H = np.empty((len(N), 2, 2, 3, 3))
+        H[:, 0, 0], H[:, 0, 1], H[:, 1, 0] = k * aa, k * ab, k * ab.swapaxes(-1, -2)
+        H[:, 1, 1] = k * bb + self._length[:, None, None] * axial_stiffness(at.b, N, self.EA)
+        return np.einsum("mki,mklab,mlj->mijab", self._rows, H, self._rows, optimize=True)
+
+    def next_axial_force(self, at: Taut, dq: Array) -> Array:
+        """N of the next iterate, EA (ε + d·δd) [N]."""
+        change = (self._rows[:, 1:] @ dq[self._points])[:, 0, :3]
+        return self.EA * (at.strain + dot(at.b, change))

@@ -1,0 +1,193 @@
+"""The reference frame that the twist of a thread is measured from: its transport and its own twist.
+
+A section's material directions are d₁ = a₁ cos θ + a₂ sin θ and d₂ = t × d₁, with a₁(s) a reference frame that follows
+the tangent t in time by parallel transport: at every s, a step turns it by the smallest rotation that takes the tangent
+t_o at the start of the step to t (Bergou et al. 2010; Meier, Popp & Wall 2014; θ as a fourth coordinate of a spline:
+Theetten, Grisoni, Andriot & Barsky 2008). So θ' is not the whole twist. The frame's axial vector along s turns with it
+and gains that of the rotation itself; its component along t is
+
+    τ = τ_o − (t_o × t)·(t_o' + t') / (1 + t_o·t)
+
+and the twist per length is ω = θ' + τ. Nothing but T, T' and θ' at the point enters, and the data of the step (t_o,
+t_o', τ_o): the energies are local in the control points. θ means the same before and after the frame is carried, and
+θ̇ is the spin of the section about its tangent. At a clamped end the tangent rests, so θ there is the clamp's angle.
+
+With T = ∂P/∂s, r = |T|, D = r + t_o·T, c = t_o × t_o', e = T' × t_o:   τ = τ_o + c·T/D − e·T/(r D),  affine in T'.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from thread.arrays import Array, Indices
+from thread.errors import ThreadError
+from thread.quadrature import Rule
+from thread.spline import Spline
+from thread.vectors import IDENTITY, across, cross, dot, outer, reflected, unit
+
+LARGEST_TURN = -0.5  # cosine of the largest turn of a tangent in one step (120°): at 180° no rotation is the smallest
+SUBSTEPS = 16  # of a span in the transport along the thread at the start
+
+# ε_ijk: the derivative of (T × t)_j by T_i is −ε_kij t_k.
+LEVI_CIVITA = np.zeros((3, 3, 3))
+LEVI_CIVITA[[0, 1, 2], [1, 2, 0], [2, 0, 1]] = 1.0
+LEVI_CIVITA[[0, 1, 2], [2, 0, 1], [1, 2, 0]] = -1.0
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The reference frame at the stations of a thread, at one time.
+
+    `t` (m, g, 3) unit tangent, `t_s` (m, g, 3) its derivative by s [1/m], `tau` (m, g) twist of the frame [1/m], `a_1`
+    (m, g, 3) its first direction.
+    """
+
+    t: Array
+    t_s: Array
+    tau: Array
+    a_1: Array
+
+    @cached_property
+    def binormal(self) -> Array:
+        """c = t × t' [1/m]."""
+        return cross(self.t, self.t_s)
+
+
+@dataclass(frozen=True)
+class Stations:
+    """Places where the twist is taken: `reach` control points each group from `first` (m,) on, weights `w` (m, g) [m].
+
+    `s` (m, g) [m]; rows `T`, `K`, `theta`, `theta_s`, each (m, g, reach), give T, T', θ and the twist of θ.
+    """
+
+    first: Indices
+    s: Array
+    w: Array
+    T: Array
+    K: Array
+    theta: Array
+    theta_s: Array
+
+    @property
+    def reach(self) -> int:
+        """Control points of a group."""
+        return self.T.shape[2]
+
+    @cached_property
+    def points(self) -> Indices:
+        """Control points of each group, shape `(m, reach)`."""
+        return self.first[:, None] + np.arange(self.reach)
+
+    @cached_property
+    def rows(self) -> Array:
+        """All rows below one another, shape `(m, 4g, reach)`."""
+        return np.concatenate([self.T, self.K, self.theta, self.theta_s], axis=1)
+
+    def curve(self, q: Array) -> tuple[Array, Array]:
+        """T and T' [-, 1/m], each (m, g, 3)."""
+        local = q[self.points][..., :3]
+        return self.T @ local, self.K @ local
+
+
+def gauss_stations(spline: Spline, rule: Rule) -> Stations:
+    """Stations at the points of a quadrature rule."""
+    return Stations(spline.first, rule.s, rule.w, rule.b[:, :, 1], rule.b[:, :, 2], rule.b[:, :, 0], rule.b[:, :, 1])
+
+
+# -- the frame ---------------------------------------------------------------------------------------------------------
+
+
+def turned(x: Array, t_o: Array, t: Array) -> Array:
+    """`x` across t_o after the smallest rotation that takes the unit tangent `t_o` to `t`; all (..., 3)."""
+    return x - (dot(x, t) / (1.0 + dot(t_o, t)))[..., None] * (t_o + t)
+
+
+def untwisted(spline: Spline, stations: Stations, q: Array, towards: Array) -> Frame:
+    """The frame without twist of a thread at rest, carried along the curve from its start (Bishop's frame), where a₁
+    points `towards` (3,) as nearly as it can.
+
+    The transport along s is by double reflection (Wang, Jüttler, Zheng & Liu 2008), of fourth order. Raises
+    `ThreadError` where `towards` is along the thread.
+    """
+    inner = (spline.breaks[:-1, None] + np.diff(spline.breaks)[:, None] * np.arange(SUBSTEPS) / SUBSTEPS).ravel()
+    s = np.union1d(np.append(inner, spline.end), stations.s)
+    P, T = spline.curve(q, s)[..., :3].swapaxes(0, 1)[:2]
+    t = unit(T)
+    first = towards - dot(towards, t[0]) * t[0]
+    if np.linalg.norm(first) < 1e-6 * np.linalg.norm(towards):
+        raise ThreadError(f"frame: {towards} lies along the thread at its start; give a direction across it")
+    a = np.empty_like(t)
+    a[0] = unit(first)
+    for k in range(len(s) - 1):
+        a[k + 1] = double_reflection(P[k + 1] - P[k], t[k], t[k + 1], a[k])
+    T, K = stations.curve(q)
+    t = unit(T)
+    return Frame(t, tangent_rate(T, K), np.zeros(stations.s.shape), unit(across(a[np.searchsorted(s, stations.s)], t)))
+
+
+def double_reflection(chord: Array, t: Array, t_next: Array, a: Array) -> Array:
+    """`a` (3,) across t, carried to the end of a chord where the tangent is `t_next`."""
+    mirrored, a = reflected(t, chord), reflected(a, chord)
+    return reflected(a, t_next - mirrored)
+
+
+def tangent_rate(T: Array, K: Array) -> Array:
+    """t' of t = T/|T| [1/m]."""
+    r = np.linalg.norm(T, axis=-1, keepdims=True)
+    return across(K, T / r) / r
+
+
+def carried(stations: Stations, frame: Frame, q: Array) -> Frame:
+    """The frame after the thread has gone to `q`."""
+    T, K = stations.curve(q)
+    t = unit(T)
+    a_1 = unit(across(turned(frame.a_1, frame.t, t), t))
+    return Frame(t, tangent_rate(T, K), reference_twist(T, K, frame), a_1)
+
+
+def moved(frame: Frame, known: Stations, stations: Stations, q: Array) -> Frame:
+    """The frame at other stations of the curve `q`: its twist and first direction interpolated along s."""
+    at = lambda values: np.interp(stations.s, known.s.ravel(), values.ravel())  # noqa: E731
+    T, K = stations.curve(q)
+    t = unit(T)
+    a_1 = np.stack([at(component) for component in np.moveaxis(frame.a_1, -1, 0)], axis=-1)
+    return Frame(t, tangent_rate(T, K), at(frame.tau), unit(across(a_1, t)))
+
+
+def turned_too_far(frame: Frame, T: Array) -> bool:
+    """Whether a tangent has turned so far from the frame's that the smallest rotation is in doubt."""
+    return bool((dot(frame.t, unit(T)) <= LARGEST_TURN).any())
+
+
+# -- its twist ---------------------------------------------------------------------------------------------------------
+
+
+def reference_twist(T: Array, K: Array, frame: Frame) -> Array:
+    """τ of the frame carried to tangents T, with `K` = T' [1/m]."""
+    r = np.linalg.norm(T, axis=-1)
+    c, e = frame.binormal, cross(K, frame.t)
+    return frame.tau + (dot(c, T) - dot(e, T) / r) / (r + dot(frame.t, T))
+
+
+def reference_twist_derivatives(T: Array, K: Array, frame: Frame) -> tuple[Array, Array, Array, Array]:
+    """∂τ/∂T, ∂τ/∂T' (..., 3), ∂²τ/∂T∂T, ∂²τ/∂T∂T' (..., 3, 3); ∂²τ/∂T'∂T' is zero.
+
+    With S = 1/(r D): τ − τ_o = c·T/D − S e·T,  ∂S = −S g,  g = t/r + h/D,  ∂D = h = t_o + t.
+    """
+    t_o, r = frame.t, np.linalg.norm(T, axis=-1)[..., None]
+    t = T / r
+    D, h = r + dot(t_o, T)[..., None], t_o + t
+    S, g = 1.0 / (r * D), t / r + h / D
+    c, e = frame.binormal, cross(K, t_o)
+    cT, eT = dot(c, T)[..., None], dot(e, T)[..., None]
+    Txt = cross(T, t_o)
+    by_T = S * (eT * g - e) + c / D - (cT / D**2) * h
+    S, cT, eT, r, D = (x[..., None] for x in (S, cT, eT, r, D))
+    plane = IDENTITY - outer(t, t)
+    dg = (plane - outer(t, t)) / r**2 + plane / (r * D) - outer(h, h) / D**2
+    ge, ch = outer(g, e), outer(c, h)
+    TT = eT * S * (dg - outer(g, g)) + S * (ge + ge.swapaxes(-1, -2))
+    TT += (cT * (2.0 * outer(h, h) / D - plane / r) - (ch + ch.swapaxes(-1, -2))) / D**2
+    spin = (t_o @ LEVI_CIVITA.reshape(3, 9)).reshape(*T.shape, 3)
+    return by_T, S[..., 0] * Txt, TT, -S * (outer(g, Txt) + spin)

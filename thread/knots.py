@@ -1,0 +1,155 @@
+"""Where the knots of a spline stand: uniform, graded, cut, or by a tree that follows what the thread does.
+
+The breaks of the tree are `roots` equal spans, each halved again and again, at most `LEVELS` times, where the wanted
+span is smaller: beside the holes, and where the curvature changes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from thread.arrays import Array, Indices
+from thread.errors import ThreadError
+from thread.spline import DEGREE, ORDERS, Spline
+
+LEVELS = 9  # halvings of a root at most
+SLOPE = 0.5  # growth of the wanted span with the distance from a hole, at most
+LAYER = 3.0  # κ falls like exp(−x/ℓ) beside a hole, so the wanted span may grow like exp(x/3ℓ)
+
+
+def uniform_knots(length: float, n: int) -> Array:
+    """Clamped knots of `n` control points with equal spans over `[0, length]` [m]."""
+    return clamped(np.linspace(0.0, length, n - DEGREE + 1))
+
+
+def clamped(breaks: Array) -> Array:
+    """Clamped knots on the given span ends, shape `(spans + 1,)` [m]."""
+    return np.concatenate([np.full(DEGREE, breaks[0]), breaks, np.full(DEGREE, breaks[-1])])
+
+
+def severed(pieces: Sequence[Array]) -> Array:
+    """Clamped knots on the span ends of pieces that follow one another, cut where one ends and the next begins."""
+    knots = [clamped(breaks) for breaks in pieces]
+    return np.concatenate([knots[0], *(piece[ORDERS:] for piece in knots[1:])])
+
+
+def shared_out(spans: int, shares: Array) -> Indices:
+    """Whole numbers, at least 1, of the sum `spans` and in proportion to the `shares`, as near as may be."""
+    exact = (spans - shares.size) * shares / shares.sum()
+    out = np.floor(exact).astype(np.intp)
+    out[np.argsort(out - exact, kind="stable")[: spans - shares.size - out.sum()]] += 1
+    return out + 1
+
+
+def graded_knots(length: float, n: int, centres: ArrayLike, ratio: float, reach: float, cuts: ArrayLike = ()) -> Array:
+    """Clamped knots of `n` control points, `ratio` times denser near the `centres`, cut at the abscissae `cuts`.
+
+    The span at distance x from the nearest centre is proportional to the ratio by which a smooth density
+    falls: `1 + (ratio − 1) exp(−(x/reach)²)`. A thread that must leave a hole in a given direction bends over
+    √(EI/T), often below a millimetre, and spans longer than that lock (bending boundary layer).
+    `length`, `centres`, `reach`, `cuts` in [m], `ratio` ≥ 1. Raises `ThreadError` for other values.
+    """
+    centres, cuts = (np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (centres, cuts))
+    if not ratio >= 1.0:
+        raise ThreadError(f"graded knots: the ratio is {ratio}; allowed are numbers from 1 (uniform) on")
+    if n <= DEGREE * (cuts.size + 1) + cuts.size:
+        raise ThreadError(f"graded knots: {n} control points in {cuts.size + 1} pieces; each cubic needs at least 4")
+    if np.any(np.diff(cuts) <= 0.0) or np.any((cuts <= 0.0) | (cuts >= length)):
+        raise ThreadError(f"graded knots: cuts at {cuts} m; they must rise and lie inside the length {length} m")
+    if (ratio == 1.0 or centres.size == 0) and not cuts.size:
+        return uniform_knots(length, n)
+    s = np.linspace(0.0, length, 4001)
+    nearest = np.min(np.abs(s[:, None] - centres), axis=1, initial=np.inf)
+    density = 1.0 + (ratio - 1.0) * np.exp(-((nearest / reach) ** 2))
+    share = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
+    ends = np.concatenate([[0.0], cuts, [length]])
+    at = np.interp(ends, s, share)
+    pieces = []
+    for k, spans in enumerate(shared_out(n - DEGREE * (cuts.size + 1), np.diff(at))):
+        breaks = np.interp(np.linspace(at[k], at[k + 1], spans + 1), share, s)
+        breaks[[0, -1]] = ends[k : k + 2]
+        pieces.append(breaks)
+    return severed(pieces)
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Places where a break may stand: `roots` equal spans over `[start, end]` [m], halved up to LEVELS times.
+
+    Raises `ThreadError` for less than one root.
+    """
+
+    start: float
+    end: float
+    roots: int
+
+    def __post_init__(self) -> None:
+        if self.roots < 1:
+            raise ThreadError(f"adaptive knots: {self.roots} coarse spans; allowed are numbers from 1 on")
+
+    @property
+    def cells(self) -> int:
+        """Number of the finest spans."""
+        return self.roots << LEVELS
+
+    @property
+    def root(self) -> float:
+        """Length of a coarse span [m]."""
+        return (self.end - self.start) / self.roots
+
+    @cached_property
+    def places(self) -> Array:
+        """Every place a break may have, shape `(cells + 1,)` [m]."""
+        return self.start + (self.end - self.start) * (np.arange(self.cells + 1) / self.cells)
+
+    @cached_property
+    def middles(self) -> Array:
+        """Middle of each finest span, shape `(cells,)` [m]."""
+        return 0.5 * (self.places[:-1] + self.places[1:])
+
+    def breaks(self, wanted: Array) -> Indices:
+        """Indices into `places` of the breaks that make no span longer than `wanted` (cells,) [m] anywhere on it."""
+        present = np.zeros(self.cells + 1, dtype=bool)
+        present[:: 1 << LEVELS] = True
+        split = np.ones(self.roots, dtype=bool)
+        for level in range(LEVELS):
+            block = 1 << (LEVELS - level)
+            smallest = wanted.reshape(-1, block).min(axis=1)
+            split = split & (self.root / (1 << level) > smallest)
+            present[block // 2 :: block] |= split
+            split = np.repeat(split, 2)
+        return np.flatnonzero(present)
+
+    def index(self, breaks: Array) -> Indices:
+        """Where breaks made of `places` stand in them."""
+        return np.searchsorted(self.places, breaks)
+
+
+def wanted_at_holes(s: Array, holes: Array, layers: Array, at: float, beside: float) -> Array:
+    """Span wanted at the abscissae `s` (k,) [m] for holes that go from `holes[:, 0]` to `holes[:, 1]` [m], the thread
+    bending over `layers` (m,) [m] = √(EI/T) beside each.
+
+    `at` [-] of the layer at the hole; beyond, `beside` [-] of it and more as the curvature falls, growing by SLOPE.
+    """
+    out = np.full(s.shape, np.inf)
+    for (start, end), layer in zip(holes, layers, strict=True):
+        x = np.maximum(np.maximum(min(start, end) - s, s - max(start, end)), 0.0)
+        falling = beside * layer * np.exp(np.minimum(x / (LAYER * layer), 50.0))
+        out = np.minimum(out, np.minimum(at * layer + SLOPE * x, falling))
+    return out
+
+
+def wanted_by_curvature(spline: Spline, q: Array, angle: float) -> Array:
+    """Span wanted on each span by its own curve, shape `(spans,)` [m].
+
+    The curvature of a cubic is straight on each span: the jump of its slope at a knot, times the span squared, is the
+    angle [rad] that it misses, of third order. Wanted is `angle`; at most four times, at least a quarter of the span.
+    """
+    h = np.diff(spline.breaks)
+    D = spline.curve(q[:, :3], 0.5 * (spline.breaks[:-1] + spline.breaks[1:]))
+    jumps = np.linalg.norm(np.diff(D[:, 3], axis=0), axis=1)
+    missed = h**2 * np.maximum(np.append(jumps, 0.0), np.insert(jumps, 0, 0.0))
+    return np.asarray(h * np.cbrt(np.clip(angle / np.maximum(missed, np.finfo(float).tiny), 4.0**-3, 4.0**3)))

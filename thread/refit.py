@@ -1,0 +1,118 @@
+"""From one knot sequence of a spline to another: what the curve is, moves and weighs stays as it was.
+
+Knots that come are inserted exactly (Boehm); knots that go are taken out by a least-squares projection that keeps the
+total momentum, and P and T at given abscissae.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.sparse import csr_array
+from scipy.sparse.linalg import splu
+
+from thread.arrays import Array, Indices
+from thread.knots import Tree, clamped
+from thread.quadrature import gauss_rule
+from thread.spline import DEGREE, Spline
+
+PROJECTION_POINTS = 4  # a span: exact for the product of two cubics
+
+
+def spline_on(tree: Tree, index: Indices) -> Spline:
+    """The cubic spline with simple knots at the breaks of that index."""
+    return Spline(clamped(tree.places[index]))
+
+
+def inserted(spline: Spline, knots: Array, fields: Sequence[Array]) -> tuple[Spline, list[Array]]:
+    """The spline with further simple `knots` [m], and `fields` (n, c) on it: the same functions (Boehm 1980)."""
+    width = [field.shape[1] for field in fields]
+    curve = BSpline(spline.knots, np.concatenate(fields, axis=1), DEGREE)
+    for knot in knots:
+        curve = curve.insert_knot(knot)
+    coefficients = np.asarray(curve.c)[: len(curve.t) - DEGREE - 1]
+    return Spline(np.asarray(curve.t)), np.split(coefficients, np.cumsum(width)[:-1], axis=1)
+
+
+@dataclass(frozen=True)
+class Projection:
+    """From a spline to one with fewer knots: least squares in ∫|·|² ds, with ∫· ds, and the value and slope at the
+    abscissae `kept` (k,) [m] as they were."""
+
+    fine: Spline
+    coarse: Spline
+    kept: Array
+
+    @cached_property
+    def _samples(self) -> tuple[Array, Array]:
+        rule = gauss_rule(self.fine, PROJECTION_POINTS)
+        return rule.s.ravel(), rule.w.ravel()
+
+    @cached_property
+    def _fit(self) -> tuple[csr_array, csr_array]:
+        s, _ = self._samples
+        return evaluation(self.fine, s, 0), evaluation(self.coarse, s, 0)
+
+    def onto(self, field: Array) -> Array:
+        """A field (n, c) of the fine spline on the coarse one."""
+        (_, w), (fine, coarse) = self._samples, self._fit
+        weighted = csr_array(coarse.multiply(w[:, None]))
+        M, load = (weighted.T @ coarse).tocsc(), weighted.T @ (fine @ field)
+        before, after = (
+            np.vstack([evaluation(x, self.kept, 0).toarray(), evaluation(x, self.kept, 1).toarray(), w @ matrix])
+            for x, matrix in ((self.fine, fine), (self.coarse, coarse))
+        )
+        size = np.linalg.norm(after, axis=1, keepdims=True)
+        before, after = before / size, after / size
+        solve = splu(M).solve
+        out, by_rows = solve(np.ascontiguousarray(load)), solve(np.ascontiguousarray(after.T))
+        for _ in range(2):  # the second for the round-off of the first
+            out += by_rows @ np.linalg.lstsq(after @ by_rows, before @ field - after @ out, rcond=1e-14)[0]
+        return np.asarray(out)
+
+    def turned(self, before: Array, after: Array) -> Array:
+        """By how much the tangent of the curve `before` (n_fine, 3) differs from that `after` (n_coarse, 3), the
+        largest on each fine span, shape `(spans,)` [-]."""
+        s, _ = self._samples
+        difference = evaluation(self.fine, s, 1) @ before - evaluation(self.coarse, s, 1) @ after
+        return np.linalg.norm(difference, axis=1).reshape(-1, PROJECTION_POINTS).max(axis=1)
+
+
+def evaluation(spline: Spline, s: Array, order: int) -> csr_array:
+    """Matrix from control values to the derivative of that `order` at `s` (m,) [m], shape `(m, n)`."""
+    first, b = spline.basis(s)
+    row = np.repeat(np.arange(len(s)), DEGREE + 1)
+    column = (first[:, None] + np.arange(DEGREE + 1)).ravel()
+    return csr_array((b[:, order].ravel(), (row, column)), shape=(len(s), spline.n))
+
+
+@dataclass(frozen=True)
+class Refit:
+    """A thread's functions on other knots: the new spline, and the fields on it."""
+
+    spline: Spline
+    fields: list[Array]
+
+
+def refit(tree: Tree, spline: Spline, wanted: Indices, fields: Sequence[Array], kept: Array, bound: float) -> Refit:
+    """The fields (n, c) on the breaks `wanted` of the tree, the first of them the curve.
+
+    Knots that are missing are inserted, those too many taken out. A knot whose removal would turn the tangent by more
+    than `bound` [-] on a span next to it stays.
+    """
+    present = tree.index(spline.breaks)
+    fine, fields = inserted(spline, tree.places[np.setdiff1d(wanted, present)], fields)
+    going = np.setdiff1d(present, wanted)
+    while going.size:
+        staying = np.setdiff1d(tree.index(fine.breaks), going)
+        projection = Projection(fine, spline_on(tree, staying), kept)
+        curve = projection.onto(fields[0])
+        bad = np.flatnonzero(projection.turned(fields[0][:, :3], curve[:, :3]) > bound)
+        if bad.size == 0:
+            return Refit(projection.coarse, [curve, *(projection.onto(field) for field in fields[1:])])
+        at = np.searchsorted(tree.index(fine.breaks), going)
+        near = np.abs(at[:, None] - (bad + 0.5)).min(axis=1) <= 1.5
+        going = going[~near] if near.any() else going[:0]
+    return Refit(fine, fields)

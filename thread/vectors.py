@@ -1,0 +1,42 @@
+"""Vectors in space and their products.
+
+Functions of arrays: the last axis of a vector argument is x, y, z, all axes before it are free.
+"""
+
+import numpy as np
+
+from thread.arrays import Array
+
+IDENTITY = np.eye(3)
+NEXT, LAST = [1, 2, 0], [2, 0, 1]
+
+
+def outer(a: Array, b: Array) -> Array:
+    """a ⊗ b over the last axis, shape `(..., 3, 3)`."""
+    return a[..., :, None] * b[..., None, :]
+
+
+def dot(a: Array, b: Array) -> Array:
+    """a · b over the last axis."""
+    return np.vecdot(a, b)
+
+
+def cross(a: Array, b: Array) -> Array:
+    """a × b over the last axis; several times as fast as `np.cross` on few vectors."""
+    return a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT]
+
+
+def unit(x: Array) -> Array:
+    """x/|x| over the last axis."""
+    return x / np.linalg.norm(x, axis=-1, keepdims=True)
+
+
+def reflected(x: Array, normal: Array) -> Array:
+    """Mirror image in the plane across `normal`; x itself where that is zero."""
+    square = normal @ normal
+    return x - 2.0 * (normal @ x) / square * normal if square > 0.0 else x
+
+
+def across(x: Array, t: Array) -> Array:
+    """The part of x across the unit vector t."""
+    return x - dot(x, t)[..., None] * t

@@ -1,0 +1,7 @@
+"""The kinds of arrays that the organ is made of."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]

@@ -1,0 +1,257 @@
+"""An organ with inertia: its operator of a time scheme, and its steps."""
+
+from collections import OrderedDict, deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import block_diag, csr_matrix
+
+from tissue.arrays import Array
+from tissue.errors import TissueError
+from tissue.organs.meshed import (
+    KEPT,
+    LinearAnswer,
+    LipCompliance,
+    MeshedOrgan,
+    OrganEnergies,
+    OrganState,
+    SiteAnswer,
+    TimeScheme,
+    compliance,
+)
+from tissue.solvers.choice import Solver, mass_solver
+
+RECALLED = 4  # fields whose elastic force is remembered: a step asks again for those of its start and of its end
+
+
+class History(NamedTuple):
+    """Reference fields of the time scheme over the free unknowns `(N,)` [m]: U_a and U_d."""
+
+    inertia: Array
+    damping: Array
+
+
+@dataclass(frozen=True)
+class DynamicOperator(LipCompliance):
+    """A = a M + d C + K, factorised, with W = A⁻¹ Yᵀ and the compliance C = Y W of the sites."""
+
+    organ: "DynamicOrgan"
+    a: float
+    d: float
+    A: csr_matrix
+    factor: Solver
+    W: Array
+    C: Array
+
+    def predict(self, state: OrganState, history: History) -> Array:
+        """Return U⁺ without site forces: one solve, for the increment, so that round-off is relative to it."""
+
+        def guess() -> Array:
+            """As if acceleration and site forces stayed what they are."""
+            return history.inertia + state.A / self.a - state.U - self.W @ state.f_y
+
+        return state.U + self.factor.solve(self.residual(state.U, history), guess)
+
+    def moved(self, U: Array, f_y: Array, p: Array) -> Array:
+        """U + W f_y + A⁻¹Gᵀ p, shape `(N,)` [m]."""
+        U = U + self.W @ f_y
+        return U + self.factor.solve(self.organ.G.T @ p) if p.any() else U
+
+    def residual(self, U: Array, history: History) -> Array:
+        """b − A U, by products with M and K: C = αM + βK needs none of its own."""
+        alpha, beta = self.organ.rayleigh
+        damping = self.d * (history.damping - U)
+        inertia = self.organ.weighed(self.a * (history.inertia - U) + alpha * damping)
+        residual = self.organ.load + inertia - self.organ.elastic_force(U)
+        return residual + self.organ.K @ (beta * damping) if beta and damping.any() else residual
+
+
+@dataclass(frozen=True, eq=False)
+class DynamicOrgan(MeshedOrgan):
+    """An organ with inertia and Rayleigh damping C = αM + βK, `rayleigh` = (α [1/s], β [s]); it need not be
+    held.
+    """
+
+    rayleigh: tuple[float, float] = (0.0, 0.0)
+    M: csr_matrix = field(init=False, repr=False)
+    node_mass: csr_matrix = field(init=False, repr=False)
+    slots: NDArray[np.intp] | None = field(init=False, repr=False)  # of the free unknowns where nodes are held in part
+    _recalled: deque[tuple[Array, Array]] = field(init=False, repr=False, compare=False)
+    _operators: OrderedDict[tuple[float, float], DynamicOperator] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        alpha, beta = self.rayleigh
+        if not (0.0 <= alpha < np.inf and 0.0 <= beta < np.inf):
+            raise TissueError(
+                f"rayleigh = {self.rayleigh}: allowed are α ≥ 0 [1/s] and β ≥ 0 [s]; damping takes energy"
+            )
+        free = self.elasticity.free
+        M = csr_matrix(self.elasticity.M[free][:, free])
+        springs = csr_matrix((self.size - free.size,) * 2)
+        object.__setattr__(self, "M", csr_matrix(block_diag([M, springs])) if springs.shape[0] else M)
+        whole = np.unique(free // 3)[:, None] * 3 + np.arange(3)  # all unknowns of the nodes that have a free one
+        rolls = whole.size > free.size
+        nodal = csr_matrix(self.elasticity.M[whole.ravel()][:, whole.ravel()]) if rolls else M
+        object.__setattr__(self, "slots", np.searchsorted(whole.ravel(), free) if rolls else None)
+        object.__setattr__(self, "node_mass", csr_matrix(nodal[::3, ::3]))
+        if 3 * self.node_mass.nnz != nodal.nnz:
+            raise TissueError("the mass matrix must be one over the nodes, the same for x, y and z of each")
+        object.__setattr__(self, "_recalled", deque(maxlen=RECALLED))
+        object.__setattr__(self, "_operators", OrderedDict())
+
+    def start(self) -> OrganState:
+        """Undeformed and at rest; gravity acts from the first step."""
+        rest = np.zeros(self.size)
+        return OrganState(rest, rest, rest, np.zeros(self.y0.size), self.no_contact)
+
+    def operator(self, a: float, d: float) -> DynamicOperator:
+        """The factorised operator of a time scheme; the last few are kept."""
+        if not (0.0 < a < np.inf and 0.0 <= d < np.inf):
+            raise TissueError(f"a = {a} 1/s², d = {d} 1/s: allowed are a > 0 and d ≥ 0; give a positive time step")
+        if (a, d) not in self._operators:
+            while len(self._operators) >= min(KEPT, self.choice.room):
+                self._operators.popitem(last=False)
+            self._operators[a, d] = self._factorized(a, d)
+        self._operators.move_to_end((a, d))
+        return self._operators[a, d]
+
+    def weighed(self, field: Array) -> Array:
+        """M times a field over the free unknowns `(N,)`: a node's three components share its row."""
+        return self._weighed_together(field)[0]
+
+    def elastic_force(self, U: Array) -> Array:
+        """K U; of the fields asked for last it is remembered, since a state's own is asked for by both its steps."""
+        for known, force in self._recalled:
+            if known is U:
+                return force
+        force = np.asarray(self.K @ U)
+        self._recalled.append((U, force))
+        return force
+
+    def _factorized(self, a: float, d: float) -> DynamicOperator:
+        alpha, beta = self.rayleigh
+        A = csr_matrix((a + alpha * d) * self.M + (1.0 + beta * d) * self.K)
+        factor = self.solved(A)
+        W, C = compliance(factor, self.Y)
+        return DynamicOperator(self, a, d, A, factor, W, C)
+
+    def answer(self, scheme: TimeScheme, past: Sequence[OrganState]) -> LinearAnswer:
+        """Return the answer of a step of `scheme` from the states `past`, the newest first: one solve."""
+        operator, history = self.operator(scheme.a, scheme.d), self.history(scheme, past)
+        U_free = operator.predict(past[0], history)
+        return LinearAnswer(
+            operator,
+            self.y0 + self.Y @ U_free,
+            self.g0 + self.G @ U_free,
+            partial(self.complete, operator, U_free, history),
+            lambda: operator.residual(np.zeros(self.size), history),
+        )
+
+    def complete(self, operator: DynamicOperator, U_free: Array, history: History, f_y: Array, p: Array) -> OrganState:
+        """Return the state of U⁺ = U_free + W f_y + A⁻¹Gᵀ p and its rates."""
+        U = operator.moved(U_free, f_y, p)
+        rates = operator.d * (U - history.damping), operator.a * (U - history.inertia)
+        return OrganState(U, *rates, f_y, self.held_apart(p))
+
+    def history(self, scheme: TimeScheme, past: Sequence[OrganState]) -> History:
+        """Return the reference fields U_a = Σ_k (α_k U_k + β_k V_k), U_d = Σ_k γ_k U_k of a scheme."""
+        terms = list(zip(scheme.coefficients, past, strict=True))
+        inertia = sum((alpha * s.U + beta * s.V for (alpha, beta, _), s in terms), np.zeros(self.size))
+        return History(inertia, sum((gamma * s.U for (_, _, gamma), s in terms), np.zeros(self.size)))
+
+    def site_variables(self, state: OrganState) -> Array:
+        """y = y0 + Y U, shape `(9p,)`."""
+        return np.asarray(self.y0 + self.Y @ state.U)
+
+    def lips(self, state: OrganState) -> tuple[Array, Array]:
+        """Return the gaps g [m] and the contact forces p [N], shape `(k,)` each."""
+        return self.gap(state), self.contact_forces(state)
+
+    def gap(self, state: OrganState) -> Array:
+        """g = g0 + G U, shape `(k,)` [m]."""
+        return np.asarray(self.g0 + self.G @ state.U)
+
+    def displacement(self, state: OrganState) -> Array:
+        """Displacement of all unknowns, shape `(N_all,)` [m]."""
+        return self.whole(state.U)
+
+    def field(self, state: OrganState) -> Array:
+        """Displacement over the free unknowns, shape `(N,)` [m]."""
+        return state.U
+
+    def velocity(self, state: OrganState) -> Array:
+        """Velocity of all unknowns, shape `(N_all,)` [m/s]."""
+        return self.whole(state.V)
+
+    def impulse(self, state: OrganState) -> SiteAnswer:
+        """Return the answer to an impulse on the sites: dy/dt = Y V, by Y M⁻¹ Yᵀ; the state gets V + M⁻¹ Yᵀ impulse."""
+        return SiteAnswer(
+            self.Y @ state.V,
+            lambda: self._mobility[1],
+            lambda j, p: replace(state, V=state.V + self._mobility[0] @ j),
+        )
+
+    def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
+        """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y` (9p,)
+        and the contact forces those of `state`; V is kept."""
+        operator, p = self.operator(scheme.a, scheme.d), self.contact_forces(state)
+        y_free, g_free = operator.unmoved(y, self.gap(state), f_y, p)
+
+        def displaced(f_new: Array, p_new: Array) -> OrganState:
+            # By the change alone: the state's own forces may be those of holes that ended at this very moment.
+            df, held = f_new - f_y, self.held_apart(p_new)
+            return replace(state, U=operator.moved(state.U, df, p_new - p), f_y=state.f_y + df, p=held)
+
+        return LinearAnswer(
+            operator, y_free, g_free, displaced, lambda: operator.A @ state.U - self.Y.T @ f_y - self.G.T @ p
+        )
+
+    @cached_property
+    def _mobility(self) -> tuple[Array, Array]:
+        """M⁻¹ Yᵀ `(N, 9p)` and Y M⁻¹ Yᵀ of the mesh: what has no mass takes no impulse."""
+        N = self.mesh_size
+        W, C = compliance(mass_solver(csr_matrix(self.M[:N, :N]), self.places, self.choice.name), self.sites.Y)
+        return np.vstack([W, np.zeros((self.size - N, W.shape[1]))]), C
+
+    def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
+        """Energies at `new` and the works of the step: f_y·Δy + gravity = Δ(kinetic + elastic) + viscous +
+        numerical.
+
+        Exact for any time scheme: its own dissipation is ½ΔUᵀKΔU + ½ΔVᵀMΔV + (A⁺ᵀMΔU − V⁺ᵀMΔV), of which the bracket
+        is zero for backward Euler; viscous is V⁺ᵀ C ΔU. With p⁺·g⁺ = 0 the contact takes −p⁺·Δg = p⁺·g ≥ 0, of first
+        order in the step but where lips strike one another: it stands with the integrator's share.
+        """
+        alpha, beta = self.rayleigh
+        dU, dV, force = new.U - old.U, new.V - old.V, self.elastic_force(new.U)
+        elastic = force - self.elastic_force(old.U)
+        inertia, given, spent = self._weighed_together(new.V, dV, new.A)
+        return OrganEnergies(
+            kinetic=float(0.5 * new.V @ inertia),
+            elastic=float(0.5 * new.U @ force),
+            gravity_work=float(self.load @ dU),
+            viscous=float(alpha * (inertia @ dU) + beta * (new.V @ elastic)),
+            numerical=float(0.5 * dU @ elastic + 0.5 * dV @ given + spent @ dU - inertia @ dV)
+            - float(self.contact_forces(new) @ (self.G @ dU)),
+        )
+
+    def _weighed_together(self, *fields: Array) -> Array:
+        """M times several fields in one pass over it, shape `(k, N)`; the springs have no mass."""
+        N, k = self.mesh_size, len(fields)
+        side_by_side = np.hstack([self._by_nodes(field[:N]) for field in fields])
+        weighed = np.asarray(self.node_mass @ side_by_side).reshape(-1, k, 3).swapaxes(0, 1).reshape(k, -1)
+        out = np.zeros((k, self.size))
+        out[:, :N] = weighed if self.slots is None else weighed[:, self.slots]
+        return out
+
+    def _by_nodes(self, field: Array) -> Array:
+        """A field over the mesh's free unknowns as one vector per node, shape `(m, 3)`; zero where a node is held."""
+        if self.slots is None:
+            return field.reshape(-1, 3)
+        whole = np.zeros(3 * self.node_mass.shape[0])
+        whole[self.slots] = field
+        return whole.reshape(-1, 3)

@@ -1,0 +1,84 @@
+"""No organ: piercings at points fixed in space."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from tissue.arrays import Array
+from tissue.organs.meshed import NOTHING, Equation, OrganEnergies, OrganState, SiteAnswer, TimeScheme
+from tissue.sites.site import Site, space_frames
+
+
+@dataclass(frozen=True)
+class FixedAnswer(SiteAnswer):
+    """The answer of sites fixed in space, whose rows of the assembled matrix are empty."""
+
+    @property
+    def equation(self) -> Equation:
+        """No unknowns."""
+        sites = csr_matrix((self.y_free.size, 0))
+        return Equation(csr_matrix((0, 0)), NOTHING, self.y_free, sites, NOTHING, csr_matrix((0, 0)))
+
+
+@dataclass(frozen=True)
+class FixedSites:
+    """No organ: sites fixed in space, `y0` `(9p,)`. Made by `fixed_sites`."""
+
+    y0: Array
+
+    @property
+    def Y(self) -> csr_matrix:
+        """No unknowns, shape `(9p, 0)`."""
+        return csr_matrix((self.y0.size, 0))
+
+    @property
+    def size(self) -> int:
+        """Zero."""
+        return 0
+
+    def lips(self, state: OrganState) -> tuple[Array, Array]:
+        """Return no gaps and no contact forces, shape `(0,)` each: space has no lips."""
+        return NOTHING, NOTHING
+
+    def start(self) -> OrganState:
+        """No force."""
+        return OrganState(NOTHING, NOTHING, NOTHING, np.zeros(self.y0.size))
+
+    def answer(self, scheme: TimeScheme, past: Sequence[OrganState]) -> FixedAnswer:
+        """Return the answer of sites that no force moves."""
+        return FixedAnswer(self.y0, self._stiff, lambda f_y, p: OrganState(NOTHING, NOTHING, NOTHING, f_y))
+
+    def site_variables(self, state: OrganState) -> Array:
+        """y0, shape `(9p,)`."""
+        return self.y0
+
+    def displacement(self, state: OrganState) -> Array:
+        """Shape `(0,)`."""
+        return NOTHING
+
+    def velocity(self, state: OrganState) -> Array:
+        """Shape `(0,)`."""
+        return NOTHING
+
+    def impulse(self, state: OrganState) -> SiteAnswer:
+        """Return the answer of sites that stand still: space takes any impulse."""
+        return SiteAnswer(np.zeros(self.y0.size), self._stiff, lambda j, p: state)
+
+    def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> SiteAnswer:
+        """Return the answer of sites that no force moves."""
+        return SiteAnswer(self.y0, self._stiff, lambda f_new, p: replace(state, f_y=state.f_y + (f_new - f_y)))
+
+    def _stiff(self) -> Array:
+        """Space does not give, shape `(9p, 9p)`."""
+        return np.zeros((self.y0.size, self.y0.size))
+
+    def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
+        """None."""
+        return OrganEnergies(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def fixed_sites(sites: Sequence[Site]) -> FixedSites:
+    """Piercings as points fixed in space; their directions must be vectors or None."""
+    return FixedSites(space_frames(sites))

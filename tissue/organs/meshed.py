@@ -1,0 +1,336 @@
+"""The organ as the thread sees it: nine numbers per piercing, their compliance and one back-substitution.
+
+    acceleration⁺ = a (U⁺ − U_a),   velocity⁺ = d (U⁺ − U_d),   (a M + d C + K) U⁺ = b + Yᵀ f_y
+
+with two numbers and two reference fields per time scheme. Backward Euler has a = 1/Δt², U_a = U + Δt V and
+d = 1/Δt, U_d = U. `f_y` `(9p,)` is the force on the organ conjugate to y; eliminating U is exact, so that
+y = y_free + C f_y. Where a mesh is too coarse for a hole, springs without mass stand between site and mesh, as further
+unknowns behind those of the mesh, as stiff as these are in the mean: y = y0 + Y U + √κ B ζ (`tissue.sites.subgrid`).
+
+The lips of a wound may be given gaps g = g0 + G U (`tissue.organs.lips`), and forces p that push them apart:
+
+    A U⁺ = b + Yᵀ f_y + Gᵀ p,   y = y_free + C f_y + C_yc p,   g = g_free + C_cy f_y + C_cc p
+
+The columns A⁻¹Gᵀ are not kept: once C_cc is known, p costs one more back-substitution a step.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import block_diag, csr_matrix, eye_array, hstack
+
+from tissue.arrays import Array
+from tissue.body import Elasticity
+from tissue.errors import TissueError
+from tissue.organs.lips import Gaps
+from tissue.sites.site import Sites
+from tissue.solvers.choice import GIGA, Choice, Solver, chosen, solver
+from tissue.solvers.memory import free_memory
+
+KEPT = 4  # operators kept, memory allowing: one per (a, d) of a run, the start, and a halved step
+COLUMNS = 64  # of A⁻¹Gᵀ that are made together
+SHARE = 0.5  # of the free memory that the compliance of the gaps may take
+NOTHING = np.zeros(0)
+
+
+@dataclass(frozen=True)
+class OrganState:
+    """Displacement U [m], velocity V [m/s], acceleration A [m/s²] over the free unknowns `(N,)`, the site
+    forces, and the contact forces `(k,)` [N], None of an organ without gaps.
+    """
+
+    U: Array
+    V: Array
+    A: Array
+    f_y: Array
+    p: Array | None = None
+
+
+class TimeScheme(Protocol):
+    """What an organ reads of a time scheme: acceleration a (U − U_a) and velocity d (U − U_d)."""
+
+    @property
+    def a(self) -> float:
+        """Factor of the mass [1/s²]; 0 in equilibrium."""
+
+    @property
+    def d(self) -> float:
+        """Factor of the damping [1/s]; 0 in equilibrium."""
+
+    @property
+    def coefficients(self) -> tuple[tuple[float, float, float], ...]:
+        """(α, β [s], γ) of each earlier state, newest first: U_a = Σ (α U + β V), U_d = Σ γ U."""
+
+
+class OrganEnergies(NamedTuple):
+    """Energies at the end of a step and work done during it [J]."""
+
+    kinetic: float
+    elastic: float
+    gravity_work: float
+    viscous: float
+    numerical: float
+
+
+class Equation(NamedTuple):
+    """The organ's rows of the assembled matrix: A U⁺ = b + Yᵀ f_y + Gᵀ p with y = y0 + Y U and g = g0 + G U."""
+
+    A: csr_matrix
+    b: Array
+    y0: Array
+    Y: csr_matrix
+    g0: Array
+    G: csr_matrix
+
+
+@dataclass(frozen=True)
+class SiteAnswer:
+    """An answer of sites alone, y = y_free + C f_y with C (9p, 9p) of `compliance`, made when it is asked for.
+
+    `accepted` makes the state at the end of the step of f_y and p.
+    """
+
+    y_free: Array
+    compliance: Callable[[], Array]
+    accepted: Callable[[Array, Array], OrganState]
+
+    @property
+    def C(self) -> Array:
+        """Site compliance, shape `(9p, 9p)`."""
+        return self.compliance()
+
+    @property
+    def g_free(self) -> Array:
+        """No gaps, shape `(0,)`."""
+        return NOTHING
+
+    @property
+    def C_cy(self) -> Array:
+        """No gaps, shape `(0, 9p)`."""
+        return np.zeros((0, self.y_free.size))
+
+    @property
+    def C_cc(self) -> Array:
+        """No gaps, shape `(0, 0)`."""
+        return np.zeros((0, 0))
+
+    def accept(self, f_y: Array, p: Array = NOTHING) -> OrganState:
+        """Return the state at the end of the step."""
+        return self.accepted(f_y, p)
+
+    def again(self, f_y: Array, p: Array) -> "SiteAnswer":
+        """Return itself: the answer is linear."""
+        return self
+
+
+@dataclass(frozen=True)
+class LinearAnswer:
+    """The answer of a meshed organ: `y_free` (9p,), `g_free` (k,) [m] and what its factored operator knows.
+
+    `accepted` makes the state at the end of the step of f_y and p; `right_hand_side` makes b of the organ's equation.
+    """
+
+    operator: "LipCompliance"
+    y_free: Array
+    g_free: Array
+    accepted: Callable[[Array, Array], OrganState]
+    right_hand_side: Callable[[], Array]
+
+    @property
+    def C(self) -> Array:
+        """Site compliance Y A⁻¹ Yᵀ, shape `(9p, 9p)`."""
+        return self.operator.C
+
+    @property
+    def C_cy(self) -> Array:
+        """Gaps by site forces, shape `(k, 9p)`."""
+        return self.operator.C_cy
+
+    @property
+    def C_cc(self) -> Array:
+        """Gaps by contact forces, shape `(k, k)` [m/N]."""
+        return self.operator.C_cc
+
+    def accept(self, f_y: Array, p: Array = NOTHING) -> OrganState:
+        """Return the state at the end of the step."""
+        return self.accepted(f_y, p)
+
+    def again(self, f_y: Array, p: Array) -> "LinearAnswer":
+        """Return itself: the organ is linear."""
+        return self
+
+    @property
+    def equation(self) -> Equation:
+        """The organ's rows of the assembled matrix."""
+        organ = self.operator.organ
+        return Equation(self.operator.A, self.right_hand_side(), organ.y0, organ.Y, organ.g0, organ.G)
+
+
+@dataclass(frozen=True, eq=False)
+class MeshedOrgan:
+    """What a dynamic and a quasi-static organ share: the body, its sites and the blocks over the free
+    unknowns.
+    """
+
+    elasticity: Elasticity
+    sites: Sites
+    gravity: ArrayLike = (0.0, 0.0, 0.0)
+    solver: str = "auto"  # one of `tissue.solvers.choice.SOLVERS`
+    gaps: Gaps | None = None
+    choice: Choice = field(init=False, repr=False)
+    K: csr_matrix = field(init=False, repr=False)
+    Y: csr_matrix = field(init=False, repr=False)
+    load: Array = field(init=False, repr=False)
+    places: Array = field(init=False, repr=False)
+    G: csr_matrix = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        gravity = np.asarray(self.gravity, dtype=float)
+        if gravity.shape != (3,) or not np.all(np.isfinite(gravity)):
+            raise TissueError(f"gravity = {self.gravity}: allowed are three finite numbers [m/s²]")
+        body, free = self.elasticity, self.elasticity.free
+        if self.sites.Y.shape[1] != free.size:
+            raise TissueError(
+                f"sites over {self.sites.Y.shape[1]} unknowns on an organ of {free.size}; build them on it"
+            )
+        B, places = self.sites.springs, body.basis.doflocs[:, free].T
+        K = csr_matrix(body.K[free][:, free])
+        K.eliminate_zeros()  # a fifth of the entries on a block
+        stiffness = float(body.K.diagonal().mean())
+        springs = stiffness * eye_array(B.shape[1])
+        object.__setattr__(self, "K", csr_matrix(block_diag([K, springs])) if B.shape[1] else K)
+        object.__setattr__(self, "Y", csr_matrix(hstack([self.sites.Y, np.sqrt(stiffness) * B])))
+        object.__setattr__(self, "load", np.append(body.body_force(gravity)[free], np.zeros(B.shape[1])))
+        object.__setattr__(self, "places", places)
+        object.__setattr__(self, "choice", chosen(self.solver, K, places, self.solved_once))
+        object.__setattr__(self, "G", self._gap_rows(B.shape[1]))
+
+    def _gap_rows(self, springs: int) -> csr_matrix:
+        """G over all unknowns, shape `(k, N)`; refused where its compliance has no room."""
+        N = self.elasticity.free.size + springs
+        if self.gaps is None:
+            return csr_matrix((0, N))
+        k, room = self.pairs, SHARE * free_memory()
+        need = 8.0 * ((KEPT + 2) * k**2 + COLUMNS * N)
+        if self.gaps.G.shape[1] != self.elasticity.free.size:
+            raise TissueError(
+                f"gaps over {self.gaps.G.shape[1]} unknowns on an organ of {N - springs}; build them on it"
+            )
+        if need > room:
+            raise TissueError(
+                f"contact: the {k} pairs of nodes on the lips take about {need / GIGA:.2g} GB and {room / GIGA:.2g} GB "
+                "can be had; take a coarser mesh at the lips, or leave out contact"
+            )
+        return csr_matrix(hstack([self.gaps.G, csr_matrix((k, springs))]))
+
+    @property
+    def pairs(self) -> int:
+        """Number k of pairs of nodes on the lips that may touch; 0 without gaps."""
+        return 0 if self.gaps is None else len(self.gaps.g0)
+
+    @property
+    def g0(self) -> Array:
+        """Gaps of the reference shape, shape `(k,)` [m]."""
+        return NOTHING if self.gaps is None else self.gaps.g0
+
+    def contact_forces(self, state: OrganState) -> Array:
+        """p, shape `(k,)` [N]."""
+        return NOTHING if state.p is None else state.p
+
+    def held_apart(self, p: Array) -> Array | None:
+        """Contact forces `(k,)` as a state keeps them: None without gaps."""
+        return p if self.pairs else None
+
+    @property
+    def no_contact(self) -> Array | None:
+        return self.held_apart(np.zeros(self.pairs))
+
+    @property
+    def mesh_size(self) -> int:
+        """Number of free unknowns of the mesh, which come before those of the springs."""
+        return int(self.elasticity.free.size)
+
+    @property
+    def solved_once(self) -> bool:
+        """Whether all that is ever solved for are the sites' columns and the load."""
+        return False
+
+    def solved(self, A: csr_matrix) -> Solver:
+        """What solves with a matrix of the organ: the springs are coupled to nothing but the sites."""
+        N = self.mesh_size
+        mesh = solver(csr_matrix(A[:N, :N]) if A.shape[0] > N else A, self.places, self.choice.name)
+        return mesh if A.shape[0] == N else Sprung(A, mesh)
+
+    @property
+    def y0(self) -> Array:
+        """Reference site variables, shape `(9p,)` [m, -, -]."""
+        return self.sites.y0
+
+    @property
+    def size(self) -> int:
+        """Number of free unknowns N, those of the springs at the sites included."""
+        return int(self.K.shape[0])
+
+    def whole(self, field: Array) -> Array:
+        """A field over the free unknowns as one over all unknowns of the mesh, shape `(N_all,)`."""
+        return self.elasticity.extended(field[: self.elasticity.free.size])
+
+
+@dataclass(frozen=True)
+class Sprung:
+    """A matrix of the mesh, with its solver, and behind it a diagonal of springs."""
+
+    A: csr_matrix
+    mesh: Solver
+
+    def solve(self, b: Array, guess: Callable[[], Array] | None = None) -> Array:
+        """A⁻¹ b for b of shape `(n,)` or `(n, k)`; a guess is asked for where it is of use."""
+        N = self.mesh.A.shape[0]
+        near = None if guess is None else lambda: guess()[:N]
+        springs = self.A.diagonal()[N:].reshape(-1, *[1] * (b.ndim - 1))
+        return np.concatenate([self.mesh.solve(b[:N], near), b[N:] / springs])
+
+
+class LipCompliance:
+    """What an operator says of the gaps, when it is asked: the columns A⁻¹Gᵀ are dear."""
+
+    organ: MeshedOrgan
+    A: csr_matrix
+    factor: Solver
+    W: Array
+    C: Array
+
+    def unmoved(self, y: Array, g: Array, f_y: Array, p: Array) -> tuple[Array, Array]:
+        """Return `y_free` and `g_free` of an answer that gives y and g under the forces `f_y` and `p`."""
+        y = y - self.C @ f_y
+        if not g.size:
+            return y, g
+        return y - p @ self.C_cy, g - self.C_cy @ f_y - (self.C_cc @ p if p.any() else 0.0)
+
+    @cached_property
+    def C_cc(self) -> Array:
+        """G A⁻¹ Gᵀ, gaps by contact forces, shape `(k, k)` [m/N]."""
+        return gap_compliance(self.factor, self.organ.G)
+
+    @cached_property
+    def C_cy(self) -> Array:
+        """G W, gaps by site forces, shape `(k, 9p)`."""
+        return np.asarray(self.organ.G @ self.W)
+
+
+def compliance(factor: Solver, Y: csr_matrix) -> tuple[Array, Array]:
+    """W = A⁻¹ Yᵀ `(N, 9p)` and C = Y W `(9p, 9p)`, made symmetric to the last bit."""
+    W = factor.solve(Y.T.toarray())
+    C = Y @ W
+    return W, 0.5 * (C + C.T)
+
+
+def gap_compliance(factor: Solver, G: csr_matrix) -> Array:
+    """G A⁻¹ Gᵀ `(k, k)`, made symmetric to the last bit; its columns are made a few at a time."""
+    some = [slice(first, first + COLUMNS) for first in range(0, G.shape[0], COLUMNS)]
+    C = np.hstack([G @ factor.solve(G[rows].T.toarray()) for rows in some])
+    return 0.5 * (C + C.T)

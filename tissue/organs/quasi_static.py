@@ -1,0 +1,170 @@
+"""An organ without inertia: at every time in equilibrium with its sites."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from tissue.arrays import Array
+from tissue.errors import TissueError
+from tissue.organs.meshed import (
+    NOTHING,
+    LinearAnswer,
+    LipCompliance,
+    MeshedOrgan,
+    OrganEnergies,
+    OrganState,
+    TimeScheme,
+    compliance,
+)
+from tissue.solvers.choice import Solver
+from tissue.supports import holds_still
+
+
+@dataclass(frozen=True)
+class QuasiStaticOperator(LipCompliance):
+    """A = K with the answer to the constant load known: no work that grows with the mesh is left in a step."""
+
+    organ: "QuasiStaticOrgan"
+    A: csr_matrix
+    factor: Solver
+    load: Array
+    W: Array
+    C: Array
+    U_load: Array
+    y_load: Array
+    sag_energy: float
+
+    @cached_property
+    def g_load(self) -> Array:
+        """Gaps under the constant load alone, shape `(k,)` [m]."""
+        return np.asarray(self.organ.g0 + self.organ.G @ self.U_load)
+
+
+@dataclass(frozen=True, eq=False)
+class QuasiStaticOrgan(MeshedOrgan):
+    """An organ without inertia: U = K⁻¹ (load + Yᵀ f_y). Its state is `f_y` alone, its field is made on
+    demand.
+    """
+
+    @property
+    def solved_once(self) -> bool:
+        return True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        body = self.elasticity
+        known = ", ".join(sorted(body.mesh.boundaries or {})) or "none at all"
+        if body.clamped.size == 0:
+            raise TissueError(
+                "clamp = []: a quasi-static organ that is not held is singular; clamp a boundary (the mesh names "
+                f"{known}) or give it inertia"
+            )
+        if not holds_still(body.points, np.isin(body.nodes, body.clamped)):
+            raise TissueError(
+                "roller: a quasi-static organ that can still move as a rigid body is singular; clamp a boundary, or "
+                f"put rollers on more of them (the mesh names {known})"
+            )
+
+    @cached_property
+    def _operator(self) -> QuasiStaticOperator:
+        """Factorised when first asked for: a scenario is checked without."""
+        factor = self.solved(self.K)
+        W, C = compliance(factor, self.Y)
+        U_load = factor.solve(self.load)
+        y_load, sag_energy = np.asarray(self.y0 + self.Y @ U_load), float(0.5 * self.load @ U_load)
+        return QuasiStaticOperator(self, self.K, factor, self.load, W, C, U_load, y_load, sag_energy)
+
+    def start(self) -> OrganState:
+        """Equilibrium under gravity, without site forces; the lips are not held apart yet."""
+        return OrganState(NOTHING, NOTHING, NOTHING, np.zeros(self.y0.size), self.no_contact)
+
+    def operator(self, a: float, d: float) -> QuasiStaticOperator:
+        """Return K factorised, whatever the time scheme."""
+        return self._operator
+
+    def answer(self, scheme: TimeScheme, past: Sequence[OrganState]) -> LinearAnswer:
+        """Return the answer of any step: the equilibrium without site forces is known in advance."""
+        operator = self._operator
+        return LinearAnswer(operator, operator.y_load, operator.g_load, self.complete, lambda: operator.load)
+
+    def complete(self, f_y: Array, p: Array) -> OrganState:
+        """Return the state of an organ that is where its forces put it."""
+        return OrganState(NOTHING, NOTHING, NOTHING, f_y, self.held_apart(p))
+
+    def site_variables(self, state: OrganState) -> Array:
+        """y = y0 + Y U = y_load + C f_y + C_yc p, shape `(9p,)`."""
+        p = self.contact_forces(state)
+        if not (self.load.any() or state.f_y.any() or p.any()):
+            return self.y0
+        y = self._operator.y_load + self._operator.C @ state.f_y
+        return y + p @ self._operator.C_cy if p.any() else y
+
+    def lips(self, state: OrganState) -> tuple[Array, Array]:
+        """Return the gaps g [m] and the contact forces p [N], shape `(k,)` each."""
+        return self.gap(state), self.contact_forces(state)
+
+    def gap(self, state: OrganState) -> Array:
+        """g = g0 + G U = g_load + C_cy f_y + C_cc p, shape `(k,)` [m]."""
+        p = self.contact_forces(state)
+        if not (self.pairs and (self.load.any() or state.f_y.any() or p.any())):
+            return self.g0
+        g = self._operator.g_load + self._operator.C_cy @ state.f_y
+        return g + self._operator.C_cc @ p if p.any() else g
+
+    def displacement(self, state: OrganState) -> Array:
+        """Displacement of all unknowns, shape `(N_all,)` [m]."""
+        return self.whole(self.field(state))
+
+    def field(self, state: OrganState) -> Array:
+        """Displacement over the free unknowns, shape `(N,)` [m]."""
+        U, p = np.asarray(self._operator.U_load + self._operator.W @ state.f_y), self.contact_forces(state)
+        return U + self._operator.factor.solve(self.G.T @ p) if p.any() else U
+
+    def velocity(self, state: OrganState) -> Array:
+        """Zero, shape `(N_all,)` [m/s]."""
+        return np.zeros(self.elasticity.N)
+
+    def impulse(self, state: OrganState) -> None:
+        """Return None: without mass nothing takes an impulse."""
+
+    def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
+        """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y` (9p,)
+        and the contact forces those of `state`."""
+        operator, p = self._operator, self.contact_forces(state)
+        y_free, g_free = operator.unmoved(y, self.gap(state), f_y, p)
+
+        def displaced(f_new: Array, p_new: Array) -> OrganState:
+            # By the change alone: the state's own forces may be those of holes that ended at this very moment.
+            return replace(state, f_y=state.f_y + (f_new - f_y), p=self.held_apart(p_new))
+
+        def right_hand_side() -> Array:
+            return operator.A @ self.field(state) - self.Y.T @ f_y - self.G.T @ p
+
+        return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side)
+
+    def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
+        """As for the dynamic organ, with 9p + k numbers: U = U_load + W f_y + K⁻¹Gᵀ p, K U_load = load,
+        Yᵀ U_load = y_load − y0 and Gᵀ U_load = g_load − g0.
+        """
+        C, sag = self._operator.C, self._operator.y_load - self.y0
+        df = new.f_y - old.f_y
+        elastic = self._operator.sag_energy + sag @ new.f_y + 0.5 * new.f_y @ (C @ new.f_y)
+        by_sites = OrganEnergies(0.0, float(elastic), float(sag @ df), 0.0, float(0.5 * df @ (C @ df)))
+        return self._with_contact(by_sites, old, new) if self.pairs else by_sites
+
+    def _with_contact(self, by_sites: OrganEnergies, old: OrganState, new: OrganState) -> OrganEnergies:
+        """What the contact forces add; their own work −p⁺·Δg stands with the integrator's share."""
+        p, df = self.contact_forces(new), new.f_y - old.f_y
+        dp = p - self.contact_forces(old)
+        if not (p.any() or dp.any()):
+            return by_sites
+        C_cc, C_cy, closing = self._operator.C_cc, self._operator.C_cy, self._operator.g_load - self.g0
+        elastic, dg = p @ (closing + C_cy @ new.f_y + 0.5 * C_cc @ p), C_cy @ df + C_cc @ dp
+        return by_sites._replace(
+            elastic=by_sites.elastic + float(elastic),
+            gravity_work=by_sites.gravity_work + float(closing @ dp),
+            numerical=by_sites.numerical + float(dp @ (C_cy @ df + 0.5 * C_cc @ dp) - p @ dg),
+        )

@@ -1,0 +1,86 @@
+"""Rows over the organ's unknowns that average displacement and slope over the footprint of a site."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix, eye_array, kron
+
+from tissue.arrays import Array, Indices
+from tissue.body import ELEMENTS, Elasticity
+from tissue.sites.surface import Surface
+
+
+@dataclass(frozen=True)
+class Average:
+    """Points of one average: reference coordinates `(k, 3)` in `cells` `(k,)`, with weights summing to one."""
+
+    reference: Array
+    cells: Indices
+    weights: Array
+
+
+@dataclass(frozen=True)
+class AverageSlope:
+    """⟨∇U⟩ = Σ_q U(x_q) c_qᵀ: points x `(k, 3)` [m] in `cells` `(k,)`, vectors c `(k, 3)` [1/m]."""
+
+    points: Array
+    cells: Indices
+    vectors: Array
+
+
+NO_SLOPE = AverageSlope(np.zeros((0, 3)), np.zeros(0, np.intp), np.zeros((0, 3)))  # a bare point's gradient is its own
+
+
+def normal_rows(gradient: csr_matrix, u0: Array) -> csr_matrix:
+    """Rows of ⟨∇U⟩ u₀ from those of ⟨∂U_i/∂x_j⟩ (row 3i + j)."""
+    return csr_matrix(kron(eye_array(3), u0[None]) @ gradient)
+
+
+def fibre_rows(gradient: csr_matrix, u0: Array) -> csr_matrix:
+    """Rows of −⟨∇U⟩ᵀ u₀."""
+    return csr_matrix(-kron(u0[None], eye_array(3)) @ gradient)
+
+
+def value_rows(elasticity: Elasticity, average: Average) -> csr_matrix:
+    """⟨N⟩, shape `(3, N)`."""
+    phi, _ = shapes(elasticity, average.reference)
+    dofs = elasticity.basis.element_dofs[:, average.cells].reshape(len(phi), 3, -1)
+    data = np.broadcast_to((phi * average.weights)[:, None], dofs.shape)
+    rows = np.broadcast_to(np.arange(3)[None, :, None], dofs.shape)
+    return csr_matrix((data.ravel(), (rows.ravel(), dofs.ravel())), shape=(3, elasticity.N))
+
+
+def gradient_rows(elasticity: Elasticity, surface: Surface, average: Average, slope: AverageSlope) -> csr_matrix:
+    """⟨∂U_i/∂x_j⟩ as row 3i + j, shape `(9, N)` [1/m].
+
+    Where Σ x cᵀ is not the identity (the normal of a disc, a curved surface, a bare point) the gradients of the
+    shape functions make up the difference, so that linear fields have their own slope.
+    """
+    phi, _ = shapes(elasticity, surface.reference(slope.points, slope.cells))
+    by_parts = _slope_rows(elasticity, slope.cells, phi[:, None] * slope.vectors.T)
+    _, dphi = shapes(elasticity, average.reference)
+    local = np.einsum("nak,kaj->njk", dphi, surface.to_reference[average.cells]) * average.weights
+    missing = (
+        np.eye(3) - (slope.points - slope.points.mean(axis=0)).T @ slope.vectors if slope.cells.size else np.eye(3)
+    )
+    if np.abs(missing).max() <= 1e-12:
+        return by_parts
+    return csr_matrix(by_parts + kron(eye_array(3), missing.T) @ _slope_rows(elasticity, average.cells, local))
+
+
+def _slope_rows(elasticity: Elasticity, cells: Indices, slopes: Array) -> csr_matrix:
+    """Slopes of shape functions `(n, 3, k)` at points in `cells`, summed into row 3i + j for ∂U_i/∂x_j."""
+    dofs = elasticity.basis.element_dofs[:, cells].reshape(len(slopes), 3, 1, -1)
+    shape = (len(slopes), 3, 3, cells.size)
+    rows = np.broadcast_to(np.arange(9).reshape(1, 3, 3, 1), shape)
+    data, columns = np.broadcast_to(slopes[:, None], shape), np.broadcast_to(dofs, shape)
+    return csr_matrix((data.ravel(), (rows.ravel(), columns.ravel())), shape=(9, elasticity.N))
+
+
+def shapes(elasticity: Elasticity, reference: Array) -> tuple[Array, Array]:
+    """Shape functions `(n, k)` and their reference gradients `(n, 3, k)`."""
+    element = ELEMENTS[elasticity.element]()
+    pairs = [element.lbasis(reference.T, i) for i in range(len(element.doflocs))]
+    count = len(reference)
+    phi = np.array([np.broadcast_to(value, count) for value, _ in pairs])
+    return phi, np.array([np.broadcast_to(np.asarray(d).reshape(3, -1), (3, count)) for _, d in pairs])

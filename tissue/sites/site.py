@@ -1,0 +1,371 @@
+"""Piercing sites: nine numbers y = (x, u, v) per piercing, linear in the organ's unknowns, y = y0 + Y U.
+
+    x = X + ⟨N⟩ U                      the point, averaged over the footprint of the hole
+    u = u₀ + ⟨∇U⟩ u₀,  v likewise      normal frame: material tangents convect, T ⟂ u, v is the normal
+    u = u₀ − ⟨∇U⟩ᵀ u₀, v likewise      fibre frame: T ⟂ u, v stays along the convected cut of the needle
+
+with (∇U)_ij = ∂U_i/∂x_j. The footprint is a disc on the
+surface, a ball inside. On the surface the fibre frame needs the derivative along the normal, whose average
+over a surface patch is not bounded by the elastic energy (it grows without limit under refinement), so there
+its gradient is averaged over the part of the ball that lies in the body. The tangential derivatives of the
+normal frame are bounded on the surface with a parabolic weight; with a uniform one they see the circle alone
+and their compliance grows like log(radius/h).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import block_diag, csr_matrix, vstack
+
+from tissue.arrays import Array, Indices
+from tissue.body import Elasticity
+from tissue.errors import TissueError
+from tissue.sites import footprint
+from tissue.sites.rows import (
+    NO_SLOPE,
+    Average,
+    AverageSlope,
+    fibre_rows,
+    gradient_rows,
+    normal_rows,
+    shapes,
+    value_rows,
+)
+from tissue.sites.subgrid import Footprint, Missing, missing
+from tissue.sites.surface import INSIDE, ON_SURFACE, Surface, outer_surface
+
+Direction = Literal["normal"] | ArrayLike | None
+
+AXIS = np.array([0.0, 0.0, 1.0])  # frame axis of an interior site without a direction: any will do
+EDGE_ON = 1e-3  # cosine of a facet's tilt below which its plane is too steep to be reckoned with beside it
+COVERED = 1e-9  # of a disc: facets that cover as much of it too much or too little do so by round-off
+SAME = 1e-9  # of a cell: places nearer than this are one
+
+
+@dataclass(frozen=True)
+class Site:
+    """A piercing: `point` (3,) [m], footprint `radius` [m] (0: the bare point) and `weight`, and its
+    `direction`.
+
+    `direction` is None, "normal" (the organ's outward normal) or a vector (3,) cut by the needle, of any
+    length. `subgrid`: add the compliance of the footprint that the mesh is too coarse for.
+    """
+
+    point: ArrayLike
+    radius: float = 0.0
+    weight: str = "parabolic"
+    direction: Direction = None
+    name: str = "site"
+    subgrid: bool = False
+
+    def __post_init__(self) -> None:
+        point = np.asarray(self.point, float)
+        if point.shape != (3,) or not np.all(np.isfinite(point)):
+            raise TissueError(f"{self.name}: point = {self.point!r}; allowed are three finite numbers [m]")
+        if not 0.0 <= self.radius < np.inf:
+            raise TissueError(f"{self.name}: radius = {self.radius} m; allowed is 0 (the bare point) or more")
+        if self.weight not in footprint.WEIGHTS:
+            raise TissueError(f"{self.name}: weight = {self.weight!r}; allowed are 'uniform' and 'parabolic'")
+        if isinstance(self.direction, str) and self.direction != "normal":
+            raise TissueError(f"{self.name}: direction = {self.direction!r}; allowed are None, 'normal' and a vector")
+        if self.direction is not None and not isinstance(self.direction, str):
+            vector = np.asarray(self.direction, float)
+            if vector.shape != (3,) or not np.all(np.isfinite(vector)) or not np.any(vector):
+                raise TissueError(f"{self.name}: direction = {self.direction!r}; allowed is a vector other than zero")
+
+    @property
+    def fibre(self) -> Array | None:
+        """Unit vector cut by the needle, or None."""
+        if self.direction is None or isinstance(self.direction, str):
+            return None
+        vector = np.asarray(self.direction, float)
+        return vector / np.linalg.norm(vector)
+
+
+@dataclass(frozen=True)
+class Sites:
+    """Site variables y = y0 + Y U over the free unknowns: `y0` `(9p,)`, `Y` `(9p, N)`.
+
+    `points` `(p, 3)` [m] are where the sites came to lie, `directions` `(p, 3)` the t₀ of their frames,
+    `normals` `(p, 3)` the outward normals (not a number for interior sites). Frames are orthonormal and
+    right-handed. `missing` has per site what the mesh is too coarse for, None where that is not asked for.
+    """
+
+    y0: Array
+    Y: csr_matrix
+    points: Array
+    directions: Array
+    normals: Array
+    missing: tuple[Missing | None, ...] = ()
+
+    @property
+    def springs(self) -> csr_matrix:
+        """B of the compliance B Bᵀ between the sites and the mesh, shape `(9p, m)`."""
+        each = [csr_matrix(np.zeros((9, 0)) if gap is None else gap.springs) for gap in self.missing]
+        return csr_matrix(block_diag(each)) if each else csr_matrix((len(self.y0), 0))
+
+    def __post_init__(self) -> None:
+        p = len(self.points)
+        if self.y0.shape != (9 * p,) or self.Y.shape[0] != 9 * p:
+            raise TissueError(f"sites: y0 {self.y0.shape} and Y {self.Y.shape}; {p} sites need 9 rows each")
+        u, v = self.y0.reshape(p, 3, 3)[:, 1], self.y0.reshape(p, 3, 3)[:, 2]
+        frames = np.stack([u, v, self.directions], axis=1)
+        defect = np.abs(frames @ np.swapaxes(frames, 1, 2) - np.eye(3)).max(initial=0.0)
+        twist = np.abs(np.cross(u, v) - self.directions).max(initial=0.0)
+        if max(defect, twist) > 1e-12:
+            raise TissueError(f"sites: frames are off orthonormal and right-handed by {max(defect, twist):.1e}")
+
+
+def frame(t0: Array) -> tuple[Array, Array]:
+    """u₀, v₀ with u₀ × v₀ = t₀: the axes x, y carried along by the smallest rotation from z to the unit
+    vector t₀.
+
+    Continuous everywhere but at t₀ = −z, where no rule is; (u, v) is free up to a rotation about t₀. A thread's clamped
+    end needs the same rule, and has it in a place of its own: what is sewn does not know the thread, nor the other way.
+    """
+    x, y, z = t0
+    across = np.hypot(x, y)
+    if across == 0.0:
+        return np.array([1.0, 0.0, 0.0]), np.array([0.0, np.sign(z), 0.0])
+    c, s = x / across, y / across
+    u = np.array([1.0 - c * c * (1.0 - z), -c * s * (1.0 - z), -x])
+    u -= (u @ t0) * t0
+    u /= np.linalg.norm(u)
+    return u, np.cross(t0, u)
+
+
+def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
+    """Locate every site and assemble its nine rows over the free unknowns; `TissueError` for an impossible
+    one.
+    """
+    surface = outer_surface(elasticity.mesh)
+    built = [_build(elasticity, surface, site) for site in sites]
+    rows = [csr_matrix(rows) for _, rows, *_ in built]
+    Y = csr_matrix(vstack(rows)) if rows else csr_matrix((0, elasticity.free.size))
+    y0 = np.concatenate([np.zeros(0), *(y for y, *_ in built)])
+    points, directions, normals = (np.array([b[k] for b in built]).reshape(-1, 3) for k in (2, 3, 4))
+    gaps = [_beside(k, sites, points, b[5]) for k, b in enumerate(built)]
+    return Sites(y0, Y, points, directions, normals, tuple(gaps))
+
+
+def _beside(k: int, sites: Sequence[Site], points: Array, gap: Missing | None) -> Missing | None:
+    """What the mesh misses of site `k`, its clear distance not beyond the rim of another site; one at the same place is
+    the same hole at another time."""
+    if gap is None:
+        return None
+    apart = np.linalg.norm(points - points[k], axis=1)
+    between = apart - sites[k].radius - [site.radius for site in sites]
+    return replace(gap, clear=float(min(gap.clear, np.min(between[apart > SAME * gap.size], initial=np.inf))))
+
+
+def space_frames(sites: Sequence[Site]) -> Array:
+    """y0 `(9p,)` of sites fixed in space, where no organ gives a normal."""
+    for site in sites:
+        if isinstance(site.direction, str):
+            raise TissueError(f"{site.name}: direction = 'normal' without an organ; give a vector or None")
+    parts = [(np.asarray(s.point, float), *frame(AXIS if s.fibre is None else s.fibre)) for s in sites]
+    return np.concatenate([np.zeros(0), *(a for part in parts for a in part)])
+
+
+def _build(
+    elasticity: Elasticity, surface: Surface, site: Site
+) -> tuple[Array, csr_matrix, Array, Array, Array, Missing | None]:
+    """y0 (9,), rows `(9, N)`, place, direction and outward normal of one site, and what the mesh misses of it."""
+    distance, nearest, facets = surface.nearest(np.asarray(site.point, float))
+    if distance <= ON_SURFACE * surface.diagonal:
+        X, normal, average, patch = _surface_footprint(surface, site, nearest, facets)
+        _check_free(elasticity, site, average)
+        use_fibre = site.fibre is not None
+        average = _over_facets(surface, site, X, normal, patch) or average
+        slope = (_half_ball_slope if use_fibre else _disc_slope)(surface, site, X, normal, patch)
+    else:
+        X, normal, use_fibre = np.asarray(site.point, float), np.full(3, np.nan), True
+        average, slope = _ball_footprint(surface, site, X, distance, nearest)
+        _check_free(elasticity, site, average)
+    t0 = site.fibre if site.fibre is not None else (AXIS if use_fibre else normal)
+    u0, v0 = frame(t0)
+    values, gradient = value_rows(elasticity, average), gradient_rows(elasticity, surface, average, slope)
+    turn = fibre_rows if use_fibre else normal_rows
+    rows = csr_matrix(vstack([values, turn(gradient, u0), turn(gradient, v0)]))
+    gap = None
+    if site.subgrid and site.radius > 0.0:
+        axes = np.stack([*frame(normal), normal]) if np.isfinite(normal).all() else np.eye(3)
+        kind = "ball" if np.isnan(normal).any() else "half ball" if use_fibre else "disc"
+        slopes = csr_matrix(np.eye(9))
+        of_averages = csr_matrix(block_diag([slopes[:3, :3], vstack([turn(slopes, u0), turn(slopes, v0)])])).toarray()
+        seen = Footprint(X, axes, site.radius, site.weight, kind, of_averages)
+        gap = missing(elasticity, surface, seen, rows)
+    return np.concatenate([X, u0, v0]), csr_matrix(rows[:, elasticity.free]), X, t0, normal, gap
+
+
+def _surface_footprint(
+    surface: Surface, site: Site, X: Array, facets: Indices
+) -> tuple[Array, Array, Average, Indices]:
+    """Place, outward normal, averaging points and surrounding facets of a site on the surface."""
+    normal = _mean_normal(site, surface.normals[facets], np.full(facets.size, 1.0 / facets.size))
+    if site.radius == 0.0:
+        cells = surface.behind[facets]
+        reference = surface.reference(np.broadcast_to(X, (cells.size, 3)), cells)
+        return X, normal, Average(reference, cells, np.full(cells.size, 1.0 / cells.size)), facets
+    rule = footprint.disc(site.weight)
+    for _ in range(3):  # the normal the disc is projected along is the disc's own average
+        patch = surface.patch(X, facets, normal, 2.0 * site.radius)
+        hits, struck = _cast(surface, site, X, normal, patch, rule.points)
+        normal = _normal_below(surface, site, X, normal, patch, struck)
+    _cast(surface, site, X, normal, patch, footprint.disc_slope("uniform").points * (1.0 - INSIDE))
+    cells = surface.behind[struck]
+    return X, normal, Average(surface.reference(hits, cells), cells, rule.weights), patch
+
+
+def _normal_below(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices, struck: Indices) -> Array:
+    """The disc's average of the outward normal, facet by facet, so that it turns smoothly as the site moves; by the
+    facets that lines have `struck` where facets do not cover it once."""
+    covered = _cover(surface, site, X, normal, patch)
+    if covered is None:
+        return _mean_normal(site, surface.normals[struck], footprint.disc(site.weight).weights)
+    _, cover = covered
+    return _mean_normal(site, surface.normals[cover.triangles], cover.weights(site.weight))
+
+
+def _cast(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices, unit: Array) -> tuple[Array, Indices]:
+    """Points of the unit disc, laid at X across `normal` and projected on the surface."""
+    axes = np.stack([*frame(normal), normal])
+    hits, struck = surface.project(X + site.radius * unit @ axes, normal, patch, site.radius)
+    if np.any(struck < 0):
+        share = np.mean(struck < 0)
+        raise TissueError(
+            f"{site.name}: the footprint of radius {site.radius:g} m at {_show(X)} overhangs an edge of "
+            f"the surface ({share:.0%} of it has no surface below); move the site inwards or take a smaller footprint"
+        )
+    return hits, struck
+
+
+def _cover(
+    surface: Surface, site: Site, X: Array, normal: Array, patch: Indices
+) -> tuple[Array, footprint.Cover] | None:
+    """The disc facet by facet, its points on the planes of the facets; None for a bare point, where facets cover it
+    twice, which only lines along the normal tell apart, and where one is seen edge-on."""
+    if site.radius == 0.0:
+        return None
+    axes = np.stack(frame(normal))
+    cover = footprint.cover((surface.triangles[patch] - X) @ axes.T / site.radius)
+    points, facets = X + site.radius * cover.points @ axes, patch[cover.triangles]
+    across = surface.normals[facets]
+    facing = across @ normal
+    if abs(cover.flat.sum() - 1.0) > COVERED or facing.min() < EDGE_ON:
+        return None
+    height = np.sum((surface.triangles[facets, 0] - points) * across, axis=1) / facing
+    return points + height[:, None] * normal, replace(cover, triangles=facets)
+
+
+def _over_facets(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices) -> Average | None:
+    """The average over a disc, exact for what is polynomial on each facet."""
+    covered = _cover(surface, site, X, normal, patch)
+    if covered is None:
+        return None
+    points, cover = covered
+    cells = surface.behind[cover.triangles]
+    return Average(surface.reference(points, cells), cells, cover.weights(site.weight))
+
+
+def _disc_slope(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices) -> AverageSlope:
+    """Tangential gradient over the disc; for a bare point none."""
+    if site.radius == 0.0:
+        return NO_SLOPE
+    covered = _cover(surface, site, X, normal, patch) if site.weight == "parabolic" else None
+    if covered is not None:
+        points, cover = covered
+        vectors = 4.0 * cover.flat[:, None] * cover.points
+        return AverageSlope(points, surface.behind[cover.triangles], vectors @ np.stack(frame(normal)) / site.radius)
+    rule = footprint.disc_slope(site.weight)
+    hits, struck = _cast(surface, site, X, normal, patch, rule.points * (1.0 - INSIDE))
+    return AverageSlope(hits, surface.behind[struck], rule.vectors @ np.stack([*frame(normal), normal]) / site.radius)
+
+
+def _half_ball_slope(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices) -> AverageSlope:
+    """Gradient over the ball as far as it lies in the body; for a bare point none."""
+    if site.radius == 0.0:
+        return NO_SLOPE
+    rule, axes = footprint.half_ball_slope(site.weight), np.stack([*frame(normal), normal])
+    lid = rule.points[:, 2] == 0.0
+    hits, struck = _cast(surface, site, X, normal, patch, rule.points[lid])
+    inner = X + site.radius * (1.0 - INSIDE) * rule.points[~lid] @ axes
+    cells = surface.containing(inner)
+    held, vectors = cells >= 0, rule.vectors @ axes / site.radius
+    points = np.vstack([hits, inner[held]])
+    vectors = np.vstack([vectors[lid], vectors[~lid][held]])
+    return AverageSlope(points, np.concatenate([surface.behind[struck], cells[held]]), _consistent(points, vectors))
+
+
+def _consistent(points: Array, vectors: Array) -> Array:
+    """Vectors changed by as little as makes Σ c = 0 and Σ x cᵀ = I, so that linear fields have their own slope.
+
+    On a flat surface nothing is left to change. On a curved or thin body part of the half ball is missing, and the
+    rest is made up by the slope of the linear field nearest in the mean square.
+    """
+    vectors = vectors - vectors.mean(axis=0)
+    offset = points - points.mean(axis=0)
+    missing = np.eye(3) - offset.T @ vectors
+    return vectors + offset @ np.linalg.solve(offset.T @ offset, missing)
+
+
+def _ball_footprint(
+    surface: Surface, site: Site, X: Array, distance: float, nearest: Array
+) -> tuple[Average, AverageSlope]:
+    """Averaging points of a site inside the body."""
+    sharing = surface.sharing(X)
+    if sharing.size == 0:
+        raise TissueError(
+            f"{site.name}: {_show(X)} is outside the organ, {distance:.3g} m from its surface; "
+            f"the nearest surface point is {_show(nearest)}"
+        )
+    if isinstance(site.direction, str):
+        raise TissueError(
+            f"{site.name}: direction = 'normal' at {_show(X)}, {distance:.3g} m inside the organ, "
+            f"where there is no normal; give a vector, or move the site to the surface at {_show(nearest)}"
+        )
+    if site.radius == 0.0:
+        reference = surface.reference(np.broadcast_to(X, (sharing.size, 3)), sharing)
+        return Average(reference, sharing, np.full(sharing.size, 1.0 / sharing.size)), NO_SLOPE
+    rule, slope = footprint.ball(site.weight), footprint.ball_slope(site.weight)
+    points = X + site.radius * (1.0 - INSIDE) * np.vstack([rule.points, slope.points])
+    cells = surface.containing(points)
+    if site.radius > distance or np.any(cells < 0):
+        raise TissueError(
+            f"{site.name}: the footprint of radius {site.radius:g} m at {_show(X)} pokes out of the "
+            f"organ, whose surface is {distance:.3g} m away; take a smaller footprint or move the site to the "
+            f"surface at {_show(nearest)}"
+        )
+    k, reference = rule.weights.size, surface.reference(points, cells)
+    vectors = _consistent(points[k:], slope.vectors / site.radius)
+    return Average(reference[:k], cells[:k], rule.weights), AverageSlope(points[k:], cells[k:], vectors)
+
+
+def _mean_normal(site: Site, normals: Array, weights: Array) -> Array:
+    mean = weights @ normals
+    length = float(np.linalg.norm(mean))
+    if length < 0.5:
+        raise TissueError(
+            f"{site.name}: the surface below the footprint turns by more than a right angle, so its "
+            "normal means nothing; move the site or take a smaller footprint"
+        )
+    return mean / length
+
+
+def _check_free(elasticity: Elasticity, site: Site, average: Average) -> None:
+    """A point whose every unknown along an axis is clamped lies on a clamped boundary (or in a cell clamped all
+    round)."""
+    phi, _ = shapes(elasticity, average.reference)
+    held = np.isin(elasticity.basis.element_dofs[:, average.cells], elasticity.clamped).reshape(len(phi), 3, -1)
+    if np.any(np.einsum("nk,nak->ak", phi, held.astype(float)) >= 1.0 - INSIDE):
+        raise TissueError(
+            f"{site.name}: the footprint at {_show(np.asarray(site.point, float))} touches a clamped "
+            "boundary, which cannot move; move the site, take a smaller footprint or release the boundary"
+        )
+
+
+def _show(point: Array) -> str:
+    return "[" + ", ".join(f"{x:.6g}" for x in point) + "]"

@@ -1,0 +1,181 @@
+"""A footprint on or in an unbounded body: its compliance on a half-space and in full space, and the field around it.
+
+A footprint is seen through twelve averages: ⟨U_i⟩, then ⟨∂U_i/∂x_j⟩ as 3 + 3i + j. On the half-space z < 0 the values
+are averaged over the disc of radius a, the slopes over the disc or over the half ball below it; in full space both over
+the ball. Forces conjugate to the averages have the same weight, so that every compliance is symmetric and scales as
+
+    ⟨U⟩⟨U⟩: 1/Ea,   ⟨U⟩⟨∇U⟩: 1/Ea²,   ⟨∇U⟩⟨∇U⟩: 1/Ea³.
+
+On the half-space they follow from Fourier transform along the surface: at wave vector k the body answers in the frame
+(along k, across k, z); the integral over the direction of k is a sum over eight angles, exact for tensors of rank 4.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import jv
+
+from tissue.arrays import Array
+
+TWELVE = 12
+ANGLES = 8
+LARGEST = 160.0  # wave number times radius at which the integrals of the half ball end: what is left out is below 1e-4
+DISC = {  # ∫ŵ² dk, ∫ŵ² k dk, ∫ŵ² k² dk of the unit disc, ŵ = 2J₁(k)/k and 8J₂(k)/k²
+    "uniform": (16.0 / (3.0 * np.pi), 2.0, np.inf),
+    "parabolic": (2048.0 / (315.0 * np.pi), 8.0 / 3.0, 256.0 / (15.0 * np.pi)),
+}
+BALL = {"uniform": (1.2, 0.75 / np.pi), "parabolic": (10.0 / 7.0, 15.0 / (14.0 * np.pi))}  # ⟨⟨1/r⟩⟩ and ∫w² dx
+
+
+def scaled(unit: Array, radius: float, youngs_modulus: float) -> Array:
+    """A compliance `(12, 12)` for a = E = 1 brought to size."""
+    powers = np.where(np.arange(TWELVE) < 3, 0.0, -1.0)
+    size = radius ** (powers[:, None] + powers - 1.0)
+    return np.asarray(unit * size / youngs_modulus)
+
+
+@lru_cache(maxsize=64)
+def ball_compliance(weight: str, nu: float) -> Array:
+    """Twelve averages over the unit ball in full space, E = 1, shape `(12, 12)`.
+
+    From Kelvin's solution at wave vector k, (I − kkᵀ/2(1−ν)k²)/μk², with ⟨k_i k_j⟩ = k²δ_ij/3 and
+    ⟨k_i k_j k_k k_l⟩ = k⁴(δ_ij δ_kl + δ_ik δ_jl + δ_il δ_jk)/15.
+    """
+    inverse_r, square = BALL[weight]
+    mu, one = 1.0 / (2.0 * (1.0 + nu)), np.eye(3)
+    same, cross, trace = (np.einsum(k, one, one) for k in ("ik,jl->ijkl", "il,jk->ijkl", "ij,kl->ijkl"))
+    slopes = same / 3.0 - (same + cross + trace) / (30.0 * (1.0 - nu))
+    C = np.zeros((TWELVE, TWELVE))
+    C[:3, :3] = inverse_r / (4.0 * np.pi * mu) * (1.0 - 1.0 / (6.0 * (1.0 - nu))) * one
+    C[3:, 3:] = square / mu * slopes.reshape(9, 9)
+    return C
+
+
+@lru_cache(maxsize=64)
+def disc_compliance(weight: str, nu: float) -> Array:
+    """Averages over the unit disc on the half-space z < 0, E = 1, shape `(12, 12)`; slopes along z are not averaged: 0.
+
+    With a uniform weight the slopes' compliance is infinite.
+    """
+    G, moments = surface_green(nu), DISC[weight]
+    R = np.zeros((3, 3, 3, 3), complex)  # averages (value, slope along k, slope along z) × component, twice
+    for m, (row, column) in ((0, (0, 0)), (1, (0, 1)), (1, (1, 0)), (2, (1, 1))):
+        if np.isfinite(moments[m]):
+            R[row, :, column] = (1j) ** row * (-1j) ** column * moments[m] * G
+    C = around(R.reshape(9, 9))
+    if np.isinf(moments[2]):
+        tangential = 3 + np.array([0, 1, 3, 4, 6, 7])
+        C[tangential, tangential] = np.inf
+    return C
+
+
+@lru_cache(maxsize=64)
+def half_ball_compliance(weight: str, nu: float) -> Array:
+    """Values averaged over the unit disc, slopes over the half ball below it, on the half-space, E = 1, `(12, 12)`."""
+    k, dk = panels(LARGEST, 32, 12)
+    R = np.einsum("k,kab->ab", k * dk, depth_answers(k, weight, nu))
+    R[:3, :3] = DISC[weight][0] * surface_green(nu)
+    return around(R)
+
+
+def surface_green(nu: float) -> NDArray[np.complex128]:
+    """k times the displacement of the half-space's surface under a unit traction at wave number k, E = 1, `(3, 3)`,
+    in the frame (along k, across k, z)."""
+    skew = 0.5j * (1.0 - 2.0 * nu)
+    green = np.array([[1.0 - nu, 0.0, -skew], [0.0, 1.0, 0.0], [skew, 0.0, 1.0 - nu]], dtype=np.complex128)
+    return 2.0 * (1.0 + nu) * green
+
+
+def around(R: NDArray[np.complex128]) -> Array:
+    """(1/4π²) ∫ dθ of answers `(9, 9)` in the frame of k, as compliance of the twelve averages `(12, 12)`."""
+    C = np.zeros((TWELVE, TWELVE))
+    for theta in 2.0 * np.pi * np.arange(ANGLES) / ANGLES:
+        along = np.array([np.cos(theta), np.sin(theta), 0.0])
+        axes = np.column_stack([along, [-along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
+        Q = np.zeros((TWELVE, 9))
+        Q[:3, :3] = axes
+        Q[3:, 3:6] = np.einsum("ia,j->ija", axes, along).reshape(9, 3)
+        Q[3:, 6:] = np.einsum("ia,j->ija", axes, axes[:, 2]).reshape(9, 3)
+        C += (Q @ R @ Q.T).real
+    return C / (2.0 * np.pi * ANGLES)
+
+
+def depth_answers(k: Array, weight: str, nu: float) -> NDArray[np.complex128]:
+    """Answers of the half-space at wave numbers k to the disc and the half ball, E = 1, shape `(k, 9, 9)`: values,
+    slopes along k and slopes along z, each along k, across k and along z.
+
+    With u = (−iU, V, W)(z) e^{ikx} the energy is ½∫ λ(kU+W')² + 2μ(k²U²+W'²) + μ(U'−kW)² + μ(V'²+k²V²) dz. It is
+    minimised over polynomials on intervals of the depth of the ball, graded toward the surface; the half-space
+    below holds them by its own stiffness.
+    """
+    mu, lam = 1.0 / (2.0 * (1.0 + nu)), nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+    z, dz, N, D = line_elements(np.array([-1.0, -0.75, -0.5, -0.3, -0.18, -0.1, -0.05, -0.025, -0.01, -0.003, 0.0]), 5)
+    A, B, C = ((X * dz[:, None]).T @ Y for X, Y in ((N, N), (D, D), (N, D)))
+    n, kk = A.shape[0], k[:, None, None]
+    K = np.zeros((k.size, 3, n, 3, n))
+    K[:, 0, :, 0] = (lam + 2.0 * mu) * kk**2 * A + mu * B
+    K[:, 2, :, 2] = (lam + 2.0 * mu) * B + mu * kk**2 * A
+    K[:, 0, :, 2] = kk * (lam * C - mu * C.T)
+    K[:, 2, :, 0] = kk * (lam * C.T - mu * C)
+    K[:, 1, :, 1] = mu * (B + kk**2 * A)
+    below = np.array([[1.0 - nu, 0.0, 0.5 - nu], [0.0, 1.0, 0.0], [0.5 - nu, 0.0, 1.0 - nu]]) / mu
+    K[:, :, 0, :, 0] += kk * np.linalg.inv(below)
+    rho, kr = np.sqrt(1.0 - z**2), k[:, None] * np.sqrt(1.0 - z**2)
+    if weight == "parabolic":
+        disc, ball = 8.0 * jv(2, k) / k**2, 15.0 * rho**2 * jv(2, kr) / k[:, None] ** 2
+    else:
+        disc, ball = 2.0 * jv(1, k) / k, 3.0 * rho * jv(1, kr) / k[:, None]
+    phase, surface = np.diag([-1j, 1.0, 1.0]), np.eye(n)[-1]
+    loads = [disc[:, None] * surface, 1j * k[:, None] * ((ball * dz) @ N), (ball * dz) @ D]
+    F = np.stack([np.einsum("ab,kn->kabn", phase, load) for load in loads], axis=1).reshape(k.size, 9, 3 * n)
+    return np.asarray(F @ np.linalg.solve(K.reshape(k.size, 3 * n, 3 * n), np.conj(F).swapaxes(1, 2)))
+
+
+def line_elements(breaks: Array, degree: int) -> tuple[Array, Array, Array, Array]:
+    """Quadrature points and weights on a line, and there the continuous piecewise polynomials and their slopes."""
+    x, dx = np.polynomial.legendre.leggauss(degree + 6)
+    nodes = -np.cos(np.pi * np.arange(degree + 1) / degree)
+    shapes = np.linalg.inv(np.polynomial.polynomial.polyvander(nodes, degree))
+    value = np.polynomial.polynomial.polyvander(x, degree) @ shapes
+    slope = np.polynomial.polynomial.polyvander(x, degree - 1) @ (np.arange(1, degree + 1)[:, None] * shapes[1:])
+    m, h = len(breaks) - 1, np.diff(breaks)
+    N, D = np.zeros((2, m, x.size, m * degree + 1))
+    for e in range(m):
+        own = slice(e * degree, (e + 1) * degree + 1)
+        N[e, :, own], D[e, :, own] = value, 2.0 / h[e] * slope
+    z = breaks[:-1, None] + 0.5 * h[:, None] * (x + 1.0)
+    return z.ravel(), (0.5 * h[:, None] * dx).ravel(), N.reshape(z.size, -1), D.reshape(z.size, -1)
+
+
+def panels(end: float, count: int, points: int) -> tuple[Array, Array]:
+    """Composite Gauss rule on [0, end]."""
+    x, dx = np.polynomial.legendre.leggauss(points)
+    width = end / count
+    return (width * (np.arange(count)[:, None] + 0.5 * (x + 1.0))).ravel(), np.tile(0.5 * width * dx, count)
+
+
+def kelvin(offset: Array, nu: float) -> Array:
+    """Displacement i of full space by a unit force j at distance `offset` `(…, 3)`, E = 1, shape `(…, 3, 3)`."""
+    r = np.linalg.norm(offset, axis=-1)[..., None, None]
+    pair = offset[..., :, None] * offset[..., None, :]
+    return np.asarray((1.0 + nu) / (8.0 * np.pi * (1.0 - nu)) * ((3.0 - 4.0 * nu) * np.eye(3) + pair / r**2) / r)
+
+
+def surface_force(offset: Array, nu: float) -> Array:
+    """Displacement i of the half-space z < 0 by a unit force j on its surface at distance `offset` `(…, 3)`, E = 1.
+
+    Boussinesq's and Cerruti's solutions (Johnson, Contact Mechanics, 3.18 and 3.75). Points above are taken to be at
+    the surface.
+    """
+    x, y, depth = offset[..., 0], offset[..., 1], np.maximum(-offset[..., 2], 0.0)
+    rho = np.sqrt(x**2 + y**2 + depth**2)
+    k, b = 1.0 - 2.0 * nu, rho + depth
+    u = np.empty((*rho.shape, 3, 3))
+    for j, (s, t) in enumerate(((x, y), (y, x))):
+        u[..., j, j] = 1.0 / rho + s**2 / rho**3 + k * (1.0 / b - s**2 / (rho * b**2))
+        u[..., 1 - j, j] = s * t / rho**3 - k * s * t / (rho * b**2)
+        u[..., 2, j] = -s * depth / rho**3 - k * s / (rho * b)
+        u[..., j, 2] = -s * depth / rho**3 + k * s / (rho * b)
+    u[..., 2, 2] = depth**2 / rho**3 + 2.0 * (1.0 - nu) / rho
+    return (1.0 + nu) / (2.0 * np.pi) * u

@@ -1,0 +1,1 @@
+"""Linear solvers of the organ: direct ones, conjugate gradients, and the choice between them."""

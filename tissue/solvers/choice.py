@@ -1,0 +1,114 @@
+"""Which solver an organ gets: the one named, or the one that its size and the memory of the machine ask for.
+
+    superlu     scipy's, always there
+    cholmod     with cvxopt: factors about ten times as fast in half the memory
+    pardiso     with pypardiso, on x86-64: the least fill on large meshes
+    multigrid   conjugate gradients, PyAMG: memory and time that grow with the mesh and no faster
+
+A step of an organ with inertia is a back-substitution, so it is factorised as long as the factor fits into memory. An
+organ without inertia is solved for its sites' columns once, so beyond the size at which a factor takes longer than
+those columns it is not.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from scipy.sparse import csr_matrix
+
+from tissue.arrays import Array
+from tissue.errors import TissueError
+from tissue.solvers.direct import BYTES, LIBRARIES, installed
+from tissue.solvers.factor import factorize
+from tissue.solvers.iterative import conjugate_gradients
+from tissue.solvers.memory import free_memory
+from tissue.solvers.multigrid import is_by_nodes
+from tissue.solvers.ordering import dissection, node_graph
+
+MULTIGRID = "multigrid"
+SOLVERS = ("auto", *LIBRARIES, MULTIGRID)
+ONCE = {"cholmod": 250_000, "pardiso": 250_000, "superlu": 60_000}  # unknowns beyond which 20 columns cost less
+SMALL = 50_000  # unknowns of an organ whose factor is not worth an estimate: less than half a gigabyte
+SHARE = 0.8  # of the free memory that a factor may take
+LEVELS = 45.0  # bytes of the levels of multigrid per entry of the matrix, as measured
+MANY = 1000  # factors, as good as no limit
+GIGA = 1e9
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A solver's name, and how many of its factors (or sets of levels) there is room for, one at least."""
+
+    name: str
+    room: int
+
+
+class Solver(Protocol):
+    """A matrix, and what solves with it within the residual's bound or raises `FactorError`."""
+
+    @property
+    def A(self) -> csr_matrix:
+        """Symmetric and positive definite, shape `(n, n)`."""
+
+    def solve(self, b: Array, guess: Callable[[], Array] | None = None) -> Array:
+        """A⁻¹ b for b of shape `(n,)` or `(n, k)`; a guess is asked for where it is of use."""
+
+
+def solver(A: csr_matrix, places: Array, name: str) -> Solver:
+    """A solver of a name that `chosen` gave, for a stiffness matrix over unknowns at `places` `(n, 3)`."""
+    return conjugate_gradients(A, places) if name == MULTIGRID else factorize(A, places, name)
+
+
+def mass_solver(M: csr_matrix, places: Array, name: str) -> Solver:
+    """The same for a mass matrix, which conjugate gradients solve as it is."""
+    return conjugate_gradients(M) if name == MULTIGRID else factorize(M, places, name)
+
+
+def chosen(name: str, A: csr_matrix, places: Array, once: bool) -> Choice:
+    """The solver to take for a matrix of the pattern of A; `once`: for the sites' columns and no steps.
+
+    Multigrid needs three unknowns a node, so no rollers. Raises `TissueError` where the one named is unknown, is not
+    installed, cannot be had or asks for more memory than there is.
+    """
+    if name not in SOLVERS:
+        raise TissueError(f"solver = {name!r}: allowed are {', '.join(map(repr, SOLVERS))}; take 'auto'")
+    if name in LIBRARIES and not installed(name):
+        raise TissueError(f"solver = {name!r} needs {LIBRARIES[name]}; pip install it, or take 'auto'")
+    direct = next(method for method in LIBRARIES if installed(method)) if name == "auto" else name
+    room = SHARE * free_memory()
+    levels = Choice(MULTIGRID, _times(room, LEVELS * A.nnz))
+    by_nodes = is_by_nodes(places)
+    if direct == MULTIGRID and not by_nodes:
+        raise TissueError(
+            f"solver = {name!r} needs three unknowns a node, and rollers hold one; take 'auto' or a clamp"
+        )
+    if direct == MULTIGRID or (name == "auto" and by_nodes and once and A.shape[0] > ONCE[direct]):
+        return levels
+    need = factor_bytes(A, places, direct)
+    if need <= room:
+        return Choice(direct, _times(room, need))
+    if name == "auto" and by_nodes:
+        return levels
+    remedy = "'multigrid' or a coarser mesh" if by_nodes else "a coarser mesh"
+    raise TissueError(
+        f"solver = {name!r}: the factor of {A.shape[0]} unknowns takes about {need / GIGA:.2g} GB and "
+        f"{room / GIGA:.2g} GB can be had; take {remedy}"
+    )
+
+
+def _times(room: float, need: float) -> int:
+    """How often a need goes into the room there is, once at least."""
+    return int(max(1.0, min(room / max(need, 1.0), MANY)))
+
+
+def factor_bytes(A: csr_matrix, places: Array, method: str) -> float:
+    """Memory that a factor would take, by nested dissection of the nodes; nothing for a small organ."""
+    if A.shape[0] <= SMALL:
+        return 0.0
+    return BYTES[method] * entries(A, places)
+
+
+def entries(A: csr_matrix, places: Array) -> float:
+    """Entries of the Cholesky factor, by nested dissection of the nodes."""
+    graph, points, _ = node_graph(A, places)
+    return float((A.shape[0] / len(points)) ** 2 * dissection(graph, points).entries)

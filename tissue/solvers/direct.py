@@ -1,0 +1,143 @@
+"""Sparse Cholesky and LU factors by the libraries that are installed: what back-substitutes, and how.
+
+- SuperLU comes with scipy: LU in symmetric mode, twice the entries and a tenth of the speed of the other two.
+- CHOLMOD comes with cvxopt, whose wheels bring SuiteSparse and a BLAS (Chen, Davis, Hager and Rajamanickam, ACM TOMS
+  35, 2008); scikit-sparse has no wheels and is built against whatever BLAS is there.
+- Pardiso comes with MKL and pypardiso, on x86-64; here in its symmetric positive definite mode, on the upper triangle.
+"""
+
+import weakref
+from collections.abc import Callable
+from importlib import import_module
+from typing import Literal
+
+import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix, tril, triu
+from scipy.sparse.linalg import SuperLU, splu
+
+from tissue.arrays import Array, Indices
+from tissue.errors import FactorError
+from tissue.solvers.ordering import dissection, node_graph
+
+BackSubstitution = Callable[[Array], Array]
+
+LIBRARIES = {"cholmod": "cvxopt", "pardiso": "pypardiso", "superlu": "scipy"}  # the fastest first
+BYTES = {"cholmod": 10.0, "pardiso": 8.0, "superlu": 24.0}  # of memory per entry of the Cholesky factor, as measured
+DISSECTED = 100_000  # unknowns beyond which CHOLMOD is faster on dissection than on minimum degree
+PARDISO_SPD = 2  # matrix type: real, symmetric, positive definite
+METIS = 2
+SOLVE = 33  # Pardiso's phase: back-substitution
+NOT_DEFINITE = -4  # Pardiso's error: a zero or negative pivot
+
+
+def installed(method: str) -> bool:
+    """Whether the library of a method is there; it is loaded, so that who limits BLAS threads later limits its too."""
+    try:
+        import_module(LIBRARIES[method])
+    except (ImportError, OSError):  # not there, or without what it needs itself
+        return False
+    return True
+
+
+def superlu(A: csr_matrix, places: Array | None) -> BackSubstitution:
+    """SuperLU in symmetric mode, no pivot off the diagonal; ordered by the `places` of the unknowns where given."""
+    order = np.arange(A.shape[0]) if places is None else ordering(A, places)
+    spec: Literal["MMD_AT_PLUS_A", "NATURAL"] = "MMD_AT_PLUS_A" if places is None else "NATURAL"
+    try:
+        lu = splu(
+            csc_matrix(A[order][:, order]),
+            permc_spec=spec,
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError as error:
+        raise FactorError(f"the matrix is singular ({error}); hold the body or give it inertia") from error
+    if not np.array_equal(lu.perm_r, lu.perm_c):
+        raise FactorError("the matrix is not positive definite: a pivot had to be taken off the diagonal")
+
+    def back_substitute(b: Array) -> Array:
+        x = np.empty_like(b, dtype=float)
+        x[order] = lu.solve(b[order])
+        return x
+
+    return back_substitute
+
+
+def ordering(A: csr_matrix, places: Array) -> Indices:
+    """The better of nested dissection and minimum degree, tried on the graph of the nodes.
+
+    Unknowns at the same place are one node. With three unknowns a node, a trial costs 1/27 of the factorisation.
+    """
+    graph, points, node = node_graph(A, places)
+    by_degree = np.argsort(_trial(graph, "MMD_AT_PLUS_A").perm_c)
+    orders = (dissection(graph, points).order, by_degree)
+    return _spread(min(orders, key=lambda order: _trial(csr_matrix(graph[order][:, order]), "NATURAL").nnz), node)
+
+
+def dissected(A: csr_matrix, places: Array) -> Indices:
+    """Nested dissection of the unknowns by their places."""
+    graph, points, node = node_graph(A, places)
+    return _spread(dissection(graph, points).order, node)
+
+
+def _spread(order: Indices, node: Indices) -> Indices:
+    """An order of the nodes as one of their unknowns."""
+    rank = np.empty(order.size, np.intp)
+    rank[order] = np.arange(order.size)
+    return np.argsort(rank[node], kind="stable")
+
+
+def _trial(graph: csr_matrix, spec: Literal["MMD_AT_PLUS_A", "NATURAL"]) -> SuperLU:
+    """Factor of a positive definite matrix with the pattern of `graph`."""
+    laplacian = csc_matrix((-np.ones(graph.nnz), graph.indices, graph.indptr), shape=graph.shape)
+    laplacian.setdiag(np.diff(graph.indptr) + 1.0)
+    return splu(laplacian, permc_spec=spec, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+
+
+def cholmod(A: csr_matrix, places: Array | None) -> BackSubstitution:
+    """Supernodal Cholesky by CHOLMOD, ordered by approximate minimum degree or, where it is large, by dissection."""
+    from cvxopt import cholmod as library
+    from cvxopt import matrix, spmatrix
+
+    lower = tril(A, format="coo")
+    packed = spmatrix(lower.data, lower.row.astype(np.int64), lower.col.astype(np.int64), A.shape)
+    order = [] if places is None or A.shape[0] < DISSECTED else [matrix(dissected(A, places).tolist(), tc="i")]
+    factor = library.symbolic(packed, *order)
+    try:
+        library.numeric(packed, factor)
+    except ArithmeticError as error:
+        raise FactorError(f"the matrix is not positive definite or singular: pivot {error} is not positive") from error
+
+    def back_substitute(b: Array) -> Array:
+        x = matrix(np.asarray(b, dtype=float))
+        library.solve(factor, x)
+        return np.array(x).reshape(b.shape)
+
+    return back_substitute
+
+
+def pardiso(A: csr_matrix, places: Array | None) -> BackSubstitution:
+    """Cholesky by MKL's Pardiso, ordered by METIS."""
+    from pypardiso import PyPardisoSolver
+    from pypardiso.pardiso_wrapper import PyPardisoError
+
+    upper = triu(A, format="csr")
+    upper.sort_indices()
+    library = PyPardisoSolver(mtype=PARDISO_SPD)
+    library.set_iparm(1, 1)  # nothing by default: its two steps of refinement cost a second solve
+    library.set_iparm(2, METIS)
+    try:
+        library.factorize(upper)
+    except PyPardisoError as error:
+        if error.value == NOT_DEFINITE:
+            raise FactorError("the matrix is not positive definite or singular: a pivot is not positive") from error
+        raise FactorError(f"Pardiso failed: {error}") from error
+
+    library.set_phase(SOLVE)
+
+    def back_substitute(b: Array) -> Array:
+        # Its public solve compares the whole matrix with the one factorised, which takes longer than to solve.
+        return np.asarray(library._call_pardiso(upper, np.asfortranarray(b, dtype=float)))
+
+    weakref.finalize(back_substitute, library.free_memory, everything=True)
+    return back_substitute

@@ -1,0 +1,98 @@
+"""Factorisation of symmetric positive definite matrices, and the contract of every solver here.
+
+Whatever solves A x = b computes ‖Ax − b‖ afterwards and raises `FactorError` where it exceeds `RESIDUAL` of
+‖A‖‖x‖ + ‖b‖: no answer is passed on that is not one.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from tissue.arrays import Array
+from tissue.errors import FactorError
+from tissue.solvers import direct
+
+Direct = Callable[[csr_matrix, Array | None], direct.BackSubstitution]
+
+METHODS: dict[str, Direct] = {"superlu": direct.superlu, "cholmod": direct.cholmod, "pardiso": direct.pardiso}
+RESIDUAL = 1e-10  # ‖Ax − b‖ / (‖A‖‖x‖ + ‖b‖): the bound on every solver here
+SYMMETRY = 1e-12  # ‖(A − Aᵀ)x‖ / ‖A‖‖x‖
+SINGULAR = 1e13  # ‖A‖‖A⁻¹‖ beyond which no digit of a solution to RESIDUAL is left
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A factorised symmetric positive definite matrix `A`, shape `(n, n)`. Made by `factorize`."""
+
+    A: csr_matrix
+    norm: float
+    back_substitute: Callable[[Array], Array]
+
+    def solve(self, b: Array, guess: Callable[[], Array] | None = None) -> Array:
+        """A⁻¹ b for b of shape `(n,)` or `(n, k)`; `FactorError` when the residual exceeds its bound.
+
+        A direct solver has no use for a `guess`.
+        """
+        x = self.back_substitute(b)
+        check_residual(self.A, self.norm, x, b)
+        return x
+
+
+def factorize(A: csr_matrix, places: Array | None = None, method: str = "superlu") -> Factor:
+    """Factorise `A`; `places` `(n, 3)` of its unknowns allow a better ordering.
+
+    `method` "cholmod" needs cvxopt, "pardiso" pypardiso. Raises `FactorError` when A is not symmetric, singular or not
+    definite.
+    """
+    if method not in METHODS:
+        raise FactorError(f"method = {method!r}: allowed are {', '.join(map(repr, METHODS))}")
+    if not direct.installed(method):
+        raise FactorError(f"method = {method!r} needs {direct.LIBRARIES[method]}; install it or take 'superlu'")
+    A = csr_matrix(A)
+    norm = checked_norm(A)
+    if not A.shape[0]:
+        return Factor(A, norm, np.copy)
+    factor = Factor(A, norm, METHODS[method](A, places))
+    _check_definite(factor)
+    return factor
+
+
+def check_residual(A: csr_matrix, norm: float, x: Array, b: Array) -> None:
+    """Raise `FactorError` unless ‖Ax − b‖ is within its bound, column by column."""
+    residual = np.linalg.norm(A @ x - b, axis=0)
+    scale = norm * np.linalg.norm(x, axis=0) + np.linalg.norm(b, axis=0)
+    if not np.all(residual <= RESIDUAL * scale):  # also catches what is not a number
+        worst = float(np.max(residual / np.maximum(scale, np.finfo(float).tiny)))
+        raise FactorError(f"‖Ax − b‖ = {worst:.1e} (‖A‖‖x‖ + ‖b‖), allowed is {RESIDUAL:g}")
+
+
+def checked_norm(A: csr_matrix) -> float:
+    """‖A‖ (the largest row sum) of a square symmetric matrix with a positive diagonal. Raises `FactorError`."""
+    if A.shape[0] != A.shape[1]:
+        raise FactorError(f"the matrix has shape {A.shape}; only a square one can be factorised")
+    norm = float(np.max(abs(A) @ np.ones(A.shape[0]), initial=0.0))
+    x = np.random.default_rng(0).standard_normal(A.shape[0])  # Aᵀ itself would be a second copy of a large matrix
+    difference = float(np.linalg.norm(A @ x - A.T @ x))
+    if not difference <= SYMMETRY * norm * np.linalg.norm(x):
+        raise FactorError(f"the matrix is not symmetric: ‖(A − Aᵀ)x‖ = {difference:.1e}, ‖A‖ = {norm:.1e}")
+    if A.shape[0] and not A.diagonal().min() > 0.0:
+        raise FactorError(f"the matrix is not positive definite: its diagonal goes down to {A.diagonal().min():.1e}")
+    return norm
+
+
+def _check_definite(factor: Factor) -> None:
+    """Inverse iteration from three starts: the eigenvalue next to zero must be positive and not lost in
+    round-off.
+    """
+    # SuperLU can give up its pivots only as a second copy of the whole factor, so their signs are not read.
+    x = np.random.default_rng(0).standard_normal((factor.A.shape[0], 3))
+    for _ in range(4):
+        x /= np.linalg.norm(x, axis=0)
+        b, x = x, factor.solve(x)
+        inverse = np.linalg.norm(x, axis=0)
+        if factor.norm * inverse.max() > SINGULAR:
+            raise FactorError(f"the matrix is singular: ‖A‖‖A⁻¹‖ > {factor.norm * inverse.max():.0e}; hold the body")
+        if np.einsum("ij,ij->j", b, x).min() <= 0.0:
+            raise FactorError("the matrix is not positive definite: xᵀA⁻¹x < 0")

@@ -1,0 +1,169 @@
+"""Smoothed-aggregation multigrid (Vaněk, Mandel and Brezina, Computing 56, 1996) as a preconditioner.
+
+PyAMG aggregates; the coarse spaces hold the six rigid motions, so that the work per unknown does not grow with the
+mesh. The V-cycle here acts on several columns at once, in single precision: it only has to point the right way, and a
+cycle is as long as the memory it reads.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from tissue.arrays import Array
+from tissue.errors import FactorError
+
+Single = NDArray[np.float32]
+
+COARSEST = 100  # nodes with six unknowns each: a dense inverse of so many is as cheap as smoothing on the finest level
+STRENGTH = 0.08  # of ‖A_ij‖ to √(‖A_ii‖‖A_jj‖) below which two nodes are not aggregated
+DEGREE = 2  # of the Chebyshev smoother
+SMOOTHED = 12.0  # ratio of the highest to the lowest eigenvalue that the smoother damps
+LANCZOS = 12  # steps: the highest eigenvalue to a few per cent
+MARGIN = 1.1
+NOTHING = 1e-10  # of the highest eigenvalue of the coarsest matrix
+
+
+@dataclass(frozen=True)
+class Level:
+    """A matrix, the inverse of its diagonal `(n,)`, its highest eigenvalue scaled by that, and the way up and down."""
+
+    A: csr_matrix
+    scaling: Single
+    highest: float
+    P: csr_matrix
+    R: csr_matrix
+
+
+@dataclass(frozen=True)
+class Multigrid:
+    """One symmetric V-cycle, B ≈ A⁻¹. Made by `multigrid`."""
+
+    levels: tuple[Level, ...]
+    coarsest: Single
+
+    def __call__(self, residual: Array) -> Array:
+        """B r for r of shape `(n,)` or `(n, k)`."""
+        return self._cycle(0, residual.astype(np.float32)).astype(float)
+
+    @property
+    def bytes(self) -> int:
+        """Memory of the levels."""
+        return sum(
+            sum(part.nbytes for matrix in (level.A, level.P, level.R) for part in (matrix.data, matrix.indices))
+            for level in self.levels
+        )
+
+    def _cycle(self, depth: int, b: Single) -> Single:
+        if depth == len(self.levels):
+            return np.asarray(self.coarsest @ b)
+        level = self.levels[depth]
+        x = _smoothed(level, b, None)
+        x += level.P @ self._cycle(depth + 1, level.R @ (b - level.A @ x))
+        return _smoothed(level, b, x)
+
+
+def is_by_nodes(places: Array) -> bool:
+    """Whether unknowns at `places` `(n, 3)` are three a node, one after the other; not so on rollers."""
+    return len(places) % 3 == 0 and all(np.array_equal(places[::3], places[i::3]) for i in (1, 2))
+
+
+def rigid_motions(places: Array) -> Array:
+    """Three translations and three rotations of nodes with three unknowns each, shape `(n, 6)`, of size one."""
+    nodes = places[::3]
+    if not is_by_nodes(places):
+        raise FactorError("multigrid needs three unknowns a node, one after the other; take another solver")
+    x = nodes - nodes.mean(axis=0)
+    x /= np.abs(x).max()
+    motions = np.zeros((len(nodes), 3, 6))
+    motions[:, range(3), range(3)] = 1.0
+    for k, (i, j) in enumerate(((0, 1), (1, 2), (2, 0))):
+        motions[:, i, 3 + k], motions[:, j, 3 + k] = -x[:, j], x[:, i]
+    return motions.reshape(-1, 6)
+
+
+def multigrid(A: csr_matrix, places: Array) -> Multigrid:
+    """The V-cycle for a stiffness matrix over nodes at `places` `(n, 3)` of its unknowns."""
+    from pyamg import smoothed_aggregation_solver
+
+    with _same_numbers():
+        hierarchy = smoothed_aggregation_solver(
+            A.tobsr((3, 3)),
+            B=rigid_motions(places),
+            strength=("symmetric", {"theta": STRENGTH}),
+            smooth=("jacobi", {"weighting": "block"}),
+            improve_candidates=None,
+            presmoother=None,
+            postsmoother=None,
+            max_coarse=COARSEST,
+            coarse_solver=None,
+            keep=False,
+        )
+    levels = []
+    for level in hierarchy.levels[:-1]:
+        levels.append(_level(csr_matrix(level.A).astype(np.float32), csr_matrix(level.P).astype(np.float32)))
+        level.A = level.P = level.R = None
+    # A group of one or two nodes has fewer than six motions: some coarse unknowns are nothing.
+    inverse = np.linalg.pinv(hierarchy.levels[-1].A.toarray(), rcond=NOTHING, hermitian=True).astype(np.float32)
+    return Multigrid(tuple(levels), inverse)
+
+
+@contextmanager
+def _same_numbers() -> Iterator[None]:
+    """PyAMG guesses eigenvalues from numpy's global random numbers: the same ones each time, and no one else's."""
+    before = np.random.get_state()
+    np.random.seed(0)
+    try:
+        yield
+    finally:
+        np.random.set_state(before)
+
+
+def _level(A: csr_matrix, P: csr_matrix) -> Level:
+    diagonal = A.diagonal()
+    scaling = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0.0)
+    return Level(A, scaling, MARGIN * _highest(A, scaling), P, csr_matrix(P.T))
+
+
+def _highest(A: csr_matrix, scaling: Single) -> float:
+    """Highest eigenvalue of D⁻¹A by Lanczos' method from a fixed start."""
+    half = np.sqrt(scaling.astype(float))
+    v = np.random.default_rng(0).standard_normal(A.shape[0])
+    v /= np.linalg.norm(v)
+    before, beta = np.zeros_like(v), 0.0
+    diagonal, off = [], []
+    for _ in range(LANCZOS):
+        w = half * (A @ (half * v)) - beta * before
+        diagonal.append(v @ w)
+        w -= diagonal[-1] * v
+        beta = float(np.linalg.norm(w))
+        off.append(beta)
+        before, v = v, w / beta
+    T = np.diag(diagonal) + np.diag(off[:-1], 1) + np.diag(off[:-1], -1)
+    return float(np.linalg.eigvalsh(T)[-1])
+
+
+def _smoothed(level: Level, b: Single, x: Single | None) -> Single:
+    """Chebyshev iteration on the upper part of the spectrum of D⁻¹A (Saad, Iterative Methods, alg. 12.1)."""
+    theta = np.float32(0.5 * level.highest * (1.0 + 1.0 / SMOOTHED))
+    delta = np.float32(0.5 * level.highest * (1.0 - 1.0 / SMOOTHED))
+    sigma = theta / delta
+    rho = 1.0 / sigma
+    r = _scaled(level, b if x is None else b - level.A @ x)
+    d = r / theta
+    x = d.copy() if x is None else x + d
+    for _ in range(DEGREE - 1):
+        r = _scaled(level, b - level.A @ x)
+        after = np.float32(1.0 / (2.0 * sigma - rho))
+        d = after * rho * d + (2.0 * after / delta) * r
+        x += d
+        rho = after
+    return x
+
+
+def _scaled(level: Level, r: Single) -> Single:
+    """D⁻¹ r, column by column."""
+    return np.asarray((level.scaling * r.T).T)

@@ -1,0 +1,72 @@
+"""Supports of the organ: clamps, which hold all of a node, and rollers, which hold a plane boundary across itself."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem import Basis, MeshTet
+
+from tissue.arrays import Array, Indices
+from tissue.errors import TissueError
+
+PLANE = 1e-9  # of the body's size: how far the nodes of a plane boundary may lie from it
+FIRM = 1e-8  # of the largest: a rigid motion that is held less is not held
+
+
+def clamped_unknowns(basis: Basis, clamp: Sequence[str]) -> Indices:
+    """Unknowns on the boundaries named in `clamp`, sorted; `TissueError` names those that exist."""
+    held = [basis.get_dofs(facets=facets_of(basis.mesh, "clamp", name)).all() for name in clamp]
+    return np.unique(np.concatenate([np.empty(0, np.intp), *held])).astype(np.intp)
+
+
+def rolling_unknowns(basis: Basis, roller: Sequence[str]) -> Indices:
+    """Unknowns of the displacement across the boundaries named in `roller`, sorted. Raises `TissueError`."""
+    held = [
+        basis.get_dofs(facets=facets_of(basis.mesh, "roller", name)).all(f"u^{axis_of(basis.mesh, name) + 1}")
+        for name in roller
+    ]
+    return np.unique(np.concatenate([np.empty(0, np.intp), *held])).astype(np.intp)
+
+
+def held_components(mesh: MeshTet, clamp: Sequence[str], roller: Sequence[str]) -> NDArray[np.bool_]:
+    """Which components of each vertex `clamp` and `roller` hold, shape `(vertices, 3)`. Raises `TissueError`."""
+    held = np.zeros((mesh.nvertices, 3), dtype=bool)
+    for name in clamp:
+        held[mesh.facets[:, facets_of(mesh, "clamp", name)]] = True
+    for name in roller:
+        held[mesh.facets[:, facets_of(mesh, "roller", name)], axis_of(mesh, name)] = True
+    return held
+
+
+def facets_of(mesh: MeshTet, key: str, name: str) -> Indices:
+    """Facets of a boundary; `TissueError` names those that exist."""
+    boundaries = mesh.boundaries or {}
+    if name not in boundaries:
+        known = ", ".join(sorted(boundaries)) or "none at all"
+        raise TissueError(f"{key}: no boundary is named {name!r}; the mesh names {known}")
+    return np.asarray(boundaries[name], dtype=np.intp)
+
+
+def axis_of(mesh: MeshTet, name: str) -> int:
+    """Axis 0, 1, 2 that a plane boundary lies across. Raises `TissueError` where there is none."""
+    nodes = mesh.facets[:, facets_of(mesh, "roller", name)].ravel()
+    thickness, size = np.ptp(mesh.p[:, nodes], axis=1), np.ptp(mesh.p, axis=1).max()
+    axis = int(np.argmin(thickness))
+    if thickness[axis] > PLANE * size:
+        raise TissueError(
+            f"roller: the boundary {name!r} is no plane across the x, y or z axis ({thickness[axis]:.3g} m thick); "
+            "clamp it, or name one that is"
+        )
+    return axis
+
+
+def holds_still(points: Array, held: NDArray[np.bool_]) -> bool:
+    """Whether a rigid body with `points` (k, 3) [m] held in the components `held` (k, 3) cannot move."""
+    node, component = np.nonzero(held)
+    if node.size == 0:
+        return False
+    x = points[node] - points[node].mean(axis=0)
+    x /= max(float(np.abs(x).max()), np.finfo(float).tiny)
+    rotations = np.cross(np.eye(3)[None], x[:, None])  # e_b × x
+    rows = np.concatenate([np.eye(3)[component], rotations[np.arange(len(node)), :, component]], axis=1)
+    return bool(np.linalg.matrix_rank(rows.T @ rows, tol=FIRM * len(node)) == 6)
