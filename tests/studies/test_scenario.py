@@ -5,7 +5,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from studies.scenario import SCENES, DrivenEnd, FileMesh, Piercing, Scenario, ScenarioError, dump, load, parse, schema
@@ -328,6 +328,7 @@ TOML_VALUES = st.recursive(
 )
 
 
+@settings(deadline=None)
 @given(TOML_VALUES, st.text(st.characters(exclude_categories=["Cs"])))
 def test_any_value_reads_back_from_toml(value: object, key: str) -> None:
     assert tomllib.loads(f"{as_key(key)} = {as_toml(value)}") == {key: value}

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_matrix, kron
+from scipy.sparse import csr_matrix, eye_array, kron
 
 from tissue.arrays import Array, Indices
 from tissue.elasticity import ELEMENTS, Elasticity
@@ -33,12 +33,12 @@ NO_SLOPE = AverageSlope(np.zeros((0, 3)), np.zeros(0, np.intp), np.zeros((0, 3))
 
 def normal_rows(gradient: csr_matrix, u0: Array) -> csr_matrix:
     """Rows of ⟨∇U⟩ u₀ from those of ⟨∂U_i/∂x_j⟩ (row 3i + j)."""
-    return csr_matrix(kron(np.eye(3), u0[None]) @ gradient)
+    return csr_matrix(kron(eye_array(3), u0[None]) @ gradient)
 
 
 def fibre_rows(gradient: csr_matrix, u0: Array) -> csr_matrix:
     """Rows of −⟨∇U⟩ᵀ u₀."""
-    return csr_matrix(-kron(u0[None], np.eye(3)) @ gradient)
+    return csr_matrix(-kron(u0[None], eye_array(3)) @ gradient)
 
 
 def value_rows(elasticity: Elasticity, average: Average) -> csr_matrix:
@@ -65,7 +65,7 @@ def gradient_rows(elasticity: Elasticity, surface: Surface, average: Average, sl
     )
     if np.abs(missing).max() <= 1e-12:
         return by_parts
-    return csr_matrix(by_parts + kron(np.eye(3), missing.T) @ _slope_rows(elasticity, average.cells, local))
+    return csr_matrix(by_parts + kron(eye_array(3), missing.T) @ _slope_rows(elasticity, average.cells, local))
 
 
 def _slope_rows(elasticity: Elasticity, cells: Indices, slopes: Array) -> csr_matrix:

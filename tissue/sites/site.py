@@ -104,7 +104,7 @@ class Sites:
     @property
     def springs(self) -> csr_matrix:
         """B of the compliance B Bᵀ between the sites and the mesh, shape `(9p, m)`."""
-        each = [np.zeros((9, 0)) if gap is None else gap.springs for gap in self.missing]
+        each = [csr_matrix(np.zeros((9, 0)) if gap is None else gap.springs) for gap in self.missing]
         return csr_matrix(block_diag(each)) if each else csr_matrix((len(self.y0), 0))
 
     def __post_init__(self) -> None:
@@ -195,7 +195,7 @@ def _build(
         axes = np.stack([*frame(normal), normal]) if np.isfinite(normal).all() else np.eye(3)
         kind = "ball" if np.isnan(normal).any() else "half ball" if use_fibre else "disc"
         slopes = csr_matrix(np.eye(9))
-        of_averages = csr_matrix(block_diag([np.eye(3), vstack([turn(slopes, u0), turn(slopes, v0)])])).toarray()
+        of_averages = csr_matrix(block_diag([slopes[:3, :3], vstack([turn(slopes, u0), turn(slopes, v0)])])).toarray()
         seen = Footprint(X, axes, site.radius, site.weight, kind, of_averages)
         gap = missing(elasticity, surface, seen, rows)
     return np.concatenate([X, u0, v0]), csr_matrix(rows[:, elasticity.free]), X, t0, normal, gap
