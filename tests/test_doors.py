@@ -46,10 +46,12 @@ class Listing:
 
 
 def pages() -> list[Path]:
-    """Every Markdown file of the project; what a user keeps in hidden folders or in `results` is not of it."""
+    """Every Markdown file of the project; hidden folders, `results` and `build` are not of it."""
     found = (path.relative_to(ROOT) for path in ROOT.rglob("*.md"))
     return sorted(
-        ROOT / path for path in found if path.parts[0] != "results" and not any(p[0] == "." for p in path.parts)
+        ROOT / path
+        for path in found
+        if path.parts[0] not in ("build", "results") and not any(p[0] == "." for p in path.parts)
     )
 
 
