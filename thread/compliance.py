@@ -1,16 +1,16 @@
 """The compliance that a cubic spline lacks where a point force or a couple acts on it.
 
 A force F and a couple m at an abscissa s bend a rod with a jump of shear and of curvature there. A C² spline has
-neither inside a span: it is too stiff by an amount that depends on where in the span s lies, and a rod that slides
-through a hole feels the difference as a lattice, a force along it that swings from knot to knot by up to a quarter of
-m²/2EI however fine the spans. The lack is a local matter: a smooth load leaves none. So it is taken on a patch of spans
-around s, clamped at its ends, as the difference of two linear answers,
+neither inside a span: the spline is too stiff by an amount that depends on where in the span s lies, and a rod that
+slides through a hole feels the difference as a lattice, a force along it that swings from knot to knot by up to a
+quarter of m²/2EI however fine the spans. The lack is local: a smooth load leaves none. So the lack is computed on a
+patch of spans around s, clamped at its ends, as the difference of two linear answers,
 
     c(s) = g(s) − β(s)ᵀ K⁻¹ β(s),     β = (b, b'),   K = ∫EI b'' b''ᵀ ds,
 
 g being the compliance of the clamped beam itself (force–force, force–couple, couple–couple), and added where the
 rod is held. c is a polynomial of degree six on each span, and positive semidefinite since the spline's answer is a
-Galerkin one; it falls with h³, h² and h.
+Galerkin one; its three entries fall with h³, h² and h.
 """
 
 import numpy as np

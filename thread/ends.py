@@ -1,6 +1,6 @@
 """What holds the two ends of a thread: nothing, a fixed point, a clamp, a dead load or a moving hand.
 
-A held end of a thread with twist may turn it about its tangent too, as the fingers turn a needle.
+A held end of a thread with twist may also turn the thread about its tangent, as fingers turn a needle.
 """
 
 from dataclasses import dataclass, field

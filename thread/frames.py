@@ -1,16 +1,17 @@
-"""The reference frame that the twist of a thread is measured from: its transport and its own twist.
+"""The reference frame from which the twist of a thread is measured: its transport and its own twist.
 
-A section's material directions are d₁ = a₁ cos θ + a₂ sin θ and d₂ = t × d₁, with a₁(s) a reference frame that follows
-the tangent t in time by parallel transport: at every s, a step turns it by the smallest rotation that takes the tangent
-t_o at the start of the step to t (Bergou et al. 2010; Meier, Popp & Wall 2014; θ as a fourth coordinate of a spline:
-Theetten, Grisoni, Andriot & Barsky 2008). So θ' is not the whole twist. The frame's axial vector along s turns with it
-and gains that of the rotation itself; its component along t is
+A section's material directions are d₁ = a₁ cos θ + a₂ sin θ and d₂ = t × d₁, with a₁(s) a reference frame that
+follows the tangent t in time by parallel transport: at every s, a step turns the frame by the smallest rotation
+from the tangent t_o at the start of the step to t (Bergou et al. 2010; Meier, Popp & Wall 2014; θ as a fourth
+coordinate of a spline: Theetten, Grisoni, Andriot & Barsky 2008). So θ' is not the whole twist. The frame's axial
+vector along s turns with the frame and gains that of the rotation itself; its component along t is
 
     τ = τ_o − (t_o × t)·(t_o' + t') / (1 + t_o·t)
 
 and the twist per length is ω = θ' + τ. Nothing but T, T' and θ' at the point enters, and the data of the step (t_o,
-t_o', τ_o): the energies are local in the control points. θ means the same before and after the frame is carried, and
-θ̇ is the spin of the section about its tangent. At a clamped end the tangent rests, so θ there is the clamp's angle.
+t_o', τ_o): the energies are local in the control points. θ means the same before and after the frame is
+transported, and θ̇ is the spin of the section about its tangent. At a clamped end the tangent rests, so θ there is
+the clamp's angle.
 
 With T = ∂P/∂s, r = |T|, D = r + t_o·T, c = t_o × t_o', e = T' × t_o:   τ = τ_o + c·T/D − e·T/(r D),  affine in T'.
 """
@@ -107,7 +108,7 @@ def turned(x: Array, t_o: Array, t: Array) -> Array:
 def untwisted_frame(spline: Spline, stations: Stations, q: Array, towards: Array) -> Frame:
     """Return the frame without twist of a thread at rest, transported along the curve from its start (Bishop's frame).
 
-    At the start a₁ points `towards` (3,) as nearly as it can. The transport along s is by double reflection
+    At the start a₁ points as nearly as possible `towards` (3,). The transport along s is by double reflection
     (Wang, Jüttler, Zheng & Liu 2008), of fourth order. Raises `ThreadError` where `towards` is along the
     thread.
     """

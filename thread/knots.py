@@ -1,4 +1,4 @@
-"""Where the knots of a spline stand: uniform, graded, cut, or by a tree that follows what the thread does.
+"""Where the knots of a spline stand: uniform, graded, cut, or by a tree that follows the thread's curve.
 
 The breaks of the tree are `roots` equal spans, each halved again and again, at most `LEVELS` times, where the wanted
 span is smaller: next to the holes, and where the curvature changes.
@@ -137,7 +137,8 @@ def spans_at_holes(s: Array, holes: Array, layers: Array, at: float, beside: flo
     """Return the span length wanted at the abscissae `s` (k,) [m] because of the holes.
 
     Each hole moves from `holes[:, 0]` to `holes[:, 1]` [m] in the step, and the thread bends over `layers` (m,)
-    [m] = √(EI/T) on each side of it. Wanted are `at` [-] of the layer at the hole; beyond, `beside` [-] of the
+    [m] = √(EI/T) on each side
+    of a hole. Wanted are `at` [-] of the layer at the hole; beyond, `beside` [-] of the
     layer and more as the curvature falls, growing by SLOPE.
     """
     out = np.full(s.shape, np.inf)

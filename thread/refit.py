@@ -1,7 +1,7 @@
-"""From one knot sequence of a spline to another: what the curve is, moves and weighs stays as it was.
+"""The change of a spline from one knot sequence to another, which keeps curve, velocity and momentum.
 
-Knots that come are inserted exactly (Boehm); knots that go are taken out by a least-squares projection that keeps the
-total momentum, and P and T at given abscissae.
+New knots are inserted exactly (Boehm); surplus knots are removed by a least-squares projection that keeps the total
+momentum, and P and T at given abscissae.
 """
 
 from collections.abc import Sequence

@@ -25,7 +25,7 @@ class Spline:
 
     `knots`: shape `(n + 4,)` [m of rest arc length], the first and the last four equal. Interior knots may be
     double (C¹), triple (C⁰) or fourfold: there the curve is cut, no function lives on both sides, and every matrix
-    over the control points falls apart by itself. Raises `ThreadError` when they are not such a sequence.
+    over the control points falls into blocks. Raises `ThreadError` for knots that are not such a sequence.
     """
 
     knots: Array

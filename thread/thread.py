@@ -43,11 +43,11 @@ ELASTIC_POINTS = 2
 
 
 class CrossSection(Protocol):
-    """What a thread needs of its section; `thread.catalogue.Section` is one."""
+    """The properties of a section that a thread reads; `thread.catalogue.Section` has them."""
 
     @property
     def diameter(self) -> float:
-        """[m]"""
+        """Diameter [m]."""
 
     @property
     def rhoA(self) -> float:
@@ -107,8 +107,9 @@ class Thread:
     start and the end. `twist` adds the angle of the section to the coordinates of a control point, and its torsion.
     Energies: ½∫EA ε² ds + ½∫EI κ² ds (§3; straight at rest) + ½∫GJ ω² ds; with a number of `springs` those of
     `thread.energies.springs` instead. `coil` [1/m] is the curvature at rest, towards the section's first direction
-    (`thread.energies.coil`); that points to `coil_towards` (3,) at the start of the thread as laid, somewhere if none
-    is given. `hole_compliance` adds what the spline lacks in compliance where it is held (`thread.compliance`).
+    (`thread.energies.coil`); this direction points to `coil_towards` (3,) at the start of the thread as laid; None
+    means a direction chosen by the code. `hole_compliance` adds the compliance that the spline lacks where the
+    thread is held (`thread.compliance`).
     """
 
     spline: Spline
@@ -248,7 +249,7 @@ class Thread:
 
     @property
     def force_unit(self) -> float:
-        """EI/L² (EA·10⁻⁹ without bending): the force scale of a thread nothing pulls [N]."""
+        """EI/L² (EA·10⁻⁹ without bending): the force scale of a thread without load [N]."""
         length = self.spline.end - self.spline.start
         return self.EI / length**2 if self.bending else 1e-9 * self.EA
 
@@ -280,7 +281,7 @@ class Thread:
 
     @cached_property
     def spring_layout(self) -> SpringLayout | None:
-        """Where the springs stand, None where the energies are continuous."""
+        """Layout of the springs; None means continuous energies."""
         return None if self.springs is None else spread_springs(self.spline, self.springs)
 
     @cached_property
@@ -292,14 +293,14 @@ class Thread:
 
     @cached_property
     def stations(self) -> Stations:
-        """Where the twist is taken."""
+        """Stations at which the twist is evaluated."""
         if self.spring_layout is not None:
             return self.spring_layout.stations
         return gauss_stations(self.spline, self.elastic_rule)
 
     @cached_property
     def energies(self) -> tuple[Energy, ...]:
-        """All that the thread's elastic energy is the sum of."""
+        """The terms of the thread's elastic energy."""
         twist = (Torsion(self.stations, self.section.GJ),) if self.twist else ()
         coil = (Coil(self.stations, self.EI, self.coil),) if self.coil else ()
         return self.axial, *twist, *coil

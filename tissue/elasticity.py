@@ -1,10 +1,10 @@
 """Small-strain isotropic linear elasticity on tetrahedra, assembled by scikit-fem.
 
-Nearly incompressible tissue locks where every cell must keep its own volume: a tetrahedral mesh has five to six cells
-a vertex. There the part of λ beyond that of ν = 0.3 acts on the dilatation averaged at the vertices (Bonet & Burton,
-Commun. Numer. Meth. Engng 14, 1998), which is one constraint a vertex and, with P2, the pressure of the Taylor–Hood
-element with a lumped mass. The rest of λ stays with the cells: it holds what an average does not see (Puso & Solberg,
-Int. J. Numer. Meth. Engng 67, 2006), and at ν ≤ 0.3 both formulations are one.
+Nearly incompressible tissue locks where every cell must keep its own volume: a tetrahedral mesh has five to six
+cells a vertex. There the part of λ beyond that of ν = 0.3 acts on the dilatation averaged at the vertices (Bonet &
+Burton, Commun. Numer. Meth. Engng 14, 1998), which is one constraint a vertex and, with P2, the pressure of the
+Taylor–Hood element with a lumped mass. The rest of λ stays with the cells: this part resists what an average misses
+(Puso & Solberg, Int. J. Numer. Meth. Engng 67, 2006), and at ν ≤ 0.3 both formulations are one.
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,7 @@
 """Stress at the nodes from a displacement field: cell by cell, then averaged by volume.
 
-A pressure that is averaged at the vertices (`tissue.elasticity`) is taken from there, halfway between on an edge.
+A pressure that is averaged at the vertices (`tissue.elasticity`) is read from there, on an edge as the mean of its
+vertices.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
-"""Rest curvature: a thread remembers the coil of its packet.
+"""Rest curvature: a thread keeps the curvature of the coil in its packet.
 
-At rest the thread is a circle of curvature κ̄ towards the material direction d₁, so that the section's angle θ says to
-which side it wants to bend. With t' = k₁ d₁ + k₂ d₂, the turn of the bent thread per rest length,
+At rest the thread is a circle of curvature κ̄ towards the material direction d₁, so that the section's angle θ gives
+the side to which the thread bends at rest. With t' = k₁ d₁ + k₂ d₂, the turn of the bent thread per rest length,
 
     ½ EI |t' − κ̄ d₁|² = ½ EI κ² − EI κ̄ k₁ + ½ EI κ̄²
 
@@ -71,7 +71,7 @@ def symmetric_product(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True)
 class Coil(OnStations):
-    """What the memory of a coil adds to the bending energy: `EI` [N m²], curvature at rest `kappa` [1/m]."""
+    """The energy that rest curvature adds to the bending energy: `EI` [N m²], curvature at rest `kappa` [1/m]."""
 
     EI: float
     kappa: float

@@ -23,7 +23,7 @@ class Energy(Protocol):
 
     @property
     def seen(self) -> int:
-        """Coordinates that it depends on, 3 or 4."""
+        """Number of coordinates that the energy depends on, 3 or 4."""
 
     def evaluate(self, q: Array, frame: Frame | None) -> Any:
         """Evaluate the thread where the energy is integrated; `frame` is that of the start of the step, None

@@ -11,7 +11,7 @@ and ℓ̄_k half the length of the springs next to P_k, every spring is calibrat
     twist     ½ (GJ/ℓ̄_k) (Δθ_k + ℓ̄_k τ_k)², Δθ_k of the sections in the middle of the springs next to P_k
 
 so that the sums tend to ½∫EA ε² ds, ½∫EI κ² ds and ½∫GJ ω² ds with the square of the spacing. Without the two springs
-at the ends half a spacing of the thread would bend and twist for nothing, an error of first order.
+at the ends half a spacing of the thread would bend and twist without energy, an error of first order.
 
 As many springs as T has functions, n − 1, keep the length of the thread and leave it free to bend; with more of them a
 thread as stiff as a real suture locks (membrane locking).

@@ -1,4 +1,4 @@
-"""The organ as the thread sees it: nine numbers per piercing, their compliance and one back-substitution.
+"""The organ in the coupled system: nine site variables per piercing, their compliance and one back-substitution.
 
     acceleration⁺ = a (U⁺ − U_a),   velocity⁺ = d (U⁺ − U_d),   (a M + d C + K) U⁺ = b + Yᵀ f_y
 
@@ -51,7 +51,7 @@ class OrganState:
 
 
 class TimeScheme(Protocol):
-    """What an organ reads of a time scheme: acceleration a (U − U_a) and velocity d (U − U_d)."""
+    """The coefficients of a time scheme that an organ reads: acceleration a (U − U_a) and velocity d (U − U_d)."""
 
     @property
     def a(self) -> float:
@@ -89,7 +89,7 @@ class Equation(NamedTuple):
 
 @dataclass(frozen=True)
 class SiteAnswer:
-    """An answer of sites alone, y = y_free + C f_y with C (9p, 9p) of `compliance`, made when it is asked for.
+    """An answer of sites alone, y = y_free + C f_y with C (9p, 9p) of `compliance`, made when first asked for.
 
     `accepted` makes the state at the end of the step of f_y and p.
     """

@@ -1,13 +1,13 @@
-"""Which solver an organ gets: the one named, or the one that its size and the memory of the machine ask for.
+"""The choice of an organ's solver: by name, or by the organ's size and the memory of the machine.
 
     superlu     scipy's, always there
-    cholmod     with cvxopt: factors about ten times as fast in half the memory
+    cholmod     with cvxopt: factorises about ten times as fast in half the memory
     pardiso     with pypardiso, on x86-64: the least fill on large meshes
     multigrid   conjugate gradients, PyAMG: memory and time that grow with the mesh and no faster
 
-A step of an organ with inertia is a back-substitution, so it is factorised as long as the factor fits into memory. An
-organ without inertia is solved for its sites' columns once, so beyond the size at which a factor takes longer than
-those columns it is not.
+A step of an organ with inertia is a back-substitution, so its matrix is factorised as long as the factor fits into
+memory. An organ without inertia is solved for its sites' columns once, so its matrix is not factorised beyond the size
+at which a factor takes longer than those columns.
 """
 
 from collections.abc import Callable
@@ -48,7 +48,7 @@ class SolverChoice:
 
 
 class Solver(Protocol):
-    """A matrix, and what solves with it within the residual's bound or raises `FactorError`."""
+    """A matrix and its solution within the residual's bound."""
 
     @property
     def A(self) -> csr_matrix:

@@ -1,7 +1,7 @@
 """Factorisation of symmetric positive definite matrices, and the contract of every solver here.
 
-Whatever solves A x = b computes ‖Ax − b‖ afterwards and raises `FactorError` where it exceeds `RESIDUAL` of
-‖A‖‖x‖ + ‖b‖: no answer is passed on that is not one.
+Every solver of A x = b computes ‖Ax − b‖ afterwards and raises `FactorError` where it exceeds `RESIDUAL` of
+‖A‖‖x‖ + ‖b‖: no inaccurate answer is passed on.
 """
 
 from collections.abc import Callable

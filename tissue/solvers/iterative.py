@@ -1,8 +1,8 @@
-"""Conjugate gradients, several right-hand sides side by side, preconditioned by multigrid or by the diagonal.
+"""Conjugate gradients for several right-hand sides at a time, preconditioned by multigrid or by the diagonal.
 
 The columns of Yᵀ are solved for together because one pass over the matrix then serves them all. The preconditioner is
 in single precision and so is not quite the same map at every call: the direction is conjugated by Polak and Ribière's
-formula, which forgives that (Golub and Ye, SIAM J. Sci. Comput. 21, 1999).
+formula, which tolerates that (Golub and Ye, SIAM J. Sci. Comput. 21, 1999).
 """
 
 from collections.abc import Callable
@@ -26,7 +26,10 @@ COLUMNS = 10  # solved side by side: more take memory and no less time
 
 @dataclass(frozen=True)
 class ConjugateGradients:
-    """A symmetric positive definite matrix `A` `(n, n)`, solved for anew each time. Made by `conjugate_gradients`."""
+    """A symmetric positive definite matrix `A` `(n, n)`, solved by iteration for each right-hand side.
+
+    Made by `conjugate_gradients`.
+    """
 
     A: csr_matrix
     norm: float
