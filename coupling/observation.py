@@ -130,7 +130,7 @@ def largest_at_holes(system: System[Body], state: State[Body], gap: Array) -> fl
 
 
 def sliding_state(system: System[Body], state: State[Body], k: int) -> str:
-    """ "left", "anchored", "slip" or "stick"."""
+    """Return "left", "anchored", "slip" or "stick"."""
     if not state.present[k]:
         return "left"
     if not system.piercings[k].slides:
@@ -139,8 +139,8 @@ def sliding_state(system: System[Body], state: State[Body], k: int) -> str:
 
 
 def transmitted_forces(internal: Array, first: Indices, shares: Array, s: Array, k: int) -> tuple[Array, Array]:
-    """Force that the thread transmits just before and just after hole k, of what lies beyond on what lies before, each
-    `(3,)` [N], from the elastic forces (n, 3) on the control points.
+    """Return the force that the thread transmits just before and just after hole k, each `(3,)` [N], from the elastic
+    forces (n, 3) on the control points. It is the force of what lies beyond on what lies before.
 
     ψ = Σ b_i over the points beyond the hole rises from 0 to 1 over the spans next to it, so the sum of their elastic
     forces is the force ∫(EA ε T + …)·ψ' ds that the thread transmits there: in equilibrium exactly the pull on that
@@ -156,7 +156,8 @@ def transmitted_forces(internal: Array, first: Indices, shares: Array, s: Array,
 
 
 def axial_force(system: System, state: State, k: int, side: int, force: Array) -> float:
-    """Tension F·t of the strand on one `side` (±1) of hole k that transmits `force` (3,), a push negative [N].
+    """Return the tension F·t of the strand on one `side` (±1) of hole k that transmits `force` (3,) [N]; a push is
+    negative.
 
     In the bend at the hole a part of F is shear, and the tangent is that of the hole. So t is taken where the bend has
     died out, BEND lengths √(EI/|F|) along the strand, or in the middle of a strand that is shorter: without a load
@@ -173,7 +174,7 @@ def axial_force(system: System, state: State, k: int, side: int, force: Array) -
 
 
 def strand(system: System, state: State, k: int, side: int) -> tuple[float, float]:
-    """Abscissae between which the thread is in no hole, from hole k on or up to it [m]."""
+    """Return the abscissae between which the thread is in no hole, from hole k on or up to it [m]."""
     spline, s, p = system.thread.spline, state.s, len(system.piercings)
     ends = spline.piece_ends[spline.piece_of(s[k]) + np.arange(2)]
     here = float(np.clip(s[k], *ends))
