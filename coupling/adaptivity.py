@@ -15,7 +15,7 @@ from coupling.audit import initial_energies
 from coupling.events import Event
 from coupling.interfaces import Body
 from coupling.system import State, System
-from thread.knots import Tree, wanted_at_holes, wanted_by_curvature
+from thread.knots import Tree, spans_at_holes, spans_by_curvature
 from thread.refit import Refit, refit
 from thread.thread import Thread
 
@@ -47,13 +47,13 @@ class Resolution:
     def wanted(self, system: System[Body], state: State[Body], ahead: float) -> Array:
         """Return the largest span allowed on each finest cell of the tree [m], for the next `ahead` [s]."""
         thread, here = system.thread, state.present & system.rows.any(axis=1)
-        own = wanted_by_curvature(thread.spline, state.q, self.ratio_next_to_hole**3)
+        own = spans_by_curvature(thread.spline, state.q, self.ratio_next_to_hole**3)
         own[spans_near_holes(thread, state.s[here])] = np.inf
         by_curve = own[thread.spline.spans_of(self.tree.middles)]
         holes, layers = state.s[here], bending_layers(system, state)[here]
         way = np.stack([holes, holes + ahead * state.s_dot[here]], axis=1)
         layers = np.minimum(layers, self.gaps(holes))
-        holes_want = wanted_at_holes(self.tree.middles, way, layers, self.ratio_at_hole, self.ratio_next_to_hole)
+        holes_want = spans_at_holes(self.tree.middles, way, layers, self.ratio_at_hole, self.ratio_next_to_hole)
         return np.minimum(by_curve, holes_want)
 
     def gaps(self, s: Array) -> Array:
@@ -135,7 +135,7 @@ def exchange_spline(
     other = replace(system, thread=thread)
     q, v, *before = new.fields
     N = np.interp(thread.axial.s, system.thread.axial.s.ravel(), state.N.ravel())
-    frame = None if state.frame is None else thread.reframed(state.frame, system.thread.stations, q)
+    frame = None if state.frame is None else thread.interpolate_frame(state.frame, system.thread.stations, q)
     earlier = None if state.before is None else replace(state.before, q=before[0], v=before[1])
     moved = replace(state, q=q, v=v, N=N, before=earlier, frame=frame)
     energies = [initial_energies(*pair) for pair in ((system, state), (other, moved))]
@@ -165,4 +165,4 @@ def first_breaks(tree: Tree, holes: Array, ratio: float) -> Array:
     """Return the breaks [m] of a thread that has not been pulled yet: at `holes` (m,) [m] `ratio` times as fine as
     elsewhere."""
     still, finest = np.stack([holes, holes], axis=1), np.full(len(holes), tree.root / ratio)
-    return np.asarray(tree.places[tree.breaks(wanted_at_holes(tree.middles, still, finest, 1.0, np.inf))])
+    return np.asarray(tree.places[tree.breaks(spans_at_holes(tree.middles, still, finest, 1.0, np.inf))])

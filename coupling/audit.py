@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coupling.constraints import driving_force, held_energy, site_force, spread, thread_force
+from coupling.constraints import driving_force, held_energy, site_force, thread_force
 from coupling.interfaces import Body
 from coupling.stepping import Step, scheme_of, thread_motion
 from coupling.system import State, System
@@ -139,8 +139,8 @@ def sliding_work(system: System[Body], step: Step[Body]) -> tuple[float, float, 
     ideal_inertia = law.inertia * (new.s - law.s_free)
     friction = np.sum((drive - ideal_inertia) * slides)
     eps_numerical = ideal_inertia @ slides - 0.5 * system.epsilon * np.sum(new.s_dot**2 - old.s_dot**2)
-    work = np.sum(spread(thread_force(at, new.lam, y), at, system.thread.n) * (new.q - old.q)[:, :3])
-    work += np.sum(site_force(at, new.lam, y)[:p] * (new.y - old.y)[:p])
+    work = np.sum(step.solution.residual.push * (new.q - old.q)[:, :3])
+    work += np.sum(step.solution.residual.f_y[:p] * (new.y - old.y)[:p])
     return float(friction), float(eps_numerical), float(-work - np.sum(drive * ds)), float(-np.sum(drive * hand))
 
 

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from coupling.arrays import Array, Indices
 from thread.spline import Spline
 from thread.thread import Thread
-from thread.vectors import dot
+from thread.vectors import cross, dot
 
 
 @dataclass(frozen=True)
@@ -80,11 +80,6 @@ def bare_passage(spline: Spline, q: Array, s: Array, home: Array | None = None) 
 def force_on_tangent(lam: Array, y: Array) -> Array:
     """Return m = μ_u u + μ_v v, the force conjugate to T, shape `(p, 3)` [N m]."""
     return lam[:, 3:4] * y[:, 3:6] + lam[:, 4:5] * y[:, 6:]
-
-
-def cross(a: Array, b: Array) -> Array:
-    """Return the row-wise vector product, shape `(p, 3)`."""
-    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
 
 
 @dataclass(frozen=True)

@@ -134,7 +134,7 @@ def refuse_crossing(system: System[Body], old: State[Body], new: State[Body]) ->
     Two holes apart in space cannot: the solution is another one than that which continues the motion.
     """
     spline = system.thread.spline
-    inside = ~spline.left(new.s, home=old.s)
+    inside = ~spline.has_left(new.s, home=old.s)
     here = np.flatnonzero((new.present & inside)[: len(system.piercings)])
     before, after = old.s[here], new.s[here]
     crossed = np.argwhere((before[:, None] < before) & (after[:, None] >= after))

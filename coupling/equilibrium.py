@@ -181,7 +181,7 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
         y=z.y,
         sigma=z.sigma,
         reaction=reactions(system, residual.thread, problem.load),
-        frame=system.thread.carried(old.frame, z.q),
+        frame=system.thread.transport_frame(old.frame, z.q),
     )
     refuse_inversion(system, old, new, residual.passage)
     return new

@@ -145,7 +145,7 @@ def draw_in(system: System[Body], state: State[Body], k: int, dt: float) -> Stat
         raise FormingError(state.time, system.piercings[k].name, f"the thread cannot be drawn in ({error})") from error
     z, organ = solution.iterate, accept_organ(solution)
     lam = np.where(problem.rows, z.lam, 0.0)
-    frame = system.thread.carried(state.frame, z.q)
+    frame = system.thread.transport_frame(state.frame, z.q)
     return replace(state, q=z.q, N=z.N, s=z.s, lam=lam, y=z.y, organ=organ, frame=frame)
 
 

@@ -161,7 +161,7 @@ def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[
     q, s = lay(system, Laying(Held(system.organ.site_variables(organ), organ), path, stretch), s)
     m, thread = system.holds, system.thread
     q = np.pad(q, ((0, 0), (0, thread.coordinates - 3)))
-    frame = thread.untwisted(q)
+    frame = thread.untwisted_frame(q)
     return State(
         time=0.0,
         q=q,

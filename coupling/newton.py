@@ -121,13 +121,15 @@ class Iterate:
 class Residual:
     """Residuals at an iterate, and what the tangent needs again.
 
-    `configuration`: the thread evaluated there; `f_y` (m, 9): site forces Φ_yᵀλ; `thread` (n, c) [N, with twist N m]
+    `configuration`: the thread evaluated there; `f_y` (m, 9): site forces Φ_yᵀλ;
+    `push` (n, 3) [N]: Φ_qᵀλ, forces of the holes on the control points; `thread` (n, c) [N, with twist N m]
     (at held unknowns: the reaction), `holds` (m, 6): law of sliding, Φ; `site` (m, 9); `force_scale` [N],
     `torque_scale` [N m].
     """
 
     configuration: Configuration
     f_y: Array
+    push: Array
     thread: Array
     holds: Array
     site: Array
@@ -167,8 +169,8 @@ def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
     thread = problem.system.thread
     now = evaluate_thread(problem.system, z.q, z.s, problem.frame, home=problem.law.s_old)
     at, elastic = now.at, now.elastic
-    balance = elastic - problem.load
-    balance[:, :3] -= spread(thread_force(at, z.lam, z.y), at, thread.n)
+    balance, push = elastic - problem.load, spread(thread_force(at, z.lam, z.y), at, thread.n)
+    balance[:, :3] -= push
     if problem.mass_factor:
         balance += problem.mass_factor * thread.momentum(z.q - problem.q_ref)
     holds = np.empty((len(z.s), 6))
@@ -179,6 +181,7 @@ def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
     return Residual(
         now,
         f_y,
+        push,
         balance,
         holds,
         site_residual(problem, z, f_y),
@@ -360,7 +363,7 @@ def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body]) -> S
             raise failure(problem, r, "a force is not finite: the iteration ran away, or a load is not a number")
         problem, r, stands = follow(problem, z, r)
         if stands and is_converged(problem, z, r):
-            if problem.system.thread.turned_too_far(problem.frame, z.q):
+            if problem.system.thread.turns_too_far(problem.frame, z.q):
                 raise failure(problem, r, "a tangent turned by more than 120°, further than the twist can follow")
             return Solution(problem, z, r, iteration)
         try:

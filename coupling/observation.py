@@ -11,6 +11,7 @@ from coupling.integrators import Equilibrium
 from coupling.interfaces import Body
 from coupling.sliding import Law, cone_residual, law_of, normal_force
 from coupling.system import State, System
+from thread.vectors import dot
 
 BEND = 5.0  # lengths √(EI/T) over which a bend at a hole falls to less than 1 % of its angle
 
@@ -60,15 +61,19 @@ def observe(
     couple = couple_on_thread(at, state.lam, state.y)
     internal = now.elastic[:, :3]
     shares = at.b[:, :2].swapaxes(1, 2) @ thread_force(at, state.lam, state.y)
+    holes = range(len(system.piercings))
+    transmitted = np.array([transmitted_forces(internal, at.first, shares, state.s, k) for k in holes]).reshape(
+        -1, 2, 3
+    )
     law = law_of(system, state.s, state.present, 0.0, state.s)
     normal = normal_force(at, state.lam, state.y, law.per_channel)
     cone = broken_cones(system, law, state, at)
+    tensions = axial_forces(system, state, transmitted)
     out = []
     for k, piercing in enumerate(system.piercings):
         force, y = state.lam[k, :3], state.y[k]
         along = float(force @ t[k])
-        transmitted = transmitted_forces(internal, at.first, shares, state.s, k)
-        before, after = (axial_force(system, state, k, side, F) for side, F in zip((-1, 1), transmitted, strict=True))
+        before, after = tensions[k]
         out.append(
             PiercingObservation(
                 name=piercing.name,
@@ -80,8 +85,8 @@ def observe(
                 normal_force=float(normal[k]),
                 tangential_force=along,
                 couple=couple[k],
-                tension_before=before,
-                tension_after=after,
+                tension_before=float(before),
+                tension_after=float(after),
                 state=sliding_state(system, state, k),
                 tangent=t[k],
                 u=y[3:6],
@@ -155,22 +160,22 @@ def transmitted_forces(internal: Array, first: Indices, shares: Array, s: Array,
     return before, after
 
 
-def axial_force(system: System, state: State, k: int, side: int, force: Array) -> float:
-    """Return the tension F·t of the strand on one `side` (±1) of hole k that transmits `force` (3,) [N]; a push is
-    negative.
+def axial_forces(system: System[Body], state: State[Body], forces: Array) -> Array:
+    """Return the tensions F·t of the strands before and after every hole, shape `(p, 2)` [N], a push negative, from the
+    `forces` (p, 2, 3) [N] that they transmit.
 
     In the bend at the hole a part of F is shear, and the tangent is that of the hole. So t is taken where the bend has
     died out, BEND lengths √(EI/|F|) along the strand, or in the middle of a strand that is shorter: without a load
     between, the same tension at both its ends.
     """
-    size = float(np.linalg.norm(force))
-    if size == 0.0:
-        return 0.0
-    low, high = strand(system, state, k, side)
-    way = min(BEND * float(np.sqrt(system.thread.EI / size)), 0.5 * (high - low))
-    place = low + way if side > 0 else high - way
-    tangent = system.thread.spline.curve(state.q[:, :3], [place])[0, 1]
-    return float(force @ tangent / np.linalg.norm(tangent))
+    sizes, places = np.linalg.norm(forces, axis=2), np.empty(forces.shape[:2])
+    for k, side in np.ndindex(*places.shape):
+        low, high = strand(system, state, k, 2 * side - 1)
+        bend = np.sqrt(system.thread.EI / max(sizes[k, side], np.finfo(float).tiny))
+        way = min(BEND * float(bend), 0.5 * (high - low))
+        places[k, side] = low + way if side else high - way
+    tangents = system.thread.spline.curve(state.q[:, :3], places.ravel())[:, 1].reshape(forces.shape)
+    return dot(forces, tangents) / np.linalg.norm(tangents, axis=2)
 
 
 def strand(system: System, state: State, k: int, side: int) -> tuple[float, float]:

@@ -34,7 +34,6 @@ from coupling.constraints import (
     Parts,
     Passage,
     axis_force,
-    cross,
     driving_force,
     effective_place,
     force_on_tangent,
@@ -47,7 +46,7 @@ from coupling.constraints import (
 )
 from coupling.interfaces import Body
 from coupling.system import System
-from thread.vectors import dot
+from thread.vectors import cross, dot
 
 
 @dataclass(frozen=True)

@@ -156,7 +156,7 @@ def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> St
         present=state.present,
         sense=state.sense,
         reaction=reactions(system, residual.thread, problem.load),
-        frame=system.thread.carried(state.frame, z.q),
+        frame=system.thread.transport_frame(state.frame, z.q),
     )
     refuse_inversion(system, state, new, residual.passage)
     return Step(state, new, problem.dt, solution, end_configuration(new, solution))
@@ -221,7 +221,7 @@ def sense(at: Passage, y: Array) -> Array:
 def emptied_holds(system: System[Body], old: State[Body], new: State[Body]) -> Flags:
     """Return the holes that the thread has left, shape `(m,)`: present, with an abscissa beyond an end of the piece
     of thread that was in them."""
-    return np.asarray(new.present & system.may_slide & system.thread.spline.left(new.s, home=old.s))
+    return np.asarray(new.present & system.may_slide & system.thread.spline.has_left(new.s, home=old.s))
 
 
 def release(state: State[Body], gone: Flags) -> State[Body]:

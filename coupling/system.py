@@ -14,7 +14,7 @@ from thread.banded import diagonal_of
 from thread.ends import Clamped, End
 from thread.frames import Frame
 from thread.thread import Thread
-from thread.vectors import cross, unit
+from thread.vectors import cross, unit_vector
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ def orthonormal_pair(tangent: Array) -> tuple[Array, Array]:
         return np.array([1.0, 0.0, 0.0]), np.array([0.0, np.sign(z), 0.0])
     c, s = x / across, y / across
     u = np.array([1.0 - c * c * (1.0 - z), -c * s * (1.0 - z), -x])
-    u = unit(u - (u @ tangent) * tangent)
+    u = unit_vector(u - (u @ tangent) * tangent)
     return u, cross(tangent, u)
 
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshes.errors import MeshError
 from meshes.gmsh_session import generate, session
-from meshes.grading import Grading, positive, site_points
+from meshes.grading import Grading, require_positive, site_points
 from meshes.named import bare_mesh
 
 Array = NDArray[np.float64]
@@ -81,7 +81,7 @@ def graded_block_structured(
 def block_lines(size: Sequence[float], grading: Grading, sites: ArrayLike, planes: Planes) -> list[Array]:
     """Grid coordinates along x, y and z of the structured block [m]."""
     lower, upper = extent(size)
-    points = sites_within(sites, lower, upper)
+    points = require_sites_within(sites, lower, upper)
     return [graded_lines(lower[k], upper[k], points[:, k], grading, planes[k]) for k in range(3)]
 
 
@@ -99,7 +99,7 @@ def graded_block_gmsh(
     Raises `MeshError` for impossible numbers, for a site outside the block, and where gmsh cannot load.
     """
     lower, upper = extent(size)
-    points = sites_within(sites, lower, upper)
+    points = require_sites_within(sites, lower, upper)
     with session() as gmsh:
         add_box(gmsh, lower, upper, planes)
         gmsh.model.occ.synchronize()
@@ -110,11 +110,11 @@ def extent(size: Sequence[float]) -> tuple[Array, Array]:
     """Lower and upper corner of the block of a size, shapes `(3,)` [m]."""
     if len(size) != 3:
         raise MeshError(f"size = {list(size)!r} must have three lengths, x, y and z")
-    x, y, z = (positive(f"size[{k}]", length) for k, length in enumerate(size))
+    x, y, z = (require_positive(f"size[{k}]", length) for k, length in enumerate(size))
     return np.array([-x / 2, -y / 2, -z]), np.array([x / 2, y / 2, 0.0])
 
 
-def sites_within(sites: ArrayLike, lower: Array, upper: Array) -> Array:
+def require_sites_within(sites: ArrayLike, lower: Array, upper: Array) -> Array:
     """Sites, shape `(p, 3)` [m], or `MeshError` for one outside the box by more than round-off."""
     points = site_points(sites)
     slack = 1e-9 * float(np.max(upper - lower))
@@ -123,7 +123,7 @@ def sites_within(sites: ArrayLike, lower: Array, upper: Array) -> Array:
     return np.clip(points, lower, upper)
 
 
-def even(cells: float) -> int:
+def even_count(cells: float) -> int:
     """Smallest even number of cells that is not below `cells`, at least 2; a surplus of round-off is no
     cell.
     """
@@ -134,13 +134,13 @@ def graded_lines(lower: float, upper: float, sites: Array, grading: Grading, pla
     """Grid coordinates from `lower` to `upper` [m] through the planes', graded toward the sites' coordinates,
     shape `(p,)`; an even number of cells between planes and sites.
     """
-    fixed = np.unique([lower, *inner(planes, lower, upper), upper])
+    fixed = np.unique([lower, *planes_between(planes, lower, upper), upper])
     stations = _stations(fixed, sites, grading.h_site)
     stops = np.union1d(fixed, stations)
     return np.concatenate([*(_spaced(a, b, stations, grading)[:-1] for a, b in pairwise(stops)), [upper]])
 
 
-def inner(planes: Sequence[float], lower: float, upper: float) -> Array:
+def planes_between(planes: Sequence[float], lower: float, upper: float) -> Array:
     """The coordinates that lie between two ends by more than round-off, sorted [m]."""
     places = np.unique(np.asarray(planes, dtype=float))
     slack = ON_PLANE * (upper - lower)
@@ -163,14 +163,14 @@ def _stations(fixed: Array, sites: Array, h_site: float) -> Array:
 def _spaced(a: float, b: float, stations: Array, grading: Grading) -> Array:
     """Coordinates from `a` to `b` [m], between which no station lies, spaced by the distance to the nearest one."""
     if not len(stations):
-        return np.linspace(a, b, 1 + even((b - a) / grading.h))
+        return np.linspace(a, b, 1 + even_count((b - a) / grading.h))
     left = max(stations[stations <= a], default=-np.inf)
     right = min(stations[stations >= b], default=np.inf)
     middle = float(np.clip((left + right) / 2, a, b)) if np.isfinite(left + right) else (b if right == np.inf else a)
     begun, ended = (float(grading.cells(d)) if np.isfinite(d) else 0.0 for d in (a - left, right - b))
     from_left = float(grading.cells(middle - left)) - begun if middle > a else 0.0
     from_right = float(grading.cells(right - middle)) - ended if middle < b else 0.0
-    n = np.linspace(0.0, from_left + from_right, 1 + even(from_left + from_right))
+    n = np.linspace(0.0, from_left + from_right, 1 + even_count(from_left + from_right))
     rising = left + grading.distance(begun + n) if from_left else np.full(len(n), a)
     falling = right - grading.distance(ended + n[::-1]) if from_right else np.full(len(n), b)
     lines = np.where(n <= from_left, rising, falling)
@@ -214,7 +214,7 @@ def add_box(gmsh: Any, lower: Array, upper: Array, planes: Planes) -> None:
     cuts = [
         add_polygon(gmsh, _rectangle(lower, upper, axis, place))
         for axis in range(3)
-        for place in inner(planes[axis], lower[axis], upper[axis])
+        for place in planes_between(planes[axis], lower[axis], upper[axis])
     ]
     if cuts:
         gmsh.model.occ.fragment([(3, box)], [(2, cut) for cut in cuts])

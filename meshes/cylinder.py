@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshes.errors import MeshError
 from meshes.gmsh_session import generate, session
-from meshes.grading import Grading, positive, site_points
+from meshes.grading import Grading, require_positive, site_points
 
 Array = NDArray[np.float64]
 
@@ -23,8 +23,8 @@ def cylinder(radius: float, length: float, grading: Grading, sites: ArrayLike = 
 
     Raises `MeshError` for impossible numbers, for a site outside the cylinder, and where gmsh cannot load.
     """
-    positive("radius", radius)
-    positive("length", length)
+    require_positive("radius", radius)
+    require_positive("length", length)
     points = _sites_within(sites, 0.0, radius, length)
     with session() as gmsh:
         gmsh.model.occ.addCylinder(-length / 2, 0.0, 0.0, length, 0.0, 0.0, radius)
@@ -39,9 +39,9 @@ def tube(radius: float, wall: float, length: float, grading: Grading, sites: Arr
     Both walls are made of flat facets with corners on the true surfaces. Raises `MeshError` as `cylinder` does, and
     for a wall that is not thinner than the radius.
     """
-    positive("radius", radius)
-    positive("length", length)
-    if positive("wall", wall) >= radius:
+    require_positive("radius", radius)
+    require_positive("length", length)
+    if require_positive("wall", wall) >= radius:
         raise MeshError(f"wall = {wall!r} must be thinner than radius = {radius!r}: for a solid bar take the cylinder")
     points = _sites_within(sites, radius - wall, radius, length)
     with session() as gmsh:

@@ -20,7 +20,7 @@ import skfem
 
 from meshes.errors import MeshError
 from meshes.gmsh_session import current_mesh, session
-from meshes.grading import positive
+from meshes.grading import require_positive
 from meshes.named import named_mesh
 
 FORMATS = ".msh (gmsh), .vtk or .vtu"
@@ -35,7 +35,7 @@ def read(path: str | Path, metres_per_unit: float = 1.0) -> skfem.MeshTet:
     """
     path = Path(path)
     try:
-        positive("metres_per_unit", metres_per_unit)
+        require_positive("metres_per_unit", metres_per_unit)
         _check_present(path)
         mesh = _reader(path)(path, metres_per_unit)
     except MeshError as error:

@@ -11,7 +11,7 @@ from meshes.errors import MeshError
 Array = NDArray[np.float64]
 
 
-def positive(name: str, value: float) -> float:
+def require_positive(name: str, value: float) -> float:
     """The value, or `MeshError` unless it is a positive, finite number."""
     if not (math.isfinite(value) and value > 0):
         raise MeshError(f"{name} = {value!r} must be positive and finite")
@@ -34,8 +34,8 @@ class Grading:
     radius: float = 0.0
 
     def __post_init__(self) -> None:
-        positive("h", self.h)
-        positive("h_site", self.h_site)
+        require_positive("h", self.h)
+        require_positive("h_site", self.h_site)
         if self.h_site > self.h:
             raise MeshError(f"h_site = {self.h_site!r} must not exceed h = {self.h!r}: swap them, or leave h_site out")
         if not (math.isfinite(self.growth) and self.growth > 1):

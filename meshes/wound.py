@@ -22,13 +22,13 @@ from meshes.block import (
     extent,
     graded_lines,
     grid_points,
-    sites_within,
+    require_sites_within,
     split,
     with_faces,
 )
 from meshes.errors import MeshError
 from meshes.gmsh_session import generate, session
-from meshes.grading import Grading, positive
+from meshes.grading import Grading, require_positive
 from meshes.named import checked_mesh
 
 Array = NDArray[np.float64]
@@ -52,22 +52,22 @@ class Wound:
     along: Literal["x", "y"] = "y"
 
     def __post_init__(self) -> None:
-        positive("length", self.length)
-        positive("depth", self.depth)
+        require_positive("length", self.length)
+        require_positive("depth", self.depth)
         if self.width != 0.0:
-            positive("width", self.width)
+            require_positive("width", self.width)
         if self.along not in ("x", "y"):
             raise MeshError(f"along = {self.along!r}: allowed are 'x' and 'y'")
 
     @property
-    def across(self) -> int:
+    def normal_axis(self) -> int:
         """Axis that the lips face."""
         return 0 if self.along == "y" else 1
 
     def check_fits(self, size: Sequence[float]) -> None:
         """Refuse a wound that is larger than the block of a size `(3,)` [m]."""
         extent(size)
-        side = size[1 - self.across]
+        side = size[1 - self.normal_axis]
         if self.depth > size[2] * (1 + ON_PLANE):
             raise MeshError(f"depth = {self.depth} of the wound exceeds the block's height of {size[2]} m")
         if self.length > side * (1 + ON_PLANE):
@@ -77,8 +77,8 @@ class Wound:
                 f"length = {self.length} of an open wound must be below the block's {side} m along {self.along}: "
                 "shorten it, or cut a closed slit"
             )
-        if self.width >= size[self.across] * (1 - ON_PLANE):
-            raise MeshError(f"width = {self.width} of the wound must be below the block's {size[self.across]} m")
+        if self.width >= size[self.normal_axis] * (1 - ON_PLANE):
+            raise MeshError(f"width = {self.width} of the wound must be below the block's {size[self.normal_axis]} m")
 
 
 @dataclass(frozen=True)
@@ -103,14 +103,14 @@ def wounded_block_structured(
     if wound.width:
         raise MeshError(f"width = {wound.width}: an open wound needs gmsh; a structured one is a slit of width 0")
     frame = _Frame(size, wound, planes)
-    points = frame.local(sites_within(sites, *extent(size)))
+    points = frame.local(require_sites_within(sites, *extent(size)))
     length, depth = wound.length / 2, wound.depth
     cuts = ((*frame.planes[0], 0.0), (*frame.planes[1], -length, length), (*frame.planes[2], -depth))
     lines = [graded_lines(frame.lower[k], frame.upper[k], points[:, k], grading, cuts[k]) for k in range(3)]
     # A diagonal must start at the slit's lower corners: across them it would leave a facet uncut.
     corner = [np.abs(lines[k] - place).argmin() for k, place in enumerate((0.0, length, -depth))]
     tets = split(lines, mirrored=bool(sum(corner) % 2))
-    return frame.finished(*_slit(grid_points(lines), tets, frame))
+    return frame.finish(*_slit(grid_points(lines), tets, frame))
 
 
 def wounded_block_gmsh(
@@ -125,7 +125,7 @@ def wounded_block_gmsh(
     """
     wound.check_fits(size)
     frame = _Frame(size, wound, planes)
-    points = frame.local(sites_within(sites, *extent(size)))
+    points = frame.local(require_sites_within(sites, *extent(size)))
     points[:, 0] = np.abs(points[:, 0])
     lower = np.array([0.0, *frame.lower[1:]])
     with session() as gmsh:
@@ -135,8 +135,8 @@ def wounded_block_gmsh(
         half = generate(gmsh, grading, points)
     whole = _mirrored(half.p.T, half.t.T, frame.slack)
     if wound.width:
-        return frame.finished(*whole, np.empty((0, 2), dtype=np.int64))
-    return frame.finished(*_slit(*whole, frame))
+        return frame.finish(*whole, np.empty((0, 2), dtype=np.int64))
+    return frame.finish(*_slit(*whole, frame))
 
 
 def lips(mesh: skfem.MeshTet, wound: Wound) -> Lips:
@@ -144,7 +144,7 @@ def lips(mesh: skfem.MeshTet, wound: Wound) -> Lips:
     left, right = (np.asarray(mesh.boundaries[name], dtype=np.int64) for name in LIPS)
     nodes = [np.unique(mesh.facets[:, facets]) for facets in (left, right)]
     mirror = np.ones(3)
-    mirror[wound.across] = -1.0
+    mirror[wound.normal_axis] = -1.0
     partner = np.arange(mesh.nvertices)
     away, place = cKDTree(mesh.p.T[nodes[1]]).query(mesh.p.T[nodes[0]] * mirror)
     if nodes[0].size != nodes[1].size or np.max(away) > 0.0:
@@ -166,7 +166,7 @@ class _Frame:
     @property
     def order(self) -> list[int]:
         """The block's axes in the wound's order."""
-        return [0, 1, 2] if self.wound.across == 0 else [1, 0, 2]
+        return [0, 1, 2] if self.wound.normal_axis == 0 else [1, 0, 2]
 
     @property
     def lower(self) -> Array:
@@ -203,9 +203,10 @@ class _Frame:
         """Points of the block, shape `(…, 3)`, as the wound sees them; its own inverse."""
         return np.array(points[..., self.order])
 
-    def finished(self, points: Array, tets: Indices, twins: Indices) -> skfem.MeshTet:
+    def finish(self, points: Array, tets: Indices, twins: Indices) -> skfem.MeshTet:
         """The checked mesh in the block's own axes, everything named."""
-        tets = tets if self.wound.across == 0 else tets[:, [1, 0, 2, 3]]  # exchanging x and y turns them inside out
+        if self.wound.normal_axis == 1:
+            tets = tets[:, [1, 0, 2, 3]]  # exchanging x and y turns them inside out
         parts = 2 if self.ends and self.through else 1
         mesh = with_faces(checked_mesh(self.local(points), tets, twins, parts), *extent(self.size))
         return mesh.with_boundaries(self._wound_facets(mesh))
@@ -222,7 +223,7 @@ class _Frame:
                 "the block; widen it, cut a closed slit, or leave out the regions' borders"
             )
         # The cell behind a facet tells its side, even where both lips lie in one plane.
-        side = mesh.p[self.wound.across][mesh.t[:, mesh.f2t[0, wall]]].mean(axis=0)
+        side = mesh.p[self.wound.normal_axis][mesh.t[:, mesh.f2t[0, wall]]].mean(axis=0)
         found = {LIPS[0]: wall[side < 0], LIPS[1]: wall[side > 0]}
         return found | ({FLOOR: facets[floor]} if floor.any() else {})
 

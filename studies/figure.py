@@ -40,7 +40,7 @@ def ticks(axes: Axes, axis: str, values: Sequence[float]) -> None:
     axes.minorticks_off()
 
 
-def drawn(figure: Callable[[Sequence[Any]], Figure], rows: Sequence[Any], name: str) -> dict[str, bytes]:
+def render_figure(figure: Callable[[Sequence[Any]], Figure], rows: Sequence[Any], name: str) -> dict[str, bytes]:
     """A study's figure by format, the same bytes for the same rows."""
     pictures = {}
     with rc_context({**STYLE, "svg.hashsalt": name}):

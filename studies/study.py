@@ -19,7 +19,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from studies.output.files import write_bytes, write_json, write_text
 from studies.output.provenance import provenance
-from studies.scenario.refusal import as_toml, nearest, refused
+from studies.scenario.refusal import as_toml, nearest, refusal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,7 +73,7 @@ class Study:
     quick: Mapping[str, Any]
 
 
-def unit(text: str) -> Any:
+def unit_field(text: str) -> Any:
     """A field of a row, with its unit."""
     return field(metadata={"unit": text})
 
@@ -83,7 +83,7 @@ def study(name: str) -> Study:
     if name not in NAMES:
         near = nearest(name, NAMES)
         hint = f"; the nearest is {near}" if near else ""
-        raise StudyError(refused("study", name, f"the studies are {', '.join(NAMES)}{hint}"))
+        raise StudyError(refusal("study", name, f"the studies are {', '.join(NAMES)}{hint}"))
     found: Study = import_module(f"studies.{name}.study").STUDY
     return found
 
@@ -101,7 +101,7 @@ def arguments(found: Study, preset: str, settings: Sequence[str] = ()) -> dict[s
             near = nearest(name, kinds)
             hint = f"; the nearest is {near}" if near and near != name else ""
             raise StudyError(f"--set {setting} is refused: write NAME=VALUE with a name of {', '.join(kinds)}{hint}")
-        given[name] = converted(setting, kinds[name], value_of(text))
+        given[name] = convert(setting, kinds[name], value_of(text))
     return given
 
 
@@ -113,7 +113,7 @@ def value_of(text: str) -> Any:
         return text.strip()
 
 
-def converted(setting: str, kind: Any, value: Any) -> Any:
+def convert(setting: str, kind: Any, value: Any) -> Any:
     """A value of the type that the study's argument has."""
     if value == []:
         raise StudyError(f"--set {setting} is refused: the list is empty; give at least one")
@@ -135,7 +135,7 @@ def check_folder(folder: Path) -> None:
         raise StudyError(f"--out {folder} is refused: {reason}")
 
 
-def carried_out(
+def carry_out(
     name: str, preset: str, given: Mapping[str, Any], folder: Path, tell: Callable[[Sequence[Any]], None]
 ) -> None:
     """Run a study into a folder: every row is written as soon as it is done, and told; then table, figure and what was
@@ -145,7 +145,7 @@ def carried_out(
     text = ""
     for row in found.main(**given):
         if not rows:
-            emptied(folder)
+            empty_folder(folder)
         rows.append(row)
         text += numbers([row]) if len(rows) == 1 else comma_separated([cells(row)])
         write_text(folder / "runs.csv", text)
@@ -153,7 +153,7 @@ def carried_out(
     write(name, {"preset": preset, "arguments": dict(given), "provenance": started}, rows, folder)
 
 
-def emptied(folder: Path) -> None:
+def empty_folder(folder: Path) -> None:
     """A folder without an earlier study."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in WRITTEN:
@@ -162,7 +162,7 @@ def emptied(folder: Path) -> None:
 
 def write(name: str, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path) -> None:
     """Table, figure, and what was asked and checked, into a folder."""
-    from studies.figure import drawn
+    from studies.figure import render_figure
 
     found = study(name)
     remarks, shown = found.remarks(rows), found.table(rows)
@@ -170,7 +170,7 @@ def write(name: str, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path
     write_json(folder / "study.json", {"study": name, "question": found.question, **asked, **checks})
     write_text(folder / "table.md", shown.markdown + "".join(f"\n* {remark}\n" for remark in remarks))
     write_text(folder / "table.csv", shown.csv)
-    for kind, picture in drawn(found.figure, rows, name).items():
+    for kind, picture in render_figure(found.figure, rows, name).items():
         write_bytes(folder / f"figure.{kind}", picture)
 
 

@@ -38,10 +38,12 @@ class TwoHoles:
         """Of (x, z) of the entry, then of the exit, shape `(4, 4)` [m/N]."""
         E, nu, a = self.youngs_modulus, self.poisson_ratio, self.footprint
         if self.depth > 0.0:
-            own = unbounded.ball_compliance(WEIGHT, nu)[0, 0] * np.eye(2) / (E * a) + image(0.0, self.depth, nu) / E
+            own = (
+                unbounded.ball_compliance(WEIGHT, nu)[0, 0] * np.eye(2) / (E * a) + image_term(0.0, self.depth, nu) / E
+            )
         else:
             own = unbounded.disc_compliance(WEIGHT, nu)[np.ix_([0, 2], [0, 2])] / (E * a)
-        other = (direct(self.bite, nu) + image(self.bite, self.depth, nu)) / E
+        other = (direct_term(self.bite, nu) + image_term(self.bite, self.depth, nu)) / E
         return np.block([[own, other.T], [other, own]])
 
     def displacements(self, held: float, between: float, pulled: float) -> Array:
@@ -85,13 +87,13 @@ def hooke(slope: Array, nu: float) -> Array:
     return np.asarray((strain + nu / (1.0 - 2.0 * nu) * trace) / (1.0 + nu))
 
 
-def direct(distance: float, nu: float) -> Array:
+def direct_term(distance: float, nu: float) -> Array:
     """Displacement (x, z) at a distance [m] along x by unit forces along x and z in full space, E = 1: Kelvin's."""
     whole: Array = unbounded.kelvin(np.array([distance, 0.0, 0.0]), nu)
     return whole[np.ix_([0, 2], [0, 2])]
 
 
-def image(distance: float, depth: float, nu: float) -> Array:
+def image_term(distance: float, depth: float, nu: float) -> Array:
     """What the surface adds to that where both points lie at one depth [m], shape `(2, 2)`, E = 1: Mindlin's."""
     x, c, R = distance, depth, float(np.hypot(distance, 2.0 * depth))
     k, free = 3.0 - 4.0 * nu, 4.0 * (1.0 - nu) * (1.0 - 2.0 * nu)

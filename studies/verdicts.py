@@ -108,7 +108,7 @@ def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
         return Verdict("converged", float("nan"), float(f[0]), change)
     p = observed_order(h, f)
     swung = UNSURE * float(np.ptp(f) / abs(f[0]))
-    kind = without_order(p, f, change, swung, steady)
+    kind = kind_without_order(p, f, change, swung, steady)
     if kind == "diverging":
         return Verdict(kind, p, float("nan"), float("inf"))
     if kind:
@@ -121,7 +121,7 @@ def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
     return Verdict(kind, p, richardson(h, f, used), index)
 
 
-def without_order(p: float, f: Sequence[float], change: float, swung: float, steady: bool) -> str:
+def kind_without_order(p: float, f: Sequence[float], change: float, swung: float, steady: bool) -> str:
     """The kind of a number whose changes swing or do not fall as they should, "" for any other."""
     if np.isnan(p) and abs(f[0] - f[1]) <= abs(f[1] - f[2]):
         return "converged" if swung <= CONVERGED else "pre-asymptotic"

@@ -142,7 +142,7 @@ COLLAGEN_SIZES = ("9-0", "8-0", "7-0", "6-0", "5-0", "4-0", "3-0", "2-0", "0", "
 
 
 @dataclass(frozen=True)
-class Material:
+class SutureMaterial:
     """A suture material; the `…_source` says where each number comes from."""
 
     name: str
@@ -165,52 +165,52 @@ TEXTBOOK = (
     "and Devices, CRC 1997; von Fraunhofer, Storey & Masterson, Biomaterials 1985; Chu, Ann Surg 1981;193:365"
 )
 NALEWAY = "Naleway, Lear, Kruzic & Maughan, J Biomed Mater Res B 2015;103:735, initial modulus of 3-0"
-WITHIN = "assumption, within the range"
+WITHIN_RANGE = "assumption, within the range"
 
 MATERIALS = (
-    Material(
-        "polypropylene", False, 905.0, TEXTBOOK, (2.2e9, 6.9e9), TEXTBOOK, 3.0e9, WITHIN,
+    SutureMaterial(
+        "polypropylene", False, 905.0, TEXTBOOK, (2.2e9, 6.9e9), TEXTBOOK, 3.0e9, WITHIN_RANGE,
         synonyms=("pp",),
     ),
-    Material(
-        "nylon", False, 1140.0, TEXTBOOK, (1.8e9, 4.5e9), TEXTBOOK, 2.0e9, f"{WITHIN}; softer still when wet",
+    SutureMaterial(
+        "nylon", False, 1140.0, TEXTBOOK, (1.8e9, 4.5e9), TEXTBOOK, 2.0e9, f"{WITHIN_RANGE}; softer still when wet",
         synonyms=("polyamide", "pa6", "pa66", "nylon 6", "nylon 66"),
     ),
-    Material(
-        "polydioxanone", False, 1360.0, TEXTBOOK, (1.2e9, 1.7e9), TEXTBOOK, 1.5e9, WITHIN,
+    SutureMaterial(
+        "polydioxanone", False, 1360.0, TEXTBOOK, (1.2e9, 1.7e9), TEXTBOOK, 1.5e9, WITHIN_RANGE,
         absorbable=True, synonyms=("pds", "pdo"),
     ),
-    Material(
-        "polyglyconate", False, 1300.0, TEXTBOOK, (3.0e9, 3.4e9), TEXTBOOK, 3.2e9, WITHIN,
+    SutureMaterial(
+        "polyglyconate", False, 1300.0, TEXTBOOK, (3.0e9, 3.4e9), TEXTBOOK, 3.2e9, WITHIN_RANGE,
         absorbable=True,
     ),
-    Material(
-        "polyester", True, 1380.0, TEXTBOOK, (1.2e9, 6.5e9), TEXTBOOK, 4.0e9, WITHIN,
+    SutureMaterial(
+        "polyester", True, 1380.0, TEXTBOOK, (1.2e9, 6.5e9), TEXTBOOK, 4.0e9, WITHIN_RANGE,
         synonyms=("pet", "polyethylene terephthalate"),
     ),
-    Material(
+    SutureMaterial(
         "silk", True, 1300.0, TEXTBOOK, (8.4e9, 12.9e9), TEXTBOOK, 8.7e9,
         f"{NALEWAY} silk: 8.701 GPa (read in a public source)",
     ),
-    Material(
-        "polyglycolic acid", True, 1530.0, TEXTBOOK, (7.0e9, 14.0e9), TEXTBOOK, 8.0e9, WITHIN,
+    SutureMaterial(
+        "polyglycolic acid", True, 1530.0, TEXTBOOK, (7.0e9, 14.0e9), TEXTBOOK, 8.0e9, WITHIN_RANGE,
         absorbable=True, synonyms=("pga", "polyglycolide"),
     ),
-    Material(
+    SutureMaterial(
         "polyglactin 910", True, 1500.0, TEXTBOOK, (7.0e9, 14.0e9), TEXTBOOK, 9.0e9,
         f"assumption, near {NALEWAY} rapid polyglactin 910: 9.32 GPa (read in a public source)",
         absorbable=True, synonyms=("polyglactin",),
     ),
-    Material(
-        "catgut", False, 1300.0, TEXTBOOK, (2.4e9, 2.4e9), TEXTBOOK, 2.4e9, WITHIN,
+    SutureMaterial(
+        "catgut", False, 1300.0, TEXTBOOK, (2.4e9, 2.4e9), TEXTBOOK, 2.4e9, WITHIN_RANGE,
         collagen=True, synonyms=("gut", "collagen"),
     ),
-    Material(
-        "steel", False, 7990.0, TEXTBOOK, (190e9, 200e9), TEXTBOOK, 193e9, f"{WITHIN}; 316L, single wire",
+    SutureMaterial(
+        "steel", False, 7990.0, TEXTBOOK, (190e9, 200e9), TEXTBOOK, 193e9, f"{WITHIN_RANGE}; 316L, single wire",
         poisson_ratio=0.3, poisson_source="assumption, the usual value of austenitic steel",
         synonyms=("stainless steel", "316l", "steel 316l"),
     ),
-    Material(
+    SutureMaterial(
         "UHMWPE", True, 970.0, TEXTBOOK, None, "none found", None,
         "none found but that it is stiffer than polyester", synonyms=("polyethylene",),
     ),
@@ -223,7 +223,7 @@ def _key(text: str) -> str:
 
 
 SIZE_OF: Mapping[str, Size] = MappingProxyType({size.usp: size for size in SIZES})
-MATERIAL_OF: Mapping[str, Material] = MappingProxyType(
+MATERIAL_OF: Mapping[str, SutureMaterial] = MappingProxyType(
     {_key(word): material for material in MATERIALS for word in (material.name, *material.synonyms)}
 )
 
@@ -273,7 +273,7 @@ def knot_pull(name: str) -> float | None:
     return size.knot_absorbable if material.absorbable else size.knot_nonabsorbable
 
 
-def _parse(name: str) -> tuple[Size, Material]:
+def _parse(name: str) -> tuple[Size, SutureMaterial]:
     match = re.fullmatch(r"(?:usp)?\s*#?\s*(\d+(?:\s*[-/]\s*0)?)\s*[-,]?\s*([^\W\d].*|316l)", name.strip().casefold())
     size = SIZE_OF.get(_usp(match[1])) if match else None
     material = MATERIAL_OF.get(_key(match[2])) if match else None
@@ -300,7 +300,7 @@ def _miss(name: str) -> str:
     )
 
 
-def _diameter(name: str, size: Size, material: Material) -> float:
+def _diameter(name: str, size: Size, material: SutureMaterial) -> float:
     """Nominal diameter [m], for collagen that of the next larger metric number."""
     if not material.collagen:
         return size.diameter

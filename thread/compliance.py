@@ -17,7 +17,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from thread.arrays import Array
-from thread.knots import clamped
+from thread.knots import clamped_knots
 from thread.spline import FALLING, ORDERS, POWER, Spline
 
 REACH = 6  # spans on each side of that of the hole; what a spline feels of its patch's ends falls by 0.27 a span
@@ -38,8 +38,8 @@ def missing_on(spline: Spline, span: int) -> Array:
     start, low, high, inverse = patch_of(spline, span)
     at = (Polynomial([start - low, 1.0])) / (high - low)
     values, slopes = (FALLING[k][:, None] * spline.polynomials[span] for k in (0, 1))
-    force = (high - low) ** 3 * DEFLECTION(at) - quadratic(values, inverse)
-    couple = (high - low) * SLOPE(at) - quadratic(slopes[1:], inverse)
+    force = (high - low) ** 3 * DEFLECTION(at) - quadratic_form(values, inverse)
+    couple = (high - low) * SLOPE(at) - quadratic_form(slopes[1:], inverse)
     out = np.zeros((3, 3, len(POWERS)))
     for j, lack in enumerate((force, 0.5 * force.deriv(), couple)):
         for k in range(3):
@@ -48,7 +48,7 @@ def missing_on(spline: Spline, span: int) -> Array:
     return out
 
 
-def quadratic(b: Array, inverse: Array) -> Polynomial:
+def quadratic_form(b: Array, inverse: Array) -> Polynomial:
     """bᵀ K⁻¹ b for functions with the power coefficients `b` (r, 4), `inverse` (4, 4)."""
     product = b @ inverse @ b.T
     power = np.add.outer(np.arange(len(b)), np.arange(len(b)))
@@ -63,7 +63,7 @@ def patch_of(spline: Spline, span: int) -> tuple[float, float, float, Array]:
     low = max(breaks[max(span - REACH, 0)], ends[piece])
     high = min(breaks[min(span + 1 + REACH, len(breaks) - 1)], ends[piece + 1])
     inside = spline.knots[(spline.knots > low) & (spline.knots < high)]
-    patch = Spline(clamped(np.concatenate([[low], inside, [high]])))
+    patch = Spline(clamped_knots(np.concatenate([[low], inside, [high]])))
     free = np.arange(2, patch.n - 2)
     inverse = np.zeros((patch.n, patch.n))
     inverse[np.ix_(free, free)] = np.linalg.inv(bending_stiffness(patch)[np.ix_(free, free)])

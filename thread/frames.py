@@ -22,9 +22,9 @@ import numpy as np
 
 from thread.arrays import Array, Indices
 from thread.errors import ThreadError
-from thread.quadrature import Rule
+from thread.quadrature import GaussRule
 from thread.spline import Spline
-from thread.vectors import IDENTITY, across, cross, dot, outer, reflected, unit
+from thread.vectors import IDENTITY, cross, dot, outer, reflected, transverse_part, unit_vector
 
 LARGEST_TURN = -0.5  # cosine of the largest turn of a tangent in one step (120°): at 180° no rotation is the smallest
 SUBSTEPS = 16  # of a span in the transport along the thread at the start
@@ -90,7 +90,7 @@ class Stations:
         return self.T @ local, self.K @ local
 
 
-def gauss_stations(spline: Spline, rule: Rule) -> Stations:
+def gauss_stations(spline: Spline, rule: GaussRule) -> Stations:
     """Stations at the points of a quadrature rule."""
     return Stations(spline.first, rule.s, rule.w, rule.b[:, :, 1], rule.b[:, :, 2], rule.b[:, :, 0], rule.b[:, :, 1])
 
@@ -103,7 +103,7 @@ def turned(x: Array, t_o: Array, t: Array) -> Array:
     return x - (dot(x, t) / (1.0 + dot(t_o, t)))[..., None] * (t_o + t)
 
 
-def untwisted(spline: Spline, stations: Stations, q: Array, towards: Array) -> Frame:
+def untwisted_frame(spline: Spline, stations: Stations, q: Array, towards: Array) -> Frame:
     """The frame without twist of a thread at rest, carried along the curve from its start (Bishop's frame), where a₁
     points `towards` (3,) as nearly as it can.
 
@@ -113,17 +113,18 @@ def untwisted(spline: Spline, stations: Stations, q: Array, towards: Array) -> F
     inner = (spline.breaks[:-1, None] + np.diff(spline.breaks)[:, None] * np.arange(SUBSTEPS) / SUBSTEPS).ravel()
     s = np.union1d(np.append(inner, spline.end), stations.s)
     P, T = spline.curve(q, s)[..., :3].swapaxes(0, 1)[:2]
-    t = unit(T)
+    t = unit_vector(T)
     first = towards - dot(towards, t[0]) * t[0]
     if np.linalg.norm(first) < 1e-6 * np.linalg.norm(towards):
         raise ThreadError(f"frame: {towards} lies along the thread at its start; give a direction across it")
     a = np.empty_like(t)
-    a[0] = unit(first)
+    a[0] = unit_vector(first)
     for k in range(len(s) - 1):
         a[k + 1] = double_reflection(P[k + 1] - P[k], t[k], t[k + 1], a[k])
     T, K = stations.curve(q)
-    t = unit(T)
-    return Frame(t, tangent_rate(T, K), np.zeros(stations.s.shape), unit(across(a[np.searchsorted(s, stations.s)], t)))
+    t = unit_vector(T)
+    a_1 = unit_vector(transverse_part(a[np.searchsorted(s, stations.s)], t))
+    return Frame(t, tangent_rate(T, K), np.zeros(stations.s.shape), a_1)
 
 
 def double_reflection(chord: Array, t: Array, t_next: Array, a: Array) -> Array:
@@ -135,29 +136,29 @@ def double_reflection(chord: Array, t: Array, t_next: Array, a: Array) -> Array:
 def tangent_rate(T: Array, K: Array) -> Array:
     """t' of t = T/|T| [1/m]."""
     r = np.linalg.norm(T, axis=-1, keepdims=True)
-    return across(K, T / r) / r
+    return transverse_part(K, T / r) / r
 
 
-def carried(stations: Stations, frame: Frame, q: Array) -> Frame:
+def transport_frame(stations: Stations, frame: Frame, q: Array) -> Frame:
     """The frame after the thread has gone to `q`."""
     T, K = stations.curve(q)
-    t = unit(T)
-    a_1 = unit(across(turned(frame.a_1, frame.t, t), t))
+    t = unit_vector(T)
+    a_1 = unit_vector(transverse_part(turned(frame.a_1, frame.t, t), t))
     return Frame(t, tangent_rate(T, K), reference_twist(T, K, frame), a_1)
 
 
-def moved(frame: Frame, known: Stations, stations: Stations, q: Array) -> Frame:
+def interpolate_frame(frame: Frame, known: Stations, stations: Stations, q: Array) -> Frame:
     """The frame at other stations of the curve `q`: its twist and first direction interpolated along s."""
     at = lambda values: np.interp(stations.s, known.s.ravel(), values.ravel())  # noqa: E731
     T, K = stations.curve(q)
-    t = unit(T)
+    t = unit_vector(T)
     a_1 = np.stack([at(component) for component in np.moveaxis(frame.a_1, -1, 0)], axis=-1)
-    return Frame(t, tangent_rate(T, K), at(frame.tau), unit(across(a_1, t)))
+    return Frame(t, tangent_rate(T, K), at(frame.tau), unit_vector(transverse_part(a_1, t)))
 
 
-def turned_too_far(frame: Frame, T: Array) -> bool:
+def turns_too_far(frame: Frame, T: Array) -> bool:
     """Whether a tangent has turned so far from the frame's that the smallest rotation is in doubt."""
-    return bool((dot(frame.t, unit(T)) <= LARGEST_TURN).any())
+    return bool((dot(frame.t, unit_vector(T)) <= LARGEST_TURN).any())
 
 
 # -- its twist ---------------------------------------------------------------------------------------------------------

@@ -22,21 +22,21 @@ LAYER = 3.0  # κ falls like exp(−x/ℓ) beside a hole, so the wanted span may
 
 def uniform_knots(length: float, n: int) -> Array:
     """Clamped knots of `n` control points with equal spans over `[0, length]` [m]."""
-    return clamped(np.linspace(0.0, length, n - DEGREE + 1))
+    return clamped_knots(np.linspace(0.0, length, n - DEGREE + 1))
 
 
-def clamped(breaks: Array) -> Array:
+def clamped_knots(breaks: Array) -> Array:
     """Clamped knots on the given span ends, shape `(spans + 1,)` [m]."""
     return np.concatenate([np.full(DEGREE, breaks[0]), breaks, np.full(DEGREE, breaks[-1])])
 
 
-def severed(pieces: Sequence[Array]) -> Array:
+def piecewise_knots(pieces: Sequence[Array]) -> Array:
     """Clamped knots on the span ends of pieces that follow one another, cut where one ends and the next begins."""
-    knots = [clamped(breaks) for breaks in pieces]
+    knots = [clamped_knots(breaks) for breaks in pieces]
     return np.concatenate([knots[0], *(piece[ORDERS:] for piece in knots[1:])])
 
 
-def shared_out(spans: int, shares: Array) -> Indices:
+def apportion(spans: int, shares: Array) -> Indices:
     """Whole numbers, at least 1, of the sum `spans` and in proportion to the `shares`, as near as may be."""
     exact = (spans - shares.size) * shares / shares.sum()
     out = np.floor(exact).astype(np.intp)
@@ -68,11 +68,11 @@ def graded_knots(length: float, n: int, centres: ArrayLike, ratio: float, reach:
     ends = np.concatenate([[0.0], cuts, [length]])
     at = np.interp(ends, s, share)
     pieces = []
-    for k, spans in enumerate(shared_out(n - DEGREE * (cuts.size + 1), np.diff(at))):
+    for k, spans in enumerate(apportion(n - DEGREE * (cuts.size + 1), np.diff(at))):
         breaks = np.interp(np.linspace(at[k], at[k + 1], spans + 1), share, s)
         breaks[[0, -1]] = ends[k : k + 2]
         pieces.append(breaks)
-    return severed(pieces)
+    return piecewise_knots(pieces)
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class Tree:
         return np.searchsorted(self.places, breaks)
 
 
-def wanted_at_holes(s: Array, holes: Array, layers: Array, at: float, beside: float) -> Array:
+def spans_at_holes(s: Array, holes: Array, layers: Array, at: float, beside: float) -> Array:
     """Span wanted at the abscissae `s` (k,) [m] for holes that go from `holes[:, 0]` to `holes[:, 1]` [m], the thread
     bending over `layers` (m,) [m] = √(EI/T) beside each.
 
@@ -142,7 +142,7 @@ def wanted_at_holes(s: Array, holes: Array, layers: Array, at: float, beside: fl
     return out
 
 
-def wanted_by_curvature(spline: Spline, q: Array, angle: float) -> Array:
+def spans_by_curvature(spline: Spline, q: Array, angle: float) -> Array:
     """Span wanted on each span by its own curve, shape `(spans,)` [m].
 
     The curvature of a cubic is straight on each span: the jump of its slope at a knot, times the span squared, is the

@@ -118,7 +118,7 @@ class RoundedPath:
         return np.asarray(((slope >= -slack) | last) & ((slope <= slack) | first), dtype=np.bool_)
 
 
-def rounded(points: ArrayLike, radius: float | None = None) -> RoundedPath:
+def rounded_path(points: ArrayLike, radius: float | None = None) -> RoundedPath:
     """Path through points, shape `(m, 3)` [m], m ≥ 2, each inner corner replaced by an arc of `radius` [m]
     tangent to both segments.
 

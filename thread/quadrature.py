@@ -9,7 +9,7 @@ from thread.spline import ORDERS, Spline
 
 
 @dataclass(frozen=True)
-class Rule:
+class GaussRule:
     """Gauss points of every span: weights `(spans, g)` [m] and basis derivatives `(spans, g, 4 orders, 4)`."""
 
     s: Array
@@ -17,10 +17,10 @@ class Rule:
     b: Array
 
 
-def gauss_rule(spline: Spline, points: int) -> Rule:
+def gauss_rule(spline: Spline, points: int) -> GaussRule:
     """Gauss–Legendre rule with `points` points a span."""
     x, w = np.polynomial.legendre.leggauss(points)
     left, right = spline.breaks[:-1, None], spline.breaks[1:, None]
     s = 0.5 * (left + right) + 0.5 * (right - left) * x
     _, b = spline.basis(s.ravel())
-    return Rule(s, 0.5 * (right - left) * w, b.reshape(*s.shape, ORDERS, ORDERS))
+    return GaussRule(s, 0.5 * (right - left) * w, b.reshape(*s.shape, ORDERS, ORDERS))

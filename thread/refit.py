@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.linalg import splu
 
 from thread.arrays import Array, Indices
-from thread.knots import Tree, clamped
+from thread.knots import Tree, clamped_knots
 from thread.quadrature import gauss_rule
 from thread.spline import DEGREE, Spline
 
@@ -23,10 +23,10 @@ PROJECTION_POINTS = 4  # a span: exact for the product of two cubics
 
 def spline_on(tree: Tree, index: Indices) -> Spline:
     """The cubic spline with simple knots at the breaks of that index."""
-    return Spline(clamped(tree.places[index]))
+    return Spline(clamped_knots(tree.places[index]))
 
 
-def inserted(spline: Spline, knots: Array, fields: Sequence[Array]) -> tuple[Spline, list[Array]]:
+def insert_knots(spline: Spline, knots: Array, fields: Sequence[Array]) -> tuple[Spline, list[Array]]:
     """The spline with further simple `knots` [m], and `fields` (n, c) on it: the same functions (Boehm 1980)."""
     width = [field.shape[1] for field in fields]
     curve = BSpline(spline.knots, np.concatenate(fields, axis=1), DEGREE)
@@ -55,7 +55,7 @@ class Projection:
         s, _ = self._samples
         return evaluation(self.fine, s, 0), evaluation(self.coarse, s, 0)
 
-    def onto(self, field: Array) -> Array:
+    def project(self, field: Array) -> Array:
         """A field (n, c) of the fine spline on the coarse one."""
         (_, w), (fine, coarse) = self._samples, self._fit
         weighted = csr_array(coarse.multiply(w[:, None]))
@@ -72,7 +72,7 @@ class Projection:
             out += by_rows @ np.linalg.lstsq(after @ by_rows, before @ field - after @ out, rcond=1e-14)[0]
         return np.asarray(out)
 
-    def turned(self, before: Array, after: Array) -> Array:
+    def tangent_change(self, before: Array, after: Array) -> Array:
         """By how much the tangent of the curve `before` (n_fine, 3) differs from that `after` (n_coarse, 3), the
         largest on each fine span, shape `(spans,)` [-]."""
         s, _ = self._samples
@@ -103,15 +103,15 @@ def refit(tree: Tree, spline: Spline, wanted: Indices, fields: Sequence[Array], 
     than `bound` [-] on a span next to it stays.
     """
     present = tree.index(spline.breaks)
-    fine, fields = inserted(spline, tree.places[np.setdiff1d(wanted, present)], fields)
+    fine, fields = insert_knots(spline, tree.places[np.setdiff1d(wanted, present)], fields)
     going = np.setdiff1d(present, wanted)
     while going.size:
         staying = np.setdiff1d(tree.index(fine.breaks), going)
         projection = Projection(fine, spline_on(tree, staying), kept)
-        curve = projection.onto(fields[0])
-        bad = np.flatnonzero(projection.turned(fields[0][:, :3], curve[:, :3]) > bound)
+        curve = projection.project(fields[0])
+        bad = np.flatnonzero(projection.tangent_change(fields[0][:, :3], curve[:, :3]) > bound)
         if bad.size == 0:
-            return Refit(projection.coarse, [curve, *(projection.onto(field) for field in fields[1:])])
+            return Refit(projection.coarse, [curve, *(projection.project(field) for field in fields[1:])])
         at = np.searchsorted(tree.index(fine.breaks), going)
         near = np.abs(at[:, None] - (bad + 0.5)).min(axis=1) <= 1.5
         going = going[~near] if near.any() else going[:0]

@@ -88,7 +88,7 @@ class Spline:
         """Index of the piece that holds each abscissa; at a cut the one that begins there."""
         return np.asarray(np.searchsorted(self.cuts, s, side="right"), dtype=np.intp)
 
-    def left(self, s: Array, home: Array) -> NDArray[np.bool_]:
+    def has_left(self, s: Array, home: Array) -> NDArray[np.bool_]:
         """Whether abscissae `s` lie beyond the ends of the pieces that hold the abscissae `home`."""
         piece = self.piece_of(home)
         return np.asarray((s < self.piece_ends[piece]) | (s > self.piece_ends[piece + 1]))

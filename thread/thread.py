@@ -20,11 +20,19 @@ from thread.compliance import POWERS, missing_on
 from thread.energies.coil import Coil
 from thread.energies.continuous import Continuous
 from thread.energies.interface import AxialEnergy, Energy
-from thread.energies.springs import Layout, Springs, spread
-from thread.energies.torsion import Torsion, evaluated
+from thread.energies.springs import SpringLayout, Springs, spread_springs
+from thread.energies.torsion import Torsion, evaluate
 from thread.errors import ThreadError
-from thread.frames import Frame, Stations, carried, gauss_stations, moved, turned_too_far, untwisted
-from thread.quadrature import Rule, gauss_rule
+from thread.frames import (
+    Frame,
+    Stations,
+    gauss_stations,
+    interpolate_frame,
+    transport_frame,
+    turns_too_far,
+    untwisted_frame,
+)
+from thread.quadrature import GaussRule, gauss_rule
 from thread.spline import Spline
 
 LOCAL = 4  # functions of a cubic on one span
@@ -161,12 +169,12 @@ class Thread:
         return self.spline.first[:, None] + np.arange(LOCAL)
 
     @cached_property
-    def elastic_rule(self) -> Rule:
+    def elastic_rule(self) -> GaussRule:
         """Gauss rule of the bending energy."""
         return gauss_rule(self.spline, self.elastic_points)
 
     @cached_property
-    def axial_rule(self) -> Rule:
+    def axial_rule(self) -> GaussRule:
         """Rule of the stretching energy: the middle of each span, and the Gauss points of the two end spans, of a
         span that begins at a repeated knot, and of one that ends at a triple knot or at a cut.
 
@@ -188,7 +196,7 @@ class Thread:
         w[once] = exact_weights(spline, s[once])
         w = np.where(single, w.sum(axis=1, keepdims=True) / s.shape[1], w)
         _, b = spline.basis(s.ravel())
-        return Rule(s, w, b.reshape(*s.shape, LOCAL, LOCAL))
+        return GaussRule(s, w, b.reshape(*s.shape, LOCAL, LOCAL))
 
     # -- linear parts ------------------------------------------------------------------------------------------
 
@@ -270,9 +278,9 @@ class Thread:
     # -- elastic energies --------------------------------------------------------------------------------------
 
     @cached_property
-    def spring_layout(self) -> Layout | None:
+    def spring_layout(self) -> SpringLayout | None:
         """Where the springs stand, None where the energies are continuous."""
-        return None if self.springs is None else spread(self.spline, self.springs)
+        return None if self.springs is None else spread_springs(self.spline, self.springs)
 
     @cached_property
     def axial(self) -> AxialEnergy:
@@ -323,7 +331,7 @@ class Thread:
     def points(self, q: Array, frame: Frame | None = None) -> Points:
         """Evaluate the thread where its energies are taken. A thread with twist asks for the `frame` it is measured
         from: that of the start of the step."""
-        at = tuple([energy.at(q, frame) for energy in self.energies])
+        at = tuple([energy.evaluate(q, frame) for energy in self.energies])
         return Points(at[0].strain, at)
 
     def energy(self, points: Points) -> float:
@@ -332,7 +340,7 @@ class Thread:
 
     def gradient(self, points: Points) -> Array:
         """Derivative of the elastic energy by the control values, shape `(n, c)` [N, with twist N m]."""
-        return summed([elements.vector(energy.gradient(at)) for (elements, energy), at in self._each(points)])
+        return total([elements.vector(energy.gradient(at)) for (elements, energy), at in self._each(points)])
 
     def tangent(self, points: Points, N: Array) -> Array:
         """Second derivative of the elastic energy, banded.
@@ -340,7 +348,7 @@ class Thread:
         `N` [N] is the axial force where the strain is known: `EA * points.strain` for the exact Hessian, the iterated
         force for the mixed-integration-point Newton.
         """
-        return summed([elements.band(energy.tangent(at, N)) for (elements, energy), at in self._each(points)])
+        return total([elements.band(energy.tangent(at, N)) for (elements, energy), at in self._each(points)])
 
     def next_axial_force(self, points: Points, dq: Array) -> Array:
         """N of the next iterate, EA (ε + T·δT): the solution of its own linearised equation N/EA = ε(q) [N]."""
@@ -348,37 +356,37 @@ class Thread:
 
     # -- twist -------------------------------------------------------------------------------------------------
 
-    def untwisted(self, q: Array) -> Frame | None:
+    def untwisted_frame(self, q: Array) -> Frame | None:
         """The frame of the thread `q` laid without twist; None where it has no twist at all. Raises `ThreadError` where
         `coil_towards` lies along the thread."""
         if not self.twist:
             return None
         if self.coil_towards is not None:
-            return untwisted(self.spline, self.stations, q, self.coil_towards)
+            return untwisted_frame(self.spline, self.stations, q, self.coil_towards)
         along = np.abs(self.spline.curve(q[:, :POSITION], [self.spline.start])[0, 1])
-        return untwisted(self.spline, self.stations, q, np.eye(POSITION)[np.argmin(along)])
+        return untwisted_frame(self.spline, self.stations, q, np.eye(POSITION)[np.argmin(along)])
 
-    def carried(self, frame: Frame | None, q: Array) -> Frame | None:
+    def transport_frame(self, frame: Frame | None, q: Array) -> Frame | None:
         """The frame after the thread has gone to `q`."""
-        return None if frame is None else carried(self.stations, frame, q)
+        return None if frame is None else transport_frame(self.stations, frame, q)
 
-    def reframed(self, frame: Frame, stations: Stations, q: Array) -> Frame:
+    def interpolate_frame(self, frame: Frame, stations: Stations, q: Array) -> Frame:
         """The frame known at other `stations`, at those of this thread on the curve `q`."""
-        return moved(frame, stations, self.stations, q)
+        return interpolate_frame(frame, stations, self.stations, q)
 
-    def turned_too_far(self, frame: Frame | None, q: Array) -> bool:
+    def turns_too_far(self, frame: Frame | None, q: Array) -> bool:
         """Whether a tangent has turned too far for the frame to follow."""
-        return frame is not None and turned_too_far(frame, self.stations.curve(q)[0])
+        return frame is not None and turns_too_far(frame, self.stations.curve(q)[0])
 
     def torque(self, q: Array, frame: Frame) -> Array:
         """GJ ω about the tangent at the stations, positive where it twists the thread right-handed [N m]."""
-        return self.section.GJ * evaluated(self.stations, q, frame).omega
+        return self.section.GJ * evaluate(self.stations, q, frame).omega
 
     def torque_at(self, s: Array, q: Array, frame: Frame) -> Array:
         """The torque at abscissae `s` (m,), interpolated between the stations, where it is best [N m]."""
         return np.interp(s, self.stations.s.ravel(), self.torque(q, frame).ravel())
 
 
-def summed(parts: list[Array]) -> Array:
+def total(parts: list[Array]) -> Array:
     """Sum of arrays; a single one is returned as it is."""
     return parts[0] if len(parts) == 1 else np.sum(parts, axis=0)

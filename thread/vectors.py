@@ -26,7 +26,7 @@ def cross(a: Array, b: Array) -> Array:
     return a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT]
 
 
-def unit(x: Array) -> Array:
+def unit_vector(x: Array) -> Array:
     """x/|x| over the last axis."""
     return x / np.linalg.norm(x, axis=-1, keepdims=True)
 
@@ -37,6 +37,6 @@ def reflected(x: Array, normal: Array) -> Array:
     return x - 2.0 * (normal @ x) / square * normal if square > 0.0 else x
 
 
-def across(x: Array, t: Array) -> Array:
+def transverse_part(x: Array, t: Array) -> Array:
     """The part of x across the unit vector t."""
     return x - dot(x, t)[..., None] * t

@@ -2,7 +2,7 @@
 it.
 """
 
-from tissue.body import Elasticity, elasticity
+from tissue.elasticity import Elasticity, elasticity
 from tissue.errors import FactorError, TissueError
 from tissue.material import Material
 from tissue.organs.dynamic import DynamicOrgan

@@ -1,6 +1,6 @@
 """Stress at the nodes from a displacement field: cell by cell, then averaged by volume.
 
-A pressure that is averaged at the vertices (`tissue.body`) is taken from there, halfway between on an edge.
+A pressure that is averaged at the vertices (`tissue.elasticity`) is taken from there, halfway between on an edge.
 """
 
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
 from tissue.arrays import Array, Indices
-from tissue.body import ELEMENTS, Elasticity, cellwise_lambda
+from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda
 from tissue.errors import TissueError
 from tissue.material import PerCell
 from tissue.sites.surface import outer_surface

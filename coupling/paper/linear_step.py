@@ -314,9 +314,9 @@ def solve_posed(posed: Posed[Body], solver: Solver = solve_whole) -> Step[Body]:
         y_dot=(y - state.y) / dt,
         sigma=np.where(system.rough, np.sign(s - state.s), 1.0) * guess.sigma,
         reaction=reactions(system, residual.thread, problem.load),
-        frame=system.thread.carried(state.frame, q),
+        frame=system.thread.transport_frame(state.frame, q),
     )
-    if system.thread.turned_too_far(state.frame, q):
+    if system.thread.turns_too_far(state.frame, q):
         raise StepError(state.time, dt, "a tangent turned by more than 120°, further than the twist can follow")
     at = bare_passage(system.thread.spline, q, s)
     refuse_missed(posed, phi(at, lam, y))
@@ -335,8 +335,8 @@ def check_accuracy(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residu
         raise StepError(state.time, problem.dt, "the linear step ran away; take a smaller dt, or Newton's scheme")
     lam = dz[:, PHI]
     free = thread_residual(problem, posed.points, posed.tangent, state.q, q)
-    balance = free.copy()
-    balance[:, :3] -= spread(thread_force(posed.at, lam, state.y), posed.at, thread.n)
+    balance, push = free.copy(), spread(thread_force(posed.at, lam, state.y), posed.at, thread.n)
+    balance[:, :3] -= push
     at = values_at_holds(posed.at, dq[..., None]).reshape(-1, NINE)
     B, D = posed.border.B, posed.border.D
     holds = posed.r + np.matvec(B, at) + np.matvec(D, dz)
@@ -348,6 +348,7 @@ def check_accuracy(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residu
     residual = Residual(
         Configuration(points, posed.at, thread.gradient(points)),
         site_force(posed.at, lam, state.y),
+        push,
         balance,
         holds,
         np.zeros_like(state.y),

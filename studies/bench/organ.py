@@ -20,8 +20,8 @@ import tissue
 from meshes.block import block
 from studies.output.files import write_json
 from studies.output.provenance import provenance
-from tissue.solvers.choice import MULTIGRID, chosen, solver
-from tissue.solvers.direct import LIBRARIES, installed
+from tissue.solvers.choice import MULTIGRID, choose_solver, solver
+from tissue.solvers.direct import LIBRARIES, is_installed
 from tissue.solvers.iterative import ConjugateGradients
 
 SIDES = (0.06, 0.04, 0.02)  # of the block [m]
@@ -52,12 +52,12 @@ class Row:
 def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = None) -> int:
     """Measure, print the table in Markdown, and write JSON where asked; returns the exit status."""
     rows = []
-    methods = [method for method in LIBRARIES if installed(method)]  # loaded before their threads are limited
+    methods = [method for method in LIBRARIES if is_installed(method)]  # loaded before their threads are limited
     print(HEAD)
     with threadpool_limits(limits=1, user_api="blas"):
         speed = bandwidth()
         for size in sizes:
-            for row in measured(size, element, [*methods, MULTIGRID], speed):
+            for row in measure_solvers(size, element, [*methods, MULTIGRID], speed):
                 rows.append(row)
                 print(line(row), flush=True)
     print(f"\nmemory is read at {speed / 1e9:.1f} GB/s")
@@ -69,10 +69,10 @@ def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = Non
 def bandwidth() -> float:
     """Bytes a second that one core reads, best of a few sums over more than any cache holds."""
     words = np.ones(WORDS)
-    return words.nbytes / min(timed(words.sum) for _ in range(SOLVES))
+    return words.nbytes / min(time_call(words.sum) for _ in range(SOLVES))
 
 
-def measured(size: int, element: str, methods: Sequence[str], speed: float) -> Iterator[Row]:
+def measure_solvers(size: int, element: str, methods: Sequence[str], speed: float) -> Iterator[Row]:
     """Every solver on an organ of about so many unknowns, but for those that have no room or would take an hour."""
     organ = organ_of(size, element)
     for method in methods:
@@ -92,7 +92,7 @@ def organ_of(size: int, element: str) -> tissue.QuasiStaticOrgan:
 def has_room(organ: tissue.QuasiStaticOrgan, method: str) -> bool:
     """Whether the memory is there."""
     try:
-        chosen(method, organ.K, organ.places, once=True)
+        choose_solver(method, organ.K, organ.places, once=True)
     except tissue.TissueError:
         return False
     return True
@@ -100,25 +100,25 @@ def has_room(organ: tissue.QuasiStaticOrgan, method: str) -> bool:
 
 def row_of(organ: tissue.QuasiStaticOrgan, element: str, method: str, speed: float) -> Row:
     """One solver: made, measured, and let go."""
-    before, began = resident(), process_time()
+    before, began = resident_memory(), process_time()
     made = solver(organ.K, organ.places, method)
-    setup, kept = process_time() - began, resident() - before
+    setup, kept = process_time() - began, resident_memory() - before
     b, columns = np.random.default_rng(0).standard_normal(organ.size), organ.Y.T.toarray()
     iterations = made.iterate(b)[1] if isinstance(made, ConjugateGradients) else None
-    solve = median(timed(lambda: made.solve(b)) for _ in range(SOLVES if iterations is None else 1))
+    solve = median(time_call(lambda: made.solve(b)) for _ in range(SOLVES if iterations is None else 1))
     floor = 2.0 * kept / speed if iterations is None else None
-    taken = timed(lambda: made.solve(columns))
+    taken = time_call(lambda: made.solve(columns))
     return Row(organ.size, element, method, setup, kept, solve, floor, iterations, taken)
 
 
-def timed(call: Callable[[], object]) -> float:
+def time_call(call: Callable[[], object]) -> float:
     """Processor time of a call [s]."""
     began = process_time()
     call()
     return process_time() - began
 
 
-def resident() -> float:
+def resident_memory() -> float:
     """Memory of this process [bytes]; not a number where the system does not say."""
     try:
         return float(Path("/proc/self/statm").read_text().split()[1]) * mmap.PAGESIZE

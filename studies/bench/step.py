@@ -90,27 +90,27 @@ def measurements(
     solver: str = "auto", sizes: dict[str, tuple[float, float]] = SIZES, rounds: int = ROUNDS
 ) -> Iterator[Row]:
     """Every case, smallest first, with a solver of the organ."""
-    yield measured("thread alone", load(THREAD), rounds)
+    yield measure_case("thread alone", load(THREAD), rounds)
     for inertia in (True, False):
         name = "dynamic" if inertia else "quasi-static"
         for size, (h, h_site) in sizes.items():
             overrides = [f"tissue.mesh.h={h}", f"tissue.mesh.h_site={h_site}", f"tissue.inertia={str(inertia).lower()}"]
-            yield measured(f"{name} {size}", load(COUPLED, [*overrides, f'tissue.solver="{solver}"']), rounds)
+            yield measure_case(f"{name} {size}", load(COUPLED, [*overrides, f'tissue.solver="{solver}"']), rounds)
 
 
-def measured(case: str, scenario: Scenario, rounds: int) -> Row:
+def measure_case(case: str, scenario: Scenario, rounds: int) -> Row:
     """Time our step and what stands beside it, in turn."""
     assembly, dt = assemble(scenario), scenario.solve.dt
     organ, run = assembly.organ, begin(assembly.system, assembly.start())
     for _ in range(WARM_UP):
         run = run.step(dt)
-    others = {} if isinstance(organ, FixedSites) else beside(run.system, organ, dt)
+    others = {} if isinstance(organ, FixedSites) else baselines(run.system, organ, dt)
     times: dict[str, list[float]] = {name: [] for name in ("step", *others)}
     iterations = []
     for _ in range(rounds):
         for name, call in others.items():
             with suppress(StepError):  # a baseline has no second try where the thread snaps through a hole
-                times[name] += [seconds(call, run.state)]
+                times[name] += [time_call(call, run.state)]
         began = process_time()
         run = run.step(dt)
         times["step"] += [process_time() - began]
@@ -119,14 +119,14 @@ def measured(case: str, scenario: Scenario, rounds: int) -> Row:
     return Row(case, organ.size, float(np.mean(iterations)), **medians)
 
 
-def seconds(call: Callable[[State], object], state: State) -> float:
+def time_call(call: Callable[[State], object], state: State) -> float:
     """Processor time of a call [s]."""
     began = process_time()
     call(state)
     return process_time() - began
 
 
-def beside(
+def baselines(
     system: System[OrganState], organ: DynamicOrgan | QuasiStaticOrgan, dt: float
 ) -> dict[str, Callable[[State[OrganState]], object]]:
     """What is measured beside our step from a state."""
@@ -143,7 +143,7 @@ def beside(
 
     out: dict[str, Callable[[State[OrganState]], object]] = {
         "floor": lambda state: operator.factor.solve(right),
-        "prefactored": lambda state: baseline(state, lambda x: prefactored(x, lu.solve, sites)),
+        "prefactored": lambda state: baseline(state, lambda x: prefactored_correction(x, lu.solve, sites)),
     }
     if organ.size <= LARGEST_ASSEMBLED:
         out["assembled"] = lambda state: baseline(state, lambda x: spsolve(x.matrix, x.right))
@@ -163,7 +163,7 @@ class SiteColumns:
         return np.asarray(self.W @ np.linalg.solve(gram, (self.Y @ columns).toarray()))
 
 
-def prefactored(system: BlockSystem, solve: Callable[[Array], Array], sites: SiteColumns) -> Array:
+def prefactored_correction(system: BlockSystem, solve: Callable[[Array], Array], sites: SiteColumns) -> Array:
     """One Newton correction with the organ eliminated: a back-substitution and a dense Schur complement."""
     organ = system.blocks["U"]
     small = np.r_[0 : organ.start, organ.stop : len(system.right)]

@@ -21,12 +21,12 @@ from meshes.errors import MeshError
 from studies.command.progress import Progress, StudyProgress
 from studies.command.summary import MILLI, print_summary
 from studies.output.checkpoint import Arrays, read_checkpoint
-from studies.output.folder import Recorder, check_folder, completed_run, resumable
-from studies.output.records import Frame, OrganTopology, StepRecord
-from studies.pictures.picture import picture
+from studies.output.folder import Recorder, can_resume, check_folder, completed_run
+from studies.output.records import OrganTopology, Snapshot, StepRecord
+from studies.pictures.picture import draw_picture
 from studies.scenario import Scenario, ScenarioError, load, scenes, schema
 from studies.scenario.toml import scenario_file
-from studies.study import NAMES, PRESETS, StudyError, arguments, carried_out, study
+from studies.study import NAMES, PRESETS, StudyError, arguments, carry_out, study
 from studies.study import check_folder as check_study_folder
 from thread.catalogue import KNOT_PULL, TEXTBOOK, USP, knot_pull, names, suture
 from thread.errors import ThreadError
@@ -36,7 +36,7 @@ from tissue.solvers.choice import SOLVERS
 REFUSALS = (ScenarioError, StudyError, MeshError, TissueError, ThreadError)
 FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
 FAILED, REFUSED = 1, 2
-Moments = Iterator[tuple[StepRecord, Callable[[], Frame]]]
+Moments = Iterator[tuple[StepRecord, Callable[[], Snapshot]]]
 
 
 class Simulation(Protocol):
@@ -87,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
     check_folder(options.out, None if options.resume else scenario_file(options.file))
     simulation = _prepare(load(options.file, options.set))
     checkpoint = None
-    if options.resume and resumable(options.out, simulation.scenario):
+    if options.resume and can_resume(options.out, simulation.scenario):
         if completed_run(options.out) is not None:
             _say(options, f"the run in {options.out} is completed; nothing is left to do")
             return 0
@@ -98,7 +98,7 @@ def run(options: argparse.Namespace) -> int:
     status = _simulate(simulation, moments, recorder, options.quiet)
     if recorder.last_frame is not None and not options.no_picture:
         title = simulation.scenario.title
-        line = picture(recorder.last_frame, simulation.topology, recorder.folder / "picture.png", title)
+        line = draw_picture(recorder.last_frame, simulation.topology, recorder.folder / "picture.png", title)
         _say(options, f"picture    {line}")
     return status
 
@@ -163,7 +163,7 @@ def run_study(options: argparse.Namespace) -> int:
     print(f"{found.question}\nindependent check: {found.independent}\nconsistency check: {found.consistency}\n")
     progress = StudyProgress()
     try:
-        carried_out(options.name, options.preset, given, folder, progress.update)
+        carry_out(options.name, options.preset, given, folder, progress.update)
     except (CouplingError, FactorError, OSError) as error:
         return _stopped(str(error), progress, folder, FAILED)
     except KeyboardInterrupt:

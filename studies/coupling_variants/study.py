@@ -31,7 +31,7 @@ from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, panels, ticks
 from studies.scenario import Scenario, parse
 from studies.simulation.assembly import Assembly, assemble
-from studies.study import Study, StudyError, Table, unit
+from studies.study import Study, StudyError, Table, unit_field
 from studies.verdicts import beyond_linear, too_coarse
 
 STIFFNESSES = (2e3, 1e4, 5e4, 2.5e5)  # of the organ [Pa]: fat to firm phantom
@@ -59,16 +59,16 @@ class Row:
 
     way: str
     inertia: bool  # of the organ
-    youngs_modulus: float = unit("Pa")
-    size: float = unit("m")  # of the mesh
-    dt: float = unit("s")
+    youngs_modulus: float = unit_field("Pa")
+    size: float = unit_field("m")  # of the mesh
+    dt: float = unit_field("s")
     completed: bool
-    drift: float = unit("m")  # largest |P(s) − x|
-    moved: float = unit("m")  # farthest a hole moved
-    created: float = unit("-")
-    external_work: float = unit("J")
-    error: float = unit("-")  # of the exit's place, over how far it goes
-    solves: int = unit("linear systems")
+    drift: float = unit_field("m")  # largest |P(s) − x|
+    moved: float = unit_field("m")  # farthest a hole moved
+    created: float = unit_field("-")
+    external_work: float = unit_field("J")
+    error: float = unit_field("-")  # of the exit's place, over how far it goes
+    solves: int = unit_field("linear systems")
 
     @property
     def stable(self) -> bool:
@@ -87,7 +87,7 @@ def main(
         raise StudyError(f"step_counts = {list(step_counts)} is refused: give multiples of the smallest one")
     with threadpool_limits(limits=1, user_api="blas"):
         for inertia, E in product(inertias, stiffnesses):
-            yield from compared(scenario(E, inertia, size), size, sorted(step_counts))
+            yield from run_ways(scenario(E, inertia, size), size, sorted(step_counts))
 
 
 def scenario(youngs_modulus: float, inertia: bool = True, size: float = SIZE) -> Scenario:
@@ -134,17 +134,19 @@ def scenario(youngs_modulus: float, inertia: bool = True, size: float = SIZE) ->
     )
 
 
-def compared(scenario: Scenario, size: float, step_counts: Sequence[int]) -> Iterator[Row]:
+def run_ways(scenario: Scenario, size: float, step_counts: Sequence[int]) -> Iterator[Row]:
     """One organ, all ways, all steps. The linear step knows no compliance that the spline lacks at a hole: it, and what
     it is held against, do without."""
     table, coarsest = scenario.tissue, step_counts[0]
     assert table is not None
-    with_it = settled(assemble(scenario))
-    without = settled(assemble(scenario.model_copy(update={"solve": scenario.solve.model_copy(update=LINEAR)})))
-    references = [stepped(*case, WAYS["monolithic"], 2 * step_counts[-1], coarsest) for case in (with_it, without)]
+    with_it = settle(assemble(scenario))
+    without = settle(assemble(scenario.model_copy(update={"solve": scenario.solve.model_copy(update=LINEAR)})))
+    references = [
+        pull_and_release(*case, WAYS["monolithic"], 2 * step_counts[-1], coarsest) for case in (with_it, without)
+    ]
     for way, n in product(WAYS, step_counts):
         (system, state), whole = (without, references[1]) if way == "linear" else (with_it, references[0])
-        run = stepped(system, state, WAYS[way], n, coarsest)
+        run = pull_and_release(system, state, WAYS[way], n, coarsest)
         away = np.linalg.norm(run.exit - whole.exit[: len(run.exit)], axis=1)
         yield Row(
             way=way,
@@ -162,7 +164,7 @@ def compared(scenario: Scenario, size: float, step_counts: Sequence[int]) -> Ite
         )
 
 
-def settled(assembly: Assembly) -> tuple[System, State]:
+def settle(assembly: Assembly) -> tuple[System, State]:
     """A system and its state after `HOLD`."""
     run = begin(assembly.system, assembly.start())
     for _ in range(round(HOLD / HOLD_STEP)):
@@ -179,7 +181,7 @@ class Way:
     created: Callable[[System, Array, Step], float]
 
 
-def created_by_the_constraints(system: System, met: Array, step: Step) -> float:
+def constraint_energy(system: System, met: Array, step: Step) -> float:
     """By a linear step: its constraint forces are those of its start, its elastic force the linearised one."""
     return -sliding_work(system, step)[2] - step.solution.linearisation
 
@@ -187,13 +189,13 @@ def created_by_the_constraints(system: System, met: Array, step: Step) -> float:
 WAYS = {
     "monolithic": Way(try_step, staggered.work_of_the_lag),
     "staggered": Way(staggered.staggered_step, staggered.work_of_the_lag),
-    "linear": Way(linear_step, created_by_the_constraints),
+    "linear": Way(linear_step, constraint_energy),
 }
 LINEAR = {"scheme": "linear"}
 
 
 @dataclass(frozen=True)
-class Run:
+class Outcome:
     """What one run showed, up to where it broke off: [m], [m], [J], [J], places of the exit `(k, 3)` [m] at the times
     that all runs share, and the number of linear systems."""
 
@@ -206,14 +208,14 @@ class Run:
     solves: int
 
 
-def stepped(system: System, state: State, way: Way, n: int, shared: int) -> Run:
+def pull_and_release(system: System, state: State, way: Way, n: int, shared: int) -> Outcome:
     """Pull and release in `n` steps, none of them halved: a step that fails ends the run."""
     now, met, places = begin(system, state, way.take, halvings=0), state.y, [state.y[1, :3]]
     drift = moved = created = work = 0.0
     solves = 0
 
-    def run(completed: bool) -> Run:
-        return Run(completed, drift, moved, created, work, np.array(places), solves)
+    def run(completed: bool) -> Outcome:
+        return Outcome(completed, drift, moved, created, work, np.array(places), solves)
 
     for number in range(1, n + 1):
         before = now.energies
@@ -226,19 +228,19 @@ def stepped(system: System, state: State, way: Way, n: int, shared: int) -> Run:
         met = step.solution.iterate.y
         drift = max(drift, largest_residual(system, now.state, now.configuration.at))
         moved = max(moved, float(np.linalg.norm((now.state.y - state.y)[:, :3], axis=1).max()))
-        work += given(before, now.energies)
+        work += hand_work(before, now.energies)
         solves += now.iterations
         if number % (n // shared) == 0:
             places.append(now.state.y[1, :3])
     return run(True)
 
 
-def given(before: Energies, after: Energies) -> float:
+def hand_work(before: Energies, after: Energies) -> float:
     """What the hand puts in during a step, nothing while it takes [J]."""
     return max(0.0, after.external_work - before.external_work)
 
 
-def of(rows: Sequence[Row], way: str, inertia: bool, youngs_modulus: float) -> list[Row]:
+def runs_of(rows: Sequence[Row], way: str, inertia: bool, youngs_modulus: float) -> list[Row]:
     """The runs of one organ one way, finest step first."""
     found = [r for r in rows if (r.way, r.inertia, r.youngs_modulus) == (way, inertia, youngs_modulus)]
     return sorted(found, key=lambda row: row.dt)
@@ -280,13 +282,13 @@ def table(rows: Sequence[Row]) -> Table:
 
 def table_line(rows: Sequence[Row], way: str, inertia: bool, youngs_modulus: float) -> list[str]:
     """Drift and energy at the steps next to those of COMPARED."""
-    runs = of(rows, way, inertia, youngs_modulus)
+    runs = runs_of(rows, way, inertia, youngs_modulus)
     chosen = [min(runs, key=lambda run: abs(np.log(run.dt / dt))) for dt in COMPARED]
     error = error_at(EQUAL, runs)
     return [
         "with inertia" if inertia else "quasi-static",
         f"{youngs_modulus / KILO:g}",
-        f"{max(run.moved for run in of(rows, 'monolithic', inertia, youngs_modulus)) / MILLI:.2g}",
+        f"{max(run.moved for run in runs_of(rows, 'monolithic', inertia, youngs_modulus)) / MILLI:.2g}",
         way,
         stable_text(runs),
         " / ".join(f"{run.drift / MILLI:.2g}" if run.completed else "broke off" for run in chosen),
@@ -321,7 +323,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     out = too_coarse("every run", rows[0].size, FOOTPRINT)
     for inertia, E in organs(rows):
         name = f"{'organ with inertia' if inertia else 'quasi-static organ'} of {E / KILO:g} kPa"
-        out += beyond_linear(name, of(rows, "monolithic", inertia, E)[0].moved, FOOTPRINT)
+        out += beyond_linear(name, runs_of(rows, "monolithic", inertia, E)[0].moved, FOOTPRINT)
     out.append(
         "linear: held against a thread without the compliance that a spline lacks at a hole, which it cannot have"
     )
@@ -336,15 +338,15 @@ def figure(rows: Sequence[Row]) -> Figure:
     for line, inertia in zip(grid, kinds, strict=True):
         stability_map(line[0], rows, inertia)
         error_over_cost(line[1], rows, inertia)
-        for axes, value in ((line[2], drift), (line[3], created)):
-            for way, (E, marker) in product(("staggered", "linear"), marked(rows, inertia)):
-                curve(axes, of(rows, way, inertia, E), value, COLOUR_OF[way], marker, f"{way}, {E / KILO:g} kPa")
+        for axes, value in ((line[2], drift), (line[3], created_share)):
+            for way, (E, marker) in product(("staggered", "linear"), organ_markers(rows, inertia)):
+                curve(axes, runs_of(rows, way, inertia, E), value, COLOUR_OF[way], marker, f"{way}, {E / KILO:g} kPa")
         drift_axes(line[2])
         energy_axes(line[3])
     return drawing
 
 
-def marked(rows: Sequence[Row], inertia: bool) -> list[tuple[float, str]]:
+def organ_markers(rows: Sequence[Row], inertia: bool) -> list[tuple[float, str]]:
     """Stiffness [Pa] and marker of every organ of a kind."""
     return list(zip([E for kind, E in organs(rows) if kind == inertia], MARKERS, strict=False))
 
@@ -354,17 +356,17 @@ def drift(run: Row) -> float:
     return run.drift / MILLI
 
 
-def created(run: Row) -> float:
+def created_share(run: Row) -> float:
     """Over the work of the hand."""
     return run.created
 
 
 def stability_map(axes: Axes, rows: Sequence[Row], inertia: bool) -> None:
     """Every run at its step and stiffness, the ways one below the other."""
-    stiffnesses = [E for E, _ in marked(rows, inertia)]
+    stiffnesses = [E for E, _ in organ_markers(rows, inertia)]
     for level, E in enumerate(stiffnesses):
         for k, way in enumerate(WAYS):
-            states(axes, of(rows, way, inertia, E), level + 0.25 * (1 - k), COLOUR_OF[way])
+            states(axes, runs_of(rows, way, inertia, E), level + 0.25 * (1 - k), COLOUR_OF[way])
     for way, colour in COLOUR_OF.items():
         axes.plot([], [], "s", color=colour, label=way)
     axes.set(ylim=(-0.6, len(stiffnesses) - 0.1), ylabel="Young's modulus [kPa]")
@@ -386,7 +388,7 @@ def error_over_cost(axes: Axes, rows: Sequence[Row], inertia: bool) -> None:
     """Error of the exit over the linear systems solved, of the stable runs of one stiffness."""
     E = min((E for kind, E in organs(rows) if kind == inertia), key=lambda E: abs(np.log(E / SHOWN)))
     for way, marker in zip(WAYS, MARKERS, strict=False):
-        runs = [run for run in of(rows, way, inertia, E) if run.stable]
+        runs = [run for run in runs_of(rows, way, inertia, E) if run.stable]
         values = [run.error for run in runs]
         axes.plot([run.solves for run in runs], values, color=COLOUR_OF[way], marker=marker, label=way)
     axes.set(xscale="log", yscale="log", xlabel="linear systems solved [-]", ylabel="error of the exit / its way [-]")

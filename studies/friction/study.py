@@ -26,11 +26,11 @@ from coupling.run import begin
 from coupling.system import Friction, Piercing, State, System
 from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, panels, ticks
-from studies.study import Study, StudyError, Table, unit
+from studies.study import Study, StudyError, Table, unit_field
 from thread.catalogue import Section, suture
 from thread.ends import Driven, End, Pulled
 from thread.knots import graded_knots, uniform_knots
-from thread.path import rounded
+from thread.path import rounded_path
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
@@ -54,12 +54,12 @@ class Row:
     """One ratio of pull to hold, or for `kind` "loop" the moment of one."""
 
     kind: str  # "one hole", "holes in a row", "two passes, hold given", "two passes, pull given" or "loop"
-    mu: float = unit("-")
-    turn: float = unit("degree")
-    holes: int = unit("-")
-    way: float = unit("m")  # of the hand, in a loop
-    ratio: float = unit("-")
-    theory: float = unit("-")
+    mu: float = unit_field("-")
+    turn: float = unit_field("degree")
+    holes: int = unit_field("-")
+    way: float = unit_field("m")  # of the hand, in a loop
+    ratio: float = unit_field("-")
+    theory: float = unit_field("-")
     settled: bool  # sticks and slips on either side of the threshold found; in a loop, slips
 
 
@@ -90,13 +90,13 @@ def main(
         raise StudyError(f"{given}: give {reason}")
     for mu in mus:
         yield from (one_hole(mu, turn) for turn in turns)
-        yield from (row for turn in turns for row in passes(mu, turn))
-        yield from (in_a_row(mu, wrap, holes) for holes in sorted(set(rows_of_holes)))
+        yield from (row for turn in turns for row in two_passes(mu, turn))
+        yield from (holes_in_a_row(mu, wrap, holes) for holes in sorted(set(rows_of_holes)))
         for holes in loop_holes:
             yield from loop(mu, loop_turn, holes)
 
 
-def along(angle: float) -> Array:
+def unit_vector(angle: float) -> Array:
     """Unit vector at `angle` [rad] below x in the plane of x and z."""
     return np.array([np.cos(angle), 0.0, -np.sin(angle)])
 
@@ -116,9 +116,9 @@ def fixed_holes(
 def rod(mu: float, half: float, pull: float, hold: float) -> tuple[System, State]:
     """A rod along x in a sleeve, at rest, its ends pulled out of line by `half` [rad] each."""
     thread = Thread(Spline(uniform_knots(0.02, 8)), ROD)
-    ends = (Pulled(-hold * along(-half)), Pulled(pull * along(half)))
-    system = fixed_holes(thread, ends, Friction(mu, mu), np.zeros((1, 3)), along(0.0))
-    path = (gauss_rule(thread.spline, MASS_POINTS).s - 0.01)[..., None] * along(0.0)
+    ends = (Pulled(-hold * unit_vector(-half)), Pulled(pull * unit_vector(half)))
+    system = fixed_holes(thread, ends, Friction(mu, mu), np.zeros((1, 3)), unit_vector(0.0))
+    path = (gauss_rule(thread.spline, MASS_POINTS).s - 0.01)[..., None] * unit_vector(0.0)
     return system, start(system, np.array([0.01]), path, 1.0)
 
 
@@ -152,7 +152,7 @@ def one_hole(mu: float, turn: float) -> Row:
     return Row(kind="one hole", mu=mu, turn=turn, holes=1, way=0.0, ratio=pull / HOLD, theory=theory, settled=settled)
 
 
-def in_a_row(mu: float, wrap: float, holes: int) -> Row:
+def holes_in_a_row(mu: float, wrap: float, holes: int) -> Row:
     """Rods in a row, each held by the pull of the one before; they turn by `wrap` [degree] in all."""
     pull, settled = HOLD, True
     for _ in range(holes):
@@ -164,14 +164,14 @@ def in_a_row(mu: float, wrap: float, holes: int) -> Row:
     )
 
 
-def passes(mu: float, turn: float) -> list[Row]:
+def two_passes(mu: float, turn: float) -> list[Row]:
     """What the second pass makes of a gliding rod under equal pulls: the tension changes by its friction, from the hold
     up or from the pull down."""
     half = np.radians(turn) / 2
     system, state = rod(mu, half, HOLD, HOLD)
-    v = np.outer(np.ones(system.thread.n), GLIDE * along(0.0))
+    v = np.outer(np.ones(system.thread.n), GLIDE * unit_vector(0.0))
     state = replace(state, v=v, s_dot=np.array([-GLIDE]), sigma=np.array([-1.0]))
-    change = abs(float(two_pass(system, state, DT).new.lam[0, :3] @ along(0.0))) / np.cos(half)
+    change = abs(float(two_pass(system, state, DT).new.lam[0, :3] @ unit_vector(0.0))) / np.cos(half)
     lag = 2 * mu * np.tan(half)
     given = {"hold": (1 + change / HOLD, 1 + lag), "pull": (inverse(1 - change / HOLD), inverse(1 - lag))}
     return [
@@ -199,11 +199,11 @@ def inverse(x: float) -> float:
 
 def loop(mu: float, turn: float, holes: int) -> Iterator[Row]:
     """A suture held by a dead load and drawn through a zigzag of holes by a hand that goes out and comes back."""
-    sides = along(0.0), along(np.radians(turn))
+    sides = unit_vector(0.0), unit_vector(np.radians(turn))
     arm = 10 * float(np.sqrt(SUTURE.EI / LOOP_HOLD))
     corners = np.cumsum([np.zeros(3), *(2 * arm * sides[k % 2] for k in range(1, holes))], axis=0)
     last = corners[-1] + (arm + LOOP_WAY) * sides[holes % 2]
-    path = rounded([-arm * sides[0], *corners, last], arm / 10)
+    path = rounded_path([-arm * sides[0], *corners, last], arm / 10)
     s = np.array([path.nearest(corner)[0] for corner in corners])
     thread = Thread(Spline(graded_knots(path.length, LOOP_POINTS * holes, s, FINER, arm / 2)), SUTURE, damping=100.0)
     way = np.array([[0.0, 0.0], [REST, 0.0], [REST + LOOP_TIME, LOOP_WAY], [REST + 2 * LOOP_TIME, 0.0]])
@@ -255,7 +255,7 @@ def bent_ratio(mu: float, turn: float) -> float:
 # --- table and figure -------------------------------------------------------------------------------------
 
 
-def of(rows: Sequence[Row], kind: str, mu: float, holes: int | None = None) -> list[Row]:
+def rows_of_kind(rows: Sequence[Row], kind: str, mu: float, holes: int | None = None) -> list[Row]:
     """The rows of a kind and a coefficient, and of a number of holes."""
     return [row for row in rows if (row.kind, row.mu) == (kind, mu) and holes in (None, row.holes)]
 
@@ -295,7 +295,7 @@ def table(rows: Sequence[Row]) -> Table:
         lagged = off if "passes" in row.kind else ""
         lines.append((name, *cells(row), f"{100 * error([row]):.2g}" if row.settled else "-", lagged))
     for mu, holes in loops_of(rows):
-        for name, turns in zip(("drawn", "let back"), branches(of(rows, "loop", mu, holes)), strict=True):
+        for name, turns in zip(("drawn", "let back"), branches(rows_of_kind(rows, "loop", mu, holes)), strict=True):
             slid = [row for row in turns if row.settled]
             if slid:
                 case = f"suture, {holes} hole{'s' * (holes > 1)}, {name}"
@@ -321,12 +321,12 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     """Orders of the holes in a row, and what did not settle."""
     out = []
     for mu in coefficients(rows):
-        runs = of(rows, "holes in a row", mu)
+        runs = rows_of_kind(rows, "holes in a row", mu)
         limit = np.exp(mu * np.radians(runs[0].turn))
         far = runs[-1].ratio / limit - 1.0
         order = f"order {order_in_number(runs):.2f} in 1/N" if len(runs) > 1 else "too few for an order"
         out.append(f"μ = {mu:g}: {runs[-1].holes} holes in a row are {100 * far:.2g} % above exp(μθ), {order}")
-        locked = [f"{row.turn:g}°" for row in of(rows, "two passes, pull given", mu) if not row.settled]
+        locked = [f"{row.turn:g}°" for row in rows_of_kind(rows, "two passes, pull given", mu) if not row.settled]
         if locked:
             out.append(
                 f"μ = {mu:g}: two passes with the pull given LOCK at {', '.join(locked)}, the exact law does not"
@@ -355,7 +355,7 @@ def figure(rows: Sequence[Row]) -> Figure:
 def over_angle(axes: Axes, rows: Sequence[Row]) -> None:
     """Points are measured, full lines the exact law, dotted the capstan."""
     for mu, colour, marker in zip(coefficients(rows), COLOURS, MARKERS, strict=False):
-        runs = of(rows, "one hole", mu)
+        runs = rows_of_kind(rows, "one hole", mu)
         turn = np.linspace(0.0, max(run.turn for run in runs), 101)
         axes.plot(turn, [exact_ratio(mu, t) for t in turn], color=colour)
         axes.plot(turn, np.exp(mu * np.radians(turn)), color=colour, linestyle=":")
@@ -371,7 +371,7 @@ def lag(axes: Axes, rows: Sequence[Row]) -> None:
     """The two passes over the exact law, filled where the hold is given, hollow where the pull is."""
     for mu, colour, marker in zip(coefficients(rows), COLOURS, MARKERS, strict=False):
         for name, face in (("hold", colour), ("pull", "white")):
-            runs = [run for run in of(rows, f"two passes, {name} given", mu) if run.settled]
+            runs = [run for run in rows_of_kind(rows, f"two passes, {name} given", mu) if run.settled]
             off = [100 * (run.ratio / exact_ratio(mu, run.turn) - 1.0) for run in runs]
             label = f"μ = {mu:g}, {name} given"
             axes.plot([r.turn for r in runs], off, color=colour, marker=marker, markerfacecolor=face, label=label)
@@ -383,7 +383,7 @@ def lag(axes: Axes, rows: Sequence[Row]) -> None:
 def rows_of_holes(axes: Axes, rows: Sequence[Row]) -> None:
     """How far holes in a row are from the capstan."""
     for mu, colour, marker in zip(coefficients(rows), COLOURS, MARKERS, strict=False):
-        runs = of(rows, "holes in a row", mu)
+        runs = rows_of_kind(rows, "holes in a row", mu)
         N = np.array([run.holes for run in runs])
         far = np.array([run.ratio for run in runs]) / np.exp(mu * np.radians(runs[0].turn)) - 1.0
         axes.plot(N, 100 * far, color=colour, marker=marker, label=f"μ = {mu:g}")
@@ -398,7 +398,7 @@ def loops(axes: Axes, rows: Sequence[Row], shown: Sequence[tuple[float, int, str
     """Pull over hold as the hand goes out and back, for coefficients, numbers of holes and their labels; dotted, a
     thread that bends."""
     for (mu, holes, label), colour in zip(shown, COLOURS, strict=False):
-        runs = of(rows, "loop", mu, holes)
+        runs = rows_of_kind(rows, "loop", mu, holes)
         axes.plot([run.way / MILLI for run in runs], [run.ratio for run in runs], color=colour, label=label)
         for branch in branches(runs):
             way = [run.way / MILLI for run in branch]
@@ -415,7 +415,7 @@ def over_holes(axes: Axes, rows: Sequence[Row]) -> None:
     for mu, colour, marker in zip(coefficients(rows), COLOURS, MARKERS, strict=False):
         counts = [holes for coefficient, holes in loops_of(rows) if coefficient == mu]
         for side in (0, 1):
-            ends = [branches(of(rows, "loop", mu, holes))[side][-1] for holes in counts]
+            ends = [branches(rows_of_kind(rows, "loop", mu, holes))[side][-1] for holes in counts]
             label = f"μ = {mu:g}" if side == 0 else None
             axes.plot(counts, [run.theory for run in ends], color=colour)
             axes.plot(counts, [run.ratio for run in ends], marker, color=colour, label=label)

@@ -38,7 +38,7 @@ from coupling.observation import site_compliance
 from studies.figure import COLOURS, MARKERS, panels, ticks
 from studies.scenario import Scenario, parse
 from studies.simulation import prepare
-from studies.study import Study, StudyError, Table, unit
+from studies.study import Study, StudyError, Table, unit_field
 from studies.verdicts import Verdict, beyond_linear, observed_order, too_coarse, verdict
 
 LENGTH, WIDTH, HEIGHT = 0.012, 6e-3, 3e-3  # of the block [m]
@@ -72,19 +72,19 @@ class Row:
 
     ladder: str
     variant: str
-    cells: int = unit("per length of the block")
-    footprint: float = unit("m")
-    control_points: int = unit("-")
-    dt: float = unit("s")  # 0: an equilibrium
-    compliance_along: float = unit("m/N")
-    compliance_normal: float = unit("m/N")
-    displacement: float = unit("m")
-    force: float = unit("N")
-    drawn: float = unit("m")
+    cells: int = unit_field("per length of the block")
+    footprint: float = unit_field("m")
+    control_points: int = unit_field("-")
+    dt: float = unit_field("s")  # 0: an equilibrium
+    compliance_along: float = unit_field("m/N")
+    compliance_normal: float = unit_field("m/N")
+    displacement: float = unit_field("m")
+    force: float = unit_field("N")
+    drawn: float = unit_field("m")
     clear: bool  # of what the sub-grid compliance does not reckon with
 
     @property
-    def refined(self) -> float:
+    def size(self) -> float:
         """What the ladder refines: cell or footprint [m], time step [s], or one over the spans [-]."""
         return {
             "cells": LENGTH / self.cells,
@@ -95,7 +95,7 @@ class Row:
         }[self.ladder]
 
     @property
-    def named(self) -> str:
+    def size_text(self) -> str:
         """The same in words."""
         return {
             "cells": f"h = {LENGTH / self.cells / MILLI:.3g} mm",
@@ -121,7 +121,7 @@ def main(
     ladder_of: dict[str, Sequence[float]] = {"p1_cells": p1_cells, "footprint_cells": footprint_cells}
     ladder_of |= {"p2_cells": p2_cells, "coupled_cells": coupled_cells}
     check_ladders(ladder_of | {"control_points": control_points, "steps": steps, "footprints": footprints})
-    run = partial(measured, youngs_modulus=youngs_modulus)
+    run = partial(measure, youngs_modulus=youngs_modulus)
     for variant, cells in zip(VARIANTS, (p1_cells, footprint_cells, p2_cells, p1_cells), strict=True):
         for n in cells:
             yield run("cells", variant, cells=n)
@@ -148,7 +148,7 @@ def check_ladders(ladder_of: Mapping[str, Sequence[float]]) -> None:
             )
 
 
-def measured(
+def measure(
     ladder: str,
     variant: str,
     *,
@@ -228,43 +228,43 @@ def ladders(rows: Sequence[Row]) -> Iterator[tuple[str, str, list[Row]]]:
     """Name, variant and runs of each ladder, finest first."""
     for ladder, variant in dict.fromkeys((row.ladder, row.variant) for row in rows):
         runs = [row for row in rows if (row.ladder, row.variant) == (ladder, variant)]
-        yield ladder, variant, sorted(runs, key=lambda row: row.refined)
+        yield ladder, variant, sorted(runs, key=lambda row: row.size)
 
 
-def judged(runs: Sequence[Row], quantity: str) -> Verdict:
+def verdict_on(runs: Sequence[Row], quantity: str) -> Verdict:
     """The verdict on a quantity of one ladder."""
-    return verdict([run.refined for run in runs], [getattr(run, quantity) for run in runs], formal(runs))
+    return verdict([run.size for run in runs], [getattr(run, quantity) for run in runs], formal_order(runs))
 
 
-def formal(runs: Sequence[Row]) -> float:
+def formal_order(runs: Sequence[Row]) -> float:
     """Order of theory of a ladder; for P2 the one that h⁴ ln(a/h) shows on its three finest meshes."""
     if runs[0].ladder != "cells":
         return FORMAL[runs[0].ladder]
     if runs[0].variant != FOOTPRINT_P2:
         return FORMAL["P1"]
-    h = np.array([run.refined for run in runs[:3]])
+    h = np.array([run.size for run in runs[:3]])
     return observed_order(list(h), list(h**4 * np.log(FOOTPRINT / h)))
 
 
-def expected(runs: Sequence[Row], quantity: str) -> str:
+def expected_order(runs: Sequence[Row], quantity: str) -> str:
     """The order of theory in words: −1 of what has no limit."""
     if runs[0].ladder == "footprint" or not runs[0].footprint:
         return "-1" if quantity.startswith("compliance") else "none"
-    return f"{formal(runs):.3g}"
+    return f"{formal_order(runs):.3g}"
 
 
-def said(runs: Sequence[Row], quantity: str) -> str:
+def verdict_text(runs: Sequence[Row], quantity: str) -> str:
     """The verdict in words; nothing is called converged that hangs on a hole that diverges."""
-    found = judged(runs, quantity)
-    compliances = [name for name in QUANTITIES if name.startswith("compliance") and touched(runs[0].ladder, name)]
+    found = verdict_on(runs, quantity)
+    compliances = [name for name in QUANTITIES if name.startswith("compliance") and can_change(runs[0].ladder, name)]
     if found.kind in ("converged", "unresolved") and any(
-        judged(runs, name).kind == "diverging" for name in compliances
+        verdict_on(runs, name).kind == "diverging" for name in compliances
     ):
         return "NOT CONVERGED, for its holes diverge"
     return found.text
 
 
-def touched(ladder: str, quantity: str) -> bool:
+def can_change(ladder: str, quantity: str) -> bool:
     """Whether a ladder can change a quantity: the organ's compliance knows no thread."""
     return ladder in ("cells", "footprint") or not quantity.startswith("compliance")
 
@@ -285,10 +285,10 @@ def table(rows: Sequence[Row]) -> Table:
     )
     lines = []
     for (ladder, variant, runs), quantity in product(ladders(rows), QUANTITIES):
-        if not touched(ladder, quantity):
+        if not can_change(ladder, quantity):
             continue
         name, of = QUANTITIES[quantity]
-        found, finest = judged(runs, quantity), getattr(runs[0], quantity) / MILLI
+        found, finest = verdict_on(runs, quantity), getattr(runs[0], quantity) / MILLI
         limit = "none" if np.isnan(found.limit) else f"{found.limit / MILLI:.4g}"
         index = f"{100.0 * found.index:.2g}" if np.isfinite(found.index) else "none"
         order = "swings" if np.isnan(found.order) else f"{found.order:.2f}"
@@ -296,14 +296,14 @@ def table(rows: Sequence[Row]) -> Table:
             (
                 ladder,
                 variant,
-                runs[0].named,
+                runs[0].size_text,
                 f"{name} [{of}]",
                 f"{finest:.4g}",
                 order,
-                expected(runs, quantity),
+                expected_order(runs, quantity),
                 limit,
                 index,
-                said(runs, quantity),
+                verdict_text(runs, quantity),
             )
         )
     return Table(head, lines)
@@ -319,10 +319,10 @@ def remarks(rows: Sequence[Row]) -> list[str]:
             continue
         if "sub-grid" not in variant:
             coarse = max(runs, key=lambda run: LENGTH / run.cells / run.footprint)
-            out += too_coarse(f"{name}, {coarse.named}", LENGTH / coarse.cells, coarse.footprint)
+            out += too_coarse(f"{name}, {coarse.size_text}", LENGTH / coarse.cells, coarse.footprint)
         far = max(runs, key=lambda run: run.displacement / run.footprint)
-        out += beyond_linear(f"{name}, {far.named}", far.displacement, far.footprint)
-        near = [run.named for run in runs if not run.clear]
+        out += beyond_linear(f"{name}, {far.size_text}", far.displacement, far.footprint)
+        near = [run.size_text for run in runs if not run.clear]
         if near:
             out.append(f"{name}, {', '.join(near)}: a hole is TOO NEAR an edge, a clamp or another hole")
     return out
@@ -341,7 +341,7 @@ def figure(rows: Sequence[Row]) -> Figure:
     places[0].legend()
     over_footprint(places[5], rows)
     errors(places[6], rows)
-    together(places[7], rows)
+    errors_of_coupled_ladder(places[7], rows)
     changes(places[8], rows, "control points")
     changes(places[9], rows, "time step")
     return drawing
@@ -350,12 +350,12 @@ def figure(rows: Sequence[Row]) -> Figure:
 def over_cells(axes: Axes, rows: Sequence[Row], quantity: str) -> None:
     """A quantity over the cells, one curve for each kind of hole."""
     for variant, colour, marker in zip(VARIANTS, COLOURS, MARKERS, strict=False):
-        runs = of(rows, "cells", variant)
+        runs = runs_of_ladder(rows, "cells", variant)
         values = [getattr(run, quantity) / MILLI for run in runs]
-        axes.plot([run.refined / MILLI for run in runs], values, color=colour, marker=marker, label=variant)
+        axes.plot([run.size / MILLI for run in runs], values, color=colour, marker=marker, label=variant)
     name, unit_of = QUANTITIES[quantity]
     axes.set(xscale="log", xlabel="cells h [mm]", ylabel=f"{name} [{unit_of}]")
-    ticks(axes, "x", sorted({run.refined / MILLI for run in rows if run.ladder == "cells"}))
+    ticks(axes, "x", sorted({run.size / MILLI for run in rows if run.ladder == "cells"}))
     if quantity.startswith("compliance"):
         axes.set_yscale("log")
         ticks(axes, "y", DECADE)
@@ -363,8 +363,8 @@ def over_cells(axes: Axes, rows: Sequence[Row], quantity: str) -> None:
 
 def over_footprint(axes: Axes, rows: Sequence[Row]) -> None:
     """The compliances over the footprint, beside 1/a."""
-    runs = of(rows, "footprint", SUBGRID)
-    a = np.array([run.refined for run in runs]) / MILLI
+    runs = runs_of_ladder(rows, "footprint", SUBGRID)
+    a = np.array([run.size for run in runs]) / MILLI
     for quantity, colour, marker in zip(("compliance_along", "compliance_normal"), COLOURS, MARKERS, strict=False):
         values = np.array([getattr(run, quantity) for run in runs]) / MILLI
         axes.plot(a, values, color=colour, marker=marker, label=QUANTITIES[quantity][0])
@@ -378,27 +378,27 @@ def over_footprint(axes: Axes, rows: Sequence[Row]) -> None:
 def errors(axes: Axes, rows: Sequence[Row]) -> None:
     """How far the compliance along the surface is from the limit of P2, beside the orders of theory."""
     quantity = "compliance_along"
-    limit = judged(of(rows, "cells", FOOTPRINT_P2), quantity).limit
+    limit = verdict_on(runs_of_ladder(rows, "cells", FOOTPRINT_P2), quantity).limit
     for k, variant in enumerate(VARIANTS[1:], 1):
-        runs = of(rows, "cells", variant)
-        h = np.array([run.refined for run in runs])
+        runs = runs_of_ladder(rows, "cells", variant)
+        h = np.array([run.size for run in runs])
         error = abs(np.array([getattr(run, quantity) for run in runs]) / limit - 1.0)
         axes.plot(h / MILLI, error, color=COLOURS[k], marker=MARKERS[k], linestyle="none", label=variant)
         if variant != SUBGRID:
             law, name = (h**4 * np.log(FOOTPRINT / h), "h⁴ ln(a/h)") if variant == FOOTPRINT_P2 else (h**2, "h²")
             axes.plot(h / MILLI, error[0] * law / law[0], color=COLOURS[k], linestyle=":", label=name)
     axes.set(xscale="log", yscale="log", xlabel="cells h [mm]", ylabel="error of the compliance along the surface [-]")
-    ticks(axes, "x", sorted({run.refined / MILLI for run in rows if run.ladder == "cells"}))
+    ticks(axes, "x", sorted({run.size / MILLI for run in rows if run.ladder == "cells"}))
     axes.legend(loc=(0.02, 0.18))
 
 
-def together(axes: Axes, rows: Sequence[Row]) -> None:
+def errors_of_coupled_ladder(axes: Axes, rows: Sequence[Row]) -> None:
     """How far the coupled ladder is from its limits."""
-    runs = of(rows, "coupled", SUBGRID)
-    h = np.array([run.refined for run in runs])
-    quantities = [quantity for quantity in QUANTITIES if touched("coupled", quantity)]
+    runs = runs_of_ladder(rows, "coupled", SUBGRID)
+    h = np.array([run.size for run in runs])
+    quantities = [quantity for quantity in QUANTITIES if can_change("coupled", quantity)]
     for quantity, colour, marker in zip(quantities, COLOURS, MARKERS, strict=False):
-        error = abs(np.array([getattr(run, quantity) for run in runs]) / judged(runs, quantity).limit - 1.0)
+        error = abs(np.array([getattr(run, quantity) for run in runs]) / verdict_on(runs, quantity).limit - 1.0)
         axes.plot(h / MILLI, error, color=colour, marker=marker, linestyle="none", label=QUANTITIES[quantity][0])
         law = error[0] * (h / h[0]) ** FORMAL["coupled"]
         axes.plot(h / MILLI, law, color="black", linestyle=":", label="order 2" if marker == "o" else None)
@@ -409,20 +409,20 @@ def together(axes: Axes, rows: Sequence[Row]) -> None:
 
 def changes(axes: Axes, rows: Sequence[Row], ladder: str) -> None:
     """How far the quantities are from those of the finest run, over what is refined."""
-    finest, *runs = of(rows, ladder, SUBGRID)
+    finest, *runs = runs_of_ladder(rows, ladder, SUBGRID)
     x = [run.control_points if ladder == "control points" else run.dt / MILLI for run in runs]
-    quantities = [quantity for quantity in QUANTITIES if touched(ladder, quantity)]
+    quantities = [quantity for quantity in QUANTITIES if can_change(ladder, quantity)]
     for quantity, colour, marker in zip(quantities, COLOURS, MARKERS, strict=False):
         values = [abs(getattr(run, quantity) / getattr(finest, quantity) - 1.0) for run in runs]
         axes.plot(x, values, color=colour, marker=marker, label=QUANTITIES[quantity][0])
     label = "control points [-]" if ladder == "control points" else "time step [ms]"
-    axes.set(xscale="log", yscale="log", xlabel=label, ylabel=f"change to {finest.named} [-]")
+    axes.set(xscale="log", yscale="log", xlabel=label, ylabel=f"change to {finest.size_text} [-]")
     ticks(axes, "x", sorted(x))
     axes.margins(y=0.4)
     axes.legend()
 
 
-def of(rows: Sequence[Row], ladder: str, variant: str) -> list[Row]:
+def runs_of_ladder(rows: Sequence[Row], ladder: str, variant: str) -> list[Row]:
     """The runs of a ladder, finest first."""
     return next(runs for *names, runs in ladders(rows) if names == [ladder, variant])
 

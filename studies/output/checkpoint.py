@@ -24,19 +24,19 @@ Arrays = Mapping[str, NDArray[Any]]
 Record = TypeVar("Record")
 
 
-def packed(record: Any, name: str) -> dict[str, NDArray[Any]]:
+def pack(record: Any, name: str) -> dict[str, NDArray[Any]]:
     """The fields of a dataclass as arrays, those of a dataclass in it under ``name.field``; None is left out."""
     out: dict[str, NDArray[Any]] = {}
     for field in fields(record):
         value, key = getattr(record, field.name), f"{name}.{field.name}"
         if is_dataclass(value):
-            out |= packed(value, key)
+            out |= pack(value, key)
         elif value is not None:
             out[key] = np.asarray(value)
     return out
 
 
-def unpacked(like: Record, arrays: Arrays, name: str, nested: Any = None) -> Record:
+def unpack(like: Record, arrays: Arrays, name: str, nested: Any = None) -> Record:
     """A dataclass such as ``like`` from its arrays; ``nested`` is like a dataclass in it where ``like`` has None.
 
     Raises ``KeyError`` where one is missing that ``like`` has.
@@ -47,7 +47,7 @@ def unpacked(like: Record, arrays: Arrays, name: str, nested: Any = None) -> Rec
         if key in arrays:
             values[field.name] = float(arrays[key]) if arrays[key].ndim == 0 else np.array(arrays[key])
         elif any(other.startswith(f"{key}.") for other in arrays):
-            values[field.name] = unpacked(nested if model is None else model, arrays, key)
+            values[field.name] = unpack(nested if model is None else model, arrays, key)
         elif model is None:
             values[field.name] = None
         else:

@@ -27,9 +27,9 @@ from studies.output.checkpoint import Arrays, difference, write_checkpoint
 from studies.output.columns import RUN, TABLES, Layout, state_summary, values
 from studies.output.files import write_bytes, write_json, write_text
 from studies.output.provenance import provenance
-from studies.output.records import Frame, OrganTopology, RunRecord, StepRecord
+from studies.output.records import OrganTopology, RunRecord, Snapshot, StepRecord
 from studies.output.series import Series
-from studies.output.tables import Table, head_of, rows_until, tables_of
+from studies.output.tables import CsvFile, head_of, rows_until, tables_of
 from studies.scenario import Scenario, ScenarioError, dump
 from studies.scenario.toml import mesh_file, with_mesh_file
 
@@ -65,12 +65,12 @@ class Recorder:
         subgrid: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> None:
         self.folder = Path(folder)
-        self.last_frame: Frame | None = None
+        self.last_frame: Snapshot | None = None
         self.last_step: StepRecord | None = None
         self._tissue_dofs = tissue_dofs
         self.subgrid = subgrid or {}
         self._every = scenario.output.every
-        self._pending: Callable[[], Frame] | None = None
+        self._pending: Callable[[], Snapshot] | None = None
         counters = checkpoint or {}
         self._newton_iterations = int(counters.get("newton_iterations", 0))
         self._constraint_max = float(counters.get("constraint_max", 0.0))
@@ -85,7 +85,7 @@ class Recorder:
             self.provenance = _write_continuation(self.folder)
         self._series = Series(self.folder, topology, before=max(self._recorded, 0))
         self._tables = [
-            (layout, Table(self.folder / f"{layout.name}.csv", layout.columns, self._recorded))
+            (layout, CsvFile(self.folder / f"{layout.name}.csv", layout.columns, self._recorded))
             for layout in tables_of(scenario)
         ]
 
@@ -102,7 +102,7 @@ class Recorder:
         else:
             self.finish("failed", str(error) or type(error).__name__)
 
-    def record(self, step: StepRecord, frame: Callable[[], Frame]) -> None:
+    def record(self, step: StepRecord, frame: Callable[[], Snapshot]) -> None:
         """Write the rows of an accepted step, and its frame and a checkpoint if they are due."""
         if step.step > self._recorded:
             self._write_rows(step)
@@ -172,7 +172,7 @@ def _refuse_lost_rows(folder: Path, step: int, layouts: Iterable[Layout[Any]]) -
             raise ScenarioError(f"--resume is refused: {reason}; run without --resume to begin anew")
 
 
-def resumable(folder: Path | str, scenario: Scenario) -> bool:
+def can_resume(folder: Path | str, scenario: Scenario) -> bool:
     """Whether there is something to go on with in a folder; False also where the run never got as far as its scenario.
 
     Raises `ScenarioError` where the folder holds the run of another scenario.

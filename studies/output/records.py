@@ -111,7 +111,7 @@ class RunRecord:
 
 
 @dataclass(frozen=True)
-class Frame:
+class Snapshot:
     """What is drawn of one time."""
 
     time: float  # [s]

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from studies.output.columns import ORGAN_ARRAYS, PIERCING_ARRAYS, THREAD_ARRAYS, values
 from studies.output.files import write_text
-from studies.output.records import Frame, OrganRecord, OrganTopology, PiercingRecord, ThreadRecord
+from studies.output.records import OrganRecord, OrganTopology, PiercingRecord, Snapshot, ThreadRecord
 
 CELL_TYPES = {4: 10, 10: 24}  # VTK_TETRA, VTK_QUADRATIC_TETRA by nodes per cell
 TYPE_NAMES = {"f4": "Float32", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
@@ -44,7 +44,7 @@ class Series:
             if path.name.startswith(".") or step_of(path.name) >= before:
                 path.unlink()
 
-    def write(self, step: int, frame: Frame) -> None:
+    def write(self, step: int, frame: Snapshot) -> None:
         """Write the files of a frame, then the index that names them."""
         parts = {f"thread_{step:06d}.vtp": thread_text(frame.thread)}
         if frame.piercings:

@@ -13,7 +13,7 @@ from studies.scenario import Scenario
 SPECIAL = re.compile(r'[",\r\n]')  # what text is quoted for
 
 
-class Table(Generic[Row]):
+class CsvFile(Generic[Row]):
     """A CSV file that grows by whole lines."""
 
     def __init__(self, path: Path, columns: Sequence[Column[Row]], last_step: int = -1) -> None:

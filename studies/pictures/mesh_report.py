@@ -12,7 +12,7 @@ from meshes.checks import volumes
 from meshes.quality import quality, radius_ratios, size_at
 from studies.arrays import Array
 from studies.output.files import write_bytes
-from studies.pictures.picture import drawn
+from studies.pictures.picture import draw_scene
 from studies.scenario import Scenario, ScenarioError
 from studies.simulation.meshing import organ_mesh
 
@@ -48,7 +48,7 @@ def write_report(scenario: Scenario, path: Path) -> list[str]:
     paraview(mesh).write(scratch, file_format="vtu")
     write_bytes(path, scratch.read_bytes())
     scratch.unlink()
-    line = drawn(
+    line = draw_scene(
         scene_of(mesh, scenario),
         path.with_suffix(".png"),
         "studies.pictures.mesh_space",

@@ -14,19 +14,19 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from studies.output.files import write_bytes
-from studies.output.records import Frame, OrganTopology
+from studies.output.records import OrganTopology, Snapshot
 
 WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")  # off screen: by the driver, by software
 PATIENCE = 120.0  # s for the child, on a busy machine
 PACKAGES = "libglu1-mesa libgl1 libegl1 libxrender1 libxcursor1 libxft2 libxinerama1 libgomp1"
 
 
-def picture(frame: Frame, topology: OrganTopology | None, path: Path | str, title: str = "") -> str:
+def draw_picture(frame: Snapshot, topology: OrganTopology | None, path: Path | str, title: str = "") -> str:
     """Draw a frame into a PNG file; returns one line that says how it was drawn."""
-    return drawn((frame, topology, title), path, "studies.pictures.space", "studies.pictures.section")
+    return draw_scene((frame, topology, title), path, "studies.pictures.space", "studies.pictures.section")
 
 
-def drawn(scene: object, path: Path | str, space: str, section: str) -> str:
+def draw_scene(scene: object, path: Path | str, space: str, section: str) -> str:
     """Draw a scene into a PNG file by the module `space` where OpenGL renders, else by `section`; each is run with the
     pickled scene and the picture to make. Returns one line that says how it was drawn.
     """

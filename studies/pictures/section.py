@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from studies.arrays import Array
-from studies.output.records import Frame, OrganTopology
+from studies.output.records import OrganTopology, Snapshot
 from studies.pictures.view import (
     ARROW,
     KILO,
@@ -22,7 +22,7 @@ from studies.pictures.view import (
     colours,
     label,
     limits,
-    scene,
+    read_scene,
     view_box,
     view_width,
 )
@@ -31,7 +31,7 @@ DPI = 150
 ASIDE = 1e-3  # over the organ's width: a plane through nodes cuts tetrahedra into nothing
 
 
-def draw_section(frame: Frame, topology: OrganTopology | None, path: Path, title: str = "") -> None:
+def draw_section(frame: Snapshot, topology: OrganTopology | None, path: Path, title: str = "") -> None:
     """Draw the view along y with matplotlib [mm]: the organ cut at the piercings, the thread projected."""
     figure = Figure(figsize=(SIZE[0] / DPI, SIZE[1] / DPI), layout="constrained")
     axes = figure.add_subplot()
@@ -43,7 +43,7 @@ def draw_section(frame: Frame, topology: OrganTopology | None, path: Path, title
     figure.savefig(path, dpi=DPI)
 
 
-def _section_organ(axes: Axes, topology: OrganTopology, frame: Frame) -> Any:
+def _section_organ(axes: Axes, topology: OrganTopology, frame: Snapshot) -> Any:
     """Fill the cut of the deformed tetrahedra by the plane y = const through the piercings."""
     assert frame.organ is not None
     deformed = topology.points + frame.organ.displacement
@@ -72,7 +72,7 @@ def cut(points: Array, cells: Indices, values: Array, y: float) -> tuple[Array, 
     return places[:, [0, 2]], np.array(triangles).reshape(-1, 3), values[a] + weight * (values[b] - values[a])
 
 
-def _section_thread(axes: Axes, frame: Frame) -> None:
+def _section_thread(axes: Axes, frame: Snapshot) -> None:
     for points in frame.thread.split():
         x, _, z = points.T / MILLI
         axes.plot(x, z, color=THREAD, linewidth=2.5, solid_capstyle="round", label="thread")
@@ -93,7 +93,7 @@ def _section_thread(axes: Axes, frame: Frame) -> None:
         )  # fmt: skip
 
 
-def _section_frame(axes: Axes, frame: Frame, title: str) -> None:
+def _section_frame(axes: Axes, frame: Snapshot, title: str) -> None:
     low, high = view_box(frame)
     margin = 0.12 * view_width(frame)
     axes.set_xlim((low[0] - margin) / MILLI, (high[0] + margin) / MILLI)
@@ -106,7 +106,7 @@ def _section_frame(axes: Axes, frame: Frame, title: str) -> None:
         axes.spines[side].set_visible(False)
 
 
-def _section_y(frame: Frame, deformed: Array) -> float:
+def _section_y(frame: Snapshot, deformed: Array) -> float:
     """Where to cut [m]: through the piercings, inside the organ, and beside the nodes of a regular mesh."""
     low, high = deformed[:, 1].min(), deformed[:, 1].max()
     middle = np.mean([hole.x[1] for hole in frame.piercings] or frame.thread.points[:, 1])
@@ -115,5 +115,5 @@ def _section_y(frame: Frame, deformed: Array) -> float:
 
 
 if __name__ == "__main__":
-    frame, topology, title = scene(sys.argv[1])
+    frame, topology, title = read_scene(sys.argv[1])
     draw_section(frame, topology, Path(sys.argv[2]), title)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 
-from studies.output.records import Frame, OrganTopology
+from studies.output.records import OrganTopology, Snapshot
 from studies.pictures.view import (
     ARROW,
     KILO,
@@ -18,7 +18,7 @@ from studies.pictures.view import (
     colours,
     label,
     limits,
-    scene,
+    read_scene,
     surface,
     view_box,
     view_width,
@@ -27,7 +27,7 @@ from studies.pictures.view import (
 BLANK = 2.0  # standard deviation of the pixels' values below which nothing has been drawn
 
 
-def draw_space(frame: Frame, topology: OrganTopology | None, path: Path, title: str = "") -> None:
+def draw_space(frame: Snapshot, topology: OrganTopology | None, path: Path, title: str = "") -> None:
     """Draw into a PNG file."""
     plotter: Any = pv.Plotter(off_screen=True, window_size=list(SIZE))
     plotter.set_background("white")
@@ -45,7 +45,7 @@ def draw_space(frame: Frame, topology: OrganTopology | None, path: Path, title: 
         raise RuntimeError("the renderer drew nothing")
 
 
-def _add_organ(plotter: Any, topology: OrganTopology, frame: Frame) -> None:
+def _add_organ(plotter: Any, topology: OrganTopology, frame: Snapshot) -> None:
     assert frame.organ is not None
     deformed = topology.points + frame.organ.displacement
     mesh: Any = pv.PolyData.from_regular_faces(deformed, surface(topology))
@@ -70,7 +70,7 @@ def _add_organ(plotter: Any, topology: OrganTopology, frame: Frame) -> None:
         plotter.add_mesh(edges, color="#8a6d5c", line_width=2)
 
 
-def _add_thread(plotter: Any, frame: Frame) -> None:
+def _add_thread(plotter: Any, frame: Snapshot) -> None:
     """The thread as a tube, at least as thick as can be seen."""
     radius = max(frame.thread.radius, 0.004 * view_width(frame))
     for points in frame.thread.split():
@@ -78,7 +78,7 @@ def _add_thread(plotter: Any, frame: Frame) -> None:
         plotter.add_mesh(tube, color=THREAD, smooth_shading=True, specular=0.4)
 
 
-def _add_piercings(plotter: Any, frame: Frame) -> None:
+def _add_piercings(plotter: Any, frame: Snapshot) -> None:
     """The holes as balls, with the force of the organ's hole on the thread as arrows to one scale."""
     size = view_width(frame)
     largest = max((float(np.linalg.norm(hole.force)) for hole in frame.piercings), default=0.0)
@@ -100,7 +100,7 @@ def _add_piercings(plotter: Any, frame: Frame) -> None:
         )  # fmt: skip
 
 
-def _camera(frame: Frame) -> list[tuple[float, float, float]]:
+def _camera(frame: Snapshot) -> list[tuple[float, float, float]]:
     """From the side and above, on the thread around the piercings."""
     low, high = view_box(frame)
     centre = 0.5 * (low + high)
@@ -110,5 +110,5 @@ def _camera(frame: Frame) -> list[tuple[float, float, float]]:
 
 
 if __name__ == "__main__":
-    frame, topology, title = scene(sys.argv[1])
+    frame, topology, title = read_scene(sys.argv[1])
     draw_space(frame, topology, Path(sys.argv[2]), title)

@@ -8,10 +8,10 @@ from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
 from studies.arrays import Array
-from studies.output.records import Frame, OrganTopology
+from studies.output.records import OrganTopology, Snapshot
 
 Indices = NDArray[np.int64]
-Scene = tuple[Frame, OrganTopology | None, str]  # with a title
+Scene = tuple[Snapshot, OrganTopology | None, str]  # with a title
 
 SIZE = (1500, 1000)  # pixels
 THREAD, MARKER, ARROW = "#1f3a93", "#c0392b", "#222222"
@@ -19,8 +19,8 @@ TISSUE = ("#f7e6da", "#f0bd9f", "#dc7356", "#8e1b2c")
 KILO, MILLI = 1e3, 1e-3
 
 
-def scene(path: str) -> Scene:
-    """The frame that ``picture`` left for a child process."""
+def read_scene(path: str) -> Scene:
+    """The frame that ``draw_picture`` left for a child process."""
     read: Scene = pickle.loads(Path(path).read_bytes())
     return read
 
@@ -37,7 +37,7 @@ def surface(topology: OrganTopology) -> Indices:
     return outer
 
 
-def view_box(frame: Frame) -> tuple[Array, Array]:
+def view_box(frame: Snapshot) -> tuple[Array, Array]:
     """Corners of the box to be seen: piercings, and the thread as far around them as they are apart."""
     points = frame.thread.points
     if frame.piercings:
@@ -49,7 +49,7 @@ def view_box(frame: Frame) -> tuple[Array, Array]:
     return points.min(axis=0), points.max(axis=0)
 
 
-def view_width(frame: Frame) -> float:
+def view_width(frame: Snapshot) -> float:
     """Diagonal of the box to be seen [m]."""
     low, high = view_box(frame)
     return float(np.linalg.norm(high - low)) or 1.0
@@ -65,7 +65,7 @@ def label(name: str, force: float) -> str:
     return f"{name}  {force * KILO:.3g} mN" if force < 1.0 else f"{name}  {force:.3g} N"
 
 
-def caption(frame: Frame, title: str) -> str:
+def caption(frame: Snapshot, title: str) -> str:
     """Title and time."""
     time = f"t = {frame.time:.4g} s"
     return f"{title}, {time}" if title else time

@@ -38,7 +38,7 @@ from studies.figure import COLOURS, MARKERS, panels, ticks
 from studies.friction.study import bent_ratio
 from studies.scenario import Scenario, parse
 from studies.simulation.assembly import assemble
-from studies.study import Study, StudyError, Table, unit
+from studies.study import Study, StudyError, Table, unit_field
 from studies.verdicts import beyond_bearing, beyond_linear, not_settled, spans_too_coarse, unrest
 from thread.ends import Free
 
@@ -86,25 +86,25 @@ class Row:
     kind: str  # "one pull" or "placing"
     organ: str
     check: str  # what is other than in the reference, or nothing
-    mu: float = unit("-")
-    hold: float = unit("N")  # between two pulls
-    stitches: int = unit("-")  # placed so far
+    mu: float = unit_field("-")
+    hold: float = unit_field("N")  # between two pulls
+    stitches: int = unit_field("-")  # placed so far
     moment: str  # "before", "rising", "pulled" or "let back"
-    hand: float = unit("N")
-    stitch: int = unit("-")  # 1 begins with the knot
-    tension: float = unit("N")
-    law: float = unit("N")  # by the turns measured in the run and the law of a ring
-    turn: float = unit("degree")  # mean of the holes
-    moved: float = unit("m")  # farthest a hole has moved
-    press: float = unit("N")  # largest force on a hole
-    diameter: float = unit("m")  # of the thread
-    youngs_modulus: float = unit("Pa")  # of the sheet, infinite for fixed points
-    spans: float = unit("-")  # longest span at a hole over √(EI/T)
-    settled: float = unit("-")  # kinetic over elastic energy
-    steps: int = unit("-")
+    hand: float = unit_field("N")
+    stitch: int = unit_field("-")  # 1 begins with the knot
+    tension: float = unit_field("N")
+    law: float = unit_field("N")  # by the turns measured in the run and the law of a ring
+    turn: float = unit_field("degree")  # mean of the holes
+    moved: float = unit_field("m")  # farthest a hole has moved
+    press: float = unit_field("N")  # largest force on a hole
+    diameter: float = unit_field("m")  # of the thread
+    youngs_modulus: float = unit_field("Pa")  # of the sheet, infinite for fixed points
+    spans: float = unit_field("-")  # longest span at a hole over √(EI/T)
+    settled: float = unit_field("-")  # kinetic over elastic energy
+    steps: int = unit_field("-")
 
     @property
-    def back(self) -> int:
+    def stitches_back(self) -> int:
         """Stitches back from the pull."""
         return self.stitches - self.stitch
 
@@ -197,9 +197,9 @@ def main(
         for row in one_pull(replace(base, mu=mu)):
             rows.append(row)
             yield row
-    case = replace(base, mu=calibrated(rows)[0])
+    case = replace(base, mu=calibrate(rows)[0])
     yield from one_pull(replace(case, check=CALIBRATED))
-    for other in () if unchecked else others(case):
+    for other in () if unchecked else variations(case):
         yield from one_pull(other)
     for hold in holds:
         yield from placing(case, hold)
@@ -209,7 +209,7 @@ def main(
         yield from placing(replace(case, organ="fixed points"), middle)
 
 
-def others(case: Case) -> list[Case]:
+def variations(case: Case) -> list[Case]:
     """The same with one thing changed at a time."""
     return [
         replace(case, organ="fixed points", check="fixed points"),
@@ -224,7 +224,7 @@ def others(case: Case) -> list[Case]:
 # --- by the law -------------------------------------------------------------------------------------------
 
 
-def by_law(before: Array, hand: float, ratios: Array) -> Array:
+def tensions_by_law(before: Array, hand: float, ratios: Array) -> Array:
     """Tensions behind each hole [N] of shape `(holes,)` when the hand pulls, from those before.
 
     `ratios` (holes − 1,) are those at which the holes but the knot slip. A segment keeps its tension as long as no hole
@@ -234,15 +234,15 @@ def by_law(before: Array, hand: float, ratios: Array) -> Array:
     return np.clip(before, hand / reach, hand * reach)
 
 
-def second_by_law(ratio: float, pull: float, hold: float, stitches: int) -> Array:
+def second_stitch_by_law(ratio: float, pull: float, hold: float, stitches: int) -> Array:
     """Tension of the second stitch [N] under each pull, from its own on, when stitches are placed one after the other
     and every hole slips at the same ratio, shape `(stitches - 1,)`."""
     law, out = np.full(2, hold), []
     for number in range(2, stitches + 1):
         ratios = np.full(2 * number - 1, ratio)
-        law = by_law(np.append(law, [hold, hold]), pull, ratios)
+        law = tensions_by_law(np.append(law, [hold, hold]), pull, ratios)
         out.append(law[3])
-        law = by_law(law, hold, ratios)
+        law = tensions_by_law(law, hold, ratios)
     return np.array(out)
 
 
@@ -307,28 +307,28 @@ def fascia(case: Case) -> dict[str, Any]:
     }
 
 
-def laid(case: Case, stitches: int, tension: float) -> Line:
+def lay_taut(case: Case, stitches: int, tension: float) -> Line:
     """A thread in the first stitches, drawn taut without friction."""
     assembly = assemble(scenario(case, stitches))
     rough, state = assembly.system, assembly.start()
     smooth = replace(rough, piercings=tuple(replace(hole, friction=None) for hole in rough.piercings))
     system = replace(smooth, ends=(smooth.ends[0], Hand((0.0, 1.0), tension * OVER, tension * OVER)))
     assert assembly.resolution is not None
-    state = replace(state, sigma=slipping(smooth, state))
+    state = replace(state, sigma=smooth_slip(smooth, state))
     line = Line(system, state, assembly.resolution, case.step, np.full(2 * stitches, tension))
-    line = led(line, tension * OVER, LAYING)
+    line = lead(line, tension * OVER, LAYING)
     system, state = line.system, line.state
     system = replace(system, piercings=rough.piercings)
-    state = replace(state, sigma=slipping(system, state))
+    state = replace(state, sigma=smooth_slip(system, state))
     return replace(line, system=system, state=state)
 
 
-def slipping(system: System, state: State) -> Array:
+def smooth_slip(system: System, state: State) -> Array:
     """Holes without friction slide, those with it stick."""
     return np.where(system.may_slide & ~system.rough & state.present, 1.0, 0.0)
 
 
-def led(line: Line, force: Array, seconds: float) -> Line:
+def lead(line: Line, force: Array, seconds: float) -> Line:
     """The suture after the hand's force has gone to `force` (3,) [N]."""
     system, now = line.system, line.state.time
     hand = Hand((now, now + seconds), system.ends[1].force(now), force)
@@ -346,20 +346,20 @@ def led(line: Line, force: Array, seconds: float) -> Line:
     return replace(line, system=run.system, state=run.state, steps=line.steps + count)
 
 
-def drawn(line: Line, mu: float, force: Array, seconds: float) -> Line:
+def draw(line: Line, mu: float, force: Array, seconds: float) -> Line:
     """The same, then at rest, and what the law of friction makes of it."""
-    line = led(led(line, force, seconds), force, REST)
+    line = lead(lead(line, force, seconds), force, REST)
     ratios = np.array([bent_ratio(mu, turn) for turn in line.turns])
-    return replace(line, law=by_law(line.law, line.hand, ratios))
+    return replace(line, law=tensions_by_law(line.law, line.hand, ratios))
 
 
-def stitched(line: Line, number: int, hold: float) -> Line:
+def add_stitch(line: Line, number: int, hold: float) -> Line:
     """One stitch more, `number` from 0: the tail passes over its entry, is led under the wound to its exit, back."""
     for hole, came, goes, way in ((2 * number, OVER, UNDER, -UP), (2 * number + 1, UNDER, OVER, UP)):
-        line = led(line, hold * came, REST)
+        line = lead(line, hold * came, REST)
         state, _ = begin_piercing(line.system, line.state, hole, line.step, np.nan)
         line = replace(line, state=state)
-        line = led(led(line, hold * way, SWING / 2), hold * goes, SWING / 2)
+        line = lead(lead(line, hold * way, SWING / 2), hold * goes, SWING / 2)
     return replace(line, law=np.append(line.law, [hold, hold]))
 
 
@@ -369,28 +369,28 @@ def stitched(line: Line, number: int, hold: float) -> Line:
 def one_pull(case: Case) -> Iterator[Row]:
     """Laid, pulled, and let back in stages."""
     with threadpool_limits(limits=1, user_api="blas"):
-        line = drawn(laid(case, case.stitches, SLACK), case.mu, SLACK * OVER, REST)
+        line = draw(lay_taut(case, case.stitches, SLACK), case.mu, SLACK * OVER, REST)
         yield from moment(line, case, "one pull", SLACK, "before")
         for hand in (*(x for x in RISE if x < case.pull), case.pull):
-            line = drawn(line, case.mu, hand * OVER, PULLING / (len(RISE) + 1))
+            line = draw(line, case.mu, hand * OVER, PULLING / (len(RISE) + 1))
             yield from moment(line, case, "one pull", SLACK, "pulled" if hand == case.pull else "rising")
         for hand in STAGES:
-            line = drawn(line, case.mu, hand * OVER, LETTING / len(STAGES))
+            line = draw(line, case.mu, hand * OVER, LETTING / len(STAGES))
             yield from moment(line, case, "one pull", SLACK, "let back")
 
 
 def placing(case: Case, hold: float) -> Iterator[Row]:
     """Stitch after stitch from the second on: held, pulled, let back."""
     with threadpool_limits(limits=1, user_api="blas"):
-        line = laid(case, 2, hold)
+        line = lay_taut(case, 2, hold)
         for number in range(2, case.stitches + 1):
-            line = stitched(line, number - 1, hold) if number > 2 else line
-            line = drawn(line, case.mu, hold * OVER, REST)
+            line = add_stitch(line, number - 1, hold) if number > 2 else line
+            line = draw(line, case.mu, hold * OVER, REST)
             yield from moment(line, case, "placing", hold, "before")
-            line = drawn(line, case.mu, case.pull * OVER, PULLING)
+            line = draw(line, case.mu, case.pull * OVER, PULLING)
             yield from moment(line, case, "placing", hold, "pulled")
-            line = led(line, np.sqrt(case.pull * hold) * OVER, LETTING / 2)
-            line = drawn(line, case.mu, hold * OVER, LETTING / 2)
+            line = lead(line, np.sqrt(case.pull * hold) * OVER, LETTING / 2)
+            line = draw(line, case.mu, hold * OVER, LETTING / 2)
             yield from moment(line, case, "placing", hold, "let back")
 
 
@@ -446,11 +446,11 @@ def placings(rows: Sequence[Row]) -> list[list[Row]]:
     return [run for run in runs(rows) if run[0].kind == "placing"]
 
 
-def at(run: Sequence[Row], moment: str = "pulled") -> dict[int, Row]:
+def rows_at(run: Sequence[Row], moment: str = "pulled") -> dict[int, Row]:
     """Rows of a moment by stitches back from the pull: one pull along the line, or, of stitches placed one after the
     other, the second under one pull after the other."""
     followed = run[0].kind == "placing"
-    return {row.back: row for row in run if row.moment == moment and (row.stitch == 2 or not followed)}
+    return {row.stitches_back: row for row in run if row.moment == moment and (row.stitch == 2 or not followed)}
 
 
 def reference(rows: Sequence[Row]) -> list[Row]:
@@ -462,7 +462,7 @@ def coefficient(rows: Sequence[Row], left: float) -> float:
     """The μ that leaves a tension [N] two stitches back, by ln of the ratio, nearly linear in artanh μ. Raises
     `StudyError`."""
     over = sweep(rows)
-    ratios = [np.log(hand_of(run) / at(run)[BACK].tension) for run in over]
+    ratios = [np.log(hand_of(run) / rows_at(run)[BACK].tension) for run in over]
     wanted = float(np.log(hand_of(over[0]) / left))
     if not min(ratios) <= wanted <= max(ratios):
         shown = ", ".join(f"{run[0].mu:g}" for run in over)
@@ -473,7 +473,7 @@ def coefficient(rows: Sequence[Row], left: float) -> float:
     return float(np.tanh(np.interp(wanted, ratios, [np.arctanh(run[0].mu) for run in over])))
 
 
-def calibrated(rows: Sequence[Row]) -> tuple[float, float, float]:
+def calibrate(rows: Sequence[Row]) -> tuple[float, float, float]:
     """The μ of the published tension, and those of one SD more and one less. Raises `StudyError`."""
     mu, low, high = (coefficient(rows, PUBLISHED_LEFT + sign * LEFT_SD) for sign in (0, 1, -1))
     return mu, low, high
@@ -488,21 +488,22 @@ def reach(run: Sequence[Row]) -> int:
     """Stitches back to the farthest in which a pull changes the tension by FELT; of several pulls the farthest."""
     before = {(row.stitches, row.stitch): row.tension for row in run if row.moment == "before"}
     felt = [
-        row.back
+        row.stitches_back
         for row in run
         if row.moment == "pulled" and abs(row.tension - before[row.stitches, row.stitch]) >= FELT
     ]
     return max(felt, default=0)
 
 
-def to_the_knot(run: Sequence[Row]) -> bool:
+def reaches_knot(run: Sequence[Row]) -> bool:
     """Whether a pull is felt as far as the run goes, so that it does not tell how far."""
     return reach(run) == max(row.stitches for row in run) - 1
 
 
-def off_the_law(run: Sequence[Row]) -> float:
+def law_error(run: Sequence[Row]) -> float:
     """Largest error of the tensions that slip has brought about on the way out, over those of the law of a ring."""
-    slid = [row for row in run if row.moment in ("rising", "pulled") and row.back and row.law > SLIPPED * row.hold]
+    outward = [row for row in run if row.moment in ("rising", "pulled") and row.stitches_back]
+    slid = [row for row in outward if row.law > SLIPPED * row.hold]
     return max((abs(row.tension / row.law - 1.0) for row in slid), default=0.0)
 
 
@@ -515,7 +516,7 @@ def later_change(tensions: dict[int, Row]) -> float:
 
 def capstan(run: Sequence[Row]) -> float:
     """The μ that exp(μθ) would want for the published ratio over the mean turn in each hole."""
-    turn = np.radians(at(run)[0].turn)
+    turn = np.radians(rows_at(run)[0].turn)
     return float(np.log(PUBLISHED_PULL / PUBLISHED_LEFT) / (2 * BACK * turn))
 
 
@@ -526,9 +527,9 @@ def table(rows: Sequence[Row]) -> Table:
     head = ("run", "organ", "μ [-]", "hold [N]", *columns, "felt [stitches back]", "off the law [%]")
     seen = [f"{PUBLISHED_PULL:g} (SD {PULL_SD:g})", "", f"{PUBLISHED_LEFT:g} (SD {LEFT_SD:g})"]
     seen += ["the same"] * max(min(most, 6) - 3, 0)
-    lines = [["Horeman et al., stitch 2", "pig fascia", "", "", *padded(seen, most), f"≤ {PUBLISHED_REACH}", ""]]
+    lines = [["Horeman et al., stitch 2", "pig fascia", "", "", *pad(seen, most), f"≤ {PUBLISHED_REACH}", ""]]
     for run in runs(rows):
-        first, tensions = run[0], at(run)
+        first, tensions = run[0], rows_at(run)
         name = "placing, stitch 2" if first.kind == "placing" else ", ".join(x for x in ("one pull", first.check) if x)
         cells = [f"{tensions[back].tension:.3f}" if back in tensions else "" for back in range(most)]
         lines.append(
@@ -537,45 +538,46 @@ def table(rows: Sequence[Row]) -> Table:
                 first.organ,
                 f"{first.mu:.4g}",
                 f"{first.hold:g}",
-                *padded(cells, most),
-                f"{'≥ ' if to_the_knot(run) else ''}{reach(run)}",
-                f"{100 * off_the_law(run):.2g}",
+                *pad(cells, most),
+                f"{'≥ ' if reaches_knot(run) else ''}{reach(run)}",
+                f"{100 * law_error(run):.2g}",
             ]
         )
     return Table(head, lines)
 
 
-def padded(cells: Sequence[str], count: int) -> list[str]:
+def pad(cells: Sequence[str], count: int) -> list[str]:
     """Cells filled up with empty ones."""
     return [*cells, *[""] * (count - len(cells))]
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
     """The calibration, what it foretells beside the published, what the checks change, and what no run supports."""
-    return [*calibration(rows), *foretold(rows), *compared(rows), *limits(rows)]
+    return [*calibration(rows), *predictions(rows), *consistency(rows), *limits(rows)]
 
 
 def calibration(rows: Sequence[Row]) -> list[str]:
     """μ with its interval, and whether it is a coefficient one would expect."""
-    run, (mu, more, less) = reference(rows), calibrated(rows)
+    run, (mu, more, less) = reference(rows), calibrate(rows)
     low, high = COEFFICIENTS
     inside = "within" if low <= mu <= high else "OUTSIDE"
     return [
         f"calibrated: μ = {mu:.3f}, by {PUBLISHED_LEFT:g} N two stitches back from {hand_of(run):g} N; {more:.3f} to "
         f"{less:.3f} for ± 1 SD of that alone. Round cylinders (exp μθ) of the holes' mean turn, "
-        f"{at(run)[0].turn:.0f}°, it would be {capstan(run):.3f}",
+        f"{rows_at(run)[0].turn:.0f}°, it would be {capstan(run):.3f}",
         f"that is {inside} the {low:g} to {high:g} assumed for sutures on wet tissue",
     ]
 
 
-def foretold(rows: Sequence[Row]) -> list[str]:
+def predictions(rows: Sequence[Row]) -> list[str]:
     """What was not used to calibrate: the reach and the later pulls at the second stitch, foretold by one pull, and of
     stitches placed for each hold."""
     run = reference(rows)
-    out = [f"foretold, one pull: felt {reach(run)} stitches back, published at most {PUBLISHED_REACH}: {verdict(run)}"]
-    followed = {"foretold, every row drawn anew, friction forgets": anew(run)}
+    felt = f"felt {reach(run)} stitches back, published at most {PUBLISHED_REACH}"
+    out = [f"foretold, one pull: {felt}: {reach_verdict(run)}"]
+    followed = {"foretold, every row drawn anew, friction forgets": tensions_drawn_anew(run)}
     for placed in placings(rows):
-        followed[f"placing, {placed[0].organ}, hold {placed[0].hold:g} N"] = at(placed)
+        followed[f"placing, {placed[0].organ}, hold {placed[0].hold:g} N"] = rows_at(placed)
     out += [f"{name}: stitch 2 {sequence(found)}" for name, found in followed.items() if BACK in found]
     holds = agreeing_holds(run)
     found = f"for holds from {holds[0]:.2f} to {holds[-1]:.2f} N" if len(holds) else "for no hold"
@@ -586,21 +588,21 @@ def foretold(rows: Sequence[Row]) -> list[str]:
 def agreeing_holds(run: Sequence[Row]) -> Array:
     """Holds [N] in steps of 10 mN with which the law alone leaves the second stitch as published."""
     pull, last = hand_of(run), max(row.stitches for row in run)
-    ratio = (pull / at(run)[BACK].tension) ** (1 / (2 * BACK))
+    ratio = (pull / rows_at(run)[BACK].tension) ** (1 / (2 * BACK))
     holds = np.arange(0.01, pull, 0.01)
-    second = np.array([second_by_law(ratio, pull, hold, max(last, 3 + BACK)) for hold in holds])[:, BACK:]
+    second = np.array([second_stitch_by_law(ratio, pull, hold, max(last, 3 + BACK)) for hold in holds])[:, BACK:]
     fourth = np.abs(second[:, 0] - PUBLISHED_LEFT) <= LEFT_SD
     return holds[fourth & (np.abs(second - second[:, :1]).max(axis=1) < FELT)]
 
 
-def anew(run: Sequence[Row]) -> dict[int, Row]:
+def tensions_drawn_anew(run: Sequence[Row]) -> dict[int, Row]:
     """The second stitch of rows that end where they are pulled, each drawn anew: friction knows no past."""
-    return {back: row for back, row in at(run).items() if row.stitch > 1}
+    return {back: row for back, row in rows_at(run).items() if row.stitch > 1}
 
 
-def verdict(run: Sequence[Row]) -> str:
+def reach_verdict(run: Sequence[Row]) -> str:
     """Whether the reach is the published one."""
-    if to_the_knot(run):
+    if reaches_knot(run):
         return "the row is too short to tell"
     return "agrees" if reach(run) <= PUBLISHED_REACH else "DISAGREES"
 
@@ -617,13 +619,13 @@ def sequence(tensions: dict[int, Row]) -> str:
     )
 
 
-def compared(rows: Sequence[Row]) -> list[str]:
+def consistency(rows: Sequence[Row]) -> list[str]:
     """Consistency: what is changed by what should not matter, two stitches back."""
-    out, usual = [], at(reference(rows))[BACK].tension
+    out, usual = [], rows_at(reference(rows))[BACK].tension
     for run in runs(rows):
         first = run[0]
         if first.check not in ("", CALIBRATED):
-            change = 100 * (at(run)[BACK].tension / usual - 1.0)
+            change = 100 * (rows_at(run)[BACK].tension / usual - 1.0)
             out.append(f"{first.check}: {change:+.2g} % two stitches back")
     return out
 
@@ -649,24 +651,24 @@ def limits(rows: Sequence[Row]) -> list[str]:
 def figure(rows: Sequence[Row]) -> Figure:
     """Tension along the line, reach over μ, the second stitch while stitches are placed, and a pull let back."""
     drawing, grid = panels(2, 2)
-    along_the_line(grid[0, 0], rows)
+    tensions_along_line(grid[0, 0], rows)
     reach_over_mu(grid[0, 1], rows)
     second_stitch(grid[1, 0], rows)
-    let_back(grid[1, 1], rows)
+    plot_let_back(grid[1, 1], rows)
     return drawing
 
 
-def along_the_line(axes: Axes, rows: Sequence[Row]) -> None:
+def tensions_along_line(axes: Axes, rows: Sequence[Row]) -> None:
     """Points are runs, dotted lines the law of a ring, bars the published mean and SD."""
     shown = [run for run in sweep(rows) if run[0].mu]
     greys = [str(grey) for grey in np.linspace(0.7, 0.2, len(shown))]
     for run, colour, marker in zip([*shown, reference(rows)], [*greys, COLOURS[0]], cycle(MARKERS), strict=False):
-        tensions = at(run)
+        tensions = rows_at(run)
         back = sorted(tensions)
         label = f"μ = {run[0].mu:.3g} {run[0].check}"
         axes.plot(back, [tensions[k].tension for k in back], marker, color=colour, label=label, markersize=4)
         axes.plot(back, [tensions[k].law for k in back], ":", color=colour)
-    published(axes, [0, BACK], [PUBLISHED_PULL, PUBLISHED_LEFT], [PULL_SD, LEFT_SD])
+    plot_published(axes, [0, BACK], [PUBLISHED_PULL, PUBLISHED_LEFT], [PULL_SD, LEFT_SD])
     axes.plot([], [], ":", color="black", label="ring law, by the turns measured")
     axes.set(yscale="log", xlabel="stitches back from the pull [-]", ylabel="tension [N]", title="one pull")
     ticks(axes, "x", range(max(row.stitches for row in rows)))
@@ -675,7 +677,7 @@ def along_the_line(axes: Axes, rows: Sequence[Row]) -> None:
     axes.legend(fontsize=6.5, loc="upper right", ncols=2)
 
 
-def published(axes: Axes, x: Sequence[float], mean: Sequence[float], deviation: Sequence[float]) -> None:
+def plot_published(axes: Axes, x: Sequence[float], mean: Sequence[float], deviation: Sequence[float]) -> None:
     """Published means with their SD."""
     label = "Horeman et al. 2013, mean and SD"
     style = {"fmt": "s", "markerfacecolor": "white", "capsize": 4, "zorder": 5}
@@ -685,9 +687,9 @@ def published(axes: Axes, x: Sequence[float], mean: Sequence[float], deviation: 
 def reach_over_mu(axes: Axes, rows: Sequence[Row]) -> None:
     """Stitches back in which one pull is felt."""
     for ends, marker, label in ((False, "o", "one pull"), (True, "^", "one pull, to the knot")):
-        over = [run for run in (*sweep(rows), reference(rows)) if to_the_knot(run) == ends]
+        over = [run for run in (*sweep(rows), reference(rows)) if reaches_knot(run) == ends]
         axes.plot([run[0].mu for run in over], [reach(run) for run in over], marker, color=COLOURS[0], label=label)
-    mu, *interval = calibrated(rows)
+    mu, *interval = calibrate(rows)
     axes.axvspan(*interval, color="black", alpha=0.12, label="μ within ± 1 SD")
     axes.axvline(mu, color="black", linestyle="--", label=f"calibrated, μ = {mu:.3f}")
     axes.axhspan(0, PUBLISHED_REACH, color=COLOURS[1], alpha=0.12, label=f"published: ≤ {PUBLISHED_REACH}")
@@ -700,28 +702,28 @@ def reach_over_mu(axes: Axes, rows: Sequence[Row]) -> None:
 def second_stitch(axes: Axes, rows: Sequence[Row]) -> None:
     """Tension of the second stitch while each stitch is pulled."""
     last = max(row.stitches for row in rows)
-    alone = anew(reference(rows))
+    alone = tensions_drawn_anew(reference(rows))
     x, y = [k + 2 for k in sorted(alone)], [alone[k].tension for k in sorted(alone)]
     axes.plot(x, y, "k:", marker="x", label="each row drawn anew")
     colours = [colour for colour in COLOURS if colour != COLOURS[1]]
     for run, colour, marker in zip(placings(rows), cycle(colours), cycle(MARKERS), strict=False):
-        tensions, first = at(run), run[0]
+        tensions, first = rows_at(run), run[0]
         x, y = [k + 2 for k in sorted(tensions)], [tensions[k].tension for k in sorted(tensions)]
         label = f"{first.organ}, hold {first.hold:g} N"
         axes.plot(x, y, DASHES[first.organ], color=colour, marker=marker, label=label, markersize=4)
     later = len(range(2 + BACK, last + 1))
     measured, deviation = [PUBLISHED_PULL, *[PUBLISHED_LEFT] * later], [PULL_SD, *[LEFT_SD] * later]
-    published(axes, [2, *range(2 + BACK, last + 1)], measured, deviation)
+    plot_published(axes, [2, *range(2 + BACK, last + 1)], measured, deviation)
     axes.set(xlabel="stitch that is pulled [-]", ylabel="tension of stitch 2 [N]", title="stitches placed one by one")
     ticks(axes, "x", range(2, last + 1))
     axes.legend(fontsize=6.5)
 
 
-def let_back(axes: Axes, rows: Sequence[Row]) -> None:
+def plot_let_back(axes: Axes, rows: Sequence[Row]) -> None:
     """Tensions over the hand's force, out and back; dotted, the law."""
     run = reference(rows)
     for back in range(1, min(5, run[0].stitches)):
-        of = [row for row in run if row.back == back]
+        of = [row for row in run if row.stitches_back == back]
         hand = [row.hand for row in of]
         axes.plot(hand, [row.tension for row in of], color=COLOURS[back], marker=MARKERS[back], label=f"{back} back")
         axes.plot(hand, [row.law for row in of], ":", color="black")

@@ -6,18 +6,18 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from studies.scenario.refusal import as_key, as_toml, nearest, refused
+from studies.scenario.refusal import as_key, as_toml, nearest, refusal
 from studies.scenario.table import (
     GROWTH,
     Growth,
     NotNegative,
     Positive,
     ScenarioError,
-    Table,
+    ScenarioTable,
     Text,
     Vector,
     one_sentence,
-    repeated,
+    repetition,
 )
 
 BLOCK_BOUNDARIES = ("left", "right", "front", "back", "bottom", "top")
@@ -33,7 +33,7 @@ SURFACES = (".stl", ".obj", ".ply")  # files that hold a closed surface, to be f
 # --- organ ------------------------------------------------------------------------------------------------
 
 
-class _Sized(Table):
+class _Sized(ScenarioTable):
     """A mesh that is generated, with a size far from the piercings and perhaps another at them."""
 
     h: Positive = Field(description="mesh size far from the piercings [m]", examples=[4.0e-3])
@@ -142,7 +142,7 @@ class TubeMesh(_Sized):
         return self
 
 
-class FileMesh(Table):
+class FileMesh(ScenarioTable):
     """Volume mesh read from a file, or closed surface that is filled."""
 
     kind: Literal["file"]
@@ -186,7 +186,7 @@ class FileMesh(Table):
 Mesh = Annotated[BlockMesh | WoundMesh | CylinderMesh | TubeMesh | FileMesh, Field(discriminator="kind")]
 
 
-class Boundary(Table):
+class Boundary(ScenarioTable):
     """Named set of the surface facets whose centre lies in a box."""
 
     name: Text = Field(description="name of the boundary", examples=["bed"])
@@ -205,7 +205,7 @@ class Boundary(Table):
         return self
 
 
-class Region(Table):
+class Region(ScenarioTable):
     """Part of the organ with a material of its own; what is not given is the organ's. A later region overrides an
     earlier one.
     """
@@ -237,7 +237,7 @@ class Region(Table):
         return self
 
 
-class Tissue(Table):
+class Tissue(ScenarioTable):
     """Organ of small-strain isotropic linear elasticity."""
 
     youngs_modulus: Positive = Field(description="Young's modulus of the tissue [Pa]", examples=[1.0e5])
@@ -283,7 +283,7 @@ class Tissue(Table):
     @model_validator(mode="after")
     def _check_boundaries(self) -> Self:
         own = [boundary.name for boundary in self.boundary]
-        if problem := repeated("boundary", own):
+        if problem := repetition("boundary", own):
             raise ValueError(f".{problem}")
         there = boundaries_of(self.mesh)
         if taken := next((name for name in own if name in there), None):
@@ -306,7 +306,7 @@ class Tissue(Table):
 
     @model_validator(mode="after")
     def _check_regions(self) -> Self:
-        if problem := repeated("region", [region.name for region in self.region]):
+        if problem := repetition("region", [region.name for region in self.region]):
             raise ValueError(f".{problem}")
         for region in self.region:
             key = f".region.{as_key(region.name)}"
@@ -345,4 +345,4 @@ def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "c
     match = nearest(lost, boundaries)
     hint = f'; the nearest is "{match}"' if match else "; add it as [[tissue.boundary]]"
     there = ", ".join(boundaries) or "none"
-    return refused(key, [lost], f"there is no such boundary; the boundaries are {there}{hint}")
+    return refusal(key, [lost], f"there is no such boundary; the boundaries are {there}{hint}")

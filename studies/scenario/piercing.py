@@ -6,10 +6,10 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from studies.scenario.refusal import as_toml
-from studies.scenario.table import NotNegative, Positive, Table, Text, Turn, Vector, one_sentence
+from studies.scenario.table import NotNegative, Positive, ScenarioTable, Text, Turn, Vector, one_sentence
 
 
-class Friction(Table):
+class Friction(ScenarioTable):
     """Coulomb friction and grip at a piercing."""
 
     static: NotNegative = Field(description="coefficient of static friction [-]", examples=[0.12])
@@ -26,7 +26,7 @@ class Friction(Table):
         return self
 
 
-class Piercing(Table):
+class Piercing(ScenarioTable):
     """Hole through which the thread passes."""
 
     name: Text = Field(description="name of the piercing", examples=["entry"])

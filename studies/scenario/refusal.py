@@ -49,12 +49,12 @@ def sentences(error: ValidationError, model: type[BaseModel], data: object) -> l
     return [_sentence(detail, model, data) for detail in details if not _follows(detail, details)]
 
 
-def refused(key: str, value: object, reason: str) -> str:
+def refusal(key: str, value: object, reason: str) -> str:
     """The common form: ``key = value is refused: reason``."""
     return f"{key} = {_shortened(value)} is refused: {reason}"
 
 
-def dotted(parts: Iterable[object]) -> str:
+def dotted_key(parts: Iterable[object]) -> str:
     """The full name of a key from its parts."""
     return ".".join(as_key(str(part)) for part in parts)
 
@@ -76,7 +76,7 @@ class Place(NamedTuple):
 
     @property
     def key(self) -> str:
-        return dotted(self.parts)
+        return dotted_key(self.parts)
 
 
 def _sentence(detail: ErrorDetails, model: type[BaseModel], data: object) -> str:
@@ -93,22 +93,22 @@ def _sentence(detail: ErrorDetails, model: type[BaseModel], data: object) -> str
         case "value_error":  # ours: a sentence that continues the key's name
             return f"{place.key}{detail['ctx']['error']}"
         case _:
-            return refused(place.key, detail["input"], f"{_allowed(detail)}; {_remedy(place)}")
+            return refusal(place.key, detail["input"], f"{_allowed(detail)}; {_remedy(place)}")
 
 
 def _unknown_key(place: Place, value: object) -> str:
     known = _keys(place.table)
     match = nearest(place.parts[-1], known)
     names = ", ".join(known)
-    hint = f"the nearest is {dotted([*place.parts[:-1], match])}; known here are" if match else "known here are"
-    return refused(place.key, value, f"there is no such key; {hint} {names}")
+    hint = f"the nearest is {dotted_key([*place.parts[:-1], match])}; known here are" if match else "known here are"
+    return refusal(place.key, value, f"there is no such key; {hint} {names}")
 
 
 def _unknown_kind(place: Place, tag: str) -> str:
     key = f"{place.key}.kind"
     match = nearest(tag, _models(place.kind))
     hint = f'; the nearest is "{match}"' if match else ""
-    return refused(key, tag, f"allowed are {_tags(place.kind)}{hint}")
+    return refusal(key, tag, f"allowed are {_tags(place.kind)}{hint}")
 
 
 def _allowed(detail: ErrorDetails) -> str:
@@ -127,7 +127,7 @@ def _remedy(place: Place) -> str:
         return f"correct {place.key}"
     info = place.table.model_fields[place.field]
     name = info.alias or place.field
-    key = dotted(place.parts[: len(place.parts) - place.parts[::-1].index(name)])
+    key = dotted_key(place.parts[: len(place.parts) - place.parts[::-1].index(name)])
     example = info.examples[0] if info.examples else info.default
     return f"write for example {key} = {as_toml(example)} ({info.description})"
 

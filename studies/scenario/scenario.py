@@ -13,15 +13,15 @@ from pydantic import Field, ValidationError, model_validator
 
 from studies.scenario.organ import Tissue
 from studies.scenario.piercing import Piercing
-from studies.scenario.refusal import dotted, refused, sentences
+from studies.scenario.refusal import dotted_key, refusal, sentences
 from studies.scenario.solve import Output, Solve
-from studies.scenario.table import ScenarioError, Table, repeated
+from studies.scenario.table import ScenarioError, ScenarioTable, repetition
 from studies.scenario.thread import ClampedEnd, Thread
 
 # --- solution and output ----------------------------------------------------------------------------------
 
 
-class Scenario(Table):
+class Scenario(ScenarioTable):
     """A suture thread, an organ it pierces, and what is done to them."""
 
     title: Annotated[str, Field(strict=True)] = Field(default="", description="title of the scenario")
@@ -39,7 +39,7 @@ class Scenario(Table):
 
     @model_validator(mode="after")
     def _check_piercings(self) -> Self:
-        if problem := repeated("piercing", [piercing.name for piercing in self.piercing]):
+        if problem := repetition("piercing", [piercing.name for piercing in self.piercing]):
             raise ValueError(problem)
         check_order(
             [(piercing, piercing.s) for piercing in self.piercing if piercing.s is not None], self.thread.length
@@ -47,9 +47,9 @@ class Scenario(Table):
         check_control_points(self.thread.control_points, len(self.piercing))
         loose = next((piercing.name for piercing in self.piercing if piercing.direction == "normal"), None)
         if self.tissue is None and loose is not None:
-            key = dotted(["piercing", loose, "direction"])
+            key = dotted_key(["piercing", loose, "direction"])
             reason = 'without [tissue] there is no surface; use "free" or [x, y, z], or add [tissue]'
-            raise ValueError(refused(key, "normal", reason))
+            raise ValueError(refusal(key, "normal", reason))
         return self
 
     @model_validator(mode="after")
@@ -60,26 +60,26 @@ class Scenario(Table):
             together = max(one.from_, other.from_) < min(hole.until or inf for hole in (one, other))
             if together and apart < reach:
                 reason = (
-                    f"it is {apart:.3g} m from {dotted(['piercing', one.name])}, nearer than their footprints "
+                    f"it is {apart:.3g} m from {dotted_key(['piercing', one.name])}, nearer than their footprints "
                     f"together, {reach:.3g} m; move them apart or take smaller footprints"
                 )
-                raise ValueError(refused(dotted(["piercing", other.name, "at"]), other.at, reason))
+                raise ValueError(refusal(dotted_key(["piercing", other.name, "at"]), other.at, reason))
         return self
 
     @model_validator(mode="after")
     def _check_friction(self) -> Self:
         rough = next((piercing.name for piercing in self.piercing if piercing.friction is not None), None)
         if rough is not None and self.solve.scheme == "linear" and self.solve.friction == "implicit":
-            key = dotted(["piercing", rough, "friction"])
+            key = dotted_key(["piercing", rough, "friction"])
             reason = f'solve.scheme is linear, which has no implicit {key}; use "two-pass", or scheme = "newton"'
-            raise ValueError(refused("solve.friction", "implicit", reason))
+            raise ValueError(refusal("solve.friction", "implicit", reason))
         if rough is not None and not self.thread.bending:
             reason = (
-                f"{dotted(['piercing', rough, 'friction'])} acts along the tangent that the bend at a hole gives the "
-                "thread, however thin the thread, and a spline without bending has none; set bending = true, and for a "
-                "limp thread a small thread.bending_factor"
+                f"{dotted_key(['piercing', rough, 'friction'])} acts along the tangent that the bend at a hole gives "
+                "the thread, however thin the thread, and a spline without bending has none; set bending = true, and "
+                "for a limp thread a small thread.bending_factor"
             )
-            raise ValueError(refused("thread.bending", False, reason))
+            raise ValueError(refusal("thread.bending", False, reason))
         return self
 
     @model_validator(mode="after")
@@ -87,23 +87,23 @@ class Scenario(Table):
         linear = self.solve.scheme == "linear" and self.solve.coupling == "monolithic"
         if self.tissue is not None and self.tissue.contact and linear:
             reason = 'the linear scheme has no inequalities; use solve.scheme = "newton", or coupling = "staggered"'
-            raise ValueError(refused("tissue.contact", True, reason))
+            raise ValueError(refusal("tissue.contact", True, reason))
         return self
 
     @model_validator(mode="after")
     def _check_knots(self) -> Self:
         if self.thread.resolution == "adaptive" and self.solve.scheme == "linear":
             reason = "the linear scheme knows no missing compliance, by which the knots are placed; set it to fixed"
-            raise ValueError(refused("thread.resolution", "adaptive", reason))
+            raise ValueError(refusal("thread.resolution", "adaptive", reason))
         return self
 
     @model_validator(mode="after")
     def _check_linear(self) -> Self:
         drawn = next((hole.name for hole in self.piercing if hole.draw is not None), None)
         if self.solve.scheme == "linear" and (self.thread.cuts or drawn is not None):
-            key = "thread.cuts" if self.thread.cuts else dotted(["piercing", str(drawn), "draw"])
+            key = "thread.cuts" if self.thread.cuts else dotted_key(["piercing", str(drawn), "draw"])
             reason = f'the paper\'s linear step knows no {key}; use "newton"'
-            raise ValueError(refused("solve.scheme", "linear", reason))
+            raise ValueError(refusal("solve.scheme", "linear", reason))
         return self
 
     @model_validator(mode="after")
@@ -112,7 +112,7 @@ class Scenario(Table):
         held = any(isinstance(end, ClampedEnd) or getattr(end, "turn", None) for end in ends)
         if self.thread.twist and self.solve.kind == "static" and not held:
             reason = "solve.kind is static and nothing keeps the thread from spinning; clamp an end or give it a turn"
-            raise ValueError(refused("thread.twist", True, reason))
+            raise ValueError(refusal("thread.twist", True, reason))
         return self
 
     @model_validator(mode="after")
@@ -122,7 +122,7 @@ class Scenario(Table):
             return self
         why = "solve.kind is static" if self.solve.kind == "static" else "tissue.inertia is false"
         reason = f'{why}, so the organ must be held; name a boundary, for example clamp = ["bottom"]'
-        raise ValueError(refused("tissue.clamp", [], reason))
+        raise ValueError(refusal("tissue.clamp", [], reason))
 
 
 # --- checks that the simulation repeats once it knows more ------------------------------------------------
@@ -136,10 +136,10 @@ def check_order(placed: Sequence[tuple[Piercing, float]], length: float | None =
     for (before, low), (after, high) in pairwise(placed):
         if high <= low:
             reason = (
-                f"it must be greater than {dotted(['piercing', before.name, 's'])} = {low}, because the piercings "
+                f"it must be greater than {dotted_key(['piercing', before.name, 's'])} = {low}, because the piercings "
                 "are listed in the order in which the thread passes them; reorder them or correct s"
             )
-            raise ScenarioError(refused(dotted(["piercing", after.name, "s"]), high, reason))
+            raise ScenarioError(refusal(dotted_key(["piercing", after.name, "s"]), high, reason))
 
 
 def check_within(hole: Piercing, s: float, length: float | None) -> None:
@@ -150,7 +150,7 @@ def check_within(hole: Piercing, s: float, length: float | None) -> None:
     limit = "the thread's length" if length is None else f"the thread's length of {length} m"
     reason = f"it must lie between 0 and {limit}; move the piercing, or let the path go on beyond it"
     at_end = s in (0.0, last) and ', or hold the end of the thread there: kind = "anchored"'
-    raise ScenarioError(refused(dotted(["piercing", hole.name, "s"]), s, reason + (at_end or "")))
+    raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "s"]), s, reason + (at_end or "")))
 
 
 def check_cuts(cuts: Sequence[float], length: float) -> None:
@@ -158,7 +158,7 @@ def check_cuts(cuts: Sequence[float], length: float) -> None:
     lost = next((s for s in cuts if s >= length), None)
     if lost is not None:
         reason = f"it must lie between 0 and the thread's length of {length} m; move it"
-        raise ScenarioError(refused("thread.cuts", lost, reason))
+        raise ScenarioError(refusal("thread.cuts", lost, reason))
 
 
 def check_spans(cuts: Sequence[float], ends: Sequence[float], breaks: Sequence[float]) -> None:
@@ -169,7 +169,7 @@ def check_spans(cuts: Sequence[float], ends: Sequence[float], breaks: Sequence[f
                 f"the piece from {before:.6g} to {after:.6g} m is shorter than two spans of the thread; cut elsewhere, "
                 "or raise thread.control_points"
             )
-            raise ScenarioError(refused("thread.cuts", cuts, reason))
+            raise ScenarioError(refusal("thread.cuts", cuts, reason))
 
 
 def check_control_points(control_points: int, piercings: int) -> None:
@@ -182,7 +182,7 @@ def check_control_points(control_points: int, piercings: int) -> None:
     least = 4 + 3 * piercings
     if control_points < least:
         reason = f"{piercings} piercings need at least {least} (4 and 3 for each piercing); raise it"
-        raise ScenarioError(refused("thread.control_points", control_points, reason))
+        raise ScenarioError(refusal("thread.control_points", control_points, reason))
 
 
 # --- reading and writing ----------------------------------------------------------------------------------

@@ -4,10 +4,10 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from studies.scenario.table import NotNegative, Positive, Table, Vector, Whole
+from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector, Whole
 
 
-class Solve(Table):
+class Solve(ScenarioTable):
     """What is solved, and how."""
 
     kind: Literal["dynamic", "static"] = Field(
@@ -62,7 +62,7 @@ class Solve(Table):
         return self
 
 
-class Output(Table):
+class Output(ScenarioTable):
     """What is written while running."""
 
     every: Whole = Field(default=10, description="steps between frames [-]")

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidator
 
-from studies.scenario.refusal import as_toml, refused
+from studies.scenario.refusal import as_toml, refusal
 
 ALLOWED_START_ERROR = 1e-6  # distance of a driven end's first waypoint from the path's end, over the path's length
 
@@ -41,12 +41,12 @@ def one_sentence(allowed: str) -> WrapValidator:
     return WrapValidator(validate)
 
 
-class Table(BaseModel):
+class ScenarioTable(BaseModel):
     """A table of the scenario: frozen, no unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=False)
 
 
-def repeated(table: str, names: Sequence[str]) -> str | None:
+def repetition(table: str, names: Sequence[str]) -> str | None:
     twice = next((name for index, name in enumerate(names) if name in names[:index]), None)
-    return None if twice is None else refused(f"{table}.name", twice, "names must be unique; rename one")
+    return None if twice is None else refusal(f"{table}.name", twice, "names must be unique; rename one")

@@ -13,7 +13,7 @@ from studies.scenario.table import (
     ALLOWED_START_ERROR,
     NotNegative,
     Positive,
-    Table,
+    ScenarioTable,
     Text,
     Turn,
     Vector,
@@ -22,7 +22,7 @@ from studies.scenario.table import (
 )
 
 
-class _End(Table):
+class _End(ScenarioTable):
     mass: NotNegative = Field(default=0.0, description="point mass carried by this end of the thread [kg]")
 
 
@@ -104,7 +104,7 @@ class DrivenEnd(_HeldEnd):
 End = Annotated[FreeEnd | FixedEnd | ClampedEnd | PulledEnd | DrivenEnd, Field(discriminator="kind")]
 
 
-class Thread(Table):
+class Thread(ScenarioTable):
     """Suture thread laid along a path."""
 
     suture: Text | None = Field(

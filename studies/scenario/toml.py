@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from studies.scenario.organ import FileMesh
-from studies.scenario.refusal import BARE, as_key, as_toml, dotted, refused
+from studies.scenario.refusal import BARE, as_key, as_toml, dotted_key, refusal
 from studies.scenario.scenario import Scenario, parse
 from studies.scenario.table import ScenarioError
 
@@ -101,9 +101,9 @@ def _override(data: dict[str, Any], text: str) -> None:
     value = _override_value(text)
     table: Any = data
     for depth, part in enumerate(parents):
-        table = _enter(table, part, dotted(parts[:depth]), text)
+        table = _enter(table, part, dotted_key(parts[:depth]), text)
     if isinstance(table, list):
-        table[_index(table, last, dotted(parents), text)] = value
+        table[_index(table, last, dotted_key(parents), text)] = value
     else:
         table[last] = value
 
@@ -171,9 +171,9 @@ def _check_mesh_file(scenario: Scenario) -> None:
         return
     if not path.is_file():
         problem = "there is no such file; give the path relative to the scenario file"
-        raise ScenarioError(refused("tissue.mesh.path", str(path), problem))
+        raise ScenarioError(refusal("tissue.mesh.path", str(path), problem))
     if path.stat().st_size == 0:
-        raise ScenarioError(refused("tissue.mesh.path", str(path), "the file is empty; give a volume mesh"))
+        raise ScenarioError(refusal("tissue.mesh.path", str(path), "the file is empty; give a volume mesh"))
 
 
 def _lines(table: Mapping[str, Any], parents: tuple[str, ...]) -> list[str]:
@@ -184,10 +184,10 @@ def _lines(table: Mapping[str, Any], parents: tuple[str, ...]) -> list[str]:
     for key, value in table.items():
         name = (*parents, key)
         if _is_table(key, value):
-            lines += ["", f"[{dotted(name)}]", *_lines(value, name)]
+            lines += ["", f"[{dotted_key(name)}]", *_lines(value, name)]
         if _is_tables(value):
             for item in value:
-                lines += ["", f"[[{dotted(name)}]]", *_lines(item, name)]
+                lines += ["", f"[[{dotted_key(name)}]]", *_lines(item, name)]
     return lines if parents else [*lines, ""]
 
 

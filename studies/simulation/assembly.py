@@ -13,14 +13,14 @@ from meshes.wound import lips
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
-from studies.scenario.refusal import refused
+from studies.scenario.refusal import refusal
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
 from studies.simulation.meshing import material_of, organ_mesh, wound_of
 from studies.simulation.pieces import check_draws, check_pieces
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
-from thread.knots import clamped, graded_knots
-from thread.path import RoundedPath, rounded
+from thread.knots import clamped_knots, graded_knots
+from thread.path import RoundedPath, rounded_path
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
@@ -46,7 +46,7 @@ class Assembly:
     resolution: Resolution | None
 
     @property
-    def given(self) -> Array:
+    def begin_abscissae(self) -> Array:
         """Abscissa at which each piercing begins, `(p,)` [m]; NaN where the thread is nearest to it then."""
         return np.array([np.nan if hole.s is None else hole.s for hole in self.scenario.piercing])
 
@@ -63,7 +63,7 @@ def assemble(scenario: Scenario) -> Assembly:
 
     Raises `ScenarioError`, `MeshError`, `TissueError`, `ThreadError` for input that cannot be run.
     """
-    path = rounded(scenario.thread.path)
+    path = rounded_path(scenario.thread.path)
     length = length_of(scenario, path)
     body = body_of(scenario)
     organ = organ_of(scenario, body)
@@ -96,7 +96,7 @@ def length_of(scenario: Scenario, path: RoundedPath) -> float:
     length = scenario.thread.length or path.length
     if path.length > STRETCH * length:
         reason = f"the path is {path.length:.4g} m long, and no suture stretches that far; leave it out or lengthen it"
-        raise ScenarioError(refused("thread.length", length, reason))
+        raise ScenarioError(refusal("thread.length", length, reason))
     return length
 
 
@@ -104,11 +104,11 @@ def abscissae(scenario: Scenario, path: RoundedPath, length: float) -> list[floa
     """Abscissa of every piercing at the start [m]: given, or where the path is nearest after the piercing before it."""
     s: list[float] = []
     for hole in scenario.piercing:
-        s.append(hole.s if hole.s is not None else passing(path, hole.at, after=s[-1:]) * length / path.length)
+        s.append(hole.s if hole.s is not None else nearest_pass(path, hole.at, after=s[-1:]) * length / path.length)
     return s
 
 
-def passing(path: RoundedPath, point: Sequence[float], after: Sequence[float]) -> float:
+def nearest_pass(path: RoundedPath, point: Sequence[float], after: Sequence[float]) -> float:
     """Abscissa on the path [m] of its nearest pass by a point; of passes as near, the first `after` an abscissa."""
     places, distances = path.passes(point)
     near = places[distances <= distances.min() + 1e-9 * path.length]
@@ -130,7 +130,7 @@ def spline_of(table: model.Thread, length: float, s: Sequence[float]) -> Spline:
         spline = Spline(graded_knots(length, table.control_points, s, table.graded, REACH * length, table.cuts))
         check_spans(table.cuts, spline.piece_ends.tolist(), spline.breaks.tolist())
         return spline
-    return Spline(clamped(first_breaks(resolution.tree, np.array(s), table.graded)))
+    return Spline(clamped_knots(first_breaks(resolution.tree, np.array(s), table.graded)))
 
 
 def thread_of(scenario: Scenario, length: float, s: Sequence[float]) -> Thread:
@@ -231,4 +231,4 @@ def gaps_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Gaps | None:
         return None
     wound = wound_of(table.mesh)
     pairs = lips(body.mesh, wound)
-    return tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.across])
+    return tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.normal_axis])

@@ -9,7 +9,7 @@ from coupling.configuration import configuration_of
 from coupling.run import Run
 from coupling.system import System
 from studies.arrays import Array
-from studies.output.checkpoint import CHECKPOINT, Arrays, packed, unpacked
+from studies.output.checkpoint import CHECKPOINT, Arrays, pack, unpack
 from studies.scenario import ScenarioError
 from thread.spline import Spline
 
@@ -24,15 +24,15 @@ def on_knots(system: System, knots: Array) -> System:
 def memory_of(now: OrganRun) -> Arrays:
     """All that the steps after this one depend on, as arrays by name."""
     own = {"step": np.array(now.number), "s_begun": now.s_begun, "knots": now.system.thread.spline.knots}
-    return own | packed(now.state, "state") | packed(now.energies, "energies")
+    return own | pack(now.state, "state") | pack(now.energies, "energies")
 
 
-def remembered(beginning: OrganRun, memory: Arrays) -> OrganRun:
+def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
     """Where a run was, from what it kept in mind; `beginning` shows how that is built. Raises `ScenarioError`."""
     try:
         system, number = on_knots(beginning.system, memory["knots"]), int(memory["step"])
-        state = unpacked(beginning.state, memory, "state", beginning.state)
-        energies, s_begun = unpacked(beginning.energies, memory, "energies"), memory["s_begun"]
+        state = unpack(beginning.state, memory, "state", beginning.state)
+        energies, s_begun = unpack(beginning.energies, memory, "energies"), memory["s_begun"]
     except (KeyError, TypeError) as error:
         raise ScenarioError(
             f"{CHECKPOINT} is of another version of this code ({error}); run without --resume to begin anew"

@@ -25,7 +25,7 @@ from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.organ import check_clamp
-from studies.scenario.refusal import dotted, refused
+from studies.scenario.refusal import dotted_key, refusal
 
 Cells = NDArray[np.integer]
 
@@ -86,7 +86,7 @@ def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model
     if not shape.is_surface:
         mesh = read(shape.path, unit)
         if problem := too_large(mesh.nelements, table.element):
-            raise ScenarioError(refused("tissue.mesh.path", shape.path, f"it holds {problem}; take a coarser mesh"))
+            raise ScenarioError(refusal("tissue.mesh.path", shape.path, f"it holds {problem}; take a coarser mesh"))
         return mesh
     skin = read_surface(shape.path, unit)
     body = _box(skin.points.min(axis=0), skin.points.max(axis=0), skin.volume)
@@ -162,7 +162,7 @@ def check_memory(table: model.Tissue, grading: Grading, sites: Array, body: Body
     if problem := too_large(tets, table.element):
         key = "h" if grading.h_site == grading.h else "h_site"
         reason = f"with h = {grading.h:g} m it makes {problem}; take larger elements"
-        raise ScenarioError(refused(f"tissue.mesh.{key}", getattr(grading, key), reason))
+        raise ScenarioError(refusal(f"tissue.mesh.{key}", getattr(grading, key), reason))
 
 
 def too_large(tets: float, element: str) -> str | None:
@@ -188,7 +188,7 @@ def check_clear(shape: model.WoundMesh, holes: Sequence[model.Piercing]) -> None
                 f"it is {away:.3g} m from the wound and its footprint reaches {hole.footprint:.3g} m, across the slit; "
                 "move it away or take a smaller footprint"
             )
-            raise ScenarioError(refused(dotted(["piercing", hole.name, "at"]), hole.at, reason))
+            raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "at"]), hole.at, reason))
 
 
 def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] = ()) -> None:
@@ -205,7 +205,7 @@ def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] 
             f"the wound cuts the organ in {part.max() + 1}, and the part about {centre.tolist()} m is "
             'held by nothing; clamp a boundary that both have, for example ["bottom"], or cut less'
         )
-        raise ScenarioError(refused("tissue.clamp", list(clamp), reason))
+        raise ScenarioError(refusal("tissue.clamp", list(clamp), reason))
 
 
 def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
@@ -220,7 +220,7 @@ def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
                 f"a sharp edge of the organ is {away:.3g} m from it, within its footprint of {hole.footprint:.3g} m; "
                 "move it away or take a smaller footprint"
             )
-            raise ScenarioError(refused(dotted(["piercing", hole.name, "at"]), hole.at, reason))
+            raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "at"]), hole.at, reason))
 
 
 def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.MeshTet:
@@ -231,10 +231,10 @@ def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.Me
     for box in boxes:
         key = ["tissue", "boundary", box.name]
         if box.name in named:
-            raise ScenarioError(refused(dotted(key), box.name, "the mesh has one of that name; rename it"))
-        named[box.name] = surface[inside(centres, np.array(box.box))]
+            raise ScenarioError(refusal(dotted_key(key), box.name, "the mesh has one of that name; rename it"))
+        named[box.name] = surface[is_inside(centres, np.array(box.box))]
         if named[box.name].size == 0:
-            raise _nothing_in(mesh, dotted([*key, "box"]), box.box, "surface facet")
+            raise _nothing_in(mesh, dotted_key([*key, "box"]), box.box, "surface facet")
     return mesh.with_boundaries(named)
 
 
@@ -250,14 +250,14 @@ def region_cells(mesh: skfem.MeshTet, region: model.Region) -> Cells:
     place: object
     if region.box is not None:
         key, place = [*key, "box"], region.box
-        cells = np.flatnonzero(inside(centres, np.array(region.box)))
+        cells = np.flatnonzero(is_inside(centres, np.array(region.box)))
     elif region.depth is not None:
         key, place = [*key, "depth"], region.depth
         cells = np.flatnonzero((-centres[2] > region.depth[0]) & (-centres[2] < region.depth[1]))
     else:
         return _named_cells(mesh, region.name)
     if not cells.size:
-        raise _nothing_in(mesh, dotted(key), place, "cell")
+        raise _nothing_in(mesh, dotted_key(key), place, "cell")
     return cells
 
 
@@ -266,16 +266,16 @@ def _named_cells(mesh: skfem.MeshTet, name: str) -> Cells:
     if name not in there:
         known = ", ".join(sorted(there)) or "none"
         reason = f"the mesh file has no region of that name; its regions are {known}; correct it, or give a box"
-        raise ScenarioError(refused(dotted(["tissue", "region", name, "name"]), name, reason))
+        raise ScenarioError(refusal(dotted_key(["tissue", "region", name, "name"]), name, reason))
     return np.asarray(there[name])
 
 
 def _nothing_in(mesh: skfem.MeshTet, key: str, value: object, what: str) -> ScenarioError:
     low, high = (np.round(x, 6).tolist() for x in (mesh.p.min(axis=1), mesh.p.max(axis=1)))
-    return ScenarioError(refused(key, value, f"no {what} has its centre in it; the organ spans {low} to {high} m"))
+    return ScenarioError(refusal(key, value, f"no {what} has its centre in it; the organ spans {low} to {high} m"))
 
 
-def inside(points: Array, corners: Array) -> NDArray[np.bool_]:
+def is_inside(points: Array, corners: Array) -> NDArray[np.bool_]:
     """Which columns of `points` (3, k) lie in the box of two corners (2, 3)."""
     low, high = corners.min(axis=0)[:, None], corners.max(axis=0)[:, None]
     return np.asarray(np.all((points >= low) & (points <= high), axis=0))

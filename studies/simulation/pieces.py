@@ -9,7 +9,7 @@ import numpy as np
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
-from studies.scenario.refusal import dotted, refused
+from studies.scenario.refusal import dotted_key, refusal
 from thread.spline import Spline
 
 AT_CUT = 1e-9  # of the thread: a hole this near a cut is at it, on the one side or the other by round-off
@@ -23,20 +23,20 @@ def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None
     near = AT_CUT * (spline.end - spline.start)
     if at_cut := [float(value) for value in s if np.abs(spline.cuts - value).min() <= near]:
         reason = f"a piercing has its abscissa there, s = {at_cut[0]:.6g} m; cut beside it"
-        raise ScenarioError(refused("thread.cuts", scenario.thread.cuts, reason))
+        raise ScenarioError(refusal("thread.cuts", scenario.thread.cuts, reason))
     held = np.bincount(spline.piece_of(s), minlength=spline.pieces)
     after = np.append(np.searchsorted(spline.knots, spline.piece_ends[:-1], side="right"), spline.knots.size)
     for k, (holes, points) in enumerate(zip(held.tolist(), np.diff(after).tolist(), strict=True)):
         where = "the piece of the thread from {:.6g} to {:.6g} m".format(*spline.piece_ends[k : k + 2])
         if points < (least := 4 + 3 * holes):
             reason = f"{where} gets {points} of them, and with {holes} piercings needs {least}; raise it"
-            raise ScenarioError(refused("thread.control_points", scenario.thread.control_points, reason))
-        if scenario.solve.kind == "static" and not holes and not held_at_end(scenario.thread, k, spline.pieces):
+            raise ScenarioError(refusal("thread.control_points", scenario.thread.control_points, reason))
+        if scenario.solve.kind == "static" and not holes and not is_held_at_end(scenario.thread, k, spline.pieces):
             reason = f"solve.kind is static and {where} is in no hole; leave out one of its cuts, or pierce it"
-            raise ScenarioError(refused("thread.cuts", scenario.thread.cuts, reason))
+            raise ScenarioError(refusal("thread.cuts", scenario.thread.cuts, reason))
 
 
-def held_at_end(thread: model.Thread, piece: int, pieces: int) -> bool:
+def is_held_at_end(thread: model.Thread, piece: int, pieces: int) -> bool:
     """Whether a piece has an end of the thread on which something acts."""
     ends = ((0, thread.start), (pieces - 1, thread.end))
     return any(piece == k and end.kind != "free" for k, end in ends)
@@ -48,19 +48,23 @@ def check_draws(holes: Sequence[model.Piercing], spline: Spline, s: Sequence[flo
     times = sorted({0.0} | {time for hole, _ in anchored for time, _ in hole.draw or ()})
     before: dict[int, tuple[str, Array]] = {}
     for hole, at in anchored:
-        piece, way, key = int(spline.piece_of(at)), at - drawn(hole, times), dotted(["piercing", hole.name, "draw"])
+        piece, way, key = (
+            int(spline.piece_of(at)),
+            at - drawn_length(hole, times),
+            dotted_key(["piercing", hole.name, "draw"]),
+        )
         start, end = spline.piece_ends[piece : piece + 2]
         if hole.draw and (way.min() <= start or way.max() >= end):
             reason = f"at s = {at:.6g} m it draws out the thread, whose piece goes from {start:.6g} to {end:.6g} m"
-            raise ScenarioError(refused(key, hole.draw, f"{reason}; draw less, or lay out more"))
+            raise ScenarioError(refusal(key, hole.draw, f"{reason}; draw less, or lay out more"))
         name, last = before.get(piece, ("", np.full(way.shape, -np.inf)))
         if np.any(way <= last):
             reason = f"no thread is left between it and piercing {name!r}; draw less, or lay out more between them"
-            raise ScenarioError(refused(key, hole.draw, reason))
+            raise ScenarioError(refusal(key, hole.draw, reason))
         before[piece] = (hole.name, way)
 
 
-def drawn(hole: model.Piercing, times: Sequence[float]) -> Array:
+def drawn_length(hole: model.Piercing, times: Sequence[float]) -> Array:
     """Length drawn through a hole from t = 0 to each of the times [m]."""
     table = np.array(hole.draw or [(0.0, 0.0)])
     return np.asarray(np.interp(times, *table.T) - np.interp(0.0, *table.T))

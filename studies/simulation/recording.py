@@ -17,7 +17,7 @@ from thread.spline import Spline
 SAMPLES = 6  # points drawn on each span of the thread
 
 
-def recorded(now: OrganRun, seconds: float = 0.0) -> StepRecord:
+def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
     """What is written of a step."""
     system, state = now.system, now.state
     ends = [(step.solution.problem.system, step.new, step.end.at) for step in now.taken]
@@ -63,7 +63,7 @@ def contact_record(system: System, state: State) -> ContactRecord | None:
     )
 
 
-def on_lips(system: System, state: State, nodes: int) -> tuple[Array, Array] | tuple[None, None]:
+def lip_fields(system: System, state: State, nodes: int) -> tuple[Array, Array] | tuple[None, None]:
     """Pressure and gap of the lips at all nodes of the organ, `(nodes,)` each [Pa, m]."""
     lips = observe_contact(system, state)
     if lips is None:
@@ -97,7 +97,7 @@ def thread_record(system: System, state: State) -> ThreadRecord:
     return ThreadRecord(
         points=P,
         s=s,
-        tension=piecewise(spline, s, home, thread.axial.s.ravel(), tension),
+        tension=interpolate_piecewise(spline, s, home, thread.axial.s.ravel(), tension),
         curvature=np.linalg.norm(np.cross(T, K), axis=1) / speed**3,
         radius=0.5 * thread.section.diameter,
         pieces=pieces if spline.cuts.size else (),
@@ -105,7 +105,7 @@ def thread_record(system: System, state: State) -> ThreadRecord:
     )
 
 
-def piecewise(spline: Spline, s: Array, home: Array, at: Array, values: Array) -> Array:
+def interpolate_piecewise(spline: Spline, s: Array, home: Array, at: Array, values: Array) -> Array:
     """Values known at abscissae `at`, interpolated at `s` within the piece of the thread that holds `home`."""
     piece, own = spline.piece_of(home), spline.piece_of(at)
     return np.concatenate([np.interp(s[piece == k], at[own == k], values[own == k]) for k in range(spline.pieces)])

@@ -21,11 +21,11 @@ from coupling.run import begin
 from coupling.stepping import Take, try_step
 from coupling.system import State
 from studies.output.checkpoint import Arrays
-from studies.output.records import Frame, OrganRecord, OrganTopology, StepRecord
+from studies.output.records import OrganRecord, OrganTopology, Snapshot, StepRecord
 from studies.scenario import Scenario, ScenarioError, Solve
 from studies.simulation.assembly import Assembly, assemble
-from studies.simulation.memory import OrganRun, remembered
-from studies.simulation.recording import on_lips, recorded, thread_record
+from studies.simulation.memory import OrganRun, recall
+from studies.simulation.recording import lip_fields, step_record, thread_record
 
 WHOLE = 1e-9  # of a step: a duration this near a whole number of steps is one
 
@@ -73,27 +73,27 @@ class Simulation:
         """Stress from displacement, None without an organ."""
         return None if self.assembly.body is None else tissue.stress_recovery(self.assembly.body)
 
-    def advance(self, memory: Arrays | None = None) -> Iterator[tuple[StepRecord, Callable[[], Frame]]]:
+    def advance(self, memory: Arrays | None = None) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
         """The start, then every step, each with a function that makes its frame.
 
         With the `memory` of a step's record: that step again, then those after it. Raises `ScenarioError` for a memory
         that is none of this simulation.
         """
-        return self._from(self.beginning() if memory is None else remembered(self.beginning(), memory))
+        return self._from(self.beginning() if memory is None else recall(self.beginning(), memory))
 
-    def _from(self, now: OrganRun) -> Iterator[tuple[StepRecord, Callable[[], Frame]]]:
+    def _from(self, now: OrganRun) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
         """One BLAS thread while stepping: two of them on busy cores cost more than they bring."""
         with threadpool_limits(limits=1, user_api="blas"):
-            yield recorded(now), partial(self.frame, now)
+            yield step_record(now), partial(self.snapshot, now)
             while now.number < self.steps:
                 began = perf_counter()
                 now = self.next(now)
-                yield recorded(now, perf_counter() - began), partial(self.frame, now)
+                yield step_record(now, perf_counter() - began), partial(self.snapshot, now)
 
     def beginning(self) -> OrganRun:
         """The run before the first step."""
         made = self.assembly
-        return begin(made.system, self.start, method(self.scenario.solve), made.resolution, made.given)
+        return begin(made.system, self.start, method(self.scenario.solve), made.resolution, made.begin_abscissae)
 
     def next(self, now: OrganRun) -> OrganRun:
         """The run one step, or load step, further."""
@@ -105,11 +105,11 @@ class Simulation:
         whole = abs(dt - solve.dt) < WHOLE * solve.dt
         return now.step(solve.dt if whole else dt, solve.duration if last else number * solve.dt)
 
-    def frame(self, now: OrganRun) -> Frame:
+    def snapshot(self, now: OrganRun) -> Snapshot:
         """What is drawn of a state."""
         system, state = now.system, now.state
         piercings = observe(system, now.first, state, now.configuration)
-        return Frame(state.time, thread_record(system, state), piercings, self.organ_record(state))
+        return Snapshot(state.time, thread_record(system, state), piercings, self.organ_record(state))
 
     def organ_record(self, state: State) -> OrganRecord | None:
         """Displacement and stress of the organ, None without one."""
@@ -118,7 +118,7 @@ class Simulation:
             return None
         U = organ.displacement(state.organ)
         stress = self.recovery.stress(U)
-        lips = on_lips(self.assembly.system, state, len(body.points))
+        lips = lip_fields(self.assembly.system, state, len(body.points))
         return OrganRecord(body.nodal(U), stress, tissue.von_mises(stress), *lips)
 
 

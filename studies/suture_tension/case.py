@@ -14,7 +14,7 @@ import numpy as np
 
 from studies.arrays import Array
 from studies.friction.study import bent_ratio
-from studies.study import unit
+from studies.study import unit_field
 from studies.theory import TwoHoles
 from studies.verdicts import LINEAR, bearing_strain
 from thread.catalogue import suture
@@ -74,16 +74,16 @@ class Case:
     knots: str = "adaptive"  # or "fixed"
     holes: str = "free"  # or "normal": the thread's direction in them
     way: str = "static"  # or "dynamic"
-    load_steps: int = unit("-")
-    tension: float = unit("N")  # asked for
-    youngs_modulus: float = unit("Pa")
-    bite: float = unit("m")
-    depth: float = unit("m")  # of the holes' centres
-    footprint: float = unit("m")
-    mu: float = unit("-")
-    given: float = unit("m")  # by which the hand at the start gives way
-    ring: float = unit("footprints")  # radius of the ring on which stress is taken
-    refinement: float = unit("-")  # of the mesh for stress
+    load_steps: int = unit_field("-")
+    tension: float = unit_field("N")  # asked for
+    youngs_modulus: float = unit_field("Pa")
+    bite: float = unit_field("m")
+    depth: float = unit_field("m")  # of the holes' centres
+    footprint: float = unit_field("m")
+    mu: float = unit_field("-")
+    given: float = unit_field("m")  # by which the hand at the start gives way
+    ring: float = unit_field("footprints")  # radius of the ring on which stress is taken
+    refinement: float = unit_field("-")  # of the mesh for stress
 
     @property
     def theory(self) -> TwoHoles:
@@ -100,43 +100,43 @@ class Case:
 class Row(Case):
     """One equilibrium. "along" is towards the other hole and "normal" out of the tissue; forces are those on it."""
 
-    load: float = unit("N")  # that was reached
-    entry_along: float = unit("m")
-    entry_normal: float = unit("m")
-    exit_along: float = unit("m")
-    exit_normal: float = unit("m")
-    theory_along: float = unit("m")  # of the exit, in a half-space
-    theory_normal: float = unit("m")
-    approach: float = unit("m")
-    theory_approach: float = unit("m")
-    drawn: float = unit("m")  # through the exit, since a taut thread in the undeformed organ
-    theory_drawn: float = unit("m")
-    held: float = unit("N")  # tension before the entry
-    entered: float = unit("N")  # after it
-    leaving: float = unit("N")  # before the exit
-    pulled: float = unit("N")  # after it
-    theory_held: float = unit("N")
-    force_along: float = unit("N")  # on the exit
-    force_normal: float = unit("N")
-    couple: float = unit("N m")
-    turn: float = unit("-")  # of the frame of a hole: what ⟨∇U⟩ makes of it
-    compliance_along: float = unit("m/N")
-    compliance_normal: float = unit("m/N")
-    mean_von_mises: float = unit("Pa")
-    mean_largest: float = unit("Pa")
-    mean_smallest: float = unit("Pa")
-    ring_von_mises: float = unit("Pa")
-    ring_largest: float = unit("Pa")
-    ring_smallest: float = unit("Pa")
-    theory_mean_von_mises: float = unit("Pa")
-    theory_mean_largest: float = unit("Pa")
-    theory_ring_von_mises: float = unit("Pa")
-    theory_ring_largest: float = unit("Pa")
-    cells: float = unit("m")  # of the mesh for stress, (V/N)^⅓
-    residual: float = unit("-")  # |C f − u| over |u|
-    span_ratio: float = unit("-")
-    kinetic: float = unit("J")
-    elastic: float = unit("J")
+    load: float = unit_field("N")  # that was reached
+    entry_along: float = unit_field("m")
+    entry_normal: float = unit_field("m")
+    exit_along: float = unit_field("m")
+    exit_normal: float = unit_field("m")
+    theory_along: float = unit_field("m")  # of the exit, in a half-space
+    theory_normal: float = unit_field("m")
+    approach: float = unit_field("m")
+    theory_approach: float = unit_field("m")
+    drawn: float = unit_field("m")  # through the exit, since a taut thread in the undeformed organ
+    theory_drawn: float = unit_field("m")
+    held: float = unit_field("N")  # tension before the entry
+    entered: float = unit_field("N")  # after it
+    leaving: float = unit_field("N")  # before the exit
+    pulled: float = unit_field("N")  # after it
+    theory_held: float = unit_field("N")
+    force_along: float = unit_field("N")  # on the exit
+    force_normal: float = unit_field("N")
+    couple: float = unit_field("N m")
+    turn: float = unit_field("-")  # of the frame of a hole: what ⟨∇U⟩ makes of it
+    compliance_along: float = unit_field("m/N")
+    compliance_normal: float = unit_field("m/N")
+    mean_von_mises: float = unit_field("Pa")
+    mean_largest: float = unit_field("Pa")
+    mean_smallest: float = unit_field("Pa")
+    ring_von_mises: float = unit_field("Pa")
+    ring_largest: float = unit_field("Pa")
+    ring_smallest: float = unit_field("Pa")
+    theory_mean_von_mises: float = unit_field("Pa")
+    theory_mean_largest: float = unit_field("Pa")
+    theory_ring_von_mises: float = unit_field("Pa")
+    theory_ring_largest: float = unit_field("Pa")
+    cells: float = unit_field("m")  # of the mesh for stress, (V/N)^⅓
+    residual: float = unit_field("-")  # |C f − u| over |u|
+    span_ratio: float = unit_field("-")
+    kinetic: float = unit_field("J")
+    elastic: float = unit_field("J")
     clear: bool  # of what the sub-grid compliance does not reckon with
     failed: str
 
@@ -181,7 +181,7 @@ REFERENCE = Case(
 )
 
 
-def in_theory(case: Case, load: float) -> tuple[float, float, float]:
+def theory_tensions(case: Case, load: float) -> tuple[float, float, float]:
     """Tension before, between and after holes that each turn a bending thread by 90° [N]."""
     ratio = bent_ratio(case.mu, 0.5 * np.pi)
     return load / ratio**2, load / ratio, load

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, panels, ticks
-from studies.suture_tension.case import CLEAR, CLINICAL, CURVE, KILO, MILLI, QUANTITIES, Case, Row, in_theory
-from studies.suture_tension.findings import by_tissue, of
+from studies.suture_tension.case import CLEAR, CLINICAL, CURVE, KILO, MILLI, QUANTITIES, Case, Row, theory_tensions
+from studies.suture_tension.findings import rows_of_sweep, runs_by_tissue
 from studies.verdicts import LINEAR
 
 
@@ -19,7 +19,7 @@ def figure(rows: Sequence[Row]) -> Figure:
     theory."""
     drawing, grid = panels(4, 2)
     over_load(grid[0, 0], rows)
-    collapsed(grid[0, 1], rows)
+    plot_scaled(grid[0, 1], rows)
     over_distance(grid[1, 0], rows)
     over_cells(grid[1, 1], rows)
     approaches(grid[2, 0], rows)
@@ -31,7 +31,7 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 def over_load(axes: Axes, rows: Sequence[Row]) -> None:
     """How far the exit moved over the tension; crosses where no equilibrium was found, arrows at clinical tensions."""
-    for (name, runs), colour, marker in zip(by_tissue(rows).items(), COLOURS, MARKERS, strict=False):
+    for (name, runs), colour, marker in zip(runs_by_tissue(rows).items(), COLOURS, MARKERS, strict=False):
         loads, label = [row.load for row in runs], f"{name}, {runs[0].youngs_modulus / KILO:g} kPa"
         axes.plot(loads, [row.moved / MILLI for row in runs], color=colour, marker=marker, markersize=3, label=label)
         if runs[-1].failed:
@@ -45,15 +45,15 @@ def over_load(axes: Axes, rows: Sequence[Row]) -> None:
     axes.legend(fontsize=6, loc="upper left", ncols=2)
 
 
-def collapsed(axes: Axes, rows: Sequence[Row]) -> None:
+def plot_scaled(axes: Axes, rows: Sequence[Row]) -> None:
     """u/a over T/(E a²): one curve for all stiffnesses as long as theory is linear and the thread taut."""
-    for (name, runs), colour, marker in zip(by_tissue(rows).items(), COLOURS, MARKERS, strict=False):
+    for (name, runs), colour, marker in zip(runs_by_tissue(rows).items(), COLOURS, MARKERS, strict=False):
         x = [scaled_load(row) for row in runs]
         axes.plot(x, [row.exit_along / row.footprint for row in runs], marker, color=colour, markersize=4, label=name)
-    runs = of(rows, "stiffness")
+    runs = rows_of_sweep(rows, "stiffness")
     x = [scaled_load(row) for row in runs]
     axes.plot(x, [row.exit_along / row.footprint for row in runs], "*", color="black", label="E alone changed")
-    every = [row for row in of(rows, "tension") if row.load > 0.0]
+    every = [row for row in rows_of_sweep(rows, "tension") if row.load > 0.0]
     ends = np.array([min(scaled_load(row) for row in every), max(scaled_load(row) for row in every)])
     slope = every[0].theory_along / every[0].footprint / scaled_load(every[0])
     axes.plot(ends, slope * ends, color="black", label="half-space")
@@ -70,7 +70,7 @@ def scaled_load(row: Row) -> float:
 
 def over_distance(axes: Axes, rows: Sequence[Row]) -> None:
     """Stress round a ring over its radius; lines are Cerruti's and Boussinesq's solutions."""
-    runs = of(rows, "distance")
+    runs = rows_of_sweep(rows, "distance")
     x = [row.ring for row in runs]
     for name, colour, marker in (("von_mises", COLOURS[0], "o"), ("largest", COLOURS[1], "s")):
         label = {"von_mises": "von Mises", "largest": "largest principal"}[name]
@@ -85,7 +85,7 @@ def over_distance(axes: Axes, rows: Sequence[Row]) -> None:
 
 def over_cells(axes: Axes, rows: Sequence[Row]) -> None:
     """Displacement and stress of the mesh for stress over its cells, each over theory."""
-    runs = sorted(of(rows, "cells"), key=lambda row: row.cells)
+    runs = sorted(rows_of_sweep(rows, "cells"), key=lambda row: row.cells)
     quantities = ("exit_along", "exit_normal", "mean_von_mises", "mean_largest", "ring_von_mises", "ring_largest")
     for quantity, colour, marker in zip(quantities, COLOURS, MARKERS, strict=True):
         theory = [getattr(row, f"theory_{quantity.removeprefix('exit_')}") for row in runs]
@@ -98,11 +98,11 @@ def over_cells(axes: Axes, rows: Sequence[Row]) -> None:
 
 def approaches(axes: Axes, rows: Sequence[Row]) -> None:
     """Approach of the holes over the bite."""
-    runs = of(rows, "bite width")
+    runs = rows_of_sweep(rows, "bite width")
     axes.plot([row.bite / MILLI for row in runs], [row.approach / MILLI for row in runs], "o", label="measured")
     bites = np.linspace(min(row.bite for row in runs), max(row.bite for row in runs), CURVE)
     cases = [replace(case_of(runs[0]), bite=float(bite)) for bite in bites]
-    theory = [np.ptp(moved_in_theory(case)[:, 0]) / MILLI for case in cases]
+    theory = [np.ptp(theory_displacements(case)[:, 0]) / MILLI for case in cases]
     axes.plot(bites / MILLI, theory, color="black", label="half-space")
     axes.set(xlabel="bite [mm]", ylabel="approach of the holes [mm]")
     axes.legend()
@@ -110,30 +110,30 @@ def approaches(axes: Axes, rows: Sequence[Row]) -> None:
 
 def over_depth(axes: Axes, rows: Sequence[Row]) -> None:
     """Displacement of the exit over its depth: discs on the surface, balls below it."""
-    runs = of(rows, "bite depth")
+    runs = rows_of_sweep(rows, "bite depth")
     deepest = max(row.depth for row in runs)
     below_surface = np.linspace(CLEAR * runs[0].footprint, max(deepest, 2.0 * CLEAR * runs[0].footprint), CURVE)
-    over(axes, runs, "depth", below_surface, "depth of the holes [mm]")
+    plot_exit(axes, runs, "depth", below_surface, "depth of the holes [mm]")
     for k, colour in ((0, COLOURS[0]), (1, COLOURS[1])):
-        disc = abs(moved_in_theory(replace(case_of(runs[0]), depth=0.0))[1, k])
+        disc = abs(theory_displacements(replace(case_of(runs[0]), depth=0.0))[1, k])
         axes.plot(0.0, disc / MILLI, "_", color=colour, markersize=20)
 
 
 def over_footprint(axes: Axes, rows: Sequence[Row]) -> None:
     """Displacement of the exit over the footprint."""
-    runs = of(rows, "footprint")
+    runs = rows_of_sweep(rows, "footprint")
     radii = np.geomspace(min(row.footprint for row in runs), max(row.footprint for row in runs), CURVE)
-    over(axes, runs, "footprint", radii, "footprint [mm]")
+    plot_exit(axes, runs, "footprint", radii, "footprint [mm]")
     axes.set(xscale="log", yscale="log")
     ticks(axes, "x", [row.footprint / MILLI for row in runs])
     ticks(axes, "y", (0.05, 0.1, 0.2, 0.3))
 
 
-def over(axes: Axes, runs: Sequence[Row], name: str, values: Array, label: str) -> None:
+def plot_exit(axes: Axes, runs: Sequence[Row], name: str, values: Array, label: str) -> None:
     """Displacement of the exit, along and normal, and lines of theory at `values` of what was changed."""
     x = [getattr(row, name) / MILLI for row in runs]
     cases = [Case(**(asdict(case_of(runs[0])) | {name: float(value)})) for value in values]
-    theory = np.array([np.abs(moved_in_theory(case)[1]) for case in cases])
+    theory = np.array([np.abs(theory_displacements(case)[1]) for case in cases])
     for k, (way, colour, marker) in enumerate(zip(("along", "normal"), COLOURS, MARKERS, strict=False)):
         axes.plot(x, [getattr(row, f"exit_{way}") / MILLI for row in runs], marker, color=colour, label=way)
         axes.plot(values / MILLI, theory[:, k] / MILLI, color=colour)
@@ -147,14 +147,14 @@ def case_of(row: Row) -> Case:
     return Case(**{f.name: getattr(row, f.name) for f in fields(Case)})
 
 
-def moved_in_theory(case: Case) -> Array:
+def theory_displacements(case: Case) -> Array:
     """(x, z) of entry and exit in a half-space under the whole tension, shape `(2, 2)` [m]."""
-    return case.theory.displacements(*in_theory(case, case.tension))
+    return case.theory.displacements(*theory_tensions(case, case.tension))
 
 
 def over_friction(axes: Axes, rows: Sequence[Row]) -> None:
     """Tensions behind each hole over the pull."""
-    runs = of(rows, "friction")
+    runs = rows_of_sweep(rows, "friction")
     x = [row.mu for row in runs]
     for name, words, colour, marker in (
         ("leaving", "between the holes", COLOURS[0], "o"),
@@ -162,7 +162,7 @@ def over_friction(axes: Axes, rows: Sequence[Row]) -> None:
     ):
         axes.plot(x, [getattr(row, name) / row.load for row in runs], marker, color=colour, label=words)
     mus = np.linspace(min(x), max(x), CURVE)
-    theory = np.array([in_theory(replace(case_of(runs[0]), mu=float(mu)), 1.0) for mu in mus])
+    theory = np.array([theory_tensions(replace(case_of(runs[0]), mu=float(mu)), 1.0) for mu in mus])
     for k, colour in ((1, COLOURS[0]), (0, COLOURS[1])):
         axes.plot(mus, theory[:, k], color=colour)
     axes.plot([], [], color="black", label="a thread that bends by 90° at each hole")

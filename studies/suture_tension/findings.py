@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from studies.study import Table
-from studies.suture_tension.case import CLINICAL, FORMAL, KILO, MILLI, QUANTITIES, Row, in_theory
+from studies.suture_tension.case import CLINICAL, FORMAL, KILO, MILLI, QUANTITIES, Row, theory_tensions
 from studies.verdicts import LINEAR, Verdict, not_settled, spans_too_coarse, verdict
 
 VARIED = {  # by sweep: what is written of its case
@@ -19,21 +19,22 @@ VARIED = {  # by sweep: what is written of its case
 }
 
 
-def said(row: Row) -> str:
+def case_text(row: Row) -> str:
     """What a row's case is, in words."""
     return row.name or VARIED[row.sweep](row)
 
 
-def of(rows: Sequence[Row], sweep: str) -> list[Row]:
+def rows_of_sweep(rows: Sequence[Row], sweep: str) -> list[Row]:
     """The rows of a sweep."""
     return [row for row in rows if row.sweep == sweep]
 
 
-def by_tissue(rows: Sequence[Row]) -> dict[str, list[Row]]:
+def runs_by_tissue(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """Load steps of the tensions by tissue, by load; the last may be one that failed."""
-    runs = sorted(of(rows, "tension"), key=lambda row: (row.load, bool(row.failed)))
+    runs = sorted(rows_of_sweep(rows, "tension"), key=lambda row: (row.load, bool(row.failed)))
     return {
-        name: [row for row in runs if row.name == name] for name in dict.fromkeys(x.name for x in of(rows, "tension"))
+        name: [row for row in runs if row.name == name]
+        for name in dict.fromkeys(x.name for x in rows_of_sweep(rows, "tension"))
     }
 
 
@@ -50,10 +51,10 @@ def table(rows: Sequence[Row]) -> Table:
 
 def line(row: Row) -> tuple[str, ...]:
     """The cells of a row."""
-    mm, kPa, side = 1.0 / MILLI, 1.0 / KILO, in_theory(row, row.load)
+    mm, kPa, side = 1.0 / MILLI, 1.0 / KILO, theory_tensions(row, row.load)
     return (
         row.sweep,
-        said(row),
+        case_text(row),
         f"{row.load:.3g}",
         f"{row.exit_along * mm:.4g}",
         f"{row.exit_normal * mm:.4g}",
@@ -68,20 +69,20 @@ def line(row: Row) -> tuple[str, ...]:
         f"{row.force_along:.4g}, {row.force_normal:.4g}",
         f"{row.couple * mm:.3g}",
         f"{row.mean_von_mises * kPa:.4g}, {row.mean_largest * kPa:.4g}, {row.mean_smallest * kPa:.4g}",
-        in_kilo(row.theory_mean_von_mises, row.theory_mean_largest),
+        kilo_text(row.theory_mean_von_mises, row.theory_mean_largest),
         f"{row.ring_von_mises * kPa:.4g}, {row.ring_largest * kPa:.4g}, {row.ring_smallest * kPa:.4g}",
-        in_kilo(row.theory_ring_von_mises, row.theory_ring_largest),
+        kilo_text(row.theory_ring_von_mises, row.theory_ring_largest),
         f"{row.bearing:.2g}",
-        judged(row),
+        row_verdict(row),
     )
 
 
-def in_kilo(*values: float) -> str:
+def kilo_text(*values: float) -> str:
     """Numbers [k…], or that there are none."""
     return "none" if np.isnan(values[0]) else ", ".join(f"{value / KILO:.4g}" for value in values)
 
 
-def judged(row: Row) -> str:
+def row_verdict(row: Row) -> str:
     """What a row is worth."""
     if row.failed:
         return f"FAILED: {row.failed.split(':')[0]}"
@@ -90,12 +91,12 @@ def judged(row: Row) -> str:
 
 def has_ladder(rows: Sequence[Row]) -> bool:
     """Whether there are cells enough for a verdict."""
-    return len({row.cells for row in of(rows, "cells")}) >= 3
+    return len({row.cells for row in rows_of_sweep(rows, "cells")}) >= 3
 
 
 def verdict_on(rows: Sequence[Row], quantity: str) -> Verdict:
     """The verdict on a quantity of the cells."""
-    runs = of(rows, "cells")
+    runs = rows_of_sweep(rows, "cells")
     return verdict([row.cells for row in runs], [getattr(row, quantity) for row in runs], FORMAL[quantity])
 
 
@@ -110,7 +111,7 @@ def limits(runs: Sequence[Row]) -> tuple[float, float]:
 def ranges(rows: Sequence[Row]) -> list[str]:
     """By tissue: up to which tension theory is linear, and whether a clinical one is."""
     out = []
-    for name, runs in by_tissue(rows).items():
+    for name, runs in runs_by_tissue(rows).items():
         moving, bearing = limits(runs)
         clinical, source = CLINICAL[name]
         first = min(moving, bearing)
@@ -125,7 +126,7 @@ def ranges(rows: Sequence[Row]) -> list[str]:
 
 def slopes(rows: Sequence[Row]) -> list[str]:
     """Small-tension slopes over those of the half-space, and the residual of C f = u."""
-    small = [row for row in of(rows, "tension") if row.is_linear and row.is_taut and not row.failed]
+    small = [row for row in rows_of_sweep(rows, "tension") if row.is_linear and row.is_taut and not row.failed]
     out = []
     for way in ("along", "normal"):
         ratio = [getattr(row, f"exit_{way}") / getattr(row, f"theory_{way}") - 1.0 for row in small]
@@ -149,22 +150,22 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     out = [*ranges(rows), *slopes(rows)]
     for quantity, name in QUANTITIES.items():
         if has_ladder(rows):
-            found, off = verdict_on(rows, quantity), off_theory(rows, quantity)
+            found, off = verdict_on(rows, quantity), theory_error(rows, quantity)
             word = found.text if found.kind == "converged" else f"NOT CONVERGED ({found.text})"
             out.append(f"cells, {name}: {word}" + ("" if np.isnan(off) else f", {off:+.1%} off the half-space"))
-    out += of_the_sweeps(rows)
+    out += sweep_errors(rows)
     if not has_ladder(rows):
         out.append("cells: no ladder was run, so that no stress is SHOWN TO CONVERGE; the preset full has one")
-    return list(dict.fromkeys([*out, *(line for row in rows for line in unsupported(row))]))
+    return list(dict.fromkeys([*out, *(line for row in rows for line in shortcomings(row))]))
 
 
-def unsupported(row: Row) -> list[str]:
+def shortcomings(row: Row) -> list[str]:
     """What failed, is beyond, did not settle, is too coarse or too near in a row."""
-    name, out = f"{row.sweep}, {said(row)}, {row.load:.3g} N", []
+    name, out = f"{row.sweep}, {case_text(row)}, {row.load:.3g} N", []
     if row.failed:
         out.append(f"{name}: FAILED beyond, {row.failed}")
     elif row.sweep not in ("tension", "cells", "distance") and not row.is_linear:
-        out.append(f"{name}: {beyond(row)}")
+        out.append(f"{name}: {exceeded_limits(row)}")
     if row.gap < row.footprint and (row.failed or row.load == row.tension):
         where = f"the holes are {row.gap / row.footprint:.2g} footprints apart, of {row.bite / row.footprint:g}"
         out.append(f"{name}: {where}, and nothing keeps them apart: the MODEL ENDS there")
@@ -175,7 +176,7 @@ def unsupported(row: Row) -> list[str]:
     return out if row.failed else [*out, *spans_too_coarse(name, row.span_ratio)]
 
 
-def of_the_sweeps(rows: Sequence[Row]) -> list[str]:
+def sweep_errors(rows: Sequence[Row]) -> list[str]:
     """How far the stress of the sweeps is from that of the half-space under the same forces."""
     runs = [row for row in rows if row.sweep not in ("cells", "distance") and np.isfinite(row.theory_ring_von_mises)]
     out = []
@@ -191,7 +192,7 @@ def of_the_sweeps(rows: Sequence[Row]) -> list[str]:
     return out
 
 
-def beyond(row: Row) -> str:
+def exceeded_limits(row: Row) -> str:
     """By which measures a row is beyond the linear range."""
     measures = {
         "a hole moved by {:.2g} footprints": row.moved / row.footprint,
@@ -202,8 +203,8 @@ def beyond(row: Row) -> str:
     return f"{', '.join(words)}, BEYOND the linear range (about {LINEAR})"
 
 
-def off_theory(rows: Sequence[Row], quantity: str) -> float:
+def theory_error(rows: Sequence[Row], quantity: str) -> float:
     """The finest cells' number over the half-space's, less 1; NaN where none is known."""
-    finest = min(of(rows, "cells"), key=lambda row: row.cells)
+    finest = min(rows_of_sweep(rows, "cells"), key=lambda row: row.cells)
     theory = getattr(finest, f"theory_{quantity.removeprefix('exit_')}", float("nan"))
     return float(getattr(finest, quantity) / theory - 1.0)

@@ -23,7 +23,7 @@ from studies.arrays import Array
 from studies.scenario import Scenario, parse
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
-from studies.simulation.recording import recorded
+from studies.simulation.recording import step_record
 from studies.suture_tension.case import (
     COARSEST,
     DAMPING,
@@ -39,7 +39,7 @@ from studies.suture_tension.case import (
     THEORY,
     Case,
     Row,
-    in_theory,
+    theory_tensions,
 )
 from studies.theory import half_ball
 from thread.catalogue import suture
@@ -47,7 +47,7 @@ from thread.catalogue import suture
 # --- runs -------------------------------------------------------------------------------------------------
 
 
-def over_tension(case: Case, tensions: Sequence[float]) -> Iterator[Row]:
+def run_tensions(case: Case, tensions: Sequence[float]) -> Iterator[Row]:
     """Runs to one tension after the other, and no further than the first that fails."""
     for tension in sorted(tensions):
         for row in run(replace(case, tension=tension)):
@@ -56,7 +56,7 @@ def over_tension(case: Case, tensions: Sequence[float]) -> Iterator[Row]:
             return
 
 
-def last(case: Case) -> Row:
+def last_step(case: Case) -> Row:
     """The end of a run."""
     *_, row = run(case)
     return row
@@ -72,13 +72,13 @@ def run(case: Case) -> Iterator[Row]:
             with threadpool_limits(limits=1, user_api="blas"):
                 now = simulation.next(now)
         except CouplingError as error:
-            yield measured(case, simulation, before, f"{type(error).__name__}: {error}")
+            yield measure(case, simulation, before, f"{type(error).__name__}: {error}")
             return
         if not now.state.present.all():
-            yield measured(case, simulation, before, "left its hole: a hole came up to the hand that holds the start")
+            yield measure(case, simulation, before, "left its hole: a hole came up to the hand that holds the start")
             return
         if case.way == "static" or now.number == simulation.steps:
-            yield measured(case, simulation, now, "")
+            yield measure(case, simulation, now, "")
 
 
 def scenario(case: Case) -> Scenario:
@@ -125,13 +125,13 @@ def scenario(case: Case) -> Scenario:
     )
 
 
-def measured(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> Row:
+def measure(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> Row:
     """What there is to know of an equilibrium, beside theory."""
-    seen, f = recorded(now), site_forces(now.system, now.state)
+    seen, f = step_record(now), site_forces(now.system, now.state)
     load = case.tension * now.state.time / simulation.scenario.solve.duration
     entry, leave = seen.piercings
-    C, moved = answer(case, now)
-    tensions = in_theory(case, load)
+    C, moved = hole_response(case, now)
+    tensions = theory_tensions(case, load)
     theory = case.theory.displacements(*tensions)
     return Row(
         **asdict(case),
@@ -145,7 +145,7 @@ def measured(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> 
         approach=float(moved[0] - moved[9]),
         theory_approach=float(theory[0, 0] - theory[1, 0]),
         drawn=LEG + case.depth + case.bite - leave.s,
-        theory_drawn=drawn_in_theory(case, theory, tensions),
+        theory_drawn=theory_drawn_length(case, theory, tensions),
         held=entry.tension_before,
         entered=entry.tension_after,
         leaving=leave.tension_before,
@@ -168,7 +168,7 @@ def measured(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> 
     )
 
 
-def answer(case: Case, now: OrganRun) -> tuple[Array, Array]:
+def hole_response(case: Case, now: OrganRun) -> tuple[Array, Array]:
     """Compliance `(18, 18)` of the holes and how far they moved `(18,)`; in the sweep of cells, what the mesh for
     stress makes of the forces of the run."""
     organ = now.system.organ
@@ -178,7 +178,7 @@ def answer(case: Case, now: OrganRun) -> tuple[Array, Array]:
     return site_compliance(now.system, now.state), now.state.y.ravel() - organ.y0
 
 
-def drawn_in_theory(case: Case, moved: Array, tensions: tuple[float, float, float]) -> float:
+def theory_drawn_length(case: Case, moved: Array, tensions: tuple[float, float, float]) -> float:
     """What comes through the exit [m]: what holes that moved `(2, 2)` [m] and the hand give, and stretch, less what the
     bends take: 2√(EI/T)(1 − cos θ/2) of an elastica that turns by θ on one side of a hole."""
     held, between, _ = tensions
@@ -234,18 +234,18 @@ class Probe:
 @lru_cache(maxsize=8)
 def probe(case: Case, ring: float) -> Probe:
     """The exit's probe of a `geometry`."""
-    body, (points, weights) = fine_organ(case).elasticity, below(case)
-    at = tissue.interpolation(body, np.vstack([points, around(case, ring)]))
+    body, (points, weights) = fine_organ(case).elasticity, ball_points(case)
+    at = tissue.interpolation(body, np.vstack([points, ring_points(case, ring)]))
     return Probe(tissue.stress_recovery(body), at, weights)
 
 
-def below(case: Case) -> tuple[Array, Array]:
+def ball_points(case: Case) -> tuple[Array, Array]:
     """Points of the half ball below the exit `(k, 3)` [m], and their weights."""
     points, weights = half_ball()
     return case.places[1] + case.footprint * points, weights
 
 
-def around(case: Case, ring: float) -> Array:
+def ring_points(case: Case, ring: float) -> Array:
     """Points of a ring about the exit, half a footprint below it, shape `(k, 3)` [m]."""
     angle = 2.0 * np.pi * (np.arange(ROUND) + 0.5) / ROUND
     circle = np.column_stack([ring * np.cos(angle), ring * np.sin(angle), np.full(ROUND, -0.5)])
@@ -256,17 +256,17 @@ def stresses(case: Case, state: tissue.OrganState) -> dict[str, Any]:
     """Von Mises and principal stresses under the forces of a state, measured and in the half-space [Pa]."""
     shape = geometry(case)
     mean, ring = probe(shape, case.ring).tensors(fine_organ(shape).displacement(state))
-    out = named("mean", mean) | named("ring", ring)
+    out = mean_stresses("mean", mean) | mean_stresses("ring", ring)
     theory = dict.fromkeys(THEORY, float("nan"))
     if case.depth == 0.0 and case.holes == "free":
         forces = state.f_y.reshape(2, 9)[:, :3]
-        exact = case.theory.mean_stress(1, forces)[None], case.theory.stress(around(case, case.ring), forces)
-        known = named("mean", flat(exact[0])) | named("ring", flat(exact[1]))
+        exact = case.theory.mean_stress(1, forces)[None], case.theory.stress(ring_points(case, case.ring), forces)
+        known = mean_stresses("mean", flatten(exact[0])) | mean_stresses("ring", flatten(exact[1]))
         theory = {name: known[name.removeprefix("theory_")] for name in THEORY}
     return out | theory
 
 
-def named(where: str, stress: Array) -> dict[str, float]:
+def mean_stresses(where: str, stress: Array) -> dict[str, float]:
     """Means over points of the von Mises, the largest and the smallest principal stress of `(k, 6)` [Pa]."""
     xx, yy, zz, xy, yz, xz = stress.T
     matrix = np.moveaxis(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), 2, 0)
@@ -278,6 +278,6 @@ def named(where: str, stress: Array) -> dict[str, float]:
     }
 
 
-def flat(stress: Array) -> Array:
+def flatten(stress: Array) -> Array:
     """Tensors `(k, 3, 3)` as xx, yy, zz, xy, yz, xz, shape `(k, 6)`."""
     return np.column_stack([stress[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))])

@@ -37,11 +37,11 @@ from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, panels
 from studies.scenario import Scenario, parse
 from studies.simulation.assembly import Assembly, assemble
-from studies.study import Study, StudyError, Table, unit
+from studies.study import Study, StudyError, Table, unit_field
 from studies.verdicts import LINEAR, bearing_strain, too_coarse
 from thread.catalogue import suture
-from thread.path import rounded
-from tissue.body import ELEMENTS
+from thread.path import rounded_path
+from tissue.elasticity import ELEMENTS
 
 E, NU, THICKNESS = 0.8e6, 0.45, 1.5e-3  # [Pa], [-], [m]: skin, as in the numbers that follow from it (Et = 1.2 kN/m)
 FOOTPRINT = 0.7e-3  # radius of the hole's averaging ball, which the sheet's thickness allows [m]
@@ -84,24 +84,24 @@ class Row:
     """One wound, closed in one way. Forces are those of E = 0.8 MPa, and grow with it: closed is closed, whatever the
     thread takes for it. Those of the stitches come along the wound, and so do the gaps."""
 
-    length: float = unit("m")
-    width: float = unit("m")
+    length: float = unit_field("m")
+    width: float = unit_field("m")
     way: str  # all at once, or one after another
     variant: str  # "", or what is changed for a check
-    sheet: float = unit("m")  # length of its edges
-    size: float = unit("m")  # of the cells at the holes
+    sheet: float = unit_field("m")  # length of its edges
+    size: float = unit_field("m")  # of the cells at the holes
     unknowns: int
-    places: tuple[float, ...] = unit("m")  # of the stitches
-    forces: tuple[float, ...] = unit("N")  # of the stitches at the end
-    tied: tuple[float, ...] = unit("N")  # of each stitch when it was tied
-    along: tuple[float, ...] = unit("m")  # places of the gaps
-    gaps: tuple[float, ...] = unit("m")  # of the lips at the end
-    uniform: float = unit("-")  # uniform traction that closes the same mesh, over that of an infinite sheet
-    moved: float = unit("m")  # farthest a hole moved
-    contact_force: float = unit("N")  # that pushes the lips apart, in all
-    pressure: float = unit("Pa")  # largest of the lips
-    smallest_gap: float = unit("m")
-    complementarity: float = unit("J")  # largest |force times gap| of a pair of nodes
+    places: tuple[float, ...] = unit_field("m")  # of the stitches
+    forces: tuple[float, ...] = unit_field("N")  # of the stitches at the end
+    tied: tuple[float, ...] = unit_field("N")  # of each stitch when it was tied
+    along: tuple[float, ...] = unit_field("m")  # places of the gaps
+    gaps: tuple[float, ...] = unit_field("m")  # of the lips at the end
+    uniform: float = unit_field("-")  # uniform traction that closes the same mesh, over that of an infinite sheet
+    moved: float = unit_field("m")  # farthest a hole moved
+    contact_force: float = unit_field("N")  # that pushes the lips apart, in all
+    pressure: float = unit_field("Pa")  # largest of the lips
+    smallest_gap: float = unit_field("m")
+    complementarity: float = unit_field("J")  # largest |force times gap| of a pair of nodes
     pushes: bool  # no contact force pulls
     closed: bool  # the hands brought the lips together
 
@@ -142,7 +142,7 @@ class Row:
         return max(self.forces[0], self.forces[-1]) / self.middle
 
     @property
-    def compared(self) -> float:
+    def comparable_force(self) -> float:
         """The force to be held against a published one [N]: drawn all at once that in the middle of the wound, where
         the published one is largest; one after another the largest of those that a stitch was tied with."""
         return self.middle if self.way == TOGETHER else max(self.tied)
@@ -172,7 +172,7 @@ def main(
             raise StudyError(f"wounds: {length} × {width} m in a sheet of {sheet} m; give {reason}")
     with threadpool_limits(limits=1, user_api="blas"):
         for length, width in wounds:
-            yield from closed(Case(length, width, sheet, size, far, pitch, bite), (TOGETHER, IN_TURN))
+            yield from close_wound(Case(length, width, sheet, size, far, pitch, bite), (TOGETHER, IN_TURN))
         first = Case(*wounds[0], sheet, size, far, pitch, bite)
         changed = {
             FINER: replace(first, size=size / 1.5, far=far / 1.5, variant=FINER),
@@ -181,7 +181,7 @@ def main(
             HALVES: replace(first, pitch=0.5 * pitch, bite=0.5 * bite, variant=HALVES),
         }
         for check in checks:
-            yield from closed(changed[check], (TOGETHER, IN_TURN) if check == FINER else (TOGETHER,))
+            yield from close_wound(changed[check], (TOGETHER, IN_TURN) if check == FINER else (TOGETHER,))
 
 
 @dataclass(frozen=True)
@@ -250,7 +250,7 @@ def scenario(case: Case) -> Scenario:
                 "control_points": (round(2.0 * reach / SPAN) + 3) * len(y),
                 "graded": 1.0,
                 "path": path,
-                "cuts": [nearest(path, turn) for turn in turns],
+                "cuts": [nearest_abscissa(path, turn) for turn in turns],
             },
             "piercing": [{**at, **hole} for at in holes],
             "solve": {"kind": "static"},
@@ -258,9 +258,9 @@ def scenario(case: Case) -> Scenario:
     )
 
 
-def nearest(path: Sequence[Sequence[float]], point: Sequence[float]) -> float:
+def nearest_abscissa(path: Sequence[Sequence[float]], point: Sequence[float]) -> float:
     """Abscissa of the thread's nearest pass by a point [m]."""
-    places, distances = rounded(path).passes(point)
+    places, distances = rounded_path(path).passes(point)
     return float(places[np.argmin(distances)])
 
 
@@ -286,7 +286,7 @@ class Hands:
         assert isinstance(organ, tissue.QuasiStaticOrgan) and organ.gaps is not None
         return organ
 
-    def drawn(self, state: State, lengths: Array) -> State:
+    def draw(self, state: State, lengths: Array) -> State:
         """The equilibrium after stitch k has been drawn shorter by `lengths` (k,) [m], half at either end. One unit of
         time is one move of the hands."""
         now, half = state.time, 0.5 * np.repeat(lengths, 2) * np.tile([-1.0, 1.0], len(lengths))
@@ -318,21 +318,21 @@ class Hands:
         return np.interp(y, [-end, *at, end], [0.0, *self.organ.gap(state.organ)[order], 0.0])
 
     @cached_property
-    def laid(self) -> State:
+    def straight_state(self) -> State:
         """Before anything is drawn: straight."""
-        return self.drawn(self.assembly.start(), np.zeros(len(self.case.places)))
+        return self.draw(self.assembly.start(), np.zeros(len(self.case.places)))
 
     @cached_property
     def answers(self) -> tuple[Array, Array]:
         """What a length drawn at each stitch makes of the gaps at all of them [-] and of their forces [N/m], while the
         lips are open."""
         y, length = self.case.places, 0.01 * self.case.width
-        each = [self.drawn(self.laid, length * unit) for unit in np.eye(len(y))]
-        gaps = np.column_stack([self.gaps(state, y) - self.gaps(self.laid, y) for state in each])
-        forces = np.column_stack([self.forces(state) - self.forces(self.laid) for state in each])
+        each = [self.draw(self.straight_state, length * unit) for unit in np.eye(len(y))]
+        gaps = np.column_stack([self.gaps(state, y) - self.gaps(self.straight_state, y) for state in each])
+        forces = np.column_stack([self.forces(state) - self.forces(self.straight_state) for state in each])
         return gaps / length, forces / length
 
-    def tightened(self, state: State, tying: Flags, slack: Flags) -> tuple[State, bool]:
+    def tighten(self, state: State, tying: Flags, slack: Flags) -> tuple[State, bool]:
         """The stitches `tying` drawn until the lips nearly touch at them, those `slack` as far as they bear nothing,
         the others left as they are; and whether that was reached. Broyden's method learns what contact changes.
         """
@@ -340,31 +340,31 @@ class Hands:
         by_gap, by_force = self.answers
         answer = np.where(tying[:, None], by_gap, by_force)[np.ix_(moving, moving)]
         limit = np.where(tying, self.case.width, E * THICKNESS * self.case.width)[moving] * PRECISE
-        missing = self.missing(state, tying)[moving]
+        missing = self.shortfall(state, tying)[moving]
         for _ in range(MOVES):
             if np.all(np.abs(missing) <= limit):
                 return state, True
             lengths = np.zeros(moving.size)
             lengths[moving] = step = np.linalg.solve(answer, -missing)
-            state = self.drawn(state, lengths)
-            before, missing = missing, self.missing(state, tying)[moving]
+            state = self.draw(state, lengths)
+            before, missing = missing, self.shortfall(state, tying)[moving]
             answer = answer + np.outer(missing - before - answer @ step, step) / (step @ step)
         return state, False
 
-    def missing(self, state: State, tying: Flags) -> Array:
+    def shortfall(self, state: State, tying: Flags) -> Array:
         """By how much the lips are too far apart where a stitch is tied [m], and the force of the others [N]."""
         y = self.case.places
         return np.where(tying, self.gaps(state, y) - self.case.near * self.case.opening(y), self.forces(state))
 
 
-def closed(case: Case, ways: Sequence[str]) -> Iterator[Row]:
+def close_wound(case: Case, ways: Sequence[str]) -> Iterator[Row]:
     """The wound closed in each of the ways."""
     hands = Hands(case, assemble(scenario(case)))
     n, uniform = len(case.places), uniform_traction(hands) / (E * case.width / (2.0 * case.length))
     for way in ways:
-        state, all_closed, tied = hands.laid, True, np.zeros(n)
+        state, all_closed, tied = hands.straight_state, True, np.zeros(n)
         for tying, slack in turns(n, way):
-            state, done = hands.tightened(state, tying, slack)
+            state, done = hands.tighten(state, tying, slack)
             tied, all_closed = np.where(tying, hands.forces(state), tied), all_closed and done
         yield row_of(hands, way, state, tied, all_closed, uniform)
 
@@ -406,7 +406,7 @@ def row_of(hands: Hands, way: str, state: State, tied: Array, all_closed: bool, 
         along=tuple(along.tolist()),
         gaps=tuple(hands.gaps(state, along).tolist()),
         uniform=uniform,
-        moved=float(np.linalg.norm((state.y - hands.laid.y)[:, :3], axis=1).max()),
+        moved=float(np.linalg.norm((state.y - hands.straight_state.y)[:, :3], axis=1).max()),
         contact_force=float(lips.force.sum()),
         pressure=float(gaps.pressure(lips.force).max()),
         smallest_gap=float(lips.gap.min()),
@@ -436,9 +436,9 @@ class Comparison:
     edges: float
 
     @property
-    def predicted(self) -> float:
+    def predicted_force(self) -> float:
         """Force at the fitted stiffness [N]; the published one where it was fitted to."""
-        return self.row.compared * self.fitted / (E * THICKNESS)
+        return self.row.comparable_force * self.fitted / (E * THICKNESS)
 
     @property
     def is_fit(self) -> bool:
@@ -452,7 +452,7 @@ def comparisons(rows: Sequence[Row]) -> list[Comparison]:
     for source in SOURCES:
         pair = [row_with(rows, wound, source.way) for wound in source.wounds]
         if pair[0] is not None:
-            fitted = E * THICKNESS * source.forces[0] / pair[0].compared
+            fitted = E * THICKNESS * source.forces[0] / pair[0].comparable_force
             each = zip(source.forces, pair, strict=True)
             out += [
                 Comparison(source, force, row, fitted, row.uniform / pair[0].uniform - 1.0)
@@ -488,7 +488,7 @@ def line(row: Row, compared: Sequence[Comparison]) -> list[str]:
     """One run, and what is published of it."""
     found = [c for c in compared if c.row == row]
     published = (
-        (c.source.name, f"{c.fitted:.0f}", "(fitted)" if c.is_fit else f"{c.predicted:.2f}", f"{c.published:g}")
+        (c.source.name, f"{c.fitted:.0f}", "(fitted)" if c.is_fit else f"{c.predicted_force:.2f}", f"{c.published:g}")
         for c in found
     )
     return [
@@ -528,9 +528,10 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 def sentence(c: Comparison) -> str:
     """A prediction beside what is published."""
-    first, off = " × ".join(f"{x / MILLI:g}" for x in c.source.wounds[0]), 100.0 * (c.predicted / c.published - 1.0)
+    first = " × ".join(f"{x / MILLI:g}" for x in c.source.wounds[0])
+    off = 100.0 * (c.predicted_force / c.published - 1.0)
     return (
-        f"{c.source.name}: Et = {c.fitted:.0f} N/m, fitted to {first} mm, predicts {c.predicted:.2f} N for "
+        f"{c.source.name}: Et = {c.fitted:.0f} N/m, fitted to {first} mm, predicts {c.predicted_force:.2f} N for "
         f"{c.row.name} mm, {100.0 * c.edges:+.1f} % of it by the edges of the sheet; published are {c.published:g} N "
         f"({off:+.0f} %)"
     )
@@ -563,7 +564,7 @@ def changes(rows: Sequence[Row]) -> list[str]:
         plain = row_with(rows, row.wound, row.way)
         if not row.variant or plain is None:
             continue
-        change, largest = row.compared / plain.compared, max(row.forces) / max(plain.forces)
+        change, largest = row.comparable_force / plain.comparable_force, max(row.forces) / max(plain.forces)
         if row.variant == HALVES:
             out.append(
                 f"{row.name} mm, {HALVES}: the stitch in the middle takes {row.over_uniform:.3f} of its share of the "
@@ -632,12 +633,12 @@ def axes_of(axes: Axes, title: str, name: str) -> None:
 
 def compared_axes(axes: Axes, compared: Sequence[Comparison]) -> None:
     """Predicted over published forces; hollow what was fitted."""
-    top = 1.15 * max([c.published for c in compared] + [c.predicted for c in compared], default=1.0)
+    top = 1.15 * max([c.published for c in compared] + [c.predicted_force for c in compared], default=1.0)
     axes.plot([0.0, top], [0.0, top], color="black", linewidth=0.8, linestyle="--")
     for source, colour, marker in zip(SOURCES, COLOURS, MARKERS, strict=False):
         for c in (c for c in compared if c.source == source):
             face, label = ("white", None) if c.is_fit else (colour, source.name)
-            axes.plot(c.published, c.predicted, marker, color=colour, markerfacecolor=face, label=label)
+            axes.plot(c.published, c.predicted_force, marker, color=colour, markerfacecolor=face, label=label)
     axes.set(xlim=(0.0, top), ylim=(0.0, top), xlabel="published force [N]", ylabel="this study [N]")
     axes.set_title("filled: predicted, hollow: fitted to")
     axes.legend(loc="upper left")

@@ -13,7 +13,7 @@ from coupling.system import State, System
 from tests.bounds import IDENTITY, RESIDUAL
 from tests.thread.threads import ABSCISSAE, LENGTH, PP, RADIUS, Z, hairpin, hairpin_sites, hairpin_system, laid
 from thread.ends import Driven, Pulled
-from thread.knots import clamped
+from thread.knots import clamped_knots
 from thread.spline import Spline
 from thread.thread import Thread
 
@@ -28,7 +28,7 @@ def scene(resolution: Resolution | None, n: int) -> tuple[System, State]:
     system = hairpin_system(hairpin_sites(), ENDS, n)
     if resolution is not None:
         breaks = first_breaks(resolution.tree, np.array(ABSCISSAE), 4.0)
-        system = replace(system, thread=Thread(Spline(clamped(breaks)), PP, damping=20.0))
+        system = replace(system, thread=Thread(Spline(clamped_knots(breaks)), PP, damping=20.0))
     else:
         system = replace(system, thread=replace(system.thread, damping=20.0))
     return system, laid(system, ABSCISSAE, hairpin(RADIUS, LENGTH))

@@ -35,7 +35,7 @@ from tests.thread.threads import (
     without_organ,
 )
 from thread.ends import Clamped, End, Free
-from thread.knots import clamped
+from thread.knots import clamped_knots
 from thread.spline import Spline
 
 SCENES = Path(command.__file__).parents[1] / "scenario" / "scenes"
@@ -325,7 +325,7 @@ def test_a_knot_between_two_holes_takes_the_fault_away() -> None:
     breaks = np.linspace(0.0, LENGTH, N - 2)
     system, state = straight([2.5 * SPAN, 5.5 * SPAN])
     state = replace(state, s=np.array([5.2, 5.8]) * SPAN)
-    finer = thread_on(clamped(np.sort(np.append(breaks, 5.5 * SPAN))))
+    finer = thread_on(clamped_knots(np.sort(np.append(breaks, 5.5 * SPAN))))
     between = replace(system, thread=finer)
     assert len(faults(system, state)) == 1
     assert faults(between, replace(state, q=greville(finer.spline)[:, None] * X)) == []

@@ -20,7 +20,7 @@ from studies.simulation.assembly import assemble
 from tests.bounds import IDENTITY, ORDER, TWO_SOLVERS
 from thread.catalogue import suture
 from thread.ends import Pulled
-from thread.knots import clamped
+from thread.knots import clamped_knots
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
@@ -82,7 +82,7 @@ def test_a_straight_thread_is_stretched_by_what_is_drawn() -> None:
     outer, near, pull = 0.015, APART / 2 - DRAWN, 1e-3
     breaks = np.concatenate([np.linspace(0, outer - near, 4), np.linspace(outer - near, outer + near, 5)[1:]])
     breaks = np.concatenate([breaks, np.linspace(outer + near, 2 * outer, 4)[1:]])
-    knots = np.sort(np.concatenate([clamped(breaks), np.repeat([outer - near, outer + near], 2)]))
+    knots = np.sort(np.concatenate([clamped_knots(breaks), np.repeat([outer - near, outer + near], 2)]))
     thread = Thread(Spline(knots), SUTURE, bending=False)
     sites = tissue.fixed_sites([tissue.Site(np.array([x, 0.0, 0.0])) for x in (-APART / 2, APART / 2)])
     ends = tuple(Pulled(np.array([sign * pull, 0.0, 0.0])) for sign in (-1.0, 1.0))

@@ -8,10 +8,10 @@ import numpy as np
 
 from studies.output.records import (
     EnergyRecord,
-    Frame,
     OrganRecord,
     OrganTopology,
     PiercingRecord,
+    Snapshot,
     StepRecord,
     ThreadRecord,
 )
@@ -120,15 +120,15 @@ def piercing(name: str, time: float) -> PiercingRecord:
     )
 
 
-def frame(time: float, topology: OrganTopology | None = LINEAR) -> Frame:
+def frame(time: float, topology: OrganTopology | None = LINEAR) -> Snapshot:
     s = np.linspace(0, 0.05, 11)
     points = np.stack([s, 0.1 * s**2, 0.01 * np.cos(200 * s)], axis=1)
     thread = ThreadRecord(points, s, 0.1 + s, 3 * s, 1.6e-4)
     holes = (piercing("entry", time), piercing("exit", time))
-    return Frame(time, thread, holes, None if topology is None else organ(topology, time))
+    return Snapshot(time, thread, holes, None if topology is None else organ(topology, time))
 
 
-def framing(time: float) -> Callable[[], Frame]:
+def framing(time: float) -> Callable[[], Snapshot]:
     """A frame that is made when it is needed."""
     return lambda: frame(time)
 
@@ -162,7 +162,7 @@ class Stub:
     tissue_dofs: int = 12
     subgrid: dict[str, dict[str, Any]] = field(default_factory=dict)
 
-    def advance(self, memory: object = None) -> Iterator[tuple[StepRecord, Callable[[], Frame]]]:
+    def advance(self, memory: object = None) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
         for number in range(self.steps + 1):
             if number == 4 and isinstance(self.fail, Exception):
                 raise self.fail

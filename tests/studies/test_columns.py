@@ -42,7 +42,7 @@ from studies.output.records import (
     StepRecord,
     ThreadRecord,
 )
-from studies.output.tables import Table
+from studies.output.tables import CsvFile
 from tests.studies.samples import frame, step
 
 UNITS = {"-", "s", "m", "1/m", "rad", "N", "N m", "N s", "J", "Pa"}
@@ -77,7 +77,7 @@ def test_columns_have_known_units_and_names_of_their_own(group: str) -> None:
 def test_a_row_has_a_cell_for_every_heading(tmp_path: Path, layout: Layout[Any]) -> None:
     """Independent check: a csv reader finds as many cells in each row as headings, in steps with everything and in
     steps with nothing, and the second of them is the number of the step."""
-    table = Table(tmp_path / "table.csv", layout.columns)
+    table = CsvFile(tmp_path / "table.csv", layout.columns)
     for record in (replace(step(0), piercings=()), step(0), FULL):
         table.append(layout.rows(record))
     table.close()
@@ -93,7 +93,7 @@ def test_cells_are_what_the_records_say(tmp_path: Path) -> None:
     """Independent check: every number reads back to the same bits, text as it was, and what is not there is empty."""
     cells = {}
     for layout in TABLES:
-        table = Table(tmp_path / f"{layout.name}.csv", layout.columns)
+        table = CsvFile(tmp_path / f"{layout.name}.csv", layout.columns)
         table.append(layout.rows(FULL))
         table.close()
         with (tmp_path / f"{layout.name}.csv").open(newline="") as file:

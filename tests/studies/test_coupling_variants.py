@@ -8,7 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from studies.coupling_variants.study import CREATED, DURATION, STUDY, Row, error_at, largest_stable, main, of, table
+from studies.coupling_variants.study import (
+    CREATED,
+    DURATION,
+    STUDY,
+    Row,
+    error_at,
+    largest_stable,
+    main,
+    runs_of,
+    table,
+)
 from studies.study import StudyError, arguments, numbers, write
 
 SOFT, FIRM = 2e3, 2.5e5
@@ -31,7 +41,7 @@ def test_the_monolithic_way_neither_drifts_nor_creates() -> None:
     """Consistency check: at every step and stiffness; nor is there a step that it cannot take here."""
     for inertia in (True, False):
         for E in (SOFT, FIRM):
-            runs = of(rows(), "monolithic", inertia, E)
+            runs = runs_of(rows(), "monolithic", inertia, E)
             assert all(row.stable for row in runs)
             assert max(row.drift for row in runs) <= 1e-9 * runs[0].moved
             assert max(abs(row.created) for row in runs) <= 1e-12
@@ -41,7 +51,7 @@ def test_the_monolithic_way_neither_drifts_nor_creates() -> None:
 def test_the_staggered_way_drifts_with_the_step() -> None:
     """Independent check (theory): the drift is the way of a hole in a step, so it falls with the step, and is below the
     whole way while the exchange is stable. A stable exchange that comes back to where it was destroys energy."""
-    for runs in (of(rows(), "staggered", True, FIRM), of(rows(), "staggered", False, FIRM)):
+    for runs in (runs_of(rows(), "staggered", True, FIRM), runs_of(rows(), "staggered", False, FIRM)):
         fine, middle = runs[0], runs[1]
         assert 0.0 < fine.drift < 0.8 * middle.drift < middle.moved
         assert -CREATED < fine.created < 0.0
@@ -51,9 +61,9 @@ def test_the_staggered_way_drifts_with_the_step() -> None:
 def test_softness_limits_the_step_of_the_staggered_way() -> None:
     """Independent check (theory): the exchange diverges where the thread's stiffness times the organ's compliance is
     above one: on the soft organ before the firm one, with inertia at long steps, without it at short ones too."""
-    soft, firm = (largest_stable(of(rows(), "staggered", True, E)) for E in (SOFT, FIRM))
+    soft, firm = (largest_stable(runs_of(rows(), "staggered", True, E)) for E in (SOFT, FIRM))
     assert 0.0 < soft < firm
-    broken = of(rows(), "staggered", False, SOFT)
+    broken = runs_of(rows(), "staggered", False, SOFT)
     assert largest_stable(broken) == 0.0
     assert max(row.created for row in broken) > 1.0
 
@@ -62,16 +72,16 @@ def test_every_error_falls_with_the_step() -> None:
     """Independent check (theory): the schemes are of first order. The reference has half the finest step, which hides
     up to half of the finest run's error and nothing that could turn the order of the runs."""
     for way, E in (("monolithic", SOFT), ("monolithic", FIRM), ("staggered", FIRM)):
-        errors = [run.error for run in of(rows(), way, True, E)]
+        errors = [run.error for run in runs_of(rows(), way, True, E)]
         assert 0.0 < 2.0 * errors[0] < errors[1] < errors[2] < 0.1
 
 
 def test_the_linear_step_wants_short_ones() -> None:
     """Consistency check: on the softest organ with inertia it holds at 0.3 ms, drifts less than the staggered way for
     its constraints are second order in the step, and breaks off or lives on energy from nowhere at longer ones."""
-    fine, *coarse = of(rows(), "linear", True, SOFT)
+    fine, *coarse = runs_of(rows(), "linear", True, SOFT)
     assert fine.stable and not any(run.stable for run in coarse)
-    assert fine.drift < 0.1 * of(rows(), "staggered", True, SOFT)[0].drift
+    assert fine.drift < 0.1 * runs_of(rows(), "staggered", True, SOFT)[0].drift
     assert fine.solves == COUNTS[-1]
 
 

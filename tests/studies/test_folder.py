@@ -20,7 +20,7 @@ from studies.output.columns import Column, text
 from studies.output.files import write_json, write_text
 from studies.output.folder import MARK, Recorder, check_folder
 from studies.output.provenance import provenance
-from studies.output.tables import Table
+from studies.output.tables import CsvFile
 from studies.scenario import ScenarioError, load, parse
 from studies.scenario.toml import tables
 from tests.studies.samples import CONTRACT, LINEAR, framing, step
@@ -199,10 +199,10 @@ import resource, sys
 sys.path[:0] = [{root!r}]
 from pathlib import Path
 from studies.output.columns import Column
-from studies.output.tables import Table
+from studies.output.tables import CsvFile
 from studies.output.files import write_text
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
-table = Table(Path({path!r}), [Column("number", "-", "", lambda number: number, kind="whole")])
+table = CsvFile(Path({path!r}), [Column("number", "-", "", lambda number: number, kind="whole")])
 write_text(Path({text!r}), "first")
 try:
     write_text(Path({text!r}), "x" * 2000)
@@ -228,7 +228,7 @@ def test_a_full_disk_leaves_whole_lines_and_whole_files(tmp_path: Path) -> None:
 def test_a_table_quotes_what_needs_it(tmp_path: Path) -> None:
     names = ['a "b", c', "d", "é|;'", "two\nlines", '"']
     columns = [text("piercing", "", lambda name: name), Column("length", "m", "", lambda name: 1.5 * len(name))]
-    table = Table(tmp_path / "t.csv", columns)
+    table = CsvFile(tmp_path / "t.csv", columns)
     table.append(names)
     table.close()
     expected = [{"piercing": name, "length [m]": str(1.5 * len(name))} for name in names]

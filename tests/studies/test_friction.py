@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from studies.figure import drawn
+from studies.figure import render_figure
 from studies.friction.study import (
     STUDY,
     Row,
@@ -16,9 +16,9 @@ from studies.friction.study import (
     exact_ratio,
     loops_of,
     main,
-    of,
     order_in_number,
-    passes,
+    rows_of_kind,
+    two_passes,
 )
 from studies.study import StudyError, arguments
 from tests.bounds import ORDER
@@ -35,7 +35,7 @@ def rows() -> tuple[Row, ...]:
 def test_ratios(kind: str) -> None:
     """Independent check: the balance at one hole, its product, and the closed forms of the lag; all settled."""
     for mu in coefficients(rows()):
-        found = of(rows(), kind, mu)
+        found = rows_of_kind(rows(), kind, mu)
         assert len(found) == 3 and all(row.settled for row in found)
         assert error(found) < RATIO
 
@@ -43,29 +43,29 @@ def test_ratios(kind: str) -> None:
 def test_the_law_at_one_hole_is_no_capstan() -> None:
     """Independent check: at 90° and μ = 0.3 the hole asks for 13/7, the capstan for 1.60, which rows of holes reach
     with the square of their number."""
-    (seen,) = [row for row in of(rows(), "one hole", 0.3) if row.turn == 90.0]
+    (seen,) = [row for row in rows_of_kind(rows(), "one hole", 0.3) if row.turn == 90.0]
     assert seen.ratio == pytest.approx(13.0 / 7.0, rel=RATIO)
     assert seen.ratio > 1.1 * np.exp(0.3 * np.pi / 2)
     for mu in coefficients(rows()):
-        assert abs(order_in_number(of(rows(), "holes in a row", mu)) - 2.0) < ORDER
+        assert abs(order_in_number(rows_of_kind(rows(), "holes in a row", mu)) - 2.0) < ORDER
 
 
 def test_loop_of_the_load() -> None:
     """Independent check (elastica): out at the ratio of a thread that bends, back at one over it, through two holes at
     the product; between them it sticks."""
     for mu, holes in loops_of(rows()):
-        out, back = branches(of(rows(), "loop", mu, holes))
+        out, back = branches(rows_of_kind(rows(), "loop", mu, holes))
         assert all(row.settled and row.ratio > 1.0 for row in out)
         assert error(out) < RATIO and error(back) < RATIO
         assert not back[0].settled and all(row.settled and row.ratio < 1.0 for row in back[len(back) // 2 :])
     for mu in coefficients(rows()):
-        one, two = (branches(of(rows(), "loop", mu, holes))[0][-1].ratio for holes in (1, 2))
+        one, two = (branches(rows_of_kind(rows(), "loop", mu, holes))[0][-1].ratio for holes in (1, 2))
         assert one**1.9 < two < one**2.1
 
 
 def test_what_locks_and_what_was_not_found_is_said() -> None:
     """Two passes with the pull given lock at 2μt ≥ 1, before the exact law does at μt ≥ 1."""
-    hold, pull = passes(0.3, 120.0)
+    hold, pull = two_passes(0.3, 120.0)
     assert np.isinf(pull.ratio) and np.isinf(pull.theory) and not pull.settled
     assert hold.settled and np.isfinite(exact_ratio(0.3, 120.0)) and np.isinf(exact_ratio(1.0, 91.0))
     said = STUDY.remarks([*rows(), pull])
@@ -85,5 +85,5 @@ def test_table_and_figure() -> None:
     shown = STUDY.table(rows())
     assert len(shown.lines) == 2 * (3 + 6 + 3 + 4)
     assert {len(line) for line in shown.lines} == {len(shown.head)}
-    text = drawn(STUDY.figure, rows(), "sample")["svg"].decode()
+    text = render_figure(STUDY.figure, rows(), "sample")["svg"].decode()
     assert all(label in text for label in ("turn θ [°]", "holes in a row N [-]", "way of the hand [mm]"))

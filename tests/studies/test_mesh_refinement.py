@@ -6,8 +6,19 @@ from functools import cache
 
 import pytest
 
-from studies.figure import drawn
-from studies.mesh_refinement.study import FOOTPRINT, QUANTITIES, STUDY, VARIANTS, Row, formal, judged, main, of, said
+from studies.figure import render_figure
+from studies.mesh_refinement.study import (
+    FOOTPRINT,
+    QUANTITIES,
+    STUDY,
+    VARIANTS,
+    Row,
+    formal_order,
+    main,
+    runs_of_ladder,
+    verdict_on,
+    verdict_text,
+)
 from studies.study import StudyError, arguments
 from tests.bounds import ORDER
 
@@ -23,8 +34,8 @@ def rows() -> tuple[Row, ...]:
 @pytest.mark.parametrize("quantity", ["compliance_along", "compliance_normal"])
 def test_what_has_no_limit_is_called_diverging_with_its_rate(quantity: str) -> None:
     """Independent check: 1/h for a bare point, 1/a for a footprint that shrinks; the verdict says so by itself."""
-    for runs in (of(rows(), "cells", BARE), of(rows(), "footprint", SUBGRID)):
-        found = judged(runs, quantity)
+    for runs in (runs_of_ladder(rows(), "cells", BARE), runs_of_ladder(rows(), "footprint", SUBGRID)):
+        found = verdict_on(runs, quantity)
         assert found.kind == "diverging"
         assert abs(found.order + 1.0) < ORDER
 
@@ -32,27 +43,27 @@ def test_what_has_no_limit_is_called_diverging_with_its_rate(quantity: str) -> N
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_nothing_of_a_bare_point_or_a_shrinking_footprint_has_a_limit(quantity: str) -> None:
     """What hangs on a hole without a limit has none either, and the verdict finds that by itself."""
-    for runs in (of(rows(), "cells", BARE), of(rows(), "footprint", SUBGRID)):
-        assert judged(runs, quantity).kind == "diverging"
+    for runs in (runs_of_ladder(rows(), "cells", BARE), runs_of_ladder(rows(), "footprint", SUBGRID)):
+        assert verdict_on(runs, quantity).kind == "diverging"
 
 
 def test_what_hangs_on_a_diverging_hole_is_never_called_converged() -> None:
     """A number that the thread hardly lets move."""
-    still = [replace(run, force=0.02) for run in of(rows(), "cells", BARE)]
-    assert judged(still, "force").kind == "converged"
-    assert said(still, "force").startswith("NOT CONVERGED")
+    still = [replace(run, force=0.02) for run in runs_of_ladder(rows(), "cells", BARE)]
+    assert verdict_on(still, "force").kind == "converged"
+    assert verdict_text(still, "force").startswith("NOT CONVERGED")
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_orders_of_a_footprint(quantity: str) -> None:
     """Independent check: h⁴ ln(a/h) with P2, whose changes are of order 4 − 1/(ln(a/h) − ¼) between meshes that are
     nearly the same; with P1 the order comes nearer to two with every rung."""
-    second = of(rows(), "cells", P2)
+    second = runs_of_ladder(rows(), "cells", P2)
     near = [replace(run, cells=cells) for run, cells in zip(second, (104, 100, 96), strict=True)]
-    assert formal(near) == pytest.approx(4.0 - 1.0 / (math.log(FOOTPRINT / near[1].refined) - 0.25), abs=1e-3)
-    assert abs(judged(second, quantity).order - formal(second)) < REACHED
-    first = of(rows(), "cells", POINTWISE)
-    fine, coarse = (judged(runs, quantity).order for runs in (first, first[1:]))
+    assert formal_order(near) == pytest.approx(4.0 - 1.0 / (math.log(FOOTPRINT / near[1].size) - 0.25), abs=1e-3)
+    assert abs(verdict_on(second, quantity).order - formal_order(second)) < REACHED
+    first = runs_of_ladder(rows(), "cells", POINTWISE)
+    fine, coarse = (verdict_on(runs, quantity).order for runs in (first, first[1:]))
     assert 1.0 < coarse < fine < 2.0 + ORDER
 
 
@@ -60,25 +71,27 @@ def test_footprint_and_sub_grid_converge_to_one_another() -> None:
     """Consistency check: what P2 and the sub-grid footprint on P1 converge to is one number, to what the patch of the
     latter leaves out (0.3 %)."""
     for quantity in QUANTITIES:
-        second, fine = (judged(of(rows(), "cells", variant), quantity) for variant in (P2, SUBGRID))
+        second, fine = (verdict_on(runs_of_ladder(rows(), "cells", variant), quantity) for variant in (P2, SUBGRID))
         assert (second.kind, fine.kind) == ("converged", "converged")
         assert fine.limit == pytest.approx(second.limit, rel=3e-3)
-        assert judged(of(rows(), "cells", POINTWISE), quantity).limit == pytest.approx(second.limit, rel=0.02)
+        assert verdict_on(runs_of_ladder(rows(), "cells", POINTWISE), quantity).limit == pytest.approx(
+            second.limit, rel=0.02
+        )
 
 
 @pytest.mark.parametrize("quantity", ["displacement", "force", "drawn"])
 def test_order_of_all_refined_together(quantity: str) -> None:
     """Independent check: two, of P1 in h and of backward Euler in steps like h²; the thread adds less."""
-    runs = of(rows(), "coupled", SUBGRID)
+    runs = runs_of_ladder(rows(), "coupled", SUBGRID)
     assert [round(0.05 / run.dt) for run in runs] == [72, 32, 18]
-    found = judged(runs, quantity)
+    found = verdict_on(runs, quantity)
     assert abs(found.order - 2.0) < REACHED and found.index < 0.01
 
 
 @pytest.mark.parametrize("quantity", ["displacement", "force", "drawn"])
 def test_order_of_the_time_step(quantity: str) -> None:
     """Independent check: backward Euler."""
-    assert abs(judged(of(rows(), "time step", SUBGRID), quantity).order - 1.0) < ORDER
+    assert abs(verdict_on(runs_of_ladder(rows(), "time step", SUBGRID), quantity).order - 1.0) < ORDER
 
 
 def test_what_is_not_supported_is_said() -> None:
@@ -109,5 +122,5 @@ def test_table_and_figure() -> None:
     assert len(shown.lines) == 4 * 5 + 5 + 3 * 3
     assert {len(line) for line in shown.lines} == {len(shown.head)}
     assert any(line[1] == BARE and line[-1].startswith("DIVERGING") for line in shown.lines)
-    text = drawn(STUDY.figure, rows(), "sample")["svg"].decode()
+    text = render_figure(STUDY.figure, rows(), "sample")["svg"].decode()
     assert all(f"{name} [{unit}]" in text for name, unit in QUANTITIES.values())

@@ -22,7 +22,7 @@ from studies.simulation.meshing import material_of, organ_mesh
 from tests.bounds import IDENTITY
 from tests.meshes.samples import NEEDS_GMSH
 from tests.meshes.test_skin import cuboid
-from tissue.body import elasticity
+from tissue.elasticity import elasticity
 from tissue.errors import TissueError
 
 BLOCK = {"kind": "block", "size": [0.06, 0.04, 0.02], "h": 5e-3}

@@ -8,7 +8,7 @@ from matplotlib.image import imread
 
 from studies.output.records import OrganTopology
 from studies.pictures import picture as chooser
-from studies.pictures.picture import picture
+from studies.pictures.picture import draw_picture
 from studies.pictures.section import cut, draw_section
 from studies.pictures.view import surface
 from tests.studies.samples import LINEAR, frame, quadratic
@@ -25,7 +25,7 @@ def test_the_section_is_drawn(tmp_path: Path, topology: OrganTopology | None) ->
 
 
 def test_a_picture_comes_out_and_says_how(tmp_path: Path) -> None:
-    line = picture(frame(0.1), LINEAR, tmp_path / "picture.png", "title")
+    line = draw_picture(frame(0.1), LINEAR, tmp_path / "picture.png", "title")
     assert is_drawn(tmp_path / "picture.png")
     assert "3-D picture (pyvista)" in line or "apt-get install" in line
 
@@ -40,7 +40,7 @@ def test_a_child_that_dies_leaves_the_section(tmp_path: Path, monkeypatch: pytes
         return module != "studies.pictures.space" and drawing(module, *rest)  # type: ignore[arg-type]
 
     monkeypatch.setattr(chooser, "_draws", draws)
-    line = picture(frame(0.1), LINEAR, tmp_path / "picture.png")
+    line = draw_picture(frame(0.1), LINEAR, tmp_path / "picture.png")
     assert calls == ["studies.pictures.space", "studies.pictures.section"]
     assert "section (matplotlib)" in line and "libegl1" in line
     assert is_drawn(tmp_path / "picture.png")

@@ -16,7 +16,7 @@ import pytest
 
 from studies.command import command
 from studies.output.checkpoint import CHECKPOINT, difference, read_checkpoint, write_checkpoint
-from studies.output.folder import MARK, Recorder, resumable
+from studies.output.folder import MARK, Recorder, can_resume
 from studies.output.records import StepRecord
 from studies.scenario import ScenarioError, dump, load, parse
 from studies.scenario.toml import tables
@@ -130,7 +130,7 @@ def die():
     os.kill(os.getpid(), signal.SIGKILL)
 
 seen = {{"rename": 0, "row": 0}}
-rename, append = os.replace, tables.Table.append
+rename, append = os.replace, tables.CsvFile.append
 
 def dying_rename(source, target):
     seen["rename"] += 1
@@ -149,7 +149,7 @@ def dying_append(table, rows):
         die()
     append(table, rows)
 
-files.os.replace, tables.Table.append = dying_rename, dying_append
+files.os.replace, tables.CsvFile.append = dying_rename, dying_append
 command.main(["run", {file!r}, "--out", {out!r}, "--quiet", "--no-picture"])
 """
 
@@ -238,14 +238,14 @@ def test_a_table_that_cannot_grow_is_a_failed_run_that_goes_on(file: Path, whole
         f"import resource, sys; sys.path[:0] = [{str(ROOT)!r}]\n"
         "from studies.command import command\n"
         "from studies.output import tables\n"
-        "append = tables.Table.append\n"
+        "append = tables.CsvFile.append\n"
         "def limited(table, rows):\n"
         "    if table._file.name.endswith('piercings.csv'):\n"
         f"        resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))\n"
         "    try:\n        append(table, rows)\n"
         "    finally:\n"
         "        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))\n"
-        "tables.Table.append = limited\n"
+        "tables.CsvFile.append = limited\n"
         f"sys.exit(command.main(['run', {str(file)!r}, '--out', {str(out)!r}, '--quiet', '--no-picture']))\n"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
@@ -296,10 +296,10 @@ def test_another_mesh_is_refused(tmp_path: Path) -> None:
     data["tissue"] |= {"mesh": {"kind": "file", "path": str(mesh)}, "clamp": ["bottom"]}
     with Recorder(tmp_path / "out", parse(data)):
         pass
-    assert resumable(tmp_path / "out", parse(data))
+    assert can_resume(tmp_path / "out", parse(data))
     mesh.write_text("another mesh", encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"contents of tissue\.mesh\.path changed"):
-        resumable(tmp_path / "out", parse(data))
+        can_resume(tmp_path / "out", parse(data))
 
 
 def test_an_empty_folder_begins_anew(file: Path, whole: Path, tmp_path: Path) -> None:

@@ -7,26 +7,26 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from studies.figure import drawn
+from studies.figure import render_figure
 from studies.running_suture.study import (
     BACK,
     FELT,
     PUBLISHED_LEFT,
     STUDY,
     Row,
-    at,
-    by_law,
-    calibrated,
+    calibrate,
     coefficient,
+    law_error,
     main,
-    off_the_law,
     placings,
     reach,
     reference,
+    rows_at,
     runs,
-    second_by_law,
+    second_stitch_by_law,
     sequence,
     sweep,
+    tensions_by_law,
 )
 from studies.study import StudyError
 from studies.verdicts import SETTLED
@@ -45,16 +45,16 @@ def test_law_of_segments() -> None:
     reached stays when the same hand pulls again."""
     ratios = np.array([1.3, 1.2, 1.4, 1.1])
     laid = np.full(5, 0.1)
-    pulled = by_law(laid, 1.0, ratios)
+    pulled = tensions_by_law(laid, 1.0, ratios)
     assert pulled[-1] == 1.0 and pulled[0] == pytest.approx(1.0 / np.prod(ratios), rel=IDENTITY)
-    back = by_law(pulled, 0.5, ratios)
+    back = tensions_by_law(pulled, 0.5, ratios)
     for tensions in (pulled, back):
         assert all(
             a / r * (1 - IDENTITY) <= b <= a * r * (1 + IDENTITY)
             for r, (b, a) in zip(ratios, pairwise(tensions), strict=True)
         )
     assert back[0] == pulled[0] and back[-2] == pytest.approx(0.5 * 1.1, rel=IDENTITY)
-    np.testing.assert_array_equal(by_law(back, 0.5, ratios), back)
+    np.testing.assert_array_equal(tensions_by_law(back, 0.5, ratios), back)
 
 
 def test_law_of_placing() -> None:
@@ -62,50 +62,50 @@ def test_law_of_placing() -> None:
     stitch's pull has brought leaves it for good."""
     anew = 3.0 * 3.0 ** (-np.arange(6) / 2)
     ratio = 3.0**0.25
-    np.testing.assert_allclose(second_by_law(ratio, 3.0, 1e-6, 7), anew, rtol=IDENTITY)
-    np.testing.assert_allclose(second_by_law(ratio, 3.0, 0.4, 7)[2:], 1.0, rtol=IDENTITY)
-    assert second_by_law(ratio, 3.0, 1.0, 7)[-1] == pytest.approx(3.0**0.5, rel=IDENTITY)
+    np.testing.assert_allclose(second_stitch_by_law(ratio, 3.0, 1e-6, 7), anew, rtol=IDENTITY)
+    np.testing.assert_allclose(second_stitch_by_law(ratio, 3.0, 0.4, 7)[2:], 1.0, rtol=IDENTITY)
+    assert second_stitch_by_law(ratio, 3.0, 1.0, 7)[-1] == pytest.approx(3.0**0.5, rel=IDENTITY)
 
 
 def test_a_pull_falls_off_by_the_law_of_a_ring() -> None:
     """Independent check: elastica at each hole with the turn measured there, two holes a stitch; at rest when seen."""
-    assert [run[0].mu for run in sweep(rows())] == [*MUS] and reference(rows())[0].mu == calibrated(rows())[0]
+    assert [run[0].mu for run in sweep(rows())] == [*MUS] and reference(rows())[0].mu == calibrate(rows())[0]
     for run in (*sweep(rows()), reference(rows())):
-        assert 0.0 < off_the_law(run) < ADAPTED
-        tensions = [row.tension for _, row in sorted(at(run).items())]
+        assert 0.0 < law_error(run) < ADAPTED
+        tensions = [row.tension for _, row in sorted(rows_at(run).items())]
         assert all(b < a / (1 + run[0].mu) ** 2 for a, b in pairwise(tensions))
     assert all(row.settled < SETTLED for row in rows())
 
 
 def test_one_number_is_calibrated() -> None:
     """The coefficient found by interpolation leaves the published tension; more friction leaves less."""
-    assert at(reference(rows()))[BACK].tension == pytest.approx(PUBLISHED_LEFT, rel=ADAPTED)
-    mu, more, less = calibrated(rows())
+    assert rows_at(reference(rows()))[BACK].tension == pytest.approx(PUBLISHED_LEFT, rel=ADAPTED)
+    mu, more, less = calibrate(rows())
     assert MUS[0] < more < mu < less < MUS[1]
 
 
 def test_a_pull_let_back_leaves_tension() -> None:
     """Independent check (Coulomb): next to the hand the holes slip back, and more is left than the hand holds."""
     let = [row for row in reference(rows()) if row.moment == "let back"]
-    last = {row.back: row for row in let if row.hand == let[-1].hand}
+    last = {row.stitches_back: row for row in let if row.hand == let[-1].hand}
     assert last[0].tension == pytest.approx(last[0].hand, rel=ADAPTED)
     assert last[1].tension == pytest.approx(last[1].law, rel=ADAPTED)
-    assert last[1].tension > (1 + 2 * calibrated(rows())[0]) * last[1].hand
+    assert last[1].tension > (1 + 2 * calibrate(rows())[0]) * last[1].hand
 
 
 def test_stitches_placed_one_after_the_other() -> None:
     """Independent check: what a pull reaches by slip obeys the law of a ring, whatever the stitches went through."""
     (placed,) = placings(rows())
     assert {row.stitches for row in placed} == {2, 3}
-    assert off_the_law(placed) < ADAPTED
-    assert at(placed)[0].tension == pytest.approx(3.0, rel=ADAPTED)
+    assert law_error(placed) < ADAPTED
+    assert rows_at(placed)[0].tension == pytest.approx(3.0, rel=ADAPTED)
     before, pulled = ([row for row in placed if (row.moment, row.stitches) == (m, 3)] for m in ("before", "pulled"))
-    changed = [b.back for a, b in zip(before, pulled, strict=True) if abs(b.tension - a.tension) >= FELT]
+    changed = [b.stitches_back for a, b in zip(before, pulled, strict=True) if abs(b.tension - a.tension) >= FELT]
     assert max(changed) <= reach(placed) <= BACK
 
 
 def test_what_disagrees_is_said() -> None:
-    run = at(reference(rows()))
+    run = rows_at(reference(rows()))
     same = {**run, 3: replace(run[2], stitches=5)}
     assert "DISAGREES" not in sequence(same)
     assert "(DISAGREES)" in sequence({**same, 2: replace(run[2], tension=1.4)})
@@ -131,5 +131,5 @@ def test_table_and_figure() -> None:
     shown = STUDY.table(rows())
     assert len(shown.lines) == 1 + len(runs(rows())) == 1 + 3 + 1
     assert {len(line) for line in shown.lines} == {len(shown.head)}
-    text = drawn(STUDY.figure, rows(), "sample")["svg"].decode()
+    text = render_figure(STUDY.figure, rows(), "sample")["svg"].decode()
     assert all(label in text for label in ("stitches back from the pull [-]", "tension of stitch 2 [N]", "ring law"))

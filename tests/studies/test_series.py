@@ -8,7 +8,7 @@ import pytest
 import pyvista as pv
 
 from studies.output.columns import ORGAN_ARRAYS, PIERCING_ARRAYS, STATE_CODES, THREAD_ARRAYS
-from studies.output.records import Frame, OrganTopology
+from studies.output.records import OrganTopology, Snapshot
 from studies.output.series import Series
 from tests.studies.samples import LINEAR, frame, organ, quadratic
 
@@ -96,7 +96,7 @@ def test_quadratic_tetrahedra(tmp_path: Path) -> None:
 
 def test_no_organ_and_no_piercings(tmp_path: Path) -> None:
     bare = frame(0.5, None)
-    Series(tmp_path, None).write(5, Frame(bare.time, bare.thread, ()))
+    Series(tmp_path, None).write(5, Snapshot(bare.time, bare.thread, ()))
     assert [path.name for path in (tmp_path / "frames").iterdir()] == ["thread_000005.vtp"]
     (thread,) = pv.PVDReader(str(tmp_path / "results.pvd")).read()
     assert isinstance(thread, pv.PolyData)
@@ -109,7 +109,7 @@ def test_a_field_larger_than_a_block_of_the_format(tmp_path: Path) -> None:
     points = generator.random((20_000, 3))
     topology = OrganTopology(points, generator.integers(0, 20_000, (5_000, 4)))
     thread = frame(0.0, None).thread
-    Series(tmp_path, topology).write(0, Frame(0.0, thread, (), organ(topology, 2.0)))
+    Series(tmp_path, topology).write(0, Snapshot(0.0, thread, (), organ(topology, 2.0)))
     solid = pv.read(tmp_path / "frames" / "organ_000000.vtu")
     same(solid["displacement"], 2.0 * points)
     assert np.array_equal(solid.cells_dict[pv.CellType.TETRA], topology.cells)

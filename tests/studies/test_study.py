@@ -14,14 +14,14 @@ from coupling.errors import StepError
 from studies import study
 from studies.command import command
 from studies.figure import panels
-from studies.study import NAMES, WRITTEN, Study, StudyError, Table, arguments, check_folder, unit
+from studies.study import NAMES, WRITTEN, Study, StudyError, Table, arguments, check_folder, unit_field
 from studies.verdicts import beyond_bearing, beyond_linear, not_settled, spans_too_coarse, too_coarse
 
 
 @dataclass(frozen=True)
 class Row:
     way: str
-    length: float = unit("m")
+    length: float = unit_field("m")
 
 
 def main(lengths: tuple[float, ...] = (1.0, 2.0), count: int = 3) -> Iterator[Row]:

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from coupling.errors import InversionError
-from studies.figure import drawn
+from studies.figure import render_figure
 from studies.study import StudyError
 from studies.suture_tension import case, findings, study
 from studies.suture_tension.case import POISSON, REFERENCE, SIZE, Row
-from studies.suture_tension.findings import limits, of
+from studies.suture_tension.findings import limits, rows_of_sweep
 from studies.suture_tension.runs import run
 from studies.suture_tension.study import STUDY, main
-from studies.theory import TwoHoles, direct, image
+from studies.theory import TwoHoles, direct_term, image_term
 from tests.bounds import IDENTITY, RESIDUAL
 from tests.tissue.layers import layer_compliance
 from tissue.sites import unbounded
@@ -46,10 +46,13 @@ def rows() -> tuple[Row, ...]:
 def test_half_space_between_its_limits() -> None:
     """Independent check: Mindlin's two holes on the surface are Cerruti's and Boussinesq's, deep ones Kelvin's."""
     whole = unbounded.surface_force(np.array([0.01, 0.0, 0.0]), POISSON)[np.ix_([0, 2], [0, 2])]
-    assert np.abs(direct(0.01, POISSON) + image(0.01, 0.0, POISSON) - whole).max() <= IDENTITY * np.abs(whole).max()
+    assert (
+        np.abs(direct_term(0.01, POISSON) + image_term(0.01, 0.0, POISSON) - whole).max()
+        <= IDENTITY * np.abs(whole).max()
+    )
     deep = TwoHoles(0.01, 10.0, 1e-3, 1.0, POISSON).compliance
     assert deep[0, 0] == pytest.approx(unbounded.ball_compliance("parabolic", POISSON)[0, 0] / 1e-3, rel=1e-3)
-    assert np.abs(deep[:2, 2:] - direct(0.01, POISSON)).max() <= 1e-2 * deep[0, 2]
+    assert np.abs(deep[:2, 2:] - direct_term(0.01, POISSON)).max() <= 1e-2 * deep[0, 2]
     shallow = TwoHoles(0.01, 3e-3, 1e-3, 1.0, POISSON).compliance
     assert np.abs(shallow - shallow.T).max() <= IDENTITY * shallow.max()
 
@@ -76,7 +79,7 @@ def test_half_space_at_any_depth(depth: float) -> None:
     traction = traction / (8.0 * np.pi * (1.0 - POISSON) * r**2)
     moved = np.einsum("bj,kji->kbi", ways, unbounded.surface_force(leave - surface, POISSON))
     work = -np.einsum("k,kai,kbi->ba", area, traction, moved)
-    found = image(bite, depth, POISSON)
+    found = image_term(bite, depth, POISSON)
     assert np.abs(found - work).max() <= 1e-3 * np.abs(found).max()
 
 
@@ -96,7 +99,7 @@ def test_stress_of_the_half_space_carries_its_forces() -> None:
 
 def test_compliance_is_that_of_a_layer() -> None:
     """Independent check: the block is a layer of 30 footprints on a rigid base."""
-    row = of(rows(), "stiffness")[0]
+    row = rows_of_sweep(rows(), "stiffness")[0]
     normal, along = layer_compliance("parabolic", row.footprint, SIZE[2], row.youngs_modulus, POISSON)
     assert row.compliance_along == pytest.approx(along, rel=SUBGRID)
     assert row.compliance_normal == pytest.approx(normal, rel=SUBGRID)
@@ -105,7 +108,7 @@ def test_compliance_is_that_of_a_layer() -> None:
 def test_displacement_and_approach_of_a_half_space() -> None:
     """Independent check: the reference under 0.1 N. Along, the block is as soft as a half-space within the 3 % of its
     cells; normal to it a layer of 30 footprints lacks 3 % more."""
-    for row in (*of(rows(), "stiffness"), *of(rows(), "bite width")):
+    for row in (*rows_of_sweep(rows(), "stiffness"), *rows_of_sweep(rows(), "bite width")):
         assert row.exit_along == pytest.approx(row.theory_along, rel=SUBGRID + LEANING)
         assert row.exit_normal == pytest.approx(row.theory_normal, rel=SUBGRID + LEANING + 0.03)
         assert row.approach == pytest.approx(row.theory_approach, rel=SUBGRID + LEANING)
@@ -114,23 +117,23 @@ def test_displacement_and_approach_of_a_half_space() -> None:
 
 def test_displacement_goes_like_load_over_stiffness() -> None:
     """Independent check: u ∝ T/E among linear rows."""
-    soft, stiff = of(rows(), "stiffness")
+    soft, stiff = rows_of_sweep(rows(), "stiffness")
     assert soft.is_linear and stiff.is_linear
     assert soft.exit_along * soft.youngs_modulus == pytest.approx(stiff.exit_along * stiff.youngs_modulus, rel=LEANING)
 
 
 def test_holes_below_the_surface_move_less() -> None:
     """Independent check: Mindlin's solution."""
-    (deep,) = of(rows(), "bite depth")
+    (deep,) = rows_of_sweep(rows(), "bite depth")
     assert deep.exit_along == pytest.approx(deep.theory_along, rel=SUBGRID + LEANING)
-    assert deep.exit_along < 0.5 * of(rows(), "stiffness")[0].exit_along
+    assert deep.exit_along < 0.5 * rows_of_sweep(rows(), "stiffness")[0].exit_along
 
 
 def test_tension_falls_from_hole_to_hole() -> None:
     """Independent check: a thread that bends by 90° at each hole (elastica); nothing is lost without friction."""
-    ideal, rough = of(rows(), "friction")
+    ideal, rough = rows_of_sweep(rows(), "friction")
     assert ideal.held == pytest.approx(ideal.pulled, rel=1e-3)
-    held, between, pulled = case.in_theory(rough, rough.load)
+    held, between, pulled = case.theory_tensions(rough, rough.load)
     assert rough.pulled == pytest.approx(pulled, rel=1e-3)
     assert rough.leaving == pytest.approx(between, rel=LEANING)
     assert rough.held == pytest.approx(held, rel=2 * LEANING)
@@ -139,7 +142,7 @@ def test_tension_falls_from_hole_to_hole() -> None:
 
 def test_stress_at_a_distance() -> None:
     """Independent check: Cerruti's and Boussinesq's stresses under the forces of the run."""
-    near, far = of(rows(), "distance")
+    near, far = rows_of_sweep(rows(), "distance")
     for row in (near, far):
         assert row.ring_von_mises == pytest.approx(row.theory_ring_von_mises, rel=COARSE)
         assert row.ring_largest == pytest.approx(row.theory_ring_largest, rel=COARSE)
@@ -154,7 +157,7 @@ def test_compliance_times_force_is_displacement() -> None:
 
 def test_tissues_leave_the_linear_range_long_before_clinical_tensions() -> None:
     """Liver at some mN; a clinical tension is named with its source and marked."""
-    liver, skin = ([row for row in of(rows(), "tension") if row.name == name] for name in ("liver", "skin"))
+    liver, skin = ([row for row in rows_of_sweep(rows(), "tension") if row.name == name] for name in ("liver", "skin"))
     moving, bearing = limits(liver)
     assert moving == pytest.approx(0.3 * 1e-3 / (liver[0].moved / liver[0].load), rel=0.1)
     assert bearing == pytest.approx(0.3 * 2.245e-4 * 0.01 * 6e3, rel=1e-9)
@@ -185,7 +188,7 @@ def test_a_run_that_fails_is_a_row_with_its_error(monkeypatch: pytest.MonkeyPatc
 
 
 def test_what_is_not_supported_is_said() -> None:
-    base = of(rows(), "distance")[0]
+    base = rows_of_sweep(rows(), "distance")[0]
     assert base.is_linear and base.bearing < 0.1
     assert not any(
         replace(base, **changed).is_linear for changed in ({"load": 0.5}, {"exit_normal": 4e-4}, {"turn": 0.5})
@@ -240,5 +243,5 @@ def test_table_and_figure() -> None:
     shown = STUDY.table(rows())
     assert len(shown.lines) == 2 + 2 + 2 + 2 + 1 + 1 + 1 + 1 + 2
     assert {len(line) for line in shown.lines} == {len(shown.head)}
-    text = drawn(STUDY.figure, rows(), "sample")["svg"].decode()
+    text = render_figure(STUDY.figure, rows(), "sample")["svg"].decode()
     assert all(label in text for label in ("tension T [N]", "T/(E a²) [-]", "bite [mm]", "friction μ [-]"))

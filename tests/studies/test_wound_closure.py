@@ -62,9 +62,9 @@ def test_an_open_wound_answers_in_proportion() -> None:
     """Independent check: while its lips are open, the sheet is linear and the thread hardly stretched: a stitch that is
     drawn three times as far bears three times as much, and closes three times as much."""
     at, n = hands(), len(COARSE.places)
-    once, thrice = (at.drawn(at.laid, length * np.eye(n)[2]) for length in (1e-4, 3e-4))
+    once, thrice = (at.draw(at.straight_state, length * np.eye(n)[2]) for length in (1e-4, 3e-4))
     assert at.forces(thrice) == pytest.approx(3.0 * at.forces(once), rel=0.02, abs=1e-4 * at.forces(thrice).max())
-    closing = [at.gaps(at.laid, COARSE.places) - at.gaps(state, COARSE.places) for state in (once, thrice)]
+    closing = [at.gaps(at.straight_state, COARSE.places) - at.gaps(state, COARSE.places) for state in (once, thrice)]
     assert closing[1] == pytest.approx(3.0 * closing[0], rel=0.02)
     assert at.forces(once)[2] > 0.0 > np.delete(at.forces(once), 2).max()  # what closes one slackens the others
 
@@ -95,7 +95,7 @@ def test_stitches_not_tied_yet_are_slack() -> None:
     """Independent check: one after another, the first alone brings its lips together and the others bear nothing."""
     at, n = hands(), len(COARSE.places)
     (tying, slack), *_ = turns(n, IN_TURN)
-    state, done = at.tightened(at.laid, tying, slack)
+    state, done = at.tighten(at.straight_state, tying, slack)
     forces, lips = at.forces(state), observe_contact(at.system, state)
     assert done and forces[0] > 0.0 and np.abs(forces[1:]).max() <= 1e-3 * forces[0]
     assert lips is not None and lips.gap.min() >= 0.0 - CROSSED * COARSE.width
@@ -114,9 +114,9 @@ def test_one_number_is_fitted_and_the_other_predicted() -> None:
     fitted, predicted = comparisons([together, wide])
     assert fitted.fitted == pytest.approx(E * THICKNESS * SOURCES[0].forces[0] / np.mean(together.forces[2:4]))
     in_turn = row_with(rows(), NARROW, IN_TURN)
-    assert in_turn is not None and in_turn.compared == max(in_turn.tied) > max(in_turn.forces)
-    assert fitted.is_fit and fitted.predicted == pytest.approx(SOURCES[0].forces[0])
-    assert not predicted.is_fit and predicted.predicted == pytest.approx(3.0 * SOURCES[0].forces[0])
+    assert in_turn is not None and in_turn.comparable_force == max(in_turn.tied) > max(in_turn.forces)
+    assert fitted.is_fit and fitted.predicted_force == pytest.approx(SOURCES[0].forces[0])
+    assert not predicted.is_fit and predicted.predicted_force == pytest.approx(3.0 * SOURCES[0].forces[0])
     said = remarks([together, wide])
     assert any("+5.0 % of it by the edges of the sheet; published are 1.5 N (+0 %)" in remark for remark in said)
     assert any("30 × 15 mm: closing turns the lips by up to 0.5 rad" in remark for remark in said)

@@ -31,10 +31,10 @@ from thread.energies.coil import curvature_along, curvature_along_derivatives, d
 from thread.energies.densities import curvature_squared
 from thread.errors import ThreadError
 from thread.frames import turned
-from thread.knots import clamped
-from thread.vectors import unit
+from thread.knots import clamped_knots
+from thread.vectors import unit_vector
 
-KNOTS = clamped(np.array([0.0, 0.1, 0.18, 0.3, 0.3, 0.45, 0.5, 0.7, 0.9, 1.0]))
+KNOTS = clamped_knots(np.array([0.0, 0.1, 0.18, 0.3, 0.3, 0.45, 0.5, 0.7, 0.9, 1.0]))
 L = 0.1
 
 
@@ -44,11 +44,11 @@ def test_curvature_along_a_material_direction(seed: int) -> None:
     vector; derivatives by central differences."""
     rng = np.random.default_rng(seed)
     T, K, dT, dK, x, y = rng.standard_normal((6, 5, 3))
-    t_o = unit(T + 0.7 * unit(x))
-    p = unit(np.cross(t_o, y))
+    t_o = unit_vector(T + 0.7 * unit_vector(x))
+    p = unit_vector(np.cross(t_o, y))
     k_1, k_2 = (curvature_along(T, K, d, t_o) for d in (p, np.cross(t_o, p)))
     assert np.abs((k_1**2 + k_2**2) / curvature_squared(T, K) - 1.0).max() <= 10 * IDENTITY
-    exact = np.vecdot(K, turned(p, t_o, unit(T))) / np.linalg.norm(T, axis=-1)
+    exact = np.vecdot(K, turned(p, t_o, unit_vector(T))) / np.linalg.norm(T, axis=-1)
     assert np.abs(k_1 - exact).max() <= 10 * IDENTITY * np.abs(exact).max()
     by_T, by_K, TT, TK = curvature_along_derivatives(T, K, p, t_o)
     slope = (by_T * dT + by_K * dK).sum(axis=1)
@@ -65,7 +65,7 @@ def test_derivatives_of_the_energy(springs: int | None) -> None:
     thread = thread_on(KNOTS, Strand(EA=3.0, EI=0.02, GJ=0.03), twist=True, coil=7.0, springs=springs)
     rng = np.random.default_rng(2)
     q = np.column_stack([bent(thread.spline), rng.standard_normal(thread.n)])
-    frame = thread.untwisted(q)
+    frame = thread.untwisted_frame(q)
     q, d = q + 0.02 * rng.standard_normal(q.shape), 0.01 * rng.standard_normal(q.shape)
     points = assert_derivatives(thread, frame, q, d)
     assert frame is not None
@@ -96,7 +96,7 @@ def test_a_straightened_thread_coils(towards: np.ndarray) -> None:
     stored = system.thread.energy(system.thread.points(before.q, before.frame))
     assert abs(stored / (0.5 * PP.EI * kappa**2 * L) - 1.0) < LINEAR
     state = settled(system, 1)
-    side = unit(towards - towards[0] * X)
+    side = unit_vector(towards - towards[0] * X)
     tip = (np.sin(kappa * L) * X + (1.0 - np.cos(kappa * L)) * side) / kappa
     assert np.linalg.norm(state.q[-1, :3] - tip) < 1e-5 * L
     assert system.thread.energy(system.thread.points(state.q, state.frame)) < 1e-6 * stored

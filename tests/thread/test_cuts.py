@@ -14,13 +14,13 @@ from tests.bounds import IDENTITY, TWO_SOLVERS
 from thread.catalogue import suture
 from thread.compliance import missing_on
 from thread.errors import ThreadError
-from thread.knots import clamped, graded_knots, severed, shared_out
+from thread.knots import apportion, clamped_knots, graded_knots, piecewise_knots
 from thread.spline import Spline
 from thread.thread import Thread
 
 ONE, OTHER = np.array([0.0, 0.004, 0.007, 0.012, 0.02]), np.array([0.02, 0.023, 0.03])
-CUT = Spline(severed([ONE, OTHER]))
-APART = Spline(clamped(ONE)), Spline(clamped(OTHER))
+CUT = Spline(piecewise_knots([ONE, OTHER]))
+APART = Spline(clamped_knots(ONE)), Spline(clamped_knots(OTHER))
 SUTURE = suture("2-0 polypropylene")
 
 
@@ -57,7 +57,7 @@ def test_energies_mass_and_compliance_are_those_of_the_pieces() -> None:
 def test_control_points_are_shared_out() -> None:
     """Independent check: whole numbers that add up, at least one each; graded knots have the points asked for."""
     for spans in (3, 7, 50):
-        out = shared_out(spans, np.array([0.2, 5.0, 1.0]))
+        out = apportion(spans, np.array([0.2, 5.0, 1.0]))
         assert out.sum() == spans and out.min() >= 1 and out[1] == out.max()
     spline = Spline(graded_knots(0.1, 40, [0.02, 0.07], 3.0, 0.01, cuts=[0.04, 0.06]))
     assert spline.n == 40 and np.array_equal(spline.cuts, [0.04, 0.06])

@@ -9,7 +9,7 @@ from tests.bounds import IDENTITY, ORDER
 from tests.thread.threads import PP, Strand, assert_slope, bent, dense, greville, straight, thread_on, uniform
 from thread.energies.densities import curvature_squared, curvature_squared_gradient, curvature_squared_hessian
 from thread.errors import ThreadError
-from thread.knots import clamped
+from thread.knots import clamped_knots
 from thread.thread import Thread
 
 # Stretch alone, bending alone, and both of a size, over a metre: EA L² ~ EI (nL)² for the waves of `bent`.
@@ -18,7 +18,7 @@ SECTIONS = {
     "bending": Strand(EA=0.0, EI=0.02),
     "both": Strand(EA=3.0, EI=0.02),
 }
-KNOTS = clamped(np.array([0.0, 0.1, 0.18, 0.3, 0.3, 0.45, 0.5, 0.7, 0.9, 1.0]))
+KNOTS = clamped_knots(np.array([0.0, 0.1, 0.18, 0.3, 0.3, 0.45, 0.5, 0.7, 0.9, 1.0]))
 RNG = np.random.default_rng(5)
 
 

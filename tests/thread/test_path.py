@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from thread.errors import ThreadError
-from thread.path import TRIM, TRIM_MAX, rounded
+from thread.path import TRIM, TRIM_MAX, rounded_path
 
 IDENTITY = 1e-12  # relative to the path's length
 ZIGZAG = np.array([[-0.03, 0, 0.01], [-0.01, 0, 0], [0.01, 0.002, 0], [0.012, 0.01, -0.003], [0.03, 0, 0.01]])
@@ -17,7 +17,7 @@ def radius(request):
 
 @pytest.fixture
 def path(radius):
-    return rounded(ZIGZAG, radius)
+    return rounded_path(ZIGZAG, radius)
 
 
 def test_it_starts_and_ends_at_the_ends(path):
@@ -60,7 +60,7 @@ def test_arc_length_parametrises(path):
 def test_length_of_one_corner(turn):
     a, b, radius = 0.03, 0.02, 1e-4
     points = np.array([[-a, 0, 0], [0, 0, 0], [b * np.cos(turn), b * np.sin(turn), 0]])
-    path = rounded(points, radius)
+    path = rounded_path(points, radius)
     trim = radius * np.tan(turn / 2)
     assert trim < TRIM_MAX * b
     assert path.length == pytest.approx(a + b - 2 * trim + radius * turn, rel=IDENTITY)
@@ -71,14 +71,14 @@ def test_length_of_one_corner(turn):
 
 def test_a_corner_takes_at_most_its_share_of_the_shorter_segment():
     points = np.array([[-0.03, 0, 0], [0, 0, 0], [0, 0.01, 0], [0.02, 0.01, 0]])
-    wide, rule = rounded(points, 1.0), rounded(points)
+    wide, rule = rounded_path(points, 1.0), rounded_path(points)
     assert 1 / wide.curvatures[1] == pytest.approx(TRIM_MAX * 0.01, rel=IDENTITY)
     assert wide.lengths.min() == pytest.approx(0.02 * (0.5 - TRIM_MAX), rel=1e-9)
     assert 1 / rule.curvatures[1] == pytest.approx(TRIM * 0.01, rel=IDENTITY)
 
 
 def test_a_straight_path_is_exact():
-    path = rounded([[1.0, 2.0, 3.0], [1.0, 2.0, 4.0], [1.0, 2.0, 7.0]])
+    path = rounded_path([[1.0, 2.0, 3.0], [1.0, 2.0, 4.0], [1.0, 2.0, 7.0]])
     assert path.length == 4.0
     assert path.position(2.5).tolist() == [1.0, 2.0, 5.5]
     assert path.position([[0.0], [4.0]]).shape == (2, 1, 3)
@@ -121,7 +121,7 @@ def test_passes_agree_with_a_fine_search(path):
 
 
 def test_a_thread_that_passes_twice_has_two_passes_and_the_first_wins_a_tie():
-    path = rounded([[0, 0.01, 0], [0.1, 0.01, 0], [0.1, -0.01, 0], [0, -0.01, 0]], 1e-3)
+    path = rounded_path([[0, 0.01, 0], [0.1, 0.01, 0], [0.1, -0.01, 0], [0, -0.01, 0]], 1e-3)
     at, distances = path.passes([0.04, 0.0, 0.0])
     # The turn at the far end has a foot of its own, 60 mm away.
     assert at == pytest.approx([0.04, path.length / 2, path.length - 0.04], rel=IDENTITY)
@@ -130,14 +130,14 @@ def test_a_thread_that_passes_twice_has_two_passes_and_the_first_wins_a_tie():
 
 
 def test_from_the_centre_of_an_arc_the_first_of_its_points_is_nearest():
-    path = rounded(np.array([[-0.02, 0, 0], [0, 0, 0], [0, 0.02, 0]]), 5e-3)
+    path = rounded_path(np.array([[-0.02, 0, 0], [0, 0, 0], [0, 0.02, 0]]), 5e-3)
     at, distance = path.nearest([-5e-3, 5e-3, 0])
     assert (at, distance) == pytest.approx((0.015, 5e-3), rel=1e-9)
 
 
 def test_moving_the_path_moves_everything_with_it(path, radius):
     turn, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
-    moved = rounded(ZIGZAG @ turn.T + 0.5, radius)
+    moved = rounded_path(ZIGZAG @ turn.T + 0.5, radius)
     l = np.linspace(0, 1, 101)  # noqa: E741
     expected = path.position(l * path.length) @ turn.T + 0.5
     assert moved.length == pytest.approx(path.length, rel=1e-10)
@@ -158,15 +158,15 @@ def test_moving_the_path_moves_everything_with_it(path, radius):
 )
 def test_impossible_paths_are_refused(says, points, radius):
     with pytest.raises(ThreadError, match=says):
-        rounded(points, radius)
+        rounded_path(points, radius)
 
 
 @pytest.mark.parametrize("at", [-1e-3, 1.1, float("nan")])
 def test_an_abscissa_off_the_path_is_refused(at):
     with pytest.raises(ThreadError, match="outside the path"):
-        rounded([[0, 0, 0], [1, 0, 0]]).position(at)
+        rounded_path([[0, 0, 0], [1, 0, 0]]).position(at)
 
 
 def test_a_point_must_be_three_finite_numbers():
     with pytest.raises(ThreadError, match="three finite"):
-        rounded([[0, 0, 0], [1, 0, 0]]).nearest([0, 0, float("inf")])
+        rounded_path([[0, 0, 0], [1, 0, 0]]).nearest([0, 0, float("inf")])

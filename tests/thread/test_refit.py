@@ -10,9 +10,9 @@ from tests.bounds import IDENTITY, ORDER
 from tests.thread.threads import bent
 from thread.arrays import Array
 from thread.errors import ThreadError
-from thread.knots import Tree, uniform_knots, wanted_at_holes, wanted_by_curvature
+from thread.knots import Tree, spans_at_holes, spans_by_curvature, uniform_knots
 from thread.quadrature import gauss_rule
-from thread.refit import Projection, inserted, refit, spline_on
+from thread.refit import Projection, insert_knots, refit, spline_on
 from thread.spline import Spline
 
 TREE = Tree(0.0, 0.1, 10)
@@ -56,7 +56,7 @@ def test_insertion_changes_nothing() -> None:
     """Independent check (Boehm 1980): the curve and its derivatives are the same functions."""
     spline = Spline(uniform_knots(0.1, 13))
     q, v = bent(spline), bent(spline, 1)
-    fine, (q_fine, v_fine) = inserted(spline, np.array([0.011, 0.0523, 0.0524, 0.0999]), [q, v])
+    fine, (q_fine, v_fine) = insert_knots(spline, np.array([0.011, 0.0523, 0.0524, 0.0999]), [q, v])
     assert fine.n == spline.n + 4
     for old, new in ((q, q_fine), (v, v_fine)):
         before, after = spline.curve(old, everywhere(spline)), fine.curve(new, everywhere(spline))
@@ -71,7 +71,7 @@ def test_what_a_projection_keeps() -> None:
     kept = np.array([0.0, 0.0412, 0.1])
     projection = Projection(union, coarse, kept)
     q = bent(union)
-    new = projection.onto(q)
+    new = projection.project(q)
     rule, other = gauss_rule(union, 4), gauss_rule(coarse, 4)
     total = np.einsum("eg,ega->a", rule.w, union.curve(q, rule.s.ravel())[:, 0].reshape(*rule.s.shape, 3))
     after = np.einsum("eg,ega->a", other.w, coarse.curve(new, other.s.ravel())[:, 0].reshape(*other.s.shape, 3))
@@ -80,8 +80,8 @@ def test_what_a_projection_keeps() -> None:
         a, b = union.curve(q, kept)[:, order], coarse.curve(new, kept)[:, order]
         assert np.abs(a - b).max() <= 1e2 * IDENTITY * np.abs(a).max()
     smooth = bent(coarse, 2)
-    _, (lifted,) = inserted(coarse, np.setdiff1d(union.breaks, coarse.breaks), [smooth])
-    assert np.abs(projection.onto(lifted) - smooth).max() <= 1e2 * IDENTITY * np.abs(smooth).max()
+    _, (lifted,) = insert_knots(coarse, np.setdiff1d(union.breaks, coarse.breaks), [smooth])
+    assert np.abs(projection.project(lifted) - smooth).max() <= 1e2 * IDENTITY * np.abs(smooth).max()
 
 
 def test_taking_out_knots_is_of_fourth_order() -> None:
@@ -90,7 +90,7 @@ def test_taking_out_knots_is_of_fourth_order() -> None:
     for spans in (16, 32, 64):
         fine, coarse = Spline(uniform_knots(1.0, 2 * spans + 3)), Spline(uniform_knots(1.0, spans + 3))
         q = make_lsq_spline(s, np.sin(2.0 * np.pi * s)[:, None], fine.knots).c
-        new = Projection(fine, coarse, np.array([0.0, 0.5, 1.0])).onto(q)
+        new = Projection(fine, coarse, np.array([0.0, 0.5, 1.0])).project(q)
         errors.append(np.abs(fine.curve(q, s)[:, 0] - coarse.curve(new, s)[:, 0]).max())
     assert abs(np.log2(errors[-2] / errors[-1]) - 4.0) <= ORDER
 
@@ -116,11 +116,11 @@ def test_spans_beside_a_hole() -> None:
     the finer the more tension there is."""
     s = np.linspace(0.0, 0.1, 2001)
     layer = np.array([1e-3])
-    wanted = wanted_at_holes(s, np.array([[0.05, 0.052]]), layer, 0.1, 0.3)
+    wanted = spans_at_holes(s, np.array([[0.05, 0.052]]), layer, 0.1, 0.3)
     on_the_way = (s >= 0.05) & (s <= 0.052)
     assert np.allclose(wanted[on_the_way], 1e-4)
     assert np.abs(np.diff(wanted[np.abs(s - 0.051) < 3e-3]) / np.diff(s)[0]).max() <= 0.5 + IDENTITY * 1e3
-    assert np.all(wanted_at_holes(s, np.array([[0.05, 0.052]]), 0.5 * layer, 0.1, 0.3)[on_the_way] == 5e-5)
+    assert np.all(spans_at_holes(s, np.array([[0.05, 0.052]]), 0.5 * layer, 0.1, 0.3)[on_the_way] == 5e-5)
 
 
 def test_a_bend_wants_knots_and_a_straight_thread_does_not() -> None:
@@ -129,5 +129,5 @@ def test_a_bend_wants_knots_and_a_straight_thread_does_not() -> None:
     line = np.outer(np.linspace(0, 1, 13), [1.0, 0.0, 0.0])
     line[:, 0] = (straight.knots[1:-3] + straight.knots[2:-2] + straight.knots[3:-1]) / 3
     h = 0.1 / 10
-    assert np.allclose(wanted_by_curvature(straight, line, 1e-3), 4 * h)
-    assert wanted_by_curvature(straight, bent(straight), 1e-3).min() < h
+    assert np.allclose(spans_by_curvature(straight, line, 1e-3), 4 * h)
+    assert spans_by_curvature(straight, bent(straight), 1e-3).min() < h

@@ -6,12 +6,12 @@ import pytest
 from tests.bounds import IDENTITY
 from tests.thread.threads import assert_slope
 from thread.errors import ThreadError
-from thread.knots import clamped, graded_knots, uniform_knots
+from thread.knots import clamped_knots, graded_knots, uniform_knots
 from thread.spline import Spline
 
 # Clamped, no two spans alike, with a double and a triple knot inside.
 BREAKS = np.array([0.0, 0.1, 0.35, 0.35, 0.5, 0.55, 0.8, 0.8, 0.8, 1.1, 1.3])
-SPLINE = Spline(clamped(BREAKS))
+SPLINE = Spline(clamped_knots(BREAKS))
 S = np.linspace(0.0, 1.3, 79)  # the ends are among them, the knots inside are not
 
 

@@ -38,11 +38,11 @@ from tests.thread.threads import (
 from thread.ends import Clamped, Driven, Pulled
 from thread.energies.densities import axial_strain
 from thread.errors import ThreadError
-from thread.knots import clamped
+from thread.knots import clamped_knots
 from thread.quadrature import gauss_rule
 from thread.thread import Thread
 
-KNOTS = clamped(np.array([0.0, 0.1, 0.18, 0.3, 0.3, 0.45, 0.5, 0.7, 0.9, 1.0]))
+KNOTS = clamped_knots(np.array([0.0, 0.1, 0.18, 0.3, 0.3, 0.45, 0.5, 0.7, 0.9, 1.0]))
 SECTION = Strand(EA=3.0, EI=0.02, GJ=0.03)
 
 
@@ -55,7 +55,7 @@ def test_derivatives(more: int, twist: bool) -> None:
     thread = thread_on(KNOTS, SECTION, twist=twist, springs=n - 1 + more)
     rng = np.random.default_rng(more)
     q = np.pad(bent(thread.spline), ((0, 0), (0, int(twist))))
-    frame = thread.untwisted(q)
+    frame = thread.untwisted_frame(q)
     q, d = q + 0.02 * rng.standard_normal(q.shape), 0.01 * rng.standard_normal(q.shape)
     points = assert_derivatives(thread, frame, q, d)
     both = [thread.EA * thread.points(q + x * d, frame).strain for x in (1.0, -1.0)]
@@ -68,7 +68,7 @@ def test_a_straight_thread_stretched_and_twisted() -> None:
     the spacing, and pull and turn at the ends only."""
     thread = thread_on(KNOTS, SECTION, twist=True, springs=17)
     q = np.column_stack([1.07 * straight(thread.spline), 5.0 * greville(thread.spline)])
-    points = thread.points(q, thread.untwisted(q))
+    points = thread.points(q, thread.untwisted_frame(q))
     strain = 0.5 * (1.07**2 - 1.0)
     exact = 0.5 * SECTION.EA * strain**2 + 0.5 * SECTION.GJ * 25.0
     assert abs(thread.energy(points) / exact - 1.0) <= 10 * IDENTITY
@@ -92,7 +92,7 @@ def test_stretch_and_twist_tend_to_the_continuous_energies() -> None:
     errors = []
     for count in (78, 156, 312):
         thread = replace(base, section=replace(SECTION, EI=0.0), springs=count)
-        points = thread.points(q, thread.untwisted(q))
+        points = thread.points(q, thread.untwisted_frame(q))
         got = [energy.energy(at) for energy, at in zip(thread.energies, points.at, strict=True)]
         errors.append(np.abs(np.array(got) / exact - 1.0))
     assert errors[-1].max() < 1e-3

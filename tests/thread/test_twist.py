@@ -34,13 +34,13 @@ from thread.ends import Clamped, Driven, Fixed, Free, Pulled
 from thread.energies.torsion import Torsion
 from thread.errors import ThreadError
 from thread.frames import Frame, reference_twist, reference_twist_derivatives, turned
-from thread.knots import clamped
+from thread.knots import clamped_knots
 from thread.thread import Thread
-from thread.vectors import unit
+from thread.vectors import unit_vector
 
 L, N = 0.1, 40
 SOFT = Strand(rhoA=0.01, EA=3.0, EI=0.02)
-KNOTS = clamped(np.array([0.0, 0.1, 0.18, 0.3, 0.3, 0.45, 0.5, 0.7, 0.9, 1.0]))
+KNOTS = clamped_knots(np.array([0.0, 0.1, 0.18, 0.3, 0.3, 0.45, 0.5, 0.7, 0.9, 1.0]))
 TWISTING = Strand(EA=3.0, EI=0.02, GJ=0.03)
 
 
@@ -49,7 +49,7 @@ def twisted(seed: int = 0) -> tuple[Thread, np.ndarray, Frame]:
     thread = thread_on(KNOTS, TWISTING, twist=True)
     rng = np.random.default_rng(seed)
     old, new = (np.column_stack([bent(thread.spline, s), rng.standard_normal(thread.n)]) for s in (seed, seed + 9))
-    frame = thread.untwisted(old)
+    frame = thread.untwisted_frame(old)
     assert frame is not None
     return thread, new, replace(frame, tau=rng.standard_normal(frame.tau.shape))
 
@@ -62,12 +62,12 @@ def test_twist_of_the_carried_frame(seed: int) -> None:
     w = rng.uniform(-1.0, 1.0, (2, 3, 3))
 
     def tangent(k: int, s: float) -> np.ndarray:
-        return unit(np.array([1.0, 0.0, 0.0]) + w[k, 0] * np.sin(s) + w[k, 1] * s + 0.2 * w[k, 2] * s**2)
+        return unit_vector(np.array([1.0, 0.0, 0.0]) + w[k, 0] * np.sin(s) + w[k, 1] * s + 0.2 * w[k, 2] * s**2)
 
     def frame_at(s: float) -> np.ndarray:
         """A frame along the old tangents, twisted at the rate that its own derivative tells."""
         t = tangent(0, s)
-        a = unit(np.cross(t, np.array([0.3, 0.2, 0.9])))
+        a = unit_vector(np.cross(t, np.array([0.3, 0.2, 0.9])))
         a = np.cos(2.0 * s) * a + np.sin(2.0 * s) * np.cross(t, a)
         return np.array([a, np.cross(t, a)])
 
@@ -91,8 +91,8 @@ def test_derivatives_of_the_reference_twist(seed: int) -> None:
     """Independent check: by central differences, at tangents far from unit length."""
     rng = np.random.default_rng(seed)
     T, K, dT, dK, t_o, x = rng.standard_normal((6, 5, 3))
-    T = 1.5 * unit(t_o + 0.7 * unit(T))
-    frame = Frame(unit(t_o), x, rng.standard_normal(5), x)
+    T = 1.5 * unit_vector(t_o + 0.7 * unit_vector(T))
+    frame = Frame(unit_vector(t_o), x, rng.standard_normal(5), x)
     by_T, by_K, TT, TK = reference_twist_derivatives(T, K, frame)
     assert_slope(lambda h: reference_twist(T + h * dT, K + h * dK, frame), (by_T * dT + by_K * dK).sum(axis=1), h=0.03)
     exact = np.einsum("mij,mj->mi", TT, dT) + np.einsum("mij,mj->mi", TK, dK)
@@ -113,7 +113,7 @@ def test_carrying_the_frame_changes_no_energy() -> None:
     """Independent check: energy and torque are the same from the frame of the start of a step and from that of its end.
     (The forces are those at a fixed θ, which is another turn of the section from each.)"""
     thread, q, frame = twisted()
-    before, after = (thread.points(q, x) for x in (frame, thread.carried(frame, q)))
+    before, after = (thread.points(q, x) for x in (frame, thread.transport_frame(frame, q)))
     assert abs(thread.energy(after) / thread.energy(before) - 1.0) <= 10 * IDENTITY
     torque = thread.gradient(before)[:, 3]
     assert np.abs(thread.gradient(after)[:, 3] - torque).max() <= 100 * IDENTITY * np.abs(torque).max()
@@ -135,7 +135,7 @@ def test_audit_of_a_twisted_thread_closes() -> None:
     system = without_organ(thread)
     state = laid(system, [], line(ORIGIN, X))
     q = np.column_stack([bent(thread.spline), 6.0 * np.sin(3.0 * greville(thread.spline))])
-    frame = thread.untwisted(q)
+    frame = thread.untwisted_frame(q)
     v = np.column_stack([np.cross([0.0, 1.0, 2.0], q[:, :3]), 5.0 * q[:, 0]])
     state = replace(state, q=q, v=v, frame=frame, N=thread.EA * thread.points(q, frame).strain)
     steps = run(system, state, 2e-3, 40)
@@ -200,7 +200,7 @@ def test_greenhill(T: float) -> None:
     def at(angle: float) -> np.ndarray:
         s = greville(thread.spline)
         q = np.column_stack([stretch * straight(thread.spline), angle * s / L])
-        return stiffness(system, replace(state, q=q, frame=thread.untwisted(q)))
+        return stiffness(system, replace(state, q=q, frame=thread.untwisted_frame(q)))
 
     K = at(0.0)
     angle = 1.0 / eigh(K - at(1.0), K, eigvals_only=True)[-1]  # the stiffness is linear in the twist
@@ -250,7 +250,7 @@ def test_localised_helix() -> None:
     assert abs(state.reaction[1, 0] / T - 1.0) < TWISTED
     assert abs(state.reaction[1, 3] / M - 1.0) < TWISTED
     s = np.linspace(0.0, L, 201)
-    t = unit(thread.spline.curve(state.q[:, :3], s)[:, 1])
+    t = unit_vector(thread.spline.curve(state.q[:, :3], s)[:, 1])
     envelope = np.sqrt(0.5 * (1.0 - t[:, 0]))
     assert np.abs(envelope - a / np.cosh(a * (s - 0.5 * L) / decay)).max() < TWISTED
     assert np.abs(state.q[:, 1]).max() > 0.02 * L

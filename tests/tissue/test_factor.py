@@ -8,7 +8,7 @@ from skfem import MeshTet
 
 import tissue
 from tests.bounds import TWO_SOLVERS
-from tissue.solvers.direct import LIBRARIES, installed, ordering
+from tissue.solvers.direct import LIBRARIES, is_installed, ordering
 from tissue.solvers.factor import METHODS
 from tissue.solvers.ordering import dissection, node_graph
 
@@ -16,7 +16,7 @@ DIRECT = [
     pytest.param(
         method,
         marks=pytest.mark.skipif(
-            not installed(method), reason=f"{method} needs {LIBRARIES[method]}: not installed here"
+            not is_installed(method), reason=f"{method} needs {LIBRARIES[method]}: not installed here"
         ),
     )
     for method in METHODS

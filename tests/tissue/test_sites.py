@@ -94,7 +94,7 @@ def test_slopes_by_parts_are_the_averaged_gradient(weight: str) -> None:
     disc, ball, half = (f(weight) for f in (footprint.disc_slope, footprint.ball_slope, footprint.half_ball_slope))
     values, solid = footprint.disc(weight), footprint.ball(weight)
     below = solid.points[:, 2] < 0.0
-    lower = footprint.Rule(solid.points[below], 2.0 * solid.weights[below])
+    lower = footprint.FootprintRule(solid.points[below], 2.0 * solid.weights[below])
     for slope, rule in ((disc, values), (ball, solid), (half, lower)):
         expected = np.diag([1.0, 1.0, float(slope is not disc)])
         assert np.abs(slope.vectors.sum(axis=0)).max() <= 1e-13

@@ -16,7 +16,7 @@ from studies.scenario import ScenarioError, load
 from studies.simulation.assembly import assemble
 from tests.bounds import TWO_SOLVERS
 from tissue.solvers import choice
-from tissue.solvers.direct import LIBRARIES, installed, ordering
+from tissue.solvers.direct import LIBRARIES, is_installed, ordering
 from tissue.solvers.memory import free_memory
 
 SCENARIO = Path(__file__).parents[2] / "studies" / "scenario" / "scenes" / "two_piercings.toml"
@@ -55,23 +55,23 @@ def after_some_steps(name: str, inertia: bool) -> tuple[np.ndarray, ...]:
 @pytest.mark.parametrize("name", ["cholmod", "pardiso", choice.MULTIGRID])
 def test_a_coupled_step_does_not_depend_on_the_solver(name: str, inertia: bool) -> None:
     """Consistency check of two solvers, SuperLU and another."""
-    if name in LIBRARIES and not installed(name):
+    if name in LIBRARIES and not is_installed(name):
         pytest.skip(f"{name} needs {LIBRARIES[name]}: not installed here")
     for one, other in zip(after_some_steps("superlu", inertia), after_some_steps(name, inertia), strict=True):
         assert np.abs(one - other).max() <= TWO_SOLVERS * np.abs(one).max()
 
 
 def test_auto_takes_what_is_installed_and_what_there_is_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    best = next(name for name in LIBRARIES if installed(name))
+    best = next(name for name in LIBRARIES if is_installed(name))
     assert organ().choice.name == organ(inertia=True).choice.name == best
     monkeypatch.setattr(choice, "SMALL", 100)
-    assert organ().choice == choice.Choice(best, choice.MANY)
-    monkeypatch.setattr(choice, "ONCE", dict.fromkeys(LIBRARIES, 1000))
+    assert organ().choice == choice.SolverChoice(best, choice.MANY)
+    monkeypatch.setattr(choice, "FACTOR_ONCE", dict.fromkeys(LIBRARIES, 1000))
     assert organ().choice.name == choice.MULTIGRID
     assert organ(inertia=True).choice.name == best
     factor = choice.factor_bytes(organ().K, organ().places, best)
     monkeypatch.setattr(choice, "free_memory", lambda: 2.5 * factor / choice.SHARE)
-    assert organ(inertia=True).choice == choice.Choice(best, 2)
+    assert organ(inertia=True).choice == choice.SolverChoice(best, 2)
     monkeypatch.setattr(choice, "free_memory", lambda: 0.5 * factor / choice.SHARE)
     assert organ(inertia=True).choice.name == choice.MULTIGRID
     with pytest.raises(tissue.TissueError, match=r"solver = 'superlu': the factor of .* GB can be had; take 'multi"):

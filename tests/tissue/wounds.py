@@ -49,7 +49,7 @@ def opened(mesh: skfem.MeshTet, width: float) -> skfem.MeshTet:
 def gaps_on(body: tissue.Elasticity, wound: Wound, mesh: skfem.MeshTet | None = None) -> tissue.Gaps:
     """The gaps of a body on a cut block; `mesh`: that before it was opened."""
     pairs = lips(body.mesh if mesh is None else mesh, wound)
-    return tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.across])
+    return tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.normal_axis])
 
 
 def organ_of(body: tissue.Elasticity, gaps: tissue.Gaps | None = None, **options: Any) -> tissue.QuasiStaticOrgan:

@@ -54,16 +54,16 @@ def curvature_along_derivatives(T: Array, K: Array, p: Array, t_o: Array) -> tup
     by_K = (p - P / D * h) / r
     r, D, P, k, along, rest = (x[..., None] for x in (r, D, P, k, along, rest))
     plane = IDENTITY - outer(t, t)
-    k_TT = -(symmetric(t, k_T * r[..., 0]) + along * plane) / r**2
-    Q_TT = (symmetric(p, k_T) + P * k_TT) / D - symmetric(Pk_T, h) / D**2
+    k_TT = -(symmetric_product(t, k_T * r[..., 0]) + along * plane) / r**2
+    Q_TT = (symmetric_product(p, k_T) + P * k_TT) / D - symmetric_product(Pk_T, h) / D**2
     Q_TT += P * k / D**2 * (2.0 / D * outer(h, h) - plane / r)
-    TT = rest / r**3 * (3.0 * outer(t, t) - IDENTITY) + symmetric(t, Q_T) / r**2 - Q_TT / r
+    TT = rest / r**3 * (3.0 * outer(t, t) - IDENTITY) + symmetric_product(t, Q_T) / r**2 - Q_TT / r
     h_T = plane / r
     TK = -(outer(t, by_K) + outer(p / D[..., 0], h) + P / D * h_T - P / D**2 * outer(h, h)) / r
     return by_T, by_K, TT, TK
 
 
-def symmetric(a: Array, b: Array) -> Array:
+def symmetric_product(a: Array, b: Array) -> Array:
     """a ⊗ b + b ⊗ a."""
     ab = outer(a, b)
     return ab + ab.swapaxes(-1, -2)

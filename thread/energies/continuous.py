@@ -19,7 +19,7 @@ from thread.energies.densities import (
     curvature_squared_gradient,
     curvature_squared_hessian,
 )
-from thread.quadrature import Rule
+from thread.quadrature import GaussRule
 from thread.spline import ORDERS
 from thread.vectors import dot
 
@@ -46,8 +46,8 @@ class Continuous:
     """
 
     first: Indices
-    bending: Rule
-    stretch: Rule
+    bending: GaussRule
+    stretch: GaussRule
     EA: float
     EI: float
 
@@ -84,7 +84,7 @@ class Continuous:
         maps = [np.einsum("eg,egi,egj->eijg", *product) for product in products]
         return np.ascontiguousarray(np.concatenate(maps, axis=-1).reshape(len(w), ORDERS * ORDERS, -1))
 
-    def at(self, q: Array, frame: object = None) -> Stretched:
+    def evaluate(self, q: Array, frame: object = None) -> Stretched:
         """Evaluate the curve at the quadrature points; bending of a round section does not ask for the frame."""
         values, g = (self._evaluation @ q[self._points])[..., :3], self.bending.w.shape[1]
         T_axial = values[:, 2 * g :]

@@ -24,7 +24,7 @@ class Energy(Protocol):
     def seen(self) -> int:
         """Coordinates that it depends on, 3 or 4."""
 
-    def at(self, q: Array, frame: Frame | None) -> Any:
+    def evaluate(self, q: Array, frame: Frame | None) -> Any:
         """The thread where the energy is taken; `frame` is that of the start of the step."""
 
     def energy(self, at: Any) -> float:

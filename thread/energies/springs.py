@@ -27,11 +27,11 @@ from thread.energies.densities import axial_stiffness, axial_strain
 from thread.errors import ThreadError
 from thread.frames import Stations
 from thread.spline import ORDERS, Spline
-from thread.vectors import IDENTITY, dot, outer, unit
+from thread.vectors import IDENTITY, dot, outer, unit_vector
 
 
 @dataclass(frozen=True)
-class Layout:
+class SpringLayout:
     """Springs on a spline: abscissae `s` (m + 1,) of their ends [m]."""
 
     spline: Spline
@@ -52,14 +52,14 @@ class Layout:
         return 0.5 * (np.append(0.0, self.length) + np.append(self.length, 0.0))
 
     @cached_property
-    def beside(self) -> tuple[Array, Array]:
+    def neighbours(self) -> tuple[Array, Array]:
         """Abscissae of the points before and after each, itself where there is none, each `(m + 1,)` [m]."""
         return np.append(self.s[0], self.s[:-1]), np.append(self.s[1:], self.s[-1])
 
     @cached_property
     def window(self) -> tuple[Indices, int]:
         """First control point that each P_k and its neighbours depend on, and how many do at most."""
-        first, last = (self.spline.basis(s)[0] for s in self.beside)
+        first, last = (self.spline.basis(s)[0] for s in self.neighbours)
         reach = int(np.max(last - first)) + ORDERS
         return np.minimum(first, self.spline.n - reach), reach
 
@@ -74,7 +74,7 @@ class Layout:
     @cached_property
     def directions(self) -> Array:
         """Rows of the directions before and after each point, shape `(m + 1, 2, reach)`."""
-        before, after = self.beside
+        before, after = self.neighbours
         P, T = self.rows(self.s), self.rows(self.s, 1)
         lengths = np.append(np.inf, self.length), np.append(self.length, np.inf)
         chords = [(P - self.rows(before)) / lengths[0][:, None], (self.rows(after) - P) / lengths[1][:, None]]
@@ -84,37 +84,37 @@ class Layout:
     @cached_property
     def stations(self) -> Stations:
         """The points P_k as stations of the twist."""
-        before, after = (self.rows(0.5 * (self.s + other)) for other in self.beside)
+        before, after = (self.rows(0.5 * (self.s + other)) for other in self.neighbours)
         rows = (self.rows(self.s, 1), self.rows(self.s, 2), self.rows(self.s), (after - before) / self.share[:, None])
         T, K, theta, theta_s = (x[:, None] for x in rows)
         return Stations(self.window[0], self.s[:, None], self.share[:, None], T, K, theta, theta_s)
 
 
-def spread(spline: Spline, count: int) -> Layout:
+def spread_springs(spline: Spline, count: int) -> SpringLayout:
     """`count` springs from end to end; n − 1 of them join the Greville abscissae, more or fewer are spread as these
     are: finer where the control points are."""
     t = spline.knots
     greville = (t[1:-3] + t[2:-2] + t[3:-1]) / 3.0
-    return Layout(spline, np.interp(np.linspace(0.0, spline.n - 1.0, count + 1), np.arange(spline.n), greville))
+    return SpringLayout(spline, np.interp(np.linspace(0.0, spline.n - 1.0, count + 1), np.arange(spline.n), greville))
 
 
 def bend(a: Array, b: Array) -> Array:
     """(2 tan φ/2)² of the angle φ between a and b, both (..., 3): 4 (1 − c)/(1 + c), c = cos φ [-]."""
-    u, v = unit(a), unit(b)
+    u, v = unit_vector(a), unit_vector(b)
     return 2.0 * dot(u - v, u - v) / (1.0 + dot(u, v))
 
 
 def bend_gradient(a: Array, b: Array) -> tuple[Array, Array]:
     """Derivatives of `bend` by a and by b, each (..., 3)."""
-    u, v = unit(a), unit(b)
+    u, v = unit_vector(a), unit_vector(b)
     c = dot(u, v)[..., None]
     f_c = -8.0 / (1.0 + c) ** 2
-    return f_c * (v - c * u) / size(a), f_c * (u - c * v) / size(b)
+    return f_c * (v - c * u) / norm(a), f_c * (u - c * v) / norm(b)
 
 
 def bend_hessian(a: Array, b: Array) -> tuple[Array, Array, Array]:
     """Second derivatives of `bend` by (a, a), (a, b) and (b, b), each (..., 3, 3)."""
-    u, v, A, B = unit(a), unit(b), size(a), size(b)
+    u, v, A, B = unit_vector(a), unit_vector(b), norm(a), norm(b)
     c = dot(u, v)[..., None]
     f_c, f_cc = (-8.0 / (1.0 + c) ** 2)[..., None], (16.0 / (1.0 + c) ** 3)[..., None]
     c_a, c_b = (v - c * u) / A, (u - c * v) / B
@@ -126,7 +126,7 @@ def bend_hessian(a: Array, b: Array) -> tuple[Array, Array, Array]:
     return f_cc * outer(c_a, c_a) + f_c * c_aa, f_cc * outer(c_a, c_b) + f_c * c_ab, f_cc * outer(c_b, c_b) + f_c * c_bb
 
 
-def size(a: Array) -> Array:
+def norm(a: Array) -> Array:
     """|a| over the last axis, which is kept."""
     return np.linalg.norm(a, axis=-1, keepdims=True)
 
@@ -146,7 +146,7 @@ class Springs:
     """Stretch and bend springs: `EA` [N], `EI` [N m²]. After the last point stands no spring: its strain counts for
     nothing."""
 
-    layout: Layout
+    layout: SpringLayout
     EA: float
     EI: float
 
@@ -180,7 +180,7 @@ class Springs:
     def _length(self) -> Array:
         return np.append(self.layout.length, 0.0)
 
-    def at(self, q: Array, frame: object = None) -> Taut:
+    def evaluate(self, q: Array, frame: object = None) -> Taut:
         """Evaluate the directions."""
         d = (self._rows @ q[self._points])[..., :3]
         return Taut(d[:, 0], d[:, 1], axial_strain(d[:, 1]))

@@ -32,7 +32,7 @@ class Twisted:
         return reference_twist_derivatives(self.T, self.K, self.frame)
 
 
-def evaluated(stations: Stations, q: Array, frame: Frame | None) -> Twisted:
+def evaluate(stations: Stations, q: Array, frame: Frame | None) -> Twisted:
     """The thread `q` (n, 4) at its stations. Raises `ThreadError` without a frame."""
     if frame is None:
         raise ThreadError("a thread with twist has no shape of its own: give the frame it is measured from")
@@ -86,9 +86,9 @@ class OnStations:
         """Control points of a group."""
         return self.stations.reach
 
-    def at(self, q: Array, frame: Frame | None) -> Twisted:
+    def evaluate(self, q: Array, frame: Frame | None) -> Twisted:
         """Evaluate the thread at the stations."""
-        return evaluated(self.stations, q, frame)
+        return evaluate(self.stations, q, frame)
 
 
 @dataclass(frozen=True)

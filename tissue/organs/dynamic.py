@@ -13,7 +13,7 @@ from scipy.sparse import block_diag, csr_matrix
 from tissue.arrays import Array
 from tissue.errors import TissueError
 from tissue.organs.meshed import (
-    KEPT,
+    KEPT_OPERATORS,
     LinearAnswer,
     LipCompliance,
     MeshedOrgan,
@@ -25,7 +25,8 @@ from tissue.organs.meshed import (
 )
 from tissue.solvers.choice import Solver, mass_solver
 
-RECALLED = 4  # fields whose elastic force is remembered: a step asks again for those of its start and of its end
+# Fields whose elastic force is remembered: a step asks again for those of its start and of its end.
+REMEMBERED_FORCES = 4
 
 
 class History(NamedTuple):
@@ -56,7 +57,7 @@ class DynamicOperator(LipCompliance):
 
         return state.U + self.factor.solve(self.residual(state.U, history), guess)
 
-    def moved(self, U: Array, f_y: Array, p: Array) -> Array:
+    def add_forces(self, U: Array, f_y: Array, p: Array) -> Array:
         """U + W f_y + A⁻¹Gᵀ p, shape `(N,)` [m]."""
         U = U + self.W @ f_y
         return U + self.factor.solve(self.organ.G.T @ p) if p.any() else U
@@ -65,7 +66,7 @@ class DynamicOperator(LipCompliance):
         """b − A U, by products with M and K: C = αM + βK needs none of its own."""
         alpha, beta = self.organ.rayleigh
         damping = self.d * (history.damping - U)
-        inertia = self.organ.weighed(self.a * (history.inertia - U) + alpha * damping)
+        inertia = self.organ.mass_times(self.a * (history.inertia - U) + alpha * damping)
         residual = self.organ.load + inertia - self.organ.elastic_force(U)
         return residual + self.organ.K @ (beta * damping) if beta and damping.any() else residual
 
@@ -101,7 +102,7 @@ class DynamicOrgan(MeshedOrgan):
         object.__setattr__(self, "node_mass", csr_matrix(nodal[::3, ::3]))
         if 3 * self.node_mass.nnz != nodal.nnz:
             raise TissueError("the mass matrix must be one over the nodes, the same for x, y and z of each")
-        object.__setattr__(self, "_recalled", deque(maxlen=RECALLED))
+        object.__setattr__(self, "_recalled", deque(maxlen=REMEMBERED_FORCES))
         object.__setattr__(self, "_operators", OrderedDict())
 
     def start(self) -> OrganState:
@@ -114,13 +115,13 @@ class DynamicOrgan(MeshedOrgan):
         if not (0.0 < a < np.inf and 0.0 <= d < np.inf):
             raise TissueError(f"a = {a} 1/s², d = {d} 1/s: allowed are a > 0 and d ≥ 0; give a positive time step")
         if (a, d) not in self._operators:
-            while len(self._operators) >= min(KEPT, self.choice.room):
+            while len(self._operators) >= min(KEPT_OPERATORS, self.choice.room):
                 self._operators.popitem(last=False)
             self._operators[a, d] = self._factorized(a, d)
         self._operators.move_to_end((a, d))
         return self._operators[a, d]
 
-    def weighed(self, field: Array) -> Array:
+    def mass_times(self, field: Array) -> Array:
         """M times a field over the free unknowns `(N,)`: a node's three components share its row."""
         return self._weighed_together(field)[0]
 
@@ -136,7 +137,7 @@ class DynamicOrgan(MeshedOrgan):
     def _factorized(self, a: float, d: float) -> DynamicOperator:
         alpha, beta = self.rayleigh
         A = csr_matrix((a + alpha * d) * self.M + (1.0 + beta * d) * self.K)
-        factor = self.solved(A)
+        factor = self.solver_of(A)
         W, C = compliance(factor, self.Y)
         return DynamicOperator(self, a, d, A, factor, W, C)
 
@@ -154,9 +155,9 @@ class DynamicOrgan(MeshedOrgan):
 
     def complete(self, operator: DynamicOperator, U_free: Array, history: History, f_y: Array, p: Array) -> OrganState:
         """Return the state of U⁺ = U_free + W f_y + A⁻¹Gᵀ p and its rates."""
-        U = operator.moved(U_free, f_y, p)
+        U = operator.add_forces(U_free, f_y, p)
         rates = operator.d * (U - history.damping), operator.a * (U - history.inertia)
-        return OrganState(U, *rates, f_y, self.held_apart(p))
+        return OrganState(U, *rates, f_y, self.contact_or_none(p))
 
     def history(self, scheme: TimeScheme, past: Sequence[OrganState]) -> History:
         """Return the reference fields U_a = Σ_k (α_k U_k + β_k V_k), U_d = Σ_k γ_k U_k of a scheme."""
@@ -200,12 +201,12 @@ class DynamicOrgan(MeshedOrgan):
         """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y` (9p,)
         and the contact forces those of `state`; V is kept."""
         operator, p = self.operator(scheme.a, scheme.d), self.contact_forces(state)
-        y_free, g_free = operator.unmoved(y, self.gap(state), f_y, p)
+        y_free, g_free = operator.free_values(y, self.gap(state), f_y, p)
 
         def displaced(f_new: Array, p_new: Array) -> OrganState:
             # By the change alone: the state's own forces may be those of holes that ended at this very moment.
-            df, held = f_new - f_y, self.held_apart(p_new)
-            return replace(state, U=operator.moved(state.U, df, p_new - p), f_y=state.f_y + df, p=held)
+            df, held = f_new - f_y, self.contact_or_none(p_new)
+            return replace(state, U=operator.add_forces(state.U, df, p_new - p), f_y=state.f_y + df, p=held)
 
         return LinearAnswer(
             operator, y_free, g_free, displaced, lambda: operator.A @ state.U - self.Y.T @ f_y - self.G.T @ p

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from tissue.arrays import Array
-from tissue.organs.meshed import NOTHING, Equation, OrganEnergies, OrganState, SiteAnswer, TimeScheme
+from tissue.organs.meshed import EMPTY, Equation, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.sites.site import Site, space_frames
 
 
@@ -19,7 +19,7 @@ class FixedAnswer(SiteAnswer):
     def equation(self) -> Equation:
         """No unknowns."""
         sites = csr_matrix((self.y_free.size, 0))
-        return Equation(csr_matrix((0, 0)), NOTHING, self.y_free, sites, NOTHING, csr_matrix((0, 0)))
+        return Equation(csr_matrix((0, 0)), EMPTY, self.y_free, sites, EMPTY, csr_matrix((0, 0)))
 
 
 @dataclass(frozen=True)
@@ -40,15 +40,15 @@ class FixedSites:
 
     def lips(self, state: OrganState) -> tuple[Array, Array]:
         """Return no gaps and no contact forces, shape `(0,)` each: space has no lips."""
-        return NOTHING, NOTHING
+        return EMPTY, EMPTY
 
     def start(self) -> OrganState:
         """No force."""
-        return OrganState(NOTHING, NOTHING, NOTHING, np.zeros(self.y0.size))
+        return OrganState(EMPTY, EMPTY, EMPTY, np.zeros(self.y0.size))
 
     def answer(self, scheme: TimeScheme, past: Sequence[OrganState]) -> FixedAnswer:
         """Return the answer of sites that no force moves."""
-        return FixedAnswer(self.y0, self._stiff, lambda f_y, p: OrganState(NOTHING, NOTHING, NOTHING, f_y))
+        return FixedAnswer(self.y0, self._stiff, lambda f_y, p: OrganState(EMPTY, EMPTY, EMPTY, f_y))
 
     def site_variables(self, state: OrganState) -> Array:
         """y0, shape `(9p,)`."""
@@ -56,11 +56,11 @@ class FixedSites:
 
     def displacement(self, state: OrganState) -> Array:
         """Shape `(0,)`."""
-        return NOTHING
+        return EMPTY
 
     def velocity(self, state: OrganState) -> Array:
         """Shape `(0,)`."""
-        return NOTHING
+        return EMPTY
 
     def impulse(self, state: OrganState) -> SiteAnswer:
         """Return the answer of sites that stand still: space takes any impulse."""

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, csr_matrix
 
 from tissue.arrays import Array, Indices
-from tissue.body import Elasticity
+from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
 
 CLOSED = 1e-12  # over the lips' extent: a gap this far below zero is that of a closed slit

@@ -24,17 +24,17 @@ from numpy.typing import ArrayLike
 from scipy.sparse import block_diag, csr_matrix, eye_array, hstack
 
 from tissue.arrays import Array
-from tissue.body import Elasticity
+from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
 from tissue.organs.lips import Gaps
 from tissue.sites.site import Sites
-from tissue.solvers.choice import GIGA, Choice, Solver, chosen, solver
+from tissue.solvers.choice import GIGA, Solver, SolverChoice, choose_solver, solver
 from tissue.solvers.memory import free_memory
 
-KEPT = 4  # operators kept, memory allowing: one per (a, d) of a run, the start, and a halved step
+KEPT_OPERATORS = 4  # operators kept, memory allowing: one per (a, d) of a run, the start, and a halved step
 COLUMNS = 64  # of A⁻¹Gᵀ that are made together
 SHARE = 0.5  # of the free memory that the compliance of the gaps may take
-NOTHING = np.zeros(0)
+EMPTY = np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class SiteAnswer:
     @property
     def g_free(self) -> Array:
         """No gaps, shape `(0,)`."""
-        return NOTHING
+        return EMPTY
 
     @property
     def C_cy(self) -> Array:
@@ -118,7 +118,7 @@ class SiteAnswer:
         """No gaps, shape `(0, 0)`."""
         return np.zeros((0, 0))
 
-    def accept(self, f_y: Array, p: Array = NOTHING) -> OrganState:
+    def accept(self, f_y: Array, p: Array = EMPTY) -> OrganState:
         """Return the state at the end of the step."""
         return self.accepted(f_y, p)
 
@@ -155,7 +155,7 @@ class LinearAnswer:
         """Gaps by contact forces, shape `(k, k)` [m/N]."""
         return self.operator.C_cc
 
-    def accept(self, f_y: Array, p: Array = NOTHING) -> OrganState:
+    def accept(self, f_y: Array, p: Array = EMPTY) -> OrganState:
         """Return the state at the end of the step."""
         return self.accepted(f_y, p)
 
@@ -181,7 +181,7 @@ class MeshedOrgan:
     gravity: ArrayLike = (0.0, 0.0, 0.0)
     solver: str = "auto"  # one of `tissue.solvers.choice.SOLVERS`
     gaps: Gaps | None = None
-    choice: Choice = field(init=False, repr=False)
+    choice: SolverChoice = field(init=False, repr=False)
     K: csr_matrix = field(init=False, repr=False)
     Y: csr_matrix = field(init=False, repr=False)
     load: Array = field(init=False, repr=False)
@@ -206,7 +206,7 @@ class MeshedOrgan:
         object.__setattr__(self, "Y", csr_matrix(hstack([self.sites.Y, np.sqrt(stiffness) * B])))
         object.__setattr__(self, "load", np.append(body.body_force(gravity)[free], np.zeros(B.shape[1])))
         object.__setattr__(self, "places", places)
-        object.__setattr__(self, "choice", chosen(self.solver, K, places, self.solved_once))
+        object.__setattr__(self, "choice", choose_solver(self.solver, K, places, self.solved_once))
         object.__setattr__(self, "G", self._gap_rows(B.shape[1]))
 
     def _gap_rows(self, springs: int) -> csr_matrix:
@@ -215,7 +215,7 @@ class MeshedOrgan:
         if self.gaps is None:
             return csr_matrix((0, N))
         k, room = self.pairs, SHARE * free_memory()
-        need = 8.0 * ((KEPT + 2) * k**2 + COLUMNS * N)
+        need = 8.0 * ((KEPT_OPERATORS + 2) * k**2 + COLUMNS * N)
         if self.gaps.G.shape[1] != self.elasticity.free.size:
             raise TissueError(
                 f"gaps over {self.gaps.G.shape[1]} unknowns on an organ of {N - springs}; build them on it"
@@ -235,19 +235,19 @@ class MeshedOrgan:
     @property
     def g0(self) -> Array:
         """Gaps of the reference shape, shape `(k,)` [m]."""
-        return NOTHING if self.gaps is None else self.gaps.g0
+        return EMPTY if self.gaps is None else self.gaps.g0
 
     def contact_forces(self, state: OrganState) -> Array:
         """p, shape `(k,)` [N]."""
-        return NOTHING if state.p is None else state.p
+        return EMPTY if state.p is None else state.p
 
-    def held_apart(self, p: Array) -> Array | None:
+    def contact_or_none(self, p: Array) -> Array | None:
         """Contact forces `(k,)` as a state keeps them: None without gaps."""
         return p if self.pairs else None
 
     @property
     def no_contact(self) -> Array | None:
-        return self.held_apart(np.zeros(self.pairs))
+        return self.contact_or_none(np.zeros(self.pairs))
 
     @property
     def mesh_size(self) -> int:
@@ -259,7 +259,7 @@ class MeshedOrgan:
         """Whether all that is ever solved for are the sites' columns and the load."""
         return False
 
-    def solved(self, A: csr_matrix) -> Solver:
+    def solver_of(self, A: csr_matrix) -> Solver:
         """What solves with a matrix of the organ: the springs are coupled to nothing but the sites."""
         N = self.mesh_size
         mesh = solver(csr_matrix(A[:N, :N]) if A.shape[0] > N else A, self.places, self.choice.name)
@@ -304,7 +304,7 @@ class LipCompliance:
     W: Array
     C: Array
 
-    def unmoved(self, y: Array, g: Array, f_y: Array, p: Array) -> tuple[Array, Array]:
+    def free_values(self, y: Array, g: Array, f_y: Array, p: Array) -> tuple[Array, Array]:
         """Return `y_free` and `g_free` of an answer that gives y and g under the forces `f_y` and `p`."""
         y = y - self.C @ f_y
         if not g.size:

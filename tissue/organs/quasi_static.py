@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix
 from tissue.arrays import Array
 from tissue.errors import TissueError
 from tissue.organs.meshed import (
-    NOTHING,
+    EMPTY,
     LinearAnswer,
     LipCompliance,
     MeshedOrgan,
@@ -71,7 +71,7 @@ class QuasiStaticOrgan(MeshedOrgan):
     @cached_property
     def _operator(self) -> QuasiStaticOperator:
         """Factorised when first asked for: a scenario is checked without."""
-        factor = self.solved(self.K)
+        factor = self.solver_of(self.K)
         W, C = compliance(factor, self.Y)
         U_load = factor.solve(self.load)
         y_load, sag_energy = np.asarray(self.y0 + self.Y @ U_load), float(0.5 * self.load @ U_load)
@@ -79,7 +79,7 @@ class QuasiStaticOrgan(MeshedOrgan):
 
     def start(self) -> OrganState:
         """Equilibrium under gravity, without site forces; the lips are not held apart yet."""
-        return OrganState(NOTHING, NOTHING, NOTHING, np.zeros(self.y0.size), self.no_contact)
+        return OrganState(EMPTY, EMPTY, EMPTY, np.zeros(self.y0.size), self.no_contact)
 
     def operator(self, a: float, d: float) -> QuasiStaticOperator:
         """Return K factorised, whatever the time scheme."""
@@ -92,7 +92,7 @@ class QuasiStaticOrgan(MeshedOrgan):
 
     def complete(self, f_y: Array, p: Array) -> OrganState:
         """Return the state of an organ that is where its forces put it."""
-        return OrganState(NOTHING, NOTHING, NOTHING, f_y, self.held_apart(p))
+        return OrganState(EMPTY, EMPTY, EMPTY, f_y, self.contact_or_none(p))
 
     def site_variables(self, state: OrganState) -> Array:
         """y = y0 + Y U = y_load + C f_y + C_yc p, shape `(9p,)`."""
@@ -134,11 +134,11 @@ class QuasiStaticOrgan(MeshedOrgan):
         """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y` (9p,)
         and the contact forces those of `state`."""
         operator, p = self._operator, self.contact_forces(state)
-        y_free, g_free = operator.unmoved(y, self.gap(state), f_y, p)
+        y_free, g_free = operator.free_values(y, self.gap(state), f_y, p)
 
         def displaced(f_new: Array, p_new: Array) -> OrganState:
             # By the change alone: the state's own forces may be those of holes that ended at this very moment.
-            return replace(state, f_y=state.f_y + (f_new - f_y), p=self.held_apart(p_new))
+            return replace(state, f_y=state.f_y + (f_new - f_y), p=self.contact_or_none(p_new))
 
         def right_hand_side() -> Array:
             return operator.A @ self.field(state) - self.Y.T @ f_y - self.G.T @ p

@@ -27,7 +27,7 @@ POLAR = 8  # 8 · 16 · 24 = 3072 points in the ball, half of them in a half bal
 
 
 @dataclass(frozen=True)
-class Rule:
+class FootprintRule:
     """Points of the unit disc (z = 0) or the unit ball, shape `(k, 3)`, and their weights `(k,)`, which sum
     to one.
     """
@@ -40,7 +40,7 @@ class Rule:
             raise TissueError(f"footprint weights sum to {self.weights.sum():.17g}; they must sum to one")
 
 
-def disc(weight: str) -> Rule:
+def disc(weight: str) -> FootprintRule:
     """Unit disc: 1/π (uniform) or 2(1 − r²)/π (parabolic)."""
     _check(weight)
     # With τ = r², w r dr dθ is dτ dθ / 2π or (1 − τ) dτ dθ / π: a Gauss rule on τ and equal angles are exact.
@@ -49,7 +49,7 @@ def disc(weight: str) -> Rule:
     angle = (np.arange(AROUND) + 0.5) * (2.0 * np.pi / AROUND)
     r, theta = (a.ravel() for a in np.meshgrid(np.sqrt(tau), angle, indexing="ij"))
     points = np.column_stack([r * np.cos(theta), r * np.sin(theta), np.zeros_like(r)])
-    return Rule(points, np.repeat(radial / AROUND, AROUND))
+    return FootprintRule(points, np.repeat(radial / AROUND, AROUND))
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ def _cross(a: Array, b: Array) -> Array:
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
-def ball(weight: str) -> Rule:
+def ball(weight: str) -> FootprintRule:
     """Unit ball: 3/4π (uniform) or 15(1 − ρ²)/8π (parabolic); a composite rule, exact on each half z < 0 and
     z > 0.
     """
@@ -146,7 +146,7 @@ def ball(weight: str) -> Rule:
     R, Z, A = (a.ravel() for a in np.meshgrid(rho, cosine, angle, indexing="ij"))
     across = R * np.sqrt(1.0 - Z**2)
     weights = np.einsum("i,j,k->ijk", density * rho**2 * d_rho, d_cosine, np.full(angle.size, 1.0 / angle.size))
-    return Rule(np.column_stack([across * np.cos(A), across * np.sin(A), R * Z]), weights.ravel())
+    return FootprintRule(np.column_stack([across * np.cos(A), across * np.sin(A), R * Z]), weights.ravel())
 
 
 @dataclass(frozen=True)
@@ -189,14 +189,14 @@ def half_ball_slope(weight: str) -> Slope:
     return Slope(np.vstack([whole.points[below], flat.points]), np.vstack([2.0 * whole.vectors[below], lid]))
 
 
-def _sphere() -> Rule:
+def _sphere() -> FootprintRule:
     """Unit sphere, uniform; a composite rule, exact on each half."""
     half, d_half = _gauss(2 * POLAR)
     cosine, d_cosine = np.concatenate([-half, half]), np.concatenate([d_half, d_half]) / 2.0
     angle = (np.arange(8 * POLAR) + 0.5) * (2.0 * np.pi / (8 * POLAR))
     Z, A = (a.ravel() for a in np.meshgrid(cosine, angle, indexing="ij"))
     across = np.sqrt(1.0 - Z**2)
-    return Rule(
+    return FootprintRule(
         np.column_stack([across * np.cos(A), across * np.sin(A), Z]), np.repeat(d_cosine / angle.size, angle.size)
     )
 

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, kron
 
 from tissue.arrays import Array, Indices
-from tissue.body import ELEMENTS, Elasticity
+from tissue.elasticity import ELEMENTS, Elasticity
 from tissue.sites.surface import Surface
 
 

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import block_diag, csr_matrix, vstack
 
 from tissue.arrays import Array, Indices
-from tissue.body import Elasticity
+from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
 from tissue.sites import footprint
 from tissue.sites.rows import (

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from tissue.arrays import Array, Indices
-from tissue.body import Elasticity
+from tissue.elasticity import Elasticity
 from tissue.sites import footprint
 from tissue.sites.surface import Surface
 from tissue.sites.unbounded import (

@@ -18,7 +18,7 @@ from scipy.sparse import csr_matrix
 
 from tissue.arrays import Array
 from tissue.errors import TissueError
-from tissue.solvers.direct import BYTES, LIBRARIES, installed
+from tissue.solvers.direct import BYTES, LIBRARIES, is_installed
 from tissue.solvers.factor import factorize
 from tissue.solvers.iterative import conjugate_gradients
 from tissue.solvers.memory import free_memory
@@ -27,16 +27,20 @@ from tissue.solvers.ordering import dissection, node_graph
 
 MULTIGRID = "multigrid"
 SOLVERS = ("auto", *LIBRARIES, MULTIGRID)
-ONCE = {"cholmod": 250_000, "pardiso": 250_000, "superlu": 60_000}  # unknowns beyond which 20 columns cost less
+FACTOR_ONCE = {
+    "cholmod": 250_000,
+    "pardiso": 250_000,
+    "superlu": 60_000,
+}  # unknowns; beyond, multigrid solves 20 columns faster
 SMALL = 50_000  # unknowns of an organ whose factor is not worth an estimate: less than half a gigabyte
 SHARE = 0.8  # of the free memory that a factor may take
-LEVELS = 45.0  # bytes of the levels of multigrid per entry of the matrix, as measured
+BYTES_OF_LEVELS = 45.0  # bytes of the levels of multigrid per entry of the matrix, as measured
 MANY = 1000  # factors, as good as no limit
 GIGA = 1e9
 
 
 @dataclass(frozen=True)
-class Choice:
+class SolverChoice:
     """A solver's name, and how many of its factors (or sets of levels) there is room for, one at least."""
 
     name: str
@@ -55,7 +59,7 @@ class Solver(Protocol):
 
 
 def solver(A: csr_matrix, places: Array, name: str) -> Solver:
-    """A solver of a name that `chosen` gave, for a stiffness matrix over unknowns at `places` `(n, 3)`."""
+    """A solver of a name that `choose_solver` gave, for a stiffness matrix over unknowns at `places` `(n, 3)`."""
     return conjugate_gradients(A, places) if name == MULTIGRID else factorize(A, places, name)
 
 
@@ -64,7 +68,7 @@ def mass_solver(M: csr_matrix, places: Array, name: str) -> Solver:
     return conjugate_gradients(M) if name == MULTIGRID else factorize(M, places, name)
 
 
-def chosen(name: str, A: csr_matrix, places: Array, once: bool) -> Choice:
+def choose_solver(name: str, A: csr_matrix, places: Array, once: bool) -> SolverChoice:
     """The solver to take for a matrix of the pattern of A; `once`: for the sites' columns and no steps.
 
     Multigrid needs three unknowns a node, so no rollers. Raises `TissueError` where the one named is unknown, is not
@@ -72,21 +76,21 @@ def chosen(name: str, A: csr_matrix, places: Array, once: bool) -> Choice:
     """
     if name not in SOLVERS:
         raise TissueError(f"solver = {name!r}: allowed are {', '.join(map(repr, SOLVERS))}; take 'auto'")
-    if name in LIBRARIES and not installed(name):
+    if name in LIBRARIES and not is_installed(name):
         raise TissueError(f"solver = {name!r} needs {LIBRARIES[name]}; pip install it, or take 'auto'")
-    direct = next(method for method in LIBRARIES if installed(method)) if name == "auto" else name
+    direct = next(method for method in LIBRARIES if is_installed(method)) if name == "auto" else name
     room = SHARE * free_memory()
-    levels = Choice(MULTIGRID, _times(room, LEVELS * A.nnz))
+    levels = SolverChoice(MULTIGRID, _times(room, BYTES_OF_LEVELS * A.nnz))
     by_nodes = is_by_nodes(places)
     if direct == MULTIGRID and not by_nodes:
         raise TissueError(
             f"solver = {name!r} needs three unknowns a node, and rollers hold one; take 'auto' or a clamp"
         )
-    if direct == MULTIGRID or (name == "auto" and by_nodes and once and A.shape[0] > ONCE[direct]):
+    if direct == MULTIGRID or (name == "auto" and by_nodes and once and A.shape[0] > FACTOR_ONCE[direct]):
         return levels
     need = factor_bytes(A, places, direct)
     if need <= room:
-        return Choice(direct, _times(room, need))
+        return SolverChoice(direct, _times(room, need))
     if name == "auto" and by_nodes:
         return levels
     remedy = "'multigrid' or a coarser mesh" if by_nodes else "a coarser mesh"

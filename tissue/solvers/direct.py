@@ -23,14 +23,14 @@ BackSubstitution = Callable[[Array], Array]
 
 LIBRARIES = {"cholmod": "cvxopt", "pardiso": "pypardiso", "superlu": "scipy"}  # the fastest first
 BYTES = {"cholmod": 10.0, "pardiso": 8.0, "superlu": 24.0}  # of memory per entry of the Cholesky factor, as measured
-DISSECTED = 100_000  # unknowns beyond which CHOLMOD is faster on dissection than on minimum degree
+DISSECT_BEYOND = 100_000  # unknowns beyond which CHOLMOD is faster on dissection than on minimum degree
 PARDISO_SPD = 2  # matrix type: real, symmetric, positive definite
 METIS = 2
 SOLVE = 33  # Pardiso's phase: back-substitution
 NOT_DEFINITE = -4  # Pardiso's error: a zero or negative pivot
 
 
-def installed(method: str) -> bool:
+def is_installed(method: str) -> bool:
     """Whether the library of a method is there; it is loaded, so that who limits BLAS threads later limits its too."""
     try:
         import_module(LIBRARIES[method])
@@ -74,7 +74,7 @@ def ordering(A: csr_matrix, places: Array) -> Indices:
     return _spread(min(orders, key=lambda order: _trial(csr_matrix(graph[order][:, order]), "NATURAL").nnz), node)
 
 
-def dissected(A: csr_matrix, places: Array) -> Indices:
+def dissect(A: csr_matrix, places: Array) -> Indices:
     """Nested dissection of the unknowns by their places."""
     graph, points, node = node_graph(A, places)
     return _spread(dissection(graph, points).order, node)
@@ -101,7 +101,7 @@ def cholmod(A: csr_matrix, places: Array | None) -> BackSubstitution:
 
     lower = tril(A, format="coo")
     packed = spmatrix(lower.data, lower.row.astype(np.int64), lower.col.astype(np.int64), A.shape)
-    order = [] if places is None or A.shape[0] < DISSECTED else [matrix(dissected(A, places).tolist(), tc="i")]
+    order = [] if places is None or A.shape[0] < DISSECT_BEYOND else [matrix(dissect(A, places).tolist(), tc="i")]
     factor = library.symbolic(packed, *order)
     try:
         library.numeric(packed, factor)

@@ -48,7 +48,7 @@ def factorize(A: csr_matrix, places: Array | None = None, method: str = "superlu
     """
     if method not in METHODS:
         raise FactorError(f"method = {method!r}: allowed are {', '.join(map(repr, METHODS))}")
-    if not direct.installed(method):
+    if not direct.is_installed(method):
         raise FactorError(f"method = {method!r} needs {direct.LIBRARIES[method]}; install it or take 'superlu'")
     A = csr_matrix(A)
     norm = checked_norm(A)

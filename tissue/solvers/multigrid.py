@@ -21,10 +21,10 @@ Single = NDArray[np.float32]
 COARSEST = 100  # nodes with six unknowns each: a dense inverse of so many is as cheap as smoothing on the finest level
 STRENGTH = 0.08  # of ‖A_ij‖ to √(‖A_ii‖‖A_jj‖) below which two nodes are not aggregated
 DEGREE = 2  # of the Chebyshev smoother
-SMOOTHED = 12.0  # ratio of the highest to the lowest eigenvalue that the smoother damps
+SMOOTHED_RANGE = 12.0  # ratio of the highest to the lowest eigenvalue that the smoother damps
 LANCZOS = 12  # steps: the highest eigenvalue to a few per cent
 MARGIN = 1.1
-NOTHING = 1e-10  # of the highest eigenvalue of the coarsest matrix
+RANK_TOLERANCE = 1e-10  # of the highest eigenvalue of the coarsest matrix
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def multigrid(A: csr_matrix, places: Array) -> Multigrid:
         levels.append(_level(csr_matrix(level.A).astype(np.float32), csr_matrix(level.P).astype(np.float32)))
         level.A = level.P = level.R = None
     # A group of one or two nodes has fewer than six motions: some coarse unknowns are nothing.
-    inverse = np.linalg.pinv(hierarchy.levels[-1].A.toarray(), rcond=NOTHING, hermitian=True).astype(np.float32)
+    inverse = np.linalg.pinv(hierarchy.levels[-1].A.toarray(), rcond=RANK_TOLERANCE, hermitian=True).astype(np.float32)
     return Multigrid(tuple(levels), inverse)
 
 
@@ -148,8 +148,8 @@ def _highest(A: csr_matrix, scaling: Single) -> float:
 
 def _smoothed(level: Level, b: Single, x: Single | None) -> Single:
     """Chebyshev iteration on the upper part of the spectrum of D⁻¹A (Saad, Iterative Methods, alg. 12.1)."""
-    theta = np.float32(0.5 * level.highest * (1.0 + 1.0 / SMOOTHED))
-    delta = np.float32(0.5 * level.highest * (1.0 - 1.0 / SMOOTHED))
+    theta = np.float32(0.5 * level.highest * (1.0 + 1.0 / SMOOTHED_RANGE))
+    delta = np.float32(0.5 * level.highest * (1.0 - 1.0 / SMOOTHED_RANGE))
     sigma = theta / delta
     rho = 1.0 / sigma
     r = _scaled(level, b if x is None else b - level.A @ x)

@@ -25,8 +25,9 @@ from tissue.supports import clamped_unknowns, rolling_unknowns
 
 ELEMENTS = {"P1": ElementTetP1, "P2": ElementTetP2}
 DILATATIONS = ("auto", "cell", "nodal")
-LOCKS = 0.45  # ν beyond which "auto" averages: a P1 layer is 1.7 times as wrong there as at 0.3, and 3.6 times at 0.49
-CELLWISE = 0.3  # ν whose λ stays with the cells
+# ν beyond which "auto" averages: a P1 layer is 1.7 times as wrong there as at 0.3, and 3.6 times at 0.49
+NU_LOCKING = 0.45
+NU_CELLWISE = 0.3  # ν whose λ stays with the cells
 NO_POINTS = (np.zeros((3, 0)), np.zeros(0))  # the body's basis numbers unknowns; shape functions are made where needed
 
 ENTRIES = 15_000_000  # of the local matrices that are made at once: half a gigabyte
@@ -127,7 +128,7 @@ def elasticity(
     scalar = ELEMENTS[element]()
     basis = Basis(mesh, ElementVector(scalar), quadrature=NO_POINTS)
     clamped = np.union1d(clamped_unknowns(basis, clamp), rolling_unknowns(basis, roller))
-    average = dilatation == "nodal" or (dilatation == "auto" and np.max(material.poisson_ratio) > LOCKS)
+    average = dilatation == "nodal" or (dilatation == "auto" and np.max(material.poisson_ratio) > NU_LOCKING)
     cellwise = cellwise_lambda(material) if average else material.lame_lambda
     K, pressure = stiffness(basis, cellwise, material.lame_mu), None
     if average:
@@ -140,14 +141,14 @@ def elasticity(
 
 def cellwise_lambda(material: Material) -> PerCell:
     """The part of λ that stays with the cells, at most 2μν/(1 − 2ν) at ν = 0.3 [Pa]."""
-    return np.minimum(material.lame_lambda, material.lame_mu * (2.0 * CELLWISE / (1.0 - 2.0 * CELLWISE)))
+    return np.minimum(material.lame_lambda, material.lame_mu * (2.0 * NU_CELLWISE / (1.0 - 2.0 * NU_CELLWISE)))
 
 
 def stiffness(basis: Basis, lam: PerCell, mu: PerCell) -> csr_matrix:
     """K_ij = ∫ λ div φ_i div φ_j + 2μ ε(φ_i) : ε(φ_j) dx, shape `(N, N)` [N/m]."""
     # The strain of P_k is of degree k − 1, so the load's rule of degree 2k would be wasted on K.
     exact = max(1, 2 * (basis.elem.elem.maxdeg - 1))
-    return assembled(BilinearForm(_strain_energy), basis, exact, lam=_per_cell(lam), mu=_per_cell(mu))
+    return assemble(BilinearForm(_strain_energy), basis, exact, lam=_per_cell(lam), mu=_per_cell(mu))
 
 
 def nodal_dilatation(basis: Basis, excess: PerCell) -> tuple[csr_matrix, csr_matrix]:
@@ -168,7 +169,7 @@ def nodal_dilatation(basis: Basis, excess: PerCell) -> tuple[csr_matrix, csr_mat
 def mass(basis: Basis, rho: PerCell) -> csr_matrix:
     """M_ij = ∫ ρ φ_i · φ_j dx, consistent, shape `(N, N)` [kg]."""
     nodes, exact = basis.with_element(basis.elem.elem), 2 * basis.elem.elem.maxdeg
-    scalar = assembled(BilinearForm(_inertia), nodes, exact, rho=_per_cell(rho))
+    scalar = assemble(BilinearForm(_inertia), nodes, exact, rho=_per_cell(rho))
     return csr_matrix(kron(scalar, np.eye(3)))  # a node's three unknowns follow one another
 
 
@@ -199,7 +200,7 @@ def _check_cells(name: str, value: PerCell, mesh: MeshTet) -> None:
         raise TissueError(f"{name}: shape {shape}; allowed is one number or one per cell, ({mesh.nelements},)")
 
 
-def assembled(form: BilinearForm, basis: Basis, intorder: int, **fields: NDArray[np.float64]) -> csr_matrix:
+def assemble(form: BilinearForm, basis: Basis, intorder: int, **fields: NDArray[np.float64]) -> csr_matrix:
     """The matrix of a form over the unknowns of `basis`, by a quadrature exact to `intorder`; `fields` are `(1, 1)`, or
     `(cells, 1)` for a value per cell.
     """
