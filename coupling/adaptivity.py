@@ -44,7 +44,7 @@ class Resolution:
         """Span next to a hole over √(EI/T), where the curve is smooth and its force of fourth order in it."""
         return float(self.tolerance**0.25)
 
-    def wanted(self, system: System[Body], state: State[Body], ahead: float) -> Array:
+    def largest_spans(self, system: System[Body], state: State[Body], ahead: float) -> Array:
         """Return the largest span allowed on each finest cell of the tree [m], for the next `ahead` [s]."""
         thread, here = system.thread, state.present & system.rows.any(axis=1)
         own = spans_by_curvature(thread.spline, state.q, self.ratio_next_to_hole**3)
@@ -112,7 +112,7 @@ def adapt(
     """Exchange the knots for those that the state asks for, and the way of the holes in the next `ahead` [s]. Returns
     system and state, the same ones where no knot changes, and the event that says what the change cost."""
     tree, spline = resolution.tree, system.thread.spline
-    wanted = resolution.wanted(system, state, ahead)
+    wanted = resolution.largest_spans(system, state, ahead)
     present = tree.index(spline.breaks)
     kept = np.intersect1d(present, tree.breaks(KEPT * wanted))
     due = np.union1d(tree.breaks(wanted), kept)

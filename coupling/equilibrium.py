@@ -61,7 +61,7 @@ def static_problem(
         load=load,
         answer=answer,
         rows=system.rows & state.present[:, None],
-        law=law_of(system, first.s, state.present, 0.0, first.s, system.drawn(first.time, share * duration)),
+        law=law_of(system, first.s, state.present, 0.0, first.s, system.drawn_lengths(first.time, share * duration)),
         stiffen=True,
         frame=state.frame,
     )

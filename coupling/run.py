@@ -5,7 +5,7 @@
         run = run.step(dt)
 
 A step goes through four stages: the knots that fit the state it begins with; the step itself, in halves where it fails;
-its audit and what was noticed in it; the piercings that begin or end with it.
+its audit and the events in it; the piercings that begin or end with it.
 """
 
 from collections.abc import Sequence

@@ -117,7 +117,9 @@ def dynamic_problem(
         load=end_load(system, time),
         answer=answer,
         rows=rows,
-        law=law_of(system, state.s, state.present, system.epsilon * scheme.a, s_free, system.drawn(state.time, time)),
+        law=law_of(
+            system, state.s, state.present, system.epsilon * scheme.a, s_free, system.drawn_lengths(state.time, time)
+        ),
         frame=state.frame,
     )
 

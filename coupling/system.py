@@ -59,7 +59,7 @@ class Piercing:
         if self.draw is not None and (self.slides or self.friction is not None):
             raise CouplingError(f"piercing {self.name!r}: a thread that is drawn through does not slide; anchor it")
 
-    def drawn(self, time: float) -> float:
+    def drawn_length(self, time: float) -> float:
         """Return the length drawn through until `time` [s], from the first row of `draw` on [m]."""
         return 0.0 if self.draw is None else float(np.interp(time, self.draw[:, 0], self.draw[:, 1]))
 
@@ -168,9 +168,9 @@ class System(Generic[Body]):
         """Holds through which a hand draws the thread, shape `(holds,)`."""
         return np.array([p.draw is not None for p in self.piercings] + [False] * len(self.clamps), dtype=bool)
 
-    def drawn(self, earlier: float, later: float) -> Array:
+    def drawn_lengths(self, earlier: float, later: float) -> Array:
         """Return the length drawn through each hold between two times [s], shape `(holds,)` [m]."""
-        lengths = [p.drawn(later) - p.drawn(earlier) for p in self.piercings]
+        lengths = [p.drawn_length(later) - p.drawn_length(earlier) for p in self.piercings]
         return np.array(lengths + [0.0] * len(self.clamps))
 
     def hold_still(self, band: Array) -> Array:
