@@ -25,6 +25,7 @@ from studies.output.folder import Recorder, can_resume, check_folder, completed_
 from studies.output.records import OrganTopology, Snapshot, StepRecord
 from studies.pictures.picture import draw_picture
 from studies.scenario import Scenario, ScenarioError, load, scenes, schema
+from studies.scenario.reference import reference
 from studies.scenario.toml import scenario_file
 from studies.study import NAMES, PRESETS, StudyError, arguments, carry_out, study
 from studies.study import check_folder as check_study_folder
@@ -123,8 +124,11 @@ def make_mesh(options: argparse.Namespace) -> int:
 
 
 def print_schema(options: argparse.Namespace) -> int:
-    """``suture schema``: the JSON schema of the scenario file."""
-    print(json.dumps(schema(), indent=2, ensure_ascii=False))
+    """``suture schema``: the JSON schema of the scenario file, or its keys as tables."""
+    if options.table:
+        print("\n".join(f"## {name}\n\n{table}" for name, table in reference().items()))
+    else:
+        print(json.dumps(schema(), indent=2, ensure_ascii=False))
     return 0
 
 
@@ -259,7 +263,7 @@ def _parser() -> argparse.ArgumentParser:
         ("check", check, "say whether a scenario can be run"),
         ("mesh", make_mesh, "make a scenario's mesh, write it and say how good it is"),
         ("study", run_study, "run a study into a table and a figure"),
-        ("schema", print_schema, "print the JSON schema of the scenario file"),
+        ("schema", print_schema, "print the JSON schema of the scenario file, or its keys as tables"),
         ("catalogue", print_catalogue, "list the sutures that a scenario can name"),
         ("bench", run_bench, "measure milliseconds per step beside two baselines, or the organ's solvers"),
     ):
@@ -273,6 +277,8 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument("--out", metavar="ORGAN.vtu", type=Path, required=True, help="mesh file to be written")
         if name == "study":
             _add_study(sub)
+        if name == "schema":
+            sub.add_argument("--table", action="store_true", help="print tables of the keys in Markdown instead")
         if name == "bench":
             _add_bench(sub)
     return parser

@@ -276,7 +276,7 @@ class Tissue(ScenarioTable):
         description="the organ's mesh", examples=[{"kind": "block", "size": [0.06, 0.04, 0.02], "h": 4.0e-3}]
     )
     boundary: tuple[Boundary, ...] = Field(
-        default=(), description="boundaries beside those the mesh names", examples=[[]]
+        default=(), description="boundaries in addition to those that the mesh names", examples=[[]]
     )
     region: tuple[Region, ...] = Field(default=(), description="parts of another material", examples=[[]])
 

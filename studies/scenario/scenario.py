@@ -76,8 +76,8 @@ class Scenario(ScenarioTable):
         if rough is not None and not self.thread.bending:
             reason = (
                 f"{dotted_key(['piercing', rough, 'friction'])} acts along the tangent that the bend at a hole gives "
-                "the thread, however thin the thread, and a spline without bending has none; set bending = true, and for a "
-                "limp thread a small thread.bending_factor"
+                "the thread, however thin the thread, and a spline without bending has none; set bending = true, and "
+                "for a limp thread a small thread.bending_factor"
             )
             raise ValueError(refusal("thread.bending", False, reason))
         return self
