@@ -64,8 +64,8 @@ class Simulation(Protocol):
         """Steps to be taken."""
 
     def advance(self, memory: Arrays | None = None) -> Moments:
-        """The start, then every accepted step, each with a function that makes its frame; with the memory of a step,
-        that step again and those after it."""
+        """Yield the start, then every accepted step, each with a function that makes its frame; with the memory of a
+        step, that step again and those after it."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -150,7 +150,7 @@ def print_catalogue(options: argparse.Namespace) -> int:
 
 
 def run_bench(options: argparse.Namespace) -> int:
-    """``suture bench``: time per step beside baselines, or what the organ's solvers take."""
+    """``suture bench``: time per step and of baselines, or what the organ's solvers take."""
     if options.what == "organ":
         return int(import_module("studies.bench.organ").main(options.sizes, options.element, options.json))
     return int(import_module("studies.bench.step").main(options.json, options.solver))
@@ -217,7 +217,7 @@ def _prepare(scenario: Scenario) -> Simulation:
 
 @contextmanager
 def _signals() -> Iterator[list[int]]:
-    """Signals that ask for an end, gathered to be heeded between two steps; a second one ends at once."""
+    """Gather the signals that ask for an end, to be heeded between two steps; a second one ends at once."""
     received: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield received
@@ -265,7 +265,7 @@ def _parser() -> argparse.ArgumentParser:
         ("study", run_study, "run a study into a table and a figure"),
         ("schema", print_schema, "print the JSON schema of the scenario file, or its keys as tables"),
         ("catalogue", print_catalogue, "list the sutures that a scenario can name"),
-        ("bench", run_bench, "measure milliseconds per step beside two baselines, or the organ's solvers"),
+        ("bench", run_bench, "measure milliseconds per step and of two baselines, or the organ's solvers"),
     ):
         sub = commands.add_parser(name, help=text, description=text)
         sub.set_defaults(command=command)

@@ -95,7 +95,7 @@ class DrivenEnd(_HeldEnd):
         return self
 
     def position(self, time: float) -> Vector:
-        """Position (3,) [m] at a time [s]."""
+        """Return the position (3,) [m] at a time [s]."""
         table = np.array(self.waypoints)
         x, y, z = (float(np.interp(time, table[:, 0], column)) for column in table[:, 1:].T)
         return x, y, z
