@@ -1,8 +1,8 @@
 """What the pages say can be done: every listing of Python and TOML, every command and every link in a Markdown file.
 
-A listing of TOML is a whole scenario, or, after the comment `<!-- fragment -->`, a part that is put into the scene
-`two_piercings`. In commands `FILE.toml` stands for a scenario, `NAME` for a study and `…` for arguments left out; one
-word alone names a command.
+The listings of Python in a page follow one another. A listing of TOML is a whole scenario, or, after the comment
+`<!-- fragment -->`, a part that is put into the scene `two_piercings`. In commands `FILE.toml` stands for a scenario,
+`NAME` for a study and `…` for arguments left out; one word alone names a command.
 """
 
 import argparse
@@ -142,11 +142,14 @@ def test_links_lead_somewhere(name: str) -> None:
     assert missing_links(ROOT / name, PAGES[name]) == []
 
 
-@pytest.mark.parametrize("listing", [x for x in LISTINGS if x.kind == "python"], ids=str)
-def test_python_runs(listing: Listing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Independent check: a listing of Python runs to its end in an empty folder, as it stands."""
+@pytest.mark.parametrize("name", dict.fromkeys(str(x.page.relative_to(ROOT)) for x in LISTINGS if x.kind == "python"))
+def test_python_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: the listings of Python in a page run to their end one after the other, in an empty folder."""
     monkeypatch.chdir(tmp_path)
-    exec(compile(listing.text, str(listing), "exec"), {"__name__": "__main__"})
+    names: dict[str, Any] = {"__name__": "__main__"}
+    for listing in LISTINGS:
+        if (listing.page, listing.kind) == (ROOT / name, "python"):
+            exec(compile(listing.text, str(listing), "exec"), names)
 
 
 @pytest.mark.parametrize("listing", [x for x in LISTINGS if x.kind == "toml"], ids=str)
@@ -229,3 +232,17 @@ def test_the_checks_see_what_they_should(monkeypatch: pytest.MonkeyPatch) -> Non
     assert {"solve.dt", "piercing.from", "tissue.mesh.h_site"} <= keys(schema(), schema())
     with pytest.raises(AssertionError, match="not understood"):
         understood(["run", "two_piercings", "--outt", "DIR"], monkeypatch)
+
+
+def test_the_recipes_name_what_there_is() -> None:
+    """Independent check: every file that CONTRIBUTING.md names is there, and every name of code stands in the code."""
+    code = INLINE.findall(LISTING.sub("", PAGES["CONTRIBUTING.md"]))
+    files = {name for name in code if re.fullmatch(r"\.?\w+(/\w+)*/\w+(\.py)?", name) and "NAME" not in name}
+    assert len(files) > 10
+    assert [name for name in files if not (ROOT / name).exists()] == []
+    modules = [path for folder in ("coupling", "meshes", "studies", "tests", "thread", "tissue")
+               for path in (ROOT / folder).rglob("*.py") if path != Path(__file__)]  # fmt: skip
+    text = "\n".join(path.read_text(encoding="utf-8") for path in modules)
+    names = {name for name in code if re.fullmatch(r"[A-Za-z_]\w+(\.[a-z_]\w*)*", name)} - {"NAME", "OMP_NUM_THREADS"}
+    assert len(names) > 30
+    assert [name for name in names if not re.search(rf"\b{name.rpartition('.')[2]}\b", text)] == []
