@@ -1,6 +1,6 @@
 """A spline whose knots follow the holes as the thread slides (§5, "multi-resolution").
 
-Beside a hole the thread bends over √(EI/T), and its spans there must be a part of that. As s moves, knots are inserted
+Next to a hole the thread bends over √(EI/T), and its spans there must be a part of that. As s moves, knots are inserted
 ahead of the hole, exactly, and taken out behind it by a projection that keeps the thread's momentum and where and how
 it passes the holes (`thread.refit`). Neither organ nor abscissae nor multipliers are touched. What this changes of
 the energy is told in the event, and counts as numerical dissipation, of either sign.
@@ -20,7 +20,7 @@ from thread.refit import Refit, refit
 from thread.thread import Thread
 
 KEPT = 0.6  # a knot goes when a span this much smaller than the largest allowed would still not need it
-BESIDE = 2  # spans beside a hole where the curve says nothing of its resolution: its curvature jumps there
+NEAR_SPANS = 2  # spans next to a hole where the curve says nothing of its resolution: its curvature jumps there
 ACROSS = 4.0  # spans between two holes at least
 TURN = 0.1  # turn of the tangent that taking out a knot may cause, of the tolerance
 REST = 1e-9  # of EA: a thread under less tension than this bends over all its length
@@ -35,42 +35,43 @@ class Resolution:
     tolerance: float
 
     @property
-    def at_hole(self) -> float:
+    def ratio_at_hole(self) -> float:
         """Span at a hole over √(EI/T). What the missing compliance leaves of the lattice is of second order in it."""
         return float(np.sqrt(self.tolerance))
 
     @property
-    def beside(self) -> float:
-        """Span beside a hole over √(EI/T), where the curve is smooth and its force of fourth order in it."""
+    def ratio_next_to_hole(self) -> float:
+        """Span next to a hole over √(EI/T), where the curve is smooth and its force of fourth order in it."""
         return float(self.tolerance**0.25)
 
-    def wanted(self, system: System[Body], state: State[Body], ahead: float) -> Array:
-        """Largest span allowed on each finest cell of the tree [m], for the next `ahead` [s]."""
+    def largest_spans(self, system: System[Body], state: State[Body], ahead: float) -> Array:
+        """Return the largest span allowed on each finest cell of the tree [m], for the next `ahead` [s]."""
         thread, here = system.thread, state.present & system.rows.any(axis=1)
-        own = spans_by_curvature(thread.spline, state.q, self.beside**3)
+        own = spans_by_curvature(thread.spline, state.q, self.ratio_next_to_hole**3)
         own[spans_near_holes(thread, state.s[here])] = np.inf
         by_curve = own[thread.spline.spans_of(self.tree.middles)]
         holes, layers = state.s[here], bending_layers(system, state)[here]
         way = np.stack([holes, holes + ahead * state.s_dot[here]], axis=1)
         layers = np.minimum(layers, self.gaps(holes))
-        holes_want = spans_at_holes(self.tree.middles, way, layers, self.at_hole, self.beside)
+        holes_want = spans_at_holes(self.tree.middles, way, layers, self.ratio_at_hole, self.ratio_next_to_hole)
         return np.minimum(by_curve, holes_want)
 
     def gaps(self, s: Array) -> Array:
-        """Bending length [m] that gives ACROSS spans between a hole and the next, for each of `s` (m,) [m]."""
+        """Return the bending length [m] that gives ACROSS spans from each hole at `s` (m,) [m] to the next."""
         apart = np.abs(s[:, None] - s) + np.where(np.eye(len(s), dtype=bool), np.inf, 0.0)
-        return np.asarray(apart.min(axis=1, initial=np.inf) / (ACROSS * self.beside))
+        return np.asarray(apart.min(axis=1, initial=np.inf) / (ACROSS * self.ratio_next_to_hole))
 
 
 def spans_near_holes(thread: Thread, s: Array) -> Array:
-    """Indices of the spans within BESIDE of one that holds a hole at `s` (m,) [m]."""
-    spans = thread.spline.spans_of(s)[:, None] + np.arange(-BESIDE, BESIDE + 1)
+    """Return the indices of the spans within NEAR_SPANS of one that holds a hole at `s` (m,) [m]."""
+    spans = thread.spline.spans_of(s)[:, None] + np.arange(-NEAR_SPANS, NEAR_SPANS + 1)
     return np.unique(np.clip(spans, 0, len(thread.spline.breaks) - 2))
 
 
 def bending_layers(system: System[Body], state: State[Body]) -> Array:
-    """√(EI/T) of every hold, at most the thread's length, shape `(m,)` [m]. T is the larger of the mean axial forces
-    in the parts of the thread before and after it: at the hole itself the force is not that of the pull."""
+    """Return √(EI/T) of every hold, at most the thread's length, shape `(m,)` [m]. T is the larger of the mean axial
+    forces in the parts of the thread before and after the hole: at the hole itself the axial force is not that of the
+    pull."""
     thread = system.thread
     start, end = thread.spline.start, thread.spline.end
     here = np.sort(state.s[state.present & (state.s > start) & (state.s < end)])
@@ -82,7 +83,8 @@ def bending_layers(system: System[Body], state: State[Body]) -> Array:
 
 
 def span_ratio(system: System[Body], state: State[Body]) -> float:
-    """Longest span that holds a hole over the √(EI/T) that the thread bends over there [-]; 0 without bending."""
+    """Return the longest span that holds a hole over the √(EI/T) that the thread bends over there [-]; 0 without
+    bending."""
     here = state.present & system.rows.any(axis=1)
     spline, layers = system.thread.spline, bending_layers(system, state)[here]
     spans = np.diff(spline.breaks)[spline.spans_of(state.s[here])]
@@ -91,14 +93,14 @@ def span_ratio(system: System[Body], state: State[Body]) -> float:
 
 def is_too_coarse(resolution: Resolution, system: System[Body], state: State[Body]) -> bool:
     """Whether a span that holds a hole is longer than it may be by half."""
-    return span_ratio(system, state) > 1.5 * resolution.at_hole
+    return span_ratio(system, state) > 1.5 * resolution.ratio_at_hole
 
 
 def adapt_when_due(
     resolution: Resolution, system: System[Body], state: State[Body], dt: float, due: bool
 ) -> tuple[System[Body], State[Body], list[Event]]:
-    """Adapt for the next INTERVAL steps of `dt` [s], where that is `due` or the spans at a hole have grown too
-    coarse before; else the same ones."""
+    """Adapt the knots for the next INTERVAL steps of `dt` [s], where that is `due` or the spans at a hole have grown
+    too coarse before. Elsewhere system and state are returned as they are."""
     if not (due or is_too_coarse(resolution, system, state)):
         return system, state, []
     return adapt(resolution, system, state, INTERVAL * dt)
@@ -107,10 +109,10 @@ def adapt_when_due(
 def adapt(
     resolution: Resolution, system: System[Body], state: State[Body], ahead: float
 ) -> tuple[System[Body], State[Body], list[Event]]:
-    """System and state with the knots that the state asks for, and where the holes go in the next `ahead` [s]; what it
-    cost. The same ones where nothing is due."""
+    """Exchange the knots for those that the state asks for, and the way of the holes in the next `ahead` [s]. Returns
+    system and state, the same ones where no knot changes, and the event that says what the change cost."""
     tree, spline = resolution.tree, system.thread.spline
-    wanted = resolution.wanted(system, state, ahead)
+    wanted = resolution.largest_spans(system, state, ahead)
     present = tree.index(spline.breaks)
     kept = np.intersect1d(present, tree.breaks(KEPT * wanted))
     due = np.union1d(tree.breaks(wanted), kept)
@@ -128,7 +130,7 @@ def adapt(
 def exchange_spline(
     system: System[Body], state: State[Body], new: Refit
 ) -> tuple[System[Body], State[Body], list[Event]]:
-    """System and state on another spline."""
+    """Put system and state on another spline, and return them with the event of it."""
     thread = replace(system.thread, spline=new.spline)
     other = replace(system, thread=thread)
     q, v, *before = new.fields
@@ -150,16 +152,17 @@ def exchange_spline(
 
 
 def momentum(system: System[Body], state: State[Body]) -> Array:
-    """Linear momentum of the thread, shape `(3,)` [N s]."""
+    """Return the linear momentum of the thread, shape `(3,)` [N s]."""
     return np.asarray(system.thread.momentum(state.v)[:, :3].sum(axis=0))
 
 
 def coarse_tree(start: float, end: float, control_points: int) -> Tree:
-    """The tree whose roots are the equal spans of so many control points."""
+    """Return the tree whose roots are the equal spans of so many control points."""
     return Tree(start, end, control_points - 3)
 
 
 def first_breaks(tree: Tree, holes: Array, ratio: float) -> Array:
-    """Breaks [m] of a thread that has not been pulled yet: at `holes` (m,) [m] `ratio` times as fine as elsewhere."""
+    """Return the breaks [m] of a thread that has not been pulled yet: at `holes` (m,) [m] `ratio` times as fine as
+    elsewhere."""
     still, finest = np.stack([holes, holes], axis=1), np.full(len(holes), tree.root / ratio)
     return np.asarray(tree.places[tree.breaks(spans_at_holes(tree.middles, still, finest, 1.0, np.inf))])

@@ -34,7 +34,7 @@ MULTIPLIERS = slice(LAM.start, MU_V + 1)
 
 @dataclass(frozen=True)
 class Monolith(Iterate):
-    """An iterate with the organ's unknowns `U` (N,) [m] and the contact forces `p` (k,) [N] beside those of the
+    """An iterate with the organ's unknowns `U` (N,) [m] and the contact forces `p` (k,) [N] added to those of the
     thread."""
 
     U: Array
@@ -84,7 +84,7 @@ class Equation(Protocol):
 
 @runtime_checkable
 class AssembledAnswer(Protocol):
-    """What the assembled matrix asks of an answer beside: the organ's own rows."""
+    """What the assembled matrix asks of an answer in addition: the organ's own rows."""
 
     @property
     def equation(self) -> Equation:
@@ -99,7 +99,7 @@ def equation_of(problem: Problem[Body]) -> Equation:
 
 
 def sparse_band(band: Array) -> coo_array:
-    """A banded matrix in coordinates."""
+    """Return a banded matrix in coordinates."""
     size = band.shape[1]
     place, column = np.ogrid[: band.shape[0], :size]
     row = place - diagonal_of(band) + column
@@ -109,7 +109,7 @@ def sparse_band(band: Array) -> coo_array:
 
 
 def diagonal(blocks: Array) -> csr_array:
-    """Blocks (m, r, k) on the diagonal, shape `(m r, m k)`."""
+    """Put blocks (m, r, k) on the diagonal of a sparse matrix, shape `(m r, m k)`."""
     m, r, k = blocks.shape
     hold, row, column = np.indices(blocks.shape)
     index = ((hold * r + row).ravel(), (hold * k + column).ravel())
@@ -117,7 +117,7 @@ def diagonal(blocks: Array) -> csr_array:
 
 
 def assemble(problem: Problem[Body], z: Monolith, r: Residual) -> BlockSystem:
-    """The Newton system of the whole at an iterate."""
+    """Assemble the Newton system of the whole at an iterate."""
     organ, (n, c), m = equation_of(problem), z.q.shape, len(z.s)
     border = border_of(problem, z, r.passage)
     V = csr_array(columns(r.passage, n, c))
@@ -148,19 +148,19 @@ def assemble(problem: Problem[Body], z: Monolith, r: Residual) -> BlockSystem:
 
 
 def split_by_unknown(border: Border, which: str, Y_all: csr_array) -> list[csr_array]:
-    """Columns of a part of the border split by unknown: through y to U, then s, then the multipliers."""
+    """Split the columns of a part of the border by unknown: through y to U, then s, then the multipliers."""
     part = {"E": border.E, "F": border.F, "law": border.D[:, :1], "phi": border.D[:, 1:OWN]}[which]
     return [diagonal(part[:, :, Y]) @ Y_all, diagonal(part[:, :, S : S + 1]), diagonal(part[:, :, MULTIPLIERS])]
 
 
 def with_clamps(Y: csr_matrix, m: int) -> csr_array:
-    """Y over all holds: the site variables of a clamped end do not move, shape `(9m, N)`."""
+    """Return Y over all holds: the site variables of a clamped end do not move, shape `(9m, N)`."""
     empty = csr_array((NINE * m - Y.shape[0], Y.shape[1]))
     return csr_array(block_array([[csr_array(Y)], [empty]], format="csr")) if empty.shape[0] else csr_array(Y)
 
 
 def hold_still(problem: Problem[Body], system: BlockSystem) -> BlockSystem:
-    """Rows and columns of the prescribed unknowns of the thread replaced by those of the identity."""
+    """Replace the rows and columns of the thread's prescribed unknowns by those of the identity."""
     free = np.ones(len(system.right))
     free[problem.system.held] = 0.0
     keep = diags_array(free)
@@ -173,13 +173,13 @@ Linear = Callable[[BlockSystem], Array]
 
 
 def solve_direct(system: BlockSystem) -> Array:
-    """The solution of a block system by sparse LU with row exchanges."""
+    """Solve a block system by sparse LU with row exchanges."""
     return np.asarray(splu(system.matrix).solve(system.right))
 
 
 def monolithic_solve(problem: Problem[Body], start: Iterate, U: Array, linear: Linear = solve_direct) -> Solution[Body]:
-    """Newton on the assembled matrix from `start` and the organ's `U` (N,), each correction by `linear`. Raises
-    `StepError`.
+    """Solve a step by Newton on the assembled matrix from `start` and the organ's `U` (N,), each correction by
+    `linear`. Raises `StepError`.
 
     Its convergence test is that of the condensed solve, whose row y = y_free + C Φ_yᵀλ thereby checks the organ's
     equation through its condensation. The solution's iterate is a `Monolith`.

@@ -51,27 +51,27 @@ class Energies:
 
 
 def initial_energies(system: System[Body], state: State[Body]) -> Energies:
-    """Energies at the start; no work has been done."""
+    """Return the energies at the start; no work has been done."""
     organ_kinetic, organ_elastic, *_ = system.organ.energies(state.organ, state.organ)
     kinetic = thread_kinetic(system, state) + organ_kinetic
     return Energies(kinetic, thread_elastic(system, state), organ_elastic, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def thread_kinetic(system: System[Body], state: State[Body]) -> float:
-    """½ vᵀ M v of the thread, and ½ ε ṡ² of eq. 7 [J]."""
+    """Return ½ vᵀ M v of the thread, and ½ ε ṡ² of eq. 7 [J]."""
     momentum = system.thread.momentum(state.v)
     return float(0.5 * np.sum(state.v * momentum) + 0.5 * system.epsilon * np.sum(state.s_dot**2))
 
 
 def thread_elastic(system: System[Body], state: State[Body]) -> float:
-    """Elastic energy of the thread, and of what it lacks in compliance at the holes [J]."""
+    """Return the elastic energy of the thread, and of what it lacks in compliance at the holes [J]."""
     at = system.passage(state.q, state.s)
     held = float(held_energy(at, state.lam, state.y).sum())
     return system.thread.energy(system.thread.points(state.q, state.frame)) + held
 
 
 def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Energies:
-    """The audit after a step, from the audit before it."""
+    """Add a step to the audit `before` it."""
     old, new, thread = step.old, step.new, system.thread
     dq, dv = new.q - old.q, new.v - old.v
     solution, now = step.solution, step.solution.residual.configuration
@@ -110,14 +110,14 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
 
 
 def held_work(step: Step[Body]) -> float:
-    """Work of the holders of the ends, whose reactions are the residuals at the prescribed unknowns [J]."""
+    """Return the work of the holders of the ends, whose reactions are the residuals at the prescribed unknowns [J]."""
     held = step.solution.problem.system.held
     dq = (step.new.q - step.old.q).ravel()
     return float(step.solution.residual.thread.ravel()[held] @ dq[held])
 
 
 def two_step_inertia(system: System[Body], step: Step[Body]) -> float:
-    """a⁺ᵀMΔq − v⁺ᵀMΔv of the thread under BDF2 [J]; zero after a step without memory, of backward Euler."""
+    """Return a⁺ᵀMΔq − v⁺ᵀMΔv of the thread under BDF2 [J]; zero after a step without memory, of backward Euler."""
     old, new, momentum = step.old, step.new, system.thread.momentum
     if new.before is None:
         return 0.0
@@ -128,8 +128,8 @@ def two_step_inertia(system: System[Body], step: Step[Body]) -> float:
 
 
 def sliding_work(system: System[Body], step: Step[Body]) -> tuple[float, float, float, float]:
-    """Friction's dissipation, ε's own dissipation, the remainder of the constraints' work, and that of the hands that
-    draw the thread through holes [J]."""
+    """Return friction's dissipation, ε's own dissipation, the remainder of the constraints' work, and that of the
+    hands that draw the thread through holes [J]."""
     old, new, at = step.old, step.new, step.solution.residual.passage
     ds, p = new.s - old.s, len(system.piercings)
     y = step.solution.iterate.y  # where the holes were when the thread was solved; new.y but in a staggered step
@@ -145,7 +145,8 @@ def sliding_work(system: System[Body], step: Step[Body]) -> tuple[float, float, 
 
 
 def multiplier_imbalance(system: System[Body], state: State[Body]) -> tuple[float, float]:
-    """Total force [N] and moment [N m] of the multipliers on thread and organ together: zero but for round-off.
+    """Return the total force [N] and moment [N m] of the multipliers on thread and organ together: zero but for
+    round-off.
 
     The moment is taken on the site variables, x×f_x + u×f_u + v×f_v (Φ is invariant under a common rotation).
     """

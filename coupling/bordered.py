@@ -146,7 +146,7 @@ def add_compliance(border: Border, thread: Passage, lam: Array, y: Array) -> Non
 
 
 def derivatives_by_multipliers(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
-    """Derivatives of P̂ and T̂ by a hold's multipliers and frame, each `(m, 3, 15)`."""
+    """Return the derivatives of P̂ and T̂ by a hold's multipliers and frame, each `(m, 3, 15)`."""
     c0, c1, c2 = thread.c[:, 0].T[:, :, None, None]
     unit = parts(thread, lam, y).unit
     dm = np.zeros((len(lam), 3, BORDER))
@@ -159,14 +159,15 @@ def derivatives_by_multipliers(thread: Passage, lam: Array, y: Array) -> tuple[A
 
 
 def axis_by_frame(thread: Passage, y: Array) -> Array:
-    """Derivative of the axis a = u × v by a hold's frame, zero where the axis is the thread's own, `(m, 3, 15)`."""
+    """Return the derivative of the axis a = u × v by a hold's frame, shape `(m, 3, 15)`; zero where the axis is
+    the thread's own."""
     da = np.zeros((len(y), 3, BORDER))
     da[:, :, U], da[:, :, V] = -skew(y[:, 6:]), skew(y[:, 3:6])
     return da * thread.directed[:, None, None]
 
 
 def skew(a: Array) -> Array:
-    """Matrices of b ↦ a × b, shape `(m, 3, 3)`."""
+    """Return the matrices of b ↦ a × b, shape `(m, 3, 3)`."""
     return np.cross(a[:, None], I3).swapaxes(1, 2)
 
 
@@ -194,13 +195,14 @@ def add_own_turning(border: Border, thread: Passage, lam: Array, y: Array) -> No
 
 
 def own_axis_rate(thread: Passage, lam: Array, y: Array) -> Array:
-    """dw/ds along a free thread, whose tangent turns with its curvature; zero elsewhere, shape `(m, 3)` [N]."""
+    """Return dw/ds along a free thread, whose tangent turns with its curvature; zero elsewhere, shape `(m, 3)`
+    [N]."""
     turned = np.matvec(axis_stiffness(thread, lam, y), thread.K)
     return own_axis(thread, axis_force(thread, parts(thread, lam, y), 1) + turned)
 
 
 def own_stiffness(thread: Passage, lam: Array, y: Array) -> Array:
-    """What the axis of a free hole adds to the thread's own matrix, −b' b'ᵀ ∂w/∂a on its four points, shape
+    """Return what the axis of a free hole adds to the thread's own matrix, −b' b'ᵀ ∂w/∂a on its four points, shape
     `(m, 4, 4, 3, 3)` [N/m]."""
     slope = thread.b[:, 1]
     turn = -axis_stiffness(thread, lam, y) * ~thread.directed[:, None, None]
@@ -208,7 +210,7 @@ def own_stiffness(thread: Passage, lam: Array, y: Array) -> Array:
 
 
 def drop_constraints(border: Border, absent: NDArray[np.bool_]) -> Border:
-    """The border with the constraints that are `absent`, (m, 5), replaced by λ = 0."""
+    """Replace the rows of the constraints that are `absent`, (m, 5), by λ = 0."""
     B, D = border.B.copy(), border.D.copy()
     hold, k = np.nonzero(absent)
     B[hold, PHI.start + k] = 0.0
@@ -219,13 +221,14 @@ def drop_constraints(border: Border, absent: NDArray[np.bool_]) -> Border:
 
 @cache
 def column_pattern(c: int) -> tuple[Indices, Indices]:
-    """Row of Vᵀ, and column of it beside the first point's, of each b^(order)_local ⊗ I₃."""
+    """Return, of each b^(order)_local ⊗ I₃, its row of Vᵀ and its column counted from the first point's."""
     order, local, axis = np.ogrid[:3, :4, :3]
     return 3 * order + axis, c * local + axis
 
 
 def columns(thread: Passage, n: int, c: int) -> Array:
-    """V = (b, b', b'') ⊗ I₃ of every hold over the `c` coordinates of `n` points, shape `(c n, 9m)`, Fortran order."""
+    """Return V = (b, b', b'') ⊗ I₃ of every hold over the `c` coordinates of `n` points, shape `(c n, 9m)`, Fortran
+    order."""
     m = len(thread.first)
     V = np.zeros((m, NINE, c * n))
     row, column = column_pattern(c)
@@ -234,7 +237,7 @@ def columns(thread: Passage, n: int, c: int) -> Array:
 
 
 def values_at_holds(thread: Passage, X: Array) -> Array:
-    """Vᵀ X by the four local points of each hold, shape `(9m, k)`; `X` (n, c, k)."""
+    """Return Vᵀ X by the four local points of each hold, shape `(9m, k)`; `X` (n, c, k)."""
     m = len(thread.first)
     local = X[thread.first[:, None] + LOCAL, :3]
     return (thread.b[:, :3] @ local.reshape(m, 4, -1)).reshape(NINE * m, -1)
@@ -253,7 +256,7 @@ def banded_solve(A: Array, b: Array) -> Array:
 def newton_direction(
     A: Array, held: Indices, border: Border, C: Array, thread: Passage, r_q: Array, r: Array, r_y: Array
 ) -> tuple[Array, Array]:
-    """Newton direction dq (n, c) and dz (m, 15).
+    """Solve for the Newton direction dq (n, c) and dz (m, 15).
 
     `A` banded, overwritten, its rows and columns of `held` (the thread's prescribed unknowns) those of the
     identity; `C` (9m, 9m) organ compliance; residuals `r_q` (n, c), `r` (m, 6) of the holds, `r_y` (m, 9) of y. Raises
@@ -278,7 +281,7 @@ def newton_direction(
 
 
 def holds_system(border: Border, C: Array, w: Array, G: Array, r: Array, r_y: Array) -> tuple[Array, Array]:
-    """Matrix and right-hand side of the border once the thread is eliminated: Vᵀdq = w − G E dz.
+    """Return the matrix and right-hand side of the border once the thread is eliminated: Vᵀdq = w − G E dz.
 
     Where no site gives way (C = 0) and each is in its place, dy = 0 and the six equations of a hold are all.
     """
@@ -299,7 +302,7 @@ def holds_system(border: Border, C: Array, w: Array, G: Array, r: Array, r_y: Ar
 
 
 def plus_diagonal(full: Array, blocks: Array) -> Array:
-    """`full` (m, r, m k) with the blocks (m, r, k) added on its diagonal, in place."""
+    """Add the blocks (m, r, k) to the diagonal of `full` (m, r, m k), in place."""
     m, r, k = blocks.shape
     hold = np.arange(m)
     full.reshape(m, r, m, k)[hold, :, hold] += blocks

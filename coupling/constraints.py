@@ -6,9 +6,10 @@ and never see the global matrix:
 
     g = P(s) − x,   c₁ = T·u,   c₂ = T·v
 
-The spline lacks compliance where a force λ and a couple m = μ_u u + μ_v v act on it (`thread.compliance`): c₀ by the
-force across the thread, c₁, c₂ by the couple. Along itself it lacks next to nothing. So with â the unit vector along
-the axis a, which is u × v where a direction is imposed and else the thread's own T, and τ = λ·â, the thread is met at
+The spline lacks compliance where a force λ and m = μ_u u + μ_v v, the force conjugate to T, act on it
+(`thread.compliance`): c₀ by the force across the thread, c₁, c₂ by m. Along itself it lacks next to nothing. The axis
+a is u × v where a direction is imposed, else the thread's own T. With â = a/|a| and τ = λ·â the hole acts on the thread
+at
 
     P̂ = P + c₀ (λ − τâ) + c₁ m,   T̂ = T + c₁ λ + c₂ m,
 
@@ -17,8 +18,8 @@ which stand for P, T in Φ. They are the slopes by λ and m of one potential,
     λ·(P − x) + m·T + ½c₀(λ² − τ²) + c₁ λ·m + ½c₂ m²,
 
 whose slopes by q, s and y are the forces on thread and abscissa and on the organ. It does not change when all turn
-together: λ along the thread, met beside P, turns the hole, or a free thread's tangent, by w = −c₀ τ (λ − τâ)/|a|, the
-force conjugate to a.
+together: λ along the thread, which acts at P̂ and not at P, turns the hole, or a free thread's tangent, by the force
+conjugate to a, w = −c₀ τ (λ − τâ)/|a|.
 """
 
 from dataclasses import dataclass, replace
@@ -68,7 +69,8 @@ def passage(thread: Thread, q: Array, s: Array, directed: NDArray[np.bool_], hom
 
 
 def bare_passage(spline: Spline, q: Array, s: Array, home: Array | None = None) -> Passage:
-    """The same without the missing compliance: of rates, and under impulses, to which a massless lack gives nothing."""
+    """Evaluate the thread without the missing compliance: of rates, and under impulses, which a compliance without
+    mass does not answer."""
     first, b = spline.basis(s, home)
     D = (b @ q[first[:, None] + LOCAL])[..., :3]
     none = np.zeros(len(s), dtype=bool)
@@ -76,7 +78,7 @@ def bare_passage(spline: Spline, q: Array, s: Array, home: Array | None = None) 
 
 
 def force_on_tangent(lam: Array, y: Array) -> Array:
-    """m = μ_u u + μ_v v, the force conjugate to T, shape `(p, 3)` [N m]."""
+    """Return m = μ_u u + μ_v v, the force conjugate to T, shape `(p, 3)` [N m]."""
     return lam[:, 3:4] * y[:, 3:6] + lam[:, 4:5] * y[:, 6:]
 
 
@@ -92,7 +94,7 @@ class Parts:
 
 
 def parts(thread: Passage, lam: Array, y: Array) -> Parts:
-    """The force of each hole in its parts."""
+    """Split the force of each hole into its parts along and across the axis."""
     a = np.where(thread.directed[:, None], cross(y[:, 3:6], y[:, 6:]), thread.T)
     size = np.linalg.norm(a, axis=1)
     unit = a / size[:, None]
@@ -101,24 +103,25 @@ def parts(thread: Passage, lam: Array, y: Array) -> Parts:
 
 
 def axis_force(thread: Passage, part: Parts, derivative: int = 0) -> Array:
-    """w = −c₀ τ (λ − τâ)/|a| conjugate to a, or its derivative by s with a held, shape `(p, 3)` [N m]."""
+    """Return w = −c₀ τ (λ − τâ)/|a| conjugate to a, or its derivative by s with a held, shape `(p, 3)` [N m]."""
     return -(thread.c[:, derivative, 0] * part.along / part.size)[:, None] * part.across
 
 
 def own_axis(thread: Passage, vector: Array) -> Array:
-    """Vectors (p, 3) where the axis is the thread's own tangent, zero elsewhere."""
+    """Keep vectors (p, 3) where the axis is the thread's own tangent; zero elsewhere."""
     return vector * ~thread.directed[:, None]
 
 
 def tilt(part: Parts, da: Array) -> Array:
-    """Change of τâ as the axis changes by `da` (p, 3), shape `(p, 3)` [N]."""
+    """Return the change of τâ as the axis changes by `da` (p, 3), shape `(p, 3)` [N]."""
     along_a = dot(part.unit, da)[:, None] * part.unit
     turned = dot(part.across, da)[:, None] * part.unit + part.along[:, None] * (da - along_a)
     return turned / part.size[:, None]
 
 
 def effective_place(thread: Passage, lam: Array, y: Array, derivative: int = 0) -> tuple[Array, Array]:
-    """P̂ and T̂, or their first derivatives by s at constant multipliers, each `(p, 3)`."""
+    """Return P̂ and T̂, the place and the tangent at which a hole meets the thread, or their first derivatives by s
+    at constant multipliers, each `(p, 3)`."""
     P, T = (thread.P, thread.T, thread.K)[derivative : derivative + 2]
     if thread.bare:
         return P, T
@@ -130,33 +133,34 @@ def effective_place(thread: Passage, lam: Array, y: Array, derivative: int = 0) 
 
 
 def held_energy(thread: Passage, lam: Array, y: Array, derivative: int = 0) -> Array:
-    """½c₀(λ² − τ²) + c₁λ·m + ½c₂m² or its derivative by s with the axis held, shape `(p,)` [J]: what the missing
-    compliance stores."""
+    """Return what the missing compliance stores, ½c₀(λ² − τ²) + c₁λ·m + ½c₂m², or its derivative by s with the axis
+    held, shape `(p,)` [J]."""
     c, m, across = thread.c[:, derivative], force_on_tangent(lam, y), parts(thread, lam, y).across
     return 0.5 * (c[:, 0] * dot(across, across) + c[:, 2] * dot(m, m)) + c[:, 1] * dot(lam[:, :3], m)
 
 
 def shrinkage(thread: Passage, part: Parts) -> Array:
-    """1 − c₀ (λ − τâ)·T'/|T|², by how much a bent thread is shorter where it is met, beside P on the inner side, than
-    at P itself, shape `(p,)` [-]."""
+    """Return 1 − c₀ (λ − τâ)·T'/|T|², shape `(p,)` [-]: the length of a bent thread at P̂, on its inner side, over
+    that at P."""
     return 1.0 - thread.c[:, 0, 0] * dot(part.across, thread.K) / dot(thread.T, thread.T)
 
 
 def tangent(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
-    """|T̂| and the unit tangent t = T̂/|T̂| of the thread as it is met, shapes `(p,)` and `(p, 3)` [-]: along the frame's
-    normal where a direction is imposed, else of the curve beside P, so that Φ_sᵀλ = λ·T̂."""
+    """Return |T̂| and the unit tangent t = T̂/|T̂| of the thread at P̂, shapes `(p,)` and `(p, 3)` [-]. T̂ is along
+    the frame's normal where a direction is imposed, else the tangent of the curve through P̂, so that Φ_sᵀλ =
+    λ·T̂."""
     T = thread.T
     if not thread.bare:
         part = parts(thread, lam, y)
         in_frame = dot(T, part.unit)[:, None] * part.unit
-        beside = shrinkage(thread, part)[:, None] * T + thread.c[:, 0, 1:2] * part.across
-        T = np.where(thread.directed[:, None], in_frame, beside)
+        at_P_hat = shrinkage(thread, part)[:, None] * T + thread.c[:, 0, 1:2] * part.across
+        T = np.where(thread.directed[:, None], in_frame, at_P_hat)
     size = np.linalg.norm(T, axis=1)
     return size, T / size[:, None]
 
 
 def phi(thread: Passage, lam: Array, y: Array) -> Array:
-    """Φ = (g, c₁, c₂), shape `(p, 5)` [m, -]; `lam` (p, 5), `y` (p, 9)."""
+    """Return Φ = (g, c₁, c₂), shape `(p, 5)` [m, -]; `lam` (p, 5), `y` (p, 9)."""
     P, T = effective_place(thread, lam, y)
     out = np.empty((len(y), 5))
     out[:, :3] = P - y[:, :3]
@@ -166,7 +170,7 @@ def phi(thread: Passage, lam: Array, y: Array) -> Array:
 
 
 def phi_s(thread: Passage, lam: Array, y: Array) -> Array:
-    """∂Φ/∂s = (P̂', T̂'·u, T̂'·v) at constant multipliers, shape `(p, 5)`."""
+    """Return ∂Φ/∂s = (P̂', T̂'·u, T̂'·v) at constant multipliers, shape `(p, 5)`."""
     P_s, T_s = effective_place(thread, lam, y, 1)
     out = np.empty((len(y), 5))
     out[:, :3] = P_s
@@ -176,8 +180,8 @@ def phi_s(thread: Passage, lam: Array, y: Array) -> Array:
 
 
 def driving_force(thread: Passage, lam: Array, y: Array) -> Array:
-    """Φ_sᵀλ, shape `(p,)` [N]: what pulls the thread along itself (eq. 6, with the configurational force of the
-    direction constraint, Bigoni et al. 2015). λ·T + m·T', and of the missing compliance the slope of its energy."""
+    """Return Φ_sᵀλ, what pulls the thread along itself, shape `(p,)` [N]: λ·T + m·T' (eq. 6, with the configurational
+    force of the direction constraint, Bigoni et al. 2015), and the slope of the energy of the missing compliance."""
     plain = dot(lam[:, :3], thread.T) + dot(force_on_tangent(lam, y), thread.K)
     if thread.bare:
         return plain
@@ -186,7 +190,7 @@ def driving_force(thread: Passage, lam: Array, y: Array) -> Array:
 
 
 def thread_force(thread: Passage, lam: Array, y: Array) -> Array:
-    """Φ_qᵀλ through the thread's numbers: forces conjugate to P and T, shape `(p, 2, 3)` [N, N m]."""
+    """Return Φ_qᵀλ through the thread's numbers: the forces conjugate to P and T, shape `(p, 2, 3)` [N, N m]."""
     out = np.empty((len(lam), 2, 3))
     out[:, 0], out[:, 1] = lam[:, :3], force_on_tangent(lam, y)
     if not thread.bare:
@@ -195,8 +199,8 @@ def thread_force(thread: Passage, lam: Array, y: Array) -> Array:
 
 
 def site_force(thread: Passage, lam: Array, y: Array) -> Array:
-    """Φ_yᵀλ = (−λ, μ_u T̂ + v × w, μ_v T̂ + w × u): the force on the organ conjugate to y, shape `(p, 9)` [N, N m]; w
-    where the hole imposes a direction."""
+    """Return Φ_yᵀλ = (−λ, μ_u T̂ + v × w, μ_v T̂ + w × u), the force on the organ conjugate to y, shape `(p, 9)` [N,
+    N m]. The terms in w are those of holes that impose a direction."""
     T = effective_place(thread, lam, y)[1]
     out = np.empty((len(lam), 9))
     out[:, :3], out[:, 3:6], out[:, 6:] = -lam[:, :3], lam[:, 3:4] * T, lam[:, 4:5] * T
@@ -208,14 +212,14 @@ def site_force(thread: Passage, lam: Array, y: Array) -> Array:
 
 
 def couple_on_thread(thread: Passage, lam: Array, y: Array) -> Array:
-    """Reaction couple of the direction constraint on the thread, shape `(p, 3)` [N m]: the moment of all that it does
-    to the thread about the place where it is met, zero for a free hole."""
+    """Return the reaction couple of the direction constraint on the thread, shape `(p, 3)` [N m]: the moment about P̂
+    of all that the hole does to the thread, zero for a free hole."""
     force = thread_force(thread, lam, y)
     return cross(thread.P - effective_place(thread, lam, y)[0], force[:, 0]) + cross(thread.T, force[:, 1])
 
 
 def axis_stiffness(thread: Passage, lam: Array, y: Array) -> Array:
-    """∂w/∂a = −c₀ [λ_⊥λ_⊥ᵀ − τ(âλ_⊥ᵀ + λ_⊥âᵀ) − τ²(1 − ââᵀ)]/|a|², symmetric, shape `(p, 3, 3)` [N m]."""
+    """Return ∂w/∂a = −c₀ [λ_⊥λ_⊥ᵀ − τ(âλ_⊥ᵀ + λ_⊥âᵀ) − τ²(1 − ââᵀ)]/|a|², symmetric, shape `(p, 3, 3)` [N m]."""
     part = parts(thread, lam, y)
     unit, across, tau = part.unit[:, :, None], part.across[:, :, None], part.along[:, None, None]
     T = lambda x: x.swapaxes(1, 2)  # noqa: E731
@@ -225,7 +229,7 @@ def axis_stiffness(thread: Passage, lam: Array, y: Array) -> Array:
 
 
 def force_by_axis(thread: Passage, lam: Array, y: Array) -> Array:
-    """∂P̂/∂a = (∂w/∂λ)ᵀ = −c₀ ∂(τâ)/∂a, shape `(p, 3, 3)` [m]."""
+    """Return ∂P̂/∂a = (∂w/∂λ)ᵀ = −c₀ ∂(τâ)/∂a, shape `(p, 3, 3)` [m]."""
     part = parts(thread, lam, y)
     unit, across = part.unit[:, :, None], part.across[:, None, :]
     turn = unit * across + part.along[:, None, None] * (np.eye(3) - unit * unit.swapaxes(1, 2))
@@ -233,7 +237,7 @@ def force_by_axis(thread: Passage, lam: Array, y: Array) -> Array:
 
 
 def spread(forces: Array, thread: Passage, n: int) -> Array:
-    """Generalized forces Q_i = F ∂P/∂q_i of forces conjugate to (P, T), `(p, 2, 3)`, on `n` control points (n, 3)."""
+    """Spread forces conjugate to (P, T), `(p, 2, 3)`, over `n` control points: Q_i = F ∂P/∂q_i, shape `(n, 3)`."""
     local = thread.b[:, :2].swapaxes(1, 2) @ forces
     index = 3 * thread.first[:, None, None] + LOCAL_UNKNOWNS
     return np.bincount(index.ravel(), local.ravel(), 3 * n).astype(np.float64, copy=False).reshape(n, 3)

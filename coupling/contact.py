@@ -47,17 +47,17 @@ class Contact(Generic[Body]):
         return self.answer.C_cc
 
     def gaps_when_open(self, f: Array) -> Array:
-        """Gaps without contact forces under the site forces `f` (9m,), shape `(k,)` [m]."""
+        """Return the gaps without contact forces under the site forces `f` (9m,), shape `(k,)` [m]."""
         return np.asarray(self.g_free + self.C_cy @ f)
 
     def slack(self, open_gaps: Array, force: float) -> float:
-        """What a gap may be off by [m] where the holes' forces are known to within `force` [N]."""
+        """Return what a gap may be off by [m] where the holes' forces are known to within `force` [N]."""
         by_forces = np.abs(self.C_cy[:, np.arange(self.C_cy.shape[1]) % NINE < 3]).sum(axis=1)
         return float(ROUND_OFF * np.abs(open_gaps).max() + force * by_forces.max())
 
 
 def forces_and_gaps(contact: Contact[Body], pressed: Flags, open_gaps: Array) -> tuple[Array, Array]:
-    """Forces p and gaps g of all pairs, `(k,)` each [N, m], where the pairs `pressed` are closed."""
+    """Return the forces p and gaps g of all pairs, `(k,)` each [N, m], where the pairs `pressed` are closed."""
     p = np.zeros_like(open_gaps)
     if not pressed.any():
         return p, open_gaps
@@ -66,15 +66,15 @@ def forces_and_gaps(contact: Contact[Body], pressed: Flags, open_gaps: Array) ->
 
 
 def misfits(contact: Contact[Body], f: Array, pressed: Flags, force: float = 0.0) -> Flags:
-    """Pairs that are pressed and pull, or open and cross, under the site forces `f` (9m,) known to within `force` [N];
-    a force counts by the gap that it opens. Shape `(k,)`."""
+    """Find the pairs that are pressed and pull, or open and cross, under the site forces `f` (9m,) known to within
+    `force` [N], shape `(k,)`. A force counts by the gap that it opens."""
     open_gaps = contact.gaps_when_open(f)
     (p, g), slack = forces_and_gaps(contact, pressed, open_gaps), contact.slack(open_gaps, force)
     return np.where(pressed, p * np.diag(contact.C_cc), g) < -slack if pressed.any() else g < -slack
 
 
 def find_pressed(contact: Contact[Body], f: Array, pressed: Flags) -> Flags:
-    """The pairs that are pressed under the site forces `f` (9m,), sought from `pressed`, shape `(k,)`.
+    """Find the pairs that are pressed under the site forces `f` (9m,), starting from `pressed`, shape `(k,)`.
 
     The answer does not depend on where the search begins. Raises `CouplingError` where there is none, which a body
     that something holds never comes to.
@@ -91,12 +91,12 @@ def find_pressed(contact: Contact[Body], f: Array, pressed: Flags) -> Flags:
 
 
 def first_of(flags: Flags) -> Flags:
-    """Only the first that is set."""
+    """Keep only the first flag that is set."""
     return flags & (np.cumsum(flags) == 1)
 
 
 def condense(contact: Contact[Body], pressed: Flags, y_free: Array, C: Array) -> tuple[Array, Array]:
-    """`y_free` (m, 9) and `C` (9m, 9m) of the organ with the pairs `pressed` closed."""
+    """Close the pairs `pressed` in `y_free` (m, 9) and `C` (9m, 9m) of the organ."""
     factor = np.linalg.cholesky(contact.C_cc[np.ix_(pressed, pressed)])
     closing = np.column_stack([contact.C_cy[pressed], contact.g_free[pressed]])
     half = solve_triangular(factor, closing, lower=True)
@@ -115,7 +115,7 @@ def contact_of(system: System[Body], answer: Answer[Body]) -> Contact[Body] | No
 
 
 def pressed_pairs(contact: Contact[Body] | None, system: System[Body], state: State[Body]) -> Flags:
-    """The pairs that the site forces of a state press in the step of a contact, shape `(k,)`."""
+    """Return the pairs that the site forces of a state press in the step of a contact, shape `(k,)`."""
     if contact is None:
         return np.zeros(0, dtype=bool)
     f = site_force(system.passage(state.q, state.s), state.lam, state.y).ravel()
@@ -123,7 +123,7 @@ def pressed_pairs(contact: Contact[Body] | None, system: System[Body], state: St
 
 
 def solve_contact(system: System[Body], f_y: Array, answer: Answer[Body]) -> Array:
-    """Return the contact forces of a step under given site forces `f_y` (9p,), shape `(k,)` [N]."""
+    """Solve for the contact forces of a step under given site forces `f_y` (9p,), shape `(k,)` [N]."""
     contact = contact_of(system, answer)
     if contact is None:
         return NO_FORCES
@@ -132,7 +132,7 @@ def solve_contact(system: System[Body], f_y: Array, answer: Answer[Body]) -> Arr
 
 
 def forces(contact: Contact[Body], pressed: Flags, f: Array) -> Array:
-    """p of all pairs under the site forces `f` (9m,), shape `(k,)` [N]; what is pulled by round-off is not."""
+    """Return p of all pairs under the site forces `f` (9m,), shape `(k,)` [N]; a pull of round-off is set to zero."""
     return np.maximum(forces_and_gaps(contact, pressed, contact.gaps_when_open(f))[0], 0.0)
 
 
@@ -155,6 +155,6 @@ class ContactObservation:
 
 
 def observe_contact(system: System[Body], state: State[Body]) -> ContactObservation | None:
-    """The lips of a state, None where the organ has none that may touch."""
+    """Observe the lips of a state; None where the organ has none that may touch."""
     gap, force = system.organ.lips(state.organ)
     return ContactObservation(gap, force) if gap.size else None

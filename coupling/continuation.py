@@ -19,7 +19,7 @@ WEAKER, STRONGER = 0.3, 5.0
 
 
 def solve_with_springs(problem: Problem[Body], start: Iterate) -> Solution[Body]:
-    """The solution of a step by springs on the abscissae. Raises `StepError`."""
+    """Solve a step by springs on the abscissae that are weakened until they can be dropped. Raises `StepError`."""
     thread, law = problem.system.thread, problem.law
     k = first = thread.EA / (thread.spline.end - thread.spline.start)
     z, iterations = replace(start, s=law.s_old), 0
@@ -44,6 +44,7 @@ def solve_with_springs(problem: Problem[Body], start: Iterate) -> Solution[Body]
 
 
 def spring_ends(problem: Problem[Body], s: np.ndarray, k: float) -> np.ndarray:
-    """Where the springs must be tied so that inertia and spring together pull towards s_free and s in their shares."""
+    """Return where the springs are tied, (m,) [m], so that inertia and spring together pull towards s_free and s in
+    their shares."""
     law = problem.law
     return (law.inertia * law.s_free + k * s) / (law.inertia + k)

@@ -21,13 +21,14 @@ TRANSVERSE = 4  # conditions across a span that leave its four control points no
 
 
 def hold_names(system: System[Body]) -> list[str]:
-    """What to call each hold in a message: the piercings, then the clamped ends."""
+    """Name each hold for a message: the piercings, then the clamped ends."""
     ends = [f"the clamped {('start', 'end')[k]} of the thread" for k in system.clamps]
     return [f"piercing {piercing.name!r}" for piercing in system.piercings] + ends
 
 
 def faults(system: System[Body], state: State[Body]) -> list[str]:
-    """One sentence for each thing that is wrong with the constraints in force in a state; none if they are sound."""
+    """Describe each thing that is wrong with the constraints in force in a state, one sentence each; none if they are
+    sound."""
     at = system.passage(state.q, state.s)
     short = tangent_faults(system, state, at)
     return short or span_faults(system, state) or dependence_faults(system, state, at)
@@ -41,13 +42,13 @@ def refuse_faults(system: System[Body], state: State[Body]) -> None:
 
 
 def diagnose(system: System[Body], state: State[Body], error: StepError) -> CouplingError:
-    """The constraints' fault where there is one, else the error of the step as it is."""
+    """Return the constraints' fault where there is one, else the error of the step as it is."""
     found = faults(system, state)
     return ConstraintError(state.time, "; ".join(found)) if found else error
 
 
 def tangent_faults(system: System[Body], state: State[Body], at: Passage) -> list[str]:
-    """Holds where the thread has no direction."""
+    """Describe the holds where the thread has no direction."""
     length = np.linalg.norm(at.T, axis=1)
     names = hold_names(system)
     return [
@@ -58,7 +59,7 @@ def tangent_faults(system: System[Body], state: State[Body], at: Passage) -> lis
 
 
 def span_faults(system: System[Body], state: State[Body]) -> list[str]:
-    """Holds next to one another that leave the span between them no way to bend."""
+    """Describe the neighbouring holds that leave the span between them no way to bend."""
     spline, names = system.thread.spline, hold_names(system)
     span, conditions = spline.spans_of(state.s), 1 + system.rows[:, 3].astype(int)
     return [
@@ -71,12 +72,12 @@ def span_faults(system: System[Body], state: State[Body]) -> list[str]:
 
 
 def span_length(breaks: Array, span: int) -> float:
-    """Length of a span [m]."""
+    """Return the length of a span [m]."""
     return float(breaks[span + 1] - breaks[span])
 
 
 def dependence_faults(system: System[Body], state: State[Body], at: Passage) -> list[str]:
-    """Holds whose constraints on the thread say the same."""
+    """Describe the holds whose constraints on the thread say the same."""
     rows, owner = scaled_rows(system, state, at)
     if not len(rows):
         return []
@@ -96,7 +97,7 @@ def dependence_faults(system: System[Body], state: State[Body], at: Passage) -> 
 
 
 def scaled_rows(system: System[Body], state: State[Body], at: Passage) -> tuple[Array, Indices]:
-    """Rows of Φ_q over the control points that are free, each of length one, and the hold of each.
+    """Return the rows of Φ_q over the control points that are free, each of length one, and the hold of each.
 
     A row that reaches no free control point is left zero.
     """
@@ -117,12 +118,12 @@ def scaled_rows(system: System[Body], state: State[Body], at: Passage) -> tuple[
 
 
 def holds_in_force(system: System[Body], state: State[Body]) -> np.ndarray:
-    """Holds that constrain the thread, shape `(m,)`."""
+    """Return the holds that constrain the thread, shape `(m,)`."""
     return np.asarray(system.rows.any(axis=1) & state.present)
 
 
 def holds_along_thread(system: System[Body], state: State[Body]) -> list[int]:
-    """Holds in force along the thread."""
+    """Return the holds in force along the thread."""
     here = np.flatnonzero(holds_in_force(system, state))
     return [int(k) for k in here[np.argsort(state.s[here], kind="stable")]]
 

@@ -46,8 +46,9 @@ def static_problem(
     answer: Answer[Body],
     first: State[Body],
 ) -> Problem[Body]:
-    """Equilibrium at the part `share` of the loads; `tie` [1/s²] ties each point to where it is in `state`. Friction
-    opposes the way from `first`, the start of the load step; what is drawn through is counted from there."""
+    """Return the problem of equilibrium at the part `share` of the loads. `tie` [1/s²] ties each point to where it is
+    in `state`. Friction opposes the way from `first`, the start of the load step; what is drawn through is counted
+    from there."""
     thread = system.thread
     load = share * end_load(system, duration)
     return Problem(
@@ -60,14 +61,14 @@ def static_problem(
         load=load,
         answer=answer,
         rows=system.rows & state.present[:, None],
-        law=law_of(system, first.s, state.present, 0.0, first.s, system.drawn(first.time, share * duration)),
+        law=law_of(system, first.s, state.present, 0.0, first.s, system.drawn_lengths(first.time, share * duration)),
         stiffen=True,
         frame=state.frame,
     )
 
 
 def settle(system: System[Body], state: State[Body], share: float, duration: float) -> Step[Body]:
-    """Equilibrium at the part `share` of the final loads. Raises `EquilibriumError`.
+    """Solve for equilibrium at the part `share` of the final loads. Raises `EquilibriumError`.
 
     Rough holes hold the thread while it is tied; where it has a long way to slide, they let it slide on the way too.
     """
@@ -80,7 +81,7 @@ def settle(system: System[Body], state: State[Body], share: float, duration: flo
 
 
 def relax_ties(system: System[Body], state: State[Body], share: float, duration: float, hold: bool) -> Step[Body]:
-    """Equilibrium by ties that are weakened and dropped; `hold`: the rough holes hold the thread meanwhile."""
+    """Reach equilibrium by ties that are weakened and dropped; `hold`: the rough holes hold the thread meanwhile."""
     answer = system.organ.answer(Equilibrium(), [state.organ])
     tie, now, failed = first_tie(system, state) * LAID_TIE if state.time == 0.0 else 0.0, state, None
     for _ in range(ATTEMPTS):
@@ -106,8 +107,8 @@ def relax_ties(system: System[Body], state: State[Body], share: float, duration:
 
 
 def let_go(problem: Problem[Body], held: Iterate) -> Solution[Body]:
-    """The equilibrium with friction near one in which the rough holes hold, at once if Newton finds it. Raises
-    `StepError`."""
+    """Solve for the equilibrium with friction near one in which the rough holes hold, at once if Newton finds it.
+    Raises `StepError`."""
     try:
         return solve(problem, held)
     except StepError:
@@ -115,10 +116,12 @@ def let_go(problem: Problem[Body], held: Iterate) -> Solution[Body]:
 
 
 def let_down_friction(problem: Problem[Body], held: Iterate) -> Solution[Body]:
-    """The equilibrium with friction, from one in which the rough holes hold: all friction is enlarged until it holds
-    them, then let down to its own, so that the thread slides no further at a time than Newton follows. Friction
-    opposes the way of each stage, for a hole may turn back on the way: what it takes of the whole way is then no more
-    than an estimate by the forces at the end. Raises `StepError`."""
+    """Reach the equilibrium with friction from one in which the rough holes hold. Raises `StepError`.
+
+    All friction is enlarged until it holds them, then let down to its own, so that the thread slides no further at a
+    time than Newton follows. Friction opposes the way of each stage, for a hole may turn back on the way. What friction
+    takes of the whole way is then no more than an estimate by the forces at the end.
+    """
     z, ratio = replace(held, sigma=admissible_sigma(problem.law, np.zeros_like(held.s))), LOOSER
     at, law = evaluate(problem, z).passage, problem.law
     pull, bound = np.abs(force_along_thread(law, at, z.s, z.lam, z.y)), static_bound(law, at, z.lam, z.y)
@@ -141,21 +144,21 @@ def let_down_friction(problem: Problem[Body], held: Iterate) -> Solution[Body]:
 
 
 def with_friction(problem: Problem[Body], factor: float) -> Problem[Body]:
-    """The problem with all friction multiplied."""
+    """Return the problem with all friction multiplied."""
     law = problem.law
     more = {name: factor * getattr(law, name) for name in ("static", "kinetic", "grip")}
     return replace(problem, law=replace(law, **more))
 
 
 def first_tie(system: System[Body], state: State[Body]) -> float:
-    """A tie as stiff as the thread itself [1/s²]."""
+    """Return a tie as stiff as the thread itself [1/s²]."""
     thread = system.thread
     stiffness = np.abs(thread.tangent(thread.points(state.q, state.frame), state.N)).max()
     return float(stiffness / np.abs(thread.mass_band).max())
 
 
 def guess(problem: Problem[Body], state: State[Body], sigma: Array) -> Iterate:
-    """Start from the last equilibrium, the prescribed ends moved on."""
+    """Return the last equilibrium with the prescribed ends moved on, where Newton starts."""
     q = with_ends(state.q, problem.system, problem.time)
     pressed = pressed_pairs(problem.contact, problem.system, state)
     return Iterate(q, state.N, state.s, state.lam, state.y, sigma, pressed=pressed)

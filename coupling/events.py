@@ -49,7 +49,7 @@ class Event:
 
 
 def find_events(system: System[Body], old: State[Body], taken: Sequence[Step[Body]]) -> list[Event]:
-    """Events in the steps taken from `old`, in the order of their times."""
+    """Find the events in the steps taken from `old`, in the order of their times."""
     states = [old, *(step.new for step in taken)]
     out = [event for before, after in pairwise(states) for event in changes(system, before, after)]
     if len(taken) > 1:
@@ -58,7 +58,7 @@ def find_events(system: System[Body], old: State[Body], taken: Sequence[Step[Bod
 
 
 def changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Event]:
-    """Holes left, and stitches that began to slip or to stick, between two states."""
+    """Find the holes left, and the stitches that began to slip or to stick, between two states."""
     out = []
     for k, piercing in enumerate(system.piercings):
         if old.present[k] and not new.present[k]:
@@ -70,7 +70,7 @@ def changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Ev
 
 
 def nearer_end(system: System[Body], s: float) -> float:
-    """The end of its piece of thread by which a hole at `s` was left [m]."""
+    """Return the end of its piece of thread by which a hole at `s` was left [m]."""
     spline = system.thread.spline
     start, end = spline.piece_ends[spline.piece_of(s) + np.arange(2)]
     return float(start if s - start < end - s else end)

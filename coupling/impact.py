@@ -40,7 +40,8 @@ CORRECTIONS = 50  # of that search, at most
 def begin_piercing(
     system: System[Body], state: State[Body], k: int, dt: float, given: float
 ) -> tuple[State[Body], Event]:
-    """The state with the thread in hole `k`, and what it took. Raises `FormingError`, `ConstraintError`."""
+    """Put the thread into hole `k`: the state with it, and the event that says what it took. Raises `FormingError`,
+    `ConstraintError`."""
     name, y = system.piercings[k].name, state.y[k]
     s = abscissa(system, state, k, given)
     placed = replace(state, s=np.where(np.arange(system.holds) == k, s, state.s))
@@ -59,7 +60,8 @@ def begin_piercing(
 
 
 def abscissa(system: System[Body], state: State[Body], k: int, given: float) -> float:
-    """Where the thread enters hole `k` [m]: as given, else nearest to the hole; between the piercings beside it."""
+    """Return where the thread enters hole `k` [m]: as given, else nearest to the hole; between its neighbours on the
+    thread."""
     low, high = neighbours(system, state, k)
     if np.isnan(given):
         return nearest_abscissa(system, state, state.y[k, :3], low, high)
@@ -72,7 +74,7 @@ def abscissa(system: System[Body], state: State[Body], k: int, given: float) -> 
 
 
 def neighbours(system: System[Body], state: State[Body], k: int) -> tuple[float, float]:
-    """Abscissae of the piercings present before and after the k-th, or the thread's ends [m]."""
+    """Return the abscissae of the piercings present before and after the k-th, or the thread's ends [m]."""
     spline, p = system.thread.spline, len(system.piercings)
     here = state.present[:p]
     low, high = state.s[:k][here[:k]], state.s[k + 1 : p][here[k + 1 :]]
@@ -80,9 +82,9 @@ def neighbours(system: System[Body], state: State[Body], k: int) -> tuple[float,
 
 
 def nearest_abscissa(system: System[Body], state: State[Body], x: Array, low: float, high: float) -> float:
-    """Abscissa of the thread's nearest place to the point `x` (3,), between `low` and `high` [m].
+    """Find the abscissa of the thread's nearest place to the point `x` (3,), between `low` and `high` [m].
 
-    The nearest of many samples, then Newton on ½|P − x|², kept between the samples beside it.
+    The nearest of many samples, then Newton on ½|P − x|², kept between the samples before and after it.
     """
     spline = system.thread.spline
     count = SAMPLES * (len(spline.breaks) - 1)
@@ -100,7 +102,8 @@ def nearest_abscissa(system: System[Body], state: State[Body], x: Array, low: fl
 
 
 def misdirection(system: System[Body], at: Passage, y: Array, k: int) -> float:
-    """Angle between the thread and the axis of hole `k`, whichever way it passes [rad]; 0 where none is imposed."""
+    """Return the angle between the thread and the axis of hole `k`, whichever way it passes [rad]; 0 where none is
+    imposed."""
     if not system.piercings[k].directed:
         return 0.0
     normal, T = np.cross(y[3:6], y[6:]), at.T[k]
@@ -119,7 +122,7 @@ def refuse_far(system: System[Body], time: float, name: str, gap: float, angle: 
 
 
 def with_hole(system: System[Body], state: State[Body], at: Passage, k: int) -> State[Body]:
-    """The state with hole `k` in force, not yet met."""
+    """Return the state with hole `k` in force, not yet closed."""
     this = np.arange(system.holds) == k
     return replace(
         forgetful(state),
@@ -131,7 +134,8 @@ def with_hole(system: System[Body], state: State[Body], at: Passage, k: int) -> 
 
 
 def draw_in(system: System[Body], state: State[Body], k: int, dt: float) -> State[Body]:
-    """The state with Φ = 0 in hole `k`, entered at its abscissa; velocities are kept. Raises `FormingError`."""
+    """Draw the thread into hole `k`: the state with Φ = 0 there, at the hole's abscissa; velocities are kept. Raises
+    `FormingError`."""
     problem = closing_problem(system, state, k, BackwardEuler(dt))
     sigma, pressed = np.where(problem.law.may_slide, state.sigma, 0.0), pressed_pairs(problem.contact, system, state)
     guess = Iterate(state.q, state.N, state.s, state.lam, state.y, sigma, pressed=pressed)
@@ -146,7 +150,8 @@ def draw_in(system: System[Body], state: State[Body], k: int, dt: float) -> Stat
 
 
 def closing_problem(system: System[Body], state: State[Body], k: int, scheme: BackwardEuler) -> Problem[Body]:
-    """The step that moves nothing but what hole `k` asks: all forces of the state are loads on it.
+    """Return the problem of a step that moves nothing but what hole `k` asks: all forces of the state are loads on
+    it.
 
     The hole's own abscissa is held, the others follow their laws; lips do not cross.
     """
@@ -174,7 +179,8 @@ def closing_problem(system: System[Body], state: State[Body], k: int, scheme: Ba
 
 
 def strike(system: System[Body], state: State[Body], k: int) -> tuple[State[Body], tuple[float, float, float]]:
-    """The state after the impulse that makes thread and organ move together in hole `k`, and the impulse [N s].
+    """Apply the impulse that makes thread and organ move together in hole `k`; returns the state after it, and the
+    impulse [N s].
 
     Minimises ½Δvᵀ M Δv of thread and organ under dΦ/dt = 0 in the hole, unchanged in the others. An organ without mass
     takes no impulse: its holes go with the thread.
@@ -212,7 +218,7 @@ def constraint_rate(system: System[Body], state: State[Body], at: Passage, y_dot
 
 
 def impact_border(system: System[Body], state: State[Body], at: Passage, slides: Flags) -> Border:
-    """The holds as an impulse meets them: the thread slides freely where `slides`, else not at all."""
+    """Linearise the holds for an impulse: the thread slides freely where `slides`, else not at all."""
     none = np.zeros((system.holds, 5))
     law = replace(
         law_of(system, state.s, state.present, system.epsilon, state.s), rough=np.zeros(system.holds, dtype=bool)

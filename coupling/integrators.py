@@ -39,13 +39,12 @@ class Scheme(ABC):
         return self.d**2
 
     def damping_reference(self, *positions: Array) -> Array:
-        """x_d of the earlier positions, newest first [m]."""
+        """Return x_d of the earlier positions, newest first [m]."""
         return np.asarray(sum(w * x for w, x in zip(self.weights, positions, strict=True)))
 
     def inertia_reference(self, *motion: Array) -> Array:
-        """x_a of earlier positions and velocities (x, v, x_before, v_before, …): where the body would be without
-        forces [m].
-        """
+        """Return x_a of earlier positions and velocities (x, v, x_before, v_before, …): where the body would be
+        without forces [m]."""
         return self.damping_reference(*motion[::2]) + self.damping_reference(*motion[1::2]) / self.d
 
     @property

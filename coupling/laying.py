@@ -24,7 +24,7 @@ from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import Thread
 
-BED_SPANS = 2.0  # the bed lets go of the path over this many spans beside a hole that imposes another direction
+BED_SPANS = 2.0  # the bed lets go of the path over this many spans next to a hole that imposes another direction
 # Axial stiffness EA h²/EI of the laid thread, soft on the path at first. Then the bed is moved under it, so that what
 # strain the path's corners left is let go into its bends and not locked by the bed, and the thread made stiffer.
 ON_PATH = 1e2
@@ -46,7 +46,8 @@ class Cord:
 
 
 def project_path(thread: Thread, path: Array) -> Array:
-    """Least-squares control points (n, 3) of values `path` (spans, g, 3) at the points of the thread's mass rule."""
+    """Project values `path` (spans, g, 3) at the points of the thread's mass rule on control points (n, 3), by least
+    squares."""
     rule = gauss_rule(thread.spline, path.shape[1])
     load = thread.vector(np.einsum("eg,egi,ega->eia", rule.w, rule.b[:, :, 0], path))
     M = thread.mass_matrix.toarray()
@@ -54,8 +55,8 @@ def project_path(thread: Thread, path: Array) -> Array:
 
 
 def laid_thread(thread: Thread, stretch: float, axial: float) -> Thread:
-    """The thread over the path's own arc length (`stretch` times its rest length), with the section of a cord whose
-    EA is `axial` EI/h², h the mean span."""
+    """Return the thread over the path's own arc length (`stretch` times its rest length), with the section of a cord
+    whose EA is `axial` EI/h², h the mean span."""
     spline = Spline(thread.spline.knots * stretch)
     span = (spline.end - spline.start) / (len(spline.breaks) - 1)
     cord = Cord(EA=axial / span**2, diameter=span)
@@ -74,7 +75,7 @@ class Laying(Generic[Body]):
 
 
 def lay(system: System[Body], laying: Laying[Body], s: Array) -> tuple[Array, Array]:
-    """Control points (n, 3) [m] and abscissae (m,) [m] of the laid thread. Raises `StepError`.
+    """Lay the thread: its control points (n, 3) [m] and abscissae (m,) [m]. Raises `StepError`.
 
     Where no unstrained thread fits with the abscissae `s` (a hole may impose a direction that needs more length), it
     slides in its holes until one does; what is strained then is held so by its ends and anchors.
@@ -87,7 +88,8 @@ def lay(system: System[Body], laying: Laying[Body], s: Array) -> tuple[Array, Ar
 
 
 def lay_on_bed(system: System[Body], laying: Laying[Body], s: Array, loose: Flags) -> tuple[Array, Array, float]:
-    """The thread laid with the holds `loose` sliding, and its largest strain; as stiff as Newton allows."""
+    """Lay the thread with the holds `loose` sliding, as stiff as Newton allows; returns q, s and its largest
+    strain."""
     m, abscissae = system.holds, s * laying.stretch
     first = laid_thread(system.thread, laying.stretch, ON_PATH)
     on_path = project_path(first, laying.path)
@@ -107,13 +109,14 @@ def lay_on_bed(system: System[Body], laying: Laying[Body], s: Array, loose: Flag
 
 
 def with_laid_thread(system: System[Body], laying: Laying[Body], axial: float) -> System[Body]:
-    """The system with the laid thread in place of its own."""
+    """Return the system with the laid thread in place of its own."""
     return replace(system, thread=laid_thread(system.thread, laying.stretch, axial), epsilon=0.0)
 
 
 def bed_problem(system: System[Body], on_path: Array, answer: Held[Body], s: Array, loose: Flags) -> Problem[Body]:
-    """A thread on an elastic bed along `on_path` (n, 3), its abscissae held but those that are `loose`: these are held
-    back by springs, so that they go the way the thread pulls them and not to some balance beyond.
+    """Return the problem of a thread on an elastic bed along `on_path` (n, 3), its abscissae held but for those that
+    are `loose`. Springs hold these back, so that they go the way the thread pulls them and not to some balance
+    beyond.
 
     The bed gives way over BED_SPANS mean spans h: (4 EI/k)^¼ = BED_SPANS h with k the bed's stiffness, EI = 1.
     """
@@ -147,7 +150,8 @@ def resting_organ(system: System[Body]) -> Body:
 
 
 def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[Body]:
-    """The state at t = 0, at rest: `s` (p,) [m] abscissae of the piercings, `path` and `stretch` as for `Laying`.
+    """Return the state at t = 0, at rest: `s` (p,) [m] abscissae of the piercings, `path` and `stretch` as for
+    `Laying`.
 
     Piercings that begin later do not hold the thread yet.
     """

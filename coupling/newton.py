@@ -165,7 +165,7 @@ class Solution(Generic[Body]):
 
 
 def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
-    """All residuals of a step."""
+    """Evaluate all residuals of a step."""
     thread = problem.system.thread
     now = evaluate_thread(problem.system, z.q, z.s, problem.frame, home=problem.law.s_old)
     at, elastic = now.at, now.elastic
@@ -207,7 +207,8 @@ def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Bod
 
 
 def force_tolerance(problem: Problem[Body], r: Residual) -> float:
-    """What a force may be off by in a solved step [N]: a part of the largest, or the round-off of those that cancel."""
+    """Return what a force may be off by in a solved step [N]: a part of the largest, or the round-off of those that
+    cancel."""
     thread = problem.system.thread
     inertia = problem.mass_factor * thread.largest_mass * np.abs(problem.q_ref[:, :3]).max()
     return FORCE_TOLERANCE * r.force_scale + ROUND_OFF * (thread.EA + inertia)
@@ -235,7 +236,7 @@ def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
 
 
 def border_of(problem: Problem[Body], z: Iterate, at: Passage) -> Border:
-    """Linearised holds, with the rows of constraints that are not in force replaced by λ = 0."""
+    """Linearise the holds, with the rows of constraints that are not in force replaced by λ = 0."""
     border = linearise(at, z.lam, z.y)
     linearise_law(border, problem.law, z.sigma, at, z.lam, z.y)
     return border if problem.rows.all() else drop_constraints(border, ~problem.rows)
@@ -263,15 +264,16 @@ def add_constraint_stiffness(
 
 
 def allowed_share(problem: Problem[Body], dq: Array) -> float:
-    """The part of a correction that is taken: all of it, or what moves no control point further than LONGEST_MOVE."""
+    """Return the part of a correction that is applied: all of it, or what moves no control point further than
+    LONGEST_MOVE."""
     thread = problem.system.thread
     spline, longest = thread.spline, float(np.abs(dq * thread.lever).max())
     return min(1.0, LONGEST_MOVE * (spline.end - spline.start) / max(longest, np.finfo(float).tiny))
 
 
 def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
-    """The thread's own matrix, banded: inertia, stiffness, and what a force along it does at a hole without direction
-    (`coupling.bordered.own_stiffness`)."""
+    """Return the thread's own matrix, banded: inertia, stiffness, and what a force along it does at a hole without
+    direction (`coupling.bordered.own_stiffness`)."""
     at, thread = r.passage, problem.system.thread
     A = thread.tangent(r.points, z.N)
     A += problem.inertia
@@ -281,7 +283,7 @@ def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
 
 
 def correct(problem: Problem[Body], z: Iterate, r: Residual) -> Iterate:
-    """One Newton correction. Raises `SingularError`."""
+    """Make one Newton correction. Raises `SingularError`."""
     thread = problem.system.thread
     A = thread_matrix(problem, z, r)
     border, r_q = border_of(problem, z, r.passage), r.thread
@@ -323,12 +325,12 @@ def solve(problem: Problem[Body], start: Iterate, correct: Corrector[Body] = cor
 
 
 def sets_of(z: Iterate) -> bytes:
-    """The active sets of an iterate, to know them again."""
+    """Return the active sets of an iterate as bytes, to recognise them."""
     return z.sigma.tobytes() + z.pressed.tobytes()
 
 
 def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: set[bytes]) -> Iterate:
-    """A solved iterate with the active sets that its forces ask for, the very same one where it has them.
+    """Return a solved iterate with the active sets that its forces ask for, the very same object where it has them.
 
     Pairs are judged to round-off first, and within what the solve leaves open only where that leads back.
     """
@@ -349,12 +351,12 @@ def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: set[by
 
 
 def contact_forces(contact: Contact[Body] | None, z: Iterate, r: Residual) -> Array:
-    """p of a solved iterate, shape `(k,)` [N]."""
+    """Return p of a solved iterate, shape `(k,)` [N]."""
     return NO_FORCES if contact is None else forces(contact, z.pressed, r.f_y.ravel())
 
 
 def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body]) -> Solution[Body]:
-    """Newton from `z` with its active set. Raises `StepError`."""
+    """Iterate by Newton from `z` with its active set. Raises `StepError`."""
     r = evaluate(problem, z)
     for iteration in range(MAX_ITERATIONS):
         if not np.isfinite(r.force_scale) or not np.all(np.isfinite(r.thread)):
@@ -373,7 +375,7 @@ def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body]) -> S
 
 
 def failure(problem: Problem[Body], r: Residual, cause: str) -> StepError:
-    """The error of a step, with the piercing whose constraints are violated most."""
+    """Return the error of a step, with the piercing whose constraints are violated most."""
     piercings = problem.system.piercings
     gap = np.nan_to_num(np.abs(r.holds[: len(piercings), PHI]), nan=np.inf).max(axis=1, initial=0.0)
     name = piercings[int(np.argmax(gap))].name if piercings else ""

@@ -135,7 +135,7 @@ def largest_at_holes(system: System[Body], state: State[Body], gap: Array) -> fl
 
 
 def sliding_state(system: System[Body], state: State[Body], k: int) -> str:
-    """ "left", "anchored", "slip" or "stick"."""
+    """Return "left", "anchored", "slip" or "stick"."""
     if not state.present[k]:
         return "left"
     if not system.piercings[k].slides:
@@ -144,8 +144,8 @@ def sliding_state(system: System[Body], state: State[Body], k: int) -> str:
 
 
 def transmitted_forces(internal: Array, first: Indices, shares: Array, s: Array, k: int) -> tuple[Array, Array]:
-    """Force that the thread transmits just before and just after hole k, of what lies beyond on what lies before, each
-    `(3,)` [N], from the elastic forces (n, 3) on the control points.
+    """Return the force that the thread transmits just before and just after hole k, each `(3,)` [N], from the elastic
+    forces (n, 3) on the control points. It is the force of what lies beyond on what lies before.
 
     ψ = Σ b_i over the points beyond the hole rises from 0 to 1 over the spans next to it, so the sum of their elastic
     forces is the force ∫(EA ε T + …)·ψ' ds that the thread transmits there: in equilibrium exactly the pull on that
@@ -179,7 +179,7 @@ def axial_forces(system: System[Body], state: State[Body], forces: Array) -> Arr
 
 
 def strand(system: System, state: State, k: int, side: int) -> tuple[float, float]:
-    """Abscissae between which the thread is in no hole, from hole k on or up to it [m]."""
+    """Return the abscissae between which the thread is in no hole, from hole k on or up to it [m]."""
     spline, s, p = system.thread.spline, state.s, len(system.piercings)
     ends = spline.piece_ends[spline.piece_of(s[k]) + np.arange(2)]
     here = float(np.clip(s[k], *ends))

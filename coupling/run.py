@@ -5,7 +5,7 @@
         run = run.step(dt)
 
 A step goes through four stages: the knots that fit the state it begins with; the step itself, in halves where it fails;
-its audit and what was noticed in it; the piercings that begin or end with it.
+its audit and the events in it; the piercings that begin or end with it.
 """
 
 from collections.abc import Sequence
@@ -97,7 +97,7 @@ class Run(Generic[Body]):
         return run._scheduled(self.state.time, share * duration - self.state.time)
 
     def _audited(self, taken: Sequence[Step[Body]]) -> "Run[Body]":
-        """The run after the steps `taken`, booked and with what was noticed in them."""
+        """Return the run after the steps `taken`, with their audit and events."""
         energies = self.energies
         for step in taken:
             energies = audit_step(self.system, energies, step)
@@ -111,7 +111,8 @@ class Run(Generic[Body]):
         )
 
     def refitted(self, dt: float, due: bool) -> "Run[Body]":
-        """The run on the knots that fit its state, itself where they do already; `due` to be looked at, or not."""
+        """Return the run on the knots that fit its state, itself where they do already. The knots are looked at where
+        that is `due`, or a span at a hole is too long."""
         if self.resolution is None:
             return self
         system, state, knots = adapt_when_due(self.resolution, self.system, self.state, dt, due)
@@ -121,7 +122,7 @@ class Run(Generic[Body]):
         return replace(self, system=system, state=state, energies=energies, events=self.events + tuple(knots))
 
     def _scheduled(self, earlier: float, dt: float) -> "Run[Body]":
-        """The run after the piercings that end or begin later than `earlier` [s]."""
+        """Return the run after the piercings that end or begin later than `earlier` [s]."""
         state, due = schedule_piercings(self.system, earlier, self.state, dt, self.given)
         run = replace(self, number=self.number + 1, fresh=False)
         if not due:
@@ -162,7 +163,8 @@ def begin(
 def schedule_piercings(
     system: System[Body], earlier: float, state: State[Body], dt: float, given: Array
 ) -> tuple[State[Body], list[Event]]:
-    """The state after every piercing that ends or begins later than `earlier` [s] and not after the state's time.
+    """Begin and end every piercing whose time lies after `earlier` [s] and not after the state's time; returns the
+    state and the events.
 
     `dt` [s] is the step; `given` (p,) [m] the abscissae of piercings that begin, NaN where the thread's nearest place
     is taken. Raises `FormingError`, `ConstraintError`.
@@ -186,7 +188,8 @@ def is_due(time: float, earlier: float, now: float, dt: float) -> bool:
 
 
 def book_events(system: System[Body], energies: Energies, state: State[Body], events: list[Event]) -> Energies:
-    """The audit after events: what was done to draw the thread in is external work, the impulse's loss numerical."""
+    """Book events in the audit: what was done to draw the thread in is external work, the impulse's loss
+    numerical."""
     if not events:
         return energies
     now = initial_energies(system, state)

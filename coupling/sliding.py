@@ -51,12 +51,12 @@ from thread.vectors import cross, dot
 
 @dataclass(frozen=True)
 class Law:
-    """What the law of sliding needs beside the iterate, over `m` holds.
+    """What the law of sliding needs besides the iterate, over `m` holds.
 
     `s_old` (m,) [m]; `s_held` (m,) [m], where a thread that does not slide is at the end of the step; `static`,
     `kinetic`, `grip`, `per_channel` (m,); `inertia` = ε a [N/m] and `s_free` (m,) [m] make
     ε s̈ = inertia (s − s_free); `rough` and `may_slide` (m,); `injected` (m,) [N], a given force along the thread where
-    it slides, beside the friction of the rough holds.
+    it slides, added to the friction of the rough holds.
     """
 
     s_old: Array
@@ -80,66 +80,67 @@ class Law:
 def law_of(
     system: System[Body], s_old: Array, present: Flags, inertia: float, s_free: Array, drawn: Array | float = 0.0
 ) -> Law:
-    """The law at the start of a step in which lengths `drawn` (m,) [m] are drawn through; an absent hold keeps its
-    abscissa."""
+    """Return the law at the start of a step in which lengths `drawn` (m,) [m] are drawn through; an absent hold keeps
+    its abscissa."""
     none = np.zeros(len(s_old))
     s_held = s_old - drawn * present
     return Law(s_old, s_held, *system.friction, system.rough, system.may_slide & present, inertia, s_free, none)
 
 
 def prescribed(law: Law, held: Flags, injected: Array) -> Law:
-    """The law with its friction given: fixed points where `held`, elsewhere sliding points under the force `injected`
-    (m,) [N] of the hole on the thread along t."""
+    """Return the law with its friction given: fixed points where `held`, elsewhere sliding points under the force
+    `injected` (m,) [N] of the hole on the thread along t."""
     smooth = np.zeros_like(law.rough)
     return replace(law, rough=smooth, may_slide=law.may_slide & ~held, injected=injected)
 
 
 def channel_forces(lam: Array, y: Array, per_channel: Array) -> Array:
-    """λ/2 ± m/ℓ_c, the force of each end of the channel on the thread, shape `(2, m, 3)` [N]."""
+    """Return λ/2 ± m/ℓ_c, the force of each end of the channel on the thread, shape `(2, m, 3)` [N]."""
     half, couple = 0.5 * lam[:, :3], per_channel[:, None] * force_on_tangent(lam, y)
     return np.stack([half + couple, half - couple])
 
 
 def part_across(force: Array, t: Array) -> Array:
-    """The part of forces `(2, m, 3)` across the unit tangents `t` (m, 3)."""
+    """Return the part of forces `(2, m, 3)` across the unit tangents `t` (m, 3)."""
     return force - dot(force, t)[..., None] * t
 
 
 def normal_force(thread: Passage, lam: Array, y: Array, per_channel: Array) -> Array:
-    """N = |λ_n/2 + m/ℓ_c| + |λ_n/2 − m/ℓ_c|, what presses the thread on the hole; |λ_n| without a channel, shape `(m,)`
-    [N]."""
+    """Return N = |λ_n/2 + m/ℓ_c| + |λ_n/2 − m/ℓ_c|, what presses the thread on the hole, shape `(m,)` [N]; |λ_n|
+    without a channel."""
     ends = part_across(channel_forces(lam, y, per_channel), tangent(thread, lam, y)[1])
     return np.asarray(np.linalg.norm(ends, axis=2).sum(axis=0))
 
 
 def net_drive(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
-    """Φ_sᵀλ − ε s̈, shape `(m,)` [N]."""
+    """Return Φ_sᵀλ − ε s̈, shape `(m,)` [N]."""
     return driving_force(thread, lam, y) - law.inertia * (s - law.s_free)
 
 
 def force_along_thread(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
-    """f, the driving force along the unit tangent, shape `(m,)` [N]."""
+    """Return f, the driving force along the unit tangent, shape `(m,)` [N]."""
     return np.asarray(net_drive(law, thread, s, lam, y) / tangent(thread, lam, y)[0])
 
 
 def static_bound(law: Law, thread: Passage, lam: Array, y: Array) -> Array:
-    """F₀ + μ_s N, shape `(m,)` [N]."""
+    """Return F₀ + μ_s N, shape `(m,)` [N]."""
     return np.asarray(law.grip + law.static * normal_force(thread, lam, y, law.per_channel))
 
 
 def kinetic_bound(law: Law, thread: Passage, lam: Array, y: Array) -> Array:
-    """F₀ + μ_k N, shape `(m,)` [N]."""
+    """Return F₀ + μ_k N, shape `(m,)` [N]."""
     return np.asarray(law.grip + law.kinetic * normal_force(thread, lam, y, law.per_channel))
 
 
 def admissible_sigma(law: Law, sigma: Array) -> Array:
-    """The active set made to fit the holds: an ideal hole slides, one that may not slide sticks, shape `(m,)`."""
+    """Fit the active set to the holds: an ideal hole slides, one that may not slide sticks, shape `(m,)`."""
     return np.where(law.may_slide, np.where(law.rough, sigma, 1.0), 0.0)
 
 
 def next_sigma(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array, margin: float) -> Array:
-    """Active set after a solved iterate: a stuck point slips when f leaves the static cone by more than the `margin`
-    [N] of the solve, a slipping one sticks when it moved against its own friction. Shape `(m,)`, in {−1, 0, 1}."""
+    """Return the active set after a solved iterate, shape `(m,)`, in {−1, 0, 1}. A stuck point slips when f leaves
+    the static cone by more than the `margin` [N] of the solve; a slipping one sticks when it moved against its own
+    friction."""
     if not law.rough.any():
         return admissible_sigma(law, sigma)
     f = force_along_thread(law, thread, s, lam, y)
@@ -149,7 +150,7 @@ def next_sigma(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y:
 
 
 def cone_residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
-    """By how much the force along the thread breaks Coulomb's law, shape `(m,)` [N], zero where it is obeyed.
+    """Return by how much the force along the thread breaks Coulomb's law, shape `(m,)` [N], zero where it is obeyed.
 
     Stick: what |f| exceeds F₀ + μ_s N by; slip: how far f is from σ (F₀ + μ_k N). Zero for a hold without friction.
     """
@@ -160,7 +161,7 @@ def cone_residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array,
 
 
 def residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
-    """Left-hand side of the law, shape `(m,)`: [N] where the thread slides, [m] where it is held."""
+    """Return the left-hand side of the law, shape `(m,)`: [N] where the thread slides, [m] where it is held."""
     drive = net_drive(law, thread, s, lam, y)
     if law.ideal:
         return np.where(sigma == 0.0, s - law.s_held, drive)
@@ -230,8 +231,8 @@ def add_tangent(row: Array, thread: Passage, lam: Array, y: Array, by_size: Arra
         by_axis = sign * (by_size[:, None] * (thread.T - size[:, None] * t) + by_t) / part.size[:, None] * directed
         row[:, U] += cross(y[:, 6:], by_axis)
         row[:, V] += cross(by_axis, y[:, 3:6])
-        beside, by_K = add_effective_tangent(row, thread, part, own_axis(thread, by_T))
-        by_T = np.where(directed, by_size[:, None] * t, beside)
+        of_free, by_K = add_effective_tangent(row, thread, part, own_axis(thread, by_T))
+        by_T = np.where(directed, by_size[:, None] * t, of_free)
     row[:, S] += dot(by_T, thread.K) + dot(by_K, thread.J)
     return by_T, by_K
 
@@ -254,5 +255,5 @@ def add_effective_tangent(row: Array, thread: Passage, part: Parts, by: Array) -
 
 
 def unit_or_zero(a: Array) -> Array:
-    """Vectors along the last axis divided by their lengths; one of zero length stays zero."""
+    """Divide vectors along the last axis by their lengths; one of zero length stays zero."""
     return np.asarray(a / np.maximum(np.linalg.norm(a, axis=-1, keepdims=True), np.finfo(float).tiny))

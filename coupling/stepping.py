@@ -39,7 +39,7 @@ class Step(Generic[Body]):
 
 
 def end_load(system: System[Body], time: float) -> Array:
-    """Weight and pulling forces on the control points at `time`, shape `(n, c)` [N]."""
+    """Return the weight and pulling forces on the control points at `time`, shape `(n, c)` [N]."""
     load = system.weight.copy()
     load[0, :3] += system.ends[0].force(time)
     load[-1, :3] += system.ends[1].force(time)
@@ -47,13 +47,13 @@ def end_load(system: System[Body], time: float) -> Array:
 
 
 def prescribed_positions(system: System[Body], time: float) -> list[tuple[int, Array]]:
-    """Control points that are held, with their positions at `time` [m]: P(start) = q_0, P(end) = q_(n−1)."""
+    """Return the control points that are held, with their positions at `time` [m]: P(start) = q_0, P(end) = q_(n−1)."""
     places = [(point, end.position(time)) for point, end in zip((0, -1), system.ends, strict=True)]
     return [(point, place) for point, place in places if place is not None]
 
 
 def prescribed_angles(system: System[Body], time: float) -> list[tuple[int, float]]:
-    """Control points whose angle is held, with their angles at `time` [rad]: none without twist."""
+    """Return the control points whose angle is held, with their angles at `time` [rad]: none without twist."""
     if not system.thread.twist:
         return []
     angles = [(point, end.angle(time)) for point, end in zip((0, -1), system.ends, strict=True)]
@@ -61,7 +61,7 @@ def prescribed_angles(system: System[Body], time: float) -> list[tuple[int, floa
 
 
 def with_ends(q: Array, system: System[Body], time: float) -> Array:
-    """Control values with the prescribed ends in place, and turned."""
+    """Return the control values with the prescribed ends in place and turned."""
     q = q.copy()
     for point, place in prescribed_positions(system, time):
         q[point, :3] = place
@@ -117,13 +117,15 @@ def dynamic_problem(
         load=end_load(system, time),
         answer=answer,
         rows=rows,
-        law=law_of(system, state.s, state.present, system.epsilon * scheme.a, s_free, system.drawn(state.time, time)),
+        law=law_of(
+            system, state.s, state.present, system.epsilon * scheme.a, s_free, system.drawn_lengths(state.time, time)
+        ),
         frame=state.frame,
     )
 
 
 def predict(problem: Problem[Body], state: State[Body]) -> Iterate:
-    """First iterate: everything goes on as it went."""
+    """Predict the first iterate: everything goes on as it went."""
     q = with_ends(state.q + problem.dt * state.v, problem.system, problem.time)
     s = state.s + problem.dt * state.s_dot
     pressed = pressed_pairs(problem.contact, problem.system, state)
@@ -131,8 +133,8 @@ def predict(problem: Problem[Body], state: State[Body]) -> Iterate:
 
 
 def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme | None = None) -> Step[Body]:
-    """One step of `dt` [s] by `scheme`, backward Euler unless another is given. Raises `StepError`, `InversionError`;
-    the state is not touched."""
+    """Try one step of `dt` [s] by `scheme`, backward Euler unless another is given. Raises `StepError`,
+    `InversionError`; the state is not touched."""
     scheme = scheme or BackwardEuler(dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
     return conclude(state, scheme, find_solution(problem, predict(problem, state)))
@@ -177,13 +179,13 @@ def end_configuration(new: State[Body], solution: Solution[Body]) -> Configurati
 
 
 def abscissa_rates(scheme: Scheme, state: State[Body], z: Iterate) -> Array:
-    """ds/dt of every hold at the end of the step, `(m,)` [m/s]: none where the thread sticks."""
+    """Return ds/dt of every hold at the end of the step, `(m,)` [m/s]: none where the thread sticks."""
     rate = scheme.d * (z.s - scheme.damping_reference(*sliding_motion(scheme, state)[::2]))
     return np.where(z.sigma == 0.0, 0.0, rate)
 
 
 def find_solution(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
-    """The solution near the guess, or where the sliding thread comes to rest. Raises `StepError`."""
+    """Solve a step near the guess, or where the sliding thread comes to rest. Raises `StepError`."""
     try:
         return solve(problem, guess)
     except StepError:
@@ -193,8 +195,8 @@ def find_solution(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
 
 
 def reactions(system: System[Body], residual: Array, load: Array) -> Array:
-    """Force of the holders on the thread's ends, `(2, c)` [N], with twist their torque too [N m]: the reaction where an
-    end is held, else its load."""
+    """Return the force of the holders on the thread's ends, `(2, c)` [N], with twist their torque too [N m]: the
+    reaction where an end is held, else its load."""
     out = np.array([load[k] - system.weight[k] for k in (0, -1)])
     for point, _ in prescribed_positions(system, 0.0):
         out[point, :3] = residual[point, :3]
@@ -212,20 +214,20 @@ def refuse_inversion(system: System[Body], old: State[Body], new: State[Body], a
 
 
 def sense(at: Passage, y: Array) -> Array:
-    """Sign of T·(u × v) of every hold, shape `(m,)`: +1 where the thread leaves along the frame's normal."""
+    """Return the sign of T·(u × v) of every hold, shape `(m,)`: +1 where the thread leaves along the frame's normal."""
     u, v, T = y[:, 3:6], y[:, 6:], at.T
     normal = u[:, [1, 2, 0]] * v[:, [2, 0, 1]] - u[:, [2, 0, 1]] * v[:, [1, 2, 0]]
     return np.sign(np.einsum("mi,mi->m", T, normal))
 
 
 def emptied_holds(system: System[Body], old: State[Body], new: State[Body]) -> Flags:
-    """Holes that the thread has left: present, with an abscissa beyond an end of the piece of thread that was in them,
-    shape `(m,)`."""
+    """Return the holes that the thread has left, shape `(m,)`: present, with an abscissa beyond an end of the piece
+    of thread that was in them."""
     return np.asarray(new.present & system.may_slide & system.thread.spline.has_left(new.s, home=old.s))
 
 
 def release(state: State[Body], gone: Flags) -> State[Body]:
-    """The state without the holes `gone`; what the thread did in them is no guide to what it does next."""
+    """Release the holes `gone`; what the thread did in them is no guide to what it does next."""
     lam = np.where(gone[:, None], 0.0, state.lam)
     s_dot, sigma = (np.where(gone, 0.0, x) for x in (state.s_dot, state.sigma))
     return replace(forgetful(state), present=state.present & ~gone, lam=lam, s_dot=s_dot, sigma=sigma)
@@ -266,18 +268,19 @@ def advance(
 
 
 def scheme_of(state: State[Body], dt: float) -> Scheme:
-    """BDF2 where there is a step to look back at, else backward Euler."""
+    """Return BDF2 where there is a step to look back at, else backward Euler."""
     if state.dt_before is None or dt > GROWTH * state.dt_before:
         return BackwardEuler(dt)
     return BDF2(dt, state.dt_before)
 
 
 def bdf2_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
-    """One step of `dt` [s]. Raises `StepError`, `InversionError`; the state is not touched."""
+    """Make one step of `dt` [s] by BDF2 where it can. Raises `StepError`, `InversionError`; the state is not
+    touched."""
     step = try_step(system, state, dt, scheme_of(state, dt))
     return replace(step, new=remembering(step.new, state, dt))
 
 
 def remembering(new: State[Body], old: State[Body], dt: float) -> State[Body]:
-    """The state `new` with the step from `old` that led to it."""
+    """Return the state `new` with the step from `old` that led to it."""
     return replace(new, before=forgetful(old), dt_before=dt)

@@ -59,8 +59,8 @@ class Piercing:
         if self.draw is not None and (self.slides or self.friction is not None):
             raise CouplingError(f"piercing {self.name!r}: a thread that is drawn through does not slide; anchor it")
 
-    def drawn(self, time: float) -> float:
-        """Length drawn through until `time` [s], from the first row of `draw` on [m]."""
+    def drawn_length(self, time: float) -> float:
+        """Return the length drawn through until `time` [s], from the first row of `draw` on [m]."""
         return 0.0 if self.draw is None else float(np.interp(time, self.draw[:, 0], self.draw[:, 1]))
 
 
@@ -141,8 +141,8 @@ class System(Generic[Body]):
         return np.array(piercings + [[False] * 3 + [True] * 2] * len(self.clamps), dtype=bool).reshape(-1, 5)
 
     def passage(self, q: Array, s: Array, home: Array | None = None) -> Passage:
-        """The thread with control values `q` (n, c) at the abscissae `s` (holds,) of its holds; `home` as for
-        `coupling.constraints.passage`."""
+        """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (holds,) of its holds; `home` as
+        for `coupling.constraints.passage`."""
         return passage(self.thread, q, s, self.rows[:, 3], home)
 
     @cached_property
@@ -168,13 +168,14 @@ class System(Generic[Body]):
         """Holds through which a hand draws the thread, shape `(holds,)`."""
         return np.array([p.draw is not None for p in self.piercings] + [False] * len(self.clamps), dtype=bool)
 
-    def drawn(self, earlier: float, later: float) -> Array:
-        """Length drawn through each hold between two times [s], shape `(holds,)` [m]."""
-        lengths = [p.drawn(later) - p.drawn(earlier) for p in self.piercings]
+    def drawn_lengths(self, earlier: float, later: float) -> Array:
+        """Return the length drawn through each hold between two times [s], shape `(holds,)` [m]."""
+        lengths = [p.drawn_length(later) - p.drawn_length(earlier) for p in self.piercings]
         return np.array(lengths + [0.0] * len(self.clamps))
 
     def hold_still(self, band: Array) -> Array:
-        """A banded matrix with the rows and columns of the prescribed unknowns replaced by those of the identity."""
+        """Replace the rows and columns of the prescribed unknowns in a banded matrix by those of the identity, in
+        place."""
         band.ravel()[self.held_entries] = 0.0
         band[diagonal_of(band), self.held] = 1.0
         return band
@@ -237,6 +238,6 @@ class State(Generic[Body]):
 
 
 def forgetful(state: State[Body]) -> State[Body]:
-    """The state without the step before it: after a jump of velocity or of the constraints, which no integrator of
-    second order may look across."""
+    """Return the state without the step before it: after a jump of velocity or of the constraints, which no
+    integrator of second order may look across."""
     return replace(state, before=None, dt_before=None)

@@ -53,10 +53,10 @@ ON_PLANE = 1e-9  # of the block's size: nodes this near a plane lie in it; gmsh 
 
 
 def block(size: Sequence[float], h: float, planes: Planes = NO_PLANES) -> skfem.MeshTet:
-    """Uniform structured block: size `(3,)` [m], cell edges at most `h` [m]; even counts, so at least two
-    cells a side.
+    """Mesh a uniform structured block of size `(3,)` [m] with cell edges of at most `h` [m].
 
-    Raises `MeshError` when a size or `h` is not positive and finite.
+    Counts are even, so at least two cells a side. Raises `MeshError` when a size or `h` is not positive and
+    finite.
     """
     return graded_block_structured(size, Grading(h, h), planes=planes)
 
@@ -64,12 +64,12 @@ def block(size: Sequence[float], h: float, planes: Planes = NO_PLANES) -> skfem.
 def graded_block_structured(
     size: Sequence[float], grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
 ) -> skfem.MeshTet:
-    """Structured block whose grid lines pass through the sites, shape `(p, 3)` [m], and along the planes.
+    """Mesh a structured block whose grid lines pass through the sites, shape `(p, 3)` [m], and along the planes.
 
     Spacing is that of `grading` in each coordinate (a little more across a site, where two intervals meet; less
-    between planes, where at least two cells lie). Being a tensor grid it is fine along the whole planes through a
-    site, not near it alone. Coordinates of sites closer than `h_site`/2 to each other or to a face share a line.
-    Same input, same arrays.
+    between planes, where at least two cells lie). Being a tensor grid the mesh is fine along the whole planes
+    through a site, not near the site alone. Coordinates of sites closer than `h_site`/2 to each other or to a
+    face share a line. Same input, same arrays.
 
     Raises `MeshError` for impossible numbers and for a site outside the block.
     """
@@ -79,24 +79,24 @@ def graded_block_structured(
 
 
 def block_lines(size: Sequence[float], grading: Grading, sites: ArrayLike, planes: Planes) -> list[Array]:
-    """Grid coordinates along x, y and z of the structured block [m]."""
+    """Return the grid coordinates along x, y and z of the structured block [m]."""
     lower, upper = extent(size)
     points = require_sites_within(sites, lower, upper)
     return [graded_lines(lower[k], upper[k], points[:, k], grading, planes[k]) for k in range(3)]
 
 
 def structured_tets(size: Sequence[float], grading: Grading, sites: ArrayLike, planes: Planes = NO_PLANES) -> int:
-    """Number of tetrahedra of the structured block, without making them."""
+    """Return the number of tetrahedra of the structured block, without making them."""
     return 5 * int(np.prod([float(len(line) - 1) for line in block_lines(size, grading, sites, planes)]))
 
 
 def graded_block_gmsh(
     size: Sequence[float], grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
 ) -> skfem.MeshTet:
-    """Unstructured block by gmsh, element size by the distance to the nearest site, shape `(p, 3)` [m], facets
-    along the planes.
+    """Mesh a block by gmsh, unstructured, with facets along the planes.
 
-    Raises `MeshError` for impossible numbers, for a site outside the block, and where gmsh cannot load.
+    Elements are sized by the distance to the nearest site, shape `(p, 3)` [m]. Raises `MeshError` for
+    impossible numbers, for a site outside the block, and where gmsh cannot load.
     """
     lower, upper = extent(size)
     points = require_sites_within(sites, lower, upper)
@@ -107,7 +107,7 @@ def graded_block_gmsh(
 
 
 def extent(size: Sequence[float]) -> tuple[Array, Array]:
-    """Lower and upper corner of the block of a size, shapes `(3,)` [m]."""
+    """Return the lower and upper corner of the block of a size, shapes `(3,)` [m]. Raises `MeshError`."""
     if len(size) != 3:
         raise MeshError(f"size = {list(size)!r} must have three lengths, x, y and z")
     x, y, z = (require_positive(f"size[{k}]", length) for k, length in enumerate(size))
@@ -115,7 +115,7 @@ def extent(size: Sequence[float]) -> tuple[Array, Array]:
 
 
 def require_sites_within(sites: ArrayLike, lower: Array, upper: Array) -> Array:
-    """Sites, shape `(p, 3)` [m], or `MeshError` for one outside the box by more than round-off."""
+    """Return the sites, shape `(p, 3)` [m]; raise `MeshError` for one outside the box by more than round-off."""
     points = site_points(sites)
     slack = 1e-9 * float(np.max(upper - lower))
     for site in points[((points < lower - slack) | (points > upper + slack)).any(axis=1)]:
@@ -124,15 +124,16 @@ def require_sites_within(sites: ArrayLike, lower: Array, upper: Array) -> Array:
 
 
 def even_count(cells: float) -> int:
-    """Smallest even number of cells that is not below `cells`, at least 2; a surplus of round-off is no
-    cell.
+    """Return the smallest even number of cells that is not below `cells`, at least 2; a surplus of round-off is
+    none.
     """
     return 2 * max(1, int(np.ceil(cells / 2 - 1e-9)))
 
 
 def graded_lines(lower: float, upper: float, sites: Array, grading: Grading, planes: Sequence[float] = ()) -> Array:
-    """Grid coordinates from `lower` to `upper` [m] through the planes', graded toward the sites' coordinates,
-    shape `(p,)`; an even number of cells between planes and sites.
+    """Return grid coordinates from `lower` to `upper` [m] through the planes', graded toward the sites'.
+
+    Sites are coordinates, shape `(p,)`. Between planes and sites lies an even number of cells.
     """
     fixed = np.unique([lower, *planes_between(planes, lower, upper), upper])
     stations = _stations(fixed, sites, grading.h_site)
@@ -141,14 +142,14 @@ def graded_lines(lower: float, upper: float, sites: Array, grading: Grading, pla
 
 
 def planes_between(planes: Sequence[float], lower: float, upper: float) -> Array:
-    """The coordinates that lie between two ends by more than round-off, sorted [m]."""
+    """Return the coordinates of planes that lie between two ends by more than round-off, sorted [m]."""
     places = np.unique(np.asarray(planes, dtype=float))
     slack = ON_PLANE * (upper - lower)
     return places[(places > lower + slack) & (places < upper - slack)]
 
 
 def _stations(fixed: Array, sites: Array, h_site: float) -> Array:
-    """Coordinates of the sites, those within h_site/2 of one another or of a `fixed` line merged."""
+    """Return the coordinates of the sites, those within h_site/2 of one another or of a `fixed` line merged."""
     groups: list[list[float]] = []
     for x in np.unique(sites):
         if groups and x - groups[-1][0] <= h_site / 2:
@@ -161,7 +162,9 @@ def _stations(fixed: Array, sites: Array, h_site: float) -> Array:
 
 
 def _spaced(a: float, b: float, stations: Array, grading: Grading) -> Array:
-    """Coordinates from `a` to `b` [m], between which no station lies, spaced by the distance to the nearest one."""
+    """Return the coordinates from `a` to `b` [m], between which no station lies, spaced by the distance to the
+    nearest one.
+    """
     if not len(stations):
         return np.linspace(a, b, 1 + even_count((b - a) / grading.h))
     left = max(stations[stations <= a], default=-np.inf)
@@ -179,15 +182,12 @@ def _spaced(a: float, b: float, stations: Array, grading: Grading) -> Array:
 
 
 def grid_points(lines: list[Array]) -> Array:
-    """Nodes of the tensor grid of three coordinate lists, shape `(nx ny nz, 3)` [m], z fastest."""
+    """Return the nodes of the tensor grid of three coordinate lists, shape `(nx ny nz, 3)` [m], z fastest."""
     return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def split(lines: list[Array], mirrored: bool = False) -> NDArray[np.int64]:
-    """Five tetrahedra per cell of a tensor grid, shape `(5 cells, 4)`.
-
-    Diagonals join the nodes whose three indices have an even sum, or where `mirrored` the others.
-    """
+    """Split each cell of a tensor grid into five tetrahedra, shape `(5 cells, 4)`."""
     nodes = tuple(len(line) for line in lines)
     cells = np.stack(np.meshgrid(*(np.arange(n - 1) for n in nodes), indexing="ij"), axis=-1).reshape(-1, 1, 1, 3)
     odd = (cells.sum(axis=-1, keepdims=True) + mirrored) % 2 == 1
@@ -197,7 +197,7 @@ def split(lines: list[Array], mirrored: bool = False) -> NDArray[np.int64]:
 
 
 def with_faces(mesh: skfem.MeshTet, lower: Array, upper: Array) -> skfem.MeshTet:
-    """The mesh with the boundary facets on each of the block's faces named."""
+    """Return the mesh with the boundary facets on each of the block's faces named."""
     facets = mesh.boundary_facets()
     corners = mesh.p[:, mesh.facets[:, facets]]
     slack = ON_PLANE * float(np.max(upper - lower))
@@ -209,7 +209,7 @@ def with_faces(mesh: skfem.MeshTet, lower: Array, upper: Array) -> skfem.MeshTet
 
 
 def add_box(gmsh: Any, lower: Array, upper: Array, planes: Planes) -> None:
-    """A box in the gmsh model, cut along planes so that facets follow them."""
+    """Add a box to the gmsh model, cut along planes so that facets follow them."""
     box = gmsh.model.occ.addBox(*lower, *(upper - lower))
     cuts = [
         add_polygon(gmsh, _rectangle(lower, upper, axis, place))
@@ -221,14 +221,14 @@ def add_box(gmsh: Any, lower: Array, upper: Array, planes: Planes) -> None:
 
 
 def add_polygon(gmsh: Any, corners: Sequence[Sequence[float]]) -> int:
-    """A plane polygon in the gmsh model, corners of shape `(k, 3)` [m] in turn; its tag."""
+    """Add a plane polygon, corners of shape `(k, 3)` [m] in turn, to the gmsh model and return its tag."""
     points = [gmsh.model.occ.addPoint(*corner) for corner in corners]
     lines = [gmsh.model.occ.addLine(a, b) for a, b in pairwise([*points, points[0]])]
     return int(gmsh.model.occ.addPlaneSurface([gmsh.model.occ.addCurveLoop(lines)]))
 
 
 def _rectangle(lower: Array, upper: Array, axis: int, place: float) -> list[list[float]]:
-    """Section of the box across an axis at a coordinate, four corners in turn."""
+    """Return the section of the box across an axis at a coordinate, four corners in turn."""
     first, second = (k for k in range(3) if k != axis)
     corners = []
     for low_first, low_second in ((True, True), (False, True), (False, False), (True, False)):

@@ -1,4 +1,4 @@
-"""How large a graded mesh will be, before it is made, and the memory it and its organ will take."""
+"""Estimates, before a graded mesh is made, of its size and of the memory that the mesh and its organ take."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -31,22 +31,22 @@ class Budget:
 
 
 def budget(tets: float, element: str) -> Budget:
-    """Unknowns of so many tetrahedra, "P1" or "P2", and their memory."""
+    """Estimate the displacement unknowns of so many tetrahedra, "P1" or "P2", and the memory they take."""
     unknowns = 3.0 * tets / TETS_PER_NODE[element]
     return Budget(tets, unknowns, BYTES_PER_UNKNOWN[element] * unknowns)
 
 
 def expected_tets(volume: float, grading: Grading, sites: Array, inside: Callable[[Array], NDArray[np.bool_]]) -> float:
-    """∫ dV / (c h³) over a body of a volume [m³] with sites of shape `(p, 3)` [m]; `inside` tells which of points
-    `(k, 3)` lie in it.
+    """Estimate the number of tetrahedra, ∫ dV / (c h³) over a body of a volume [m³].
 
-    The part that the sites add to 1/h³ is summed on spheres about each site, over the points nearest to it.
+    Sites have shape `(p, 3)` [m]; `inside` tells which of points `(k, 3)` lie in the body. The part that the
+    sites add to 1/h³ is summed on spheres about each site, over the points nearest to it.
     """
     return (volume / grading.h**3 + _added(grading, sites, inside)) / TETRAHEDRON
 
 
 def _added(grading: Grading, sites: Array, inside: Callable[[Array], NDArray[np.bool_]]) -> float:
-    """∫ (1/size³ − 1/h³) dV about the sites."""
+    """Return ∫ (1/size³ − 1/h³) dV about the sites."""
     if not len(sites) or grading.h_site == grading.h:
         return 0.0
     # Shells of equal numbers of elements resolve the fine zone as well as the coarse.
@@ -60,7 +60,9 @@ def _added(grading: Grading, sites: Array, inside: Callable[[Array], NDArray[np.
 
 
 def _directions() -> Array:
-    """Points spread evenly over the unit sphere, on a spiral of the golden angle, shape `(DIRECTIONS, 3)`."""
+    """Return the points spread evenly over the unit sphere, on a spiral of the golden angle, shape
+    `(DIRECTIONS, 3)`.
+    """
     z = (2 * np.arange(DIRECTIONS) + 1) / DIRECTIONS - 1
     angle = np.pi * (3 - np.sqrt(5)) * np.arange(DIRECTIONS)
     across = np.sqrt(1 - z * z)

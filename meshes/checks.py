@@ -1,4 +1,4 @@
-"""What a volume mesh must be before anything is computed on it; each fault is named with its numbers."""
+"""The checks that a volume mesh must pass; each fault is reported with its numbers."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,7 @@ def check(points: Array, tets: Tets, twins: Tets = NO_TWINS, parts: int = 1) -> 
 
 
 def volumes(points: Array, tets: Tets) -> Array:
-    """Signed volumes of the tetrahedra, shape `(m,)`; positive when node 3 sees (0, 1, 2) turn
+    """Return the signed volumes of the tetrahedra, shape `(m,)`; positive when node 3 sees (0, 1, 2) turn
     anticlockwise.
     """
     a, b, c, d = (points[tets[:, k]] for k in range(4))
@@ -142,12 +142,12 @@ def _check_connected(points: Array, tets: Tets, meant: int) -> None:
 
 
 def parts(points: Array, tets: Tets) -> NDArray[np.integer]:
-    """Number of the body each tetrahedron belongs to, from 0, shape `(m,)`; bodies share no facet."""
+    """Return the number of the body each tetrahedron belongs to, from 0, shape `(m,)`; bodies share no facet."""
     return np.asarray(connected_components(_neighbours(points, tets), directed=False)[1])
 
 
 def _neighbours(points: Array, tets: Tets) -> coo_array:
-    """Adjacency of tetrahedra through a common facet, shape `(m, m)`."""
+    """Return the adjacency of tetrahedra through a common facet, shape `(m, m)`."""
     keys = tet_facet_keys(tets, len(points)).ravel()
     order = np.argsort(keys, kind="stable")
     twins = np.flatnonzero(keys[order[:-1]] == keys[order[1:]])

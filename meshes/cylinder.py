@@ -15,11 +15,10 @@ Array = NDArray[np.float64]
 
 
 def cylinder(radius: float, length: float, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
-    """Cylinder y² + z² ≤ radius², |x| ≤ length/2 [m], graded toward the sites, shape `(p, 3)` [m]; boundaries left
-    right side.
+    """Mesh the cylinder y² + z² ≤ radius², |x| ≤ length/2 [m], graded toward the sites, shape `(p, 3)` [m].
 
-    left is x = −length/2, right x = +length/2. The side is made of flat facets whose corners lie on the
-    true surface: their middles lie up to h²/(8 radius) inside it.
+    Boundaries are left (x = −length/2), right (x = +length/2) and side. The side is made of flat facets whose
+    corners lie on the true surface: their middles lie up to h²/(8 radius) inside it.
 
     Raises `MeshError` for impossible numbers, for a site outside the cylinder, and where gmsh cannot load.
     """
@@ -33,11 +32,11 @@ def cylinder(radius: float, length: float, grading: Grading, sites: ArrayLike = 
 
 
 def tube(radius: float, wall: float, length: float, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
-    """Tube (radius − wall)² ≤ y² + z² ≤ radius², |x| ≤ length/2 [m], graded toward the sites, shape `(p, 3)` [m];
-    boundaries left right inner outer.
+    """Mesh the tube (radius − wall)² ≤ y² + z² ≤ radius², |x| ≤ length/2 [m], graded toward the sites, shape
+    `(p, 3)` [m].
 
-    Both walls are made of flat facets with corners on the true surfaces. Raises `MeshError` as `cylinder` does, and
-    for a wall that is not thinner than the radius.
+    Boundaries are left, right, inner and outer. Both walls are made of flat facets with corners on the true
+    surfaces. Raises `MeshError` as `cylinder` does, and for a wall that is not thinner than the radius.
     """
     require_positive("radius", radius)
     require_positive("length", length)
@@ -54,7 +53,7 @@ def tube(radius: float, wall: float, length: float, grading: Grading, sites: Arr
 
 
 def _sites_within(sites: ArrayLike, inner: float, radius: float, length: float) -> Array:
-    """Sites, shape `(p, 3)` [m], or `MeshError` for one outside by more than round-off."""
+    """Return the sites, shape `(p, 3)` [m]; raise `MeshError` for one outside by more than round-off."""
     points = site_points(sites)
     slack = 1e-9 * max(radius, length)
     across = np.hypot(points[:, 1], points[:, 2])
@@ -66,7 +65,7 @@ def _sites_within(sites: ArrayLike, inner: float, radius: float, length: float) 
 
 
 def _with_faces(mesh: skfem.MeshTet, length: float, walls: Mapping[str, float]) -> skfem.MeshTet:
-    """The mesh with its ends, left and right, and its round walls (name → radius) named."""
+    """Return the mesh with its ends, left and right, and its round walls (name → radius) named."""
     facets = mesh.boundary_facets()
     corners: Any = mesh.p[:, mesh.facets[:, facets]]
     slack = 1e-9 * length

@@ -14,8 +14,7 @@ FACETS_OF_TET = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 
 def triangle_keys(triangles: NDArray[np.integer], nodes: int) -> Indices:
-    """One integer per triangle, the same for every order of its nodes; triangles of shape `(k, 3)`, keys
-    `(k,)`.
+    """Return one integer per triangle, the same for every order of its nodes; triangles of shape `(k, 3)`, keys `(k,)`.
 
     Exact up to two million nodes, where the cube of their number leaves 64 bits (`ValueError` from numpy).
     """
@@ -24,12 +23,12 @@ def triangle_keys(triangles: NDArray[np.integer], nodes: int) -> Indices:
 
 
 def tet_facet_keys(tets: NDArray[np.integer], nodes: int) -> Indices:
-    """Keys of the four facets of each tetrahedron, tets of shape `(m, 4)`, keys `(m, 4)`."""
+    """Return the keys of the four facets of each tetrahedron, tets of shape `(m, 4)`, keys `(m, 4)`."""
     return triangle_keys(tets[:, FACETS_OF_TET].reshape(-1, 3), nodes).reshape(-1, 4)
 
 
 def facet_indices(mesh: skfem.MeshTet, triangles: NDArray[np.integer]) -> Indices:
-    """Facet numbers in `mesh` of the triangles, shape `(k, 3)`, sorted and without repetition.
+    """Return the facet numbers in `mesh` of the triangles, shape `(k, 3)`, sorted and without repetition.
 
     Raises `MeshError` when a triangle is no facet of any tetrahedron.
     """
@@ -48,7 +47,9 @@ def facet_indices(mesh: skfem.MeshTet, triangles: NDArray[np.integer]) -> Indice
 
 
 def sharp_edges(mesh: skfem.MeshTet, degrees: float) -> Array:
-    """Edges of the surface across which its outward normal turns by more than an angle, ends `(k, 2, 3)` [m]."""
+    """Return the edges of the surface across which its outward normal turns by more than an angle, ends
+    `(k, 2, 3)` [m].
+    """
     facets = mesh.boundary_facets()
     corners = mesh.facets[:, facets].T
     normals = outward_normals(mesh, facets)
@@ -61,7 +62,7 @@ def sharp_edges(mesh: skfem.MeshTet, degrees: float) -> Array:
 
 
 def outward_normals(mesh: skfem.MeshTet, facets: NDArray[np.integer]) -> Array:
-    """Unit normals of surface facets away from the cell behind them, shape `(k, 3)`."""
+    """Return the unit normals of surface facets away from the cell behind them, shape `(k, 3)`."""
     a, b, c = np.moveaxis(mesh.p.T[mesh.facets[:, facets].T], 1, 0)
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)

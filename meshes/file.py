@@ -28,7 +28,7 @@ LINEAR_ONLY = "only linear tetrahedra are taken (in gmsh: Mesh.ElementOrder = 1,
 
 
 def read(path: str | Path, metres_per_unit: float = 1.0) -> skfem.MeshTet:
-    """Mesh of a file, in metres, `metres_per_unit` being the length of one file unit [m].
+    """Read the mesh of a file into metres, `metres_per_unit` being the length of one file unit [m].
 
     Raises `MeshError`, with the file named, for a file that is missing, empty, unreadable or no sound
     volume mesh (`meshes.checks.check`), and for `.msh` where gmsh cannot load.
@@ -63,7 +63,7 @@ def _reader(path: Path) -> Callable[[Path, float], skfem.MeshTet]:
 
 
 def _read_vtk(path: Path, metres_per_unit: float) -> skfem.MeshTet:
-    """Tetrahedra of a VTK file; it carries no names."""
+    """Read the tetrahedra of a VTK file, which carries no names."""
     data = meshio_data(path)
     cells = {kind: np.concatenate([b.data for b in data.cells if b.type == kind]) for kind in data.cells_dict}
     _check_kinds(list(cells), {"tetra"}, {"vertex", "line", "triangle"})
@@ -71,8 +71,9 @@ def _read_vtk(path: Path, metres_per_unit: float) -> skfem.MeshTet:
 
 
 def meshio_data(path: Path) -> Any:
-    """meshio prints and ends the interpreter on a file it cannot read (meshio 5.3): both are contained
-    here.
+    """Read a file by meshio; raise `MeshError` where meshio cannot.
+
+    On a file it cannot read, meshio prints and ends the interpreter (meshio 5.3): both are contained here.
     """
     said = io.StringIO()
     try:
@@ -95,7 +96,7 @@ def _check_kinds(kinds: Sequence[str], volume: set[str], allowed: set[str]) -> N
 
 
 def _read_msh(path: Path, metres_per_unit: float) -> skfem.MeshTet:
-    """Tetrahedra, physical surfaces and physical volumes of a gmsh file of any version, text or binary."""
+    """Read tetrahedra, physical surfaces and physical volumes of a gmsh file of any version, text or binary."""
     _check_msh_header(path)
     declared = _old_node_count(path)
     with session() as gmsh:
@@ -113,8 +114,9 @@ def _read_msh(path: Path, metres_per_unit: float) -> skfem.MeshTet:
 
 
 def _check_msh_header(path: Path) -> None:
-    """gmsh runs anything it does not know as a script in its own language, shell commands included: never
-    let it.
+    """Refuse a file that does not begin like a gmsh mesh.
+
+    gmsh runs a file of any other kind as a script in its own language, shell commands included.
     """
     with path.open("rb") as file:
         first = file.read(64).lstrip().split(maxsplit=1)[:1]
@@ -123,8 +125,8 @@ def _check_msh_header(path: Path) -> None:
 
 
 def _old_node_count(path: Path) -> int | None:
-    """Number of nodes a file of format 1 or 2 declares; `None` in later formats, where gmsh keeps every
-    node.
+    """Return the number of nodes that a file of format 1 or 2 declares; None in later formats, where gmsh keeps
+    every node.
     """
     content = path.read_bytes()
     header = re.search(rb"\$MeshFormat\s+(\d)", content)
@@ -135,7 +137,10 @@ def _old_node_count(path: Path) -> int | None:
 
 
 def _check_all_nodes_kept(declared: int, kept: int) -> None:
-    """In formats 1 and 2 gmsh drops, without a word, the nodes that no element uses."""
+    """Refuse a file with nodes that no element uses.
+
+    In formats 1 and 2 gmsh drops such nodes without a word.
+    """
     if declared != kept:
         raise MeshError(
             f"{declared - kept} of {declared} nodes belong to no element: delete them, "
@@ -144,8 +149,10 @@ def _check_all_nodes_kept(declared: int, kept: int) -> None:
 
 
 def _check_groups_apart(gmsh: Any) -> None:
-    """Formats 1 and 2 give groups by element, gmsh keeps them by entity: two groups in one entity would
-    silently merge.
+    """Refuse two groups in one entity.
+
+    Formats 1 and 2 give groups by element, gmsh keeps them by entity: two groups in one
+    entity would silently merge.
     """
     for dimension, entity in [*gmsh.model.getEntities(2), *gmsh.model.getEntities(3)]:
         groups = gmsh.model.getPhysicalGroupsForEntity(dimension, entity).tolist()

@@ -1,6 +1,4 @@
-"""The one door to gmsh: loaded when first needed, silent, the same mesh for the same input, always closed
-again.
-"""
+"""The only use of gmsh: loaded when first needed, silent, reproducible for the same input, always finalised."""
 
 import re
 from collections.abc import Iterator
@@ -38,7 +36,7 @@ OPTIONS = {
 
 
 def load_gmsh() -> Any:
-    """The gmsh module; raises `MeshError` saying what is missing, what installs it and what works without."""
+    """Import gmsh; raise `MeshError` saying what is missing, what installs it and what works without gmsh."""
     try:
         return import_module("gmsh")
     except ModuleNotFoundError as error:
@@ -56,7 +54,7 @@ def load_gmsh() -> Any:
 
 @contextmanager
 def session() -> Iterator[Any]:
-    """A fresh gmsh, initialised without the user's settings or signal handlers, finalised on the way out.
+    """Run a fresh gmsh, initialised without the user's settings or signal handlers, and finalise it on the way out.
 
     Raises `MeshError` when gmsh cannot load or is in use by the calling program.
     """
@@ -89,8 +87,8 @@ def generate(gmsh: Any, grading: Grading, sites: Array) -> skfem.MeshTet:
 
 
 def _set_size_field(gmsh: Any, grading: Grading, sites: Array) -> None:
-    """One ball per site, size linear through its shell; the smallest rules (gmsh manual, fields Ball and
-    Min).
+    """Set one ball per site, size linear through its shell; the smallest size rules (gmsh manual, fields Ball
+    and Min).
     """
     field = gmsh.model.mesh.field
     balls = []
@@ -110,11 +108,10 @@ def _set_size_field(gmsh: Any, grading: Grading, sites: Array) -> None:
 
 
 def current_mesh(gmsh: Any, metres_per_unit: float) -> skfem.MeshTet:
-    """The tetrahedra of the current model, physical surfaces as boundaries, physical volumes as subdomains;
-    points in metres.
+    """Return the tetrahedra of the current model, with physical surfaces as boundaries and volumes as subdomains.
 
-    A group without a name goes by its number; names that begin with `gmsh:` are gmsh's own and dropped.
-    Raises `MeshError` from the checks of `named_mesh`.
+    Points are in metres. A group without a name goes by its number; names that begin with `gmsh:` are gmsh's
+    own and dropped. Raises `MeshError` from the checks of `named_mesh`.
     """
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     tags, first = np.unique(np.asarray(tags, dtype=np.int64), return_index=True)
@@ -136,7 +133,7 @@ def current_mesh(gmsh: Any, metres_per_unit: float) -> skfem.MeshTet:
 
 
 def _groups(gmsh: Any, dimension: int) -> dict[str, list[int]]:
-    """Entities of the physical groups of a dimension, by name."""
+    """Return the entities of the physical groups of a dimension, by name."""
     groups: dict[str, list[int]] = {}
     for _, tag in gmsh.model.getPhysicalGroups(dimension):
         name = gmsh.model.getPhysicalName(dimension, tag) or str(tag)

@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def require_positive(name: str, value: float) -> float:
-    """The value, or `MeshError` unless it is a positive, finite number."""
+    """Return the value; raise `MeshError` unless it is a positive, finite number."""
     if not (math.isfinite(value) and value > 0):
         raise MeshError(f"{name} = {value!r} must be positive and finite")
     return float(value)
@@ -59,12 +59,12 @@ class Grading:
         return self.flat + (self.h - self.h_site) / self.slope
 
     def size(self, distance: ArrayLike) -> Array:
-        """Wanted element size at a distance from the nearest site, any shape [m]."""
+        """Return the wanted element size at a distance from the nearest site, any shape [m]."""
         beyond = np.maximum(np.asarray(distance, dtype=float) - self.flat, 0.0)
         return np.minimum(self.h_site + self.slope * beyond, self.h)
 
     def cells(self, distance: ArrayLike) -> Array:
-        """Elements from a site out to a distance, ∫ dx / size(x), any shape [-]."""
+        """Return the elements from a site out to a distance, ∫ dx / size(x), any shape [-]."""
         d = np.asarray(distance, dtype=float)
         growing = np.clip(d - self.flat, 0.0, self.reach - self.flat)
         return np.asarray(
@@ -74,7 +74,7 @@ class Grading:
         )
 
     def distance(self, cells: ArrayLike) -> Array:
-        """Inverse of `cells`: the distance from a site after so many elements, any shape [m]."""
+        """Return the distance from a site after so many elements, the inverse of `cells`, any shape [m]."""
         n = np.asarray(cells, dtype=float)
         n_flat, n_reach = self.cells(self.flat), self.cells(self.reach)
         growing = np.clip(n - n_flat, 0.0, n_reach - n_flat)
@@ -86,8 +86,8 @@ class Grading:
 
 
 def site_points(sites: ArrayLike) -> Array:
-    """Sites as an array of shape `(p, 3)` [m], p ≥ 0; raises `MeshError` for another shape or a value not
-    finite.
+    """Return the sites as an array of shape `(p, 3)` [m], p ≥ 0; raises `MeshError` for another shape or a
+    value not finite.
     """
     points = np.asarray(sites, dtype=float)
     if points.size == 0:

@@ -14,10 +14,10 @@ Named = Mapping[str, NDArray[np.integer]]
 
 
 def named_mesh(points: Array, tets: NDArray[np.integer], surfaces: Named, volumes: Named) -> skfem.MeshTet:
-    """Checked mesh: points of shape `(n, 3)` [m], tets `(m, 4)`, surfaces name → triangles `(k, 3)`,
-    volumes name → tet indices.
+    """Return a checked mesh with its surfaces and volumes named.
 
-    Raises `MeshError` from `check`, and when a named triangle is no facet.
+    Points have shape `(n, 3)` [m], tets `(m, 4)`, surfaces name → triangles `(k, 3)`, volumes name → tet
+    indices. Raises `MeshError` from `check`, and when a named triangle is no facet.
     """
     mesh = checked_mesh(points, tets)
     boundaries = {name: facet_indices(mesh, triangles) for name, triangles in surfaces.items()}
@@ -27,11 +27,11 @@ def named_mesh(points: Array, tets: NDArray[np.integer], surfaces: Named, volume
 def checked_mesh(
     points: Array, tets: NDArray[np.integer], twins: NDArray[np.integer] = NO_TWINS, parts: int = 1
 ) -> skfem.MeshTet:
-    """`bare_mesh` after `meshes.checks.check`, whose errors it raises."""
+    """Return the `bare_mesh` of points and tets that pass `meshes.checks.check`, whose errors are raised."""
     check(points, tets, twins, parts)
     return bare_mesh(points, tets)
 
 
 def bare_mesh(points: Array, tets: NDArray[np.integer]) -> skfem.MeshTet:
-    """`skfem.MeshTet` in the column layout it keeps, nothing named; points `(n, 3)` [m], tets `(m, 4)`."""
+    """Return `skfem.MeshTet` in the column layout it keeps, nothing named; points `(n, 3)` [m], tets `(m, 4)`."""
     return skfem.MeshTet(np.ascontiguousarray(points.T), np.ascontiguousarray(tets.T, dtype=np.int64))

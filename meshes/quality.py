@@ -25,7 +25,7 @@ class Quality:
 
 
 def quality(mesh: skfem.MeshTet) -> Quality:
-    """Quality of a tetrahedral mesh."""
+    """Measure the quality of a tetrahedral mesh."""
     corners = mesh.p.T[mesh.t.T]
     edges = np.linalg.norm(_edges(corners), axis=2)
     ratios = radius_ratios(corners)
@@ -39,14 +39,14 @@ def quality(mesh: skfem.MeshTet) -> Quality:
 
 
 def size_at(mesh: skfem.MeshTet, point: NDArray[np.floating]) -> float:
-    """Mean length of the edges that meet in the node nearest to a point (3,) [m]."""
+    """Return the mean length of the edges that meet in the node nearest to a point (3,) [m]."""
     node = np.linalg.norm(mesh.p.T - point, axis=1).argmin()
     ends = mesh.p[:, mesh.edges[:, (mesh.edges == node).any(axis=0)]]
     return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=0).mean())
 
 
 def dihedral_angles(corners: Array) -> Array:
-    """The six angles between facets, corners of shape `(m, 4, 3)` [m], angles `(m, 6)` [rad]."""
+    """Return the six angles between facets, corners of shape `(m, 4, 3)` [m], angles `(m, 6)` [rad]."""
     normals = _facet_normals(corners)
     unit = normals / np.linalg.norm(normals, axis=2, keepdims=True)
     cosines = np.stack([-np.sum(unit[:, i] * unit[:, j], axis=1) for i, j in EDGES], axis=1)
@@ -54,8 +54,9 @@ def dihedral_angles(corners: Array) -> Array:
 
 
 def radius_ratios(corners: Array) -> Array:
-    """3 r/R of each tetrahedron, shape `(m,)`: r = 3V/ΣA, R = √(s(s−aA)(s−bB)(s−cC))/6V with 2s = aA + bB +
-    cC (Crelle).
+    """Return 3 r/R of each tetrahedron, shape `(m,)`.
+
+    r = 3V/ΣA, R = √(s(s−aA)(s−bB)(s−cC))/6V with 2s = aA + bB + cC (Crelle).
     """
     lengths = np.linalg.norm(_edges(corners), axis=2)
     products = lengths[:, [0, 1, 2]] * lengths[:, [5, 4, 3]]
@@ -72,7 +73,7 @@ def _edges(corners: Array) -> Array:
 
 
 def _facet_normals(corners: Array) -> Array:
-    """Outward normals of the four facets, twice their areas long, shape `(m, 4, 3)`."""
+    """Return the outward normals of the four facets, twice their areas long, shape `(m, 4, 3)`."""
     facets = corners[:, FACETS_OF_TET]
     normals = np.cross(facets[:, :, 1] - facets[:, :, 0], facets[:, :, 2] - facets[:, :, 0])
     inward = np.sum(normals * (corners - facets[:, :, 0]), axis=2, keepdims=True)

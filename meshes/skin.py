@@ -1,6 +1,6 @@
 """Closed triangulated surfaces (STL, OBJ, PLY) filled with graded tetrahedra by gmsh.
 
-gmsh neither ends nor answers on some surfaces that cross themselves, so what it is given is checked here first.
+gmsh neither ends nor fails on some surfaces that cross themselves, so a surface is checked here first.
 """
 
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ class Skin:
 
 
 def read_surface(path: str | Path, metres_per_unit: float) -> Skin:
-    """The surface of a file, `metres_per_unit` being the length of one file unit [m].
+    """Read the surface of a file, `metres_per_unit` being the length of one file unit [m].
 
     Raises `MeshError`, with the file named, for a file that cannot be read and a surface that is open, not a
     manifold, in several pieces or crosses itself.
@@ -58,10 +58,10 @@ def read_surface(path: str | Path, metres_per_unit: float) -> Skin:
 
 
 def fill(skin: Skin, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
-    """Tetrahedra inside a surface by gmsh, graded toward the sites, shape `(p, 3)` [m]; boundary surface.
+    """Mesh the inside of a surface by gmsh, graded toward the sites, shape `(p, 3)` [m]; boundary surface.
 
-    The surface is cut into patches at its sharp edges, each triangulated anew with nodes on the given facets. Raises
-    `MeshError` where gmsh fails.
+    The surface is cut into patches at its sharp edges, each triangulated anew with nodes on the given facets.
+    Raises `MeshError` where gmsh fails.
     """
     with session() as gmsh:
         tag = gmsh.model.addDiscreteEntity(2)
@@ -80,7 +80,7 @@ def fill(skin: Skin, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
 
 
 def welded(points: Array, triangles: Indices) -> tuple[Array, Indices]:
-    """The same triangles with nodes at one place joined; triangles that lose a corner by that are left out."""
+    """Return the triangles with nodes at one place joined; triangles that lose a corner by joining are left out."""
     reach = WELD * float(np.linalg.norm(np.ptp(points, axis=0)))
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
     same = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
@@ -132,7 +132,7 @@ def check_simple(points: Array, triangles: Indices) -> None:
 
 
 def _triangles(path: Path) -> tuple[Array, Indices]:
-    """Points `(n, 3)` and triangles `(m, 3)` of a surface file; polygons of more corners are refused."""
+    """Read points `(n, 3)` and triangles `(m, 3)` of a surface file; polygons of more corners are refused."""
     data = meshio_data(path)
     kinds = sorted({block.type for block in data.cells} - {"vertex", "line"})
     if kinds != ["triangle"]:
@@ -151,7 +151,7 @@ def _distinct(triangles: Indices) -> NDArray[np.bool_]:
 
 
 def _near_pairs(points: Array, triangles: Indices) -> Indices:
-    """Pairs of triangles whose boxes touch, shape `(k, 2)`.
+    """Return the pairs of triangles whose boxes touch, shape `(k, 2)`.
 
     Each triangle is asked for those no larger than itself, so the search stays local on graded surfaces too.
     """
@@ -169,14 +169,14 @@ def _near_pairs(points: Array, triangles: Indices) -> Indices:
 
 
 def _crossing(points: Array, triangles: Indices, pairs: Indices) -> Indices:
-    """The pairs of triangles that cross or fold onto one another."""
+    """Return the pairs of triangles that cross or fold onto one another."""
     parts = [pairs[k : k + BLOCK] for k in range(0, len(pairs), BLOCK)]
     chosen = [part[_cross(points, triangles[part[:, 0]], triangles[part[:, 1]])] for part in parts]
     return np.concatenate([np.empty((0, 2), dtype=np.int64), *chosen])
 
 
 def _cross(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]:
-    """Whether each pair of triangles, shape `(k, 3)` each, has points in common beside those of its common nodes."""
+    """Return whether each pair of triangles, shape `(k, 3)` each, has points in common other than at common nodes."""
     common = (first[:, :, None] == second[:, None, :]).any(axis=2).sum(axis=1)
     crossed = np.asarray(common == 3)
     neighbours = common == 2
@@ -191,7 +191,7 @@ def _cross(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]:
 
 
 def _straddles(points: Array, triangles: Indices, others: Indices) -> NDArray[np.bool_]:
-    """Whether each of `triangles` has nodes on both sides of the plane of its partner in `others`."""
+    """Return whether each of `triangles` has nodes on both sides of the plane of its partner in `others`."""
     a, b, c = np.moveaxis(points[others], 1, 0)
     height = np.stack([_volume(a, b, c, points[node]) for node in triangles.T], axis=1)
     height[(triangles[:, :, None] == others[:, None, :]).any(axis=2)] = 0.0
@@ -199,7 +199,7 @@ def _straddles(points: Array, triangles: Indices, others: Indices) -> NDArray[np
 
 
 def _pierces(segments: Array, triangles: Array) -> NDArray[np.bool_]:
-    """Whether segments `(k, 2, 3)` pass through triangles `(k, 3, 3)`, by the signs of five volumes."""
+    """Return whether segments `(k, 2, 3)` pass through triangles `(k, 3, 3)`, by the signs of five volumes."""
     p, q = segments[:, 0], segments[:, 1]
     a, b, c = np.moveaxis(triangles, 1, 0)
     sides = _volume(a, b, c, p) * _volume(a, b, c, q) < 0
@@ -208,12 +208,12 @@ def _pierces(segments: Array, triangles: Array) -> NDArray[np.bool_]:
 
 
 def _volume(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Six times the signed volume of tetrahedra, corners of shape `(k, 3)`."""
+    """Return six times the signed volume of tetrahedra, corners of shape `(k, 3)`."""
     return np.asarray(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)))
 
 
 def _folded(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]:
-    """Whether triangles that share an edge lie upon each other, within 0.1°."""
+    """Return whether triangles that share an edge lie upon each other, within 0.1°."""
     common = (first[:, :, None] == second[:, None, :]).any(axis=2)
     opposite = first[~common]
     other = second[~(second[:, :, None] == first[:, None, :]).any(axis=2)]
@@ -229,7 +229,9 @@ def _folded(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]
 
 
 def _turns(triangles: Indices) -> Array:
-    """Signs that make the triangles of a closed manifold turn alike, spread from the first over edges, `(m,)`."""
+    """Return the signs `(m,)` by which the triangles of a closed manifold turn alike, spread from the first
+    over edges.
+    """
     edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     order = np.lexsort(np.sort(edges, axis=1).T)
     one, other = order[::2], order[1::2]

@@ -12,7 +12,7 @@ METRES: Mapping[str, float] = MappingProxyType(
 
 
 def metres_per_unit(unit: str | float) -> float:
-    """Metres in one file unit, from its name (`"mm"`) or from the number itself [m].
+    """Return the metres in one file unit, from its name (`"mm"`) or from the number itself [m].
 
     Raises `MeshError` for an unknown name and for a number that is not positive and finite.
     """

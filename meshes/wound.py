@@ -94,10 +94,10 @@ class Lips:
 def wounded_block_structured(
     size: Sequence[float], wound: Wound, grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
 ) -> skfem.MeshTet:
-    """The structured block with a closed slit; for sizes, sites and planes see `graded_block_structured`.
+    """Mesh the structured block with a closed slit; for sizes, sites and planes see `graded_block_structured`.
 
-    Boundaries are those of the block, lip_left and lip_right. Raises `MeshError` as that does, for a wound that does
-    not fit, and for an open one.
+    Boundaries are those of the block, lip_left and lip_right. Raises `MeshError` as that function does, for a
+    wound that does not fit, and for an open one.
     """
     wound.check_fits(size)
     if wound.width:
@@ -116,12 +116,11 @@ def wounded_block_structured(
 def wounded_block_gmsh(
     size: Sequence[float], wound: Wound, grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
 ) -> skfem.MeshTet:
-    """The wounded block by gmsh, element size by the distance to the nearest site, shape `(p, 3)` [m], or to its
-    mirror image across the wound.
+    """Mesh the wounded block by gmsh, sized by the distance to the nearest site or its mirror image across the wound.
 
-    Boundaries are those of the block, lip_left, lip_right and, in an open wound that does not go through,
-    wound_floor. Raises `MeshError` for impossible numbers, a wound that does not fit, a site outside the block, and
-    where gmsh cannot load.
+    Sites have shape `(p, 3)` [m]. Boundaries are those of the block, lip_left, lip_right and, in an open wound
+    that does not go through, wound_floor. Raises `MeshError` for impossible numbers, a wound that does not fit,
+    a site outside the block, and where gmsh cannot load.
     """
     wound.check_fits(size)
     frame = _Frame(size, wound, planes)
@@ -140,7 +139,10 @@ def wounded_block_gmsh(
 
 
 def lips(mesh: skfem.MeshTet, wound: Wound) -> Lips:
-    """What matches what on the two lips of a wounded block made here; raises `MeshError` for another."""
+    """Return the matching nodes and facets of the two lips of a wounded block made here.
+
+    Raises `MeshError` for any other mesh.
+    """
     left, right = (np.asarray(mesh.boundaries[name], dtype=np.int64) for name in LIPS)
     nodes = [np.unique(mesh.facets[:, facets]) for facets in (left, right)]
     mirror = np.ones(3)
@@ -157,7 +159,7 @@ def lips(mesh: skfem.MeshTet, wound: Wound) -> Lips:
 
 @dataclass(frozen=True)
 class _Frame:
-    """A wounded block of a size `(3,)` [m] as the wound sees it: x across, y along."""
+    """A wounded block of a size `(3,)` [m] in the wound's own axes: x across, y along."""
 
     size: Sequence[float]
     wound: Wound
@@ -200,11 +202,11 @@ class _Frame:
         return self.wound.depth >= -self.lower[2] * (1 - ON_PLANE)
 
     def local(self, points: Array) -> Array:
-        """Points of the block, shape `(…, 3)`, as the wound sees them; its own inverse."""
+        """Return points of the block, shape `(…, 3)`, in the wound's axes; the map is its own inverse."""
         return np.array(points[..., self.order])
 
     def finish(self, points: Array, tets: Indices, twins: Indices) -> skfem.MeshTet:
-        """The checked mesh in the block's own axes, everything named."""
+        """Return the checked mesh in the block's own axes, everything named."""
         if self.wound.normal_axis == 1:
             tets = tets[:, [1, 0, 2, 3]]  # exchanging x and y turns them inside out
         parts = 2 if self.ends and self.through else 1
@@ -212,7 +214,7 @@ class _Frame:
         return mesh.with_boundaries(self._wound_facets(mesh))
 
     def _wound_facets(self, mesh: skfem.MeshTet) -> dict[str, Indices]:
-        """The facets that are on no face of the block: floor and lips."""
+        """Return the facets that are on no face of the block: floor and lips."""
         named = np.concatenate(list((mesh.boundaries or {}).values()))
         facets = np.setdiff1d(mesh.boundary_facets(), named)
         floor = (np.abs(mesh.p[2, mesh.facets[:, facets]] + self.wound.depth) <= self.slack).all(axis=0)
@@ -229,8 +231,9 @@ class _Frame:
 
 
 def _slit(points: Array, tets: Indices, frame: _Frame) -> tuple[Array, Indices, Indices]:
-    """Points, tetrahedra and coincident pairs after the nodes inside the slit have been given a twin for the right
-    lip; its plane must be made of facets.
+    """Return points, tetrahedra and coincident pairs of the block with its slit opened.
+
+    The nodes inside the slit get a twin for the right lip; the plane of the slit must be made of facets.
     """
     slack, wound = frame.slack, frame.wound
     x, y, z = points.T
@@ -248,7 +251,7 @@ def _slit(points: Array, tets: Indices, frame: _Frame) -> tuple[Array, Indices, 
 
 
 def _mirrored(points: Array, tets: Indices, slack: float) -> tuple[Array, Indices]:
-    """A mesh of x ≥ 0 and its mirror image, joined in the plane x = 0."""
+    """Return a mesh of x ≥ 0 and its mirror image, joined in the plane x = 0."""
     points = points.copy()
     joined = np.abs(points[:, 0]) <= slack
     points[joined, 0] = 0.0

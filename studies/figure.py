@@ -29,19 +29,19 @@ DPI = 120
 
 
 def panels(lines: int, columns: int) -> tuple[Figure, np.ndarray]:
-    """A figure and its axes `(lines, columns)`."""
+    """Make a figure and its axes `(lines, columns)`."""
     drawing = Figure(figsize=(PANEL[0] * columns, PANEL[1] * lines), layout="constrained")
     return drawing, drawing.subplots(lines, columns, squeeze=False)
 
 
 def ticks(axes: Axes, axis: str, values: Sequence[float]) -> None:
-    """Plain numbers on an axis, logarithmic or not."""
+    """Set plain numbers on an axis, logarithmic or not."""
     {"x": axes.set_xticks, "y": axes.set_yticks}[axis](values, [f"{value:.3g}" for value in values])
     axes.minorticks_off()
 
 
 def render_figure(figure: Callable[[Sequence[Any]], Figure], rows: Sequence[Any], name: str) -> dict[str, bytes]:
-    """A study's figure by format, the same bytes for the same rows."""
+    """Render a study's figure by format, the same bytes for the same rows."""
     pictures = {}
     with rc_context({**STYLE, "svg.hashsalt": name}):
         drawing = figure(rows)

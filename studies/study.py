@@ -74,12 +74,12 @@ class Study:
 
 
 def unit_field(text: str) -> Any:
-    """A field of a row, with its unit."""
+    """Declare a field of a row, with its unit."""
     return field(metadata={"unit": text})
 
 
 def study(name: str) -> Study:
-    """The study of a name. Raises `StudyError`."""
+    """Import the study of a name. Raises `StudyError`."""
     if name not in NAMES:
         near = nearest(name, NAMES)
         hint = f"; the nearest is {near}" if near else ""
@@ -89,7 +89,8 @@ def study(name: str) -> Study:
 
 
 def arguments(found: Study, preset: str, settings: Sequence[str] = ()) -> dict[str, Any]:
-    """Arguments of a study's `main`: those of the preset, and each `settings` `name=value` with the value in TOML.
+    """Gather the arguments of a study's `main`: those of the preset, and each `settings` `name=value` with the value in
+    TOML.
 
     Raises `StudyError`.
     """
@@ -106,7 +107,7 @@ def arguments(found: Study, preset: str, settings: Sequence[str] = ()) -> dict[s
 
 
 def value_of(text: str) -> Any:
-    """A value in TOML; a bare word is a string, because a shell takes the quotes away."""
+    """Read a value in TOML; a bare word is a string, because a shell takes the quotes away."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
@@ -114,7 +115,7 @@ def value_of(text: str) -> Any:
 
 
 def convert(setting: str, kind: Any, value: Any) -> Any:
-    """A value of the type that the study's argument has."""
+    """Convert a value to the type that the study's argument has."""
     if value == []:
         raise StudyError(f"--set {setting} is refused: the list is empty; give at least one")
     try:
@@ -154,14 +155,14 @@ def carry_out(
 
 
 def empty_folder(folder: Path) -> None:
-    """A folder without an earlier study."""
+    """Remove an earlier study from a folder, which is made where there is none."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in WRITTEN:
         (folder / name).unlink(missing_ok=True)
 
 
 def write(name: str, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path) -> None:
-    """Table, figure, and what was asked and checked, into a folder."""
+    """Write table, figure, and what was asked and checked, into a folder."""
     from studies.figure import render_figure
 
     found = study(name)
@@ -175,18 +176,18 @@ def write(name: str, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path
 
 
 def numbers(rows: Sequence[Any]) -> str:
-    """Every row in SI units, which the header names."""
+    """Write every row in SI units, which the header names."""
     head = [f"{f.name} [{f.metadata['unit']}]" if "unit" in f.metadata else f.name for f in fields(rows[0])]
     return comma_separated([head, *map(cells, rows)])
 
 
 def cells(row: Any) -> list[str]:
-    """What a row says, field by field."""
+    """Write what a row says, field by field."""
     return [str(value) for value in asdict(row).values()]
 
 
 def comma_separated(lines: Sequence[Sequence[str]]) -> str:
-    """Lines of CSV."""
+    """Write lines of CSV."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(lines)
     return text.getvalue()

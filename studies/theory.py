@@ -47,13 +47,13 @@ class TwoHoles:
         return np.block([[own, other.T], [other, own]])
 
     def displacements(self, held: float, between: float, pulled: float) -> Array:
-        """(x, z) of entry and exit, shape `(2, 2)` [m], where the thread pulls by these tensions [N]: up at the entry,
-        along the bite between the holes, up at the exit."""
+        """Return (x, z) of entry and exit, shape `(2, 2)` [m], where the thread pulls by these tensions [N]: up at the
+        entry, along the bite between the holes, up at the exit."""
         return np.reshape(self.compliance @ [between, held, -between, pulled], (2, 2))
 
     def stress(self, points: Array, forces: Array, holes: Sequence[int] = (0, 1)) -> Array:
-        """Stress `(k, 3, 3)` [Pa] at points `(k, 3)` [m] by `forces` `(2, 3)` [N] on holes on the surface: the
-        displacements of Cerruti and Boussinesq over the disc, differenced."""
+        """Return the stress `(k, 3, 3)` [Pa] at points `(k, 3)` [m] by `forces` `(2, 3)` [N] on holes on the surface:
+        the displacements of Cerruti and Boussinesq over the disc, differenced."""
         disc, slope = footprint.disc(WEIGHT), np.zeros((len(points), 3, 3))
         for hole in holes:
             offset = (points - self.places[hole])[:, None] / self.footprint - disc.points
@@ -64,8 +64,8 @@ class TwoHoles:
         return hooke(slope / self.footprint**2, self.poisson_ratio)
 
     def mean_stress(self, hole: int, forces: Array) -> Array:
-        """Stress averaged over the half ball below a hole on the surface, shape `(3, 3)` [Pa]: the hole's own from the
-        Fourier transform, the other's as at its centre."""
+        """Return the stress averaged over the half ball below a hole on the surface, shape `(3, 3)` [Pa]: the hole's
+        own from the Fourier transform, the other's as at its centre."""
         own = unbounded.half_ball_compliance(WEIGHT, self.poisson_ratio)[3:, :3] @ forces[hole]
         points, weights = half_ball()
         centre = self.places[hole] + self.footprint * (weights @ points)
@@ -74,27 +74,28 @@ class TwoHoles:
 
 
 def half_ball() -> tuple[Array, Array]:
-    """Points of the unit half ball z < 0, `(k, 3)`, and their weights, which sum to one."""
+    """Return the points of the unit half ball z < 0, `(k, 3)`, and their weights, which sum to one."""
     ball = footprint.ball(WEIGHT)
     below = ball.points[:, 2] < 0.0
     return ball.points[below], 2.0 * ball.weights[below]
 
 
 def hooke(slope: Array, nu: float) -> Array:
-    """Stress over E for displacement gradients `(k, 3, 3)`."""
+    """Return the stress over E for displacement gradients `(k, 3, 3)`."""
     strain = 0.5 * (slope + np.swapaxes(slope, 1, 2))
     trace = np.trace(strain, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     return np.asarray((strain + nu / (1.0 - 2.0 * nu) * trace) / (1.0 + nu))
 
 
 def direct_term(distance: float, nu: float) -> Array:
-    """Displacement (x, z) at a distance [m] along x by unit forces along x and z in full space, E = 1: Kelvin's."""
+    """Return the displacement (x, z) at a distance [m] along x by unit forces along x and z in full space, E = 1:
+    Kelvin's."""
     whole: Array = unbounded.kelvin(np.array([distance, 0.0, 0.0]), nu)
     return whole[np.ix_([0, 2], [0, 2])]
 
 
 def image_term(distance: float, depth: float, nu: float) -> Array:
-    """What the surface adds to that where both points lie at one depth [m], shape `(2, 2)`, E = 1: Mindlin's."""
+    """Return what the surface adds to that where both points lie at one depth [m], shape `(2, 2)`, E = 1: Mindlin's."""
     x, c, R = distance, depth, float(np.hypot(distance, 2.0 * depth))
     k, free = 3.0 - 4.0 * nu, 4.0 * (1.0 - nu) * (1.0 - 2.0 * nu)
     along = 1.0 / R + k * x**2 / R**3 + 2.0 * c**2 / R**3 * (1.0 - 3.0 * x**2 / R**2)

@@ -53,7 +53,8 @@ class Verdict:
 
 
 def observed_order(h: Sequence[float], f: Sequence[float]) -> float:
-    """p of f = f₀ + C hᵖ through three numbers: (f₃ − f₂)/(f₂ − f₁) = (h₃ᵖ − h₂ᵖ)/(h₂ᵖ − h₁ᵖ), which grows with p.
+    """Solve for p of f = f₀ + C hᵖ through three numbers: (f₃ − f₂)/(f₂ − f₁) = (h₃ᵖ − h₂ᵖ)/(h₂ᵖ − h₁ᵖ), which grows
+    with p.
 
     That is Celik's equation for any ratio of the grids, with its sign: p ≤ 0 where the changes do not fall. NaN where
     the number swings, or does not change.
@@ -72,22 +73,22 @@ def observed_order(h: Sequence[float], f: Sequence[float]) -> float:
 
 
 def growth(ratio: float, p: float) -> float:
-    """(rᵖ − 1)/p, log r at p = 0."""
+    """Return (rᵖ − 1)/p, log r at p = 0."""
     return float(np.expm1(p * np.log(ratio)) / p) if p else float(np.log(ratio))
 
 
 def richardson(h: Sequence[float], f: Sequence[float], p: float) -> float:
-    """The limit f₀ of f = f₀ + C hᵖ through the two finest numbers."""
+    """Return the limit f₀ of f = f₀ + C hᵖ through the two finest numbers."""
     return float(f[0] + (f[0] - f[1]) / ((h[1] / h[0]) ** p - 1.0))
 
 
 def convergence_index(h: Sequence[float], f: Sequence[float], p: float, safety: float = SAFETY) -> float:
-    """Grid-convergence index of the finest number, `safety` · |f₁ − f₂|/|f₁|/(rᵖ − 1)."""
+    """Return the grid-convergence index of the finest number, `safety` · |f₁ − f₂|/|f₁|/(rᵖ − 1)."""
     return float(safety * abs(f[0] - richardson(h, f, p)) / abs(f[0]))
 
 
 def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
-    """What three or more numbers say, the three finest of them; `formal` is the order of theory.
+    """Return what three or more numbers say, the three finest of them; `formal` is the order of theory.
 
     An order above the formal one is luck, since the two finest numbers may be near one another where the error turns:
     the formal one is taken with the larger factor, and no less than the range of the three (Eça & Hoekstra 2014). A
@@ -122,7 +123,7 @@ def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
 
 
 def kind_without_order(p: float, f: Sequence[float], change: float, swung: float, steady: bool) -> str:
-    """The kind of a number whose changes swing or do not fall as they should, "" for any other."""
+    """Return the kind of a number whose changes swing or do not fall as they should, "" for any other."""
     if np.isnan(p) and abs(f[0] - f[1]) <= abs(f[1] - f[2]):
         return "converged" if swung <= CONVERGED else "pre-asymptotic"
     if (np.isnan(p) or p < SLOWEST) and change <= UNRESOLVED:
@@ -133,15 +134,15 @@ def kind_without_order(p: float, f: Sequence[float], change: float, swung: float
 
 
 def beyond_linear(what: str, moved: float, footprint: float) -> list[str]:
-    """A remark where a hole moved [m] farther than small strains allow with its footprint [m]."""
+    """Return a remark where a hole moved [m] farther than small strains allow with its footprint [m]."""
     if moved <= LINEAR * footprint:
         return []
     return [f"{what}: a hole moved by {moved / footprint:.2g} footprints, BEYOND the linear range (about {LINEAR})"]
 
 
 def beyond_bearing(what: str, tension: float, diameter: float, bite: float, youngs_modulus: float) -> list[str]:
-    """A remark where the bearing strain T/(d ℓ E) of a thread of a tension [N] and diameter [m] in a bite [m] of tissue
-    [Pa] is not small."""
+    """Return a remark where the bearing strain T/(d ℓ E) of a thread of a tension [N] and diameter [m] in a bite [m] of
+    tissue [Pa] is not small."""
     strain = bearing_strain(tension, diameter, bite, youngs_modulus)
     if strain <= LINEAR:
         return []
@@ -149,19 +150,21 @@ def beyond_bearing(what: str, tension: float, diameter: float, bite: float, youn
 
 
 def bearing_strain(tension: float, diameter: float, bite: float, youngs_modulus: float) -> float:
-    """T/(d ℓ E): mean pressure of a thread on the tissue that it lies in over a length ℓ, over the tissue's E."""
+    """Return T/(d ℓ E): mean pressure of a thread on the tissue that it lies in over a length ℓ, over the tissue's
+    E."""
     return tension / (diameter * bite * youngs_modulus)
 
 
 def too_coarse(what: str, size: float, footprint: float) -> list[str]:
-    """A remark where cells [m] are larger than the radius of a footprint [m] that nothing else makes up for."""
+    """Return a remark where cells [m] are larger than the radius of a footprint [m] that nothing else makes up for."""
     if size <= footprint:
         return []
     return [f"{what}: cells of {size / footprint:.3g} footprint radii, TOO COARSE: the hole is as stiff as the mesh is"]
 
 
 def spans_too_coarse(what: str, ratio: float) -> list[str]:
-    """A remark where the spans at the holes are too long for the bends there; `ratio` is a step's `span_ratio`."""
+    """Return a remark where the spans at the holes are too long for the bends there; `ratio` is a step's
+    `span_ratio`."""
     if ratio <= RESOLVED:
         return []
     reason = f"spans at the holes of {ratio:.2g} bending lengths √(EI/T), TOO COARSE for the forces along the thread"
@@ -169,7 +172,7 @@ def spans_too_coarse(what: str, ratio: float) -> list[str]:
 
 
 def not_settled(what: str, kinetic: float, elastic: float) -> list[str]:
-    """A remark where a run still moves at its end: by its kinetic energy [J] over what is elastic in it [J]."""
+    """Return a remark where a run still moves at its end: by its kinetic energy [J] over what is elastic in it [J]."""
     share = unrest(kinetic, elastic)
     if share <= SETTLED:
         return []
@@ -177,5 +180,6 @@ def not_settled(what: str, kinetic: float, elastic: float) -> list[str]:
 
 
 def unrest(kinetic: float, elastic: float) -> float:
-    """Kinetic over elastic energy, zero where nothing moves and infinite where nothing but motion is there."""
+    """Return the kinetic over elastic energy, zero where nothing moves and infinite where nothing but motion is
+    there."""
     return kinetic / elastic if elastic else float("inf") if kinetic else 0.0

@@ -13,20 +13,21 @@ from thread.arrays import Array, Indices
 
 
 def half_band_of(band: Array) -> int:
-    """Diagonals each side of the main one of a matrix in this storage."""
+    """Return the number of diagonals on each side of the main one, from a matrix in banded storage."""
     return (len(band) - 1) // 3
 
 
 def diagonal_of(band: Array) -> int:
-    """Row of the storage that holds the main diagonal."""
+    """Return the row of the banded storage that holds the main diagonal."""
     return 2 * half_band_of(band)
 
 
 @dataclass(frozen=True)
 class Elements:
-    """Groups of `reach` neighbouring control points, from `first` (m,) on, and where what is theirs goes in the thread.
+    """Groups of `reach` neighbouring control points, from `first` (m,) on, and their places in the thread's matrices.
 
-    `n` points of `coordinates` each, of which an element sees the first `seen`; `half_band` of the storage.
+    The thread has `n` points of `coordinates` each, of which an element depends on the first `seen`;
+    `half_band` is that of the storage.
     """
 
     first: Indices

@@ -218,7 +218,7 @@ MATERIALS = (
 
 
 def _key(text: str) -> str:
-    """Spelling reduced to what tells materials apart: lower case letters and digits."""
+    """Return a spelling reduced to what distinguishes materials: lower case letters and digits."""
     return re.sub(r"[^a-z0-9]", "", text.casefold())
 
 
@@ -229,7 +229,7 @@ MATERIAL_OF: Mapping[str, SutureMaterial] = MappingProxyType(
 
 
 def names() -> tuple[str, ...]:
-    """Every suture the catalogue makes, e.g. "2-0 polypropylene"."""
+    """Return the names of all sutures of the catalogue, e.g. "2-0 polypropylene"."""
     return tuple(
         f"{size.usp} {material.name}"
         for material in MATERIALS
@@ -240,10 +240,10 @@ def names() -> tuple[str, ...]:
 
 
 def suture(name: str) -> Section:
-    """Section of a suture by USP size and material, e.g. "2-0 polypropylene"; case, spaces, "2/0" and "USP"
-    do not matter.
+    """Return the section of a suture by USP size and material, e.g. "2-0 polypropylene".
 
-    Raises `ThreadError` with the nearest names for one the catalogue does not have.
+    Case, spaces, "2/0" and "USP" do not matter. Raises `ThreadError` with the nearest names for a suture that
+    the catalogue does not have.
     """
     size, material = _parse(name)
     if material.modulus is None:
@@ -262,10 +262,10 @@ def suture(name: str) -> Section:
 
 
 def knot_pull(name: str) -> float | None:
-    """Least average knot-pull strength that the pharmacopoeia asks of a suture [N] (`KNOT_PULL`), None where no source
-    gives one: collagen and steel have tables of their own.
+    """Return the least average knot-pull strength that the pharmacopoeia requires of a suture [N] (`KNOT_PULL`).
 
-    Raises `ThreadError` as `suture` does.
+    None means that no source gives a strength: collagen and steel have tables of their own. Raises
+    `ThreadError` as `suture` does.
     """
     size, material = _parse(name)
     if material.collagen or material.name == "steel":
@@ -283,8 +283,9 @@ def _parse(name: str) -> tuple[Size, SutureMaterial]:
 
 
 def _usp(text: str) -> str:
-    """Canonical USP number: "2 / 0" and "00" are "2-0"; "1-0" stays as it is, unknown, for some mean 0 by
-    it and some 1.
+    """Return the canonical USP number: "2 / 0" and "00" are "2-0".
+
+    "1-0" stays as it is and is unknown, for some authors mean 0 by "1-0" and some 1.
     """
     compact = re.sub(r"\s", "", text).replace("/", "-")
     zeros = len(compact)
@@ -301,7 +302,10 @@ def _miss(name: str) -> str:
 
 
 def _diameter(name: str, size: Size, material: SutureMaterial) -> float:
-    """Nominal diameter [m], for collagen that of the next larger metric number."""
+    """Return the nominal diameter [m], for collagen that of the next larger metric number.
+
+    Raises `ThreadError` for a collagen size that the catalogue does not know.
+    """
     if not material.collagen:
         return size.diameter
     if size.usp not in COLLAGEN_SIZES:

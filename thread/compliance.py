@@ -1,16 +1,16 @@
 """The compliance that a cubic spline lacks where a point force or a couple acts on it.
 
 A force F and a couple m at an abscissa s bend a rod with a jump of shear and of curvature there. A C² spline has
-neither inside a span: it is too stiff by an amount that depends on where in the span s lies, and a rod that slides
-through a hole feels the difference as a lattice, a force along it that swings from knot to knot by up to a quarter of
-m²/2EI however fine the spans. The lack is a local matter: a smooth load leaves none. So it is taken on a patch of spans
-around s, clamped at its ends, as the difference of two linear answers,
+neither inside a span: the spline is too stiff by an amount that depends on where in the span s lies, and a rod that
+slides through a hole feels the difference as a lattice, a force along it that swings from knot to knot by up to a
+quarter of m²/2EI however fine the spans. The lack is local: a smooth load leaves none. So the lack is computed on a
+patch of spans around s, clamped at its ends, as the difference of two linear answers,
 
     c(s) = g(s) − β(s)ᵀ K⁻¹ β(s),     β = (b, b'),   K = ∫EI b'' b''ᵀ ds,
 
 g being the compliance of the clamped beam itself (force–force, force–couple, couple–couple), and added where the
 rod is held. c is a polynomial of degree six on each span, and positive semidefinite since the spline's answer is a
-Galerkin one; it falls with h³, h² and h.
+Galerkin one; its three entries fall with h³, h² and h.
 """
 
 import numpy as np
@@ -31,9 +31,11 @@ POWERS = np.arange(7)  # of s on a span, in which c is a polynomial
 
 
 def missing_on(spline: Spline, span: int) -> Array:
-    """What the spline lacks on a span at EI = 1, as polynomials in the distance from its start [m].
+    """Return the compliance at EI = 1 that the spline lacks on a span, as polynomials in the distance from its
+    start [m].
 
-    Shape `(3 derivatives by s, 3, 7 powers)`: deflection by force [m³ over EI], slope by force, slope by couple.
+    Shape `(3 derivatives by s, 3, 7 powers)`: deflection by force [m³ over EI], slope by force, slope by
+    couple.
     """
     start, low, high, inverse = patch_of(spline, span)
     at = (Polynomial([start - low, 1.0])) / (high - low)
@@ -49,15 +51,18 @@ def missing_on(spline: Spline, span: int) -> Array:
 
 
 def quadratic_form(b: Array, inverse: Array) -> Polynomial:
-    """bᵀ K⁻¹ b for functions with the power coefficients `b` (r, 4), `inverse` (4, 4)."""
+    """Return the polynomial bᵀ K⁻¹ b from power coefficients `b` (r, 4) and `inverse` (4, 4)."""
     product = b @ inverse @ b.T
     power = np.add.outer(np.arange(len(b)), np.arange(len(b)))
     return Polynomial(np.bincount(power.ravel(), product.ravel()))
 
 
 def patch_of(spline: Spline, span: int) -> tuple[float, float, float, Array]:
-    """Start of a span, ends of the patch around it [m], and the inverse of the patch's stiffness at EI = 1 over the
-    four functions of the span, shape `(4, 4)`; zero for a function that does not vanish at the patch's clamped ends."""
+    """Return the start of a span, the ends of the patch around the span [m], and the inverse of the patch's stiffness.
+
+    The inverse is taken at EI = 1 over the four functions of the span, shape `(4, 4)`, and is zero for a
+    function that does not vanish at the patch's clamped ends.
+    """
     breaks, ends = spline.breaks, spline.piece_ends
     piece = spline.piece_of(breaks[span])
     low = max(breaks[max(span - REACH, 0)], ends[piece])
@@ -72,7 +77,7 @@ def patch_of(spline: Spline, span: int) -> tuple[float, float, float, Array]:
 
 
 def bending_stiffness(spline: Spline) -> Array:
-    """∫ b'' b''ᵀ ds, shape `(n, n)` [1/m³]."""
+    """Assemble the bending stiffness ∫ b'' b''ᵀ ds at EI = 1, shape `(n, n)` [1/m³]."""
     K = np.zeros((spline.n, spline.n))
     x, w = np.polynomial.legendre.leggauss(2)  # exact for the product of two straight lines
     for first, polynomials, h in zip(spline.first, spline.polynomials, np.diff(spline.breaks), strict=True):

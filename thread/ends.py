@@ -1,6 +1,6 @@
 """What holds the two ends of a thread: nothing, a fixed point, a clamp, a dead load or a moving hand.
 
-A held end of a thread with twist may turn it about its tangent too, as the fingers turn a needle.
+A held end of a thread with twist may also turn the thread about its tangent, as fingers turn a needle.
 """
 
 from dataclasses import dataclass, field
@@ -15,27 +15,32 @@ ZERO = np.zeros(3)
 
 @dataclass(frozen=True)
 class Free:
-    """Nothing holds the end."""
+    """An end that nothing holds."""
 
     def position(self, time: float) -> Array | None:
-        """Prescribed position [m] at `time` [s], None where the end is free to move."""
+        """Return the prescribed position [m] at `time` [s]; None means that the end is free to move."""
         return None
 
     def angle(self, time: float) -> float | None:
-        """Prescribed angle of the section about the tangent [rad], right-handed towards rising s, None where no torque
-        holds it. It matters to a thread with twist alone."""
+        """Return the prescribed angle of the section about the tangent [rad], right-handed towards rising s.
+
+        None means that no torque holds the section. Only a thread with twist reads the angle.
+        """
         return None
 
     def force(self, time: float) -> Array:
-        """Dead load [N] at `time` [s]."""
+        """Return the dead load [N] at `time` [s], shape `(3,)`."""
         return ZERO
 
 
 @dataclass(frozen=True)
 class Turning(Free):
-    """An end that a hand may turn: `turn`, shape `(k, 2)`: t [s], angle [rad] about the tangent, linear in between,
-    zero at the start; None: it turns freely. Where the tangent moves, the angle is measured from a frame that goes with
-    it without spinning (`thread.frames`)."""
+    """An end that a hand may turn about the tangent.
+
+    `turn`, shape `(k, 2)`: time [s] and angle [rad], linear in between, zero at the start; None means that the
+    end turns freely. Where the tangent moves, the angle is measured from a frame that follows the tangent
+    without spinning (`thread.frames`).
+    """
 
     turn: Array | None = field(default=None, kw_only=True)
 
@@ -48,25 +53,27 @@ class Turning(Free):
             raise ThreadError("end: the times of turn must rise, and its angle at t = 0 be 0; sort its rows")
 
     def angle(self, time: float) -> float | None:
-        """The angle on the way at `time`, the last one afterwards [rad]."""
+        """Return the angle at `time` [rad], after the last row of `turn` that row's angle; None means a free turn."""
         return None if self.turn is None else float(np.interp(time, self.turn[:, 0], self.turn[:, 1]))
 
 
 @dataclass(frozen=True)
 class Fixed(Turning):
-    """The end stays at `point`, shape `(3,)` [m], its tangent free."""
+    """An end that stays at `point`, shape `(3,)` [m], its tangent free."""
 
     point: Array
 
     def position(self, time: float) -> Array | None:
-        """The point, at all times [m]."""
+        """Return the point [m], the same at all times."""
         return self.point
 
 
 @dataclass(frozen=True)
 class Clamped(Fixed):
-    """The end stays at `point` and leaves it along `direction` (unit, towards rising s); it may stretch. Unless a
-    `turn` is given, it does not turn."""
+    """An end that stays at `point` and leaves it along `direction` (unit, towards rising s); the end may stretch.
+
+    Without a `turn` the end does not turn. Raises `ThreadError` for a direction that is not a unit vector.
+    """
 
     direction: Array
 
@@ -76,7 +83,7 @@ class Clamped(Fixed):
             raise ThreadError(f"clamped end: direction {self.direction} is not a unit vector; divide it by its length")
 
     def angle(self, time: float) -> float | None:
-        """The angle on the way at `time`; without `turn` zero [rad]."""
+        """Return the angle at `time` [rad]; zero without a `turn`."""
         return super().angle(time) or 0.0
 
 
@@ -94,13 +101,13 @@ class Pulled(Free):
             )
 
     def force(self, time: float) -> Array:
-        """The load, or the part of it that the ramp has reached [N]."""
+        """Return the load [N], or the part of the load that the ramp has reached."""
         return self.load if time >= self.ramp else self.load * (time / self.ramp)
 
 
 @dataclass(frozen=True)
 class Driven(Turning):
-    """A hand moves the end through `waypoints`, shape `(k, 4)`: t [s], x, y, z [m]; linear in between."""
+    """An end that a hand moves through `waypoints`, shape `(k, 4)`: t [s], x, y, z [m]; linear in between."""
 
     waypoints: Array
 
@@ -113,7 +120,7 @@ class Driven(Turning):
             raise ThreadError("driven end: the times of the waypoints do not rise; sort them and drop repeats")
 
     def position(self, time: float) -> Array | None:
-        """The point on the way at `time`, the last waypoint afterwards [m]."""
+        """Return the point on the way at `time`, after the last waypoint that waypoint [m]."""
         w = self.waypoints
         return np.array([np.interp(time, w[:, 0], w[:, k]) for k in (1, 2, 3)])
 

@@ -1,16 +1,17 @@
-"""The reference frame that the twist of a thread is measured from: its transport and its own twist.
+"""The reference frame from which the twist of a thread is measured: its transport and its own twist.
 
-A section's material directions are d₁ = a₁ cos θ + a₂ sin θ and d₂ = t × d₁, with a₁(s) a reference frame that follows
-the tangent t in time by parallel transport: at every s, a step turns it by the smallest rotation that takes the tangent
-t_o at the start of the step to t (Bergou et al. 2010; Meier, Popp & Wall 2014; θ as a fourth coordinate of a spline:
-Theetten, Grisoni, Andriot & Barsky 2008). So θ' is not the whole twist. The frame's axial vector along s turns with it
-and gains that of the rotation itself; its component along t is
+A section's material directions are d₁ = a₁ cos θ + a₂ sin θ and d₂ = t × d₁, with a₁(s) a reference frame that
+follows the tangent t in time by parallel transport: at every s, a step turns the frame by the smallest rotation
+from the tangent t_o at the start of the step to t (Bergou et al. 2010; Meier, Popp & Wall 2014; θ as a fourth
+coordinate of a spline: Theetten, Grisoni, Andriot & Barsky 2008). So θ' is not the whole twist. The frame's axial
+vector along s turns with the frame and gains that of the rotation itself; its component along t is
 
     τ = τ_o − (t_o × t)·(t_o' + t') / (1 + t_o·t)
 
 and the twist per length is ω = θ' + τ. Nothing but T, T' and θ' at the point enters, and the data of the step (t_o,
-t_o', τ_o): the energies are local in the control points. θ means the same before and after the frame is carried, and
-θ̇ is the spin of the section about its tangent. At a clamped end the tangent rests, so θ there is the clamp's angle.
+t_o', τ_o): the energies are local in the control points. θ means the same before and after the frame is
+transported, and θ̇ is the spin of the section about its tangent. At a clamped end the tangent rests, so θ there is
+the clamp's angle.
 
 With T = ∂P/∂s, r = |T|, D = r + t_o·T, c = t_o × t_o', e = T' × t_o:   τ = τ_o + c·T/D − e·T/(r D),  affine in T'.
 """
@@ -56,9 +57,10 @@ class Frame:
 
 @dataclass(frozen=True)
 class Stations:
-    """Places where the twist is taken: `reach` control points each group from `first` (m,) on, weights `w` (m, g) [m].
+    """Places where the twist is evaluated: `reach` control points each group from `first` (m,) on.
 
-    `s` (m, g) [m]; rows `T`, `K`, `theta`, `theta_s`, each (m, g, reach), give T, T', θ and the twist of θ.
+    `s` (m, g) [m]; weights `w` (m, g) [m]; rows `T`, `K`, `theta`, `theta_s`, each (m, g, reach), give T, T', θ
+    and the twist of θ.
     """
 
     first: Indices
@@ -85,13 +87,13 @@ class Stations:
         return np.concatenate([self.T, self.K, self.theta, self.theta_s], axis=1)
 
     def curve(self, q: Array) -> tuple[Array, Array]:
-        """T and T' [-, 1/m], each (m, g, 3)."""
+        """Return T and T' [-, 1/m], each (m, g, 3)."""
         local = q[self.points][..., :3]
         return self.T @ local, self.K @ local
 
 
 def gauss_stations(spline: Spline, rule: GaussRule) -> Stations:
-    """Stations at the points of a quadrature rule."""
+    """Return the stations at the points of a quadrature rule."""
     return Stations(spline.first, rule.s, rule.w, rule.b[:, :, 1], rule.b[:, :, 2], rule.b[:, :, 0], rule.b[:, :, 1])
 
 
@@ -99,16 +101,16 @@ def gauss_stations(spline: Spline, rule: GaussRule) -> Stations:
 
 
 def turned(x: Array, t_o: Array, t: Array) -> Array:
-    """`x` across t_o after the smallest rotation that takes the unit tangent `t_o` to `t`; all (..., 3)."""
+    """Return `x` across t_o after the smallest rotation that brings the unit tangent `t_o` to `t`; all (..., 3)."""
     return x - (dot(x, t) / (1.0 + dot(t_o, t)))[..., None] * (t_o + t)
 
 
 def untwisted_frame(spline: Spline, stations: Stations, q: Array, towards: Array) -> Frame:
-    """The frame without twist of a thread at rest, carried along the curve from its start (Bishop's frame), where a₁
-    points `towards` (3,) as nearly as it can.
+    """Return the frame without twist of a thread at rest, transported along the curve from its start (Bishop's frame).
 
-    The transport along s is by double reflection (Wang, Jüttler, Zheng & Liu 2008), of fourth order. Raises
-    `ThreadError` where `towards` is along the thread.
+    At the start a₁ points as nearly as possible `towards` (3,). The transport along s is by double reflection
+    (Wang, Jüttler, Zheng & Liu 2008), of fourth order. Raises `ThreadError` where `towards` is along the
+    thread.
     """
     inner = (spline.breaks[:-1, None] + np.diff(spline.breaks)[:, None] * np.arange(SUBSTEPS) / SUBSTEPS).ravel()
     s = np.union1d(np.append(inner, spline.end), stations.s)
@@ -128,19 +130,19 @@ def untwisted_frame(spline: Spline, stations: Stations, q: Array, towards: Array
 
 
 def double_reflection(chord: Array, t: Array, t_next: Array, a: Array) -> Array:
-    """`a` (3,) across t, carried to the end of a chord where the tangent is `t_next`."""
+    """Return `a` (3,) across t, transported to the end of a chord where the tangent is `t_next`."""
     mirrored, a = reflected(t, chord), reflected(a, chord)
     return reflected(a, t_next - mirrored)
 
 
 def tangent_rate(T: Array, K: Array) -> Array:
-    """t' of t = T/|T| [1/m]."""
+    """Return t' of t = T/|T| [1/m]."""
     r = np.linalg.norm(T, axis=-1, keepdims=True)
     return transverse_part(K, T / r) / r
 
 
 def transport_frame(stations: Stations, frame: Frame, q: Array) -> Frame:
-    """The frame after the thread has gone to `q`."""
+    """Return the frame after the thread has moved to `q` (n, c)."""
     T, K = stations.curve(q)
     t = unit_vector(T)
     a_1 = unit_vector(transverse_part(turned(frame.a_1, frame.t, t), t))
@@ -148,7 +150,10 @@ def transport_frame(stations: Stations, frame: Frame, q: Array) -> Frame:
 
 
 def interpolate_frame(frame: Frame, known: Stations, stations: Stations, q: Array) -> Frame:
-    """The frame at other stations of the curve `q`: its twist and first direction interpolated along s."""
+    """Return the frame, known at the stations `known`, at other `stations` of the curve `q`.
+
+    Its twist and its first direction are interpolated along s.
+    """
     at = lambda values: np.interp(stations.s, known.s.ravel(), values.ravel())  # noqa: E731
     T, K = stations.curve(q)
     t = unit_vector(T)
@@ -157,7 +162,7 @@ def interpolate_frame(frame: Frame, known: Stations, stations: Stations, q: Arra
 
 
 def turns_too_far(frame: Frame, T: Array) -> bool:
-    """Whether a tangent has turned so far from the frame's that the smallest rotation is in doubt."""
+    """Return whether a tangent has turned so far from the frame's that the smallest rotation is in doubt."""
     return bool((dot(frame.t, unit_vector(T)) <= LARGEST_TURN).any())
 
 
@@ -165,16 +170,16 @@ def turns_too_far(frame: Frame, T: Array) -> bool:
 
 
 def reference_twist(T: Array, K: Array, frame: Frame) -> Array:
-    """τ of the frame carried to tangents T, with `K` = T' [1/m]."""
+    """Return τ of the frame transported to tangents T, with `K` = T' [1/m]."""
     r = np.linalg.norm(T, axis=-1)
     c, e = frame.binormal, cross(K, frame.t)
     return frame.tau + (dot(c, T) - dot(e, T) / r) / (r + dot(frame.t, T))
 
 
 def reference_twist_derivatives(T: Array, K: Array, frame: Frame) -> tuple[Array, Array, Array, Array]:
-    """∂τ/∂T, ∂τ/∂T' (..., 3), ∂²τ/∂T∂T, ∂²τ/∂T∂T' (..., 3, 3); ∂²τ/∂T'∂T' is zero.
+    """Return ∂τ/∂T, ∂τ/∂T' (..., 3), ∂²τ/∂T∂T, ∂²τ/∂T∂T' (..., 3, 3); ∂²τ/∂T'∂T' is zero.
 
-    With S = 1/(r D): τ − τ_o = c·T/D − S e·T,  ∂S = −S g,  g = t/r + h/D,  ∂D = h = t_o + t.
+    With S = 1/(r D): τ − τ_o = c·T/D − S e·T, ∂S = −S g, g = t/r + h/D, ∂D = h = t_o + t.
     """
     t_o, r = frame.t, np.linalg.norm(T, axis=-1)[..., None]
     t = T / r

@@ -1,7 +1,7 @@
-"""Where the knots of a spline stand: uniform, graded, cut, or by a tree that follows what the thread does.
+"""Where the knots of a spline stand: uniform, graded, cut, or by a tree that follows the thread's curve.
 
 The breaks of the tree are `roots` equal spans, each halved again and again, at most `LEVELS` times, where the wanted
-span is smaller: beside the holes, and where the curvature changes.
+span is smaller: next to the holes, and where the curvature changes.
 """
 
 from collections.abc import Sequence
@@ -17,27 +17,29 @@ from thread.spline import DEGREE, ORDERS, Spline
 
 LEVELS = 9  # halvings of a root at most
 SLOPE = 0.5  # growth of the wanted span with the distance from a hole, at most
-LAYER = 3.0  # κ falls like exp(−x/ℓ) beside a hole, so the wanted span may grow like exp(x/3ℓ)
+LAYER = 3.0  # κ falls like exp(−x/ℓ) from a hole on, so the wanted span may grow like exp(x/3ℓ)
 
 
 def uniform_knots(length: float, n: int) -> Array:
-    """Clamped knots of `n` control points with equal spans over `[0, length]` [m]."""
+    """Return the clamped knots of `n` control points with equal spans over `[0, length]` [m]."""
     return clamped_knots(np.linspace(0.0, length, n - DEGREE + 1))
 
 
 def clamped_knots(breaks: Array) -> Array:
-    """Clamped knots on the given span ends, shape `(spans + 1,)` [m]."""
+    """Return the clamped knots on the given span ends, shape `(spans + 1,)` [m]."""
     return np.concatenate([np.full(DEGREE, breaks[0]), breaks, np.full(DEGREE, breaks[-1])])
 
 
 def piecewise_knots(pieces: Sequence[Array]) -> Array:
-    """Clamped knots on the span ends of pieces that follow one another, cut where one ends and the next begins."""
+    """Return the clamped knots of pieces that follow one another, given by their span ends [m], cut between pieces."""
     knots = [clamped_knots(breaks) for breaks in pieces]
     return np.concatenate([knots[0], *(piece[ORDERS:] for piece in knots[1:])])
 
 
 def apportion(spans: int, shares: Array) -> Indices:
-    """Whole numbers, at least 1, of the sum `spans` and in proportion to the `shares`, as near as may be."""
+    """Return whole numbers, each at least 1, that sum to `spans` and are as nearly as possible proportional to
+    `shares`.
+    """
     exact = (spans - shares.size) * shares / shares.sum()
     out = np.floor(exact).astype(np.intp)
     out[np.argsort(out - exact, kind="stable")[: spans - shares.size - out.sum()]] += 1
@@ -45,12 +47,13 @@ def apportion(spans: int, shares: Array) -> Indices:
 
 
 def graded_knots(length: float, n: int, centres: ArrayLike, ratio: float, reach: float, cuts: ArrayLike = ()) -> Array:
-    """Clamped knots of `n` control points, `ratio` times denser near the `centres`, cut at the abscissae `cuts`.
+    """Return the clamped knots of `n` control points, `ratio` times denser near the `centres`, cut at the
+    abscissae `cuts`.
 
-    The span at distance x from the nearest centre is proportional to the ratio by which a smooth density
-    falls: `1 + (ratio − 1) exp(−(x/reach)²)`. A thread that must leave a hole in a given direction bends over
-    √(EI/T), often below a millimetre, and spans longer than that lock (bending boundary layer).
-    `length`, `centres`, `reach`, `cuts` in [m], `ratio` ≥ 1. Raises `ThreadError` for other values.
+    The span at distance x from the nearest centre is proportional to the ratio by which a smooth density falls:
+    `1 + (ratio − 1) exp(−(x/reach)²)`. A thread that must leave a hole in a given direction bends over √(EI/T),
+    often below a millimetre, and spans longer than that lock (bending boundary layer). `length`, `centres`,
+    `reach`, `cuts` in [m], `ratio` ≥ 1. Raises `ThreadError` for other values.
     """
     centres, cuts = (np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (centres, cuts))
     if not ratio >= 1.0:
@@ -111,7 +114,9 @@ class Tree:
         return 0.5 * (self.places[:-1] + self.places[1:])
 
     def breaks(self, wanted: Array) -> Indices:
-        """Indices into `places` of the breaks that make no span longer than `wanted` (cells,) [m] anywhere on it."""
+        """Return indices into `places` of the breaks that make no span longer than `wanted` (cells,) [m]
+        anywhere on the span.
+        """
         present = np.zeros(self.cells + 1, dtype=bool)
         present[:: 1 << LEVELS] = True
         split = np.ones(self.roots, dtype=bool)
@@ -124,15 +129,17 @@ class Tree:
         return np.flatnonzero(present)
 
     def index(self, breaks: Array) -> Indices:
-        """Where breaks made of `places` stand in them."""
+        """Return the indices into `places` of the given breaks."""
         return np.searchsorted(self.places, breaks)
 
 
 def spans_at_holes(s: Array, holes: Array, layers: Array, at: float, beside: float) -> Array:
-    """Span wanted at the abscissae `s` (k,) [m] for holes that go from `holes[:, 0]` to `holes[:, 1]` [m], the thread
-    bending over `layers` (m,) [m] = √(EI/T) beside each.
+    """Return the span length wanted at the abscissae `s` (k,) [m] because of the holes.
 
-    `at` [-] of the layer at the hole; beyond, `beside` [-] of it and more as the curvature falls, growing by SLOPE.
+    Each hole moves from `holes[:, 0]` to `holes[:, 1]` [m] in the step, and the thread bends over `layers` (m,)
+    [m] = √(EI/T) on each side
+    of a hole. Wanted are `at` [-] of the layer at the hole; beyond, `beside` [-] of the
+    layer and more as the curvature falls, growing by SLOPE.
     """
     out = np.full(s.shape, np.inf)
     for (start, end), layer in zip(holes, layers, strict=True):
@@ -143,10 +150,11 @@ def spans_at_holes(s: Array, holes: Array, layers: Array, at: float, beside: flo
 
 
 def spans_by_curvature(spline: Spline, q: Array, angle: float) -> Array:
-    """Span wanted on each span by its own curve, shape `(spans,)` [m].
+    """Return the span length wanted on each span by its own curve, shape `(spans,)` [m].
 
-    The curvature of a cubic is straight on each span: the jump of its slope at a knot, times the span squared, is the
-    angle [rad] that it misses, of third order. Wanted is `angle`; at most four times, at least a quarter of the span.
+    The curvature of a cubic is straight on each span: the jump of its slope at a knot, times the span squared,
+    is the angle [rad] that the span misses, of third order. Wanted is a missed `angle`; the result is at most
+    four times and at least a quarter of the span.
     """
     h = np.diff(spline.breaks)
     D = spline.curve(q[:, :3], 0.5 * (spline.breaks[:-1] + spline.breaks[1:]))

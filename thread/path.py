@@ -22,10 +22,9 @@ TIE = 1e-12
 
 @dataclass(frozen=True)
 class RoundedPath:
-    """Curve of k pieces of constant curvature with a continuous tangent, parametrised by arc length; made
-    by `rounded`.
+    """Curve of k pieces of constant curvature with a continuous tangent, parametrised by arc length.
 
-    Within a piece, at l from its beginning: P = o + t sin(κl)/κ + n (1 − cos κl)/κ.
+    Made by `rounded_path`. Within a piece, at l from its beginning: P = o + t sin(κl)/κ + n (1 − cos κl)/κ.
     """
 
     starts: Array  # abscissa at which each piece begins, shape (k,) [m]
@@ -41,8 +40,9 @@ class RoundedPath:
         return float(self.starts[-1] + self.lengths[-1])
 
     def position(self, at: ArrayLike) -> Array:
-        """Points at abscissae of any shape [m], shape `at.shape + (3,)` [m]; raises `ThreadError` outside
-        the path.
+        """Return the points at abscissae of any shape [m], shape `at.shape + (3,)` [m].
+
+        Raises `ThreadError` outside the path.
         """
         k, x = self._locate(at)
         angle = self.curvatures[k] * x
@@ -51,16 +51,18 @@ class RoundedPath:
         return np.asarray(self.origins[k] + along[..., None] * self.tangents[k] + across[..., None] * self.normals[k])
 
     def tangent(self, at: ArrayLike) -> Array:
-        """Unit tangents at abscissae of any shape [m], shape `at.shape + (3,)`; raises `ThreadError`
-        outside the path.
+        """Return the unit tangents at abscissae of any shape [m], shape `at.shape + (3,)`.
+
+        Raises `ThreadError` outside the path.
         """
         k, x = self._locate(at)
         angle = self.curvatures[k] * x
         return np.asarray(np.cos(angle)[..., None] * self.tangents[k] + np.sin(angle)[..., None] * self.normals[k])
 
     def nearest(self, point: ArrayLike) -> tuple[float, float]:
-        """Abscissa and distance [m] of the nearest point of the path to a point, shape `(3,)` [m]; the
-        smallest abscissa in a tie.
+        """Return abscissa and distance [m] of the path's nearest point to a point, shape `(3,)` [m].
+
+        Of equal distances the smallest abscissa is returned.
         """
         abscissae, distances = self.passes(point)
         tie = distances <= distances.min() + TIE * self.length
@@ -68,10 +70,11 @@ class RoundedPath:
         return float(abscissae[best]), float(distances[best])
 
     def passes(self, point: ArrayLike) -> tuple[Array, Array]:
-        """Every local minimum of the distance to a point, shape `(3,)` [m]: abscissae in order and
-        distances, shapes `(m,)` [m].
+        """Return every local minimum of the distance to a point, shape `(3,)` [m].
 
-        A thread that passes a place twice has two. An arc about the point counts by its ends.
+        The minima are abscissae in rising order and distances, shapes `(m,)` [m]. A thread that passes a place
+        twice has two. Of an arc about the point only the ends count. Raises `ThreadError` for a point that is
+        not three finite coordinates.
         """
         x = np.asarray(point, dtype=float)
         if x.shape != (3,) or not np.isfinite(x).all():
@@ -82,7 +85,10 @@ class RoundedPath:
         return minima, np.linalg.norm(self.position(minima) - x, axis=1)
 
     def _locate(self, at: ArrayLike) -> tuple[NDArray[np.intp], Array]:
-        """Piece of each abscissa and distance from its beginning; round-off beyond the ends is taken back."""
+        """Return the piece of each abscissa and the distance from the beginning of the piece [m].
+
+        Round-off beyond the ends of the path is clipped.
+        """
         s = np.asarray(at, dtype=float)
         slack = 1e-12 * self.length
         if not np.all((s >= -slack) & (s <= self.length + slack)):
@@ -91,12 +97,11 @@ class RoundedPath:
         return k, np.clip(s - self.starts[k], 0.0, self.lengths[k])
 
     def _candidates_in_pieces(self, x: Array) -> Array:
-        """Distance from the beginning of each piece to the only place in it that may be nearest x, shape
-        `(k,)`.
+        """Return the distance from the beginning of each piece to the only candidate for nearest to x, shape `(k,)`.
 
-        On an arc that is the direction of x from the centre. Where this is off the arc none of it is a
-        minimum, for a straight piece goes on from either end; from the centre itself all are alike, and the
-        first is taken.
+        On an arc the candidate lies in the direction of x from the centre. Where this direction misses the arc
+        no point of the arc is a minimum, for a straight piece continues from either end. From the centre itself
+        all points are equally far, and the first is returned.
         """
         along = np.sum((x - self.origins) * self.tangents, axis=1)
         cosine = 1 - self.curvatures * np.sum((x - self.origins) * self.normals, axis=1)
@@ -107,9 +112,9 @@ class RoundedPath:
         return np.asarray(np.clip(np.where(straight, along, on_arc), 0.0, self.lengths))
 
     def _is_minimum(self, at: Array, x: Array) -> NDArray[np.bool_]:
-        """Whether the distance to x falls neither forward nor backward of each abscissa, shape `(k,)`.
+        """Return whether the distance to x falls neither forward nor backward of each abscissa, shape `(k,)`.
 
-        Along the path half its square has the slope (P − x)·P'.
+        Half the squared distance has the slope (P − x)·P' along the path.
         """
         gap = self.position(at) - x
         slope = np.sum(gap * self.tangent(at), axis=1)
@@ -119,11 +124,11 @@ class RoundedPath:
 
 
 def rounded_path(points: ArrayLike, radius: float | None = None) -> RoundedPath:
-    """Path through points, shape `(m, 3)` [m], m ≥ 2, each inner corner replaced by an arc of `radius` [m]
-    tangent to both segments.
+    """Return the path through points, shape `(m, 3)` [m], m ≥ 2, its corners rounded by arcs of `radius` [m].
 
-    A corner shortens neither of its segments by more than 0.49 of the shorter: where `radius` would, the
-    arc is smaller. Without a radius every corner takes a quarter of its shorter segment.
+    Each arc is tangent to both segments of its corner. A corner shortens neither of its segments by more than
+    0.49 of the shorter: where `radius` would, the arc is smaller. A radius of None gives every corner a quarter
+    of its shorter segment.
 
     Raises `ThreadError` for fewer than two points, values not finite, equal points in a row, a reversal, a
     radius not positive.
@@ -159,7 +164,7 @@ def _check_steps(vertices: Array, lengths: Array) -> None:
 
 
 def _turns(directions: Array) -> Array:
-    """Angle of each inner corner, shape `(m − 2,)` [rad]; a turn that is round-off is none."""
+    """Return the angle of each inner corner, shape `(m − 2,)` [rad]; zero for a turn within round-off."""
     a, b = directions[:-1], directions[1:]
     angles = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
     return np.where(angles < ANGLE, 0.0, angles)
@@ -171,12 +176,15 @@ def _check_turns(vertices: Array, turns: Array) -> None:
         i = int(back[0]) + 1
         raise ThreadError(
             f"the path turns back on itself at point {i}, {vertices[i].tolist()}: no arc can "
-            "round a turn of 180°; put a point beside it"
+            "round a turn of 180°; put a point next to it"
         )
 
 
 def _trims(lengths: Array, turns: Array, radius: float | None) -> Array:
-    """Length each corner takes of both its segments, R tan(turn/2) capped, shape `(m − 2,)` [m]."""
+    """Return the length that each corner takes of both its segments, R tan(turn/2) capped, shape `(m − 2,)` [m].
+
+    Raises `ThreadError` for a radius that is not positive.
+    """
     shorter = np.minimum(lengths[:-1], lengths[1:])
     if radius is None:
         wanted = TRIM * shorter
@@ -188,7 +196,7 @@ def _trims(lengths: Array, turns: Array, radius: float | None) -> Array:
 
 
 def _pieces(vertices: Array, directions: Array, lengths: Array, turns: Array, trims: Array) -> RoundedPath:
-    """Straight pieces and arcs in turn; a corner without a turn has no arc."""
+    """Return the straight pieces and the arcs in their order; a corner without a turn has no arc."""
     before, after = np.r_[0.0, trims], np.r_[trims, 0.0]
     corner = np.flatnonzero(turns > 0)
     bend = directions[1:][corner] - np.cos(turns[corner])[:, None] * directions[:-1][corner]

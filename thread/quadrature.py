@@ -18,7 +18,7 @@ class GaussRule:
 
 
 def gauss_rule(spline: Spline, points: int) -> GaussRule:
-    """Gauss–Legendre rule with `points` points a span."""
+    """Return the Gauss–Legendre rule with `points` points on each span."""
     x, w = np.polynomial.legendre.leggauss(points)
     left, right = spline.breaks[:-1, None], spline.breaks[1:, None]
     s = 0.5 * (left + right) + 0.5 * (right - left) * x

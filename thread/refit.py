@@ -1,7 +1,7 @@
-"""From one knot sequence of a spline to another: what the curve is, moves and weighs stays as it was.
+"""The change of a spline from one knot sequence to another, which keeps curve, velocity and momentum.
 
-Knots that come are inserted exactly (Boehm); knots that go are taken out by a least-squares projection that keeps the
-total momentum, and P and T at given abscissae.
+New knots are inserted exactly (Boehm); surplus knots are removed by a least-squares projection that keeps the total
+momentum, and P and T at given abscissae.
 """
 
 from collections.abc import Sequence
@@ -22,12 +22,12 @@ PROJECTION_POINTS = 4  # a span: exact for the product of two cubics
 
 
 def spline_on(tree: Tree, index: Indices) -> Spline:
-    """The cubic spline with simple knots at the breaks of that index."""
+    """Return the cubic spline with simple knots at the breaks of `index` in the tree."""
     return Spline(clamped_knots(tree.places[index]))
 
 
 def insert_knots(spline: Spline, knots: Array, fields: Sequence[Array]) -> tuple[Spline, list[Array]]:
-    """The spline with further simple `knots` [m], and `fields` (n, c) on it: the same functions (Boehm 1980)."""
+    """Return the spline with further simple `knots` [m], and `fields` (n, c) on it: the same functions (Boehm 1980)."""
     width = [field.shape[1] for field in fields]
     curve = BSpline(spline.knots, np.concatenate(fields, axis=1), DEGREE)
     for knot in knots:
@@ -38,8 +38,10 @@ def insert_knots(spline: Spline, knots: Array, fields: Sequence[Array]) -> tuple
 
 @dataclass(frozen=True)
 class Projection:
-    """From a spline to one with fewer knots: least squares in ∫|·|² ds, with ∫· ds, and the value and slope at the
-    abscissae `kept` (k,) [m] as they were."""
+    """Least-squares projection in ∫|·|² ds from a spline to one with fewer knots.
+
+    The projection keeps ∫· ds, and value and slope at the abscissae `kept` (k,) [m].
+    """
 
     fine: Spline
     coarse: Spline
@@ -56,7 +58,7 @@ class Projection:
         return evaluation(self.fine, s, 0), evaluation(self.coarse, s, 0)
 
     def project(self, field: Array) -> Array:
-        """A field (n, c) of the fine spline on the coarse one."""
+        """Return a field (n, c) of the fine spline on the coarse one."""
         (_, w), (fine, coarse) = self._samples, self._fit
         weighted = csr_array(coarse.multiply(w[:, None]))
         M, load = (weighted.T @ coarse).tocsc(), weighted.T @ (fine @ field)
@@ -73,15 +75,17 @@ class Projection:
         return np.asarray(out)
 
     def tangent_change(self, before: Array, after: Array) -> Array:
-        """By how much the tangent of the curve `before` (n_fine, 3) differs from that `after` (n_coarse, 3), the
-        largest on each fine span, shape `(spans,)` [-]."""
+        """Return the difference of the tangents of the curve `before` (n_fine, 3) and `after` (n_coarse, 3).
+
+        The result is the largest difference on each fine span, shape `(spans,)` [-].
+        """
         s, _ = self._samples
         difference = evaluation(self.fine, s, 1) @ before - evaluation(self.coarse, s, 1) @ after
         return np.linalg.norm(difference, axis=1).reshape(-1, PROJECTION_POINTS).max(axis=1)
 
 
 def evaluation(spline: Spline, s: Array, order: int) -> csr_array:
-    """Matrix from control values to the derivative of that `order` at `s` (m,) [m], shape `(m, n)`."""
+    """Return the matrix from control values to the derivative of that `order` at `s` (m,) [m], shape `(m, n)`."""
     first, b = spline.basis(s)
     row = np.repeat(np.arange(len(s)), DEGREE + 1)
     column = (first[:, None] + np.arange(DEGREE + 1)).ravel()
@@ -97,10 +101,10 @@ class Refit:
 
 
 def refit(tree: Tree, spline: Spline, wanted: Indices, fields: Sequence[Array], kept: Array, bound: float) -> Refit:
-    """The fields (n, c) on the breaks `wanted` of the tree, the first of them the curve.
+    """Return the fields (n, c), the first of them the curve, on the breaks `wanted` of the tree.
 
-    Knots that are missing are inserted, those too many taken out. A knot whose removal would turn the tangent by more
-    than `bound` [-] on a span next to it stays.
+    Missing knots are inserted, surplus ones are removed. A knot whose removal would turn the tangent by more
+    than `bound` [-] on a span next to the knot stays.
     """
     present = tree.index(spline.breaks)
     fine, fields = insert_knots(spline, tree.places[np.setdiff1d(wanted, present)], fields)

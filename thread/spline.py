@@ -25,7 +25,7 @@ class Spline:
 
     `knots`: shape `(n + 4,)` [m of rest arc length], the first and the last four equal. Interior knots may be
     double (C¹), triple (C⁰) or fourfold: there the curve is cut, no function lives on both sides, and every matrix
-    over the control points falls apart by itself. Raises `ThreadError` when they are not such a sequence.
+    over the control points falls into blocks. Raises `ThreadError` for knots that are not such a sequence.
     """
 
     knots: Array
@@ -85,11 +85,11 @@ class Spline:
         return np.concatenate([[self.start], self.cuts, [self.end]])
 
     def piece_of(self, s: ArrayLike) -> Indices:
-        """Index of the piece that holds each abscissa; at a cut the one that begins there."""
+        """Return the index of the piece that holds each abscissa; at a cut the one that begins there."""
         return np.asarray(np.searchsorted(self.cuts, s, side="right"), dtype=np.intp)
 
     def has_left(self, s: Array, home: Array) -> NDArray[np.bool_]:
-        """Whether abscissae `s` lie beyond the ends of the pieces that hold the abscissae `home`."""
+        """Return whether abscissae `s` lie beyond the ends of the pieces that hold the abscissae `home`."""
         piece = self.piece_of(home)
         return np.asarray((s < self.piece_ends[piece]) | (s > self.piece_ends[piece + 1]))
 
@@ -106,9 +106,10 @@ class Spline:
         return np.array([np.take_along_axis(x, self.first[:, None] + _R, axis=1) for x in taylor]).swapaxes(0, 1)
 
     def spans_of(self, s: Array, home: Array | None = None) -> Indices:
-        """Index of the span that holds each abscissa; the outer spans hold what lies beyond the ends.
+        """Return the index of the span that holds each abscissa; the outer spans hold abscissae beyond the ends.
 
-        `home` (m,) [m]: abscissae on the pieces that are meant, whose outer spans then hold what lies beyond them.
+        `home` (m,) [m]: abscissae on the pieces that are meant, whose outer spans then hold what lies beyond
+        them; None means that each abscissa lies on its own piece.
         """
         span = np.searchsorted(self.interior, s, side="right")
         if home is None or not self.cuts.size:
@@ -117,10 +118,11 @@ class Spline:
         return np.clip(span, ends[piece], ends[piece + 1] - 1)
 
     def basis(self, s: ArrayLike, home: Array | None = None) -> tuple[Indices, Array]:
-        """Basis functions and their derivatives at abscissae `s`, shape `(m,)` [m], `home` as for `spans_of`.
+        """Evaluate the basis functions and their derivatives at abscissae `s`, shape `(m,)` [m], `home` as for
+        `spans_of`.
 
-        Returns the index of the first function of each point, shape `(m,)`, and the values, shape
-        `(m, 4, 4)`: `[:, k, i]` is the k-th derivative of function `first + i` [1/m^k].
+        Returns the index of the first function of each point, shape `(m,)`, and the values, shape `(m, 4, 4)`:
+        `[:, k, i]` is the k-th derivative of function `first + i` [1/m^k].
         """
         s = np.asarray(s, dtype=np.float64)
         span = self.spans_of(s, home)
@@ -129,6 +131,8 @@ class Spline:
         return self.first[span], powers @ self.polynomials[span]
 
     def curve(self, q: Array, s: ArrayLike, home: Array | None = None) -> Array:
-        """P and its first three derivatives at `s`, shape `(m, 4, 3)` [m, -, 1/m, 1/m²]; `home` as for `spans_of`."""
+        """Evaluate P and its first three derivatives at `s`, shape `(m, 4, 3)` [m, -, 1/m, 1/m²]; `home` as for
+        `spans_of`.
+        """
         first, b = self.basis(s, home)
         return np.asarray(b @ q[first[:, None] + _R])

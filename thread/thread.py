@@ -43,11 +43,11 @@ ELASTIC_POINTS = 2
 
 
 class CrossSection(Protocol):
-    """What a thread needs of its section; `thread.catalogue.Section` is one."""
+    """The properties of a section that a thread reads; `thread.catalogue.Section` has them."""
 
     @property
     def diameter(self) -> float:
-        """[m]"""
+        """Diameter [m]."""
 
     @property
     def rhoA(self) -> float:
@@ -71,10 +71,11 @@ class CrossSection(Protocol):
 
 
 def exact_weights(spline: Spline, s: Array) -> Array:
-    """Weights [m], one less than control points in every piece, at as many points, that integrate every function the
-    derivative of the spline consists of.
+    """Return quadrature weights [m] at as many points as T has functions, which integrate each of those
+    functions exactly.
 
-    Raises `ThreadError` where one is not positive: the spans are too unequal.
+    The points `s` [m] are one fewer than the control points in every piece. Raises `ThreadError` where a weight
+    is not positive: the spans are too unequal.
     """
     if s.size != spline.n - spline.pieces:
         raise ThreadError("knots: repeated knots at both ends of a span; put a span between them")
@@ -89,9 +90,9 @@ def exact_weights(spline: Spline, s: Array) -> Array:
 
 @dataclass(frozen=True)
 class Points:
-    """The thread of an iterate where its energies are taken: what energy, force and tangent share.
+    """The thread of an iterate where its energies are evaluated: what energy, force and tangent share.
 
-    `strain` at the abscissae of `Thread.axial.s` [-]; `at`, one an energy.
+    `strain` at the abscissae of `Thread.axial.s` [-]; `at`, one entry an energy.
     """
 
     strain: Array
@@ -106,8 +107,9 @@ class Thread:
     start and the end. `twist` adds the angle of the section to the coordinates of a control point, and its torsion.
     Energies: ½∫EA ε² ds + ½∫EI κ² ds (§3; straight at rest) + ½∫GJ ω² ds; with a number of `springs` those of
     `thread.energies.springs` instead. `coil` [1/m] is the curvature at rest, towards the section's first direction
-    (`thread.energies.coil`); that points to `coil_towards` (3,) at the start of the thread as laid, somewhere if none
-    is given. `hole_compliance` adds what the spline lacks in compliance where it is held (`thread.compliance`).
+    (`thread.energies.coil`); this direction points to `coil_towards` (3,) at the start of the thread as laid; None
+    means a direction chosen by the code. `hole_compliance` adds the compliance that the spline lacks where the
+    thread is held (`thread.compliance`).
     """
 
     spline: Spline
@@ -240,14 +242,14 @@ class Thread:
         return band
 
     def momentum(self, v: Array) -> Array:
-        """Inertia times control values `v` (n, c), shape `(n, c)`."""
+        """Return the inertia times control values `v` (n, c), shape `(n, c)`."""
         if not self.twist:
             return self.mass_matrix @ v
         return np.column_stack([self.mass_matrix @ v[:, :POSITION], self.spin_matrix @ v[:, POSITION:]])
 
     @property
     def force_unit(self) -> float:
-        """EI/L² (EA·10⁻⁹ without bending): the force scale of a thread nothing pulls [N]."""
+        """EI/L² (EA·10⁻⁹ without bending): the force scale of a thread without load [N]."""
         length = self.spline.end - self.spline.start
         return self.EI / length**2 if self.bending else 1e-9 * self.EA
 
@@ -258,11 +260,11 @@ class Thread:
         return {}
 
     def missing_compliance(self, s: Array, home: Array | None = None) -> Array:
-        """Compliance that the spline lacks at the abscissae `s` (m,) [m], with its derivatives by s; `home` as for
-        `Spline.spans_of`.
+        """Return the compliance that the spline lacks at the abscissae `s` (m,) [m], with its derivatives by s.
 
-        Shape `(m, 3 derivatives, 3)`: displacement by force [m/N], rotation by force [1/N], rotation by couple
-        [1/(N m)]. Zero without bending, or without `hole_compliance`; zero at the ends of the thread's pieces.
+        `home` as for `Spline.spans_of`. Shape `(m, 3 derivatives, 3)`: displacement by force [m/N], rotation by
+        force [1/N], rotation by couple [1/(N m)]. Zero without bending, or without `hole_compliance`; zero at
+        the ends of the thread's pieces.
         """
         if self.EI == 0.0 or not self.hole_compliance or not len(s):
             return np.zeros((len(s), 3, 3))
@@ -279,7 +281,7 @@ class Thread:
 
     @cached_property
     def spring_layout(self) -> SpringLayout | None:
-        """Where the springs stand, None where the energies are continuous."""
+        """Layout of the springs; None means continuous energies."""
         return None if self.springs is None else spread_springs(self.spline, self.springs)
 
     @cached_property
@@ -291,14 +293,14 @@ class Thread:
 
     @cached_property
     def stations(self) -> Stations:
-        """Where the twist is taken."""
+        """Stations at which the twist is evaluated."""
         if self.spring_layout is not None:
             return self.spring_layout.stations
         return gauss_stations(self.spline, self.elastic_rule)
 
     @cached_property
     def energies(self) -> tuple[Energy, ...]:
-        """All that the thread's elastic energy is the sum of."""
+        """The terms of the thread's elastic energy."""
         twist = (Torsion(self.stations, self.section.GJ),) if self.twist else ()
         coil = (Coil(self.stations, self.EI, self.coil),) if self.coil else ()
         return self.axial, *twist, *coil
@@ -317,7 +319,7 @@ class Thread:
         return zip(self._parts, points.at, strict=True)
 
     def elements(self, first: Indices, reach: int, seen: int) -> Elements:
-        """Groups of control points, and where what is theirs goes in the thread's vectors and matrices."""
+        """Return groups of control points with their places in the thread's vectors and matrices."""
         return Elements(first, reach, seen, self.n, self.coordinates, self.half_band)
 
     def band_at(self, first: Indices, blocks: Array) -> Array:
@@ -329,36 +331,41 @@ class Thread:
         return self.elements(self.spline.first, LOCAL, POSITION).vector(blocks)
 
     def points(self, q: Array, frame: Frame | None = None) -> Points:
-        """Evaluate the thread where its energies are taken. A thread with twist asks for the `frame` it is measured
-        from: that of the start of the step."""
+        """Evaluate the thread where its energies are integrated.
+
+        A thread with twist needs the `frame` of the start of the step, from which θ is measured; None is for a
+        thread without.
+        """
         at = tuple([energy.evaluate(q, frame) for energy in self.energies])
         return Points(at[0].strain, at)
 
     def energy(self, points: Points) -> float:
-        """Elastic energy [J]."""
+        """Return the elastic energy [J]."""
         return sum(energy.energy(at) for (_, energy), at in self._each(points))
 
     def gradient(self, points: Points) -> Array:
-        """Derivative of the elastic energy by the control values, shape `(n, c)` [N, with twist N m]."""
+        """Return the derivative of the elastic energy by the control values, shape `(n, c)` [N, with twist N m]."""
         return total([elements.vector(energy.gradient(at)) for (elements, energy), at in self._each(points)])
 
     def tangent(self, points: Points, N: Array) -> Array:
-        """Second derivative of the elastic energy, banded.
+        """Return the second derivative of the elastic energy, banded.
 
-        `N` [N] is the axial force where the strain is known: `EA * points.strain` for the exact Hessian, the iterated
-        force for the mixed-integration-point Newton.
+        `N` [N] is the axial force where the strain is known: `EA * points.strain` for the exact Hessian, the
+        iterated force for the mixed-integration-point Newton.
         """
         return total([elements.band(energy.tangent(at, N)) for (elements, energy), at in self._each(points)])
 
     def next_axial_force(self, points: Points, dq: Array) -> Array:
-        """N of the next iterate, EA (ε + T·δT): the solution of its own linearised equation N/EA = ε(q) [N]."""
+        """Return N of the next iterate, EA (ε + T·δT) [N]: the solution of the linearised equation N/EA = ε(q)."""
         return self.axial.next_axial_force(points.at[0], dq)
 
     # -- twist -------------------------------------------------------------------------------------------------
 
     def untwisted_frame(self, q: Array) -> Frame | None:
-        """The frame of the thread `q` laid without twist; None where it has no twist at all. Raises `ThreadError` where
-        `coil_towards` lies along the thread."""
+        """Return the frame of the thread `q` laid without twist; None for a thread that has no twist.
+
+        Raises `ThreadError` where `coil_towards` lies along the thread.
+        """
         if not self.twist:
             return None
         if self.coil_towards is not None:
@@ -367,26 +374,28 @@ class Thread:
         return untwisted_frame(self.spline, self.stations, q, np.eye(POSITION)[np.argmin(along)])
 
     def transport_frame(self, frame: Frame | None, q: Array) -> Frame | None:
-        """The frame after the thread has gone to `q`."""
+        """Return the frame after the thread has moved to `q`; None for a thread without twist."""
         return None if frame is None else transport_frame(self.stations, frame, q)
 
     def interpolate_frame(self, frame: Frame, stations: Stations, q: Array) -> Frame:
-        """The frame known at other `stations`, at those of this thread on the curve `q`."""
+        """Return the frame, known at other `stations`, at the stations of this thread on the curve `q`."""
         return interpolate_frame(frame, stations, self.stations, q)
 
     def turns_too_far(self, frame: Frame | None, q: Array) -> bool:
-        """Whether a tangent has turned too far for the frame to follow."""
+        """Return whether a tangent has turned too far for the frame to follow."""
         return frame is not None and turns_too_far(frame, self.stations.curve(q)[0])
 
     def torque(self, q: Array, frame: Frame) -> Array:
-        """GJ ω about the tangent at the stations, positive where it twists the thread right-handed [N m]."""
+        """Return GJ ω about the tangent at the stations, positive where it twists the thread right-handed [N m]."""
         return self.section.GJ * evaluate(self.stations, q, frame).omega
 
     def torque_at(self, s: Array, q: Array, frame: Frame) -> Array:
-        """The torque at abscissae `s` (m,), interpolated between the stations, where it is best [N m]."""
+        """Return the torque at abscissae `s` (m,), interpolated between the stations, where it is most accurate
+        [N m].
+        """
         return np.interp(s, self.stations.s.ravel(), self.torque(q, frame).ravel())
 
 
 def total(parts: list[Array]) -> Array:
-    """Sum of arrays; a single one is returned as it is."""
+    """Return the sum of arrays; a single array is returned as it is."""
     return parts[0] if len(parts) == 1 else np.sum(parts, axis=0)

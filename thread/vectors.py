@@ -12,31 +12,31 @@ NEXT, LAST = [1, 2, 0], [2, 0, 1]
 
 
 def outer(a: Array, b: Array) -> Array:
-    """a ⊗ b over the last axis, shape `(..., 3, 3)`."""
+    """Return a ⊗ b over the last axis, shape `(..., 3, 3)`."""
     return a[..., :, None] * b[..., None, :]
 
 
 def dot(a: Array, b: Array) -> Array:
-    """a · b over the last axis."""
+    """Return a · b over the last axis."""
     return np.vecdot(a, b)
 
 
 def cross(a: Array, b: Array) -> Array:
-    """a × b over the last axis; several times as fast as `np.cross` on few vectors."""
+    """Return a × b over the last axis; several times as fast as `np.cross` on few vectors."""
     return a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT]
 
 
 def unit_vector(x: Array) -> Array:
-    """x/|x| over the last axis."""
+    """Return x/|x| over the last axis."""
     return x / np.linalg.norm(x, axis=-1, keepdims=True)
 
 
 def reflected(x: Array, normal: Array) -> Array:
-    """Mirror image in the plane across `normal`; x itself where that is zero."""
+    """Return the mirror image of x in the plane across `normal`; x itself where `normal` is zero."""
     square = normal @ normal
     return x - 2.0 * (normal @ x) / square * normal if square > 0.0 else x
 
 
 def transverse_part(x: Array, t: Array) -> Array:
-    """The part of x across the unit vector t."""
+    """Return the part of x across the unit vector t."""
     return x - dot(x, t)[..., None] * t

@@ -1,6 +1,4 @@
-"""The organ: small-strain linear elasticity on tetrahedra, and the nine numbers per piercing a thread sees of
-it.
-"""
+"""The organ: small-strain linear elasticity on tetrahedra, and its nine site variables per piercing."""
 
 from tissue.elasticity import Elasticity, elasticity
 from tissue.errors import FactorError, TissueError

@@ -1,10 +1,10 @@
 """Small-strain isotropic linear elasticity on tetrahedra, assembled by scikit-fem.
 
-Nearly incompressible tissue locks where every cell must keep its own volume: a tetrahedral mesh has five to six cells
-a vertex. There the part of λ beyond that of ν = 0.3 acts on the dilatation averaged at the vertices (Bonet & Burton,
-Commun. Numer. Meth. Engng 14, 1998), which is one constraint a vertex and, with P2, the pressure of the Taylor–Hood
-element with a lumped mass. The rest of λ stays with the cells: it holds what an average does not see (Puso & Solberg,
-Int. J. Numer. Meth. Engng 67, 2006), and at ν ≤ 0.3 both formulations are one.
+Nearly incompressible tissue locks where every cell must keep its own volume: a tetrahedral mesh has five to six
+cells a vertex. There the part of λ beyond that of ν = 0.3 acts on the dilatation averaged at the vertices (Bonet &
+Burton, Commun. Numer. Meth. Engng 14, 1998), which is one constraint a vertex and, with P2, the pressure of the
+Taylor–Hood element with a lumped mass. The rest of λ stays with the cells: this part resists what an average misses
+(Puso & Solberg, Int. J. Numer. Meth. Engng 67, 2006), and at ν ≤ 0.3 both formulations are one.
 """
 
 from collections.abc import Sequence
@@ -82,27 +82,27 @@ class Elasticity:
         return np.ascontiguousarray(np.vstack(blocks).T.astype(np.intp))
 
     def connectivity(self) -> tuple[Array, Indices, Indices]:
-        """`(points, cells, nodes)`: what a file of the organ needs, and the map from nodes to unknowns."""
+        """Return `(points, cells, nodes)`: what a file of the organ needs, and the map from nodes to unknowns."""
         return self.points, self.cells, self.nodes
 
     def nodal(self, field: Array) -> Array:
-        """A field over all unknowns `(N,)` as one vector per node, shape `(m, 3)`."""
+        """Return a field over all unknowns `(N,)` as one vector per node, shape `(m, 3)`."""
         return field[self.nodes]
 
     def flat(self, nodal: Array) -> Array:
-        """One vector per node `(m, 3)` as a field over all unknowns `(N,)`: the inverse of `nodal`."""
+        """Return one vector per node `(m, 3)` as a field over all unknowns `(N,)`: the inverse of `nodal`."""
         field = np.empty(self.N)
         field[self.nodes] = nodal
         return field
 
     def extended(self, field: Array) -> Array:
-        """A field over the free unknowns with zeros at the clamped ones, shape `(N,)`."""
+        """Return a field over the free unknowns with zeros at the clamped ones, shape `(N,)`."""
         full = np.zeros(self.N)
         full[self.free] = field
         return full
 
     def body_force(self, acceleration: Array) -> Array:
-        """Load of a uniform acceleration (3,) [m/s²] on the organ's mass, shape `(N,)` [N]."""
+        """Return the load of a uniform acceleration (3,) [m/s²] on the organ's mass, shape `(N,)` [N]."""
         return np.asarray(self.M @ self.flat(np.broadcast_to(np.asarray(acceleration, float), self.nodes.shape)))
 
 
@@ -114,10 +114,12 @@ def elasticity(
     dilatation: str = "auto",
     roller: Sequence[str] = (),
 ) -> Elasticity:
-    """Assemble stiffness and consistent mass on `mesh`, held at the boundaries named in `clamp`, and at those named in
-    `roller`, each a plane across an axis, in the direction of that axis alone.
+    """Assemble stiffness and consistent mass on `mesh`, clamped at the boundaries named in `clamp`.
 
+    The boundaries named in `roller`, each a plane across an axis, are held in the direction of that axis alone.
     `dilatation` is "cell", "nodal" (averaged at the vertices beyond ν = 0.3), or "auto": nodal where ν > 0.45.
+    Raises `TissueError` for an unknown element, dilatation or boundary, and for material of another shape than
+    the cells.
     """
     if element not in ELEMENTS:
         raise TissueError(f"element = {element!r}: allowed are 'P1' and 'P2'; take 'P1' for speed")
@@ -140,21 +142,22 @@ def elasticity(
 
 
 def cellwise_lambda(material: Material) -> PerCell:
-    """The part of λ that stays with the cells, at most 2μν/(1 − 2ν) at ν = 0.3 [Pa]."""
+    """Return the part of λ that stays with the cells, at most 2μν/(1 − 2ν) at ν = 0.3 [Pa]."""
     return np.minimum(material.lame_lambda, material.lame_mu * (2.0 * NU_CELLWISE / (1.0 - 2.0 * NU_CELLWISE)))
 
 
 def stiffness(basis: Basis, lam: PerCell, mu: PerCell) -> csr_matrix:
-    """K_ij = ∫ λ div φ_i div φ_j + 2μ ε(φ_i) : ε(φ_j) dx, shape `(N, N)` [N/m]."""
+    """Assemble K_ij = ∫ λ div φ_i div φ_j + 2μ ε(φ_i) : ε(φ_j) dx, shape `(N, N)` [N/m]."""
     # The strain of P_k is of degree k − 1, so the load's rule of degree 2k would be wasted on K.
     exact = max(1, 2 * (basis.elem.elem.maxdeg - 1))
     return assemble(BilinearForm(_strain_energy), basis, exact, lam=_per_cell(lam), mu=_per_cell(mu))
 
 
 def nodal_dilatation(basis: Basis, excess: PerCell) -> tuple[csr_matrix, csr_matrix]:
-    """D_aj = ∫ ψ_a div φ_j dx [m²] and p = diag(1/∫ ψ_a/λ̄ dx) D [Pa/m], both `(vertices, N)`, ψ the P1 functions.
+    """Assemble D_aj = ∫ ψ_a div φ_j dx [m²] and p = diag(1/∫ ψ_a/λ̄ dx) D [Pa/m], both `(vertices, N)`.
 
-    λ̄ is the `excess` of λ over what stays with the cells; cells without any take no part. The energy is ½ UᵀDᵀpU.
+    ψ are the P1 functions and λ̄ is the `excess` of λ over what stays with the cells; cells without any take no
+    part. The energy is ½ UᵀDᵀpU.
     """
     exact = Basis(basis.mesh, basis.elem, intorder=max(1, 2 * basis.elem.elem.maxdeg - 2))
     vertices = exact.with_element(ElementTetP1())
@@ -167,7 +170,7 @@ def nodal_dilatation(basis: Basis, excess: PerCell) -> tuple[csr_matrix, csr_mat
 
 
 def mass(basis: Basis, rho: PerCell) -> csr_matrix:
-    """M_ij = ∫ ρ φ_i · φ_j dx, consistent, shape `(N, N)` [kg]."""
+    """Assemble the consistent mass M_ij = ∫ ρ φ_i · φ_j dx, shape `(N, N)` [kg]."""
     nodes, exact = basis.with_element(basis.elem.elem), 2 * basis.elem.elem.maxdeg
     scalar = assemble(BilinearForm(_inertia), nodes, exact, rho=_per_cell(rho))
     return csr_matrix(kron(scalar, np.eye(3)))  # a node's three unknowns follow one another
@@ -190,7 +193,7 @@ def _inertia(u: Any, v: Any, w: Any) -> Any:
 
 
 def _per_cell(value: PerCell) -> Array:
-    """A column that broadcasts over cells and quadrature points."""
+    """Return a value as a column that broadcasts over cells and quadrature points."""
     return np.atleast_1d(np.asarray(value, float))[:, None]
 
 
@@ -201,8 +204,9 @@ def _check_cells(name: str, value: PerCell, mesh: MeshTet) -> None:
 
 
 def assemble(form: BilinearForm, basis: Basis, intorder: int, **fields: NDArray[np.float64]) -> csr_matrix:
-    """The matrix of a form over the unknowns of `basis`, by a quadrature exact to `intorder`; `fields` are `(1, 1)`, or
-    `(cells, 1)` for a value per cell.
+    """Assemble the matrix of a form over the unknowns of `basis`, by a quadrature exact to `intorder`.
+
+    `fields` are `(1, 1)`, or `(cells, 1)` for a value per cell.
     """
     count, matrix = basis.mesh.nelements, csr_matrix((basis.N, basis.N))
     for cells in np.array_split(np.arange(count), 1 + count * basis.Nbfun**2 // ENTRIES):

@@ -1,6 +1,7 @@
 """Stress at the nodes from a displacement field: cell by cell, then averaged by volume.
 
-A pressure that is averaged at the vertices (`tissue.elasticity`) is taken from there, halfway between on an edge.
+A pressure that is averaged at the vertices (`tissue.elasticity`) is read from there, on an edge as the mean of its
+vertices.
 """
 
 from dataclasses import dataclass
@@ -28,8 +29,9 @@ class StressRecovery:
     nodes: Indices
 
     def stress(self, U: Array) -> Array:
-        """Stress xx, yy, zz, xy, yz, xz per node, shape `(m, 6)` [Pa], of a field over all unknowns `(N,)`
-        [m].
+        """Return the stress xx, yy, zz, xy, yz, xz per node, shape `(m, 6)` [Pa].
+
+        `U` [m] is a field over all unknowns `(N,)`.
         """
         m = len(self.nodes)
         spread, shear = np.asarray(self.slopes @ U[self.nodes]).reshape(2, 3, m, 3)  # [j, node, i]: ∂U_i/∂x_j
@@ -39,7 +41,7 @@ class StressRecovery:
 
 
 def stress_recovery(elasticity: Elasticity) -> StressRecovery:
-    """σ = λ tr ε I + 2μ ε at each cell's nodes, averaged over the cells that share a node by their volumes."""
+    """Return the recovery of σ = λ tr ε I + 2μ ε: at each cell's nodes, then averaged over a node's cells by volume."""
     cells, m, material = elasticity.cells, len(elasticity.nodes), elasticity.material
     spread = material.lame_lambda if elasticity.pressure is None else cellwise_lambda(material)
     volume = np.abs(np.linalg.det(_edges(elasticity))) / 6.0
@@ -59,8 +61,10 @@ def stress_recovery(elasticity: Elasticity) -> StressRecovery:
 
 
 def interpolation(elasticity: Elasticity, points: Array) -> csr_matrix:
-    """A nodal field at points `(k, 3)` [m] by the element's shape functions, shape `(k, m)`. Raises `TissueError` for a
-    point outside the body.
+    """Return the matrix `(k, m)` from a nodal field to its values at points `(k, 3)` [m], by the element's
+    shape functions.
+
+    Raises `TissueError` for a point outside the body.
     """
     surface, element = outer_surface(elasticity.mesh), ELEMENTS[elasticity.element]()
     cells = surface.containing(points)
@@ -75,8 +79,8 @@ def interpolation(elasticity: Elasticity, points: Array) -> csr_matrix:
 
 
 def von_mises(stress: Array) -> Array:
-    """√(½[(σxx−σyy)² + (σyy−σzz)² + (σzz−σxx)²] + 3(σxy² + σyz² + σxz²)), shape `(m,)` [Pa], of stress `(m,
-    6)`.
+    """Return √(½[(σxx−σyy)² + (σyy−σzz)² + (σzz−σxx)²] + 3(σxy² + σyz² + σxz²)), shape `(m,)` [Pa], of stress
+    `(m, 6)`.
     """
     xx, yy, zz, xy, yz, xz = stress.T
     normal = 0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2)
@@ -84,7 +88,7 @@ def von_mises(stress: Array) -> Array:
 
 
 def _nodal_pressure(elasticity: Elasticity) -> csr_matrix:
-    """The part of λ div U that is averaged at the vertices, at every node, shape `(m, N)` [Pa/m]."""
+    """Return the part of λ div U that is averaged at the vertices, at every node, shape `(m, N)` [Pa/m]."""
     if elasticity.pressure is None:
         return csr_matrix((len(elasticity.nodes), elasticity.N))
     if elasticity.element == "P1":
@@ -94,12 +98,12 @@ def _nodal_pressure(elasticity: Elasticity) -> csr_matrix:
 
 
 def _column(modulus: PerCell) -> Array:
-    """A modulus that broadcasts over `(cells, nodes, nodes)`."""
+    """Return a modulus as a column that broadcasts over `(cells, nodes, nodes)`."""
     return np.atleast_1d(np.asarray(modulus, float))[:, None, None]
 
 
 def _nodal_gradients(elasticity: Elasticity) -> Array:
-    """∂φ_n/∂x_j at each node a of each cell, shape `(c, a, n, 3)` [1/m]."""
+    """Return ∂φ_n/∂x_j at each node a of each cell, shape `(c, a, n, 3)` [1/m]."""
     element = ELEMENTS[elasticity.element]()
     places = np.asarray(element.doflocs).T
     count = places.shape[1]
@@ -110,6 +114,6 @@ def _nodal_gradients(elasticity: Elasticity) -> Array:
 
 
 def _edges(elasticity: Elasticity) -> Array:
-    """∂x/∂ξ per cell, shape `(c, 3, 3)` [m]."""
+    """Return ∂x/∂ξ per cell, shape `(c, 3, 3)` [m]."""
     corners = elasticity.mesh.p.T[elasticity.mesh.t.T]
     return np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)

@@ -14,13 +14,19 @@ FIRM = 1e-8  # of the largest: a rigid motion that is held less is not held
 
 
 def clamped_unknowns(basis: Basis, clamp: Sequence[str]) -> Indices:
-    """Unknowns on the boundaries named in `clamp`, sorted; `TissueError` names those that exist."""
+    """Return the sorted unknowns on the boundaries named in `clamp`.
+
+    Raises `TissueError`, naming the boundaries of the mesh, for a boundary that the mesh does not name.
+    """
     held = [basis.get_dofs(facets=facets_of(basis.mesh, "clamp", name)).all() for name in clamp]
     return np.unique(np.concatenate([np.empty(0, np.intp), *held])).astype(np.intp)
 
 
 def rolling_unknowns(basis: Basis, roller: Sequence[str]) -> Indices:
-    """Unknowns of the displacement across the boundaries named in `roller`, sorted. Raises `TissueError`."""
+    """Return the sorted unknowns of the displacement across the boundaries named in `roller`.
+
+    Raises `TissueError` for a boundary that the mesh does not name or that is no plane across an axis.
+    """
     held = [
         basis.get_dofs(facets=facets_of(basis.mesh, "roller", name)).all(f"u^{axis_of(basis.mesh, name) + 1}")
         for name in roller
@@ -29,7 +35,10 @@ def rolling_unknowns(basis: Basis, roller: Sequence[str]) -> Indices:
 
 
 def held_components(mesh: MeshTet, clamp: Sequence[str], roller: Sequence[str]) -> NDArray[np.bool_]:
-    """Which components of each vertex `clamp` and `roller` hold, shape `(vertices, 3)`. Raises `TissueError`."""
+    """Return which components of each vertex `clamp` and `roller` hold, shape `(vertices, 3)`.
+
+    Raises `TissueError` as `clamped_unknowns` and `rolling_unknowns` do.
+    """
     held = np.zeros((mesh.nvertices, 3), dtype=bool)
     for name in clamp:
         held[mesh.facets[:, facets_of(mesh, "clamp", name)]] = True
@@ -39,7 +48,9 @@ def held_components(mesh: MeshTet, clamp: Sequence[str], roller: Sequence[str]) 
 
 
 def facets_of(mesh: MeshTet, key: str, name: str) -> Indices:
-    """Facets of a boundary; `TissueError` names those that exist."""
+    """Return the facets of a boundary. Raises `TissueError`, naming those that exist, where there is none of
+    that name.
+    """
     boundaries = mesh.boundaries or {}
     if name not in boundaries:
         known = ", ".join(sorted(boundaries)) or "none at all"
@@ -48,7 +59,7 @@ def facets_of(mesh: MeshTet, key: str, name: str) -> Indices:
 
 
 def axis_of(mesh: MeshTet, name: str) -> int:
-    """Axis 0, 1, 2 that a plane boundary lies across. Raises `TissueError` where there is none."""
+    """Return the axis 0, 1, 2 that a plane boundary lies across. Raises `TissueError` for any other boundary."""
     nodes = mesh.facets[:, facets_of(mesh, "roller", name)].ravel()
     thickness, size = np.ptp(mesh.p[:, nodes], axis=1), np.ptp(mesh.p, axis=1).max()
     axis = int(np.argmin(thickness))
@@ -61,7 +72,7 @@ def axis_of(mesh: MeshTet, name: str) -> int:
 
 
 def holds_still(points: Array, held: NDArray[np.bool_]) -> bool:
-    """Whether a rigid body with `points` (k, 3) [m] held in the components `held` (k, 3) cannot move."""
+    """Return whether a rigid body with `points` (k, 3) [m] held in the components `held` (k, 3) cannot move."""
     node, component = np.nonzero(held)
     if node.size == 0:
         return False

@@ -40,7 +40,8 @@ class Elimination:
 
 
 def elimination(posed: Posed[Body]) -> Elimination:
-    """Tendency and correction (§4.1). Raises `CouplingError` at ε = 0, `SingularError`."""
+    """Eliminate the accelerations by tendency and correction (§4.1). Raises `CouplingError` at ε = 0,
+    `SingularError`."""
     problem, border = posed.problem, posed.border
     slides = posed.guess.sigma != 0.0
     if slides.any() and problem.law.inertia == 0.0:
@@ -59,7 +60,7 @@ def elimination(posed: Posed[Body]) -> Elimination:
 
 
 def solve_by_elimination(posed: Posed[Body]) -> Answer:
-    """The paper's own solver (§4.1), for ε > 0: its matrix is as bad as 1/ε. Raises `CouplingError`,
+    """Solve by the paper's own elimination (§4.1), for ε > 0: its matrix is as bad as 1/ε. Raises `CouplingError`,
     `SingularError`."""
     reduced, border = elimination(posed), posed.border
     try:
@@ -73,8 +74,8 @@ def solve_by_elimination(posed: Posed[Body]) -> Answer:
 
 
 def whole_matrix(posed: Posed[Body]) -> Array:
-    """The matrix above without units: accelerations by 1 m/s², λ by the largest entry μ of A, directions by the mean
-    span ℓ: [[A/μ, 0, −Lᵀ], [0, ε/μ, −L_sᵀ], [L, L_s, μ/Δt² Φ_y C Φ_yᵀ]], shape `(c n + 6m, c n + 6m)`.
+    """Return the matrix above without units: accelerations by 1 m/s², λ by the largest entry μ of A, directions by
+    the mean span ℓ: [[A/μ, 0, −Lᵀ], [0, ε/μ, −L_sᵀ], [L, L_s, μ/Δt² Φ_y C Φ_yᵀ]], shape `(c n + 6m, c n + 6m)`.
 
     For its condition number; rows of prescribed unknowns and of constraints not in force are those of the identity.
     """
@@ -97,6 +98,6 @@ def whole_matrix(posed: Posed[Body]) -> Array:
 
 
 def block_diagonal(blocks: Array) -> Array:
-    """Blocks (m, r, k) on the diagonal, shape `(m r, m k)`."""
+    """Put blocks (m, r, k) on the diagonal of a dense matrix, shape `(m r, m k)`."""
     m, r, k = blocks.shape
     return plus_diagonal(np.zeros((m, r, m * k)), blocks).reshape(m * r, m * k)

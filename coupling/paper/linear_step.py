@@ -57,7 +57,7 @@ ACCURACY = 1e-8  # residual of the linear system over its largest term; a worse 
 
 
 def phi_rate(at: Passage, rate: Passage, y: Array, s_dot: Array, y_dot: Array) -> Array:
-    """Φ̇ = Φ_q q̇ + Φ_s ṡ + Φ_y ẏ, shape `(m, 5)` [m/s, 1/s]; `rate` is the passage of q̇."""
+    """Return Φ̇ = Φ_q q̇ + Φ_s ṡ + Φ_y ẏ, shape `(m, 5)` [m/s, 1/s]; `rate` is the passage of q̇."""
     out = np.empty((len(y), 5))
     T_dot = rate.T + s_dot[:, None] * at.K
     out[:, :3] = rate.P + s_dot[:, None] * at.T - y_dot[:, :3]
@@ -67,7 +67,7 @@ def phi_rate(at: Passage, rate: Passage, y: Array, s_dot: Array, y_dot: Array) -
 
 
 def velocity_terms(at: Passage, rate: Passage, y: Array, s_dot: Array, y_dot: Array) -> Array:
-    """w = Φ̈ without accelerations, shape `(m, 5)` [m/s², 1/s²].
+    """Return w = Φ̈ without accelerations, shape `(m, 5)` [m/s², 1/s²].
 
     g: 2 b'q̇ ṡ + T' ṡ²;   c₁: 2 (b'q̇)·u̇ + 2ṡ (b''q̇)·u + 2ṡ T'·u̇ + ṡ² T''·u;   c₂ with v for u.
     """
@@ -79,12 +79,12 @@ def velocity_terms(at: Passage, rate: Passage, y: Array, s_dot: Array, y_dot: Ar
 
 
 def frames(y: Array, y_dot: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """(u, u̇) and (v, v̇), each `(m, 3)`."""
+    """Return (u, u̇) and (v, v̇), each `(m, 3)`."""
     return (y[:, 3:6], y_dot[:, 3:6]), (y[:, 6:], y_dot[:, 6:])
 
 
 def restoring_acceleration(violation: Array, rate: Array, dt: float, evaluation: Evaluation) -> Array:
-    """Φ̈ that eq. 5 asks for at τ = Δt, from Φ and Φ̇ at the start of the step.
+    """Return Φ̈ that eq. 5 asks for at τ = Δt, from Φ and Φ̇ at the start of the step.
 
     "end": Φ̈ + (2/Δt)(Φ̇ + ΔtΦ̈) + (Φ + ΔtΦ̇ + Δt²Φ̈)/Δt² = 0.  "start": the literal eq. 5, unstable.
     """
@@ -117,13 +117,13 @@ class Posed(Generic[Body]):
     border: Border
 
     def band(self) -> Array:
-        """A/Δt², banded [N/m], the prescribed unknowns held; a new array."""
+        """Return A/Δt², banded [N/m], the prescribed unknowns held; a new array."""
         return self.problem.system.hold_still(self.problem.inertia + self.tangent)
 
 
 def pose(system: System[Body], state: State[Body], dt: float, evaluation: Evaluation = "end") -> Posed[Body]:
-    """The linear system of a step of `dt` [s] through ideal holes; one organ back-substitution. Raises `CouplingError`
-    for an organ whose lips may touch, and for a thread that is drawn by hand."""
+    """Set up the linear system of a step of `dt` [s] through ideal holes; one organ back-substitution. Raises
+    `CouplingError` for an organ whose lips may touch, and for a thread that is drawn by hand."""
     if system.organ.lips(state.organ)[0].size:
         raise CouplingError("the linear step knows no contact of the lips; use Newton's scheme, or leave out contact")
     if system.by_hand.any():
@@ -154,13 +154,13 @@ def pose(system: System[Body], state: State[Body], dt: float, evaluation: Evalua
 
 
 def phi_dot(system: System[Body], state: State[Body], at: Passage) -> Array:
-    """Φ̇ at the start of a step, shape `(m, 5)` [m/s, 1/s]."""
+    """Return Φ̇ at the start of a step, shape `(m, 5)` [m/s, 1/s]."""
     rate = bare_passage(system.thread.spline, state.v, state.s)
     return phi_rate(at, rate, state.y, state.s_dot, site_rates(system, state))
 
 
 def constraint_acceleration(problem: Problem[Body], state: State[Body], at: Passage, guess: Iterate) -> Array:
-    """Δt² Φ̈ at the guess, where s̈ = 0, shape `(m, 5)` [m, -]."""
+    """Return Δt² Φ̈ at the guess, where s̈ = 0, shape `(m, 5)` [m, -]."""
     dt, spline, y_dot = problem.dt, problem.system.thread.spline, site_rates(problem.system, state)
     rate, moved = (bare_passage(spline, x, state.s) for x in (state.v, guess.q - state.q - dt * state.v))
     linear = phi_rate(at, moved, state.y, np.zeros_like(state.s), guess.y - state.y - dt * y_dot)
@@ -168,7 +168,8 @@ def constraint_acceleration(problem: Problem[Body], state: State[Body], at: Pass
 
 
 def site_rates(system: System[Body], state: State[Body]) -> Array:
-    """ẏ of every hold at the start of a step, `(m, 9)`: Y V of an organ with inertia; of one without, as last seen."""
+    """Return ẏ of every hold at the start of a step, `(m, 9)`: Y V of an organ with inertia; of one without, as last
+    seen."""
     known = np.zeros_like(state.y) if state.y_dot is None else state.y_dot.copy()
     moving = system.organ.impulse(state.organ)
     if moving is not None:
@@ -177,20 +178,21 @@ def site_rates(system: System[Body], state: State[Body]) -> Array:
 
 
 def thread_residual(problem: Problem[Body], points: Points, tangent: Array, q: Array, q_new: Array) -> Array:
-    """Thread's equation without multipliers at q⁺ = `q_new`, the elastic force linearised at `q`, `(n, c)` [N]."""
+    """Return the thread's equation without multipliers at q⁺ = `q_new`, the elastic force linearised at `q`, `(n, c)`
+    [N]."""
     thread = problem.system.thread
     elastic = thread.gradient(points) + banded_product(tangent, q_new - q)
     return elastic + problem.mass_factor * thread.momentum(q_new - problem.q_ref) - problem.load
 
 
 def banded_product(band: Array, x: Array) -> Array:
-    """Product of a banded matrix with `x` (n, c)."""
+    """Return the product of a banded matrix with `x` (n, c)."""
     size, h = band.shape[1], half_band_of(band)
     return np.asarray(dgbmv(size, size, h, h, 1.0, band[h:], x.ravel())).reshape(x.shape)
 
 
 def constrained(posed: Posed[Body], held: Flags, injected: Array) -> Posed[Body]:
-    """The same step with some abscissae held and forces injected; what is dear is shared.
+    """Return the same step with some abscissae held and forces injected; what is expensive is shared.
 
     `held` (m,): ds = 0 in this step, a fixed point in place of the sliding one (§4.3, static case). `injected` (m,)
     [N]: force of the hole on the thread along its tangent t at the other holes (pseudo-static and kinetic case). It
@@ -208,12 +210,14 @@ def constrained(posed: Posed[Body], held: Flags, injected: Array) -> Posed[Body]
 # -- solvers -----------------------------------------------------------------------------------------------------------
 
 
-Answer = tuple[Array, Array]  # beside the guess: of q (n, c) [m]; of s, λ, y in the order of the border (m, 15)
+Answer = tuple[
+    Array, Array
+]  # increments from the guess: of q (n, c) [m]; of s, λ, y in the order of the border (m, 15)
 Solver = Callable[[Posed[Body]], Answer]
 
 
 def solve_whole(posed: Posed[Body]) -> Answer:
-    """The whole system, ε = 0 included: a banded thread with a dense border. Raises `SingularError`."""
+    """Solve the whole system, ε = 0 included: a banded thread with a dense border. Raises `SingularError`."""
     problem, site = posed.problem, np.zeros_like(posed.guess.y)
     return newton_direction(
         posed.band(), problem.system.held, posed.border, problem.C, posed.at, posed.r_q, posed.r, site
@@ -232,7 +236,7 @@ def linear_step(
     evaluation: Evaluation = "end",
     solver: Solver = solve_whole,
 ) -> Step[Body]:
-    """One step of `dt` [s] by one linear solve; the state is not touched.
+    """Make one step of `dt` [s] by one linear solve; the state is not touched.
 
     Friction is the caller's: `held` and `injected` as for `constrained`. Raises `CouplingError` where holes have
     friction and neither is given, `StepError`, `InversionError`.
@@ -247,7 +251,8 @@ def linear_step(
 
 
 def linear_two_pass(system: System[Body], state: State[Body], dt: float, passes: int = PASSES) -> Step[Body]:
-    """One step of `dt` [s] with friction by the passes of §4.3, a linear solve each: the paper's whole algorithm.
+    """Make one step of `dt` [s] with friction by the passes of §4.3, a linear solve each: the paper's whole
+    algorithm.
 
     The organ is asked once. Raises `StepError`, `InversionError`.
     """
@@ -266,7 +271,7 @@ def linear_two_pass(system: System[Body], state: State[Body], dt: float, passes:
 
 
 def with_verdict(posed: Posed[Body], law: Law, verdict: Verdict) -> Posed[Body]:
-    """The linear system of a pass."""
+    """Return the linear system of a pass."""
     return constrained(posed, law.rough & (verdict.sense == 0.0), verdict.friction)
 
 
@@ -281,8 +286,8 @@ def refuse_friction(system: System[Body]) -> None:
 
 
 def solve_posed(posed: Posed[Body], solver: Solver = solve_whole) -> Step[Body]:
-    """The step of a linear system. Raises `StepError` where the solve is singular, inaccurate or runs away,
-    `InversionError`."""
+    """Solve a linear system and return its step. Raises `StepError` where the solve is singular, inaccurate or runs
+    away, `InversionError`."""
     problem, state, guess = posed.problem, posed.state, posed.guess
     system, dt, p = problem.system, problem.dt, len(problem.system.piercings)
     try:
@@ -322,8 +327,8 @@ def solve_posed(posed: Posed[Body], solver: Solver = solve_whole) -> Step[Body]:
 
 
 def check_accuracy(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residual:
-    """Residuals of the linear system at its solution. Raises `StepError` where they are not small, or the forces moved
-    the thread by more than its length, of which no linearisation says anything."""
+    """Check the solution of the linear system and return its residuals. Raises `StepError` where they are not small,
+    or the forces moved the thread by more than its length, of which no linearisation says anything."""
     problem, state, thread = posed.problem, posed.state, posed.problem.system.thread
     length = thread.spline.end - thread.spline.start
     if not np.all(np.isfinite(dq)) or np.abs(dq * thread.lever).max() > length:
@@ -369,7 +374,7 @@ def refuse_missed(posed: Posed[Body], end: Array) -> None:
 
 
 def linearisation(posed: Posed[Body], points: Points, q: Array) -> float:
-    """Work of the elastic force that the step used beyond that of the true one at its end [J]."""
+    """Return the work of the elastic force that the step used beyond that of the true one at its end [J]."""
     thread, dq = posed.problem.system.thread, q - posed.state.q
     used = thread.gradient(posed.points) + banded_product(posed.tangent, dq)
     return float(np.sum((used - thread.gradient(points)) * dq))

@@ -73,19 +73,19 @@ SchemeOf = Callable[[State[Body], float], Scheme]
 
 
 def backward_euler(state: State[Body], dt: float) -> Scheme:
-    """The scheme of an organ that looks back at nothing."""
+    """Return the scheme of an organ that looks back at nothing."""
     return BackwardEuler(dt)
 
 
 def staggered_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
-    """One step of `dt` [s], thread and organ by backward Euler. Raises `StepError`, `InversionError`,
+    """Make one step of `dt` [s], thread and organ by backward Euler. Raises `StepError`, `InversionError`,
     `RunAwayError`; the state is not touched."""
     return stagger(try_step, backward_euler)(system, state, dt)
 
 
 def stagger(thread_step: Take[Body], scheme_of: SchemeOf[Body]) -> Take[Body]:
-    """The staggered step whose thread takes `thread_step` and whose organ steps by the scheme that `scheme_of` names
-    for a state and dt."""
+    """Return the staggered step whose thread takes `thread_step` and whose organ steps by the scheme that `scheme_of`
+    names for a state and dt."""
 
     def take(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
         step = thread_step(replace(system, organ=HeldOrgan(system.organ)), state, dt)
@@ -95,7 +95,7 @@ def stagger(thread_step: Take[Body], scheme_of: SchemeOf[Body]) -> Take[Body]:
 
 
 def move_organ(system: System[Body], step: Step[Body], scheme: Scheme) -> Step[Body]:
-    """The step after the organ has taken its own under the reaction of the thread. Raises `RunAwayError`,
+    """Make the organ's own step under the reaction of the thread, after the thread's. Raises `RunAwayError`,
     `InversionError`."""
     state, new, at = step.old, step.new, step.solution.residual.passage
     f_y = site_force(at, new.lam, step.solution.iterate.y)[: len(system.piercings)].ravel()
@@ -118,7 +118,8 @@ def refuse_runaway(system: System[Body], state: State[Body], y: Array, dt: float
 
 
 def work_of_the_lag(system: System[Body], met: Array, step: Step[Body]) -> float:
-    """Energy that a step creates because the thread met the holes where they had been, [J]; negative: destroyed.
+    """Return the energy that a step creates because the thread met the holes where they had been, [J]; negative:
+    destroyed.
 
     f_y·(Δy − Δŷ), what the organ is given less what the thread gives, where ŷ (holds, 9) is where the thread met the
     holes and `met` is ŷ of the step before (y at the start). Zero for the monolithic step. Followed slowly, the organ

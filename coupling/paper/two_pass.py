@@ -13,7 +13,7 @@ of sliding; the paper has neither grip nor channel. Its −λ_t/|λ_t| is the pu
 force of the hole on the thread, and friction has the sign of what held the point.
 
 The lag: the friction is that of the N of the pass before, and of the V_t of the step before. So the cone is missed by
-O(μ²), and a thread that comes to rest overshoots, and shivers until V_t is taken for null. With more `passes` the holes
+O(μ²), and a thread that comes to rest overshoots, and shivers until V_t counts as null. With more `passes` the holes
 are judged again after each, a friction that would drive the motion gives way to a fixed point, and the passes tend to
 the implicit answer (where μ_s = μ_k: the paper lets a point break loose under μ_s for a whole step).
 """
@@ -37,8 +37,8 @@ STILL = 1e-6  # of the thread's diameter: V_t is null where it would carry the t
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the holes are taken for, `(m,)` each: `sense` of ds/dt that the friction opposes, 0 where the point is held;
-    coefficient `mu` [-]; `friction` [N] to be injected, along t."""
+    """What each hole is judged to do, `(m,)` each: `sense` of ds/dt that the friction opposes, 0 where the point is
+    held; coefficient `mu` [-]; `friction` [N] to be injected, along t."""
 
     sense: Array
     mu: Array
@@ -46,7 +46,7 @@ class Verdict:
 
 
 def two_pass(system: System[Body], state: State[Body], dt: float, passes: int = PASSES) -> Step[Body]:
-    """One step of `dt` [s] of backward Euler with friction in at most `passes` passes. Raises `StepError`,
+    """Make one step of `dt` [s] of backward Euler with friction in at most `passes` passes. Raises `StepError`,
     `InversionError`."""
     scheme = BackwardEuler(dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
@@ -55,7 +55,8 @@ def two_pass(system: System[Body], state: State[Body], dt: float, passes: int = 
 
 
 def solve_passes(problem: Problem[Body], guess: Iterate, verdict: Verdict, passes: int) -> Solution[Body]:
-    """The last of the passes, which end early once the verdict stands. Its problem is that of the true law."""
+    """Solve the passes, which end early once the verdict stands, and return the last. Its problem is that of the true
+    law."""
     solution = find_solution(with_verdict(problem, verdict), guess)
     iterations = solution.iterations
     for number in range(1, passes):
@@ -73,13 +74,13 @@ def solve_passes(problem: Problem[Body], guess: Iterate, verdict: Verdict, passe
 
 
 def with_verdict(problem: Problem[Body], verdict: Verdict) -> Problem[Body]:
-    """The problem of a pass."""
+    """Return the problem of a pass."""
     law = problem.law
     return replace(problem, law=prescribed(law, law.rough & (verdict.sense == 0.0), verdict.friction))
 
 
 def first_verdict(system: System[Body], law: Law, state: State[Body], dt: float) -> Verdict:
-    """Static or kinetic by the velocity at the start of the step; nothing injected yet."""
+    """Judge the holes static or kinetic by the velocity at the start of the step; nothing is injected yet."""
     T = bare_passage(system.thread.spline, state.q, state.s).T
     V_t = -np.linalg.norm(T, axis=1) * state.s_dot
     moves = law.rough & law.may_slide & (np.abs(V_t) * dt > STILL * system.thread.section.diameter)
@@ -87,7 +88,7 @@ def first_verdict(system: System[Body], law: Law, state: State[Body], dt: float)
 
 
 def judge(law: Law, verdict: Verdict, solution: Solution[Body], frictionless: bool) -> Verdict:
-    """The holes by the multipliers of a pass; after a `frictionless` one, motion against V_t means nothing."""
+    """Judge the holes by the multipliers of a pass; after a `frictionless` one, motion against V_t means nothing."""
     z, at = solution.iterate, solution.residual.passage
     f, N = force_along_thread(law, at, z.s, z.lam, z.y), normal_force(at, z.lam, z.y, law.per_channel)
     held = verdict.sense == 0.0
@@ -105,5 +106,5 @@ def is_settled(old: Verdict, new: Verdict, solution: Solution[Body]) -> bool:
 
 
 def motion(law: Law, verdict: Verdict, z: Iterate) -> Array:
-    """Sign of ds/dt of the rough holes, 0 where held; an ideal hole slides."""
+    """Return the sign of ds/dt of the rough holes, 0 where held; an ideal hole slides."""
     return np.where(law.rough & law.may_slide, np.abs(verdict.sense) * np.sign(z.s - law.s_old), z.sigma)

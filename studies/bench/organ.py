@@ -50,7 +50,7 @@ class Row:
 
 
 def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = None) -> int:
-    """Measure, print the table in Markdown, and write JSON where asked; returns the exit status."""
+    """Measure every solver, print the table in Markdown, and write JSON where asked; return the exit status."""
     rows = []
     methods = [method for method in LIBRARIES if is_installed(method)]  # loaded before their threads are limited
     print(HEAD)
@@ -67,13 +67,14 @@ def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = Non
 
 
 def bandwidth() -> float:
-    """Bytes a second that one core reads, best of a few sums over more than any cache holds."""
+    """Return the bytes a second that one core reads, best of a few sums over more than any cache holds."""
     words = np.ones(WORDS)
     return words.nbytes / min(time_call(words.sum) for _ in range(SOLVES))
 
 
 def measure_solvers(size: int, element: str, methods: Sequence[str], speed: float) -> Iterator[Row]:
-    """Every solver on an organ of about so many unknowns, but for those that have no room or would take an hour."""
+    """Measure every solver on an organ of about so many unknowns, except those that have no room or would take an
+    hour."""
     organ = organ_of(size, element)
     for method in methods:
         if organ.size <= LARGEST.get(method, organ.size) and has_room(organ, method):
@@ -81,7 +82,7 @@ def measure_solvers(size: int, element: str, methods: Sequence[str], speed: floa
 
 
 def organ_of(size: int, element: str) -> tissue.QuasiStaticOrgan:
-    """A block of about so many unknowns with two holes."""
+    """Make a block of about so many unknowns with two holes."""
     order = 1 if element == "P1" else 2
     h = order * float((3.0 * np.prod(SIDES) / size) ** (1.0 / 3.0))
     body = tissue.elasticity(block(SIDES, h), tissue.Material(1.0e5, 0.45, 1070.0), element, ("bottom",))
@@ -90,7 +91,7 @@ def organ_of(size: int, element: str) -> tissue.QuasiStaticOrgan:
 
 
 def has_room(organ: tissue.QuasiStaticOrgan, method: str) -> bool:
-    """Whether the memory is there."""
+    """Tell whether the memory for a solver is there."""
     try:
         choose_solver(method, organ.K, organ.places, once=True)
     except tissue.TissueError:
@@ -99,7 +100,7 @@ def has_room(organ: tissue.QuasiStaticOrgan, method: str) -> bool:
 
 
 def row_of(organ: tissue.QuasiStaticOrgan, element: str, method: str, speed: float) -> Row:
-    """One solver: made, measured, and let go."""
+    """Make one solver, measure it, and free it."""
     before, began = resident_memory(), process_time()
     made = solver(organ.K, organ.places, method)
     setup, kept = process_time() - began, resident_memory() - before
@@ -112,14 +113,14 @@ def row_of(organ: tissue.QuasiStaticOrgan, element: str, method: str, speed: flo
 
 
 def time_call(call: Callable[[], object]) -> float:
-    """Processor time of a call [s]."""
+    """Measure the processor time of a call [s]."""
     began = process_time()
     call()
     return process_time() - began
 
 
 def resident_memory() -> float:
-    """Memory of this process [bytes]; not a number where the system does not say."""
+    """Return the memory of this process [bytes]; not a number where the system does not say."""
     try:
         return float(Path("/proc/self/statm").read_text().split()[1]) * mmap.PAGESIZE
     except OSError:
@@ -133,7 +134,7 @@ HEAD = (
 
 
 def line(row: Row) -> str:
-    """A row of the table."""
+    """Write a row of the table."""
     floor = "" if row.floor is None else f"{row.floor / MILLI:.1f}"
     return (
         f"| {row.unknowns} | {row.element} | {row.solver} | {row.setup:.2f} | {row.memory / MEGA:.0f} | "

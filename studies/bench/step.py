@@ -1,4 +1,4 @@
-"""`suture bench`: milliseconds per step, beside what a competent user would write, as ratios measured in one run.
+"""`suture bench`: milliseconds per step, and those of what a competent user would write, as ratios measured in one run.
 
 For each organ: our step, the floor below which no step with this factor can be (one organ back-substitution), and two
 baselines that solve the same step to the same tolerance:
@@ -63,7 +63,7 @@ class Row:
     assembled: float | None = None
 
     def ratio(self, other: float | None) -> float | None:
-        """`other` over our step, None where it was not measured."""
+        """Return `other` over our step, None where it was not measured."""
         return None if other is None else other / self.step
 
     @property
@@ -73,7 +73,7 @@ class Row:
 
 
 def main(json_path: Path | None = None, solver: str = "auto") -> int:
-    """Measure, print the table, and write JSON where asked; returns the exit status."""
+    """Measure every case, print the table, and write JSON where asked; return the exit status."""
     print(HEAD)
     rows = []
     with threadpool_limits(limits=1, user_api="blas"):
@@ -89,7 +89,7 @@ def main(json_path: Path | None = None, solver: str = "auto") -> int:
 def measurements(
     solver: str = "auto", sizes: dict[str, tuple[float, float]] = SIZES, rounds: int = ROUNDS
 ) -> Iterator[Row]:
-    """Every case, smallest first, with a solver of the organ."""
+    """Measure every case, smallest first, with a solver of the organ."""
     yield measure_case("thread alone", load(THREAD), rounds)
     for inertia in (True, False):
         name = "dynamic" if inertia else "quasi-static"
@@ -99,7 +99,7 @@ def measurements(
 
 
 def measure_case(case: str, scenario: Scenario, rounds: int) -> Row:
-    """Time our step and what stands beside it, in turn."""
+    """Time our step and what it is compared with, in turn."""
     assembly, dt = assemble(scenario), scenario.solve.dt
     organ, run = assembly.organ, begin(assembly.system, assembly.start())
     for _ in range(WARM_UP):
@@ -120,7 +120,7 @@ def measure_case(case: str, scenario: Scenario, rounds: int) -> Row:
 
 
 def time_call(call: Callable[[State], object], state: State) -> float:
-    """Processor time of a call [s]."""
+    """Measure the processor time of a call [s]."""
     began = process_time()
     call(state)
     return process_time() - began
@@ -129,7 +129,7 @@ def time_call(call: Callable[[State], object], state: State) -> float:
 def baselines(
     system: System[OrganState], organ: DynamicOrgan | QuasiStaticOrgan, dt: float
 ) -> dict[str, Callable[[State[OrganState]], object]]:
-    """What is measured beside our step from a state."""
+    """List what is measured in addition to our step from a state."""
     scheme = BackwardEuler(dt)
     operator = organ.operator(scheme.a, scheme.d)
     right = np.random.default_rng(0).standard_normal(organ.size)
@@ -137,7 +137,7 @@ def baselines(
     sites = SiteColumns(organ.Y, lu.solve(np.asfortranarray(organ.Y.T.toarray())))
 
     def baseline(state: State[OrganState], linear: Callable[[BlockSystem], Array]) -> Iterate:
-        """A step from a state by Newton on the assembled system with a linear solver of the user's."""
+        """Take a step from a state by Newton on the assembled system with a linear solver of the user's."""
         problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state))
         return monolithic_solve(problem, predict(problem, state), organ.field(state.organ), linear).iterate
 
@@ -158,13 +158,13 @@ class SiteColumns:
     W: Array
 
     def lift(self, columns: csc_array) -> Array:
-        """A⁻¹ columns, for columns in the span of Yᵀ."""
+        """Return A⁻¹ columns, for columns in the span of Yᵀ."""
         gram = (self.Y @ self.Y.T).toarray()
         return np.asarray(self.W @ np.linalg.solve(gram, (self.Y @ columns).toarray()))
 
 
 def prefactored_correction(system: BlockSystem, solve: Callable[[Array], Array], sites: SiteColumns) -> Array:
-    """One Newton correction with the organ eliminated: a back-substitution and a dense Schur complement."""
+    """Solve for one Newton correction with the organ eliminated: a back-substitution and a dense Schur complement."""
     organ = system.blocks["U"]
     small = np.r_[0 : organ.start, organ.stop : len(system.right)]
     matrix = system.matrix.tocsr()
@@ -186,7 +186,7 @@ HEAD = (
 
 
 def line(row: Row) -> str:
-    """A row of the table, times in milliseconds, baselines as multiples of our step."""
+    """Write a row of the table, times in milliseconds, baselines as multiples of our step."""
     floor = f"{row.floor:9.3f} {row.over_floor:11.2f}" if row.floor is not None else " " * 21
     others = [f"{ratio:.1f} ×" if ratio else "" for ratio in (row.ratio(row.prefactored), row.ratio(row.assembled))]
     step = f"{row.case:18} {row.tissue_unknowns:9d} {row.newton_iterations:7.1f} {row.step:9.3f}"

@@ -25,6 +25,7 @@ from studies.output.folder import Recorder, can_resume, check_folder, completed_
 from studies.output.records import OrganTopology, Snapshot, StepRecord
 from studies.pictures.picture import draw_picture
 from studies.scenario import Scenario, ScenarioError, load, scenes, schema
+from studies.scenario.reference import reference
 from studies.scenario.toml import scenario_file
 from studies.study import NAMES, PRESETS, StudyError, arguments, carry_out, study
 from studies.study import check_folder as check_study_folder
@@ -63,8 +64,8 @@ class Simulation(Protocol):
         """Steps to be taken."""
 
     def advance(self, memory: Arrays | None = None) -> Moments:
-        """The start, then every accepted step, each with a function that makes its frame; with the memory of a step,
-        that step again and those after it."""
+        """Yield the start, then every accepted step, each with a function that makes its frame; with the memory of a
+        step, that step again and those after it."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -123,8 +124,11 @@ def make_mesh(options: argparse.Namespace) -> int:
 
 
 def print_schema(options: argparse.Namespace) -> int:
-    """``suture schema``: the JSON schema of the scenario file."""
-    print(json.dumps(schema(), indent=2, ensure_ascii=False))
+    """``suture schema``: the JSON schema of the scenario file, or its keys as tables."""
+    if options.table:
+        print("\n".join(f"## {name}\n\n{table}" for name, table in reference().items()))
+    else:
+        print(json.dumps(schema(), indent=2, ensure_ascii=False))
     return 0
 
 
@@ -146,7 +150,7 @@ def print_catalogue(options: argparse.Namespace) -> int:
 
 
 def run_bench(options: argparse.Namespace) -> int:
-    """``suture bench``: time per step beside baselines, or what the organ's solvers take."""
+    """``suture bench``: time per step and of baselines, or what the organ's solvers take."""
     if options.what == "organ":
         return int(import_module("studies.bench.organ").main(options.sizes, options.element, options.json))
     return int(import_module("studies.bench.step").main(options.json, options.solver))
@@ -213,7 +217,7 @@ def _prepare(scenario: Scenario) -> Simulation:
 
 @contextmanager
 def _signals() -> Iterator[list[int]]:
-    """Signals that ask for an end, gathered to be heeded between two steps; a second one ends at once."""
+    """Gather the signals that ask for an end, to be heeded between two steps; a second one ends at once."""
     received: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield received
@@ -259,9 +263,9 @@ def _parser() -> argparse.ArgumentParser:
         ("check", check, "say whether a scenario can be run"),
         ("mesh", make_mesh, "make a scenario's mesh, write it and say how good it is"),
         ("study", run_study, "run a study into a table and a figure"),
-        ("schema", print_schema, "print the JSON schema of the scenario file"),
+        ("schema", print_schema, "print the JSON schema of the scenario file, or its keys as tables"),
         ("catalogue", print_catalogue, "list the sutures that a scenario can name"),
-        ("bench", run_bench, "measure milliseconds per step beside two baselines, or the organ's solvers"),
+        ("bench", run_bench, "measure milliseconds per step and of two baselines, or the organ's solvers"),
     ):
         sub = commands.add_parser(name, help=text, description=text)
         sub.set_defaults(command=command)
@@ -273,6 +277,8 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument("--out", metavar="ORGAN.vtu", type=Path, required=True, help="mesh file to be written")
         if name == "study":
             _add_study(sub)
+        if name == "schema":
+            sub.add_argument("--table", action="store_true", help="print tables of the keys in Markdown instead")
         if name == "bench":
             _add_bench(sub)
     return parser

@@ -93,7 +93,7 @@ class StudyProgress:
 
 
 def duration(seconds: float) -> str:
-    """A duration in the units one would say it in."""
+    """Write a duration in the units one would say it in."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     if hours:

@@ -14,7 +14,7 @@ MILLI = 1e-3
 
 
 def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
-    """The summary of a run to be read by a person."""
+    """Write the summary of a run for a person."""
     iterations = summary["newton_iterations"] / max(summary["steps"], 1)
     pace = summary["seconds_per_step"]
     speed = f", {pace / MILLI:.3g} ms a step" if pace is not None else ""
@@ -32,7 +32,7 @@ def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
 
 
 def piercing_lines(piercings: Sequence[PiercingRecord]) -> list[str]:
-    """A table of the piercings."""
+    """Write a table of the piercings."""
     if not piercings:
         return []
     width = max(8, *(len(piercing.name) for piercing in piercings))
@@ -69,7 +69,7 @@ def _energy_lines(energy: dict[str, float]) -> list[str]:
 
 
 def range_line(scenario: Scenario, piercings: Sequence[PiercingRecord]) -> str:
-    """How far the holes moved, in footprints: what small-strain elasticity is asked to bear."""
+    """Tell how far the holes moved, in footprints: what small-strain elasticity is asked to bear."""
     moved = [
         float(np.linalg.norm(record.displacement)) / hole.footprint
         for record, hole in zip(piercings, scenario.piercing, strict=True)
@@ -85,14 +85,14 @@ def range_line(scenario: Scenario, piercings: Sequence[PiercingRecord]) -> str:
 
 
 def motion_line(energy: EnergyRecord) -> str:
-    """Whether a run came to rest: kinetic energy beside what is elastic."""
+    """Tell whether a run came to rest: kinetic energy compared with what is elastic."""
     share = unrest(energy.kinetic, energy.elastic)
     verdict = "at rest" if share <= SETTLED else "still moving"
     return f"motion     {verdict} at the end: its kinetic energy is {share:.2g} of the elastic (at rest: {SETTLED:g})"
 
 
 def resolution_line(ratio: float) -> str:
-    """Whether the spline can follow the bends at the holes."""
+    """Tell whether the spline can follow the bends at the holes."""
     if ratio <= RESOLVED:
         return ""
     return (
@@ -102,7 +102,8 @@ def resolution_line(ratio: float) -> str:
 
 
 def subgrid_line(gaps: Mapping[str, Mapping[str, Any]]) -> str:
-    """How much of the holes' compliance the mesh is too coarse for, and where what is added for it does not hold."""
+    """Tell how much of the holes' compliance the mesh is too coarse for, and where what is added for it does not
+    hold."""
     if not gaps:
         return ""
     share = max(gap["share"] for gap in gaps.values())
@@ -112,7 +113,7 @@ def subgrid_line(gaps: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def contact_line(contact: ContactRecord) -> str:
-    """How the lips of a wound press on one another."""
+    """Tell how the lips of a wound press on one another."""
     return (
         f"lips       {contact.pressed} of {contact.pairs} pairs of nodes press on one another, "
         f"{contact.largest_pressure:.3g} Pa at most, {contact.force:.3g} N in all; the smallest gap is "

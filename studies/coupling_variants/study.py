@@ -82,7 +82,7 @@ def main(
     size: float = SIZE,
     inertias: Sequence[bool] = (True, False),
 ) -> Iterator[Row]:
-    """Every run. Raises `StudyError` for steps that share no times."""
+    """Yield every run. Raises `StudyError` for steps that share no times."""
     if min(step_counts) < 1 or any(n % min(step_counts) for n in step_counts):
         raise StudyError(f"step_counts = {list(step_counts)} is refused: give multiples of the smallest one")
     with threadpool_limits(limits=1, user_api="blas"):
@@ -91,7 +91,8 @@ def main(
 
 
 def scenario(youngs_modulus: float, inertia: bool = True, size: float = SIZE) -> Scenario:
-    """A suture down into a block, under its surface, and up again; its end goes out and back, from `HOLD` on."""
+    """Make the scenario: a suture down into a block, under its surface, and up again; its end goes out and back, from
+    `HOLD` on."""
     phase = np.linspace(0.0, 1.0, 33)
     out = WAY * np.sin(np.pi * phase) ** 2
     hand = [[HOLD + DURATION * t, 0.02 + 0.8 * x, 0.0, 0.02 + 0.6 * x] for t, x in zip(phase, out, strict=True)]
@@ -135,8 +136,8 @@ def scenario(youngs_modulus: float, inertia: bool = True, size: float = SIZE) ->
 
 
 def run_ways(scenario: Scenario, size: float, step_counts: Sequence[int]) -> Iterator[Row]:
-    """One organ, all ways, all steps. The linear step knows no compliance that the spline lacks at a hole: it, and what
-    it is held against, do without."""
+    """Run one organ in all ways with all steps. The linear step knows no compliance that the spline lacks at a hole:
+    it, and what it is compared with, do without."""
     table, coarsest = scenario.tissue, step_counts[0]
     assert table is not None
     with_it = settle(assemble(scenario))
@@ -165,7 +166,7 @@ def run_ways(scenario: Scenario, size: float, step_counts: Sequence[int]) -> Ite
 
 
 def settle(assembly: Assembly) -> tuple[System, State]:
-    """A system and its state after `HOLD`."""
+    """Simulate up to `HOLD`; return the system and its state."""
     run = begin(assembly.system, assembly.start())
     for _ in range(round(HOLD / HOLD_STEP)):
         run = run.step(HOLD_STEP)
@@ -182,7 +183,8 @@ class Way:
 
 
 def constraint_energy(system: System, met: Array, step: Step) -> float:
-    """By a linear step: its constraint forces are those of its start, its elastic force the linearised one."""
+    """Return the energy created by a linear step [J]: its constraint forces are those of its start, its elastic force
+    the linearised one."""
     return -sliding_work(system, step)[2] - step.solution.linearisation
 
 
@@ -236,23 +238,23 @@ def pull_and_release(system: System, state: State, way: Way, n: int, shared: int
 
 
 def hand_work(before: Energies, after: Energies) -> float:
-    """What the hand puts in during a step, nothing while it takes [J]."""
+    """Return the work that the hand puts in during a step, nothing while it takes [J]."""
     return max(0.0, after.external_work - before.external_work)
 
 
 def runs_of(rows: Sequence[Row], way: str, inertia: bool, youngs_modulus: float) -> list[Row]:
-    """The runs of one organ one way, finest step first."""
+    """Return the runs of one organ one way, finest step first."""
     found = [r for r in rows if (r.way, r.inertia, r.youngs_modulus) == (way, inertia, youngs_modulus)]
     return sorted(found, key=lambda row: row.dt)
 
 
 def organs(rows: Sequence[Row]) -> list[tuple[bool, float]]:
-    """Inertia and Young's modulus [Pa] of every organ."""
+    """Return the inertia and Young's modulus [Pa] of every organ."""
     return list(dict.fromkeys((row.inertia, row.youngs_modulus) for row in rows))
 
 
 def largest_stable(runs: Sequence[Row]) -> float:
-    """The largest step below which every one is stable [s], zero if the finest is not; `runs` finest first."""
+    """Return the largest step below which every one is stable [s], zero if the finest is not; `runs` finest first."""
     stable = 0.0
     for run in runs:
         if not run.stable:
@@ -265,7 +267,7 @@ def largest_stable(runs: Sequence[Row]) -> float:
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """One line an organ and way."""
+    """Make one line an organ and way."""
     steps = " / ".join(f"{dt / MILLI:g}" for dt in COMPARED) + " ms"
     head = (
         "organ",
@@ -281,7 +283,7 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def table_line(rows: Sequence[Row], way: str, inertia: bool, youngs_modulus: float) -> list[str]:
-    """Drift and energy at the steps next to those of COMPARED."""
+    """Return the drift and energy at the steps next to those of COMPARED."""
     runs = runs_of(rows, way, inertia, youngs_modulus)
     chosen = [min(runs, key=lambda run: abs(np.log(run.dt / dt))) for dt in COMPARED]
     error = error_at(EQUAL, runs)
@@ -298,8 +300,8 @@ def table_line(rows: Sequence[Row], way: str, inertia: bool, youngs_modulus: flo
 
 
 def error_at(cost: float, runs: Sequence[Row]) -> float:
-    """Error of the stable runs at a number of linear systems, straight between its neighbours in logarithms; NaN where
-    the ladder of steps does not reach it."""
+    """Return the error of the stable runs at a number of linear systems, straight between its neighbours in logarithms;
+    NaN where the ladder of steps does not reach it."""
     known = sorted((run.solves, run.error) for run in runs if run.stable)
     if not known or not known[0][0] <= cost <= known[-1][0]:
         return float("nan")
@@ -308,7 +310,8 @@ def error_at(cost: float, runs: Sequence[Row]) -> float:
 
 
 def stable_text(runs: Sequence[Row]) -> str:
-    """The largest stable step [ms] as far as the ladder of steps tells; where only coarse ones are stable, those."""
+    """Write the largest stable step [ms] as far as the ladder of steps tells; where only coarse ones are stable,
+    those."""
     stable = [run.dt / MILLI for run in runs if run.stable]
     largest = largest_stable(runs) / MILLI
     if not stable:
@@ -319,7 +322,7 @@ def stable_text(runs: Sequence[Row]) -> str:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Organs too soft for small strains, and a mesh too coarse for the footprint."""
+    """List the organs too soft for small strains, and a mesh too coarse for the footprint."""
     out = too_coarse("every run", rows[0].size, FOOTPRINT)
     for inertia, E in organs(rows):
         name = f"{'organ with inertia' if inertia else 'quasi-static organ'} of {E / KILO:g} kPa"
@@ -331,8 +334,8 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Which steps are stable, error over cost, drift and created energy over the step: a line of panels for each kind
-    of organ."""
+    """Draw which steps are stable, error over cost, drift and created energy over the step: a line of panels for each
+    kind of organ."""
     kinds = list(dict.fromkeys(row.inertia for row in rows))
     drawing, grid = panels(len(kinds), 4)
     for line, inertia in zip(grid, kinds, strict=True):
@@ -347,22 +350,22 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 
 def organ_markers(rows: Sequence[Row], inertia: bool) -> list[tuple[float, str]]:
-    """Stiffness [Pa] and marker of every organ of a kind."""
+    """Return the stiffness [Pa] and marker of every organ of a kind."""
     return list(zip([E for kind, E in organs(rows) if kind == inertia], MARKERS, strict=False))
 
 
 def drift(run: Row) -> float:
-    """[mm]"""
+    """Return the drift of a run [mm]."""
     return run.drift / MILLI
 
 
 def created_share(run: Row) -> float:
-    """Over the work of the hand."""
+    """Return the energy that a run created over the work of the hand."""
     return run.created
 
 
 def stability_map(axes: Axes, rows: Sequence[Row], inertia: bool) -> None:
-    """Every run at its step and stiffness, the ways one below the other."""
+    """Draw every run at its step and stiffness, the ways one below the other."""
     stiffnesses = [E for E, _ in organ_markers(rows, inertia)]
     for level, E in enumerate(stiffnesses):
         for k, way in enumerate(WAYS):
@@ -377,7 +380,8 @@ def stability_map(axes: Axes, rows: Sequence[Row], inertia: bool) -> None:
 
 
 def states(axes: Axes, runs: Sequence[Row], level: float, colour: str) -> None:
-    """One line of the map: filled where stable, hollow where energy was created, a cross where the run broke off."""
+    """Draw one line of the map: filled where stable, hollow where energy was created, a cross where the run broke
+    off."""
     for run in runs:
         face = colour if run.stable else "white"
         marker = "s" if run.completed else "x"
@@ -385,7 +389,7 @@ def states(axes: Axes, runs: Sequence[Row], level: float, colour: str) -> None:
 
 
 def error_over_cost(axes: Axes, rows: Sequence[Row], inertia: bool) -> None:
-    """Error of the exit over the linear systems solved, of the stable runs of one stiffness."""
+    """Draw the error of the exit over the linear systems solved, of the stable runs of one stiffness."""
     E = min((E for kind, E in organs(rows) if kind == inertia), key=lambda E: abs(np.log(E / SHOWN)))
     for way, marker in zip(WAYS, MARKERS, strict=False):
         runs = [run for run in runs_of(rows, way, inertia, E) if run.stable]
@@ -397,7 +401,7 @@ def error_over_cost(axes: Axes, rows: Sequence[Row], inertia: bool) -> None:
 
 
 def curve(axes: Axes, runs: Sequence[Row], value: Callable[[Row], float], colour: str, marker: str, label: str) -> None:
-    """One organ: filled where stable, hollow where not; nothing where the run broke off."""
+    """Draw one organ: filled where stable, hollow where not; nothing where the run broke off."""
     dt, y = np.array([run.dt for run in runs]) / MILLI, np.array([value(run) for run in runs])
     done, stable = np.array([run.completed for run in runs]), np.array([run.stable for run in runs])
     axes.plot(dt[done], y[done], color=colour)
@@ -407,7 +411,7 @@ def curve(axes: Axes, runs: Sequence[Row], value: Callable[[Row], float], colour
 
 
 def drift_axes(axes: Axes) -> None:
-    """Drift over the step."""
+    """Draw the drift over the step."""
     axes.set(yscale="log", ylabel="largest drift |P − x| [mm]")
     axes.set_title("filled: stable, hollow: creates energy")
     axes.legend(fontsize=6)
@@ -415,7 +419,7 @@ def drift_axes(axes: Axes) -> None:
 
 
 def energy_axes(axes: Axes) -> None:
-    """Created energy over the step: linear near zero, where its sign matters."""
+    """Draw the created energy over the step: linear near zero, where its sign matters."""
     axes.set(ylim=(-1.0, 1e3), ylabel="created energy / work of the hand [-]")
     axes.set_yscale("symlog", linthresh=CREATED)
     axes.axhline(CREATED, color="black", linewidth=0.8, linestyle="--")
@@ -423,7 +427,7 @@ def energy_axes(axes: Axes) -> None:
 
 
 def over_steps(axes: Axes) -> None:
-    """The axis of the time step."""
+    """Set up the axis of the time step."""
     axes.set(xscale="log", xlim=(0.06, 13.0), xlabel="time step [ms]")
     ticks(axes, "x", TICKS)
 

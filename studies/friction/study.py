@@ -71,7 +71,7 @@ def main(
     loop_turn: float = 90.0,
     loop_holes: Sequence[int] = (1, 2, 3),
 ) -> Iterator[Row]:
-    """Every ratio: single holes, lags and a loop for every coefficient, and holes in a row over `wrap` [degree].
+    """Yield every ratio: single holes, lags and a loop for every coefficient, and holes in a row over `wrap` [degree].
 
     Raises `StudyError` for what has no threshold.
     """
@@ -97,14 +97,14 @@ def main(
 
 
 def unit_vector(angle: float) -> Array:
-    """Unit vector at `angle` [rad] below x in the plane of x and z."""
+    """Return the unit vector at `angle` [rad] below x in the plane of x and z."""
     return np.array([np.cos(angle), 0.0, -np.sin(angle)])
 
 
 def fixed_holes(
     thread: Thread, ends: tuple[End, End], friction: Friction, places: Array, directed: Array | None = None
 ) -> System:
-    """A thread through holes at `places` (p, 3) [m], fixed in space, all `directed` (3,) or none."""
+    """Build a thread through holes at `places` (p, 3) [m], fixed in space, all `directed` (3,) or none."""
     sites = tissue.fixed_sites([tissue.Site(place, direction=directed) for place in places])
     holes = [Piercing(f"hole {k}", directed=directed is not None, friction=friction) for k in range(len(places))]
     return System(thread, ends, sites, tuple(holes))
@@ -114,7 +114,7 @@ def fixed_holes(
 
 
 def rod(mu: float, half: float, pull: float, hold: float) -> tuple[System, State]:
-    """A rod along x in a sleeve, at rest, its ends pulled out of line by `half` [rad] each."""
+    """Build a rod along x in a sleeve, at rest, its ends pulled out of line by `half` [rad] each."""
     thread = Thread(Spline(uniform_knots(0.02, 8)), ROD)
     ends = (Pulled(-hold * unit_vector(-half)), Pulled(pull * unit_vector(half)))
     system = fixed_holes(thread, ends, Friction(mu, mu), np.zeros((1, 3)), unit_vector(0.0))
@@ -123,12 +123,12 @@ def rod(mu: float, half: float, pull: float, hold: float) -> tuple[System, State
 
 
 def slips(mu: float, half: float, pull: float, hold: float) -> bool:
-    """Whether the rod slips towards its pulled end."""
+    """Tell whether the rod slips towards its pulled end."""
     return bool(begin(*rod(mu, half, pull, hold)).step(DT).state.sigma[0] < 0.0)
 
 
 def pull_at_slip(mu: float, half: float, hold: float) -> tuple[float, bool]:
-    """The pull [N] where |f| − μN, linear in the pull, has its zero, as seen while the rod sticks; and whether it
+    """Find the pull [N] where |f| − μN, linear in the pull, has its zero, as seen while the rod sticks; and whether it
     sticks just below and slips just above."""
     pulls, margins = (hold, 1.01 * hold), []
     for pull in pulls:
@@ -140,20 +140,20 @@ def pull_at_slip(mu: float, half: float, hold: float) -> tuple[float, bool]:
 
 
 def exact_ratio(mu: float, turn: float) -> float:
-    """(1 + μt)/(1 − μt) of one hole that turns the thread by `turn` [degree]; infinite where it locks."""
+    """Return (1 + μt)/(1 − μt) of one hole that turns the thread by `turn` [degree]; infinite where it locks."""
     mt = mu * np.tan(np.radians(turn) / 2)
     return float((1 + mt) / (1 - mt)) if mt < 1.0 else float("inf")
 
 
 def one_hole(mu: float, turn: float) -> Row:
-    """The ratio at which a rod slips."""
+    """Measure the ratio at which a rod slips."""
     pull, settled = pull_at_slip(mu, np.radians(turn) / 2, HOLD)
     theory = exact_ratio(mu, turn)
     return Row(kind="one hole", mu=mu, turn=turn, holes=1, way=0.0, ratio=pull / HOLD, theory=theory, settled=settled)
 
 
 def holes_in_a_row(mu: float, wrap: float, holes: int) -> Row:
-    """Rods in a row, each held by the pull of the one before; they turn by `wrap` [degree] in all."""
+    """Measure rods in a row, each held by the pull of the one before; they turn by `wrap` [degree] in all."""
     pull, settled = HOLD, True
     for _ in range(holes):
         pull, sure = pull_at_slip(mu, np.radians(wrap) / holes / 2, pull)
@@ -165,8 +165,8 @@ def holes_in_a_row(mu: float, wrap: float, holes: int) -> Row:
 
 
 def two_passes(mu: float, turn: float) -> list[Row]:
-    """What the second pass makes of a gliding rod under equal pulls: the tension changes by its friction, from the hold
-    up or from the pull down."""
+    """Return what the second pass makes of a gliding rod under equal pulls: the tension changes by its friction, from
+    the hold up or from the pull down."""
     half = np.radians(turn) / 2
     system, state = rod(mu, half, HOLD, HOLD)
     v = np.outer(np.ones(system.thread.n), GLIDE * unit_vector(0.0))
@@ -190,7 +190,7 @@ def two_passes(mu: float, turn: float) -> list[Row]:
 
 
 def inverse(x: float) -> float:
-    """1/x, infinite where nothing is left to hold."""
+    """Return 1/x, infinite where nothing is left to hold."""
     return float(1.0 / x) if x > 0.0 else float("inf")
 
 
@@ -198,7 +198,7 @@ def inverse(x: float) -> float:
 
 
 def loop(mu: float, turn: float, holes: int) -> Iterator[Row]:
-    """A suture held by a dead load and drawn through a zigzag of holes by a hand that goes out and comes back."""
+    """Run a suture held by a dead load and drawn through a zigzag of holes by a hand that goes out and comes back."""
     sides = unit_vector(0.0), unit_vector(np.radians(turn))
     arm = 10 * float(np.sqrt(SUTURE.EI / LOOP_HOLD))
     corners = np.cumsum([np.zeros(3), *(2 * arm * sides[k % 2] for k in range(1, holes))], axis=0)
@@ -240,8 +240,8 @@ def moment(system: System, state: State, mu: float, turn: float, place: float, o
 
 
 def bent_ratio(mu: float, turn: float) -> float:
-    """T₁/T₂ of a thread that bends, turned by `turn` [rad]: T₁(1 − cos α) = T₂(1 − cos β), for its moment is the same
-    on both sides (elastica), and T₁ − T₂ = μ(T₁ sin α + T₂ sin β), α + β the turn."""
+    """Return T₁/T₂ of a thread that bends, turned by `turn` [rad]: T₁(1 − cos α) = T₂(1 − cos β), for its moment is the
+    same on both sides (elastica), and T₁ − T₂ = μ(T₁ sin α + T₂ sin β), α + β the turn."""
 
     def ratio(alpha: float) -> float:
         return float((1 + mu * np.sin(turn - alpha)) / (1 - mu * np.sin(alpha)))
@@ -256,34 +256,34 @@ def bent_ratio(mu: float, turn: float) -> float:
 
 
 def rows_of_kind(rows: Sequence[Row], kind: str, mu: float, holes: int | None = None) -> list[Row]:
-    """The rows of a kind and a coefficient, and of a number of holes."""
+    """Return the rows of a kind and a coefficient, and of a number of holes."""
     return [row for row in rows if (row.kind, row.mu) == (kind, mu) and holes in (None, row.holes)]
 
 
 def loops_of(rows: Sequence[Row]) -> list[tuple[float, int]]:
-    """Coefficient and number of holes of every loop."""
+    """Return the coefficient and number of holes of every loop."""
     return list(dict.fromkeys((row.mu, row.holes) for row in rows if row.kind == "loop"))
 
 
 def coefficients(rows: Sequence[Row]) -> list[float]:
-    """Every coefficient of friction [-]."""
+    """Return every coefficient of friction [-]."""
     return list(dict.fromkeys(row.mu for row in rows))
 
 
 def error(rows: Sequence[Row]) -> float:
-    """Largest error of the ratios that settled, over theirs of theory; NaN where there are none."""
+    """Return the largest error of the ratios that settled, over theirs of theory; NaN where there are none."""
     return max((abs(row.ratio / row.theory - 1.0) for row in rows if row.settled), default=float("nan"))
 
 
 def order_in_number(runs: Sequence[Row]) -> float:
-    """Order in 1/N by which the last two holes in a row tend to exp(μθ)."""
+    """Return the order in 1/N by which the last two holes in a row tend to exp(μθ)."""
     few, many = runs[-2:]
     limit = np.exp(many.mu * np.radians(many.turn))
     return float(np.log((few.ratio - limit) / (many.ratio - limit)) / np.log(many.holes / few.holes))
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """One line a coefficient and angle, then those of the holes in a row, then those of the loops."""
+    """Make one line a coefficient and angle, then those of the holes in a row, then those of the loops."""
     head = ("case", "μ [-]", "turn [°]", "T₁/T₂, measured", "theory", "exp(μθ)", "error [%]", "remark")
     lines: list[tuple[str, ...]] = []
     for row in rows:
@@ -304,7 +304,7 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def cells(row: Row) -> tuple[str, ...]:
-    """Coefficient, angle, ratio, theory and the continuum's, one over it where the thread goes back."""
+    """Write the coefficient, angle, ratio, theory and that of the continuum, one over it where the thread goes back."""
     wrap = row.turn * row.holes if row.kind == "loop" else row.turn
     capstan = np.exp(row.mu * np.radians(wrap))
     capstan = capstan if row.theory >= 1.0 else 1.0 / capstan
@@ -312,13 +312,13 @@ def cells(row: Row) -> tuple[str, ...]:
 
 
 def branches(runs: Sequence[Row]) -> tuple[list[Row], list[Row]]:
-    """A loop on its way out and on its way back."""
+    """Return a loop on its way out and on its way back."""
     top = max(range(len(runs)), key=lambda k: runs[k].way) if runs else -1
     return list(runs[: top + 1]), list(runs[top + 1 :])
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Orders of the holes in a row, and what did not settle."""
+    """List the orders of the holes in a row, and what did not settle."""
     out = []
     for mu in coefficients(rows):
         runs = rows_of_kind(rows, "holes in a row", mu)
@@ -337,7 +337,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """The laws over the angle, the lag, holes in a row, and the loops of the load."""
+    """Draw the laws over the angle, the lag, holes in a row, and the loops of the load."""
     drawing, grid = panels(2, 3)
     over_angle(grid[0, 0], rows)
     lag(grid[0, 1], rows)
@@ -353,7 +353,7 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 
 def over_angle(axes: Axes, rows: Sequence[Row]) -> None:
-    """Points are measured, full lines the exact law, dotted the capstan."""
+    """Draw the ratios over the angle: points are measured, full lines the exact law, dotted the capstan."""
     for mu, colour, marker in zip(coefficients(rows), COLOURS, MARKERS, strict=False):
         runs = rows_of_kind(rows, "one hole", mu)
         turn = np.linspace(0.0, max(run.turn for run in runs), 101)
@@ -368,7 +368,7 @@ def over_angle(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def lag(axes: Axes, rows: Sequence[Row]) -> None:
-    """The two passes over the exact law, filled where the hold is given, hollow where the pull is."""
+    """Draw the two passes over the exact law, filled where the hold is given, hollow where the pull is."""
     for mu, colour, marker in zip(coefficients(rows), COLOURS, MARKERS, strict=False):
         for name, face in (("hold", colour), ("pull", "white")):
             runs = [run for run in rows_of_kind(rows, f"two passes, {name} given", mu) if run.settled]
@@ -381,7 +381,7 @@ def lag(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def rows_of_holes(axes: Axes, rows: Sequence[Row]) -> None:
-    """How far holes in a row are from the capstan."""
+    """Draw how far holes in a row are from the capstan."""
     for mu, colour, marker in zip(coefficients(rows), COLOURS, MARKERS, strict=False):
         runs = rows_of_kind(rows, "holes in a row", mu)
         N = np.array([run.holes for run in runs])
@@ -411,7 +411,7 @@ def loops(axes: Axes, rows: Sequence[Row], shown: Sequence[tuple[float, int, str
 
 
 def over_holes(axes: Axes, rows: Sequence[Row]) -> None:
-    """Last ratio of both branches over the number of holes; dotted, the capstan."""
+    """Draw the last ratio of both branches over the number of holes; dotted, the capstan."""
     for mu, colour, marker in zip(coefficients(rows), COLOURS, MARKERS, strict=False):
         counts = [holes for coefficient, holes in loops_of(rows) if coefficient == mu]
         for side in (0, 1):

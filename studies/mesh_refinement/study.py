@@ -116,7 +116,7 @@ def main(
     footprints: Sequence[float] = (1e-3, 5e-4, 2.5e-4),
     youngs_modulus: float = 2e5,
 ) -> Iterator[Row]:
-    """Every run. Cells are per length of the block and multiples of eight, so that all meshes are copies of one
+    """Yield every run. Cells are per length of the block and multiples of eight, so that all meshes are copies of one
     another about the holes. Raises `StudyError` for ladders that no verdict can be given on."""
     ladder_of: dict[str, Sequence[float]] = {"p1_cells": p1_cells, "footprint_cells": footprint_cells}
     ladder_of |= {"p2_cells": p2_cells, "coupled_cells": coupled_cells}
@@ -158,7 +158,7 @@ def measure(
     control_points: int = CONTROL_POINTS,
     dt: float = STATIC,
 ) -> Row:
-    """One run, its last moment."""
+    """Measure one run at its last moment."""
     radius = 0.0 if variant.startswith("bare") else footprint
     simulation = prepare(scenario(variant, youngs_modulus, cells, radius, control_points, dt))
     C = site_compliance(simulation.assembly.system, simulation.start)
@@ -188,7 +188,8 @@ def scenario(
     control_points: int,
     dt: float,
 ) -> Scenario:
-    """A suture down into a block and up again, its start held, its end pulled along the block and up."""
+    """Make the scenario: a suture down into a block and up again, its start held, its end pulled along the block and
+    up."""
     hole = {"direction": "free", "footprint": footprint, "subgrid": variant.startswith("sub-grid")}
     path = [[-0.02, 0.015], [-HALF, 5e-3], [-HALF, -2e-3], [HALF, -2e-3], [HALF, 5e-3], [0.02, 0.015]]
     still: dict[str, object] = {"kind": "static", "load_steps": 4}
@@ -225,19 +226,19 @@ def scenario(
 
 
 def ladders(rows: Sequence[Row]) -> Iterator[tuple[str, str, list[Row]]]:
-    """Name, variant and runs of each ladder, finest first."""
+    """Yield the name, variant and runs of each ladder, finest first."""
     for ladder, variant in dict.fromkeys((row.ladder, row.variant) for row in rows):
         runs = [row for row in rows if (row.ladder, row.variant) == (ladder, variant)]
         yield ladder, variant, sorted(runs, key=lambda row: row.size)
 
 
 def verdict_on(runs: Sequence[Row], quantity: str) -> Verdict:
-    """The verdict on a quantity of one ladder."""
+    """Return the verdict on a quantity of one ladder."""
     return verdict([run.size for run in runs], [getattr(run, quantity) for run in runs], formal_order(runs))
 
 
 def formal_order(runs: Sequence[Row]) -> float:
-    """Order of theory of a ladder; for P2 the one that h⁴ ln(a/h) shows on its three finest meshes."""
+    """Return the order of theory of a ladder; for P2 the one that h⁴ ln(a/h) shows on its three finest meshes."""
     if runs[0].ladder != "cells":
         return FORMAL[runs[0].ladder]
     if runs[0].variant != FOOTPRINT_P2:
@@ -247,14 +248,14 @@ def formal_order(runs: Sequence[Row]) -> float:
 
 
 def expected_order(runs: Sequence[Row], quantity: str) -> str:
-    """The order of theory in words: −1 of what has no limit."""
+    """Write the order of theory in words: −1 of what has no limit."""
     if runs[0].ladder == "footprint" or not runs[0].footprint:
         return "-1" if quantity.startswith("compliance") else "none"
     return f"{formal_order(runs):.3g}"
 
 
 def verdict_text(runs: Sequence[Row], quantity: str) -> str:
-    """The verdict in words; nothing is called converged that hangs on a hole that diverges."""
+    """Write the verdict in words; nothing is called converged that hangs on a hole that diverges."""
     found = verdict_on(runs, quantity)
     compliances = [name for name in QUANTITIES if name.startswith("compliance") and can_change(runs[0].ladder, name)]
     if found.kind in ("converged", "unresolved") and any(
@@ -265,12 +266,12 @@ def verdict_text(runs: Sequence[Row], quantity: str) -> str:
 
 
 def can_change(ladder: str, quantity: str) -> bool:
-    """Whether a ladder can change a quantity: the organ's compliance knows no thread."""
+    """Tell whether a ladder can change a quantity: the organ's compliance knows no thread."""
     return ladder in ("cells", "footprint") or not quantity.startswith("compliance")
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """One line for every quantity of every ladder."""
+    """Make one line for every quantity of every ladder."""
     head = (
         "refined",
         "holes",
@@ -310,7 +311,7 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Worst of each ladder: cells too coarse, holes that moved too far, and what is too near a hole."""
+    """List the worst of each ladder: cells too coarse, holes that moved too far, and what is too near a hole."""
     out = []
     for ladder, variant, runs in ladders(rows):
         name = f"{ladder}, {variant}"
@@ -332,7 +333,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Every quantity over the cells and over the footprint, errors beside the orders of theory, and what thread and
+    """Draw every quantity over the cells and over the footprint, errors and the orders of theory, and what thread and
     time change."""
     drawing, grid = panels(5, 2)
     places = grid.ravel()
@@ -348,7 +349,7 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 
 def over_cells(axes: Axes, rows: Sequence[Row], quantity: str) -> None:
-    """A quantity over the cells, one curve for each kind of hole."""
+    """Draw a quantity over the cells, one curve for each kind of hole."""
     for variant, colour, marker in zip(VARIANTS, COLOURS, MARKERS, strict=False):
         runs = runs_of_ladder(rows, "cells", variant)
         values = [getattr(run, quantity) / MILLI for run in runs]
@@ -362,7 +363,7 @@ def over_cells(axes: Axes, rows: Sequence[Row], quantity: str) -> None:
 
 
 def over_footprint(axes: Axes, rows: Sequence[Row]) -> None:
-    """The compliances over the footprint, beside 1/a."""
+    """Draw the compliances over the footprint, and 1/a."""
     runs = runs_of_ladder(rows, "footprint", SUBGRID)
     a = np.array([run.size for run in runs]) / MILLI
     for quantity, colour, marker in zip(("compliance_along", "compliance_normal"), COLOURS, MARKERS, strict=False):
@@ -376,7 +377,7 @@ def over_footprint(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def errors(axes: Axes, rows: Sequence[Row]) -> None:
-    """How far the compliance along the surface is from the limit of P2, beside the orders of theory."""
+    """Draw how far the compliance along the surface is from the limit of P2, and the orders of theory."""
     quantity = "compliance_along"
     limit = verdict_on(runs_of_ladder(rows, "cells", FOOTPRINT_P2), quantity).limit
     for k, variant in enumerate(VARIANTS[1:], 1):
@@ -393,7 +394,7 @@ def errors(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def errors_of_coupled_ladder(axes: Axes, rows: Sequence[Row]) -> None:
-    """How far the coupled ladder is from its limits."""
+    """Draw how far the coupled ladder is from its limits."""
     runs = runs_of_ladder(rows, "coupled", SUBGRID)
     h = np.array([run.size for run in runs])
     quantities = [quantity for quantity in QUANTITIES if can_change("coupled", quantity)]
@@ -408,7 +409,7 @@ def errors_of_coupled_ladder(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def changes(axes: Axes, rows: Sequence[Row], ladder: str) -> None:
-    """How far the quantities are from those of the finest run, over what is refined."""
+    """Draw how far the quantities are from those of the finest run, over what is refined."""
     finest, *runs = runs_of_ladder(rows, ladder, SUBGRID)
     x = [run.control_points if ladder == "control points" else run.dt / MILLI for run in runs]
     quantities = [quantity for quantity in QUANTITIES if can_change(ladder, quantity)]
@@ -423,7 +424,7 @@ def changes(axes: Axes, rows: Sequence[Row], ladder: str) -> None:
 
 
 def runs_of_ladder(rows: Sequence[Row], ladder: str, variant: str) -> list[Row]:
-    """The runs of a ladder, finest first."""
+    """Return the runs of a ladder, finest first."""
     return next(runs for *names, runs in ladders(rows) if names == [ladder, variant])
 
 

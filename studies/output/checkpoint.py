@@ -25,7 +25,7 @@ Record = TypeVar("Record")
 
 
 def pack(record: Any, name: str) -> dict[str, NDArray[Any]]:
-    """The fields of a dataclass as arrays, those of a dataclass in it under ``name.field``; None is left out."""
+    """Return the fields of a dataclass as arrays, those of a dataclass in it under ``name.field``; None is left out."""
     out: dict[str, NDArray[Any]] = {}
     for field in fields(record):
         value, key = getattr(record, field.name), f"{name}.{field.name}"
@@ -37,7 +37,7 @@ def pack(record: Any, name: str) -> dict[str, NDArray[Any]]:
 
 
 def unpack(like: Record, arrays: Arrays, name: str, nested: Any = None) -> Record:
-    """A dataclass such as ``like`` from its arrays; ``nested`` is like a dataclass in it where ``like`` has None.
+    """Build a dataclass such as ``like`` from its arrays; ``nested`` is like a dataclass in it where ``like`` has None.
 
     Raises ``KeyError`` where one is missing that ``like`` has.
     """
@@ -63,7 +63,7 @@ def write_checkpoint(folder: Path, arrays: Arrays) -> None:
 
 
 def read_checkpoint(folder: Path) -> dict[str, NDArray[Any]] | None:
-    """The folder's checkpoint, None where a run did not get as far as its first."""
+    """Read the folder's checkpoint; None where a run did not get as far as its first."""
     path = folder / CHECKPOINT
     if not path.is_file():
         return None
@@ -75,7 +75,7 @@ def read_checkpoint(folder: Path) -> dict[str, NDArray[Any]] | None:
 
 
 def difference(before: str, now: str) -> str | None:
-    """The first key in which two scenarios in TOML differ, with both values; None where they are equal."""
+    """Return the first key in which two scenarios in TOML differ, with both values; None where they are equal."""
     old, new = (dict(leaves(tomllib.loads(text))) for text in (before, now))
     changed = sorted(key for key in old.keys() | new.keys() if old.get(key) != new.get(key))
     if not changed:
@@ -85,7 +85,7 @@ def difference(before: str, now: str) -> str | None:
 
 
 def leaves(table: Any, key: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted keys of nested tables with their values, in the order of the keys."""
+    """Yield the dotted keys of nested tables with their values, in the order of the keys."""
     match table:
         case dict():
             for name in sorted(table):

@@ -5,7 +5,6 @@ the manual (``python -m studies.output.columns`` writes those lines into it anew
 record of ``studies.output.records`` and one line here.
 """
 
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coupling.events import Event
+from studies.manual import with_blocks
 from studies.output.records import (
     ContactRecord,
     EnergyRecord,
@@ -33,7 +33,6 @@ StepItem = tuple[StepRecord, Item]  # a row of a table: a step, and what of it t
 AXES = ("x", "y", "z")
 STATE_CODES = {"stick": 0, "slip": 1, "anchored": 2, "left": 3}  # of `state` in the frames, where text has no place
 MANUAL = Path(__file__).with_name("README.md")
-BLOCK = re.compile(r"(?<=<!-- columns of )(\S+)( -->\n).*?(?=<!-- end -->)", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -436,7 +435,7 @@ def manual_tables() -> dict[str, str]:
 
 def with_tables(manual: str, tables: Mapping[str, str]) -> str:
     """Return the manual with each table between its marks made anew."""
-    return BLOCK.sub(lambda found: f"{found[1]}{found[2]}{tables[found[1]]}", manual)
+    return with_blocks(manual, "columns of", tables)
 
 
 if __name__ == "__main__":

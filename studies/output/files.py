@@ -32,7 +32,7 @@ def write_json(path: Path, value: Mapping[str, Any]) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """The same with plain lists and numbers, and None for what is not finite."""
+    """Return the same with plain lists and numbers, and None for what is not finite."""
     match value:
         case Mapping():
             return {str(key): _plain(item) for key, item in value.items()}

@@ -143,7 +143,7 @@ class Recorder:
             write_json(self.folder / "summary.json", self.summary(status, error))
 
     def summary(self, status: Status, error: str = "") -> dict[str, Any]:
-        """The contents of ``summary.json`` as of the last recorded step."""
+        """Make the contents of ``summary.json`` as of the last recorded step."""
         step = self.last_step
         totals = self._newton_iterations, self._constraint_max, self._constraint_residual, self._seconds
         head = values(RUN, RunRecord(status, error, step, *totals, self._tissue_dofs)) | {"subgrid": self.subgrid}
@@ -173,7 +173,7 @@ def _refuse_lost_rows(folder: Path, step: int, layouts: Iterable[Layout[Any]]) -
 
 
 def can_resume(folder: Path | str, scenario: Scenario) -> bool:
-    """Whether there is something to go on with in a folder; False also where the run never got as far as its scenario.
+    """Tell whether a run in a folder can go on; not where it never got as far as its scenario.
 
     Raises `ScenarioError` where the folder holds the run of another scenario.
     """
@@ -194,7 +194,7 @@ def can_resume(folder: Path | str, scenario: Scenario) -> bool:
 
 
 def completed_run(folder: Path | str) -> dict[str, Any] | None:
-    """The summary of a folder's run if it was completed."""
+    """Read the summary of a folder's run; None where it was not completed."""
     path = Path(folder) / "summary.json"
     summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     return summary if summary.get("status") == "completed" else None
@@ -242,7 +242,7 @@ def _clear(folder: Path) -> None:
 
 
 def _unfinished(folder: Path) -> list[Path]:
-    """Files that a killed run was about to rename."""
+    """Return the files that a killed run was about to rename."""
     return [path for name in (MARK, *FILES) for path in folder.glob(f".{name}.*")]
 
 
@@ -270,7 +270,7 @@ def _write_continuation(folder: Path) -> dict[str, Any]:
 
 
 def _scenario_text(scenario: Scenario) -> tuple[str, dict[str, str]]:
-    """The scenario as it is written beside its results, and digests of it and of its mesh file."""
+    """Write the scenario as it stands next to its results, with digests of it and of its mesh file."""
     digests, mesh = {}, mesh_file(scenario)
     if mesh is not None:
         scenario = with_mesh_file(scenario, f"mesh/{mesh.name}")

@@ -12,7 +12,7 @@ PACKAGES = ("numpy", "scipy", "scikit-fem", "meshio", "gmsh", "pydantic", "pyvis
 
 
 def provenance() -> dict[str, Any]:
-    """Versions of the code, of Python and of the packages, the machine, and the time [UTC]."""
+    """Return the versions of the code, of Python and of the packages, the machine, and the time [UTC]."""
     return {
         "suturefem": installed_version("suturefem"),
         "commit": commit(Path(__file__).parents[2]),
@@ -24,7 +24,7 @@ def provenance() -> dict[str, Any]:
 
 
 def installed_version(package: str) -> str | None:
-    """Version of an installed package, None if it is not installed."""
+    """Return the version of an installed package, None if it is not installed."""
     try:
         return version(package)
     except PackageNotFoundError:
@@ -32,7 +32,7 @@ def installed_version(package: str) -> str | None:
 
 
 def commit(folder: Path) -> str | None:
-    """The commit that is checked out in a folder, marked when files differ from it; None outside a clone."""
+    """Name the commit that is checked out in a folder, marked when files differ from it; None outside a clone."""
     if not (folder / ".git").exists():
         return None
     try:

@@ -29,7 +29,7 @@ class ThreadRecord:
     torque: Array | None = None  # (m,) about the tangent, right-handed [N m]; None without twist
 
     def split(self) -> list[Array]:
-        """Points of each piece, (k, 3) [m]."""
+        """Return the points of each piece, (k, 3) [m]."""
         return np.split(self.points, np.cumsum(self.pieces[:-1]))
 
 
@@ -74,7 +74,7 @@ class StepRecord:
     energy: EnergyRecord
     newton_iterations: int  # of this step
     constraint_max: float  # largest |P(s) - x| of the drawn thread [m]
-    constraint_residual: float  # what the solve leaves open of it, beside what the spline lacks in compliance [m]
+    constraint_residual: float  # what the solve leaves open of it, without what the spline lacks in compliance [m]
     start_reaction: Array  # (3,) force of the holder on the thread [N]
     end_reaction: Array  # (3,) [N]
     max_strain: float  # largest axial strain of the thread [-]

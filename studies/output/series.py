@@ -58,24 +58,24 @@ class Series:
 
 
 def entries(index: Path, before: int) -> list[str]:
-    """Lines of a ``.pvd`` file that name frames of earlier steps than ``before``."""
+    """Return the lines of a ``.pvd`` file that name frames of earlier steps than ``before``."""
     lines = [line for line in index.read_text(encoding="utf-8").splitlines(keepends=True) if "<DataSet" in line]
     return [line for line in lines if step_of(line) < before]
 
 
 def step_of(name: str) -> int:
-    """The step in the name of a frame's file."""
+    """Return the step in the name of a frame's file."""
     found = STEP.search(name)
     return int(found[1]) if found else -1
 
 
 def index_text(entries: Sequence[str]) -> str:
-    """The ``.pvd`` file; the parts of one time are shown together."""
+    """Write the ``.pvd`` file; the parts of one time are shown together."""
     return _file("Collection", "<Collection>\n" + "".join(entries) + "</Collection>\n", version="0.1")
 
 
 def encode_mesh(topology: OrganTopology) -> str:
-    """The organ's mesh up to its point data, the same in every frame."""
+    """Write the organ's mesh up to its point data, the same in every frame."""
     points, cells = topology.points, topology.cells
     nodes = cells.shape[1]
     offsets = np.arange(1, len(cells) + 1) * nodes
@@ -89,27 +89,27 @@ def encode_mesh(topology: OrganTopology) -> str:
 
 
 def organ_text(mesh: str, organ: OrganRecord) -> str:
-    """The organ of one frame as ``.vtu``."""
+    """Write the organ of one frame as ``.vtu``."""
     data = _point_data(values(ORGAN_ARRAYS, organ), 'Vectors="displacement"')
     return _file("UnstructuredGrid", f"<UnstructuredGrid>\n{mesh}{data}</Piece>\n</UnstructuredGrid>\n")
 
 
 def thread_text(thread: ThreadRecord) -> str:
-    """The thread of one frame as a polyline in ``.vtp``; ``radius`` is for the Tube filter."""
+    """Write the thread of one frame as a polyline in ``.vtp``; ``radius`` is for the Tube filter."""
     count = len(thread.points)
     data = _point_data(values(THREAD_ARRAYS, thread), 'Scalars="tension"')
     return _poly_data(thread.points, "Lines", thread.pieces or ([count] if count else []), data)
 
 
 def piercings_text(piercings: Sequence[PiercingRecord]) -> str:
-    """The piercings of one frame as vertices in ``.vtp``."""
+    """Write the piercings of one frame as vertices in ``.vtp``."""
     arrays = {column.name: np.array([column.of(piercing) for piercing in piercings]) for column in PIERCING_ARRAYS}
     points = np.array([piercing.x for piercing in piercings])
     return _poly_data(points, "Verts", [1] * len(piercings), _point_data(arrays, 'Vectors="force"'))
 
 
 def data_array(name: str, values: ArrayLike, kind: str) -> str:
-    """A field, shape ``(n,)`` or ``(n, components)``, as an inline compressed ``DataArray``."""
+    """Write a field, shape ``(n,)`` or ``(n, components)``, as an inline compressed ``DataArray``."""
     array = np.ascontiguousarray(values, dtype=np.dtype(kind))
     components = array.shape[1] if array.ndim == 2 else 1
     labels = "".join(f' ComponentName{index}="{label}"' for index, label in enumerate(COMPONENTS.get(components, ())))
@@ -120,7 +120,7 @@ def data_array(name: str, values: ArrayLike, kind: str) -> str:
 
 
 def _encoded(array: NDArray[np.generic]) -> str:
-    """One compressed block after its header: blocks, their size, that of a partial last one, packed size."""
+    """Encode one compressed block after its header: blocks, their size, that of a partial last one, packed size."""
     data = array.tobytes()
     if not data:
         return base64.b64encode(np.zeros(1, dtype=np.uint32).tobytes()).decode()
@@ -130,7 +130,7 @@ def _encoded(array: NDArray[np.generic]) -> str:
 
 
 def _poly_data(points: NDArray[np.float64], kind: str, counts: Sequence[int], data: str) -> str:
-    """Points joined in order into cells of ``counts`` points."""
+    """Write points joined in order into cells of ``counts`` points."""
     cells = data_array("connectivity", np.arange(sum(counts)), "i8")
     offsets = data_array("offsets", np.cumsum(counts, dtype=np.int64), "i8")
     return _file(
@@ -142,7 +142,7 @@ def _poly_data(points: NDArray[np.float64], kind: str, counts: Sequence[int], da
 
 
 def _point_data(arrays: Mapping[str, Any], active: str) -> str:
-    """Fields by name, whole numbers as integers; those that are None are left out."""
+    """Write fields by name, whole numbers as integers; those that are None are left out."""
     given = {name: np.asarray(values) for name, values in arrays.items() if values is not None}
     text = "".join(
         data_array(name, values, "i4" if values.dtype.kind == "i" else "f4") for name, values in given.items()

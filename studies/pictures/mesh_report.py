@@ -19,7 +19,7 @@ from studies.simulation.meshing import organ_mesh
 Indices = NDArray[np.integer]
 
 MILLI = 1e-3
-NO_REGION, NO_CELL = 0, -1  # what the array `region` holds beside the regions' numbers
+NO_REGION, NO_CELL = 0, -1  # what the array `region` holds in addition to the regions' numbers
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class MeshScene:
 
 
 def write_report(scenario: Scenario, path: Path) -> list[str]:
-    """Make the mesh, write it to `path` (.vtu) and a picture beside it; returns the lines to be read by a person.
+    """Make the mesh, write it to `path` (.vtu) and a picture next to it; return the lines to be read by a person.
 
     Raises `ScenarioError` or `MeshError` for a mesh that cannot be made or used.
     """
@@ -58,7 +58,7 @@ def write_report(scenario: Scenario, path: Path) -> list[str]:
 
 
 def lines(mesh: skfem.MeshTet, scenario: Scenario) -> list[str]:
-    """Size, quality, boundaries, regions, and the element size at each piercing."""
+    """Write size, quality, boundaries, regions, and the element size at each piercing."""
     found, content = quality(mesh), volumes(mesh.p.T, mesh.t.T)
     unknowns = 3 * mesh.nvertices, 3 * (mesh.nvertices + mesh.nedges)
     return [
@@ -77,13 +77,13 @@ def lines(mesh: skfem.MeshTet, scenario: Scenario) -> list[str]:
 
 
 def areas(mesh: skfem.MeshTet, facets: Indices) -> Array:
-    """Areas of facets by their numbers [m²]."""
+    """Return the areas of facets by their numbers [m²]."""
     a, b, c = np.moveaxis(mesh.p.T[mesh.facets[:, facets].T], 1, 0)
     return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
 
 
 def region_numbers(mesh: skfem.MeshTet) -> Indices:
-    """Number of the region of each cell, from 1 in the order of their names, 0 outside all of them."""
+    """Return the number of the region of each cell, from 1 in the order of their names, 0 outside all of them."""
     numbers = np.full(mesh.nelements, NO_REGION)
     for number, cells in enumerate((mesh.subdomains or {}).values(), start=NO_REGION + 1):
         numbers[cells] = number
@@ -91,9 +91,8 @@ def region_numbers(mesh: skfem.MeshTet) -> Indices:
 
 
 def paraview(mesh: skfem.MeshTet) -> meshio.Mesh:
-    """Tetrahedra and surface triangles with cell arrays: `region` (−1 on triangles), `radius_ratio` (0 on triangles)
-    and for each boundary `boundary_…`, 1 on its triangles.
-    """
+    """Make tetrahedra and surface triangles with cell arrays: `region` (−1 on triangles), `radius_ratio` (0 on
+    triangles) and for each boundary `boundary_…`, 1 on its triangles."""
     named = mesh.boundaries or {}
     facets = np.unique(np.concatenate([mesh.boundary_facets(), *named.values()]))
     m, k = mesh.nelements, len(facets)
@@ -107,7 +106,7 @@ def paraview(mesh: skfem.MeshTet) -> meshio.Mesh:
 
 
 def scene_of(mesh: skfem.MeshTet, scenario: Scenario) -> MeshScene:
-    """What is drawn."""
+    """Gather what is drawn of a mesh."""
     lips = [mesh.facets[:, facets].T for name, facets in (mesh.boundaries or {}).items() if name.startswith("lip_")]
     sites = np.reshape([hole.at for hole in scenario.piercing], (-1, 3))
     facets = np.concatenate([np.empty((0, 3), dtype=np.int64), *lips])

@@ -33,7 +33,7 @@ def draw_section(scene: MeshScene, path: Path) -> None:
 
 
 def _sizes(scene: MeshScene) -> np.ndarray:
-    """Mean length of the edges at each node, those shared by more cells counted more [m]."""
+    """Return the mean length of the edges at each node, those shared by more cells counted more [m]."""
     cells = np.asarray(scene.cells)
     pairs = cells[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]].reshape(-1, 2)
     length = np.linalg.norm(scene.points[pairs[:, 0]] - scene.points[pairs[:, 1]], axis=1)

@@ -17,7 +17,7 @@ LIP = THREAD
 
 
 def draw_space(scene: MeshScene, path: Path) -> None:
-    """Draw into a PNG file: the surface, and beside it the cells beyond a plane through the piercings."""
+    """Draw into a PNG file: the surface, and next to it the cells beyond a plane through the piercings."""
     plotter: Any = pv.Plotter(off_screen=True, window_size=list(SIZE), shape=(1, 2), border=False)
     plotter.set_background("white")
     grid = pv.UnstructuredGrid({pv.CellType.TETRA: np.asarray(scene.cells)}, scene.points)
@@ -40,7 +40,7 @@ def draw_space(scene: MeshScene, path: Path) -> None:
 
 
 def _add_cells(plotter: Any, part: Any) -> None:
-    """The surface of a part, coloured by region."""
+    """Add the surface of a part, coloured by region."""
     skin = part.extract_surface(algorithm="dataset_surface")
     number = np.asarray(skin.cell_data["region"]) % len(REGIONS)
     skin.cell_data["colour"] = np.array([pv.Color(colour).int_rgb for colour in REGIONS], dtype=np.uint8)[number]
@@ -50,7 +50,7 @@ def _add_cells(plotter: Any, part: Any) -> None:
 
 
 def _add_marks(plotter: Any, scene: MeshScene) -> None:
-    """The wound's edge and the piercings."""
+    """Add the wound's edge and the piercings."""
     if len(scene.lips):
         lips = pv.PolyData.from_regular_faces(scene.points, scene.lips)
         rim = lips.extract_feature_edges(

@@ -43,7 +43,7 @@ def draw_scene(scene: object, path: Path | str, space: str, section: str) -> str
 
 
 def _draws(module: str, source: Path, path: Path, setting: Mapping[str, str]) -> bool:
-    """Whether a child process drew the picture."""
+    """Run a child process; tell whether it drew the picture."""
     root = str(Path(__file__).parents[2])
     search = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
     target = source.with_name("picture.png")

@@ -56,7 +56,7 @@ def _section_organ(axes: Axes, topology: OrganTopology, frame: Snapshot) -> Any:
 
 
 def cut(points: Array, cells: Indices, values: Array, y: float) -> tuple[Array, Indices, Array]:
-    """Cut of tetrahedra by the plane at ``y``: points (x, z), shape ``(k, 2)``, triangles, values there."""
+    """Cut tetrahedra by the plane at ``y``: points (x, z), shape ``(k, 2)``, triangles, values there."""
     side = points[:, 1] > y
     count = side[cells].sum(axis=1)
     edges, triangles, start = [], [], 0
@@ -107,7 +107,7 @@ def _section_frame(axes: Axes, frame: Snapshot, title: str) -> None:
 
 
 def _section_y(frame: Snapshot, deformed: Array) -> float:
-    """Where to cut [m]: through the piercings, inside the organ, and beside the nodes of a regular mesh."""
+    """Choose where to cut [m]: through the piercings, inside the organ, and off the nodes of a regular mesh."""
     low, high = deformed[:, 1].min(), deformed[:, 1].max()
     middle = np.mean([hole.x[1] for hole in frame.piercings] or frame.thread.points[:, 1])
     hair = ASIDE * (high - low)

@@ -71,7 +71,7 @@ def _add_organ(plotter: Any, topology: OrganTopology, frame: Snapshot) -> None:
 
 
 def _add_thread(plotter: Any, frame: Snapshot) -> None:
-    """The thread as a tube, at least as thick as can be seen."""
+    """Add the thread as a tube, at least as thick as can be seen."""
     radius = max(frame.thread.radius, 0.004 * view_width(frame))
     for points in frame.thread.split():
         tube = pv.lines_from_points(points).tube(radius=radius, n_sides=24)
@@ -79,7 +79,7 @@ def _add_thread(plotter: Any, frame: Snapshot) -> None:
 
 
 def _add_piercings(plotter: Any, frame: Snapshot) -> None:
-    """The holes as balls, with the force of the organ's hole on the thread as arrows to one scale."""
+    """Add the holes as balls, with the force of the organ's hole on the thread as arrows to one scale."""
     size = view_width(frame)
     largest = max((float(np.linalg.norm(hole.force)) for hole in frame.piercings), default=0.0)
     for hole in frame.piercings:
@@ -101,7 +101,7 @@ def _add_piercings(plotter: Any, frame: Snapshot) -> None:
 
 
 def _camera(frame: Snapshot) -> list[tuple[float, float, float]]:
-    """From the side and above, on the thread around the piercings."""
+    """Place the camera: from the side and above, on the thread around the piercings."""
     low, high = view_box(frame)
     centre = 0.5 * (low + high)
     centre = centre - np.array([0.0, 0.0, 0.08 * view_width(frame)])

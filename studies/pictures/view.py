@@ -20,13 +20,13 @@ KILO, MILLI = 1e3, 1e-3
 
 
 def read_scene(path: str) -> Scene:
-    """The frame that ``draw_picture`` left for a child process."""
+    """Read the frame that ``draw_picture`` left for a child process."""
     read: Scene = pickle.loads(Path(path).read_bytes())
     return read
 
 
 def surface(topology: OrganTopology) -> Indices:
-    """Corner nodes of the boundary triangles, shape ``(facets, 3)``, seen anticlockwise from outside."""
+    """Return the corner nodes of the boundary triangles, shape ``(facets, 3)``, seen anticlockwise from outside."""
     corners = topology.cells[:, :4].copy()
     edges = topology.points[corners[:, 1:]] - topology.points[corners[:, :1]]
     left_handed = np.linalg.det(edges) < 0
@@ -38,7 +38,7 @@ def surface(topology: OrganTopology) -> Indices:
 
 
 def view_box(frame: Snapshot) -> tuple[Array, Array]:
-    """Corners of the box to be seen: piercings, and the thread as far around them as they are apart."""
+    """Return the corners of the box to be seen: piercings, and the thread as far around them as they are apart."""
     points = frame.thread.points
     if frame.piercings:
         holes = np.array([hole.x for hole in frame.piercings])
@@ -50,13 +50,13 @@ def view_box(frame: Snapshot) -> tuple[Array, Array]:
 
 
 def view_width(frame: Snapshot) -> float:
-    """Diagonal of the box to be seen [m]."""
+    """Return the diagonal of the box to be seen [m]."""
     low, high = view_box(frame)
     return float(np.linalg.norm(high - low)) or 1.0
 
 
 def limits(values: Array) -> tuple[float, float]:
-    """Range of the colours; the highest hundredth, at the holes, is not to drown the rest."""
+    """Choose the range of the colours; the highest hundredth, at the holes, is not to drown the rest."""
     return 0.0, float(np.quantile(values, 0.995)) or 1.0
 
 
@@ -66,11 +66,11 @@ def label(name: str, force: float) -> str:
 
 
 def caption(frame: Snapshot, title: str) -> str:
-    """Title and time."""
+    """Write the title and the time of a frame."""
     time = f"t = {frame.time:.4g} s"
     return f"{title}, {time}" if title else time
 
 
 def colours() -> LinearSegmentedColormap:
-    """Colours of the stress, from none to the highest."""
+    """Return the colours of the stress, from none to the highest."""
     return LinearSegmentedColormap.from_list("tissue", TISSUE)

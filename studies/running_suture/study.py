@@ -1,4 +1,4 @@
-"""A running suture: how far along the stitches a pull is felt, beside a published experiment.
+"""A running suture: how far along the stitches a pull is felt, compared with a published experiment.
 
 Horeman et al. (PLoS ONE 2013;8:e84466) sewed pig fascia with seven continuous stitches and measured the thread of the
 second: 3 N (SD 1.2) while it is pulled, 1 N (SD 0.3) from the fourth stitch on, and no influence of the fifth, sixth
@@ -134,7 +134,7 @@ class Hand(Free):
     end: Array
 
     def force(self, time: float) -> Array:
-        """The load at a time [N]."""
+        """Return the load at a time [N]."""
         share = float(np.interp(time, self.times, (0.0, 1.0)))
         return np.asarray((1.0 - share) * self.begin + share * self.end)
 
@@ -184,7 +184,7 @@ def main(
     youngs_modulus: float = YOUNGS_MODULUS,
     thread: str = SUTURE,
 ) -> Iterator[Row]:
-    """One pull for every coefficient and for the calibrated one, its checks, and the placing with every hold [N].
+    """Run one pull for every coefficient and for the calibrated one, its checks, and the placing with every hold [N].
 
     Raises `StudyError` for what cannot be calibrated.
     """
@@ -210,7 +210,7 @@ def main(
 
 
 def variations(case: Case) -> list[Case]:
-    """The same with one thing changed at a time."""
+    """List the same case with one thing changed at a time."""
     return [
         replace(case, organ="fixed points", check="fixed points"),
         replace(case, step=case.step / 2, check="half the time step"),
@@ -225,7 +225,7 @@ def variations(case: Case) -> list[Case]:
 
 
 def tensions_by_law(before: Array, hand: float, ratios: Array) -> Array:
-    """Tensions behind each hole [N] of shape `(holes,)` when the hand pulls, from those before.
+    """Return the tensions behind each hole [N] of shape `(holes,)` when the hand pulls, from those before.
 
     `ratios` (holes − 1,) are those at which the holes but the knot slip. A segment keeps its tension as long as no hole
     between it and the hand slips: it lies between the hand's over and times their product.
@@ -235,8 +235,8 @@ def tensions_by_law(before: Array, hand: float, ratios: Array) -> Array:
 
 
 def second_stitch_by_law(ratio: float, pull: float, hold: float, stitches: int) -> Array:
-    """Tension of the second stitch [N] under each pull, from its own on, when stitches are placed one after the other
-    and every hole slips at the same ratio, shape `(stitches - 1,)`."""
+    """Return the tension of the second stitch [N] under each pull, from its own on, when stitches are placed one after
+    the other and every hole slips at the same ratio, shape `(stitches - 1,)`."""
     law, out = np.full(2, hold), []
     for number in range(2, stitches + 1):
         ratios = np.full(2 * number - 1, ratio)
@@ -250,7 +250,7 @@ def second_stitch_by_law(ratio: float, pull: float, hold: float, stitches: int) 
 
 
 def scenario(case: Case, laid: int) -> Scenario:
-    """A thread laid up and down through the holes of the first stitches, its tail over the wound."""
+    """Make the scenario: a thread laid up and down through the holes of the first stitches, its tail over the wound."""
     holes = places(case.stitches)
     path = [holes[0] - FREE * UNDER + LOOP * UP]
     for number, hole in enumerate(holes[: 2 * laid]):
@@ -286,13 +286,13 @@ def scenario(case: Case, laid: int) -> Scenario:
 
 
 def places(stitches: int) -> list[Array]:
-    """The holes [m], in the middle of the sheet: entries on the left, exits on the right."""
+    """Return the holes [m], in the middle of the sheet: entries on the left, exits on the right."""
     along = PITCH * (np.arange(stitches) - (stitches - 1) / 2)
     return [np.array([side * BITE, y, -THICKNESS / 2]) for y in along for side in (-1.0, 1.0)]
 
 
 def fascia(case: Case) -> dict[str, Any]:
-    """A sheet that the muscles hold left and right, its wound closed for good, or open and gaping."""
+    """Describe a sheet that the muscles hold left and right, its wound closed for good, or open and gaping."""
     length = (case.stitches - 1) * PITCH + 2 * BEYOND
     mesh: dict[str, Any] = {"kind": "block", "size": [WIDTH, length + 2 * BEYOND, THICKNESS], "h": case.cell}
     if case.organ == "gaping fascia":
@@ -308,7 +308,7 @@ def fascia(case: Case) -> dict[str, Any]:
 
 
 def lay_taut(case: Case, stitches: int, tension: float) -> Line:
-    """A thread in the first stitches, drawn taut without friction."""
+    """Lay a thread in the first stitches and draw it taut without friction."""
     assembly = assemble(scenario(case, stitches))
     rough, state = assembly.system, assembly.start()
     smooth = replace(rough, piercings=tuple(replace(hole, friction=None) for hole in rough.piercings))
@@ -324,12 +324,12 @@ def lay_taut(case: Case, stitches: int, tension: float) -> Line:
 
 
 def smooth_slip(system: System, state: State) -> Array:
-    """Holes without friction slide, those with it stick."""
+    """Return which holes slide: those without friction; those with friction stick."""
     return np.where(system.may_slide & ~system.rough & state.present, 1.0, 0.0)
 
 
 def lead(line: Line, force: Array, seconds: float) -> Line:
-    """The suture after the hand's force has gone to `force` (3,) [N]."""
+    """Lead the hand's force to `force` (3,) [N] in so many seconds."""
     system, now = line.system, line.state.time
     hand = Hand((now, now + seconds), system.ends[1].force(now), force)
     system = replace(system, ends=(system.ends[0], hand))
@@ -347,14 +347,15 @@ def lead(line: Line, force: Array, seconds: float) -> Line:
 
 
 def draw(line: Line, mu: float, force: Array, seconds: float) -> Line:
-    """The same, then at rest, and what the law of friction makes of it."""
+    """Lead the hand, let the suture come to rest, and note what the law of friction makes of it."""
     line = lead(lead(line, force, seconds), force, REST)
     ratios = np.array([bent_ratio(mu, turn) for turn in line.turns])
     return replace(line, law=tensions_by_law(line.law, line.hand, ratios))
 
 
 def add_stitch(line: Line, number: int, hold: float) -> Line:
-    """One stitch more, `number` from 0: the tail passes over its entry, is led under the wound to its exit, back."""
+    """Sew one stitch more, `number` from 0: the tail passes over its entry, is led under the wound to its exit,
+    back."""
     for hole, came, goes, way in ((2 * number, OVER, UNDER, -UP), (2 * number + 1, UNDER, OVER, UP)):
         line = lead(line, hold * came, REST)
         state, _ = begin_piercing(line.system, line.state, hole, line.step, np.nan)
@@ -367,7 +368,7 @@ def add_stitch(line: Line, number: int, hold: float) -> Line:
 
 
 def one_pull(case: Case) -> Iterator[Row]:
-    """Laid, pulled, and let back in stages."""
+    """Lay the suture, pull it, and let it back in stages."""
     with threadpool_limits(limits=1, user_api="blas"):
         line = draw(lay_taut(case, case.stitches, SLACK), case.mu, SLACK * OVER, REST)
         yield from moment(line, case, "one pull", SLACK, "before")
@@ -380,7 +381,7 @@ def one_pull(case: Case) -> Iterator[Row]:
 
 
 def placing(case: Case, hold: float) -> Iterator[Row]:
-    """Stitch after stitch from the second on: held, pulled, let back."""
+    """Place stitch after stitch from the second on: hold, pull, let back."""
     with threadpool_limits(limits=1, user_api="blas"):
         line = lay_taut(case, 2, hold)
         for number in range(2, case.stitches + 1):
@@ -395,7 +396,7 @@ def placing(case: Case, hold: float) -> Iterator[Row]:
 
 
 def moment(line: Line, case: Case, kind: str, hold: float, name: str) -> Iterator[Row]:
-    """Every stitch as it is."""
+    """Make the row of every stitch as it is."""
     organ, state = line.system.organ, line.state
     energies = initial_energies(line.system, state)
     moved = np.linalg.norm((state.y - organ.y0.reshape(-1, 9))[: line.holes, :3], axis=1)
@@ -427,7 +428,7 @@ def moment(line: Line, case: Case, kind: str, hold: float, name: str) -> Iterato
 
 
 def runs(rows: Sequence[Row]) -> list[list[Row]]:
-    """The rows of each run."""
+    """Return the rows of each run."""
     out: dict[tuple[object, ...], list[Row]] = {}
     for row in rows:
         number = row.stitches if row.kind == "one pull" else 0
@@ -436,30 +437,30 @@ def runs(rows: Sequence[Row]) -> list[list[Row]]:
 
 
 def sweep(rows: Sequence[Row]) -> list[list[Row]]:
-    """The runs of one pull in which nothing but the coefficient is varied, by the coefficient."""
+    """Return the runs of one pull in which nothing but the coefficient is varied, by the coefficient."""
     found = [run for run in runs(rows) if (run[0].kind, run[0].check) == ("one pull", "")]
     return sorted(found, key=lambda run: run[0].mu)
 
 
 def placings(rows: Sequence[Row]) -> list[list[Row]]:
-    """The runs in which stitches are placed."""
+    """Return the runs in which stitches are placed."""
     return [run for run in runs(rows) if run[0].kind == "placing"]
 
 
 def rows_at(run: Sequence[Row], moment: str = "pulled") -> dict[int, Row]:
-    """Rows of a moment by stitches back from the pull: one pull along the line, or, of stitches placed one after the
-    other, the second under one pull after the other."""
+    """Return the rows of a moment by stitches back from the pull: one pull along the line, or, of stitches placed one
+    after the other, the second under one pull after the other."""
     followed = run[0].kind == "placing"
     return {row.stitches_back: row for row in run if row.moment == moment and (row.stitch == 2 or not followed)}
 
 
 def reference(rows: Sequence[Row]) -> list[Row]:
-    """The run of one pull with the calibrated coefficient."""
+    """Return the run of one pull with the calibrated coefficient."""
     return next(run for run in runs(rows) if run[0].check == CALIBRATED)
 
 
 def coefficient(rows: Sequence[Row], left: float) -> float:
-    """The μ that leaves a tension [N] two stitches back, by ln of the ratio, nearly linear in artanh μ. Raises
+    """Return the μ that leaves a tension [N] two stitches back, by ln of the ratio, nearly linear in artanh μ. Raises
     `StudyError`."""
     over = sweep(rows)
     ratios = [np.log(hand_of(run) / rows_at(run)[BACK].tension) for run in over]
@@ -474,18 +475,19 @@ def coefficient(rows: Sequence[Row], left: float) -> float:
 
 
 def calibrate(rows: Sequence[Row]) -> tuple[float, float, float]:
-    """The μ of the published tension, and those of one SD more and one less. Raises `StudyError`."""
+    """Return the μ of the published tension, and those of one SD more and one less. Raises `StudyError`."""
     mu, low, high = (coefficient(rows, PUBLISHED_LEFT + sign * LEFT_SD) for sign in (0, 1, -1))
     return mu, low, high
 
 
 def hand_of(run: Sequence[Row]) -> float:
-    """The pull of a run [N]."""
+    """Return the pull of a run [N]."""
     return next(row.hand for row in run if row.moment == "pulled")
 
 
 def reach(run: Sequence[Row]) -> int:
-    """Stitches back to the farthest in which a pull changes the tension by FELT; of several pulls the farthest."""
+    """Count the stitches back to the farthest in which a pull changes the tension by FELT; of several pulls the
+    farthest."""
     before = {(row.stitches, row.stitch): row.tension for row in run if row.moment == "before"}
     felt = [
         row.stitches_back
@@ -496,32 +498,33 @@ def reach(run: Sequence[Row]) -> int:
 
 
 def reaches_knot(run: Sequence[Row]) -> bool:
-    """Whether a pull is felt as far as the run goes, so that it does not tell how far."""
+    """Tell whether a pull is felt as far as the run goes, so that it does not tell how far."""
     return reach(run) == max(row.stitches for row in run) - 1
 
 
 def law_error(run: Sequence[Row]) -> float:
-    """Largest error of the tensions that slip has brought about on the way out, over those of the law of a ring."""
+    """Return the largest error of the tensions that slip has brought about on the way out, over those of the law of a
+    ring."""
     outward = [row for row in run if row.moment in ("rising", "pulled") and row.stitches_back]
     slid = [row for row in outward if row.law > SLIPPED * row.hold]
     return max((abs(row.tension / row.law - 1.0) for row in slid), default=0.0)
 
 
 def later_change(tensions: dict[int, Row]) -> float:
-    """Largest change of the second stitch under the pulls after the fourth stitch's [N]."""
+    """Return the largest change of the second stitch under the pulls after the fourth stitch's [N]."""
     return max(
         (abs(row.tension - tensions[BACK].tension) for back, row in tensions.items() if back > BACK), default=0.0
     )
 
 
 def capstan(run: Sequence[Row]) -> float:
-    """The μ that exp(μθ) would want for the published ratio over the mean turn in each hole."""
+    """Return the μ that exp(μθ) would need for the published ratio over the mean turn in each hole."""
     turn = np.radians(rows_at(run)[0].turn)
     return float(np.log(PUBLISHED_PULL / PUBLISHED_LEFT) / (2 * BACK * turn))
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """One line a run: along the line, or the second stitch under one pull after the other."""
+    """Make one line a run: along the line, or the second stitch under one pull after the other."""
     most = max(row.stitches for row in rows)
     columns = [f"T, {back} back [N]" for back in range(most)]
     head = ("run", "organ", "μ [-]", "hold [N]", *columns, "felt [stitches back]", "off the law [%]")
@@ -547,17 +550,18 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def pad(cells: Sequence[str], count: int) -> list[str]:
-    """Cells filled up with empty ones."""
+    """Fill cells up with empty ones."""
     return [*cells, *[""] * (count - len(cells))]
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """The calibration, what it foretells beside the published, what the checks change, and what no run supports."""
+    """State the calibration, what it predicts compared with the published, what the checks change, and what no run
+    supports."""
     return [*calibration(rows), *predictions(rows), *consistency(rows), *limits(rows)]
 
 
 def calibration(rows: Sequence[Row]) -> list[str]:
-    """μ with its interval, and whether it is a coefficient one would expect."""
+    """State μ with its interval, and whether it is a coefficient one would expect."""
     run, (mu, more, less) = reference(rows), calibrate(rows)
     low, high = COEFFICIENTS
     inside = "within" if low <= mu <= high else "OUTSIDE"
@@ -570,8 +574,8 @@ def calibration(rows: Sequence[Row]) -> list[str]:
 
 
 def predictions(rows: Sequence[Row]) -> list[str]:
-    """What was not used to calibrate: the reach and the later pulls at the second stitch, foretold by one pull, and of
-    stitches placed for each hold."""
+    """State what was not used to calibrate: the reach and the later pulls at the second stitch as one pull predicts
+    them, and those of stitches placed for each hold."""
     run = reference(rows)
     felt = f"felt {reach(run)} stitches back, published at most {PUBLISHED_REACH}"
     out = [f"foretold, one pull: {felt}: {reach_verdict(run)}"]
@@ -586,7 +590,7 @@ def predictions(rows: Sequence[Row]) -> list[str]:
 
 
 def agreeing_holds(run: Sequence[Row]) -> Array:
-    """Holds [N] in steps of 10 mN with which the law alone leaves the second stitch as published."""
+    """Return the holds [N] in steps of 10 mN with which the law alone leaves the second stitch as published."""
     pull, last = hand_of(run), max(row.stitches for row in run)
     ratio = (pull / rows_at(run)[BACK].tension) ** (1 / (2 * BACK))
     holds = np.arange(0.01, pull, 0.01)
@@ -596,19 +600,19 @@ def agreeing_holds(run: Sequence[Row]) -> Array:
 
 
 def tensions_drawn_anew(run: Sequence[Row]) -> dict[int, Row]:
-    """The second stitch of rows that end where they are pulled, each drawn anew: friction knows no past."""
+    """Return the second stitch of rows that end where they are pulled, each drawn anew: friction knows no past."""
     return {back: row for back, row in rows_at(run).items() if row.stitch > 1}
 
 
 def reach_verdict(run: Sequence[Row]) -> str:
-    """Whether the reach is the published one."""
+    """Tell whether the reach is the published one."""
     if reaches_knot(run):
         return "the row is too short to tell"
     return "agrees" if reach(run) <= PUBLISHED_REACH else "DISAGREES"
 
 
 def sequence(tensions: dict[int, Row]) -> str:
-    """Tensions of the second stitch in words."""
+    """Write the tensions of the second stitch in words."""
     shown = ", ".join(f"{tensions[back].tension:.2f}" for back in sorted(tensions))
     change, off = later_change(tensions), abs(tensions[BACK].tension - PUBLISHED_LEFT)
     fourth = "agrees" if off <= LEFT_SD else "DISAGREES"
@@ -620,7 +624,7 @@ def sequence(tensions: dict[int, Row]) -> str:
 
 
 def consistency(rows: Sequence[Row]) -> list[str]:
-    """Consistency: what is changed by what should not matter, two stitches back."""
+    """Compare two stitches back: what is changed by what should not matter."""
     out, usual = [], rows_at(reference(rows))[BACK].tension
     for run in runs(rows):
         first = run[0]
@@ -631,7 +635,7 @@ def consistency(rows: Sequence[Row]) -> list[str]:
 
 
 def limits(rows: Sequence[Row]) -> list[str]:
-    """The worst of each kind of run."""
+    """List the worst of each kind of run."""
     out = []
     for kind in dict.fromkeys((row.kind, row.organ) for row in rows):
         of = [row for row in rows if (row.kind, row.organ) == kind]
@@ -649,7 +653,8 @@ def limits(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Tension along the line, reach over μ, the second stitch while stitches are placed, and a pull let back."""
+    """Draw the tension along the line, reach over μ, the second stitch while stitches are placed, and a pull let
+    back."""
     drawing, grid = panels(2, 2)
     tensions_along_line(grid[0, 0], rows)
     reach_over_mu(grid[0, 1], rows)
@@ -659,7 +664,7 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 
 def tensions_along_line(axes: Axes, rows: Sequence[Row]) -> None:
-    """Points are runs, dotted lines the law of a ring, bars the published mean and SD."""
+    """Draw tensions along the line: points are runs, dotted lines the law of a ring, bars the published mean and SD."""
     shown = [run for run in sweep(rows) if run[0].mu]
     greys = [str(grey) for grey in np.linspace(0.7, 0.2, len(shown))]
     for run, colour, marker in zip([*shown, reference(rows)], [*greys, COLOURS[0]], cycle(MARKERS), strict=False):
@@ -678,14 +683,14 @@ def tensions_along_line(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def plot_published(axes: Axes, x: Sequence[float], mean: Sequence[float], deviation: Sequence[float]) -> None:
-    """Published means with their SD."""
+    """Draw the published means with their SD."""
     label = "Horeman et al. 2013, mean and SD"
     style = {"fmt": "s", "markerfacecolor": "white", "capsize": 4, "zorder": 5}
     axes.errorbar(x, mean, deviation, color=COLOURS[1], label=label, **style)  # type: ignore[arg-type]
 
 
 def reach_over_mu(axes: Axes, rows: Sequence[Row]) -> None:
-    """Stitches back in which one pull is felt."""
+    """Draw the stitches back in which one pull is felt."""
     for ends, marker, label in ((False, "o", "one pull"), (True, "^", "one pull, to the knot")):
         over = [run for run in (*sweep(rows), reference(rows)) if reaches_knot(run) == ends]
         axes.plot([run[0].mu for run in over], [reach(run) for run in over], marker, color=COLOURS[0], label=label)
@@ -700,7 +705,7 @@ def reach_over_mu(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def second_stitch(axes: Axes, rows: Sequence[Row]) -> None:
-    """Tension of the second stitch while each stitch is pulled."""
+    """Draw the tension of the second stitch while each stitch is pulled."""
     last = max(row.stitches for row in rows)
     alone = tensions_drawn_anew(reference(rows))
     x, y = [k + 2 for k in sorted(alone)], [alone[k].tension for k in sorted(alone)]
@@ -720,7 +725,7 @@ def second_stitch(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def plot_let_back(axes: Axes, rows: Sequence[Row]) -> None:
-    """Tensions over the hand's force, out and back; dotted, the law."""
+    """Draw the tensions over the hand's force, out and back; dotted, the law."""
     run = reference(rows)
     for back in range(1, min(5, run[0].stitches)):
         of = [row for row in run if row.stitches_back == back]

@@ -276,7 +276,7 @@ class Tissue(ScenarioTable):
         description="the organ's mesh", examples=[{"kind": "block", "size": [0.06, 0.04, 0.02], "h": 4.0e-3}]
     )
     boundary: tuple[Boundary, ...] = Field(
-        default=(), description="boundaries beside those the mesh names", examples=[[]]
+        default=(), description="boundaries in addition to those that the mesh names", examples=[[]]
     )
     region: tuple[Region, ...] = Field(default=(), description="parts of another material", examples=[[]])
 
@@ -323,7 +323,7 @@ class Tissue(ScenarioTable):
 
 
 def boundaries_of(mesh: Mesh) -> tuple[str, ...]:
-    """The boundaries that a mesh will name; none where only the file tells."""
+    """Return the boundaries that a mesh will name; none where only the file tells."""
     floor = isinstance(mesh, WoundMesh) and mesh.shape == "ellipse" and mesh.depth < mesh.size[2]
     return BOUNDARIES.get(mesh.kind, ()) + (("wound_floor",) if floor else ())
 
@@ -338,7 +338,7 @@ def check_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "cla
 
 
 def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "clamp") -> str | None:
-    """What is wrong with a clamp, None if nothing."""
+    """Return what is wrong with a clamp, None if nothing."""
     lost = next((name for name in clamp if name not in boundaries), None)
     if lost is None:
         return None

@@ -18,7 +18,7 @@ LONGEST_VALUE = 60  # characters of a refused value that are shown, unless it is
 
 
 def as_toml(value: object) -> str:
-    """A value as one would write it in TOML, on one line; floats so that they read back to the same bits."""
+    """Write a value in TOML, on one line; floats so that they read back to the same bits."""
     match value:
         case bool():
             return "true" if value else "false"
@@ -33,34 +33,34 @@ def as_toml(value: object) -> str:
 
 
 def as_key(key: str) -> str:
-    """A TOML key, quoted when it has to be."""
+    """Write a TOML key, quoted when it has to be."""
     return key if BARE.fullmatch(key) else as_toml(key)
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
-    """The known word that looks most like ``word``, if any does."""
+    """Find the known word that looks most like ``word``; None where none does."""
     matches = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
     return matches[0] if matches else None
 
 
 def sentences(error: ValidationError, model: type[BaseModel], data: object) -> list[str]:
-    """One sentence for each fault that pydantic found in ``data`` when it was read as ``model``."""
+    """Write one sentence for each fault that pydantic found in ``data`` when it was read as ``model``."""
     details = error.errors(include_url=False)
     return [_sentence(detail, model, data) for detail in details if not _follows(detail, details)]
 
 
 def refusal(key: str, value: object, reason: str) -> str:
-    """The common form: ``key = value is refused: reason``."""
+    """Write the common form: ``key = value is refused: reason``. ``key = value is refused: reason``."""
     return f"{key} = {_shortened(value)} is refused: {reason}"
 
 
 def dotted_key(parts: Iterable[object]) -> str:
-    """The full name of a key from its parts."""
+    """Join the full name of a key from its parts."""
     return ".".join(as_key(str(part)) for part in parts)
 
 
 def _follows(detail: ErrorDetails, details: Sequence[ErrorDetails]) -> bool:
-    """Whether a list is too short only because one of its items has been refused."""
+    """Tell whether a list is too short only because one of its items has been refused."""
     loc = detail["loc"]
     inner = (other["loc"] for other in details if len(other["loc"]) > len(loc))
     return detail["type"] == "too_short" and any(other[: len(loc)] == loc for other in inner)
@@ -112,7 +112,7 @@ def _unknown_kind(place: Place, tag: str) -> str:
 
 
 def _allowed(detail: ErrorDetails) -> str:
-    """What is allowed, from pydantic's message."""
+    """Return what is allowed, from pydantic's message."""
     text = re.sub(r"^Input should be|^Value error,", "it must be", detail["msg"])
     text = re.sub(r"^(Tuple|List|String) should have", "it must have", text)
     match = nearest(str(detail["input"]), re.findall(r"'([^']*)'", text))
@@ -122,7 +122,7 @@ def _allowed(detail: ErrorDetails) -> str:
 
 
 def _remedy(place: Place) -> str:
-    """What the key means and an example of it, from the field that describes it."""
+    """Return what the key means and an example of it, from the field that describes it."""
     if place.field is None:
         return f"correct {place.key}"
     info = place.table.model_fields[place.field]
@@ -153,7 +153,7 @@ def _place(loc: Sequence[int | str], model: type[BaseModel], data: object) -> Pl
 
 
 def _item(data: object, step: int | str) -> tuple[object, str]:
-    """The entry of ``data`` at ``step`` and what it is called: its ``name`` if it is a table in a list."""
+    """Return the entry of ``data`` at ``step`` and what it is called: its ``name`` if it is a table in a list."""
     try:
         item = data[step]  # type: ignore[index]
     except (KeyError, IndexError, TypeError):
@@ -171,7 +171,7 @@ def _keys(table: type[BaseModel]) -> list[str]:
 
 
 def _models(kind: Any) -> dict[str, type[BaseModel]]:
-    """The tables that a type allows: itself, or the members of a union by their ``kind``."""
+    """Return the tables that a type allows: itself, or the members of a union by their ``kind``."""
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         info = kind.model_fields.get("kind")
         tags = get_args(info.annotation) if info else ()

@@ -177,7 +177,7 @@ def check_control_points(control_points: int, piercings: int) -> None:
 
     A hole takes up to 5 constraints, on 3 unknowns of each control point and its own abscissa; and the
     thread turns there, so a span of the spline should lie on either side of the hole and one at it: 3
-    control points for each hole, beside the 4 of a single cubic.
+    control points for each hole, in addition to the 4 of a single cubic.
     """
     least = 4 + 3 * piercings
     if control_points < least:
@@ -197,13 +197,13 @@ def parse(data: Mapping[str, Any]) -> Scenario:
 
 
 def schema() -> dict[str, Any]:
-    """JSON schema (draft 2020-12) of the scenario file."""
+    """Make the JSON schema (draft 2020-12) of the scenario file."""
     declared = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     return declared | Scenario.model_json_schema(by_alias=True)
 
 
 def resolved(scenario: Scenario, length: float, s: Sequence[float]) -> Scenario:
-    """The scenario with the defaults that only the geometry tells: the rest length and the abscissas [m].
+    """Return the scenario with the defaults that only the geometry tells: the rest length and the abscissas [m].
 
     A piercing that begins later takes its abscissa, unless given, from where the thread is then.
     """

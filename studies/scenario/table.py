@@ -30,7 +30,7 @@ class ScenarioError(ValueError):
 
 
 def one_sentence(allowed: str) -> WrapValidator:
-    """One sentence instead of one for each member of a union."""
+    """Refuse a value by one sentence instead of one for each member of a union."""
 
     def validate(value: Any, handler: Callable[[Any], Any]) -> Any:
         try:

@@ -95,7 +95,7 @@ class DrivenEnd(_HeldEnd):
         return self
 
     def position(self, time: float) -> Vector:
-        """Position (3,) [m] at a time [s]."""
+        """Return the position (3,) [m] at a time [s]."""
         table = np.array(self.waypoints)
         x, y, z = (float(np.interp(time, table[:, 0], column)) for column in table[:, 1:].T)
         return x, y, z
@@ -138,7 +138,7 @@ class Thread(ScenarioTable):
     resolution: Literal["fixed", "adaptive"] = Field(
         default="fixed",
         description="whether the knots stay, or follow the piercings as the thread slides: control_points are then "
-        "those of the coarse spline, which is refined beside the piercings and where the thread bends",
+        "those of the coarse spline, which is refined at the piercings and where the thread bends",
     )
     tolerance: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=0.1)] = Field(
         default=0.01, description="relative error of the piercings' forces that adaptive knots aim at [-], up to 0.1"

@@ -42,13 +42,13 @@ def scenario_file(path: Path | str) -> Path:
 
 
 def tables(scenario: Scenario) -> dict[str, Any]:
-    """The scenario as plain tables with every default, what is not given left out."""
+    """Return the scenario as plain tables with every default, what is not given left out."""
     plain = scenario.model_dump(mode="json", by_alias=True, exclude_none=True)
     return {key: _kind_first(value) for key, value in plain.items()}
 
 
 def _kind_first(value: Any) -> Any:
-    """The same tables with ``kind`` as the first key, as one would write them."""
+    """Return the same tables with ``kind`` as the first key, as one would write them."""
     match value:
         case dict():
             first = {"kind": value["kind"]} if "kind" in value and "name" not in value else {}
@@ -60,19 +60,19 @@ def _kind_first(value: Any) -> Any:
 
 
 def dump(scenario: Scenario) -> str:
-    """The scenario in TOML, every default written out; reads back to an equal scenario."""
+    """Write the scenario in TOML, every default written out; it reads back to an equal scenario."""
     return "\n".join(_lines(tables(scenario), ()))
 
 
 def mesh_file(scenario: Scenario) -> Path | None:
-    """The mesh file that the scenario names, None if it names none."""
+    """Return the mesh file that the scenario names, None if it names none."""
     if scenario.tissue is None or not isinstance(scenario.tissue.mesh, FileMesh):
         return None
     return Path(scenario.tissue.mesh.path)
 
 
 def with_mesh_file(scenario: Scenario, path: str) -> Scenario:
-    """The scenario with another mesh file; unchanged if it has none."""
+    """Return the scenario with another mesh file; unchanged if it has none."""
     if scenario.tissue is None or not isinstance(scenario.tissue.mesh, FileMesh):
         return scenario
     mesh = scenario.tissue.mesh.model_copy(update={"path": path})
@@ -124,7 +124,7 @@ def _override_key(text: str) -> list[str]:
 
 
 def _override_value(text: str) -> Any:
-    """The value in TOML; a bare word is a string, because a shell takes the quotes away."""
+    """Read the value in TOML; a bare word is a string, because a shell takes the quotes away."""
     key, _, value = text.partition("=")
     try:
         return tomllib.loads(f"value = {value}")["value"]
@@ -177,7 +177,7 @@ def _check_mesh_file(scenario: Scenario) -> None:
 
 
 def _lines(table: Mapping[str, Any], parents: tuple[str, ...]) -> list[str]:
-    """A table in TOML: values first, then tables, then lists of tables."""
+    """Write a table in TOML: values first, then tables, then lists of tables."""
     under_headers = {key for key, value in table.items() if _is_table(key, value) or _is_tables(value)}
     values = {key: value for key, value in table.items() if key not in under_headers}
     lines = [f"{as_key(key)} = {as_toml(value)}" for key, value in values.items()]

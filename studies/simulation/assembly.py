@@ -51,7 +51,7 @@ class Assembly:
         return np.array([np.nan if hole.s is None else hole.s for hole in self.scenario.piercing])
 
     def start(self) -> State[tissue.OrganState]:
-        """The consistent start (Φ = 0, thread as near the path as that allows)."""
+        """Solve for the consistent start (Φ = 0, thread as near the path as that allows)."""
         thread = self.system.thread
         stretch = self.path.length / thread.spline.end
         points = self.path.position(gauss_rule(thread.spline, MASS_POINTS).s * stretch)
@@ -87,12 +87,13 @@ def assemble(scenario: Scenario) -> Assembly:
 
 
 def is_known(hole: model.Piercing) -> bool:
-    """Whether the abscissa of a piercing is known before the first step."""
+    """Tell whether the abscissa of a piercing is known before the first step."""
     return hole.s is not None or hole.from_ == 0.0
 
 
 def length_of(scenario: Scenario, path: RoundedPath) -> float:
-    """Rest length of the thread [m]. Raises `ScenarioError` where it would be laid stretched beyond any suture."""
+    """Return the rest length of the thread [m]. Raises `ScenarioError` where it would be laid stretched beyond any
+    suture."""
     length = scenario.thread.length or path.length
     if path.length > STRETCH * length:
         reason = f"the path is {path.length:.4g} m long, and no suture stretches that far; leave it out or lengthen it"
@@ -101,7 +102,8 @@ def length_of(scenario: Scenario, path: RoundedPath) -> float:
 
 
 def abscissae(scenario: Scenario, path: RoundedPath, length: float) -> list[float]:
-    """Abscissa of every piercing at the start [m]: given, or where the path is nearest after the piercing before it."""
+    """Return the abscissa of every piercing at the start [m]: given, or where the path is nearest after the piercing
+    before it."""
     s: list[float] = []
     for hole in scenario.piercing:
         s.append(hole.s if hole.s is not None else nearest_pass(path, hole.at, after=s[-1:]) * length / path.length)
@@ -109,7 +111,8 @@ def abscissae(scenario: Scenario, path: RoundedPath, length: float) -> list[floa
 
 
 def nearest_pass(path: RoundedPath, point: Sequence[float], after: Sequence[float]) -> float:
-    """Abscissa on the path [m] of its nearest pass by a point; of passes as near, the first `after` an abscissa."""
+    """Return the abscissa on the path [m] of its nearest pass by a point; of passes as near, the first `after` an
+    abscissa."""
     places, distances = path.passes(point)
     near = places[distances <= distances.min() + 1e-9 * path.length]
     later = near[near > after[0]] if after else near
@@ -117,14 +120,14 @@ def nearest_pass(path: RoundedPath, point: Sequence[float], after: Sequence[floa
 
 
 def resolution_of(table: model.Thread, length: float) -> Resolution | None:
-    """How the knots follow the thread; None where they do not."""
+    """Tell how the knots follow the thread; None where they do not."""
     if table.resolution == "fixed":
         return None
     return Resolution(coarse_tree(0.0, length, table.control_points), table.tolerance)
 
 
 def spline_of(table: model.Thread, length: float, s: Sequence[float]) -> Spline:
-    """The spline at the start, its knots graded towards the piercings."""
+    """Return the spline at the start, its knots graded towards the piercings."""
     resolution = resolution_of(table, length)
     if resolution is None:
         spline = Spline(graded_knots(length, table.control_points, s, table.graded, REACH * length, table.cuts))
@@ -134,7 +137,7 @@ def spline_of(table: model.Thread, length: float, s: Sequence[float]) -> Spline:
 
 
 def thread_of(scenario: Scenario, length: float, s: Sequence[float]) -> Thread:
-    """The thread, its knots graded towards the piercings. The linear step knows no missing compliance."""
+    """Return the thread, its knots graded towards the piercings. The linear step knows no missing compliance."""
     table = scenario.thread
     return Thread(
         spline=spline_of(table, length, s),
@@ -151,14 +154,14 @@ def thread_of(scenario: Scenario, length: float, s: Sequence[float]) -> Thread:
 
 
 def section_of(table: model.Thread) -> Section:
-    """The section named, or the one described."""
+    """Return the section named, or the one described."""
     given = (table.diameter, table.density, table.youngs_modulus, table.poisson_ratio)
     section = suture(table.suture) if table.suture else Section(*(value for value in given if value is not None))
     return section if table.bending_factor is None else replace(section, bending_factor=table.bending_factor)
 
 
 def end_of(table: model.End, path: RoundedPath, at: float) -> End:
-    """What holds the end of the thread that lies at the abscissa `at` of the path."""
+    """Return what holds the end of the thread that lies at the abscissa `at` of the path."""
     match table:
         case model.FixedEnd():
             return Fixed(path.position(at), turn=turn_of(table))
@@ -172,12 +175,12 @@ def end_of(table: model.End, path: RoundedPath, at: float) -> End:
 
 
 def turn_of(table: model.FixedEnd | model.ClampedEnd | model.DrivenEnd) -> Array | None:
-    """Times and angles by which an end is turned, None where none are given."""
+    """Return the times and angles by which an end is turned, None where none are given."""
     return None if table.turn is None else np.array(table.turn)
 
 
 def channel_of(hole: model.Piercing, scenario: Scenario) -> float | None:
-    """Length over which a rough hole imposes its direction [m], None for any other.
+    """Return the length over which a rough hole imposes its direction [m], None for any other.
 
     As given, else CHANNEL_FOOTPRINTS footprints in an organ; for a bare point, or without an organ,
     CHANNEL_DIAMETERS diameters of the thread.
@@ -190,7 +193,7 @@ def channel_of(hole: model.Piercing, scenario: Scenario) -> float | None:
 
 
 def piercing_of(hole: model.Piercing, channel: float | None) -> Piercing:
-    """The constraint of a hole with a channel of that length [m]."""
+    """Return the constraint of a hole with a channel of that length [m]."""
     given = hole.friction
     friction = None if given is None else Friction(given.static, given.kinetic, given.grip, channel)
     until = np.inf if hole.until is None else hole.until
@@ -199,13 +202,13 @@ def piercing_of(hole: model.Piercing, channel: float | None) -> Piercing:
 
 
 def site_of(hole: model.Piercing) -> tissue.Site:
-    """The place of a hole on the organ."""
+    """Return the place of a hole on the organ."""
     direction = None if hole.direction == "free" else hole.direction
     return tissue.Site(hole.at, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', hole.subgrid)
 
 
 def body_of(scenario: Scenario) -> tissue.Elasticity | None:
-    """The organ's discrete elasticity, None without an organ."""
+    """Return the organ's discrete elasticity, None without an organ."""
     table = scenario.tissue
     if table is None:
         return None
@@ -214,7 +217,7 @@ def body_of(scenario: Scenario) -> tissue.Elasticity | None:
 
 
 def organ_of(scenario: Scenario, body: tissue.Elasticity | None) -> AnyOrgan:
-    """The organ as the coupling sees it: with inertia, without, or points fixed in space."""
+    """Return the organ as the coupling sees it: with inertia, without, or points fixed in space."""
     sites = [site_of(hole) for hole in scenario.piercing]
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
@@ -226,7 +229,7 @@ def organ_of(scenario: Scenario, body: tissue.Elasticity | None) -> AnyOrgan:
 
 
 def gaps_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Gaps | None:
-    """The gaps between a wound's lips, None where they may cross."""
+    """Return the gaps between a wound's lips, None where they may cross."""
     if not table.contact or not isinstance(table.mesh, model.WoundMesh):
         return None
     wound = wound_of(table.mesh)

@@ -17,18 +17,19 @@ OrganRun = Run[tissue.OrganState]
 
 
 def on_knots(system: System, knots: Array) -> System:
-    """The system with its thread on other knots."""
+    """Return the system with its thread on other knots."""
     return replace(system, thread=replace(system.thread, spline=Spline(knots)))
 
 
 def memory_of(now: OrganRun) -> Arrays:
-    """All that the steps after this one depend on, as arrays by name."""
+    """Gather all that the steps after this one depend on, as arrays by name."""
     own = {"step": np.array(now.number), "s_begun": now.s_begun, "knots": now.system.thread.spline.knots}
     return own | pack(now.state, "state") | pack(now.energies, "energies")
 
 
 def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
-    """Where a run was, from what it kept in mind; `beginning` shows how that is built. Raises `ScenarioError`."""
+    """Return where a run was, from what it kept in memory; `beginning` shows how that is built. Raises
+    `ScenarioError`."""
     try:
         system, number = on_knots(beginning.system, memory["knots"]), int(memory["step"])
         state = unpack(beginning.state, memory, "state", beginning.state)

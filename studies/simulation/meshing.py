@@ -44,7 +44,7 @@ class Body:
 
 
 def organ_mesh(scenario: Scenario) -> skfem.MeshTet:
-    """The mesh with the boundaries and regions that the scenario adds.
+    """Return the mesh with the boundaries and regions that the scenario adds.
 
     Raises `ScenarioError` or `MeshError` for one that cannot be made or used.
     """
@@ -60,7 +60,7 @@ def organ_mesh(scenario: Scenario) -> skfem.MeshTet:
 
 
 def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> skfem.MeshTet:
-    """The mesh as its maker gives it, graded towards the holes where a size is given for them."""
+    """Return the mesh as its maker gives it, graded towards the holes where a size is given for them."""
     shape, planes = table.mesh, planes_of(table)
     if isinstance(shape, model.FileMesh):
         return _from_file(table, shape, holes)
@@ -81,7 +81,7 @@ def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> skfem.MeshT
 
 
 def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model.Piercing]) -> skfem.MeshTet:
-    """The tetrahedra of a file, or a closed surface filled."""
+    """Return the tetrahedra of a file, or a closed surface filled."""
     unit = metres_per_unit(shape.unit)
     if not shape.is_surface:
         mesh = read(shape.path, unit)
@@ -96,24 +96,24 @@ def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model
 
 
 def places(holes: Sequence[model.Piercing]) -> Array:
-    """Where the holes are, shape `(p, 3)` [m]."""
+    """Return where the holes are, shape `(p, 3)` [m]."""
     return np.reshape([hole.at for hole in holes], (-1, 3)).astype(float)
 
 
 def grading_of(shape: model.Mesh, holes: Sequence[model.Piercing]) -> Grading:
-    """Sizes of a generated mesh, `h_site` as far as the widest footprint."""
+    """Return the sizes of a generated mesh, `h_site` as far as the widest footprint."""
     assert shape.h is not None
     radius = max((hole.footprint for hole in holes), default=0.0)
     return Grading(shape.h, shape.h_site or shape.h, shape.growth, radius)
 
 
 def wound_of(shape: model.WoundMesh) -> Wound:
-    """The cut in the block."""
+    """Return the cut in the block."""
     return Wound(shape.length, shape.depth, shape.width, shape.along)
 
 
 def planes_of(table: model.Tissue) -> Planes:
-    """Coordinates of the regions' borders, by axis [m]."""
+    """Return the coordinates of the regions' borders, by axis [m]."""
     corners = [np.array(region.box) for region in table.region if region.box is not None]
     layers = [-z for region in table.region if region.depth is not None for z in region.depth]
     x, y, z = ([float(box[end, axis]) for box in corners for end in (0, 1)] for axis in range(3))
@@ -121,7 +121,7 @@ def planes_of(table: model.Tissue) -> Planes:
 
 
 def body_of(shape: model.BlockMesh | model.WoundMesh | model.CylinderMesh | model.TubeMesh) -> Body:
-    """What is known of the shape of a mesh that is to be made."""
+    """Return what is known of the shape of a mesh that is to be made."""
     match shape:
         case model.CylinderMesh():
             return _round(0.0, shape.radius, shape.length)
@@ -166,7 +166,7 @@ def check_memory(table: model.Tissue, grading: Grading, sites: Array, body: Body
 
 
 def too_large(tets: float, element: str) -> str | None:
-    """What so many tetrahedra need, where that is more memory than there is."""
+    """Return what so many tetrahedra need, where that is more memory than there is."""
     need, there = budget(tets, element), psutil.virtual_memory().available
     if need.memory <= there:
         return None
@@ -224,7 +224,7 @@ def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
 
 
 def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.MeshTet:
-    """The mesh with the boundaries that the scenario adds: surface facets whose centre lies in a box."""
+    """Return the mesh with the boundaries that the scenario adds: surface facets whose centre lies in a box."""
     named = dict(mesh.boundaries or {})
     surface = mesh.boundary_facets()
     centres = mesh.p[:, mesh.facets[:, surface]].mean(axis=1)
@@ -239,12 +239,12 @@ def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.Me
 
 
 def with_regions(mesh: skfem.MeshTet, regions: Sequence[model.Region]) -> skfem.MeshTet:
-    """The mesh with the regions of the scenario as subdomains."""
+    """Return the mesh with the regions of the scenario as subdomains."""
     return mesh.with_subdomains(dict(mesh.subdomains or {}) | {r.name: region_cells(mesh, r) for r in regions})
 
 
 def region_cells(mesh: skfem.MeshTet, region: model.Region) -> Cells:
-    """Cells of a region: those named in the mesh file, or whose centre lies in its box or layer."""
+    """Return the cells of a region: those named in the mesh file, or whose centre lies in its box or layer."""
     key = ["tissue", "region", region.name]
     centres = mesh.p[:, mesh.t].mean(axis=1)
     place: object
@@ -276,13 +276,13 @@ def _nothing_in(mesh: skfem.MeshTet, key: str, value: object, what: str) -> Scen
 
 
 def is_inside(points: Array, corners: Array) -> NDArray[np.bool_]:
-    """Which columns of `points` (3, k) lie in the box of two corners (2, 3)."""
+    """Tell which columns of `points` (3, k) lie in the box of two corners (2, 3)."""
     low, high = corners.min(axis=0)[:, None], corners.max(axis=0)[:, None]
     return np.asarray(np.all((points >= low) & (points <= high), axis=0))
 
 
 def material_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Material:
-    """The organ's material: numbers, or one per cell where regions have their own."""
+    """Return the organ's material: numbers, or one per cell where regions have their own."""
     values = (table.youngs_modulus, table.poisson_ratio, table.density)
     if not table.region:
         return tissue.Material(*values)

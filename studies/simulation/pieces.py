@@ -37,7 +37,7 @@ def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None
 
 
 def is_held_at_end(thread: model.Thread, piece: int, pieces: int) -> bool:
-    """Whether a piece has an end of the thread on which something acts."""
+    """Tell whether a piece has an end of the thread on which something acts."""
     ends = ((0, thread.start), (pieces - 1, thread.end))
     return any(piece == k and end.kind != "free" for k, end in ends)
 
@@ -65,6 +65,6 @@ def check_draws(holes: Sequence[model.Piercing], spline: Spline, s: Sequence[flo
 
 
 def drawn_length(hole: model.Piercing, times: Sequence[float]) -> Array:
-    """Length drawn through a hole from t = 0 to each of the times [m]."""
+    """Return the length drawn through a hole from t = 0 to each of the times [m]."""
     table = np.array(hole.draw or [(0.0, 0.0)])
     return np.asarray(np.interp(times, *table.T) - np.interp(0.0, *table.T))

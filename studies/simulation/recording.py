@@ -18,7 +18,7 @@ SAMPLES = 6  # points drawn on each span of the thread
 
 
 def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
-    """What is written of a step."""
+    """Return what is written of a step."""
     system, state = now.system, now.state
     ends = [(step.solution.problem.system, step.new, step.end.at) for step in now.taken]
     ends = ends or [(system, state, now.configuration.at)]
@@ -43,13 +43,13 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
 
 
 def pressures(system: System, lips: ContactObservation) -> Array:
-    """Pressure at the pairs of the lips, shape `(k,)` [Pa]."""
+    """Return the pressure at the pairs of the lips, shape `(k,)` [Pa]."""
     organ: Any = system.organ
     return np.asarray(organ.gaps.pressure(lips.force))
 
 
 def contact_record(system: System, state: State) -> ContactRecord | None:
-    """The lips of a state, None where they may cross."""
+    """Return the lips of a state, None where they may cross."""
     lips = observe_contact(system, state)
     if lips is None:
         return None
@@ -64,7 +64,7 @@ def contact_record(system: System, state: State) -> ContactRecord | None:
 
 
 def lip_fields(system: System, state: State, nodes: int) -> tuple[Array, Array] | tuple[None, None]:
-    """Pressure and gap of the lips at all nodes of the organ, `(nodes,)` each [Pa, m]."""
+    """Return the pressure and gap of the lips at all nodes of the organ, `(nodes,)` each [Pa, m]."""
     lips = observe_contact(system, state)
     if lips is None:
         return None, None
@@ -76,13 +76,14 @@ def lip_fields(system: System, state: State, nodes: int) -> tuple[Array, Array] 
 
 
 def end_torques(state: State) -> tuple[float, float]:
-    """Torque of the holders of start and end about the thread's tangent [N m]."""
+    """Return the torque of the holders of start and end about the thread's tangent [N m]."""
     start, end = state.reaction[:, 3]
     return float(start), float(end)
 
 
 def thread_record(system: System, state: State) -> ThreadRecord:
-    """The thread sampled evenly on each span; tension is interpolated between the Gauss points, where it is best."""
+    """Return the thread sampled evenly on each span; tension is interpolated between the Gauss points, where it is
+    best."""
     thread, spline = system.thread, system.thread.spline
     breaks, ends = spline.breaks, np.searchsorted(spline.breaks, spline.piece_ends)
     inner = np.arange(SAMPLES) / SAMPLES
@@ -106,6 +107,7 @@ def thread_record(system: System, state: State) -> ThreadRecord:
 
 
 def interpolate_piecewise(spline: Spline, s: Array, home: Array, at: Array, values: Array) -> Array:
-    """Values known at abscissae `at`, interpolated at `s` within the piece of the thread that holds `home`."""
+    """Return the values known at abscissae `at`, interpolated at `s` within the piece of the thread that holds
+    `home`."""
     piece, own = spline.piece_of(home), spline.piece_of(at)
     return np.concatenate([np.interp(s[piece == k], at[own == k], values[own == k]) for k in range(spline.pieces)])

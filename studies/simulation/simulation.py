@@ -74,7 +74,7 @@ class Simulation:
         return None if self.assembly.body is None else tissue.stress_recovery(self.assembly.body)
 
     def advance(self, memory: Arrays | None = None) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
-        """The start, then every step, each with a function that makes its frame.
+        """Yield the start, then every step, each with a function that makes its frame.
 
         With the `memory` of a step's record: that step again, then those after it. Raises `ScenarioError` for a memory
         that is none of this simulation.
@@ -82,7 +82,7 @@ class Simulation:
         return self._from(self.beginning() if memory is None else recall(self.beginning(), memory))
 
     def _from(self, now: OrganRun) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
-        """One BLAS thread while stepping: two of them on busy cores cost more than they bring."""
+        """Keep BLAS to one thread while stepping: two of them on busy cores cost more than they bring."""
         with threadpool_limits(limits=1, user_api="blas"):
             yield step_record(now), partial(self.snapshot, now)
             while now.number < self.steps:
@@ -91,12 +91,12 @@ class Simulation:
                 yield step_record(now, perf_counter() - began), partial(self.snapshot, now)
 
     def beginning(self) -> OrganRun:
-        """The run before the first step."""
+        """Return the run before the first step."""
         made = self.assembly
         return begin(made.system, self.start, method(self.scenario.solve), made.resolution, made.begin_abscissae)
 
     def next(self, now: OrganRun) -> OrganRun:
-        """The run one step, or load step, further."""
+        """Return the run one step, or load step, further."""
         solve, number = self.scenario.solve, now.number + 1
         if solve.kind == "static":
             return now.load(number / self.steps, solve.duration)
@@ -106,13 +106,13 @@ class Simulation:
         return now.step(solve.dt if whole else dt, solve.duration if last else number * solve.dt)
 
     def snapshot(self, now: OrganRun) -> Snapshot:
-        """What is drawn of a state."""
+        """Return what is drawn of a state."""
         system, state = now.system, now.state
         piercings = observe(system, now.first, state, now.configuration)
         return Snapshot(state.time, thread_record(system, state), piercings, self.organ_record(state))
 
     def organ_record(self, state: State) -> OrganRecord | None:
-        """Displacement and stress of the organ, None without one."""
+        """Return the displacement and stress of the organ, None without one."""
         body, organ = self.assembly.body, self.assembly.organ
         if body is None or self.recovery is None:
             return None
@@ -123,7 +123,7 @@ class Simulation:
 
 
 def method(solve: Solve) -> Take:
-    """How a step is taken: by which integrator, and with the organ in the same system or after the thread."""
+    """Tell how a step is taken: by which integrator, and with the organ in the same system or after the thread."""
     ways = {"euler": (try_step, backward_euler), "bdf2": (stepping.bdf2_step, stepping.scheme_of)}
     thread_step, scheme_of = ways[solve.integrator]
     if solve.friction == "two-pass":
@@ -134,14 +134,14 @@ def method(solve: Solve) -> Take:
 
 
 def prepare(scenario: Scenario) -> Simulation:
-    """Everything before the first step. Raises the errors of input that cannot be run."""
+    """Prepare everything that is known before the first step. Raises the errors of input that cannot be run."""
     assembly = assemble(scenario)
     with threadpool_limits(limits=1, user_api="blas"):
         return Simulation(assembly, sound_start(assembly))
 
 
 def sound_start(assembly: Assembly) -> State:
-    """The consistent start. Raises `ScenarioError` where there is none, or the constraints cannot be met."""
+    """Return the consistent start. Raises `ScenarioError` where there is none, or the constraints cannot be met."""
     try:
         state = assembly.start()
     except StepError as error:

@@ -182,6 +182,6 @@ REFERENCE = Case(
 
 
 def theory_tensions(case: Case, load: float) -> tuple[float, float, float]:
-    """Tension before, between and after holes that each turn a bending thread by 90° [N]."""
+    """Return the tension before, between and after holes that each turn a bending thread by 90° [N]."""
     ratio = bent_ratio(case.mu, 0.5 * np.pi)
     return load / ratio**2, load / ratio, load

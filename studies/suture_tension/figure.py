@@ -15,8 +15,8 @@ from studies.verdicts import LINEAR
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Displacement over tension, the same without dimension, stress over distance and cells, and each sweep beside
-    theory."""
+    """Draw the displacement over tension, the same without dimension, stress over distance and cells, and each sweep
+    compared with theory."""
     drawing, grid = panels(4, 2)
     over_load(grid[0, 0], rows)
     plot_scaled(grid[0, 1], rows)
@@ -30,7 +30,8 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 
 def over_load(axes: Axes, rows: Sequence[Row]) -> None:
-    """How far the exit moved over the tension; crosses where no equilibrium was found, arrows at clinical tensions."""
+    """Draw how far the exit moved over the tension; crosses where no equilibrium was found, arrows at clinical
+    tensions."""
     for (name, runs), colour, marker in zip(runs_by_tissue(rows).items(), COLOURS, MARKERS, strict=False):
         loads, label = [row.load for row in runs], f"{name}, {runs[0].youngs_modulus / KILO:g} kPa"
         axes.plot(loads, [row.moved / MILLI for row in runs], color=colour, marker=marker, markersize=3, label=label)
@@ -46,7 +47,7 @@ def over_load(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def plot_scaled(axes: Axes, rows: Sequence[Row]) -> None:
-    """u/a over T/(E a²): one curve for all stiffnesses as long as theory is linear and the thread taut."""
+    """Draw u/a over T/(E a²): one curve for all stiffnesses as long as theory is linear and the thread taut."""
     for (name, runs), colour, marker in zip(runs_by_tissue(rows).items(), COLOURS, MARKERS, strict=False):
         x = [scaled_load(row) for row in runs]
         axes.plot(x, [row.exit_along / row.footprint for row in runs], marker, color=colour, markersize=4, label=name)
@@ -64,12 +65,12 @@ def plot_scaled(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def scaled_load(row: Row) -> float:
-    """T/(E a²)."""
+    """Return T/(E a²)."""
     return row.load / (row.youngs_modulus * row.footprint**2)
 
 
 def over_distance(axes: Axes, rows: Sequence[Row]) -> None:
-    """Stress round a ring over its radius; lines are Cerruti's and Boussinesq's solutions."""
+    """Draw the stress round a ring over its radius; lines are Cerruti's and Boussinesq's solutions."""
     runs = rows_of_sweep(rows, "distance")
     x = [row.ring for row in runs]
     for name, colour, marker in (("von_mises", COLOURS[0], "o"), ("largest", COLOURS[1], "s")):
@@ -84,7 +85,7 @@ def over_distance(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def over_cells(axes: Axes, rows: Sequence[Row]) -> None:
-    """Displacement and stress of the mesh for stress over its cells, each over theory."""
+    """Draw the displacement and stress of the mesh for stress over its cells, each over theory."""
     runs = sorted(rows_of_sweep(rows, "cells"), key=lambda row: row.cells)
     quantities = ("exit_along", "exit_normal", "mean_von_mises", "mean_largest", "ring_von_mises", "ring_largest")
     for quantity, colour, marker in zip(quantities, COLOURS, MARKERS, strict=True):
@@ -97,7 +98,7 @@ def over_cells(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def approaches(axes: Axes, rows: Sequence[Row]) -> None:
-    """Approach of the holes over the bite."""
+    """Draw the approach of the holes over the bite."""
     runs = rows_of_sweep(rows, "bite width")
     axes.plot([row.bite / MILLI for row in runs], [row.approach / MILLI for row in runs], "o", label="measured")
     bites = np.linspace(min(row.bite for row in runs), max(row.bite for row in runs), CURVE)
@@ -109,7 +110,7 @@ def approaches(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def over_depth(axes: Axes, rows: Sequence[Row]) -> None:
-    """Displacement of the exit over its depth: discs on the surface, balls below it."""
+    """Draw the displacement of the exit over its depth: discs on the surface, balls below it."""
     runs = rows_of_sweep(rows, "bite depth")
     deepest = max(row.depth for row in runs)
     below_surface = np.linspace(CLEAR * runs[0].footprint, max(deepest, 2.0 * CLEAR * runs[0].footprint), CURVE)
@@ -120,7 +121,7 @@ def over_depth(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def over_footprint(axes: Axes, rows: Sequence[Row]) -> None:
-    """Displacement of the exit over the footprint."""
+    """Draw the displacement of the exit over the footprint."""
     runs = rows_of_sweep(rows, "footprint")
     radii = np.geomspace(min(row.footprint for row in runs), max(row.footprint for row in runs), CURVE)
     plot_exit(axes, runs, "footprint", radii, "footprint [mm]")
@@ -130,7 +131,7 @@ def over_footprint(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def plot_exit(axes: Axes, runs: Sequence[Row], name: str, values: Array, label: str) -> None:
-    """Displacement of the exit, along and normal, and lines of theory at `values` of what was changed."""
+    """Draw the displacement of the exit, along and normal, and lines of theory at `values` of what was changed."""
     x = [getattr(row, name) / MILLI for row in runs]
     cases = [Case(**(asdict(case_of(runs[0])) | {name: float(value)})) for value in values]
     theory = np.array([np.abs(theory_displacements(case)[1]) for case in cases])
@@ -143,17 +144,17 @@ def plot_exit(axes: Axes, runs: Sequence[Row], name: str, values: Array, label: 
 
 
 def case_of(row: Row) -> Case:
-    """What was run."""
+    """Return what was run."""
     return Case(**{f.name: getattr(row, f.name) for f in fields(Case)})
 
 
 def theory_displacements(case: Case) -> Array:
-    """(x, z) of entry and exit in a half-space under the whole tension, shape `(2, 2)` [m]."""
+    """Return (x, z) of entry and exit in a half-space under the whole tension, shape `(2, 2)` [m]."""
     return case.theory.displacements(*theory_tensions(case, case.tension))
 
 
 def over_friction(axes: Axes, rows: Sequence[Row]) -> None:
-    """Tensions behind each hole over the pull."""
+    """Draw the tensions behind each hole over the pull."""
     runs = rows_of_sweep(rows, "friction")
     x = [row.mu for row in runs]
     for name, words, colour, marker in (

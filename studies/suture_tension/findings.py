@@ -20,17 +20,17 @@ VARIED = {  # by sweep: what is written of its case
 
 
 def case_text(row: Row) -> str:
-    """What a row's case is, in words."""
+    """Write what a row's case is, in words."""
     return row.name or VARIED[row.sweep](row)
 
 
 def rows_of_sweep(rows: Sequence[Row], sweep: str) -> list[Row]:
-    """The rows of a sweep."""
+    """Return the rows of a sweep."""
     return [row for row in rows if row.sweep == sweep]
 
 
 def runs_by_tissue(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Load steps of the tensions by tissue, by load; the last may be one that failed."""
+    """Return the load steps of the tensions by tissue, by load; the last may be one that failed."""
     runs = sorted(rows_of_sweep(rows, "tension"), key=lambda row: (row.load, bool(row.failed)))
     return {
         name: [row for row in runs if row.name == name]
@@ -39,7 +39,7 @@ def runs_by_tissue(rows: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """A line a run, of the tensions the last load step of each."""
+    """Make a line a run, of the tensions the last load step of each."""
     head = (
         "changed", "case", "T [N]", "u along [mm]", "u normal [mm]", "half-space [mm]", "u/a [-]", "approach [mm]",
         "half-space [mm]", "drawn through [mm]", "theory [mm]", "T held, between, pulled [N]", "theory [N]",
@@ -50,7 +50,7 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def line(row: Row) -> tuple[str, ...]:
-    """The cells of a row."""
+    """Return the cells of a row."""
     mm, kPa, side = 1.0 / MILLI, 1.0 / KILO, theory_tensions(row, row.load)
     return (
         row.sweep,
@@ -78,38 +78,38 @@ def line(row: Row) -> tuple[str, ...]:
 
 
 def kilo_text(*values: float) -> str:
-    """Numbers [k…], or that there are none."""
+    """Write the numbers [k…], or that there are none."""
     return "none" if np.isnan(values[0]) else ", ".join(f"{value / KILO:.4g}" for value in values)
 
 
 def row_verdict(row: Row) -> str:
-    """What a row is worth."""
+    """Return what a row is worth."""
     if row.failed:
         return f"FAILED: {row.failed.split(':')[0]}"
     return "linear" if row.is_linear else "BEYOND linear"
 
 
 def has_ladder(rows: Sequence[Row]) -> bool:
-    """Whether there are cells enough for a verdict."""
+    """Tell whether there are cells enough for a verdict."""
     return len({row.cells for row in rows_of_sweep(rows, "cells")}) >= 3
 
 
 def verdict_on(rows: Sequence[Row], quantity: str) -> Verdict:
-    """The verdict on a quantity of the cells."""
+    """Return the verdict on a quantity of the cells."""
     runs = rows_of_sweep(rows, "cells")
     return verdict([row.cells for row in runs], [getattr(row, quantity) for row in runs], FORMAL[quantity])
 
 
 def limits(runs: Sequence[Row]) -> tuple[float, float]:
-    """Tension at which the holes have moved by LINEAR footprints, infinite where they have not, and that at which the
-    bearing strain T/(d ℓ E) is LINEAR [N]; below the first load step both are proportional."""
+    """List the tension at which the holes have moved by LINEAR footprints, infinite where they have not, and that at
+    which the bearing strain T/(d ℓ E) is LINEAR [N]; below the first load step both are proportional."""
     loads, moved = [0.0, *(row.load for row in runs)], [0.0, *(row.moved / row.footprint for row in runs)]
     moving = float(np.interp(LINEAR, moved, loads)) if moved[-1] > LINEAR else float("inf")
     return moving, LINEAR * runs[0].load / runs[0].bearing
 
 
 def ranges(rows: Sequence[Row]) -> list[str]:
-    """By tissue: up to which tension theory is linear, and whether a clinical one is."""
+    """Say by tissue: up to which tension theory is linear, and whether a clinical one is."""
     out = []
     for name, runs in runs_by_tissue(rows).items():
         moving, bearing = limits(runs)
@@ -125,7 +125,7 @@ def ranges(rows: Sequence[Row]) -> list[str]:
 
 
 def slopes(rows: Sequence[Row]) -> list[str]:
-    """Small-tension slopes over those of the half-space, and the residual of C f = u."""
+    """Return the small-tension slopes over those of the half-space, and the residual of C f = u."""
     small = [row for row in rows_of_sweep(rows, "tension") if row.is_linear and row.is_taut and not row.failed]
     out = []
     for way in ("along", "normal"):
@@ -141,12 +141,12 @@ def slopes(rows: Sequence[Row]) -> list[str]:
 
 
 def max_residual(rows: Sequence[Row]) -> float:
-    """Largest residual of C f = u."""
+    """Return the largest residual of C f = u."""
     return max(row.residual for row in rows)
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Ranges by tissue, slopes, verdicts on the cells, and what is beyond, failed, not settled or too near."""
+    """List the ranges by tissue, slopes, verdicts on the cells, and what is beyond, failed, not settled or too near."""
     out = [*ranges(rows), *slopes(rows)]
     for quantity, name in QUANTITIES.items():
         if has_ladder(rows):
@@ -160,7 +160,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def shortcomings(row: Row) -> list[str]:
-    """What failed, is beyond, did not settle, is too coarse or too near in a row."""
+    """Return what failed, is beyond, did not settle, is too coarse or too near in a row."""
     name, out = f"{row.sweep}, {case_text(row)}, {row.load:.3g} N", []
     if row.failed:
         out.append(f"{name}: FAILED beyond, {row.failed}")
@@ -177,7 +177,7 @@ def shortcomings(row: Row) -> list[str]:
 
 
 def sweep_errors(rows: Sequence[Row]) -> list[str]:
-    """How far the stress of the sweeps is from that of the half-space under the same forces."""
+    """Tell how far the stress of the sweeps is from that of the half-space under the same forces."""
     runs = [row for row in rows if row.sweep not in ("cells", "distance") and np.isfinite(row.theory_ring_von_mises)]
     out = []
     for where, words in (("mean", "below the hole"), ("ring", "on the ring")):
@@ -193,7 +193,7 @@ def sweep_errors(rows: Sequence[Row]) -> list[str]:
 
 
 def exceeded_limits(row: Row) -> str:
-    """By which measures a row is beyond the linear range."""
+    """Say by which measures a row is beyond the linear range."""
     measures = {
         "a hole moved by {:.2g} footprints": row.moved / row.footprint,
         "the bearing strain is {:.2g}": row.bearing,
@@ -204,7 +204,7 @@ def exceeded_limits(row: Row) -> str:
 
 
 def theory_error(rows: Sequence[Row], quantity: str) -> float:
-    """The finest cells' number over the half-space's, less 1; NaN where none is known."""
+    """Return the finest cells' number over the half-space's, less 1; NaN where none is known."""
     finest = min(rows_of_sweep(rows, "cells"), key=lambda row: row.cells)
     theory = getattr(finest, f"theory_{quantity.removeprefix('exit_')}", float("nan"))
     return float(getattr(finest, quantity) / theory - 1.0)

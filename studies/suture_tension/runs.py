@@ -48,7 +48,7 @@ from thread.catalogue import suture
 
 
 def run_tensions(case: Case, tensions: Sequence[float]) -> Iterator[Row]:
-    """Runs to one tension after the other, and no further than the first that fails."""
+    """Yield the runs to one tension after the other, and no further than the first that fails."""
     for tension in sorted(tensions):
         for row in run(replace(case, tension=tension)):
             yield row
@@ -57,13 +57,13 @@ def run_tensions(case: Case, tensions: Sequence[float]) -> Iterator[Row]:
 
 
 def last_step(case: Case) -> Row:
-    """The end of a run."""
+    """Run a case; return its last step."""
     *_, row = run(case)
     return row
 
 
 def run(case: Case) -> Iterator[Row]:
-    """Every load step; where one fails, the last equilibrium once more with the name of what failed."""
+    """Yield every load step; where one fails, the last equilibrium once more with the name of what failed."""
     simulation = prepare(scenario(case))
     now = simulation.beginning()
     while now.number < simulation.steps:
@@ -82,7 +82,7 @@ def run(case: Case) -> Iterator[Row]:
 
 
 def scenario(case: Case) -> Scenario:
-    """A thread down into a block and up again, its start held, its end drawn up."""
+    """Return a thread down into a block and up again, its start held, its end drawn up."""
     x, bottom = 0.5 * case.bite, -case.depth - DIP
     hole: dict[str, object] = {"direction": case.holes, "footprint": case.footprint}
     if case.mu:
@@ -126,7 +126,7 @@ def scenario(case: Case) -> Scenario:
 
 
 def measure(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> Row:
-    """What there is to know of an equilibrium, beside theory."""
+    """Return what there is to know of an equilibrium, compared with theory."""
     seen, f = step_record(now), site_forces(now.system, now.state)
     load = case.tension * now.state.time / simulation.scenario.solve.duration
     entry, leave = seen.piercings
@@ -169,8 +169,8 @@ def measure(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> R
 
 
 def hole_response(case: Case, now: OrganRun) -> tuple[Array, Array]:
-    """Compliance `(18, 18)` of the holes and how far they moved `(18,)`; in the sweep of cells, what the mesh for
-    stress makes of the forces of the run."""
+    """Return the compliance `(18, 18)` of the holes and how far they moved `(18,)`; in the sweep of cells, what the
+    mesh for stress makes of the forces of the run."""
     organ = now.system.organ
     if case.sweep == "cells":
         C = fine_organ(geometry(case)).operator(0.0, 0.0).C / case.youngs_modulus
@@ -179,8 +179,8 @@ def hole_response(case: Case, now: OrganRun) -> tuple[Array, Array]:
 
 
 def theory_drawn_length(case: Case, moved: Array, tensions: tuple[float, float, float]) -> float:
-    """What comes through the exit [m]: what holes that moved `(2, 2)` [m] and the hand give, and stretch, less what the
-    bends take: 2√(EI/T)(1 − cos θ/2) of an elastica that turns by θ on one side of a hole."""
+    """Return what comes through the exit [m]: what holes that moved `(2, 2)` [m] and the hand give, and stretch, less
+    what the bends take: 2√(EI/T)(1 − cos θ/2) of an elastica that turns by θ on one side of a hole."""
     held, between, _ = tensions
     if between == 0.0:
         return 0.0
@@ -192,7 +192,7 @@ def theory_drawn_length(case: Case, moved: Array, tensions: tuple[float, float, 
 
 
 def bend(EI: float, tension: float, turn: float) -> float:
-    """Length that an elastica of stiffness EI [N m²] takes to turn by `turn` [degree] from its line [m]."""
+    """Return the length that an elastica of stiffness EI [N m²] takes to turn by `turn` [degree] from its line [m]."""
     return float(2.0 * np.sqrt(EI / tension) * (1.0 - np.cos(np.radians(turn) / 2.0)))
 
 
@@ -200,14 +200,14 @@ def bend(EI: float, tension: float, turn: float) -> float:
 
 
 def geometry(case: Case) -> Case:
-    """The case without what stress under given forces does not depend on, nor on the ring."""
+    """Return the case without what stress under given forces does not depend on, nor on the ring."""
     kept = {name: getattr(case, name) for name in ("bite", "depth", "footprint", "holes", "refinement")}
     return replace(REFERENCE, **kept)
 
 
 @lru_cache(maxsize=3)
 def fine_organ(case: Case) -> tissue.QuasiStaticOrgan:
-    """The organ of a `geometry` on P2 cells that resolve its holes, E = 1 Pa."""
+    """Return the organ of a `geometry` on P2 cells that resolve its holes, E = 1 Pa."""
     k, a = case.refinement, case.footprint
     mesh = graded_block_structured(SIZE, Grading(SIZE[0], COARSEST * a / k, GROWTH ** (1.0 / k), a), case.places)
     body = tissue.elasticity(mesh, tissue.Material(1.0, POISSON, 1.0), "P2", ["bottom"])
@@ -226,34 +226,34 @@ class Probe:
     weights: Array
 
     def tensors(self, U: Array) -> tuple[Array, Array]:
-        """Mean stress below the exit `(1, 6)` and stress round the ring `(k, 6)` [Pa]."""
+        """Return the mean stress below the exit `(1, 6)` and stress round the ring `(k, 6)` [Pa]."""
         values, count = np.asarray(self.points @ self.recovery.stress(U)), len(self.weights)
         return self.weights[None] @ values[:count], values[count:]
 
 
 @lru_cache(maxsize=8)
 def probe(case: Case, ring: float) -> Probe:
-    """The exit's probe of a `geometry`."""
+    """Return the exit's probe of a `geometry`."""
     body, (points, weights) = fine_organ(case).elasticity, ball_points(case)
     at = tissue.interpolation(body, np.vstack([points, ring_points(case, ring)]))
     return Probe(tissue.stress_recovery(body), at, weights)
 
 
 def ball_points(case: Case) -> tuple[Array, Array]:
-    """Points of the half ball below the exit `(k, 3)` [m], and their weights."""
+    """Return the points of the half ball below the exit `(k, 3)` [m], and their weights."""
     points, weights = half_ball()
     return case.places[1] + case.footprint * points, weights
 
 
 def ring_points(case: Case, ring: float) -> Array:
-    """Points of a ring about the exit, half a footprint below it, shape `(k, 3)` [m]."""
+    """Return the points of a ring about the exit, half a footprint below it, shape `(k, 3)` [m]."""
     angle = 2.0 * np.pi * (np.arange(ROUND) + 0.5) / ROUND
     circle = np.column_stack([ring * np.cos(angle), ring * np.sin(angle), np.full(ROUND, -0.5)])
     return np.asarray(case.places[1] + case.footprint * circle)
 
 
 def stresses(case: Case, state: tissue.OrganState) -> dict[str, Any]:
-    """Von Mises and principal stresses under the forces of a state, measured and in the half-space [Pa]."""
+    """Return the von Mises and principal stresses under the forces of a state, measured and in the half-space [Pa]."""
     shape = geometry(case)
     mean, ring = probe(shape, case.ring).tensors(fine_organ(shape).displacement(state))
     out = mean_stresses("mean", mean) | mean_stresses("ring", ring)
@@ -267,7 +267,7 @@ def stresses(case: Case, state: tissue.OrganState) -> dict[str, Any]:
 
 
 def mean_stresses(where: str, stress: Array) -> dict[str, float]:
-    """Means over points of the von Mises, the largest and the smallest principal stress of `(k, 6)` [Pa]."""
+    """Return the means over points of the von Mises, the largest and the smallest principal stress of `(k, 6)` [Pa]."""
     xx, yy, zz, xy, yz, xz = stress.T
     matrix = np.moveaxis(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), 2, 0)
     principal = np.linalg.eigvalsh(matrix).mean(axis=0)
@@ -279,5 +279,5 @@ def mean_stresses(where: str, stress: Array) -> dict[str, float]:
 
 
 def flatten(stress: Array) -> Array:
-    """Tensors `(k, 3, 3)` as xx, yy, zz, xy, yz, xz, shape `(k, 6)`."""
+    """Return the tensors `(k, 3, 3)` as xx, yy, zz, xy, yz, xz, shape `(k, 6)`."""
     return np.column_stack([stress[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))])

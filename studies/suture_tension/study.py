@@ -23,7 +23,7 @@ def main(
     soft_ways: Sequence[str] = ("10 load steps", "40 load steps", "damped motion"),
     refinement: float = 1.5,
 ) -> Iterator[Row]:
-    """Every load step of the tensions, by tissue and up to the first that fails; the last one of everything else.
+    """Yield every load step of the tensions, by tissue and up to the first that fails; the last one of everything else.
 
     Raises `StudyError`.
     """

@@ -47,7 +47,7 @@ E, NU, THICKNESS = 0.8e6, 0.45, 1.5e-3  # [Pa], [-], [m]: skin, as in the number
 FOOTPRINT = 0.7e-3  # radius of the hole's averaging ball, which the sheet's thickness allows [m]
 SUTURE = "3-0 polypropylene"
 SPAN = 1e-3  # of the thread [m]
-TAIL = 6e-3  # of thread beyond the holes, beside what is drawn out [m]
+TAIL = 6e-3  # of thread beyond the holes, in addition to what is drawn out [m]
 NEAR = 0.02  # of the open width there: lips this near are together; nearer, the force of the last stitch has no limit
 PRECISE = 1e-4  # of the width: how well the hands do that
 MOVES = 30  # of theirs at most
@@ -127,7 +127,7 @@ class Row:
 
     @property
     def middle(self) -> float:
-        """Force of the stitch in the middle, or of the two beside it [N]."""
+        """Force of the stitch in the middle, or of the two next to it [N]."""
         n = len(self.forces)
         return float(np.mean(self.forces[(n - 1) // 2 : n // 2 + 1]))
 
@@ -157,8 +157,8 @@ def main(
     bite: float = 4e-3,
     checks: Sequence[str] = CHECKS,
 ) -> Iterator[Row]:
-    """Every wound both ways, and the first again for every check: on a finer mesh, in a larger sheet, drawn tighter,
-    and with stitches nearer to one another and to the lips.
+    """Yield every wound both ways, and the first again for every check: on a finer mesh, in a larger sheet, drawn
+    tighter, and with stitches nearer to one another and to the lips.
 
     Raises `StudyError` for wounds or stitches that do not fit, and for other checks.
     """
@@ -205,12 +205,12 @@ class Case:
         return np.asarray((np.arange(n) - 0.5 * (n - 1)) * self.length / n)
 
     def opening(self, y: Array) -> Array:
-        """Width of the open wound at y [m]."""
+        """Return the width of the open wound at y [m]."""
         return np.asarray(self.width * np.sqrt(np.maximum(1.0 - (2.0 * y / self.length) ** 2, 0.0)))
 
 
 def scenario(case: Case) -> Scenario:
-    """The sheet and the stitches, laid to and fro as one thread and cut where it turns; nothing is drawn yet."""
+    """Return the sheet and the stitches, laid to and fro as one thread and cut where it turns; nothing is drawn yet."""
     y, depth = case.places, -0.5 * THICKNESS
     half = 0.5 * case.opening(y) + case.bite
     reach = 1.5 * case.width + case.bite + TAIL
@@ -259,7 +259,7 @@ def scenario(case: Case) -> Scenario:
 
 
 def nearest_abscissa(path: Sequence[Sequence[float]], point: Sequence[float]) -> float:
-    """Abscissa of the thread's nearest pass by a point [m]."""
+    """Return the abscissa of the thread's nearest pass by a point [m]."""
     places, distances = rounded_path(path).passes(point)
     return float(places[np.argmin(distances)])
 
@@ -287,8 +287,8 @@ class Hands:
         return organ
 
     def draw(self, state: State, lengths: Array) -> State:
-        """The equilibrium after stitch k has been drawn shorter by `lengths` (k,) [m], half at either end. One unit of
-        time is one move of the hands."""
+        """Return the equilibrium after stitch k has been drawn shorter by `lengths` (k,) [m], half at either end. One
+        unit of time is one move of the hands."""
         now, half = state.time, 0.5 * np.repeat(lengths, 2) * np.tile([-1.0, 1.0], len(lengths))
         tables = [np.array([[now, 0.0], [now + 1.0, length]]) for length in half]
         pulled = zip(self.system.piercings, tables, strict=True)
@@ -296,7 +296,7 @@ class Hands:
         return begin(system, state).load(1.0, now + 1.0).state
 
     def forces(self, state: State) -> Array:
-        """Tension of each stitch [N], which its two holes take whole, for its tails are free."""
+        """Return the tension of each stitch [N], which its two holes take whole, for its tails are free."""
         first, last = state.lam[0::2, :3], state.lam[1::2, :3]
         across = state.y[0::2, :3] - state.y[1::2, :3]
         return 0.5 * np.vecdot(first - last, across) / np.linalg.norm(across, axis=1)
@@ -312,7 +312,7 @@ class Hands:
         return order, at[order, 1]
 
     def gaps(self, state: State, y: Array) -> Array:
-        """Distance of the lips at y [m]; none at the ends of the wound."""
+        """Return the distance of the lips at y [m]; none at the ends of the wound."""
         order, at = self.rim
         end = 0.5 * self.case.length
         return np.interp(y, [-end, *at, end], [0.0, *self.organ.gap(state.organ)[order], 0.0])
@@ -333,9 +333,9 @@ class Hands:
         return gaps / length, forces / length
 
     def tighten(self, state: State, tying: Flags, slack: Flags) -> tuple[State, bool]:
-        """The stitches `tying` drawn until the lips nearly touch at them, those `slack` as far as they bear nothing,
-        the others left as they are; and whether that was reached. Broyden's method learns what contact changes.
-        """
+        """Return the stitches `tying` drawn until the lips nearly touch at them, those `slack` as far as they bear
+        nothing, the others left as they are; and whether that was reached. Broyden's method learns what contact
+        changes."""
         moving = tying | slack
         by_gap, by_force = self.answers
         answer = np.where(tying[:, None], by_gap, by_force)[np.ix_(moving, moving)]
@@ -352,13 +352,13 @@ class Hands:
         return state, False
 
     def shortfall(self, state: State, tying: Flags) -> Array:
-        """By how much the lips are too far apart where a stitch is tied [m], and the force of the others [N]."""
+        """Return by how much the lips are too far apart where a stitch is tied [m], and the force of the others [N]."""
         y = self.case.places
         return np.where(tying, self.gaps(state, y) - self.case.near * self.case.opening(y), self.forces(state))
 
 
 def close_wound(case: Case, ways: Sequence[str]) -> Iterator[Row]:
-    """The wound closed in each of the ways."""
+    """Yield the wound closed in each of the ways."""
     hands = Hands(case, assemble(scenario(case)))
     n, uniform = len(case.places), uniform_traction(hands) / (E * case.width / (2.0 * case.length))
     for way in ways:
@@ -370,13 +370,14 @@ def close_wound(case: Case, ways: Sequence[str]) -> Iterator[Row]:
 
 
 def turns(n: int, way: str) -> list[tuple[Flags, Flags]]:
-    """Which of `n` stitches are tied at a time, and which are still slack."""
+    """Tell which of `n` stitches are tied at a time, and which are still slack."""
     each = np.arange(n)
     return [(each >= 0, each < 0)] if way == TOGETHER else [(each == k, each > k) for k in range(n)]
 
 
 def uniform_traction(hands: Hands) -> float:
-    """Traction on the lips, across the wound and per length along it, that closes this sheet in the middle [Pa]."""
+    """Return the traction on the lips, across the wound and per length along it, that closes this sheet in the middle
+    [Pa]."""
     organ, body = hands.organ, hands.organ.elasticity
     load = np.zeros(body.N)
     for name, inward in (("lip_left", 1.0), ("lip_right", -1.0)):
@@ -388,7 +389,7 @@ def uniform_traction(hands: Hands) -> float:
 
 
 def row_of(hands: Hands, way: str, state: State, tied: Array, all_closed: bool, uniform: float) -> Row:
-    """What a run left."""
+    """Return what a run left."""
     case, lips, gaps = hands.case, observe_contact(hands.system, state), hands.organ.gaps
     assert lips is not None and gaps is not None
     along = np.unique(np.append(np.linspace(-0.5, 0.5, PLACES) * case.length, case.places))
@@ -420,13 +421,13 @@ def row_of(hands: Hands, way: str, state: State, tied: Array, all_closed: bool, 
 
 
 def row_with(rows: Sequence[Row], wound: tuple[float, float], way: str, variant: str = "") -> Row | None:
-    """One of them, None where it is not there."""
+    """Return one of them, None where it is not there."""
     return next((row for row in rows if (row.wound, row.way, row.variant) == (wound, way, variant)), None)
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A published wound beside its run; `fitted` is the sheet's stiffness Et [N/m] from the first of the pair, `edges`
+    """A published wound and its run; `fitted` is the sheet's stiffness Et [N/m] from the first of the pair, `edges`
     by how much more the held edges of the sheet are felt than by that one [-]."""
 
     source: Source
@@ -447,7 +448,7 @@ class Comparison:
 
 
 def comparisons(rows: Sequence[Row]) -> list[Comparison]:
-    """Every published wound that was run together with the one its pair is fitted to."""
+    """Return every published wound that was run together with the one its pair is fitted to."""
     out = []
     for source in SOURCES:
         pair = [row_with(rows, wound, source.way) for wound in source.wounds]
@@ -463,7 +464,7 @@ def comparisons(rows: Sequence[Row]) -> list[Comparison]:
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Published wounds, one a line; then every wound, and the checks."""
+    """Make the published wounds, one a line; then every wound, and the checks."""
     head = (
         "wound [mm]",
         "drawn",
@@ -485,7 +486,7 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def line(row: Row, compared: Sequence[Comparison]) -> list[str]:
-    """One run, and what is published of it."""
+    """Return one run, and what is published of it."""
     found = [c for c in compared if c.row == row]
     published = (
         (c.source.name, f"{c.fitted:.0f}", "(fitted)" if c.is_fit else f"{c.predicted_force:.2f}", f"{c.published:g}")
@@ -508,7 +509,7 @@ def line(row: Row, compared: Sequence[Comparison]) -> list[str]:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Agreement and disagreement in numbers; mesh, sheet and lips; what is beyond small strains."""
+    """List the agreement and disagreement in numbers; mesh, sheet and lips; what is beyond small strains."""
     out = [sentence(c) for c in comparisons(rows) if not c.is_fit]
     out += [*where_largest(rows), *changes(rows)]
     for row in rows:
@@ -527,7 +528,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def sentence(c: Comparison) -> str:
-    """A prediction beside what is published."""
+    """Write a prediction and what is published of it."""
     first = " × ".join(f"{x / MILLI:g}" for x in c.source.wounds[0])
     off = 100.0 * (c.predicted_force / c.published - 1.0)
     return (
@@ -538,7 +539,7 @@ def sentence(c: Comparison) -> str:
 
 
 def where_largest(rows: Sequence[Row]) -> list[str]:
-    """Which stitch takes most, beside what is published."""
+    """Tell which stitch takes most, compared with what is published."""
     out, plain = [], [row for row in rows if not row.variant]
     if in_turn := [row for row in plain if row.way == IN_TURN]:
         peaks = [1 + int(np.argmax(row.tied)) for row in in_turn]
@@ -558,7 +559,7 @@ def where_largest(rows: Sequence[Row]) -> list[str]:
 
 
 def changes(rows: Sequence[Row]) -> list[str]:
-    """What a finer mesh, a larger sheet and other stitches change."""
+    """Return what a finer mesh, a larger sheet and other stitches change."""
     out = []
     for row in rows:
         plain = row_with(rows, row.wound, row.way)
@@ -581,7 +582,7 @@ def changes(rows: Sequence[Row]) -> list[str]:
 
 
 def beyond_small_bearing(rows: Sequence[Row]) -> list[str]:
-    """A remark where the holes are strained by more than what is small."""
+    """Return a remark where the holes are strained by more than what is small."""
     strains = [bearing_strain(max(row.forces), suture(SUTURE).diameter, THICKNESS, E) for row in rows]
     if max(strains) <= LINEAR:
         return []
@@ -592,7 +593,7 @@ def beyond_small_bearing(rows: Sequence[Row]) -> list[str]:
 
 
 def beyond_small_turns(row: Row) -> list[str]:
-    """A remark where closing turns and strains the sheet by more than what is small."""
+    """Return a remark where closing turns and strains the sheet by more than what is small."""
     slope = row.width / row.length
     if slope <= LINEAR:
         return []
@@ -606,7 +607,7 @@ def beyond_small_turns(row: Row) -> list[str]:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Forces along the wound, gaps, published against predicted, and forces when tied."""
+    """Draw the forces along the wound, gaps, published against predicted, and forces when tied."""
     drawing, ((along, gaps), (published, tied)) = panels(2, 2)
     plain = [row for row in rows if not row.variant]
     for way, axes in ((TOGETHER, along), (IN_TURN, tied)):
@@ -625,14 +626,14 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 
 def axes_of(axes: Axes, title: str, name: str) -> None:
-    """An axis along the wound."""
+    """Draw an axis along the wound."""
     axes.set(xlabel="place along the wound, over its half length [-]", ylabel=name, xlim=(-1.0, 1.0), title=title)
     axes.set_ylim(bottom=0.0)
     axes.legend(title="wound [mm]", ncols=2)
 
 
 def compared_axes(axes: Axes, compared: Sequence[Comparison]) -> None:
-    """Predicted over published forces; hollow what was fitted."""
+    """Draw the predicted over published forces; hollow what was fitted."""
     top = 1.15 * max([c.published for c in compared] + [c.predicted_force for c in compared], default=1.0)
     axes.plot([0.0, top], [0.0, top], color="black", linewidth=0.8, linestyle="--")
     for source, colour, marker in zip(SOURCES, COLOURS, MARKERS, strict=False):

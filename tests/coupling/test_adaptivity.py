@@ -100,7 +100,7 @@ def test_the_knots_follow(runs: dict) -> None:
     for system, state in states:
         spline = system.thread.spline
         spans = np.diff(spline.breaks)[spline.spans_of(state.s)]
-        assert np.all(spans <= 1.5 * ADAPTIVE.at_hole * bending_layers(system, state))
+        assert np.all(spans <= 1.5 * ADAPTIVE.ratio_at_hole * bending_layers(system, state))
     travelled = np.abs(states[-1][1].s - states[0][1].s)
     assert travelled.min() > 10 * spans.max()
     points = [system.thread.n for system, _ in states]

@@ -57,7 +57,7 @@ def test_iterations_do_not_grow_with_the_mesh() -> None:
 
 
 def test_the_cycle_is_symmetric_and_positive() -> None:
-    """Independent check: what conjugate gradients ask of a preconditioner, to single precision."""
+    """Independent check: what conjugate gradients require of a preconditioner, to single precision."""
     A, places = system_of(body_of(6))
     cycle = multigrid(A, places)
     x, y = np.random.default_rng(2).standard_normal((2, A.shape[0]))

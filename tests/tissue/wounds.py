@@ -96,7 +96,7 @@ def wounded_organ(
     subgrid: bool = False,
     **options: Any,
 ) -> Any:
-    """A block held below with a wound 12 mm long and 5 mm deep, the two sites of the hairpin beside it."""
+    """A block held below with a wound 12 mm long and 5 mm deep, the two sites of the hairpin next to it."""
     wound = Wound(0.012, 5e-3)
     closed = wounded_block_structured(SIZE, wound, Grading(h, h), SITES)
     mesh = opened(closed, width) if width else closed

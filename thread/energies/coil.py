@@ -1,7 +1,7 @@
-"""Rest curvature: a thread remembers the coil of its packet.
+"""Rest curvature: a thread keeps the curvature of the coil in its packet.
 
-At rest the thread is a circle of curvature κ̄ towards the material direction d₁, so that the section's angle θ says to
-which side it wants to bend. With t' = k₁ d₁ + k₂ d₂, the turn of the bent thread per rest length,
+At rest the thread is a circle of curvature κ̄ towards the material direction d₁, so that the section's angle θ gives
+the side to which the thread bends at rest. With t' = k₁ d₁ + k₂ d₂, the turn of the bent thread per rest length,
 
     ½ EI |t' − κ̄ d₁|² = ½ EI κ² − EI κ̄ k₁ + ½ EI κ̄²
 
@@ -24,21 +24,21 @@ from thread.vectors import IDENTITY, cross, dot, outer
 
 
 def direction(theta: Array, frame: Frame) -> tuple[Array, Array]:
-    """p and its derivative by θ, each (..., 3)."""
+    """Return p and its derivative by θ, each (..., 3)."""
     a_1, a_2 = frame.a_1, cross(frame.t, frame.a_1)
     cos, sin = np.cos(theta)[..., None], np.sin(theta)[..., None]
     return cos * a_1 + sin * a_2, cos * a_2 - sin * a_1
 
 
 def curvature_along(T: Array, K: Array, p: Array, t_o: Array) -> Array:
-    """k₁, shape of `T` without its last axis [1/m]."""
+    """Return k₁, the curvature towards p, shape of `T` without its last axis [1/m]."""
     r = np.linalg.norm(T, axis=-1)
     h = t_o + T / r[..., None]
     return (dot(K, p) - dot(p, T) * dot(K, h) / (r + dot(t_o, T))) / r
 
 
 def curvature_along_derivatives(T: Array, K: Array, p: Array, t_o: Array) -> tuple[Array, Array, Array, Array]:
-    """∂k₁/∂T, ∂k₁/∂K (..., 3), ∂²k₁/∂T∂T, ∂²k₁/∂T∂K (..., 3, 3); k₁ is linear in K and in p.
+    """Return ∂k₁/∂T, ∂k₁/∂K (..., 3), ∂²k₁/∂T∂T, ∂²k₁/∂T∂K (..., 3, 3); k₁ is linear in K and in p.
 
     With P = p·T, k = K·h and Q = P k/D: k₁ = (K·p − Q)/r.
     """
@@ -64,14 +64,14 @@ def curvature_along_derivatives(T: Array, K: Array, p: Array, t_o: Array) -> tup
 
 
 def symmetric_product(a: Array, b: Array) -> Array:
-    """a ⊗ b + b ⊗ a."""
+    """Return a ⊗ b + b ⊗ a."""
     ab = outer(a, b)
     return ab + ab.swapaxes(-1, -2)
 
 
 @dataclass(frozen=True)
 class Coil(OnStations):
-    """What the memory of a coil adds to the bending energy: `EI` [N m²], curvature at rest `kappa` [1/m]."""
+    """The energy that rest curvature adds to the bending energy: `EI` [N m²], curvature at rest `kappa` [1/m]."""
 
     EI: float
     kappa: float
@@ -81,20 +81,20 @@ class Coil(OnStations):
         return self.stations.T, self.stations.K, self.stations.theta
 
     def energy(self, at: Twisted) -> float:
-        """Energy [J]."""
+        """Return the energy [J]."""
         p, _ = direction(at.theta, at.frame)
         k_1 = curvature_along(at.T, at.K, p, at.frame.t)
         return float(self.EI * self.kappa * np.sum(self.stations.w * (0.5 * self.kappa - k_1)))
 
     def gradient(self, at: Twisted) -> Array:
-        """Derivative by the control points of each group, shape `(m, reach, 4)` [N, N m]."""
+        """Return the derivative by the control points of each group, shape `(m, reach, 4)` [N, N m]."""
         p, p_theta = direction(at.theta, at.frame)
         by_T, by_K, _, _ = curvature_along_derivatives(at.T, at.K, p, at.frame.t)
         by_theta = curvature_along(at.T, at.K, p_theta, at.frame.t)
         return spread_gradient(self.stations, self._rows, (by_T, by_K, by_theta)) * (-self.EI * self.kappa)
 
     def tangent(self, at: Twisted, N: Array) -> Array:
-        """Second derivative by the control points of each group, shape `(m, reach, reach, 4, 4)`."""
+        """Return the second derivative by the control points of each group, shape `(m, reach, reach, 4, 4)`."""
         p, p_theta = direction(at.theta, at.frame)
         _, _, TT, TK = curvature_along_derivatives(at.T, at.K, p, at.frame.t)
         theta_T, theta_K, _, _ = curvature_along_derivatives(at.T, at.K, p_theta, at.frame.t)

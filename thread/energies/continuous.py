@@ -40,9 +40,10 @@ class Stretched:
 
 @dataclass(frozen=True)
 class Continuous:
-    """Both energies on the spans of a spline.
+    """Stretch and bending energy on the spans of a spline.
 
-    `first` (spans,): first control point of each; `bending`, `stretch`: their quadrature; `EA` [N], `EI` [N m²].
+    `first` (spans,): first control point of each; `bending`, `stretch`: their quadrature; `EA` [N], `EI` [N
+    m²].
     """
 
     first: Indices
@@ -85,20 +86,20 @@ class Continuous:
         return np.ascontiguousarray(np.concatenate(maps, axis=-1).reshape(len(w), ORDERS * ORDERS, -1))
 
     def evaluate(self, q: Array, frame: object = None) -> Stretched:
-        """Evaluate the curve at the quadrature points; bending of a round section does not ask for the frame."""
+        """Evaluate the curve at the quadrature points; the bending of a round section does not need the frame."""
         values, g = (self._evaluation @ q[self._points])[..., :3], self.bending.w.shape[1]
         T_axial = values[:, 2 * g :]
         return Stretched(values[:, :g], values[:, g : 2 * g], T_axial, axial_strain(T_axial))
 
     def energy(self, at: Stretched) -> float:
-        """Elastic energy [J]."""
+        """Return the elastic energy [J]."""
         stretch = self.EA * np.sum(self.stretch.w * at.strain**2)
         bend = self.EI * np.sum(self.bending.w * curvature_squared(at.T, at.K))
         crush = self.EA * np.sum(self.bending.w * crushing(at.T))
         return float(0.5 * (stretch + bend + crush))
 
     def gradient(self, at: Stretched) -> Array:
-        """Derivative by the control points of each span, shape `(spans, 4, 3)` [N]."""
+        """Return the derivative by the control points of each span, shape `(spans, 4, 3)` [N]."""
         d_T, d_K = curvature_squared_gradient(at.T, at.K)
         half = 0.5 * self.EI
         bend_T = half * d_T + 0.5 * self.EA * crushing_gradient(at.T)
@@ -106,8 +107,10 @@ class Continuous:
         return self._force_map @ np.concatenate([bend_T, half * d_K, axial], axis=1)
 
     def tangent(self, at: Stretched, N: Array) -> Array:
-        """Second derivative by the control points of each span, shape `(spans, 4, 4, 3, 3)` [N/m]; `N` (spans, a) [N]
-        is the axial force (`thread.energies.densities.axial_stiffness`)."""
+        """Return the second derivative by the control points of each span, shape `(spans, 4, 4, 3, 3)` [N/m].
+
+        `N` (spans, a) [N] is the axial force (`thread.energies.densities.axial_stiffness`).
+        """
         spans, g = len(N), self.bending.w.shape[1]
         H = np.empty((spans, 4 * g + N.shape[1], 3, 3))
         bending = H[:, : 4 * g].reshape(spans, 4, g, 3, 3)
@@ -119,6 +122,6 @@ class Continuous:
         return (self._tangent_map @ H.reshape(spans, -1, 9)).reshape(-1, ORDERS, ORDERS, 3, 3)
 
     def next_axial_force(self, at: Stretched, dq: Array) -> Array:
-        """N of the next iterate, EA (ε + T·δT): the solution of its own linearised equation N/EA = ε(q) [N]."""
+        """Return N of the next iterate, EA (ε + T·δT) [N]: the solution of the linearised equation N/EA = ε(q)."""
         d_T = (self._evaluation[:, 2 * self.bending.w.shape[1] :] @ dq[self._points])[..., :3]
         return self.EA * (at.strain + dot(at.T_axial, d_T))

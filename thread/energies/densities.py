@@ -10,51 +10,52 @@ from thread.vectors import IDENTITY, dot, outer
 
 
 def axial_strain(T: Array) -> Array:
-    """Green–Lagrange strain ε = ½(|T|² − 1) of a thread at rest at |T| = 1 (Nocent & Rémion 2001) [-]."""
+    """Return Green–Lagrange strain ε = ½(|T|² − 1) of a thread at rest at |T| = 1 (Nocent & Rémion 2001) [-]."""
     return 0.5 * (dot(T, T) - 1.0)
 
 
 def axial_stiffness(T: Array, N: Array, EA: float) -> Array:
-    """Second derivative of ½EAε² by T with the axial force N held as an unknown of its own [N].
+    """Return the second derivative of ½EAε² by T with the axial force N as an unknown of its own [N].
 
-    At N = EA ε it is the exact Hessian; in the mixed-integration-point Newton N is the iterated force
+    At N = EA ε the result is the exact Hessian; in the mixed-integration-point Newton N is the iterated force
     (Magisano, Leonetti & Garcea 2017). `T` (..., 3), `N` (...) [N]; returns (..., 3, 3).
     """
     return N[..., None, None] * IDENTITY + EA * outer(T, T)
 
 
 def crushing(T: Array) -> Array:
-    """(−ε)⁴ where the thread is shortened, 0 where it is not [-].
+    """Return (−ε)⁴ where the thread is shortened, 0 elsewhere [-].
 
-    With the stretch taken at few points, |T| may fall to nothing between them; this is against it and, of fourth
-    order, not felt by a thread that bends: at a shortening of 1 % it adds 1e-4 to the stretch's ε².
+    With the stretch evaluated at few points, |T| may fall to zero between them; this energy opposes that. Being
+    of fourth order it hardly affects a thread that bends: at a shortening of 1 % it adds 1e-4 to the stretch's
+    ε².
     """
     return np.maximum(-axial_strain(T), 0.0) ** 4
 
 
 def crushing_gradient(T: Array) -> Array:
-    """Derivative of (−ε)⁴ by T, shape `(..., 3)`."""
+    """Return the derivative of (−ε)⁴ by T, shape `(..., 3)`."""
     return -4.0 * np.maximum(-axial_strain(T), 0.0)[..., None] ** 3 * T
 
 
 def crushing_hessian(T: Array) -> Array:
-    """Second derivative of (−ε)⁴ by T, shape `(..., 3, 3)`."""
+    """Return the second derivative of (−ε)⁴ by T, shape `(..., 3, 3)`."""
     p = np.maximum(-axial_strain(T), 0.0)[..., None, None]
     return 12.0 * p**2 * outer(T, T) - 4.0 * p**3 * IDENTITY
 
 
 def curvature_squared(T: Array, K: Array) -> Array:
-    """κ² = |T × T'|²/|T|⁴, the turn of the tangent per rest length squared, `K` = T' = ∂²P/∂s² [1/m²].
+    """Return κ² = |T × T'|²/|T|⁴, the turn of the tangent per rest length squared, `K` = T' = ∂²P/∂s² [1/m²].
 
-    It is |T| times the curvature of the curve, as in Reissner's rod, whose bending moment does not pull: per deformed
-    length the axial force would jump by twice EIκ² where the curvature does.
+    κ is |T| times the curvature of the curve, as in Reissner's rod, whose bending moment exerts no axial force:
+    per deformed length the axial force would jump by twice EIκ² where the curvature does.
     """
     a, b, c = dot(T, T), dot(T, K), dot(K, K)
     return (a * c - b * b) / a**2
 
 
 def curvature_squared_gradient(T: Array, K: Array) -> tuple[Array, Array]:
-    """Derivatives of κ² by T and by T', each (..., 3).
+    """Return the derivatives of κ² by T and by T', each (..., 3).
 
     With a = T·T, b = T·T', c = T'·T': κ² = φ(a, b, c) = c/a − b²/a².
     """
@@ -65,7 +66,7 @@ def curvature_squared_gradient(T: Array, K: Array) -> tuple[Array, Array]:
 
 
 def curvature_squared_hessian(T: Array, K: Array) -> tuple[Array, Array, Array]:
-    """Second derivatives of κ² by (T, T), (T, T') and (T', T'), each (..., 3, 3)."""
+    """Return the second derivatives of κ² by (T, T), (T, T') and (T', T'), each (..., 3, 3)."""
     a, b, c = (x[..., None, None] for x in (dot(T, T), dot(T, K), dot(K, K)))
     per_a2 = 1.0 / a**2
     phi_b, phi_bb = -2.0 * b * per_a2, -2.0 * per_a2

@@ -1,4 +1,4 @@
-"""What the thread asks of an elastic energy."""
+"""The interface of an elastic energy that the thread sums."""
 
 from typing import Any, Protocol
 
@@ -9,7 +9,8 @@ from thread.frames import Frame
 class Energy(Protocol):
     """An elastic energy, as the thread sums it: over groups of `reach` neighbouring control points.
 
-    Of the coordinates of a point it sees the first `seen`. What it needs of an iterate is its own (`at`).
+    The energy depends on the first `seen` coordinates of a point. What the energy evaluates of an iterate, the
+    argument `at` of its methods, is of its own type.
     """
 
     @property
@@ -22,20 +23,24 @@ class Energy(Protocol):
 
     @property
     def seen(self) -> int:
-        """Coordinates that it depends on, 3 or 4."""
+        """Number of coordinates that the energy depends on, 3 or 4."""
 
     def evaluate(self, q: Array, frame: Frame | None) -> Any:
-        """The thread where the energy is taken; `frame` is that of the start of the step."""
+        """Evaluate the thread where the energy is integrated; `frame` is that of the start of the step, None
+        without twist.
+        """
 
     def energy(self, at: Any) -> float:
-        """Energy [J]."""
+        """Return the energy [J]."""
 
     def gradient(self, at: Any) -> Array:
-        """Derivative by the control values of each group, shape `(m, reach, seen)`."""
+        """Return the derivative by the control values of each group, shape `(m, reach, seen)`."""
 
     def tangent(self, at: Any, N: Array) -> Array:
-        """Second derivative, shape `(m, reach, reach, seen, seen)`, at the iterated axial force `N` where it has
-        one."""
+        """Return the second derivative, shape `(m, reach, reach, seen, seen)`.
+
+        `N` [N] is the iterated axial force, which only an energy of stretch reads.
+        """
 
 
 class AxialEnergy(Energy, Protocol):
@@ -46,4 +51,4 @@ class AxialEnergy(Energy, Protocol):
         """Abscissae at which the strain is known [m]."""
 
     def next_axial_force(self, at: Any, dq: Array) -> Array:
-        """N of the next iterate: the solution of its own linearised equation N/EA = ε(q) [N]."""
+        """Return N of the next iterate [N]: the solution of the linearised equation N/EA = ε(q)."""

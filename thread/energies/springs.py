@@ -4,14 +4,14 @@ Points P_0 … P_m stand at the abscissae s_k; spring k joins P_(k−1) to P_k, 
 
     d_k = (P_k − P_(k−1))/ℓ_k   of the springs,   d_0 = T(start), d_(m+1) = T(end)   of the curve's ends
 
-and ℓ̄_k half the length of the springs beside P_k, every spring is calibrated by the section:
+and ℓ̄_k half the length of the springs next to P_k, every spring is calibrated by the section:
 
     stretch   ½ EA ℓ_k ε_k²,                ε_k = ½(|d_k|² − 1), the strain of the continuous energy
     bend      ½ (EI/ℓ̄_k) (2 tan φ_k/2)²,    φ_k the angle from d_k to d_(k+1) (discrete rods: Bergou et al. 2008)
-    twist     ½ (GJ/ℓ̄_k) (Δθ_k + ℓ̄_k τ_k)², Δθ_k of the sections in the middle of the springs beside P_k
+    twist     ½ (GJ/ℓ̄_k) (Δθ_k + ℓ̄_k τ_k)², Δθ_k of the sections in the middle of the springs next to P_k
 
 so that the sums tend to ½∫EA ε² ds, ½∫EI κ² ds and ½∫GJ ω² ds with the square of the spacing. Without the two springs
-at the ends half a spacing of the thread would bend and twist for nothing, an error of first order.
+at the ends half a spacing of the thread would bend and twist without energy, an error of first order.
 
 As many springs as T has functions, n − 1, keep the length of the thread and leave it free to bend; with more of them a
 thread as stiff as a real suture locks (membrane locking).
@@ -64,7 +64,9 @@ class SpringLayout:
         return np.minimum(first, self.spline.n - reach), reach
 
     def rows(self, s: Array, order: int = 0) -> Array:
-        """Derivatives of the basis functions at one abscissa a point, over its window, shape `(m + 1, reach)`."""
+        """Return derivatives of the basis functions at one abscissa a point, over the point's window, shape
+        `(m + 1, reach)`.
+        """
         window, reach = self.window
         first, b = self.spline.basis(s)
         out = np.zeros((len(s), reach))
@@ -91,21 +93,24 @@ class SpringLayout:
 
 
 def spread_springs(spline: Spline, count: int) -> SpringLayout:
-    """`count` springs from end to end; n − 1 of them join the Greville abscissae, more or fewer are spread as these
-    are: finer where the control points are."""
+    """Place `count` springs from end to end of a spline.
+
+    n − 1 springs join the Greville abscissae; more or fewer are spread as these are: finer where the control
+    points are.
+    """
     t = spline.knots
     greville = (t[1:-3] + t[2:-2] + t[3:-1]) / 3.0
     return SpringLayout(spline, np.interp(np.linspace(0.0, spline.n - 1.0, count + 1), np.arange(spline.n), greville))
 
 
 def bend(a: Array, b: Array) -> Array:
-    """(2 tan φ/2)² of the angle φ between a and b, both (..., 3): 4 (1 − c)/(1 + c), c = cos φ [-]."""
+    """Return (2 tan φ/2)² of the angle φ between a and b, both (..., 3): 4 (1 − c)/(1 + c), c = cos φ [-]."""
     u, v = unit_vector(a), unit_vector(b)
     return 2.0 * dot(u - v, u - v) / (1.0 + dot(u, v))
 
 
 def bend_gradient(a: Array, b: Array) -> tuple[Array, Array]:
-    """Derivatives of `bend` by a and by b, each (..., 3)."""
+    """Return the derivatives of `bend` by a and by b, each (..., 3)."""
     u, v = unit_vector(a), unit_vector(b)
     c = dot(u, v)[..., None]
     f_c = -8.0 / (1.0 + c) ** 2
@@ -113,7 +118,7 @@ def bend_gradient(a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def bend_hessian(a: Array, b: Array) -> tuple[Array, Array, Array]:
-    """Second derivatives of `bend` by (a, a), (a, b) and (b, b), each (..., 3, 3)."""
+    """Return the second derivatives of `bend` by (a, a), (a, b) and (b, b), each (..., 3, 3)."""
     u, v, A, B = unit_vector(a), unit_vector(b), norm(a), norm(b)
     c = dot(u, v)[..., None]
     f_c, f_cc = (-8.0 / (1.0 + c) ** 2)[..., None], (16.0 / (1.0 + c) ** 3)[..., None]
@@ -127,14 +132,16 @@ def bend_hessian(a: Array, b: Array) -> tuple[Array, Array, Array]:
 
 
 def norm(a: Array) -> Array:
-    """|a| over the last axis, which is kept."""
+    """Return |a| over the last axis, which is kept with length one."""
     return np.linalg.norm(a, axis=-1, keepdims=True)
 
 
 @dataclass(frozen=True)
 class Taut:
-    """The springs of an iterate: directions `a`, `b` before and after each point, and the `strain` of the spring after
-    it, each (m + 1, …)."""
+    """The springs of an iterate, each array of shape (m + 1, …).
+
+    Directions `a`, `b` before and after each point, and the `strain` of the spring after the point.
+    """
 
     a: Array
     b: Array
@@ -143,8 +150,10 @@ class Taut:
 
 @dataclass(frozen=True)
 class Springs:
-    """Stretch and bend springs: `EA` [N], `EI` [N m²]. After the last point stands no spring: its strain counts for
-    nothing."""
+    """Stretch and bend springs: `EA` [N], `EI` [N m²].
+
+    After the last point stands no spring: its strain has no effect.
+    """
 
     layout: SpringLayout
     EA: float
@@ -181,25 +190,27 @@ class Springs:
         return np.append(self.layout.length, 0.0)
 
     def evaluate(self, q: Array, frame: object = None) -> Taut:
-        """Evaluate the directions."""
+        """Evaluate the directions before and after each point."""
         d = (self._rows @ q[self._points])[..., :3]
         return Taut(d[:, 0], d[:, 1], axial_strain(d[:, 1]))
 
     def energy(self, at: Taut) -> float:
-        """Elastic energy [J]."""
+        """Return the elastic energy [J]."""
         stretch = self.EA * np.sum(self._length * at.strain**2)
         return float(0.5 * (stretch + self.EI * np.sum(bend(at.a, at.b) / self.layout.share)))
 
     def gradient(self, at: Taut) -> Array:
-        """Derivative by the control points of each group, shape `(m + 1, reach, 3)` [N]."""
+        """Return the derivative by the control points of each group, shape `(m + 1, reach, 3)` [N]."""
         k = 0.5 * self.EI / self.layout.share[:, None]
         by_a, by_b = bend_gradient(at.a, at.b)
         pull = self.EA * (self._length * at.strain)[:, None] * at.b
         return self._rows.swapaxes(1, 2) @ np.stack([k * by_a, k * by_b + pull], axis=1)
 
     def tangent(self, at: Taut, N: Array) -> Array:
-        """Second derivative by the control points of each group, shape `(m + 1, reach, reach, 3, 3)` [N/m]; `N`
-        (m + 1,) [N] are the axial forces."""
+        """Return the second derivative by the control points of each group, shape `(m + 1, reach, reach, 3, 3)` [N/m].
+
+        `N` (m + 1,) [N] are the axial forces.
+        """
         k = 0.5 * self.EI / self.layout.share[:, None, None]
         aa, ab, bb = bend_hessian(at.a, at.b)
         H = np.empty((len(N), 2, 2, 3, 3))
@@ -208,6 +219,6 @@ class Springs:
         return np.einsum("mki,mklab,mlj->mijab", self._rows, H, self._rows, optimize=True)
 
     def next_axial_force(self, at: Taut, dq: Array) -> Array:
-        """N of the next iterate, EA (ε + d·δd) [N]."""
+        """Return N of the next iterate, EA (ε + d·δd) [N]."""
         change = (self._rows[:, 1:] @ dq[self._points])[:, 0, :3]
         return self.EA * (at.strain + dot(at.b, change))

@@ -17,8 +17,11 @@ from thread.vectors import outer
 
 @dataclass(frozen=True)
 class Twisted:
-    """A thread with twist at its stations: `T`, `K` (m, g, 3), `omega` (m, g) twist [1/m], `theta` (m, g) [rad], and
-    the `frame` it is measured from."""
+    """A thread with twist at its stations.
+
+    `T`, `K` (m, g, 3), `omega` (m, g) twist [1/m], `theta` (m, g) [rad], and the `frame` from which θ is
+    measured.
+    """
 
     T: Array
     K: Array
@@ -33,7 +36,7 @@ class Twisted:
 
 
 def evaluate(stations: Stations, q: Array, frame: Frame | None) -> Twisted:
-    """The thread `q` (n, 4) at its stations. Raises `ThreadError` without a frame."""
+    """Evaluate the thread `q` (n, 4) at its stations. Raises `ThreadError` where `frame` is None."""
     if frame is None:
         raise ThreadError("a thread with twist has no shape of its own: give the frame it is measured from")
     values, g = stations.rows @ q[stations.points], stations.w.shape[1]
@@ -43,7 +46,10 @@ def evaluate(stations: Stations, q: Array, frame: Frame | None) -> Twisted:
 
 
 def spread_gradient(stations: Stations, rows: tuple[Array, ...], by: tuple[Array, ...]) -> Array:
-    """Vectors of the groups (m, reach, 4) from derivatives by (T, T', a quantity of θ); the last of `rows` is θ's."""
+    """Return vectors of the groups (m, reach, 4) from derivatives by (T, T', a quantity of θ).
+
+    The last of `rows` belongs to the quantity of θ.
+    """
     out = np.empty((len(stations.first), stations.reach, 4))
     w = stations.w[..., None]
     out[..., :3] = rows[0].swapaxes(1, 2) @ (w * by[0]) + rows[1].swapaxes(1, 2) @ (w * by[1])
@@ -52,9 +58,9 @@ def spread_gradient(stations: Stations, rows: tuple[Array, ...], by: tuple[Array
 
 
 def spread_hessian(stations: Stations, rows: tuple[Array, ...], H: Array) -> Array:
-    """Matrices of the groups (m, reach, reach, 4, 4) from second derivatives by (T, T', a quantity of θ), (m, g, 7, 7).
+    """Return matrices of the groups (m, reach, reach, 4, 4) from second derivatives by (T, T', a quantity of θ).
 
-    Each of the seven is a row of one of the four coordinates.
+    `H` (m, g, 7, 7): each of the seven is a row of one of the four coordinates.
     """
     m, g = stations.w.shape
     local = np.zeros((m, g, 7, stations.reach, 4))
@@ -70,7 +76,9 @@ def spread_hessian(stations: Stations, rows: tuple[Array, ...], H: Array) -> Arr
 
 @dataclass(frozen=True)
 class OnStations:
-    """What the energies of a twisted thread share: where they are taken, and on which control points."""
+    """What the energies of a twisted thread share: the stations at which they are evaluated, and their control
+    points.
+    """
 
     stations: Stations
 
@@ -102,17 +110,17 @@ class Torsion(OnStations):
         return self.stations.T, self.stations.K, self.stations.theta_s
 
     def energy(self, at: Twisted) -> float:
-        """Elastic energy [J]."""
+        """Return the elastic energy [J]."""
         return float(0.5 * self.GJ * np.sum(self.stations.w * at.omega**2))
 
     def gradient(self, at: Twisted) -> Array:
-        """Derivative by the control points of each group, shape `(m, reach, 4)` [N, N m]."""
+        """Return the derivative by the control points of each group, shape `(m, reach, 4)` [N, N m]."""
         by_T, by_K, _, _ = at.slopes
         torque = self.GJ * at.omega
         return spread_gradient(self.stations, self._rows, (torque[..., None] * by_T, torque[..., None] * by_K, torque))
 
     def tangent(self, at: Twisted, N: Array) -> Array:
-        """Second derivative by the control points of each group, shape `(m, reach, reach, 4, 4)`."""
+        """Return the second derivative by the control points of each group, shape `(m, reach, reach, 4, 4)`."""
         by_T, by_K, TT, TK = at.slopes
         by = np.concatenate([by_T, by_K, np.ones_like(by_T[..., :1])], axis=-1)
         H = self.GJ * outer(by, by)

@@ -52,18 +52,18 @@ class DynamicOperator(LipCompliance):
         """Return U⁺ without site forces: one solve, for the increment, so that round-off is relative to it."""
 
         def guess() -> Array:
-            """As if acceleration and site forces stayed what they are."""
+            """Return the field as if acceleration and site forces stayed what they are."""
             return history.inertia + state.A / self.a - state.U - self.W @ state.f_y
 
         return state.U + self.factor.solve(self.residual(state.U, history), guess)
 
     def add_forces(self, U: Array, f_y: Array, p: Array) -> Array:
-        """U + W f_y + A⁻¹Gᵀ p, shape `(N,)` [m]."""
+        """Return U + W f_y + A⁻¹Gᵀ p, shape `(N,)` [m]."""
         U = U + self.W @ f_y
         return U + self.factor.solve(self.organ.G.T @ p) if p.any() else U
 
     def residual(self, U: Array, history: History) -> Array:
-        """b − A U, by products with M and K: C = αM + βK needs none of its own."""
+        """Return b − A U by products with M and K: C = αM + βK needs none of its own."""
         alpha, beta = self.organ.rayleigh
         damping = self.d * (history.damping - U)
         inertia = self.organ.mass_times(self.a * (history.inertia - U) + alpha * damping)
@@ -73,8 +73,9 @@ class DynamicOperator(LipCompliance):
 
 @dataclass(frozen=True, eq=False)
 class DynamicOrgan(MeshedOrgan):
-    """An organ with inertia and Rayleigh damping C = αM + βK, `rayleigh` = (α [1/s], β [s]); it need not be
-    held.
+    """An organ with inertia and Rayleigh damping C = αM + βK, `rayleigh` = (α [1/s], β [s]).
+
+    The organ need not be held.
     """
 
     rayleigh: tuple[float, float] = (0.0, 0.0)
@@ -106,12 +107,15 @@ class DynamicOrgan(MeshedOrgan):
         object.__setattr__(self, "_operators", OrderedDict())
 
     def start(self) -> OrganState:
-        """Undeformed and at rest; gravity acts from the first step."""
+        """Return the state undeformed and at rest; gravity acts from the first step."""
         rest = np.zeros(self.size)
         return OrganState(rest, rest, rest, np.zeros(self.y0.size), self.no_contact)
 
     def operator(self, a: float, d: float) -> DynamicOperator:
-        """The factorised operator of a time scheme; the last few are kept."""
+        """Return the factorised operator of a time scheme; the last few operators are kept.
+
+        Raises `TissueError` unless a > 0 and d ≥ 0.
+        """
         if not (0.0 < a < np.inf and 0.0 <= d < np.inf):
             raise TissueError(f"a = {a} 1/s², d = {d} 1/s: allowed are a > 0 and d ≥ 0; give a positive time step")
         if (a, d) not in self._operators:
@@ -122,11 +126,15 @@ class DynamicOrgan(MeshedOrgan):
         return self._operators[a, d]
 
     def mass_times(self, field: Array) -> Array:
-        """M times a field over the free unknowns `(N,)`: a node's three components share its row."""
+        """Return M times a field over the free unknowns `(N,)`: a node's three components share its row."""
         return self._weighed_together(field)[0]
 
     def elastic_force(self, U: Array) -> Array:
-        """K U; of the fields asked for last it is remembered, since a state's own is asked for by both its steps."""
+        """Return K U.
+
+        The forces of the last fields are remembered, since both steps of a state, the one to it and the one
+        from it, need its force.
+        """
         for known, force in self._recalled:
             if known is U:
                 return force
@@ -166,7 +174,7 @@ class DynamicOrgan(MeshedOrgan):
         return History(inertia, sum((gamma * s.U for (_, _, gamma), s in terms), np.zeros(self.size)))
 
     def site_variables(self, state: OrganState) -> Array:
-        """y = y0 + Y U, shape `(9p,)`."""
+        """Return y = y0 + Y U, shape `(9p,)`."""
         return np.asarray(self.y0 + self.Y @ state.U)
 
     def lips(self, state: OrganState) -> tuple[Array, Array]:
@@ -174,23 +182,26 @@ class DynamicOrgan(MeshedOrgan):
         return self.gap(state), self.contact_forces(state)
 
     def gap(self, state: OrganState) -> Array:
-        """g = g0 + G U, shape `(k,)` [m]."""
+        """Return g = g0 + G U, shape `(k,)` [m]."""
         return np.asarray(self.g0 + self.G @ state.U)
 
     def displacement(self, state: OrganState) -> Array:
-        """Displacement of all unknowns, shape `(N_all,)` [m]."""
+        """Return the displacement of all unknowns, shape `(N_all,)` [m]."""
         return self.whole(state.U)
 
     def field(self, state: OrganState) -> Array:
-        """Displacement over the free unknowns, shape `(N,)` [m]."""
+        """Return the displacement over the free unknowns, shape `(N,)` [m]."""
         return state.U
 
     def velocity(self, state: OrganState) -> Array:
-        """Velocity of all unknowns, shape `(N_all,)` [m/s]."""
+        """Return the velocity of all unknowns, shape `(N_all,)` [m/s]."""
         return self.whole(state.V)
 
     def impulse(self, state: OrganState) -> SiteAnswer:
-        """Return the answer to an impulse on the sites: dy/dt = Y V, by Y M⁻¹ Yᵀ; the state gets V + M⁻¹ Yᵀ impulse."""
+        """Return the answer to an impulse on the sites: dy/dt = Y V, by Y M⁻¹ Yᵀ.
+
+        The state gets V + M⁻¹ Yᵀ impulse.
+        """
         return SiteAnswer(
             self.Y @ state.V,
             lambda: self._mobility[1],
@@ -198,8 +209,10 @@ class DynamicOrgan(MeshedOrgan):
         )
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
-        """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y` (9p,)
-        and the contact forces those of `state`; V is kept."""
+        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces stay the same.
+
+        These are the site forces `f_y` (9p,) and the contact forces of `state`; V is kept.
+        """
         operator, p = self.operator(scheme.a, scheme.d), self.contact_forces(state)
         y_free, g_free = operator.free_values(y, self.gap(state), f_y, p)
 
@@ -220,12 +233,12 @@ class DynamicOrgan(MeshedOrgan):
         return np.vstack([W, np.zeros((self.size - N, W.shape[1]))]), C
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Energies at `new` and the works of the step: f_y·Δy + gravity = Δ(kinetic + elastic) + viscous +
-        numerical.
+        """Return the energies at `new` and the works of the step.
 
-        Exact for any time scheme: its own dissipation is ½ΔUᵀKΔU + ½ΔVᵀMΔV + (A⁺ᵀMΔU − V⁺ᵀMΔV), of which the bracket
-        is zero for backward Euler; viscous is V⁺ᵀ C ΔU. With p⁺·g⁺ = 0 the contact takes −p⁺·Δg = p⁺·g ≥ 0, of first
-        order in the step but where lips strike one another: it stands with the integrator's share.
+        f_y·Δy + gravity = Δ(kinetic + elastic) + viscous + numerical is exact for any time scheme. The scheme's
+        own dissipation is ½ΔUᵀKΔU + ½ΔVᵀMΔV + (A⁺ᵀMΔU − V⁺ᵀMΔV), of which the bracket is zero for backward
+        Euler; viscous is V⁺ᵀ C ΔU. With p⁺·g⁺ = 0 the contact takes −p⁺·Δg = p⁺·g ≥ 0, of first order in the
+        step except where lips strike one another; this work is part of `numerical`.
         """
         alpha, beta = self.rayleigh
         dU, dV, force = new.U - old.U, new.V - old.V, self.elastic_force(new.U)
@@ -241,7 +254,7 @@ class DynamicOrgan(MeshedOrgan):
         )
 
     def _weighed_together(self, *fields: Array) -> Array:
-        """M times several fields in one pass over it, shape `(k, N)`; the springs have no mass."""
+        """Return M times several fields in one pass over M, shape `(k, N)`; the springs have no mass."""
         N, k = self.mesh_size, len(fields)
         side_by_side = np.hstack([self._by_nodes(field[:N]) for field in fields])
         weighed = np.asarray(self.node_mass @ side_by_side).reshape(-1, k, 3).swapaxes(0, 1).reshape(k, -1)
@@ -250,7 +263,9 @@ class DynamicOrgan(MeshedOrgan):
         return out
 
     def _by_nodes(self, field: Array) -> Array:
-        """A field over the mesh's free unknowns as one vector per node, shape `(m, 3)`; zero where a node is held."""
+        """Return a field over the mesh's free unknowns as one vector per node, shape `(m, 3)`; zero where a
+        node is held.
+        """
         if self.slots is None:
             return field.reshape(-1, 3)
         whole = np.zeros(3 * self.node_mass.shape[0])

@@ -43,7 +43,7 @@ class FixedSites:
         return EMPTY, EMPTY
 
     def start(self) -> OrganState:
-        """No force."""
+        """Return the state without force."""
         return OrganState(EMPTY, EMPTY, EMPTY, np.zeros(self.y0.size))
 
     def answer(self, scheme: TimeScheme, past: Sequence[OrganState]) -> FixedAnswer:
@@ -51,15 +51,15 @@ class FixedSites:
         return FixedAnswer(self.y0, self._stiff, lambda f_y, p: OrganState(EMPTY, EMPTY, EMPTY, f_y))
 
     def site_variables(self, state: OrganState) -> Array:
-        """y0, shape `(9p,)`."""
+        """Return y0, shape `(9p,)`."""
         return self.y0
 
     def displacement(self, state: OrganState) -> Array:
-        """Shape `(0,)`."""
+        """Return no displacement, shape `(0,)`."""
         return EMPTY
 
     def velocity(self, state: OrganState) -> Array:
-        """Shape `(0,)`."""
+        """Return no velocity, shape `(0,)`."""
         return EMPTY
 
     def impulse(self, state: OrganState) -> SiteAnswer:
@@ -71,14 +71,14 @@ class FixedSites:
         return SiteAnswer(self.y0, self._stiff, lambda f_new, p: replace(state, f_y=state.f_y + (f_new - f_y)))
 
     def _stiff(self) -> Array:
-        """Space does not give, shape `(9p, 9p)`."""
+        """Return the compliance of space, zero, shape `(9p, 9p)`."""
         return np.zeros((self.y0.size, self.y0.size))
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """None."""
+        """Return zero energies and works: sites fixed in space have none."""
         return OrganEnergies(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def fixed_sites(sites: Sequence[Site]) -> FixedSites:
-    """Piercings as points fixed in space; their directions must be vectors or None."""
+    """Return piercings as points fixed in space; their directions must be vectors or None."""
     return FixedSites(space_frames(sites))

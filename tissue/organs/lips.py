@@ -37,15 +37,15 @@ class Gaps:
     areas: Array
 
     def pressure(self, p: Array) -> Array:
-        """Pressure at the pairs under the forces `p` `(k,)` [N], shape `(k,)` [Pa]."""
+        """Return the pressure at the pairs under the forces `p` `(k,)` [N], shape `(k,)` [Pa]."""
         return np.asarray(self.hats.T @ ((self.hats @ p) / self.areas))
 
 
 def build_gaps(body: Elasticity, vertices: ArrayLike, facets: ArrayLike, normal: ArrayLike) -> Gaps:
-    """The gaps between the left lip, whose `facets` `(m,)` are numbered as in the mesh, and the right one.
+    """Return the gaps between the left lip, whose `facets` `(m,)` are numbered as in the mesh, and the right one.
 
-    `vertices` `(v, 2)`: each vertex of the left lip and its partner, itself where the lips meet. `normal` (3,) points
-    from the left lip to the right one. Raises `TissueError` where the lips cross, or no pair can move.
+    `vertices` `(v, 2)`: each vertex of the left lip and its partner, itself where the lips meet. `normal` (3,)
+    points from the left lip to the right one. Raises `TissueError` where the lips cross, or no pair can move.
     """
     n, pairs = _unit(normal), np.asarray(vertices, dtype=np.intp)
     partner = np.arange(body.mesh.nvertices)
@@ -70,14 +70,17 @@ def _unit(normal: ArrayLike) -> Array:
 
 
 def _not_crossed(g0: Array, extent: float) -> Array:
-    """Gaps of the reference shape, none below zero."""
+    """Return the gaps of the reference shape, none below zero."""
     if g0.min() < -CLOSED * extent:
         raise TissueError(f"the lips overlap by {-g0.min():.3g} m before they are loaded; the normal may be reversed")
     return np.maximum(g0, 0.0)
 
 
 def _paired(body: Elasticity, triangles: Indices, partner: Indices) -> tuple[Indices, Indices]:
-    """Left and right node of every pair, `(k, 2)`, and the two vertices whose middle the left one is, itself twice."""
+    """Return the left and right node of every pair, `(k, 2)`, and the two vertices whose middle the left node is.
+
+    A vertex is given as itself twice.
+    """
     left = np.unique(triangles)
     ends = np.column_stack([left, left])
     nodes = np.column_stack([left, partner[left]])
@@ -89,14 +92,14 @@ def _paired(body: Elasticity, triangles: Indices, partner: Indices) -> tuple[Ind
 
 
 def _edge_numbers(body: Elasticity, edges: Indices) -> Indices:
-    """Numbers in the mesh of edges given by their two vertices, `(k, 2)`."""
+    """Return the numbers in the mesh of edges given by their two vertices, `(k, 2)`."""
     known, asked = (np.sort(pairs, axis=1) @ [body.mesh.nvertices, 1] for pairs in (body.mesh.edges.T, edges))
     order = np.argsort(known)
     return np.asarray(order[np.searchsorted(known, asked, sorter=order)])
 
 
 def _rows(body: Elasticity, nodes: Indices, n: Array) -> csr_matrix:
-    """n · (U_right − U_left) over the free unknowns, shape `(k, N)`."""
+    """Return n · (U_right − U_left) over the free unknowns, shape `(k, N)`."""
     k = len(nodes)
     unknowns = body.nodes[nodes].reshape(k, 6)
     values = np.broadcast_to(np.concatenate([-n, n]), (k, 6))
@@ -106,7 +109,10 @@ def _rows(body: Elasticity, nodes: Indices, n: Array) -> csr_matrix:
 
 
 def _hats(body: Elasticity, triangles: Indices, corners: Indices, n: Array) -> tuple[csr_array, Array]:
-    """ψ_a of the left lip's vertices at the pairs, and ∫ψ_a dA as seen along n; vertices of no pair are left out."""
+    """Return ψ_a of the left lip's vertices at the pairs, and ∫ψ_a dA as seen along n.
+
+    Vertices of no pair are left out.
+    """
     vertices = np.unique(corners)
     k, v = len(corners), len(vertices)
     place = np.searchsorted(vertices, corners)

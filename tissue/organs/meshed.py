@@ -1,4 +1,4 @@
-"""The organ as the thread sees it: nine numbers per piercing, their compliance and one back-substitution.
+"""The organ in the coupled system: nine site variables per piercing, their compliance and one back-substitution.
 
     acceleration⁺ = a (U⁺ − U_a),   velocity⁺ = d (U⁺ − U_d),   (a M + d C + K) U⁺ = b + Yᵀ f_y
 
@@ -51,7 +51,7 @@ class OrganState:
 
 
 class TimeScheme(Protocol):
-    """What an organ reads of a time scheme: acceleration a (U − U_a) and velocity d (U − U_d)."""
+    """The coefficients of a time scheme that an organ reads: acceleration a (U − U_a) and velocity d (U − U_d)."""
 
     @property
     def a(self) -> float:
@@ -89,7 +89,7 @@ class Equation(NamedTuple):
 
 @dataclass(frozen=True)
 class SiteAnswer:
-    """An answer of sites alone, y = y_free + C f_y with C (9p, 9p) of `compliance`, made when it is asked for.
+    """An answer of sites alone, y = y_free + C f_y with C (9p, 9p) of `compliance`, made when first asked for.
 
     `accepted` makes the state at the end of the step of f_y and p.
     """
@@ -210,7 +210,7 @@ class MeshedOrgan:
         object.__setattr__(self, "G", self._gap_rows(B.shape[1]))
 
     def _gap_rows(self, springs: int) -> csr_matrix:
-        """G over all unknowns, shape `(k, N)`; refused where its compliance has no room."""
+        """Return G over all unknowns, shape `(k, N)`; refuse gaps whose compliance does not fit into memory."""
         N = self.elasticity.free.size + springs
         if self.gaps is None:
             return csr_matrix((0, N))
@@ -238,11 +238,11 @@ class MeshedOrgan:
         return EMPTY if self.gaps is None else self.gaps.g0
 
     def contact_forces(self, state: OrganState) -> Array:
-        """p, shape `(k,)` [N]."""
+        """Return p, shape `(k,)` [N]."""
         return EMPTY if state.p is None else state.p
 
     def contact_or_none(self, p: Array) -> Array | None:
-        """Contact forces `(k,)` as a state keeps them: None without gaps."""
+        """Return the contact forces `(k,)` as a state keeps them: None without gaps."""
         return p if self.pairs else None
 
     @property
@@ -260,7 +260,7 @@ class MeshedOrgan:
         return False
 
     def solver_of(self, A: csr_matrix) -> Solver:
-        """What solves with a matrix of the organ: the springs are coupled to nothing but the sites."""
+        """Return a solver for a matrix of the organ: the springs are coupled to nothing but the sites."""
         N = self.mesh_size
         mesh = solver(csr_matrix(A[:N, :N]) if A.shape[0] > N else A, self.places, self.choice.name)
         return mesh if A.shape[0] == N else Sprung(A, mesh)
@@ -276,19 +276,21 @@ class MeshedOrgan:
         return int(self.K.shape[0])
 
     def whole(self, field: Array) -> Array:
-        """A field over the free unknowns as one over all unknowns of the mesh, shape `(N_all,)`."""
+        """Return a field over the free unknowns as one over all unknowns of the mesh, shape `(N_all,)`."""
         return self.elasticity.extended(field[: self.elasticity.free.size])
 
 
 @dataclass(frozen=True)
 class Sprung:
-    """A matrix of the mesh, with its solver, and behind it a diagonal of springs."""
+    """A matrix of the mesh, with its solver, followed by a diagonal of springs."""
 
     A: csr_matrix
     mesh: Solver
 
     def solve(self, b: Array, guess: Callable[[], Array] | None = None) -> Array:
-        """A⁻¹ b for b of shape `(n,)` or `(n, k)`; a guess is asked for where it is of use."""
+        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; `guess` is passed on to the solver of the mesh, None
+        means zero.
+        """
         N = self.mesh.A.shape[0]
         near = None if guess is None else lambda: guess()[:N]
         springs = self.A.diagonal()[N:].reshape(-1, *[1] * (b.ndim - 1))
@@ -296,7 +298,7 @@ class Sprung:
 
 
 class LipCompliance:
-    """What an operator says of the gaps, when it is asked: the columns A⁻¹Gᵀ are dear."""
+    """The compliance of the gaps, made when first asked for: the columns A⁻¹Gᵀ are expensive."""
 
     organ: MeshedOrgan
     A: csr_matrix
@@ -323,14 +325,14 @@ class LipCompliance:
 
 
 def compliance(factor: Solver, Y: csr_matrix) -> tuple[Array, Array]:
-    """W = A⁻¹ Yᵀ `(N, 9p)` and C = Y W `(9p, 9p)`, made symmetric to the last bit."""
+    """Return W = A⁻¹ Yᵀ `(N, 9p)` and C = Y W `(9p, 9p)`, made symmetric to the last bit."""
     W = factor.solve(Y.T.toarray())
     C = Y @ W
     return W, 0.5 * (C + C.T)
 
 
 def gap_compliance(factor: Solver, G: csr_matrix) -> Array:
-    """G A⁻¹ Gᵀ `(k, k)`, made symmetric to the last bit; its columns are made a few at a time."""
+    """Return G A⁻¹ Gᵀ `(k, k)`, made symmetric to the last bit; its columns are made a few at a time."""
     some = [slice(first, first + COLUMNS) for first in range(0, G.shape[0], COLUMNS)]
     C = np.hstack([G @ factor.solve(G[rows].T.toarray()) for rows in some])
     return 0.5 * (C + C.T)

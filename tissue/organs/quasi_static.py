@@ -78,7 +78,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         return QuasiStaticOperator(self, self.K, factor, self.load, W, C, U_load, y_load, sag_energy)
 
     def start(self) -> OrganState:
-        """Equilibrium under gravity, without site forces; the lips are not held apart yet."""
+        """Return the equilibrium under gravity, without site forces; the lips are not held apart yet."""
         return OrganState(EMPTY, EMPTY, EMPTY, np.zeros(self.y0.size), self.no_contact)
 
     def operator(self, a: float, d: float) -> QuasiStaticOperator:
@@ -95,7 +95,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         return OrganState(EMPTY, EMPTY, EMPTY, f_y, self.contact_or_none(p))
 
     def site_variables(self, state: OrganState) -> Array:
-        """y = y0 + Y U = y_load + C f_y + C_yc p, shape `(9p,)`."""
+        """Return y = y0 + Y U = y_load + C f_y + C_yc p, shape `(9p,)`."""
         p = self.contact_forces(state)
         if not (self.load.any() or state.f_y.any() or p.any()):
             return self.y0
@@ -107,7 +107,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         return self.gap(state), self.contact_forces(state)
 
     def gap(self, state: OrganState) -> Array:
-        """g = g0 + G U = g_load + C_cy f_y + C_cc p, shape `(k,)` [m]."""
+        """Return g = g0 + G U = g_load + C_cy f_y + C_cc p, shape `(k,)` [m]."""
         p = self.contact_forces(state)
         if not (self.pairs and (self.load.any() or state.f_y.any() or p.any())):
             return self.g0
@@ -115,16 +115,16 @@ class QuasiStaticOrgan(MeshedOrgan):
         return g + self._operator.C_cc @ p if p.any() else g
 
     def displacement(self, state: OrganState) -> Array:
-        """Displacement of all unknowns, shape `(N_all,)` [m]."""
+        """Return the displacement of all unknowns, shape `(N_all,)` [m]."""
         return self.whole(self.field(state))
 
     def field(self, state: OrganState) -> Array:
-        """Displacement over the free unknowns, shape `(N,)` [m]."""
+        """Return the displacement over the free unknowns, shape `(N,)` [m]."""
         U, p = np.asarray(self._operator.U_load + self._operator.W @ state.f_y), self.contact_forces(state)
         return U + self._operator.factor.solve(self.G.T @ p) if p.any() else U
 
     def velocity(self, state: OrganState) -> Array:
-        """Zero, shape `(N_all,)` [m/s]."""
+        """Return zero, shape `(N_all,)` [m/s]."""
         return np.zeros(self.elasticity.N)
 
     def impulse(self, state: OrganState) -> None:
@@ -146,8 +146,9 @@ class QuasiStaticOrgan(MeshedOrgan):
         return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side)
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """As for the dynamic organ, with 9p + k numbers: U = U_load + W f_y + K⁻¹Gᵀ p, K U_load = load,
-        Yᵀ U_load = y_load − y0 and Gᵀ U_load = g_load − g0.
+        """Return the energies and works as the dynamic organ does, with 9p + k numbers.
+
+        U = U_load + W f_y + K⁻¹Gᵀ p with K U_load = load, Yᵀ U_load = y_load − y0 and Gᵀ U_load = g_load − g0.
         """
         C, sag = self._operator.C, self._operator.y_load - self.y0
         df = new.f_y - old.f_y
@@ -156,7 +157,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         return self._with_contact(by_sites, old, new) if self.pairs else by_sites
 
     def _with_contact(self, by_sites: OrganEnergies, old: OrganState, new: OrganState) -> OrganEnergies:
-        """What the contact forces add; their own work −p⁺·Δg stands with the integrator's share."""
+        """Return what the contact forces add; their own work −p⁺·Δg is part of `numerical`."""
         p, df = self.contact_forces(new), new.f_y - old.f_y
         dp = p - self.contact_forces(old)
         if not (p.any() or dp.any()):

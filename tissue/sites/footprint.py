@@ -41,7 +41,7 @@ class FootprintRule:
 
 
 def disc(weight: str) -> FootprintRule:
-    """Unit disc: 1/π (uniform) or 2(1 − r²)/π (parabolic)."""
+    """Return the rule of the unit disc: weight 1/π (uniform) or 2(1 − r²)/π (parabolic)."""
     _check(weight)
     # With τ = r², w r dr dθ is dτ dθ / 2π or (1 − τ) dτ dθ / π: a Gauss rule on τ and equal angles are exact.
     tau, d_tau = _gauss(RADIAL)
@@ -62,16 +62,16 @@ class Cover:
     flat: Array
 
     def weights(self, weight: str) -> Array:
-        """Those of a footprint's weight."""
+        """Return the weights of the points for a footprint's `weight`. Raises `TissueError` for an unknown one."""
         _check(weight)
         return self.flat * (2.0 * (1.0 - np.sum(self.points**2, axis=1)) if weight == "parabolic" else 1.0)
 
 
 def cover(triangles: Array) -> Cover:
-    """The unit disc over triangles of a plane, shape `(f, 3, 2)`.
+    """Return the unit disc cut by triangles of a plane, shape `(f, 3, 2)`.
 
-    A triangle is the sum over its edges of the signed triangle between edge and centre; the disc leaves of that a
-    triangle where the edge is inside, and a sector where it is outside.
+    A triangle is the sum over its edges of the signed triangle between edge and centre; the disc leaves of that
+    a triangle where the edge is inside, and a sector where it is outside.
     """
     turn = np.sign(_cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]))
     begin, end, of = _pieces(triangles)
@@ -84,21 +84,23 @@ def cover(triangles: Array) -> Cover:
 
 
 def _fan(rim: Array, spread: Array, turn: Array, of: NDArray[np.intp]) -> tuple[Array, NDArray[np.intp], Array]:
-    """Points, triangles and weights between the centre and points `rim` `(k, n, 2)`, of which each stands for twice the
-    area `spread` `(k, n)`."""
+    """Return points, triangles and weights between the centre and points `rim` `(k, n, 2)`.
+
+    Each point of the rim stands for twice the area `spread` `(k, n)`.
+    """
     rho, d_rho = _gauss(INWARD)
     weights = (turn[:, None] * spread / np.pi)[..., None] * (rho * d_rho)
     return (rim[:, :, None] * rho[:, None]).reshape(-1, 2), np.repeat(of, weights[:1].size), weights.ravel()
 
 
 def _chords(begin: Array, end: Array) -> tuple[Array, Array]:
-    """Points along pieces inside the disc."""
+    """Return the points along pieces inside the disc."""
     t, dt = _gauss(ALONG)
     return begin[:, None] + t[:, None] * (end - begin)[:, None], _cross(begin, end)[:, None] * dt
 
 
 def _arcs(begin: Array, end: Array) -> tuple[Array, Array]:
-    """Points along the circle below pieces outside the disc."""
+    """Return the points along the circle below pieces outside the disc."""
     t, dt = _gauss(ARC)
     angle = np.arctan2(_cross(begin, end), np.sum(begin * end, axis=1))[:, None]
     theta = np.arctan2(begin[:, 1], begin[:, 0])[:, None] + angle * t
@@ -106,8 +108,10 @@ def _arcs(begin: Array, end: Array) -> tuple[Array, Array]:
 
 
 def _pieces(triangles: Array) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Edges of triangles that reach into the unit disc, cut where they cross the circle: begins and ends `(k, 2)`, and
-    the triangle of each."""
+    """Return the edges of triangles that reach into the unit disc, cut where they cross the circle.
+
+    The pieces are begins and ends `(k, 2)`, and the triangle of each.
+    """
     a = triangles
     d = np.roll(triangles, -1, axis=1) - a
     dd, ad, aa = (np.sum(x * y, axis=-1) for x, y in ((d, d), (a, d), (a, a)))
@@ -121,7 +125,10 @@ def _pieces(triangles: Array) -> tuple[Array, Array, NDArray[np.intp]]:
 
 
 def _reaching(a: Array, dd: Array, ad: Array) -> NDArray[np.bool_]:
-    """Which triangles of corners `(f, 3, 2)` have a point in the unit disc; of their edges d, d·d and a·d, `(f, 3)`."""
+    """Return which triangles of corners `(f, 3, 2)` have a point in the unit disc.
+
+    Of their edges d, the products d·d and a·d are given, `(f, 3)`.
+    """
     along = np.clip(-ad / dd, 0.0, 1.0)
     nearest = a + along[..., None] * (np.roll(a, -1, axis=1) - a)
     side = _cross(a, np.roll(a, -1, axis=1))
@@ -134,8 +141,9 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def ball(weight: str) -> FootprintRule:
-    """Unit ball: 3/4π (uniform) or 15(1 − ρ²)/8π (parabolic); a composite rule, exact on each half z < 0 and
-    z > 0.
+    """Return the rule of the unit ball: weight 3/4π (uniform) or 15(1 − ρ²)/8π (parabolic).
+
+    The rule is composite, exact on each half z < 0 and z > 0.
     """
     _check(weight)
     rho, d_rho = _gauss(POLAR)
@@ -163,7 +171,7 @@ class Slope:
 
 
 def disc_slope(weight: str) -> Slope:
-    """Tangential gradient over the unit disc: −∇w = 4x/π (parabolic), or the rim alone, n/π (uniform)."""
+    """Return the tangential gradient over the unit disc: −∇w = 4x/π (parabolic), or the rim alone, n/π (uniform)."""
     _check(weight)
     if weight == "parabolic":
         flat = disc("uniform")
@@ -174,14 +182,14 @@ def disc_slope(weight: str) -> Slope:
 
 
 def ball_slope(weight: str) -> Slope:
-    """Gradient over the unit ball: −∇w = 15x/4π (parabolic), or the sphere alone, 3n/4π (uniform)."""
+    """Return the gradient over the unit ball: −∇w = 15x/4π (parabolic), or the sphere alone, 3n/4π (uniform)."""
     _check(weight)
     rule, factor = (ball("uniform"), 5.0) if weight == "parabolic" else (_sphere(), 3.0)
     return Slope(rule.points, factor * rule.weights[:, None] * rule.points)
 
 
 def half_ball_slope(weight: str) -> Slope:
-    """Gradient over the half z < 0 of the unit ball: as for the ball, with the flat side's ∮ w f n."""
+    """Return the gradient over the half z < 0 of the unit ball: as for the ball, with the flat side's ∮ w f n."""
     _check(weight)
     whole, flat = ball_slope(weight), disc(weight)
     below = whole.points[:, 2] < 0.0
@@ -190,7 +198,7 @@ def half_ball_slope(weight: str) -> Slope:
 
 
 def _sphere() -> FootprintRule:
-    """Unit sphere, uniform; a composite rule, exact on each half."""
+    """Return the uniform rule of the unit sphere; composite, exact on each half."""
     half, d_half = _gauss(2 * POLAR)
     cosine, d_cosine = np.concatenate([-half, half]), np.concatenate([d_half, d_half]) / 2.0
     angle = (np.arange(8 * POLAR) + 0.5) * (2.0 * np.pi / (8 * POLAR))
@@ -202,7 +210,7 @@ def _sphere() -> FootprintRule:
 
 
 def _gauss(count: int) -> tuple[Array, Array]:
-    """Gauss–Legendre points and weights on [0, 1]."""
+    """Return Gauss–Legendre points and weights on [0, 1]."""
     x, w = np.polynomial.legendre.leggauss(count)
     return 0.5 * (x + 1.0), 0.5 * w
 

@@ -32,17 +32,17 @@ NO_SLOPE = AverageSlope(np.zeros((0, 3)), np.zeros(0, np.intp), np.zeros((0, 3))
 
 
 def normal_rows(gradient: csr_matrix, u0: Array) -> csr_matrix:
-    """Rows of ⟨∇U⟩ u₀ from those of ⟨∂U_i/∂x_j⟩ (row 3i + j)."""
+    """Return the rows of ⟨∇U⟩ u₀ from those of ⟨∂U_i/∂x_j⟩ (row 3i + j)."""
     return csr_matrix(kron(eye_array(3), u0[None]) @ gradient)
 
 
 def fibre_rows(gradient: csr_matrix, u0: Array) -> csr_matrix:
-    """Rows of −⟨∇U⟩ᵀ u₀."""
+    """Return the rows of −⟨∇U⟩ᵀ u₀."""
     return csr_matrix(-kron(u0[None], eye_array(3)) @ gradient)
 
 
 def value_rows(elasticity: Elasticity, average: Average) -> csr_matrix:
-    """⟨N⟩, shape `(3, N)`."""
+    """Return the rows ⟨N⟩ of the averaged displacement, shape `(3, N)`."""
     phi, _ = shapes(elasticity, average.reference)
     dofs = elasticity.basis.element_dofs[:, average.cells].reshape(len(phi), 3, -1)
     data = np.broadcast_to((phi * average.weights)[:, None], dofs.shape)
@@ -51,11 +51,7 @@ def value_rows(elasticity: Elasticity, average: Average) -> csr_matrix:
 
 
 def gradient_rows(elasticity: Elasticity, surface: Surface, average: Average, slope: AverageSlope) -> csr_matrix:
-    """⟨∂U_i/∂x_j⟩ as row 3i + j, shape `(9, N)` [1/m].
-
-    Where Σ x cᵀ is not the identity (the normal of a disc, a curved surface, a bare point) the gradients of the
-    shape functions make up the difference, so that linear fields have their own slope.
-    """
+    """Return the rows of ⟨∂U_i/∂x_j⟩, row 3i + j, shape `(9, N)` [1/m]."""
     phi, _ = shapes(elasticity, surface.reference(slope.points, slope.cells))
     by_parts = _slope_rows(elasticity, slope.cells, phi[:, None] * slope.vectors.T)
     _, dphi = shapes(elasticity, average.reference)
@@ -69,7 +65,7 @@ def gradient_rows(elasticity: Elasticity, surface: Surface, average: Average, sl
 
 
 def _slope_rows(elasticity: Elasticity, cells: Indices, slopes: Array) -> csr_matrix:
-    """Slopes of shape functions `(n, 3, k)` at points in `cells`, summed into row 3i + j for ∂U_i/∂x_j."""
+    """Sum slopes of shape functions `(n, 3, k)` at points in `cells` into row 3i + j for ∂U_i/∂x_j."""
     dofs = elasticity.basis.element_dofs[:, cells].reshape(len(slopes), 3, 1, -1)
     shape = (len(slopes), 3, 3, cells.size)
     rows = np.broadcast_to(np.arange(9).reshape(1, 3, 3, 1), shape)
@@ -78,7 +74,7 @@ def _slope_rows(elasticity: Elasticity, cells: Indices, slopes: Array) -> csr_ma
 
 
 def shapes(elasticity: Elasticity, reference: Array) -> tuple[Array, Array]:
-    """Shape functions `(n, k)` and their reference gradients `(n, 3, k)`."""
+    """Evaluate the shape functions `(n, k)` and their reference gradients `(n, 3, k)`."""
     element = ELEMENTS[elasticity.element]()
     pairs = [element.lbasis(reference.T, i) for i in range(len(element.doflocs))]
     count = len(reference)

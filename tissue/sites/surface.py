@@ -46,7 +46,7 @@ class Surface:
         return np.asarray(np.linalg.inv(np.swapaxes(edges, 1, 2)), dtype=np.float64)
 
     def nearest(self, point: Array) -> tuple[float, Array, Indices]:
-        """Distance to the surface [m], the nearest point (3,) and every facet that shares it."""
+        """Return the distance to the surface [m], the nearest point (3,) and every facet that shares that point."""
         near = closest_on_triangles(point, self.triangles)
         distances = np.linalg.norm(near - point, axis=1)
         best = near[np.argmin(distances)]
@@ -54,10 +54,10 @@ class Surface:
         return float(distances.min()), best, np.flatnonzero(touching <= INSIDE * self.diagonal)
 
     def patch(self, centre: Array, seeds: Indices, normal: Array, radius: float) -> Indices:
-        """Facets that face `normal`, come within `radius` of `centre` and hang together with `seeds` by their
-        edges.
+        """Return the facets that face `normal`, come within `radius` of `centre` and are joined to `seeds` by edges.
 
-        So a disc beside an open cut sees its own lip and not the other, though both lie in one plane.
+        So a disc near an open cut averages over its own lip and not over the other, though both lie in one
+        plane.
         """
         reach = np.linalg.norm(closest_on_triangles(centre, self.triangles) - centre, axis=1) <= radius
         facets = np.flatnonzero(reach & (self.normals @ normal > 0.0))
@@ -70,8 +70,9 @@ class Surface:
         return facets[np.isin(label, label[np.isin(facets, seeds)])]
 
     def project(self, points: Array, normal: Array, facets: Indices, reach: float) -> tuple[Array, Indices]:
-        """Nearest hit of each point's line along `normal` with `facets`: points `(k, 3)` and facets `(k,)`,
-        −1 for none.
+        """Return the nearest hit of each point's line along `normal` with `facets`.
+
+        Hits are points `(k, 3)` and facets `(k,)`, −1 where a line hits none.
         """
         step = max(1, BLOCK // (3 * max(1, facets.size)))
         parts = [self._project(points[k : k + step], normal, facets, reach) for k in range(0, len(points), step)]
@@ -89,7 +90,7 @@ class Surface:
         return hit[rows, best], np.where(np.isfinite(height[rows, best]), facets[best], -1)
 
     def containing(self, points: Array) -> Indices:
-        """A cell that holds each point, shape `(k,)`; −1 for points outside the body."""
+        """Return a cell that holds each point, shape `(k,)`; −1 for points outside the body."""
         low, high = points.min(axis=0), points.max(axis=0)
         slack = INSIDE * self.diagonal
         box = (self.corners.max(axis=1) >= low - slack) & (self.corners.min(axis=1) <= high + slack)
@@ -101,11 +102,11 @@ class Surface:
         return np.concatenate(parts)
 
     def sharing(self, point: Array) -> Indices:
-        """Every cell that holds `point`, faces and corners included."""
+        """Return every cell that holds `point`, faces and corners included."""
         return np.flatnonzero(self._depth(point[None], np.arange(self.mesh.nelements))[0] >= -INSIDE)
 
     def reference(self, points: Array, cells: Indices) -> Array:
-        """Reference coordinates of points in cells, shape `(k, 3)`."""
+        """Return the reference coordinates of points in cells, shape `(k, 3)`."""
         return np.einsum("kij,kj->ki", self.to_reference[cells], points - self.corners[cells, 0])
 
     def _containing(self, points: Array, near: Indices) -> Indices:
@@ -114,7 +115,7 @@ class Surface:
         return np.where(depth[np.arange(len(points)), best] >= -INSIDE, near[best], -1)
 
     def _depth(self, points: Array, cells: Indices) -> Array:
-        """Smallest barycentric coordinate of every point in every cell, shape `(k, c)`."""
+        """Return the smallest barycentric coordinate of every point in every cell, shape `(k, c)`."""
         B = self.to_reference[cells]
         origin = np.einsum("cij,cj->ci", B, self.corners[cells, 0])
         depth = 1.0
@@ -127,7 +128,7 @@ class Surface:
 
 
 def outer_surface(mesh: MeshTet) -> Surface:
-    """The outer surface of a mesh."""
+    """Return the outer surface of a mesh."""
     facets = mesh.boundary_facets()
     vertices = mesh.facets[:, facets].T
     behind = mesh.f2t[0, facets]
@@ -140,7 +141,7 @@ def outer_surface(mesh: MeshTet) -> Surface:
 
 
 def closest_on_triangles(point: Array, triangles: Array) -> Array:
-    """Point of each triangle `(f, 3, 3)` nearest to `point` (3,), shape `(f, 3)`."""
+    """Return the point of each triangle `(f, 3, 3)` nearest to `point` (3,), shape `(f, 3)`."""
     a, b, c = np.moveaxis(triangles, 1, 0)
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -159,7 +160,9 @@ def _closest_on_segments(point: Array, p: Array, q: Array) -> Array:
 
 
 def _triangle_coordinates(points: Array, a: Array, b: Array, c: Array) -> Array:
-    """Barycentric coordinates of points `(…, f, 3)` in the planes of triangles `(f, 3)`, shape `(…, f, 3)`."""
+    """Return the barycentric coordinates of points `(…, f, 3)` in the planes of triangles `(f, 3)`, shape
+    `(…, f, 3)`.
+    """
     e, g = b - a, c - a
     normal = np.cross(e, g)
     area = np.einsum("fi,fi->f", normal, normal)

@@ -1,13 +1,13 @@
-"""Which solver an organ gets: the one named, or the one that its size and the memory of the machine ask for.
+"""The choice of an organ's solver: by name, or by the organ's size and the memory of the machine.
 
     superlu     scipy's, always there
-    cholmod     with cvxopt: factors about ten times as fast in half the memory
+    cholmod     with cvxopt: factorises about ten times as fast in half the memory
     pardiso     with pypardiso, on x86-64: the least fill on large meshes
     multigrid   conjugate gradients, PyAMG: memory and time that grow with the mesh and no faster
 
-A step of an organ with inertia is a back-substitution, so it is factorised as long as the factor fits into memory. An
-organ without inertia is solved for its sites' columns once, so beyond the size at which a factor takes longer than
-those columns it is not.
+A step of an organ with inertia is a back-substitution, so its matrix is factorised as long as the factor fits into
+memory. An organ without inertia is solved for its sites' columns once, so its matrix is not factorised beyond the size
+at which a factor takes longer than those columns.
 """
 
 from collections.abc import Callable
@@ -48,31 +48,33 @@ class SolverChoice:
 
 
 class Solver(Protocol):
-    """A matrix, and what solves with it within the residual's bound or raises `FactorError`."""
+    """A matrix and its solution within the residual's bound."""
 
     @property
     def A(self) -> csr_matrix:
         """Symmetric and positive definite, shape `(n, n)`."""
 
     def solve(self, b: Array, guess: Callable[[], Array] | None = None) -> Array:
-        """A⁻¹ b for b of shape `(n,)` or `(n, k)`; a guess is asked for where it is of use."""
+        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; an iterative solver calls `guess`, None means zero."""
 
 
 def solver(A: csr_matrix, places: Array, name: str) -> Solver:
-    """A solver of a name that `choose_solver` gave, for a stiffness matrix over unknowns at `places` `(n, 3)`."""
+    """Return a solver, of a name that `choose_solver` gave, for a stiffness matrix over unknowns at `places`
+    `(n, 3)`.
+    """
     return conjugate_gradients(A, places) if name == MULTIGRID else factorize(A, places, name)
 
 
 def mass_solver(M: csr_matrix, places: Array, name: str) -> Solver:
-    """The same for a mass matrix, which conjugate gradients solve as it is."""
+    """Return a solver for a mass matrix, which conjugate gradients precondition by its diagonal alone."""
     return conjugate_gradients(M) if name == MULTIGRID else factorize(M, places, name)
 
 
 def choose_solver(name: str, A: csr_matrix, places: Array, once: bool) -> SolverChoice:
-    """The solver to take for a matrix of the pattern of A; `once`: for the sites' columns and no steps.
+    """Choose the solver for a matrix of the pattern of A; `once`: for the sites' columns and no steps.
 
-    Multigrid needs three unknowns a node, so no rollers. Raises `TissueError` where the one named is unknown, is not
-    installed, cannot be had or asks for more memory than there is.
+    Multigrid needs three unknowns a node, so no rollers. Raises `TissueError` where the solver named is
+    unknown, is not installed, cannot be had or asks for more memory than there is.
     """
     if name not in SOLVERS:
         raise TissueError(f"solver = {name!r}: allowed are {', '.join(map(repr, SOLVERS))}; take 'auto'")
@@ -101,18 +103,18 @@ def choose_solver(name: str, A: csr_matrix, places: Array, once: bool) -> Solver
 
 
 def _times(room: float, need: float) -> int:
-    """How often a need goes into the room there is, once at least."""
+    """Return how often a need fits into the room there is, at least once."""
     return int(max(1.0, min(room / max(need, 1.0), MANY)))
 
 
 def factor_bytes(A: csr_matrix, places: Array, method: str) -> float:
-    """Memory that a factor would take, by nested dissection of the nodes; nothing for a small organ."""
+    """Estimate the memory of a factor [byte], by nested dissection of the nodes; zero for a small organ."""
     if A.shape[0] <= SMALL:
         return 0.0
     return BYTES[method] * entries(A, places)
 
 
 def entries(A: csr_matrix, places: Array) -> float:
-    """Entries of the Cholesky factor, by nested dissection of the nodes."""
+    """Estimate the entries of the Cholesky factor, by nested dissection of the nodes."""
     graph, points, _ = node_graph(A, places)
     return float((A.shape[0] / len(points)) ** 2 * dissection(graph, points).entries)

@@ -31,7 +31,10 @@ NOT_DEFINITE = -4  # Pardiso's error: a zero or negative pivot
 
 
 def is_installed(method: str) -> bool:
-    """Whether the library of a method is there; it is loaded, so that who limits BLAS threads later limits its too."""
+    """Return whether the library of a method is installed.
+
+    The library is loaded, so that a caller who limits BLAS threads later limits those of the library too.
+    """
     try:
         import_module(LIBRARIES[method])
     except (ImportError, OSError):  # not there, or without what it needs itself
@@ -40,7 +43,10 @@ def is_installed(method: str) -> bool:
 
 
 def superlu(A: csr_matrix, places: Array | None) -> BackSubstitution:
-    """SuperLU in symmetric mode, no pivot off the diagonal; ordered by the `places` of the unknowns where given."""
+    """Factorise by SuperLU in symmetric mode, no pivot off the diagonal.
+
+    The unknowns are ordered by their `places`; None leaves the ordering to SuperLU. Raises `FactorError`.
+    """
     order = np.arange(A.shape[0]) if places is None else ordering(A, places)
     spec: Literal["MMD_AT_PLUS_A", "NATURAL"] = "MMD_AT_PLUS_A" if places is None else "NATURAL"
     try:
@@ -64,9 +70,10 @@ def superlu(A: csr_matrix, places: Array | None) -> BackSubstitution:
 
 
 def ordering(A: csr_matrix, places: Array) -> Indices:
-    """The better of nested dissection and minimum degree, tried on the graph of the nodes.
+    """Return the better of nested dissection and minimum degree, tried on the graph of the nodes.
 
-    Unknowns at the same place are one node. With three unknowns a node, a trial costs 1/27 of the factorisation.
+    Unknowns at the same place are one node. With three unknowns a node, a trial costs 1/27 of the
+    factorisation.
     """
     graph, points, node = node_graph(A, places)
     by_degree = np.argsort(_trial(graph, "MMD_AT_PLUS_A").perm_c)
@@ -75,27 +82,30 @@ def ordering(A: csr_matrix, places: Array) -> Indices:
 
 
 def dissect(A: csr_matrix, places: Array) -> Indices:
-    """Nested dissection of the unknowns by their places."""
+    """Return the order of the unknowns by nested dissection of their places."""
     graph, points, node = node_graph(A, places)
     return _spread(dissection(graph, points).order, node)
 
 
 def _spread(order: Indices, node: Indices) -> Indices:
-    """An order of the nodes as one of their unknowns."""
+    """Return an order of the nodes as one of their unknowns."""
     rank = np.empty(order.size, np.intp)
     rank[order] = np.arange(order.size)
     return np.argsort(rank[node], kind="stable")
 
 
 def _trial(graph: csr_matrix, spec: Literal["MMD_AT_PLUS_A", "NATURAL"]) -> SuperLU:
-    """Factor of a positive definite matrix with the pattern of `graph`."""
+    """Factorise a positive definite matrix with the pattern of `graph`."""
     laplacian = csc_matrix((-np.ones(graph.nnz), graph.indices, graph.indptr), shape=graph.shape)
     laplacian.setdiag(np.diff(graph.indptr) + 1.0)
     return splu(laplacian, permc_spec=spec, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
 def cholmod(A: csr_matrix, places: Array | None) -> BackSubstitution:
-    """Supernodal Cholesky by CHOLMOD, ordered by approximate minimum degree or, where it is large, by dissection."""
+    """Factorise by CHOLMOD's supernodal Cholesky, ordered by approximate minimum degree or, where large, by dissection.
+
+    `places` of None means minimum degree. Raises `FactorError`.
+    """
     from cvxopt import cholmod as library
     from cvxopt import matrix, spmatrix
 
@@ -117,7 +127,7 @@ def cholmod(A: csr_matrix, places: Array | None) -> BackSubstitution:
 
 
 def pardiso(A: csr_matrix, places: Array | None) -> BackSubstitution:
-    """Cholesky by MKL's Pardiso, ordered by METIS."""
+    """Factorise by the Cholesky of MKL's Pardiso, ordered by METIS. Raises `FactorError`."""
     from pypardiso import PyPardisoSolver
     from pypardiso.pardiso_wrapper import PyPardisoError
 

@@ -1,7 +1,7 @@
 """Factorisation of symmetric positive definite matrices, and the contract of every solver here.
 
-Whatever solves A x = b computes ‖Ax − b‖ afterwards and raises `FactorError` where it exceeds `RESIDUAL` of
-‖A‖‖x‖ + ‖b‖: no answer is passed on that is not one.
+Every solver of A x = b computes ‖Ax − b‖ afterwards and raises `FactorError` where it exceeds `RESIDUAL` of
+‖A‖‖x‖ + ‖b‖: no inaccurate answer is passed on.
 """
 
 from collections.abc import Callable
@@ -31,10 +31,7 @@ class Factor:
     back_substitute: Callable[[Array], Array]
 
     def solve(self, b: Array, guess: Callable[[], Array] | None = None) -> Array:
-        """A⁻¹ b for b of shape `(n,)` or `(n, k)`; `FactorError` when the residual exceeds its bound.
-
-        A direct solver has no use for a `guess`.
-        """
+        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; raise `FactorError` when the residual exceeds its bound."""
         x = self.back_substitute(b)
         check_residual(self.A, self.norm, x, b)
         return x
@@ -69,7 +66,7 @@ def check_residual(A: csr_matrix, norm: float, x: Array, b: Array) -> None:
 
 
 def checked_norm(A: csr_matrix) -> float:
-    """‖A‖ (the largest row sum) of a square symmetric matrix with a positive diagonal. Raises `FactorError`."""
+    """Return ‖A‖ (the largest row sum) of a square symmetric matrix with a positive diagonal. Raises `FactorError`."""
     if A.shape[0] != A.shape[1]:
         raise FactorError(f"the matrix has shape {A.shape}; only a square one can be factorised")
     norm = float(np.max(abs(A) @ np.ones(A.shape[0]), initial=0.0))
@@ -83,8 +80,9 @@ def checked_norm(A: csr_matrix) -> float:
 
 
 def _check_definite(factor: Factor) -> None:
-    """Inverse iteration from three starts: the eigenvalue next to zero must be positive and not lost in
-    round-off.
+    """Refuse a matrix whose eigenvalue next to zero is not positive or is lost in round-off.
+
+    The eigenvalue is found by inverse iteration from three starts.
     """
     # SuperLU can give up its pivots only as a second copy of the whole factor, so their signs are not read.
     x = np.random.default_rng(0).standard_normal((factor.A.shape[0], 3))

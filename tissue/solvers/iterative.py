@@ -1,8 +1,8 @@
-"""Conjugate gradients, several right-hand sides side by side, preconditioned by multigrid or by the diagonal.
+"""Conjugate gradients for several right-hand sides at a time, preconditioned by multigrid or by the diagonal.
 
 The columns of Yᵀ are solved for together because one pass over the matrix then serves them all. The preconditioner is
 in single precision and so is not quite the same map at every call: the direction is conjugated by Polak and Ribière's
-formula, which forgives that (Golub and Ye, SIAM J. Sci. Comput. 21, 1999).
+formula, which tolerates that (Golub and Ye, SIAM J. Sci. Comput. 21, 1999).
 """
 
 from collections.abc import Callable
@@ -26,30 +26,30 @@ COLUMNS = 10  # solved side by side: more take memory and no less time
 
 @dataclass(frozen=True)
 class ConjugateGradients:
-    """A symmetric positive definite matrix `A` `(n, n)`, solved for anew each time. Made by `conjugate_gradients`."""
+    """A symmetric positive definite matrix `A` `(n, n)`, solved by iteration for each right-hand side.
+
+    Made by `conjugate_gradients`.
+    """
 
     A: csr_matrix
     norm: float
     preconditioner: Preconditioner
 
     def solve(self, b: Array, guess: Callable[[], Array] | None = None) -> Array:
-        """A⁻¹ b for b of shape `(n,)` or `(n, k)`, beginning at a guess or at zero.
-
-        Raises `FactorError` where the iteration ends short of its tolerance, or the residual exceeds its bound.
-        """
+        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`, from `guess`; None means from zero."""
         if b.ndim == 2:
             parts = [b[:, k : k + COLUMNS] for k in range(0, b.shape[1], COLUMNS)]
             return np.hstack([np.empty((len(b), 0)), *(self.solve_together(part) for part in parts)])
         return self.solve_together(b, None if guess is None else guess())
 
     def solve_together(self, b: Array, guess: Array | None = None) -> Array:
-        """The same for columns that fit into memory side by side."""
+        """Return A⁻¹ b for columns that fit into memory together."""
         x, _ = self.iterate(np.ascontiguousarray(b), guess)
         check_residual(self.A, self.norm, x, b)
         return x
 
     def iterate(self, b: Array, guess: Array | None = None) -> tuple[Array, int]:
-        """The solution, and the iterations it took. Raises `FactorError`."""
+        """Return the solution, and the number of iterations. Raises `FactorError` where they have not converged."""
         x, r = (np.zeros_like(b), b.copy()) if guess is None else (guess.copy(), b - self.A @ guess)
         goal = TOLERANCE * np.linalg.norm(b, axis=0)
         p = before = np.zeros_like(b)
@@ -76,8 +76,10 @@ class ConjugateGradients:
 
 
 def conjugate_gradients(A: csr_matrix, places: Array | None = None) -> ConjugateGradients:
-    """Conjugate gradients for a stiffness matrix over nodes at `places` `(n, 3)` of its unknowns, by multigrid; without
-    places, for a mass matrix, by its diagonal. Raises `FactorError` where A is not symmetric.
+    """Return conjugate gradients for a stiffness matrix over nodes at `places` `(n, 3)` of its unknowns, by multigrid.
+
+    Without `places`, for a mass matrix, the preconditioner is the diagonal. Raises `FactorError` where A is not
+    symmetric.
     """
     A = csr_matrix(A)
     norm = checked_norm(A)
@@ -88,10 +90,10 @@ def conjugate_gradients(A: csr_matrix, places: Array | None = None) -> Conjugate
 
 
 def _dot(a: Array, b: Array) -> Array:
-    """Column by column."""
+    """Return the scalar products column by column."""
     return np.asarray(np.einsum("i...,i...->...", a, b), dtype=float)
 
 
 def _ratio(a: Array, b: Array) -> Array:
-    """Quotient; zero where there is nothing left of a column."""
+    """Return the quotient; zero where there is nothing left of a column."""
     return np.divide(a, b, out=np.zeros_like(a), where=b > 0.0)

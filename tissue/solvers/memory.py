@@ -7,7 +7,10 @@ UNKNOWN = float("inf")
 
 
 def free_memory(proc: Path = Path("/proc/meminfo"), group: Path = Path("/sys/fs/cgroup")) -> float:
-    """Bytes that can be had without swapping, within a container's limit; infinite where the system does not say."""
+    """Return the bytes that can be had without swapping, within a container's limit.
+
+    The result is infinite where the system does not say.
+    """
     return min(_available(proc), _allowed(group))
 
 

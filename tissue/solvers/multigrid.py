@@ -46,7 +46,7 @@ class Multigrid:
     coarsest: Single
 
     def __call__(self, residual: Array) -> Array:
-        """B r for r of shape `(n,)` or `(n, k)`."""
+        """Return B r for r of shape `(n,)` or `(n, k)`."""
         return self._cycle(0, residual.astype(np.float32)).astype(float)
 
     @property
@@ -67,12 +67,15 @@ class Multigrid:
 
 
 def is_by_nodes(places: Array) -> bool:
-    """Whether unknowns at `places` `(n, 3)` are three a node, one after the other; not so on rollers."""
+    """Return whether unknowns at `places` `(n, 3)` are three a node, one after the other; not so on rollers."""
     return len(places) % 3 == 0 and all(np.array_equal(places[::3], places[i::3]) for i in (1, 2))
 
 
 def rigid_motions(places: Array) -> Array:
-    """Three translations and three rotations of nodes with three unknowns each, shape `(n, 6)`, of size one."""
+    """Return three translations and three rotations of nodes with three unknowns each, shape `(n, 6)`, of size one.
+
+    Raises `FactorError` for unknowns that are not three a node.
+    """
     nodes = places[::3]
     if not is_by_nodes(places):
         raise FactorError("multigrid needs three unknowns a node, one after the other; take another solver")
@@ -86,7 +89,7 @@ def rigid_motions(places: Array) -> Array:
 
 
 def multigrid(A: csr_matrix, places: Array) -> Multigrid:
-    """The V-cycle for a stiffness matrix over nodes at `places` `(n, 3)` of its unknowns."""
+    """Return the V-cycle for a stiffness matrix over nodes at `places` `(n, 3)` of its unknowns."""
     from pyamg import smoothed_aggregation_solver
 
     with _same_numbers():
@@ -113,7 +116,11 @@ def multigrid(A: csr_matrix, places: Array) -> Multigrid:
 
 @contextmanager
 def _same_numbers() -> Iterator[None]:
-    """PyAMG guesses eigenvalues from numpy's global random numbers: the same ones each time, and no one else's."""
+    """Seed numpy's global random numbers and restore them afterwards.
+
+    PyAMG estimates eigenvalues from them: so the estimates are the same each time, and nobody else's numbers
+    change.
+    """
     before = np.random.get_state()
     np.random.seed(0)
     try:
@@ -129,7 +136,7 @@ def _level(A: csr_matrix, P: csr_matrix) -> Level:
 
 
 def _highest(A: csr_matrix, scaling: Single) -> float:
-    """Highest eigenvalue of D⁻¹A by Lanczos' method from a fixed start."""
+    """Return the highest eigenvalue of D⁻¹A by Lanczos' method from a fixed start."""
     half = np.sqrt(scaling.astype(float))
     v = np.random.default_rng(0).standard_normal(A.shape[0])
     v /= np.linalg.norm(v)
@@ -147,7 +154,9 @@ def _highest(A: csr_matrix, scaling: Single) -> float:
 
 
 def _smoothed(level: Level, b: Single, x: Single | None) -> Single:
-    """Chebyshev iteration on the upper part of the spectrum of D⁻¹A (Saad, Iterative Methods, alg. 12.1)."""
+    """Return x after Chebyshev iteration on the upper part of the spectrum of D⁻¹A (Saad, Iterative Methods,
+    alg. 12.1).
+    """
     theta = np.float32(0.5 * level.highest * (1.0 + 1.0 / SMOOTHED_RANGE))
     delta = np.float32(0.5 * level.highest * (1.0 - 1.0 / SMOOTHED_RANGE))
     sigma = theta / delta
@@ -165,5 +174,5 @@ def _smoothed(level: Level, b: Single, x: Single | None) -> Single:
 
 
 def _scaled(level: Level, r: Single) -> Single:
-    """D⁻¹ r, column by column."""
+    """Return D⁻¹ r, column by column."""
     return np.asarray((level.scaling * r.T).T)

@@ -38,8 +38,8 @@ class _Cut:
 
 
 def node_graph(A: csr_matrix, places: Array) -> tuple[csr_matrix, Array, Indices]:
-    """What the matrix joins: a graph `(m, m)` of the places that differ, those places `(m, 3)`, and the node of every
-    unknown `(n,)`.
+    """Return the graph `(m, m)` of the places that the matrix joins, those places `(m, 3)`, and the node of
+    every unknown `(n,)`.
     """
     _, first, node = np.unique(places, axis=0, return_index=True, return_inverse=True)
     node = node.ravel().astype(np.intp)
@@ -73,7 +73,9 @@ def _dissect(
 
 
 def _cuts(graph: csr_matrix, places: Array, nodes: Indices) -> Iterator[_Cut]:
-    """Of each axis the cuts with the fewest nodes in the separator, taken from the one side or the other."""
+    """Return, of each axis, the cuts with the fewest nodes in the separator, which is taken from one side or
+    the other.
+    """
     part, rank = graph[nodes], np.full(graph.shape[0], OUTSIDE)
     for axis in range(3):
         rank[nodes[np.argsort(places[nodes, axis], kind="stable")]] = np.arange(nodes.size)
@@ -87,8 +89,9 @@ def _cuts(graph: csr_matrix, places: Array, nodes: Indices) -> Iterator[_Cut]:
 
 
 def _narrowest(first: Indices, last: Indices, size: int) -> int:
-    """The cut with the fewest nodes in its separator, where each is in those from `first` until before `last`; of
-    several the most even.
+    """Return the cut with the fewest nodes in its separator, of several the most even.
+
+    Each node is in the separators of the cuts from `first` until before `last`.
     """
     count = np.cumsum(np.bincount(first, minlength=size + 2) - np.bincount(last, minlength=size + 2))
     low, high = int(LOPSIDED * size), int((1.0 - LOPSIDED) * size) + 1
@@ -97,7 +100,9 @@ def _narrowest(first: Indices, last: Indices, size: int) -> int:
 
 
 def _entries(graph: csr_matrix, order: Indices, pieces: Sequence[Indices], children: Sequence[tuple[int, ...]]) -> int:
-    """Entries of the factor: a piece is joined with itself and with all later nodes that its subtree touches."""
+    """Return the entries of the factor: each piece is joined with itself and with all later nodes that its
+    subtree touches.
+    """
     rank = np.empty(order.size, np.intp)
     rank[order] = np.arange(order.size)
     borders: list[Indices] = []

@@ -1,0 +1,182 @@
+"""The reference of the scenario file, made from its schema: a table of keys for each table of the file.
+
+``python -m studies.scenario.reference`` writes the tables, the complete scenario and the list of scenes into
+``README.md`` anew. To add a key, add its field with a description and its unit in brackets; nothing is written here.
+"""
+
+import re
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from studies.manual import with_blocks
+from studies.scenario.refusal import as_toml
+from studies.scenario.scenario import schema
+from studies.scenario.toml import SCENES, scenes
+
+Node = Mapping[str, Any]  # of a JSON schema
+
+MANUAL = Path(__file__).with_name("README.md")
+COMPLETE = "two_piercings"  # the scene that the manual prints whole
+UNIT = re.compile(r" ?\[(-|m|s|rad|kg|N|Pa|1/s|m/s²|kg/m³)\]")
+DEFAULT = re.compile(r"[;,] default:? (?!with )([^;]+)")
+TYPES = {"string": "text", "integer": "whole number", "number": "number", "boolean": "true or false", "object": "table"}
+BOUNDS = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
+
+
+@dataclass(frozen=True)
+class Key:
+    """Hold a key of the scenario file in the words of the manual; `kinds` of a table that have it, empty for all."""
+
+    name: str
+    type: str
+    unit: str
+    default: str
+    allowed: str
+    meaning: str
+    kinds: tuple[str, ...] = ()
+
+    @property
+    def line(self) -> str:
+        """Write the row of the key in Markdown."""
+        meaning = f"{', '.join(self.kinds)}: {self.meaning}" if self.kinds else self.meaning
+        return f"| `{self.name}` | {self.type} | {self.unit} | {self.default} | {self.allowed} | {meaning} |"
+
+
+def reference() -> dict[str, str]:
+    """Make the tables of keys in Markdown, by the name of the file's table; "scenario" is the top of the file."""
+    whole = schema()
+    return {name: markdown(table_keys(name, tables, whole)) for name, tables in key_tables(whole)}
+
+
+def markdown(keys: Iterable[Key]) -> str:
+    """Make a table of keys in Markdown."""
+    head = ["| key | type | unit | default | allowed | meaning |", "|---|---|---|---|---|---|"]
+    return "\n".join([*head, *(key.line for key in keys)]) + "\n"
+
+
+def key_tables(whole: Node) -> list[tuple[str, list[Node]]]:
+    """List the tables of the file with their schemas, one for each kind, each before those that it holds."""
+    return [("scenario", [whole]), *tables_below("", whole, whole)]
+
+
+def tables_below(name: str, table: Node, whole: Node) -> Iterator[tuple[str, list[Node]]]:
+    """List the tables that a table holds, by their full names, as `key_tables`."""
+    for key, field in table["properties"].items():
+        inner = list(inner_tables(field, whole))
+        if inner:
+            yield f"{name}{key}", inner
+        for kind in inner:
+            yield from tables_below(f"{name}{key}.", kind, whole)
+
+
+def inner_tables(field: Node, whole: Node) -> Iterator[Node]:
+    """Find the schemas of the tables that a key holds, one for each kind of them."""
+    if "$ref" in field:
+        yield whole["$defs"][field["$ref"].rpartition("/")[2]]
+    for part in (*field.get("anyOf", ()), *field.get("oneOf", ()), *([field["items"]] if "items" in field else ())):
+        yield from inner_tables(part, whole)
+
+
+def table_keys(name: str, tables: list[Node], whole: Node) -> list[Key]:
+    """List the keys of a table, those of all its kinds once, each with the kinds that have it."""
+    owners: dict[Key, list[str]] = {}
+    for table in tables:
+        kind = table["properties"].get("kind", {}).get("const", "")
+        for key, field in table["properties"].items():
+            full = key if name == "scenario" else f"{name}.{key}"
+            owners.setdefault(key_of(full, field, key in table.get("required", ()), whole), []).append(kind)
+    kinds = [key for key in owners if key.name.endswith(".kind") and len(tables) > 1]
+    rest = [
+        replace(key, kinds=() if len(owner) == len(tables) else tuple(owner))
+        for key, owner in owners.items()
+        if key not in kinds
+    ]
+    return [*([merged_kind(kinds)] if kinds else []), *rest]
+
+
+def merged_kind(kinds: list[Key]) -> Key:
+    """Make the one key that chooses between the kinds of a table."""
+    return replace(kinds[0], allowed=", ".join(key.allowed for key in kinds), meaning="what the table describes")
+
+
+def key_of(name: str, field: Node, required: bool, whole: Node) -> Key:
+    """Describe a key by its schema: the description gives the unit, and the default where that is known only later."""
+    text = field.get("description", "")
+    units, told = UNIT.findall(text), DEFAULT.search(text)
+    if told and field.get("default") is None:
+        text = text.replace(told[0], "")
+    default = "required" if required else default_of(field, told[1] if told else "none", whole)
+    meaning = UNIT.sub("", text) if len(units) == 1 else text
+    return Key(name, type_of(field, whole), ", ".join(units), cell(default), cell(allowed_in(field)), cell(meaning))
+
+
+def cell(text: str) -> str:
+    """Keep a bar in a text from ending its cell."""
+    return text.replace("|", "\\|")
+
+
+def default_of(field: Node, told: str, whole: Node) -> str:
+    """Write the default of a key in TOML; `told` in words where the schema has none; nothing for a table."""
+    value = field.get("default")
+    if value is None:
+        return UNIT.sub("", told)
+    if isinstance(value, Mapping):
+        return f"`{as_toml({'kind': value['kind']})}`" if "kind" in value and len(value) <= 3 else "that of its keys"
+    return f"`{as_toml(value)}`"
+
+
+def type_of(field: Node, whole: Node) -> str:
+    """Name the type of a key's value."""
+    if any(True for _ in inner_tables(field, whole)):
+        return "list of tables" if field.get("type") == "array" else "table"
+    if "anyOf" in field:
+        return " or ".join(dict.fromkeys(type_of(part, whole) for part in field["anyOf"] if part.get("type") != "null"))
+    if "const" in field or "enum" in field:
+        return "text"
+    if field["type"] != "array":
+        return TYPES[field["type"]]
+    parts = field.get("prefixItems")
+    inner = type_of(field["items"] if parts is None else parts[0], whole)
+    several = f"rows of {inner}" if inner[0].isdigit() else f"{inner}s"
+    if parts is not None:
+        return f"{len(parts)} {several}"
+    return several if inner[0].isdigit() else f"list of {several}"
+
+
+def allowed_in(field: Node) -> str:
+    """Write what values a key may have beyond their type."""
+    if "anyOf" in field:
+        return ", ".join(filter(None, map(allowed_in, field["anyOf"])))
+    if "const" in field or "enum" in field:
+        return ", ".join(f"`{as_toml(word)}`" for word in field.get("enum", [field.get("const")]))
+    bounds = [f"{sign} {field[word]:g}" for word, sign in BOUNDS.items() if word in field]
+    if field.get("type") == "array":
+        least = field.get("minItems", 0) if "items" in field else 0
+        inner = allowed_in(field["items"] if "items" in field else field["prefixItems"][0])
+        bounds = ([f"{least} or more"] if least else []) + ([f"each {inner}"] if inner else [])
+    return ", ".join(bounds)
+
+
+def scene_list() -> str:
+    """List the shipped scenes in Markdown, each with its title."""
+    titles = {name: tomllib.loads(scene_text(name))["title"] for name in scenes()}
+    return "".join(f"* [`{name}`](scenes/{name}.toml): {title}\n" for name, title in titles.items())
+
+
+def scene_text(name: str) -> str:
+    """Read a shipped scene."""
+    return (SCENES / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def rewritten(manual: str) -> str:
+    """Return the manual with its tables of keys, its scenario and its list of scenes made anew."""
+    manual = with_blocks(manual, "keys of", reference())
+    manual = with_blocks(manual, "scene", {COMPLETE: f"\n```toml\n{scene_text(COMPLETE)}```\n\n"})
+    return with_blocks(manual, "list of", {"scenes": scene_list()})
+
+
+if __name__ == "__main__":
+    MANUAL.write_text(rewritten(MANUAL.read_text(encoding="utf-8")), encoding="utf-8")
