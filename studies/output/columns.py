@@ -108,7 +108,13 @@ HOLE: tuple[Column[PiercingRecord], ...] = (
     PLACE,
     vector("displacement", "m", "of the hole from its place in the reference shape", lambda hole: hole.displacement),
     vector("force", "N", "of the hole on the thread", lambda hole: hole.force),
-    Column("normal_force", "N", "magnitude of the part of `force` across the thread", lambda hole: hole.normal_force),
+    Column(
+        "normal_force",
+        "N",
+        "force that presses the thread on the hole, across the thread: of `force` alone, or the sum over the two ends of "
+        "a channel, which take the couple too",
+        lambda hole: hole.normal_force,
+    ),
     Column(
         "tangential_force",
         "N",
