@@ -111,8 +111,8 @@ HOLE: tuple[Column[PiercingRecord], ...] = (
     Column(
         "normal_force",
         "N",
-        "force that presses the thread on the hole, across the thread: of `force` alone, or the sum over the two ends of "
-        "a channel, which take the couple too",
+        "force that presses the thread on the hole, across the thread: of `force` alone, or the sum over the two ends "
+        "of a channel, which take the couple too",
         lambda hole: hole.normal_force,
     ),
     Column(
