@@ -23,6 +23,7 @@ conjugate to a, w = −c₀ τ (λ − τâ)/|a|.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,10 +52,15 @@ class Passage:
     c: Array
     directed: NDArray[np.bool_]
 
-    @property
+    @cached_property
     def bare(self) -> bool:
         """Whether the spline lacks nothing."""
         return not self.c.any()
+
+    @cached_property
+    def _split(self) -> list[tuple[Array, Array, "Parts"]]:
+        """What `parts` made last: a residual and its tangent ask a dozen times for the same."""
+        return []
 
 
 LOCAL = np.arange(4)
@@ -94,12 +100,17 @@ class Parts:
 
 
 def parts(thread: Passage, lam: Array, y: Array) -> Parts:
-    """Split the force of each hole into its parts along and across the axis."""
+    """Split the force of each hole into its parts along and across the axis, remembered for the arrays asked last."""
+    for known_lam, known_y, known in thread._split:
+        if known_lam is lam and known_y is y:
+            return known
     a = np.where(thread.directed[:, None], cross(y[:, 3:6], y[:, 6:]), thread.T)
     size = np.linalg.norm(a, axis=1)
     unit = a / size[:, None]
     along = dot(lam[:, :3], unit)
-    return Parts(unit, size, along, lam[:, :3] - along[:, None] * unit)
+    part = Parts(unit, size, along, lam[:, :3] - along[:, None] * unit)
+    thread._split[:] = [(lam, y, part)]
+    return part
 
 
 def axis_force(thread: Passage, part: Parts, derivative: int = 0) -> Array:
