@@ -156,8 +156,9 @@ def test_the_reference_is_where_coefficients_say() -> None:
 
 
 def test_order_two_on_a_coupled_problem() -> None:
-    """Independent check (theory): thread, organ, abscissae and multipliers converge with Δt²."""
-    for name, order in orders(stepping.bdf2_step, [equal(n) for n in (200, 400, 800)]).items():
+    """Independent check (theory): thread, organ, abscissae and multipliers converge with Δt²; the rate of the abscissae
+    comes to its order late (1.84 from 200, 1.93 from 400 steps on)."""
+    for name, order in orders(stepping.bdf2_step, [equal(n) for n in (400, 800, 1600)]).items():
         assert abs(order - 2.0) <= ORDER, (name, order)
 
 
