@@ -116,9 +116,10 @@ def broken_cones(system: System[Body], law: Law, state: State[Body], at: Passage
     return cone_residual(law, state.sigma, at, state.s, state.lam, state.y)
 
 
-def largest_gap(system: System[Body], state: State[Body], at: Passage) -> float:
+def largest_gap(system: System[Body], state: State[Body], at: Passage | None = None) -> float:
     """Return the largest |P(s) − x| of the drawn curve over the holes the thread is in [m]: what the spline lacks in
     compliance there, and the residual."""
+    at = at or system.passage(state.q, state.s)
     return largest_at_holes(system, state, at.P - state.y[:, :3])
 
 

@@ -348,7 +348,7 @@ def test_without_the_direction_terms_the_sleeve_holds_nothing(monkeypatch: pytes
     T_only = lambda thread, lam, y: np.einsum("mi,mi->m", lam[:, :3], thread.T)  # noqa: E731
     whole = coupling.sliding.phi_s
     monkeypatch.setattr(coupling.sliding, "driving_force", T_only)
-    monkeypatch.setattr(coupling.sliding, "moment_arm", lambda lam, y: np.zeros((len(lam), 3)))
+    monkeypatch.setattr(coupling.sliding, "force_on_tangent", lambda lam, y: np.zeros((len(lam), 3)))
     monkeypatch.setattr(coupling.sliding, "held_energy", lambda *at: np.zeros(1))
     monkeypatch.setattr(Thread, "missing_compliance", lambda thread, s, home=None: np.zeros((len(s), 3, 3)))
     monkeypatch.setattr(coupling.sliding, "phi_s", lambda *at: whole(*at) * [1.0, 1.0, 1.0, 0.0, 0.0])

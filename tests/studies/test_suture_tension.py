@@ -8,8 +8,9 @@ import pytest
 
 from coupling.errors import InversionError
 from studies.figure import render_figure
+from studies.simulation import Simulation
 from studies.study import StudyError
-from studies.suture_tension import case, findings, study
+from studies.suture_tension import case, findings
 from studies.suture_tension.case import POISSON, REFERENCE, SIZE, Row
 from studies.suture_tension.findings import limits, rows_of_sweep
 from studies.suture_tension.runs import run
@@ -170,14 +171,14 @@ def test_tissues_leave_the_linear_range_long_before_clinical_tensions() -> None:
 
 def test_a_run_that_fails_is_a_row_with_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """The last equilibrium once more, and a remark that names the error."""
-    going = study.Simulation.next
+    going = Simulation.next
 
-    def failing(self, now, number):  # type: ignore[no-untyped-def]
-        if number == 2:
+    def failing(self, now):  # type: ignore[no-untyped-def]
+        if now.number == 1:
             raise InversionError(0.5, "exit")
-        return going(self, now, number)
+        return going(self, now)
 
-    monkeypatch.setattr(study.Simulation, "next", failing)
+    monkeypatch.setattr(Simulation, "next", failing)
     first, last = run(replace(REFERENCE, sweep="direction", name="free", refinement=1.0))
     assert not first.failed and last.failed.startswith("InversionError: ")
     assert replace(last, failed="") == first and last.load == 0.25 * REFERENCE.tension
@@ -206,14 +207,14 @@ def test_what_is_not_supported_is_said() -> None:
 
 
 def test_a_thread_that_leaves_a_hole_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    going = study.Simulation.next
+    going = Simulation.next
 
-    def leaving(self, now, number):  # type: ignore[no-untyped-def]
-        then, taken, events = going(self, now, number)
+    def leaving(self, now):  # type: ignore[no-untyped-def]
+        then = going(self, now)
         gone = replace(then, state=replace(then.state, present=np.array([False, True])))
-        return (gone if number == 2 else then), taken, events
+        return gone if then.number == 2 else then
 
-    monkeypatch.setattr(study.Simulation, "next", leaving)
+    monkeypatch.setattr(Simulation, "next", leaving)
     first, last = run(replace(REFERENCE, sweep="direction", name="free", refinement=1.0))
     assert replace(last, failed="") == first and last.failed.startswith("left its hole")
 
