@@ -282,7 +282,7 @@ class Hands:
     @property
     def organ(self) -> tissue.QuasiStaticOrgan:
         """The sheet."""
-        organ = self.assembly.system.organ
+        organ = self.assembly.organ
         assert isinstance(organ, tissue.QuasiStaticOrgan) and organ.gaps is not None
         return organ
 
@@ -534,7 +534,7 @@ def sentence(c: Comparison) -> str:
     return (
         f"{c.source.name}: Et = {c.fitted:.0f} N/m, fitted to {first} mm, predicts {c.predicted_force:.2f} N for "
         f"{c.row.name} mm, {100.0 * c.edges:+.1f} % of it by the edges of the sheet; published are {c.published:g} N "
-        f"({off:+.0f} %)"
+        f"({round(off):+d} %)"
     )
 
 
