@@ -24,7 +24,7 @@ class PiercingObservation:
     `displacement`, `tangent` (unit), `u`, `v` (3,); `force` (3,) [N] of the hole on the thread, `tangential_force` λ·t
     [N], `normal_force` [N] that of the law of sliding (`coupling.sliding.normal_force`), with the couple's share where
     the hole has a `channel` [m], None where it has none; `couple` (3,) [N m] of the direction constraint on the thread;
-    `tension_before`, `tension_after` [N] of the strands at lower and higher s (`axial_force`); `state`: "stick",
+    `tension_before`, `tension_after` [N] of the strands at lower and higher s (`axial_forces`); `state`: "stick",
     "slip", "anchored" or "left"; `cone_residual` [N], by how much the force along the thread breaks Coulomb's law
     (`coupling.sliding.cone_residual`; what accelerates an abscissa with ε counts as well).
     """

@@ -10,6 +10,7 @@ its audit and the events in it; the piercings that begin or end with it.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Generic
 
 import numpy as np
@@ -23,6 +24,7 @@ from coupling.equilibrium import load_step
 from coupling.events import Event, find_events
 from coupling.impact import begin_piercing
 from coupling.interfaces import Body
+from coupling.observation import PiercingObservation, observe
 from coupling.stepping import HALVINGS, Step, Take, advance, release, try_step
 from coupling.system import State, System
 
@@ -36,10 +38,10 @@ class Run(Generic[Body]):
 
     `system` is the one whose knots the thread has; `s_begun` (holds,) [m] the abscissae that slip is measured from,
     where each piercing began; `number`, the steps made; `take`, how one is made, and `halvings`, how often one that
-    fails is halved; `resolution`, how the knots follow
-    the thread, None where they do not; `given` (p,) [m], the abscissae of piercings that begin, NaN where the thread's
-    nearest place is taken. `fresh` is a thread under no tension yet that knots could go by. Of the last step: the
-    steps `taken` (several where it was halved), the `events`, and the thread's `configuration` at its end.
+    fails is halved; `resolution`, how the knots follow the thread, None where they do not; `given` (p,) [m], the
+    abscissae of piercings that begin, NaN where the thread's nearest place is taken. `fresh` is a thread under no
+    tension yet that knots could go by. Of the last step: the steps `taken` (several where it was halved), the `events`,
+    and the thread's `configuration` at its end.
     """
 
     system: System[Body]
@@ -56,10 +58,10 @@ class Run(Generic[Body]):
     taken: tuple[Step[Body], ...] = ()
     events: tuple[Event, ...] = ()
 
-    @property
-    def first(self) -> State[Body]:
-        """A state at the abscissae that slip is measured from."""
-        return replace(self.state, s=self.s_begun)
+    @cached_property
+    def piercings(self) -> tuple[PiercingObservation, ...]:
+        """All piercings as they are now, slip measured from where each began."""
+        return observe(self.system, replace(self.state, s=self.s_begun), self.state, self.configuration)
 
     @property
     def iterations(self) -> int:

@@ -21,6 +21,7 @@ from coupling.interfaces import Answer, Body
 from coupling.newton import Iterate, Problem, Solution, solve
 from coupling.sliding import law_of
 from coupling.system import State, System, forgetful
+from thread.vectors import cross, dot
 
 HALVINGS = 8  # a step is given up below dt / 2^8
 
@@ -215,9 +216,7 @@ def refuse_inversion(system: System[Body], old: State[Body], new: State[Body], a
 
 def sense(at: Passage, y: Array) -> Array:
     """Return the sign of T·(u × v) of every hold, shape `(m,)`: +1 where the thread leaves along the frame's normal."""
-    u, v, T = y[:, 3:6], y[:, 6:], at.T
-    normal = u[:, [1, 2, 0]] * v[:, [2, 0, 1]] - u[:, [2, 0, 1]] * v[:, [1, 2, 0]]
-    return np.sign(np.einsum("mi,mi->m", T, normal))
+    return np.sign(dot(at.T, cross(y[:, 3:6], y[:, 6:])))
 
 
 def emptied_holds(system: System[Body], old: State[Body], new: State[Body]) -> Flags:

@@ -20,7 +20,6 @@ from scipy.optimize import brentq
 
 import tissue
 from coupling.laying import start
-from coupling.observation import observe
 from coupling.paper.two_pass import two_pass
 from coupling.run import begin
 from coupling.system import Friction, Piercing, State, System
@@ -133,7 +132,7 @@ def pull_at_slip(mu: float, half: float, hold: float) -> tuple[float, bool]:
     pulls, margins = (hold, 1.01 * hold), []
     for pull in pulls:
         run = begin(*rod(mu, half, pull, hold)).step(DT)
-        seen = observe(run.system, run.first, run.state, run.configuration)[0]
+        seen = run.piercings[0]
         margins.append(abs(seen.tangential_force) - mu * seen.normal_force)
     pull = pulls[0] - margins[0] * (pulls[1] - pulls[0]) / (margins[1] - margins[0])
     return pull, slips(mu, half, (1 + TINY) * pull, hold) and not slips(mu, half, (1 - TINY) * pull, hold)

@@ -7,7 +7,7 @@ import numpy as np
 
 from coupling.adaptivity import span_ratio
 from coupling.contact import ContactObservation, observe_contact
-from coupling.observation import largest_gap, largest_residual, observe
+from coupling.observation import largest_gap, largest_residual
 from coupling.system import State, System
 from studies.arrays import Array
 from studies.output.records import ContactRecord, StepRecord, ThreadRecord
@@ -25,7 +25,7 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
     return StepRecord(
         time=state.time,
         step=now.number,
-        piercings=observe(system, now.first, state, now.configuration),
+        piercings=now.piercings,
         energy=now.energies,
         newton_iterations=now.iterations,
         constraint_max=max(largest_gap(*end) for end in ends),
@@ -70,8 +70,7 @@ def lip_fields(system: System, state: State, nodes: int) -> tuple[Array, Array] 
         return None, None
     organ: Any = system.organ
     pressure, gap = np.zeros(nodes), np.full(nodes, np.nan)
-    for side in organ.gaps.nodes.T:
-        pressure[side], gap[side] = pressures(system, lips), lips.gap
+    pressure[organ.gaps.nodes], gap[organ.gaps.nodes] = pressures(system, lips)[:, None], lips.gap[:, None]
     return pressure, gap
 
 
@@ -81,10 +80,10 @@ def end_torques(state: State) -> tuple[float, float]:
     return float(start), float(end)
 
 
-def thread_record(system: System, state: State) -> ThreadRecord:
+def thread_record(now: OrganRun) -> ThreadRecord:
     """Return the thread sampled evenly on each span; tension is interpolated between the Gauss points, where it is
     best."""
-    thread, spline = system.thread, system.thread.spline
+    state, thread, spline = now.state, now.system.thread, now.system.thread.spline
     breaks, ends = spline.breaks, np.searchsorted(spline.breaks, spline.piece_ends)
     inner = np.arange(SAMPLES) / SAMPLES
     inside = (breaks[:-1, None] + np.diff(breaks)[:, None] * inner).ravel()
@@ -93,7 +92,7 @@ def thread_record(system: System, state: State) -> ThreadRecord:
     home = np.repeat(spline.piece_ends[:-1], pieces)
     P, T, K, _ = spline.curve(state.q[:, :3], s, home).swapaxes(0, 1)
     speed = np.linalg.norm(T, axis=1)
-    strain = thread.points(state.q, state.frame).strain.ravel()
+    strain = now.configuration.points.strain.ravel()
     tension = thread.EA * strain * np.sqrt(1.0 + 2.0 * strain)
     return ThreadRecord(
         points=P,

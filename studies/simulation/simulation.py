@@ -13,7 +13,6 @@ import tissue
 from coupling import stepping
 from coupling.diagnosis import faults
 from coupling.errors import StepError
-from coupling.observation import observe
 from coupling.paper.linear_step import linear_step, linear_two_pass
 from coupling.paper.staggered import backward_euler, stagger
 from coupling.paper.two_pass import two_pass
@@ -107,9 +106,7 @@ class Simulation:
 
     def snapshot(self, now: OrganRun) -> Snapshot:
         """Return what is drawn of a state."""
-        system, state = now.system, now.state
-        piercings = observe(system, now.first, state, now.configuration)
-        return Snapshot(state.time, thread_record(system, state), piercings, self.organ_record(state))
+        return Snapshot(now.state.time, thread_record(now), now.piercings, self.organ_record(now.state))
 
     def organ_record(self, state: State) -> OrganRecord | None:
         """Return the displacement and stress of the organ, None without one."""
