@@ -26,7 +26,8 @@ class PiercingObservation:
     the hole has a `channel` [m], None where it has none; `couple` (3,) [N m] of the direction constraint on the thread;
     `tension_before`, `tension_after` [N] of the strands at lower and higher s (`axial_forces`); `state`: "stick",
     "slip", "anchored" or "left"; `cone_residual` [N], by how much the force along the thread breaks Coulomb's law
-    (`coupling.sliding.cone_residual`; what accelerates an abscissa with ε counts as well).
+    (`coupling.sliding.cone_residual`; what accelerates an abscissa with ε counts as well); `mean_strain` [-] and `turn`
+    [rad] of the tissue, averaged over the footprint (`strains_and_turns`).
     """
 
     name: str
@@ -45,6 +46,8 @@ class PiercingObservation:
     u: Array
     v: Array
     cone_residual: float
+    mean_strain: float = 0.0
+    turn: float = 0.0
     channel: float | None = None
 
 
@@ -69,6 +72,7 @@ def observe(
     normal = normal_force(at, state.lam, state.y, law.per_channel)
     cone = broken_cones(system, law, state, at)
     tensions = axial_forces(system, state, transmitted)
+    strains, turns = strains_and_turns(system.organ.y0, state.y[: len(system.piercings)])
     out = []
     for k, piercing in enumerate(system.piercings):
         force, y = state.lam[k, :3], state.y[k]
@@ -92,10 +96,37 @@ def observe(
                 u=y[3:6],
                 v=y[6:],
                 cone_residual=float(cone[k]),
+                mean_strain=float(strains[k]),
+                turn=float(turns[k]),
                 channel=piercing.friction.channel if piercing.friction else None,
             )
         )
     return tuple(out)
+
+
+def strains_and_turns(y0: Array, y: Array) -> tuple[Array, Array]:
+    """Return the mean strain [-] and the turn [rad] of the tissue at every hole, shape `(p,)` each, from the site
+    variables in the reference shape `y0` (9p,) and now `y` (p, 9).
+
+    u and v change by ⟨∇U⟩ or by −⟨∇U⟩ᵀ, the averages over the footprint (`tissue.sites.site`): either way the strain
+    is the largest principal value, in magnitude, of sym ⟨∇U⟩ across the hole's direction. The turn is the angle of the
+    rotation nearest to what carries the frame (u, v, u × v) from there to here.
+    """
+    before, now = hole_frames(y0.reshape(-1, 9)), hole_frames(y)
+    slope = (now - before)[:, :2] @ before[:, :2].swapaxes(1, 2)
+    strain = np.abs(np.linalg.eigvalsh(0.5 * (slope + slope.swapaxes(1, 2)))).max(axis=1, initial=0.0)
+    left, _, right = np.linalg.svd(now.swapaxes(1, 2) @ before)
+    rotation = left @ right
+    sine = np.linalg.norm(rotation - rotation.swapaxes(1, 2), axis=(1, 2)) / np.sqrt(8.0)
+    return strain, np.arctan2(sine, 0.5 * (np.trace(rotation, axis1=1, axis2=2) - 1.0))
+
+
+def hole_frames(y: Array) -> Array:
+    """Return u, v and the unit vector along u × v of every hole as rows, shape `(p, 3, 3)`."""
+    u, v = y[:, 3:6], y[:, 6:]
+    t = np.cross(u, v)
+    length = np.linalg.norm(t, axis=1, keepdims=True)
+    return np.stack([u, v, t / np.maximum(length, np.finfo(float).tiny)], axis=1)
 
 
 def site_forces(system: System[Body], state: State[Body]) -> Array:

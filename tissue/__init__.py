@@ -11,6 +11,7 @@ from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.sites.site import Site, Sites, build_sites
 from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
+from tissue.strain import cell_strain, energy_share
 from tissue.stress import StressRecovery, interpolation, stress_recovery, von_mises
 from tissue.supports import held_components, holds_still
 
@@ -36,8 +37,10 @@ __all__ = [
     "TissueError",
     "build_gaps",
     "build_sites",
+    "cell_strain",
     "conjugate_gradients",
     "elasticity",
+    "energy_share",
     "factorize",
     "fixed_sites",
     "held_components",

@@ -14,6 +14,7 @@ from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda
 from tissue.errors import TissueError
 from tissue.material import PerCell
 from tissue.sites.surface import outer_surface
+from tissue.strain import cell_edges, shape_gradients
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")  # VTK's order of a symmetric tensor
 
@@ -44,9 +45,10 @@ def stress_recovery(elasticity: Elasticity) -> StressRecovery:
     """Return the recovery of σ = λ tr ε I + 2μ ε: at each cell's nodes, then averaged over a node's cells by volume."""
     cells, m, material = elasticity.cells, len(elasticity.nodes), elasticity.material
     spread = material.lame_lambda if elasticity.pressure is None else cellwise_lambda(material)
-    volume = np.abs(np.linalg.det(_edges(elasticity))) / 6.0
+    volume = np.abs(np.linalg.det(cell_edges(elasticity))) / 6.0
     total = np.bincount(cells.ravel(), np.repeat(volume, cells.shape[1]), minlength=m)
-    slope = _nodal_gradients(elasticity) * (volume[:, None] / total[cells])[:, :, None, None]
+    places = np.asarray(ELEMENTS[elasticity.element]().doflocs)
+    slope = shape_gradients(elasticity, places) * (volume[:, None] / total[cells])[:, :, None, None]
     shape = slope.shape[:3]
     rows, columns = (
         np.broadcast_to(cells[:, :, None], shape).ravel(),
@@ -100,20 +102,3 @@ def _nodal_pressure(elasticity: Elasticity) -> csr_matrix:
 def _column(modulus: PerCell) -> Array:
     """Return a modulus as a column that broadcasts over `(cells, nodes, nodes)`."""
     return np.atleast_1d(np.asarray(modulus, float))[:, None, None]
-
-
-def _nodal_gradients(elasticity: Elasticity) -> Array:
-    """Return ∂φ_n/∂x_j at each node a of each cell, shape `(c, a, n, 3)` [1/m]."""
-    element = ELEMENTS[elasticity.element]()
-    places = np.asarray(element.doflocs).T
-    count = places.shape[1]
-    reference = np.array(
-        [np.broadcast_to(np.reshape(element.lbasis(places, n)[1], (3, -1)), (3, count)) for n in range(count)]
-    )
-    return np.einsum("nka,ckj->canj", reference, np.linalg.inv(_edges(elasticity)), optimize=True)
-
-
-def _edges(elasticity: Elasticity) -> Array:
-    """Return ∂x/∂ξ per cell, shape `(c, 3, 3)` [m]."""
-    corners = elasticity.mesh.p.T[elasticity.mesh.t.T]
-    return np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)

@@ -1,7 +1,8 @@
 """The command line: ``suture run | check | mesh | study | schema | catalogue | bench``.
 
 Exit status: 0 when all is well, 1 for a run that failed, 2 for input that is refused (a sentence for each
-problem on standard error, nothing computed), 130 or 143 for a run that was interrupted by SIGINT or SIGTERM.
+problem on standard error, nothing computed), 3 with ``--strict`` where a remark says that a number is not supported,
+130 or 143 for a run that was interrupted by SIGINT or SIGTERM.
 """
 
 import argparse
@@ -19,10 +20,11 @@ from typing import Any, Protocol
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.command.progress import Progress, StudyProgress
-from studies.command.summary import MILLI, print_summary
+from studies.command.summary import MILLI, print_lines, print_summary, remark_lines
 from studies.output.checkpoint import Arrays, read_checkpoint
-from studies.output.folder import Recorder, can_resume, check_folder, completed_run
-from studies.output.records import OrganTopology, Snapshot, StepRecord
+from studies.output.folder import Recorder, Status, can_resume, check_folder, completed_run
+from studies.output.records import Ending, OrganTopology, Snapshot, StepRecord
+from studies.output.remarks import Remark, any_unsupported, remark
 from studies.pictures.picture import draw_picture
 from studies.scenario import Scenario, ScenarioError, load, scenes, schema
 from studies.scenario.reference import reference
@@ -36,7 +38,7 @@ from tissue.solvers.choice import SOLVERS
 
 REFUSALS = (ScenarioError, StudyError, MeshError, TissueError, ThreadError)
 FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
-FAILED, REFUSED = 1, 2
+FAILED, REFUSED, UNSUPPORTED = 1, 2, 3
 Moments = Iterator[tuple[StepRecord, Callable[[], Snapshot]]]
 
 
@@ -62,6 +64,13 @@ class Simulation(Protocol):
     @property
     def steps(self) -> int:
         """Steps to be taken."""
+
+    @property
+    def methods(self) -> dict[str, str | None]:
+        """By what the run is solved."""
+
+    def remarks(self, ending: Ending | None = None) -> list[Remark]:
+        """What is to be said of the run: what is foreseen, and what it met until an `ending`."""
 
     def advance(self, memory: Arrays | None = None) -> Moments:
         """Yield the start, then every accepted step, each with a function that makes its frame; with the memory of a
@@ -89,19 +98,27 @@ def run(options: argparse.Namespace) -> int:
     simulation = _prepare(load(options.file, options.set))
     checkpoint = None
     if options.resume and can_resume(options.out, simulation.scenario):
-        if completed_run(options.out) is not None:
+        if (summary := completed_run(options.out)) is not None:
             _say(options, f"the run in {options.out} is completed; nothing is left to do")
-            return 0
+            doubt = any(remark["severity"] == "unsupported" for remark in summary.get("remarks", []))
+            return UNSUPPORTED if options.strict and doubt else 0
         checkpoint = read_checkpoint(options.out)
     moments = simulation.advance(checkpoint)
     mesh = simulation.topology, simulation.tissue_dofs
-    recorder = Recorder(options.out, simulation.scenario, *mesh, checkpoint, simulation.subgrid)
-    status = _simulate(simulation, moments, recorder, options.quiet)
-    if recorder.last_frame is not None and not options.no_picture:
-        title = simulation.scenario.title
-        line = draw_picture(recorder.last_frame, simulation.topology, recorder.folder / "picture.png", title)
-        _say(options, f"picture    {line}")
-    return status
+    recorder = Recorder(
+        options.out,
+        simulation.scenario,
+        *mesh,
+        checkpoint,
+        simulation.subgrid,
+        judge=simulation.remarks,
+        methods=simulation.methods,
+    )
+    status, outcome = _simulate(simulation, moments, recorder, options.quiet)
+    picture = "" if options.no_picture else _draw(simulation, recorder)
+    if not options.quiet:
+        print_summary(simulation.scenario, recorder, outcome, picture)
+    return status or strict_status(options.strict, recorder.remarks)
 
 
 def check(options: argparse.Namespace) -> int:
@@ -111,7 +128,14 @@ def check(options: argparse.Namespace) -> int:
     organ = f"{simulation.tissue_dofs} tissue unknowns" if scenario.tissue else "no organ"
     counts = f"{len(scenario.piercing)} piercings, {scenario.thread.control_points} control points, {organ}"
     print(f"{options.file} can be run: {counts}, {simulation.steps} steps")
-    return 0
+    remarks = simulation.remarks()
+    print_lines(remark_lines(remarks))
+    return strict_status(options.strict, remarks)
+
+
+def strict_status(strict: bool, remarks: Sequence[Remark]) -> int:
+    """Return the exit status that remarks ask for."""
+    return UNSUPPORTED if strict and any_unsupported(remarks) else 0
 
 
 def make_mesh(options: argparse.Namespace) -> int:
@@ -179,8 +203,20 @@ def run_study(options: argparse.Namespace) -> int:
     return 0
 
 
-def _simulate(simulation: Simulation, moments: Moments, recorder: Recorder, quiet: bool) -> int:
-    """Record every step; a failure keeps what was written."""
+def _draw(simulation: Simulation, recorder: Recorder) -> str:
+    """Draw the last frame; return the line that says how, and leave a remark where there is no picture."""
+    if recorder.last_frame is None:
+        return ""
+    target = recorder.folder / "picture.png"
+    drawn = draw_picture(recorder.last_frame, simulation.topology, target, simulation.scenario.title)
+    if drawn.failure:
+        recorder.remark(remark("no-picture", target.name, f"no picture could be drawn: {drawn.failure}"))
+    return drawn.line
+
+
+def _simulate(simulation: Simulation, moments: Moments, recorder: Recorder, quiet: bool) -> tuple[int, Status]:
+    """Record every step; a failure keeps what was written. Returns the exit status and what became of the run."""
+    outcome: Status
     progress = Progress(simulation.steps, quiet)
     with _signals() as received:
         try:
@@ -199,9 +235,7 @@ def _simulate(simulation: Simulation, moments: Moments, recorder: Recorder, quie
             progress.close()
     if text:
         print(f"suture: {text}; what was computed is in {recorder.folder}", file=sys.stderr)
-    if not quiet:
-        print_summary(simulation.scenario, recorder, outcome)
-    return status
+    return status, outcome
 
 
 def _where(recorder: Recorder, error: BaseException) -> str:
@@ -271,6 +305,10 @@ def _parser() -> argparse.ArgumentParser:
         sub.set_defaults(command=command)
         if name in ("run", "check", "mesh"):
             _add_scenario(sub)
+        if name in ("run", "check"):
+            sub.add_argument(
+                "--strict", action="store_true", help="exit with 3 where a remark says that a number is not supported"
+            )
         if name == "run":
             _add_run(sub)
         if name == "mesh":

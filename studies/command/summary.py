@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from studies.output.folder import Recorder
-from studies.output.records import ContactRecord, EnergyRecord, PiercingRecord
+from studies.output.folder import Recorder, Status
+from studies.output.records import ContactRecord, PiercingRecord
+from studies.output.remarks import Remark
 from studies.scenario import Scenario
-from studies.verdicts import LINEAR, RESOLVED, SETTLED, unrest
 
 MILLI = 1e-3
 
@@ -68,48 +68,20 @@ def _energy_lines(energy: dict[str, float]) -> list[str]:
     return [f"energy [J] {', '.join(terms[:4])}", f"           {', '.join(terms[4:])}"]
 
 
-def range_line(scenario: Scenario, piercings: Sequence[PiercingRecord]) -> str:
-    """Tell how far the holes moved, in footprints: what small-strain elasticity is asked to bear."""
-    moved = [
-        float(np.linalg.norm(record.displacement)) / hole.footprint
-        for record, hole in zip(piercings, scenario.piercing, strict=True)
-        if hole.footprint > 0.0
-    ]
-    if scenario.tissue is None or not moved:
-        return ""
-    verdict = "within" if max(moved) <= LINEAR else "BEYOND"
-    return (
-        f"tissue     the holes moved by up to {max(moved):.2g} footprints, {verdict} what small-strain elasticity "
-        f"is meant for (about {LINEAR})"
-    )
-
-
-def motion_line(energy: EnergyRecord) -> str:
-    """Tell whether a run came to rest: kinetic energy compared with what is elastic."""
-    share = unrest(energy.kinetic, energy.elastic)
-    verdict = "at rest" if share <= SETTLED else "still moving"
-    return f"motion     {verdict} at the end: its kinetic energy is {share:.2g} of the elastic (at rest: {SETTLED:g})"
-
-
-def resolution_line(ratio: float) -> str:
-    """Tell whether the spline can follow the bends at the holes."""
-    if ratio <= RESOLVED:
-        return ""
-    return (
-        f"thread     its spans at the holes are {ratio:.2g} of the length it bends over there, TOO COARSE for the "
-        'forces along it (a third is fine): set thread.resolution = "adaptive", or raise thread.control_points'
-    )
+def remark_lines(remarks: Sequence[Remark]) -> list[str]:
+    """Write the remarks, each on a line, those first that say that a number is not supported."""
+    if not remarks:
+        return ["remarks    none"]
+    ordered = sorted(remarks, key=lambda remark: not remark.unsupported)
+    return [f"{'remarks' if not k else '':10} {remark.line}" for k, remark in enumerate(ordered)]
 
 
 def subgrid_line(gaps: Mapping[str, Mapping[str, Any]]) -> str:
-    """Tell how much of the holes' compliance the mesh is too coarse for, and where what is added for it does not
-    hold."""
+    """Tell how much of the holes' compliance the mesh is too coarse for."""
     if not gaps:
         return ""
     share = max(gap["share"] for gap in gaps.values())
-    outside = ", ".join(name for name, gap in gaps.items() if not gap["holds"])
-    limit = f"; TOO NEAR an edge, a clamp or another hole for that: {outside}" if outside else ""
-    return f"sub-grid   up to {share:.0%} of a hole's compliance is added, which the mesh is too coarse for{limit}"
+    return f"sub-grid   up to {share:.0%} of a hole's compliance is added, which the mesh is too coarse for"
 
 
 def contact_line(contact: ContactRecord) -> str:
@@ -125,16 +97,31 @@ def _strain(summary: dict[str, Any]) -> str:
     return f"{100 * summary['thread']['max_strain']:.3g} %"
 
 
-def print_summary(scenario: Scenario, recorder: Recorder, status: Any) -> None:
-    step = recorder.last_step
-    lines = [*summary_lines(scenario, recorder.summary(status))]
+def print_lines(lines: Sequence[str]) -> None:
+    """Print lines."""
+    print("\n".join(lines))
+
+
+def range_line(met: Mapping[str, Any]) -> str:
+    """Tell how far the tissue was strained and turned, by what `summary.json` has under `range`."""
+    holes = met["piercings"].values()
+    strain, turn = (max((hole[name] for hole in holes), default=0.0) for name in ("mean_strain", "turn"))
+    return (
+        f"tissue     strained by up to {strain:.2g} at a hole and {met['largest_strain']:.2g} in a cell, turned by "
+        f"up to {turn:.2g} rad at a hole and {met['largest_rotation']:.2g} rad in a cell"
+    )
+
+
+def print_summary(scenario: Scenario, recorder: Recorder, status: Status, picture: str = "") -> None:
+    """Print the end of a run; `picture` says how that was drawn, empty where none was asked for."""
+    step, summary = recorder.last_step, recorder.summary(status)
+    lines = [*summary_lines(scenario, summary)]
     table = piercing_lines(step.piercings) if step else []
     folder = recorder.folder
     lines[1:1] = ["", *table] if table else []
     if step:
-        still = "" if scenario.solve.kind == "static" else motion_line(step.energy)
-        remarks = (range_line(scenario, step.piercings), resolution_line(step.span_ratio), still)
-        lines += [line for line in (*remarks, subgrid_line(recorder.subgrid)) if line]
+        lines += [range_line(summary["range"])] if "range" in summary else []
+        lines += [line for line in (subgrid_line(recorder.subgrid),) if line]
         lines += [contact_line(step.contact)] if step.contact else []
     tables = [
         "piercings.csv",
@@ -145,7 +132,10 @@ def print_summary(scenario: Scenario, recorder: Recorder, status: Any) -> None:
     ]
     lines += [
         "",
+        *remark_lines(recorder.remarks),
+        "",
         f"ParaView   {folder / 'results.pvd'}",
         f"numbers    {', '.join([str(folder / 'summary.json'), *tables])}",
+        *([f"picture    {picture}"] if picture else []),
     ]
-    print("\n".join(lines))
+    print_lines(lines)

@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 from coupling.events import Event
 from studies.manual import with_blocks
+from studies.output import remarks
 from studies.output.records import (
     ContactRecord,
     EnergyRecord,
+    Extremes,
     OrganRecord,
     PiercingRecord,
     RunRecord,
@@ -139,16 +141,21 @@ HOLE: tuple[Column[PiercingRecord], ...] = (
         "by how much the force along the thread breaks Coulomb's law",
         lambda hole: hole.cone_residual,
     ),
-)
-HOLE_SUMMARY: tuple[Column[PiercingRecord], ...] = (
-    *HOLE,
     Column(
-        "channel",
-        "m",
-        "length of the channel on whose two ends the couple presses; null without friction or direction",
-        lambda hole: hole.channel,
+        "mean_strain",
+        "-",
+        "largest principal strain of the tissue across the hole's direction, in magnitude, averaged over the footprint",
+        lambda hole: hole.mean_strain,
     ),
+    Column("turn", "rad", "by which the tissue's frame at the hole is rotated", lambda hole: hole.turn),
 )
+CHANNEL: Column[PiercingRecord] = Column(
+    "channel",
+    "m",
+    "length of the channel on whose two ends the couple presses; null without friction or direction",
+    lambda hole: hole.channel,
+)
+HOLE_SUMMARY = (*HOLE, CHANNEL)
 HOLE_ARRAYS: tuple[Column[PiercingRecord], ...] = (
     count(
         "state", ", ".join(f"{code} {word}" for word, code in STATE_CODES.items()), lambda hole: STATE_CODES[hole.state]
@@ -264,6 +271,7 @@ SOLVED: tuple[Column[StepRecord], ...] = (
         lambda step: step.constraint_residual,
     ),
     MAX_STRAIN,
+    Column("slide_speed", "m/s", "largest speed of the thread in a hole", lambda step: step.slide_speed),
     *(reaction for reaction, _ in ENDS.values()),
     *(torque for _, torque in ENDS.values()),
     Column("seconds", "s", "wall-clock time of this step", lambda step: step.seconds),
@@ -291,6 +299,15 @@ ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
     Column("contact_pressure", "Pa", "on the lips, zero off them; with contact", lambda organ: organ.contact_pressure),
     Column("lip_gap", "m", "between the lips, not a number off them; with contact", lambda organ: organ.lip_gap),
 )
+ORGAN_CELLS: tuple[Column[OrganRecord], ...] = (
+    Column(
+        "strain",
+        "-",
+        "largest principal strain in the cell, in magnitude, of the mesh alone",
+        lambda organ: organ.strain,
+    ),
+    Column("rotation", "rad", "largest rotation in the cell, half the length of curl U", lambda organ: organ.rotation),
+)
 THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
     Column("s", "m", "abscissa: rest arc length from the start of the path", lambda thread: thread.s),
     Column("tension", "N", "axial force; a push is negative", lambda thread: thread.tension),
@@ -299,6 +316,27 @@ THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
         "radius", "m", "of the thread, for the Tube filter", lambda thread: np.full(len(thread.points), thread.radius)
     ),
     Column("torque", "N m", "about the tangent, right-handed; with `thread.twist`", lambda thread: thread.torque),
+)
+
+RANGE: tuple[Column[Extremes], ...] = (
+    Column("largest_strain", "-", "largest `strain` of a cell of the organ, over all frames", lambda met: met.strain),
+    Column("largest_rotation", "rad", "largest `rotation` of a cell, over all frames", lambda met: met.rotation),
+    Column(
+        "strained_share",
+        "-",
+        f"largest share of the organ's strain energy in cells strained by more than {remarks.SMALL_STRAIN:g}",
+        lambda met: met.strained,
+    ),
+    Column(
+        "rotated_share",
+        "-",
+        f"the same in cells rotated by more than {remarks.SMALL_ROTATION:g} rad",
+        lambda met: met.rotated,
+    ),
+)
+HOLE_RANGE: tuple[Column[tuple[float, float]], ...] = (
+    Column("mean_strain", "-", "largest `mean_strain` of the piercing, over all steps", lambda pair: pair[0]),
+    Column("turn", "rad", "largest `turn` of the piercing, over all steps", lambda pair: pair[1]),
 )
 
 RUN: tuple[Column[RunRecord], ...] = (
@@ -404,6 +442,13 @@ def state_summary(step: StepRecord) -> dict[str, Any]:
     } | contact
 
 
+def range_summary(names: Iterable[str], extremes: Extremes) -> dict[str, Any]:
+    """Make what ``summary.json`` says of how far the tissue of a run was strained and turned."""
+    pairs = zip(extremes.mean_strain.tolist(), extremes.turn.tolist(), strict=True)
+    holes = {name: values(HOLE_RANGE, pair) for name, pair in zip(names, pairs, strict=True)}
+    return {**values(RANGE, extremes), "piercings": holes}
+
+
 def _end_summary(end: str, step: StepRecord) -> dict[str, Value]:
     """Take the reaction at an end of the thread from a step, and the torque where there is one."""
     found = values(ENDS[end], step)
@@ -430,10 +475,15 @@ def manual_tables() -> dict[str, str]:
         for column in pair
     ]
     sums = [replace(column, name=f"thread.{column.name}") for column in (MAX_STRAIN, SPAN_RATIO)]
+    ranges: list[Column[Any]] = [replace(column, name=f"range.{column.name}") for column in RANGE]
+    ranges += [replace(column, name=f"range.piercings.NAME.{column.name}") for column in HOLE_RANGE]
+    holes = [replace(column, name=f"piercings.NAME.{column.name}") for column in (CHANNEL,)]
     return {
-        "summary.json": markdown([*RUN, *ends, *sums], "key"),
+        "summary.json": markdown([*RUN, *ends, *sums, *holes, *ranges], "key"),
+        "remarks": remarks.markdown(),
         **{f"{layout.name}.csv": markdown(layout.columns, "column") for layout in TABLES},
         "organ": markdown(ORGAN_ARRAYS, "array"),
+        "organ_cells": markdown(ORGAN_CELLS, "array"),
         "thread": markdown(THREAD_ARRAYS, "array"),
         "piercings": markdown(HOLE_ARRAYS, "array"),
     }

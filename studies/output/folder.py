@@ -16,24 +16,26 @@ import hashlib
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
 import numpy as np
 
-from studies.output.checkpoint import Arrays, difference, write_checkpoint
-from studies.output.columns import RUN, TABLES, Layout, state_summary, values
+from studies.output.checkpoint import Arrays, difference, pack, unpack, write_checkpoint
+from studies.output.columns import RUN, TABLES, Layout, range_summary, state_summary, values
 from studies.output.files import write_bytes, write_json, write_text
 from studies.output.provenance import provenance
-from studies.output.records import OrganTopology, RunRecord, Snapshot, StepRecord
+from studies.output.records import Ending, OrganTopology, RunRecord, Snapshot, StepRecord, nothing_met
+from studies.output.remarks import Remark, remark
 from studies.output.series import Series
 from studies.output.tables import CsvFile, head_of, rows_until, tables_of
 from studies.scenario import Scenario, ScenarioError, dump
 from studies.scenario.toml import mesh_file, with_mesh_file
 
 Status = Literal["completed", "failed", "interrupted"]
+Judge = Callable[[Ending | None], Sequence[Remark]]  # what is to be said of a run, before its start and at its end
 
 MARK = "provenance.json"  # the first file written: a folder that holds it is a results folder
 FILES = (
@@ -45,6 +47,12 @@ FILES = (
     "picture.png",
 )
 FOLDERS = ("frames", "mesh")
+SHOWN = 3  # names of missing files in a message
+
+
+def nothing_to_say(ending: Ending | None) -> list[Remark]:
+    """Return no remark."""
+    return []
 
 
 class Recorder:
@@ -63,8 +71,15 @@ class Recorder:
         tissue_dofs: int = 0,
         checkpoint: Arrays | None = None,
         subgrid: Mapping[str, Mapping[str, Any]] | None = None,
+        judge: Judge = nothing_to_say,
+        methods: Mapping[str, str | None] | None = None,
     ) -> None:
         self.folder = Path(folder)
+        self._judge = judge
+        self._own: list[Remark] = []
+        self._outcome: tuple[Status, str] | None = None
+        self._names = [hole.name for hole in scenario.piercing]
+        self._has_organ = scenario.tissue is not None
         self.last_frame: Snapshot | None = None
         self.last_step: StepRecord | None = None
         self._tissue_dofs = tissue_dofs
@@ -76,14 +91,20 @@ class Recorder:
         self._constraint_max = float(counters.get("constraint_max", 0.0))
         self._constraint_residual = float(counters.get("constraint_residual", 0.0))
         self._seconds = float(counters.get("seconds", 0.0))
+        self._extremes = nothing_met(len(self._names))
         self._recorded = -1 if checkpoint is None else int(checkpoint["step"])  # last step in the tables
         if checkpoint is None:
             _clear(self.folder)
-            self.provenance = _write_beginning(self.folder, scenario)
+            self.provenance = _write_beginning(self.folder, scenario, methods or {})
         else:
             _refuse_lost_rows(self.folder, self._recorded, tables_of(scenario))
+            self._extremes = unpack(self._extremes, checkpoint, "extremes")
             self.provenance = _write_continuation(self.folder)
         self._series = Series(self.folder, topology, before=max(self._recorded, 0))
+        if self._series.missing:
+            gone = ", ".join(self._series.missing[:SHOWN]) + ", …" * (len(self._series.missing) > SHOWN)
+            text = f"{len(self._series.missing)} files of earlier frames are not there ({gone}); they are left out"
+            self.remark(remark("frames-missing", "results.pvd", text))
         self._tables = [
             (layout, CsvFile(self.folder / f"{layout.name}.csv", layout.columns, self._recorded))
             for layout in tables_of(scenario)
@@ -119,6 +140,7 @@ class Recorder:
         self._constraint_max = max(self._constraint_max, step.constraint_max)
         self._constraint_residual = max(self._constraint_residual, step.constraint_residual)
         self._seconds += step.seconds if step.step else 0.0
+        self._extremes = self._extremes.after_step(step)
         self._recorded = step.step
 
     def _write_checkpoint(self, step: StepRecord) -> None:
@@ -131,7 +153,7 @@ class Recorder:
             "constraint_residual": np.array(self._constraint_residual),
             "seconds": np.array(self._seconds),
         }
-        write_checkpoint(self.folder, {**memory, **counters})
+        write_checkpoint(self.folder, {**memory, **counters, **pack(self._extremes, "extremes")})
 
     def finish(self, status: Status, error: str = "") -> None:
         """Write the last frame and the summary."""
@@ -140,19 +162,36 @@ class Recorder:
         finally:
             for _, table in self._tables:
                 table.close()
+            self._outcome = status, error
             write_json(self.folder / "summary.json", self.summary(status, error))
+
+    @property
+    def remarks(self) -> list[Remark]:
+        """What is to be said of the run as of the last recorded step."""
+        ending = None if self.last_step is None else Ending(self.last_step, self._extremes)
+        return [*self._judge(ending), *self._own]
+
+    def remark(self, remark: Remark) -> None:
+        """Add a remark of what became of the files; a summary that is there already is written anew."""
+        self._own.append(remark)
+        if self._outcome is not None:
+            write_json(self.folder / "summary.json", self.summary(*self._outcome))
 
     def summary(self, status: Status, error: str = "") -> dict[str, Any]:
         """Make the contents of ``summary.json`` as of the last recorded step."""
         step = self.last_step
         totals = self._newton_iterations, self._constraint_max, self._constraint_residual, self._seconds
         head = values(RUN, RunRecord(status, error, step, *totals, self._tissue_dofs)) | {"subgrid": self.subgrid}
-        return head | (state_summary(step) if step else {}) | {"provenance": self.provenance}
+        said: dict[str, Any] = {"remarks": [remark.record() for remark in self.remarks]}
+        if self._has_organ:
+            said["range"] = range_summary(self._names, self._extremes)
+        return head | said | (state_summary(step) if step else {}) | {"provenance": self.provenance}
 
     def _write_frame(self) -> None:
         if self._pending is not None and self.last_step is not None:
             self.last_frame = self._pending()
             self._pending = None
+            self._extremes = self._extremes.after_frame(self.last_frame.organ)
             self._series.write(self.last_step.step, self.last_frame)
 
 
@@ -246,11 +285,11 @@ def _unfinished(folder: Path) -> list[Path]:
     return [path for name in (MARK, *FILES) for path in folder.glob(f".{name}.*")]
 
 
-def _write_beginning(folder: Path, scenario: Scenario) -> dict[str, Any]:
+def _write_beginning(folder: Path, scenario: Scenario, methods: Mapping[str, str | None]) -> dict[str, Any]:
     """Write provenance and scenario, with a copy of the mesh file so that the folder stands alone."""
     mesh = mesh_file(scenario)
     text, digests = _scenario_text(scenario)
-    origin = provenance() | digests
+    origin = provenance() | {"methods": dict(methods)} | digests
     write_json(folder / MARK, origin)
     if mesh is not None:
         (folder / "mesh").mkdir(exist_ok=True)

@@ -2,25 +2,37 @@
 
 import os
 import platform
+import re
 import subprocess
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("numpy", "scipy", "scikit-fem", "meshio", "gmsh", "pydantic", "pyvista", "vtk", "matplotlib")
+CODE = "suturefem"
+NAME = re.compile(r"[A-Za-z0-9._-]+")  # of the package at the beginning of a requirement
+BENEATH = ("vtk", "mkl")  # what its packages bring and results may hang on
 
 
 def provenance() -> dict[str, Any]:
     """Return the versions of the code, of Python and of the packages, the machine, and the time [UTC]."""
     return {
-        "suturefem": installed_version("suturefem"),
+        "suturefem": installed_version(CODE),
         "commit": commit(Path(__file__).parents[2]),
         "python": platform.python_version(),
-        "packages": {name: found for name in PACKAGES if (found := installed_version(name)) is not None},
+        "packages": {name: found for name in packages() if (found := installed_version(name)) is not None},
         "machine": {"system": platform.system(), "machine": platform.machine(), "cpus": os.cpu_count()},
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
     }
+
+
+def packages() -> list[str]:
+    """Name the packages that the code asks for, those of its options too; none where it is not installed."""
+    try:
+        asked = requires(CODE) or []
+    except PackageNotFoundError:
+        asked = []
+    return sorted({NAME.match(line)[0] for line in asked} | set(BENEATH))  # type: ignore[index]
 
 
 def installed_version(package: str) -> str | None:

@@ -1,10 +1,11 @@
 """What is recorded of a run: plain arrays, the only thing that the simulation hands to the output."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from coupling.audit import Energies
@@ -48,6 +49,10 @@ class OrganRecord:
     displacement: Array  # (nodes, 3) [m]
     stress: Array  # (nodes, 6) xx yy zz xy yz xz [Pa]
     von_mises: Array  # (nodes,) [Pa]
+    strain: Array  # (cells,) largest principal strain in each cell, in magnitude [-]
+    rotation: Array  # (cells,) largest |½ curl U| in each cell [rad]
+    strained: float  # share of the strain energy in cells strained beyond what is small [-]
+    rotated: float  # the same in cells rotated beyond [-]
     contact_pressure: Array | None = None  # (nodes,) [Pa], zero off the lips; None without contact
     lip_gap: Array | None = None  # (nodes,) [m], not a number off the lips
 
@@ -78,6 +83,7 @@ class StepRecord:
     start_reaction: Array  # (3,) force of the holder on the thread [N]
     end_reaction: Array  # (3,) [N]
     max_strain: float  # largest axial strain of the thread [-]
+    slide_speed: float  # largest speed of the thread in a hole [m/s]
     spans: Callable[[], float]  # makes `span_ratio`, which only the last step's is asked for
     seconds: float  # wall-clock time of this step [s]
     events: tuple[Event, ...] = ()
@@ -108,6 +114,61 @@ class RunRecord:
     constraint_residual: float  # over all steps [m]
     seconds: float  # wall-clock time of all steps [s]
     tissue_dofs: int
+
+
+@dataclass(frozen=True)
+class Extremes:
+    """The largest of what a run has met so far: over its steps, and of the organ's cells over its frames."""
+
+    mean_strain: Array  # (p,) of the tissue at each hole [-]
+    turn: Array  # (p,) [rad]
+    tension: float = 0.0  # of the thread at its holes and ends [N]
+    thread_strain: float = 0.0  # [-]
+    energy: float = 0.0  # kinetic and elastic, or work of whatever is outside [J]
+    created: float = 0.0  # by the steps in time [J]
+    strain: float = 0.0  # of the organ's cells [-]
+    rotation: float = 0.0  # [rad]
+    strained: float = 0.0  # share of the strain energy in cells strained beyond what is small [-]
+    rotated: float = 0.0  # the same in cells rotated beyond [-]
+
+    def after_step(self, step: StepRecord) -> "Extremes":
+        """Return the extremes with a step more."""
+        holes, energy = step.piercings, step.energy
+        pulls = [pull for hole in holes for pull in (hole.tension_before, hole.tension_after) if np.isfinite(pull)]
+        return replace(
+            self,
+            mean_strain=np.maximum(self.mean_strain, [hole.mean_strain for hole in holes]),
+            turn=np.maximum(self.turn, [hole.turn for hole in holes]),
+            tension=max(self.tension, *pulls, float(norm(step.start_reaction)), float(norm(step.end_reaction))),
+            thread_strain=max(self.thread_strain, step.max_strain),
+            energy=max(self.energy, energy.kinetic + energy.elastic, abs(energy.external_work)),
+            created=max(self.created, -energy.numerical_dissipation),
+        )
+
+    def after_frame(self, organ: OrganRecord | None) -> "Extremes":
+        """Return the extremes with a frame of the organ more, None without one."""
+        if organ is None:
+            return self
+        return replace(
+            self,
+            strain=max(self.strain, float(organ.strain.max())),
+            rotation=max(self.rotation, float(organ.rotation.max())),
+            strained=max(self.strained, organ.strained),
+            rotated=max(self.rotated, organ.rotated),
+        )
+
+
+def nothing_met(piercings: int) -> Extremes:
+    """Return the extremes of a run with so many piercings before its start."""
+    return Extremes(np.zeros(piercings), np.zeros(piercings))
+
+
+@dataclass(frozen=True)
+class Ending:
+    """Where a run ended, and what it met until then."""
+
+    step: StepRecord
+    extremes: Extremes
 
 
 @dataclass(frozen=True)

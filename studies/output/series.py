@@ -20,7 +20,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from studies.output.columns import ORGAN_ARRAYS, PIERCING_ARRAYS, THREAD_ARRAYS, values
+from studies.output.columns import ORGAN_ARRAYS, ORGAN_CELLS, PIERCING_ARRAYS, THREAD_ARRAYS, values
 from studies.output.files import write_text
 from studies.output.records import OrganRecord, OrganTopology, PiercingRecord, Snapshot, ThreadRecord
 
@@ -28,6 +28,7 @@ CELL_TYPES = {4: 10, 10: 24}  # VTK_TETRA, VTK_QUADRATIC_TETRA by nodes per cell
 TYPE_NAMES = {"f4": "Float32", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 COMPONENTS = {6: ("XX", "YY", "ZZ", "XY", "YZ", "XZ")}  # VTK's order of a symmetric tensor
 STEP = re.compile(r"_(\d+)\.vt[pu]")
+FILE = re.compile(r'file="([^"]*)"')
 FASTEST = 1  # zlib's level: float32 fields hardly shrink further
 
 
@@ -39,7 +40,9 @@ class Series:
         self._folder = folder
         self._mesh = None if topology is None else encode_mesh(topology)
         (folder / "frames").mkdir(parents=True, exist_ok=True)
-        self._entries = entries(folder / "results.pvd", before) if before else []
+        named = entries(folder / "results.pvd", before) if before else []
+        self._entries = [line for line in named if (folder / file_of(line)).is_file()]
+        self.missing = [file_of(line) for line in named if line not in self._entries]
         for path in (folder / "frames").iterdir():
             if path.name.startswith(".") or step_of(path.name) >= before:
                 path.unlink()
@@ -61,6 +64,12 @@ def entries(index: Path, before: int) -> list[str]:
     """Return the lines of a ``.pvd`` file that name frames of earlier steps than ``before``."""
     lines = [line for line in index.read_text(encoding="utf-8").splitlines(keepends=True) if "<DataSet" in line]
     return [line for line in lines if step_of(line) < before]
+
+
+def file_of(line: str) -> str:
+    """Return the file that a line of a ``.pvd`` file names."""
+    found = FILE.search(line)
+    return found[1] if found else ""
 
 
 def step_of(name: str) -> int:
@@ -91,6 +100,7 @@ def encode_mesh(topology: OrganTopology) -> str:
 def organ_text(mesh: str, organ: OrganRecord) -> str:
     """Write the organ of one frame as ``.vtu``."""
     data = _point_data(values(ORGAN_ARRAYS, organ), 'Vectors="displacement"')
+    data += _arrays("CellData", values(ORGAN_CELLS, organ), 'Scalars="strain"')
     return _file("UnstructuredGrid", f"<UnstructuredGrid>\n{mesh}{data}</Piece>\n</UnstructuredGrid>\n")
 
 
@@ -142,12 +152,16 @@ def _poly_data(points: NDArray[np.float64], kind: str, counts: Sequence[int], da
 
 
 def _point_data(arrays: Mapping[str, Any], active: str) -> str:
+    return _arrays("PointData", arrays, active)
+
+
+def _arrays(kind: str, arrays: Mapping[str, Any], active: str) -> str:
     """Write fields by name, whole numbers as integers; those that are None are left out."""
     given = {name: np.asarray(values) for name, values in arrays.items() if values is not None}
     text = "".join(
         data_array(name, values, "i4" if values.dtype.kind == "i" else "f4") for name, values in given.items()
     )
-    return f"<PointData {active}>\n{text}</PointData>\n"
+    return f"<{kind} {active}>\n{text}</{kind}>\n"
 
 
 def _entry(time: float, name: str) -> str:

@@ -48,13 +48,13 @@ def write_report(scenario: Scenario, path: Path) -> list[str]:
     paraview(mesh).write(scratch, file_format="vtu")
     write_bytes(path, scratch.read_bytes())
     scratch.unlink()
-    line = draw_scene(
+    drawn = draw_scene(
         scene_of(mesh, scenario),
         path.with_suffix(".png"),
         "studies.pictures.mesh_space",
         "studies.pictures.mesh_section",
     )
-    return [*lines(mesh, scenario), "", f"ParaView   {path}", f"picture    {line}"]
+    return [*lines(mesh, scenario), "", f"ParaView   {path}", f"picture    {drawn.line}"]
 
 
 def lines(mesh: skfem.MeshTet, scenario: Scenario) -> list[str]:

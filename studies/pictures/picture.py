@@ -7,10 +7,12 @@ child process, and whether one came out is the probe.
 
 import os
 import pickle
+import signal
 import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from studies.output.files import write_bytes
@@ -18,42 +20,93 @@ from studies.output.records import OrganTopology, Snapshot
 
 WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")  # off screen: by the driver, by software
 PATIENCE = 120.0  # s for the child, on a busy machine
+WORDS = 300  # letters of what a child said last
+ROOT = str(Path(__file__).parents[2])
 PACKAGES = "libglu1-mesa libgl1 libegl1 libxrender1 libxcursor1 libxft2 libxinerama1 libgomp1"
 
 
-def draw_picture(frame: Snapshot, topology: OrganTopology | None, path: Path | str, title: str = "") -> str:
-    """Draw a frame into a PNG file; returns one line that says how it was drawn."""
+# A module by its name as `python -m` runs it, found where the parent finds its own: first where the code is, last what
+# else is on the parent's path. Isolated (-I), the child sees neither the working folder nor what PYTHON… names, so a
+# file there that is called like a module is not run.
+CHILD = """
+import os, runpy, sys
+root, rest = sys.argv[1], sys.argv[2].split(os.pathsep)
+del sys.argv[1:3]
+sys.path[:0] = [root] if root not in sys.path else []
+sys.path += [entry for entry in rest if entry not in sys.path]
+runpy.run_module(sys.argv.pop(1), run_name="__main__")
+"""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What became of a picture: `line` says it to a person; `failure` is why there is none, empty where there is."""
+
+    line: str
+    failure: str = ""
+
+
+def draw_picture(frame: Snapshot, topology: OrganTopology | None, path: Path | str, title: str = "") -> Drawn:
+    """Draw a frame into a PNG file."""
     return draw_scene((frame, topology, title), path, "studies.pictures.space", "studies.pictures.section")
 
 
-def draw_scene(scene: object, path: Path | str, space: str, section: str) -> str:
+def draw_scene(scene: object, path: Path | str, space: str, section: str) -> Drawn:
     """Draw a scene into a PNG file by the module `space` where OpenGL renders, else by `section`; each is run with the
-    pickled scene and the picture to make. Returns one line that says how it was drawn.
+    pickled scene and the picture to make.
     """
+    causes = []
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "scene.pickle"
         source.write_bytes(pickle.dumps(scene))
         for window in WINDOWS:
-            if _draws(space, source, Path(path), {"VTK_DEFAULT_OPENGL_WINDOW": window}):
-                return f"{path}: 3-D picture (pyvista)"
-        done = _draws(section, source, Path(path), {"MPLCONFIGDIR": folder})
-    how = "section (matplotlib)" if done else "none, for pyvista and matplotlib both failed"
-    remedy = f"apt-get install --no-install-recommends {PACKAGES}"
-    return f"{path}: {how}; no OpenGL renders here, for the 3-D picture: {remedy}"
+            causes.append(draw_apart(space, source, Path(path), {"VTK_DEFAULT_OPENGL_WINDOW": window}))
+            if not causes[-1]:
+                return Drawn(f"{path}: 3-D picture (pyvista)")
+        causes.append(draw_apart(section, source, Path(path), {"MPLCONFIGDIR": folder}))
+    remedy = f"for the 3-D picture: apt-get install --no-install-recommends {PACKAGES}"
+    no_space = f"no OpenGL renders here ({causes[-2]})"
+    if not causes[-1]:
+        return Drawn(f"{path}: section (matplotlib); {no_space}, {remedy}")
+    failure = f"by pyvista: {causes[-2]}; by matplotlib: {causes[-1]}"
+    return Drawn(f"{path}: none, {failure}", failure)
 
 
-def _draws(module: str, source: Path, path: Path, setting: Mapping[str, str]) -> bool:
-    """Run a child process; tell whether it drew the picture."""
-    root = str(Path(__file__).parents[2])
-    search = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
+def draw_apart(module: str, source: Path, path: Path, setting: Mapping[str, str]) -> str:
+    """Draw by a module in a child process; return why there is no picture, in the child's own words, "" if there is."""
     target = source.with_name("picture.png")
-    command = [sys.executable, "-m", module, str(source), str(target)]
-    surroundings = os.environ | setting | {"PYTHONPATH": search}
+    target.unlink(missing_ok=True)
+    command = [sys.executable, "-I", "-c", CHILD, ROOT, os.pathsep.join(own_path()), module, str(source), str(target)]
     try:
-        done = subprocess.run(command, env=surroundings, capture_output=True, timeout=PATIENCE, check=False)
+        done = subprocess.run(
+            command,
+            cwd=source.parent,
+            env=os.environ | setting,
+            capture_output=True,
+            timeout=PATIENCE,
+            check=False,
+        )
+        if not done.returncode and target.is_file():
+            write_bytes(path, target.read_bytes())
+            return ""
     except subprocess.TimeoutExpired:
-        return False
-    if done.returncode or not target.is_file():
-        return False
-    write_bytes(path, target.read_bytes())
-    return True
+        return f"it took more than {PATIENCE:g} s"
+    except OSError as error:
+        return str(error)
+    return last_words(done.returncode, done.stderr.decode(errors="replace"))
+
+
+def own_path() -> list[str]:
+    """Return where this process finds its modules, but for the folder that it works in."""
+    here = Path.cwd()
+    return [entry for entry in sys.path if entry and Path(entry).resolve() != here]
+
+
+def last_words(status: int, text: str) -> str:
+    """Return what a child said last, or how it ended where it said nothing."""
+    if status < 0:
+        how = f"ended by {signal.Signals(-status).name}"
+    else:
+        how = f"ended with status {status}" if status else "ended without a picture"
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    return f"{lines[-1][:WORDS]} ({how})" if lines else how

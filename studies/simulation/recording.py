@@ -34,6 +34,7 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
         end_reaction=state.reaction[1, :3],
         torques=end_torques(state) if system.thread.twist else None,
         max_strain=float(np.max(np.sqrt(1.0 + 2.0 * now.configuration.points.strain) - 1.0)),
+        slide_speed=float(np.abs(state.s_dot[: len(system.piercings)]).max(initial=0.0)),
         spans=partial(span_ratio, system, state),
         seconds=seconds,
         events=now.events,

@@ -20,11 +20,13 @@ from coupling.run import begin
 from coupling.stepping import Take, try_step
 from coupling.system import State
 from studies.output.checkpoint import Arrays
-from studies.output.records import OrganRecord, OrganTopology, Snapshot, StepRecord
+from studies.output.records import Ending, OrganRecord, OrganTopology, Snapshot, StepRecord
+from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
 from studies.scenario import Scenario, ScenarioError, Solve
 from studies.simulation.assembly import Assembly, assemble
 from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, step_record, thread_record
+from studies.simulation.remarks import foreseen, met
 
 WHOLE = 1e-9  # of a step: a duration this near a whole number of steps is one
 
@@ -60,6 +62,22 @@ class Simulation:
         sites: tissue.Sites | None = getattr(self.assembly.organ, "sites", None)
         named = zip(self.scenario.piercing, sites.missing if sites else (), strict=False)
         return {hole.name: gap.record() for hole, gap in named if gap is not None}
+
+    @cached_property
+    def foreseen(self) -> list[Remark]:
+        """What is to be said of the run before its first step."""
+        return foreseen(self.assembly, self.subgrid)
+
+    def remarks(self, ending: Ending | None = None) -> list[Remark]:
+        """Return what is to be said of the run: what is foreseen, and what it met until an `ending`."""
+        return [*self.foreseen, *(met(self.scenario, ending) if ending else [])]
+
+    @property
+    def methods(self) -> dict[str, str | None]:
+        """By what the run is solved; `solver` is that of the organ, as `auto` chose it, None without one."""
+        solve, choice = self.scenario.solve, getattr(self.assembly.organ, "choice", None)
+        ways = {name: str(getattr(solve, name)) for name in ("kind", "scheme", "integrator", "coupling", "friction")}
+        return {"solver": choice.name if choice else None, **ways}
 
     @property
     def steps(self) -> int:
@@ -109,14 +127,18 @@ class Simulation:
         return Snapshot(now.state.time, thread_record(now), now.piercings, self.organ_record(now.state))
 
     def organ_record(self, state: State) -> OrganRecord | None:
-        """Return the displacement and stress of the organ, None without one."""
+        """Return the displacement, stress and strain of the organ, None without one."""
         body, organ = self.assembly.body, self.assembly.organ
         if body is None or self.recovery is None:
             return None
         U = organ.displacement(state.organ)
         stress = self.recovery.stress(U)
         lips = lip_fields(self.assembly.system, state, len(body.points))
-        return OrganRecord(body.nodal(U), stress, tissue.von_mises(stress), *lips)
+        strain, rotation = tissue.cell_strain(body, U)
+        beyond = strain > SMALL_STRAIN, rotation > SMALL_ROTATION
+        strained, rotated = (tissue.energy_share(body, strain, cells) for cells in beyond)
+        numbers = stress, tissue.von_mises(stress), strain, rotation, strained, rotated
+        return OrganRecord(body.nodal(U), *numbers, *lips)
 
 
 def method(solve: Solve) -> Take:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from studies.output.records import (
+    Ending,
     EnergyRecord,
     OrganRecord,
     OrganTopology,
@@ -15,6 +16,7 @@ from studies.output.records import (
     StepRecord,
     ThreadRecord,
 )
+from studies.output.remarks import Remark
 from studies.scenario import Scenario
 
 CONTRACT = """
@@ -96,7 +98,8 @@ def quadratic() -> OrganTopology:
 def organ(topology: OrganTopology, time: float) -> OrganRecord:
     nodes = len(topology.points)
     stress = np.arange(6.0 * nodes).reshape(nodes, 6)
-    return OrganRecord(time * topology.points, stress, np.arange(1.0, nodes + 1))
+    strain = np.linspace(0.0, time, len(topology.cells))
+    return OrganRecord(time * topology.points, stress, np.arange(1.0, nodes + 1), strain, 0.5 * strain, 0.25, 0.125)
 
 
 def piercing(name: str, time: float) -> PiercingRecord:
@@ -114,6 +117,8 @@ def piercing(name: str, time: float) -> PiercingRecord:
         tension_after=0.2,
         state="slip",
         cone_residual=0.0,
+        mean_strain=time / 70,
+        turn=time / 30,
         tangent=np.array([0.0, 0.6, 0.8]),
         u=np.array([1.0, 0.0, 0.0]),
         v=np.array([0.0, 0.8, -0.6]),
@@ -146,6 +151,7 @@ def step(number: int, dt: float = 0.1) -> StepRecord:
         start_reaction=np.zeros(3),
         end_reaction=np.array([0.0, 0.0, 0.1]),
         max_strain=0.01,
+        slide_speed=1e-3,
         spans=lambda: 0.3,
         seconds=0.5,
     )
@@ -161,6 +167,11 @@ class Stub:
     topology: OrganTopology | None = LINEAR
     tissue_dofs: int = 12
     subgrid: dict[str, dict[str, Any]] = field(default_factory=dict)
+    methods: dict[str, str | None] = field(default_factory=dict)
+    said: tuple[Remark, ...] = ()
+
+    def remarks(self, ending: Ending | None = None) -> list[Remark]:
+        return list(self.said)
 
     def advance(self, memory: object = None) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
         for number in range(self.steps + 1):

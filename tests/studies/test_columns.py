@@ -16,10 +16,13 @@ from coupling.events import Event
 from studies.output.columns import (
     CONTACT,
     ENERGY,
+    HOLE_RANGE,
     HOLE_SUMMARY,
     MANUAL,
     ORGAN_ARRAYS,
+    ORGAN_CELLS,
     PIERCING_ARRAYS,
+    RANGE,
     RUN,
     STATE_CODES,
     TABLES,
@@ -45,12 +48,15 @@ from studies.output.records import (
 from studies.output.tables import CsvFile
 from tests.studies.samples import frame, step
 
-UNITS = {"-", "s", "m", "1/m", "rad", "N", "N m", "N s", "J", "Pa"}
+UNITS = {"-", "s", "m", "m/s", "1/m", "rad", "N", "N m", "N s", "J", "Pa"}
 PARTS = ("organ", "thread", "piercings")
 GROUPS: dict[str, Sequence[Column[Any]]] = {
     **{layout.name: layout.columns for layout in TABLES},
     **dict(zip(PARTS, (ORGAN_ARRAYS, THREAD_ARRAYS, PIERCING_ARRAYS), strict=True)),
     "summary": RUN,
+    "range": RANGE,
+    "range of a piercing": HOLE_RANGE,
+    "cells": ORGAN_CELLS,
 }
 BEGINS = Event(0.1, "begins", 'a "b", c', 0.02, 1e-4, 0.1, 2e-6, 1e-6, (0.0, 1 / 3, -0.0))
 FULL = replace(
@@ -120,7 +126,7 @@ def test_cells_are_what_the_records_say(tmp_path: Path) -> None:
         (CONTACT, ContactRecord, set()),
         (PIERCING_ARRAYS, PiercingRecord, {"name", "x", "channel"}),
         (HOLE_SUMMARY, PiercingRecord, {"name", "u", "v"}),
-        (ORGAN_ARRAYS, OrganRecord, set()),
+        ((*ORGAN_ARRAYS, *ORGAN_CELLS), OrganRecord, {"strained", "rotated"}),
         (THREAD_ARRAYS, ThreadRecord, {"points", "pieces"}),
     ],
 )

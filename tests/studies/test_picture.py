@@ -8,7 +8,7 @@ from matplotlib.image import imread
 
 from studies.output.records import OrganTopology
 from studies.pictures import picture as chooser
-from studies.pictures.picture import draw_picture
+from studies.pictures.picture import draw_picture, draw_scene, last_words
 from studies.pictures.section import cut, draw_section
 from studies.pictures.view import surface
 from tests.studies.samples import LINEAR, frame, quadratic
@@ -25,32 +25,53 @@ def test_the_section_is_drawn(tmp_path: Path, topology: OrganTopology | None) ->
 
 
 def test_a_picture_comes_out_and_says_how(tmp_path: Path) -> None:
-    line = draw_picture(frame(0.1), LINEAR, tmp_path / "picture.png", "title")
+    drawn = draw_picture(frame(0.1), LINEAR, tmp_path / "picture.png", "title")
     assert is_drawn(tmp_path / "picture.png")
-    assert "3-D picture (pyvista)" in line or "apt-get install" in line
+    assert not drawn.failure
+    assert "3-D picture (pyvista)" in drawn.line or "apt-get install" in drawn.line
 
 
-def test_a_child_that_dies_leaves_the_section(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(chooser, "WINDOWS", ("vtkNoSuchRenderWindow",))
-    calls: list[str] = []
-    drawing = chooser._draws
-
-    def draws(module: str, *rest: object) -> bool:
-        calls.append(module)
-        return module != "studies.pictures.space" and drawing(module, *rest)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(chooser, "_draws", draws)
-    line = draw_picture(frame(0.1), LINEAR, tmp_path / "picture.png")
-    assert calls == ["studies.pictures.space", "studies.pictures.section"]
-    assert "section (matplotlib)" in line and "libegl1" in line
+def test_a_child_that_dies_leaves_the_section_and_its_last_words(tmp_path: Path) -> None:
+    """Independent check: without the module for three dimensions there is a section, and the cause is Python's own."""
+    drawn = draw_scene(
+        (frame(0.1), LINEAR, ""), tmp_path / "picture.png", "studies.no_such", "studies.pictures.section"
+    )
     assert is_drawn(tmp_path / "picture.png")
+    assert "section (matplotlib)" in drawn.line and "libegl1" in drawn.line
+    assert "No module named studies.no_such" in drawn.line
+    assert not drawn.failure
 
 
-def test_a_child_that_crashes_is_survived(tmp_path: Path) -> None:
+def test_a_picture_that_cannot_be_drawn_has_its_true_cause(tmp_path: Path) -> None:
+    """Independent check: a file that is no scene, and a place where no picture can be."""
     source = tmp_path / "frame.pickle"
     source.write_bytes(b"not a pickle")
-    assert not chooser._draws("studies.pictures.section", source, tmp_path / "picture.png", {})
+    cause = chooser.draw_apart("studies.pictures.section", source, tmp_path / "picture.png", {})
+    assert cause.startswith("_pickle.UnpicklingError") and "ended with status 1" in cause
     assert not (tmp_path / "picture.png").exists()
+    drawn = draw_scene((frame(0.1), LINEAR, ""), tmp_path / "a" / "b.png", "studies.no", "studies.pictures.section")
+    assert "No such file or directory" in drawn.failure and drawn.failure in drawn.line
+
+
+def test_the_last_words_of_a_child() -> None:
+    """Independent check: the last line that is not empty, or the signal where nothing was said."""
+    assert last_words(1, "Traceback\n  x\nOSError: no display\n\n") == "OSError: no display (ended with status 1)"
+    assert last_words(-11, "") == "ended by SIGSEGV"
+    assert last_words(0, " ") == "ended without a picture"
+
+
+def test_a_file_in_the_working_folder_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: files called like modules that the picture imports, in the working folder, on PYTHONPATH and
+    on the parent's path."""
+    for name in ("pyvista", "random", "matplotlib", "studies"):
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'run')!r}, 'w')\nraise SystemExit('mine')\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.syspath_prepend("")
+    drawn = draw_scene((frame(0.1), LINEAR, ""), tmp_path / "picture.png", "studies.no", "studies.pictures.section")
+    assert is_drawn(tmp_path / "picture.png"), drawn.line
+    assert not (tmp_path / "run").exists()
 
 
 def test_the_surface_is_closed_and_faces_outward() -> None:

@@ -47,6 +47,8 @@ def test_fields_read_back(reader: pv.PVDReader) -> None:
     same(solid["displacement"], written.organ.displacement)
     same(solid["stress"], written.organ.stress)
     same(solid["von_mises"], written.organ.von_mises)
+    for name in ("strain", "rotation"):
+        same(solid.cell_data[name], getattr(written.organ, name))
     assert [solid.GetPointData().GetArray("stress").GetComponentName(k) for k in range(6)] == [
         *("XX", "YY", "ZZ", "XY", "YZ", "XZ")
     ]
@@ -82,6 +84,21 @@ def test_frames_have_the_arrays_of_their_columns(tmp_path: Path) -> None:
             arrays = [data.GetArray(index) for index in range(data.GetNumberOfArrays())]
             found = {array.GetName(): array.GetNumberOfComponents() for array in arrays}
             assert found == {name: size for name, size in expected.items() if name not in missing}
+
+
+def test_frames_that_are_gone_are_left_out(tmp_path: Path) -> None:
+    """Independent check: a series that goes on names the files that are there, in `missing` those that are not, and
+    ParaView opens it."""
+    series = Series(tmp_path, LINEAR)
+    for number, time in enumerate(TIMES):
+        series.write(number, frame(time))
+    (tmp_path / "frames" / "thread_000001.vtp").unlink()
+    again = Series(tmp_path, LINEAR, before=2)
+    assert again.missing == ["frames/thread_000001.vtp"]
+    again.write(2, frame(TIMES[2]))
+    index = (tmp_path / "results.pvd").read_text(encoding="utf-8")
+    assert "thread_000001" not in index and index.count("<DataSet") == 8
+    assert Series(tmp_path, LINEAR, before=2).missing == []
 
 
 def test_quadratic_tetrahedra(tmp_path: Path) -> None:

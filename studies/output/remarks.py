@@ -1,0 +1,189 @@
+"""Remarks: what a run says of its own numbers, in `summary.json`, on the console and from Python.
+
+The catalogue has each code once, with its severity, the bound that it is said beyond, and why there. A remark of the
+severity "unsupported" says that a number of the run is not what its model means; a "note" says what a reader should
+know. Who judges a run is `studies.simulation.remarks`.
+"""
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+Severity = Literal["note", "unsupported"]
+
+SMALL_STRAIN = 0.2  # linear elasticity leaves out ½ε² beside ε: a tenth of it here
+SMALL_ROTATION = 0.2  # rad: a rotation alone strains a linear body by 1 − cos θ, which is 0.02 here
+SHARE = 0.05  # of the organ's strain energy: what less of it does decides no force
+THREAD_STRAIN = 0.1  # a line through the origin fits the stress of monofilaments about as far (assumption)
+OFF_PATH = 10.0  # diameters: as far as the thread is drawn into a hole that begins
+CREATED = 1e-3  # of a run's energy: works by a rectangle rule are that exact at the steps of the shipped scenes
+DISSIPATED = 0.05  # of a run's energy
+SLID = 1.0  # diameters that a thread may still slide in as long as the run took, and be at rest
+NEAR = 2.0  # of the footprints of two holes together: there a hole moves its neighbour by a quarter of its own way
+COARSE = {"P1": 0.25, "P2": 0.5}  # footprints to a cell: the compliance of the hole is then within 8 %
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of remark: `bound`, beyond which it is said, and `reason`, both for the manual."""
+
+    code: str
+    severity: Severity
+    bound: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Remark:
+    """What is said of a run: `where` names a piercing, a key, or a part of the run."""
+
+    code: str
+    severity: Severity
+    message: str
+    where: str
+
+    @property
+    def unsupported(self) -> bool:
+        """Whether a number is not supported."""
+        return self.severity == "unsupported"
+
+    @property
+    def line(self) -> str:
+        """The remark to be read by a person."""
+        return f"{self.severity}: {self.message} [{self.code}]"
+
+    def record(self) -> dict[str, str]:
+        """Return the remark as `summary.json` has it."""
+        return asdict(self)
+
+
+KINDS = (
+    Kind(
+        "hole-strain",
+        "unsupported",
+        f"mean strain at a hole above {SMALL_STRAIN:g}",
+        "the second-order part of the strain, which linear elasticity leaves out, is then a tenth of it",
+    ),
+    Kind(
+        "hole-rotation",
+        "unsupported",
+        f"turn of a hole above {SMALL_ROTATION:g} rad",
+        "a rotation alone strains a linear body by 1 − cos θ, which is 0.02 there",
+    ),
+    Kind(
+        "tissue-strain",
+        "unsupported",
+        f"strain above {SMALL_STRAIN:g} in cells with more than {SHARE:.0%} of the organ's strain energy",
+        "as at a hole; so much of the energy decides forces",
+    ),
+    Kind(
+        "tissue-rotation",
+        "unsupported",
+        f"rotation above {SMALL_ROTATION:g} rad in cells with more than {SHARE:.0%} of the organ's strain energy",
+        "as at a hole",
+    ),
+    Kind(
+        "local-strain",
+        "note",
+        f"strain above {SMALL_STRAIN:g} in cells with less of it",
+        "at an edge, a clamp or a wound's tip strain has no limit under refinement: stress there means nothing",
+    ),
+    Kind(
+        "thread-strength",
+        "unsupported",
+        "tension above the least knot-pull strength of `suture catalogue`, where that is known",
+        "a suture of that size may break there; no thread breaks in a run",
+    ),
+    Kind(
+        "thread-strain",
+        "unsupported",
+        f"axial strain of the thread above {THREAD_STRAIN:g}",
+        "its law is linear, and sutures are so at small strains alone",
+    ),
+    Kind(
+        "spans",
+        "unsupported",
+        "`thread.span_ratio` above 0.5 at the end",
+        "forces along the thread are then off by several per cent",
+    ),
+    Kind(
+        "energy-created",
+        "unsupported",
+        f"numerical dissipation below −{CREATED:g} of the run's energy at any time",
+        "a scheme that creates energy drives the motion itself",
+    ),
+    Kind(
+        "numerical-dissipation",
+        "note",
+        f"above {DISSIPATED:.0%} of the run's energy at the end",
+        "what moves has been damped by the steps in time; a smaller `solve.dt` damps less",
+    ),
+    Kind(
+        "not-at-rest",
+        "note",
+        "at the end of a dynamic run, kinetic energy above 1e-4 of the elastic, or thread that would slide by more "
+        "than its diameter in as long again",
+        "the last numbers are of a moment, not of an equilibrium",
+    ),
+    Kind(
+        "subgrid",
+        "unsupported",
+        "an edge, a clamp or another hole within a cell of a hole's rim",
+        "the compliance that is added for cells too coarse is that of a hole alone",
+    ),
+    Kind(
+        "cells",
+        "unsupported",
+        f"without `piercing.subgrid`, cells above {COARSE['P1']:g} (P1) or {COARSE['P2']:g} (P2) of the footprint",
+        "the mesh is then too stiff at the hole by more than some 8 %",
+    ),
+    Kind(
+        "bare-point",
+        "unsupported",
+        "a footprint of zero in an organ",
+        "the displacement of a point has no limit under refinement",
+    ),
+    Kind(
+        "holes-near",
+        "note",
+        f"two holes within {NEAR:g} times their footprints together, centre to centre",
+        "each then moves the other by a quarter of its own way, and more",
+    ),
+    Kind(
+        "off-path",
+        "note",
+        f"a piercing more than {OFF_PATH:g} diameters from `thread.path`",
+        "the thread is bent to it at the start, and the energy of that goes where the damping takes it",
+    ),
+    Kind(
+        "units",
+        "note",
+        "a length, modulus or density that no organ or suture has",
+        "numbers in mm, kPa or g/cm³ look like that",
+    ),
+    Kind(
+        "frames-missing",
+        "note",
+        "at a resume, frames that `results.pvd` names and that are not there",
+        "they are left out of it",
+    ),
+    Kind("no-picture", "note", "a picture that could not be drawn", "the message has the cause"),
+)
+CATALOGUE = {kind.code: kind for kind in KINDS}
+
+
+def remark(code: str, where: str, message: str) -> Remark:
+    """Make a remark of a kind of the catalogue."""
+    return Remark(code, CATALOGUE[code].severity, message, where)
+
+
+def any_unsupported(remarks: Iterable[Remark]) -> bool:
+    """Tell whether a remark says that a number is not supported."""
+    return any(each.unsupported for each in remarks)
+
+
+def markdown() -> str:
+    """Make the table of the manual."""
+    lines = ["| code | severity | said of | because |", "|---|---|---|---|"]
+    lines += [f"| `{kind.code}` | {kind.severity} | {kind.bound} | {kind.reason} |" for kind in KINDS]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,307 @@
+"""What is to be said of a run: before its first step from its assembly, at its end from what it met.
+
+Each function judges one thing by plain numbers and returns the remarks that it deserves. The bounds stand in the
+catalogue, `studies.output.remarks`.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain, combinations
+from math import dist
+from typing import Any
+
+import numpy as np
+
+from meshes.quality import size_at
+from studies import scenario as model
+from studies.arrays import Array
+from studies.output.records import Ending, EnergyRecord, Extremes
+from studies.output.remarks import (
+    COARSE,
+    CREATED,
+    DISSIPATED,
+    NEAR,
+    OFF_PATH,
+    SHARE,
+    SLID,
+    SMALL_ROTATION,
+    SMALL_STRAIN,
+    THREAD_STRAIN,
+    Remark,
+    remark,
+)
+from studies.scenario import Scenario
+from studies.scenario.refusal import dotted_key
+from studies.simulation.assembly import Assembly, section_of
+from studies.verdicts import RESOLVED, SETTLED, unrest
+from thread.catalogue import knot_pull
+
+MILLI = 1e-3
+PLAUSIBLE = {  # what organs and sutures have, with room to spare
+    "size": (1e-3, 2.0),  # m
+    "tissue.youngs_modulus": (1e2, 1e10),  # Pa: brain to tendon
+    "tissue.density": (3e2, 5e3),  # kg/m³
+    "thread.length": (1e-3, 1e1),  # m
+    "thread.diameter": (5e-6, 3e-3),  # m
+    "thread.youngs_modulus": (1e5, 1e12),  # Pa
+    "thread.density": (3e2, 2.5e4),  # kg/m³: to tungsten
+}
+
+
+def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]]) -> list[Remark]:
+    """Return what can be said before the first step."""
+    scenario = assembly.scenario
+    out = [*unlike_units(values_of(assembly)), *off_path(assembly)]
+    if assembly.body is None:
+        return out
+    sizes = [size_at(assembly.body.mesh, np.array(hole.at)) for hole in scenario.piercing]
+    return [
+        *out,
+        *chain.from_iterable(map(coarse_cells, scenario.piercing, sizes, [assembly.body.element] * len(sizes))),
+        *outside_subgrid(subgrid),
+        *near_holes(scenario.piercing),
+    ]
+
+
+def met(scenario: Scenario, ending: Ending) -> list[Remark]:
+    """Return what is to be said of a run that came to an `ending`."""
+    step, extremes = ending.step, ending.extremes
+    names = [hole.name for hole in scenario.piercing]
+    strength = knot_pull(scenario.thread.suture) if scenario.thread.suture else None
+    dynamic = scenario.solve.kind == "dynamic"
+    return [
+        *beyond_at_holes(names, extremes),
+        *beyond_in_tissue(extremes),
+        *overloaded(extremes, strength),
+        *coarse_spans(step.span_ratio),
+        *(audited(step.energy.numerical_dissipation, extremes) if dynamic else []),
+        *(
+            unsettled(step.energy, step.slide_speed * step.time, section_of(scenario.thread).diameter)
+            if dynamic
+            else []
+        ),
+    ]
+
+
+def beyond_at_holes(names: Sequence[str], extremes: Extremes) -> list[Remark]:
+    """Judge strain and turn of the tissue at the holes."""
+    out = []
+    for name, strain, turn in zip(names, extremes.mean_strain, extremes.turn, strict=True):
+        if strain > SMALL_STRAIN:
+            out.append(
+                remark(
+                    "hole-strain",
+                    name,
+                    f"the tissue at {name!r} was strained by {strain:.2g}, linear elasticity holds to about "
+                    f"{SMALL_STRAIN:g}; pull less, or take firmer tissue or a wider footprint",
+                )
+            )
+        if turn > SMALL_ROTATION:
+            out.append(
+                remark(
+                    "hole-rotation",
+                    name,
+                    f"the hole {name!r} turned by {turn:.2g} rad, linear elasticity holds to about {SMALL_ROTATION:g}; "
+                    "pull less, or take a softer suture, firmer tissue or a wider footprint",
+                )
+            )
+    return out
+
+
+def beyond_in_tissue(extremes: Extremes) -> list[Remark]:
+    """Judge strain and rotation of the organ's cells."""
+    out = []
+    if extremes.strain > SMALL_STRAIN:
+        wide = extremes.strained > SHARE
+        which = "decide its forces" if wide else "decide none of its forces; stress there is not meant"
+        out.append(
+            remark(
+                "tissue-strain" if wide else "local-strain",
+                "tissue",
+                f"the tissue was strained by up to {extremes.strain:.2g}, linear elasticity holds to about "
+                f"{SMALL_STRAIN:g}; the cells beyond have {extremes.strained:.1%} of its strain energy and {which}",
+            )
+        )
+    if extremes.rotation > SMALL_ROTATION and extremes.rotated > SHARE:
+        out.append(
+            remark(
+                "tissue-rotation",
+                "tissue",
+                f"the tissue was rotated by up to {extremes.rotation:.2g} rad, linear elasticity holds to about "
+                f"{SMALL_ROTATION:g}; the cells beyond have {extremes.rotated:.1%} of its strain energy",
+            )
+        )
+    return out
+
+
+def overloaded(extremes: Extremes, strength: float | None) -> list[Remark]:
+    """Judge the thread by its strength [N], None where that is not known, and by its strain."""
+    out = []
+    if strength is not None and extremes.tension > strength:
+        out.append(
+            remark(
+                "thread-strength",
+                "thread",
+                f"the thread bore {extremes.tension:.3g} N, and its knot-pull strength is {strength:.3g} N (least "
+                "average); take a stronger suture, or pull less",
+            )
+        )
+    if extremes.thread_strain > THREAD_STRAIN:
+        out.append(
+            remark(
+                "thread-strain",
+                "thread",
+                f"the thread was strained by {extremes.thread_strain:.2g}, its linear law holds to about "
+                f"{THREAD_STRAIN:g}; take a stiffer suture, more control points, or pull less",
+            )
+        )
+    return out
+
+
+def coarse_spans(ratio: float) -> list[Remark]:
+    """Judge whether the spline can follow the bends at the holes; `ratio` is a step's `span_ratio`."""
+    if ratio <= RESOLVED:
+        return []
+    text = (
+        f"the spans at the holes are {ratio:.2g} of the length that the thread bends over there, at most {RESOLVED:g} "
+        'is fine enough for the forces along it; set thread.resolution = "adaptive", or raise thread.control_points'
+    )
+    return [remark("spans", "thread.control_points", text)]
+
+
+def audited(numerical: float, extremes: Extremes) -> list[Remark]:
+    """Judge what the steps in time did to the energy, `numerical` [J] being their dissipation at the end."""
+    out, scale = [], extremes.energy
+    if extremes.created > CREATED * scale:
+        out.append(
+            remark(
+                "energy-created",
+                "solve",
+                f"the steps in time created {extremes.created:.2g} J, {extremes.created / scale:.2g} of the run's "
+                f"energy ({scale:.2g} J); take a smaller solve.dt",
+            )
+        )
+    if numerical > DISSIPATED * scale:
+        out.append(
+            remark(
+                "numerical-dissipation",
+                "solve.dt",
+                f"the steps in time dissipated {numerical:.2g} J, {numerical / scale:.0%} of the run's energy "
+                f"({scale:.2g} J): what swings is damped by them; where that matters take a smaller solve.dt",
+            )
+        )
+    return out
+
+
+def unsettled(energy: EnergyRecord, slide: float, diameter: float) -> list[Remark]:
+    """Judge whether a run came to rest, by its kinetic energy and by the way `slide` [m] that a thread of a `diameter`
+    [m] would slide in as long again."""
+    share = unrest(energy.kinetic, energy.elastic)
+    if share <= SETTLED and slide <= SLID * diameter:
+        return []
+    text = (
+        f"not at rest at the end: the kinetic energy is {share:.2g} of the elastic (at rest: {SETTLED:g}), and at its "
+        f"last speed the thread would slide by {slide / MILLI:.2g} mm in as long again (at rest: "
+        f"{SLID * diameter / MILLI:.2g} mm)"
+    )
+    return [remark("not-at-rest", "solve.duration", text)]
+
+
+def outside_subgrid(gaps: Mapping[str, Mapping[str, Any]]) -> list[Remark]:
+    """Judge whether what is added to the compliance of holes holds, by their record under `subgrid`."""
+    return [
+        remark(
+            "subgrid",
+            name,
+            f"an edge, a clamp or another hole is {gap['clear'] / MILLI:.2g} mm from the rim of {name!r}, where cells "
+            f"are {gap['size'] / MILLI:.2g} mm: the compliance added is that of a hole alone; take smaller cells",
+        )
+        for name, gap in gaps.items()
+        if not gap["holds"]
+    ]
+
+
+def coarse_cells(hole: model.Piercing, size: float, element: str) -> list[Remark]:
+    """Judge the cells [m] at a hole to which nothing is added."""
+    key = dotted_key(["piercing", hole.name, "footprint"])
+    if hole.footprint == 0.0:
+        text = f"{hole.name!r} is a bare point, whose displacement goes with the size of the cells; give {key}"
+        return [remark("bare-point", hole.name, text)]
+    bound = COARSE[element] * hole.footprint
+    if hole.subgrid or size <= bound:
+        return []
+    text = (
+        f"the cells at {hole.name!r} are {size / MILLI:.2g} mm, at most {bound / MILLI:.2g} mm ({element}) are fine "
+        "enough for its footprint; set its subgrid, or take a smaller tissue.mesh.h_site"
+    )
+    return [remark("cells", hole.name, text)]
+
+
+def near_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
+    """Judge how near holes are to one another; two at one place are one hole at two times."""
+    out = []
+    for one, other in combinations(holes, 2):
+        apart, reach = dist(one.at, other.at), NEAR * (one.footprint + other.footprint)
+        if 0.0 < apart < reach:
+            text = (
+                f"{one.name!r} and {other.name!r} are {apart / MILLI:.2g} mm apart, nearer than {NEAR:g} times their "
+                f"footprints together, {reach / MILLI:.2g} mm: each moves the other"
+            )
+            out.append(remark("holes-near", one.name, text))
+    return out
+
+
+def off_path(assembly: Assembly) -> list[Remark]:
+    """Judge how far the holes that hold the thread at the start are from its path."""
+    scenario, bound = assembly.scenario, OFF_PATH * assembly.system.thread.section.diameter
+    stretch = assembly.path.length / assembly.system.thread.spline.end
+    there = assembly.path.position(np.clip(assembly.s * stretch, 0.0, assembly.path.length))
+    places = assembly.system.organ.y0.reshape(-1, 9)[:, :3]
+    away = np.linalg.norm(there - places, axis=1)
+    return [
+        remark(
+            "off-path",
+            hole.name,
+            f"{hole.name!r} is {gap / MILLI:.2g} mm from thread.path, further than {OFF_PATH:g} diameters, "
+            f"{bound / MILLI:.2g} mm: the thread is bent to it before the first step; lead the path through it",
+        )
+        for hole, gap in zip(scenario.piercing, away, strict=True)
+        if hole.from_ == 0.0 and gap > bound
+    ]
+
+
+def values_of(assembly: Assembly) -> dict[str, Array]:
+    """Return what has a unit that may be mistaken, by its key [SI]."""
+    section, body = section_of(assembly.scenario.thread), assembly.body
+    out: dict[str, Any] = {
+        "thread.length": assembly.system.thread.spline.end,
+        "thread.diameter": section.diameter,
+        "thread.youngs_modulus": section.youngs_modulus,
+        "thread.density": section.density,
+    }
+    if body is not None:
+        out["size"] = np.ptp(body.points, axis=0).max()
+        out["tissue.youngs_modulus"] = body.material.youngs_modulus
+        out["tissue.density"] = body.material.density
+    return {key: np.atleast_1d(value) for key, value in out.items()}
+
+
+def unlike_units(values: Mapping[str, Array]) -> list[Remark]:
+    """Judge whether values [SI] by their key are such as organs and sutures have."""
+    units = {"size": "m", "length": "m", "diameter": "m", "youngs_modulus": "Pa", "density": "kg/m³"}
+    return [
+        remark("units", key, unlike_text(key, odd, units[key.rpartition(".")[2]]))
+        for key, found in values.items()
+        for odd in odd_values(found, *PLAUSIBLE[key])
+    ]
+
+
+def odd_values(values: Array, low: float, high: float) -> Iterable[float]:
+    """Return the first value that is not between two bounds, if any."""
+    return values[(values < low) | (values > high)][:1].tolist()
+
+
+def unlike_text(key: str, value: float, unit: str) -> str:
+    """Say of a value that it is unlike an organ or a suture."""
+    low, high = PLAUSIBLE[key]
+    what = "the organ is" if key == "size" else f"{key} ="
+    return f"{what} {value:.3g} {unit}; organs and sutures have {low:g} to {high:g}: is it in another unit than SI?"

@@ -1,0 +1,341 @@
+"""Remarks: each appears beyond its bound and stays away at it; a run writes them, prints them and can be strict."""
+
+import json
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from studies.command import command
+from studies.output.folder import Recorder
+from studies.output.records import Ending, EnergyRecord, Extremes, StepRecord, nothing_met
+from studies.output.remarks import (
+    CATALOGUE,
+    COARSE,
+    CREATED,
+    DISSIPATED,
+    KINDS,
+    NEAR,
+    OFF_PATH,
+    SHARE,
+    SLID,
+    SMALL_ROTATION,
+    SMALL_STRAIN,
+    THREAD_STRAIN,
+    Remark,
+    remark,
+)
+from studies.scenario import Scenario, load, parse
+from studies.scenario.toml import tables
+from studies.simulation import prepare
+from studies.simulation import remarks as judging
+from studies.simulation.simulation import Simulation
+from studies.verdicts import RESOLVED, SETTLED
+from tests.bounds import IDENTITY
+from tests.studies.samples import CONTRACT, LINEAR, Stub, frame, framing, step
+
+ROUND = 1e-9  # of a bound: what is said beyond it is said this far beyond, and not this far within
+STEPS = 12
+
+Judge = Callable[[float], Sequence[Remark]]
+
+
+def met(**values: Any) -> Extremes:
+    return replace(nothing_met(1), **values)
+
+
+def gap(clear: float) -> dict[str, dict[str, Any]]:
+    return {"a": {"share": 0.5, "size": 1e-3, "clear": clear, "holds": clear >= 1e-3}}
+
+
+def hole(**keys: Any) -> Any:
+    given = {"name": "a", "at": [0, 0, 0], "footprint": 1e-3, "subgrid": False} | keys
+    table = {"piercing": [given], "thread": {"suture": "2-0 silk", "control_points": 9, "path": [[0, 0, 0], [1, 0, 0]]}}
+    return parse(table).piercing[0]
+
+
+def energy(kinetic: float, elastic: float) -> EnergyRecord:
+    return EnergyRecord(kinetic, elastic, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+# For each code the bound, and the judgement of a value; the sign says on which side of the bound it is said.
+JUDGED: dict[str, tuple[float, int, Judge]] = {
+    "hole-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_at_holes(["a"], met(mean_strain=np.array([x])))),
+    "hole-rotation": (SMALL_ROTATION, 1, lambda x: judging.beyond_at_holes(["a"], met(turn=np.array([x])))),
+    "tissue-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5))),
+    "tissue-rotation": (SMALL_ROTATION, 1, lambda x: judging.beyond_in_tissue(met(rotation=x, rotated=0.5))),
+    "local-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5 * SHARE))),
+    "thread-strength": (14.122, 1, lambda x: judging.overloaded(met(tension=x), 14.122)),
+    "thread-strain": (THREAD_STRAIN, 1, lambda x: judging.overloaded(met(thread_strain=x), None)),
+    "spans": (RESOLVED, 1, judging.coarse_spans),
+    "energy-created": (CREATED, 1, lambda x: judging.audited(0.0, met(energy=1.0, created=x))),
+    "numerical-dissipation": (DISSIPATED, 1, lambda x: judging.audited(x, met(energy=1.0))),
+    "not-at-rest": (SETTLED, 1, lambda x: judging.unsettled(energy(x, 1.0), 0.0, 3e-4)),
+    "subgrid": (1e-3, -1, lambda x: judging.outside_subgrid(gap(x))),
+    "cells": (COARSE["P1"] * 1e-3, 1, lambda x: judging.coarse_cells(hole(), x, "P1")),
+    "holes-near": (NEAR * 2e-3, -1, lambda x: judging.near_holes([hole(), hole(name="b", at=[x, 0, 0])])),
+    "units": (1e2, -1, lambda x: judging.unlike_units({"tissue.youngs_modulus": np.array([1e5, x])})),
+}
+
+
+@pytest.mark.parametrize("code", JUDGED)
+def test_a_remark_is_said_beyond_its_bound_and_not_within(code: str) -> None:
+    """Independent check: a value just beyond the bound has this remark and no other, one just within has none; the
+    message has the number."""
+    bound, side, judge = JUDGED[code]
+    said = judge(bound * (1.0 + side * ROUND))
+    assert [(each.code, each.severity) for each in said] == [(code, CATALOGUE[code].severity)]
+    assert re.search(r"\d", said[0].message) and said[0].where
+    assert judge(bound * (1.0 - side * ROUND)) == []
+
+
+def test_what_is_judged_by_two_numbers() -> None:
+    """Independent check: a run without motion that still slides; a share that tells local from wide; P2; a bare point,
+    to which no cells are fine enough; a hole to which compliance is added."""
+    still, at = energy(0.0, 1.0), 3e-4
+    assert judging.unsettled(still, SLID * at, at) == []
+    assert [each.code for each in judging.unsettled(still, SLID * at * (1 + ROUND), at)] == ["not-at-rest"]
+    for share, code in ((SHARE * (1 - ROUND), "local-strain"), (SHARE * (1 + ROUND), "tissue-strain")):
+        assert [each.code for each in judging.beyond_in_tissue(met(strain=0.5, strained=share))] == [code]
+    assert judging.beyond_in_tissue(met(rotation=0.5, rotated=SHARE)) == []
+    assert judging.coarse_cells(hole(), COARSE["P2"] * 1e-3, "P2") == []
+    assert judging.coarse_cells(hole(subgrid=True), 1.0, "P1") == []
+    assert [each.code for each in judging.coarse_cells(hole(footprint=0.0), 1e-9, "P1")] == ["bare-point"]
+    assert judging.overloaded(met(tension=1e9), None) == []
+    assert judging.near_holes([hole(), hole(name="b")]) == []  # one place at two times
+
+
+def test_the_catalogue_has_every_code_once_and_each_is_judged() -> None:
+    """Independent check: codes are words joined by hyphens, and those that no number of a run decides are known."""
+    assert len(CATALOGUE) == len(KINDS)
+    assert all(re.fullmatch(r"[a-z]+(-[a-z]+)*", kind.code) and kind.bound and kind.reason for kind in KINDS)
+    assert {kind.severity for kind in KINDS} == {"note", "unsupported"}
+    assert CATALOGUE.keys() - JUDGED.keys() == {"bare-point", "off-path", "frames-missing", "no-picture"}
+    with pytest.raises(KeyError):
+        remark("no-such-code", "", "")
+
+
+# -- scenes ----------------------------------------------------------------------------------------------------------
+
+
+SCENE = """
+[tissue]
+youngs_modulus = 1.0e5
+poisson_ratio = 0.45
+density = 1070.0
+inertia = false
+clamp = ["bottom"]
+[tissue.mesh]
+kind = "block"
+generator = "structured"
+size = [0.04, 0.03, 0.015]
+h = 5.0e-3
+[thread]
+suture = "2-0 polypropylene"
+control_points = 40
+path = [[0, 0, -0.008], [0, 0, 0.03]]
+end = { kind = "pulled", force = [0, 0, 0.05] }
+[[piercing]]
+name = "anchor"
+at = [0, 0, 0]
+kind = "anchored"
+direction = "normal"
+footprint = 2.0e-3
+[solve]
+kind = "static"
+load_steps = 2
+"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE, encoding="utf-8")
+    return path
+
+
+def ended(simulation: Simulation) -> Ending:
+    """The ending of a run, every step of which is a frame."""
+    extremes = nothing_met(len(simulation.scenario.piercing))
+    for last, made in simulation.advance():
+        extremes = extremes.after_step(last).after_frame(made().organ)
+    return Ending(last, extremes)
+
+
+def codes(path: Path, *given: str) -> set[str]:
+    """The codes of the remarks on a run of the scene."""
+    simulation = prepare(load(path, list(given)))
+    return {each.code for each in simulation.remarks(ended(simulation))}
+
+
+def test_a_small_pull_needs_no_remark(scene: Path) -> None:
+    """Independent check: 50 mN on 2 mm of tissue of 100 kPa are a strain of about 0.04."""
+    assert codes(scene) == set()
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        (("thread.end.force=[0, 0, 2.0]",), {"tissue-strain"}),
+        (("thread.end.force=[0.3, 0, 0.0]",), {"hole-rotation"}),
+        (("tissue.youngs_modulus=1e9", "thread.end.force=[0, 0, 20.0]"), {"thread-strength"}),
+        (("piercing.anchor.subgrid=false",), {"cells"}),
+        (("piercing.anchor.footprint=0", 'piercing.anchor.direction="free"'), {"bare-point"}),
+        (("tissue.density=1.0",), {"units"}),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, set) else "",
+)
+def test_a_scene_that_deserves_a_remark_has_it(scene: Path, given: Sequence[str], expected: set[str]) -> None:
+    """Independent check: the scene without remarks, with one thing changed that takes it out of its range."""
+    assert expected <= codes(scene, *given)
+
+
+def test_a_hole_near_an_edge_or_another_is_foreseen(scene: Path) -> None:
+    """Independent check: an anchor 3 mm from the edge of the block, in cells of 5 mm."""
+    path = "thread.path=[[0.017, 0, -0.008], [0.017, 0, 0.03]]"
+    simulation = prepare(load(scene, ["piercing.anchor.at=[0.017, 0, 0]", path]))
+    [said] = [each for each in simulation.remarks() if each.code == "subgrid"]
+    assert (said.where, said.unsupported) == ("anchor", True)
+
+
+def test_off_path_is_said_beyond_ten_diameters(scene: Path) -> None:
+    """Independent check: the path beside the hole by its bound, a little less and a little more."""
+    diameter = 0.32e-3
+    for share, said in ((0.98, False), (1.02, True)):
+        x = share * OFF_PATH * diameter
+        path = f"thread.path=[[{x}, 0, -0.008], [{x}, 0, 0.03]]"
+        found = prepare(load(scene, [path])).remarks()
+        assert ("off-path" in {each.code for each in found}) == said
+
+
+def test_an_organ_in_millimetres_and_kilopascals_is_foreseen(scene: Path) -> None:
+    """Independent check: 100 kPa written as 100, 1.07 g/cm³ as 1.07; numbers that are plausible have no remark."""
+    given = ["tissue.youngs_modulus=99", "tissue.density=1.07"]
+    assert [each.where for each in prepare(load(scene, given)).remarks()] == ["tissue.youngs_modulus", "tissue.density"]
+    assert prepare(load(scene)).remarks() == []
+
+
+# -- files and console -----------------------------------------------------------------------------------------------
+
+
+def recorded(folder: Path, judge: Any, steps: Sequence[StepRecord]) -> dict[str, Any]:
+    scenario = parse(tables(load_contract(folder)))
+    with Recorder(folder / "out", scenario, LINEAR, judge=judge) as recorder:
+        for each in steps:
+            recorder.record(each, framing(each.time))
+    found: dict[str, Any] = json.loads((folder / "out" / "summary.json").read_text())
+    return found
+
+
+def load_contract(folder: Path) -> Scenario:
+    (folder / "contract.toml").write_text(CONTRACT, encoding="utf-8")
+    return load(folder / "contract.toml")
+
+
+def test_the_summary_has_the_extremes_of_the_whole_run(tmp_path: Path) -> None:
+    """Independent check: the largest strain, turn and tension were in the middle of the run, not at its end."""
+    seen: list[Ending] = []
+
+    def judge(ending: Ending | None) -> list[Remark]:
+        seen.extend([ending] if ending else [])
+        return []
+
+    peak = replace(step(3), piercings=tuple(replace(one, mean_strain=0.7, turn=0.9) for one in step(3).piercings))
+    work = replace(step(4), energy=replace(step(4).energy, external_work=-5.0, numerical_dissipation=-0.25))
+    summary = recorded(tmp_path, judge, [step(0), step(1), peak, work, step(5)])
+    assert summary["remarks"] == []
+    for name in ("entry", "exit"):
+        assert summary["range"]["piercings"][name] == {"mean_strain": 0.7, "turn": 0.9}
+        assert summary["piercings"][name]["turn"] == pytest.approx(step(5).time / 30, rel=IDENTITY)
+    organ = frame(step(5).time).organ
+    assert organ is not None
+    assert summary["range"]["largest_strain"] == organ.strain.max()
+    assert summary["range"]["largest_rotation"] == organ.rotation.max()
+    assert (summary["range"]["strained_share"], summary["range"]["rotated_share"]) == (organ.strained, organ.rotated)
+    last = seen[-1].extremes
+    assert (last.energy, last.created, last.thread_strain, last.tension) == (5.0, 0.25, 0.01, 0.2)
+
+
+@pytest.mark.parametrize(("code", "status"), [("spans", 3), ("units", 0)])
+def test_console_and_file_say_the_same_and_strict_ends_with_3(
+    code: str,
+    status: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Independent check: with a remark that a number is not supported, and with a note alone."""
+    load_contract(tmp_path)
+    said = remark(code, "there", "a sentence of its own")
+    monkeypatch.setattr(command, "_prepare", lambda scenario: Stub(scenario, said=(said,)))
+    run = ["run", str(tmp_path / "contract.toml"), "--out", str(tmp_path / "out"), "--no-picture"]
+    assert command.main(run) == 0
+    printed = capsys.readouterr().out
+    assert f"{said.severity}: a sentence of its own [{code}]" in printed
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["remarks"] == [said.record()]
+    assert said.record() == {
+        "code": code, "severity": said.severity, "message": "a sentence of its own", "where": "there"
+    }  # fmt: skip
+    assert command.main([*run, "--strict"]) == status
+    assert command.main([*run, "--strict", "--resume"]) == status  # a completed run is left alone, its remarks stand
+    capsys.readouterr()
+    check = ["check", str(tmp_path / "contract.toml")]
+    assert command.main(check) == 0
+    assert said.line in capsys.readouterr().out
+    assert command.main([*check, "--strict"]) == status
+
+
+def test_a_picture_that_failed_is_a_remark_in_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Independent check: the child's own words are in the summary and on the console."""
+    load_contract(tmp_path)
+    monkeypatch.setattr(command, "_prepare", Stub)
+    monkeypatch.setattr("studies.pictures.picture.draw_apart", lambda *given: "ValueError: no colours left")
+    assert command.main(["run", str(tmp_path / "contract.toml"), "--out", str(tmp_path / "out")]) == 0
+    [said] = json.loads((tmp_path / "out" / "summary.json").read_text())["remarks"]
+    assert (said["code"], said["where"]) == ("no-picture", "picture.png")
+    assert "ValueError: no colours left" in said["message"]
+    assert "ValueError: no colours left" in capsys.readouterr().out
+
+
+def test_frames_that_are_gone_at_a_resume_are_a_remark(scene: Path, tmp_path: Path) -> None:
+    """Independent check: with all frames there the resumed run says nothing of them."""
+    run = ["run", str(scene), "--out", str(tmp_path / "out"), "--no-picture", "--quiet", "--set", "output.every=1"]
+    for gone, said in (("thread_000000.vtp", 0), ("thread_000001.vtp", 1)):
+        assert command.main(run) == 0
+        (tmp_path / "out" / "summary.json").unlink()
+        (tmp_path / "out" / "frames" / gone).rename(tmp_path / gone)
+        if not said:
+            (tmp_path / gone).rename(tmp_path / "out" / "frames" / gone)
+        assert command.main([*run, "--resume"]) == 0
+        remarks = json.loads((tmp_path / "out" / "summary.json").read_text())["remarks"]
+        assert [each["code"] for each in remarks] == ["frames-missing"] * said
+
+
+def test_a_resumed_run_says_what_the_whole_one_would(scene: Path, tmp_path: Path) -> None:
+    """Consistency check: range and remarks of a run that was interrupted, of one that was not."""
+    turned = ["--set", "thread.end.force=[0.3, 0, 0]", "--set", "output.every=1", "--no-picture", "--quiet"]
+    run = ["run", str(scene), *turned, "--out"]
+    assert command.main([*run, str(tmp_path / "whole")]) == 0
+    assert command.main([*run, str(tmp_path / "parts")]) == 0
+    (tmp_path / "parts" / "summary.json").unlink()
+    assert command.main([*run, str(tmp_path / "parts"), "--resume"]) == 0
+    whole, parts = (json.loads((tmp_path / name / "summary.json").read_text()) for name in ("whole", "parts"))
+    assert whole["remarks"] and whole["range"]["piercings"]["anchor"]["turn"] > SMALL_ROTATION
+    assert (parts["remarks"], parts["range"]) == (whole["remarks"], whole["range"])
+
+
+def test_the_provenance_names_the_methods(scene: Path, tmp_path: Path) -> None:
+    """Independent check: the solver is one that was chosen, not "auto", and every package asked for is named."""
+    run = ["run", str(scene), "--out", str(tmp_path / "out"), "--no-picture", "--quiet"]
+    assert command.main(run) == 0
+    found = json.loads((tmp_path / "out" / "summary.json").read_text())["provenance"]
+    methods = found["methods"]
+    assert methods["solver"] in ("superlu", "cholmod", "pardiso", "multigrid")
+    assert (methods["kind"], methods["scheme"]) == ("static", "newton")
+    assert found["packages"].keys() >= {"numpy", "scipy", "scikit-fem", "pyamg", "psutil", "threadpoolctl"}

@@ -1,0 +1,56 @@
+"""Strain and rotation of the organ, cell by cell: what small-strain elasticity takes to be small.
+
+Linear elasticity reads strain and rotation off one gradient, ε = sym ∇U and ω = ½ curl U. It leaves out what is of
+second order in either, and no displacement tells how much that is: a body may go far without straining.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tissue.arrays import Array
+from tissue.elasticity import ELEMENTS, Elasticity
+
+Flags = NDArray[np.bool_]
+
+VERTICES = 4  # of a tetrahedron: a gradient that is linear in a cell is largest at one of them
+
+
+def cell_strain(elasticity: Elasticity, U: Array) -> tuple[Array, Array]:
+    """Return the largest principal strain [-], in magnitude, and the largest rotation |½ curl U| [rad] of each cell,
+    shape `(c,)` each. `U` [m] is a field over all unknowns `(N,)`.
+    """
+    element = ELEMENTS[elasticity.element]()
+    places = np.asarray(element.doflocs)[: VERTICES if element.maxdeg > 1 else 1]
+    values = elasticity.nodal(U)[elasticity.cells]
+    slope = np.einsum("cni,canj->caij", values, shape_gradients(elasticity, places), optimize=True)
+    turned = np.swapaxes(slope, 2, 3)
+    strain = np.abs(np.linalg.eigvalsh(0.5 * (slope + turned))).max(axis=(1, 2))
+    rotation = np.sqrt(0.125) * np.linalg.norm(slope - turned, axis=(2, 3)).max(axis=1)
+    return np.asarray(strain), np.asarray(rotation)
+
+
+def energy_share(elasticity: Elasticity, strain: Array, cells: Flags) -> float:
+    """Return the share of the organ's strain energy, measured by ∫ E ε² dx with the `strain` (c,) of each cell, that is
+    in some `cells` (c,); 0 of an organ without strain.
+    """
+    volume = np.abs(np.linalg.det(cell_edges(elasticity)))
+    energy = elasticity.material.youngs_modulus * volume * strain**2
+    return float(energy[cells].sum() / max(energy.sum(), np.finfo(float).tiny))
+
+
+def shape_gradients(elasticity: Elasticity, places: Array) -> Array:
+    """Return ∂φ_n/∂x_j at places of the reference cell `(a, 3)`, in each cell, shape `(c, a, n, 3)` [1/m]."""
+    element, count = ELEMENTS[elasticity.element](), len(places)
+    reference = np.array(
+        [
+            np.broadcast_to(np.reshape(element.lbasis(places.T, n)[1], (3, -1)), (3, count))
+            for n in range(len(element.doflocs))
+        ]
+    )
+    return np.einsum("nka,ckj->canj", reference, np.linalg.inv(cell_edges(elasticity)), optimize=True)
+
+
+def cell_edges(elasticity: Elasticity) -> Array:
+    """Return ∂x/∂ξ per cell, shape `(c, 3, 3)` [m]."""
+    corners = elasticity.mesh.p.T[elasticity.mesh.t.T]
+    return np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
