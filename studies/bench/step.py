@@ -44,6 +44,10 @@ SCENES = Path(__file__).parents[1] / "scenario" / "scenes"
 THREAD = SCENES / "paper_figure_1.toml"
 COUPLED = SCENES / "two_piercings.toml"
 SIZES = {"4k": (6.0e-3, 2.5e-3), "10k": (4.0e-3, 1.2e-3), "30k": (2.0e-3, 0.7e-3)}  # far from and at the holes [m]
+FIXED = [  # whatever the scene has: the sizes are those of these meshes
+    "thread.control_points=60",
+    *(f"piercing.{name}.footprint=1.5e-3" for name in ("entry", "exit")),
+]
 WARM_UP = 60  # steps before anything is measured: the first ones are not like the rest
 ROUNDS = 15
 LARGEST_ASSEMBLED = 15_000  # unknowns; beyond, one spsolve of the assembled matrix takes minutes
@@ -95,7 +99,8 @@ def measurements(
         name = "dynamic" if inertia else "quasi-static"
         for size, (h, h_site) in sizes.items():
             overrides = [f"tissue.mesh.h={h}", f"tissue.mesh.h_site={h_site}", f"tissue.inertia={str(inertia).lower()}"]
-            yield measure_case(f"{name} {size}", load(COUPLED, [*overrides, f'tissue.solver="{solver}"']), rounds)
+            scenario = load(COUPLED, [*FIXED, *overrides, f'tissue.solver="{solver}"'])
+            yield measure_case(f"{name} {size}", scenario, rounds)
 
 
 def measure_case(case: str, scenario: Scenario, rounds: int) -> Row:
