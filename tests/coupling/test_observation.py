@@ -24,17 +24,18 @@ def test_a_rotated_frame_turns_by_its_angle(angle: float) -> None:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_strain_across_the_hole_is_seen_and_is_no_turn(sign: float) -> None:
-    """Independent check: principal strains −0.25 and 0.1 at 30° across the hole, by the normal frame's rule and by the
-    fibre frame's, whose vectors change by the transpose with the sign turned."""
+@pytest.mark.parametrize("spin", [0.0, 0.4])
+def test_a_strain_across_the_hole_is_seen_and_is_no_turn(sign: float, spin: float) -> None:
+    """Independent check: principal strains −0.25 and 0.1 at 30° across the hole, with and without a spin about it, by
+    the normal frame's rule and by the fibre frame's, whose vectors change by the transpose with the sign turned."""
     e = np.array([np.cos(np.pi / 6), np.sin(np.pi / 6), 0.0])
     f = np.array([-e[1], e[0], 0.0])
-    gradient = -0.25 * np.outer(e, e) + 0.1 * np.outer(f, f)
+    gradient = -0.25 * np.outer(e, e) + 0.1 * np.outer(f, f) + spin * (np.outer(f, e) - np.outer(e, f))
+    change = gradient if sign > 0.0 else -gradient.T
     u, v = np.eye(3)[:2]
-    now = [site(u + sign * gradient @ u, v + sign * gradient @ v)]
-    strain, turn = strains_and_turns(np.tile(site(u, v), 1), np.array(now))
+    strain, turn = strains_and_turns(site(u, v), site(u + change @ u, v + change @ v)[None])
     assert abs(strain[0] - 0.25) < IDENTITY
-    assert turn[0] < IDENTITY
+    assert (turn[0] < IDENTITY) == (spin == 0.0)
 
 
 def test_no_holes_have_no_strain() -> None:
