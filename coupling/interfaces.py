@@ -9,7 +9,7 @@ into it.
 """
 
 from collections.abc import Sequence
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 from coupling.arrays import Array
 from coupling.integrators import Scheme
@@ -86,3 +86,12 @@ class Organ(Protocol[Body]):
     def displace(self, scheme: Scheme, state: Body, y: Array, f_y: Array) -> Answer[Body]:
         """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y` (9p,)
         and the contact forces those of `state`; velocities are kept."""
+
+
+@runtime_checkable
+class KnowsDirections(Protocol):
+    """What an organ may say besides: which of its sites were given a direction."""
+
+    @property
+    def directed(self) -> tuple[bool, ...]:
+        """Whether each site was given a direction; empty where that is not known."""

@@ -9,7 +9,7 @@ import numpy as np
 from coupling.arrays import Array, Flags, Indices
 from coupling.constraints import Passage, passage
 from coupling.errors import CouplingError
-from coupling.interfaces import Body, Organ
+from coupling.interfaces import Body, KnowsDirections, Organ
 from thread.banded import diagonal_of
 from thread.ends import Clamped, End
 from thread.frames import Frame
@@ -40,7 +40,7 @@ class Friction:
 
 @dataclass(frozen=True)
 class Piercing:
-    """One hole: its name, whether the thread slides in it, and whether the direction is imposed.
+    """One hole: its name, whether the thread slides in it, and whether the direction of its site is imposed.
 
     `friction` None means an ideal hole. The thread is in it from `begins` to `ends` [s]. A hand may draw the thread
     through a hole in which it does not slide: `draw`, shape `(k, 2)`: t [s], length [m] towards the end of the thread,
@@ -84,6 +84,13 @@ class System(Generic[Body]):
             raise CouplingError(
                 f"{len(self.piercings)} piercings, but the organ has {self.organ.y0.size // 9} sites; give one for one"
             )
+        told = self.organ.directed if isinstance(self.organ, KnowsDirections) else ()
+        for piercing, directed in zip(self.piercings, told, strict=False):
+            if piercing.directed and not directed:
+                raise CouplingError(
+                    f"piercing {piercing.name!r}: directed = True, but its site was given no direction; give the site "
+                    'one (a vector, or "normal" on an organ), or take directed=False'
+                )
 
     @cached_property
     def held(self) -> Indices:

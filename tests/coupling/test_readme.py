@@ -2,13 +2,18 @@
 
 import ast
 import re
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.bounds import IDENTITY
+from coupling.bordered import columns, linearise
+from coupling.constraints import driving_force, passage, site_force, spread, thread_force
+from coupling.sliding import Law, linearise_law
+from tests.bounds import DIFFERENCE, IDENTITY
+from tests.thread.threads import Array, Strand, bent, uniform
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "coupling" / "README.md").read_text(encoding="utf-8")
@@ -16,7 +21,8 @@ NAMED = sorted(set(re.findall(r"`([\w/]+\.py):([\w.]+)`", TEXT)))
 FILES = sorted(set(re.findall(r"`([\w/]+/[\w/]+\.py)`", TEXT)))
 ROWS = re.findall(r"^\| ([^|]+?) \| .+ \| (.+?) \|$", TEXT, re.MULTILINE)
 SYMBOLS = [
-    *("A_t", "M", "∂²E/∂q²", "H_qq", "H_qU", "H_qs", "H_Uq", "H_Us", "H_UU", "H_sq, H_sU", "H_ss", "Φ_q", "Φ_s", "Φ_y"),
+    *("A_t+H_qq", "A_t", "a, d", "M", "D", "∂²E/∂q²", "H_qq", "H_qU", "H_qs", "H_Uq", "H_Us", "H_UU", "H_sq, H_sU"),
+    *("ε a+H_ss", "ε", "Φ_q", "Φ_s", "Φ_y", "M_o", "C_o", "K", "F₀, μ_s, μ_k"),
     *("Φ_λ", "V", "Y", "A_o", "y_free", "C", "λ", "m", "Φ_qᵀλ", "Φ_yᵀλ", "Φ_sᵀλ", "c₀, c₁, c₂", "P̂, T̂", "σ", "u, v"),
     *(f"eq. {number}" for number in range(1, 10)),
     *("condensation", "stick and slip", "N", "contact", "events", "audit"),
@@ -56,6 +62,35 @@ def test_each_symbol_has_a_row(symbol: str) -> None:
     """Independent check: one row, whose last cell names a function."""
     places = [where for first, where in ROWS if first == symbol]
     assert len(places) == 1 and re.search(r"`[\w/]+\.py:[\w.]+`", places[0])
+
+
+def test_the_signs_of_the_blocks() -> None:
+    """Independent check, by central differences of forces: H = −∂(force)/∂(unknown), with the opposite sign where the
+    row says so; and ε a is in the slope by s, once."""
+    thread, inertia, one = uniform(1.0, 10, Strand(EI=1.0)), 7.0, np.ones(1)
+    rng = np.random.default_rng(5)
+    q, s, dq = bent(thread.spline), np.array([0.43]), rng.standard_normal((10, 3))
+    lam, y = rng.standard_normal((1, 5)), rng.standard_normal((1, 9))
+    at = passage(thread, q, s, one > 0.0)
+    V, border = columns(at, thread.n, 3), linearise(at, lam, y)
+    law = Law(s, s, 0 * one, 0 * one, 0 * one, 0 * one, one < 0.0, one > 0.0, inertia, s, 0 * one)
+    linearise_law(border, law, one, at, lam, y)
+
+    def slope(force: Callable[..., Array], dq: Array | float = 0.0, ds: float = 0.0) -> Array:
+        ends = [force(passage(thread, q + h * dq, s + h * ds, one > 0.0), lam, y) for h in (1e-5, -1e-5)]
+        return np.ravel(ends[0] - ends[1]) / 2e-5
+
+    on_points = lambda at, lam, y: spread(thread_force(at, lam, y), at, thread.n)  # noqa: E731
+    blocks = {
+        "H_qs": (V @ border.H_qs[0], -slope(on_points, ds=1.0)),
+        "H_Us": (border.minus_H_ys[0], -slope(site_force, ds=1.0)),
+        "H_Uq": (border.R[0] @ (V.T @ dq.ravel()), -slope(site_force, dq=dq)),
+        "ε a+H_ss": (border.D[0, 0, :1], inertia - slope(driving_force, ds=1.0)),
+    }
+    for symbol, (block, exact) in blocks.items():
+        [where] = [where for first, where in ROWS if first == symbol]
+        sign = -1.0 if "opposite sign" in where else 1.0
+        assert np.abs(sign * block - exact).max() <= DIFFERENCE * np.abs(exact).max(), symbol
 
 
 def test_every_module_is_listed() -> None:

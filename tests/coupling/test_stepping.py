@@ -1,5 +1,6 @@
 """What a step does when it fails, a thread that leaves its holes, a taut thread, and statics as the end of dynamics."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 import coupling.newton
+import tissue
 from coupling.audit import audit_step, initial_energies
 from coupling.constraints import phi
 from coupling.equilibrium import load_step
@@ -17,7 +19,9 @@ from coupling.system import Friction, Piercing, State, System
 from tests.bounds import GAP, IDENTITY, TWO_SOLVERS
 from tests.thread.threads import (
     ABSCISSAE,
+    FREE,
     LENGTH,
+    ORIGIN,
     RADIUS,
     X,
     Z,
@@ -149,6 +153,17 @@ def test_holes_and_sites_must_pair() -> None:
     """Independent check: one site for one piercing."""
     with pytest.raises(CouplingError, match="2 sites"):
         hairpin_system(hairpin_sites(), (Free(), Free()), holes=(Piercing("only"),))
+
+
+@pytest.mark.parametrize("given", [None, X])
+def test_a_direction_is_imposed_where_there_is_one(given: Any) -> None:
+    """Independent check: a hole that imposes a direction on a site without one, in space or in an organ, is refused
+    with its name and the remedy; with a direction, or none imposed, it is not."""
+    in_space = tissue.fixed_sites([tissue.Site(ORIGIN, direction=given)] * 2)
+    for organ in (in_space, block_organ("P1", False, given)):
+        hairpin_system(organ, FREE, holes=(Piercing("one", directed=False), Piercing("two", directed=False)))
+        with nullcontext() if given is not None else pytest.raises(CouplingError, match="'two': directed"):
+            hairpin_system(organ, FREE, holes=(Piercing("one", directed=False), Piercing("two")))
 
 
 # -- leaving ---------------------------------------------------------------------------------------------------------

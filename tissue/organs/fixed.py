@@ -24,9 +24,11 @@ class FixedAnswer(SiteAnswer):
 
 @dataclass(frozen=True)
 class FixedSites:
-    """No organ: sites fixed in space, `y0` `(9p,)`. Made by `fixed_sites`."""
+    """No organ: sites fixed in space, `y0` `(9p,)`. Made by `fixed_sites`. `directed` tells of each whether a direction
+    was given; nothing is known where it is empty."""
 
     y0: Array
+    directed: tuple[bool, ...] = ()
 
     @property
     def Y(self) -> csr_matrix:
@@ -81,4 +83,4 @@ class FixedSites:
 
 def fixed_sites(sites: Sequence[Site]) -> FixedSites:
     """Return piercings as points fixed in space; their directions must be vectors or None."""
-    return FixedSites(space_frames(sites))
+    return FixedSites(space_frames(sites), tuple(site.direction is not None for site in sites))

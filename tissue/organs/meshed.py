@@ -271,6 +271,11 @@ class MeshedOrgan:
         return self.sites.y0
 
     @property
+    def directed(self) -> tuple[bool, ...]:
+        """Whether each site was given a direction; empty where that is not known."""
+        return self.sites.directed
+
+    @property
     def size(self) -> int:
         """Number of free unknowns N, those of the springs at the sites included."""
         return int(self.K.shape[0])

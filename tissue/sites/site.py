@@ -92,6 +92,7 @@ class Sites:
     `points` `(p, 3)` [m] are where the sites came to lie, `directions` `(p, 3)` the t₀ of their frames,
     `normals` `(p, 3)` the outward normals (not a number for interior sites). Frames are orthonormal and
     right-handed. `missing` has per site what the mesh is too coarse for, None where that is not asked for.
+    `directed` tells of each site whether a direction was given; nothing is known of sites where it is empty.
     """
 
     y0: Array
@@ -100,6 +101,7 @@ class Sites:
     directions: Array
     normals: Array
     missing: tuple[Missing | None, ...] = ()
+    directed: tuple[bool, ...] = ()
 
     @property
     def springs(self) -> csr_matrix:
@@ -148,7 +150,7 @@ def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
     y0 = np.concatenate([np.zeros(0), *(y for y, *_ in built)])
     points, directions, normals = (np.array([b[k] for b in built]).reshape(-1, 3) for k in (2, 3, 4))
     gaps = [_beside(k, sites, points, b[5]) for k, b in enumerate(built)]
-    return Sites(y0, Y, points, directions, normals, tuple(gaps))
+    return Sites(y0, Y, points, directions, normals, tuple(gaps), tuple(site.direction is not None for site in sites))
 
 
 def _beside(k: int, sites: Sequence[Site], points: Array, gap: Missing | None) -> Missing | None:
