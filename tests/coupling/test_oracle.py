@@ -20,7 +20,7 @@ POINTS = 80
 ROUGH = tuple(f"piercing.{name}.friction={{static=0.12,kinetic=0.1,grip=2e-3}}" for name in ("entry", "exit"))
 WAYS = {
     "statics": ("solve.kind='static'",),
-    "motion": ("solve.dt=5e-3", "solve.duration=0.7"),  # the hand rests from 0.5 s on
+    "motion": ("solve.integrator='euler'", "solve.dt=5e-3", "solve.duration=0.7"),  # the hand rests from 0.5 s on
     "rough": ("solve.kind='static'", *ROUGH),
 }
 PLANE = np.array([0, 2, 3, 5])  # x and z of a site's x and u among its nine numbers
