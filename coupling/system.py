@@ -84,6 +84,15 @@ class System(Generic[Body]):
             raise CouplingError(
                 f"{len(self.piercings)} piercings, but the organ has {self.organ.y0.size // 9} sites; give one for one"
             )
+        self._refuse_missing_directions()
+        if self.thread.EI == 0.0 and self.rough.any():
+            raise CouplingError(
+                f"piercing {self.piercings[int(np.argmax(self.rough))].name!r}: friction acts along the tangent that "
+                "the bend at a hole gives the thread, however thin the thread, and a thread without bending has none; "
+                "give it bending, a limp one a small bending_factor"
+            )
+
+    def _refuse_missing_directions(self) -> None:
         told = self.organ.directed if isinstance(self.organ, KnowsDirections) else ()
         for piercing, directed in zip(self.piercings, told, strict=False):
             if piercing.directed and not directed:

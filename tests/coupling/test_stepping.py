@@ -31,6 +31,7 @@ from tests.thread.threads import (
     hairpin_system,
     laid,
     run,
+    uniform,
 )
 from thread.ends import Driven, Fixed, Free, Pulled
 from thread.errors import ThreadError
@@ -164,6 +165,16 @@ def test_a_direction_is_imposed_where_there_is_one(given: Any) -> None:
         hairpin_system(organ, FREE, holes=(Piercing("one", directed=False), Piercing("two", directed=False)))
         with nullcontext() if given is not None else pytest.raises(CouplingError, match="'two': directed"):
             hairpin_system(organ, FREE, holes=(Piercing("one", directed=False), Piercing("two")))
+
+
+def test_a_string_has_no_friction() -> None:
+    """Independent check: without bending a rough hole is refused with its name and the remedy, an ideal one is not."""
+    thread = uniform(LENGTH, 40, bending=False)
+    for friction in (Friction(0.1, 0.1), Friction(grip=0.1)):
+        holes = (Piercing("smooth"), Piercing("rough", friction=friction))
+        with pytest.raises(CouplingError, match=r"'rough'.*give it bending"):
+            System(thread, FREE, hairpin_sites(), holes)
+    System(thread, FREE, hairpin_sites(), (Piercing("one"), Piercing("two", friction=Friction())))
 
 
 # -- leaving ---------------------------------------------------------------------------------------------------------
