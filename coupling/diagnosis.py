@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from coupling.arrays import Array, Indices
+from coupling.arrays import Array, Flags, Indices
 from coupling.constraints import Passage
 from coupling.errors import ConstraintError, CouplingError, StepError
 from coupling.interfaces import Body
@@ -159,3 +159,18 @@ def refuse_drawn_out(system: System[Body], old: State[Body], new: State[Body]) -
             f"goes from {low:.6g} to {high:.6g} m); draw less, or lay out more"
         )
         raise ConstraintError(new.time, cause)
+
+
+def refuse_held_end(system: System[Body], new: State[Body], gone: Flags) -> None:
+    """Raise `StepError` where the thread left the holes `gone` (holds,) over an end that is fixed, clamped or driven:
+    it cannot leave what still holds it."""
+    spline = system.thread.spline
+    for k in np.flatnonzero(gone):
+        beyond = {0: new.s[k] <= spline.start, 1: new.s[k] >= spline.end}
+        for which, end in enumerate(system.ends):
+            if beyond[which] and end.position(new.time) is not None:
+                cause = (
+                    f"the thread runs out at piercing {system.piercings[k].name!r}: its {('start', 'end')[which]} is "
+                    "held and cannot pass the hole; lay out more thread, move the end less, or let it go"
+                )
+                raise StepError(new.time, 0.0, cause, system.piercings[k].name)

@@ -10,7 +10,7 @@ import numpy as np
 
 from coupling.arrays import Array
 from coupling.contact import pressed_pairs
-from coupling.diagnosis import refuse_drawn_out
+from coupling.diagnosis import refuse_drawn_out, refuse_held_end
 from coupling.errors import EquilibriumError, StepError
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body
@@ -195,13 +195,14 @@ def load_step(
     try:
         step = settle(system, state, share, duration)
         refuse_drawn_out(system, step.old, step.new)
+        gone = emptied_holds(system, step.old, step.new)
+        refuse_held_end(system, step.new, gone)
     except StepError:
         if depth == 4 or duration == 0.0:
             raise
         middle = 0.5 * (state.time / duration + share)
         first = load_step(system, state, middle, duration, depth + 1)
         return first + load_step(system, first[-1].new, share, duration, depth + 1)
-    gone = emptied_holds(system, step.old, step.new)
     if gone.any():
         return load_step(system, release(state, gone), share, duration, depth)
     return [step]

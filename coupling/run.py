@@ -27,6 +27,7 @@ from coupling.interfaces import Body
 from coupling.observation import PiercingObservation, observe
 from coupling.stepping import HALVINGS, Step, Take, advance, release, try_step
 from coupling.system import State, System
+from coupling.watch import Watch
 
 EQUILIBRIA = 4  # further ones of a load step at most, on knots that fit the one before
 ON_TIME = 1e-9  # of a step: a time this near the end of a step is that of its end
@@ -38,10 +39,11 @@ class Run(Generic[Body]):
 
     `system` is the one whose knots the thread has; `s_begun` (holds,) [m] the abscissae that slip is measured from,
     where each piercing began; `number`, the steps made; `take`, how one is made, and `halvings`, how often one that
-    fails is halved; `resolution`, how the knots follow the thread, None where they do not; `given` (p,) [m], the
-    abscissae of piercings that begin, NaN where the thread's nearest place is taken. `fresh` is a thread under no
-    tension yet that knots could go by. Of the last step: the steps `taken` (several where it was halved), the `events`,
-    and the thread's `configuration` at its end.
+    fails is halved; `downhill`, whether one that makes energy has failed (`coupling.watch`); `resolution`, how the
+    knots follow the thread, None where they do not; `given` (p,) [m], the abscissae of piercings that begin, NaN
+    where the thread's nearest place is taken. `fresh` is a thread under no tension yet that knots could go by. Of
+    the last step: the steps `taken` (several where it was halved), the `events`, and the thread's `configuration`
+    at its end.
     """
 
     system: System[Body]
@@ -53,6 +55,7 @@ class Run(Generic[Body]):
     given: Array
     configuration: Configuration
     halvings: int = HALVINGS
+    downhill: bool = True
     number: int = 0
     fresh: bool = True
     taken: tuple[Step[Body], ...] = ()
@@ -76,10 +79,11 @@ class Run(Generic[Body]):
         run = replace(self, taken=(), events=())
         if not run.fresh:
             run = run.refitted(dt, run.number % INTERVAL == 0)
-        taken = advance(run.system, run.state, dt, run.take, HALVINGS - run.halvings)
+        watch = Watch([run.energies], run.downhill)
+        taken = advance(run.system, run.state, dt, run.take, HALVINGS - run.halvings, watch)
         if time is not None:
             taken = [*taken[:-1], replace(taken[-1], new=replace(taken[-1].new, time=time))]
-        return run._audited(taken)._scheduled(self.state.time, dt)
+        return run._after(taken, watch.energies[-1])._scheduled(self.state.time, dt)
 
     def load(self, share: float, duration: float) -> "Run[Body]":
         """Go on to the equilibrium under the part `share` of the loads at `duration` [s].
@@ -103,6 +107,10 @@ class Run(Generic[Body]):
         energies = self.energies
         for step in taken:
             energies = audit_step(self.system, energies, step)
+        return self._after(taken, energies)
+
+    def _after(self, taken: Sequence[Step[Body]], energies: Energies) -> "Run[Body]":
+        """Return the run after the steps `taken`, with the `energies` after them and their events."""
         return replace(
             self,
             state=taken[-1].new,
@@ -146,6 +154,7 @@ def begin(
     resolution: Resolution | None = None,
     given: Array | None = None,
     halvings: int = HALVINGS,
+    downhill: bool = True,
 ) -> Run[Body]:
     """Return the run before its first step; the arguments are as for `Run`."""
     nearest = np.full(len(system.piercings), np.nan)
@@ -159,6 +168,7 @@ def begin(
         given=nearest if given is None else given,
         configuration=configuration_of(system, state),
         halvings=halvings,
+        downhill=downhill,
     )
 
 

@@ -14,7 +14,7 @@ from coupling.configuration import Configuration, configuration_of
 from coupling.constraints import Passage
 from coupling.contact import pressed_pairs
 from coupling.continuation import solve_with_springs
-from coupling.diagnosis import diagnose, refuse_crossing, refuse_drawn_out
+from coupling.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.errors import InversionError, StepError
 from coupling.integrators import BDF2, BackwardEuler, Scheme
 from coupling.interfaces import Answer, Body
@@ -233,14 +233,25 @@ def release(state: State[Body], gone: Flags) -> State[Body]:
 
 
 Take = Callable[[System[Body], State[Body], float], Step[Body]]
+Watcher = Callable[[System[Body], Step[Body]], None]
+
+
+def accept(system: System[Body], step: Step[Body]) -> None:
+    """Accept any step."""
 
 
 def advance(
-    system: System[Body], state: State[Body], dt: float, take: Take[Body] = try_step, depth: int = 0
+    system: System[Body],
+    state: State[Body],
+    dt: float,
+    take: Take[Body] = try_step,
+    depth: int = 0,
+    watch: Watcher[Body] = accept,
 ) -> list[Step[Body]]:
     """Go `dt` [s] further, in one step or, where it fails, in halves of it down to dt/2⁸.
 
-    `take` makes one step and is the monolithic implicit one unless another is named. A step at whose end the thread has
+    `take` makes one step and is the monolithic implicit one unless another is named; `watch` sees each before it is
+    accepted, in their order, and raises `StepError` where it is not to be. A step at whose end the thread has
     left a hole is taken again without that hole, one in which it flipped through a hole in halves: it may have jumped
     where the motion would have gone. Raises `StepError` when the smallest step fails too, `ConstraintError` where the
     constraints are at fault or a hand has drawn the thread out, `InversionError` where it flips in the smallest step.
@@ -250,6 +261,10 @@ def advance(
         step = take(system, state, dt)
         refuse_drawn_out(system, step.old, step.new)
         refuse_crossing(system, step.old, step.new)
+        gone = emptied_holds(system, step.old, step.new)
+        refuse_held_end(system, step.new, gone)
+        if not gone.any():
+            watch(system, step)
     except StepError as error:
         step = None
         if depth == HALVINGS:
@@ -258,11 +273,10 @@ def advance(
         if depth == HALVINGS:
             raise
     if step is None:
-        half = advance(system, state, 0.5 * dt, take, depth + 1)
-        return half + advance(system, half[-1].new, 0.5 * dt, take, depth + 1)
-    gone = emptied_holds(system, step.old, step.new)
+        half = advance(system, state, 0.5 * dt, take, depth + 1, watch)
+        return half + advance(system, half[-1].new, 0.5 * dt, take, depth + 1, watch)
     if gone.any():
-        return advance(system, release(state, gone), dt, take, depth)
+        return advance(system, release(state, gone), dt, take, depth, watch)
     return [step]
 
 

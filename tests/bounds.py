@@ -7,6 +7,7 @@ AXIAL = 2e-14  # of EA: |T|² − 1 is a difference of numbers near 1, so no axi
 GAP = 1e-9  # a constraint at the end of an accepted step, relative to the thread's diameter
 SLOPE = 0.15  # decades: a central difference's error falls by 100 ± 40 % when its step falls by 10
 ORDER = 0.15  # of an observed order of convergence about the one of theory
+FIRST_ORDER = 0.05  # of a force that still swings, by steps of 1 ms and of a quarter of that
 
 ELASTICA_COARSE = 1e-3  # tip of the elastica over its length, with 20 control points
 ELASTICA_FINE = 1e-5  # with 60, above the stretch P/EA of a real suture (6e-6)

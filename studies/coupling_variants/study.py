@@ -212,7 +212,7 @@ class Outcome:
 
 def pull_and_release(system: System, state: State, way: Way, n: int, shared: int) -> Outcome:
     """Pull and release in `n` steps, none of them halved: a step that fails ends the run."""
-    now, met, places = begin(system, state, way.take, halvings=0), state.y, [state.y[1, :3]]
+    now, met, places = begin(system, state, way.take, halvings=0, downhill=False), state.y, [state.y[1, :3]]
     drift = moved = created = work = 0.0
     solves = 0
 

@@ -109,8 +109,9 @@ class Simulation:
 
     def beginning(self) -> OrganRun:
         """Return the run before the first step."""
-        made = self.assembly
-        return begin(made.system, self.start, method(self.scenario.solve), made.resolution, made.begin_abscissae)
+        made, solve = self.assembly, self.scenario.solve
+        one_system = (solve.scheme, solve.coupling, solve.friction) == ("newton", "monolithic", "implicit")
+        return begin(made.system, self.start, method(solve), made.resolution, made.begin_abscissae, downhill=one_system)
 
     def next(self, now: OrganRun) -> OrganRun:
         """Return the run one step, or load step, further."""
