@@ -24,7 +24,8 @@ from thread.ends import Driven, End, Fixed, Free
 SLACK = """
 [thread]
 suture = "7-0 nylon"
-path = [[-0.04, 0, 0.02], [-0.005, 0, 0.008], [-0.005, 0, -0.006], [0.005, 0, -0.006], [0.005, 0, 0.008], [0.04, 0, 0.02]]
+path = [[-0.04, 0, 0.02], [-0.005, 0, 0.008], [-0.005, 0, -0.006],
+        [0.005, 0, -0.006], [0.005, 0, 0.008], [0.04, 0, 0.02]]
 start = { kind = "fixed" }
 end = { kind = "pulled", force = [0.054, 0, 0.0258], ramp = 0.05 }
 [[piercing]]
@@ -86,7 +87,7 @@ def energies(work: float, kinetic: float, numerical: float) -> Energies:
 def test_a_step_is_judged_at_its_bound(
     monkeypatch: pytest.MonkeyPatch, work: float, kinetic: float, bound: float
 ) -> None:
-    """Independent check: energy made just below the bound is let pass, just above it is refused and nothing is booked."""
+    """Independent check: energy made just below the bound passes, just above it is refused and not booked."""
     before = energies(0.0, kinetic if work < 1.0 else 0.0, 0.0)
     for share, refused in ((0.999, False), (1.001, True)):
         after = energies(work, kinetic, -share * bound)
