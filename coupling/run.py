@@ -79,7 +79,7 @@ class Run(Generic[Body]):
         run = replace(self, taken=(), events=())
         if not run.fresh:
             run = run.refitted(dt, run.number % INTERVAL == 0)
-        watch = Watch([run.energies], run.downhill)
+        watch = Watch([run.energies], run.downhill, bool(run.events))
         taken = advance(run.system, run.state, dt, run.take, HALVINGS - run.halvings, watch)
         if time is not None:
             taken = [*taken[:-1], replace(taken[-1], new=replace(taken[-1].new, time=time))]
