@@ -1,7 +1,7 @@
 """A run: the steps of a scenario one after the other, each with what is recorded of it."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import ceil
 from time import perf_counter
@@ -87,7 +87,13 @@ class Simulation:
             while now.number < self.steps:
                 began = perf_counter()
                 now = self.next(now)
-                yield step_record(now, perf_counter() - began), partial(self.snapshot, now)
+                record = step_record(now, perf_counter() - began)
+                yield record if self.is_on_grid(now) else replace(record, kept=None), partial(self.snapshot, now)
+
+    def is_on_grid(self, now: OrganRun) -> bool:
+        """Tell whether a run of a longer duration comes by the same state; not by the end of a last step cut short."""
+        solve = self.scenario.solve
+        return solve.kind == "static" or now.state.time == now.number * solve.dt
 
     def beginning(self) -> OrganRun:
         """Return the run before the first step."""
