@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from math import ceil
 from time import perf_counter
 from typing import Any
 
@@ -22,11 +21,10 @@ from coupling.system import State
 from studies.output.checkpoint import Arrays
 from studies.output.records import OrganRecord, OrganTopology, Snapshot, StepRecord
 from studies.scenario import Scenario, ScenarioError, Solve
+from studies.scenario.solve import WHOLE
 from studies.simulation.assembly import Assembly, assemble
 from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, step_record, thread_record
-
-WHOLE = 1e-9  # of a step: a duration this near a whole number of steps is one
 
 
 @dataclass(frozen=True)
@@ -64,8 +62,7 @@ class Simulation:
     @property
     def steps(self) -> int:
         """Steps to be taken."""
-        solve = self.scenario.solve
-        return solve.load_steps if solve.kind == "static" else ceil(solve.duration / solve.dt - WHOLE)
+        return self.scenario.solve.steps
 
     @cached_property
     def recovery(self) -> tissue.StressRecovery | None:
