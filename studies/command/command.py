@@ -22,6 +22,7 @@ from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.command.progress import Progress, StudyProgress
 from studies.command.summary import MILLI, print_summary
+from studies.output.budget import GIGA, check_disk, frame_bytes, row_bytes
 from studies.output.checkpoint import Arrays, read_checkpoint
 from studies.output.folder import Recorder, can_resume, check_folder, is_completed
 from studies.output.lock import locked
@@ -118,6 +119,8 @@ def _run(options: argparse.Namespace, simulation: Simulation) -> int:
             _say(options, f"the run in {options.out} is completed; nothing is left to do")
             return 0
         checkpoint = read_checkpoint(options.out)
+    if checkpoint is None:
+        check_disk(options.out, simulation.scenario, simulation.topology)
     moments = simulation.advance(checkpoint)
     mesh = simulation.topology, simulation.tissue_dofs
     recorder = Recorder(options.out, simulation.scenario, *mesh, checkpoint, simulation.subgrid)
@@ -135,7 +138,8 @@ def check(options: argparse.Namespace) -> int:
     scenario = simulation.scenario
     organ = f"{simulation.tissue_dofs} tissue unknowns" if scenario.tissue else "no organ"
     counts = f"{len(scenario.piercing)} piercings, {scenario.thread.control_points} control points, {organ}"
-    print(f"{options.file} can be run: {counts}, {simulation.steps} steps")
+    size = (frame_bytes(scenario, simulation.topology) + row_bytes(scenario)) / GIGA
+    print(f"{options.file} can be run: {counts}, {simulation.steps} steps, about {size:.2g} GB of results")
     return 0
 
 

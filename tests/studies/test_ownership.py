@@ -10,16 +10,19 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from studies.command import command, start
+from studies.output import budget
 from studies.output.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
 from studies.output.folder import MARK, Recorder, can_resume, check_folder, is_completed
 from studies.output.lock import LOCK, locked
 from studies.output.manifest import files_of, manifest
-from studies.scenario import Scenario, ScenarioError, parse
+from studies.scenario import Scenario, ScenarioError, load, parse
 from studies.scenario.toml import tables
+from studies.simulation import prepare
 from tests.studies.samples import CONTRACT, LINEAR, Stub, framing, step
 
 SCENARIO = parse(tomllib.loads(CONTRACT.replace("every = 10", "every = 3")))
@@ -216,6 +219,39 @@ def test_a_disk_that_is_full_before_the_first_step(
     assert "No space left on device" in capsys.readouterr().err
     monkeypatch.setattr(Path, "write_bytes", write)
     assert run(contract, out, "--resume") == 0
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("output.every=1", "output.every = 1 is refused: the frames take about"),
+        ("solve.dt=1e-6", "solve.dt = 1e-06 is refused: 1000000 steps take about"),
+    ],
+)
+def test_a_disk_that_would_be_full(
+    contract: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+    setting: str, said: str,
+) -> None:  # fmt: skip
+    """Independent check: what would take most is named; the estimate is within a factor of two of what a run takes."""
+    out = tmp_path / "out"
+    monkeypatch.setattr(budget.shutil, "disk_usage", lambda folder: SimpleNamespace(free=2e6))
+    assert run(contract, out, "--set", setting, "--set", "output.every=500" if "dt" in setting else setting) == 2
+    assert said in capsys.readouterr().err
+    assert list(out.iterdir()) == []
+
+
+def test_the_disk_that_a_run_takes(tmp_path: Path) -> None:
+    """Independent check: rows and frames of a run with an organ, within a factor of two."""
+    organ = "tissue.mesh={kind='block',size=[0.04,0.03,0.02],h=3e-3}"
+    simulation = prepare(load("two_piercings", [organ, "solve.duration=0.01", "output.every=5"]))
+    with Recorder(tmp_path, simulation.scenario, simulation.topology) as recorder:
+        for moment in simulation.advance():
+            recorder.record(*moment)
+    frames = sum(path.stat().st_size for path in (tmp_path / "frames").iterdir())
+    rows = sum(path.stat().st_size for path in tmp_path.glob("*.csv"))
+    expected = budget.frame_bytes(simulation.scenario, simulation.topology), budget.row_bytes(simulation.scenario)
+    assert 0.5 < expected[0] / (frames * 4 / 3) < 2.0  # the last is due, and counted as one that is not
+    assert 0.5 < expected[1] / rows < 2.0
 
 
 def test_an_interrupt_before_the_first_step(
