@@ -192,7 +192,7 @@ def run_study(options: argparse.Namespace) -> int:
         return 0
     found, folder = study(options.name), options.out or Path("results") / options.name
     given = arguments(found, options.preset, options.set)
-    check_study_folder(folder)
+    check_study_folder(folder, options.overwrite)
     print(f"{found.question}\nindependent check: {found.independent}\nconsistency check: {found.consistency}\n")
     progress = StudyProgress()
     try:
@@ -347,6 +347,7 @@ def _add_study(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--preset", choices=PRESETS, default="quick", help="default: quick, less than a minute")
     parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], help="set one argument, in TOML")
     parser.add_argument("--out", metavar="DIR", type=Path, help="folder, default results/NAME")
+    parser.add_argument("--overwrite", action="store_true", help="replace the study in DIR")
 
 
 def _add_bench(parser: argparse.ArgumentParser) -> None:

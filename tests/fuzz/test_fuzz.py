@@ -14,7 +14,7 @@ from tests.fuzz.trial import Hangs, Tally, limited
 
 def test_mutated_scenarios_are_refused_in_words_or_prepared(tmp_path: Path) -> None:
     """Independent check: no other error, no endless refusal, and not all are refused."""
-    tally = scenarios.run(30, 0, tmp_path)
+    tally = scenarios.run(30, 0, tmp_path, share=1.0)
     assert tally.faults == []
     assert tally.counts["prepared"] > 1 < tally.counts["read"]
 
