@@ -14,6 +14,7 @@ from tests.fuzz.trial import Tally
 
 ROOT = Path(__file__).parents[2]
 LONGEST = 4  # kills in a chain
+PATIENCE = 3600  # s for a chain: five starts of an interpreter, on a machine that does other things
 # The process ends at the n-th event: a file before or after it is renamed, a table in the middle of a row.
 DYING = """
 import os, signal, sys
@@ -54,7 +55,9 @@ def run(count: int, seed: int, folder: Path) -> Tally:
     whole = folder / "whole"
     assert command.main(["run", str(file), "--out", str(whole), "--quiet", "--no-picture"]) == 0
     for number in range(seed, seed + count):
-        tally.trial(f"chain {number}", lambda number=number: _attempt(Random(number), file, whole, number), ())
+        tally.trial(
+            f"chain {number}", lambda number=number: _attempt(Random(number), file, whole, number), (), PATIENCE
+        )
     return tally
 
 

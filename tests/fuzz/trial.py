@@ -25,10 +25,12 @@ class Tally:
     counts: Counter[str] = field(default_factory=Counter)
     faults: list[str] = field(default_factory=list)
 
-    def trial(self, name: str, attempt: Callable[[], str], refusals: tuple[type[Exception], ...]) -> None:
-        """Count an attempt, which says what became of it."""
+    def trial(
+        self, name: str, attempt: Callable[[], str], refusals: tuple[type[Exception], ...], patience: int = PATIENCE
+    ) -> None:
+        """Count an attempt, which says what became of it; after `patience` [s] it hangs."""
         try:
-            with warnings.catch_warnings(), limited(PATIENCE):
+            with warnings.catch_warnings(), limited(patience):
                 warnings.simplefilter("ignore")
                 outcome = attempt()
         except refusals as error:
