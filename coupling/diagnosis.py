@@ -81,7 +81,8 @@ def dependence_faults(system: System[Body], state: State[Body], at: Passage) -> 
     rows, owner = scaled_rows(system, state, at)
     if not len(rows):
         return []
-    left, sizes, _ = np.linalg.svd(rows)
+    crowded = len(rows) > rows.shape[1]  # else the whole of the right-hand factor would be far the largest array
+    left, sizes, _ = np.linalg.svd(rows, full_matrices=crowded)
     weakest = np.append(sizes, np.zeros(len(rows) - len(sizes)))[-1]
     if weakest >= DEPENDENT:
         return []

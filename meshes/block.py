@@ -49,6 +49,7 @@ FACES = {
 
 Planes = tuple[Sequence[float], Sequence[float], Sequence[float]]  # coordinates that facets follow, by axis [m]
 NO_PLANES: Planes = ((), (), ())
+COUNTABLE = 1e9  # tetrahedra: of more no machine holds the organ, and their grid lines alone might fill the memory
 ON_PLANE = 1e-9  # of the block's size: nodes this near a plane lie in it; gmsh places them to 1e-16
 
 
@@ -85,9 +86,20 @@ def block_lines(size: Sequence[float], grading: Grading, sites: ArrayLike, plane
     return [graded_lines(lower[k], upper[k], points[:, k], grading, planes[k]) for k in range(3)]
 
 
-def structured_tets(size: Sequence[float], grading: Grading, sites: ArrayLike, planes: Planes = NO_PLANES) -> int:
-    """Return the number of tetrahedra of the structured block, without making them."""
-    return 5 * int(np.prod([float(len(line) - 1) for line in block_lines(size, grading, sites, planes)]))
+def structured_tets(size: Sequence[float], grading: Grading, sites: ArrayLike, planes: Planes = NO_PLANES) -> float:
+    """Return the number of tetrahedra of the structured block, without making them; of very many a lower bound."""
+    least = _least_tets(size, grading, sites)
+    if least > COUNTABLE:
+        return least
+    return 5 * float(np.prod([float(len(line) - 1) for line in block_lines(size, grading, sites, planes)]))
+
+
+def _least_tets(size: Sequence[float], grading: Grading, sites: ArrayLike) -> float:
+    """Return a lower bound of the number of tetrahedra, from the sizes far from the sites and at them."""
+    lower, upper = extent(size)
+    fine = min(grading.flat, float(np.min(upper - lower))) / grading.h_site if np.size(sites) else 0.0
+    with np.errstate(over="ignore"):
+        return 5 * float(np.prod(np.maximum((upper - lower) / grading.h, max(fine, 2.0))))
 
 
 def graded_block_gmsh(

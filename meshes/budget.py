@@ -42,7 +42,9 @@ def expected_tets(volume: float, grading: Grading, sites: Array, inside: Callabl
     Sites have shape `(p, 3)` [m]; `inside` tells which of points `(k, 3)` lie in the body. The part that the
     sites add to 1/h³ is summed on spheres about each site, over the points nearest to it.
     """
-    return (volume / grading.h**3 + _added(grading, sites, inside)) / TETRAHEDRON
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        cells = volume / np.float64(grading.h) ** 3 + _added(grading, sites, inside)
+    return float(np.nan_to_num(cells, nan=np.inf, posinf=np.inf)) / TETRAHEDRON
 
 
 def _added(grading: Grading, sites: Array, inside: Callable[[Array], NDArray[np.bool_]]) -> float:
@@ -52,7 +54,7 @@ def _added(grading: Grading, sites: Array, inside: Callable[[Array], NDArray[np.
     # Shells of equal numbers of elements resolve the fine zone as well as the coarse.
     edges = np.asarray(grading.distance(np.linspace(0.0, float(grading.cells(grading.reach)), SHELLS + 1)))
     middle, content = (edges[1:] + edges[:-1]) / 2, 4 * np.pi / 3 * np.diff(edges**3)
-    density = (grading.size(middle) ** -3 - grading.h**-3) * content
+    density = (grading.size(middle) ** -3 - np.float64(grading.h) ** -3) * content
     points = sites[:, None, None] + middle[:, None, None] * _directions()
     nearest = cKDTree(sites).query(points.reshape(-1, 3))[1].reshape(points.shape[:3])
     own = (nearest == np.arange(len(sites))[:, None, None]) & inside(points.reshape(-1, 3)).reshape(points.shape[:3])

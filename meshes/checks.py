@@ -18,6 +18,7 @@ Tets = NDArray[np.integer]
 FLAT = 1e-9
 # Distance over the mesh's diagonal below which two nodes count as one; single precision files resolve 1e-7.
 COINCIDENT = 1e-9
+FARTHEST, NEAREST = 1e15, 1e-15  # m: beyond these it is a mistake, and far beyond them volumes overflow or vanish
 
 NO_TWINS = np.empty((0, 2), dtype=np.int64)
 
@@ -34,6 +35,7 @@ def check(points: Array, tets: Tets, twins: Tets = NO_TWINS, parts: int = 1) -> 
     """
     _check_volume(points, tets)
     _check_finite(points)
+    check_span(points)
     _check_indices(points, tets)
     _check_used(points, tets)
     _check_distinct(points, twins)
@@ -71,6 +73,19 @@ def _check_finite(points: Array) -> None:
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if bad.size:
         raise MeshError(f"{bad.size} of {len(points)} nodes have coordinates that are not finite (index {_few(bad)})")
+
+
+def check_span(points: Array) -> None:
+    """Refuse points, shape `(n, 3)` [m], of which cubes of lengths are no numbers any more."""
+    if not len(points):
+        return
+    with np.errstate(over="ignore"):
+        span = float(np.max(np.abs(points))), float(np.max(np.ptp(points, axis=0)))
+    if max(span) > FARTHEST or 0.0 < span[1] < NEAREST:
+        raise MeshError(
+            f"its nodes lie up to {span[0]:.3g} m from the origin and span {span[1]:.3g} m, where up to {FARTHEST:g} "
+            f"and from {NEAREST:g} m on are taken: correct the unit, or the coordinates"
+        )
 
 
 def _check_indices(points: Array, tets: Tets) -> None:

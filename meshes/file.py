@@ -17,13 +17,19 @@ from typing import Any
 import meshio
 import numpy as np
 import skfem
+from numpy.typing import NDArray
 
+from meshes.child import call_in_child
 from meshes.errors import MeshError
-from meshes.gmsh_session import current_mesh, session
+from meshes.gmsh_session import current_arrays, session
 from meshes.grading import require_positive
-from meshes.named import named_mesh
+from meshes.named import Named, named_mesh
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 FORMATS = ".msh (gmsh), .vtk or .vtu"
+LONGEST_REASON = 300  # characters of what a reader says, which may repeat the file
 LINEAR_ONLY = "only linear tetrahedra are taken (in gmsh: Mesh.ElementOrder = 1, no recombination)"
 
 
@@ -67,7 +73,7 @@ def _read_vtk(path: Path, metres_per_unit: float) -> skfem.MeshTet:
     data = meshio_data(path)
     cells = {kind: np.concatenate([b.data for b in data.cells if b.type == kind]) for kind in data.cells_dict}
     _check_kinds(list(cells), {"tetra"}, {"vertex", "line", "triangle"})
-    return named_mesh(np.asarray(data.points, dtype=float) * metres_per_unit, cells["tetra"], {}, {})
+    return named_mesh(scaled(data.points, metres_per_unit), cells["tetra"], {}, {})
 
 
 def meshio_data(path: Path) -> Any:
@@ -82,7 +88,8 @@ def meshio_data(path: Path) -> Any:
             return meshio.read(path)
     except (Exception, SystemExit) as error:
         reason = " ".join(f"{said.getvalue()} {'' if isinstance(error, SystemExit) else error}".split())
-        raise MeshError(f"meshio cannot read it as a {path.suffix} mesh: {reason or type(error).__name__}") from error
+        why = reason[:LONGEST_REASON] or type(error).__name__
+        raise MeshError(f"meshio cannot read it as a {path.suffix} mesh: {why}") from error
 
 
 def _check_kinds(kinds: Sequence[str], volume: set[str], allowed: set[str]) -> None:
@@ -98,19 +105,35 @@ def _check_kinds(kinds: Sequence[str], volume: set[str], allowed: set[str]) -> N
 def _read_msh(path: Path, metres_per_unit: float) -> skfem.MeshTet:
     """Read tetrahedra, physical surfaces and physical volumes of a gmsh file of any version, text or binary."""
     _check_msh_header(path)
+    points, tets, surfaces, volumes = call_in_child(msh_arrays, path)
+    return named_mesh(scaled(points, metres_per_unit), tets, surfaces, volumes)
+
+
+def msh_arrays(path: Path) -> tuple[Array, Indices, Named, Named]:
+    """Read points `(n, 3)` [file units], tets `(m, 4)`, the triangles of physical surfaces and the tets of physical
+    volumes by gmsh, which some files bring down: call it in a process of its own. Raises `MeshError`.
+    """
     declared = _old_node_count(path)
     with session() as gmsh:
         try:
             gmsh.open(str(path))
+            types = gmsh.model.mesh.getElementTypes()
+            kinds = [gmsh.model.mesh.getElementProperties(t)[0] for t in types]
+            _check_kinds(kinds, {"Tetrahedron 4"}, {"Point", "Line 2", "Triangle 3"})
+            if declared is not None:
+                _check_all_nodes_kept(declared, len(gmsh.model.mesh.getNodes()[0]))
+                _check_groups_apart(gmsh)
+            return current_arrays(gmsh)
+        except MeshError:
+            raise
         except Exception as error:  # gmsh raises nothing more specific
             raise MeshError(f"gmsh cannot read it: {error}") from error
-        types = gmsh.model.mesh.getElementTypes()
-        kinds = [gmsh.model.mesh.getElementProperties(t)[0] for t in types]
-        _check_kinds(kinds, {"Tetrahedron 4"}, {"Point", "Line 2", "Triangle 3"})
-        if declared is not None:
-            _check_all_nodes_kept(declared, len(gmsh.model.mesh.getNodes()[0]))
-            _check_groups_apart(gmsh)
-        return current_mesh(gmsh, metres_per_unit)
+
+
+def scaled(points: Array, metres_per_unit: float) -> Array:
+    """Return points in metres; what is too large for that is refused with what is not finite."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(points, dtype=float) * metres_per_unit
 
 
 def _check_msh_header(path: Path) -> None:

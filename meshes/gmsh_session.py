@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from meshes.errors import MeshError
 from meshes.grading import Grading
-from meshes.named import named_mesh
+from meshes.named import Named, named_mesh
 
 Array = NDArray[np.float64]
 
@@ -110,12 +110,20 @@ def _set_size_field(gmsh: Any, grading: Grading, sites: Array) -> None:
 def current_mesh(gmsh: Any, metres_per_unit: float) -> skfem.MeshTet:
     """Return the tetrahedra of the current model, with physical surfaces as boundaries and volumes as subdomains.
 
-    Points are in metres. A group without a name goes by its number; names that begin with `gmsh:` are gmsh's
-    own and dropped. Raises `MeshError` from the checks of `named_mesh`.
+    Points are in metres. Raises `MeshError` from the checks of `named_mesh`.
+    """
+    points, tets, surfaces, volumes = current_arrays(gmsh)
+    return named_mesh(points * metres_per_unit, tets, surfaces, volumes)
+
+
+def current_arrays(gmsh: Any) -> tuple[Array, NDArray[np.int64], Named, Named]:
+    """Return points `(n, 3)`, tets `(m, 4)`, the triangles of physical surfaces and the tets of physical volumes.
+
+    A group without a name goes by its number; names that begin with `gmsh:` are gmsh's own and dropped.
     """
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     tags, first = np.unique(np.asarray(tags, dtype=np.int64), return_index=True)
-    points = np.asarray(coordinates, dtype=float).reshape(-1, 3)[first] * metres_per_unit
+    points = np.asarray(coordinates, dtype=float).reshape(-1, 3)[first]
 
     def elements(kind: int, entity: int) -> NDArray[np.int64]:
         nodes = np.asarray(gmsh.model.mesh.getElementsByType(kind, entity)[1], dtype=np.int64)
@@ -129,7 +137,7 @@ def current_mesh(gmsh: Any, metres_per_unit: float) -> skfem.MeshTet:
         name: np.concatenate([elements(TRIANGLE, e) for e in entities]) for name, entities in _groups(gmsh, 2).items()
     }
     volumes = {name: np.concatenate([ranges[e] for e in entities]) for name, entities in _groups(gmsh, 3).items()}
-    return named_mesh(points, tets, surfaces, volumes)
+    return points, tets, surfaces, volumes
 
 
 def _groups(gmsh: Any, dimension: int) -> dict[str, list[int]]:

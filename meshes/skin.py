@@ -14,8 +14,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
+from meshes.checks import check_span
 from meshes.errors import MeshError
-from meshes.file import meshio_data
+from meshes.file import meshio_data, scaled
 from meshes.gmsh_session import generate, session
 from meshes.grading import Grading, site_points
 
@@ -52,9 +53,10 @@ def read_surface(path: str | Path, metres_per_unit: float) -> Skin:
         points, triangles = welded(*_triangles(Path(path)))
         check_closed(points, triangles)
         check_simple(points, triangles)
+        check_span(points := scaled(points, metres_per_unit))
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
-    return Skin(points * metres_per_unit, triangles)
+    return Skin(points, triangles)
 
 
 def fill(skin: Skin, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
@@ -96,6 +98,8 @@ def check_closed(points: Array, triangles: Indices) -> None:
 
     Points of shape `(n, 3)`, triangles `(m, 3)`. Raises `MeshError`.
     """
+    if not len(triangles):
+        raise MeshError("it holds no triangle whose corners lie apart: a closed surface is wanted")
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     unique, count = np.unique(edges, axis=0, return_counts=True)
     if (count > 2).any():
@@ -142,6 +146,9 @@ def _triangles(path: Path) -> tuple[Array, Indices]:
     points = np.asarray(data.points, dtype=float)
     if not np.isfinite(points).all():
         raise MeshError("some of its nodes have coordinates that are not finite")
+    if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(points)):
+        raise MeshError(f"some of its triangles name nodes outside the {len(points)} that it holds: correct them")
+    check_span(points)
     return points, np.asarray(triangles, dtype=np.int64)
 
 

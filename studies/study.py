@@ -8,6 +8,7 @@ printed with the table.
 
 import csv
 import io
+import json
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
@@ -126,14 +127,30 @@ def convert(setting: str, kind: Any, value: Any) -> Any:
         raise StudyError(f"--set {setting} is refused: {reason}, and not {as_toml(detail['input'])}") from None
 
 
-def check_folder(folder: Path) -> None:
-    """Refuse a folder that holds other files than an earlier study. Raises `StudyError`."""
+def check_folder(folder: Path, overwrite: bool = False) -> None:
+    """Refuse a folder that holds other files than an earlier study, or that one and no leave to replace it. Raises
+    `StudyError`."""
     if folder.exists() and not folder.is_dir():
         raise StudyError(f"--out {folder} is refused: it is a file; give a folder")
-    others = sorted(path.name for path in folder.iterdir() if path.name not in WRITTEN) if folder.exists() else []
+    there = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+    others = [name for name in there if name not in WRITTEN or not holds_study(folder)]
     if others:
         reason = f"it holds other files than a study's ({others[0]}); give a new or empty folder"
         raise StudyError(f"--out {folder} is refused: {reason}")
+    if there and not overwrite:
+        raise StudyError(
+            f"--out {folder} is refused: it holds a study already; add --overwrite to replace it, or give another "
+            "folder"
+        )
+
+
+def holds_study(folder: Path) -> bool:
+    """Tell whether a folder holds a study's own words of what was asked."""
+    try:
+        asked = json.loads((folder / "study.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(asked, dict) and {"study", "preset", "provenance"} <= asked.keys()
 
 
 def carry_out(
@@ -141,17 +158,18 @@ def carry_out(
 ) -> None:
     """Run a study into a folder: every row is written as soon as it is done, and told; then table, figure and what was
     asked. A study that fails leaves its rows. Raises what its `main` does."""
-    found, started = study(name), provenance()
+    found, asked = study(name), {"preset": preset, "arguments": dict(given), "provenance": provenance()}
     rows: list[Any] = []
     text = ""
     for row in found.main(**given):
         if not rows:
             empty_folder(folder)
+            write_json(folder / "study.json", {"study": name, "question": found.question, **asked})
         rows.append(row)
         text += numbers([row]) if len(rows) == 1 else comma_separated([cells(row)])
         write_text(folder / "runs.csv", text)
         tell(rows)
-    write(name, {"preset": preset, "arguments": dict(given), "provenance": started}, rows, folder)
+    write(name, asked, rows, folder)
 
 
 def empty_folder(folder: Path) -> None:

@@ -14,6 +14,7 @@ DEGREE = 3
 ORDERS = 4  # b, b', b'', b''' : everything a cubic has
 
 # d^k/dx^k x^r = FALLING[k, r] x^(r-k); POWER holds the exponent where the factor is not zero.
+AT_A_TIME = 256  # spans on which all functions are evaluated together: on all of 5000 at once they fill a gigabyte
 _R = np.arange(ORDERS)
 FALLING = np.array([[float(np.prod(np.arange(r - k + 1, r + 1))) if r >= k else 0.0 for r in _R] for k in _R])
 POWER = np.maximum(_R[None, :] - _R[:, None], 0)
@@ -102,8 +103,14 @@ class Spline:
     def polynomials(self) -> Array:
         """Local power coefficients, shape `(spans, 4, 4)`: function i of a span is Σ_r [:, r, i] (s − left)^r."""
         functions = BSpline(self.knots, np.eye(self.n), DEGREE)
-        taylor = [functions(self.breaks[:-1], nu=r) / FALLING[r, r] for r in range(ORDERS)]
-        return np.array([np.take_along_axis(x, self.first[:, None] + _R, axis=1) for x in taylor]).swapaxes(0, 1)
+        parts = np.array_split(np.arange(self.first.size), -(-self.first.size // AT_A_TIME))
+        return np.concatenate([self._polynomials_on(functions, part) for part in parts])
+
+    def _polynomials_on(self, functions: BSpline, spans: Indices) -> Array:
+        """Expand the functions on some of the spans, of whose values most are zero."""
+        local = self.first[spans, None] + _R
+        taylor = [functions(self.breaks[spans], nu=r) / FALLING[r, r] for r in range(ORDERS)]
+        return np.array([np.take_along_axis(x, local, axis=1) for x in taylor]).swapaxes(0, 1)
 
     def spans_of(self, s: Array, home: Array | None = None) -> Indices:
         """Return the index of the span that holds each abscissa; the outer spans hold abscissae beyond the ends.

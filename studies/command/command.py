@@ -2,16 +2,17 @@
 
 Exit status: 0 when all is well, 1 for a run that failed, 2 for input that is refused (a sentence for each
 problem on standard error, nothing computed), 3 with ``--strict`` where a remark says that a number is not supported,
-130 or 143 for a run that was interrupted by SIGINT or SIGTERM.
+130 or 143 for a run that was interrupted by SIGINT or SIGTERM, 141 where nobody reads what is printed any more.
 """
 
 import argparse
 import json
+import os
 import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
@@ -21,8 +22,10 @@ from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.command.progress import Progress, StudyProgress
 from studies.command.summary import MILLI, print_lines, print_summary, remark_lines
+from studies.output.budget import GIGA, check_disk, frame_bytes, row_bytes
 from studies.output.checkpoint import Arrays, read_checkpoint
 from studies.output.folder import Recorder, Status, can_resume, check_folder, completed_run
+from studies.output.lock import locked
 from studies.output.records import Ending, OrganTopology, Snapshot, StepRecord
 from studies.output.remarks import Remark, any_unsupported, remark
 from studies.pictures.picture import draw_picture
@@ -38,7 +41,9 @@ from tissue.solvers.choice import SOLVERS
 
 REFUSALS = (ScenarioError, StudyError, MeshError, TissueError, ThreadError)
 FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
-FAILED, REFUSED, UNSUPPORTED = 1, 2, 3
+FAILED, REFUSED, UNSUPPORTED, INTERRUPTED = 1, 2, 3, 128 + signal.SIGINT
+SIGPIPE = 13  # its number, which Windows does not have: a closed pipe is told as a shell tells it
+LONGEST_LINE, MOST_LINES = 1000, 40  # characters, and lines, of what is told of an error
 Moments = Iterator[tuple[StepRecord, Callable[[], Snapshot]]]
 
 
@@ -79,7 +84,21 @@ class Simulation(Protocol):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status."""
-    options = _parser().parse_args(arguments)
+    try:
+        status = _carry_out(_parser().parse_args(arguments))
+        sys.stdout.flush()
+    except BrokenPipeError:
+        close_output()
+        return 128 + SIGPIPE
+    except OSError as error:
+        return _complain(OSError(_in_words(error)), FAILED)
+    except KeyboardInterrupt:
+        return _complain(KeyboardInterrupt("interrupted"), INTERRUPTED)
+    return status
+
+
+def _carry_out(options: argparse.Namespace) -> int:
+    """Do what is asked, or say why it is refused."""
     try:
         status: int = options.command(options)
     except REFUSALS as error:
@@ -94,15 +113,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run(options: argparse.Namespace) -> int:
     """``suture run``: simulate a scenario into a folder."""
-    check_folder(options.out, None if options.resume else scenario_file(options.file))
-    simulation = _prepare(load(options.file, options.set))
+    scenario = load(options.file, options.set)
+    with locked(options.out):
+        check_folder(options.out, scenario, scenario_file(options.file), options.resume, options.overwrite)
+        return _run(options, _prepare(scenario))
+
+
+def _run(options: argparse.Namespace, simulation: Simulation) -> int:
+    """Simulate into a folder that may be written, and draw the last frame."""
     checkpoint = None
     if options.resume and can_resume(options.out, simulation.scenario):
-        if (summary := completed_run(options.out)) is not None:
+        if (summary := completed_run(options.out, simulation.scenario)) is not None:
             _say(options, f"the run in {options.out} is completed; nothing is left to do")
             doubt = any(remark["severity"] == "unsupported" for remark in summary.get("remarks", []))
             return UNSUPPORTED if options.strict and doubt else 0
         checkpoint = read_checkpoint(options.out)
+    if checkpoint is None:
+        check_disk(options.out, simulation.scenario, simulation.topology)
     moments = simulation.advance(checkpoint)
     mesh = simulation.topology, simulation.tissue_dofs
     recorder = Recorder(
@@ -127,7 +154,8 @@ def check(options: argparse.Namespace) -> int:
     scenario = simulation.scenario
     organ = f"{simulation.tissue_dofs} tissue unknowns" if scenario.tissue else "no organ"
     counts = f"{len(scenario.piercing)} piercings, {scenario.thread.control_points} control points, {organ}"
-    print(f"{options.file} can be run: {counts}, {simulation.steps} steps")
+    size = (frame_bytes(scenario, simulation.topology) + row_bytes(scenario)) / GIGA
+    print(f"{options.file} can be run: {counts}, {simulation.steps} steps, about {size:.2g} GB of results")
     remarks = simulation.remarks()
     print_lines(remark_lines(remarks))
     return strict_status(options.strict, remarks)
@@ -187,7 +215,7 @@ def run_study(options: argparse.Namespace) -> int:
         return 0
     found, folder = study(options.name), options.out or Path("results") / options.name
     given = arguments(found, options.preset, options.set)
-    check_study_folder(folder)
+    check_study_folder(folder, options.overwrite)
     print(f"{found.question}\nindependent check: {found.independent}\nconsistency check: {found.consistency}\n")
     progress = StudyProgress()
     try:
@@ -270,10 +298,28 @@ def _signals() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def _complain(error: Exception, status: int) -> int:
-    for line in str(error).splitlines():
-        print(f"suture: {line}", file=sys.stderr)
+def _complain(error: BaseException, status: int) -> int:
+    lines = str(error).splitlines()
+    for line in lines[:MOST_LINES]:
+        print(f"suture: {line if len(line) <= LONGEST_LINE else line[:LONGEST_LINE] + ' …'}", file=sys.stderr)
+    if len(lines) > MOST_LINES:
+        print(f"suture: and {len(lines) - MOST_LINES} more", file=sys.stderr)
     return status
+
+
+def _in_words(error: OSError) -> str:
+    """Say what the system refused, and of which file."""
+    reason = error.strerror or str(error) or type(error).__name__
+    return f"{error.filename}: {reason}" if error.filename else reason
+
+
+def close_output() -> None:
+    """Lead what is still printed to nowhere: Python would complain at its end that nobody reads it."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # a stream without a file has nobody at its end
+            os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
 
 
 def _stopped(cause: str, progress: StudyProgress, folder: Path, status: int) -> int:
@@ -338,6 +384,7 @@ def _add_study(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--preset", choices=PRESETS, default="quick", help="default: quick, less than a minute")
     parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], help="set one argument, in TOML")
     parser.add_argument("--out", metavar="DIR", type=Path, help="folder, default results/NAME")
+    parser.add_argument("--overwrite", action="store_true", help="replace the study in DIR")
 
 
 def _add_bench(parser: argparse.ArgumentParser) -> None:
@@ -351,10 +398,14 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_run(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--out", metavar="DIR", type=Path, required=True, help="results folder, earlier results replaced"
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="results folder, new or empty")
+    earlier = parser.add_mutually_exclusive_group()
+    earlier.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on from the last checkpoint of the run in DIR, also to a larger solve.duration",
     )
-    parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint of the run in DIR")
+    earlier.add_argument("--overwrite", action="store_true", help="replace the run in DIR; other files there are kept")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     parser.add_argument("--no-picture", action="store_true", help="draw no picture of the last frame")
 

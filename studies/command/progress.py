@@ -31,6 +31,12 @@ class Progress:
         if self._quiet or step == 0 or not self._is_due(step):
             return
         self._drawn = monotonic()
+        try:
+            self._draw(step, time, newton_iterations)
+        except BrokenPipeError:  # nobody looks any more; the run goes on
+            self._quiet = True
+
+    def _draw(self, step: int, time: float, newton_iterations: int) -> None:
         text = f"step {step}/{self._steps}, t = {time:.4g} s, Newton {newton_iterations}, {self._left(step)}"
         if self._is_terminal:
             done = round(WIDTH * step / self._steps)

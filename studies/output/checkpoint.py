@@ -4,9 +4,9 @@
 from. A run that goes on from it computes the same numbers, bit by bit, as one that was never interrupted.
 """
 
+import hashlib
 import io
 import tomllib
-import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
@@ -19,6 +19,8 @@ from studies.output.files import write_bytes
 from studies.scenario import ScenarioError
 
 CHECKPOINT = "checkpoint.npz"
+CHECKSUM_LENGTH = 64  # hexadecimal digits of SHA-256
+ANEW = "run with --overwrite to begin anew"
 
 Arrays = Mapping[str, NDArray[Any]]
 Record = TypeVar("Record")
@@ -59,29 +61,59 @@ def write_checkpoint(folder: Path, arrays: Arrays) -> None:
     """Replace the folder's checkpoint."""
     data = io.BytesIO()
     np.savez(data, **arrays)  # type: ignore[arg-type]
-    write_bytes(folder / CHECKPOINT, data.getvalue())
+    write_bytes(folder / CHECKPOINT, sealed(data.getvalue()))
 
 
 def read_checkpoint(folder: Path) -> dict[str, NDArray[Any]] | None:
-    """Read the folder's checkpoint; None where a run did not get as far as its first."""
+    """Read the folder's checkpoint; None where a run did not get as far as its first.
+
+    Raises `ScenarioError` for one that is not as it was written, to the last bit.
+    """
     path = folder / CHECKPOINT
     if not path.is_file():
         return None
     try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise ScenarioError(f"{path} cannot be read ({error}); run without --resume to begin anew") from None
+        data = path.read_bytes()
+    except OSError as error:
+        raise ScenarioError(f"{path} cannot be read ({error.strerror}); {ANEW}") from None
+    if not is_sealed(data):
+        raise ScenarioError(f"{path} is not as it was written: its checksum differs; {ANEW}")
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        return {name: file[name] for name in file.files}
+
+
+def sealed(archive: bytes) -> bytes:
+    """Return a zip archive without a comment with the checksum of all that is before it as its comment.
+
+    The last two bytes of an archive are the length of its comment (PKWARE, .ZIP File Format Specification, 4.3.16).
+    """
+    body = archive[:-2] + CHECKSUM_LENGTH.to_bytes(2, "little")
+    return body + hashlib.sha256(body).hexdigest().encode()
+
+
+def is_sealed(data: bytes) -> bool:
+    """Tell whether an archive ends with the checksum of what is before it."""
+    body, checksum = data[:-CHECKSUM_LENGTH], data[-CHECKSUM_LENGTH:]
+    return hashlib.sha256(body).hexdigest().encode() == checksum
 
 
 def difference(before: str, now: str) -> str | None:
     """Return the first key in which two scenarios in TOML differ, with both values; None where they are equal."""
+    changed = changes(before, now)
+    return next((difference_in_words(key, *values) for key, values in changed.items()), None)
+
+
+def difference_in_words(key: str, was: Any, now: Any) -> str:
+    """Say what a key was and is, None where it is not given."""
+    before, after = ("not given" if value is None else repr(value) for value in (was, now))
+    return f"{key} was {before} and is {after}"
+
+
+def changes(before: str, now: str) -> dict[str, tuple[Any, Any]]:
+    """Return the keys in which two scenarios in TOML differ, in order, with both values, None where it is not given."""
     old, new = (dict(leaves(tomllib.loads(text))) for text in (before, now))
-    changed = sorted(key for key in old.keys() | new.keys() if old.get(key) != new.get(key))
-    if not changed:
-        return None
-    was, now_is = (repr(table[changed[0]]) if changed[0] in table else "not given" for table in (old, new))
-    return f"{changed[0]} was {was} and is {now_is}"
+    keys = sorted(key for key in old.keys() | new.keys() if old.get(key) != new.get(key))
+    return {key: (old.get(key), new.get(key)) for key in keys}
 
 
 def leaves(table: Any, key: str = "") -> Iterator[tuple[str, Any]]:

@@ -14,7 +14,6 @@ Files are written under a temporary name and renamed: a killed run leaves every 
 
 import hashlib
 import json
-import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -23,13 +22,24 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from studies.output.checkpoint import Arrays, difference, pack, unpack, write_checkpoint
-from studies.output.columns import RUN, TABLES, Layout, range_summary, state_summary, values
+from studies.output.checkpoint import ANEW, Arrays, changes, difference_in_words, pack, unpack, write_checkpoint
+from studies.output.columns import RUN, Layout, range_summary, state_summary, values
 from studies.output.files import write_bytes, write_json, write_text
+from studies.output.lock import LOCK
+from studies.output.manifest import (
+    MARK,
+    SCENARIO,
+    clear,
+    files_of,
+    holds_run,
+    manifest,
+    refuse_foreign,
+    unfinished,
+)
 from studies.output.provenance import provenance
 from studies.output.records import Ending, OrganTopology, RunRecord, Snapshot, StepRecord, nothing_met
 from studies.output.remarks import Remark, remark
-from studies.output.series import Series
+from studies.output.series import Series, frames_in
 from studies.output.tables import CsvFile, head_of, rows_until, tables_of
 from studies.scenario import Scenario, ScenarioError, dump
 from studies.scenario.toml import mesh_file, with_mesh_file
@@ -37,16 +47,7 @@ from studies.scenario.toml import mesh_file, with_mesh_file
 Status = Literal["completed", "failed", "interrupted"]
 Judge = Callable[[Ending | None], Sequence[Remark]]  # what is to be said of a run, before its start and at its end
 
-MARK = "provenance.json"  # the first file written: a folder that holds it is a results folder
-FILES = (
-    "summary.json",
-    *(f"{layout.name}.csv" for layout in TABLES),
-    "checkpoint.npz",
-    "results.pvd",
-    "scenario.toml",
-    "picture.png",
-)
-FOLDERS = ("frames", "mesh")
+DURATION = "solve.duration"
 SHOWN = 3  # names of missing files in a message
 
 
@@ -94,12 +95,14 @@ class Recorder:
         self._extremes = nothing_met(len(self._names))
         self._recorded = -1 if checkpoint is None else int(checkpoint["step"])  # last step in the tables
         if checkpoint is None:
-            _clear(self.folder)
+            refuse_foreign(self.folder, scenario)
+            clear(self.folder)
             self.provenance = _write_beginning(self.folder, scenario, methods or {})
         else:
             _refuse_lost_rows(self.folder, self._recorded, tables_of(scenario))
+            _refuse_torn_index(self.folder, range(0, self._recorded, self._every))
             self._extremes = unpack(self._extremes, checkpoint, "extremes")
-            self.provenance = _write_continuation(self.folder)
+            self.provenance = _write_continuation(self.folder, scenario)
         self._series = Series(self.folder, topology, before=max(self._recorded, 0))
         if self._series.missing:
             gone = ", ".join(self._series.missing[:SHOWN]) + ", …" * (len(self._series.missing) > SHOWN)
@@ -202,61 +205,123 @@ def _refuse_lost_rows(folder: Path, step: int, layouts: Iterable[Layout[Any]]) -
         try:
             head, *rows = rows_until(path, step)
         except (OSError, ValueError, IndexError) as error:
-            raise ScenarioError(f"{path} cannot be read ({error}); run without --resume to begin anew") from None
+            raise ScenarioError(f"{path} cannot be read ({error}); {ANEW}") from None
         if head != head_of(layout.columns):
             reason = f"the columns of {path} are those of another version of this code"
         elif layout.every_step and len(rows) != step + 1:
             reason = f"{path} lacks rows before step {step}, that of the checkpoint"
         if reason:
-            raise ScenarioError(f"--resume is refused: {reason}; run without --resume to begin anew")
+            raise ScenarioError(f"--resume is refused: {reason}; {ANEW}")
+
+
+def _refuse_torn_index(folder: Path, steps: Iterable[int]) -> None:
+    """Raise `ScenarioError` where ``results.pvd`` cannot be read, or does not name the frames before the checkpoint."""
+    index = folder / "results.pvd"
+    try:
+        named = frames_in(index)
+    except (OSError, ValueError) as error:
+        raise ScenarioError(f"{index} cannot be read ({error}); {ANEW}") from None
+    for step in steps:
+        if step not in named:
+            raise ScenarioError(f"--resume is refused: {index} lacks the frame of step {step}; {ANEW}")
 
 
 def can_resume(folder: Path | str, scenario: Scenario) -> bool:
     """Tell whether a run in a folder can go on; not where it never got as far as its scenario.
 
-    Raises `ScenarioError` where the folder holds the run of another scenario.
+    Raises `ScenarioError` where the folder holds the run of another scenario. A longer duration alone makes no other
+    scenario of one in time.
     """
     folder = Path(folder)
-    if not (folder / MARK).is_file() or not (folder / "scenario.toml").is_file():
+    before = manifest(folder)
+    if before is None or not holds_run(folder):
         return False
-    before = json.loads((folder / MARK).read_text(encoding="utf-8"))
-    text, digests = _scenario_text(scenario)
-    changed = difference((folder / "scenario.toml").read_text(encoding="utf-8"), text)
-    if changed is None and before.get("mesh_sha256") != digests.get("mesh_sha256"):
-        changed = "the contents of tissue.mesh.path changed"
-    if changed is not None:
+    changed, (_, digests) = _changes(folder, scenario), _scenario_text(scenario)
+    if _is_longer(scenario, changed):
+        del changed[DURATION]
+    reason = next((difference_in_words(key, *values) for key, values in changed.items()), None)
+    if reason is None and before.get("mesh_sha256") != digests.get("mesh_sha256"):
+        reason = "the contents of tissue.mesh.path changed"
+    if reason is not None:
         raise ScenarioError(
-            f"--resume is refused: {folder} holds the run of another scenario ({changed}); restore the scenario, "
-            "give another folder, or run without --resume to begin anew"
+            f"--resume is refused: {folder} holds the run of another scenario ({reason}); restore the scenario (in "
+            f"time, solve.duration may grow), give another folder, or {ANEW}"
         )
     return True
 
 
-def completed_run(folder: Path | str) -> dict[str, Any] | None:
-    """Read the summary of a folder's run; None where it was not completed."""
-    path = Path(folder) / "summary.json"
-    summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    return summary if summary.get("status") == "completed" else None
+def completed_run(folder: Path | str, scenario: Scenario) -> dict[str, Any] | None:
+    """Read the summary of a run that came to the end of the scenario; None where it did not, or that is longer now."""
+    try:
+        summary = json.loads((Path(folder) / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):  # none, or torn: written anew at the end of the run that goes on
+        return None
+    ended = isinstance(summary, dict) and summary.get("status") == "completed"
+    return summary if ended and not _changes(Path(folder), scenario) else None
 
 
-def check_folder(folder: Path | str, scenario_file: Path | str | None = None) -> None:
-    """Refuse a folder that cannot be written, or that holds anything but earlier results.
+def _changes(folder: Path, scenario: Scenario) -> dict[str, tuple[Any, Any]]:
+    """Return the keys in which a scenario differs from that of a folder, with both values. Raises `ScenarioError`."""
+    path = folder / SCENARIO
+    try:
+        return changes(path.read_text(encoding="utf-8"), _scenario_text(scenario)[0])
+    except (OSError, ValueError, RecursionError) as error:
+        raise ScenarioError(f"--resume is refused: {path} cannot be read ({error}); {ANEW}") from None
 
-    Earlier results are replaced, but not before the new run has been prepared. The scenario that is run must
-    lie elsewhere, since it would be replaced with them.
+
+def _is_longer(scenario: Scenario, changed: Mapping[str, tuple[Any, Any]]) -> bool:
+    was, now = changed.get(DURATION, (None, None))
+    return scenario.solve.kind == "dynamic" and isinstance(was, float) and isinstance(now, float) and now > was
+
+
+def check_folder(
+    folder: Path | str,
+    scenario: Scenario | None = None,
+    file: Path | str | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+) -> None:
+    """Refuse a folder that cannot be written, or that holds anything but earlier results, or those and no leave to
+    replace or continue them.
+
+    Earlier results are replaced, but not before the new run has been prepared. The `file` that is run must lie
+    elsewhere, since it would be replaced with them; `scenario` is what it says.
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise ScenarioError(f"--out {folder} is refused: it is a file; give a folder")
-    if folder.is_dir() and set(folder.iterdir()) - set(_unfinished(folder)) and not (folder / MARK).is_file():
-        raise ScenarioError(f"--out {folder} is refused: it holds other files than results; give a new or empty folder")
-    inside = scenario_file is not None and folder.resolve() in Path(scenario_file).resolve().parents
-    if inside and (folder / MARK).is_file():
-        raise ScenarioError(
-            f"--out {folder} is refused: it holds the scenario {scenario_file}, which would be replaced; "
-            "give another folder"
-        )
     _check_writable(folder)
+    if manifest(folder) is None:
+        _refuse_others(folder)
+    if holds_run(folder) and not resume:
+        _refuse_replacing(folder, [file, mesh_file(scenario) if scenario else None], overwrite)
+    if scenario is not None:
+        refuse_foreign(folder, scenario)
+
+
+def _refuse_others(folder: Path) -> None:
+    """Refuse a folder without a manifest of this code that holds anything."""
+    others = sorted(path.name for path in set(folder.iterdir()) - set(unfinished(folder)))
+    if others:
+        torn = f", and {MARK} is none of a run's or is torn" if MARK in others else ""
+        raise ScenarioError(
+            f"--out {folder} is refused: it holds other files than results ({others[0]}{torn}); give a new or empty "
+            "folder"
+        )
+
+
+def _refuse_replacing(folder: Path, read: Iterable[Path | str | None], overwrite: bool) -> None:
+    """Refuse to replace a run without leave, or with it the scenario that is run, or its mesh."""
+    if not overwrite:
+        raise ScenarioError(
+            f"--out {folder} is refused: it holds a run already; add --overwrite to replace it, --resume to go on with "
+            "it, or give another folder"
+        )
+    inside = [path for path in read if path is not None and folder.resolve() in Path(path).resolve().parents]
+    if inside:
+        raise ScenarioError(
+            f"--out {folder} is refused: it holds {inside[0]}, which is read and would be replaced; give another folder"
+        )
 
 
 def _check_writable(folder: Path) -> None:
@@ -270,41 +335,30 @@ def _check_writable(folder: Path) -> None:
         ) from None
 
 
-def _clear(folder: Path) -> None:
-    """Make the folder, or take out of it what an earlier run wrote."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for path in (*(folder / name for name in FILES), *_unfinished(folder)):
-        path.unlink(missing_ok=True)
-    for name in FOLDERS:
-        if (folder / name).is_dir():
-            shutil.rmtree(folder / name)
-
-
-def _unfinished(folder: Path) -> list[Path]:
-    """Return the files that a killed run was about to rename."""
-    return [path for name in (MARK, *FILES) for path in folder.glob(f".{name}.*")]
-
-
 def _write_beginning(folder: Path, scenario: Scenario, methods: Mapping[str, str | None]) -> dict[str, Any]:
     """Write provenance and scenario, with a copy of the mesh file so that the folder stands alone."""
+    folder.mkdir(parents=True, exist_ok=True)
     mesh = mesh_file(scenario)
     text, digests = _scenario_text(scenario)
-    origin = provenance() | {"methods": dict(methods)} | digests
+    origin = provenance() | {"methods": dict(methods)} | digests | {"files": files_of(scenario)}
     write_json(folder / MARK, origin)
     if mesh is not None:
         (folder / "mesh").mkdir(exist_ok=True)
         write_bytes(folder / "mesh" / mesh.name, mesh.read_bytes())
-    write_text(folder / "scenario.toml", text)
+    write_text(folder / SCENARIO, text)
     return origin
 
 
-def _write_continuation(folder: Path) -> dict[str, Any]:
-    """Take out an earlier end of the run, and note that it goes on."""
-    for path in (folder / "summary.json", *_unfinished(folder)):
-        path.unlink(missing_ok=True)
-    origin: dict[str, Any] = json.loads((folder / MARK).read_text(encoding="utf-8"))
-    origin["resumed"] = [*origin.get("resumed", []), provenance()]
+def _write_continuation(folder: Path, scenario: Scenario) -> dict[str, Any]:
+    """Take out an earlier end of the run, and note that it goes on, and how far."""
+    origin = manifest(folder) or {}
+    for path in (folder / "summary.json", *unfinished(folder, origin.get("files", ()))):
+        if path.name != LOCK:
+            path.unlink(missing_ok=True)
+    text, digests = _scenario_text(scenario)
+    origin |= digests | {"resumed": [*origin.get("resumed", []), provenance()]}
     write_json(folder / MARK, origin)
+    write_text(folder / SCENARIO, text)
     return origin
 
 

@@ -15,6 +15,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -27,7 +28,8 @@ from studies.output.records import OrganRecord, OrganTopology, PiercingRecord, S
 CELL_TYPES = {4: 10, 10: 24}  # VTK_TETRA, VTK_QUADRATIC_TETRA by nodes per cell
 TYPE_NAMES = {"f4": "Float32", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 COMPONENTS = {6: ("XX", "YY", "ZZ", "XY", "YZ", "XZ")}  # VTK's order of a symmetric tensor
-STEP = re.compile(r"_(\d+)\.vt[pu]")
+FRAME = re.compile(r"(?:organ|thread|piercings)_(\d{6,})\.vt[pu]")
+UNFINISHED = re.compile(r"\.(.+)\.\d+")  # a frame about to be renamed, and the process that wrote it
 FILE = re.compile(r'file="([^"]*)"')
 FASTEST = 1  # zlib's level: float32 fields hardly shrink further
 
@@ -43,7 +45,7 @@ class Series:
         named = entries(folder / "results.pvd", before) if before else []
         self._entries = [line for line in named if (folder / file_of(line)).is_file()]
         self.missing = [file_of(line) for line in named if line not in self._entries]
-        for path in (folder / "frames").iterdir():
+        for path in frame_files(folder / "frames"):
             if path.name.startswith(".") or step_of(path.name) >= before:
                 path.unlink()
 
@@ -72,9 +74,27 @@ def file_of(line: str) -> str:
     return found[1] if found else ""
 
 
+def frames_in(index: Path) -> dict[int, list[str]]:
+    """Return the files that a ``.pvd`` file names, by step. Raises `OSError` or `ValueError` for one that is torn."""
+    try:
+        parts = ElementTree.fromstring(index.read_text(encoding="utf-8")).iter("DataSet")
+    except ElementTree.ParseError as error:
+        raise ValueError(str(error)) from None
+    names: dict[int, list[str]] = {}
+    for name in (part.get("file", "") for part in parts):
+        names.setdefault(step_of(name), []).append(name)
+    return names
+
+
+def frame_files(folder: Path) -> list[Path]:
+    """List the files of frames in a folder, and those that a killed run was about to rename to one; no other's."""
+    paths = folder.iterdir() if folder.is_dir() else ()
+    return [path for path in paths if FRAME.fullmatch(UNFINISHED.sub(r"\1", path.name))]
+
+
 def step_of(name: str) -> int:
     """Return the step in the name of a frame's file."""
-    found = STEP.search(name)
+    found = FRAME.search(name)
     return int(found[1]) if found else -1
 
 

@@ -27,6 +27,7 @@ BOUNDARIES = {  # that a generated mesh names, by its kind
     "cylinder": ("left", "right", "side"),
     "tube": ("left", "right", "inner", "outer"),
 }
+FLOOR = "wound_floor"  # of an ellipse that does not go through
 SURFACES = (".stl", ".obj", ".ply")  # files that hold a closed surface, to be filled
 
 
@@ -286,10 +287,8 @@ class Tissue(ScenarioTable):
         if problem := repetition("boundary", own):
             raise ValueError(f".{problem}")
         there = boundaries_of(self.mesh)
-        if taken := next((name for name in own if name in there), None):
-            raise ValueError(
-                f".boundary.{as_key(taken)} is refused: the {self.mesh.kind} has a {taken} already; rename it"
-            )
+        if problem := taken_boundary(own, there, self.mesh.kind):
+            raise ValueError(f".{problem}")
         for key in ("clamp", "roller"):
             if there and (problem := unknown_clamp(getattr(self, key), [*there, *own], key)):
                 raise ValueError(f".{problem}")
@@ -325,7 +324,7 @@ class Tissue(ScenarioTable):
 def boundaries_of(mesh: Mesh) -> tuple[str, ...]:
     """Return the boundaries that a mesh will name; none where only the file tells."""
     floor = isinstance(mesh, WoundMesh) and mesh.shape == "ellipse" and mesh.depth < mesh.size[2]
-    return BOUNDARIES.get(mesh.kind, ()) + (("wound_floor",) if floor else ())
+    return BOUNDARIES.get(mesh.kind, ()) + ((FLOOR,) if floor else ())
 
 
 # --- checks that the simulation repeats once it knows more ------------------------------------------------
@@ -335,6 +334,14 @@ def check_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "cla
     """Refuse a clamp, or another `key`, that names no boundary of the organ."""
     if problem := unknown_clamp(clamp, boundaries, key):
         raise ScenarioError(f"tissue.{problem}")
+
+
+def taken_boundary(own: Iterable[str], there: Sequence[str], kind: str) -> str | None:
+    """Return what is wrong with the boundaries that a scenario adds to those of its mesh, None if nothing."""
+    taken = next((name for name in own if name in there), None)
+    return (
+        None if taken is None else f"boundary.{as_key(taken)} is refused: the {kind} has a {taken} already; rename it"
+    )
 
 
 def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "clamp") -> str | None:

@@ -15,6 +15,10 @@ from pydantic_core import ErrorDetails
 
 BARE = re.compile(r"[A-Za-z0-9_-]+")
 LONGEST_VALUE = 60  # characters of a refused value that are shown, unless it is text
+LONGEST_TEXT = 300  # characters of text that are shown: a path is of use only as a whole
+LONGEST_WORD = 100  # characters of a word that another may be like
+MOST_DETAILS = 100  # faults of which sentences are made
+LARGEST_WHOLE = 10**100  # above it a whole number is told by its size: Python writes none of 4300 digits
 
 
 def as_toml(value: object) -> str:
@@ -28,6 +32,8 @@ def as_toml(value: object) -> str:
             return "{ " + ", ".join(f"{as_key(key)} = {as_toml(item)}" for key, item in value.items()) + " }"
         case list() | tuple():
             return "[" + ", ".join(map(as_toml, value)) + "]"
+        case int() if abs(value) > LARGEST_WHOLE:
+            return f"a whole number of {value.bit_length()} bits"
         case _:
             return str(value)
 
@@ -39,19 +45,27 @@ def as_key(key: str) -> str:
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
     """Find the known word that looks most like ``word``; None where none does."""
+    if len(word) > LONGEST_WORD:
+        return None
     matches = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
     return matches[0] if matches else None
 
 
 def sentences(error: ValidationError, model: type[BaseModel], data: object) -> list[str]:
     """Write one sentence for each fault that pydantic found in ``data`` when it was read as ``model``."""
-    details = error.errors(include_url=False)
+    details = error.errors(include_url=False)[:MOST_DETAILS]
     return [_sentence(detail, model, data) for detail in details if not _follows(detail, details)]
 
 
 def refusal(key: str, value: object, reason: str) -> str:
-    """Write the common form: ``key = value is refused: reason``. ``key = value is refused: reason``."""
-    return f"{key} = {_shortened(value)} is refused: {reason}"
+    """Write the common form: ``key = value is refused: reason``."""
+    longest = LONGEST_TEXT if isinstance(value, str) else LONGEST_VALUE
+    return f"{key} = {shortened(as_toml(value), longest)} is refused: {reason}"
+
+
+def shortened(text: str, longest: int) -> str:
+    """Cut what is longer than so many characters, and show that it is."""
+    return text if len(text) <= longest else text[: longest - 2] + " …"
 
 
 def dotted_key(parts: Iterable[object]) -> str:
@@ -115,7 +129,8 @@ def _allowed(detail: ErrorDetails) -> str:
     """Return what is allowed, from pydantic's message."""
     text = re.sub(r"^Input should be|^Value error,", "it must be", detail["msg"])
     text = re.sub(r"^(Tuple|List|String) should have", "it must have", text)
-    match = nearest(str(detail["input"]), re.findall(r"'([^']*)'", text))
+    given = detail["input"]
+    match = nearest(given, re.findall(r"'([^']*)'", text)) if isinstance(given, str) else None
     text = text.replace("'", '"')
     text = text.replace("a valid tuple", "a list").replace("a valid dictionary or instance of", "a table:")
     return f'{text}; the nearest is "{match}"' if match and detail["type"] == "literal_error" else text
@@ -181,12 +196,6 @@ def _models(kind: Any) -> dict[str, type[BaseModel]]:
 
 def _tags(kind: Any) -> str:
     return ", ".join(f'"{tag}"' for tag in _models(kind))
-
-
-def _shortened(value: object) -> str:
-    text = as_toml(value)
-    whole = isinstance(value, str) or len(text) <= LONGEST_VALUE  # a path is of use only as a whole
-    return text if whole else text[: LONGEST_VALUE - 2] + " …"
 
 
 def _escaped(character: str) -> str:

@@ -6,17 +6,20 @@ own unit is the only exception. ``schema`` gives the JSON schema.
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations, pairwise
-from math import dist, inf
+from math import ceil, dist, inf
 from typing import Annotated, Any, Self
 
 from pydantic import Field, ValidationError, model_validator
 
+from studies.scenario.names import name_faults
 from studies.scenario.organ import Tissue
 from studies.scenario.piercing import Piercing
 from studies.scenario.refusal import dotted_key, refusal, sentences
 from studies.scenario.solve import Output, Solve
 from studies.scenario.table import ScenarioError, ScenarioTable, repetition
 from studies.scenario.thread import ClampedEnd, Thread
+
+MOST_FRAMES = 20_000  # of three files each; results.pvd names them all, and is written anew with every one
 
 # --- solution and output ----------------------------------------------------------------------------------
 
@@ -50,6 +53,15 @@ class Scenario(ScenarioTable):
             key = dotted_key(["piercing", loose, "direction"])
             reason = 'without [tissue] there is no surface; use "free" or [x, y, z], or add [tissue]'
             raise ValueError(refusal(key, "normal", reason))
+        return self
+
+    @model_validator(mode="after")
+    def _check_frames(self) -> Self:
+        frames = self.solve.steps // self.output.every
+        if frames > MOST_FRAMES:
+            reason = f"{self.solve.steps} steps make {frames} frames, and {MOST_FRAMES} are as many as a folder takes"
+            least = ceil(self.solve.steps / MOST_FRAMES)
+            raise ValueError(refusal("output.every", self.output.every, f"{reason}; raise it to {least} or more"))
         return self
 
     @model_validator(mode="after")
@@ -193,7 +205,7 @@ def parse(data: Mapping[str, Any]) -> Scenario:
     try:
         return Scenario.model_validate(dict(data))
     except ValidationError as error:
-        raise ScenarioError(sentences(error, Scenario, data)) from None
+        raise ScenarioError(dict.fromkeys([*sentences(error, Scenario, data), *name_faults(data)])) from None
 
 
 def schema() -> dict[str, Any]:

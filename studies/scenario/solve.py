@@ -1,10 +1,14 @@
 """The tables `[solve]` and `[output]`."""
 
+from math import ceil
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
 from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector, Whole
+
+WHOLE = 1e-9  # of a step: a duration this near a whole number of steps is one
+MOST_STEPS = 100_000_000  # of a millisecond each, the least that one takes: more than a day
 
 
 class Solve(ScenarioTable):
@@ -35,6 +39,23 @@ class Solve(ScenarioTable):
     def _check_step(self) -> Self:
         if self.kind == "dynamic" and self.dt > self.duration:
             raise ValueError(f".dt = {self.dt} is refused: it must not exceed duration = {self.duration}; lower it")
+        return self
+
+    @property
+    def steps(self) -> int:
+        """Steps, or load steps, to be taken."""
+        return self.load_steps if self.kind == "static" else ceil(self.duration / self.dt - WHOLE)
+
+    @model_validator(mode="after")
+    def _check_steps(self) -> Self:
+        if self.kind == "static" and self.load_steps > MOST_STEPS:
+            raise ValueError(f".load_steps = {self.load_steps} is refused: at most {MOST_STEPS} are taken; lower it")
+        count = self.duration / self.dt
+        if self.kind == "dynamic" and count > MOST_STEPS:
+            raise ValueError(
+                f".dt = {self.dt} is refused: duration = {self.duration} takes {count:.3g} of them, and at most "
+                f"{MOST_STEPS} are taken; raise it to {self.duration / MOST_STEPS:.3g} or more, or shorten the duration"
+            )
         return self
 
     @model_validator(mode="after")

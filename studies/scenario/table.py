@@ -1,13 +1,14 @@
 """A table of a scenario: the kinds of values it holds, and how it is refused."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidator
 
-from studies.scenario.refusal import as_toml, refusal
+from studies.scenario.refusal import as_toml, refusal, shortened
 
 ALLOWED_START_ERROR = 1e-6  # distance of a driven end's first waypoint from the path's end, over the path's length
+MOST_PROBLEMS, LONGEST_PROBLEM = 30, 1000  # that are told of one scenario, and characters of each
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
@@ -22,10 +23,12 @@ Turn = tuple[Number, Number]
 
 
 class ScenarioError(ValueError):
-    """A scenario that is refused; ``problems`` holds one sentence for each fault."""
+    """A scenario that is refused; ``problems`` holds one sentence for each fault, of the first of very many."""
 
-    def __init__(self, problems: str | Sequence[str]) -> None:
-        self.problems = (problems,) if isinstance(problems, str) else tuple(problems)
+    def __init__(self, problems: str | Iterable[str]) -> None:
+        told = [problems] if isinstance(problems, str) else list(problems)
+        more = [f"and {len(told) - MOST_PROBLEMS} more"] if len(told) > MOST_PROBLEMS else []
+        self.problems = tuple(shortened(problem, LONGEST_PROBLEM) for problem in [*told[:MOST_PROBLEMS], *more])
         super().__init__("\n".join(self.problems))
 
 

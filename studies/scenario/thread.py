@@ -6,7 +6,7 @@ from math import dist
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from studies.scenario.refusal import as_toml
 from studies.scenario.table import (
@@ -20,6 +20,8 @@ from studies.scenario.table import (
     Waypoint,
     Whole,
 )
+from thread.catalogue import suture
+from thread.errors import ThreadError
 
 
 class _End(ScenarioTable):
@@ -104,10 +106,19 @@ class DrivenEnd(_HeldEnd):
 End = Annotated[FreeEnd | FixedEnd | ClampedEnd | PulledEnd | DrivenEnd, Field(discriminator="kind")]
 
 
+def _known(name: str) -> str:
+    """Refuse a suture that the catalogue does not have."""
+    try:
+        suture(name)
+    except ThreadError as error:
+        raise ValueError(str(error).removeprefix("suture")) from None
+    return name
+
+
 class Thread(ScenarioTable):
     """Suture thread laid along a path."""
 
-    suture: Text | None = Field(
+    suture: Annotated[Text, AfterValidator(_known)] | None = Field(
         default=None,
         description="USP size and material from the catalogue; instead of diameter, youngs_modulus, density",
         examples=["2-0 polypropylene"],

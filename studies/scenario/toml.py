@@ -5,6 +5,7 @@
 
 import tomllib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +26,20 @@ def load(path: Path | str, overrides: Sequence[str] = ()) -> Scenario:
     for override in overrides:
         _override(data, override)
     _make_mesh_path_absolute(data, path.parent)
-    scenario = parse(data)
-    _check_mesh_file(scenario)
+    return parsed(data)
+
+
+def parsed(data: Mapping[str, Any]) -> Scenario:
+    """Validate a scenario given as tables, and that its mesh file is there. Raises `ScenarioError`."""
+    tissue = data.get("tissue")
+    mesh = tissue.get("mesh") if isinstance(tissue, dict) else None
+    lost = file_faults(mesh.get("path")) if isinstance(mesh, dict) and mesh.get("kind") == "file" else []
+    try:
+        scenario = parse(data)
+    except ScenarioError as error:
+        raise ScenarioError([*error.problems, *lost]) from None
+    if lost:
+        raise ScenarioError(lost)
     return scenario
 
 
@@ -93,6 +106,8 @@ def _read(path: Path) -> dict[str, Any]:
         raise ScenarioError(f"{path} cannot be read ({error.strerror}); give a readable scenario file") from None
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{path} is not valid TOML: {error}; correct that line") from None
+    except (ValueError, RecursionError) as error:  # a number of thousands of digits, tables of hundreds of levels
+        raise ScenarioError(f"{path} cannot be read as TOML: {error}; no scenario needs that") from None
 
 
 def _override(data: dict[str, Any], text: str) -> None:
@@ -162,18 +177,22 @@ def _make_mesh_path_absolute(data: dict[str, Any], folder: Path) -> None:
     tissue = data.get("tissue")
     mesh = tissue.get("mesh") if isinstance(tissue, dict) else None
     if isinstance(mesh, dict) and isinstance(path := mesh.get("path"), str) and path:
-        mesh["path"] = str((folder / path).resolve())
+        with suppress(OSError, ValueError, RuntimeError):  # what is no path, or leads in a circle, is refused later
+            mesh["path"] = str((folder / path).resolve())
 
 
-def _check_mesh_file(scenario: Scenario) -> None:
-    path = mesh_file(scenario)
-    if path is None:
-        return
-    if not path.is_file():
+def file_faults(path: Any) -> list[str]:
+    """Describe why there is no mesh to be read from a path."""
+    if not isinstance(path, str) or not path:
+        return []
+    try:
+        size = Path(path).stat().st_size if Path(path).is_file() else None
+    except (OSError, ValueError) as error:  # a name too long, or one with a null in it
+        return [refusal("tissue.mesh.path", path, f"it cannot be read ({error}); give another path")]
+    if size is None:
         problem = "there is no such file; give the path relative to the scenario file"
-        raise ScenarioError(refusal("tissue.mesh.path", str(path), problem))
-    if path.stat().st_size == 0:
-        raise ScenarioError(refusal("tissue.mesh.path", str(path), "the file is empty; give a volume mesh"))
+        return [refusal("tissue.mesh.path", path, problem)]
+    return [] if size else [refusal("tissue.mesh.path", path, "the file is empty; give a volume mesh")]
 
 
 def _lines(table: Mapping[str, Any], parents: tuple[str, ...]) -> list[str]:

@@ -9,7 +9,7 @@ from coupling.configuration import configuration_of
 from coupling.run import Run
 from coupling.system import System
 from studies.arrays import Array
-from studies.output.checkpoint import CHECKPOINT, Arrays, pack, unpack
+from studies.output.checkpoint import ANEW, CHECKPOINT, Arrays, pack, unpack
 from studies.scenario import ScenarioError
 from thread.spline import Spline
 
@@ -34,10 +34,8 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         system, number = on_knots(beginning.system, memory["knots"]), int(memory["step"])
         state = unpack(beginning.state, memory, "state", beginning.state)
         energies, s_begun = unpack(beginning.energies, memory, "energies"), memory["s_begun"]
-    except (KeyError, TypeError) as error:
-        raise ScenarioError(
-            f"{CHECKPOINT} is of another version of this code ({error}); run without --resume to begin anew"
-        ) from None
+    except (KeyError, TypeError, ValueError) as error:
+        raise ScenarioError(f"{CHECKPOINT} is of another version of this code ({error}); {ANEW}") from None
     return replace(
         beginning,
         system=system,

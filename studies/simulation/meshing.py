@@ -156,7 +156,7 @@ def check_memory(table: model.Tissue, grading: Grading, sites: Array, body: Body
     """Refuse a mesh whose organ would need more memory than there is, before it is made."""
     shape = table.mesh
     if isinstance(shape, model.BlockMesh | model.WoundMesh) and shape.generator == "structured":
-        tets = float(structured_tets(shape.size, grading, sites, planes))
+        tets = structured_tets(shape.size, grading, sites, planes)
     else:
         tets = expected_tets(body.volume, grading, sites, body.inside)
     if problem := too_large(tets, table.element):

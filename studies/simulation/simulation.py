@@ -1,9 +1,8 @@
 """A run: the steps of a scenario one after the other, each with what is recorded of it."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from math import ceil
 from time import perf_counter
 from typing import Any
 
@@ -23,12 +22,11 @@ from studies.output.checkpoint import Arrays
 from studies.output.records import Ending, OrganRecord, OrganTopology, Snapshot, StepRecord
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
 from studies.scenario import Scenario, ScenarioError, Solve
+from studies.scenario.solve import WHOLE
 from studies.simulation.assembly import Assembly, assemble
 from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, step_record, thread_record
 from studies.simulation.remarks import foreseen, met
-
-WHOLE = 1e-9  # of a step: a duration this near a whole number of steps is one
 
 
 @dataclass(frozen=True)
@@ -82,8 +80,7 @@ class Simulation:
     @property
     def steps(self) -> int:
         """Steps to be taken."""
-        solve = self.scenario.solve
-        return solve.load_steps if solve.kind == "static" else ceil(solve.duration / solve.dt - WHOLE)
+        return self.scenario.solve.steps
 
     @cached_property
     def recovery(self) -> tissue.StressRecovery | None:
@@ -105,7 +102,13 @@ class Simulation:
             while now.number < self.steps:
                 began = perf_counter()
                 now = self.next(now)
-                yield step_record(now, perf_counter() - began), partial(self.snapshot, now)
+                record = step_record(now, perf_counter() - began)
+                yield record if self.is_on_grid(now) else replace(record, kept=None), partial(self.snapshot, now)
+
+    def is_on_grid(self, now: OrganRun) -> bool:
+        """Tell whether a run of a longer duration comes by the same state; not by the end of a last step cut short."""
+        solve = self.scenario.solve
+        return solve.kind == "static" or now.state.time == now.number * solve.dt
 
     def beginning(self) -> OrganRun:
         """Return the run before the first step."""

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -137,6 +138,18 @@ def at_its_holes(system: System, state: State, s: list[float]) -> Array:
     y = state.y.copy()
     y[:, :3] = system.passage(state.q, np.array(s)).P
     return y
+
+
+def test_a_diagnosis_is_no_larger_than_its_rows() -> None:
+    """Independent check: of 200 control points, whose square would be 60 times the rows."""
+    s = [0.03, 0.06]
+    system, state = straight(s, n=200)
+    rows, at = scaled_rows(system, state, system.passage(state.q, state.s))[0], system.passage(state.q, state.s)
+    tracemalloc.start()
+    assert dependence_faults(system, state, at) == []
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20 * rows.nbytes
 
 
 def test_a_direction_imposed_twice_on_a_straight_thread() -> None:

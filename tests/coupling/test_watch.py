@@ -131,8 +131,8 @@ def test_a_thread_leaves_a_hole_over_a_free_end_alone() -> None:
 
 
 def test_exchanged_knots_do_not_end_a_run() -> None:
-    """Independent check: a step that is halved just after the knots were exchanged turns what that left off balance into
-    motion first, by a hundredth of the energy there is; the run goes on, and at its own step has made next to none."""
+    """Independent check: a step that is halved just after the knots were exchanged turns what that left off balance
+    into motion first, by a hundredth of the energy there is; the run goes on, having made next to none."""
     simulation = prepare(load("two_piercings", ["thread.resolution=adaptive", "thread.control_points=40"]))
     run, made = simulation.beginning(), 0.0
     while run.number < 12:

@@ -1,18 +1,20 @@
 """Mesh files: every gmsh version reads to the same mesh, VTK too, units, names, and every fault in words."""
 
+import operator
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import meshio
 import numpy as np
 import pytest
 
-from meshes import gmsh_session
+from meshes import child, gmsh_session
 from meshes.block import block, graded_block_gmsh
 from meshes.checks import volumes
-from meshes.errors import MeshError
+from meshes.errors import LONGEST, MeshError
 from meshes.file import read
 from meshes.gmsh_session import load_gmsh, session
 from meshes.grading import Grading
@@ -222,6 +224,53 @@ def test_a_gmsh_file_cut_short_is_refused(old_file):
     assert "gmsh cannot read it" in refusal(path)
 
 
+@NEEDS_GMSH
+def test_a_file_that_brings_gmsh_down_is_refused(tmp_path):
+    """Independent check: a group of dimension 7 ends the process that gmsh is in, and not this one."""
+    path = write_box(tmp_path / "box.msh", 4.1, False)
+    text = path.read_text()
+    assert '3 1 "organ"' in text
+    path.write_text(text.replace('3 1 "organ"', '7 1 "organ"'))
+    message = refusal(path)
+    assert "gmsh broke down on it (Segmentation fault): the file contradicts itself; save it anew" in message
+
+
+def test_a_child_says_what_it_refuses_and_how_it_ends(monkeypatch, tmp_path):
+    """Independent check: what is returned, what is refused, a defect, a killed process, and no end."""
+    assert child.call_in_child(metres_per_unit, "mm") == 1e-3
+    with pytest.raises(MeshError, match="unit = 'inch'"):
+        child.call_in_child(metres_per_unit, "inch")
+    with pytest.raises(MeshError, match=r"gmsh broke down on it \(ZeroDivisionError: .*\): the file contradicts"):
+        child.call_in_child(operator.truediv, 1, 0)
+    with pytest.raises(MeshError, match=r"gmsh broke down on it \(Killed\)"):
+        child.call_in_child(signal.raise_signal, signal.SIGKILL)
+    monkeypatch.setattr(child, "PATIENCE", 0.5)
+    with pytest.raises(MeshError, match=r"gmsh came to no end in 0\.5 s"):
+        child.call_in_child(time.sleep, 60)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pickle.py").write_text("raise SystemExit(7)")  # not looked for in the user's folder
+    monkeypatch.setattr(child, "PATIENCE", 60)
+    assert child.call_in_child(metres_per_unit, "mm") == 1e-3
+
+
+@pytest.mark.parametrize("factor", [1e308, 1e200, 1e16, 1e-17, 1e-300, 5e-324])
+def test_lengths_whose_cubes_are_no_numbers_are_refused(tmp_path, factor):
+    """Independent check: coordinates in the file, and the unit."""
+    made = block((1, 1, 1), 0.5)
+    meshio.Mesh(factor * made.p.T, {"tetra": made.t.T}).write(tmp_path / "far.vtu")
+    assert "its nodes lie up to" in refusal(tmp_path / "far.vtu") or factor == 5e-324
+    meshio.Mesh(made.p.T, {"tetra": made.t.T}).write(tmp_path / "far.vtu")
+    with pytest.raises(MeshError, match=r"its nodes lie up to|same place"):
+        read(tmp_path / "far.vtu", factor)
+
+
+def test_a_refusal_is_short(tmp_path):
+    """Independent check: a reader that repeats the file is cut short."""
+    (tmp_path / "long.vtu").write_text("<VTKFile " + "x" * 50_000 + ">")
+    assert len(refusal(tmp_path / "long.vtu")) <= LONGEST
+    assert len(str(MeshError("x" * 50_000))) == LONGEST
+
+
 @pytest.mark.parametrize("name", ["bad.vtu", "bad.vtk"])
 def test_meshio_neither_prints_nor_ends_the_interpreter(tmp_path, capfd, name):
     (tmp_path / name).write_text("# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 0 float\n")
@@ -258,12 +307,14 @@ def test_a_unit_that_is_no_length_is_refused(tmp_path):
         (ModuleNotFoundError("No module named 'gmsh'"), "gmsh is not installed: `pip install gmsh`"),
     ],
 )
-def test_without_gmsh_the_error_says_what_to_install_and_what_works(monkeypatch, old_file, error, says):
+def test_without_gmsh_the_error_says_what_to_install_and_what_works(monkeypatch, error, says):
     def fail(name: str) -> None:
         raise error
 
     monkeypatch.setattr(gmsh_session, "import_module", fail)
-    message = refusal(old_file())
+    with pytest.raises(MeshError) as caught:
+        load_gmsh()
+    message = str(caught.value)
     assert says in message
     assert "structured block" in message and ".vtu" in message
     assert ("apt-get install --no-install-recommends libglu1-mesa" in message) == isinstance(error, OSError)

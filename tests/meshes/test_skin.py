@@ -171,3 +171,24 @@ def test_corners_written_anew_are_joined():
     joined, again = welded(points[triangles].reshape(-1, 3), np.arange(36).reshape(12, 3))
     assert len(joined) == 8
     assert np.array_equal(joined[again], points[triangles])
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [
+        ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "name nodes outside the 3"),
+        ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -7\n", "name nodes outside the 3"),
+        ("a.obj", "v 0 0 0\nv 1e308 0 0\nv 0 -1e308 1e308\nf 1 2 3\n", "its nodes lie up to 1e+308 m"),
+        ("a.obj", "v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", "no triangle whose corners lie apart"),
+        (
+            "a.ply",
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+            "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 5\n",
+            "name nodes outside the 3",
+        ),
+    ],
+)
+def test_a_surface_that_contradicts_itself_is_refused(tmp_path, name, text, says):
+    """Independent check: corners that are not there, lengths that are no numbers, and triangles of no size."""
+    (tmp_path / name).write_text(text)
+    assert says in refusal(tmp_path / name)

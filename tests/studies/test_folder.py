@@ -133,7 +133,7 @@ def test_earlier_results_are_replaced_and_nothing_else(tmp_path: Path) -> None:
     recorded(tmp_path, steps=9)
     (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
     (tmp_path / ".results.pvd.123").write_text("of a killed run", encoding="utf-8")
-    check_folder(tmp_path)
+    check_folder(tmp_path, overwrite=True)
     recorded(tmp_path, steps=3)
     assert sorted({time for time, _ in index(tmp_path)}) == [0.0, step(3).time]
     assert len(list((tmp_path / "frames").iterdir())) == 6
@@ -155,9 +155,10 @@ def test_a_folder_that_is_no_results_folder_is_refused(tmp_path: Path) -> None:
 
 def test_results_are_not_replaced_by_the_scenario_they_hold(tmp_path: Path) -> None:
     recorded(tmp_path)
-    with pytest.raises(ScenarioError, match=r"it holds the scenario .*; give another folder"):
-        check_folder(tmp_path, tmp_path / "scenario.toml")
-    check_folder(tmp_path / "again", tmp_path / "scenario.toml")
+    with pytest.raises(ScenarioError, match=r"it holds .*scenario\.toml, which is read .*; give another folder"):
+        check_folder(tmp_path, file=tmp_path / "scenario.toml", overwrite=True)
+    check_folder(tmp_path, file=tmp_path / "scenario.toml", resume=True)
+    check_folder(tmp_path / "again", file=tmp_path / "scenario.toml")
 
 
 KILLED = """
@@ -192,7 +193,7 @@ def test_a_killed_run_leaves_every_finished_frame_readable(tmp_path: Path, steps
     assert (tmp_path / MARK).is_file()
     assert load(tmp_path / "scenario.toml") == SCENARIO
     assert not (tmp_path / "summary.json").exists()
-    check_folder(tmp_path)
+    check_folder(tmp_path, resume=True)
 
 
 FULL = """

@@ -203,6 +203,43 @@ def test_a_run_may_be_resumed_again_and_again(
     assert len(json.loads((out / MARK).read_text())["resumed"]) == 4
 
 
+# -- lengthened ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("duration", [0.015, 0.0148, 0.003])
+def test_a_run_that_is_lengthened_is_one_of_the_longer_duration(
+    file: Path, whole: Path, tmp_path: Path, duration: float
+) -> None:
+    """Consistency check: from an end at a frame that was due, from one within a step, whose last state the longer run
+    never comes by, and from one before the first checkpoint; every file is that of one run, the scenario's too."""
+    out = tmp_path / "out"
+    assert start(file, out, "--set", f"solve.duration={duration}") == 0
+    assert start(file, out, "--resume") == 0
+    assert_same(out, whole)
+    assert (out / "scenario.toml").read_bytes() == (whole / "scenario.toml").read_bytes()
+    digests = [json.loads((folder / MARK).read_text())["scenario_sha256"] for folder in (out, whole)]
+    assert digests[0] == digests[1]
+    assert start(file, out, "--resume") == 0  # nothing is left to do
+
+
+def test_only_the_duration_may_grow(file: Path, whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Independent check: a shorter one, another key beside it, and that of statics, where loads follow it."""
+    for override, said in [
+        (["solve.duration=0.02"], "solve.duration was 0.024 and is 0.02"),
+        (["solve.duration=0.03", "solve.dt=5e-4"], "solve.dt was 0.001 and is 0.0005"),
+        (["solve.duration=0.03", "solve.epsilon=1e-9"], "solve.epsilon was 0.0 and is 1e-09"),
+    ]:
+        assert start(file, whole, "--resume", *(word for each in override for word in ("--set", each))) == 2
+        assert said in capsys.readouterr().err
+    held = parse(tomllib.loads(SCENARIO)).model_copy(update={"piercing": ()})
+    longer = [held.model_copy(update={"solve": held.solve.model_copy(update={"kind": "static", "duration": at})})
+              for at in (0.1, 0.2)]  # fmt: skip
+    with Recorder(file.parent / "static", longer[0]):
+        pass
+    with pytest.raises(ScenarioError, match=r"solve\.duration was 0\.1 and is 0\.2"):
+        can_resume(file.parent / "static", longer[1])
+
+
 # -- out of disk -----------------------------------------------------------------------------------------------------
 
 
@@ -285,7 +322,7 @@ def test_another_scenario_is_refused(
     assert start(file, whole, "--resume", "--set", override) == command.REFUSED
     message = capsys.readouterr().err
     assert said in message
-    assert "run without --resume to begin anew" in message
+    assert "run with --overwrite to begin anew" in message
 
 
 def test_another_mesh_is_refused(tmp_path: Path) -> None:
@@ -331,8 +368,8 @@ def test_a_damaged_folder_is_refused(
         write_checkpoint(out, {name: array for name, array in held.items() if name != "state.q"})
     capsys.readouterr()
     assert start(file, out, "--resume") == command.REFUSED
-    assert "run without --resume to begin anew" in capsys.readouterr().err
-    assert start(file, out) == 0
+    assert "run with --overwrite to begin anew" in capsys.readouterr().err
+    assert start(file, out, "--overwrite") == 0
 
 
 # -- bit by bit ------------------------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from studies.scenario import SCENES, DrivenEnd, FileMesh, Piercing, Scenario, Sc
 from studies.scenario.organ import check_clamp
 from studies.scenario.refusal import as_key, as_toml
 from studies.scenario.scenario import check_control_points, check_order, resolved
+from studies.scenario.table import LONGEST_PROBLEM, MOST_PROBLEMS
 from studies.scenario.toml import with_mesh_file
 from tests.studies.samples import CONTRACT
 
@@ -20,6 +21,8 @@ from tests.studies.samples import CONTRACT
 def contract(tmp_path: Path) -> Path:
     path = tmp_path / "contract.toml"
     path.write_text(CONTRACT, encoding="utf-8")
+    for name in ("a.stl", "a.msh"):
+        (tmp_path / name).write_text("there", encoding="utf-8")
     return path
 
 
@@ -61,7 +64,6 @@ REFUSED = [
     ),
     (f"{WOUND.replace('0.008', '0.03')}}}", ["tissue.mesh.depth = 0.03", "0.02 m high"]),
     (f"{WOUND.replace('length=0.02', 'length=0.05')}}}", ["tissue.mesh.length = 0.05", "0.04 m long"]),
-    ("tissue.mesh={kind='tube',radius=0.01,wall=0.01,length=0.05,h=2e-3}", ["tissue.mesh.wall = 0.01", "below radius"]),
     ("tissue.mesh={kind='file',path='a.stl'}", ["tissue.mesh.h is missing", "filled"]),
     ("tissue.mesh={kind='file',path='a.msh',h=1e-3}", ["tissue.mesh.h = 0.001", "tetrahedra already", ".stl"]),
     ("tissue.mesh={kind='file',path='a.stl',h=1e-3,h_site=2e-3}", ["tissue.mesh.h_site = 0.002", "not exceed"]),
@@ -176,6 +178,84 @@ def test_every_problem_has_its_sentence(contract: Path) -> None:
         "thread.bogus",
         "solve.dt",
     ]
+
+
+def test_names_are_told_together_with_values(contract: Path) -> None:
+    """Independent check: unknown, taken and repeated names, of a suture and a file too, beside a value and a key that
+    are wrong; none is told twice."""
+    faults = {
+        "solve.dt": "0",
+        "tissue.bogus": "1",
+        "thread.suture": '"2-0 polypropylen"',
+        "tissue.clamp": '["botom"]',
+        "tissue.roller": '["bed", "bet"]',
+        "tissue.boundary.bed.name": '"top"',
+        "piercing.exit.name": '"entry"',
+    }
+    with pytest.raises(ScenarioError) as caught:
+        load(contract, [f"{key}={value}" for key, value in faults.items()])
+    told = [problem.split(" = ")[0].split(" is refused")[0] for problem in caught.value.problems]
+    names = ["piercing.name", "tissue.boundary.top", "tissue.clamp", "tissue.roller"]
+    assert told == ["tissue.bogus", "thread.suture", "solve.dt", *names]
+    assert "the nearest are 2-0 polypropylene" in caught.value.problems[1]
+    with pytest.raises(ScenarioError) as caught:
+        load(contract, ['tissue.clamp=["botom"]'])
+    assert len(caught.value.problems) == 1
+    with pytest.raises(ScenarioError) as caught:
+        load(contract, ["solve.dt=0", "tissue.mesh={kind='file',path='none.msh'}"])
+    assert [problem.split(" = ")[0] for problem in caught.value.problems] == ["solve.dt", "tissue.mesh.path"]
+
+
+def test_a_tube_is_told_of_its_wall_and_of_its_boundaries(contract: Path) -> None:
+    """Independent check: the names that a mesh of that kind has, though its numbers are impossible."""
+    with pytest.raises(ScenarioError) as caught:
+        load(contract, ["tissue.mesh={kind='tube',radius=0.01,wall=0.01,length=0.05,h=2e-3}"])
+    wall, clamp = caught.value.problems
+    assert wall.startswith("tissue.mesh.wall = 0.01 is refused: it must be below radius")
+    assert clamp.startswith('tissue.clamp = ["bottom"]') and "left, right, inner, outer" in clamp
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["solve.dt=5e-324"], ["solve.dt = 5e-324", "takes inf of them", "100000000", "1e-08 or more"]),
+        (["solve.dt=1e-9"], ["solve.dt = 1e-09", "takes 1e+09 of them", "raise it", "shorten"]),
+        (["solve.kind=static", "solve.load_steps=1000000000"], ["solve.load_steps = 1000000000", "at most 100000000"]),
+        (["solve.dt=1e-5", "output.every=1"], ["output.every = 1", "100000 frames", "raise it to 5 or more"]),
+    ],
+)
+def test_too_many_steps_or_frames_are_refused(contract: Path, overrides: list[str], words: list[str]) -> None:
+    """Independent check: the key, how many it makes, how many are allowed and the remedy, which is enough."""
+    with pytest.raises(ScenarioError) as caught:
+        load(contract, overrides)
+    assert len(caught.value.problems) == 1
+    assert [word for word in words if word not in caught.value.problems[0]] == [], caught.value.problems
+    load(contract, ["solve.dt=1e-5", "output.every=5"])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a = " + "[" * 100_000,
+        "a = 1" + "0" * 5000,
+        "[solve]\ndt = 0x" + "f" * 10_000,
+        '"' + "k" * 100_000 + '" = 1',
+        'title = "' + "x" * 100_000,
+        "[solve]\n" + "\n".join(f"x{k} = 1" for k in range(3000)),
+        '[[piercing]]\nname = "' + "n" * 50_000 + '"\nat = 1\n' * 2,
+        "[thread]\npath = [" + "[0, 0, true]," * 20_000 + "]",
+        '[thread]\nsuture = "' + "s" * 50_000 + '"',
+        "[tissue]\nclamp = [" + '"c",' * 20_000 + "]",
+    ],
+    ids=lambda text: text[:20],
+)
+def test_a_refusal_is_short(tmp_path: Path, text: str) -> None:
+    """Independent check: what is endless in a file is not repeated, nor a traceback."""
+    (tmp_path / "endless.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(ScenarioError) as caught:
+        load(tmp_path / "endless.toml")
+    assert len(caught.value.problems) <= MOST_PROBLEMS + 1
+    assert all(0 < len(problem) <= LONGEST_PROBLEM for problem in caught.value.problems)
 
 
 @pytest.mark.parametrize("key", ["youngs_modulus", "poisson_ratio", "density", "mesh"])

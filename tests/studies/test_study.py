@@ -97,7 +97,7 @@ def test_a_study_into_a_folder(sample: None, tmp_path: Path, capsys: pytest.Capt
     out = tmp_path / "out"
     pictures = []
     for _ in range(2):
-        assert command.main(["study", "sample", "--set", "count=7", "--out", str(out)]) == 0
+        assert command.main(["study", "sample", "--set", "count=7", "--overwrite", "--out", str(out)]) == 0
         pictures.append([(out / f"figure.{kind}").read_bytes() for kind in ("png", "svg")])
     assert pictures[0] == pictures[1]
     assert pictures[0][0].startswith(b"\x89PNG") and b"length [m]" in pictures[0][1]
@@ -126,6 +126,11 @@ def test_a_folder_of_somebody_else_is_refused(sample: None, tmp_path: Path, caps
     assert [path.name for path in tmp_path.iterdir()] == ["letter.txt"]
     with pytest.raises(StudyError, match="it is a file"):
         check_folder(tmp_path / "letter.txt")
+    (tmp_path / "letter.txt").unlink()
+    for name, text in (("table.csv", "mine"), ("study.json", '{"study": "mine"}')):
+        (tmp_path / name).write_text(text)
+        with pytest.raises(StudyError, match=r"other files than a study's \(study\.json\)|\(table\.csv\)"):
+            check_folder(tmp_path, overwrite=True)
 
 
 def test_marks() -> None:
@@ -144,11 +149,15 @@ def test_a_study_that_fails_keeps_its_rows(sample: None, tmp_path: Path, capsys:
     """And nothing of an earlier one is left beside them; a study that is refused leaves the earlier one alone."""
     assert command.main(["study", "sample", "--out", str(tmp_path)]) == 0
     assert {path.name for path in tmp_path.iterdir()} == set(WRITTEN)
-    assert command.main(["study", "sample", "--set", "lengths=[-1]", "--out", str(tmp_path)]) == 1
+    again = ["--overwrite", "--out", str(tmp_path)]
+    assert command.main(["study", "sample", "--out", str(tmp_path)]) == 2
+    assert "it holds a study already; add --overwrite" in capsys.readouterr().err
+    assert command.main(["study", "sample", "--set", "lengths=[-1]", *again]) == 1
     assert {path.name for path in tmp_path.iterdir()} == set(WRITTEN)
     assert "the rows that were done" not in capsys.readouterr().err
-    assert command.main(["study", "sample", "--set", "lengths=[1, 2, -1]", "--out", str(tmp_path)]) == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["runs.csv"]
+    assert command.main(["study", "sample", "--set", "lengths=[1, 2, -1]", *again]) == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"runs.csv", "study.json"}
+    check_folder(tmp_path, overwrite=True)
     assert (tmp_path / "runs.csv").read_text() == "way,length [m]\nway 3,1.0\nway 3,2.0\n"
     told = capsys.readouterr().err
     assert "row 1, " in told and "way 3" in told and "row 2, " not in told  # of the same words

@@ -1,0 +1,91 @@
+"""Whose a folder is: the manifest of a run, ``provenance.json``, and the files that it names as the run's own.
+
+A folder is a run's only where it holds a manifest that this code wrote. What the manifest does not name, but for the
+frames, is the user's: it is neither removed nor written over.
+"""
+
+import json
+import re
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from studies.output.columns import TABLES
+from studies.output.lock import LOCK
+from studies.output.series import frame_files
+from studies.output.tables import tables_of
+from studies.scenario import Scenario, ScenarioError
+from studies.scenario.toml import mesh_file
+
+MARK = "provenance.json"  # the first file written
+SCENARIO = "scenario.toml"
+FILES = (
+    MARK,
+    SCENARIO,
+    "summary.json",
+    *(f"{layout.name}.csv" for layout in TABLES),
+    "checkpoint.npz",
+    "results.pvd",
+    "picture.png",
+)
+UNFINISHED = re.compile(r"\.(.+)\.\d+")  # a file about to be renamed, and the process that wrote it
+
+
+def files_of(scenario: Scenario) -> list[str]:
+    """List the files that a run of the scenario writes, without its frames."""
+    tables = {f"{layout.name}.csv" for layout in TABLES} - {f"{layout.name}.csv" for layout in tables_of(scenario)}
+    mesh = mesh_file(scenario)
+    return [name for name in FILES if name not in tables] + ([] if mesh is None else [f"mesh/{mesh.name}"])
+
+
+def manifest(folder: Path) -> dict[str, Any] | None:
+    """Read the manifest of a folder; None where it holds none that this code wrote."""
+    try:
+        found = json.loads((folder / MARK).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    own = isinstance(found, dict) and "suturefem" in found and isinstance(found.get("files"), list)
+    return found if own else None
+
+
+def holds_run(folder: Path) -> bool:
+    """Tell whether a folder holds a run, finished or not; not one that never got as far as its scenario."""
+    return manifest(folder) is not None and (folder / SCENARIO).is_file()
+
+
+def own_files(folder: Path) -> list[Path]:
+    """List what the run in a folder wrote, the manifest and what a killed run was about to rename included."""
+    listed = (manifest(folder) or {}).get("files", [])
+    known = [name for name in listed if name in FILES or re.fullmatch(r"mesh/[^/\\]+", str(name))]
+    frames = frame_files(folder / "frames") if known else []
+    return [*(folder / name for name in known), *frames, *unfinished(folder, known)]
+
+
+def unfinished(folder: Path, known: Iterable[str] = ()) -> list[Path]:
+    """List the files that a killed run was about to rename to a name of its own, and its lock."""
+    names = {MARK, *(Path(name).name for name in known)}
+    here = [path for place in (folder, folder / "mesh") if place.is_dir() for path in place.glob(".*")]
+    found = [path for path in here if (match := UNFINISHED.fullmatch(path.name)) and match[1] in names]
+    return [*found, *(path for path in here if path.name == LOCK)]
+
+
+def refuse_foreign(folder: Path, scenario: Scenario) -> None:
+    """Raise `ScenarioError` where a run of the scenario would write over what no run wrote."""
+    own = set(own_files(folder))
+    lost = [name for name in files_of(scenario) if (folder / name).exists() and folder / name not in own]
+    if lost:
+        raise ScenarioError(
+            f"--out {folder} is refused: a run would write over {', '.join(lost)}, which no run wrote; move what is "
+            "yours, or give a new or empty folder"
+        )
+
+
+def clear(folder: Path) -> None:
+    """Take out of a folder what a run wrote there, all but its manifest and the lock."""
+    for path in own_files(folder):
+        if path.name not in (MARK, LOCK):
+            path.unlink(missing_ok=True)
+    for name in ("frames", "mesh"):
+        with suppress(OSError):  # there is none, or it holds what is the user's
+            (folder / name).rmdir()

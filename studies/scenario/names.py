@@ -1,0 +1,50 @@
+"""What is wrong with the names in a scenario that is not valid yet.
+
+A name is known or not whatever the numbers beside it are: so unknown and repeated names are told together with values
+that are refused, and not after those are right.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from studies.scenario.organ import BOUNDARIES, FLOOR, taken_boundary, unknown_clamp
+from studies.scenario.table import repetition
+
+
+def name_faults(data: Mapping[str, Any]) -> list[str]:
+    """Describe the unknown, taken and repeated names in plain tables, one sentence each."""
+    tissue = _table(data.get("tissue"))
+    faults = [
+        repetition("piercing", _names(data.get("piercing"))),
+        repetition("tissue.boundary", _names(tissue.get("boundary"))),
+        repetition("tissue.region", _names(tissue.get("region"))),
+        *_boundary_faults(tissue),
+    ]
+    return [fault for fault in faults if fault]
+
+
+def _boundary_faults(tissue: Mapping[str, Any]) -> list[str | None]:
+    """Describe boundaries that a generated mesh will not have, or has already; what a file has is not known here."""
+    mesh = _table(tissue.get("mesh"))
+    there = BOUNDARIES.get(str(mesh.get("kind")), ())
+    if not there:
+        return []
+    there = (*there, FLOOR) if mesh.get("shape") == "ellipse" else there
+    own = _names(tissue.get("boundary"))
+    taken = taken_boundary(own, there, str(mesh["kind"]))
+    lost = [unknown_clamp(_words(tissue.get(key)), [*there, *own], key) for key in ("clamp", "roller")]
+    return [fault and f"tissue.{fault}" for fault in (taken, *lost)]
+
+
+def _table(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _words(value: Any) -> list[str]:
+    return [word for word in value if isinstance(word, str) and word] if isinstance(value, list | tuple) else []
+
+
+def _names(value: Any) -> list[str]:
+    """Return the names of a list of tables."""
+    tables = value if isinstance(value, list | tuple) else ()
+    return _words([_table(item).get("name") for item in tables])

@@ -1,0 +1,98 @@
+"""Mutated scenarios: each is refused or read, and of the small ones that are read a share is prepared."""
+
+import tomllib
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from studies.command.command import REFUSALS
+from studies.scenario import SCENES, FileMesh, Scenario, load
+from studies.scenario.refusal import as_key, as_toml
+from studies.simulation import prepare
+from tests.fuzz.mutations import mutated_bytes, mutated_tables
+from tests.fuzz.trial import Tally
+from tests.studies.samples import CONTRACT
+from tissue.errors import FactorError
+
+SMALL = """
+[tissue]
+youngs_modulus = 1.0e5
+poisson_ratio = 0.45
+density = 1070.0
+clamp = ["bottom"]
+mesh = { kind = "block", size = [0.03, 0.02, 0.01], h = 5.0e-3 }
+region = [{ name = "skin", depth = [0.0, 2.0e-3], youngs_modulus = 2.0e5 }]
+[thread]
+suture = "2-0 polypropylene"
+control_points = 24
+path = [[-0.015, 0, 0.015], [-0.005, 0, 0.006], [-0.005, 0, -0.005], [0.005, 0, -0.005], [0.005, 0, 0.015]]
+start = { kind = "pulled", force = [-0.02, 0, 0.02], ramp = 0.01 }
+end = { kind = "driven", waypoints = [[0, 0.005, 0, 0.015], [0.06, 0.01, 0, 0.018]] }
+[[piercing]]
+name = "entry"
+at = [-0.005, 0, 0]
+direction = "normal"
+footprint = 2.0e-3
+friction = { static = 0.12, kinetic = 0.1 }
+[[piercing]]
+name = "exit"
+at = [0.005, 0, 0]
+direction = [0, 0, 1]
+[solve]
+dt = 1.0e-3
+duration = 0.02
+gravity = [0, 0, -9.81]
+"""
+POINTS, CELLS = 60, 4000  # control points and elements up to which a scenario is prepared
+
+
+def sources() -> list[str]:
+    """List the scenarios that are mutated."""
+    shipped = [path.read_text(encoding="utf-8") for path in sorted(SCENES.glob("*.toml"))]
+    return [SMALL, SMALL, SMALL, CONTRACT, *shipped]
+
+
+def is_small(scenario: Scenario) -> bool:
+    """Tell whether a scenario is prepared within a second or so."""
+    if scenario.thread.control_points > POINTS or (scenario.thread.springs or 0) > POINTS:
+        return False
+    if scenario.tissue is None:
+        return True
+    mesh: Any = scenario.tissue.mesh
+    if isinstance(mesh, FileMesh) or getattr(mesh, "generator", "gmsh") == "gmsh":
+        return False
+    cells = 1.0
+    for length in mesh.size:
+        cells *= max(2.0, length / mesh.h, length / mesh.h_site if mesh.h_site else 0.0)
+    return cells < CELLS / 5 or cells > 1e12  # many are to be refused
+
+
+def text_of(data: dict[str, Any]) -> str:
+    """Write tables in TOML, a line for each at the top."""
+    return "".join(f"{as_key(key)} = {as_toml(value)}\n" for key, value in data.items())
+
+
+def run(count: int, seed: int, folder: Path, share: float = 0.25) -> Tally:
+    """Try so many mutated scenarios; to prepare one takes fifty times as long as to read it."""
+    tally, texts, file = Tally(), sources(), folder / "mutated.toml"
+    tables = [tomllib.loads(text) for text in texts]
+    for number in range(seed, seed + count):
+        random = Random(number)
+        which = random.randrange(len(texts))
+        if random.random() < 0.3:
+            file.write_bytes(mutated_bytes(texts[which].encode(), random))
+        else:
+            file.write_text(text_of(mutated_tables(tables[which], random)), encoding="utf-8")
+        drawn = random.random() < share
+        tally.trial(
+            f"scenario {number}", lambda drawn=drawn: _attempt(file, drawn), (*REFUSALS, FactorError, MemoryError)
+        )
+    return tally
+
+
+def _attempt(file: Path, drawn: bool) -> str:
+    scenario = load(file)
+    if not drawn or not is_small(scenario):
+        return "read"
+    prepare(scenario)
+    return "prepared"

@@ -1,0 +1,353 @@
+"""Whose a folder is: nothing is lost that no run wrote, no run is replaced without leave, and one runs at a time."""
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from studies.command import command, start
+from studies.output import budget
+from studies.output.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
+from studies.output.folder import MARK, Recorder, can_resume, check_folder, completed_run
+from studies.output.lock import LOCK, locked
+from studies.output.manifest import files_of, manifest
+from studies.scenario import Scenario, ScenarioError, load, parse
+from studies.scenario.toml import tables
+from studies.simulation import prepare
+from tests.studies.samples import CONTRACT, LINEAR, Stub, framing, step
+
+SCENARIO = parse(tomllib.loads(CONTRACT.replace("every = 10", "every = 3")))
+
+
+def recorded(folder: Path, scenario: Scenario = SCENARIO, steps: int = 7) -> Path:
+    with Recorder(folder, scenario, LINEAR, tissue_dofs=12) as recorder:
+        for number in range(steps + 1):
+            recorder.record(step(number), framing(step(number).time))
+    return folder
+
+
+@pytest.fixture
+def contract(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A scenario whose runs are made by a stub."""
+    path = tmp_path / "contract.toml"
+    path.write_text(CONTRACT, encoding="utf-8")
+    monkeypatch.setattr(command, "_prepare", lambda scenario: replace(Stub(scenario, None), topology=None))
+    return path
+
+
+def run(file: Path, out: Path | str, *more: str) -> int:
+    return command.main(["run", str(file), "--out", str(out), "--quiet", "--no-picture", *more])
+
+
+# -- what is the user's ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text", ["{}", '{"suturefem": 1, "files"', "", "[1]", '{"author": "me", "files": []}', "\0", "[" * 100_000]
+)
+def test_another_provenance_makes_no_results_folder(tmp_path: Path, text: str) -> None:
+    """Independent check: a file of that name, or a torn one, gives no leave to write into a folder."""
+    (tmp_path / MARK).write_text(text, encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"holds other files than results \(provenance\.json"):
+        check_folder(tmp_path, overwrite=True)
+    with pytest.raises(ScenarioError, match=r"would write over provenance\.json, which no run wrote; move"):
+        Recorder(tmp_path, SCENARIO, LINEAR)
+    assert (tmp_path / MARK).read_text(encoding="utf-8") == text
+
+
+def test_what_no_run_wrote_is_kept(tmp_path: Path) -> None:
+    """Independent check: files of one's own between those of a run, also in its folders and named like frames."""
+    own = ["mesh/organ.msh", "frames/render.png", "frames/render_000003.vtu", ".summary.json.swp", "contact.csv"]
+    recorded(tmp_path)
+    (tmp_path / "mesh").mkdir()
+    for name in own:
+        (tmp_path / name).write_text("mine", encoding="utf-8")
+    recorded(tmp_path, steps=2)
+    assert [(tmp_path / name).read_text(encoding="utf-8") for name in own] == ["mine"] * len(own)
+    assert len(list((tmp_path / "frames").iterdir())) == 2 + 3 + 3
+
+
+def test_a_run_that_would_write_over_a_file_is_refused(tmp_path: Path) -> None:
+    """Independent check: the mesh of another run would take the place of a user's mesh of that name."""
+    recorded(tmp_path / "out")
+    (tmp_path / "out" / "mesh").mkdir()
+    for place in ("out/mesh/organ.msh", "organ.msh"):
+        (tmp_path / place).write_text("a mesh", encoding="utf-8")
+    data = tables(SCENARIO)
+    data["tissue"] |= {"mesh": {"kind": "file", "path": str(tmp_path / "organ.msh")}, "clamp": ["bottom"]}
+    with pytest.raises(ScenarioError, match=r"would write over mesh/organ\.msh, which no run wrote"):
+        check_folder(tmp_path / "out", parse(data), overwrite=True)
+    (tmp_path / "out/mesh/organ.msh").unlink()
+    check_folder(tmp_path / "out", parse(data), overwrite=True)
+    with pytest.raises(ScenarioError, match=r"it holds .*organ\.msh, which is read and would be replaced"):
+        recorded(tmp_path / "out", parse(data))
+        data["tissue"]["mesh"]["path"] = str(tmp_path / "out/mesh/organ.msh")
+        check_folder(tmp_path / "out", parse(data), overwrite=True)
+
+
+def test_a_manifest_names_what_a_run_writes(tmp_path: Path) -> None:
+    """Consistency check: all that is there after a run, but frames, and a manifest that names strange files gives no
+    leave to remove them."""
+    found = manifest(recorded(tmp_path / "out"))
+    assert found is not None
+    there = {path.name for path in (tmp_path / "out").iterdir() if path.is_file()}
+    assert there - set(found["files"]) == set()
+    assert set(found["files"]) - there == {"picture.png", CHECKPOINT}  # neither is made by this recorder's steps
+    (tmp_path / "precious").write_text("mine", encoding="utf-8")
+    text = json.dumps(found | {"files": [*files_of(SCENARIO), "../precious", "mesh/../../precious", 7]})
+    (tmp_path / "out" / MARK).write_text(text, encoding="utf-8")
+    recorded(tmp_path / "out")
+    assert (tmp_path / "precious").exists()
+
+
+def test_a_run_is_replaced_with_leave_alone(contract: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Independent check: refused in a sentence with both remedies, status 2, nothing touched."""
+    out = tmp_path / "out"
+    assert run(contract, out) == 0
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
+    assert run(contract, out) == command.REFUSED
+    message = capsys.readouterr().err
+    assert "it holds a run already; add --overwrite to replace it, --resume to go on with it" in message
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == before
+    assert run(contract, out, "--overwrite") == 0
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} != before
+    with pytest.raises(SystemExit, match="2"):
+        run(contract, out, "--overwrite", "--resume")
+
+
+# -- one run at a time -----------------------------------------------------------------------------------------------
+
+
+HOLDING = "import sys; sys.path[:0] = [{root!r}]\nfrom studies.output.lock import locked\nwith locked({folder!r}):\n"
+HOLDING += "    print('held', flush=True)\n    sys.stdin.read()\n"
+
+
+def test_one_run_at_a_time(contract: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Independent check: another process holds the folder; killed, it holds it no more, and leaves no trace behind."""
+    out = tmp_path / "out"
+    script = HOLDING.format(root=str(Path(__file__).parents[2]), folder=str(out))
+    with subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None and other.stdout.readline() == b"held\n"
+        assert run(contract, out) == command.REFUSED
+        assert "another run is at work there; wait for its end" in capsys.readouterr().err
+        other.send_signal(signal.SIGKILL)
+        other.wait()
+    assert (out / LOCK).exists()
+    assert run(contract, out) == 0
+    assert not (out / LOCK).exists()
+
+
+def test_a_lock_is_of_the_file_that_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: a run ends, and removes its lock, between another's opening of it and its locking."""
+    from studies.output import lock
+
+    opened, taken = lock._opened, []
+
+    def ending(path: Path) -> object:
+        file = opened(path)
+        if not taken:
+            path.unlink()
+        taken.append(path)
+        return file
+
+    monkeypatch.setattr(lock, "_opened", ending)
+    with locked(tmp_path):
+        assert len(taken) == 2
+        with pytest.raises(ScenarioError, match="another run is at work"), locked(tmp_path):
+            pass
+    with locked(tmp_path):
+        pass
+
+
+# -- no traceback ----------------------------------------------------------------------------------------------------
+
+
+def circle(path: Path) -> Path:
+    path.symlink_to(path)
+    return path
+
+
+@pytest.mark.parametrize("folder", [lambda path: path / ("x" * 300), lambda path: circle(path / "circle")])
+@pytest.mark.parametrize("more", [(), ("--resume",), ("--overwrite",)])
+def test_a_folder_that_cannot_be_is_refused(
+    contract: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    folder: Callable[[Path], Path],
+    more: tuple[str, ...],
+) -> None:
+    """Independent check: a name too long, and a link to itself."""
+    assert run(contract, folder(tmp_path), *more) == command.REFUSED
+    assert "cannot be written" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "circle", "."])
+def test_a_scenario_that_cannot_be_read_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    """Independent check: a name too long, a link to itself, a folder."""
+    circle(tmp_path / "circle")
+    assert command.main(["check", str(tmp_path / name)]) == command.REFUSED
+    assert "cannot be read" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("when", range(3))
+def test_a_disk_that_is_full_before_the_first_step(
+    contract: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, when: int
+) -> None:
+    """Independent check: manifest, scenario and first frame cannot be written; status 1, and a run when there is room
+    again."""
+    out, write, written = tmp_path / "out", Path.write_bytes, [0]
+
+    def full(path: Path, data: bytes) -> int:
+        written[0] += 1
+        if written[0] > when:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        return write(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    assert run(contract, out) == command.FAILED
+    assert "No space left on device" in capsys.readouterr().err
+    monkeypatch.setattr(Path, "write_bytes", write)
+    assert run(contract, out, "--resume") == 0
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("output.every=1", "output.every = 1 is refused: the frames take about"),
+        ("solve.dt=1e-6", "solve.dt = 1e-06 is refused: 1000000 steps take about"),
+    ],
+)
+def test_a_disk_that_would_be_full(
+    contract: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+    setting: str, said: str,
+) -> None:  # fmt: skip
+    """Independent check: what would take most is named; the estimate is within a factor of two of what a run takes."""
+    out = tmp_path / "out"
+    monkeypatch.setattr(budget.shutil, "disk_usage", lambda folder: SimpleNamespace(free=2e6))
+    assert run(contract, out, "--set", setting, "--set", "output.every=500" if "dt" in setting else setting) == 2
+    assert said in capsys.readouterr().err
+    assert list(out.iterdir()) == []
+
+
+def test_the_disk_that_a_run_takes(tmp_path: Path) -> None:
+    """Independent check: rows and frames of a run with an organ, within a factor of two."""
+    organ = "tissue.mesh={kind='block',size=[0.04,0.03,0.02],h=3e-3}"
+    simulation = prepare(load("two_piercings", [organ, "solve.duration=0.01", "output.every=5"]))
+    with Recorder(tmp_path, simulation.scenario, simulation.topology) as recorder:
+        for moment in simulation.advance():
+            recorder.record(*moment)
+    frames = sum(path.stat().st_size for path in (tmp_path / "frames").iterdir())
+    rows = sum(path.stat().st_size for path in tmp_path.glob("*.csv"))
+    expected = budget.frame_bytes(simulation.scenario, simulation.topology), budget.row_bytes(simulation.scenario)
+    assert 0.5 < expected[0] / (frames * 4 / 3) < 2.0  # the last is due, and counted as one that is not
+    assert 0.5 < expected[1] / rows < 2.0
+
+
+def test_an_interrupt_before_the_first_step(
+    contract: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Independent check: while the run is prepared, and while the libraries are loaded."""
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "_prepare", interrupted)
+    assert run(contract, tmp_path / "out") == 130
+    assert list((tmp_path / "out").iterdir()) == []
+    monkeypatch.setattr(command, "main", interrupted)
+    assert start.main() == 130
+    assert capsys.readouterr().err == "suture: interrupted\n" * 2
+
+
+@pytest.mark.parametrize("words", [["schema", "--table"], ["schema"], ["catalogue"]])
+def test_a_closed_pipe_is_no_error(words: list[str]) -> None:
+    """Independent check: nobody reads what is printed; nothing is said of it, and the status is that of a shell."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    search = dict(os.environ, PYTHONPATH=str(Path(__file__).parents[2]))
+    line = [sys.executable, "-m", "studies.command.start", *words]
+    done = subprocess.run(line, stdout=writing, stderr=subprocess.PIPE, env=search, check=False)
+    os.close(writing)
+    assert (done.stderr, done.returncode) == (b"", 141)
+
+
+# -- torn files ------------------------------------------------------------------------------------------------------
+
+
+TORN = {
+    "results.pvd": "run with --overwrite to begin anew",
+    "scenario.toml": "run with --overwrite to begin anew",
+    MARK: "holds other files than results",
+    CHECKPOINT: "run with --overwrite to begin anew",
+    "summary.json": "",
+}
+
+
+def checkpointed(folder: Path) -> Path:
+    """A run of seven steps that keeps the step's number alone."""
+    with pytest.raises(KeyboardInterrupt), Recorder(folder, SCENARIO, LINEAR) as recorder:
+        for number in range(8):
+            kept = {"step": number}
+            recorder.record(replace(step(number), kept=lambda kept=kept: kept), framing(step(number).time))
+        raise KeyboardInterrupt
+    return folder
+
+
+def resumed(folder: Path) -> None:
+    check_folder(folder, SCENARIO, resume=True)
+    assert can_resume(folder, SCENARIO)
+    assert completed_run(folder, SCENARIO) is None
+    with Recorder(folder, SCENARIO, LINEAR, checkpoint=read_checkpoint(folder)) as recorder:
+        recorder.record(step(6), framing(step(6).time))
+
+
+@pytest.mark.parametrize("name", TORN)
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
+def test_a_torn_file_is_refused_or_made_anew(tmp_path: Path, name: str, share: float) -> None:
+    """Independent check: every file that a resumed run reads, cut short."""
+    data = (checkpointed(tmp_path) / name).read_bytes()
+    (tmp_path / name).write_bytes(data[: int(share * len(data))])
+    if not TORN[name]:
+        resumed(tmp_path)
+        assert json.loads((tmp_path / name).read_text(encoding="utf-8"))["status"] == "completed"
+        return
+    with pytest.raises(ScenarioError, match=TORN[name]):
+        resumed(tmp_path)
+
+
+def test_a_checkpoint_with_a_flipped_bit_is_refused(tmp_path: Path) -> None:
+    """Independent check: wherever a bit is flipped, and as it was written numpy reads it."""
+    write_checkpoint(tmp_path, {"step": 7, "q": [1.0, 2.0]})
+    data = (tmp_path / CHECKPOINT).read_bytes()
+    assert read_checkpoint(tmp_path) is not None
+    for place in range(len(data)):
+        flipped = bytearray(data)
+        flipped[place] ^= 1 << place % 8
+        (tmp_path / CHECKPOINT).write_bytes(flipped)
+        with pytest.raises(ScenarioError, match="is not as it was written"):
+            read_checkpoint(tmp_path)
+
+
+def test_a_frame_that_is_lost_is_left_out_and_said(tmp_path: Path) -> None:
+    """Independent check: one before the checkpoint is gone from the folder; the run goes on, without it in the index
+    and with a remark that names it. Where the index itself lacks a frame, it is refused."""
+    (checkpointed(tmp_path) / "frames" / "thread_000003.vtp").unlink()
+    resumed(tmp_path)
+    said = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))["remarks"]
+    assert any(one["code"] == "frames-missing" and "thread_000003.vtp" in one["message"] for one in said)
+    index = checkpointed(tmp_path / "other") / "results.pvd"
+    assert "thread_000003.vtp" not in (tmp_path / "results.pvd").read_text(encoding="utf-8")
+    index.write_text("\n".join(x for x in index.read_text(encoding="utf-8").splitlines() if "_000003" not in x))
+    with pytest.raises(ScenarioError, match=r"lacks the frame of step 3"):
+        resumed(tmp_path / "other")
