@@ -16,3 +16,4 @@ MOVED = 1e-3  # of a pull: mass times acceleration and damping of 20 mm of sutur
 LINEAR = 1e-6  # a beam in its linear range, at loads whose geometric effect is below 1e-7
 BUCKLING = 1e-4  # post-buckled shape over the length
 TWISTED = 0.02  # buckling and localisation of twisted rods with 40 control points
+SUBGRID = 0.05  # of a hole's compliance on a coarse mesh: a patch's own error of 2 %, and what its reach leaves out

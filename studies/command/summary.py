@@ -102,13 +102,12 @@ def resolution_line(ratio: float) -> str:
 
 
 def subgrid_line(gaps: Mapping[str, Mapping[str, Any]]) -> str:
-    """Tell how much of the holes' compliance the mesh is too coarse for, and where what is added for it does not
-    hold."""
+    """Tell how much of the holes' compliance the mesh is too coarse for, and where nothing can be added for it."""
     if not gaps:
         return ""
     share = max(gap["share"] for gap in gaps.values())
     outside = ", ".join(name for name, gap in gaps.items() if not gap["holds"])
-    limit = f"; TOO NEAR an edge, a clamp or another hole for that: {outside}" if outside else ""
+    limit = f'; NOTHING could be added, set tissue.element = "P2" or a finer mesh: {outside}' if outside else ""
     return f"sub-grid   up to {share:.0%} of a hole's compliance is added, which the mesh is too coarse for{limit}"
 
 
