@@ -166,6 +166,7 @@ def test_a_uniform_weight_has_no_couple_to_make_up_for_and_a_bare_point_nothing(
         ([[-0.008, 0.0, 0.0], [0.008, 0.0, 0.0]], ["unbounded body", "unbounded body"]),
         ([[-0.0015, 0.0, 0.0], [0.0015, 0.0, 0.0]], ["patch", "patch"]),
         ([[0.0, 0.0, -0.002]], ["patch"]),
+        ([[0.0128, 0.0013, 0.0]], ["patch"]),
     ],
 )
 def test_what_is_near_a_hole_is_seen(points: list[list[float]], by: list[str]) -> None:
@@ -204,9 +205,11 @@ def test_a_hole_in_a_layer(element: str, cells: float, contrast: float, thicknes
     assert np.diag(C)[:6] == pytest.approx(exact, rel=SUBGRID)
 
 
-def test_linear_cells_that_stiffen_a_skin_far_around_get_no_springs() -> None:
-    """What linear cells of half a radius owe to a stiff skin does not settle within a patch, and the record says so."""
-    body, site = layered("P1", 0.5, 10.0, 1.0)
+@pytest.mark.parametrize("thickness", [1.0, 4.0])
+def test_linear_cells_that_stiffen_a_skin_far_around_get_no_springs(thickness: float) -> None:
+    """What linear cells of half a radius owe to a stiff skin does not settle within a patch, or farther out than that
+    reaches, and the record says so."""
+    body, site = layered("P1", 0.5, 10.0, thickness)
     sites = tissue.build_sites(body, [site])
     gap = sites.missing[0]
     assert gap is not None and not gap.holds and gap.by == "nothing" and gap.share == 0.0

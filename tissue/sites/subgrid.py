@@ -55,6 +55,7 @@ WIDER = 1.5  # of the reach, each time that the second patch grows
 MOST = 4000  # cells in a patch, for each of its holes: some 20,000 unknowns, a second
 LEAST = 0.75  # of the reach that the most cells must allow: below, the mesh is as fine as the patch would be
 SMALL, TO_COME = 0.012, 0.025  # change of the compliance by the last growth, and sum of those to come, that are allowed
+SPREAD = 1.8  # lengths over which a stiff skin spreads a force, that the patch of linear cells must reach at least
 RESOLVED = 0.03  # share below which a mesh needs nothing made up
 
 
@@ -168,7 +169,8 @@ def by_patch(body: Elasticity, holes: Sequence[Hole], around: Sequence[Around]) 
     linear cells does not settle.
     """
     reach = [max(REACH * hole.seen.radius, CELLS * here.longest) for hole, here in zip(holes, around, strict=True)]
-    patches = Patches(body, holes, np.array(reach))
+    stiff = [moduli(body, here.touched)[0] for here in around]
+    patches = Patches(body, holes, np.array(reach), np.array(stiff))
     if patches.widest < LEAST:
         small = [by_closed_form(body, hole, here).share <= RESOLVED for hole, here in zip(holes, around, strict=True)]
         return [nothing(here, good) for here, good in zip(around, small, strict=True)]
@@ -193,11 +195,13 @@ def nothing(here: Around, holds: bool) -> Missing:
 
 @dataclass(frozen=True)
 class Patches:
-    """Patches of a body around `holes` that share them; `reach` `(p,)` [m] from the rims is that of the first."""
+    """Patches of a body around `holes` that share them; `reach` `(p,)` [m] from the rims is that of the first, `stiff`
+    `(p,)` [Pa] is E at the holes."""
 
     body: Elasticity
     holes: Sequence[Hole]
     reach: Array
+    stiff: Array
 
     @cached_property
     def distances(self) -> Array:
@@ -215,6 +219,23 @@ class Patches:
         most = MOST * len(self.holes)
         return float(np.sort(self.distances)[most]) if self.distances.size > most else np.inf
 
+    @property
+    def spread(self) -> float:
+        """The reach, over that of the first patch, that skins ask for in which holes are; 0 without any.
+
+        A plate of thickness t and κ times as stiff as the half-space below spreads a force over t (κ/6)^⅓ (Hogg, Phil.
+        Mag. 25, 1938), and there linear cells stiffen it.
+        """
+        E, vertices = np.broadcast_to(self.body.material.youngs_modulus, self.distances.shape), self.body.mesh.p.T
+        asked = [0.0]
+        for hole, own, reach in zip(self.holes, self.stiff, self.reach, strict=True):
+            softer = own > E * (1.0 + EVEN)
+            if softer.any():
+                corners = vertices[np.unique(self.body.mesh.t[:, softer])]
+                t = float(np.linalg.norm(corners - hole.seen.centre, axis=1).min())
+                asked.append(SPREAD * t * float(np.cbrt(own / E[softer].min() / 6.0)) / reach)
+        return max(asked)
+
     def patch(self, factor: float) -> Patch:
         """The cells within `factor` of the reach that hang together with the holes; a patch that nothing holds loses
         its farthest corner."""
@@ -222,7 +243,8 @@ class Patches:
         left, right = body.mesh.f2t[:, (body.mesh.f2t[1] >= 0) & chosen[body.mesh.f2t].all(axis=0)]
         links = csr_matrix((np.ones(left.size), (left, right)), shape=(chosen.size, chosen.size))
         _, label = connected_components(links, directed=False)
-        cells = np.flatnonzero(chosen & np.isin(label, label[self.distances <= 0.0]))
+        seen = np.asarray(np.isin(body.nodes, self.rows.indices).any(axis=1))[body.cells].all(axis=1)
+        cells = np.flatnonzero(chosen & np.isin(label, label[seen]))
         if cells.size == chosen.size and not holds_still(body.points, np.isin(body.nodes, body.clamped)):
             away = np.linalg.norm(body.mesh.p.T - self.holes[0].seen.centre, axis=1).argmax()
             cells = np.flatnonzero((body.mesh.t != away).all(axis=0))
@@ -241,7 +263,7 @@ class Patches:
         """`gap` from the part of the size of cells, and that of their order on the first patch."""
         factor, end = min(1.0, self.widest), float(self.distances.max())
         changes: list[float] = []
-        while factor < end and not is_settled(changes):
+        while factor < end and not (factor >= self.spread and is_settled(changes)):
             factor *= WIDER
             if factor > self.widest:
                 return local + order, whole, False
