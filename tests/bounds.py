@@ -21,3 +21,4 @@ ORACLE = 2e-3  # 80 control points against the boundary-value problem of the ela
 DIFFERENCE = (
     1e-6  # of a slope: a central difference over 1e-5 of order one, its own error 1e-10 and its round-off 1e-11
 )
+SUBGRID = 0.05  # of a hole's compliance on a coarse mesh: a patch's own error of 2 %, and what its reach leaves out

@@ -311,7 +311,7 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """List the worst of each ladder: cells too coarse, holes that moved too far, and what is too near a hole."""
+    """List the worst of each ladder: cells too coarse, holes that moved too far, and where nothing makes up for it."""
     out = []
     for ladder, variant, runs in ladders(rows):
         name = f"{ladder}, {variant}"
@@ -325,7 +325,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
         out += beyond_linear(f"{name}, {far.size_text}", far.displacement, far.footprint)
         near = [run.size_text for run in runs if not run.clear]
         if near:
-            out.append(f"{name}, {', '.join(near)}: a hole is TOO NEAR an edge, a clamp or another hole")
+            out.append(f"{name}, {', '.join(near)}: NO SUB-GRID compliance could be added at a hole")
     return out
 
 

@@ -128,8 +128,8 @@ KINDS = (
     Kind(
         "subgrid",
         "unsupported",
-        "an edge, a clamp or another hole within a cell of a hole's rim",
-        "the compliance that is added for cells too coarse is that of a hole alone",
+        "no patch of the cells around a hole makes up for their coarseness",
+        "nothing is added there: the hole is as stiff as its cells",
     ),
     Kind(
         "cells",

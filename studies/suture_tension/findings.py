@@ -146,7 +146,7 @@ def max_residual(rows: Sequence[Row]) -> float:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """List the ranges by tissue, slopes, verdicts on the cells, and what is beyond, failed, not settled or too near."""
+    """List the ranges by tissue, slopes, verdicts on the cells, and what is beyond, failed or not made up for."""
     out = [*ranges(rows), *slopes(rows)]
     for quantity, name in QUANTITIES.items():
         if has_ladder(rows):
@@ -160,7 +160,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def shortcomings(row: Row) -> list[str]:
-    """Return what failed, is beyond, did not settle, is too coarse or too near in a row."""
+    """Return what failed, is beyond, did not settle, is too coarse or not made up for in a row."""
     name, out = f"{row.sweep}, {case_text(row)}, {row.load:.3g} N", []
     if row.failed:
         out.append(f"{name}: FAILED beyond, {row.failed}")
@@ -172,7 +172,7 @@ def shortcomings(row: Row) -> list[str]:
     if row.way == "dynamic":
         out += not_settled(name, row.kinetic, row.elastic)
     if not row.clear:
-        out.append(f"{name}: a hole is TOO NEAR an edge, a clamp or another hole for its sub-grid compliance")
+        out.append(f"{name}: NO SUB-GRID compliance could be added at a hole")
     return out if row.failed else [*out, *spans_too_coarse(name, row.span_ratio)]
 
 

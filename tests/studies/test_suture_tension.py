@@ -197,7 +197,7 @@ def test_what_is_not_supported_is_said() -> None:
     far = replace(base, sweep="footprint", turn=0.5, clear=False, span_ratio=0.9)
     moving = replace(base, sweep="soft organ", name="damped motion", way="dynamic", kinetic=1.0, elastic=1.0)
     said = "\n".join(STUDY.remarks([*rows(), far, moving]))
-    assert "frame turned by 0.5, BEYOND" in said and "TOO NEAR" in said and "TOO COARSE" in said
+    assert "frame turned by 0.5, BEYOND" in said and "NO SUB-GRID" in said and "TOO COARSE" in said
     assert "damped motion, 0.1 N: NOT SETTLED" in said
     swinging = [
         replace(base, sweep="cells", cells=h, ring_von_mises=f) for h, f in ((1.0, 1.0), (2.0, 2.0), (3.0, 1.5))

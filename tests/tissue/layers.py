@@ -1,4 +1,4 @@
-"""An elastic layer bonded to a rigid base: how far a footprint on it moves, by Hankel transform; and its mesh."""
+"""Elastic layers bonded to a rigid base: how far a footprint on them moves, by Hankel transform; and their mesh."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,7 +6,7 @@ from scipy.special import jv
 from skfem import MeshTet
 
 import tissue
-from tissue.sites import footprint
+from tissue.sites import footprint, unbounded
 
 Array = NDArray[np.float64]
 HALF_SPACE = {"uniform": 16.0 / (3.0 * np.pi), "parabolic": 2048.0 / (315.0 * np.pi)}  # a ∫ŵ² dk
@@ -53,6 +53,63 @@ def layer_answers(k: Array, h: float, mu: float, nu: float) -> tuple[Array, Arra
     rows = np.stack([(lam + 2.0 * mu) * slope_W + lam * k * U, mu * (slope_U - k * W), base_U, base_W])
     share = np.linalg.solve(np.moveaxis(rows, -1, 0), np.broadcast_to(np.eye(4)[:, :2], (k.size, 4, 2)))
     return np.einsum("ik,ki->k", W, share[..., 0]), np.einsum("ik,ki->k", U, share[..., 1]), np.tanh(k * h) / (mu * k)
+
+
+def stack_compliance(a: float, heights: list[float], moduli: list[float], nu: float) -> Array:
+    """Compliance `(6,)` of a parabolic footprint of radius `a` on layers, from the top, on a rigid base [m/N, 1/(N m)].
+
+    To forces along x, y, z and to the couples of ⟨∂u/∂x⟩. With u_x, u_y of a traction at angle θ to k the averages over
+    θ are ½(c_l + c_t) for forces and ⅜c_l + ⅛c_t, ⅛c_l + ⅜c_t, ½c_n times k² for couples. What the top layer's
+    half-space has is taken off under the integral and put back in closed form.
+    """
+    x, dx = np.polynomial.legendre.leggauss(400)
+    ends = np.array([0.0, 0.5, 2.0, 8.0, max(40.0 * a / heights[0], 9.0)]) / a
+    k = (ends[:-1, None] + np.diff(ends)[:, None] * (x + 1.0) / 2.0).ravel()
+    dk, mu = (np.diff(ends)[:, None] * dx / 2.0).ravel(), np.array(moduli) / (2.0 * (1.0 + nu))
+    normal, along, across = stack_answers(k, heights, mu, nu)
+    normal, along, across = (
+        normal - (1.0 - nu) / (mu[0] * k),
+        along - (1.0 - nu) / (mu[0] * k),
+        across - 1.0 / (mu[0] * k),
+    )
+    force = (8.0 * jv(2, k * a) / (k * a) ** 2) ** 2 * k * dk / (2.0 * np.pi)
+    couple = force * k**2
+    more = [force @ (along + across) / 2.0, force @ (along + across) / 2.0, force @ normal]
+    more += [couple @ (3.0 * along + across) / 8.0, couple @ (along + 3.0 * across) / 8.0, couple @ normal / 2.0]
+    closed = np.diag(unbounded.scaled(unbounded.disc_compliance("parabolic", nu), a, moduli[0]))
+    return closed[[0, 1, 2, 3, 6, 9]] + np.array(more)
+
+
+def stack_answers(k: Array, heights: list[float], mu: Array, nu: float) -> tuple[Array, Array, Array]:
+    """c_n, c_l, c_t of `layer_answers` for layers from the top, each with the four solutions written there about its
+    own faces; displacement and traction go on from layer to layer. Across k it is the addition theorem of tanh."""
+    levels, n = -np.concatenate([[0.0], np.cumsum(heights)]), 4 * len(heights)
+    c = (3.0 - 4.0 * nu) / k
+
+    def state(layer: int, z: float) -> Array:
+        up, down = np.exp(k * (z - levels[layer])), np.exp(-k * (z - levels[layer + 1]))
+        above, below = z - levels[layer], z - levels[layer + 1]
+        U = np.stack([up, above * up, down, below * down])
+        W = np.stack([-up, (c - above) * up, down, (c + below) * down])
+        slope_U = np.stack([k * up, (1.0 + k * above) * up, -k * down, (1.0 - k * below) * down])
+        slope_W = np.stack([-k * up, (k * (c - above) - 1.0) * up, -k * down, (1.0 - k * (c + below)) * down])
+        ratio, lam = mu[layer] / mu[0], 2.0 * nu / (1.0 - 2.0 * nu)
+        traction = [ratio * ((lam + 2.0) * slope_W + lam * k * U), ratio * (slope_U - k * W)]
+        return np.moveaxis(np.stack([U, W, *traction]), -1, 0)
+
+    A, load = np.zeros((k.size, n, n)), np.zeros((n, 2))
+    A[:, :2, :4], load[:2] = state(0, 0.0)[:, 2:], np.eye(2) / mu[0]
+    for layer in range(len(heights) - 1):
+        rows, level = slice(4 * layer + 2, 4 * layer + 6), levels[layer + 1]
+        A[:, rows, 4 * layer : 4 * layer + 4] = state(layer, level)
+        A[:, rows, 4 * layer + 4 : 4 * layer + 8] = -state(layer + 1, level)
+    A[:, -2:, -4:] = state(len(heights) - 1, levels[-1])[:, :2]
+    share, top = np.linalg.solve(A, np.broadcast_to(load, (k.size, n, 2)))[:, :4], state(0, 0.0)
+    across = np.zeros(k.size)
+    for height, modulus in zip(heights[::-1], mu[::-1], strict=True):
+        own = np.tanh(k * height) / (modulus * k)
+        across = (across + own) / (1.0 + across * own * (modulus * k) ** 2)
+    return np.einsum("ki,ki->k", top[:, 1], share[..., 0]), np.einsum("ki,ki->k", top[:, 0], share[..., 1]), across
 
 
 def quarter_layer(a: float, h: float, cells: int, growth: float, wide: float) -> MeshTet:

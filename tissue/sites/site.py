@@ -18,12 +18,13 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import block_diag, csr_matrix, vstack
+from scipy.sparse import block_diag, csr_matrix, hstack, vstack
 
 from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
 from tissue.sites import footprint
+from tissue.sites.closed_form import Footprint
 from tissue.sites.rows import (
     NO_SLOPE,
     Average,
@@ -34,7 +35,7 @@ from tissue.sites.rows import (
     shapes,
     value_rows,
 )
-from tissue.sites.subgrid import Footprint, Missing, missing
+from tissue.sites.subgrid import Hole, Missing, missing
 from tissue.sites.surface import INSIDE, ON_SURFACE, Surface, outer_surface
 
 Direction = Literal["normal"] | ArrayLike | None
@@ -42,7 +43,6 @@ Direction = Literal["normal"] | ArrayLike | None
 AXIS = np.array([0.0, 0.0, 1.0])  # frame axis of an interior site without a direction: any will do
 EDGE_ON = 1e-3  # cosine of a facet's tilt below which its plane is too steep to be reckoned with beside it
 COVERED = 1e-9  # of a disc: facets that cover as much of it too much or too little do so by round-off
-SAME = 1e-9  # of a cell: places nearer than this are one
 
 
 @dataclass(frozen=True)
@@ -106,8 +106,15 @@ class Sites:
     @property
     def springs(self) -> csr_matrix:
         """B of the compliance B Bᵀ between the sites and the mesh, shape `(9p, m)`."""
-        each = [csr_matrix(np.zeros((9, 0)) if gap is None else gap.springs) for gap in self.missing]
-        return csr_matrix(block_diag(each)) if each else csr_matrix((len(self.y0), 0))
+        p, groups = len(self.points), {gap.group: gap.springs.shape[1] for gap in self.missing if gap is not None}
+        parts: list[csr_matrix] = []
+        for group, columns in groups.items():
+            part = np.zeros((9 * p, columns))
+            for k, gap in enumerate(self.missing):
+                if gap is not None and gap.group == group:
+                    part[9 * k : 9 * k + 9] = gap.springs
+            parts.append(csr_matrix(part))
+        return csr_matrix(hstack(parts)) if parts else csr_matrix((9 * p, 0))
 
     def __post_init__(self) -> None:
         p = len(self.points)
@@ -149,18 +156,8 @@ def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
     Y = csr_matrix(vstack(rows)) if rows else csr_matrix((0, elasticity.free.size))
     y0 = np.concatenate([np.zeros(0), *(y for y, *_ in built)])
     points, directions, normals = (np.array([b[k] for b in built]).reshape(-1, 3) for k in (2, 3, 4))
-    gaps = [_beside(k, sites, points, b[5]) for k, b in enumerate(built)]
-    return Sites(y0, Y, points, directions, normals, tuple(gaps), tuple(site.direction is not None for site in sites))
-
-
-def _beside(k: int, sites: Sequence[Site], points: Array, gap: Missing | None) -> Missing | None:
-    """What the mesh misses of site `k`, its clear distance not beyond the rim of another site; one at the same place is
-    the same hole at another time."""
-    if gap is None:
-        return None
-    apart = np.linalg.norm(points - points[k], axis=1)
-    between = apart - sites[k].radius - [site.radius for site in sites]
-    return replace(gap, clear=float(min(gap.clear, np.min(between[apart > SAME * gap.size], initial=np.inf))))
+    gaps = missing(elasticity, surface, [b[5] for b in built], points, np.array([site.radius for site in sites]))
+    return Sites(y0, Y, points, directions, normals, gaps, tuple(site.direction is not None for site in sites))
 
 
 def space_frames(sites: Sequence[Site]) -> Array:
@@ -174,33 +171,44 @@ def space_frames(sites: Sequence[Site]) -> Array:
 
 def _build(
     elasticity: Elasticity, surface: Surface, site: Site
-) -> tuple[Array, csr_matrix, Array, Array, Array, Missing | None]:
-    """y0 (9,), rows `(9, N)`, place, direction and outward normal of one site, and what the mesh misses of it."""
-    distance, nearest, facets = surface.nearest(np.asarray(site.point, float))
-    if distance <= ON_SURFACE * surface.diagonal:
-        X, normal, average, patch = _surface_footprint(surface, site, nearest, facets)
-        _check_free(elasticity, site, average)
-        use_fibre = site.fibre is not None
-        average = _over_facets(surface, site, X, normal, patch) or average
-        slope = (_half_ball_slope if use_fibre else _disc_slope)(surface, site, X, normal, patch)
-    else:
-        X, normal, use_fibre = np.asarray(site.point, float), np.full(3, np.nan), True
-        average, slope = _ball_footprint(surface, site, X, distance, nearest)
-        _check_free(elasticity, site, average)
+) -> tuple[Array, csr_matrix, Array, Array, Array, Hole | None]:
+    """y0 (9,), rows `(9, N)`, place, direction and outward normal of one site, and the hole if its mesh may be too
+    coarse."""
+    X, normal, values, gradient = _averages(elasticity, surface, site)
+    use_fibre = site.fibre is not None or bool(np.isnan(normal).any())
     t0 = site.fibre if site.fibre is not None else (AXIS if use_fibre else normal)
     u0, v0 = frame(t0)
-    values, gradient = value_rows(elasticity, average), gradient_rows(elasticity, surface, average, slope)
     turn = fibre_rows if use_fibre else normal_rows
     rows = csr_matrix(vstack([values, turn(gradient, u0), turn(gradient, v0)]))
-    gap = None
+    hole = None
     if site.subgrid and site.radius > 0.0:
         axes = np.stack([*frame(normal), normal]) if np.isfinite(normal).all() else np.eye(3)
         kind = "ball" if np.isnan(normal).any() else "half ball" if use_fibre else "disc"
         slopes = csr_matrix(np.eye(9))
-        of_averages = csr_matrix(block_diag([slopes[:3, :3], vstack([turn(slopes, u0), turn(slopes, v0)])])).toarray()
-        seen = Footprint(X, axes, site.radius, site.weight, kind, of_averages)
-        gap = missing(elasticity, surface, seen, rows)
-    return np.concatenate([X, u0, v0]), csr_matrix(rows[:, elasticity.free]), X, t0, normal, gap
+        of_averages = csr_matrix(block_diag([slopes[:3, :3], vstack([turn(slopes, u0), turn(slopes, v0)])]))
+        seen = Footprint(X, axes, site.radius, site.weight, kind, of_averages.toarray())
+
+        def on(body: Elasticity, surface: Surface) -> csr_matrix:
+            _, _, *averages = _averages(body, surface, replace(site, point=X))
+            return csr_matrix(of_averages @ vstack(averages))
+
+        hole = Hole(seen, rows, on)
+    return np.concatenate([X, u0, v0]), csr_matrix(rows[:, elasticity.free]), X, t0, normal, hole
+
+
+def _averages(elasticity: Elasticity, surface: Surface, site: Site) -> tuple[Array, Array, csr_matrix, csr_matrix]:
+    """Place and outward normal of a site, and the rows of its averages over all unknowns, ⟨U⟩ and ⟨∂U_i/∂x_j⟩."""
+    distance, nearest, facets = surface.nearest(np.asarray(site.point, float))
+    if distance <= ON_SURFACE * surface.diagonal:
+        X, normal, average, patch = _surface_footprint(surface, site, nearest, facets)
+        _check_free(elasticity, site, average)
+        average = _over_facets(surface, site, X, normal, patch) or average
+        slope = (_disc_slope if site.fibre is None else _half_ball_slope)(surface, site, X, normal, patch)
+    else:
+        X, normal = np.asarray(site.point, float), np.full(3, np.nan)
+        average, slope = _ball_footprint(surface, site, X, distance, nearest)
+        _check_free(elasticity, site, average)
+    return X, normal, value_rows(elasticity, average), gradient_rows(elasticity, surface, average, slope)
 
 
 def _surface_footprint(

@@ -1,199 +1,321 @@
 """What a mesh does not see of a hole: the missing local compliance of a site's nine numbers.
 
 A mesh coarser than the footprint makes the tissue around a hole too stiff. The rest of the field is smooth, so what is
-missing is local: around the site, on the organ's own mesh and matrix, the footprint's exact field in an unbounded body
-(`tissue.sites.unbounded`) is prescribed on the rim of a patch, the mesh answers inside, and
+missing is local. ΔC = B Bᵀ acts as springs between the site and the mesh, without mass, which is right while a wave
+crosses the hole in less than a step. There are two ways to it.
+
+In one material, with a cell or more to whatever is around the hole, the footprint's exact field in an unbounded body
+(`tissue.sites.unbounded`) is prescribed on the rim of a patch of the organ's own mesh and matrix, the mesh answers
+inside, and
 
     ΔC = C_unbounded − Y u_mesh.
 
-Had the mesh resolved the footprint, u_mesh would be the exact field and ΔC zero. What the rim, edges and other sites do
-to the site comes with the mesh's own compliance. ΔC = B Bᵀ acts as springs between the site and the mesh, without mass,
-which is right while a wave crosses the hole in less than a step. A couple in a normal frame has no limit with a uniform
-weight (`tissue.sites.site`); there forces alone are made up for. A bare point has none at all.
+Had the mesh resolved the footprint, u_mesh would be the exact field and ΔC zero. Everywhere else (layers, edges, thin
+and curved walls, other holes) patches of the organ's cells (`tissue.sites.patch`), held where they are cut out, are
+solved with the true materials:
+
+    ΔC = (C_finer − C_second) on the hole's own patch + (C_second − C_mesh) on a wider one.
+
+Cells of second order, as they are, come between: what they owe to the size of the cells is as local as the footprint,
+what linear cells owe to their order is not, a stiff skin on soft tissue least of all. So the second patch grows until
+its part is settled. Where it does not settle, the mesh is too coarse all around the hole, and no springs are added. The
+cross compliance of holes that share a patch comes with it.
+
+A couple in a normal frame has no limit with a uniform weight (`tissue.sites.site`); there forces alone are made up for.
+A bare point has none at all.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, vstack
+from scipy.sparse.csgraph import connected_components
 
-from tissue.arrays import Array, Indices
+from tissue.arrays import Array
 from tissue.elasticity import Elasticity
-from tissue.sites import footprint
+from tissue.sites.bisection import PAIRS
+from tissue.sites.closed_form import Footprint, answer, foreign, moduli, unbounded
+from tissue.sites.patch import Patch
 from tissue.sites.surface import Surface
-from tissue.sites.unbounded import (
-    TWELVE,
-    ball_compliance,
-    disc_compliance,
-    half_ball_compliance,
-    kelvin,
-    scaled,
-    surface_force,
-)
-from tissue.solvers.factor import factorize
+from tissue.supports import holds_still
 
-RINGS = 2.0  # cells between what the footprint touches and the rim of the patch, at least
-RADII = {"P1": 6.0, "P2": 2.5}  # of the footprint from its centre to the rim, at least: P1 errs further out
-NEAR = 1.0  # cells from the rim of a hole to what is around it: from there on within 3 %, at half of that 6 %
-FACING = 0.9  # cosine of the turn of the normal up to which a facet belongs to the site's own surface
-BLOCK = 2_000_000  # pairs of footprint points and rim nodes at a time, to bound memory
+RINGS = 2.0  # cells between what the footprint touches and the rim of the closed form's patch, at least
+RADII = {"P1": 6.0, "P2": 2.5}  # of the footprint from its centre to that rim, at least: P1 errs further out
+NEAR = 1.0  # cells from the rim of a hole to what is around it: from there on the closed form is within 3 %
+EVEN = 0.03  # spread of E, and of ν, up to which the tissue around a hole is one material
 NEGLIGIBLE = 1e-6  # of the site's compliance
+SAME = 1e-9  # of a cell: places nearer than this are one
+FINEST = {"disc": 0.15, "half ball": 0.15, "ball": 0.4}  # size of cells over the radius: forces to 1 %, couples to 3 %
+SLOPE = 0.6  # growth of that size with the distance from disc or ball
+REACH, CELLS = 1.0, 1.5  # radii, and longest edges, from the rim of a hole to that of its patch, whichever is more
+WIDER = 1.5  # of the reach, each time that the second patch grows
+MOST = 4000  # cells in a patch, for each of its holes: some 20,000 unknowns, a second
+LEAST = 0.75  # of the reach that the most cells must allow: below, the mesh is as fine as the patch would be
+SMALL, TO_COME = 0.012, 0.025  # change of the compliance by the last growth, and sum of those to come, that are allowed
+SPREAD = 1.8  # lengths over which a stiff skin spreads a force, that the patch of linear cells must reach at least
+RESOLVED = 0.03  # share below which a mesh needs nothing made up
 
 
 @dataclass(frozen=True)
-class Footprint:
-    """A site as the kernels see it: `centre` (3,) [m]; `axes` (3, 3), rows of a frame with the outward normal last;
-    `radius` [m]; `weight`; `kind` "disc" (normal frame), "half ball" (fibre frame) or "ball" (inside); and `frame`
-    `(9, 12)`, the site's variables from the twelve averages."""
+class Hole:
+    """A site's footprint, its variables' `rows` `(9, N)` over all unknowns, and what makes the same rows `on` another
+    mesh of the body."""
 
-    centre: Array
-    axes: Array
-    radius: float
-    weight: str
-    kind: str
-    frame: Array
-
-    @property
-    def turn(self) -> Array:
-        """The twelve averages in space from those in the axes, `(12, 12)`."""
-        turned = np.zeros((TWELVE, TWELVE))
-        turned[:3, :3], turned[3:, 3:] = self.axes.T, np.kron(self.axes.T, self.axes.T)
-        return turned
+    seen: Footprint
+    rows: csr_matrix
+    on: Callable[[Elasticity, Surface], csr_matrix]
 
 
 @dataclass(frozen=True)
 class Missing:
-    """What a mesh misses of a site: B `(9, m)` of ΔC = B Bᵀ; `share`, the largest part of the hole's compliance to a
-    force that it makes up; `size` [m], that of the cells around; `clear` [m], from the hole's rim to the nearest
-    clamped node, surface other than the site's own, or rim of another hole."""
+    """What a mesh misses of a site: B `(9, m)` of ΔC = B Bᵀ, its columns those of all sites of one `group`; `share`,
+    the largest part of the hole's compliance to a force that it makes up; `size` [m], that of the cells around; `clear`
+    [m], from the hole's rim to the nearest clamped node, surface other than the site's own, or rim of another hole;
+    `by`, "unbounded body", "patch" or "nothing"; and whether the answer `holds`. There are no springs where not."""
 
     springs: Array
     share: float
     size: float
     clear: float
+    by: str = "unbounded body"
+    holds: bool = True
+    group: int = 0
+
+    def record(self) -> dict[str, float | bool | str]:
+        """The numbers to be written down: `share` [-], `size` and `clear` [m], `by` what, and whether that holds."""
+        return {"share": self.share, "size": self.size, "clear": self.clear, "by": self.by, "holds": self.holds}
+
+
+@dataclass(frozen=True)
+class Around:
+    """What is around a hole: `size` [m] of the cells that its footprint touches, `longest` [m], the mean of their
+    longest edges, `clear` [m] (`Missing`), and whether the tissue is one material as far as the closed form goes
+    (`even`); the nodes `touched` by the footprint, and those `inside` the closed form's patch, both `(m,)`."""
+
+    size: float
+    longest: float
+    clear: float
+    even: bool
+    touched: NDArray[np.bool_]
+    inside: NDArray[np.bool_]
 
     @property
-    def holds(self) -> bool:
-        """Whether what is around the hole is far enough away to be the mesh's own concern."""
-        return self.clear >= NEAR * self.size
-
-    def record(self) -> dict[str, float | bool]:
-        """The numbers to be written down, `share` [-], `size` and `clear` [m], and whether they allow ΔC."""
-        return {"share": self.share, "size": self.size, "clear": self.clear, "holds": self.holds}
+    def unbounded(self) -> bool:
+        """Whether the body looks unbounded from the hole."""
+        return self.even and self.clear >= NEAR * self.size
 
 
-def missing(body: Elasticity, surface: Surface, site: Footprint, rows: csr_matrix) -> Missing:
-    """What the mesh misses of a site whose variables over all unknowns are `rows` `(9, N)`."""
-    elsewhere, distance = foreign(body, surface, site), np.linalg.norm(body.points - site.centre, axis=1)
-    touched = np.asarray(np.isin(body.nodes, rows.indices).any(axis=1))
+def missing(
+    body: Elasticity, surface: Surface, holes: Sequence[Hole | None], points: Array, radii: Array
+) -> tuple[Missing | None, ...]:
+    """What the mesh misses of each hole; None where nothing is asked for. All sites are at `points` `(p, 3)` [m] with
+    footprints of `radii` `(p,)` [m]."""
+    asked = {k: hole for k, hole in enumerate(holes) if hole is not None}
+    around = {k: look(body, surface, hole) for k, hole in asked.items()}
+    sizes = np.array([around[k].size if k in around else 0.0 for k in range(len(holes))])
+    coarser, apart = np.maximum(sizes[:, None], sizes), np.linalg.norm(points[:, None] - points, axis=2)
+    same, between = apart <= SAME * coarser, apart - radii[:, None] - radii
+    between[same] = np.inf  # the same hole at another time
+    around = {k: replace(here, clear=min(here.clear, float(between[k].min()))) for k, here in around.items()}
+    near = between < NEAR * coarser
+    patched = np.array([k for k in asked if near[k].any() or not around[k].unbounded], np.intp)
+    found = {k: replace(by_closed_form(body, asked[k], around[k]), group=k) for k in asked if k not in patched}
+    _, label = connected_components(csr_matrix((near | same)[np.ix_(patched, patched)]), directed=False)
+    for group in np.unique(label):
+        members = patched[label == group].tolist()
+        gaps = by_patch(body, [asked[k] for k in members], [around[k] for k in members])
+        found |= {k: replace(gap, group=members[0]) for k, gap in zip(members, gaps, strict=True)}
+    return tuple(found.get(k) for k in range(len(holes)))
+
+
+def look(body: Elasticity, surface: Surface, hole: Hole) -> Around:
+    """What is around a hole, other holes left out."""
+    site, elsewhere = hole.seen, foreign(body, surface, hole.seen)
+    distance = np.linalg.norm(body.points - site.centre, axis=1)
+    touched = np.asarray(np.isin(body.nodes, hole.rows.indices).any(axis=1))
     size = float(distance[touched].max() - site.radius)
     inside = distance <= max(RADII[body.element] * site.radius, site.radius + (1.0 + RINGS) * size)
     inside[elsewhere] = False
-    modulus = moduli(body, touched)
-    exact = unbounded(site, *modulus)
-    gap = exact - answer(body, site, rows, np.sort(body.nodes[inside].ravel()), modulus)
-    gap[~np.isfinite(exact)] = 0.0
-    B = springs(0.5 * (gap + gap.T), exact, site.radius)
-    share = np.max(np.sum(B[:3] ** 2, axis=1) / np.diag(exact)[:3])
     alien = np.asarray(np.isin(body.nodes, body.clamped).any(axis=1))
     alien[elsewhere] = True
-    return Missing(B, float(share), size, float(np.min(distance[alien], initial=np.inf) - site.radius))
+    clear = float(np.min(distance[alien], initial=np.inf) - site.radius)
+    own, within = (mask(touched[body.cells], axis=1) for mask, touched in ((np.all, touched), (np.any, inside)))
+    corners = body.mesh.p.T[body.mesh.t[:, own].T]
+    edges = np.linalg.norm(corners[:, PAIRS[:, 1]] - corners[:, PAIRS[:, 0]], axis=2)
+    E, nu = (
+        np.broadcast_to(m, within.shape)[within] for m in (body.material.youngs_modulus, body.material.poisson_ratio)
+    )
+    even = np.ptp(E) <= EVEN * E.min() and np.ptp(nu) <= EVEN
+    return Around(size, float(edges.max(axis=1).mean()), clear, bool(even), touched, inside)
 
 
-def moduli(body: Elasticity, touched: NDArray[np.bool_]) -> tuple[float, float]:
-    """E [Pa] and ν at the site: their means over the cells that the footprint touches."""
-    cells, material = np.all(touched[body.cells], axis=1), body.material
-    E, nu = (np.broadcast_to(m, cells.shape) for m in (material.youngs_modulus, material.poisson_ratio))
-    return float(E[cells].mean()), float(nu[cells].mean())
+def by_closed_form(body: Elasticity, hole: Hole, here: Around) -> Missing:
+    """What the mesh misses of a hole in a body that looks unbounded from there."""
+    modulus = moduli(body, here.touched)
+    exact = unbounded(hole.seen, *modulus)
+    gap = exact - answer(body, hole.seen, hole.rows, np.sort(body.nodes[here.inside].ravel()), modulus)
+    gap[~np.isfinite(exact)] = 0.0
+    B = springs(0.5 * (gap + gap.T), exact, np.repeat([1.0, hole.seen.radius], [3, 6]))
+    return Missing(B, share(B, exact), here.size, here.clear)
 
 
-def answer(body: Elasticity, site: Footprint, rows: csr_matrix, inner: Indices, modulus: tuple[float, float]) -> Array:
-    """What the mesh makes of the unbounded body's field around the site: Y u_mesh under unit forces, shape `(9, 9)`.
+def by_patch(body: Elasticity, holes: Sequence[Hole], around: Sequence[Around]) -> list[Missing]:
+    """What the mesh misses of holes on one patch, by cells that are finer and of second order.
 
-    The field is prescribed wherever the equations of the `inner` unknowns reach beyond them.
+    Nothing is added where the mesh is too fine for that, which holds where it needs nothing, or where the part of the
+    linear cells does not settle.
     """
-    (E, nu), K = modulus, body.K[inner]
-    rim = np.setdiff1d(np.union1d(K.indices, rows.indices), inner)
-    nodes, U = np.flatnonzero(np.isin(body.nodes, rim).any(axis=1)), np.zeros((body.N, 9))
-    U[body.nodes[nodes]] = field(site, body.points[nodes], nu) / E
-    factor = factorize(csr_matrix(K[:, inner]), body.basis.doflocs[:, inner].T)
-    U[inner] = factor.solve(rows[:, inner].T.toarray() - K[:, rim] @ U[rim])
-    return np.asarray(rows @ U)
+    reach = [max(REACH * hole.seen.radius, CELLS * here.longest) for hole, here in zip(holes, around, strict=True)]
+    stiff = [moduli(body, here.touched)[0] for here in around]
+    patches = Patches(body, holes, np.array(reach), np.array(stiff))
+    if patches.widest < LEAST:
+        small = [by_closed_form(body, hole, here).share <= RESOLVED for hole, here in zip(holes, around, strict=True)]
+        return [nothing(here, good) for here, good in zip(around, small, strict=True)]
+    gap, whole, settled = patches.gap()
+    if not settled:
+        return [nothing(here, False) for here in around]
+    endless = np.concatenate([~np.isfinite(np.diag(unbounded(hole.seen, 1.0, 0.0))) for hole in holes])
+    gap[endless] = gap[:, endless] = 0.0
+    scale = np.concatenate([np.repeat([1.0, hole.seen.radius], [3, 6]) for hole in holes])
+    B = springs(gap, whole, scale)
+    parts = [slice(9 * k, 9 * k + 9) for k in range(len(holes))]
+    return [
+        Missing(B[part], share(B[part], whole[part, part]), here.size, here.clear, "patch")
+        for part, here in zip(parts, around, strict=True)
+    ]
 
 
-def springs(gap: Array, exact: Array, radius: float) -> Array:
-    """B `(9, m)` with ΔC = B Bᵀ. A mesh is too stiff: what looks too soft is the error of ΔC and left out."""
-    scale = np.repeat([1.0, radius], [3, 6])
+def nothing(here: Around, holds: bool) -> Missing:
+    """No springs."""
+    return Missing(np.zeros((9, 0)), 0.0, here.size, here.clear, "nothing", holds)
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Patches of a body around `holes` that share them; `reach` `(p,)` [m] from the rims is that of the first, `stiff`
+    `(p,)` [Pa] is E at the holes."""
+
+    body: Elasticity
+    holes: Sequence[Hole]
+    reach: Array
+    stiff: Array
+
+    @cached_property
+    def distances(self) -> Array:
+        """Distance of each cell from the rim of the nearest hole, over its reach, `(c,)`."""
+        vertices = self.body.mesh.p.T
+        each = [
+            (np.linalg.norm(vertices - hole.seen.centre, axis=1) - hole.seen.radius) / reach
+            for hole, reach in zip(self.holes, self.reach, strict=True)
+        ]
+        return np.asarray(np.min(each, axis=0)[self.body.mesh.t].min(axis=0))
+
+    @property
+    def widest(self) -> float:
+        """The reach, over that of the first patch, within which there are no more than the most cells."""
+        most = MOST * len(self.holes)
+        return float(np.sort(self.distances)[most]) if self.distances.size > most else np.inf
+
+    @property
+    def spread(self) -> float:
+        """The reach, over that of the first patch, that skins ask for in which holes are; 0 without any.
+
+        A plate of thickness t and κ times as stiff as the half-space below spreads a force over t (κ/6)^⅓ (Hogg, Phil.
+        Mag. 25, 1938), and there linear cells stiffen it.
+        """
+        E, vertices = np.broadcast_to(self.body.material.youngs_modulus, self.distances.shape), self.body.mesh.p.T
+        asked = [0.0]
+        for hole, own, reach in zip(self.holes, self.stiff, self.reach, strict=True):
+            softer = own > E * (1.0 + EVEN)
+            if softer.any():
+                corners = vertices[np.unique(self.body.mesh.t[:, softer])]
+                t = float(np.linalg.norm(corners - hole.seen.centre, axis=1).min())
+                asked.append(SPREAD * t * float(np.cbrt(own / E[softer].min() / 6.0)) / reach)
+        return max(asked)
+
+    def patch(self, factor: float) -> Patch:
+        """The cells within `factor` of the reach that hang together with the holes; a patch that nothing holds loses
+        its farthest corner."""
+        body, chosen = self.body, self.distances <= factor
+        left, right = body.mesh.f2t[:, (body.mesh.f2t[1] >= 0) & chosen[body.mesh.f2t].all(axis=0)]
+        links = csr_matrix((np.ones(left.size), (left, right)), shape=(chosen.size, chosen.size))
+        _, label = connected_components(links, directed=False)
+        seen = np.asarray(np.isin(body.nodes, self.rows.indices).any(axis=1))[body.cells].all(axis=1)
+        cells = np.flatnonzero(chosen & np.isin(label, label[seen]))
+        if cells.size == chosen.size and not holds_still(body.points, np.isin(body.nodes, body.clamped)):
+            away = np.linalg.norm(body.mesh.p.T - self.holes[0].seen.centre, axis=1).argmax()
+            cells = np.flatnonzero((body.mesh.t != away).all(axis=0))
+        return Patch(body, cells)
+
+    def gap(self) -> tuple[Array, Array, bool]:
+        """ΔC `(9p, 9p)`, the compliance with it in the widest patch, and whether what linear cells owe is settled."""
+        first = self.patch(min(1.0, self.widest))
+        finer, own = first.refined_compliance(self.size, self.on), first.compliance(self.rows)
+        if self.body.element == "P2":
+            return finer - own, finer, True
+        second = first.refined_compliance(unlimited, self.on)
+        return self.widened(finer - second, second - own, finer)
+
+    def widened(self, local: Array, order: Array, whole: Array) -> tuple[Array, Array, bool]:
+        """`gap` from the part of the size of cells, and that of their order on the first patch."""
+        factor, end = min(1.0, self.widest), float(self.distances.max())
+        changes: list[float] = []
+        while factor < end and not (factor >= self.spread and is_settled(changes)):
+            factor *= WIDER
+            if factor > self.widest:
+                return local + order, whole, False
+            patch = self.patch(factor)
+            own, second = patch.compliance(self.rows), patch.refined_compliance(unlimited, self.on)
+            whole = local + second
+            changes.append(float(np.max(np.abs(np.diag(second - own - order)) / np.diag(whole))))
+            order = second - own
+        return local + order, whole, True
+
+    def size(self, corners: Array) -> Array:
+        """Size wanted of cells with these corners `(c, 4, 3)`, shape `(c,)` [m]."""
+        middles = corners.mean(axis=1)
+        wanted = [
+            FINEST[hole.seen.kind] * hole.seen.radius + SLOPE * hole.seen.distance(middles) for hole in self.holes
+        ]
+        return np.asarray(np.min(wanted, axis=0))
+
+    @property
+    def rows(self) -> csr_matrix:
+        """The variables of all the holes over the organ's unknowns, `(9p, N)`."""
+        return csr_matrix(vstack([hole.rows for hole in self.holes]))
+
+    def on(self, body: Elasticity, surface: Surface) -> csr_matrix:
+        """The same over those of another mesh."""
+        return csr_matrix(vstack([hole.on(body, surface) for hole in self.holes]))
+
+
+def is_settled(changes: Sequence[float]) -> bool:
+    """Whether a part of the compliance that changed so much each time that the patch grew leaves little to come.
+
+    The last of two changes is small itself, or small is the sum of those to come, were each as much less as it was.
+    """
+    if len(changes) < 2:
+        return False
+    before, last = changes[-2:]
+    return last <= SMALL or (last < before and last**2 / (before - last) <= TO_COME)
+
+
+def unlimited(corners: Array) -> Array:
+    """Cells may be as large as they are."""
+    return np.full(len(corners), np.inf)
+
+
+def springs(gap: Array, exact: Array, scale: Array) -> Array:
+    """B `(k, m)` with ΔC = B Bᵀ; `scale` `(k,)` brings couples to the size of forces. A mesh is too stiff: what looks
+    too soft is the error of ΔC and left out."""
     values, vectors = np.linalg.eigh(scale[:, None] * gap * scale)
     keep = values > NEGLIGIBLE * np.max(np.diag(exact)[:3])
     return np.asarray(vectors[:, keep] * np.sqrt(values[keep]) / scale[:, None])
 
 
-def unbounded(site: Footprint, E: float, nu: float) -> Array:
-    """The site's compliance in the unbounded body, shape `(9, 9)`; infinite where a couple has no limit."""
-    of = {"disc": disc_compliance, "half ball": half_ball_compliance, "ball": ball_compliance}
-    twelve = of[site.kind](site.weight, nu)
-    endless = np.isinf(np.diag(twelve)).any()
-    finite = scaled(np.where(np.isinf(twelve), 0.0, twelve), site.radius, E)
-    C = site.frame @ site.turn @ finite @ site.turn.T @ site.frame.T
-    if endless:
-        C[3:] = C[:, 3:] = np.inf
-    return np.asarray(C)
-
-
-def foreign(body: Elasticity, surface: Surface, site: Footprint) -> Indices:
-    """Nodes on surfaces that the unbounded body does not have."""
-    facets = body.mesh.boundary_facets()
-    if site.kind != "ball":
-        normal = site.axes[2]
-        offset = surface.triangles.mean(axis=1) - site.centre
-        level = np.abs(offset @ normal) <= np.sqrt(1.0 - FACING**2) * np.linalg.norm(offset, axis=1) + site.radius
-        facets = facets[~((surface.normals @ normal > FACING) & level)]
-    dofs = body.basis.get_dofs(facets=facets).all() if facets.size else np.zeros(0, np.intp)
-    return np.flatnonzero(np.isin(body.nodes[:, 0], dofs))
-
-
-def field(site: Footprint, points: Array, nu: float) -> Array:
-    """Displacement around the site in the unbounded body of E = 1 by unit forces on its variables, `(k, 3, 9)`."""
-    offset = (points - site.centre) @ site.axes.T
-    twelve = (ball_field if site.kind == "ball" else surface_field)(site, offset, nu)
-    return np.asarray(np.einsum("ai,kab,cb->kic", site.axes, twelve, site.frame @ site.turn))
-
-
-def surface_field(site: Footprint, offset: Array, nu: float) -> Array:
-    """Of the twelve averages over a disc, `(k, 3, 12)`, slopes along z by the lack of traction on the surface.
-
-    As a function of the place of the force, the field is a solution without traction itself: ∂_z u_x = −∂_x u_z and
-    ∂_z u_z = −ν/(1−ν) (∂_x u_x + ∂_y u_y).
-    """
-    value, slope = footprint.disc(site.weight), footprint.disc_slope("parabolic")
-    out = np.empty((len(offset), 3, 3, 4))
-    out[..., 0] = summed(surface_force, offset, site.radius * value.points, value.weights[:, None], nu)[..., 0]
-    vectors = slope.vectors[:, :2] / site.radius
-    out[..., 1:3] = summed(surface_force, offset, site.radius * slope.points, vectors, nu)
-    out[:, :, 0, 3], out[:, :, 1, 3] = -out[:, :, 2, 1], -out[:, :, 2, 2]
-    out[:, :, 2, 3] = -nu / (1.0 - nu) * (out[:, :, 0, 1] + out[:, :, 1, 2])
-    return np.concatenate([out[..., 0], out[..., 1:].reshape(-1, 3, 9)], axis=2)
-
-
-def ball_field(site: Footprint, offset: Array, nu: float) -> Array:
-    """Of the twelve averages over a ball, `(k, 3, 12)`.
-
-    Outside, a weight that depends on the radius alone acts like a point and its second moment, ∇⁴u being zero; six
-    points on the axes with the same moment do so but for (a/r)⁴.
-    """
-    axes = site.radius * np.sqrt({"uniform": 3.0 / 5.0, "parabolic": 3.0 / 7.0}[site.weight]) * np.eye(3)
-    places, slopes = np.vstack([axes, -axes]), np.vstack([axes, -axes]) / (2.0 * axes[0, 0] ** 2)
-    out = summed(kelvin, offset, places, np.column_stack([np.full(6, 1.0 / 6.0), slopes]), nu)
-    return np.concatenate([out[..., 0], out[..., 1:].reshape(-1, 3, 9)], axis=2)
-
-
-def summed(kernel, offset: Array, places: Array, weights: Array, nu: float) -> Array:  # type: ignore[no-untyped-def]
-    """Σ_q kernel(offset − places_q) weights_q, shape `(k, 3, 3, w)`."""
-    step = max(1, BLOCK // len(places))
-    parts = [
-        np.einsum("kqij,qw->kijw", kernel(offset[i : i + step, None] - places, nu), weights, optimize=True)
-        for i in range(0, len(offset), step)
-    ]
-    return np.concatenate(parts) if parts else np.zeros((0, 3, 3, weights.shape[1]))
+def share(B: Array, whole: Array) -> float:
+    """The largest part of the compliance to a force that springs make up."""
+    return float(np.max(np.sum(B[:3] ** 2, axis=1) / np.diag(whole)[:3]))
