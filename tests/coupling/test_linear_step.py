@@ -555,6 +555,6 @@ def test_what_the_scenario_refuses(tmp_path: Path, override: tuple[str, ...], wo
 
 def test_the_scheme_of_a_scenario() -> None:
     """Independent check: the keys choose the step."""
-    assert method(Solve(scheme="linear")) is linear_step
-    assert method(Solve(scheme="linear", friction="two-pass")) is linear_two_pass
+    assert method(Solve.model_validate({"scheme": "linear"})) is linear_step
+    assert method(Solve.model_validate({"scheme": "linear", "friction": "two-pass"})) is linear_two_pass
     assert method(Solve()) not in (linear_step, linear_two_pass)
