@@ -84,6 +84,13 @@ class System(Generic[Body]):
             raise CouplingError(
                 f"{len(self.piercings)} piercings, but the organ has {self.organ.y0.size // 9} sites; give one for one"
             )
+        if self.thread.EI == 0.0 and self.rough.any():
+            name = self.piercings[int(np.argmax(self.rough))].name
+            raise CouplingError(
+                f"friction at piercing {name!r} with EI = 0: it acts along the tangent that the bend at a hole gives "
+                "the thread, however thin, and a spline without bending has none; give the thread bending, "
+                "for a limp one a small bending_factor, or leave the friction out"
+            )
 
     @cached_property
     def held(self) -> Indices:
