@@ -3,10 +3,11 @@
 Dot the thread's equation with Δq and the organ's with ΔU. With Φ = 0 at both ends of the step the constraints' work
 is what the driving force Φ_sᵀλ takes through the hole, −Φ_sᵀλ Δs, plus a remainder of second order in the step, which
 belongs to the integrator. Backward Euler dissipates ½Δvᵀ M Δv, and of the elastic energy ∂E(q⁺)·Δq − ΔE. Under BDF2,
-a⁺ ≠ Δv/Δt and Δq ≠ Δt v⁺, and the inertia takes a⁺ᵀMΔq − v⁺ᵀMΔv more, of either sign. All works are those of the forces
-at the end of the step along it: a rectangle rule, first order whatever the scheme, and what separates it from the exact
-work stands with the integrator's share. Where a hand draws the thread through a hole, −Φ_sᵀλ Δs is its work, and
-external.
+a⁺ ≠ Δv/Δt and Δq ≠ Δt v⁺, and the inertia takes a⁺ᵀMΔq − v⁺ᵀMΔv more, of either sign. All these works are those of the
+forces at the end of the step along it, a rectangle rule of first order; what separates it from the exact work stands
+with the integrator's share. After a step of BDF2 the works from outside, of damping and of a friction that goes on are
+those of the mean of the forces at both ends, the trapezoidal rule, and so the integrator's share is of second order as
+its motion is (`mean_force_works`). Where a hand draws the thread through a hole, −Φ_sᵀλ Δs is its work, and external.
 
 When thread and organ are stepped one after the other (`coupling.paper.staggered`) the holes move after the thread has,
 and the constraints' work on the two does not cancel: `coupling.paper.staggered.work_of_the_lag`, which is in the
@@ -23,8 +24,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from coupling.constraints import driving_force, held_energy, site_force, thread_force
+from coupling.integrators import BDF2
 from coupling.interfaces import Body
-from coupling.stepping import Step, scheme_of, thread_motion
+from coupling.stepping import Step, end_load, scheme_of, thread_motion
 from coupling.system import State, System
 
 
@@ -82,8 +84,9 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
 
     external = np.sum(step.solution.problem.load * dq) + weight_work + held_work(step)
     friction, eps_numerical, remainder, by_hand = sliding_work(system, step)
-    external += by_hand
-    viscous = thread.damping * np.sum(new.v * thread.momentum(dq)) + organ_viscous
+    more_external, more_friction, more_viscous = mean_force_works(system, step, organ_viscous)
+    external, friction = external + by_hand + more_external, friction + more_friction
+    viscous = thread.damping * np.sum(new.v * thread.momentum(dq)) + organ_viscous + more_viscous
     numerical = (
         0.5 * np.sum(dv * thread.momentum(dv))
         + two_step_inertia(system, step)
@@ -93,6 +96,9 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
         + eps_numerical
         + remainder
         + step.solution.linearisation
+        + more_external
+        - more_friction
+        - more_viscous
     )
     kinetic = thread_kinetic(system, new) + organ_kinetic
     change = kinetic - before.kinetic + elastic - before.elastic_thread + organ_elastic - before.elastic_tissue
@@ -114,6 +120,36 @@ def held_work(step: Step[Body]) -> float:
     held = step.solution.problem.system.held
     dq = (step.new.q - step.old.q).ravel()
     return float(step.solution.residual.thread.ravel()[held] @ dq[held])
+
+
+def mean_force_works(system: System[Body], step: Step[Body], organ_viscous: float) -> tuple[float, float, float]:
+    """Return by how much more the mean of the forces at both ends of a step of BDF2 does from outside, takes by
+    friction and takes by damping than the forces at its end [J]; zero after one of backward Euler.
+
+    `organ_viscous` [J] is what the organ's damping at the end takes.
+    Friction counts where the thread slides on, the same way and without ε: elsewhere its force jumps, and what the
+    force at the end takes is never negative.
+    """
+    old, new, thread = step.old, step.new, system.thread
+    if new.before is None or not isinstance(scheme_of(old, step.dt), BDF2):
+        return 0.0, 0.0, 0.0
+    dq, ds = new.q - old.q, new.s - old.s
+    at, now = system.passage(old.q, old.s), step.solution.residual.passage
+    drive = driving_force(at, old.lam, old.y) - driving_force(now, new.lam, step.solution.iterate.y)
+    goes_on = system.rough & (old.sigma == new.sigma) & (system.epsilon == 0.0)
+    outside = more_outside(system, step) - drive @ (ds * system.by_hand)
+    damped = -thread.damping * np.sum((new.v - old.v) * thread.momentum(dq)) - organ_viscous
+    damped -= system.organ.energies(new.organ, old.organ)[3]  # backwards: −v·CΔU with the velocity of the start
+    return 0.5 * float(outside), 0.5 * float(drive @ (ds * goes_on)), 0.5 * float(damped)
+
+
+def more_outside(system: System[Body], step: Step[Body]) -> float:
+    """Return what the loads and holders at the start of a step would do along it more than those at its end [J]."""
+    old, new, held = step.old, step.new, system.held
+    dq, holders = (new.q - old.q).ravel(), np.zeros_like(new.q)
+    holders[[0, -1]] = old.reaction - new.reaction
+    load = (end_load(system, old.time) - step.solution.problem.load).ravel()
+    return float(load @ dq + holders.ravel()[held] @ dq[held])
 
 
 def two_step_inertia(system: System[Body], step: Step[Body]) -> float:

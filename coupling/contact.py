@@ -138,10 +138,12 @@ def forces(contact: Contact[Body], pressed: Flags, f: Array) -> Array:
 
 @dataclass(frozen=True)
 class ContactObservation:
-    """The lips at one time: `gap` (k,) [m] and `force` (k,) [N] of every pair."""
+    """The lips at one time: `gap` (k,) [m] and `force` (k,) [N] of every pair, and its `slide` (k,) [m], how far its
+    nodes have moved past one another along the lips."""
 
     gap: Array
     force: Array
+    slide: Array
 
     @property
     def pressed(self) -> int:
@@ -156,5 +158,5 @@ class ContactObservation:
 
 def observe_contact(system: System[Body], state: State[Body]) -> ContactObservation | None:
     """Observe the lips of a state; None where the organ has none that may touch."""
-    gap, force = system.organ.lips(state.organ)
-    return ContactObservation(gap, force) if gap.size else None
+    gap, force, slide = system.organ.lips(state.organ)
+    return ContactObservation(gap, force, slide) if gap.size else None

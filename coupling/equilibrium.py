@@ -30,6 +30,8 @@ from coupling.stepping import (
 from coupling.system import State, System
 
 WEAKER = 10.0  # the tie is weakened by this factor after a success, tightened by its square root after a failure
+PAIRINGS = 8  # equilibria of a load step at most, further ones, until lips that slide face what they faced before
+PAIRED = 1e-4  # of the thread's diameter: lips that slide no further face what they faced before
 ATTEMPTS = 60
 LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
 LAID_TIE = (
@@ -205,4 +207,19 @@ def load_step(
         return first + load_step(system, first[-1].new, share, duration, depth + 1)
     if gone.any():
         return load_step(system, release(state, gone), share, duration, depth)
-    return [step]
+    return [step, *pair_lips(system, step, share, duration)]
+
+
+def pair_lips(system: System[Body], step: Step[Body], share: float, duration: float) -> list[Step[Body]]:
+    """Find the equilibrium again while the lips, which a step pairs as they were at its start, slide on its way. Raises
+    `StepError`."""
+    out = [step]
+    while len(out) <= PAIRINGS:
+        before, after = (system.organ.lips(state.organ) for state in (out[-1].old, out[-1].new))
+        if (
+            np.abs(after[2] - before[2]).max(initial=0.0) <= PAIRED * system.thread.section.diameter
+            or not after[1].any()
+        ):
+            break
+        out.append(settle(system, out[-1].new, share, duration))
+    return out[1:]

@@ -44,6 +44,32 @@ class RunAwayError(CouplingError):
 
 
 @dataclass
+class CreatedEnergyError(CouplingError):
+    """A linear step that made energy out of nothing, of which the next ones would live.
+
+    `time` [s] and `dt` [s] of the step; `created` [J], `share` of the energy that there is; at `piercing`, if any,
+    the thread is `off` [m] its hole, farther than at the others.
+    """
+
+    time: float
+    dt: float
+    created: float
+    share: float
+    piercing: str
+    off: float
+
+    def __str__(self) -> str:
+        place = (
+            f", and the thread is {self.off:.3g} m off the hole of piercing {self.piercing!r}" if self.piercing else ""
+        )
+        return (
+            f"the linear step from t = {self.time:.6g} s with dt = {self.dt:.3g} s created {self.created:.3g} J, "
+            f"{100 * self.share:.3g} % of the energy that there is{place}; take a smaller solve.dt, or solve.scheme = "
+            '"newton"'
+        )
+
+
+@dataclass
 class EquilibriumError(StepError):
     """A load step without an equilibrium; `share` is the part of the final loads."""
 

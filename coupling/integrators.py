@@ -5,11 +5,23 @@ positions before it, newest first. Used twice it gives the acceleration a (x⁺ 
 x_a = x_d + v_d/d, v_d = Σ w_k v_k. The constraints are met at the end of the step, at position level.
 
 Steps of second order are BDF2 for thread, organ and abscissae. The first one, one after a jump
-(`coupling.system.forgetful`), and one much longer than the one before it are steps of backward Euler: the error of a
-single one is of second order, so the run's is too. For a constrained motion that holds for positions and velocities;
-the multipliers, which stand at the place of accelerations, are of second order from the third step on. Motion that is
-not smooth (a hand that turns a corner of its way, a hole that begins to stick) is followed with first order there, as
-by any integrator that does not stop at the corner.
+(`coupling.system.forgetful`), one in which the thread snaps (`coupling.stepping.bdf2_step`), and one much longer than
+the one before it are steps of backward Euler: the error of a single one is of second order, so the run's is too. For
+a constrained motion that holds for positions and velocities; the multipliers, which stand at the place of
+accelerations, are of second order from the third step on. Motion that is not smooth (a hand that turns a corner of
+its way, a hole that begins to stick) is followed with first order there, as by any integrator that does not stop at
+the corner.
+
+BDF2 is what a scenario steps by unless it says otherwise; the choice was measured. A bar of 25 Hz under a step load
+peaks 0.8 % low at 1 ms (backward Euler 9.8 %), and where friction keeps what the first hundredths of a second did to
+a running stitch, its tensions are within 0.3 % of those at a quarter of the step (6 %). The scenes that are shipped
+take as many Newton iterations as by backward Euler, within 4 %. Generalised-α (Chung & Hulbert, J. Appl. Mech. 60,
+1993, with the constraints at the end of the step as Arnold & Brüls, Multibody Syst. Dyn. 18, 2007) is as good on the
+bar, 0.5 % low at ρ∞ = 0.8. But the axial waves of a real suture and the multipliers stand at the end of its spectrum,
+where it loses 1 − ρ∞ a step and no more: the tensions of Lenoir's figure 1 zigzag by 30 mN a step at ρ∞ = 0.8, with
+five times the iterations, and by 0.07 mN at 0.5, where BDF2 and backward Euler leave 0.01 mN. At ρ∞ = 0 it is as
+quiet as BDF2 and dissipates more. A step of backward Euler at each corner of a hand's way, in place of BDF2 across
+it, changed no error.
 """
 
 from abc import ABC, abstractmethod

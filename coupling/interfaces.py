@@ -71,8 +71,9 @@ class Organ(Protocol[Body]):
     def site_variables(self, state: Body) -> Array:
         """Return y, shape `(9p,)`."""
 
-    def lips(self, state: Body) -> tuple[Array, Array]:
-        """Return the gaps g [m] and the contact forces p [N], shape `(k,)` each."""
+    def lips(self, state: Body) -> tuple[Array, Array, Array]:
+        """Return the gaps g [m], the contact forces p [N] and how far the pairs have slid past one another since the
+        reference [m], shape `(k,)` each."""
 
     def energies(self, old: Body, new: Body) -> OrganEnergies:
         """Return the energies at `new`, and what was done on the way from `old` [J]."""

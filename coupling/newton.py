@@ -1,4 +1,4 @@
-"""Full Newton on the condensed monolithic system of one step (implicit Euler, the constraints at its end).
+"""Full Newton on the condensed monolithic system of one implicit step, the constraints at its end.
 
     inertia (q − q_ref) + ∂E/∂q − F − Φ_qᵀλ = 0        thread
     law of sliding                                     one a hold

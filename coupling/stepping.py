@@ -1,4 +1,4 @@
-"""Implicit Euler with the constraints at the end of the step, and what a step that fails does: halve itself.
+"""Implicit steps with the constraints at their end, and what a step that fails does: halve itself.
 
 A step that did not converge is never accepted.
 """
@@ -289,11 +289,21 @@ def scheme_of(state: State[Body], dt: float) -> Scheme:
 
 def bdf2_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
     """Make one step of `dt` [s] by BDF2 where it can. Raises `StepError`, `InversionError`; the state is not
-    touched."""
-    step = try_step(system, state, dt, scheme_of(state, dt))
-    return replace(step, new=remembering(step.new, state, dt))
+    touched.
+
+    Where Newton's method does not come from the motion so far to that of BDF2, the thread snaps: a jump, and a step
+    of backward Euler without memory, and so is the next.
+    """
+    scheme = scheme_of(state, dt)
+    if isinstance(scheme, BackwardEuler):
+        return remembering(try_step(system, state, dt), state, dt)
+    problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
+    try:
+        return remembering(conclude(state, scheme, solve(problem, predict(problem, state))), state, dt)
+    except (StepError, InversionError):
+        return try_step(system, forgetful(state), dt)
 
 
-def remembering(new: State[Body], old: State[Body], dt: float) -> State[Body]:
-    """Return the state `new` with the step from `old` that led to it."""
-    return replace(new, before=forgetful(old), dt_before=dt)
+def remembering(step: Step[Body], old: State[Body], dt: float) -> Step[Body]:
+    """Return the step with a new state that remembers the one from `old` that led to it."""
+    return replace(step, new=replace(step.new, before=forgetful(old), dt_before=dt))

@@ -86,10 +86,11 @@ class System(Generic[Body]):
             )
         self._refuse_missing_directions()
         if self.thread.EI == 0.0 and self.rough.any():
+            name = self.piercings[int(np.argmax(self.rough))].name
             raise CouplingError(
-                f"piercing {self.piercings[int(np.argmax(self.rough))].name!r}: friction acts along the tangent that "
-                "the bend at a hole gives the thread, however thin the thread, and a thread without bending has none; "
-                "give it bending, a limp one a small bending_factor"
+                f"friction at piercing {name!r} with EI = 0: it acts along the tangent that the bend at a hole gives "
+                "the thread, however thin, and a spline without bending has none; give the thread bending, "
+                "for a limp one a small bending_factor, or leave the friction out"
             )
 
     def _refuse_missing_directions(self) -> None:

@@ -52,9 +52,9 @@ class HeldOrgan(Generic[Body]):
         """Return y of the organ, shape `(9p,)`."""
         return self.organ.site_variables(state)
 
-    def lips(self, state: Body) -> tuple[Array, Array]:
-        """Return no gaps and no forces: the lips meet one another in the organ's own step."""
-        return NO_FORCES, NO_FORCES
+    def lips(self, state: Body) -> tuple[Array, Array, Array]:
+        """Return no gaps, forces and slides: the lips meet one another in the organ's own step."""
+        return NO_FORCES, NO_FORCES, NO_FORCES
 
     def energies(self, old: Body, new: Body) -> OrganEnergies:
         """Return the energies of the organ, which does no work here."""

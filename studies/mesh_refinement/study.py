@@ -217,7 +217,7 @@ def scenario(
                 {"name": "entry", "at": [-HALF, 0.0, 0.0], **hole},
                 {"name": "exit", "at": [HALF, 0.0, 0.0], **hole},
             ],
-            "solve": {"duration": RAMP, "dt": dt} if dt else still,
+            "solve": {"duration": RAMP, "dt": dt, "integrator": "euler"} if dt else still,
         }
     )
 

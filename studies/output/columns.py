@@ -281,6 +281,7 @@ CONTACT: tuple[Column[ContactRecord], ...] = (
     count("pairs", "pairs of nodes of the lips that face one another", lambda lips: lips.pairs),
     count("pressed", "of them, under a force", lambda lips: lips.pressed),
     Column("smallest_gap", "m", "of all pairs, along the normal of the wound's plane", lambda lips: lips.smallest_gap),
+    Column("slide", "m", "largest, of a pair of nodes past one another along the lips", lambda lips: lips.slide),
     Column("largest_pressure", "Pa", "of all pairs", lambda lips: lips.largest_pressure),
     Column("force", "N", "that pushes the lips apart, in all", lambda lips: lips.force),
     Column("complementarity", "J", "largest magnitude of force times gap of a pair", lambda lips: lips.complementarity),

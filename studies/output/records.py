@@ -65,6 +65,7 @@ class ContactRecord:
     pressed: int  # of them, under a force
     smallest_gap: float  # [m]
     largest_pressure: float  # [Pa]
+    slide: float  # largest, of a pair past one another along the lips [m]
     force: float  # that pushes the lips apart, in all [N]
     complementarity: float  # largest |force times gap| of a pair [J]
 

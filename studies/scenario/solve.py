@@ -1,7 +1,7 @@
 """The tables `[solve]` and `[output]`."""
 
 from math import ceil
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -24,9 +24,9 @@ class Solve(ScenarioTable):
         default="newton", description='time step: "newton", or "linear" (Baumgarte, one linear solve)'
     )
     integrator: Literal["euler", "bdf2"] = Field(
-        default="euler",
-        description='integration in time: "euler" (backward, order 1) or "bdf2" (order 2), constraints met at the end '
-        "of the step by either",
+        default="bdf2",
+        description='integration in time: "bdf2" (order 2) or "euler" (backward, order 1; unless given, the way of '
+        "the linear scheme and of two-pass friction), constraints met at the end of the step by either",
     )
     coupling: Literal["monolithic", "staggered"] = Field(
         default="monolithic", description="thread and organ solved together, or one after the other"
@@ -34,6 +34,13 @@ class Solve(ScenarioTable):
     friction: Literal["implicit", "two-pass"] = Field(default="implicit", description="friction solver")
     epsilon: NotNegative = Field(default=0.0, description="inertia of an abscissa ε (eq. 7) [kg]")
     gravity: Vector = Field(default=(0.0, 0.0, 0.0), description="gravity on thread and organ [m/s²]")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _choose_integrator(cls, table: Any) -> Any:
+        if isinstance(table, dict) and (table.get("scheme") == "linear" or table.get("friction") == "two-pass"):
+            return {"integrator": "euler"} | table
+        return table
 
     @model_validator(mode="after")
     def _check_step(self) -> Self:

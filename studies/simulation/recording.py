@@ -59,6 +59,7 @@ def contact_record(system: System, state: State) -> ContactRecord | None:
         pressed=lips.pressed,
         smallest_gap=float(lips.gap.min()),
         largest_pressure=float(pressures(system, lips).max()),
+        slide=float(lips.slide.max()),
         force=float(lips.force.sum()),
         complementarity=lips.complementarity,
     )

@@ -212,8 +212,8 @@ def outside_subgrid(gaps: Mapping[str, Mapping[str, Any]]) -> list[Remark]:
         remark(
             "subgrid",
             name,
-            f"the cells at {name!r} are {gap['size'] / MILLI:.2g} mm, too coarse for its footprint, and no patch of them "
-            'makes up for it, so nothing is added; set tissue.element = "P2" or a smaller tissue.mesh.h_site',
+            f"the cells at {name!r} are {gap['size'] / MILLI:.2g} mm, too coarse for its footprint, and no patch of "
+            'them makes up for it, so nothing is added; set tissue.element = "P2" or a smaller tissue.mesh.h_site',
         )
         for name, gap in gaps.items()
         if not gap["holds"]

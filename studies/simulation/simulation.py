@@ -12,7 +12,7 @@ import tissue
 from coupling import stepping
 from coupling.diagnosis import faults
 from coupling.errors import StepError
-from coupling.paper.linear_step import linear_step, linear_two_pass
+from coupling.paper.linear_step import checked, linear_step, linear_two_pass
 from coupling.paper.staggered import backward_euler, stagger
 from coupling.paper.two_pass import two_pass
 from coupling.run import begin
@@ -148,11 +148,12 @@ class Simulation:
 def method(solve: Solve) -> Take:
     """Tell how a step is taken: by which integrator, and with the organ in the same system or after the thread."""
     ways = {"euler": (try_step, backward_euler), "bdf2": (stepping.bdf2_step, stepping.scheme_of)}
+    thread_step: Take
     thread_step, scheme_of = ways[solve.integrator]
     if solve.friction == "two-pass":
         thread_step = two_pass
     if solve.scheme == "linear":
-        thread_step = linear_two_pass if solve.friction == "two-pass" else linear_step
+        thread_step = checked(linear_two_pass if solve.friction == "two-pass" else linear_step)
     return stagger(thread_step, scheme_of) if solve.coupling == "staggered" else thread_step
 
 

@@ -120,7 +120,7 @@ def scenario(case: Case) -> Scenario:
                 {"name": name, "at": [float(c) for c in at], **hole}
                 for name, at in zip(("entry", "exit"), case.places, strict=True)
             ],
-            "solve": {"duration": RELAXED, "dt": RELAXED_STEP} if ramp else still,
+            "solve": {"duration": RELAXED, "dt": RELAXED_STEP, "integrator": "euler"} if ramp else still,
         }
     )
 

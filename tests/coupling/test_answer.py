@@ -92,8 +92,8 @@ class CubicSprings:
     def site_variables(self, state: Array) -> Array:
         return self.y0 + state
 
-    def lips(self, state: Array) -> tuple[Array, Array]:
-        return NOTHING, NOTHING
+    def lips(self, state: Array) -> tuple[Array, Array, Array]:
+        return NOTHING, NOTHING, NOTHING
 
 
 def scene() -> System[Array]:

@@ -136,7 +136,7 @@ def test_condensed_and_assembled_agree(name: str) -> None:
         for got, exact in pairs:
             assert np.abs(got - exact).max() <= TWO_SOLVERS * np.abs(exact).max()
         assert np.array_equal(a.iterate.pressed, z.pressed) and np.array_equal(a.iterate.sigma, z.sigma)
-        residual = whole.A @ z.U - whole.b - organ.Y.T @ step.new.organ.f_y - organ.G.T @ a.p
+        residual = whole.A @ z.U - whole.b - organ.Y.T @ step.new.organ.f_y - whole.G.T @ a.p
         terms = np.abs(abs(whole.A) @ np.abs(z.U)).max()
         assert np.abs(residual).max() <= RESIDUAL * terms + TWO_SOLVERS * np.abs(step.new.organ.f_y).max()
 

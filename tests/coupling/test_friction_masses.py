@@ -8,6 +8,7 @@ from scipy.optimize import brentq
 
 from coupling.audit import audit_step, initial_energies
 from coupling.constraints import driving_force
+from coupling.errors import CouplingError
 from coupling.observation import observe
 from coupling.system import Friction, Piercing, State, System
 from tests.bounds import IDENTITY, RESIDUAL
@@ -54,6 +55,17 @@ def ring_ratio(mu: float) -> float:
 
     alpha = brentq(lambda a: ratio(a) * (1 - np.cos(a)) - (1 - np.sin(a)), 0.1, np.pi / 4 + 1e-12)
     return ratio(alpha)
+
+
+def test_friction_on_a_thread_without_bending_is_refused() -> None:
+    """Independent check: the law of a thread does not depend on EI as EI → 0, and a spline without bending does not
+    keep it: with the hole and the remedy, for both ways to leave bending out. An ideal hole holds such a thread."""
+    system, _ = two_masses(0.1)
+    limp = replace(system.thread, section=replace(system.thread.section, EI=0.0))
+    for thread in (replace(system.thread, bending=False), limp):
+        with pytest.raises(CouplingError, match=r"'light side' with EI = 0.*bending_factor"):
+            replace(system, thread=thread)
+        replace(two_masses(0.0)[0], thread=thread)
 
 
 @pytest.mark.parametrize("mu", [0.0, 0.2])

@@ -11,9 +11,10 @@ import pytest
 
 from coupling.audit import Energies, audit_step, initial_energies, multiplier_imbalance
 from coupling.constraints import bare_passage, driving_force, phi
-from coupling.errors import CouplingError, StepError
+from coupling.errors import CouplingError, CreatedEnergyError, StepError
 from coupling.paper.elimination import elimination, solve_by_elimination, whole_matrix
 from coupling.paper.linear_step import (
+    CREATED,
     constrained,
     linear_step,
     linear_two_pass,
@@ -28,6 +29,7 @@ from coupling.sliding import normal_force
 from coupling.stepping import advance, try_step
 from coupling.system import Friction, Piercing, State, System
 from studies.scenario import ScenarioError, Solve, load
+from studies.simulation import prepare
 from studies.simulation.simulation import method
 from tests.bounds import IDENTITY, ORDER, RESIDUAL, TWO_SOLVERS
 from tests.studies.samples import CONTRACT
@@ -555,6 +557,25 @@ def test_what_the_scenario_refuses(tmp_path: Path, override: tuple[str, ...], wo
 
 def test_the_scheme_of_a_scenario() -> None:
     """Independent check: the keys choose the step."""
-    assert method(Solve(scheme="linear")) is linear_step
-    assert method(Solve(scheme="linear", friction="two-pass")) is linear_two_pass
-    assert method(Solve()) not in (linear_step, linear_two_pass)
+    system, state = scene("fixed")
+    for friction, take in (("implicit", linear_step), ("two-pass", linear_two_pass)):
+        one = method(Solve.model_validate({"scheme": "linear", "friction": friction}))(system, state, 1e-4)
+        assert np.array_equal(one.new.q, take(system, state, 1e-4).new.q)
+    other = method(Solve())(system, state, 1e-4)
+    assert not np.array_equal(other.new.q, linear_step(system, state, 1e-4).new.q)
+
+
+def test_a_linear_run_that_creates_energy_ends() -> None:
+    """Independent check: figure 1 of the paper by its linear scheme. At 1 ms a step creates as much energy as there is,
+    and the run ends with the step, the hole and the remedy. At 0.2 ms no step comes near the bound."""
+    overrides = ["solve.scheme='linear'", "solve.duration=0.05"]
+    with pytest.raises(CreatedEnergyError, match=r"created .* J, .* take a smaller solve\.dt") as caught:
+        list(prepare(load("paper_figure_1", overrides)).advance())
+    assert caught.value.piercing in ("entry", "exit")
+    assert caught.value.share > CREATED
+    simulation = prepare(load("paper_figure_1", [*overrides, "solve.dt=2e-4"]))
+    run = simulation.beginning()
+    while run.number < simulation.steps:
+        before, run = run, simulation.next(run)
+        made = before.energies.numerical_dissipation - run.energies.numerical_dissipation
+        assert made < 0.1 * CREATED * (run.energies.kinetic + run.energies.elastic)

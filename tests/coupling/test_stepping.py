@@ -167,19 +167,6 @@ def test_a_direction_is_imposed_where_there_is_one(given: Any) -> None:
             hairpin_system(organ, FREE, holes=(Piercing("one", directed=False), Piercing("two")))
 
 
-def test_a_string_has_no_friction() -> None:
-    """Independent check: without bending a rough hole is refused with its name and the remedy, an ideal one is not."""
-    thread = uniform(LENGTH, 40, bending=False)
-    for friction in (Friction(0.1, 0.1), Friction(grip=0.1)):
-        holes = (Piercing("smooth"), Piercing("rough", friction=friction))
-        with pytest.raises(CouplingError, match=r"'rough'.*give it bending"):
-            System(thread, FREE, hairpin_sites(), holes)
-    System(thread, FREE, hairpin_sites(), (Piercing("one"), Piercing("two", friction=Friction())))
-
-
-# -- leaving ---------------------------------------------------------------------------------------------------------
-
-
 def test_a_thread_drawn_out_of_both_holes_goes_on() -> None:
     """Independent check: drawn out by its end, it leaves the entry, then the exit, stays out, and the run goes on to
     its end with no force from a hole it has left; the exit is left when as much has been drawn as lay before it."""

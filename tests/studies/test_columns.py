@@ -62,7 +62,7 @@ BEGINS = Event(0.1, "begins", 'a "b", c', 0.02, 1e-4, 0.1, 2e-6, 1e-6, (0.0, 1 /
 FULL = replace(
     step(1),
     events=(BEGINS, Event(0.05, "halved"), Event(0.1, "knots", control_points=31)),
-    contact=ContactRecord(6, 2, -0.0, 120.0, 1 / 3, 1e-22),
+    contact=ContactRecord(6, 2, -0.0, 120.0, 2e-4, 1 / 3, 1e-22),
     torques=(1e-6, -2e-6),
 )
 

@@ -376,7 +376,7 @@ def test_a_damaged_folder_is_refused(
 
 
 METHODS = {
-    "euler": (),
+    "euler": ("solve.integrator=euler",),
     "bdf2": ("solve.integrator=bdf2",),
     "staggered": ("solve.coupling=staggered",),
     "quasi-static": ("tissue.inertia=false",),

@@ -1,9 +1,13 @@
 """Lips that press on one another, without a thread: a cut block against the whole one, and against other solvers."""
 
+from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import skfem
+from scipy.interpolate import LinearNDInterpolator
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize, nnls
 
@@ -234,6 +238,117 @@ def test_two_halves_that_collide_exchange_their_momentum() -> None:
         momentum, stored, state, touched = right @ (body.M @ new.V), now, new, touched + bool(p.any())
     assert abs(body.flat(np.tile([1.0, 0.0, 0.0], (len(side), 1))) @ (body.M @ state.V)) <= RESIDUAL * abs(first)
     assert 10 < touched < 140 and momentum > 0.2 * abs(first) and not state.p.any()
+
+
+# -- lips that slide ---------------------------------------------------------------------------------------------------
+
+WAVE, HEIGHT = SIZE[1], 4e-4  # of the lips along y [m]
+
+
+def wavy_halves(element: str = "P1") -> tissue.DynamicOrgan:
+    """A block cut right through along a wave, its left half held; its own weight presses the right half on it."""
+    wound = Wound(SIZE[1], SIZE[2])
+    mesh = cut_block(wound, 2.5e-3)
+    x, y, _ = mesh.p
+    shift = HEIGHT * np.cos(2.0 * np.pi * y / WAVE) * (1.0 - 2.0 * np.abs(x) / SIZE[0])
+    wave = skfem.MeshTet(mesh.p + np.outer([1.0, 0.0, 0.0], shift), mesh.t).with_boundaries(mesh.boundaries)
+    body = tissue.elasticity(wave, SOFT, element, ["left"])
+    sites = tissue.build_sites(body, [])
+    return tissue.DynamicOrgan(body, sites, (-9.81, 0.0, 0.0), gaps=gaps_on(body, wound, mesh), rayleigh=(0.0, 2e-3))
+
+
+def overlap(organ: tissue.DynamicOrgan, state: tissue.OrganState) -> float:
+    """How far a vertex of either lip is inside the other one, along x, by the triangles that scipy makes of it [m]."""
+    body = organ.elasticity
+    points, deepest = body.points + body.nodal(organ.displacement(state)), 0.0
+    lip = [points[np.unique(organ.gaps.nodes[: body.mesh.nvertices, k])] for k in (0, 1)]
+    for sign, one, other in ((1.0, *lip), (-1.0, *lip[::-1])):
+        faced = LinearNDInterpolator(other[:, 1:], other[:, 0])(one[:, 1:])
+        deepest = max(deepest, float(np.nanmax(sign * (one[:, 0] - faced))))
+    return deepest
+
+
+def test_lips_that_slide_stay_out_of_one_another_and_carry_their_load() -> None:
+    """Independent check: the right half of a block, pressed on the left one along a wave by its weight, is sent along
+    it by three cells. It rides over the wave's crests: neither lip is inside the other by more than twice the wave's
+    slope times the way of a step, and in the mean the lips carry the weight. Every joule is accounted for. Pairs that
+    stay would overlap by nearly the height of the wave."""
+    organ, dt, speed = wavy_halves(), 1e-3, 0.15
+    body = organ.elasticity
+    right = body.points[:, 0] > 1e-9 + HEIGHT
+    right[organ.gaps.nodes[:, 1]] = True
+    V = body.flat(np.outer(right, [0.0, speed, 0.0]))[body.free]
+    state = replace(organ.start(), V=V)
+    weight = -organ.load @ body.flat(np.tile([1.0, 0.0, 0.0], (len(right), 1)) * right[:, None])[body.free]
+    steep, carried, deepest, slid = 2.0 * np.pi * HEIGHT / WAVE, [], 0.0, 0.0
+    for _ in range(60):
+        answer = organ.answer(BackwardEuler(dt), [state])
+        new = answer.accept(np.zeros(0), forced(answer.g_free, answer))
+        old, now = organ.energies(state, state), organ.energies(state, new)
+        given = now.gravity_work - (now.kinetic + now.elastic - old.kinetic - old.elastic) - now.viscous - now.numerical
+        assert abs(given) <= RESIDUAL * (now.kinetic + now.elastic)
+        assert np.abs(organ.gap(new) * new.p).max() <= IDENTITY * new.p.max(initial=weight) * SIZE[0]
+        state, slid = new, float(organ.lips(new)[2].max())
+        deepest = max(deepest, overlap(organ, state))
+        carried.append(state.p.sum())
+    assert state.facing is not None and slid > 3 * 2.5e-3
+    assert deepest <= 2.0 * steep * speed * dt
+    assert np.mean(carried) == pytest.approx(weight, rel=0.1)
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_energies_while_the_pairs_change(element: str) -> None:
+    """Consistency check: from one pairing to another, a quasi-static organ's energies from forces and compliances are
+    those of its fields, and its gaps those of its equation."""
+    organ = halves(element)
+    rng = np.random.default_rng(1)
+    object.__setattr__(organ, "load", rng.normal(size=organ.size))
+    states = []
+    for way in (0.0, 3e-3, 7e-3):
+        moved = np.zeros((len(organ.elasticity.points), 3))
+        moved[organ.gaps.nodes[:, 1], 1] = way
+        facing = organ.gaps.facing(organ.elasticity.points, moved)
+        assert (facing is None) == (way == 0.0)
+        p = np.abs(rng.normal(size=organ.pairs))
+        states.append(replace(organ.start(), p=p if facing is None else p * (facing[:, 0] >= 0.0), facing=facing))
+    for old, new in pairwise(states):
+        now, fields = organ.energies(old, new), [organ.field(state) for state in (old, new)]
+        dU, pairing = fields[1] - fields[0], organ.pairing(new.facing)
+        assert now.elastic == pytest.approx(0.5 * fields[1] @ (organ.K @ fields[1]), rel=TWO_SOLVERS)
+        assert now.gravity_work == pytest.approx(organ.load @ dU, rel=TWO_SOLVERS)
+        lost = 0.5 * dU @ (organ.K @ dU) - new.p @ (pairing.G @ dU)
+        assert now.numerical == pytest.approx(lost, rel=TWO_SOLVERS)
+        gap = pairing.g0 + pairing.G @ fields[1]
+        assert np.abs(organ.gap(new) - gap).max() <= TWO_SOLVERS * np.abs(gap).max()
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_what_a_lip_faces(element: str) -> None:
+    """Independent check: a field that is linear (with P2: quadratic) along the lips is met at the point in front of
+    every left node, wherever the right lip was moved to; past its edge by more than a cell a node faces nothing."""
+    organ, way = halves(element), 6.2e-3
+    body, gaps = organ.elasticity, organ.gaps
+    moved = np.zeros((len(body.points), 3))
+    moved[np.unique(gaps.facets), 1] = way
+    facing = gaps.facing(body.points, moved)
+    assert facing is not None
+    nodes, weights = gaps.weights(facing)
+    past = gaps.slides(moved)
+    assert past == pytest.approx(way, rel=IDENTITY)
+
+    def field(y: Array, z: Array) -> Array:
+        return 1.0 + 30.0 * y - 20.0 * z + (0.0 if element == "P1" else 1.0) * (4e3 * y * z + 1e3 * y**2)
+
+    _, y, z = body.points[gaps.nodes[:, 0]].T
+    over = y > -SIZE[1] / 2 + way - IDENTITY
+    carried = np.sum(weights * field(body.points[nodes, 1] + way, body.points[nodes, 2]), axis=1)
+    assert np.abs(carried - field(y, z))[over].max() <= 1e3 * IDENTITY
+    beyond = y < -SIZE[1] / 2 + way - 5e-3
+    assert beyond.any() and (facing[beyond, 0] < 0.0).all() and (facing[over, 0] >= 0.0).all()
+    assert not weights[beyond].any()
+
+
+# -- refusals ----------------------------------------------------------------------------------------------------------
 
 
 def test_what_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

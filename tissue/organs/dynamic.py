@@ -3,7 +3,7 @@
 from collections import OrderedDict, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from tissue.organs.meshed import (
     MeshedOrgan,
     OrganEnergies,
     OrganState,
+    Pairing,
     SiteAnswer,
     TimeScheme,
     compliance,
@@ -57,10 +58,10 @@ class DynamicOperator(LipCompliance):
 
         return state.U + self.factor.solve(self.residual(state.U, history), guess)
 
-    def add_forces(self, U: Array, f_y: Array, p: Array) -> Array:
+    def add_forces(self, U: Array, f_y: Array, p: Array, pairing: Pairing) -> Array:
         """Return U + W f_y + A⁻¹Gᵀ p, shape `(N,)` [m]."""
         U = U + self.W @ f_y
-        return U + self.factor.solve(self.organ.G.T @ p) if p.any() else U
+        return U + self.factor.solve(pairing.G.T @ p) if p.any() else U
 
     def residual(self, U: Array, history: History) -> Array:
         """Return b − A U by products with M and K: C = αM + βK needs none of its own."""
@@ -152,20 +153,22 @@ class DynamicOrgan(MeshedOrgan):
     def answer(self, scheme: TimeScheme, past: Sequence[OrganState]) -> LinearAnswer:
         """Return the answer of a step of `scheme` from the states `past`, the newest first: one solve."""
         operator, history = self.operator(scheme.a, scheme.d), self.history(scheme, past)
-        U_free = operator.predict(past[0], history)
+        U_free, pairing = operator.predict(past[0], history), self.paired_anew(past[0].U)
+
+        def complete(f_y: Array, p: Array) -> OrganState:
+            """Return the state of U⁺ = U_free + W f_y + A⁻¹Gᵀ p and its rates."""
+            U = operator.add_forces(U_free, f_y, p, pairing)
+            rates = operator.d * (U - history.damping), operator.a * (U - history.inertia)
+            return OrganState(U, *rates, f_y, self.contact_or_none(p), pairing.facing)
+
         return LinearAnswer(
             operator,
             self.y0 + self.Y @ U_free,
-            self.g0 + self.G @ U_free,
-            partial(self.complete, operator, U_free, history),
+            pairing.g0 + pairing.G @ U_free,
+            complete,
             lambda: operator.residual(np.zeros(self.size), history),
+            pairing,
         )
-
-    def complete(self, operator: DynamicOperator, U_free: Array, history: History, f_y: Array, p: Array) -> OrganState:
-        """Return the state of U⁺ = U_free + W f_y + A⁻¹Gᵀ p and its rates."""
-        U = operator.add_forces(U_free, f_y, p)
-        rates = operator.d * (U - history.damping), operator.a * (U - history.inertia)
-        return OrganState(U, *rates, f_y, self.contact_or_none(p))
 
     def history(self, scheme: TimeScheme, past: Sequence[OrganState]) -> History:
         """Return the reference fields U_a = Σ_k (α_k U_k + β_k V_k), U_d = Σ_k γ_k U_k of a scheme."""
@@ -177,13 +180,14 @@ class DynamicOrgan(MeshedOrgan):
         """Return y = y0 + Y U, shape `(9p,)`."""
         return np.asarray(self.y0 + self.Y @ state.U)
 
-    def lips(self, state: OrganState) -> tuple[Array, Array]:
-        """Return the gaps g [m] and the contact forces p [N], shape `(k,)` each."""
-        return self.gap(state), self.contact_forces(state)
+    def lips(self, state: OrganState) -> tuple[Array, Array, Array]:
+        """Return the gaps g [m], the contact forces p [N] and how far the pairs have slid [m], shape `(k,)` each."""
+        return self.gap(state), self.contact_forces(state), self.slides(state.U)
 
     def gap(self, state: OrganState) -> Array:
         """Return g = g0 + G U, shape `(k,)` [m]."""
-        return np.asarray(self.g0 + self.G @ state.U)
+        pairing = self.pairing(state.facing)
+        return np.asarray(pairing.g0 + pairing.G @ state.U)
 
     def displacement(self, state: OrganState) -> Array:
         """Return the displacement of all unknowns, shape `(N_all,)` [m]."""
@@ -214,16 +218,18 @@ class DynamicOrgan(MeshedOrgan):
         These are the site forces `f_y` (9p,) and the contact forces of `state`; V is kept.
         """
         operator, p = self.operator(scheme.a, scheme.d), self.contact_forces(state)
-        y_free, g_free = operator.free_values(y, self.gap(state), f_y, p)
+        pairing = self.pairing(state.facing)
+        y_free, g_free = operator.free_values(y, self.gap(state), f_y, p, pairing)
 
         def displaced(f_new: Array, p_new: Array) -> OrganState:
             # By the change alone: the state's own forces may be those of holes that ended at this very moment.
             df, held = f_new - f_y, self.contact_or_none(p_new)
-            return replace(state, U=operator.add_forces(state.U, df, p_new - p), f_y=state.f_y + df, p=held)
+            return replace(state, U=operator.add_forces(state.U, df, p_new - p, pairing), f_y=state.f_y + df, p=held)
 
-        return LinearAnswer(
-            operator, y_free, g_free, displaced, lambda: operator.A @ state.U - self.Y.T @ f_y - self.G.T @ p
-        )
+        def right_hand_side() -> Array:
+            return np.asarray(operator.A @ state.U - self.Y.T @ f_y - pairing.G.T @ p)
+
+        return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side, pairing)
 
     @cached_property
     def _mobility(self) -> tuple[Array, Array]:
@@ -250,7 +256,7 @@ class DynamicOrgan(MeshedOrgan):
             gravity_work=float(self.load @ dU),
             viscous=float(alpha * (inertia @ dU) + beta * (new.V @ elastic)),
             numerical=float(0.5 * dU @ elastic + 0.5 * dV @ given + spent @ dU - inertia @ dV)
-            - float(self.contact_forces(new) @ (self.G @ dU)),
+            - float(self.contact_forces(new) @ (self.pairing(new.facing).G @ dU)),
         )
 
     def _weighed_together(self, *fields: Array) -> Array:

@@ -40,9 +40,9 @@ class FixedSites:
         """Zero."""
         return 0
 
-    def lips(self, state: OrganState) -> tuple[Array, Array]:
-        """Return no gaps and no contact forces, shape `(0,)` each: space has no lips."""
-        return EMPTY, EMPTY
+    def lips(self, state: OrganState) -> tuple[Array, Array, Array]:
+        """Return no gaps, no contact forces and no slides, shape `(0,)` each: space has no lips."""
+        return EMPTY, EMPTY, EMPTY
 
     def start(self) -> OrganState:
         """Return the state without force."""

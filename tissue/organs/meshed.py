@@ -11,7 +11,9 @@ The lips of a wound may be given gaps g = g0 + G U (`tissue.organs.lips`), and f
 
     A U⁺ = b + Yᵀ f_y + Gᵀ p,   y = y_free + C f_y + C_yc p,   g = g_free + C_cy f_y + C_cc p
 
-The columns A⁻¹Gᵀ are not kept: once C_cc is known, p costs one more back-substitution a step.
+The columns A⁻¹Gᵀ are not kept: once C_cc is known, p costs one more back-substitution a step. Lips that slide are
+paired anew where a step begins, and G = S R sums the rows R of their nodes by other weights S: C_cc = S (R A⁻¹ Rᵀ) Sᵀ
+needs no further solve.
 """
 
 from collections.abc import Callable
@@ -23,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import block_diag, csr_matrix, eye_array, hstack
 
-from tissue.arrays import Array
+from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
 from tissue.organs.lips import Gaps
@@ -40,7 +42,8 @@ EMPTY = np.zeros(0)
 @dataclass(frozen=True)
 class OrganState:
     """Displacement U [m], velocity V [m/s], acceleration A [m/s²] over the free unknowns `(N,)`, the site
-    forces, and the contact forces `(k,)` [N], None of an organ without gaps.
+    forces, and the contact forces `(k,)` [N], None of an organ without gaps. `facing` `(k, 4)` is where they act on the
+    right lip (`tissue.organs.lips.Gaps.facing`), None: on the pairs of the reference.
     """
 
     U: Array
@@ -48,6 +51,20 @@ class OrganState:
     A: Array
     f_y: Array
     p: Array | None = None
+    facing: Array | None = None
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """What faces what during a step: g = `g0` + `G` U, where G = `sums` R, `(k, r)`, of the rows R of the lips' nodes.
+
+    `facing` as in a state: None means the pairs of the reference.
+    """
+
+    G: csr_matrix
+    g0: Array
+    sums: csr_matrix
+    facing: Array | None
 
 
 class TimeScheme(Protocol):
@@ -131,7 +148,8 @@ class SiteAnswer:
 class LinearAnswer:
     """The answer of a meshed organ: `y_free` (9p,), `g_free` (k,) [m] and what its factored operator knows.
 
-    `accepted` makes the state at the end of the step of f_y and p; `right_hand_side` makes b of the organ's equation.
+    `accepted` makes the state at the end of the step of f_y and p; `right_hand_side` makes b of the organ's equation;
+    `pairing` is what faces what on the lips.
     """
 
     operator: "LipCompliance"
@@ -139,6 +157,7 @@ class LinearAnswer:
     g_free: Array
     accepted: Callable[[Array, Array], OrganState]
     right_hand_side: Callable[[], Array]
+    pairing: Pairing
 
     @property
     def C(self) -> Array:
@@ -148,12 +167,12 @@ class LinearAnswer:
     @property
     def C_cy(self) -> Array:
         """Gaps by site forces, shape `(k, 9p)`."""
-        return self.operator.C_cy
+        return self.operator.gaps_by_sites(self.pairing)
 
-    @property
+    @cached_property
     def C_cc(self) -> Array:
         """Gaps by contact forces, shape `(k, k)` [m/N]."""
-        return self.operator.C_cc
+        return self.operator.gaps_by_forces(self.pairing)
 
     def accept(self, f_y: Array, p: Array = EMPTY) -> OrganState:
         """Return the state at the end of the step."""
@@ -167,7 +186,7 @@ class LinearAnswer:
     def equation(self) -> Equation:
         """The organ's rows of the assembled matrix."""
         organ = self.operator.organ
-        return Equation(self.operator.A, self.right_hand_side(), organ.y0, organ.Y, organ.g0, organ.G)
+        return Equation(self.operator.A, self.right_hand_side(), organ.y0, organ.Y, self.pairing.g0, self.pairing.G)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,6 +255,58 @@ class MeshedOrgan:
     def g0(self) -> Array:
         """Gaps of the reference shape, shape `(k,)` [m]."""
         return EMPTY if self.gaps is None else self.gaps.g0
+
+    @cached_property
+    def lip_nodes(self) -> Indices:
+        """Nodes of the lips among the body's, shape `(r,)`; none without gaps."""
+        return np.arange(0) if self.gaps is None else np.union1d(self.gaps.nodes, self.gaps.facets)
+
+    @cached_property
+    def lip_rows(self) -> csr_matrix:
+        """R, the displacement of the lips' nodes along their normal over all unknowns, shape `(r, N)`."""
+        if self.gaps is None:
+            return csr_matrix((0, self.size))
+        body, r = self.elasticity, len(self.lip_nodes)
+        values = np.tile(self.gaps.normal, r)
+        at = np.repeat(np.arange(r), 3), body.nodes[self.lip_nodes].ravel()
+        rows = csr_matrix((values, at), shape=(r, body.N))[:, body.free]
+        return csr_matrix(hstack([rows, csr_matrix((r, self.size - rows.shape[1]))]))
+
+    @cached_property
+    def _matched(self) -> Pairing:
+        """The pairs of the reference."""
+        ones = np.ones((self.pairs, 1))
+        nodes = np.zeros((0, 2), dtype=np.intp) if self.gaps is None else self.gaps.nodes
+        return Pairing(self.G, self.g0, self._sums(nodes[:, :1], nodes[:, 1:], ones), None)
+
+    def _sums(self, left: Indices, right: Indices, weights: Array) -> csr_matrix:
+        """Return the weights of the lips' nodes in each gap, shape `(k, r)`: those of the nodes `right` `(k, w)` less
+        the `left` one `(k, 1)` by as much."""
+        nodes, w = np.hstack([right, left]), np.hstack([weights, -weights.sum(axis=1, keepdims=True)])
+        at = np.repeat(np.arange(len(nodes)), nodes.shape[1]), np.searchsorted(self.lip_nodes, nodes.ravel())
+        return csr_matrix((w.ravel(), at), shape=(len(nodes), len(self.lip_nodes)))
+
+    def pairing(self, facing: Array | None) -> Pairing:
+        """Return the gaps between what faces what; a node that faces nothing is as far away as the lips are long."""
+        if self.gaps is None or facing is None:
+            return self._matched
+        points = self.elasticity.points
+        right, weights = self.gaps.weights(facing)
+        sums = self._sums(self.gaps.nodes[:, :1], right, weights)
+        extent = float(np.ptp(points[self.lip_nodes], axis=0).max())
+        g0 = np.where(facing[:, 0] < 0.0, extent, sums @ (points[self.lip_nodes] @ self.gaps.normal))
+        return Pairing(csr_matrix(sums @ self.lip_rows), g0, sums, facing)
+
+    def paired_anew(self, U: Array) -> Pairing:
+        """Return what faces what under a displacement of the free unknowns `(N,)`."""
+        if self.gaps is None:
+            return self._matched
+        body = self.elasticity
+        return self.pairing(self.gaps.facing(body.points, body.nodal(self.whole(U))))
+
+    def slides(self, U: Array) -> Array:
+        """Return how far each pair of the lips has slid under a displacement of the free unknowns, shape `(k,)` [m]."""
+        return EMPTY if self.gaps is None else self.gaps.slides(self.elasticity.nodal(self.whole(U)))
 
     def contact_forces(self, state: OrganState) -> Array:
         """Return p, shape `(k,)` [N]."""
@@ -311,22 +382,39 @@ class LipCompliance:
     W: Array
     C: Array
 
-    def free_values(self, y: Array, g: Array, f_y: Array, p: Array) -> tuple[Array, Array]:
+    def free_values(self, y: Array, g: Array, f_y: Array, p: Array, pairing: Pairing) -> tuple[Array, Array]:
         """Return `y_free` and `g_free` of an answer that gives y and g under the forces `f_y` and `p`."""
         y = y - self.C @ f_y
         if not g.size:
             return y, g
-        return y - p @ self.C_cy, g - self.C_cy @ f_y - (self.C_cc @ p if p.any() else 0.0)
+        C_cy = self.gaps_by_sites(pairing)
+        return y - p @ C_cy, g - C_cy @ f_y - (self.gaps_by_forces(pairing) @ p if p.any() else 0.0)
+
+    def gaps_by_forces(self, pairing: Pairing) -> Array:
+        """Return G A⁻¹ Gᵀ, gaps by contact forces, shape `(k, k)` [m/N]."""
+        if pairing.facing is None:
+            return self.C_cc
+        C = pairing.sums @ (pairing.sums @ self.C_rr).T
+        return np.asarray(0.5 * (C + C.T))
+
+    def gaps_by_sites(self, pairing: Pairing) -> Array:
+        """Return G W, gaps by site forces, shape `(k, 9p)`."""
+        return self.C_cy if pairing.facing is None else np.asarray(pairing.G @ self.W)
 
     @cached_property
     def C_cc(self) -> Array:
-        """G A⁻¹ Gᵀ, gaps by contact forces, shape `(k, k)` [m/N]."""
+        """G A⁻¹ Gᵀ of the pairs of the reference, shape `(k, k)` [m/N]."""
         return gap_compliance(self.factor, self.organ.G)
 
     @cached_property
     def C_cy(self) -> Array:
-        """G W, gaps by site forces, shape `(k, 9p)`."""
+        """G W of the pairs of the reference, shape `(k, 9p)`."""
         return np.asarray(self.organ.G @ self.W)
+
+    @cached_property
+    def C_rr(self) -> Array:
+        """R A⁻¹ Rᵀ of the nodes of the lips, shape `(r, r)` [m/N]; not asked for while no pair has slid."""
+        return gap_compliance(self.factor, self.organ.lip_rows)
 
 
 def compliance(factor: Solver, Y: csr_matrix) -> tuple[Array, Array]:

@@ -1,5 +1,6 @@
 """An organ without inertia: at every time in equilibrium with its sites."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,6 +17,7 @@ from tissue.organs.meshed import (
     MeshedOrgan,
     OrganEnergies,
     OrganState,
+    Pairing,
     TimeScheme,
     compliance,
 )
@@ -37,10 +39,9 @@ class QuasiStaticOperator(LipCompliance):
     y_load: Array
     sag_energy: float
 
-    @cached_property
-    def g_load(self) -> Array:
-        """Gaps under the constant load alone, shape `(k,)` [m]."""
-        return np.asarray(self.organ.g0 + self.organ.G @ self.U_load)
+    def g_load(self, pairing: Pairing) -> Array:
+        """Return the gaps under the constant load alone, shape `(k,)` [m]."""
+        return np.asarray(pairing.g0 + pairing.G @ self.U_load)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +70,11 @@ class QuasiStaticOrgan(MeshedOrgan):
             )
 
     @cached_property
+    def _recalled(self) -> deque[tuple[OrganState, Array]]:
+        """The last state whose lips press on one another, with its field."""
+        return deque(maxlen=1)
+
+    @cached_property
     def _operator(self) -> QuasiStaticOperator:
         """Factorised when first asked for: a scenario is checked without."""
         factor = self.solver_of(self.K)
@@ -86,13 +92,18 @@ class QuasiStaticOrgan(MeshedOrgan):
         return self._operator
 
     def answer(self, scheme: TimeScheme, past: Sequence[OrganState]) -> LinearAnswer:
-        """Return the answer of any step: the equilibrium without site forces is known in advance."""
+        """Return the answer of any step: the equilibrium without site forces is known in advance. What faces what is
+        sought in the field, for one back-substitution where lips touch."""
         operator = self._operator
-        return LinearAnswer(operator, operator.y_load, operator.g_load, self.complete, lambda: operator.load)
+        pairing = self.paired_anew(self.field(past[0])) if self.pairs and past else self.pairing(None)
 
-    def complete(self, f_y: Array, p: Array) -> OrganState:
-        """Return the state of an organ that is where its forces put it."""
-        return OrganState(EMPTY, EMPTY, EMPTY, f_y, self.contact_or_none(p))
+        def complete(f_y: Array, p: Array) -> OrganState:
+            """Return the state of an organ that is where its forces put it."""
+            return OrganState(EMPTY, EMPTY, EMPTY, f_y, self.contact_or_none(p), pairing.facing)
+
+        return LinearAnswer(
+            operator, operator.y_load, operator.g_load(pairing), complete, lambda: operator.load, pairing
+        )
 
     def site_variables(self, state: OrganState) -> Array:
         """Return y = y0 + Y U = y_load + C f_y + C_yc p, shape `(9p,)`."""
@@ -100,28 +111,35 @@ class QuasiStaticOrgan(MeshedOrgan):
         if not (self.load.any() or state.f_y.any() or p.any()):
             return self.y0
         y = self._operator.y_load + self._operator.C @ state.f_y
-        return y + p @ self._operator.C_cy if p.any() else y
+        return y + p @ self._operator.gaps_by_sites(self.pairing(state.facing)) if p.any() else y
 
-    def lips(self, state: OrganState) -> tuple[Array, Array]:
-        """Return the gaps g [m] and the contact forces p [N], shape `(k,)` each."""
-        return self.gap(state), self.contact_forces(state)
+    def lips(self, state: OrganState) -> tuple[Array, Array, Array]:
+        """Return the gaps g [m], the contact forces p [N] and how far the pairs have slid [m], shape `(k,)` each."""
+        return self.gap(state), self.contact_forces(state), self.slides(self.field(state)) if self.pairs else EMPTY
 
     def gap(self, state: OrganState) -> Array:
         """Return g = g0 + G U = g_load + C_cy f_y + C_cc p, shape `(k,)` [m]."""
         p = self.contact_forces(state)
         if not (self.pairs and (self.load.any() or state.f_y.any() or p.any())):
             return self.g0
-        g = self._operator.g_load + self._operator.C_cy @ state.f_y
-        return g + self._operator.C_cc @ p if p.any() else g
+        pairing = self.pairing(state.facing)
+        g = self._operator.g_load(pairing) + self._operator.gaps_by_sites(pairing) @ state.f_y
+        return g + self._operator.gaps_by_forces(pairing) @ p if p.any() else g
 
     def displacement(self, state: OrganState) -> Array:
         """Return the displacement of all unknowns, shape `(N_all,)` [m]."""
         return self.whole(self.field(state))
 
     def field(self, state: OrganState) -> Array:
-        """Return the displacement over the free unknowns, shape `(N,)` [m]."""
+        """Return the displacement over the free unknowns, shape `(N,)` [m]; that of the last state is remembered."""
+        for known, field in self._recalled:
+            if known is state:
+                return field
         U, p = np.asarray(self._operator.U_load + self._operator.W @ state.f_y), self.contact_forces(state)
-        return U + self._operator.factor.solve(self.G.T @ p) if p.any() else U
+        if p.any():
+            U = U + self._operator.factor.solve(self.pairing(state.facing).G.T @ p)
+            self._recalled.append((state, U))
+        return U
 
     def velocity(self, state: OrganState) -> Array:
         """Return zero, shape `(N_all,)` [m/s]."""
@@ -133,22 +151,22 @@ class QuasiStaticOrgan(MeshedOrgan):
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
         """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y` (9p,)
         and the contact forces those of `state`."""
-        operator, p = self._operator, self.contact_forces(state)
-        y_free, g_free = operator.free_values(y, self.gap(state), f_y, p)
+        operator, p, pairing = self._operator, self.contact_forces(state), self.pairing(state.facing)
+        y_free, g_free = operator.free_values(y, self.gap(state), f_y, p, pairing)
 
         def displaced(f_new: Array, p_new: Array) -> OrganState:
             # By the change alone: the state's own forces may be those of holes that ended at this very moment.
             return replace(state, f_y=state.f_y + (f_new - f_y), p=self.contact_or_none(p_new))
 
         def right_hand_side() -> Array:
-            return operator.A @ self.field(state) - self.Y.T @ f_y - self.G.T @ p
+            return operator.A @ self.field(state) - self.Y.T @ f_y - pairing.G.T @ p
 
-        return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side)
+        return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side, pairing)
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """Return the energies and works as the dynamic organ does, with 9p + k numbers.
 
-        U = U_load + W f_y + K⁻¹Gᵀ p with K U_load = load, Yᵀ U_load = y_load − y0 and Gᵀ U_load = g_load − g0.
+        U = U_load + W f_y + K⁻¹Gᵀ p with K U_load = load, Y U_load = y_load − y0 and G U_load = g_load − g0.
         """
         C, sag = self._operator.C, self._operator.y_load - self.y0
         df = new.f_y - old.f_y
@@ -158,14 +176,19 @@ class QuasiStaticOrgan(MeshedOrgan):
 
     def _with_contact(self, by_sites: OrganEnergies, old: OrganState, new: OrganState) -> OrganEnergies:
         """Return what the contact forces add; their own work −p⁺·Δg is part of `numerical`."""
-        p, df = self.contact_forces(new), new.f_y - old.f_y
-        dp = p - self.contact_forces(old)
-        if not (p.any() or dp.any()):
+        p, before, df = self.contact_forces(new), self.contact_forces(old), new.f_y - old.f_y
+        if not (p.any() or before.any()):
             return by_sites
-        C_cc, C_cy, closing = self._operator.C_cc, self._operator.C_cy, self._operator.g_load - self.g0
-        elastic, dg = p @ (closing + C_cy @ new.f_y + 0.5 * C_cc @ p), C_cy @ df + C_cc @ dp
+        now, was = self.pairing(new.facing), self.pairing(old.facing)
+        if now.facing is None and was.facing is None:
+            C_cc, C_cy, closing, r, dr = self._operator.C_cc, self._operator.C_cy, self.G, p, p - before
+        else:  # on the nodes of the lips, which stay
+            C_cc, closing, r = self._operator.C_rr, self.lip_rows, now.sums.T @ p
+            C_cy, dr = closing @ self._operator.W, r - was.sums.T @ before
+        under_load = closing @ self._operator.U_load
+        elastic, dg = r @ (under_load + C_cy @ new.f_y + 0.5 * C_cc @ r), C_cy @ df + C_cc @ dr
         return by_sites._replace(
             elastic=by_sites.elastic + float(elastic),
-            gravity_work=by_sites.gravity_work + float(closing @ dp),
-            numerical=by_sites.numerical + float(dp @ (C_cy @ df + 0.5 * C_cc @ dp) - p @ dg),
+            gravity_work=by_sites.gravity_work + float(under_load @ dr),
+            numerical=by_sites.numerical + float(dr @ (C_cy @ df + 0.5 * C_cc @ dr) - r @ dg),
         )
