@@ -137,6 +137,8 @@ def check_simple(points: Array, triangles: Indices) -> None:
 
 def _triangles(path: Path) -> tuple[Array, Indices]:
     """Read points `(n, 3)` and triangles `(m, 3)` of a surface file; polygons of more corners are refused."""
+    if path.suffix.lower() == ".ply":
+        _check_header_ends(path)
     data = meshio_data(path)
     kinds = sorted({block.type for block in data.cells} - {"vertex", "line"})
     if kinds != ["triangle"]:
@@ -150,6 +152,17 @@ def _triangles(path: Path) -> tuple[Array, Indices]:
         raise MeshError(f"some of its triangles name nodes outside the {len(points)} that it holds: correct them")
     check_span(points)
     return points, np.asarray(triangles, dtype=np.int64)
+
+
+def _check_header_ends(path: Path) -> None:
+    """Refuse a PLY file whose header does not end: beyond the file's end meshio looks for it for ever (meshio 5.3)."""
+    try:
+        with path.open("rb") as file:
+            ends = any(line.strip() == b"end_header" for line in file)
+    except OSError as error:
+        raise MeshError(f"it cannot be read ({error.strerror})") from None
+    if not ends:
+        raise MeshError("its header does not end, no line reads end_header: the file is cut short or damaged")
 
 
 def _distinct(triangles: Indices) -> NDArray[np.bool_]:

@@ -1,5 +1,6 @@
 """Mutated mesh files of every kind: each is refused, or read; a surface that is read is filled."""
 
+import re
 from pathlib import Path
 from random import Random
 
@@ -15,6 +16,7 @@ from meshes.skin import FORMATS, fill, read_surface
 from tests.fuzz.mutations import mutated_bytes
 from tests.fuzz.trial import Tally
 
+MADE = re.compile(rb"(comment|#) *Created by .*\n")  # with the time of day, and a seed is to make one file
 CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float)
 SIDES = [[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7], [0, 1, 5], [0, 5, 4], [1, 2, 6], [1, 6, 5], [2, 3, 7], [2, 7, 6],
          [3, 0, 4], [3, 4, 7]]  # fmt: skip
@@ -39,7 +41,7 @@ def sources(folder: Path) -> dict[str, bytes]:
     if has_gmsh():
         for version, binary in [(1.0, 0), (2.2, 0), (2.2, 1), (4.0, 0), (4.1, 0), (4.1, 1)]:
             _write_msh(folder / f"{version}-{binary}.msh", version, binary)
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+    return {path.name: MADE.sub(b"", path.read_bytes()) for path in sorted(folder.iterdir())}
 
 
 def has_gmsh() -> bool:
