@@ -31,7 +31,6 @@ from tests.thread.threads import (
     hairpin_system,
     laid,
     run,
-    uniform,
 )
 from thread.ends import Driven, Fixed, Free, Pulled
 from thread.errors import ThreadError
