@@ -91,6 +91,14 @@ def span_ratio(system: System[Body], state: State[Body]) -> float:
     return float(np.max(spans / layers, initial=0.0)) if system.thread.EI else 0.0
 
 
+def spans_between(system: System[Body], state: State[Body]) -> float:
+    """Return the number of spans between the two holds that are nearest to one another along the thread [-]; infinite
+    where there are no two."""
+    here, breaks = state.present & system.rows.any(axis=1), system.thread.spline.breaks
+    places = np.interp(np.sort(state.s[here]), breaks, np.arange(len(breaks)))
+    return float(np.min(np.diff(places), initial=np.inf))
+
+
 def is_too_coarse(resolution: Resolution, system: System[Body], state: State[Body]) -> bool:
     """Whether a span that holds a hole is longer than it may be by half."""
     return span_ratio(system, state) > 1.5 * resolution.ratio_at_hole

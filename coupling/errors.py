@@ -25,6 +25,11 @@ class StepError(CouplingError):
 
 
 @dataclass
+class UphillError(StepError):
+    """A step that makes energy: it was solved, on another branch than the motion (`coupling.watch`)."""
+
+
+@dataclass
 class RunAwayError(CouplingError):
     """A staggered run that is unstable: thread and organ answer each other with ever larger motions.
 

@@ -15,7 +15,7 @@ from coupling.constraints import Passage
 from coupling.contact import pressed_pairs
 from coupling.continuation import solve_with_springs
 from coupling.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refuse_held_end
-from coupling.errors import InversionError, StepError
+from coupling.errors import InversionError, StepError, UphillError
 from coupling.integrators import BDF2, BackwardEuler, Scheme
 from coupling.interfaces import Answer, Body
 from coupling.newton import Iterate, Problem, Solution, solve
@@ -251,7 +251,8 @@ def advance(
     """Go `dt` [s] further, in one step or, where it fails, in halves of it down to dt/2⁸.
 
     `take` makes one step and is the monolithic implicit one unless another is named; `watch` sees each before it is
-    accepted, in their order, and raises `StepError` where it is not to be. A step at whose end the thread has
+    accepted, in their order, and raises `StepError` where it is not to be; one of BDF2 that makes energy is taken again
+    by backward Euler. A step at whose end the thread has
     left a hole is taken again without that hole, one in which it flipped through a hole in halves: it may have jumped
     where the motion would have gone. Raises `StepError` when the smallest step fails too, `ConstraintError` where the
     constraints are at fault or a hand has drawn the thread out, `InversionError` where it flips in the smallest step.
@@ -266,6 +267,8 @@ def advance(
         if not gone.any():
             watch(system, step)
     except StepError as error:
+        if isinstance(error, UphillError) and state.before is not None:
+            return advance(system, forgetful(state), dt, take, depth, watch)
         step = None
         if depth == HALVINGS:
             raise diagnose(system, state, error) from error

@@ -13,7 +13,7 @@ step halves the one, and a branch stays a branch.
 from dataclasses import dataclass
 
 from coupling.audit import Energies, audit_step
-from coupling.errors import StepError
+from coupling.errors import UphillError
 from coupling.interfaces import Body
 from coupling.stepping import Step
 from coupling.system import System
@@ -36,7 +36,7 @@ class Watch:
     refitted: bool = False
 
     def __call__(self, system: System[Body], step: Step[Body]) -> None:
-        """Audit a step. Raises `StepError` where it makes energy."""
+        """Audit a step. Raises `UphillError` where it makes energy."""
         old, new = self.energies[-1], audit_step(system, self.energies[-1], step)
         made = old.numerical_dissipation - new.numerical_dissipation
         loose = LOOSENED * at_stake(new) if self.refitted else 0.0
@@ -45,7 +45,7 @@ class Watch:
                 f"it would make energy, {made:.3g} J of the {at_stake(new):.3g} J there are: the solution found is on "
                 "another branch than the motion"
             )
-            raise StepError(step.old.time, step.dt, cause)
+            raise UphillError(step.old.time, step.dt, cause)
         self.energies.append(new)
 
 

@@ -3,6 +3,7 @@
 gmsh neither ends nor fails on some surfaces that cross themselves, so a surface is checked here first.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -137,8 +138,8 @@ def check_simple(points: Array, triangles: Indices) -> None:
 
 def _triangles(path: Path) -> tuple[Array, Indices]:
     """Read points `(n, 3)` and triangles `(m, 3)` of a surface file; polygons of more corners are refused."""
-    if path.suffix.lower() == ".ply":
-        _check_header_ends(path)
+    if path.suffix.lower() == ".ply" and path.is_file():
+        _check_ply_header(path)
     data = meshio_data(path)
     kinds = sorted({block.type for block in data.cells} - {"vertex", "line"})
     if kinds != ["triangle"]:
@@ -146,6 +147,8 @@ def _triangles(path: Path) -> tuple[Array, Indices]:
         raise MeshError(f"it holds {held}: a surface of triangles is wanted")
     triangles = np.concatenate([block.data for block in data.cells if block.type == "triangle"])
     points = np.asarray(data.points, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise MeshError(f"its points have shape {points.shape}: three coordinates each are wanted")
     if not np.isfinite(points).all():
         raise MeshError("some of its nodes have coordinates that are not finite")
     if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(points)):
@@ -154,15 +157,21 @@ def _triangles(path: Path) -> tuple[Array, Indices]:
     return points, np.asarray(triangles, dtype=np.int64)
 
 
-def _check_header_ends(path: Path) -> None:
-    """Refuse a PLY file whose header does not end: beyond the file's end meshio looks for it for ever (meshio 5.3)."""
-    try:
-        with path.open("rb") as file:
-            ends = any(line.strip() == b"end_header" for line in file)
-    except OSError as error:
-        raise MeshError(f"it cannot be read ({error.strerror})") from None
-    if not ends:
-        raise MeshError("its header does not end, no line reads end_header: the file is cut short or damaged")
+def _check_ply_header(path: Path) -> None:
+    """Refuse a PLY file whose header does not end, or tells of more than there is: meshio reads on for ever, or for
+    hours (meshio 5.3).
+    """
+    header, size = [], path.stat().st_size
+    with path.open("rb") as file:
+        for line in file:
+            if line.strip() == b"end_header":
+                break
+            header.append(line.strip())
+        else:
+            raise MeshError("its header does not end, no line reads end_header: the file is cut short or damaged")
+    told = [int(found[1]) for line in header if (found := re.match(rb"element +\w+ +(\d{1,100})", line))]
+    if max(told, default=0) > size:  # of which each takes a byte at least
+        raise MeshError(f"its header tells of {max(told)} elements, and the file has {size} bytes: it is damaged")
 
 
 def _distinct(triangles: Indices) -> NDArray[np.bool_]:

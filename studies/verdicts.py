@@ -25,6 +25,7 @@ FLAT = 0.05  # an order this near zero is none: a logarithm
 STILL = 1e-9  # of the number: changes by as little are round-off
 
 LINEAR = 0.3  # footprints that a hole may move by, or strain in the tissue that bears a thread: both of its size
+BETWEEN = 2.0  # spans between two holes: 2 leave 4 % of their stiffness against one another to be missed, 1.2 a quarter
 RESOLVED = 0.5  # spans at a hole over √(EI/T): beyond, forces along the thread are off by several per cent
 SETTLED = 1e-4  # kinetic over elastic energy: what still swings is below 1 % of what is deformed, as (v/ω)² is to u²
 

@@ -234,6 +234,13 @@ SPAN_RATIO: Column[StepRecord] = Column(
     "longest span at a hole over the length that the thread bends over there; ⅓ is fine, above ½ too coarse",
     lambda step: step.span_ratio,
 )
+SPANS_BETWEEN: Column[StepRecord] = Column(
+    "spans_between",
+    "-",
+    "spans between the two holes nearest to one another along the thread, null with fewer than two; 3 is fine, below 2 "
+    "too coarse",
+    lambda step: step.spans_between,
+)
 ENDS: dict[str, tuple[Column[StepRecord], Column[StepRecord]]] = {
     "start": (
         vector(
@@ -438,7 +445,7 @@ def state_summary(step: StepRecord) -> dict[str, Any]:
     ends = {end: _end_summary(end, step) for end in ENDS}
     return {
         "energy": values(ENERGY, step.energy),
-        "thread": ends | values((MAX_STRAIN, SPAN_RATIO), step),
+        "thread": ends | values((MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN), step),
         "piercings": {hole.name: values(HOLE_SUMMARY, hole) for hole in step.piercings},
     } | contact
 
@@ -475,7 +482,7 @@ def manual_tables() -> dict[str, str]:
         for end, pair in ENDS.items()
         for column in pair
     ]
-    sums = [replace(column, name=f"thread.{column.name}") for column in (MAX_STRAIN, SPAN_RATIO)]
+    sums = [replace(column, name=f"thread.{column.name}") for column in (MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN)]
     ranges: list[Column[Any]] = [replace(column, name=f"range.{column.name}") for column in RANGE]
     ranges += [replace(column, name=f"range.piercings.NAME.{column.name}") for column in HOLE_RANGE]
     holes = [replace(column, name=f"piercings.NAME.{column.name}") for column in (CHANNEL,)]

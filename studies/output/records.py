@@ -86,6 +86,7 @@ class StepRecord:
     max_strain: float  # largest axial strain of the thread [-]
     slide_speed: float  # largest speed of the thread in a hole [m/s]
     spans: Callable[[], float]  # makes `span_ratio`, which only the last step's is asked for
+    apart: Callable[[], float]  # makes `spans_between`, likewise
     seconds: float  # wall-clock time of this step [s]
     events: tuple[Event, ...] = ()
     contact: ContactRecord | None = None  # None where lips may cross
@@ -96,6 +97,13 @@ class StepRecord:
     def span_ratio(self) -> float:
         """Longest span at a hole over the length that the thread bends over there [-]."""
         return self.spans()
+
+    @property
+    def spans_between(self) -> float | None:
+        """Spans between the two holes that are nearest to one another along the thread [-], None where there are no
+        two."""
+        number = self.apart()
+        return number if np.isfinite(number) else None
 
     @property
     def memory(self) -> Mapping[str, NDArray[Any]] | None:

@@ -107,6 +107,12 @@ KINDS = (
         "forces along the thread are then off by several per cent",
     ),
     Kind(
+        "spans-between",
+        "unsupported",
+        "`thread.spans_between` below 2 at the end",
+        "what the spline lacks in compliance is that of a hole alone; of two so near it is off by several per cent",
+    ),
+    Kind(
         "energy-created",
         "unsupported",
         f"numerical dissipation below −{CREATED:g} of the run's energy at any time",

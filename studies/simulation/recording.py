@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from coupling.adaptivity import span_ratio
+from coupling.adaptivity import span_ratio, spans_between
 from coupling.contact import ContactObservation, observe_contact
 from coupling.observation import largest_gap, largest_residual
 from coupling.system import State, System
@@ -36,6 +36,7 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
         max_strain=float(np.max(np.sqrt(1.0 + 2.0 * now.configuration.points.strain) - 1.0)),
         slide_speed=float(np.abs(state.s_dot[: len(system.piercings)]).max(initial=0.0)),
         spans=partial(span_ratio, system, state),
+        apart=partial(spans_between, system, state),
         seconds=seconds,
         events=now.events,
         contact=contact_record(system, state),

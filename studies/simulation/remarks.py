@@ -32,7 +32,7 @@ from studies.output.remarks import (
 from studies.scenario import Scenario
 from studies.scenario.refusal import dotted_key
 from studies.simulation.assembly import Assembly, section_of
-from studies.verdicts import RESOLVED, SETTLED, unrest
+from studies.verdicts import BETWEEN, RESOLVED, SETTLED, unrest
 from thread.catalogue import knot_pull
 
 MILLI = 1e-3
@@ -73,6 +73,7 @@ def met(scenario: Scenario, ending: Ending) -> list[Remark]:
         *beyond_in_tissue(extremes),
         *overloaded(extremes, strength),
         *coarse_spans(step.span_ratio),
+        *few_spans(step.spans_between),
         *(audited(step.energy.numerical_dissipation, extremes) if dynamic else []),
         *(
             unsettled(step.energy, step.slide_speed * step.time, section_of(scenario.thread).diameter)
@@ -166,6 +167,17 @@ def coarse_spans(ratio: float) -> list[Remark]:
         'is fine enough for the forces along it; set thread.resolution = "adaptive", or raise thread.control_points'
     )
     return [remark("spans", "thread.control_points", text)]
+
+
+def few_spans(number: float | None) -> list[Remark]:
+    """Judge whether the spline can bend between two holes; `number` is a step's `spans_between`."""
+    if number is None or number >= BETWEEN:
+        return []
+    text = (
+        f"two holes are {number:.2g} spans from one another along the thread, {BETWEEN:g} are fine enough for it to "
+        'bend between them; set thread.resolution = "adaptive", or raise thread.control_points'
+    )
+    return [remark("spans-between", "thread.control_points", text)]
 
 
 def audited(numerical: float, extremes: Extremes) -> list[Remark]:

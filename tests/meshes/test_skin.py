@@ -181,6 +181,8 @@ def test_corners_written_anew_are_joined():
         ("a.obj", "v 0 0 0\nv 1e308 0 0\nv 0 -1e308 1e308\nf 1 2 3\n", "its nodes lie up to 1e+308 m"),
         ("a.obj", "v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", "no triangle whose corners lie apart"),
         ("a.ply", "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\n", "its header does not end"),
+        ("a.ply", "ply\nformat ascii 1.0\nelement vertex 2147483648\nend_header\n", "its header tells of 2147483648"),
+        ("a.obj", "v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "its points have shape (3, 2)"),
         (
             "a.ply",
             "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"

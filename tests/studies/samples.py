@@ -153,6 +153,7 @@ def step(number: int, dt: float = 0.1) -> StepRecord:
         max_strain=0.01,
         slide_speed=1e-3,
         spans=lambda: 0.3,
+        apart=lambda: 4.0,
         seconds=0.5,
     )
 

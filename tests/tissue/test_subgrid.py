@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from skfem import MeshTet
 
 import tissue
+from coupling.integrators import Equilibrium
 from meshes.block import block, graded_block_structured
 from meshes.grading import Grading
 from tests.bounds import IDENTITY, RESIDUAL, SUBGRID
@@ -140,9 +141,9 @@ def test_springs_leave_the_organ_what_it_was() -> None:
     B = soft.sites.springs.toarray()
     C = plain.operator(0.0, 0.0).C + B @ B.T
     assert np.abs(soft.operator(0.0, 0.0).C - C).max() <= IDENTITY * np.abs(C).max()
-    state = soft.complete(force, np.zeros(0))
+    state = soft.answer(Equilibrium(), [soft.start()]).accept(force)
     assert soft.energies(soft.start(), state).elastic == pytest.approx(0.5 * force @ C @ force, rel=1e-10)
-    U = plain.displacement(plain.complete(force, np.zeros(0)))
+    U = plain.displacement(plain.answer(Equilibrium(), [plain.start()]).accept(force))
     assert np.abs(soft.displacement(state) - U).max() <= 1e-10 * np.abs(U).max()
 
 
