@@ -51,6 +51,11 @@ class Energies:
         """Of thread and organ."""
         return self.elastic_thread + self.elastic_tissue
 
+    @property
+    def at_stake(self) -> float:
+        """Kinetic and elastic energy, and the work done so far, of either sign."""
+        return self.kinetic + self.elastic + abs(self.external_work)
+
 
 def initial_energies(system: System[Body], state: State[Body]) -> Energies:
     """Return the energies at the start; no work has been done."""
@@ -133,14 +138,15 @@ def mean_force_works(system: System[Body], step: Step[Body], organ_viscous: floa
     old, new, thread = step.old, step.new, system.thread
     if new.before is None or not isinstance(scheme_of(old, step.dt), BDF2):
         return 0.0, 0.0, 0.0
-    dq, ds = new.q - old.q, new.s - old.s
-    at, now = system.passage(old.q, old.s), step.solution.residual.passage
-    drive = driving_force(at, old.lam, old.y) - driving_force(now, new.lam, step.solution.iterate.y)
-    goes_on = system.rough & (old.sigma == new.sigma) & (system.epsilon == 0.0)
-    outside = more_outside(system, step) - drive @ (ds * system.by_hand)
+    dq, outside, rubbed = new.q - old.q, more_outside(system, step), 0.0
+    if (system.rough | system.by_hand).any():
+        ds, at, now = new.s - old.s, system.passage(old.q, old.s), step.solution.residual.passage
+        drive = driving_force(at, old.lam, old.y) - driving_force(now, new.lam, step.solution.iterate.y)
+        goes_on = system.rough & (old.sigma == new.sigma) & (system.epsilon == 0.0)
+        outside, rubbed = outside - float(drive @ (ds * system.by_hand)), float(drive @ (ds * goes_on))
     damped = -thread.damping * np.sum((new.v - old.v) * thread.momentum(dq)) - organ_viscous
     damped -= system.organ.energies(new.organ, old.organ)[3]  # backwards: −v·CΔU with the velocity of the start
-    return 0.5 * float(outside), 0.5 * float(drive @ (ds * goes_on)), 0.5 * float(damped)
+    return 0.5 * outside, 0.5 * rubbed, 0.5 * float(damped)
 
 
 def more_outside(system: System[Body], step: Step[Body]) -> float:

@@ -162,16 +162,16 @@ def refuse_drawn_out(system: System[Body], old: State[Body], new: State[Body]) -
         raise ConstraintError(new.time, cause)
 
 
-def refuse_held_end(system: System[Body], new: State[Body], gone: Flags) -> None:
-    """Raise `StepError` where the thread left the holes `gone` (holds,) over an end that is fixed, clamped or driven:
-    it cannot leave what still holds it."""
+def refuse_held_end(system: System[Body], old: State[Body], new: State[Body], gone: Flags) -> None:
+    """Raise `StepError` where the thread left the holes `gone` (holds,) during a step over an end that is fixed,
+    clamped or driven: it cannot leave what still holds it."""
     spline = system.thread.spline
-    for k in np.flatnonzero(gone):
-        beyond = {0: new.s[k] <= spline.start, 1: new.s[k] >= spline.end}
-        for which, end in enumerate(system.ends):
-            if beyond[which] and end.position(new.time) is not None:
-                cause = (
-                    f"the thread runs out at piercing {system.piercings[k].name!r}: its {('start', 'end')[which]} is "
-                    "held and cannot pass the hole; lay out more thread, move the end less, or let it go"
-                )
-                raise StepError(new.time, 0.0, cause, system.piercings[k].name)
+    beyond = gone & (new.s <= spline.start), gone & (new.s >= spline.end)
+    for name, end, left in zip(("start", "end"), system.ends, beyond, strict=True):
+        if left.any() and end.position(new.time) is not None:
+            hole = system.piercings[int(np.argmax(left))].name
+            cause = (
+                f"the thread runs out at piercing {hole!r}: its {name} is held and cannot pass the hole; lay out more "
+                "thread, move the end less, or let it go"
+            )
+            raise StepError(old.time, new.time - old.time, cause, hole)

@@ -198,7 +198,7 @@ def load_step(
         step = settle(system, state, share, duration)
         refuse_drawn_out(system, step.old, step.new)
         gone = emptied_holds(system, step.old, step.new)
-        refuse_held_end(system, step.new, gone)
+        refuse_held_end(system, step.old, step.new, gone)
     except StepError:
         if depth == 4 or duration == 0.0:
             raise

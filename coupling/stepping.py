@@ -252,10 +252,10 @@ def advance(
 
     `take` makes one step and is the monolithic implicit one unless another is named; `watch` sees each before it is
     accepted, in their order, and raises `StepError` where it is not to be; one of BDF2 that makes energy is taken again
-    by backward Euler. A step at whose end the thread has
-    left a hole is taken again without that hole, one in which it flipped through a hole in halves: it may have jumped
-    where the motion would have gone. Raises `StepError` when the smallest step fails too, `ConstraintError` where the
-    constraints are at fault or a hand has drawn the thread out, `InversionError` where it flips in the smallest step.
+    by backward Euler. A step at whose end the thread has left a hole is taken again without that hole, one in which it
+    flipped through a hole in halves: it may have jumped where the motion would have gone. Raises `StepError` when the
+    smallest step fails too, `ConstraintError` where the constraints are at fault or a hand has drawn the thread out,
+    `InversionError` where it flips in the smallest step.
     """
     step = None
     try:
@@ -263,7 +263,7 @@ def advance(
         refuse_drawn_out(system, step.old, step.new)
         refuse_crossing(system, step.old, step.new)
         gone = emptied_holds(system, step.old, step.new)
-        refuse_held_end(system, step.new, gone)
+        refuse_held_end(system, step.old, step.new, gone)
         if not gone.any():
             watch(system, step)
     except StepError as error:

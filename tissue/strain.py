@@ -40,14 +40,16 @@ def energy_share(elasticity: Elasticity, strain: Array, cells: Flags) -> float:
 
 def shape_gradients(elasticity: Elasticity, places: Array) -> Array:
     """Return ∂φ_n/∂x_j at places of the reference cell `(a, 3)`, in each cell, shape `(c, a, n, 3)` [1/m]."""
-    element, count = ELEMENTS[elasticity.element](), len(places)
-    reference = np.array(
-        [
-            np.broadcast_to(np.reshape(element.lbasis(places.T, n)[1], (3, -1)), (3, count))
-            for n in range(len(element.doflocs))
-        ]
-    )
-    return np.einsum("nka,ckj->canj", reference, np.linalg.inv(cell_edges(elasticity)), optimize=True)
+    slopes = reference_slopes(elasticity.element, places)
+    return np.einsum("nka,ckj->canj", slopes, np.linalg.inv(cell_edges(elasticity)), optimize=True)
+
+
+def reference_slopes(name: str, places: Array) -> Array:
+    """Return ∂φ_n/∂ξ_k of the shape functions of an element at places of the reference cell `(a, 3)`, shape
+    `(n, 3, a)`."""
+    element, count = ELEMENTS[name](), len(places)
+    each = [np.reshape(element.lbasis(places.T, n)[1], (3, -1)) for n in range(len(element.doflocs))]
+    return np.array([np.broadcast_to(slope, (3, count)) for slope in each])
 
 
 def cell_edges(elasticity: Elasticity) -> Array:

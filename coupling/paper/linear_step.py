@@ -14,7 +14,7 @@ would bind the step to 10⁻⁶ s; and the directions Φ_q, Φ_s, Φ_y of the co
 start, as in the paper (no derivative of λ·Φ). Φ̈ = Φ_q a + Φ_s s̈ + Φ_y ÿ + w has all its velocity terms w, of the
 start. A step at whose end the thread is further than its diameter from where this linearisation has it in a hole is
 refused, and so halved: the paper has no such test, and a light thread that snaps needs one. Nor has it one of energy:
-a scenario takes the step `checked`, which ends the run where it creates a hundredth of the energy there is.
+a scenario takes the step `checked`, which ends the run where it creates a tenth of the energy there is.
 
 Where Φ and Φ̇ of eq. 5 are taken decides stability. At the end of the step, Φ̇⁺ = Φ̇ + ΔtΦ̈, Φ⁺ = Φ + ΔtΦ̇⁺, the map
 of (Φ, ΔtΦ̇) has the double root 1/(1 + Δt/τ) = ½: a violation dies for every Δt. At the start, as eq. 5 reads, its
@@ -399,7 +399,7 @@ def refuse_created(system: System[Body], step: Step[Body]) -> None:
     """Raise `CreatedEnergyError` where a step created more than CREATED of the energy there is."""
     energies = audit_step(system, initial_energies(system, step.old), step)
     created = -energies.numerical_dissipation
-    share = created / (energies.kinetic + energies.elastic + abs(energies.external_work) + np.finfo(float).tiny)
+    share = created / (energies.at_stake + np.finfo(float).tiny)
     if share > CREATED:
         raise CreatedEnergyError(step.old.time, step.dt, created, share, *farthest_off(system, step))
 

@@ -97,16 +97,12 @@ def is_sealed(data: bytes) -> bool:
     return hashlib.sha256(body).hexdigest().encode() == checksum
 
 
-def difference(before: str, now: str) -> str | None:
-    """Return the first key in which two scenarios in TOML differ, with both values; None where they are equal."""
-    changed = changes(before, now)
-    return next((difference_in_words(key, *values) for key, values in changed.items()), None)
-
-
-def difference_in_words(key: str, was: Any, now: Any) -> str:
-    """Say what a key was and is, None where it is not given."""
-    before, after = ("not given" if value is None else repr(value) for value in (was, now))
-    return f"{key} was {before} and is {after}"
+def first_in_words(changed: Mapping[str, tuple[Any, Any]]) -> str | None:
+    """Say what the first of the keys that `changes` found was and is; None where there is none."""
+    for key, values in changed.items():
+        was, now = ("not given" if value is None else repr(value) for value in values)
+        return f"{key} was {was} and is {now}"
+    return None
 
 
 def changes(before: str, now: str) -> dict[str, tuple[Any, Any]]:

@@ -3,11 +3,14 @@
 import json
 import math
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+UNFINISHED = re.compile(r"\.(.+)\.\d+")  # a file about to be renamed, and the process that wrote it
 
 
 def write_bytes(path: Path, data: bytes) -> None:

@@ -22,7 +22,7 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from studies.output.checkpoint import ANEW, Arrays, changes, difference_in_words, pack, unpack, write_checkpoint
+from studies.output.checkpoint import ANEW, Arrays, changes, first_in_words, pack, unpack, write_checkpoint
 from studies.output.columns import RUN, Layout, range_summary, state_summary, values
 from studies.output.files import write_bytes, write_json, write_text
 from studies.output.lock import LOCK
@@ -39,7 +39,7 @@ from studies.output.manifest import (
 from studies.output.provenance import provenance
 from studies.output.records import Ending, OrganTopology, RunRecord, Snapshot, StepRecord, nothing_met
 from studies.output.remarks import Remark, remark
-from studies.output.series import Series, frames_in
+from studies.output.series import Series, steps_in
 from studies.output.tables import CsvFile, head_of, rows_until, tables_of
 from studies.scenario import Scenario, ScenarioError, dump
 from studies.scenario.toml import mesh_file, with_mesh_file
@@ -218,7 +218,7 @@ def _refuse_torn_index(folder: Path, steps: Iterable[int]) -> None:
     """Raise `ScenarioError` where ``results.pvd`` cannot be read, or does not name the frames before the checkpoint."""
     index = folder / "results.pvd"
     try:
-        named = frames_in(index)
+        named = steps_in(index)
     except (OSError, ValueError) as error:
         raise ScenarioError(f"{index} cannot be read ({error}); {ANEW}") from None
     for step in steps:
@@ -239,7 +239,7 @@ def can_resume(folder: Path | str, scenario: Scenario) -> bool:
     changed, (_, digests) = _changes(folder, scenario), _scenario_text(scenario)
     if _is_longer(scenario, changed):
         del changed[DURATION]
-    reason = next((difference_in_words(key, *values) for key, values in changed.items()), None)
+    reason = first_in_words(changed)
     if reason is None and before.get("mesh_sha256") != digests.get("mesh_sha256"):
         reason = "the contents of tissue.mesh.path changed"
     if reason is not None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from studies.output.columns import TABLES
+from studies.output.files import UNFINISHED
 from studies.output.lock import LOCK
 from studies.output.series import frame_files
 from studies.output.tables import tables_of
@@ -29,7 +30,6 @@ FILES = (
     "results.pvd",
     "picture.png",
 )
-UNFINISHED = re.compile(r"\.(.+)\.\d+")  # a file about to be renamed, and the process that wrote it
 
 
 def files_of(scenario: Scenario) -> list[str]:

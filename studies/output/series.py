@@ -22,14 +22,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from studies.output.columns import ORGAN_ARRAYS, ORGAN_CELLS, PIERCING_ARRAYS, THREAD_ARRAYS, values
-from studies.output.files import write_text
+from studies.output.files import UNFINISHED, write_text
 from studies.output.records import OrganRecord, OrganTopology, PiercingRecord, Snapshot, ThreadRecord
 
 CELL_TYPES = {4: 10, 10: 24}  # VTK_TETRA, VTK_QUADRATIC_TETRA by nodes per cell
 TYPE_NAMES = {"f4": "Float32", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 COMPONENTS = {6: ("XX", "YY", "ZZ", "XY", "YZ", "XZ")}  # VTK's order of a symmetric tensor
 FRAME = re.compile(r"(?:organ|thread|piercings)_(\d{6,})\.vt[pu]")
-UNFINISHED = re.compile(r"\.(.+)\.\d+")  # a frame about to be renamed, and the process that wrote it
 FILE = re.compile(r'file="([^"]*)"')
 FASTEST = 1  # zlib's level: float32 fields hardly shrink further
 
@@ -74,16 +73,13 @@ def file_of(line: str) -> str:
     return found[1] if found else ""
 
 
-def frames_in(index: Path) -> dict[int, list[str]]:
-    """Return the files that a ``.pvd`` file names, by step. Raises `OSError` or `ValueError` for one that is torn."""
+def steps_in(index: Path) -> set[int]:
+    """Return the steps whose frames a ``.pvd`` file names. Raises `OSError` or `ValueError` for one that is torn."""
     try:
         parts = ElementTree.fromstring(index.read_text(encoding="utf-8")).iter("DataSet")
     except ElementTree.ParseError as error:
         raise ValueError(str(error)) from None
-    names: dict[int, list[str]] = {}
-    for name in (part.get("file", "") for part in parts):
-        names.setdefault(step_of(name), []).append(name)
-    return names
+    return {step_of(part.get("file", "")) for part in parts}
 
 
 def frame_files(folder: Path) -> list[Path]:

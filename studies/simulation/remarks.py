@@ -5,7 +5,7 @@ catalogue, `studies.output.remarks`.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import chain, combinations
+from itertools import combinations
 from math import dist
 from typing import Any
 
@@ -56,7 +56,11 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]]) -> li
     sizes = [size_at(assembly.body.mesh, np.array(hole.at)) for hole in scenario.piercing]
     return [
         *out,
-        *chain.from_iterable(map(coarse_cells, scenario.piercing, sizes, [assembly.body.element] * len(sizes))),
+        *(
+            said
+            for hole, size in zip(scenario.piercing, sizes, strict=True)
+            for said in coarse_cells(hole, size, assembly.body.element)
+        ),
         *outside_subgrid(subgrid),
         *near_holes(scenario.piercing),
     ]

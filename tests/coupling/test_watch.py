@@ -13,7 +13,7 @@ from coupling.errors import StepError
 from coupling.run import Run
 from coupling.stepping import Step, advance, try_step
 from coupling.system import Piercing, State, System
-from coupling.watch import SHARE, TRACE, Watch, at_stake, turned_over
+from coupling.watch import SHARE, TRACE, Watch, turned_over
 from studies import load, parse, prepare
 from tests.bounds import FIRST_ORDER
 from tests.thread.threads import LENGTH, X, Z, laid, line, uniform, without_organ
@@ -50,7 +50,7 @@ def taut(dt: float, downhill: bool) -> tuple[Run, float]:
     while run.number < simulation.steps:
         before, run = run.energies, simulation.next(run)
         made = before.numerical_dissipation - run.energies.numerical_dissipation
-        most = max(most, made / at_stake(run.energies))
+        most = max(most, made / run.energies.at_stake)
     return run, most
 
 
@@ -61,7 +61,7 @@ def test_slack_is_taken_up_downhill() -> None:
     other, made = taut(1e-3, False)
     assert most <= TRACE
     assert made > 0.1
-    assert abs(other.energies.balance_error) <= 1e-9 * at_stake(other.energies)
+    assert abs(other.energies.balance_error) <= 1e-9 * other.energies.at_stake
     assert run.energies.numerical_dissipation > 0.0
 
 
@@ -91,7 +91,7 @@ def test_a_step_is_judged_at_its_bound(
     before = energies(0.0, kinetic if work < 1.0 else 0.0, 0.0)
     for share, refused in ((0.999, False), (1.001, True)):
         after = energies(work, kinetic, -share * bound)
-        expected = max(SHARE * turned_over(before, after), TRACE * at_stake(after))
+        expected = max(SHARE * turned_over(before, after), TRACE * after.at_stake)
         assert abs(expected / bound - 1.0) <= 1e-6
         monkeypatch.setattr(coupling.watch, "audit_step", lambda system, energies, step, after=after: after)
         system, state = over_its_start(Free())
@@ -139,4 +139,4 @@ def test_exchanged_knots_do_not_end_a_run() -> None:
         before, run = run.energies, simulation.next(run)
         made = max(made, before.numerical_dissipation - run.energies.numerical_dissipation)
     assert any(event.kind == "knots" for event in run.events) or run.system.thread.n != simulation.start.q.shape[0]
-    assert made <= SHARE * at_stake(run.energies)
+    assert made <= SHARE * run.energies.at_stake

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from studies.command import command
-from studies.output.checkpoint import CHECKPOINT, difference, read_checkpoint, write_checkpoint
+from studies.output.checkpoint import CHECKPOINT, changes, first_in_words, read_checkpoint, write_checkpoint
 from studies.output.folder import MARK, Recorder, can_resume
 from studies.output.records import StepRecord
 from studies.scenario import ScenarioError, dump, load, parse
@@ -415,10 +415,10 @@ def assert_equal(before: StepRecord, after: StepRecord) -> None:
 def test_differences_are_named_by_key() -> None:
     """Independent check: a value, a key that appears, an entry of a list; equal scenarios differ in nothing."""
     text = dump(parse(tomllib.loads(SCENARIO)))
-    assert difference(text, text) is None
-    assert difference("a = 1\n[b]\nc = 2", "a = 1\n[b]\nc = 3") == "b.c was 2 and is 3"
-    assert difference("a = 1", "a = 1\nb = 2") == "b was not given and is 2"
-    assert difference('[[p]]\nname = "x"\ns = 1', '[[p]]\nname = "x"\ns = 2') == "p.x.s was 1 and is 2"
+    assert first_in_words(changes(text, text)) is None
+    assert first_in_words(changes("a = 1\n[b]\nc = 2", "a = 1\n[b]\nc = 3")) == "b.c was 2 and is 3"
+    assert first_in_words(changes("a = 1", "a = 1\nb = 2")) == "b was not given and is 2"
+    assert first_in_words(changes('[[p]]\nname = "x"\ns = 1', '[[p]]\nname = "x"\ns = 2')) == "p.x.s was 1 and is 2"
 
 
 def test_resume_on_knots_that_follow(file: Path) -> None:

@@ -13,12 +13,13 @@ from scipy.sparse import bsr_matrix, csr_matrix
 from skfem import Basis, ElementTetP2, ElementVector, MeshTet
 
 from tissue.arrays import Array, Indices
-from tissue.elasticity import ELEMENTS, NO_POINTS, Elasticity, cellwise_lambda
+from tissue.elasticity import NO_POINTS, Elasticity, cellwise_lambda
 from tissue.material import Material, PerCell
 from tissue.sites.bisection import Bisected, bisect
 from tissue.sites.surface import Surface, outer_surface
 from tissue.solvers.direct import LIBRARIES, is_installed
 from tissue.solvers.factor import factorize
+from tissue.strain import reference_slopes
 
 Mask = NDArray[np.bool_]
 
@@ -121,10 +122,7 @@ def _unknowns(basis: Basis, facets: Indices, held: Mask) -> Indices:
 @lru_cache(maxsize=1)
 def _slopes() -> Array:
     """Return the slopes of the ten shape functions at the four points of the reference cell, `(10, 3, 4)`."""
-    points = np.full((AXES, 4), FAR) + (CLOSE - FAR) * np.eye(AXES, 4, 1)
-    element = ELEMENTS["P2"]()
-    each = [np.asarray(element.lbasis(points, n)[1]).reshape(AXES, -1) for n in range(LOCAL)]
-    return np.array([np.broadcast_to(slope, (AXES, 4)) for slope in each])
+    return reference_slopes("P2", (np.full((AXES, 4), FAR) + (CLOSE - FAR) * np.eye(AXES, 4, 1)).T)
 
 
 def quadratic_stiffness(basis: Basis, lam: PerCell, mu: PerCell, mean: PerCell) -> csr_matrix:
