@@ -48,7 +48,7 @@ MARGIN = 4.0  # of the force tolerance: two solved sets differ by two of them
 FORCE_TOLERANCE = 1e-10  # of the largest force in the step
 GAP_TOLERANCE = 1e-11  # of the thread's diameter
 DIRECTION_TOLERANCE = 1e-11  # of |T||u| ≈ 1
-ROUND_OFF = 2e-14  # of EA: the axial force is a difference of numbers near 1, times EA
+ROUND_OFF = 2e-14  # of EA: the axial force is a difference of numbers near 1, times EA; and of stiffness times place
 LONGEST_MOVE = 0.01  # of the thread's length; a Newton correction is cut down to it
 NO_PAIRS = np.zeros(0, dtype=bool)
 
@@ -210,8 +210,9 @@ def force_tolerance(problem: Problem[Body], r: Residual) -> float:
     """Return what a force may be off by in a solved step [N]: a part of the largest, or the round-off of those that
     cancel."""
     thread = problem.system.thread
-    inertia = problem.mass_factor * thread.largest_mass * np.abs(problem.q_ref[:, :3]).max()
-    return FORCE_TOLERANCE * r.force_scale + ROUND_OFF * (thread.EA + inertia)
+    by_place = thread.largest_bending + problem.mass_factor * thread.largest_mass
+    rounded = thread.EA + by_place * np.abs(problem.q_ref[:, :3]).max()
+    return FORCE_TOLERANCE * r.force_scale + ROUND_OFF * rounded
 
 
 def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:

@@ -247,6 +247,11 @@ class Thread:
             return self.mass_matrix @ v
         return np.column_stack([self.mass_matrix @ v[:, :POSITION], self.spin_matrix @ v[:, POSITION:]])
 
+    @cached_property
+    def largest_bending(self) -> float:
+        """Bending stiffness of the control point with the shortest spans h around it, 8/3 EI/h³ [N/m]."""
+        return 8.0 / 3.0 * self.EI / float(np.diff(self.spline.breaks).min()) ** 3
+
     @property
     def force_unit(self) -> float:
         """EI/L² (EA·10⁻⁹ without bending): the force scale of a thread without load [N]."""
