@@ -5,7 +5,7 @@ from tissue.errors import FactorError, TissueError
 from tissue.material import Material
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.fixed import FixedSites, fixed_sites
-from tissue.organs.lips import Gaps, build_gaps
+from tissue.organs.lips import Gaps, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.sites.site import Site, Sites, build_sites
@@ -47,5 +47,6 @@ __all__ = [
     "holds_still",
     "interpolation",
     "stress_recovery",
+    "surface_gaps",
     "von_mises",
 ]
