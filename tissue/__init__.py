@@ -1,9 +1,11 @@
 """The organ: small-strain linear elasticity on tetrahedra, and its nine site variables per piercing."""
 
 from tissue.elasticity import Elasticity, elasticity
-from tissue.errors import FactorError, TissueError
+from tissue.errors import FactorError, OrganError, TissueError
+from tissue.hyperelasticity import Hyperelasticity
 from tissue.material import Material
 from tissue.organs.dynamic import DynamicOrgan
+from tissue.organs.finite import FiniteOrgan
 from tissue.organs.fixed import FixedSites, fixed_sites
 from tissue.organs.lips import Gaps, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
@@ -22,11 +24,14 @@ __all__ = [
     "Equation",
     "Factor",
     "FactorError",
+    "FiniteOrgan",
     "FixedSites",
     "Gaps",
+    "Hyperelasticity",
     "LinearAnswer",
     "Material",
     "OrganEnergies",
+    "OrganError",
     "OrganState",
     "QuasiStaticOrgan",
     "Site",

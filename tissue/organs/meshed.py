@@ -43,7 +43,9 @@ EMPTY = np.zeros(0)
 class OrganState:
     """Displacement U [m], velocity V [m/s], acceleration A [m/s²] over the free unknowns `(N,)`, the site
     forces, and the contact forces `(k,)` [N], None of an organ without gaps. `facing` `(k, 7)` is where and which way
-    they act on the right lip (`tissue.organs.lips.Gaps.facing`), None: on the pairs of the reference.
+    they act on the right lip (`tissue.organs.lips.Gaps.facing`), None: on the pairs of the reference. `linearised`
+    `(N,)` [m] is where the tangent of a nonlinear organ was last made, which the next step goes on with, None of a
+    linear organ.
     """
 
     U: Array
@@ -52,6 +54,7 @@ class OrganState:
     f_y: Array
     p: Array | None = None
     facing: Array | None = None
+    linearised: Array | None = None
 
 
 @dataclass(frozen=True)
