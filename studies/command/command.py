@@ -24,10 +24,11 @@ from studies.command.progress import Progress, StudyProgress
 from studies.command.summary import MILLI, print_lines, print_summary, remark_lines
 from studies.output.budget import GIGA, check_disk, frame_bytes, row_bytes
 from studies.output.checkpoint import Arrays, read_checkpoint
-from studies.output.folder import Recorder, Status, can_resume, check_folder, completed_run
+from studies.output.folder import Recorder, can_resume, check_folder, completed_run
 from studies.output.lock import locked
 from studies.output.records import Ending, OrganTopology, Snapshot, StepRecord
 from studies.output.remarks import Remark, any_unsupported, remark
+from studies.output.tally import Status
 from studies.pictures.picture import draw_picture
 from studies.scenario import Scenario, ScenarioError, load, scenes, schema
 from studies.scenario.reference import reference
