@@ -137,7 +137,7 @@ def site_forces(system: System[Body], state: State[Body]) -> Array:
 
 def site_compliance(system: System[Body], state: State[Body]) -> Array:
     """Return the compliance C of the sites of an organ at rest, shape `(9p, 9p)`."""
-    return system.organ.answer(Equilibrium(), [state.organ]).C
+    return system.organ.answer(Equilibrium(), [state.organ], state.time).C
 
 
 def broken_cones(system: System[Body], law: Law, state: State[Body], at: Passage) -> Array:

@@ -2,6 +2,7 @@
 
 from tissue.elasticity import Elasticity, elasticity
 from tissue.errors import FactorError, TissueError
+from tissue.loads import Loads, SurfaceLoad
 from tissue.material import Material
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.fixed import FixedSites, fixed_sites
@@ -25,6 +26,7 @@ __all__ = [
     "FixedSites",
     "Gaps",
     "LinearAnswer",
+    "Loads",
     "Material",
     "OrganEnergies",
     "OrganState",
@@ -33,6 +35,7 @@ __all__ = [
     "SiteAnswer",
     "Sites",
     "StressRecovery",
+    "SurfaceLoad",
     "TimeScheme",
     "TissueError",
     "build_gaps",

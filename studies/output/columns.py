@@ -20,6 +20,7 @@ from studies.output.records import (
     ContactRecord,
     EnergyRecord,
     Extremes,
+    LoadRecord,
     OrganRecord,
     PiercingRecord,
     RunRecord,
@@ -294,6 +295,13 @@ CONTACT: tuple[Column[ContactRecord], ...] = (
     Column("complementarity", "J", "largest magnitude of force times gap of a pair", lambda lips: lips.complementarity),
 )
 
+LOAD: tuple[Column[LoadRecord], ...] = (
+    text("boundary", "name of the boundary that it acts on", lambda load: load.boundary),
+    Column("share", "-", "of the load, that acts now", lambda load: load.share),
+    Column("area", "m²", "of the boundary in the reference shape", lambda load: load.area),
+    vector("force", "N", "on the organ, in all", lambda load: load.force),
+)
+
 ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
     vector("displacement", "m", "from the reference shape, in which the points are", lambda organ: organ.displacement),
     Column(
@@ -340,6 +348,12 @@ RANGE: tuple[Column[Extremes], ...] = (
         "-",
         f"the same in cells rotated by more than {remarks.SMALL_ROTATION:g} rad",
         lambda met: met.rotated,
+    ),
+    Column(
+        "pressed_turn",
+        "rad",
+        "largest angle by which a surface under a pressure turned, over all frames",
+        lambda met: met.pressed_turn,
     ),
 )
 HOLE_RANGE: tuple[Column[tuple[float, float]], ...] = (
@@ -432,8 +446,14 @@ CONTACTS: Layout[StepItem[ContactRecord]] = Layout(
     (*step_columns(TIME, STEP), *item_columns(*CONTACT)),
     lambda step: [] if step.contact is None else [(step, step.contact)],
 )
+LOADS: Layout[StepItem[LoadRecord]] = Layout(
+    "loads",
+    (*step_columns(TIME, STEP), *item_columns(*LOAD)),
+    lambda step: [(step, load) for load in step.loads],
+    every_step=False,
+)
 # In the order in which they are written: where a table with a row for every step has a step, those before it have too.
-TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, ENERGIES, STEPS, CONTACTS)
+TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, ENERGIES, STEPS, CONTACTS)
 
 
 # -- the summary -----------------------------------------------------------------------------------------------------
@@ -442,12 +462,17 @@ TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, ENERGIES, STEPS, CONTACTS)
 def state_summary(step: StepRecord) -> dict[str, Any]:
     """Take from a step what ``summary.json`` says of energy, thread, piercings and lips."""
     contact = {} if step.contact is None else {"contact": values(CONTACT, step.contact)}
+    loads = {"loads": [values(LOAD, load) for load in step.loads]} if step.loads else {}
     ends = {end: _end_summary(end, step) for end in ENDS}
-    return {
-        "energy": values(ENERGY, step.energy),
-        "thread": ends | values((MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN), step),
-        "piercings": {hole.name: values(HOLE_SUMMARY, hole) for hole in step.piercings},
-    } | contact
+    return (
+        {
+            "energy": values(ENERGY, step.energy),
+            "thread": ends | values((MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN), step),
+            "piercings": {hole.name: values(HOLE_SUMMARY, hole) for hole in step.piercings},
+        }
+        | contact
+        | loads
+    )
 
 
 def range_summary(names: Iterable[str], extremes: Extremes) -> dict[str, Any]:

@@ -53,6 +53,7 @@ class OrganRecord:
     rotation: Array  # (cells,) largest |½ curl U| in each cell [rad]
     strained: float  # share of the strain energy in cells strained beyond what is small [-]
     rotated: float  # the same in cells rotated beyond [-]
+    pressed_turn: float = 0.0  # largest angle between a normal under a pressure and that of the reference [rad]
     contact_pressure: Array | None = None  # (nodes,) [Pa], zero off the lips; None without contact
     lip_gap: Array | None = None  # (nodes,) [m], not a number off the lips
 
@@ -68,6 +69,16 @@ class ContactRecord:
     slide: float  # largest, of a pair past one another along the lips [m]
     force: float  # that pushes the lips apart, in all [N]
     complementarity: float  # largest |force times gap| of a pair [J]
+
+
+@dataclass(frozen=True)
+class LoadRecord:
+    """A load on a boundary of the organ at one time."""
+
+    boundary: str
+    share: float  # of the load that acts [-]
+    area: float  # of the boundary in the reference shape [m²]
+    force: Array  # (3,) that acts on the organ, in all [N]
 
 
 @dataclass(frozen=True)
@@ -90,6 +101,7 @@ class StepRecord:
     seconds: float  # wall-clock time of this step [s]
     events: tuple[Event, ...] = ()
     contact: ContactRecord | None = None  # None where lips may cross
+    loads: tuple[LoadRecord, ...] = ()
     torques: tuple[float, float] | None = None  # of the holders of start and end about the tangent [N m], with twist
     kept: Callable[[], Mapping[str, NDArray[Any]]] | None = None  # makes `memory`, asked for at a checkpoint
 
@@ -139,6 +151,7 @@ class Extremes:
     rotation: float = 0.0  # [rad]
     strained: float = 0.0  # share of the strain energy in cells strained beyond what is small [-]
     rotated: float = 0.0  # the same in cells rotated beyond [-]
+    pressed_turn: float = 0.0  # of a surface under a pressure [rad]
 
     def after_step(self, step: StepRecord) -> "Extremes":
         """Return the extremes with a step more."""
@@ -164,6 +177,7 @@ class Extremes:
             rotation=max(self.rotation, float(organ.rotation.max())),
             strained=max(self.strained, organ.strained),
             rotated=max(self.rotated, organ.rotated),
+            pressed_turn=max(self.pressed_turn, organ.pressed_turn),
         )
 
 

@@ -89,6 +89,12 @@ KINDS = (
         "at an edge, a clamp or a wound's tip strain has no limit under refinement: stress there means nothing",
     ),
     Kind(
+        "pressure-turn",
+        "unsupported",
+        f"surface under a pressure turned by more than {SMALL_ROTATION:g} rad",
+        "the pressure acts along the normals of the reference shape, and does not follow the surface",
+    ),
+    Kind(
         "thread-strength",
         "unsupported",
         "tension above the least knot-pull strength of `suture catalogue`, where that is known",

@@ -222,10 +222,21 @@ def organ_of(scenario: Scenario, body: tissue.Elasticity | None) -> AnyOrgan:
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
     placed = tissue.build_sites(body, sites)
-    given = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps_of(scenario.tissue, body)
+    gaps, loads = gaps_of(scenario.tissue, body), loads_of(scenario)
+    given = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps, loads
     if scenario.tissue.inertia and scenario.solve.kind == "dynamic":
         return tissue.DynamicOrgan(*given, rayleigh=scenario.tissue.rayleigh)
     return tissue.QuasiStaticOrgan(*given)
+
+
+def loads_of(scenario: Scenario) -> tuple[tissue.SurfaceLoad, ...]:
+    """Return the loads on the organ's boundaries; in statics all of them grow over the load steps."""
+    tables = () if scenario.tissue is None else scenario.tissue.load
+    static = scenario.solve.kind == "static"
+    return tuple(
+        tissue.SurfaceLoad(table.boundary, table.traction, table.pressure, 0.0 if static else table.ramp)
+        for table in tables
+    )
 
 
 def gaps_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Gaps | None:

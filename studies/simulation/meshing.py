@@ -24,7 +24,7 @@ from meshes.wound import Wound, wounded_block_gmsh, wounded_block_structured
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
-from studies.scenario.organ import check_clamp
+from studies.scenario.organ import check_clamp, check_loads
 from studies.scenario.refusal import dotted_key, refusal
 
 Cells = NDArray[np.integer]
@@ -54,6 +54,8 @@ def organ_mesh(scenario: Scenario) -> skfem.MeshTet:
     mesh = with_boxes(mesh_of(table, scenario.piercing), table.boundary)
     for key, names in (("clamp", table.clamp), ("roller", table.roller)):
         check_clamp(names, sorted(mesh.boundaries or {}), key)
+    check_loads(table.load, sorted(mesh.boundaries or {}), table.clamp, table.roller)
+    check_moved(mesh, table)
     check_held(mesh, table.clamp, table.roller)
     check_smooth(mesh, scenario.piercing)
     return with_regions(mesh, table.region)
@@ -206,6 +208,19 @@ def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] 
             'held by nothing; clamp a boundary that both have, for example ["bottom"], or cut less'
         )
         raise ScenarioError(refusal("tissue.clamp", list(clamp), reason))
+
+
+def check_moved(mesh: skfem.MeshTet, table: model.Tissue) -> None:
+    """Refuse a load on a boundary of which other boundaries hold every node, and one on no facet at all."""
+    held = np.asarray(tissue.held_components(mesh, table.clamp, table.roller).all(axis=1))
+    for number, load in enumerate(table.load):
+        facets = (mesh.boundaries or {})[load.boundary]
+        if held[mesh.facets[:, facets]].all():
+            reason = "all of it is held, and a load on it moves nothing; name another boundary, or clamp less"
+            raise ScenarioError(refusal(f"tissue.load.{number}.boundary", load.boundary, reason))
+        if np.any(mesh.f2t[1, facets] >= 0):
+            reason = "a part of it lies inside the organ, where no load acts; name a boundary on its surface"
+            raise ScenarioError(refusal(f"tissue.load.{number}.boundary", load.boundary, reason))
 
 
 def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:

@@ -75,6 +75,7 @@ def met(scenario: Scenario, ending: Ending) -> list[Remark]:
     return [
         *beyond_at_holes(names, extremes),
         *beyond_in_tissue(extremes),
+        *turned_pressure(extremes),
         *overloaded(extremes, strength),
         *coarse_spans(step.span_ratio),
         *few_spans(step.spans_between),
@@ -136,6 +137,17 @@ def beyond_in_tissue(extremes: Extremes) -> list[Remark]:
             )
         )
     return out
+
+
+def turned_pressure(extremes: Extremes) -> list[Remark]:
+    """Judge how far the surfaces under a pressure turned."""
+    if extremes.pressed_turn <= SMALL_ROTATION:
+        return []
+    text = (
+        f"a surface under a pressure turned by up to {extremes.pressed_turn:.2g} rad, and the pressure acts along its "
+        f"normals before, which holds to about {SMALL_ROTATION:g}; press less, or take firmer tissue"
+    )
+    return [remark("pressure-turn", "tissue.load", text)]
 
 
 def overloaded(extremes: Extremes, strength: float | None) -> list[Remark]:

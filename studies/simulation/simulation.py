@@ -23,7 +23,7 @@ from studies.output.records import Ending, OrganRecord, OrganTopology, Snapshot,
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
 from studies.scenario import Scenario, ScenarioError, Solve
 from studies.scenario.solve import WHOLE
-from studies.simulation.assembly import Assembly, assemble
+from studies.simulation.assembly import Assembly, assemble, loads_of
 from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, step_record, thread_record
 from studies.simulation.remarks import foreseen, met
@@ -142,7 +142,8 @@ class Simulation:
         beyond = strain > SMALL_STRAIN, rotation > SMALL_ROTATION
         strained, rotated = (tissue.energy_share(body, strain, cells) for cells in beyond)
         numbers = stress, tissue.von_mises(stress), strain, rotation, strained, rotated
-        return OrganRecord(body.nodal(U), *numbers, *lips)
+        turns = tissue.Loads(body, loads_of(self.scenario)).turns(body.nodal(U))
+        return OrganRecord(body.nodal(U), *numbers, float(turns.max(initial=0.0)), *lips)
 
 
 def method(solve: Solve) -> Take:

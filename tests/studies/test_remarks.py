@@ -69,6 +69,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "tissue-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5))),
     "tissue-rotation": (SMALL_ROTATION, 1, lambda x: judging.beyond_in_tissue(met(rotation=x, rotated=0.5))),
     "local-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5 * SHARE))),
+    "pressure-turn": (SMALL_ROTATION, 1, lambda x: judging.turned_pressure(met(pressed_turn=x))),
     "thread-strength": (14.122, 1, lambda x: judging.overloaded(met(tension=x), 14.122)),
     "thread-strain": (THREAD_STRAIN, 1, lambda x: judging.overloaded(met(thread_strain=x), None)),
     "spans": (RESOLVED, 1, judging.coarse_spans),

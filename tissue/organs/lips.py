@@ -102,7 +102,7 @@ def build_gaps(body: Elasticity, vertices: ArrayLike, facets: ArrayLike, normal:
         raise TissueError("the lips have no pair of nodes that can move; take a finer mesh, or leave out contact")
     g0 = _not_crossed(g0[moving], float(np.ptp(body.points[nodes[:, 0]], axis=0).max()))
     hats, areas = _hats(body, triangles, corners[moving], n)
-    return Gaps(G[moving], g0, nodes[moving], hats, areas, n, _facet_nodes(body, partner[triangles]))
+    return Gaps(G[moving], g0, nodes[moving], hats, areas, n, body.facet_nodes(partner[triangles]))
 
 
 def _across(normal: Array) -> Array:
@@ -179,24 +179,8 @@ def _paired(body: Elasticity, triangles: Indices, partner: Indices) -> tuple[Ind
     if body.element == "P1":
         return nodes, ends
     edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1), axis=0)
-    middles = body.mesh.nvertices + np.column_stack([_edge_numbers(body, edges), _edge_numbers(body, partner[edges])])
+    middles = body.mesh.nvertices + np.column_stack([body.edge_numbers(edges), body.edge_numbers(partner[edges])])
     return np.vstack([nodes, middles]), np.vstack([ends, edges])
-
-
-def _facet_nodes(body: Elasticity, triangles: Indices) -> Indices:
-    """Return the nodes of facets given by their vertices `(m, 3)`: those, with P2 the middles of the edges 01, 12, 02
-    behind them."""
-    if body.element == "P1":
-        return triangles
-    edges = triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2)
-    return np.hstack([triangles, body.mesh.nvertices + _edge_numbers(body, edges).reshape(-1, 3)])
-
-
-def _edge_numbers(body: Elasticity, edges: Indices) -> Indices:
-    """Return the numbers in the mesh of edges given by their two vertices, `(k, 2)`."""
-    known, asked = (np.sort(pairs, axis=1) @ [body.mesh.nvertices, 1] for pairs in (body.mesh.edges.T, edges))
-    order = np.argsort(known)
-    return np.asarray(order[np.searchsorted(known, asked, sorter=order)])
 
 
 def _rows(body: Elasticity, nodes: Indices, n: Array) -> csr_matrix:
