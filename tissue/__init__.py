@@ -12,8 +12,8 @@ from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.sites.site import Site, Sites, build_sites
 from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
-from tissue.strain import cell_strain, energy_share
-from tissue.stress import StressRecovery, interpolation, stress_recovery, von_mises
+from tissue.strain import cell_strain, energy_density, energy_share
+from tissue.stress import StressRecovery, interpolation, principal, stress_recovery, von_mises
 from tissue.supports import held_components, holds_still
 
 __all__ = [
@@ -43,12 +43,14 @@ __all__ = [
     "cell_strain",
     "conjugate_gradients",
     "elasticity",
+    "energy_density",
     "energy_share",
     "factorize",
     "fixed_sites",
     "held_components",
     "holds_still",
     "interpolation",
+    "principal",
     "stress_recovery",
     "von_mises",
 ]

@@ -149,6 +149,13 @@ HOLE: tuple[Column[PiercingRecord], ...] = (
         lambda hole: hole.mean_strain,
     ),
     Column("turn", "rad", "by which the tissue's frame at the hole is rotated", lambda hole: hole.turn),
+    Column(
+        "bearing_pressure",
+        "Pa",
+        "length of `force` over the thread's diameter and the length on which it bears: the channel's, else two "
+        "footprints, over which the model spreads the force, else ten diameters",
+        lambda hole: hole.bearing_pressure,
+    ),
 )
 CHANNEL: Column[PiercingRecord] = Column(
     "channel",
@@ -169,7 +176,8 @@ PIERCING_ARRAYS = (*(column for column in HOLE if column not in (PLACE, STATE)),
 EVENT: tuple[Column[Event], ...] = (
     text(
         "event",
-        "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing; `halved`: the step was; `knots`: they changed",
+        "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing, `tears` where the tissue's strength is exceeded; "
+        "`halved`: the step was; `knots`: they changed",
         lambda event: event.kind,
     ),
     text("piercing", "name of the piercing; empty for `halved` and `knots`", lambda event: event.piercing),
@@ -312,6 +320,15 @@ ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
         parts=tuple(f"stress_{pair}" for pair in ("xx", "yy", "zz", "xy", "yz", "xz")),
     ),
     Column("von_mises", "Pa", "equivalent of that stress", lambda organ: organ.von_mises),
+    Column(
+        "principal_stress",
+        "Pa",
+        "principal values of that stress, falling; a push is negative",
+        lambda organ: organ.principal_stress,
+        parts=("stress_first", "stress_second", "stress_third"),
+    ),
+    vector("first_direction", "-", "unit vector of the first of them, of either sense", lambda o: o.first_direction),
+    vector("third_direction", "-", "unit vector of the third, of either sense", lambda o: o.third_direction),
     Column("contact_pressure", "Pa", "on the lips, zero off them; with contact", lambda organ: organ.contact_pressure),
     Column("lip_gap", "m", "between the lips, not a number off them; with contact", lambda organ: organ.lip_gap),
 )
@@ -323,6 +340,12 @@ ORGAN_CELLS: tuple[Column[OrganRecord], ...] = (
         lambda organ: organ.strain,
     ),
     Column("rotation", "rad", "largest rotation in the cell, half the length of curl U", lambda organ: organ.rotation),
+    Column(
+        "energy_density",
+        "Pa",
+        "strain energy per volume, on the mean of the cell; times the volumes it adds up to that of the mesh",
+        lambda organ: organ.energy_density,
+    ),
 )
 THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
     Column("s", "m", "abscissa: rest arc length from the start of the path", lambda thread: thread.s),
@@ -356,9 +379,10 @@ RANGE: tuple[Column[Extremes], ...] = (
         lambda met: met.pressed_turn,
     ),
 )
-HOLE_RANGE: tuple[Column[tuple[float, float]], ...] = (
-    Column("mean_strain", "-", "largest `mean_strain` of the piercing, over all steps", lambda pair: pair[0]),
-    Column("turn", "rad", "largest `turn` of the piercing, over all steps", lambda pair: pair[1]),
+HOLE_RANGE: tuple[Column[tuple[float, float, float]], ...] = (
+    Column("mean_strain", "-", "largest `mean_strain` of the piercing, over all steps", lambda met: met[0]),
+    Column("turn", "rad", "largest `turn` of the piercing, over all steps", lambda met: met[1]),
+    Column("bearing_pressure", "Pa", "largest `bearing_pressure`, over all steps", lambda met: met[2]),
 )
 
 RUN: tuple[Column[RunRecord], ...] = (
@@ -477,8 +501,9 @@ def state_summary(step: StepRecord) -> dict[str, Any]:
 
 def range_summary(names: Iterable[str], extremes: Extremes) -> dict[str, Any]:
     """Make what ``summary.json`` says of how far the tissue of a run was strained and turned."""
-    pairs = zip(extremes.mean_strain.tolist(), extremes.turn.tolist(), strict=True)
-    holes = {name: values(HOLE_RANGE, pair) for name, pair in zip(names, pairs, strict=True)}
+    largest = extremes.mean_strain, extremes.turn, extremes.bearing_pressure
+    each = zip(names, *(values.tolist() for values in largest), strict=True)
+    holes = {name: values(HOLE_RANGE, met) for name, *met in each}
     return {**values(RANGE, extremes), "piercings": holes}
 
 

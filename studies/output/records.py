@@ -49,8 +49,12 @@ class OrganRecord:
     displacement: Array  # (nodes, 3) [m]
     stress: Array  # (nodes, 6) xx yy zz xy yz xz [Pa]
     von_mises: Array  # (nodes,) [Pa]
+    principal_stress: Array  # (nodes, 3) falling [Pa]
+    first_direction: Array  # (nodes, 3) of the largest of them, unit
+    third_direction: Array  # (nodes, 3) of the smallest, unit
     strain: Array  # (cells,) largest principal strain in each cell, in magnitude [-]
     rotation: Array  # (cells,) largest |½ curl U| in each cell [rad]
+    energy_density: Array  # (cells,) mean strain energy per volume in each cell [Pa]
     strained: float  # share of the strain energy in cells strained beyond what is small [-]
     rotated: float  # the same in cells rotated beyond [-]
     pressed_turn: float = 0.0  # largest angle between a normal under a pressure and that of the reference [rad]
@@ -143,6 +147,7 @@ class Extremes:
 
     mean_strain: Array  # (p,) of the tissue at each hole [-]
     turn: Array  # (p,) [rad]
+    bearing_pressure: Array  # (p,) of the thread on the tissue at each hole [Pa]
     tension: float = 0.0  # of the thread at its holes and ends [N]
     thread_strain: float = 0.0  # [-]
     energy: float = 0.0  # kinetic and elastic, or work of whatever is outside [J]
@@ -161,6 +166,7 @@ class Extremes:
             self,
             mean_strain=np.maximum(self.mean_strain, [hole.mean_strain for hole in holes]),
             turn=np.maximum(self.turn, [hole.turn for hole in holes]),
+            bearing_pressure=np.maximum(self.bearing_pressure, [hole.bearing_pressure for hole in holes]),
             tension=max(self.tension, *pulls, float(norm(step.start_reaction)), float(norm(step.end_reaction))),
             thread_strain=max(self.thread_strain, step.max_strain),
             energy=max(self.energy, energy.kinetic + energy.elastic, abs(energy.external_work)),
@@ -183,7 +189,7 @@ class Extremes:
 
 def nothing_met(piercings: int) -> Extremes:
     """Return the extremes of a run with so many piercings before its start."""
-    return Extremes(np.zeros(piercings), np.zeros(piercings))
+    return Extremes(np.zeros(piercings), np.zeros(piercings), np.zeros(piercings))
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,10 @@ BOUNDARIES = {  # that a generated mesh names, by its kind
     "cylinder": ("left", "right", "side"),
     "tube": ("left", "right", "inner", "outer"),
 }
+STRENGTH = (
+    "pressure of the thread on a hole, its force over diameter and bearing length, above which the event tears is "
+    "logged, for nothing tears in the model [Pa]"
+)
 FLOOR = "wound_floor"  # of an ellipse that does not go through
 SURFACES = (".stl", ".obj", ".ply")  # files that hold a closed surface, to be filled
 
@@ -224,6 +228,7 @@ class Region(ScenarioTable):
         default=None, description="Poisson's ratio [-], between -1 and 0.5; default the organ's"
     )
     density: Positive | None = Field(default=None, description="density [kg/m³]; default the organ's")
+    strength: Positive | None = Field(default=None, description=f"{STRENGTH}; default the organ's", examples=[2.0e6])
 
     @model_validator(mode="after")
     def _check_place(self) -> Self:
@@ -247,6 +252,7 @@ class Tissue(ScenarioTable):
         description="Poisson's ratio of the tissue [-], between -1 and 0.5", examples=[0.45]
     )
     density: Positive = Field(description="density of the tissue [kg/m³]", examples=[1070.0])
+    strength: Positive | None = Field(default=None, description=f"{STRENGTH}; default: none", examples=[2.0e6])
     element: Literal["P1", "P2"] = Field(default="P1", description="tetrahedral element, linear or quadratic")
     dilatation: Literal["auto", "cell", "nodal"] = Field(
         default="auto",

@@ -296,6 +296,14 @@ def is_inside(points: Array, corners: Array) -> NDArray[np.bool_]:
     return np.asarray(np.all((points >= low) & (points <= high), axis=0))
 
 
+def strength_at(table: model.Tissue, mesh: skfem.MeshTet, point: Sequence[float]) -> float:
+    """Return the strength of the tissue at a point, that of the cell whose centre is nearest [Pa]; infinite where none
+    is given."""
+    near = int(np.argmin(np.linalg.norm(mesh.p[:, mesh.t].mean(axis=1).T - point, axis=1)))
+    own = [region.strength for region in table.region if near in mesh.subdomains[region.name]]
+    return next((value for value in (*own[::-1], table.strength) if value is not None), np.inf)
+
+
 def material_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Material:
     """Return the organ's material: numbers, or one per cell where regions have their own."""
     values = (table.youngs_modulus, table.poisson_ratio, table.density)

@@ -68,7 +68,8 @@ class Simulation:
 
     def remarks(self, ending: Ending | None = None) -> list[Remark]:
         """Return what is to be said of the run: what is foreseen, and what it met until an `ending`."""
-        return [*self.foreseen, *(met(self.scenario, ending) if ending else [])]
+        strengths = [hole.strength for hole in self.assembly.system.piercings]
+        return [*self.foreseen, *(met(self.scenario, ending, strengths) if ending else [])]
 
     @property
     def methods(self) -> dict[str, str | None]:
@@ -141,7 +142,9 @@ class Simulation:
         strain, rotation = tissue.cell_strain(body, U)
         beyond = strain > SMALL_STRAIN, rotation > SMALL_ROTATION
         strained, rotated = (tissue.energy_share(body, strain, cells) for cells in beyond)
-        numbers = stress, tissue.von_mises(stress), strain, rotation, strained, rotated
+        values, directions = tissue.principal(stress)
+        at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
+        numbers = *at_nodes, strain, rotation, tissue.energy_density(body, U), strained, rotated
         turns = tissue.Loads(body, loads_of(self.scenario)).turns(body.nodal(U))
         return OrganRecord(body.nodal(U), *numbers, float(turns.max(initial=0.0)), *lips)
 
