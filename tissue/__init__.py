@@ -3,6 +3,7 @@
 from tissue.elasticity import Elasticity, elasticity
 from tissue.errors import FactorError, OrganError, TissueError
 from tissue.hyperelasticity import Hyperelasticity
+from tissue.loads import Loads, SurfaceLoad
 from tissue.material import Material
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.finite import FiniteOrgan
@@ -13,8 +14,8 @@ from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.sites.site import Site, Sites, build_sites
 from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
-from tissue.strain import cell_strain, energy_share
-from tissue.stress import StressRecovery, interpolation, stress_recovery, von_mises
+from tissue.strain import cell_strain, energy_density, energy_share
+from tissue.stress import StressRecovery, interpolation, principal, stress_recovery, von_mises
 from tissue.supports import held_components, holds_still
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "Gaps",
     "Hyperelasticity",
     "LinearAnswer",
+    "Loads",
     "Material",
     "OrganEnergies",
     "OrganError",
@@ -38,6 +40,7 @@ __all__ = [
     "SiteAnswer",
     "Sites",
     "StressRecovery",
+    "SurfaceLoad",
     "TimeScheme",
     "TissueError",
     "build_gaps",
@@ -45,12 +48,14 @@ __all__ = [
     "cell_strain",
     "conjugate_gradients",
     "elasticity",
+    "energy_density",
     "energy_share",
     "factorize",
     "fixed_sites",
     "held_components",
     "holds_still",
     "interpolation",
+    "principal",
     "stress_recovery",
     "surface_gaps",
     "von_mises",

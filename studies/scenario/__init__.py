@@ -3,6 +3,7 @@
 What a user calls is `load`, `parse`, `dump`, `schema` and `scenes`; the classes are the tables of the file.
 """
 
+from studies.scenario.loads import Load
 from studies.scenario.organ import (
     BlockMesh,
     Boundary,
@@ -33,6 +34,7 @@ __all__ = [
     "FixedEnd",
     "FreeEnd",
     "Friction",
+    "Load",
     "Mesh",
     "Output",
     "Piercing",

@@ -201,6 +201,8 @@ class FiniteOrgan(MeshedOrgan):
         body = self.elasticity
         if self.gaps is not None:
             raise TissueError("gaps: the lips of a wound do not touch in an organ at finite strain; leave them out")
+        if self.loads:
+            raise TissueError("loads: an organ at finite strain bears gravity alone; leave them out")
         if self.hyper is not None and self.hyper.body is not body:
             raise TissueError("hyper: it is of another body than the organ's; build both on one")
         if not 0.0 <= self.damping < np.inf:
@@ -360,7 +362,9 @@ class FiniteOrgan(MeshedOrgan):
             answer = after
         raise OrganError(f"no convergence in {MOST_CORRECTIONS} Newton iterations")
 
-    def answer(self, scheme: TimeScheme, past: Sequence[OrganState]) -> FiniteAnswer:
+    def answer(
+        self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
+    ) -> FiniteAnswer:
         """Return the answer of a step of `scheme` from the states `past`, the newest first, linearised at the newest
         with the tangent that it came with."""
         motion, state = self.motion(scheme, past), past[0]
