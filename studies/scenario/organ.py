@@ -189,7 +189,16 @@ class FileMesh(ScenarioTable):
         return self
 
 
-Mesh = Annotated[BlockMesh | WoundMesh | CylinderMesh | TubeMesh | FileMesh, Field(discriminator="kind")]
+class GivenMesh(ScenarioTable):
+    """Volume mesh handed over from Python, by `prepare(scenario, mesh=…)`."""
+
+    kind: Literal["given"]
+    sha256: Text | None = Field(
+        default=None, description="digest of the mesh, by which it is known again; default: that of the mesh given"
+    )
+
+
+Mesh = Annotated[BlockMesh | WoundMesh | CylinderMesh | TubeMesh | FileMesh | GivenMesh, Field(discriminator="kind")]
 
 
 class Boundary(ScenarioTable):
@@ -332,7 +341,7 @@ class Tissue(ScenarioTable):
                 raise ValueError(
                     f"{key}.depth = {as_toml(region.depth)} is refused: the block is {height} m high; lower it"
                 )
-            if region.depth is None and region.box is None and self.mesh.kind != "file":
+            if region.depth is None and region.box is None and self.mesh.kind not in ("file", "given"):
                 raise ValueError(f"{key} is refused: only a mesh file names regions; give depth or a box")
         return self
 

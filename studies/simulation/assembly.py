@@ -11,12 +11,13 @@ import tissue
 from coupling.adaptivity import Resolution, coarse_tree, first_breaks
 from coupling.laying import start
 from coupling.system import Friction, Piercing, State, System
+from meshes.given import given_mesh, mesh_digest
 from meshes.wound import lips
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.refusal import refusal
-from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
+from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved, with_given_mesh
 from studies.simulation.meshing import material_of, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_draws, check_pieces
 from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key
@@ -63,16 +64,18 @@ class Assembly:
         return start(self.system, self.s, points, stretch)
 
 
-def assemble(scenario: Scenario, store: Store | None = None) -> Assembly:
+def assemble(scenario: Scenario, store: Store | None = None, mesh: object = None) -> Assembly:
     """Build everything that is known before the first step; mesh, organ and factor are those of the `store` where it
-    has them, None: made anew.
+    has them, None: made anew. `mesh`: the organ's, as `meshes.given` takes it, None: that of the scenario.
 
     Raises `ScenarioError`, `MeshError`, `TissueError`, `ThreadError` for input that cannot be run.
     """
     path = rounded_path(scenario.thread.path)
     length = length_of(scenario, path)
     store = store or Unshared()
-    body = stored_body(scenario, store)
+    given = None if mesh is None else given_mesh(mesh)
+    scenario = scenario if given is None else with_given_mesh(scenario, mesh_digest(given))
+    body = stored_body(scenario, store, given)
     organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, body))
     s = abscissae(scenario, path, length)
     known = [(hole, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
@@ -228,12 +231,13 @@ def site_of(hole: model.Piercing) -> tissue.Site:
     return tissue.Site(hole.at, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', hole.subgrid)
 
 
-def stored_body(scenario: Scenario, store: Store) -> tissue.Elasticity | None:
-    """Return the organ's discrete elasticity, None without an organ, of what the store has of it and of its mesh."""
+def stored_body(scenario: Scenario, store: Store, given: skfem.MeshTet | None = None) -> tissue.Elasticity | None:
+    """Return the organ's discrete elasticity, None without an organ, of what the store has of it and of its mesh, which
+    is `given` where it is handed over."""
     table = scenario.tissue
     if table is None:
         return None
-    mesh = partial(store.take, "mesh", mesh_key(scenario), partial(organ_mesh, scenario))
+    mesh = partial(store.take, "mesh", mesh_key(scenario), partial(organ_mesh, scenario, given))
     return store.take("body", body_key(scenario), lambda: body_of(table, mesh()))
 
 

@@ -43,15 +43,15 @@ class Body:
     nearest: Callable[[Array], Array]
 
 
-def organ_mesh(scenario: Scenario) -> skfem.MeshTet:
-    """Return the mesh with the boundaries and regions that the scenario adds.
+def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None) -> skfem.MeshTet:
+    """Return the mesh with the boundaries and regions that the scenario adds; `given`, where it is handed over.
 
     Raises `ScenarioError` or `MeshError` for one that cannot be made or used.
     """
     table = scenario.tissue
     if table is None:
         raise ScenarioError("tissue is missing: without an organ there is no mesh; add [tissue] and [tissue.mesh]")
-    mesh = with_boxes(mesh_of(table, scenario.piercing), table.boundary)
+    mesh = with_boxes(mesh_of(table, scenario.piercing) if given is None else given, table.boundary)
     for key, names in (("clamp", table.clamp), ("roller", table.roller)):
         check_clamp(names, sorted(mesh.boundaries or {}), key)
     check_loads(table.load, sorted(mesh.boundaries or {}), table.clamp, table.roller)
@@ -64,6 +64,9 @@ def organ_mesh(scenario: Scenario) -> skfem.MeshTet:
 def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> skfem.MeshTet:
     """Return the mesh as its maker gives it, graded towards the holes where a size is given for them."""
     shape, planes = table.mesh, planes_of(table)
+    if isinstance(shape, model.GivenMesh):
+        reason = "the mesh is handed over from Python, by prepare(scenario, mesh=…); write it to a file for the command"
+        raise ScenarioError(refusal("tissue.mesh.kind", shape.kind, reason))
     if isinstance(shape, model.FileMesh):
         return _from_file(table, shape, holes)
     body = body_of(shape)
@@ -104,7 +107,7 @@ def places(holes: Sequence[model.Piercing]) -> Array:
 
 def grading_of(shape: model.Mesh, holes: Sequence[model.Piercing]) -> Grading:
     """Return the sizes of a generated mesh, `h_site` as far as the widest footprint."""
-    assert shape.h is not None
+    assert not isinstance(shape, model.GivenMesh) and shape.h is not None
     radius = max((hole.footprint for hole in holes), default=0.0)
     return Grading(shape.h, shape.h_site or shape.h, shape.growth, radius)
 

@@ -37,6 +37,11 @@ class Simulation:
     assembly: Assembly
     start: State
 
+    def __repr__(self) -> str:
+        title = f"{self.scenario.title!r}, " if self.scenario.title else ""
+        holes = len(self.scenario.piercing)
+        return f"Simulation({title}{holes} piercings, {self.tissue_dofs} tissue unknowns, {self.steps} steps)"
+
     @property
     def scenario(self) -> Scenario:
         """As run: with the defaults that the geometry tells."""
@@ -162,10 +167,14 @@ def method(solve: Solve) -> Take:
     return stagger(thread_step, scheme_of) if solve.coupling == "staggered" else thread_step
 
 
-def prepare(scenario: Scenario, store: Store | None = None) -> Simulation:
-    """Prepare everything that is known before the first step; what a `store` has of mesh, organ and factor is shared,
-    None: made anew. Raises the errors of input that cannot be run."""
-    assembly = assemble(scenario, store)
+def prepare(scenario: Scenario, store: Store | None = None, mesh: object = None) -> Simulation:
+    """Prepare everything that is known before the first step.
+
+    What a `store` has of mesh, organ and factor is shared, None: made anew. `mesh` [m]: the organ's in place of that of
+    the scenario, a `skfem.MeshTet`, a meshio mesh or a pyvista grid of tetrahedra; a scenario that has no other says
+    `kind = "given"`. Raises the errors of input that cannot be run.
+    """
+    assembly = assemble(scenario, store, mesh)
     with threadpool_limits(limits=1, user_api="blas"):
         return Simulation(assembly, sound_start(assembly))
 
