@@ -11,11 +11,13 @@ import os
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
@@ -23,8 +25,10 @@ from studies.command.parser import read
 from studies.command.progress import Progress, StudyProgress
 from studies.command.summary import MILLI, print_lines, print_summary, remark_lines
 from studies.output.budget import GIGA, frame_bytes, row_bytes
+from studies.output.files import as_json
 from studies.output.folder import Recorder, check_folder
 from studies.output.lock import locked
+from studies.output.log import RunLog
 from studies.output.opened import open_run
 from studies.output.reading import ResultsError
 from studies.output.remarks import Remark, any_unsupported, remark
@@ -37,6 +41,7 @@ from studies.simulation.interface import AnySimulation, Moments
 from studies.simulation.recorded import begin
 from studies.study import NAMES, StudyError, arguments, carry_out, study
 from studies.study import check_folder as check_study_folder
+from studies.workers import WorkersError, workers_of
 from thread.catalogue import KNOT_PULL, TEXTBOOK, USP, knot_pull, names, suture
 from thread.errors import ThreadError
 from tissue.errors import FactorError, TissueError
@@ -99,24 +104,54 @@ def _run(options: argparse.Namespace, simulation: AnySimulation) -> int:
         doubt = any(remark["severity"] == "unsupported" for remark in remarks)
         return UNSUPPORTED if options.strict and doubt else 0
     recorder, moments = begun
-    status, outcome = _simulate(simulation, moments, recorder, options.quiet)
+    log = RunLog(options.out, " ".join(["suture", *options.words]))
+    status, outcome = _simulate(simulation, moments, recorder, options.quiet or options.json, log)
     picture = "" if options.no_picture else _draw(simulation, recorder)
-    if not options.quiet:
+    log.end(outcome, recorder.remarks)
+    if options.json:
+        print(as_json(recorder.summary(outcome)), end="")
+    elif not options.quiet:
         print_summary(simulation.scenario, recorder, outcome, picture)
     return status or strict_status(options.strict, recorder.remarks)
 
 
 def check(options: argparse.Namespace) -> int:
-    """``suture check``: all that is refused is refused, nothing is computed."""
+    """``suture check``: all that is refused is refused; the start is solved, and drawn where that is asked for."""
     simulation = _prepare(load(options.file, options.set))
-    scenario = simulation.scenario
-    organ = f"{simulation.tissue_dofs} tissue unknowns" if scenario.tissue else "no organ"
-    counts = f"{len(scenario.piercing)} piercings, {scenario.thread.control_points} control points, {organ}"
-    size = (frame_bytes(scenario, simulation.topology) + row_bytes(scenario)) / GIGA
-    print(f"{options.file} can be run: {counts}, {simulation.steps} steps, about {size:.2g} GB of results")
     remarks = simulation.remarks()
-    print_lines(remark_lines(remarks))
+    picture = "" if options.picture is None else _draw_start(simulation, options.picture)
+    if options.json:
+        told = counts_of(simulation) | {"remarks": [remark.record() for remark in remarks], "picture": picture or None}
+        print(as_json(told), end="")
+        return strict_status(options.strict, remarks)
+    counts = counts_of(simulation)
+    organ = f"{counts['tissue_dofs']} tissue unknowns" if simulation.scenario.tissue else "no organ"
+    parts = f"{counts['piercings']} piercings, {counts['control_points']} control points, {organ}"
+    size = counts["bytes"] / GIGA
+    print(f"{options.file} can be run: {parts}, {counts['steps']} steps, about {size:.2g} GB of results")
+    print_lines([*remark_lines(remarks), *([f"picture    {picture}"] if picture else [])])
     return strict_status(options.strict, remarks)
+
+
+def counts_of(simulation: AnySimulation) -> dict[str, Any]:
+    """Return what a run will take: steps, unknowns, and bytes of results."""
+    scenario = simulation.scenario
+    return {
+        "piercings": len(scenario.piercing),
+        "control_points": scenario.thread.control_points,
+        "tissue_dofs": simulation.tissue_dofs,
+        "steps": simulation.steps,
+        "bytes": round(frame_bytes(scenario, simulation.topology) + row_bytes(scenario)),
+    }
+
+
+def _draw_start(simulation: AnySimulation, path: Path) -> str:
+    """Draw thread, holes and organ before the first step; return the line that says how. Raises `OSError`."""
+    _, frame = next(iter(simulation.advance()))
+    drawn = draw_picture(frame(), simulation.topology, path, f"{simulation.scenario.title or 'start'}: the start")
+    if drawn.failure:
+        raise OSError(f"--picture {path}: no picture could be drawn: {drawn.failure}")
+    return drawn.line
 
 
 def strict_status(strict: bool, remarks: Sequence[Remark]) -> int:
@@ -177,8 +212,9 @@ def run_study(options: argparse.Namespace) -> int:
     print(f"{found.question}\nindependent check: {found.independent}\nconsistency check: {found.consistency}\n")
     progress = StudyProgress()
     try:
-        carry_out(options.name, options.preset, given, folder, progress.update)
-    except (CouplingError, FactorError, OSError) as error:
+        workers = None if options.jobs == 1 else workers_of(options.jobs)
+        carry_out(options.name, options.preset, given, folder, progress.update, workers)
+    except (CouplingError, FactorError, WorkersError, OSError) as error:
         return _stopped(str(error), progress, folder, FAILED)
     except KeyboardInterrupt:
         return _stopped("interrupted", progress, folder, 128 + signal.SIGINT)
@@ -200,7 +236,9 @@ def _draw(simulation: AnySimulation, recorder: Recorder) -> str:
     return drawn.line
 
 
-def _simulate(simulation: AnySimulation, moments: Moments, recorder: Recorder, quiet: bool) -> tuple[int, Status]:
+def _simulate(
+    simulation: AnySimulation, moments: Moments, recorder: Recorder, quiet: bool, log: RunLog
+) -> tuple[int, Status]:
     """Record every step; a failure keeps what was written. Returns the exit status and what became of the run."""
     outcome: Status
     progress = Progress(simulation.steps, quiet)
@@ -217,9 +255,13 @@ def _simulate(simulation: AnySimulation, moments: Moments, recorder: Recorder, q
             status, outcome, text = 128 + (received or [signal.SIGINT])[0], "interrupted", "interrupted"
         except FAILURES as error:
             status, outcome, text = FAILED, "failed", _where(recorder, error)
+        except BaseException:
+            log.write(traceback.format_exc())
+            raise
         finally:
             progress.close()
     if text:
+        log.write(text)
         print(f"suture: {text}; what was computed is in {recorder.folder}", file=sys.stderr)
     return status, outcome
 

@@ -41,7 +41,9 @@ def parser_for(arguments: Sequence[str]) -> argparse.ArgumentParser:
 def read(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """Read the command line, None that of the process; ends the process where it is not understood."""
     given = sys.argv[1:] if arguments is None else arguments
-    return parser_for(given).parse_args(given)
+    options = parser_for(given).parse_args(given)
+    options.words = list(given)
+    return options
 
 
 def carry_out(command: Command, options: argparse.Namespace) -> int:
