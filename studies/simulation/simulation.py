@@ -6,6 +6,7 @@ from functools import cached_property, partial
 from time import perf_counter
 from typing import Any
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 import tissue
@@ -18,6 +19,7 @@ from coupling.paper.two_pass import two_pass
 from coupling.run import begin
 from coupling.stepping import Take, try_step
 from coupling.system import State
+from studies.arrays import Array
 from studies.output.checkpoint import Arrays
 from studies.output.records import Ending, OrganRecord, OrganTopology, Snapshot, StepRecord
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
@@ -68,7 +70,8 @@ class Simulation:
 
     def remarks(self, ending: Ending | None = None) -> list[Remark]:
         """Return what is to be said of the run: what is foreseen, and what it met until an `ending`."""
-        return [*self.foreseen, *(met(self.scenario, ending) if ending else [])]
+        springs = {name: float(gap["share"]) for name, gap in self.subgrid.items()}
+        return [*self.foreseen, *(met(self.scenario, ending, springs) if ending else [])]
 
     @property
     def methods(self) -> dict[str, str | None]:
@@ -135,6 +138,8 @@ class Simulation:
         body, organ = self.assembly.body, self.assembly.organ
         if body is None or self.recovery is None:
             return None
+        if isinstance(organ, tissue.FiniteOrgan):
+            return finite_record(organ.law, organ.displacement(state.organ))
         U = organ.displacement(state.organ)
         stress = self.recovery.stress(U)
         lips = lip_fields(self.assembly.system, state, len(body.points))
@@ -143,6 +148,15 @@ class Simulation:
         strained, rotated = (tissue.energy_share(body, strain, cells) for cells in beyond)
         numbers = stress, tissue.von_mises(stress), strain, rotation, strained, rotated
         return OrganRecord(body.nodal(U), *numbers, *lips)
+
+
+def finite_record(hyper: tissue.Hyperelasticity, U: Array) -> OrganRecord:
+    """Return what is drawn of an organ at finite strain: Cauchy stress, stretch less one, and rotation. Nothing of it
+    is beyond what its model holds for."""
+    stress = tissue.cauchy_stress(hyper, U)
+    stretch, rotation = tissue.cell_stretch(hyper, U)
+    strain = np.abs(stretch - 1.0).max(axis=1)
+    return OrganRecord(hyper.body.nodal(U), stress, tissue.von_mises(stress), strain, rotation, 0.0, 0.0)
 
 
 def method(solve: Solve) -> Take:
