@@ -21,15 +21,17 @@ from typing import Any
 
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
+from studies.command.lines import print_lines
 from studies.command.parser import read
 from studies.command.progress import Progress, StudyProgress
-from studies.command.summary import MILLI, print_lines, print_summary, remark_lines
+from studies.command.summary import MILLI, print_summary, remark_lines
 from studies.output.budget import GIGA, frame_bytes, row_bytes
 from studies.output.files import as_json
 from studies.output.folder import Recorder, check_folder
 from studies.output.lock import locked
 from studies.output.log import RunLog
 from studies.output.opened import open_run
+from studies.output.reading import ResultsError
 from studies.output.remarks import Remark, any_unsupported, remark
 from studies.output.tally import Status
 from studies.pictures.picture import draw_picture
@@ -45,7 +47,7 @@ from thread.catalogue import KNOT_PULL, TEXTBOOK, USP, knot_pull, names, suture
 from thread.errors import ThreadError
 from tissue.errors import FactorError, TissueError
 
-REFUSALS = (ScenarioError, StudyError, MeshError, TissueError, ThreadError)
+REFUSALS = (ScenarioError, StudyError, ResultsError, MeshError, TissueError, ThreadError)
 FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
 FAILED, REFUSED, UNSUPPORTED, INTERRUPTED = 1, 2, 3, 128 + signal.SIGINT
 SIGPIPE = 13  # its number, which Windows does not have: a closed pipe is told as a shell tells it

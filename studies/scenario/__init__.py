@@ -3,6 +3,7 @@
 What a user calls is `load`, `parse`, `dump`, `schema` and `scenes`; the classes are the tables of the file.
 """
 
+from studies.scenario.loads import Load
 from studies.scenario.organ import (
     BlockMesh,
     Boundary,
@@ -35,6 +36,7 @@ __all__ = [
     "FreeEnd",
     "Friction",
     "GivenMesh",
+    "Load",
     "Mesh",
     "Output",
     "Piercing",

@@ -18,7 +18,7 @@ from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.refusal import refusal
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved, with_given_mesh
-from studies.simulation.meshing import material_of, organ_mesh, wound_of
+from studies.simulation.meshing import material_of, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_draws, check_pieces
 from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key
 from thread.catalogue import Section, suture
@@ -88,7 +88,7 @@ def assemble(scenario: Scenario, store: Store | None = None, mesh: object = None
         thread=thread,
         ends=(end_of(scenario.thread.start, path, 0.0), end_of(scenario.thread.end, path, path.length)),
         organ=organ,
-        piercings=tuple(piercing_of(hole, channel_of(hole, scenario)) for hole in scenario.piercing),
+        piercings=tuple(piercing_of(hole, scenario, body) for hole in scenario.piercing),
         gravity=np.array(scenario.solve.gravity),
         epsilon=scenario.solve.epsilon,
     )
@@ -191,25 +191,38 @@ def turn_of(table: model.FixedEnd | model.ClampedEnd | model.DrivenEnd) -> Array
 
 
 def channel_of(hole: model.Piercing, scenario: Scenario) -> float | None:
-    """Return the length over which a rough hole imposes its direction [m], None for any other.
+    """Return the length over which a rough hole imposes its direction [m], None for any other."""
+    rough = hole.friction is not None and hole.direction != "free"
+    return bearing_of(hole, scenario) if rough else None
 
-    As given, else CHANNEL_FOOTPRINTS footprints in an organ; for a bare point, or without an organ,
-    CHANNEL_DIAMETERS diameters of the thread.
+
+def bearing_of(hole: model.Piercing, scenario: Scenario) -> float:
+    """Return the length over which the thread bears on the tissue at a hole [m].
+
+    That of its channel, where it is given, else CHANNEL_FOOTPRINTS footprints in an organ: over so much tissue the
+    force is spread, and no other length of it is known. For a bare point, or without an organ, CHANNEL_DIAMETERS
+    diameters of the thread.
     """
-    if hole.friction is None or hole.direction == "free":
-        return None
     in_organ = hole.footprint if scenario.tissue is not None else 0.0
     default = CHANNEL_FOOTPRINTS * in_organ or CHANNEL_DIAMETERS * section_of(scenario.thread).diameter
     return hole.channel or default
 
 
-def piercing_of(hole: model.Piercing, channel: float | None) -> Piercing:
-    """Return the constraint of a hole with a channel of that length [m]."""
-    given = hole.friction
-    friction = None if given is None else Friction(given.static, given.kinetic, given.grip, channel)
-    until = np.inf if hole.until is None else hole.until
-    draw = None if hole.draw is None else np.array(hole.draw)
-    return Piercing(hole.name, hole.kind == "sliding", hole.direction != "free", friction, hole.from_, until, draw)
+def piercing_of(hole: model.Piercing, scenario: Scenario, body: tissue.Elasticity | None) -> Piercing:
+    """Return the constraint of a hole."""
+    given, organ = hole.friction, scenario.tissue
+    channel = channel_of(hole, scenario)
+    return Piercing(
+        hole.name,
+        slides=hole.kind == "sliding",
+        directed=hole.direction != "free",
+        friction=None if given is None else Friction(given.static, given.kinetic, given.grip, channel),
+        begins=hole.from_,
+        ends=np.inf if hole.until is None else hole.until,
+        draw=None if hole.draw is None else np.array(hole.draw),
+        bearing=bearing_of(hole, scenario),
+        strength=np.inf if organ is None or body is None else strength_at(organ, body.mesh, hole.at),
+    )
 
 
 def site_of(hole: model.Piercing) -> tissue.Site:
@@ -246,10 +259,21 @@ def organ_of(scenario: Scenario, body: tissue.Elasticity | None) -> AnyOrgan:
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
     placed = tissue.build_sites(body, sites)
-    given = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps_of(scenario.tissue, body)
+    gaps, loads = gaps_of(scenario.tissue, body), loads_of(scenario)
+    given = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps, loads
     if scenario.tissue.inertia and scenario.solve.kind == "dynamic":
         return tissue.DynamicOrgan(*given, rayleigh=scenario.tissue.rayleigh)
     return tissue.QuasiStaticOrgan(*given)
+
+
+def loads_of(scenario: Scenario) -> tuple[tissue.SurfaceLoad, ...]:
+    """Return the loads on the organ's boundaries; in statics all of them grow over the load steps."""
+    tables = () if scenario.tissue is None else scenario.tissue.load
+    static = scenario.solve.kind == "static"
+    return tuple(
+        tissue.SurfaceLoad(table.boundary, table.traction, table.pressure, 0.0 if static else table.ramp)
+        for table in tables
+    )
 
 
 def gaps_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Gaps | None:

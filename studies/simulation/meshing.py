@@ -24,7 +24,7 @@ from meshes.wound import Wound, wounded_block_gmsh, wounded_block_structured
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
-from studies.scenario.organ import check_clamp
+from studies.scenario.organ import check_clamp, check_loads
 from studies.scenario.refusal import dotted_key, refusal
 
 Cells = NDArray[np.integer]
@@ -54,6 +54,8 @@ def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None) -> skfem.
     mesh = with_boxes(mesh_of(table, scenario.piercing) if given is None else given, table.boundary)
     for key, names in (("clamp", table.clamp), ("roller", table.roller)):
         check_clamp(names, sorted(mesh.boundaries or {}), key)
+    check_loads(table.load, sorted(mesh.boundaries or {}), table.clamp, table.roller)
+    check_moved(mesh, table)
     check_held(mesh, table.clamp, table.roller)
     check_smooth(mesh, scenario.piercing)
     return with_regions(mesh, table.region)
@@ -211,6 +213,19 @@ def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] 
         raise ScenarioError(refusal("tissue.clamp", list(clamp), reason))
 
 
+def check_moved(mesh: skfem.MeshTet, table: model.Tissue) -> None:
+    """Refuse a load on a boundary of which other boundaries hold every node, and one on no facet at all."""
+    held = np.asarray(tissue.held_components(mesh, table.clamp, table.roller).all(axis=1))
+    for number, load in enumerate(table.load):
+        facets = (mesh.boundaries or {})[load.boundary]
+        if held[mesh.facets[:, facets]].all():
+            reason = "all of it is held, and a load on it moves nothing; name another boundary, or clamp less"
+            raise ScenarioError(refusal(f"tissue.load.{number}.boundary", load.boundary, reason))
+        if np.any(mesh.f2t[1, facets] >= 0):
+            reason = "a part of it lies inside the organ, where no load acts; name a boundary on its surface"
+            raise ScenarioError(refusal(f"tissue.load.{number}.boundary", load.boundary, reason))
+
+
 def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
     """Refuse a footprint that reaches a sharp edge of the organ."""
     p, q = np.moveaxis(sharp_edges(mesh, SHARP), 1, 0)
@@ -282,6 +297,14 @@ def is_inside(points: Array, corners: Array) -> NDArray[np.bool_]:
     """Tell which columns of `points` (3, k) lie in the box of two corners (2, 3)."""
     low, high = corners.min(axis=0)[:, None], corners.max(axis=0)[:, None]
     return np.asarray(np.all((points >= low) & (points <= high), axis=0))
+
+
+def strength_at(table: model.Tissue, mesh: skfem.MeshTet, point: Sequence[float]) -> float:
+    """Return the strength of the tissue at a point, that of the cell whose centre is nearest [Pa]; infinite where none
+    is given."""
+    near = int(np.argmin(np.linalg.norm(mesh.p[:, mesh.t].mean(axis=1).T - point, axis=1)))
+    own = [region.strength for region in table.region if near in mesh.subdomains[region.name]]
+    return next((value for value in (*own[::-1], table.strength) if value is not None), np.inf)
 
 
 def material_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Material:

@@ -23,7 +23,7 @@ from studies.output.records import Ending, OrganRecord, OrganTopology, Snapshot,
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
 from studies.scenario import Scenario, ScenarioError, Solve
 from studies.scenario.solve import WHOLE
-from studies.simulation.assembly import Assembly, assemble
+from studies.simulation.assembly import Assembly, assemble, loads_of
 from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, step_record, thread_record
 from studies.simulation.remarks import foreseen, met
@@ -74,7 +74,8 @@ class Simulation:
 
     def remarks(self, ending: Ending | None = None) -> list[Remark]:
         """Return what is to be said of the run: what is foreseen, and what it met until an `ending`."""
-        return [*self.foreseen, *(met(self.scenario, ending) if ending else [])]
+        strengths = [hole.strength for hole in self.assembly.system.piercings]
+        return [*self.foreseen, *(met(self.scenario, ending, strengths) if ending else [])]
 
     @property
     def methods(self) -> dict[str, str | None]:
@@ -147,8 +148,11 @@ class Simulation:
         strain, rotation = tissue.cell_strain(body, U)
         beyond = strain > SMALL_STRAIN, rotation > SMALL_ROTATION
         strained, rotated = (tissue.energy_share(body, strain, cells) for cells in beyond)
-        numbers = stress, tissue.von_mises(stress), strain, rotation, strained, rotated
-        return OrganRecord(body.nodal(U), *numbers, *lips)
+        values, directions = tissue.principal(stress)
+        at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
+        numbers = *at_nodes, strain, rotation, tissue.energy_density(body, U), strained, rotated
+        turns = tissue.Loads(body, loads_of(self.scenario)).turns(body.nodal(U))
+        return OrganRecord(body.nodal(U), *numbers, float(turns.max(initial=0.0)), *lips)
 
 
 def method(solve: Solve) -> Take:
