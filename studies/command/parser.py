@@ -11,8 +11,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
-from studies.command.looking import add_looking
-
 COMMANDS = "studies.command.command"
 Adder = Callable[[argparse.ArgumentParser], None]
 
@@ -37,7 +35,6 @@ def parser_for(arguments: Sequence[str]) -> argparse.ArgumentParser:
         sub.set_defaults(command=partial(carry_out, command))
         if name in arguments:
             command.add(sub)
-    add_looking(commands)
     return parser
 
 
