@@ -47,7 +47,7 @@ def energy_density(elasticity: Elasticity, U: Array) -> Array:
         corners = ElementTetP1()
         shapes = np.array([corners.lbasis(places, n)[0] for n in range(VERTICES)])
         pressure = (elasticity.pressure @ U)[elasticity.mesh.t.T] @ shapes
-        density += 0.5 * pressure * dilatation * (material.lame_lambda > spread).reshape(-1, 1)
+        density += 0.5 * pressure * dilatation * np.reshape(material.lame_lambda > spread, (-1, 1))
     return np.asarray(density @ weights / weights.sum())
 
 

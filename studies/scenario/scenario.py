@@ -111,9 +111,10 @@ class Scenario(ScenarioTable):
 
     @model_validator(mode="after")
     def _check_linear(self) -> Self:
-        drawn = next((hole.name for hole in self.piercing if hole.draw is not None), None)
+        hands = ((hole, key) for hole in self.piercing for key in ("draw", "pull"))
+        drawn = next((("piercing", hole.name, key) for hole, key in hands if getattr(hole, key) is not None), None)
         if self.solve.scheme == "linear" and (self.thread.cuts or drawn is not None):
-            key = "thread.cuts" if self.thread.cuts else dotted_key(["piercing", str(drawn), "draw"])
+            key = "thread.cuts" if self.thread.cuts else dotted_key(drawn or ())
             reason = f'the paper\'s linear step knows no {key}; use "newton"'
             raise ValueError(refusal("solve.scheme", "linear", reason))
         return self

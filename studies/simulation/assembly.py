@@ -209,6 +209,7 @@ def piercing_of(hole: model.Piercing, scenario: Scenario, body: tissue.Elasticit
         begins=hole.from_,
         ends=np.inf if hole.until is None else hole.until,
         draw=None if hole.draw is None else np.array(hole.draw),
+        pull=None if hole.pull is None else np.array(hole.pull),
         bearing=bearing_of(hole, scenario),
         strength=np.inf if organ is None or body is None else strength_at(organ, body.mesh, hole.at),
     )
