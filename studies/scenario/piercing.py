@@ -76,8 +76,8 @@ class Piercing(ScenarioTable):
     pull: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = Field(
         default=None,
         description='rows of t [s], force [N] with which a hand draws the thread through an "anchored" hole towards '
-        "the end of the path, negative towards its start, t increasing; linear in between, constant before and after; the "
-        "hand holds against the tissue at the hole; in statics t goes from 0 to solve.duration; instead of draw; "
+        "the end of the path, negative towards its start, t increasing; linear in between, constant before and after; "
+        "the hand holds against the tissue at the hole; in statics t goes from 0 to solve.duration; instead of draw; "
         "default: none",
         examples=[[[0.0, 0.0], [0.2, 1.0]]],
     )

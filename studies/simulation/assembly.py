@@ -71,6 +71,7 @@ def assemble(scenario: Scenario) -> Assembly:
     known = [(hole, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
     check_order(known, length)
     check_cuts(scenario.thread.cuts, length)
+    check_cuts([table.s for table in scenario.cut], length, "cut.s")
     thread = thread_of(scenario, length, s)
     check_pieces(scenario, thread.spline, [value for _, value in known])
     check_draws(scenario.piercing, thread.spline, s)
