@@ -51,7 +51,8 @@ class Answer(Protocol[Body]):
         """Return the answer linearised anew under the forces `f_y` (9p,) and `p` (k,).
 
         An answer that stands under these forces returns itself: a linear organ's always does, that of a nonlinear
-        organ once its own equations hold to their tolerance.
+        organ once its own equations hold to their tolerance. Raises `tissue.OrganError` where the organ has no
+        answer.
         """
 
 

@@ -1,7 +1,7 @@
 """The change of a spline from one knot sequence to another, which keeps curve, velocity and momentum.
 
-New knots are inserted exactly (Boehm), and four at one place cut the curve; surplus knots are removed by a least-squares
-projection that keeps the total momentum, and P and T at given abscissae.
+New knots are inserted exactly (Boehm), and four at one place cut the curve; surplus knots are removed by a
+least-squares projection that keeps the total momentum, and P and T at given abscissae.
 """
 
 from collections.abc import Sequence

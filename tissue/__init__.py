@@ -1,12 +1,14 @@
 """The organ: small-strain linear elasticity on tetrahedra, and its nine site variables per piercing."""
 
 from tissue.elasticity import Elasticity, elasticity
-from tissue.errors import FactorError, TissueError
+from tissue.errors import FactorError, OrganError, TissueError
+from tissue.hyperelasticity import Hyperelasticity
 from tissue.loads import Loads, SurfaceLoad
 from tissue.material import Material
 from tissue.organs.dynamic import DynamicOrgan
+from tissue.organs.finite import FiniteOrgan
 from tissue.organs.fixed import FixedSites, fixed_sites
-from tissue.organs.lips import Gaps, build_gaps
+from tissue.organs.lips import Gaps, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.sites.site import Site, Sites, build_sites
@@ -23,12 +25,15 @@ __all__ = [
     "Equation",
     "Factor",
     "FactorError",
+    "FiniteOrgan",
     "FixedSites",
     "Gaps",
+    "Hyperelasticity",
     "LinearAnswer",
     "Loads",
     "Material",
     "OrganEnergies",
+    "OrganError",
     "OrganState",
     "QuasiStaticOrgan",
     "Site",
@@ -52,5 +57,6 @@ __all__ = [
     "interpolation",
     "principal",
     "stress_recovery",
+    "surface_gaps",
     "von_mises",
 ]

@@ -20,14 +20,17 @@ from typing import Any, Protocol
 
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
+from studies.command.looking import add_looking
 from studies.command.progress import Progress, StudyProgress
 from studies.command.summary import MILLI, print_lines, print_summary, remark_lines
 from studies.output.budget import GIGA, check_disk, frame_bytes, row_bytes
 from studies.output.checkpoint import Arrays, read_checkpoint
-from studies.output.folder import Recorder, Status, can_resume, check_folder, completed_run
+from studies.output.folder import Recorder, can_resume, check_folder, completed_run
 from studies.output.lock import locked
+from studies.output.reading import ResultsError
 from studies.output.records import Ending, OrganTopology, Snapshot, StepRecord
 from studies.output.remarks import Remark, any_unsupported, remark
+from studies.output.tally import Status
 from studies.pictures.picture import draw_picture
 from studies.scenario import Scenario, ScenarioError, load, scenes, schema
 from studies.scenario.reference import reference
@@ -39,7 +42,7 @@ from thread.errors import ThreadError
 from tissue.errors import FactorError, TissueError
 from tissue.solvers.choice import SOLVERS
 
-REFUSALS = (ScenarioError, StudyError, MeshError, TissueError, ThreadError)
+REFUSALS = (ScenarioError, StudyError, ResultsError, MeshError, TissueError, ThreadError)
 FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
 FAILED, REFUSED, UNSUPPORTED, INTERRUPTED = 1, 2, 3, 128 + signal.SIGINT
 SIGPIPE = 13  # its number, which Windows does not have: a closed pipe is told as a shell tells it
@@ -365,6 +368,7 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument("--table", action="store_true", help="print tables of the keys in Markdown instead")
         if name == "bench":
             _add_bench(sub)
+    add_looking(commands)
     return parser
 
 

@@ -505,7 +505,7 @@ def state_summary(step: StepRecord) -> dict[str, Any]:
 def range_summary(names: Iterable[str], extremes: Extremes) -> dict[str, Any]:
     """Make what ``summary.json`` says of how far the tissue of a run was strained and turned."""
     largest = extremes.mean_strain, extremes.turn, extremes.bearing_pressure
-    each = zip(names, *(values.tolist() for values in largest), strict=True)
+    each = zip(names, *(of_holes.tolist() for of_holes in largest), strict=True)
     holes = {name: values(HOLE_RANGE, (strain, turn, pressure)) for name, strain, turn, pressure in each}
     return {**values(RANGE, extremes), "piercings": holes}
 

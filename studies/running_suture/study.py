@@ -38,8 +38,9 @@ from studies.figure import COLOURS, MARKERS, panels, ticks
 from studies.friction.study import bent_ratio
 from studies.scenario import Scenario, parse
 from studies.simulation.assembly import assemble
+from studies.simulation.remarks import coarse_spans
 from studies.study import Study, StudyError, Table, unit_field
-from studies.verdicts import beyond_bearing, beyond_linear, not_settled, spans_too_coarse, unrest
+from studies.verdicts import beyond_bearing, beyond_linear, not_settled, unrest
 from thread.ends import Free
 
 Organ = Literal["closed fascia", "gaping fascia", "fixed points"]
@@ -642,7 +643,7 @@ def limits(rows: Sequence[Row]) -> list[str]:
         name = ", ".join(kind)
         worst = max(of, key=lambda row: row.settled)
         out += not_settled(name, worst.settled, 1.0)
-        out += spans_too_coarse(name, max(row.spans for row in of))
+        out += [f"{name}: {said.message}" for said in coarse_spans(max(row.spans for row in of))]
         hardest = max(of, key=lambda row: row.press / (row.diameter * row.youngs_modulus))
         out += beyond_linear(name, max(row.moved for row in of), FOOTPRINT)
         out += beyond_bearing(name, hardest.press, hardest.diameter, THICKNESS, hardest.youngs_modulus)

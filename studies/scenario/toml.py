@@ -94,7 +94,7 @@ def with_mesh_file(scenario: Scenario, path: str) -> Scenario:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))  # editors of Windows write a mark first
     except FileNotFoundError:
         remedy = f"give the path of a scenario file (.toml), or a scene that is shipped: {', '.join(scenes())}"
         raise ScenarioError(f"{path} does not exist; {remedy}") from None

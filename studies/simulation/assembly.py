@@ -1,9 +1,11 @@
 """From a scenario to the coupled system: mesh, organ, thread, piercings and a consistent start."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+import skfem
 
 import tissue
 from coupling.adaptivity import Resolution, coarse_tree, first_breaks
@@ -15,8 +17,9 @@ from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.refusal import refusal
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
-from studies.simulation.meshing import material_of, organ_mesh, strength_at, wound_of
+from studies.simulation.meshing import check_loaded, material_of, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_draws, check_pieces
+from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
 from thread.knots import clamped_knots, graded_knots
@@ -35,7 +38,8 @@ CHANNEL_DIAMETERS = 10.0  # of the thread, where there is no footprint to go by:
 
 @dataclass(frozen=True)
 class Assembly:
-    """A scenario made ready: the scenario with every default known, the system, and what lays the thread."""
+    """A scenario made ready: the scenario with every default known, the system, what lays the thread, and `recovery`,
+    which makes stress from displacement, None without an organ."""
 
     scenario: Scenario
     system: System[tissue.OrganState]
@@ -44,6 +48,7 @@ class Assembly:
     s: Array
     body: tissue.Elasticity | None
     resolution: Resolution | None
+    recovery: Callable[[], tissue.StressRecovery | None]
 
     @property
     def begin_abscissae(self) -> Array:
@@ -58,15 +63,17 @@ class Assembly:
         return start(self.system, self.s, points, stretch)
 
 
-def assemble(scenario: Scenario) -> Assembly:
-    """Build everything that is known before the first step.
+def assemble(scenario: Scenario, store: Store | None = None) -> Assembly:
+    """Build everything that is known before the first step; mesh, organ and factor are those of the `store` where it
+    has them, None: made anew.
 
     Raises `ScenarioError`, `MeshError`, `TissueError`, `ThreadError` for input that cannot be run.
     """
     path = rounded_path(scenario.thread.path)
     length = length_of(scenario, path)
-    body = body_of(scenario)
-    organ = organ_of(scenario, body)
+    store = store or Unshared()
+    body = stored_body(scenario, store)
+    organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, body))
     s = abscissae(scenario, path, length)
     known = [(hole, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
     check_order(known, length)
@@ -84,7 +91,8 @@ def assemble(scenario: Scenario) -> Assembly:
         epsilon=scenario.solve.epsilon,
     )
     resolution = resolution_of(scenario.thread, length)
-    return Assembly(resolved(scenario, length, s), system, organ, path, np.array(s), body, resolution)
+    recovery = partial(stored_recovery, scenario, body, store)
+    return Assembly(resolved(scenario, length, s), system, organ, path, np.array(s), body, resolution, recovery)
 
 
 def is_known(hole: model.Piercing) -> bool:
@@ -222,12 +230,24 @@ def site_of(hole: model.Piercing) -> tissue.Site:
     return tissue.Site(hole.at, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', hole.subgrid)
 
 
-def body_of(scenario: Scenario) -> tissue.Elasticity | None:
-    """Return the organ's discrete elasticity, None without an organ."""
+def stored_body(scenario: Scenario, store: Store) -> tissue.Elasticity | None:
+    """Return the organ's discrete elasticity, None without an organ, of what the store has of it and of its mesh."""
     table = scenario.tissue
     if table is None:
         return None
-    mesh = organ_mesh(scenario)
+    mesh = partial(store.take, "mesh", mesh_key(scenario), partial(organ_mesh, scenario))
+    return store.take("body", body_key(scenario), lambda: body_of(table, mesh()))
+
+
+def stored_recovery(scenario: Scenario, body: tissue.Elasticity | None, store: Store) -> tissue.StressRecovery | None:
+    """Return what makes stress from displacement, of what the store has of it; None without an organ."""
+    if body is None:
+        return None
+    return store.take("recovery", body_key(scenario), lambda: tissue.stress_recovery(body))
+
+
+def body_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Elasticity:
+    """Return the discrete elasticity of an organ on its mesh."""
     return tissue.elasticity(mesh, material_of(table, mesh), table.element, table.clamp, table.dilatation, table.roller)
 
 
@@ -237,6 +257,7 @@ def organ_of(scenario: Scenario, body: tissue.Elasticity | None) -> AnyOrgan:
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
     placed = tissue.build_sites(body, sites)
+    check_loaded(body.mesh, scenario.tissue)
     gaps, loads = gaps_of(scenario.tissue, body), loads_of(scenario)
     given = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps, loads
     if scenario.tissue.inertia and scenario.solve.kind == "dynamic":

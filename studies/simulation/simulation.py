@@ -28,6 +28,7 @@ from studies.simulation.assembly import Assembly, assemble, loads_of
 from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, step_record, thread_record
 from studies.simulation.remarks import foreseen, met
+from studies.simulation.sharing import Store
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ class Simulation:
     @cached_property
     def recovery(self) -> tissue.StressRecovery | None:
         """Stress from displacement, None without an organ."""
-        return None if self.assembly.body is None else tissue.stress_recovery(self.assembly.body)
+        return self.assembly.recovery()
 
     def advance(self, memory: Arrays | None = None) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
         """Yield the start, then every step, each with a function that makes its frame.
@@ -171,9 +172,10 @@ def method(solve: Solve) -> Take:
     return stagger(thread_step, scheme_of) if solve.coupling == "staggered" else thread_step
 
 
-def prepare(scenario: Scenario) -> Simulation:
-    """Prepare everything that is known before the first step. Raises the errors of input that cannot be run."""
-    assembly = assemble(scenario)
+def prepare(scenario: Scenario, store: Store | None = None) -> Simulation:
+    """Prepare everything that is known before the first step; what a `store` has of mesh, organ and factor is shared,
+    None: made anew. Raises the errors of input that cannot be run."""
+    assembly = assemble(scenario, store)
     with threadpool_limits(limits=1, user_api="blas"):
         return Simulation(assembly, sound_start(assembly))
 

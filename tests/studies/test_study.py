@@ -15,7 +15,7 @@ from studies import study
 from studies.command import command
 from studies.figure import panels
 from studies.study import NAMES, WRITTEN, Study, StudyError, Table, arguments, check_folder, unit_field
-from studies.verdicts import beyond_bearing, beyond_linear, not_settled, spans_too_coarse, too_coarse
+from studies.verdicts import beyond_bearing, beyond_linear, not_settled, too_coarse
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,6 @@ def test_marks() -> None:
     assert beyond_linear("run", 0.29e-3, 1e-3) == [] and too_coarse("run", 1e-3, 1e-3) == []
     assert "moved by 0.31 footprints, BEYOND" in beyond_linear("run", 0.31e-3, 1e-3)[0]
     assert "cells of 1.1 footprint radii, TOO COARSE" in too_coarse("run", 1.1e-3, 1e-3)[0]
-    assert spans_too_coarse("run", 0.5) == [] and "0.51 bending lengths" in spans_too_coarse("run", 0.51)[0]
     assert not_settled("run", 1e-7, 1e-3) == [] and "2 of the elastic" in not_settled("run", 2.0, 1.0)[0]
     assert "inf of the elastic" in not_settled("run", 1e-9, 0.0)[0] and not_settled("run", 0.0, 0.0) == []
     assert beyond_bearing("run", 1.0, 0.3e-3, 5e-3, 3e6) == []

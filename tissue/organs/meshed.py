@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import block_diag, csr_matrix, eye_array, hstack
 
-from tissue.arrays import Array, Indices
+from tissue.arrays import Array
 from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
 from tissue.loads import Loads, SurfaceLoad
@@ -44,9 +44,11 @@ EMPTY = np.zeros(0)
 @dataclass(frozen=True)
 class OrganState:
     """Displacement U [m], velocity V [m/s], acceleration A [m/s²] over the free unknowns `(N,)`, the site
-    forces, and the contact forces `(k,)` [N], None of an organ without gaps. `facing` `(k, 4)` is where they act on the
-    right lip (`tissue.organs.lips.Gaps.facing`), None: on the pairs of the reference. `shares` `(l,)` are the parts of
-    the loads that act (`tissue.loads`), None of an organ without loads.
+    forces, and the contact forces `(k,)` [N], None of an organ without gaps. `facing` `(k, 7)` is where and which way
+    they act on the right lip (`tissue.organs.lips.Gaps.facing`), None: on the pairs of the reference. `linearised`
+    `(N,)` [m] is where the tangent of a nonlinear organ was last made, which the next step goes on with, None of a
+    linear organ. `shares` `(l,)` are the parts of the loads that act
+    (`tissue.loads`), None of an organ without loads.
     """
 
     U: Array
@@ -56,11 +58,12 @@ class OrganState:
     p: Array | None = None
     facing: Array | None = None
     shares: Array | None = None
+    linearised: Array | None = None
 
 
 @dataclass(frozen=True)
 class Pairing:
-    """What faces what during a step: g = `g0` + `G` U, where G = `sums` R, `(k, r)`, of the rows R of the lips' nodes.
+    """What faces what during a step: g = `g0` + `G` U, where G = `sums` R, `(k, 3r)`, of the rows R of the lips' nodes.
 
     `facing` as in a state: None means the pairs of the reference.
     """
@@ -267,45 +270,26 @@ class MeshedOrgan:
         return EMPTY if self.gaps is None else self.gaps.g0
 
     @cached_property
-    def lip_nodes(self) -> Indices:
-        """Nodes of the lips among the body's, shape `(r,)`; none without gaps."""
-        return np.arange(0) if self.gaps is None else np.union1d(self.gaps.nodes, self.gaps.facets)
-
-    @cached_property
     def lip_rows(self) -> csr_matrix:
-        """R, the displacement of the lips' nodes along their normal over all unknowns, shape `(r, N)`."""
+        """R, the displacement of the nodes of the lips over all unknowns, shape `(3r, N)`; none without gaps."""
         if self.gaps is None:
             return csr_matrix((0, self.size))
-        body, r = self.elasticity, len(self.lip_nodes)
-        values = np.tile(self.gaps.normal, r)
-        at = np.repeat(np.arange(r), 3), body.nodes[self.lip_nodes].ravel()
-        rows = csr_matrix((values, at), shape=(r, body.N))[:, body.free]
-        return csr_matrix(hstack([rows, csr_matrix((r, self.size - rows.shape[1]))]))
+        rows = self.gaps.rows
+        return csr_matrix(hstack([rows, csr_matrix((rows.shape[0], self.size - rows.shape[1]))]))
 
     @cached_property
     def _matched(self) -> Pairing:
         """The pairs of the reference."""
-        ones = np.ones((self.pairs, 1))
-        nodes = np.zeros((0, 2), dtype=np.intp) if self.gaps is None else self.gaps.nodes
-        return Pairing(self.G, self.g0, self._sums(nodes[:, :1], nodes[:, 1:], ones), None)
-
-    def _sums(self, left: Indices, right: Indices, weights: Array) -> csr_matrix:
-        """Return the weights of the lips' nodes in each gap, shape `(k, r)`: those of the nodes `right` `(k, w)` less
-        the `left` one `(k, 1)` by as much."""
-        nodes, w = np.hstack([right, left]), np.hstack([weights, -weights.sum(axis=1, keepdims=True)])
-        at = np.repeat(np.arange(len(nodes)), nodes.shape[1]), np.searchsorted(self.lip_nodes, nodes.ravel())
-        return csr_matrix((w.ravel(), at), shape=(len(nodes), len(self.lip_nodes)))
+        if self.gaps is None:
+            return Pairing(self.G, self.g0, csr_matrix((0, 0)), None)
+        return Pairing(self.G, self.g0, self.gaps.sums(self.gaps.start), None)
 
     def pairing(self, facing: Array | None) -> Pairing:
-        """Return the gaps between what faces what; a node that faces nothing is as far away as the lips are long."""
+        """Return the gaps between what faces what."""
         if self.gaps is None or facing is None:
             return self._matched
-        points = self.elasticity.points
-        right, weights = self.gaps.weights(facing)
-        sums = self._sums(self.gaps.nodes[:, :1], right, weights)
-        extent = float(np.ptp(points[self.lip_nodes], axis=0).max())
-        g0 = np.where(facing[:, 0] < 0.0, extent, sums @ (points[self.lip_nodes] @ self.gaps.normal))
-        return Pairing(csr_matrix(sums @ self.lip_rows), g0, sums, facing)
+        sums = self.gaps.sums(facing)
+        return Pairing(csr_matrix(sums @ self.lip_rows), self.gaps.rest(facing), sums, facing)
 
     def paired_anew(self, U: Array) -> Pairing:
         """Return what faces what under a displacement of the free unknowns `(N,)`."""
@@ -437,7 +421,7 @@ class LipCompliance:
 
     @cached_property
     def C_rr(self) -> Array:
-        """R A⁻¹ Rᵀ of the nodes of the lips, shape `(r, r)` [m/N]; not asked for while no pair has slid."""
+        """R A⁻¹ Rᵀ of the nodes of the lips, shape `(3r, 3r)` [m/N]; not asked for while no pair has slid."""
         return gap_compliance(self.factor, self.organ.lip_rows)
 
 
