@@ -177,25 +177,28 @@ EVENT: tuple[Column[Event], ...] = (
     text(
         "event",
         "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing, `tears` where the tissue's strength is exceeded; "
-        "`halved`: the step was; `knots`: they changed",
+        "`cut`: the thread was; `halved`: the step was; `knots`: they changed",
         lambda event: event.kind,
     ),
-    text("piercing", "name of the piercing; empty for `halved` and `knots`", lambda event: event.piercing),
-    Column("s", "m", "abscissa of the thread in the hole", lambda event: event.s),
+    text("piercing", "name of the piercing; empty for `cut`, `halved` and `knots`", lambda event: event.piercing),
+    Column("s", "m", "abscissa of the thread in the hole, or of the cut", lambda event: event.s),
     Column("energy", "J", "change of kinetic and elastic energy: `work` less `loss`", lambda event: event.energy),
     Column("work", "J", "done in drawing the thread into a hole that begins", lambda event: event.work),
     Column(
-        "loss", "J", "of energy, by the impulse when a hole begins or by a change of knots", lambda event: event.loss
+        "loss",
+        "J",
+        "of energy, by the impulse when a hole begins, by a cut or by a change of knots",
+        lambda event: event.loss,
     ),
     Column("gap", "m", "between thread and hole, closed when it begins", lambda event: event.gap),
     Column("angle", "rad", "between thread and the hole's direction, closed when it begins", lambda event: event.angle),
     vector(
         "impulse",
         "N s",
-        "of the hole on the thread when it begins; for `knots` the change of the thread's momentum",
+        "of the hole on the thread when it begins; for `cut` and `knots` the change of the thread's momentum",
         lambda event: event.impulse,
     ),
-    count("control_points", "after a change of knots, else empty", lambda event: event.control_points or None),
+    count("control_points", "after a cut or a change of knots, else empty", lambda event: event.control_points or None),
 )
 
 ENERGY: tuple[Column[EnergyRecord], ...] = (

@@ -20,7 +20,7 @@ from studies.scenario.piercing import Friction, Piercing
 from studies.scenario.scenario import Scenario, parse, schema
 from studies.scenario.solve import Output, Solve
 from studies.scenario.table import ScenarioError
-from studies.scenario.thread import ClampedEnd, DrivenEnd, End, FixedEnd, FreeEnd, PulledEnd, Thread
+from studies.scenario.thread import ClampedEnd, Cut, DrivenEnd, End, FixedEnd, FreeEnd, PulledEnd, Thread
 from studies.scenario.toml import SCENES, dump, load, scenes
 
 __all__ = [
@@ -28,6 +28,7 @@ __all__ = [
     "BlockMesh",
     "Boundary",
     "ClampedEnd",
+    "Cut",
     "CylinderMesh",
     "DrivenEnd",
     "End",

@@ -14,10 +14,10 @@ from pydantic import Field, ValidationError, model_validator
 from studies.scenario.names import name_faults
 from studies.scenario.organ import GivenMesh, Tissue
 from studies.scenario.piercing import Piercing
-from studies.scenario.refusal import dotted_key, refusal, sentences
+from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
 from studies.scenario.solve import Output, Solve
 from studies.scenario.table import ScenarioError, ScenarioTable, repetition
-from studies.scenario.thread import ClampedEnd, Thread
+from studies.scenario.thread import ClampedEnd, Cut, Thread
 
 MOST_FRAMES = 20_000  # of three files each; results.pvd names them all, and is written anew with every one
 
@@ -37,6 +37,7 @@ class Scenario(ScenarioTable):
     piercing: tuple[Piercing, ...] = Field(
         default=(), description="the piercings, in the order in which the thread passes them"
     )
+    cut: tuple[Cut, ...] = Field(default=(), description="cuts of the thread during the run")
     solve: Solve = Field(default=Solve(), description="what is solved, and how", examples=[{"dt": 1.0e-3}])
     output: Output = Field(default=Output(), description="what is written while running", examples=[{"every": 10}])
 
@@ -125,11 +126,34 @@ class Scenario(ScenarioTable):
 
     @model_validator(mode="after")
     def _check_linear(self) -> Self:
-        drawn = next((hole.name for hole in self.piercing if hole.draw is not None), None)
+        hands = ((hole, key) for hole in self.piercing for key in ("draw", "pull"))
+        drawn = next((("piercing", hole.name, key) for hole, key in hands if getattr(hole, key) is not None), None)
         if self.solve.scheme == "linear" and (self.thread.cuts or drawn is not None):
-            key = "thread.cuts" if self.thread.cuts else dotted_key(["piercing", str(drawn), "draw"])
+            key = "thread.cuts" if self.thread.cuts else dotted_key(drawn or ())
             reason = f'the paper\'s linear step knows no {key}; use "newton"'
             raise ValueError(refusal("solve.scheme", "linear", reason))
+        return self
+
+    @model_validator(mode="after")
+    def _check_cutting(self) -> Self:
+        given = {"solve.kind": self.solve.kind, "solve.scheme": self.solve.scheme} | {
+            f"thread.{key}": getattr(self.thread, key) for key in ("resolution", "energy", "twist")
+        }
+        able = {
+            "solve.kind": "dynamic",
+            "solve.scheme": "newton",
+            "thread.resolution": "fixed",
+            "thread.energy": "continuous",
+            "thread.twist": False,
+        }
+        lost = next((key for key, value in able.items() if given[key] != value), None)
+        if self.cut and lost is not None:
+            reason = f"the thread is not cut during such a run; set it to {as_toml(able[lost])}, or leave out [[cut]]"
+            raise ValueError(refusal(lost, given[lost], reason))
+        places = [cut.s for cut in self.cut]
+        twice = next((s for k, s in enumerate(places) if s in (*places[:k], *self.thread.cuts)), None)
+        if twice is not None:
+            raise ValueError(refusal("cut.s", twice, "the thread is cut there already; leave one of the cuts out"))
         return self
 
     @model_validator(mode="after")
@@ -179,12 +203,12 @@ def check_within(hole: Piercing, s: float, length: float | None) -> None:
     raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "s"]), s, reason + (at_end or "")))
 
 
-def check_cuts(cuts: Sequence[float], length: float) -> None:
-    """Refuse cuts that lie off the thread of that length [m]."""
+def check_cuts(cuts: Sequence[float], length: float, key: str = "thread.cuts") -> None:
+    """Refuse cuts, given by that `key`, that lie off the thread of that length [m]."""
     lost = next((s for s in cuts if s >= length), None)
     if lost is not None:
         reason = f"it must lie between 0 and the thread's length of {length} m; move it"
-        raise ScenarioError(refusal("thread.cuts", lost, reason))
+        raise ScenarioError(refusal(key, lost, reason))
 
 
 def check_spans(cuts: Sequence[float], ends: Sequence[float], breaks: Sequence[float]) -> None:

@@ -19,7 +19,7 @@ from studies.scenario import Scenario, ScenarioError
 from studies.scenario.refusal import refusal
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved, with_given_mesh
 from studies.simulation.law import hyperelasticity_of
-from studies.simulation.meshing import material_of, organ_mesh, strength_at, wound_of
+from studies.simulation.meshing import check_loaded, material_of, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_draws, check_pieces
 from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key
 from thread.catalogue import Section, suture
@@ -82,6 +82,7 @@ def assemble(scenario: Scenario, store: Store | None = None, mesh: object = None
     known = [(hole, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
     check_order(known, length)
     check_cuts(scenario.thread.cuts, length)
+    check_cuts([table.s for table in scenario.cut], length, "cut.s")
     thread = thread_of(scenario, length, s)
     check_pieces(scenario, thread.spline, [value for _, value in known])
     check_draws(scenario.piercing, thread.spline, s)
@@ -221,6 +222,7 @@ def piercing_of(hole: model.Piercing, scenario: Scenario, body: tissue.Elasticit
         begins=hole.from_,
         ends=np.inf if hole.until is None else hole.until,
         draw=None if hole.draw is None else np.array(hole.draw),
+        pull=None if hole.pull is None else np.array(hole.pull),
         bearing=bearing_of(hole, scenario),
         strength=np.inf if organ is None or body is None else strength_at(organ, body.mesh, hole.at),
     )
@@ -261,6 +263,7 @@ def organ_of(scenario: Scenario, body: tissue.Elasticity | None) -> AnyOrgan:
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
     placed = tissue.build_sites(body, sites)
+    check_loaded(body.mesh, scenario.tissue)
     gaps, loads = gaps_of(scenario.tissue, body), loads_of(scenario)
     given = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps, loads
     inertia = scenario.tissue.inertia and scenario.solve.kind == "dynamic"

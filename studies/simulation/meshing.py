@@ -54,8 +54,6 @@ def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None) -> skfem.
     mesh = with_boxes(mesh_of(table, scenario.piercing) if given is None else given, table.boundary)
     for key, names in (("clamp", table.clamp), ("roller", table.roller)):
         check_clamp(names, sorted(mesh.boundaries or {}), key)
-    check_loads(table.load, sorted(mesh.boundaries or {}), table.clamp, table.roller)
-    check_moved(mesh, table)
     check_held(mesh, table.clamp, table.roller)
     check_smooth(mesh, scenario.piercing)
     return with_regions(mesh, table.region)
@@ -213,8 +211,9 @@ def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] 
         raise ScenarioError(refusal("tissue.clamp", list(clamp), reason))
 
 
-def check_moved(mesh: skfem.MeshTet, table: model.Tissue) -> None:
-    """Refuse a load on a boundary of which other boundaries hold every node, and one on no facet at all."""
+def check_loaded(mesh: skfem.MeshTet, table: model.Tissue) -> None:
+    """Refuse a load on what is no boundary of the mesh or lies inside, and one where every node is held."""
+    check_loads(table.load, sorted(mesh.boundaries or {}), table.clamp, table.roller)
     held = np.asarray(tissue.held_components(mesh, table.clamp, table.roller).all(axis=1))
     for number, load in enumerate(table.load):
         facets = (mesh.boundaries or {})[load.boundary]

@@ -17,10 +17,10 @@ from studies.scenario.toml import mesh_file, tables
 
 Made = TypeVar("Made")
 
-NOT_OF_ORGAN = ("title", "thread", "output")
+NOT_OF_ORGAN = ("title", "thread", "cut", "output")
 OF_STEPS = ("dt", "duration", "load_steps", "scheme", "integrator", "coupling", "friction", "epsilon")
-OF_THREAD = ("kind", "s", "friction", "from", "until", "draw", "channel")  # of a piercing
-OF_MOTION = ("inertia", "rayleigh", "solver", "contact")  # of the organ, beside its mesh and stiffness
+OF_THREAD = ("kind", "s", "friction", "from", "until", "draw", "pull", "channel")  # of a piercing
+OF_MOTION = ("inertia", "rayleigh", "solver", "contact", "load")  # of the organ, beside its mesh and stiffness
 OF_MATERIAL = ("youngs_modulus", "poisson_ratio", "density", "dilatation")
 
 

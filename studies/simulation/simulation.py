@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling import stepping
+from coupling.cutting import Cut
 from coupling.diagnosis import faults
 from coupling.errors import StepError
 from coupling.paper.linear_step import checked, linear_step, linear_two_pass
@@ -124,7 +125,16 @@ class Simulation:
         """Return the run before the first step."""
         made, solve = self.assembly, self.scenario.solve
         one_system = (solve.scheme, solve.coupling, solve.friction) == ("newton", "monolithic", "implicit")
-        return begin(made.system, self.start, method(solve), made.resolution, made.begin_abscissae, downhill=one_system)
+        cuts = tuple(Cut(table.s, table.time) for table in self.scenario.cut)
+        return begin(
+            made.system,
+            self.start,
+            method(solve),
+            made.resolution,
+            made.begin_abscissae,
+            downhill=one_system,
+            cuts=cuts,
+        )
 
     def next(self, now: OrganRun) -> OrganRun:
         """Return the run one step, or load step, further."""

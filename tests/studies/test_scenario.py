@@ -475,7 +475,7 @@ def test_the_schema_describes_every_key() -> None:
         if "description" not in field and key != "kind"
     ]
     assert nameless == []
-    assert {"title", "tissue", "thread", "piercing", "solve", "output"} == set(written["properties"])
+    assert {"title", "tissue", "thread", "piercing", "cut", "solve", "output"} == set(written["properties"])
     assert "from" in written["$defs"]["Piercing"]["properties"]
     assert all(table.get("additionalProperties") is False for table in tables)
 
