@@ -5,7 +5,7 @@ from tissue.errors import FactorError, TissueError
 from tissue.material import Material
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.fixed import FixedSites, fixed_sites
-from tissue.organs.lips import Gaps, build_gaps, surface_gaps
+from tissue.organs.lips import Gaps, Part, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.sites.site import Site, Sites, build_sites
@@ -28,6 +28,7 @@ __all__ = [
     "Material",
     "OrganEnergies",
     "OrganState",
+    "Part",
     "QuasiStaticOrgan",
     "Site",
     "SiteAnswer",

@@ -90,5 +90,4 @@ def rows_until(path: Path, step: int) -> list[bytes]:
 
 def tables_of(scenario: Scenario) -> list[Layout[Any]]:
     """List the tables that a run of the scenario writes."""
-    touching = scenario.tissue is not None and scenario.tissue.contact
-    return [layout for layout in TABLES if layout.name != "contact" or touching]
+    return [layout for layout in TABLES if layout.name != "contact" or scenario.touching]

@@ -3,6 +3,7 @@
 What a user calls is `load`, `parse`, `dump`, `schema` and `scenes`; the classes are the tables of the file.
 """
 
+from studies.scenario.contact import Contact
 from studies.scenario.organ import (
     BlockMesh,
     Boundary,
@@ -26,6 +27,7 @@ __all__ = [
     "BlockMesh",
     "Boundary",
     "ClampedEnd",
+    "Contact",
     "CylinderMesh",
     "DrivenEnd",
     "End",

@@ -13,6 +13,7 @@ from meshes.wound import lips
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
+from studies.scenario.organ import LIPS
 from studies.scenario.refusal import refusal
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
 from studies.simulation.meshing import material_of, organ_mesh, wound_of
@@ -222,16 +223,23 @@ def organ_of(scenario: Scenario, body: tissue.Elasticity | None) -> AnyOrgan:
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
     placed = tissue.build_sites(body, sites)
-    given = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps_of(scenario.tissue, body)
+    given = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps_of(scenario, body)
     if scenario.tissue.inertia and scenario.solve.kind == "dynamic":
         return tissue.DynamicOrgan(*given, rayleigh=scenario.tissue.rayleigh)
     return tissue.QuasiStaticOrgan(*given)
 
 
-def gaps_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Gaps | None:
-    """Return the gaps between a wound's lips, None where they may cross."""
-    if not table.contact or not isinstance(table.mesh, model.WoundMesh):
-        return None
-    wound = wound_of(table.mesh)
-    pairs = lips(body.mesh, wound)
-    return tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.normal_axis])
+def gaps_of(scenario: Scenario, body: tissue.Elasticity) -> tissue.Gaps | None:
+    """Return the gaps between surfaces that press on one another, None where all may cross. Those of a wound's lips are
+    between the nodes that match."""
+    shape = None if scenario.tissue is None else scenario.tissue.mesh
+    parts: list[tissue.Part] = []
+    for between in scenario.touching:
+        if isinstance(shape, model.WoundMesh) and set(between) == set(LIPS):
+            wound = wound_of(shape)
+            pairs = lips(body.mesh, wound)
+            own = tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.normal_axis])
+        else:
+            own = tissue.surface_gaps(body, [between])
+        parts += own.parts
+    return tissue.Gaps(body, tuple(parts)) if parts else None

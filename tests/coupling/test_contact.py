@@ -308,7 +308,8 @@ def test_what_a_run_says_of_its_lips(closed: Path, capsys: pytest.CaptureFixture
     out = closed.parent / "whole"
     with (out / "contact.csv").open() as file:
         table = list(csv.DictReader(file))
-    assert len(table) == 31 and list(table[0])[:2] == ["time [s]", "step [-]"]
+    assert len(table) == 31 and list(table[0])[:3] == ["time [s]", "step [-]", "pair"]
+    assert {row.pop("pair") for row in table} == {"lip_left - lip_right"}
     rows = [{key.partition(" [")[0]: float(value) for key, value in row.items()} for row in table]
     assert rows[0]["pressed"] == 0 and 0 < rows[-1]["pressed"] <= rows[-1]["pairs"]
     for row in rows:
@@ -316,7 +317,8 @@ def test_what_a_run_says_of_its_lips(closed: Path, capsys: pytest.CaptureFixture
         assert row["complementarity"] <= IDENTITY * RADIUS * max(row["force"], 1e-300)
         assert (row["force"] > 0.0) == (row["pressed"] > 0)
     summary = json.loads((out / "summary.json").read_text())
-    assert summary["contact"] == {key: value for key, value in rows[-1].items() if key not in ("time", "step")}
+    last = {key: value for key, value in rows[-1].items() if key not in ("time", "step")}
+    assert summary["contact"] == {"lip_left - lip_right": last} and last["area"] > 0.0
     simulation = prepare(load(closed))
     for step, frame in simulation.advance():
         organ = frame().organ if step.step == 12 else None
@@ -332,7 +334,7 @@ def test_what_a_run_says_of_its_lips(closed: Path, capsys: pytest.CaptureFixture
     assert 'Name="contact_pressure"' in text and 'Name="lip_gap"' in text
     assert start(closed, closed.parent / "again", "--set", "solve.duration=2e-3") == 0
     printed = capsys.readouterr().out
-    assert "lips       0 of" in printed and "events.csv, contact.csv" in printed
+    assert "contact    lip_left - lip_right: 0 of" in printed and "events.csv, contact.csv" in printed
 
 
 def test_a_resumed_run_has_the_same_lips(closed: Path) -> None:
