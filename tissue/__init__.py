@@ -13,7 +13,7 @@ from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
 from tissue.strain import cell_strain, energy_share
 from tissue.stress import StressRecovery, interpolation, stress_recovery, von_mises
-from tissue.supports import held_components, holds_still
+from tissue.supports import held_components, holds_still, motions_in_words, rigid_motions
 
 __all__ = [
     "ConjugateGradients",
@@ -47,6 +47,8 @@ __all__ = [
     "held_components",
     "holds_still",
     "interpolation",
+    "motions_in_words",
+    "rigid_motions",
     "stress_recovery",
     "surface_gaps",
     "von_mises",
