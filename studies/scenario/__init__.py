@@ -4,11 +4,13 @@ What a user calls is `load`, `parse`, `dump`, `schema` and `scenes`; the classes
 """
 
 from studies.scenario.contact import Contact
+from studies.scenario.loads import Load
 from studies.scenario.organ import (
     BlockMesh,
     Boundary,
     CylinderMesh,
     FileMesh,
+    GivenMesh,
     Mesh,
     Region,
     Tissue,
@@ -35,6 +37,8 @@ __all__ = [
     "FixedEnd",
     "FreeEnd",
     "Friction",
+    "GivenMesh",
+    "Load",
     "Mesh",
     "Output",
     "Piercing",

@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from studies.scenario.contact import Contact
 from studies.scenario.names import name_faults
-from studies.scenario.organ import LIPS, Tissue, boundaries_of, unknown_clamp
+from studies.scenario.organ import LIPS, GivenMesh, Tissue, boundaries_of, unknown_clamp
 from studies.scenario.piercing import Piercing
 from studies.scenario.refusal import dotted_key, refusal, sentences
 from studies.scenario.solve import Output, Solve
@@ -103,6 +103,12 @@ class Scenario(ScenarioTable):
         """Names of the surfaces that press on one another, by pairs."""
         lips = (LIPS,) if self.tissue is not None and self.tissue.contact else ()
         return (*lips, *(pair.between for pair in self.contact))
+
+    @property
+    def floats(self) -> bool:
+        """Whether a body of the organ may be held by nothing but contact and stitches."""
+        inertia = self.tissue is not None and self.tissue.inertia and self.solve.kind == "dynamic"
+        return inertia and bool(self.touching)
 
     @model_validator(mode="after")
     def _check_contact(self) -> Self:
@@ -239,6 +245,18 @@ def schema() -> dict[str, Any]:
     """Make the JSON schema (draft 2020-12) of the scenario file."""
     declared = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     return declared | Scenario.model_json_schema(by_alias=True)
+
+
+def with_given_mesh(scenario: Scenario, sha256: str) -> Scenario:
+    """Return the scenario of an organ on a mesh that is handed over, which has this digest. Raises `ScenarioError`."""
+    if scenario.tissue is None:
+        raise ScenarioError("mesh is refused: the scenario has no organ; add [tissue]")
+    table = scenario.tissue.mesh
+    if isinstance(table, GivenMesh) and table.sha256 not in (None, sha256):
+        reason = f"the mesh that is handed over has {sha256}; hand over the same, or leave sha256 out"
+        raise ScenarioError(refusal("tissue.mesh.sha256", table.sha256, reason))
+    mesh = GivenMesh(kind="given", sha256=sha256)
+    return scenario.model_copy(update={"tissue": scenario.tissue.model_copy(update={"mesh": mesh})})
 
 
 def resolved(scenario: Scenario, length: float, s: Sequence[float]) -> Scenario:

@@ -291,7 +291,7 @@ def test_lips_that_slide_stay_out_of_one_another_and_carry_their_load() -> None:
         answer = organ.answer(BackwardEuler(dt), [state])
         new = answer.accept(np.zeros(0), forced(answer.g_free, answer))
         old, now = organ.energies(state, state), organ.energies(state, new)
-        given = now.gravity_work - (now.kinetic + now.elastic - old.kinetic - old.elastic) - now.viscous - now.numerical
+        given = now.load_work - (now.kinetic + now.elastic - old.kinetic - old.elastic) - now.viscous - now.numerical
         assert abs(given) <= RESIDUAL * (now.kinetic + now.elastic)
         assert np.abs(organ.gap(new) * new.p).max() <= IDENTITY * new.p.max(initial=weight) * SIZE[0]
         state, slid = new, float(organ.lips(new)[2].max())
@@ -323,7 +323,7 @@ def test_energies_while_the_pairs_change(element: str) -> None:
         now, fields = organ.energies(old, new), [organ.field(state) for state in (old, new)]
         dU, pairing = fields[1] - fields[0], organ.pairing(new.facing)
         assert now.elastic == pytest.approx(0.5 * fields[1] @ (organ.K @ fields[1]), rel=TWO_SOLVERS)
-        assert now.gravity_work == pytest.approx(organ.load @ dU, rel=TWO_SOLVERS)
+        assert now.load_work == pytest.approx(organ.load @ dU, rel=TWO_SOLVERS)
         lost = 0.5 * dU @ (organ.K @ dU) - new.p @ (pairing.G @ dU)
         assert now.numerical == pytest.approx(lost, rel=TWO_SOLVERS)
         gap = pairing.g0 + pairing.G @ fields[1]

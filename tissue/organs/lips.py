@@ -203,7 +203,7 @@ def build_gaps(body: Elasticity, vertices: ArrayLike, facets: ArrayLike, normal:
     partner = np.arange(body.mesh.nvertices)
     partner[pairs[:, 0]] = pairs[:, 1]
     triangles = body.mesh.facets[:, np.asarray(facets)].T.astype(np.intp)
-    right = _facet_nodes(body, _turned(body.points, partner[triangles], np.broadcast_to(n, triangles.shape)))
+    right = body.facet_nodes(_turned(body.points, partner[triangles], np.broadcast_to(n, triangles.shape)))
     nodes, corners = _paired(body, triangles, partner)
     start = _at_partners(right, nodes[:, 1], n)
     part, sunk = _part(body, LIPS, (triangles, nodes[:, 0], corners), right, n, start)
@@ -228,7 +228,7 @@ def _between(body: Elasticity, between: tuple[str, str]) -> Part:
     first, second = sorted(sides, key=lambda facets: _rank(body, facets))
     triangles, right = (body.mesh.facets[:, facets].T.astype(np.intp) for facets in (first, second))
     behind = body.points[body.mesh.t[:, body.mesh.f2t[0, second]].T].mean(axis=1)
-    right = _facet_nodes(body, _turned(body.points, right, behind - body.points[right].mean(axis=1)))
+    right = body.facet_nodes(_turned(body.points, right, behind - body.points[right].mean(axis=1)))
     nodes, corners = _paired(body, triangles, np.arange(body.mesh.nvertices))
     start = face(body.points[nodes[:, 0]], body.points, right[:, :3], open_sides(right[:, :3]), None)
     part, sunk = _part(body, between, (triangles, nodes[:, 0], corners), right, None, start)
@@ -324,24 +324,8 @@ def _paired(body: Elasticity, triangles: Indices, partner: Indices) -> tuple[Ind
     if body.element == "P1":
         return nodes, ends
     edges = np.unique(np.sort(triangles[:, MIDDLES].reshape(-1, 2), axis=1), axis=0)
-    middles = body.mesh.nvertices + np.column_stack([_edge_numbers(body, edges), _edge_numbers(body, partner[edges])])
+    middles = body.mesh.nvertices + np.column_stack([body.edge_numbers(edges), body.edge_numbers(partner[edges])])
     return np.vstack([nodes, middles]), np.vstack([ends, edges])
-
-
-def _facet_nodes(body: Elasticity, triangles: Indices) -> Indices:
-    """Return the nodes of facets given by their vertices `(m, 3)`: those, with P2 the middles of the edges 01, 12, 02
-    behind them."""
-    if body.element == "P1":
-        return triangles
-    edges = triangles[:, MIDDLES].reshape(-1, 2)
-    return np.hstack([triangles, body.mesh.nvertices + _edge_numbers(body, edges).reshape(-1, 3)])
-
-
-def _edge_numbers(body: Elasticity, edges: Indices) -> Indices:
-    """Return the numbers in the mesh of edges given by their two vertices, `(k, 2)`."""
-    known, asked = (np.sort(pairs, axis=1) @ [body.mesh.nvertices, 1] for pairs in (body.mesh.edges.T, edges))
-    order = np.argsort(known)
-    return np.asarray(order[np.searchsorted(known, asked, sorter=order)])
 
 
 def _hats(body: Elasticity, triangles: Indices, corners: Indices, n: Array | None) -> tuple[csr_array, Array]:

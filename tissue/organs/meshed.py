@@ -2,10 +2,11 @@
 
     acceleration⁺ = a (U⁺ − U_a),   velocity⁺ = d (U⁺ − U_d),   (a M + d C + K) U⁺ = b + Yᵀ f_y
 
-with two numbers and two reference fields per time scheme. Backward Euler has a = 1/Δt², U_a = U + Δt V and
-d = 1/Δt, U_d = U. `f_y` `(9p,)` is the force on the organ conjugate to y; eliminating U is exact, so that
-y = y_free + C f_y. Where a mesh is too coarse for a hole, springs without mass stand between site and mesh, as further
-unknowns behind those of the mesh, as stiff as these are in the mean: y = y0 + Y U + √κ B ζ (`tissue.sites.subgrid`).
+with two numbers and two reference fields per time scheme; b has gravity and the loads on boundaries (`tissue.loads`).
+Backward Euler has a = 1/Δt², U_a = U + Δt V and d = 1/Δt, U_d = U. `f_y` `(9p,)` is the force on the organ conjugate to
+y; eliminating U is exact, so that y = y_free + C f_y. Where a mesh is too coarse for a hole, springs without mass stand
+between site and mesh, as further unknowns behind those of the mesh, as stiff as these are in the mean:
+y = y0 + Y U + √κ B ζ (`tissue.sites.subgrid`).
 
 The lips of a wound may be given gaps g = g0 + G U (`tissue.organs.lips`), and forces p that push them apart:
 
@@ -16,7 +17,7 @@ paired anew where a step begins, and G = S R sums the rows R of their nodes by o
 needs no further solve.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple, Protocol
@@ -28,6 +29,7 @@ from scipy.sparse import block_diag, csr_matrix, eye_array, hstack
 from tissue.arrays import Array
 from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
+from tissue.loads import Loads, SurfaceLoad
 from tissue.organs.lips import Gaps
 from tissue.sites.site import Sites
 from tissue.solvers.choice import GIGA, Solver, SolverChoice, choose_solver, solver
@@ -43,7 +45,10 @@ EMPTY = np.zeros(0)
 class OrganState:
     """Displacement U [m], velocity V [m/s], acceleration A [m/s²] over the free unknowns `(N,)`, the site
     forces, and the contact forces `(k,)` [N], None of an organ without gaps. `facing` `(k, 7)` is where and which way
-    they act on the right lip (`tissue.organs.lips.Gaps.facing`), None: on the pairs of the reference.
+    they act on the right lip (`tissue.organs.lips.Gaps.facing`), None: on the pairs of the reference. `linearised`
+    `(N,)` [m] is where the tangent of a nonlinear organ was last made, which the next step goes on with, None of a
+    linear organ. `shares` `(l,)` are the parts of the loads that act
+    (`tissue.loads`), None of an organ without loads.
     """
 
     U: Array
@@ -52,6 +57,8 @@ class OrganState:
     f_y: Array
     p: Array | None = None
     facing: Array | None = None
+    shares: Array | None = None
+    linearised: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -88,7 +95,7 @@ class OrganEnergies(NamedTuple):
 
     kinetic: float
     elastic: float
-    gravity_work: float
+    load_work: float
     viscous: float
     numerical: float
 
@@ -200,10 +207,13 @@ class MeshedOrgan:
     gravity: ArrayLike = (0.0, 0.0, 0.0)
     solver: str = "auto"  # one of `tissue.solvers.choice.SOLVERS`
     gaps: Gaps | None = None
+    loads: Sequence[SurfaceLoad] = ()
     choice: SolverChoice = field(init=False, repr=False)
     K: csr_matrix = field(init=False, repr=False)
     Y: csr_matrix = field(init=False, repr=False)
+    surface: Loads = field(init=False, repr=False)
     load: Array = field(init=False, repr=False)
+    surface_load: Array = field(init=False, repr=False)
     places: Array = field(init=False, repr=False)
     G: csr_matrix = field(init=False, repr=False)
 
@@ -224,6 +234,9 @@ class MeshedOrgan:
         object.__setattr__(self, "K", csr_matrix(block_diag([K, springs])) if B.shape[1] else K)
         object.__setattr__(self, "Y", csr_matrix(hstack([self.sites.Y, np.sqrt(stiffness) * B])))
         object.__setattr__(self, "load", np.append(body.body_force(gravity)[free], np.zeros(B.shape[1])))
+        object.__setattr__(self, "surface", Loads(body, tuple(self.loads)))
+        columns = self.surface.columns[free]
+        object.__setattr__(self, "surface_load", np.vstack([columns, np.zeros((B.shape[1], columns.shape[1]))]))
         object.__setattr__(self, "places", places)
         object.__setattr__(self, "choice", choose_solver(self.solver, K, places, self.solved_once))
         object.__setattr__(self, "G", self._gap_rows(B.shape[1]))
@@ -292,6 +305,20 @@ class MeshedOrgan:
     def contact_forces(self, state: OrganState) -> Array:
         """Return p, shape `(k,)` [N]."""
         return EMPTY if state.p is None else state.p
+
+    def shares_at(self, time: float, share: float) -> Array | None:
+        """Return the parts of the loads that act at `time` [s], times `share`, as a state keeps them: None without
+        loads."""
+        return self.surface.shares(time, share) if self.surface.each else None
+
+    @property
+    def no_shares(self) -> Array | None:
+        """The parts of the loads before they act, None without loads."""
+        return np.zeros(len(self.surface.each)) if self.surface.each else None
+
+    def load_under(self, shares: Array | None) -> Array:
+        """Return the forces of gravity and of parts of the loads `(l,)`, shape `(N,)` [N]."""
+        return self.load if shares is None else self.load + self.surface_load @ shares
 
     def contact_or_none(self, p: Array) -> Array | None:
         """Return the contact forces `(k,)` as a state keeps them: None without gaps."""
