@@ -87,9 +87,9 @@ def subgrid_line(gaps: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def contact_line(contact: ContactRecord) -> str:
-    """Tell how the lips of a wound press on one another."""
+    """Tell how two surfaces press on one another."""
     return (
-        f"lips       {contact.pressed} of {contact.pairs} pairs of nodes press on one another, "
+        f"contact    {contact.pair}: {contact.pressed} of {contact.pairs} pairs of nodes press on one another, "
         f"{contact.largest_pressure:.3g} Pa at most, {contact.force:.3g} N in all; the smallest gap is "
         f"{contact.smallest_gap / MILLI:.3g} mm"
     )
@@ -119,7 +119,7 @@ def print_summary(scenario: Scenario, recorder: Recorder, status: Status, pictur
     if step:
         lines += [range_line(summary["range"])] if "range" in summary else []
         lines += [line for line in (subgrid_line(recorder.subgrid),) if line]
-        lines += [contact_line(step.contact)] if step.contact else []
+        lines += [contact_line(pair) for pair in step.contact]
     tables = [
         "piercings.csv",
         "energy.csv",

@@ -3,6 +3,7 @@
 What a user calls is `load`, `parse`, `dump`, `schema` and `scenes`; the classes are the tables of the file.
 """
 
+from studies.scenario.contact import Contact
 from studies.scenario.loads import Load
 from studies.scenario.organ import (
     BlockMesh,
@@ -28,6 +29,7 @@ __all__ = [
     "BlockMesh",
     "Boundary",
     "ClampedEnd",
+    "Contact",
     "Cut",
     "CylinderMesh",
     "DrivenEnd",

@@ -23,9 +23,10 @@ from studies.scenario.table import (
 )
 
 BLOCK_BOUNDARIES = ("left", "right", "front", "back", "bottom", "top")
+LIPS = ("lip_left", "lip_right")  # of a wound
 BOUNDARIES = {  # that a generated mesh names, by its kind
     "block": BLOCK_BOUNDARIES,
-    "wound": (*BLOCK_BOUNDARIES, "lip_left", "lip_right"),
+    "wound": (*BLOCK_BOUNDARIES, *LIPS),
     "cylinder": ("left", "right", "side"),
     "tube": ("left", "right", "inner", "outer"),
 }

@@ -11,8 +11,9 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, ValidationError, model_validator
 
+from studies.scenario.contact import Contact
 from studies.scenario.names import name_faults
-from studies.scenario.organ import GivenMesh, Tissue
+from studies.scenario.organ import LIPS, GivenMesh, Tissue, boundaries_of, unknown_clamp
 from studies.scenario.piercing import Piercing
 from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
 from studies.scenario.solve import Output, Solve
@@ -38,6 +39,9 @@ class Scenario(ScenarioTable):
         default=(), description="the piercings, in the order in which the thread passes them"
     )
     cut: tuple[Cut, ...] = Field(default=(), description="cuts of the thread during the run")
+    contact: tuple[Contact, ...] = Field(
+        default=(), description="surfaces of the organ that press on one another where they meet; else they cross"
+    )
     solve: Solve = Field(default=Solve(), description="what is solved, and how", examples=[{"dt": 1.0e-3}])
     output: Output = Field(default=Output(), description="what is written while running", examples=[{"every": 10}])
 
@@ -95,12 +99,33 @@ class Scenario(ScenarioTable):
             raise ValueError(refusal("thread.bending", False, reason))
         return self
 
+    @property
+    def touching(self) -> tuple[tuple[str, str], ...]:
+        """Names of the surfaces that press on one another, by pairs."""
+        lips = (LIPS,) if self.tissue is not None and self.tissue.contact else ()
+        return (*lips, *(pair.between for pair in self.contact))
+
+    @property
+    def floats(self) -> bool:
+        """Whether a body of the organ may be held by nothing but contact and stitches."""
+        inertia = self.tissue is not None and self.tissue.inertia and self.solve.kind == "dynamic"
+        return inertia and bool(self.touching)
+
     @model_validator(mode="after")
     def _check_contact(self) -> Self:
         linear = self.solve.scheme == "linear" and self.solve.coupling == "monolithic"
-        if self.tissue is not None and self.tissue.contact and linear:
+        if self.touching and linear:
             reason = 'the linear scheme has no inequalities; use solve.scheme = "newton", or coupling = "staggered"'
-            raise ValueError(refusal("tissue.contact", True, reason))
+            key, value = ("contact.0.between", self.touching[0]) if self.contact else ("tissue.contact", True)
+            raise ValueError(refusal(key, value, reason))
+        check_touching(self.touching, len(self.touching) - len(self.contact))
+        if self.contact and self.tissue is None:
+            raise ValueError(refusal("contact.0.between", self.touching[0], "there is no organ; add [tissue]"))
+        if self.tissue is not None and (there := boundaries_of(self.tissue.mesh)):
+            known = [*there, *(boundary.name for boundary in self.tissue.boundary)]
+            for k, pair in enumerate(self.contact):
+                if problem := unknown_clamp(pair.between, known, f"contact.{k}.between"):
+                    raise ValueError(problem)
         return self
 
     @model_validator(mode="after")
@@ -176,6 +201,14 @@ class Scenario(ScenarioTable):
 
 
 # --- checks that the simulation repeats once it knows more ------------------------------------------------
+
+
+def check_touching(pairs: Sequence[tuple[str, str]], first: int) -> None:
+    """Refuse two surfaces in contact that are named twice; the first of [[contact]] is number `first`."""
+    for k, pair in enumerate(pairs):
+        if any(set(pair) == set(other) for other in pairs[:k]):
+            reason = "these two are in contact already, by tissue.contact or another [[contact]]; leave one out"
+            raise ScenarioError(refusal(f"contact.{k - first}.between", pair, reason))
 
 
 def check_order(placed: Sequence[tuple[Piercing, float]], length: float | None = None) -> None:

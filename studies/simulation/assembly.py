@@ -16,6 +16,7 @@ from meshes.wound import lips
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
+from studies.scenario.organ import LIPS
 from studies.scenario.refusal import refusal
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved, with_given_mesh
 from studies.simulation.law import hyperelasticity_of
@@ -264,7 +265,7 @@ def organ_of(scenario: Scenario, body: tissue.Elasticity | None) -> AnyOrgan:
         return tissue.fixed_sites(sites)
     placed = tissue.build_sites(body, sites)
     check_loaded(body.mesh, scenario.tissue)
-    gaps, loads = gaps_of(scenario.tissue, body), loads_of(scenario)
+    gaps, loads = gaps_of(scenario, body), loads_of(scenario)
     given = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps, loads
     inertia = scenario.tissue.inertia and scenario.solve.kind == "dynamic"
     if scenario.tissue.material != "linear":
@@ -285,10 +286,17 @@ def loads_of(scenario: Scenario) -> tuple[tissue.SurfaceLoad, ...]:
     )
 
 
-def gaps_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Gaps | None:
-    """Return the gaps between a wound's lips, None where they may cross."""
-    if not table.contact or not isinstance(table.mesh, model.WoundMesh):
-        return None
-    wound = wound_of(table.mesh)
-    pairs = lips(body.mesh, wound)
-    return tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.normal_axis])
+def gaps_of(scenario: Scenario, body: tissue.Elasticity) -> tissue.Gaps | None:
+    """Return the gaps between surfaces that press on one another, None where all may cross. Those of a wound's lips are
+    between the nodes that match."""
+    shape = None if scenario.tissue is None else scenario.tissue.mesh
+    parts: list[tissue.Part] = []
+    for between in scenario.touching:
+        if isinstance(shape, model.WoundMesh) and set(between) == set(LIPS):
+            wound = wound_of(shape)
+            pairs = lips(body.mesh, wound)
+            own = tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.normal_axis])
+        else:
+            own = tissue.surface_gaps(body, [between])
+        parts += own.parts
+    return tissue.Gaps(body, tuple(parts)) if parts else None

@@ -87,7 +87,7 @@ def body_tables(scenario: Scenario) -> dict[str, Any]:
     plain = without(organ_tables(scenario), ("solve",))
     holes = [{key: hole[key] for key in ("name", "at", "footprint")} for hole in plain["piercing"]]
     organ = {"tissue": without(plain["tissue"], OF_MOTION)} if "tissue" in plain else {}
-    return plain | {"piercing": holes} | organ
+    return plain | {"piercing": holes, "floats": scenario.floats} | organ  # where bodies may float none need be held
 
 
 def without(table: dict[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:

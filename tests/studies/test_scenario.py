@@ -33,6 +33,13 @@ WOUND = (
 
 # (override, the words that the one sentence must contain: key, value, what is allowed or the remedy)
 REFUSED = [
+    ("contact=[{between=['top','tpo']}]", ["contact.0.between", "tpo", "no such boundary", 'nearest is "top"']),
+    ("contact=[{between=['top','top']}]", ["contact.0.between", "not in contact with itself", "name two"]),
+    ("contact=[{between=['top','left'],friction=0.2}]", ["contact.0.friction = 0.2", "no friction; take 0"]),
+    (
+        "contact=[{between=['top','left']},{between=['left','top']}]",
+        ["contact.1.between", "in contact already", "leave one out"],
+    ),
     ("tissue.poison_ratio=0.4", ["tissue.poison_ratio = 0.4", "no such key", "tissue.poisson_ratio"]),
     ("tissue.mesh.szie=1", ["tissue.mesh.szie = 1", "no such key", "tissue.mesh.size"]),
     ("thread.end.wayponts=1", ["thread.end.wayponts = 1", "no such key", "thread.end.waypoints"]),
@@ -475,7 +482,8 @@ def test_the_schema_describes_every_key() -> None:
         if "description" not in field and key != "kind"
     ]
     assert nameless == []
-    assert {"title", "tissue", "thread", "piercing", "cut", "solve", "output"} == set(written["properties"])
+    expected = {"title", "tissue", "thread", "piercing", "cut", "contact", "solve", "output"}
+    assert expected == set(written["properties"])
     assert "from" in written["$defs"]["Piercing"]["properties"]
     assert all(table.get("additionalProperties") is False for table in tables)
 
