@@ -225,6 +225,9 @@ def surface_gaps(body: Elasticity, between: Sequence[tuple[str, str]]) -> Gaps:
 def _between(body: Elasticity, between: tuple[str, str]) -> Part:
     """Return the pairs of two boundaries by name."""
     sides = [facets_of(body.mesh, "contact", name) for name in between]
+    for name, facets in zip(between, sides, strict=True):
+        if (body.mesh.f2t[1, facets] >= 0).any():
+            raise TissueError(f"contact: the boundary {name!r} has facets inside the organ; name one on its surface")
     first, second = sorted(sides, key=lambda facets: _rank(body, facets))
     triangles, right = (body.mesh.facets[:, facets].T.astype(np.intp) for facets in (first, second))
     behind = body.points[body.mesh.t[:, body.mesh.f2t[0, second]].T].mean(axis=1)
