@@ -1,6 +1,6 @@
 """The organ: small-strain linear elasticity on tetrahedra, and its nine site variables per piercing."""
 
-from tissue.deformation import cauchy_stress, cell_deformation, cell_stretch
+from tissue.deformation import cauchy_stress, cell_deformation, cell_energy, cell_stretch
 from tissue.elasticity import Elasticity, elasticity
 from tissue.errors import FactorError, OrganError, TissueError
 from tissue.hyperelasticity import Hyperelasticity
@@ -49,6 +49,7 @@ __all__ = [
     "build_sites",
     "cauchy_stress",
     "cell_deformation",
+    "cell_energy",
     "cell_strain",
     "cell_stretch",
     "conjugate_gradients",

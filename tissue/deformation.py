@@ -22,6 +22,11 @@ def cell_stretch(hyper: Hyperelasticity, U: Array) -> tuple[Array, Array]:
     return stretch, np.arctan2(sine, 0.5 * (np.trace(R, axis1=1, axis2=2) - 1.0))
 
 
+def cell_energy(hyper: Hyperelasticity, U: Array) -> Array:
+    """Return the mean strain energy per volume of the reference shape in each cell, shape `(c,)` [Pa]."""
+    return np.asarray(hyper.energy_at_points(hyper.gradient(U)).sum(axis=0) / hyper.weights.sum(axis=0))
+
+
 def cell_stress(hyper: Hyperelasticity, U: Array) -> Array:
     """Return the Cauchy stress σ = P Fᵀ/J of each cell, the mean over it, shape `(c, 3, 3)` [Pa]."""
     F = hyper.gradient(U)

@@ -187,12 +187,14 @@ class Hyperelasticity:
             stored += float(0.5 * self._stiffness_of_vertices @ self._gaps(J) ** 2)
         return stored if np.isfinite(stored) else np.inf
 
-    def energy_density(self, F: Array) -> Array:
-        """Return the stored energy per reference volume of each cell, on its mean, shape `(c,)` [J/m³]."""
-        stored, J = self.weights * self.density.energy(F), determinant(F)
+    def energy_at_points(self, F: Array) -> Array:
+        """Return the stored energy of each point of the cells, shape `(q, c)` [J]; of what is averaged at the vertices
+        a point has the share that it adds there."""
+        stored = self.weights * self.density.energy(F)
         if self.body.pressure is not None:
+            J = determinant(F)
             stored = stored + 0.5 * self._pressure_at_points(J) * (J - 1.0 / self._before)
-        return np.asarray(stored.sum(axis=0) / self.weights.sum(axis=0))
+        return np.asarray(stored)
 
     def dilatation(self, F: Array) -> Array:
         """Return J = det F, shape `(q, c)`."""

@@ -175,10 +175,10 @@ def finite_record(hyper: tissue.Hyperelasticity, U: Array) -> OrganRecord:
     is beyond what its model holds for."""
     stress = tissue.cauchy_stress(hyper, U)
     stretch, rotation = tissue.cell_stretch(hyper, U)
+    strain = np.abs(stretch - 1.0).max(axis=1)
     values, directions = tissue.principal(stress)
     at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
-    strain, density = np.abs(stretch - 1.0).max(axis=1), hyper.energy_density(hyper.gradient(U))
-    return OrganRecord(hyper.body.nodal(U), *at_nodes, strain, rotation, density, 0.0, 0.0)
+    return OrganRecord(hyper.body.nodal(U), *at_nodes, strain, rotation, tissue.cell_energy(hyper, U), 0.0, 0.0)
 
 
 def method(solve: Solve) -> Take:

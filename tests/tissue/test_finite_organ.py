@@ -22,7 +22,9 @@ DIRECTIONS: dict[str, Any] = {"normal": "normal", "fibre": (0.3, 0.1, 1.0), "fre
 def block(nu: float = 0.45, **more: Any) -> tissue.Elasticity:
     """A block with its top at z = 0, held below."""
     lines = np.linspace(-0.015, 0.015, 7), np.linspace(-0.01, 0.01, 5), np.linspace(-0.01, 0.0, 4)
-    mesh = skfem.MeshTet.init_tensor(*lines).with_boundaries({"bottom": lambda x: np.isclose(x[2], -0.01)})
+    mesh = skfem.MeshTet.init_tensor(*lines).with_boundaries(
+        {"bottom": lambda x: np.isclose(x[2], -0.01), "top": lambda x: np.isclose(x[2], 0.0)}
+    )
     return tissue.elasticity(mesh, tissue.Material(1e5, nu, 1070.0), "P1", **{"clamp": ["bottom"]} | more)
 
 
@@ -119,7 +121,7 @@ def test_what_the_integrator_takes_falls_with_its_step() -> None:
                 answer = after
             new = answer.accept(none)
             now = organ.energies(state, new)
-            total, state = total + np.array([0.0, now.gravity_work, now.viscous, now.numerical]), new
+            total, state = total + np.array([0.0, now.load_work, now.viscous, now.numerical]), new
         error = total[1] - (now.kinetic + now.elastic) - total[2] - total[3]
         assert abs(error) <= 1e-7 * total[1]
         taken.append(total[3])
@@ -177,15 +179,36 @@ def test_beyond_a_bifurcation_the_tangent_is_still_solved() -> None:
     squeezed = np.zeros(body.N)
     squeezed[body.nodes[:, 2]] = -0.1 * (body.points[:, 2] + 0.04)
     U = squeezed[body.free]
-    tangent = organ.tangent(organ.motion(Equilibrium(), []), U)
+    tangent = organ.tangent(organ.motion(Equilibrium(), [], None), U)
     assert np.linalg.eigvalsh(tangent.A.toarray())[0] < 0.0
     b = np.linspace(-1.0, 1.0, U.size)
     assert np.abs(tangent.A @ tangent.factor.solve(b) - b).max() <= TWO_SOLVERS
 
 
+def test_a_traction_is_ramped() -> None:
+    """Independent check: what the cells bear is the dead traction times its area and its part; its work is booked."""
+    body = block(0.45)
+    load = tissue.SurfaceLoad("top", traction=(0.0, 0.0, 2e4), ramp=0.1)
+    organ = tissue.FiniteOrgan(body, sites_of(body, "normal"), loads=[load], inertia=False)
+    state = organ.start()
+    for time in (0.05, 0.1):
+        answer: FiniteAnswer = organ.answer(Equilibrium(), [state], time)
+        while (after := answer.again(np.zeros(18), NONE)) is not answer:
+            answer = after
+        old, state = state, answer.accept(np.zeros(18))
+        U = organ.displacement(state)
+        held = body.nodal(organ.law.forces(organ.law.gradient(U))[0])[body.points[:, 2] < -0.01 + 1e-9]
+        assert held.sum(axis=0) == pytest.approx([0.0, 0.0, -time / 0.1 * 2e4 * 0.03 * 0.02], abs=1e-8)
+    done = organ.energies(old, state)
+    assert done.load_work == pytest.approx(organ.load_under(state.shares) @ (state.U - old.U))
+    assert 0.0 < done.numerical < 0.5 * done.load_work
+
+
 def test_what_does_not_go_is_refused_in_words() -> None:
     body, other = block(), block()
     sites = sites_of(body, "normal")
+    with pytest.raises(tissue.TissueError, match="give a traction"):
+        tissue.FiniteOrgan(body, sites, loads=[tissue.SurfaceLoad("top", pressure=1e3)])
     with pytest.raises(tissue.TissueError, match="another body"):
         tissue.FiniteOrgan(body, sites, hyper=tissue.Hyperelasticity(other))
     with pytest.raises(tissue.TissueError, match=r"damping = -1\.0"):

@@ -50,12 +50,15 @@ MOST_CORRECTIONS = 50  # of the equilibrium without site forces
 
 @dataclass(frozen=True)
 class Motion:
-    """What inertia does in a step: factors `a` [1/s²], `d` [1/s] and the fields U_a, U_d, `(N,)` [m]."""
+    """What inertia does in a step: factors `a` [1/s²], `d` [1/s] and the fields U_a, U_d, `(N,)` [m]; the `load` of
+    the step, `(N,)` [N], and the parts of the loads that act, as a state keeps them."""
 
     a: float
     d: float
     inertia: Array
     damping: Array
+    load: Array
+    shares: Array | None
 
 
 @dataclass(frozen=True)
@@ -201,8 +204,10 @@ class FiniteOrgan(MeshedOrgan):
         body = self.elasticity
         if self.gaps is not None:
             raise TissueError("gaps: the lips of a wound do not touch in an organ at finite strain; leave them out")
-        if self.loads:
-            raise TissueError("loads: an organ at finite strain bears gravity alone; leave them out")
+        if any(load.pressure is not None for load in self.loads):
+            raise TissueError(
+                "loads: a pressure does not follow the surface of an organ at finite strain yet; give a traction"
+            )
         if self.hyper is not None and self.hyper.body is not body:
             raise TissueError("hyper: it is of another body than the organ's; build both on one")
         if not 0.0 <= self.damping < np.inf:
@@ -217,6 +222,7 @@ class FiniteOrgan(MeshedOrgan):
             object.__setattr__(self, "hyper", Hyperelasticity(body))
         free = body.free
         object.__setattr__(self, "load", self.load[: free.size])
+        object.__setattr__(self, "surface_load", self.surface_load[: free.size])
         object.__setattr__(self, "M", csr_matrix(body.M[free][:, free]))
         object.__setattr__(self, "_tangents", OrderedDict())
         object.__setattr__(self, "_recalled", deque(maxlen=3))
@@ -260,7 +266,7 @@ class FiniteOrgan(MeshedOrgan):
         """Return the organ at U, with its deformation gradients `F` where they are known."""
         F = self.law.gradient(self.whole(U)) if F is None else F
         forces, scale = self.law.forces(F)
-        r = forces[self.elasticity.free] - self.load
+        r = forces[self.elasticity.free] - motion.load
         if motion.a:
             r = r + self.M @ (motion.a * (U - motion.inertia) + self.damping * motion.d * (U - motion.damping))
         return Point(U, F, r, scale, np.asarray(self.map.Z @ U))
@@ -272,7 +278,7 @@ class FiniteOrgan(MeshedOrgan):
 
     def potential(self, motion: Motion, U: Array, F: Array, f_y: Array) -> float:
         """Return what the organ makes least in a step under constant site forces [J]; inf where a cell is inverted."""
-        out = self.law.energy(F) - float(self.load @ U) - float(f_y @ self.map.y(np.asarray(self.map.Z @ U)))
+        out = self.law.energy(F) - float(motion.load @ U) - float(f_y @ self.map.y(np.asarray(self.map.Z @ U)))
         if motion.a:
             for factor, back in ((motion.a, motion.inertia), (self.damping * motion.d, motion.damping)):
                 out += 0.5 * factor * float((U - back) @ (self.M @ (U - back)))
@@ -324,21 +330,22 @@ class FiniteOrgan(MeshedOrgan):
 
     # --- what the coupling asks -------------------------------------------------------------------------------
 
-    def motion(self, scheme: TimeScheme, past: Sequence[OrganState]) -> Motion:
-        """Return what inertia does in a step of `scheme` from the states `past`, the newest first."""
+    def motion(self, scheme: TimeScheme, past: Sequence[OrganState], shares: Array | None) -> Motion:
+        """Return what inertia and loads do in a step of `scheme` from the states `past`, the newest first."""
+        load = self.load_under(shares)
         if not (self.inertia and scheme.a):
-            return Motion(0.0, 0.0, EMPTY, EMPTY)
+            return Motion(0.0, 0.0, EMPTY, EMPTY, load, shares)
         terms = list(zip(scheme.coefficients, past, strict=True))
         inertia = sum((alpha * s.U + beta * s.V for (alpha, beta, _), s in terms), np.zeros(self.size))
         damping = sum((gamma * s.U for (_, _, gamma), s in terms), np.zeros(self.size))
-        return Motion(scheme.a, scheme.d, inertia, damping)
+        return Motion(scheme.a, scheme.d, inertia, damping, load, shares)
 
     def start(self) -> OrganState:
         """Return the state at the start: at rest and undeformed, or without inertia in equilibrium with gravity and
         prestretch. Raises `TissueError` where there is none."""
         rest, none = np.zeros(self.size), np.zeros(self.y0.size)
         if self.inertia:
-            return OrganState(rest, rest, rest, none)
+            return OrganState(rest, rest, rest, none, shares=self.no_shares)
         try:
             U = self._sagged(rest)
         except OrganError as error:
@@ -346,11 +353,11 @@ class FiniteOrgan(MeshedOrgan):
                 f"the organ has no equilibrium under gravity and prestretch ({error}); take less of them, or firmer "
                 "tissue"
             ) from error
-        return OrganState(U, rest, rest, none)
+        return OrganState(U, rest, rest, none, shares=self.no_shares)
 
     def _sagged(self, U: Array) -> Array:
         """Return the equilibrium without site forces that is reached from U, shape `(N,)` [m]. Raises `OrganError`."""
-        still, none = Motion(0.0, 0.0, EMPTY, EMPTY), np.zeros(self.y0.size)
+        still, none = Motion(0.0, 0.0, EMPTY, EMPTY, self.load, None), np.zeros(self.y0.size)
         point = self.point(still, U)
         if self.off_balance(point, none) <= self._round_off:
             return U
@@ -365,9 +372,9 @@ class FiniteOrgan(MeshedOrgan):
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
     ) -> FiniteAnswer:
-        """Return the answer of a step of `scheme` from the states `past`, the newest first, linearised at the newest
-        with the tangent that it came with."""
-        motion, state = self.motion(scheme, past), past[0]
+        """Return the answer of a step of `scheme` from the states `past`, the newest first, under `share` of the loads
+        at `time` [s]: linearised at the newest with the tangent that it came with."""
+        motion, state = self.motion(scheme, past, self.shares_at(time, share)), past[0]
         point = self.point(motion, state.U)
         known = state.linearised if self.keep and state.linearised is not None else state.U
         tangent = self.tangent(motion, known, point.F if known is state.U else None)
@@ -377,9 +384,9 @@ class FiniteOrgan(MeshedOrgan):
         """Return the state at the end of a step."""
         if not motion.a:
             rest = np.zeros(self.size)
-            return OrganState(U, rest, rest, f_y, linearised=tangent.U)
+            return OrganState(U, rest, rest, f_y, shares=motion.shares, linearised=tangent.U)
         V, A = motion.d * (U - motion.damping), motion.a * (U - motion.inertia)
-        return OrganState(U, V, A, f_y, linearised=tangent.U)
+        return OrganState(U, V, A, f_y, shares=motion.shares, linearised=tangent.U)
 
     def site_variables(self, state: OrganState) -> Array:
         """Return y = y(Z U) + B Bᵀ f_y, shape `(9p,)`."""
@@ -410,7 +417,7 @@ class FiniteOrgan(MeshedOrgan):
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> SiteAnswer:
         """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y`
         (9p,): linear in their change, of which the next step takes what is left."""
-        tangent = self.tangent(self.motion(scheme, [state] * len(scheme.coefficients)), state.U)
+        tangent = self.tangent(self.motion(scheme, [state] * len(scheme.coefficients), state.shares), state.U)
         J = self.map.slope(np.asarray(self.map.Z @ state.U))
         C = J @ tangent.C_z @ J.T + self.spring_compliance
 
@@ -462,4 +469,6 @@ class FiniteOrgan(MeshedOrgan):
             kinetic, viscous = float(0.5 * new.V @ momentum), float(self.damping * momentum @ dU)
             numerical += 0.5 * dV @ (self.M @ dV) + new.A @ (self.M @ dU) - momentum @ dV
         elastic = stored + 0.5 * new.f_y @ (springs @ new.f_y)
-        return OrganEnergies(kinetic, float(elastic), float(self.load @ dU), viscous, float(numerical))
+        return OrganEnergies(
+            kinetic, float(elastic), float(self.load_under(new.shares) @ dU), viscous, float(numerical)
+        )
