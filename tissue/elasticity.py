@@ -7,6 +7,7 @@ Taylor–Hood element with a lumped mass. The rest of λ stays with the cells: t
 (Puso & Solberg, Int. J. Numer. Meth. Engng 67, 2006), and at ν ≤ 0.3 both formulations are one.
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,6 +23,8 @@ from tissue.arrays import Array, Indices
 from tissue.errors import TissueError
 from tissue.material import Material, PerCell
 from tissue.supports import clamped_unknowns, rolling_unknowns
+
+log = logging.getLogger(__name__)
 
 ELEMENTS = {"P1": ElementTetP1, "P2": ElementTetP2}
 DILATATIONS = ("auto", "cell", "nodal")
@@ -127,6 +130,7 @@ def elasticity(
         raise TissueError(f"dilatation = {dilatation!r}: allowed are 'auto', 'cell' and 'nodal'; take 'auto'")
     for name in ("youngs_modulus", "poisson_ratio", "density"):
         _check_cells(name, getattr(material, name), mesh)
+    log.info("assembling the organ: %d cells", mesh.nelements)
     scalar = ELEMENTS[element]()
     basis = Basis(mesh, ElementVector(scalar), quadrature=NO_POINTS)
     clamped = np.union1d(clamped_unknowns(basis, clamp), rolling_unknowns(basis, roller))

@@ -21,7 +21,7 @@ from typing import Any, Protocol
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.command.looking import add_looking
-from studies.command.progress import Progress, StudyProgress
+from studies.command.progress import Progress, StudyProgress, stages
 from studies.command.summary import MILLI, print_lines, print_summary, remark_lines
 from studies.output.budget import GIGA, check_disk, frame_bytes, row_bytes
 from studies.output.checkpoint import Arrays, read_checkpoint
@@ -118,7 +118,9 @@ def run(options: argparse.Namespace) -> int:
     scenario = load(options.file, options.set)
     with locked(options.out):
         check_folder(options.out, scenario, scenario_file(options.file), options.resume, options.overwrite)
-        return _run(options, _prepare(scenario))
+        with stages(options.quiet):
+            simulation = _prepare(scenario)
+        return _run(options, simulation)
 
 
 def _run(options: argparse.Namespace, simulation: Simulation) -> int:
@@ -152,7 +154,8 @@ def _run(options: argparse.Namespace, simulation: Simulation) -> int:
 
 def check(options: argparse.Namespace) -> int:
     """``suture check``: all that is refused is refused, nothing is computed."""
-    simulation = _prepare(load(options.file, options.set))
+    with stages():
+        simulation = _prepare(load(options.file, options.set))
     scenario = simulation.scenario
     organ = f"{simulation.tissue_dofs} tissue unknowns" if scenario.tissue else "no organ"
     counts = f"{len(scenario.piercing)} piercings, {scenario.thread.control_points} control points, {organ}"
