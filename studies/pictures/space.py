@@ -101,7 +101,8 @@ def _add_organ(plotter: Any, topology: OrganTopology, frame: Snapshot, scale: Sc
     plotter.add_mesh(
         mesh, scalars="von Mises stress [kPa]", cmap=colours(), clim=[value / KILO for value in scale.stress],
         smooth_shading=True, split_sharp_edges=True, feature_angle=50, opacity=0.6, culling="back",
-        ambient=0.45, diffuse=0.65, specular=0.1, scalar_bar_args=BAR | {"title": "von Mises stress [kPa]\n", "position_x": 0.34},
+        ambient=0.45, diffuse=0.65, specular=0.1,
+        scalar_bar_args=BAR | {"title": "von Mises stress [kPa]\n", "position_x": 0.34},
     )  # fmt: skip
     edges = mesh.extract_feature_edges(feature_angle=50, boundary_edges=False, manifold_edges=False)
     if edges.n_cells:
