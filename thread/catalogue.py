@@ -114,8 +114,8 @@ USP = (
 )
 KNOT_PULL = (
     "assumption: least averages of the same monographs, kgf × 9.80665, not looked up; a public code table differs by "
-    "1 to 22 %. Measured failures of knotted 3-0 lie above them, polypropylene 18.9 N and polyglyconate 34.2 N (Naleway "
-    "et al. 2015, abstract read). Look the monograph up before a strength is quoted"
+    "1 to 22 %. Measured failures of knotted 3-0 lie above them, polypropylene 18.9 N and polyglyconate 34.2 N ("
+    "Naleway et al. 2015, abstract read). Look the monograph up before a strength is quoted"
 )
 WEB = "assumption: a public web table of thread sizes, itself in error for 2-0"
 

@@ -8,7 +8,7 @@ import json
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, cast
 from xml.etree import ElementTree
@@ -194,13 +194,16 @@ def hole_of(holes: Any, number: int, name: str) -> PiercingRecord:
 
 
 def organ_of(organ: Any) -> OrganRecord:
-    """Return the organ of a frame; the shares of its strain energy, which no frame has, are not numbers."""
-    nodes = {name: np.asarray(values, dtype=np.float64) for name, values in organ.point_data.items()}
-    cells = {name: np.asarray(values, dtype=np.float64) for name, values in organ.cell_data.items()}
-    return OrganRecord(
-        nodes["displacement"], nodes["stress"], nodes["von_mises"], cells["strain"], cells["rotation"], np.nan, np.nan,
-        nodes.get("contact_pressure"), nodes.get("lip_gap"),
-    )  # fmt: skip
+    """Return the organ of a frame; what no frame has of it, such as shares of its strain energy, is not a number."""
+    arrays = {
+        name: np.asarray(values, dtype=np.float64)
+        for data in (organ.point_data, organ.cell_data)
+        for name, values in data.items()
+    }
+    needed = [field.name for field in fields(OrganRecord) if field.default is MISSING]
+    known = {field.name for field in fields(OrganRecord)} & arrays.keys()
+    given: dict[str, Any] = dict.fromkeys(needed, np.nan) | {name: arrays[name] for name in known}
+    return OrganRecord(**given)
 
 
 def topology_of(frame: FrameFiles) -> OrganTopology | None:

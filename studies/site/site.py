@@ -23,6 +23,8 @@ PAGES: dict[str, Any] = {
     "Guide": "studies/scenario/GUIDE.md",
     "Scenario file": "studies/scenario/README.md",
     "Results": "studies/output/README.md",
+    "Sweeps": "studies/sweeps/README.md",
+    "Refinement": "studies/refinement/README.md",
     "Theory": "coupling/README.md",
     "Studies": "studies/README.md",
     "Verification": "tests/README.md",
