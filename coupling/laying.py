@@ -5,6 +5,7 @@ stiffness that rounds what the bed would kink, the abscissae held. The bed has t
 so the same Newton serves.
 """
 
+import logging
 from dataclasses import dataclass, replace
 from typing import Generic
 
@@ -23,6 +24,8 @@ from coupling.system import State, System
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import Thread
+
+log = logging.getLogger(__name__)
 
 BED_SPANS = 2.0  # the bed lets go of the path over this many spans next to a hole that imposes another direction
 # Axial stiffness EA h²/EI of the laid thread, soft on the path at first. Then the bed is moved under it, so that what
@@ -155,6 +158,7 @@ def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[
 
     Piercings that begin later do not hold the thread yet.
     """
+    log.info("laying the thread along its path")
     organ = resting_organ(system)
     y = all_holds(system, system.organ.site_variables(organ))
     s = np.concatenate([s, system.clamp_abscissae])

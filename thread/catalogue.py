@@ -1,7 +1,7 @@
 """Cross-sections of suture threads, and a catalogue of them: USP size × material.
 
-Every number carries its source or says that it is an assumption. "From memory" marks a citation whose text
-was not at hand when the number was written down: check it before it is quoted.
+Every number carries its source, or its range and the word assumption. "Abstract read" marks a source of which no
+more than that was at hand; a range for which a source is named but was not looked up is an assumption.
 """
 
 import difflib
@@ -14,8 +14,8 @@ from types import MappingProxyType
 from thread.errors import ThreadError
 
 # EI and GJ of a braid over those of a solid rod of its diameter: the filaments slide on one another.
-# Assumption, within 0.01 … 0.1; Chu & Kizil, Surg Gynecol Obstet 1989, report braids about ten times or
-# more as flexible (from memory).
+# Assumption, within 0.01 … 0.1. To be looked up: Chu & Kizil, Surg Gynecol Obstet 1989, on the stiffness of commercial
+# sutures.
 BRAID_BENDING_FACTOR = 0.05
 # Solid part of a braid's nominal cross-section. Assumption, within 0.6 … 0.8: USP <861> measures the
 # diameter under a presser foot, and there is air between the filaments.
@@ -108,12 +108,16 @@ class Size:
         return (self.d_min + self.d_max) / 2 * 1e-3
 
 
-USP = "USP <861> and monographs, from memory; 11-0 to 2 agree digit for digit with a public code table"
-KNOT_PULL = (
-    "USP <861> and <881>, kgf × 9.80665, from memory; a public code table differs by 1 to 22 %: look the official "
-    "monograph up before a strength is quoted"
+USP = (
+    "USP–NF, Nonabsorbable Surgical Suture and Absorbable Surgical Suture, tables of diameter (USP 32–NF 27 and "
+    "USP 29–NF 24 are public; their tables were not seen); 11-0 to 2 agree digit for digit with a public code table"
 )
-WEB = "a public web table of thread sizes, itself in error for 2-0: check"
+KNOT_PULL = (
+    "assumption: least averages of the same monographs, kgf × 9.80665, not looked up; a public code table differs by "
+    "1 to 22 %. Measured failures of knotted 3-0 lie above them, polypropylene 18.9 N and polyglyconate 34.2 N ("
+    "Naleway et al. 2015, abstract read). Look the monograph up before a strength is quoted"
+)
+WEB = "assumption: a public web table of thread sizes, itself in error for 2-0"
 
 SIZES = (
     Size("11-0", 0.1, 0.010, 0.019, USP, 0.059, None),
@@ -137,7 +141,8 @@ SIZES = (
 )
 
 # Collagen (gut) runs one size larger for the same USP number: it has the diameter of the next larger metric
-# number. Source: a public web table; USP <861> lists it separately (from memory). Known from 9-0 to 3.
+# number. Assumption after a public web table; USP–NF, Absorbable Surgical Suture, has a table of its own for collagen.
+# Known from 9-0 to 3.
 COLLAGEN_SIZES = ("9-0", "8-0", "7-0", "6-0", "5-0", "4-0", "3-0", "2-0", "0", "1", "2", "3")
 
 
@@ -161,57 +166,65 @@ class SutureMaterial:
 
 
 TEXTBOOK = (
-    "textbook compilations, from memory: Chu, von Fraunhofer & Greisler (eds.), Wound Closure Biomaterials "
-    "and Devices, CRC 1997; von Fraunhofer, Storey & Masterson, Biomaterials 1985; Chu, Ann Surg 1981;193:365"
+    "assumption: a range about what textbooks compile, not looked up there: Chu, von Fraunhofer & Greisler (eds.), "
+    "Wound Closure Biomaterials and Devices, CRC 1997; von Fraunhofer, Storey & Masterson, Biomaterials 1985"
 )
-NALEWAY = "Naleway, Lear, Kruzic & Maughan, J Biomed Mater Res B 2015;103:735, initial modulus of 3-0"
+BULK = "assumption: the usual density of the bulk material"
+NALEWAY = (
+    "Naleway, Lear, Kruzic & Maughan, J Biomed Mater Res B 2015;103:735, doi 10.1002/jbm.b.33171, initial moduli of "
+    "thirteen 3-0 sutures (abstract read)"
+)
+NINDHIA = "Nindhia et al., Int J App Pharm 2021;13 S1, doi 10.22159/ijap.2021.v13s1.Y1025 (abstract read)"
+PDS = "Polydioxanone (PDS), a novel monofilament, Surg Gynecol Obstet 1981;153:497 (abstract read)"
 WITHIN_RANGE = "assumption, within the range"
 
 MATERIALS = (
     SutureMaterial(
-        "polypropylene", False, 905.0, TEXTBOOK, (2.2e9, 6.9e9), TEXTBOOK, 3.0e9, WITHIN_RANGE,
+        "polypropylene", False, 905.0, BULK, (2.2e9, 6.9e9), TEXTBOOK, 3.0e9,
+        f"{WITHIN_RANGE}; five monofilaments have 4.03 GPa in the mean: {NINDHIA}",
         synonyms=("pp",),
     ),
     SutureMaterial(
-        "nylon", False, 1140.0, TEXTBOOK, (1.8e9, 4.5e9), TEXTBOOK, 2.0e9, f"{WITHIN_RANGE}; softer still when wet",
+        "nylon", False, 1140.0, BULK, (1.8e9, 4.5e9), TEXTBOOK, 2.0e9, f"{WITHIN_RANGE}; softer still when wet",
         synonyms=("polyamide", "pa6", "pa66", "nylon 6", "nylon 66"),
     ),
     SutureMaterial(
-        "polydioxanone", False, 1360.0, TEXTBOOK, (1.2e9, 1.7e9), TEXTBOOK, 1.5e9, WITHIN_RANGE,
+        "polydioxanone", False, 1360.0, BULK, (1.2e9, 1.7e9), TEXTBOOK, 1.5e9,
+        f"{WITHIN_RANGE}; more pliable than polypropylene: {PDS}",
         absorbable=True, synonyms=("pds", "pdo"),
     ),
     SutureMaterial(
-        "polyglyconate", False, 1300.0, TEXTBOOK, (3.0e9, 3.4e9), TEXTBOOK, 3.2e9, WITHIN_RANGE,
+        "polyglyconate", False, 1300.0, BULK, (3.0e9, 3.4e9), TEXTBOOK, 3.2e9, WITHIN_RANGE,
         absorbable=True,
     ),
     SutureMaterial(
-        "polyester", True, 1380.0, TEXTBOOK, (1.2e9, 6.5e9), TEXTBOOK, 4.0e9, WITHIN_RANGE,
+        "polyester", True, 1380.0, BULK, (1.2e9, 6.5e9), TEXTBOOK, 4.0e9, WITHIN_RANGE,
         synonyms=("pet", "polyethylene terephthalate"),
     ),
     SutureMaterial(
-        "silk", True, 1300.0, TEXTBOOK, (8.4e9, 12.9e9), TEXTBOOK, 8.7e9,
-        f"{NALEWAY} silk: 8.701 GPa (read in a public source)",
+        "silk", True, 1300.0, BULK, (8.4e9, 12.9e9), TEXTBOOK, 8.7e9,
+        f"8.701 GPa, the highest of those not absorbable: {NALEWAY}",
     ),
     SutureMaterial(
-        "polyglycolic acid", True, 1530.0, TEXTBOOK, (7.0e9, 14.0e9), TEXTBOOK, 8.0e9, WITHIN_RANGE,
+        "polyglycolic acid", True, 1530.0, BULK, (7.0e9, 14.0e9), TEXTBOOK, 8.0e9, WITHIN_RANGE,
         absorbable=True, synonyms=("pga", "polyglycolide"),
     ),
     SutureMaterial(
-        "polyglactin 910", True, 1500.0, TEXTBOOK, (7.0e9, 14.0e9), TEXTBOOK, 9.0e9,
-        f"assumption, near {NALEWAY} rapid polyglactin 910: 9.32 GPa (read in a public source)",
+        "polyglactin 910", True, 1500.0, BULK, (7.0e9, 14.0e9), TEXTBOOK, 9.0e9,
+        f"{WITHIN_RANGE}; the rapid kind has 9.32 GPa, the highest of those absorbable: {NALEWAY}",
         absorbable=True, synonyms=("polyglactin",),
     ),
     SutureMaterial(
-        "catgut", False, 1300.0, TEXTBOOK, (2.4e9, 2.4e9), TEXTBOOK, 2.4e9, WITHIN_RANGE,
+        "catgut", False, 1300.0, BULK, (2.4e9, 2.4e9), TEXTBOOK, 2.4e9, WITHIN_RANGE,
         collagen=True, synonyms=("gut", "collagen"),
     ),
     SutureMaterial(
-        "steel", False, 7990.0, TEXTBOOK, (190e9, 200e9), TEXTBOOK, 193e9, f"{WITHIN_RANGE}; 316L, single wire",
+        "steel", False, 7990.0, BULK, (190e9, 200e9), TEXTBOOK, 193e9, f"{WITHIN_RANGE}; 316L, single wire",
         poisson_ratio=0.3, poisson_source="assumption, the usual value of austenitic steel",
         synonyms=("stainless steel", "316l", "steel 316l"),
     ),
     SutureMaterial(
-        "UHMWPE", True, 970.0, TEXTBOOK, None, "none found", None,
+        "UHMWPE", True, 970.0, BULK, None, "none found", None,
         "none found but that it is stiffer than polyester", synonyms=("polyethylene",),
     ),
 )  # fmt: skip

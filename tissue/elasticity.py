@@ -10,6 +10,7 @@ Matrices of more than some thousand cells are summed by compiled loops (`tissue.
 that scikit-fem's forms take and to the same numbers but for round-off.
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,6 +27,8 @@ from tissue.arrays import Array, Indices
 from tissue.errors import TissueError
 from tissue.material import Material, PerCell
 from tissue.supports import clamped_unknowns, rolling_unknowns
+
+log = logging.getLogger(__name__)
 
 ELEMENTS = {"P1": ElementTetP1, "P2": ElementTetP2}
 DILATATIONS = ("auto", "cell", "nodal")
@@ -147,6 +150,7 @@ def elasticity(
         raise TissueError(f"dilatation = {dilatation!r}: allowed are 'auto', 'cell' and 'nodal'; take 'auto'")
     for name in ("youngs_modulus", "poisson_ratio", "density"):
         _check_cells(name, getattr(material, name), mesh)
+    log.info("assembling the organ: %d cells", mesh.nelements)
     basis = numbering(mesh, element)
     held = np.zeros(basis.N, dtype=bool)
     held[clamped_unknowns(basis, clamp)] = held[rolling_unknowns(basis, roller)] = True

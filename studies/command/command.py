@@ -23,7 +23,7 @@ from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.command.lines import print_lines
 from studies.command.parser import read
-from studies.command.progress import Progress, StudyProgress
+from studies.command.progress import Progress, StudyProgress, stages
 from studies.command.summary import MILLI, print_summary, remark_lines
 from studies.output.budget import GIGA, frame_bytes, row_bytes
 from studies.output.files import as_json
@@ -93,7 +93,9 @@ def run(options: argparse.Namespace) -> int:
     scenario = load(options.file, options.set)
     with locked(options.out):
         check_folder(options.out, scenario, scenario_file(options.file), options.resume, options.overwrite)
-        return _run(options, _prepare(scenario))
+        with stages(options.quiet or options.json):
+            simulation = _prepare(scenario)
+        return _run(options, simulation)
 
 
 def _run(options: argparse.Namespace, simulation: AnySimulation) -> int:
@@ -118,7 +120,8 @@ def _run(options: argparse.Namespace, simulation: AnySimulation) -> int:
 
 def check(options: argparse.Namespace) -> int:
     """``suture check``: all that is refused is refused; the start is solved, and drawn where that is asked for."""
-    simulation = _prepare(load(options.file, options.set))
+    with stages(options.json):
+        simulation = _prepare(load(options.file, options.set))
     remarks = simulation.remarks()
     picture = "" if options.picture is None else _draw_start(simulation, options.picture)
     if options.json:

@@ -1,12 +1,29 @@
-"""The commands that look at results: ``suture report``."""
+"""The commands that look at results: ``suture report``, ``suture view`` and ``suture plot``."""
 
 import argparse
 
 from studies.command.lines import print_lines
-from studies.report.report import write_report
 
 
 def report_results(options: argparse.Namespace) -> int:
     """``suture report``: one page of folders."""
+    from studies.report.report import write_report
+
     print_lines(write_report(options.folders, options.out))
+    return 0
+
+
+def view_results(options: argparse.Namespace) -> int:
+    """``suture view``: a run in a window or as pictures, or the macro that draws it in ParaView."""
+    from studies.pictures.looking import view, write_macro
+
+    print_lines(write_macro(options.macro) if options.macro else view(options.folder, options.out, options.time))
+    return 0
+
+
+def plot_results(options: argparse.Namespace) -> int:
+    """``suture plot``: columns of a run over time."""
+    from studies.pictures.plotting import plot
+
+    print_lines(plot(options.folder, options.columns, options.out))
     return 0

@@ -218,6 +218,19 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="FILE.html", type=Path, required=True, help="page to be written")
 
 
+def _add_view(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a run")
+    parser.add_argument("--out", metavar="FILE", type=Path, help="draw into a .png or .gif file instead")
+    parser.add_argument("--time", metavar="SECONDS", type=float, help="of the picture, default: the end")
+    parser.add_argument("--macro", metavar="FILE.py", type=Path, help="write a macro that draws a run in ParaView")
+
+
+def _add_plot(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a run")
+    parser.add_argument("columns", metavar="NAME", nargs="+", help="a column, as piercings.exit.tension_after")
+    parser.add_argument("--out", metavar="FILE", type=Path, help=".png, .svg or .pdf, default DIR/plot.png")
+
+
 def _add_new(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", metavar="NAME", type=Path, help="file to be written; .toml is added where it lacks")
 
@@ -245,6 +258,13 @@ TABLE = {
     "report": _named(
         "write runs, studies and sweeps into one page, which needs no network", _add_report, "report_results", LOOKING
     ),
+    "view": _named(
+        "show a run in a window, or as a picture and an animation where there is no screen",
+        _add_view,
+        "view_results",
+        LOOKING,
+    ),
+    "plot": _named("draw columns of a run over time", _add_plot, "plot_results", LOOKING),
     "mesh": _named("make a scenario's mesh, write it and say how good it is", _add_mesh, "make_mesh"),
     "study": _named("run a study into a table and a figure", _add_study, "run_study"),
     "schema": _named("print the JSON schema of the scenario file, or its keys as tables", _add_schema, "print_schema"),

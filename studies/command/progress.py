@@ -1,13 +1,16 @@
-"""How far a run has come and how long it will still take, on standard error."""
+"""What is being done, how far a run has come and how long it will still take, on standard error."""
 
+import logging
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from time import monotonic
 from typing import Any, TextIO
 
-WIDTH = 30  # characters of the bar
+WIDTH = 30  # characters of the bar, fewer where the words beside it are many
 REFRESH = 0.1  # s between two drawings on a terminal
 TERMINAL = 79  # characters of a line that is written over
+TOLD = ("tissue", "coupling", "studies")  # packages that say what they begin
 TENTHS = 10  # plain lines when the output is not a terminal
 
 
@@ -39,8 +42,10 @@ class Progress:
     def _draw(self, step: int, time: float, newton_iterations: int) -> None:
         text = f"step {step}/{self._steps}, t = {time:.4g} s, Newton {newton_iterations}, {self._left(step)}"
         if self._is_terminal:
-            done = round(WIDTH * step / self._steps)
-            self._stream.write(f"\r\x1b[K[{'#' * done}{'.' * (WIDTH - done)}] {text}")
+            width = max(0, min(WIDTH, TERMINAL - len(text) - len("[] ")))
+            done = round(width * step / self._steps)
+            bar = f"[{'#' * done}{'.' * (width - done)}] " if width else ""
+            self._stream.write(f"\r\x1b[K{(bar + text)[:TERMINAL]}")
         else:
             self._stream.write(f"{100 * step // self._steps:3d} %  {text}\n")
         self._stream.flush()
@@ -65,6 +70,57 @@ class Progress:
         taken = step - (self._first_step or 1)
         pace = (now - self._first) / taken if taken > 0 else now - self._start
         return f"{duration(pace * (self._steps - step))} left"
+
+
+class Stages(logging.Handler):
+    """Tells what is being done before the first step, one line that is written over on a terminal, elsewhere a line
+    for each."""
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        super().__init__(logging.INFO)
+        self._stream = stream or sys.stderr
+        self._is_terminal = self._stream.isatty()
+        self._told = ""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Tell what begins, unless that is what was told last."""
+        text = record.getMessage()
+        if text == self._told:
+            return
+        self._told = text
+        with suppress(BrokenPipeError):  # nobody looks any more; the work goes on
+            self._stream.write(f"\r\x1b[K{text[:TERMINAL]}" if self._is_terminal else f"{text}\n")
+            self._stream.flush()
+
+    def close(self) -> None:
+        """Take away the line that is written over."""
+        if self._is_terminal and self._told:
+            with suppress(BrokenPipeError):
+                self._stream.write("\r\x1b[K")
+                self._stream.flush()
+        self._told = ""
+        super().close()
+
+
+@contextmanager
+def stages(quiet: bool = False) -> Iterator[None]:
+    """Tell on standard error what the packages say that they begin."""
+    if quiet:
+        yield
+        return
+    handler = Stages()
+    loggers = [logging.getLogger(name) for name in TOLD]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.addHandler(handler)
+        logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.removeHandler(handler)
+            logger.setLevel(level)
+        handler.close()
 
 
 class StudyProgress:

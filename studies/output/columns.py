@@ -371,6 +371,8 @@ THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
     ),
     Column("torque", "N m", "about the tangent, right-handed; with `thread.twist`", lambda thread: thread.torque),
 )
+ARRAYS: tuple[Column[Any], ...] = (*ORGAN_ARRAYS, *ORGAN_CELLS, *THREAD_ARRAYS, *PIERCING_ARRAYS)
+UNITS = {column.name: column.unit for column in ARRAYS}  # of the arrays of a frame
 
 RANGE: tuple[Column[Extremes], ...] = (
     Column("largest_strain", "-", "largest `strain` of a cell of the organ, over all frames", lambda met: met.strain),

@@ -6,8 +6,9 @@ A run that is still at work, or that was killed, is read as far as it came.
 import csv
 import json
 import re
+import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, cast
 from xml.etree import ElementTree
@@ -16,15 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.arrays import Array
-from studies.output.columns import ORGAN_ARRAYS, ORGAN_CELLS, PIERCING_ARRAYS, TABLES, THREAD_ARRAYS, Column
+from studies.output.columns import STATE_CODES, TABLES
 from studies.output.manifest import MARK, SCENARIO, holds_run
+from studies.output.records import OrganRecord, OrganTopology, PiercingRecord, Snapshot, ThreadRecord
 from studies.output.series import step_of
 
 HEADING = re.compile(r"(?P<name>.*?)(?: \[(?P<unit>[^\]]*)\])?")
 CORNERS = 4  # nodes of a tetrahedron without those on its edges
 TEXTS = {column.name for layout in TABLES for column in layout.columns if column.kind == "text"}
-ARRAYS: tuple[Column[Any], ...] = (*PIERCING_ARRAYS, *THREAD_ARRAYS, *ORGAN_CELLS, *ORGAN_ARRAYS)
-UNITS = {column.name: column.unit for column in ARRAYS}  # of the arrays of a frame
 
 
 class ResultsError(ValueError):
@@ -91,6 +91,11 @@ class RunResults:
     def name(self) -> str:
         """The folder's own name."""
         return self.folder.resolve().name
+
+    @property
+    def title(self) -> str:
+        """The title of the scenario, or the folder's name where it has none."""
+        return str(tomllib.loads(self.scenario).get("title", "")) or self.name
 
     @property
     def piercings(self) -> list[str]:
@@ -160,6 +165,54 @@ def read_frames(index: Path) -> tuple[FrameFiles, ...]:
         _, files = frames.setdefault(step_of(file), (float(part.get("timestep", "nan")), {}))
         files[part.get("name", "")] = index.parent / file
     return tuple(FrameFiles(time, step, files) for step, (time, files) in sorted(frames.items()))
+
+
+def snapshot_of(frame: FrameFiles, names: Sequence[str]) -> Snapshot:
+    """Return a frame as it was recorded, in single precision; `names` are those of its piercings.
+
+    Raises `ResultsError` as `FrameFiles.read` does.
+    """
+    thread, holes, organ = (frame.read(part) for part in ("thread", "piercings", "organ"))
+    data = {name: np.asarray(values, dtype=np.float64) for name, values in thread.point_data.items()}
+    lengths = tuple(len(piece) for piece in pieces(thread))
+    record = ThreadRecord(
+        np.asarray(thread.points, dtype=np.float64), data["s"], data["tension"], data["curvature"],
+        float(data["radius"][0]), lengths if len(lengths) > 1 else (), data.get("torque"),
+    )  # fmt: skip
+    marks = () if holes is None else tuple(hole_of(holes, k, name) for k, name in enumerate(names))
+    return Snapshot(frame.time, record, marks, None if organ is None else organ_of(organ))
+
+
+def hole_of(holes: Any, number: int, name: str) -> PiercingRecord:
+    """Return a piercing of a frame by its number."""
+    found = {key: np.asarray(values[number], dtype=np.float64) for key, values in holes.point_data.items()}
+    words = {code: word for word, code in STATE_CODES.items()}
+    known = {field.name for field in fields(PiercingRecord)} & found.keys() - {"state"}
+    numbers: dict[str, Any] = {key: found[key] if found[key].ndim else float(found[key]) for key in known}
+    place = np.asarray(holes.points[number], dtype=np.float64)
+    return PiercingRecord(name=name, x=place, state=words[int(found["state"])], **numbers)
+
+
+def organ_of(organ: Any) -> OrganRecord:
+    """Return the organ of a frame; what no frame has of it, such as shares of its strain energy, is not a number."""
+    arrays = {
+        name: np.asarray(values, dtype=np.float64)
+        for data in (organ.point_data, organ.cell_data)
+        for name, values in data.items()
+    }
+    needed = [field.name for field in fields(OrganRecord) if field.default is MISSING]
+    known = {field.name for field in fields(OrganRecord)} & arrays.keys()
+    given: dict[str, Any] = dict.fromkeys(needed, np.nan) | {name: arrays[name] for name in known}
+    return OrganRecord(**given)
+
+
+def topology_of(frame: FrameFiles) -> OrganTopology | None:
+    """Return the organ's mesh of a frame, None without one."""
+    organ = frame.read("organ")
+    if organ is None:
+        return None
+    [cells] = organ.cells_dict.values()
+    return OrganTopology(np.asarray(organ.points, dtype=np.float64), np.asarray(cells, dtype=np.int64))
 
 
 def cells_of(organ: Any) -> NDArray[np.int64]:

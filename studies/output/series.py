@@ -16,12 +16,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
-from xml.sax.saxutils import quoteattr
+from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from studies.output.columns import ORGAN_ARRAYS, ORGAN_CELLS, PIERCING_ARRAYS, THREAD_ARRAYS, values
+from studies.output.columns import ORGAN_ARRAYS, ORGAN_CELLS, PIERCING_ARRAYS, THREAD_ARRAYS, UNITS, values
 from studies.output.files import UNFINISHED, write_text
 from studies.output.records import OrganRecord, OrganTopology, PiercingRecord, Snapshot, ThreadRecord
 
@@ -134,15 +134,21 @@ def piercings_text(piercings: Sequence[PiercingRecord]) -> str:
     return _poly_data(points, "Verts", [1] * len(piercings), _point_data(arrays, 'Vectors="force"'))
 
 
-def data_array(name: str, values: ArrayLike, kind: str) -> str:
-    """Write a field, shape ``(n,)`` or ``(n, components)``, as an inline compressed ``DataArray``."""
+def data_array(name: str, values: ArrayLike, kind: str, unit: str = "") -> str:
+    """Write a field, shape ``(n,)`` or ``(n, components)``, as an inline compressed ``DataArray`` with its unit."""
     array = np.ascontiguousarray(values, dtype=np.dtype(kind))
     components = array.shape[1] if array.ndim == 2 else 1
     labels = "".join(f' ComponentName{index}="{label}"' for index, label in enumerate(COMPONENTS.get(components, ())))
     return (
         f'<DataArray type="{TYPE_NAMES[kind]}" Name={quoteattr(name)} format="binary"'
-        f' NumberOfComponents="{components}"{labels}>\n{_encoded(array)}\n</DataArray>\n'
+        f' NumberOfComponents="{components}"{labels}>\n{_encoded(array)}\n{_unit_key(unit)}</DataArray>\n'
     )
+
+
+def _unit_key(unit: str) -> str:
+    """Write a unit as VTK keeps it; nothing where there is none."""
+    key = f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(unit)}</InformationKey>\n'
+    return key if unit else ""
 
 
 def _encoded(array: NDArray[np.generic]) -> str:
@@ -175,7 +181,8 @@ def _arrays(kind: str, arrays: Mapping[str, Any], active: str) -> str:
     """Write fields by name, whole numbers as integers; those that are None are left out."""
     given = {name: np.asarray(values) for name, values in arrays.items() if values is not None}
     text = "".join(
-        data_array(name, values, "i4" if values.dtype.kind == "i" else "f4") for name, values in given.items()
+        data_array(name, values, "i4" if values.dtype.kind == "i" else "f4", UNITS[name])
+        for name, values in given.items()
     )
     return f"<{kind} {active}>\n{text}</{kind}>\n"
 

@@ -34,19 +34,19 @@ def draw_picture(frame: Snapshot, topology: OrganTopology | None, path: Path | s
     return draw_scene((frame, topology, title), path, "studies.pictures.space", "studies.pictures.section")
 
 
-def draw_scene(scene: object, path: Path | str, space: str, section: str) -> Drawn:
-    """Draw a scene into a PNG file by the module `space` where OpenGL renders, else by `section`; each is run with the
-    pickled scene and the picture to make.
+def draw_scene(scene: object, path: Path | str, space: str, section: str, patience: float = 1.0) -> Drawn:
+    """Draw a scene into a file by the module `space` where OpenGL renders, else by `section`; each is run with the
+    pickled scene and the picture to make, and has `patience` times that of one picture.
     """
     causes = []
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "scene.pickle"
         source.write_bytes(pickle.dumps(scene))
         for window in WINDOWS:
-            causes.append(draw_apart(space, source, Path(path), {"VTK_DEFAULT_OPENGL_WINDOW": window}))
+            causes.append(draw_apart(space, source, Path(path), {"VTK_DEFAULT_OPENGL_WINDOW": window}, patience))
             if not causes[-1]:
                 return Drawn(f"{path}: 3-D picture (pyvista)")
-        causes.append(draw_apart(section, source, Path(path), {"MPLCONFIGDIR": folder}))
+        causes.append(draw_apart(section, source, Path(path), {"MPLCONFIGDIR": folder}, patience))
     remedy = f"for the 3-D picture: apt-get install --no-install-recommends {PACKAGES}"
     no_space = f"no OpenGL renders here ({causes[-2]})"
     if not causes[-1]:
@@ -55,17 +55,17 @@ def draw_scene(scene: object, path: Path | str, space: str, section: str) -> Dra
     return Drawn(f"{path}: none, {failure}", failure)
 
 
-def draw_apart(module: str, source: Path, path: Path, setting: Mapping[str, str]) -> str:
+def draw_apart(module: str, source: Path, path: Path, setting: Mapping[str, str], patience: float = 1.0) -> str:
     """Draw by a module in a child process; return why there is no picture, in the child's own words, "" if there is."""
     target = source.with_name("picture.png")
     target.unlink(missing_ok=True)
     try:
-        done = run_module(module, [source, target], PATIENCE, setting)
+        done = run_module(module, [source, target], patience * PATIENCE, setting)
         if not done.returncode and target.is_file():
             write_bytes(path, target.read_bytes())
             return ""
     except subprocess.TimeoutExpired:
-        return f"it took more than {PATIENCE:g} s"
+        return f"it took more than {patience * PATIENCE:g} s"
     except OSError as error:
         return str(error)
     return last_words(done.returncode, done.stderr.decode(errors="replace"))

@@ -6,49 +6,64 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from studies.arrays import Array
 from studies.output.records import OrganTopology, Snapshot
+from studies.pictures.camera import along_arrows, label_places
 from studies.pictures.view import (
     ARROW,
     KILO,
+    LEFT,
     MARKER,
     MILLI,
     SIZE,
-    THREAD,
     Indices,
+    Scale,
     caption,
     colours,
     label,
-    limits,
+    legend,
+    places_of,
     read_scene,
-    view_box,
-    view_width,
+    scale_of,
+    tension_colours,
 )
 
 DPI = 150
+LETTERS, LETTER = 20.0, 0.6  # pixels of the letters of a name, and the mean width of one over that
 ASIDE = 1e-3  # over the organ's width: a plane through nodes cuts tetrahedra into nothing
 
 
 def draw_section(frame: Snapshot, topology: OrganTopology | None, path: Path, title: str = "") -> None:
     """Draw the view along y with matplotlib [mm]: the organ cut at the piercings, the thread projected."""
-    figure = Figure(figsize=(SIZE[0] / DPI, SIZE[1] / DPI), layout="constrained")
+    draw_scaled(frame, topology, path, title, scale_of([frame]))
+
+
+def draw_scaled(frame: Snapshot, topology: OrganTopology | None, path: Path, title: str, scale: Scale) -> None:
+    """Draw a frame to a scale into a PNG file."""
+    figure = Figure(figsize=(SIZE[0] / DPI, SIZE[1] / DPI), layout="constrained", dpi=DPI)
     axes = figure.add_subplot()
     if topology is not None and frame.organ is not None:
-        stress = _section_organ(axes, topology, frame)
+        stress = _section_organ(axes, topology, frame, scale)
         figure.colorbar(stress, ax=axes, label="von Mises stress [kPa]", shrink=0.8, pad=0.02)
-    _section_thread(axes, frame)
-    _section_frame(axes, frame, title)
+    figure.colorbar(
+        _section_thread(axes, frame, scale), ax=axes, label="tension of the thread [N]", shrink=0.8, pad=0.02
+    )
+    _section_piercings(axes, frame, scale)
+    _section_frame(axes, frame, title, scale)
+    figure.draw_without_rendering()  # from here on a place has its pixel
+    _section_names(axes, frame, scale)
     figure.savefig(path, dpi=DPI)
 
 
-def _section_organ(axes: Axes, topology: OrganTopology, frame: Snapshot) -> Any:
+def _section_organ(axes: Axes, topology: OrganTopology, frame: Snapshot, scale: Scale) -> Any:
     """Fill the cut of the deformed tetrahedra by the plane y = const through the piercings."""
     assert frame.organ is not None
     deformed = topology.points + frame.organ.displacement
     points, triangles, stress = cut(deformed, topology.cells[:, :4], frame.organ.von_mises, _section_y(frame, deformed))
-    low, high = limits(frame.organ.von_mises / KILO)
+    low, high = (value / KILO for value in scale.stress)
     look: Any = {"triangles": triangles, "cmap": colours(), "vmin": low, "vmax": high}
     x, z = (points / MILLI).T
     axes.tripcolor(x, z, stress / KILO, edgecolors="face", linewidth=0.8, **look)  # behind the joints of the next
@@ -72,36 +87,58 @@ def cut(points: Array, cells: Indices, values: Array, y: float) -> tuple[Array, 
     return places[:, [0, 2]], np.array(triangles).reshape(-1, 3), values[a] + weight * (values[b] - values[a])
 
 
-def _section_thread(axes: Axes, frame: Snapshot) -> None:
-    for points in frame.thread.split():
-        x, _, z = points.T / MILLI
-        axes.plot(x, z, color=THREAD, linewidth=2.5, solid_capstyle="round", label="thread")
-    largest = max((float(np.linalg.norm(hole.force)) for hole in frame.piercings), default=0.0)
-    middle = float(np.mean([hole.x[0] for hole in frame.piercings] or [0.0])) / MILLI
-    for hole in frame.piercings:
+def _section_thread(axes: Axes, frame: Snapshot, scale: Scale) -> Any:
+    """Draw the thread coloured by its tension [N]."""
+    ends = np.cumsum(frame.thread.pieces[:-1], dtype=np.int64)
+    lines = []
+    for points, tension in zip(frame.thread.split(), np.split(frame.thread.tension, ends), strict=True):
+        places = points[:, [0, 2]] / MILLI
+        lines.append(
+            LineCollection(list(np.stack([places[:-1], places[1:]], axis=1)), cmap=tension_colours(), linewidth=2.5)
+        )
+        lines[-1].set(array=tension[:-1], clim=scale.tension, capstyle="round")
+        axes.add_collection(lines[-1])
+    return lines[0]
+
+
+def _section_piercings(axes: Axes, frame: Snapshot, scale: Scale) -> None:
+    """Draw the holes, with the force of each on the thread."""
+    style = {"arrowstyle": "-|>", "color": ARROW, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 0}
+    for hole, tip in zip(frame.piercings, scale.tips(frame) / MILLI, strict=True):
         x, _, z = hole.x / MILLI
         axes.plot(x, z, "o", color=MARKER, markersize=8, zorder=4)
-        force = float(np.linalg.norm(hole.force))
-        arrow = hole.force * (0.2 * view_width(frame) / MILLI / largest if largest else 0.0)
-        if force > 1e-3 * largest:
-            style = {"arrowstyle": "-|>", "color": ARROW, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 0}
-            axes.annotate("", (x + arrow[0], z + arrow[2]), (x, z), arrowprops=style, zorder=5)
-        where, align = ((-12, 8), "right") if x < middle else ((12, -14), "left")
+        if float(np.linalg.norm(hole.force)) > 1e-3 * scale.force:
+            axes.annotate("", (tip[0], tip[2]), (x, z), arrowprops=style, zorder=5)
+
+
+def _section_names(axes: Axes, frame: Snapshot, scale: Scale) -> None:
+    """Write what each hole is called and its force, beside what is drawn, with a line to the hole."""
+    named = [hole for hole in frame.piercings if hole.state != LEFT]
+    words = [label(hole.name, float(np.linalg.norm(hole.force))) for hole in named]
+    boxes = np.array([[LETTER * LETTERS * len(text), 1.4 * LETTERS] for text in words]).reshape(-1, 2)
+    holes, tips, thread = (
+        axes.transData.transform(points[:, [0, 2]] / MILLI)
+        for points in (places_of(frame), scale.tips(frame), frame.thread.points)
+    )
+    taken = np.concatenate([thread, along_arrows(holes, tips)])
+    anchors = axes.transData.transform(np.array([hole.x[[0, 2]] for hole in named]).reshape(-1, 2) / MILLI)
+    for text, anchor, corner in zip(words, anchors, label_places(anchors, boxes, taken, SIZE), strict=True):
         axes.annotate(
-            label(hole.name, force), (x, z), where, textcoords="offset points", ha=align, zorder=6,
-            bbox={"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
+            text, anchor, corner, xycoords="figure pixels", textcoords="figure pixels", fontsize=LETTERS * 72 / DPI,
+            ha="left", va="bottom", zorder=6, arrowprops={"arrowstyle": "-", "linewidth": 0.8, "shrinkA": 0},
         )  # fmt: skip
 
 
-def _section_frame(axes: Axes, frame: Snapshot, title: str) -> None:
-    low, high = view_box(frame)
-    margin = 0.12 * view_width(frame)
+def _section_frame(axes: Axes, frame: Snapshot, title: str, scale: Scale) -> None:
+    tips = scale.tips(frame)
+    low, high = np.min([scale.low, *tips], axis=0), np.max([scale.high, *tips], axis=0)
+    margin = 0.08 * scale.width
     axes.set_xlim((low[0] - margin) / MILLI, (high[0] + margin) / MILLI)
-    axes.set_ylim((low[2] - 2 * margin) / MILLI, (high[2] + margin) / MILLI)
+    axes.set_ylim((low[2] - margin) / MILLI, (high[2] + margin) / MILLI)
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlabel("x [mm]")
     axes.set_ylabel("z [mm]")
-    axes.set_title(caption(frame, title), fontsize=11)
+    axes.set_title(f"{caption(frame, title)}\n{legend(scale)}".strip(), fontsize=10)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
 

@@ -1,6 +1,8 @@
 """What the pictures of a frame have in common: the part to be seen, colours, labels."""
 
 import pickle
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,9 @@ Scene = tuple[Snapshot, OrganTopology | None, str]  # with a title
 SIZE = (1500, 1000)  # pixels
 THREAD, MARKER, ARROW = "#1f3a93", "#c0392b", "#222222"
 TISSUE = ("#f7e6da", "#f0bd9f", "#dc7356", "#8e1b2c")
+TENSION = ("#a6cee3", "#3b76b8", "#0b1a5e")
+LEFT = "left"  # the state of a hole that the thread is not in
+REACH = 0.16  # of the longest arrow, of the diagonal of what is seen
 KILO, MILLI = 1e3, 1e-3
 
 
@@ -37,32 +42,75 @@ def surface(topology: OrganTopology) -> Indices:
     return outer
 
 
-def view_box(frame: Snapshot) -> tuple[Array, Array]:
-    """Return the corners of the box to be seen: piercings, and the thread as far around them as they are apart."""
-    points = frame.thread.points
-    if frame.piercings:
-        holes = np.array([hole.x for hole in frame.piercings])
-        centre = holes.mean(axis=0)
-        reach = max(1.6 * float(np.ptp(holes, axis=0).max()), 0.2 * float(np.ptp(points, axis=0).max()))
-        near = np.linalg.norm(points - centre, axis=1) <= reach
-        points = np.concatenate([points[near], holes])
-    return points.min(axis=0), points.max(axis=0)
+@dataclass(frozen=True)
+class Scale:
+    """What the pictures of one or several frames are drawn to: corners of the box of threads and holes [m], ranges of
+    the colours of stress [Pa] and tension [N], and the largest force of a hole [N], zero without holes."""
+
+    low: Array  # (3,)
+    high: Array  # (3,)
+    stress: tuple[float, float]
+    tension: tuple[float, float]
+    force: float
+
+    @property
+    def width(self) -> float:
+        """The diagonal of the box [m]."""
+        return float(np.linalg.norm(self.high - self.low)) or 1.0
+
+    @property
+    def reach(self) -> float:
+        """The length of the longest arrow [m]."""
+        return REACH * self.width
+
+    def tips(self, frame: Snapshot) -> Array:
+        """Return where the arrows of the holes' forces end, shape `(p, 3)` [m]."""
+        return np.asarray(places_of(frame) + self.reach / (self.force or 1.0) * forces_of(frame))
 
 
-def view_width(frame: Snapshot) -> float:
-    """Return the diagonal of the box to be seen [m]."""
-    low, high = view_box(frame)
-    return float(np.linalg.norm(high - low)) or 1.0
+def scale_of(frames: Sequence[Snapshot]) -> Scale:
+    """Return the scale to which frames are drawn together: the whole thread is seen in each."""
+    points = np.concatenate([part for frame in frames for part in (frame.thread.points, places_of(frame))])
+    stresses = [frame.organ.von_mises for frame in frames if frame.organ is not None]
+    force = max((float(np.linalg.norm(hole.force)) for frame in frames for hole in frame.piercings), default=0.0)
+    return Scale(
+        points.min(axis=0),
+        points.max(axis=0),
+        limits(np.concatenate(stresses)) if stresses else (0.0, 1.0),
+        limits(np.concatenate([frame.thread.tension for frame in frames])),
+        force,
+    )
+
+
+def places_of(frame: Snapshot) -> Array:
+    """Return where the holes are, shape `(p, 3)` [m]."""
+    return np.array([hole.x for hole in frame.piercings], dtype=np.float64).reshape(-1, 3)
+
+
+def forces_of(frame: Snapshot) -> Array:
+    """Return the forces of the holes on the thread, shape `(p, 3)` [N]."""
+    return np.array([hole.force for hole in frame.piercings], dtype=np.float64).reshape(-1, 3)
 
 
 def limits(values: Array) -> tuple[float, float]:
-    """Choose the range of the colours; the highest hundredth, at the holes, is not to drown the rest."""
-    return 0.0, float(np.quantile(values, 0.995)) or 1.0
+    """Choose the range of the colours, zero in it; the highest hundredth, at the holes, is not to drown the rest."""
+    low, high = np.quantile(values, [0.005, 0.995])
+    return min(0.0, float(low)), max(0.0, float(high)) or 1.0
 
 
 def label(name: str, force: float) -> str:
     """Name of a piercing and its force [N]."""
-    return f"{name}  {force * KILO:.3g} mN" if force < 1.0 else f"{name}  {force:.3g} N"
+    return f"{name}  {force_text(force)}"
+
+
+def force_text(force: float) -> str:
+    """Write a force [N] in the unit that one would say it in."""
+    return f"{force * KILO:.3g} mN" if force < 1.0 else f"{force:.3g} N"
+
+
+def legend(scale: Scale) -> str:
+    """Say what the arrows are; nothing where there are none."""
+    return f"arrows: force of each hole on the thread, the longest {force_text(scale.force)}" if scale.force else ""
 
 
 def caption(frame: Snapshot, title: str) -> str:
@@ -74,3 +122,8 @@ def caption(frame: Snapshot, title: str) -> str:
 def colours() -> LinearSegmentedColormap:
     """Return the colours of the stress, from none to the highest."""
     return LinearSegmentedColormap.from_list("tissue", TISSUE)
+
+
+def tension_colours() -> LinearSegmentedColormap:
+    """Return the colours of the thread's tension, from none to the highest."""
+    return LinearSegmentedColormap.from_list("tension", TENSION)

@@ -104,7 +104,7 @@ def run_sections(runs: Mapping[str, RunResults], charts: Sequence[str], seen: bo
     """Yield what a report says of runs, in its order."""
     yield page.heading("Remarks")
     for name, run in runs.items():
-        yield f"<h3>{page.escaped(name)}</h3>" if len(runs) > 1 else page.paragraph(title_of(run))
+        yield f"<h3>{page.escaped(name)}</h3>" if len(runs) > 1 else page.paragraph(run.title)
         yield page.remark_list(run.summary.get("remarks", ()))
     yield page.heading("Summary")
     yield page.table(["quantity", *runs], summary_rows(list(runs.values())))
@@ -125,12 +125,6 @@ def run_sections(runs: Mapping[str, RunResults], charts: Sequence[str], seen: bo
     for name, run in runs.items():
         yield page.folded(f"{name}: versions, machine and digests", as_json(run.provenance))
         yield page.folded(f"{name}: the scenario as run", run.scenario)
-
-
-def title_of(run: RunResults) -> str:
-    """Return the title of a run's scenario, or its folder where it has none."""
-    lines = [line for line in run.scenario.splitlines() if line.startswith("title = ")]
-    return lines[0].partition(" = ")[2].strip('"') if lines else run.name
 
 
 def summary_rows(runs: Sequence[RunResults]) -> list[list[object]]:

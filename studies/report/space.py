@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.arrays import Array
-from studies.output.columns import STATE_CODES
-from studies.output.reading import UNITS, FrameFiles, RunResults, cells_of, nodal, pieces
+from studies.output.columns import STATE_CODES, UNITS
+from studies.output.reading import FrameFiles, RunResults, cells_of, nodal, pieces
 from studies.output.records import OrganTopology
 from studies.pictures.view import Indices, surface
 from studies.report.charts import SHOWN, plain

@@ -2,6 +2,7 @@
 has been.
 """
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -27,6 +28,8 @@ from studies.scenario import Scenario, ScenarioError
 from studies.scenario.organ import check_clamp, check_loads
 from studies.scenario.refusal import dotted_key, refusal
 
+log = logging.getLogger(__name__)
+
 Cells = NDArray[np.integer]
 
 GIGA = 1e9
@@ -51,6 +54,7 @@ def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None) -> skfem.
     table = scenario.tissue
     if table is None:
         raise ScenarioError("tissue is missing: without an organ there is no mesh; add [tissue] and [tissue.mesh]")
+    log.info("making the mesh: a %s", table.mesh.kind)
     mesh = with_boxes(mesh_of(table, scenario.piercing) if given is None else given, table.boundary)
     for key, names in (("clamp", table.clamp), ("roller", table.roller)):
         check_clamp(names, sorted(mesh.boundaries or {}), key)

@@ -54,6 +54,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def text(run: Path) -> str:
+    pytest.importorskip("plotly")
     assert main(["report", str(run), "--out", str(run.parent / "page.html")]) == 0
     return (run.parent / "page.html").read_text(encoding="utf-8")
 
@@ -132,6 +133,7 @@ def test_nothing_is_fetched(text: str) -> None:
 
 def test_remarks_stand_first_and_text_is_no_markup(tmp_path: Path) -> None:
     """Independent check: an unsupported remark before a note, both before the summary; a title with a tag is text."""
+    pytest.importorskip("plotly")
     folder = record_run(tmp_path / "run", title="<b>&</b></script>")
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     kinds = [("note", "n"), ("unsupported", "u")]
@@ -147,6 +149,7 @@ def test_remarks_stand_first_and_text_is_no_markup(tmp_path: Path) -> None:
 def test_several_runs_a_study_and_a_sweep_are_compared(tmp_path: Path) -> None:
     """Independent check: a column for each run, of one name by its parent too; a study's question and figure; the
     columns of a sweep's table to choose from."""
+    pytest.importorskip("plotly")
     runs = [record_run(tmp_path / parent / "run") for parent in ("a", "b")]
     study = Path(__file__).parents[2] / "studies" / "friction" / "results"
     sweep = tmp_path / "sweep"
@@ -165,6 +168,7 @@ def test_several_runs_a_study_and_a_sweep_are_compared(tmp_path: Path) -> None:
 
 def test_what_is_no_result_is_refused(tmp_path: Path, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Independent check: an empty folder, a page by the name of a table, and plotly not being there."""
+    pytest.importorskip("plotly")
     (tmp_path / "empty").mkdir()
     assert main(["report", str(tmp_path / "empty"), "--out", str(tmp_path / "page.html")]) == 2
     assert "neither a run nor a study nor a sweep" in capsys.readouterr().err

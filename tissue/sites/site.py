@@ -12,6 +12,7 @@ normal frame are bounded on the surface with a parabolic weight; with a uniform 
 and their compliance grows like log(radius/h).
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -37,6 +38,8 @@ from tissue.sites.rows import (
 )
 from tissue.sites.subgrid import Hole, Missing, missing
 from tissue.sites.surface import INSIDE, ON_SURFACE, Surface, outer_surface
+
+log = logging.getLogger(__name__)
 
 Direction = Literal["normal"] | ArrayLike | None
 
@@ -152,6 +155,7 @@ def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
     """Locate every site and assemble its nine rows over the free unknowns; `TissueError` for an impossible
     one.
     """
+    log.info("finding %d holes in the organ, and what its mesh is too coarse for", len(sites))
     surface = outer_surface(elasticity.mesh)
     built = [_build(elasticity, surface, site) for site in sites]
     rows = [csr_matrix(rows) for _, rows, *_ in built]

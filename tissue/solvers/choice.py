@@ -10,6 +10,7 @@ memory. An organ without inertia is solved for its sites' columns once, so its m
 at which a factor takes longer than those columns.
 """
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -24,6 +25,8 @@ from tissue.solvers.iterative import conjugate_gradients
 from tissue.solvers.memory import free_memory
 from tissue.solvers.multigrid import is_by_nodes
 from tissue.solvers.ordering import dissection, node_graph
+
+log = logging.getLogger(__name__)
 
 MULTIGRID = "multigrid"
 SOLVERS = ("auto", *LIBRARIES, MULTIGRID)
@@ -62,6 +65,7 @@ def solver(A: csr_matrix, places: Array, name: str) -> Solver:
     """Return a solver, of a name that `choose_solver` gave, for a stiffness matrix over unknowns at `places`
     `(n, 3)`.
     """
+    log.info("factoring the organ: %d unknowns, by %s", A.shape[0], name)
     return conjugate_gradients(A, places) if name == MULTIGRID else factorize(A, places, name)
 
 

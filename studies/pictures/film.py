@@ -1,0 +1,43 @@
+"""An animation of frames as a GIF, by pyvista; in a child process, as `studies.pictures.space`."""
+
+import pickle
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from PIL import Image
+
+from studies.output.records import OrganTopology, Snapshot
+from studies.pictures.space import draw_staged, stage_of
+
+Film = tuple[list[Snapshot], OrganTopology | None, str]  # with a title
+SIZE = (900, 600)  # pixels
+PAUSE, LAST = 120, 1500  # ms that a picture stands, and the last one
+
+
+def draw_film(frames: Sequence[Snapshot], topology: OrganTopology | None, path: Path, title: str = "") -> None:
+    """Draw frames into a GIF file, all to one scale."""
+    stage = stage_of(frames, topology, title)
+    scratch = path.with_name("frame.png")
+    pictures = []
+    for frame in frames:
+        draw_staged(frame, stage, scratch)
+        pictures.append(small(scratch))
+    save(pictures, path)
+
+
+def small(path: Path) -> Image.Image:
+    """Read a picture in the size of an animation."""
+    with Image.open(path) as picture:
+        return picture.convert("RGB").resize(SIZE, Image.Resampling.LANCZOS)
+
+
+def save(pictures: Sequence[Image.Image], path: Path) -> None:
+    """Write pictures one after the other, again and again."""
+    pauses = [PAUSE] * (len(pictures) - 1) + [LAST]
+    pictures[0].save(path, format="GIF", save_all=True, append_images=pictures[1:], duration=pauses, loop=0)
+
+
+if __name__ == "__main__":
+    film: Film = pickle.loads(Path(sys.argv[1]).read_bytes())
+    draw_film(film[0], film[1], Path(sys.argv[2]), film[2])

@@ -1,0 +1,27 @@
+"""An animation of frames as a GIF, in sections by matplotlib: needs no OpenGL."""
+
+import pickle
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from studies.output.records import OrganTopology, Snapshot
+from studies.pictures.film import Film, save, small
+from studies.pictures.section import draw_scaled
+from studies.pictures.view import scale_of
+
+
+def draw_film(frames: Sequence[Snapshot], topology: OrganTopology | None, path: Path, title: str = "") -> None:
+    """Draw frames into a GIF file, all to one scale."""
+    scale = scale_of(frames)
+    scratch = path.with_name("frame.png")
+    pictures = []
+    for frame in frames:
+        draw_scaled(frame, topology, scratch, title, scale)
+        pictures.append(small(scratch))
+    save(pictures, path)
+
+
+if __name__ == "__main__":
+    film: Film = pickle.loads(Path(sys.argv[1]).read_bytes())
+    draw_film(film[0], film[1], Path(sys.argv[2]), film[2])

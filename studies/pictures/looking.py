@@ -1,0 +1,80 @@
+"""``suture view``: a run in a window, or where there is no screen as a picture and an animation."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from studies.output.files import write_bytes
+from studies.output.reading import FrameFiles, ResultsError, RunResults, read_run, snapshot_of, topology_of
+from studies.pictures.picture import Drawn, draw_picture, draw_scene
+
+MOST_PICTURES = 24  # of an animation
+KINDS = (".png", ".gif")
+
+
+def view(folder: Path, out: Path | None, time: float | None) -> list[str]:
+    """Show a run; return the lines to be read by a person. Raises `ResultsError` for a folder without a run or frames,
+    and for a file of another kind."""
+    run = read_run(folder)
+    if not run.frames:
+        raise ResultsError(f"{folder} is refused: it has no frames; run the scenario anew")
+    if out is not None:
+        return [drawn_into(run, out, time)]
+    if has_screen(os.environ, sys.platform) and window(folder) == 0:
+        return []
+    lines = [drawn_into(run, folder / f"view{kind}", time) for kind in KINDS]
+    return lines
+
+
+def write_macro(path: Path) -> list[str]:
+    """Write the macro that draws a run in ParaView; return the lines to be read by a person."""
+    if path.suffix != ".py":
+        raise ResultsError(f"--macro {path} is refused: a macro is a program of Python; name it {path.stem}.py")
+    write_bytes(path, Path(__file__).with_name("paraview_macro.py").read_bytes())
+    return [f"macro      {path}: in ParaView, Macros > Import new macro; or pvpython {path} DIR"]
+
+
+def has_screen(environment: Mapping[str, str], system: str) -> bool:
+    """Tell whether a window can be opened."""
+    return system in ("win32", "darwin") or any(environment.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
+def window(folder: Path) -> int:
+    """Open a window and wait until it is closed; return the status of its process."""
+    return subprocess.run([sys.executable, "-m", "studies.pictures.window", str(folder)], check=False).returncode
+
+
+def drawn_into(run: RunResults, out: Path, time: float | None) -> str:
+    """Draw the frame nearest to a time, by default the last, or all frames; return the line that says how."""
+    if out.suffix.lower() not in KINDS:
+        raise ResultsError(
+            f"--out {out} is refused: name it {out.stem}.png for a picture, {out.stem}.gif for all frames"
+        )
+    drawn = film(run, out) if out.suffix.lower() == ".gif" else still(run, out, time)
+    if drawn.failure:
+        raise ResultsError(drawn.line)
+    return drawn.line
+
+
+def still(run: RunResults, out: Path, time: float | None) -> Drawn:
+    """Draw a frame into a PNG file."""
+    frame = nearest(run.frames, time)
+    return draw_picture(snapshot_of(frame, run.piercings), topology_of(frame), out, run.title)
+
+
+def nearest(frames: Sequence[FrameFiles], time: float | None) -> FrameFiles:
+    """Return the frame nearest to a time [s], the last without one."""
+    return frames[-1] if time is None else min(frames, key=lambda frame: abs(frame.time - time))
+
+
+def film(run: RunResults, out: Path) -> Drawn:
+    """Draw frames into a GIF file, no more than are patiently drawn."""
+    count = len(run.frames)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_PICTURES)).round().astype(int)).tolist()
+    frames = [snapshot_of(run.frames[number], run.piercings) for number in chosen]
+    scene = frames, topology_of(run.frames[0]), run.title
+    return draw_scene(scene, out, "studies.pictures.film", "studies.pictures.film_section", patience=10.0)

@@ -1,0 +1,67 @@
+"""``suture plot``: columns of a run over time, in one figure, a panel for each unit."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from matplotlib import rc_context
+
+from studies.figure import COLOURS, STYLE, panels
+from studies.output.reading import ResultsError, RunResults, Table, read_run
+from studies.report.charts import AXES, SHOWN, lengths
+from studies.scenario.refusal import nearest
+
+TABLES = ("steps", "energy", "contact")  # of the whole run; those of the piercings go by `piercings.NAME.COLUMN`
+Line = tuple[str, str, Sequence[float], Sequence[float]]  # name, unit, times [s], values
+
+
+def plot(folder: Path, names: Sequence[str], out: Path | None) -> list[str]:
+    """Draw columns over time into a figure; return the lines to be read by a person.
+
+    Raises `ResultsError` for a name that the run does not have, and for a file of another kind.
+    """
+    run = read_run(folder)
+    lines = [line_of(run, name) for name in names]
+    target = out or folder / "plot.png"
+    if target.suffix.lower() not in (".png", ".svg", ".pdf"):
+        raise ResultsError(f"--out {target} is refused: name it {target.stem}.png, .svg or .pdf")
+    units = list(dict.fromkeys(unit for _, unit, _, _ in lines))
+    with rc_context(STYLE):
+        figure, axes = panels(len(units), 1)
+        figure.set_size_inches(7.0, 1.0 + 2.6 * len(units))
+        for unit, axis in zip(units, axes[:, 0], strict=True):
+            for number, (name, _, times, values) in enumerate(line for line in lines if line[1] == unit):
+                axis.plot(times, values, color=COLOURS[number % len(COLOURS)], label=name)
+            axis.set(xlabel="time [s]", ylabel=f"[{unit}]" if unit else "")
+            axis.legend()
+        axes[0, 0].set_title(run.title, fontsize=9, wrap=True)
+        figure.savefig(target, dpi=150)
+    return [f"plot       {target}: {', '.join(names)}"]
+
+
+def line_of(run: RunResults, name: str) -> Line:
+    """Return a column by its name, in the unit of the charts. Raises `ResultsError` with the nearest name."""
+    known = {key: (table, column) for key, table, column in columns_of(run)}
+    if name not in known:
+        near = nearest(name, list(known))
+        hint = f"the nearest is {near}; " if near else ""
+        raise ResultsError(f"{name} is refused: the run has no such column; {hint}it has {', '.join(known)}")
+    table, column = known[name]
+    vectors = {key: (unit, values) for key, unit, values in lengths(table)}
+    unit, values = vectors.get(column) or (table.units.get(column, ""), table.columns[column])
+    factor, shown = SHOWN.get(unit, (1.0, unit))
+    return name, shown, table.columns["time"].tolist(), (factor * values).tolist()
+
+
+def columns_of(run: RunResults) -> list[tuple[str, Table, str]]:
+    """List what can be drawn: `piercings.exit.tension_after`, `energy.kinetic`, `piercings.exit.force` for the length
+    of a vector and `piercings.exit.force_x` for a component; each with its table and its column there."""
+    holes = run.tables.get("piercings")
+    tables = [(name, run.tables[name]) for name in TABLES if name in run.tables]
+    if holes is not None:
+        tables = [(f"piercings.{name}", holes.where("piercing", name)) for name in run.piercings] + tables
+    return [
+        (f"{key}.{column}", table, column)
+        for key, table in tables
+        for column in [*(name for name, _, _ in lengths(table)), *table.numeric]
+        if column not in ("time", "step", *AXES)
+    ]

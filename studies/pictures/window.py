@@ -1,0 +1,36 @@
+"""A window in which a run is turned and run through, by pyvista; in a process that a lack of OpenGL may end."""
+
+import sys
+from typing import Any
+
+import pyvista as pv
+
+from studies.output.reading import read_run, snapshot_of, topology_of
+from studies.pictures.space import add_scene, stage_of
+from studies.pictures.view import SIZE
+
+
+def show(folder: str) -> None:
+    """Show the frames of a run, with a slider for the time."""
+    run = read_run(folder)
+    topology = topology_of(run.frames[0])
+    last = snapshot_of(run.frames[-1], run.piercings)
+    stage = stage_of([snapshot_of(run.frames[0], run.piercings), last], topology, run.title)
+    plotter: Any = pv.Plotter(window_size=list(SIZE), title=f"suture view {run.name}")
+    add_scene(plotter, last, stage)
+
+    def choose(number: float) -> None:
+        camera = plotter.camera.copy()
+        plotter.clear_actors()
+        add_scene(plotter, snapshot_of(run.frames[round(number)], run.piercings), stage)
+        plotter.camera = camera
+
+    plotter.add_slider_widget(
+        choose, [0, len(run.frames) - 1], value=len(run.frames) - 1, title="frame", fmt="%.0f", color="black",
+        pointa=(0.62, 0.93), pointb=(0.95, 0.93),
+    )  # fmt: skip
+    plotter.show()
+
+
+if __name__ == "__main__":
+    show(sys.argv[1])

@@ -1,0 +1,196 @@
+"""Looking at a run: the camera, labels that cover nothing, pictures and animations, columns over time, and the stages
+told before the first step."""
+
+import io
+import logging
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+import pyvista as pv
+from PIL import Image
+
+from studies.command.command import main
+from studies.command.progress import TERMINAL, Progress, Stages, stages
+from studies.output.reading import read_run, snapshot_of, topology_of
+from studies.pictures import film_section, looking
+from studies.pictures.camera import CLEAR, camera_on, label_places, scale_bar
+from studies.pictures.plotting import columns_of, line_of
+from studies.pictures.view import scale_of
+from tests.studies.samples import LINEAR, frame, step
+from tests.studies.test_report import record_run
+
+SIZE, MARGINS = (1500, 1000), (60.0, 40.0, 170.0, 110.0)
+SINGLE = 1e-6  # frames are in single precision
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record_run(tmp_path_factory.mktemp("looking") / "run")
+
+
+@pytest.mark.parametrize("stretch", [(1, 1, 1), (20, 1, 1), (1, 1, 20)])
+def test_the_camera_sees_all_within_its_margins_as_large_as_it_goes(stretch: tuple[float, float, float]) -> None:
+    """Independent check: every point inside the margins, two on opposite ones; a metre across has its pixels."""
+    points = np.random.default_rng(1).normal(size=(200, 3)) * stretch * 0.01 + [1.0, 2.0, 3.0]
+    camera = camera_on(points, SIZE, MARGINS)
+    left, right, below, above = MARGINS
+    low, high = np.array([left, below]), np.array(SIZE) - [right, above]
+    pixels = camera.pixels(points)
+    assert np.all(pixels >= low - 1e-6) and np.all(pixels <= high + 1e-6)
+    room = np.concatenate([pixels.min(axis=0) - low, high - pixels.max(axis=0)])
+    touching = np.abs(room) < 1e-6
+    assert (touching[0] and touching[2]) or (touching[1] and touching[3])
+    ends = camera.pixels(np.array([camera.focus, camera.focus + 0.01 * camera.right]))
+    assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(0.01 * camera.scale, rel=1e-12)
+
+
+def test_a_scale_bar_is_a_round_length_that_fits() -> None:
+    """Independent check: 1, 2 or 5 times a power of ten, no longer than there is room and more than a third of it."""
+    assert scale_bar(20_000.0, 240.0) == (pytest.approx(0.01), "10 mm")
+    for scale in np.geomspace(10.0, 1e7, 50):
+        length, words = scale_bar(float(scale), 240.0)
+        assert 96.0 - 1e-6 <= length * scale <= 240.0 + 1e-6
+        assert float(f"{length:.0e}"[0]) in (1, 2, 5) and words.endswith(" mm")
+
+
+def test_labels_cover_neither_one_another_nor_the_thread() -> None:
+    """Independent check: boxes around the labels of six holes on a line are apart, in the picture, and off the line."""
+    anchors = np.array([[400.0 + 60 * k, 500.0] for k in range(6)])
+    boxes = np.tile([150.0, 24.0], (6, 1))
+    line = np.array([[x, 500.0] for x in range(300, 900, 4)])
+    corners = label_places(anchors, boxes, line, SIZE)
+    for k, (corner, box) in enumerate(zip(corners, boxes, strict=True)):
+        assert np.all(corner >= 0.0) and np.all(corner + box <= SIZE)
+        inside = np.all((line >= corner - CLEAR) & (line <= corner + box + CLEAR), axis=1)
+        assert not inside.any()
+        for other in corners[:k]:
+            assert np.any(np.abs(corner - other) >= box)
+
+
+def test_frames_read_back_as_they_were_recorded(run: Path) -> None:
+    """Consistency check: what a picture is drawn from is the same from the files as from the run, within their
+    precision."""
+    results = read_run(run)
+    found, written = snapshot_of(results.frames[-1], results.piercings), frame(step(3).time)
+    assert found.time == written.time and [hole.name for hole in found.piercings] == ["entry", "exit"]
+    np.testing.assert_allclose(found.thread.points, written.thread.points, atol=SINGLE)
+    for hole, given in zip(found.piercings, written.piercings, strict=True):
+        assert (hole.state, hole.slip) == (given.state, pytest.approx(given.slip, rel=SINGLE))
+        np.testing.assert_allclose(hole.force, given.force, rtol=SINGLE)
+    assert found.organ is not None and written.organ is not None
+    np.testing.assert_allclose(found.organ.von_mises, written.organ.von_mises, rtol=SINGLE)
+    mesh = topology_of(results.frames[0])
+    assert mesh is not None
+    np.testing.assert_array_equal(mesh.cells, LINEAR.cells)
+
+
+def test_arrays_of_frames_say_their_units(run: Path) -> None:
+    """Independent check: VTK's own reader finds the unit of an array, and none of one without."""
+    thread = pv.read(next((run / "frames").glob("thread_*")))
+    array = thread.GetPointData().GetArray("tension")
+    assert array.GetInformation().Get(array.UNITS_LABEL()) == "N"
+
+
+def test_a_run_without_a_screen_is_a_picture_and_an_animation(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Independent check: with no display the files are asked for; with one the window's own failure leads to them."""
+    assert looking.has_screen({"DISPLAY": ":0"}, "linux") and looking.has_screen({}, "darwin")
+    assert not looking.has_screen({"DISPLAY": ""}, "linux")
+    asked: list[Path] = []
+
+    def note(results: object, out: Path, time: float | None) -> str:
+        asked.append(out)
+        return str(out)
+
+    for screen, status, files in ((False, 0, 2), (True, 0, 0), (True, 1, 2)):
+        asked.clear()
+        with (
+            patch.object(looking, "has_screen", return_value=screen),
+            patch.object(looking, "window", return_value=status),
+            patch.object(looking, "drawn_into", note),
+        ):
+            assert main(["view", str(run)]) == 0
+        assert [path.name for path in asked] == ["view.png", "view.gif"][:files]
+    assert main(["view", str(run), "--out", str(run / "x.csv")]) == 2
+    assert ".gif for all frames" in capsys.readouterr().err
+
+
+def test_an_animation_has_a_picture_for_each_frame_to_one_scale(run: Path, tmp_path: Path) -> None:
+    """Independent check: as many pictures as frames, which differ; one scale has the extremes of all frames."""
+    results = read_run(run)
+    frames = [snapshot_of(found, results.piercings) for found in results.frames[1:3]]
+    film_section.draw_film(frames, LINEAR, tmp_path / "film.gif", "title")
+    with Image.open(tmp_path / "film.gif") as film:
+        assert film.n_frames == 2
+        pictures = [np.asarray(film.convert("RGB")) for number in range(2) if film.seek(number) is None]
+    assert np.any(pictures[0] != pictures[1])
+    scale = scale_of(frames)
+    for one in frames:
+        assert np.all(one.thread.points >= scale.low) and np.all(one.thread.points <= scale.high)
+
+
+def test_a_picture_of_a_time_is_that_of_the_nearest_frame(run: Path) -> None:
+    """Independent check: the frame whose time is nearest, and the last without a time."""
+    frames = read_run(run).frames
+    assert looking.nearest(frames, 0.14).step == 1
+    assert looking.nearest(frames, 7.0).step == looking.nearest(frames, None).step == 3
+
+
+def test_columns_are_drawn_over_time(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Independent check: a column by its name, a vector by its length, in the unit of the charts; a wrong name ends in
+    the nearest."""
+    results = read_run(run)
+    name, unit, times, values = line_of(results, "piercings.exit.slip")
+    assert (name, unit) == ("piercings.exit.slip", "mm")
+    np.testing.assert_allclose(values, [1e3 * time / 3 for time in times])
+    np.testing.assert_allclose(line_of(results, "piercings.entry.force")[3], np.sqrt(0.14))
+    assert "energy.kinetic" in {key for key, _, _ in columns_of(results)}
+    target = tmp_path / "plot.png"
+    assert main(["plot", str(run), "piercings.exit.slip", "energy.kinetic", "--out", str(target)]) == 0
+    assert target.stat().st_size > 10_000
+    assert main(["plot", str(run), "piercings.exit.slipp"]) == 2
+    assert "the nearest is piercings.exit.slip;" in capsys.readouterr().err
+
+
+def test_the_macro_is_a_program(run: Path, tmp_path: Path) -> None:
+    """Independent check: what is written compiles, and a file of another kind is refused."""
+    target = tmp_path / "macro.py"
+    assert main(["view", str(run), "--macro", str(target)]) == 0
+    compile(target.read_text(encoding="utf-8"), str(target), "exec")
+    assert main(["view", str(run), "--macro", str(tmp_path / "macro.txt")]) == 2
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_what_begins_is_told_once_and_taken_away_on_a_terminal() -> None:
+    """Independent check: a line for each stage elsewhere; on a terminal one line of at most 79 characters, gone at the
+    end; loggers as they were."""
+    plain, terminal = io.StringIO(), Terminal()
+    for stream in (plain, terminal):
+        handler = Stages(stream)
+        for text in ("making the mesh", "making the mesh", "factoring " + "x" * 100):
+            handler.emit(logging.LogRecord("tissue", logging.INFO, "", 0, text, (), None))
+        handler.close()
+    assert plain.getvalue().splitlines() == ["making the mesh", "factoring " + "x" * 100]
+    lines = terminal.getvalue().split("\r\x1b[K")
+    assert lines[1] == "making the mesh" and len(lines[2]) == TERMINAL and lines[-1] == ""
+    log = logging.getLogger("tissue")
+    before = log.level, list(log.handlers)
+    with stages():
+        assert log.isEnabledFor(logging.INFO)
+    assert (log.level, log.handlers) == before
+
+
+def test_a_line_of_progress_fits_a_narrow_terminal() -> None:
+    """Independent check: with large numbers too, no line that is written over is longer than 79 characters."""
+    terminal = Terminal()
+    progress = Progress(1_000_000, stream=terminal)
+    for number in (1, 1_000_000):
+        progress.update(number, 1234.56789, 20)
+    progress.close()
+    assert all(len(line.rstrip("\n")) <= TERMINAL for line in terminal.getvalue().split("\r\x1b[K"))
+    assert "step 1000000/1000000" in terminal.getvalue()
