@@ -27,6 +27,7 @@ COARSE = 0.25  # of √(EI/T): on longer spans friction's part of the pull is of
 BETWEEN = 2.0  # coarse spans between two holes: 2 leave 4 % of their stiffness against one another to be missed
 TURN = 0.1  # turn of the tangent that taking out a knot may cause, of the tolerance
 REST = 1e-9  # of EA: a thread under less tension than this bends over all its length
+AGAIN = 1.2  # of what a span at a hole may be: beyond, an equilibrium with friction is found again
 INTERVAL = 4  # steps from one look at the knots to the next
 
 
@@ -131,11 +132,11 @@ def spans_between(system: System[Body], state: State[Body]) -> float:
     return float(np.min(np.diff(places), initial=np.inf))
 
 
-def is_too_coarse(resolution: Resolution, system: System[Body], state: State[Body]) -> bool:
-    """Whether a span that holds a hole is longer than it may be by half."""
+def is_too_coarse(resolution: Resolution, system: System[Body], state: State[Body], beyond: float = 1.5) -> bool:
+    """Whether a span that holds a hole is longer than `beyond` times what it may be."""
     spline, holes = system.thread.spline, state.s[holds_in_force(system, state)]
     allowed = resolution.ratio_at_hole * resolution.layers_to_resolve(system, state)
-    return bool((np.diff(spline.breaks)[spline.spans_of(holes)] > 1.5 * allowed).any())
+    return bool((np.diff(spline.breaks)[spline.spans_of(holes)] > beyond * allowed).any())
 
 
 def adapt_when_due(
@@ -176,7 +177,7 @@ def refine_for(
 ) -> tuple[System[Body], State[Body], list[Event]]:
     """Insert the knots that another, `later` state asks for; system and state are returned as they are where its spans
     at the holes are short enough."""
-    if not is_too_coarse(resolution, *later):
+    if not is_too_coarse(resolution, *later, beyond=AGAIN):
         return system, state, []
     tree, present = resolution.tree, resolution.tree.index(system.thread.spline.breaks)
     due = np.union1d(present, tree.breaks(resolution.largest_spans(*later, 0.0)))
