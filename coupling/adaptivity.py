@@ -12,6 +12,7 @@ import numpy as np
 
 from coupling.arrays import Array
 from coupling.audit import initial_energies
+from coupling.diagnosis import holds_in_force
 from coupling.events import Event
 from coupling.interfaces import Body
 from coupling.system import State, System
@@ -22,17 +23,25 @@ from thread.thread import Thread
 KEPT = 0.6  # a knot goes when a span this much smaller than the largest allowed would still not need it
 NEAR_SPANS = 2  # spans next to a hole where the curve says nothing of its resolution: its curvature jumps there
 ACROSS = 4.0  # spans between two holes at least
+COARSE = 0.25  # of √(EI/T): on longer spans friction's part of the pull is off by more than 3 % at a turn of 60°
+BETWEEN = 2.0  # coarse spans between two holes: 2 leave 4 % of their stiffness against one another to be missed
 TURN = 0.1  # turn of the tangent that taking out a knot may cause, of the tolerance
 REST = 1e-9  # of EA: a thread under less tension than this bends over all its length
+AGAIN = 1.2  # of what a span at a hole may be: beyond, an equilibrium with friction is found again
 INTERVAL = 4  # steps from one look at the knots to the next
 
 
 @dataclass(frozen=True)
 class Resolution:
-    """How fine: a `tree` of breaks, and the `tolerance` [-], the relative error of the holes' forces aimed at."""
+    """How fine: a `tree` of breaks, and the `tolerance` [-], the relative error of the holes' forces aimed at.
+
+    `everywhere` False: the coarse spans stay as they are but at holes that they do not resolve, where they are longer
+    than COARSE of √(EI/T), or fewer than BETWEEN to the next hole.
+    """
 
     tree: Tree
     tolerance: float
+    everywhere: bool = True
 
     @property
     def ratio_at_hole(self) -> float:
@@ -46,20 +55,44 @@ class Resolution:
 
     def largest_spans(self, system: System[Body], state: State[Body], ahead: float) -> Array:
         """Return the largest span allowed on each finest cell of the tree [m], for the next `ahead` [s]."""
-        thread, here = system.thread, state.present & system.rows.any(axis=1)
-        own = spans_by_curvature(thread.spline, state.q, self.ratio_next_to_hole**3)
-        own[spans_near_holes(thread, state.s[here])] = np.inf
-        by_curve = own[thread.spline.spans_of(self.tree.middles)]
-        holes, layers = state.s[here], bending_layers(system, state)[here]
+        here = holds_in_force(system, state)
+        holes, layers = state.s[here], self.layers_to_resolve(system, state)
         way = np.stack([holes, holes + ahead * state.s_dot[here]], axis=1)
-        layers = np.minimum(layers, self.gaps(holes))
-        holes_want = spans_at_holes(self.tree.middles, way, layers, self.ratio_at_hole, self.ratio_next_to_hole)
-        return np.minimum(by_curve, holes_want)
+        between = gaps(holes) / (ACROSS * self.ratio_next_to_hole)
+        layers = np.where(np.isfinite(layers), np.minimum(layers, between), np.inf)
+        wanted = spans_at_holes(self.tree.middles, way, layers, self.ratio_at_hole, self.ratio_next_to_hole)
+        return np.minimum(wanted, self.spans_of_curve(system.thread, state.q, holes)) if self.everywhere else wanted
 
-    def gaps(self, s: Array) -> Array:
-        """Return the bending length [m] that gives ACROSS spans from each hole at `s` (m,) [m] to the next."""
-        apart = np.abs(s[:, None] - s) + np.where(np.eye(len(s), dtype=bool), np.inf, 0.0)
-        return np.asarray(apart.min(axis=1, initial=np.inf) / (ACROSS * self.ratio_next_to_hole))
+    def spans_of_curve(self, thread: Thread, q: Array, holes: Array) -> Array:
+        """Return the largest span that the curve itself allows away from the `holes` (m,) [m], on each finest cell of
+        the tree [m]."""
+        own = spans_by_curvature(thread.spline, q, self.ratio_next_to_hole**3)
+        own[spans_near_holes(thread, holes)] = np.inf
+        return own[thread.spline.spans_of(self.tree.middles)]
+
+    def is_content(self, system: System[Body], state: State[Body]) -> bool:
+        """Whether the thread is on the coarse spans, and no hold asks for others."""
+        coarse = len(system.thread.spline.breaks) == len(self.tree.coarse) and not self.everywhere
+        return coarse and not np.isfinite(self.layers_to_resolve(system, state)).any()
+
+    def layers_to_resolve(self, system: System[Body], state: State[Body]) -> Array:
+        """Return √(EI/T) of the holds in force [m], infinite where the coarse spans do; where spans are halved
+        already, they do when KEPT of what is allowed is enough."""
+        here = holds_in_force(system, state)
+        s, layers = state.s[here], bending_layers(system, state)[here]
+        if self.everywhere:
+            return layers
+        spline, root = system.thread.spline, self.tree.root_at(s)
+        halved = np.diff(spline.breaks)[spline.spans_of(s)] < 0.75 * root
+        share = np.where(halved, KEPT, 1.0)
+        resolved = (root <= share * COARSE * layers) & (BETWEEN * root <= share * gaps(s))
+        return np.where(resolved, np.inf, layers)
+
+
+def gaps(s: Array) -> Array:
+    """Return the way along the thread from each hole at `s` (m,) [m] to the next [m]."""
+    apart = np.abs(s[:, None] - s) + np.where(np.eye(len(s), dtype=bool), np.inf, 0.0)
+    return np.asarray(apart.min(axis=1, initial=np.inf))
 
 
 def spans_near_holes(thread: Thread, s: Array) -> Array:
@@ -85,8 +118,8 @@ def bending_layers(system: System[Body], state: State[Body]) -> Array:
 def span_ratio(system: System[Body], state: State[Body]) -> float:
     """Return the longest span that holds a hole over the √(EI/T) that the thread bends over there [-]; 0 without
     bending."""
-    here = state.present & system.rows.any(axis=1)
-    spline, layers = system.thread.spline, bending_layers(system, state)[here]
+    here, spline = holds_in_force(system, state), system.thread.spline
+    layers = bending_layers(system, state)[here]
     spans = np.diff(spline.breaks)[spline.spans_of(state.s[here])]
     return float(np.max(spans / layers, initial=0.0)) if system.thread.EI else 0.0
 
@@ -94,14 +127,16 @@ def span_ratio(system: System[Body], state: State[Body]) -> float:
 def spans_between(system: System[Body], state: State[Body]) -> float:
     """Return the number of spans between the two holds that are nearest to one another along the thread [-]; infinite
     where there are no two."""
-    here, breaks = state.present & system.rows.any(axis=1), system.thread.spline.breaks
+    here, breaks = holds_in_force(system, state), system.thread.spline.breaks
     places = np.interp(np.sort(state.s[here]), breaks, np.arange(len(breaks)))
     return float(np.min(np.diff(places), initial=np.inf))
 
 
-def is_too_coarse(resolution: Resolution, system: System[Body], state: State[Body]) -> bool:
-    """Whether a span that holds a hole is longer than it may be by half."""
-    return span_ratio(system, state) > 1.5 * resolution.ratio_at_hole
+def is_too_coarse(resolution: Resolution, system: System[Body], state: State[Body], beyond: float = 1.5) -> bool:
+    """Whether a span that holds a hole is longer than `beyond` times what it may be."""
+    spline, holes = system.thread.spline, state.s[holds_in_force(system, state)]
+    allowed = resolution.ratio_at_hole * resolution.layers_to_resolve(system, state)
+    return bool((np.diff(spline.breaks)[spline.spans_of(holes)] > beyond * allowed).any())
 
 
 def adapt_when_due(
@@ -120,6 +155,8 @@ def adapt(
     """Exchange the knots for those that the state asks for, and the way of the holes in the next `ahead` [s]. Returns
     system and state, the same ones where no knot changes, and the event that says what the change cost."""
     tree, spline = resolution.tree, system.thread.spline
+    if resolution.is_content(system, state):
+        return system, state, []
     wanted = resolution.largest_spans(system, state, ahead)
     present = tree.index(spline.breaks)
     kept = np.intersect1d(present, tree.breaks(KEPT * wanted))
@@ -133,6 +170,24 @@ def adapt(
     if np.array_equal(new.spline.breaks, spline.breaks):
         return system, state, []
     return exchange_spline(system, state, new)
+
+
+def refine_for(
+    resolution: Resolution, system: System[Body], state: State[Body], later: tuple[System[Body], State[Body]]
+) -> tuple[System[Body], State[Body], list[Event]]:
+    """Insert the knots that another, `later` state asks for; system and state are returned as they are where its spans
+    at the holes are short enough."""
+    if not is_too_coarse(resolution, *later, beyond=AGAIN):
+        return system, state, []
+    tree, present = resolution.tree, resolution.tree.index(system.thread.spline.breaks)
+    due = np.union1d(present, tree.breaks(resolution.largest_spans(*later, 0.0)))
+    if np.array_equal(due, present):
+        return system, state, []
+    before = [] if state.before is None else [state.before.q, state.before.v]
+    none = np.zeros(0)
+    return exchange_spline(
+        system, state, refit(tree, system.thread.spline, due, [state.q, state.v, *before], none, 0.0)
+    )
 
 
 def exchange_spline(
@@ -165,12 +220,12 @@ def momentum(system: System[Body], state: State[Body]) -> Array:
 
 
 def coarse_tree(start: float, end: float, control_points: int) -> Tree:
-    """Return the tree whose roots are the equal spans of so many control points."""
-    return Tree(start, end, control_points - 3)
+    """Return the tree whose coarse spans are the equal ones of so many control points."""
+    return Tree(np.linspace(start, end, control_points - 2))
 
 
 def first_breaks(tree: Tree, holes: Array, ratio: float) -> Array:
     """Return the breaks [m] of a thread that has not been pulled yet: at `holes` (m,) [m] `ratio` times as fine as
     elsewhere."""
-    still, finest = np.stack([holes, holes], axis=1), np.full(len(holes), tree.root / ratio)
+    still, finest = np.stack([holes, holes], axis=1), np.full(len(holes), tree.root.max() / ratio)
     return np.asarray(tree.places[tree.breaks(spans_at_holes(tree.middles, still, finest, 1.0, np.inf))])

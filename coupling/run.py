@@ -15,7 +15,7 @@ from typing import Generic
 
 import numpy as np
 
-from coupling.adaptivity import INTERVAL, Resolution, adapt_when_due
+from coupling.adaptivity import INTERVAL, Resolution, adapt_when_due, refine_for
 from coupling.arrays import Array
 from coupling.audit import Energies, audit_step, initial_energies
 from coupling.configuration import Configuration, configuration_of
@@ -90,17 +90,18 @@ class Run(Generic[Body]):
     def load(self, share: float, duration: float) -> "Run[Body]":
         """Go on to the equilibrium under the part `share` of the loads at `duration` [s].
 
-        An equilibrium is far from where it began: it is found again on the knots that fit it. Raises `StepError`,
-        `ConstraintError`.
+        An equilibrium is far from where it began: it is found again on the knots that fit it, with friction all the
+        way from where the load step began, since it depends on the way. Raises `StepError`, `ConstraintError`.
         """
-        run = replace(self, taken=(), events=())
-        if not run.fresh:
-            run = run.refitted(0.0, True)
-        run = run._audited(load_step(run.system, run.state, share, duration))
+        first = replace(self, taken=(), events=())
+        if not first.fresh:
+            first = first.refitted(0.0, True)
+        run = first._audited(load_step(first.system, first.state, share, duration))
         for _ in range(EQUILIBRIA):
-            knots = run.refitted(0.0, True)
-            if knots is run:
+            knots = first.refined_for(run) if run.system.rough.any() else run.refitted(0.0, True)
+            if knots is first or knots is run:
                 break
+            first = knots
             run = knots._audited(load_step(knots.system, knots.state, share, duration))
         return run._scheduled(self.state.time, share * duration - self.state.time)
 
@@ -127,7 +128,16 @@ class Run(Generic[Body]):
         that is `due`, or a span at a hole is too long."""
         if self.resolution is None:
             return self
-        system, state, knots = adapt_when_due(self.resolution, self.system, self.state, dt, due)
+        return self._on(*adapt_when_due(self.resolution, self.system, self.state, dt, due))
+
+    def refined_for(self, later: "Run[Body]") -> "Run[Body]":
+        """Return the run with the knots too that a later one asks for, itself where it has them all."""
+        if self.resolution is None:
+            return self
+        return self._on(*refine_for(self.resolution, self.system, self.state, (later.system, later.state)))
+
+    def _on(self, system: System[Body], state: State[Body], knots: list[Event]) -> "Run[Body]":
+        """Return the run on other knots, with their events; itself where there are none."""
         if not knots:
             return self
         energies = book_events(system, self.energies, state, knots)

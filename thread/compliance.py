@@ -13,8 +13,9 @@ rod is held. c is a polynomial of degree six on each span, and positive semidefi
 Galerkin one; its three entries fall with h³, h² and h.
 """
 
+from math import comb, perm
+
 import numpy as np
-from numpy.polynomial import Polynomial
 
 from thread.arrays import Array
 from thread.knots import clamped_knots
@@ -22,12 +23,15 @@ from thread.spline import FALLING, ORDERS, POWER, Spline
 
 REACH = 6  # spans on each side of that of the hole; what a spline feels of its patch's ends falls by 0.27 a span
 
-_X = Polynomial([0.0, 1.0])
-# Clamped beam of unit length and EI, a force or a couple at x: deflection by force, slope by couple (Roark, table of
-# clamped beams). The slope by force is half the derivative of the first, whatever the structure.
-DEFLECTION = _X**3 * (1 - _X) ** 3 / 3
-SLOPE = _X * (1 - _X) * (1 - 3 * _X + 3 * _X**2)
 POWERS = np.arange(7)  # of s on a span, in which c is a polynomial
+# Clamped beam of unit length and EI, a force or a couple at x: deflection by force x³(1 − x)³/3, slope by couple
+# x(1 − x)(1 − 3x + 3x²) (Roark, table of clamped beams). The slope by force is half the derivative of the first,
+# whatever the structure.
+DEFLECTION = np.array([0.0, 0.0, 0.0, 1.0, -3.0, 3.0, -1.0]) / 3.0
+SLOPE = np.array([0.0, 1.0, -4.0, 6.0, -3.0, 0.0, 0.0])
+BINOMIAL = np.array([[comb(j, k) for j in POWERS] for k in POWERS], dtype=np.float64)
+FALLING_POWERS = np.array([[perm(j, k) for j in POWERS] for k in range(3)], dtype=np.float64)  # of d^k/ds^k s^j
+SUMS = np.add.outer(np.arange(ORDERS), np.arange(ORDERS))  # powers in the product of two cubics
 
 
 def missing_on(spline: Spline, span: int) -> Array:
@@ -38,23 +42,28 @@ def missing_on(spline: Spline, span: int) -> Array:
     couple.
     """
     start, low, high, inverse = patch_of(spline, span)
-    at = (Polynomial([start - low, 1.0])) / (high - low)
-    values, slopes = (FALLING[k][:, None] * spline.polynomials[span] for k in (0, 1))
-    force = (high - low) ** 3 * DEFLECTION(at) - quadratic_form(values, inverse)
-    couple = (high - low) * SLOPE(at) - quadratic_form(slopes[1:], inverse)
+    length = high - low
+    values = spline.polynomials[span]
+    slopes = np.append(FALLING[1][1:, None] * values[1:], np.zeros((1, ORDERS)), axis=0)
+    per_length = length ** -POWERS.astype(np.float64)
+    at = (start - low) / length
+    force = length**3 * per_length * moved_polynomial(DEFLECTION, at) - quadratic_form(values, inverse)
+    couple = length * per_length * moved_polynomial(SLOPE, at) - quadratic_form(slopes, inverse)
+    by_force = np.append(0.5 * POWERS[1:] * force[1:], 0.0)
     out = np.zeros((3, 3, len(POWERS)))
-    for j, lack in enumerate((force, 0.5 * force.deriv(), couple)):
-        for k in range(3):
-            c = lack.deriv(k).coef if k else lack.coef
-            out[k, j, : len(c)] = c
+    for k in range(3):
+        out[k, :, : len(POWERS) - k] = (FALLING_POWERS[k] * np.stack([force, by_force, couple]))[:, k:]
     return out
 
 
-def quadratic_form(b: Array, inverse: Array) -> Polynomial:
-    """Return the polynomial bᵀ K⁻¹ b from power coefficients `b` (r, 4) and `inverse` (4, 4)."""
-    product = b @ inverse @ b.T
-    power = np.add.outer(np.arange(len(b)), np.arange(len(b)))
-    return Polynomial(np.bincount(power.ravel(), product.ravel()))
+def moved_polynomial(c: Array, x: float) -> Array:
+    """Return the power coefficients of p(x + ξ) in ξ from those `c` (7,) of p."""
+    return (BINOMIAL * x ** np.maximum(POWERS - POWERS[:, None], 0)) @ c
+
+
+def quadratic_form(b: Array, inverse: Array) -> Array:
+    """Return the power coefficients of bᵀ K⁻¹ b, shape `(7,)`, from those of `b` (4, 4) and `inverse` (4, 4)."""
+    return np.bincount(SUMS.ravel(), (b @ inverse @ b.T).ravel()).astype(np.float64, copy=False)
 
 
 def patch_of(spline: Spline, span: int) -> tuple[float, float, float, Array]:
@@ -78,11 +87,12 @@ def patch_of(spline: Spline, span: int) -> tuple[float, float, float, Array]:
 
 def bending_stiffness(spline: Spline) -> Array:
     """Assemble the bending stiffness ∫ b'' b''ᵀ ds at EI = 1, shape `(n, n)` [1/m³]."""
-    K = np.zeros((spline.n, spline.n))
     x, w = np.polynomial.legendre.leggauss(2)  # exact for the product of two straight lines
-    for first, polynomials, h in zip(spline.first, spline.polynomials, np.diff(spline.breaks), strict=True):
-        at = 0.5 * h * (1.0 + x)
-        curvature = (FALLING[2] * (at[:, None] ** POWER[2])) @ polynomials
-        local = np.ix_(first + np.arange(ORDERS), first + np.arange(ORDERS))
-        K[local] += np.einsum("g,gi,gj->ij", 0.5 * h * w, curvature, curvature)
+    h = np.diff(spline.breaks)
+    at = 0.5 * h[:, None] * (1.0 + x)
+    curvature = (FALLING[2] * at[..., None] ** POWER[2]) @ spline.polynomials
+    blocks = np.einsum("eg,egi,egj->eij", 0.5 * h[:, None] * w, curvature, curvature)
+    local = spline.first[:, None] + np.arange(ORDERS)
+    K = np.zeros((spline.n, spline.n))
+    np.add.at(K, (local[:, :, None], local[:, None, :]), blocks)
     return K

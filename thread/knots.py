@@ -1,6 +1,6 @@
 """Where the knots of a spline stand: uniform, graded, cut, or by a tree that follows the thread's curve.
 
-The breaks of the tree are `roots` equal spans, each halved again and again, at most `LEVELS` times, where the wanted
+The breaks of the tree are those of coarse spans, each halved again and again, at most `LEVELS` times, where the wanted
 span is smaller: next to the holes, and where the curvature changes.
 """
 
@@ -15,7 +15,7 @@ from thread.arrays import Array, Indices
 from thread.errors import ThreadError
 from thread.spline import DEGREE, ORDERS, Spline
 
-LEVELS = 9  # halvings of a root at most
+LEVELS = 9  # halvings of a coarse span at most
 SLOPE = 0.5  # growth of the wanted span with the distance from a hole, at most
 LAYER = 3.0  # κ falls like exp(−x/ℓ) from a hole on, so the wanted span may grow like exp(x/3ℓ)
 
@@ -80,33 +80,44 @@ def graded_knots(length: float, n: int, centres: ArrayLike, ratio: float, reach:
 
 @dataclass(frozen=True)
 class Tree:
-    """Places where a break may stand: `roots` equal spans over `[start, end]` [m], halved up to LEVELS times.
+    """Places where a break may stand: the `coarse` breaks (roots + 1,) [m], and those between two of them that halve
+    the span up to LEVELS times.
 
-    Raises `ThreadError` for less than one root.
+    Raises `ThreadError` for breaks that do not rise.
     """
 
-    start: float
-    end: float
-    roots: int
+    coarse: Array
 
     def __post_init__(self) -> None:
-        if self.roots < 1:
-            raise ThreadError(f"adaptive knots: {self.roots} coarse spans; allowed are numbers from 1 on")
+        if self.coarse.size < 2 or np.any(np.diff(self.coarse) <= 0.0):
+            raise ThreadError(
+                f"adaptive knots: {max(self.roots, 0)} coarse spans; allowed are numbers from 1 on, with breaks that "
+                f"rise, not {self.coarse} m"
+            )
+
+    @property
+    def roots(self) -> int:
+        """Number of the coarse spans."""
+        return self.coarse.size - 1
 
     @property
     def cells(self) -> int:
         """Number of the finest spans."""
         return self.roots << LEVELS
 
-    @property
-    def root(self) -> float:
-        """Length of a coarse span [m]."""
-        return (self.end - self.start) / self.roots
+    @cached_property
+    def root(self) -> Array:
+        """Length of each coarse span, shape `(roots,)` [m]."""
+        return np.diff(self.coarse)
+
+    def root_at(self, s: Array) -> Array:
+        """Return the length of the coarse span that holds each abscissa `s` (k,) [m], shape `(k,)` [m]."""
+        return self.root[np.clip(np.searchsorted(self.coarse, s, side="right") - 1, 0, self.roots - 1)]
 
     @cached_property
     def places(self) -> Array:
         """Every place a break may have, shape `(cells + 1,)` [m]."""
-        return self.start + (self.end - self.start) * (np.arange(self.cells + 1) / self.cells)
+        return np.interp(np.arange(self.cells + 1) / (1 << LEVELS), np.arange(self.roots + 1), self.coarse)
 
     @cached_property
     def middles(self) -> Array:
@@ -123,7 +134,7 @@ class Tree:
         for level in range(LEVELS):
             block = 1 << (LEVELS - level)
             smallest = wanted.reshape(-1, block).min(axis=1)
-            split = split & (self.root / (1 << level) > smallest)
+            split = split & (np.repeat(self.root, 1 << level) / (1 << level) > smallest)
             present[block // 2 :: block] |= split
             split = np.repeat(split, 2)
         return np.flatnonzero(present)

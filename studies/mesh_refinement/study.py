@@ -206,6 +206,7 @@ def scenario(
             "thread": {
                 "suture": "2-0 polypropylene",
                 "control_points": control_points,
+                "resolution": "fixed",
                 "damping": DAMPING,
                 "path": [[x, 0.0, z] for x, z in path],
                 "start": {"kind": "fixed"},

@@ -45,6 +45,15 @@ class Scenario(ScenarioTable):
     solve: Solve = Field(default=Solve(), description="what is solved, and how", examples=[{"dt": 1.0e-3}])
     output: Output = Field(default=Output(), description="what is written while running", examples=[{"every": 10}])
 
+    @model_validator(mode="before")
+    @classmethod
+    def _choose_resolution(cls, table: Any) -> Any:
+        thread, solve = (table.get(key) if isinstance(table, dict) else None for key in ("thread", "solve"))
+        if not (isinstance(thread, dict) and isinstance(solve, dict)) or solve.get("kind") != "static":
+            return table
+        unable = thread.get("cuts") or thread.get("energy") == "springs" or thread.get("bending") is False
+        return table if unable else table | {"thread": {"resolution": "holes"} | thread}
+
     @model_validator(mode="after")
     def _check_piercings(self) -> Self:
         if problem := repetition("piercing", [piercing.name for piercing in self.piercing]):
@@ -144,9 +153,9 @@ class Scenario(ScenarioTable):
 
     @model_validator(mode="after")
     def _check_knots(self) -> Self:
-        if self.thread.resolution == "adaptive" and self.solve.scheme == "linear":
+        if self.thread.resolution != "fixed" and self.solve.scheme == "linear":
             reason = "the linear scheme knows no missing compliance, by which the knots are placed; set it to fixed"
-            raise ValueError(refusal("thread.resolution", "adaptive", reason))
+            raise ValueError(refusal("thread.resolution", self.thread.resolution, reason))
         return self
 
     @model_validator(mode="after")

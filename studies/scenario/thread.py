@@ -153,10 +153,12 @@ class Thread(ScenarioTable):
         default=3.0,
         description="ratio of the largest to the smallest knot span [-], fine near the piercings; 1: uniform",
     )
-    resolution: Literal["fixed", "adaptive"] = Field(
+    resolution: Literal["fixed", "holes", "adaptive"] = Field(
         default="fixed",
-        description="whether the knots stay, or follow the piercings as the thread slides: control_points are then "
-        "those of the coarse spline, which is refined at the piercings and where the thread bends",
+        description='where the spline of control_points is refined as the thread slides: "fixed", nowhere; "holes" '
+        "(unless given, the way of statics, but of cuts, springs and a thread without bending), at a piercing whose "
+        "spans are longer than a quarter of the length that the thread bends over there, or fewer than two to the "
+        'next; "adaptive", to thread.tolerance at the piercings and wherever the thread bends, from equal spans',
     )
     tolerance: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=0.1)] = Field(
         default=0.01, description="relative error of the piercings' forces that adaptive knots aim at [-], up to 0.1"
@@ -267,10 +269,11 @@ class Thread(ScenarioTable):
 
     @model_validator(mode="after")
     def _check_resolution(self) -> Self:
-        if self.resolution == "adaptive" and (self.energy == "springs" or not self.bending):
+        if self.resolution != "fixed" and (self.energy == "springs" or not self.bending):
             raise ValueError(
-                '.resolution = "adaptive" is refused: it goes by the length over which a thread bends, and springs or '
-                'a thread without bending have none; set it to "fixed", or energy = "continuous" and bending = true'
+                f'.resolution = "{self.resolution}" is refused: it goes by the length over which a thread bends, and '
+                'springs or a thread without bending have none; set it to "fixed", or energy = "continuous" and '
+                "bending = true"
             )
         return self
 

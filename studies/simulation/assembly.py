@@ -25,7 +25,7 @@ from studies.simulation.pieces import check_draws, check_pieces
 from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
-from thread.knots import clamped_knots, graded_knots
+from thread.knots import Tree, clamped_knots, graded_knots
 from thread.path import RoundedPath, rounded_path
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
@@ -35,6 +35,7 @@ AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | tissue.DynamicOrgan | t
 
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
 REACH = 0.1  # of the thread's length: how far from a piercing its spans are fine
+AT_COARSE = 0.04  # tolerance at holes that the coarse spans do not resolve: spans of a fifth of √(EI/T)
 CHANNEL_FOOTPRINTS = 2.0  # length of a channel that imposes a direction, where none is given: the bite's own size
 CHANNEL_DIAMETERS = 10.0  # of the thread, where there is no footprint to go by: shorter, a hole would hardly guide it
 
@@ -95,7 +96,7 @@ def assemble(scenario: Scenario, store: Store | None = None, mesh: object = None
         gravity=np.array(scenario.solve.gravity),
         epsilon=scenario.solve.epsilon,
     )
-    resolution = resolution_of(scenario.thread, length)
+    resolution = resolution_of(scenario.thread, length, s)
     recovery = partial(stored_recovery, scenario, body, store)
     return Assembly(resolved(scenario, length, s), system, organ, path, np.array(s), body, resolution, recovery)
 
@@ -133,21 +134,28 @@ def nearest_pass(path: RoundedPath, point: Sequence[float], after: Sequence[floa
     return float(later[0] if later.size else near[0])
 
 
-def resolution_of(table: model.Thread, length: float) -> Resolution | None:
+def resolution_of(table: model.Thread, length: float, s: Sequence[float]) -> Resolution | None:
     """Tell how the knots follow the thread; None where they do not."""
     if table.resolution == "fixed":
         return None
-    return Resolution(coarse_tree(0.0, length, table.control_points), table.tolerance)
+    if table.resolution == "adaptive":
+        return Resolution(coarse_tree(0.0, length, table.control_points), table.tolerance)
+    return Resolution(Tree(graded_spline(table, length, s).breaks), AT_COARSE, everywhere=False)
+
+
+def graded_spline(table: model.Thread, length: float, s: Sequence[float]) -> Spline:
+    """Return the spline of so many control points, its knots graded towards the piercings."""
+    return Spline(graded_knots(length, table.control_points, s, table.graded, REACH * length, table.cuts))
 
 
 def spline_of(table: model.Thread, length: float, s: Sequence[float]) -> Spline:
-    """Return the spline at the start, its knots graded towards the piercings."""
-    resolution = resolution_of(table, length)
-    if resolution is None:
-        spline = Spline(graded_knots(length, table.control_points, s, table.graded, REACH * length, table.cuts))
-        check_spans(table.cuts, spline.piece_ends.tolist(), spline.breaks.tolist())
-        return spline
-    return Spline(clamped_knots(first_breaks(resolution.tree, np.array(s), table.graded)))
+    """Return the spline at the start."""
+    if table.resolution == "adaptive":
+        tree = coarse_tree(0.0, length, table.control_points)
+        return Spline(clamped_knots(first_breaks(tree, np.array(s), table.graded)))
+    spline = graded_spline(table, length, s)
+    check_spans(table.cuts, spline.piece_ends.tolist(), spline.breaks.tolist())
+    return spline
 
 
 def thread_of(scenario: Scenario, length: float, s: Sequence[float]) -> Thread:

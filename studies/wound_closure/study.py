@@ -250,6 +250,7 @@ def scenario(case: Case) -> Scenario:
                 "suture": SUTURE,
                 "control_points": (round(2.0 * reach / SPAN) + 3) * len(y),
                 "graded": 1.0,
+                "resolution": "fixed",
                 "path": path,
                 "cuts": [nearest_abscissa(path, turn) for turn in turns],
             },

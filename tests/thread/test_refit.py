@@ -15,7 +15,8 @@ from thread.quadrature import gauss_rule
 from thread.refit import Projection, insert_knots, refit, spline_on
 from thread.spline import Spline
 
-TREE = Tree(0.0, 0.1, 10)
+TREE = Tree(np.linspace(0.0, 0.1, 11))
+ROOT = 0.01
 UNBOUNDED = np.inf
 
 
@@ -34,22 +35,22 @@ def everywhere(spline: Spline) -> Array:
 def test_no_span_is_longer_than_wanted(hole: float, at: float, slope: float) -> None:
     """Independent check: on every span the smallest wanted length is not exceeded, twice the span would exceed it, and
     what is wanted finer everywhere has all the breaks of the coarser (the tree is nested)."""
-    wanted = np.maximum(at + slope * np.abs(TREE.middles - hole), TREE.root / 512)
+    wanted = np.maximum(at + slope * np.abs(TREE.middles - hole), ROOT / 512)
     index = TREE.breaks(wanted)
     smallest = np.minimum.reduceat(wanted, index[:-1])
     spans = np.diff(TREE.places[index])
     assert np.all(spans <= smallest * (1.0 + IDENTITY))
-    assert spans.max() <= TREE.root * (1.0 + IDENTITY)
+    assert spans.max() <= ROOT * (1.0 + IDENTITY)
     parents = index[:-1] // (2 * np.diff(index)) * (2 * np.diff(index))
     of_parent = [wanted[p : p + 2 * s].min() for p, s in zip(parents, np.diff(index), strict=True)]
-    assert np.all((2 * spans > np.array(of_parent)) | np.isclose(spans, TREE.root))
+    assert np.all((2 * spans > np.array(of_parent)) | np.isclose(spans, ROOT))
     assert np.isin(index, TREE.breaks(0.6 * wanted)).all()
 
 
 def test_a_tree_needs_roots() -> None:
     """Independent check: refused in words."""
     with pytest.raises(ThreadError, match="0 coarse spans; allowed"):
-        Tree(0.0, 1.0, 0)
+        Tree(np.zeros(1))
 
 
 def test_insertion_changes_nothing() -> None:

@@ -1,0 +1,173 @@
+"""A thin thread on few points: by default it bends at the holes as a fine one does."""
+
+import tomllib
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from coupling.adaptivity import span_ratio, spans_between
+from studies.scenario import parse
+from studies.simulation import Simulation, prepare
+from studies.simulation.memory import OrganRun
+from thread import catalogue
+
+LAYER = 0.03  # of forces, couples and friction's part of the pull
+MU, CHANNEL = 0.1, 10.0  # friction, and its channel over the diameter where there is no footprint
+PULL, TURN = 0.3, 60.0
+
+
+def at_rest(text: str) -> tuple[Simulation, OrganRun]:
+    """A scenario and its equilibrium."""
+    simulation = prepare(parse(tomllib.loads(text)))
+    now = simulation.beginning()
+    while now.number < simulation.steps:
+        now = simulation.next(now)
+    return simulation, now
+
+
+@cache
+def turned(resolution: str) -> tuple[Simulation, OrganRun]:
+    """A thin thread on 40 points, turned by a right angle in one ideal hole and pulled."""
+    return at_rest(f"""
+[thread]
+suture = "7-0 nylon"
+resolution = "{resolution}"
+path = [[-0.03, 0, 0], [0, 0, 0], [0, 0, 0.03]]
+start = {{ kind = "fixed" }}
+end = {{ kind = "pulled", force = [0, 0, {PULL}] }}
+[[piercing]]
+name = "ring"
+at = [0, 0, 0]
+direction = [1, 0, 1]
+[solve]
+kind = "static"
+load_steps = 4
+""")
+
+
+def test_a_thin_thread_turned_by_a_right_angle() -> None:
+    """Independent check: an ideal hole leaves the tension alone, so the held end bears what pulls at the other; on 40
+    points that stay it bears another force."""
+    reaction = {way: np.linalg.norm(turned(way)[1].state.reaction[0]) for way in ("holes", "fixed")}
+    assert abs(reaction["holes"] / PULL - 1.0) <= LAYER, reaction
+    assert abs(reaction["fixed"] / PULL - 1.0) > LAYER, reaction
+    simulation, now = turned("holes")
+    assert span_ratio(now.system, now.state) <= 0.25
+    assert now.system.thread.n <= 3 * simulation.scenario.thread.control_points
+
+
+def first_integral(T: float, turn: float, EI: float, EA: float) -> float:
+    """Couple [N m] of a long extensible elastica under T that turns by `turn` from its clamp."""
+    return float(
+        np.sign(turn) * np.sqrt(2.0 * EI * T * (1.0 - np.cos(turn)) * (1.0 + T * (1.0 + np.cos(turn)) / 2 / EA))
+    )
+
+
+@pytest.mark.parametrize(
+    ("suture", "T", "spans"),
+    [
+        ("2-0 polypropylene", 5.0, 3.0),
+        ("4-0 nylon", 1.0, 0.3),
+        ("8-0 nylon", 0.01, 1.0),
+        ("6-0 polypropylene", 0.1, 20.0),
+    ],
+)
+def test_force_couple_and_friction_at_one_hole(suture: str, T: float, spans: float) -> None:
+    """Independent check (Euler's elastica on each side of the hole, its couple and force pressing at both ends of the
+    channel): the pull at slip, the hole's force and couple, on equal spans of so many √(EI/T)."""
+    section = catalogue.suture(suture)
+    layer = float(np.sqrt(section.EI / T))
+    _, now = at_rest(scene(suture, T, max(12.0, 6.0 * spans) * layer, layer, spans))
+    hole, hand = now.piercings[0], now.state.reaction[1]
+    assert hole.state == "slip"
+    after = float(np.arctan2(hand[2], hand[0]))
+    pulled = np.linalg.norm(hand)
+
+    def force(T2: float) -> np.ndarray:
+        return np.array([T2 * np.cos(after) - T, T2 * np.sin(after)])
+
+    def couple(T2: float) -> float:
+        return first_integral(T2, after, section.EI, section.EA)
+
+    def lacking(T2: float) -> float:
+        half, pressing = 0.5 * force(T2)[1], couple(T2) / (CHANNEL * section.diameter)
+        return T2 - T - MU * (abs(half + pressing) + abs(half - pressing))
+
+    told = brentq(lacking, T, 3.0 * T)
+    assert abs((pulled - T) / (told - T) - 1.0) <= LAYER
+    assert abs(np.linalg.norm(hole.force) / np.linalg.norm(force(told)) - 1.0) <= LAYER
+    assert abs(np.linalg.norm(hole.couple) / couple(told) - 1.0) <= LAYER
+
+
+def scene(suture: str, T: float, reach: float, layer: float, spans: float = 1.0) -> str:
+    """A thread under T through one rough hole along x, whose hand goes round by TURN and outwards."""
+    way = np.linspace(0.0, np.radians(TURN), 5)
+    away = reach * (1.0 + 0.02 * np.arange(5))
+    rows = np.column_stack([np.linspace(0.0, 1.0, 5), away * np.cos(way), 0.0 * way, away * np.sin(way)]).tolist()
+    return f"""
+[thread]
+suture = "{suture}"
+control_points = {round(2.0 * reach / (spans * layer)) + 3}
+graded = 1.0
+path = [[{-reach}, 0, 0], [{reach}, 0, 0]]
+start = {{ kind = "pulled", force = [{-T}, 0, 0] }}
+end = {{ kind = "driven", waypoints = {rows} }}
+[[piercing]]
+name = "hole"
+at = [{0.3 * spans * layer}, 0, 0]
+direction = [1, 0, 0]
+friction = {{ static = {MU}, kinetic = {MU} }}
+[solve]
+kind = "static"
+load_steps = 6
+"""
+
+
+def test_two_holes_near_one_another() -> None:
+    """Independent check: where the spans leave less than two between two holes, there are four."""
+    text = """
+[thread]
+suture = "2-0 polypropylene"
+resolution = "{way}"
+path = [[-0.05, 0, 0], [0.05, 0, 0]]
+end = {{ kind = "pulled", force = [0.1, 0, 0.02] }}
+[[piercing]]
+name = "one"
+at = [-0.0009, 0, 0]
+direction = [1, 0, 0]
+kind = "anchored"
+[[piercing]]
+name = "other"
+at = [0.0009, 0, 0]
+direction = "free"
+[solve]
+kind = "static"
+load_steps = 2
+"""
+    near = {way: at_rest(text.format(way=way))[1] for way in ("fixed", "holes")}
+    assert spans_between(near["fixed"].system, near["fixed"].state) < 2.0
+    assert spans_between(near["holes"].system, near["holes"].state) >= 4.0
+
+
+def test_a_thread_with_points_enough_keeps_them() -> None:
+    """Consistency check: where the spans resolve the bends, the default is a thread whose knots stay, to the bit."""
+    text = """
+[thread]
+suture = "2-0 polypropylene"
+control_points = 60
+resolution = "{way}"
+path = [[-0.02, 0, 0.01], [0, 0, 0], [0.02, 0, 0.01]]
+start = {{ kind = "fixed" }}
+end = {{ kind = "pulled", force = [0.05, 0, 0.025] }}
+[[piercing]]
+name = "ring"
+at = [0, 0, 0]
+direction = [1, 0, 0]
+[solve]
+kind = "static"
+load_steps = 3
+"""
+    one, other = (at_rest(text.format(way=way))[1].state for way in ("fixed", "holes"))
+    assert np.array_equal(one.q, other.q) and np.array_equal(one.lam, other.lam)
