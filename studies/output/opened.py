@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies.output.columns import TABLES
+from studies.output.columns import TABLES, UNITS
 from studies.output.manifest import SCENARIO
 from studies.output.quantities import Quantity, quantities
-from studies.output.reading import UNITS, ResultsError, RunResults, read_run
+from studies.output.reading import ResultsError, RunResults, read_run
 from studies.scenario import Scenario
 from studies.scenario.refusal import nearest
 from studies.scenario.toml import load
