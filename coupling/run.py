@@ -71,6 +71,12 @@ class Run(Generic[Body]):
         """Newton iterations of the last step."""
         return sum(step.solution.iterations for step in self.taken)
 
+    @property
+    def is_jumping(self) -> bool:
+        """Whether the step before left nothing to look back at, so that the next one may be too long for the motion;
+        always by backward Euler, never by the paper's variants."""
+        return self.downhill and not self.fresh and self.state.before is None
+
     def step(self, dt: float, time: float | None = None) -> "Run[Body]":
         """Go `dt` [s] further; the end bears the `time` [s] given, to keep round-off from adding up.
 
@@ -80,7 +86,7 @@ class Run(Generic[Body]):
         if not run.fresh:
             run = run.refitted(dt, run.number % INTERVAL == 0)
         watch = Watch([run.energies], run.downhill, bool(run.events))
-        taken = advance(run.system, run.state, dt, run.take, HALVINGS - run.halvings, watch)
+        taken = advance(run.system, run.state, dt, run.take, HALVINGS - run.halvings, watch, run.is_jumping)
         if time is not None:
             taken = [*taken[:-1], replace(taken[-1], new=replace(taken[-1].new, time=time))]
         return run._after(taken, watch.energies[-1])._scheduled(self.state.time, dt)
