@@ -11,7 +11,7 @@ import numpy as np
 from coupling.arrays import Array
 from coupling.contact import pressed_pairs
 from coupling.diagnosis import refuse_drawn_out, refuse_held_end
-from coupling.errors import EquilibriumError, StepError
+from coupling.errors import EquilibriumError, InversionError, StepError
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body
 from coupling.newton import Iterate, Problem, Solution, evaluate, solve
@@ -192,14 +192,14 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
 def load_step(
     system: System[Body], state: State[Body], share: float, duration: float, depth: int = 0
 ) -> list[Step[Body]]:
-    """Go on to the part `share` of the loads, in halves of the increment where it fails. Raises `StepError`,
-    `ConstraintError` where a hand has drawn the thread out."""
+    """Go on to the part `share` of the loads, in halves of the increment where it fails or the thread flips through a
+    hole. Raises `StepError`, `InversionError`, `ConstraintError` where a hand has drawn the thread out."""
     try:
         step = settle(system, state, share, duration)
         refuse_drawn_out(system, step.old, step.new)
         gone = emptied_holds(system, step.old, step.new)
         refuse_held_end(system, step.old, step.new, gone)
-    except StepError:
+    except (StepError, InversionError):
         if depth == 4 or duration == 0.0:
             raise
         middle = 0.5 * (state.time / duration + share)
