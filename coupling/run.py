@@ -20,7 +20,7 @@ from coupling.arrays import Array
 from coupling.audit import Energies, audit_step, initial_energies
 from coupling.configuration import Configuration, configuration_of
 from coupling.constraints import held_energy
-from coupling.equilibrium import load_step
+from coupling.equilibrium import load_step, refuse_unbalanced
 from coupling.events import Event, find_events
 from coupling.impact import begin_piercing
 from coupling.interfaces import Body
@@ -95,10 +95,12 @@ class Run(Generic[Body]):
         """Go on to the equilibrium under the part `share` of the loads at `duration` [s].
 
         An equilibrium is far from where it began: it is found again on the knots that fit it. Raises `StepError`,
-        `ConstraintError`.
+        before the first load step where dead loads are unbalanced, `InversionError`, `ConstraintError`.
         """
         run = replace(self, taken=(), events=())
-        if not run.fresh:
+        if run.fresh:
+            refuse_unbalanced(run.system, run.state, duration)
+        else:
             run = run.refitted(0.0, True)
         run = run._audited(load_step(run.system, run.state, share, duration))
         for _ in range(EQUILIBRIA):
