@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NAMES = (
+    "campaign",
     "coupling_variants",
     "friction",
     "mesh_refinement",
