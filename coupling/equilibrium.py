@@ -52,20 +52,21 @@ def static_problem(
 ) -> Problem[Body]:
     """Return the problem of equilibrium at the part `share` of the loads. `tie` [1/s²] ties each point to where it is
     in `state`. Friction opposes the way from `first`, the start of the load step; what is drawn through is counted
-    from there."""
-    thread = system.thread
+    from there; hands pull with all of the force that they have then."""
+    thread, time = system.thread, share * duration
     load = share * end_load(system, duration)
+    by_hand = system.drawn_lengths(first.time, time), system.pulling_forces(time)
     return Problem(
         system=system,
-        time=share * duration,
-        dt=share * duration - state.time,
+        time=time,
+        dt=time - state.time,
         inertia=tie * thread.mass_band,
         mass_factor=tie,
         q_ref=state.q,
         load=load,
         answer=answer,
         rows=system.rows & state.present[:, None],
-        law=law_of(system, first.s, state.present, 0.0, first.s, system.drawn_lengths(first.time, share * duration)),
+        law=law_of(system, first.s, state.present, 0.0, first.s, *by_hand),
         stiffen=True,
         frame=state.frame,
     )
@@ -86,7 +87,7 @@ def settle(system: System[Body], state: State[Body], share: float, duration: flo
 
 def relax_ties(system: System[Body], state: State[Body], share: float, duration: float, hold: bool) -> Step[Body]:
     """Reach equilibrium by ties that are weakened and dropped; `hold`: the rough holes hold the thread meanwhile."""
-    answer = system.organ.answer(Equilibrium(), [state.organ])
+    answer = system.organ.answer(Equilibrium(), [state.organ], duration, share)
     tie, now, failed = first_tie(system, state) * LAID_TIE if state.time == 0.0 else 0.0, state, None
     for _ in range(ATTEMPTS):
         problem = static_problem(system, now, share, duration, tie, answer, state)
@@ -199,7 +200,7 @@ def refuse_unbalanced(system: System[Body], state: State[Body], duration: float)
     scale: Bosi, Misseroni, Dal Corso & Bigoni, Proc. R. Soc. A 470, 2014), and is let pass.
     """
     thread, here = system.thread, state.present
-    holds = (system.rows.any(axis=1) & here & (system.rough | ~system.may_slide)).any()
+    holds = (system.rows.any(axis=1) & here & (system.rough | ~system.may_slide | system.by_hand)).any()
     held = any(end.position(0.0) is not None for end in system.ends)
     if holds or held or not here.any() or system.weight.any() or thread.spline.cuts.size:
         return

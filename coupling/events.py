@@ -14,21 +14,22 @@ from typing import Literal
 import numpy as np
 
 from coupling.interfaces import Body
+from coupling.observation import bearing_pressures
 from coupling.stepping import Step
 from coupling.system import State, System
 
-Kind = Literal["begins", "ends", "leaves", "slips", "sticks", "halved", "knots"]
+Kind = Literal["begins", "ends", "leaves", "slips", "sticks", "tears", "cut", "halved", "knots"]
 
 
 @dataclass(frozen=True)
 class Event:
     """One event.
 
-    `time` [s]; `piercing` by name, empty for a halved step and for other knots; `s` [m]. Of a piercing that begins:
+    `time` [s]; `piercing` by name, empty for a halved step, a cut and other knots; `s` [m]. Of a piercing that begins:
     `gap` [m] and `angle` [rad] that were closed, `work` [J] done in closing them, `loss` [J] of kinetic energy and
-    `impulse` (3,) [N s] of the hole on the thread. Of other knots: `control_points` after it, `loss` and `impulse`,
-    what the change cost of the thread's energy and momentum. `work` − `loss` is what the event changed of kinetic plus
-    elastic energy.
+    `impulse` (3,) [N s] of the hole on the thread. Of a cut and of other knots: `control_points` after it, `loss` and
+    `impulse`, what the change cost of the thread's energy and momentum. `work` − `loss` is what the event changed of
+    kinetic plus elastic energy.
     """
 
     time: float
@@ -58,7 +59,8 @@ def find_events(system: System[Body], old: State[Body], taken: Sequence[Step[Bod
 
 
 def changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Event]:
-    """Find the holes left, and the stitches that began to slip or to stick, between two states."""
+    """Find the holes left, the stitches that began to slip or to stick, and those that the tissue no longer bears,
+    between two states."""
     out = []
     for k, piercing in enumerate(system.piercings):
         if old.present[k] and not new.present[k]:
@@ -66,7 +68,10 @@ def changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Ev
         elif new.present[k] and system.rough[k] and (old.sigma[k] == 0.0) != (new.sigma[k] == 0.0):
             kind: Kind = "sticks" if new.sigma[k] == 0.0 else "slips"
             out.append(Event(new.time, kind, piercing.name, float(new.s[k])))
-    return out
+    strengths = np.array([piercing.strength for piercing in system.piercings])
+    before, after = (bearing_pressures(system, state) > strengths for state in (old, new))
+    torn = np.flatnonzero(after & ~before & new.present[: len(strengths)])
+    return out + [Event(new.time, "tears", system.piercings[k].name, float(new.s[k])) for k in torn]
 
 
 def nearer_end(system: System[Body], s: float) -> float:

@@ -92,7 +92,7 @@ def sliding_motion(scheme: Scheme, state: State[Body]) -> tuple[Array, ...]:
 
 def organ_answer(system: System[Body], scheme: Scheme, state: State[Body]) -> Answer[Body]:
     """Return the organ's answer to the step of a scheme from a state."""
-    return system.organ.answer(scheme, [past.organ for past in past_states(scheme, state)])
+    return system.organ.answer(scheme, [past.organ for past in past_states(scheme, state)], state.time + scheme.dt)
 
 
 def dynamic_problem(
@@ -122,7 +122,13 @@ def dynamic_problem(
         answer=answer,
         rows=rows,
         law=law_of(
-            system, state.s, state.present, system.epsilon * scheme.a, s_free, system.drawn_lengths(state.time, time)
+            system,
+            state.s,
+            state.present,
+            system.epsilon * scheme.a,
+            s_free,
+            system.drawn_lengths(state.time, time),
+            system.pulling_forces(time),
         ),
         frame=state.frame,
     )

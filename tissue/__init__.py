@@ -1,19 +1,23 @@
 """The organ: small-strain linear elasticity on tetrahedra, and its nine site variables per piercing."""
 
+from tissue.deformation import cauchy_stress, cell_deformation, cell_stretch
 from tissue.elasticity import Elasticity, elasticity
-from tissue.errors import FactorError, TissueError
+from tissue.errors import FactorError, OrganError, TissueError
+from tissue.hyperelasticity import Hyperelasticity
+from tissue.loads import Loads, SurfaceLoad
 from tissue.material import Material
 from tissue.organs.dynamic import DynamicOrgan
+from tissue.organs.finite import FiniteOrgan
 from tissue.organs.fixed import FixedSites, fixed_sites
-from tissue.organs.lips import Gaps, build_gaps
+from tissue.organs.lips import Gaps, Part, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.sites.site import Site, Sites, build_sites
 from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
-from tissue.strain import cell_strain, energy_share
-from tissue.stress import StressRecovery, interpolation, stress_recovery, von_mises
-from tissue.supports import held_components, holds_still
+from tissue.strain import cell_strain, energy_density, energy_share
+from tissue.stress import StressRecovery, interpolation, principal, stress_recovery, von_mises
+from tissue.supports import held_components, holds_still, motions_in_words, rigid_motions
 
 __all__ = [
     "ConjugateGradients",
@@ -22,30 +26,44 @@ __all__ = [
     "Equation",
     "Factor",
     "FactorError",
+    "FiniteOrgan",
     "FixedSites",
     "Gaps",
+    "Hyperelasticity",
     "LinearAnswer",
+    "Loads",
     "Material",
     "OrganEnergies",
+    "OrganError",
     "OrganState",
+    "Part",
     "QuasiStaticOrgan",
     "Site",
     "SiteAnswer",
     "Sites",
     "StressRecovery",
+    "SurfaceLoad",
     "TimeScheme",
     "TissueError",
     "build_gaps",
     "build_sites",
+    "cauchy_stress",
+    "cell_deformation",
     "cell_strain",
+    "cell_stretch",
     "conjugate_gradients",
     "elasticity",
+    "energy_density",
     "energy_share",
     "factorize",
     "fixed_sites",
     "held_components",
     "holds_still",
     "interpolation",
+    "motions_in_words",
+    "principal",
+    "rigid_motions",
     "stress_recovery",
+    "surface_gaps",
     "von_mises",
 ]

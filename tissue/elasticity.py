@@ -1,16 +1,20 @@
-"""Small-strain isotropic linear elasticity on tetrahedra, assembled by scikit-fem.
+"""Small-strain isotropic linear elasticity on tetrahedra, with scikit-fem's elements and bases.
 
 Nearly incompressible tissue locks where every cell must keep its own volume: a tetrahedral mesh has five to six
 cells a vertex. There the part of λ beyond that of ν = 0.3 acts on the dilatation averaged at the vertices (Bonet &
 Burton, Commun. Numer. Meth. Engng 14, 1998), which is one constraint a vertex and, with P2, the pressure of the
 Taylor–Hood element with a lumped mass. The rest of λ stays with the cells: this part resists what an average misses
 (Puso & Solberg, Int. J. Numer. Meth. Engng 67, 2006), and at ν ≤ 0.3 both formulations are one.
+
+Matrices of more than some thousand cells are summed by compiled loops (`tissue.assembly`), in a fortieth of the time
+that scikit-fem's forms take and to the same numbers but for round-off.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from importlib.util import find_spec
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +34,8 @@ NU_LOCKING = 0.45
 NU_CELLWISE = 0.3  # ν whose λ stays with the cells
 NO_POINTS = (np.zeros((3, 0)), np.zeros(0))  # the body's basis numbers unknowns; shape functions are made where needed
 
+# Entries of the local matrices beyond which scikit-fem takes longer than it takes to load Numba: 20 000 P1 cells, 1 s
+COMPILED_BEYOND = 3_000_000
 ENTRIES = 15_000_000  # of the local matrices that are made at once: half a gigabyte
 
 
@@ -81,6 +87,20 @@ class Elasticity:
             blocks.append(self.mesh.t2e + self.mesh.nvertices)
         return np.ascontiguousarray(np.vstack(blocks).T.astype(np.intp))
 
+    def edge_numbers(self, edges: Indices) -> Indices:
+        """Return the numbers in the mesh of edges given by their two vertices `(k, 2)`, shape `(k,)`."""
+        known, asked = (np.sort(pairs, axis=1) @ [self.mesh.nvertices, 1] for pairs in (self.mesh.edges.T, edges))
+        order = np.argsort(known)
+        return np.asarray(order[np.searchsorted(known, asked, sorter=order)])
+
+    def facet_nodes(self, triangles: Indices) -> Indices:
+        """Return the nodes of facets given by their vertices `(f, 3)`: those, with P2 the middles of the edges 01, 12,
+        02 behind them."""
+        if self.element == "P1":
+            return triangles
+        edges = triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2)
+        return np.hstack([triangles, self.mesh.nvertices + self.edge_numbers(edges).reshape(-1, 3)])
+
     def connectivity(self) -> tuple[Array, Indices, Indices]:
         """Return `(points, cells, nodes)`: what a file of the organ needs, and the map from nodes to unknowns."""
         return self.points, self.cells, self.nodes
@@ -127,18 +147,66 @@ def elasticity(
         raise TissueError(f"dilatation = {dilatation!r}: allowed are 'auto', 'cell' and 'nodal'; take 'auto'")
     for name in ("youngs_modulus", "poisson_ratio", "density"):
         _check_cells(name, getattr(material, name), mesh)
-    scalar = ELEMENTS[element]()
-    basis = Basis(mesh, ElementVector(scalar), quadrature=NO_POINTS)
-    clamped = np.union1d(clamped_unknowns(basis, clamp), rolling_unknowns(basis, roller))
+    basis = numbering(mesh, element)
+    held = np.zeros(basis.N, dtype=bool)
+    held[clamped_unknowns(basis, clamp)] = held[rolling_unknowns(basis, roller)] = True
     average = dilatation == "nodal" or (dilatation == "auto" and np.max(material.poisson_ratio) > NU_LOCKING)
     cellwise = cellwise_lambda(material) if average else material.lame_lambda
-    K, pressure = stiffness(basis, cellwise, material.lame_mu), None
-    if average:
-        flux, pressure = nodal_dilatation(basis, material.lame_lambda - cellwise)
+    excess = material.lame_lambda - cellwise if average else None
+    assembled = assembled_by_loops if is_compiled(basis) else assembled_by_scikit_fem
+    K, M, dilatations = assembled(basis, cellwise, material.lame_mu, material.density, excess)
+    pressure = None
+    if dilatations is not None:
+        flux, pressure = dilatations
         K = csr_matrix(K + flux.T @ pressure)
-    M = mass(basis, material.density)
-    free = np.setdiff1d(np.arange(basis.N), clamped).astype(np.intp)
-    return Elasticity(mesh, element, material, basis, K, M, clamped, free, pressure)
+    return Elasticity(mesh, element, material, basis, K, M, np.flatnonzero(held), np.flatnonzero(~held), pressure)
+
+
+def numbering(mesh: MeshTet, element: str) -> Basis:
+    """Return the basis that numbers the unknowns, three at each node, with the places of these."""
+    basis = Basis(mesh, ElementVector(ELEMENTS[element]()), quadrature=NO_POINTS, disable_doflocs=True)
+    middles = [0.5 * mesh.p[:, mesh.edges].sum(axis=1)] if element == "P2" else []
+    basis.doflocs = np.repeat(np.hstack([mesh.p, *middles]), 3, axis=1)  # scikit-fem maps them cell by cell
+    return basis
+
+
+class Assembled(NamedTuple):
+    """K [N/m] and M [kg], `(N, N)`, of what stays with the cells; flux and pressure of `nodal_dilatation`, None where
+    all of it does."""
+
+    K: csr_matrix
+    M: csr_matrix
+    dilatations: tuple[csr_matrix, csr_matrix] | None
+
+
+def is_compiled(basis: Basis) -> bool:
+    """Tell whether the matrices are worth the compiled loops, and Numba is there."""
+    return basis.mesh.nelements * basis.Nbfun**2 > COMPILED_BEYOND and find_spec("numba") is not None
+
+
+def assembled_by_scikit_fem(basis: Basis, lam: PerCell, mu: PerCell, rho: PerCell, excess: PerCell | None) -> Assembled:
+    """Assemble by scikit-fem's forms; `excess` is the part of λ that is averaged at the vertices, None without."""
+    dilatations = None if excess is None else nodal_dilatation(basis, excess)
+    return Assembled(stiffness(basis, lam, mu), mass(basis, rho), dilatations)
+
+
+def assembled_by_loops(basis: Basis, lam: PerCell, mu: PerCell, rho: PerCell, excess: PerCell | None) -> Assembled:
+    """Assemble by compiled loops over the nodes; `excess` as for scikit-fem's forms."""
+    from tissue import assembly  # loads Numba
+
+    mesh = basis.mesh
+    graph = assembly.cell_graph(basis.element_dofs[::3].T // 3, basis.N // 3)
+    means = assembly.reference_means(basis.elem.elem)
+    gradients, volumes = assembly.barycentric_gradients(mesh.p.T, graph)
+    K, M = assembly.stiffness_and_mass(graph, means, gradients, volumes * lam, volumes * mu, volumes * rho)
+    K.eliminate_zeros()
+    if excess is None:
+        return Assembled(K, M, None)
+    stiff, softness = _softness(mesh, excess)
+    D = assembly.fluxes(graph, means, gradients, mesh.nvertices, volumes * stiff)
+    D.eliminate_zeros()
+    volume = np.bincount(mesh.t.ravel(), np.tile(0.25 * volumes * softness, 4), mesh.nvertices).astype(float)
+    return Assembled(K, M, (D, _pressure(D, volume)))
 
 
 def cellwise_lambda(material: Material) -> PerCell:
@@ -161,12 +229,20 @@ def nodal_dilatation(basis: Basis, excess: PerCell) -> tuple[csr_matrix, csr_mat
     """
     exact = Basis(basis.mesh, basis.elem, intorder=max(1, 2 * basis.elem.elem.maxdeg - 2))
     vertices = exact.with_element(ElementTetP1())
-    lam = np.broadcast_to(np.asarray(excess, float), basis.mesh.nelements)
-    stiff = lam > 0.0
-    D = csr_matrix(BilinearForm(_flux).assemble(exact, vertices, on=_per_cell(stiff.astype(float))))
-    softness = np.divide(1.0, lam, out=np.zeros(lam.size), where=stiff)
-    volume = LinearForm(_weighted).assemble(vertices, softness=_per_cell(softness))
-    return D, csr_matrix(diags_array(np.divide(1.0, volume, out=np.zeros(volume.size), where=volume > 0.0)) @ D)
+    stiff, softness = _softness(basis.mesh, excess)
+    D = csr_matrix(BilinearForm(_flux).assemble(exact, vertices, on=_per_cell(stiff)))
+    return D, _pressure(D, LinearForm(_weighted).assemble(vertices, softness=_per_cell(softness)))
+
+
+def _softness(mesh: MeshTet, excess: PerCell) -> tuple[Array, Array]:
+    """Return 1 for each cell with any excess λ̄ of λ, else 0, and 1/λ̄ [1/Pa], zero where there is none; `(c,)`."""
+    lam = np.broadcast_to(np.asarray(excess, float), mesh.nelements)
+    return (lam > 0.0).astype(float), np.divide(1.0, lam, out=np.zeros(lam.size), where=lam > 0.0)
+
+
+def _pressure(D: csr_matrix, volume: Array) -> csr_matrix:
+    """Return p = diag(1/volume) D of the volumes over λ̄ of the vertices [m³/Pa], zero where that is none."""
+    return csr_matrix(diags_array(np.divide(1.0, volume, out=np.zeros(volume.size), where=volume > 0.0)) @ D)
 
 
 def mass(basis: Basis, rho: PerCell) -> csr_matrix:

@@ -20,6 +20,7 @@ from studies.output.records import (
     ContactRecord,
     EnergyRecord,
     Extremes,
+    LoadRecord,
     OrganRecord,
     PiercingRecord,
     RunRecord,
@@ -148,6 +149,13 @@ HOLE: tuple[Column[PiercingRecord], ...] = (
         lambda hole: hole.mean_strain,
     ),
     Column("turn", "rad", "by which the tissue's frame at the hole is rotated", lambda hole: hole.turn),
+    Column(
+        "bearing_pressure",
+        "Pa",
+        "length of `force` over the thread's diameter and the length on which it bears: the channel's, else two "
+        "footprints, over which the model spreads the force, else ten diameters",
+        lambda hole: hole.bearing_pressure,
+    ),
 )
 CHANNEL: Column[PiercingRecord] = Column(
     "channel",
@@ -168,25 +176,29 @@ PIERCING_ARRAYS = (*(column for column in HOLE if column not in (PLACE, STATE)),
 EVENT: tuple[Column[Event], ...] = (
     text(
         "event",
-        "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing; `halved`: the step was; `knots`: they changed",
+        "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing, `tears` where the tissue's strength is exceeded; "
+        "`cut`: the thread was; `halved`: the step was; `knots`: they changed",
         lambda event: event.kind,
     ),
-    text("piercing", "name of the piercing; empty for `halved` and `knots`", lambda event: event.piercing),
-    Column("s", "m", "abscissa of the thread in the hole", lambda event: event.s),
+    text("piercing", "name of the piercing; empty for `cut`, `halved` and `knots`", lambda event: event.piercing),
+    Column("s", "m", "abscissa of the thread in the hole, or of the cut", lambda event: event.s),
     Column("energy", "J", "change of kinetic and elastic energy: `work` less `loss`", lambda event: event.energy),
     Column("work", "J", "done in drawing the thread into a hole that begins", lambda event: event.work),
     Column(
-        "loss", "J", "of energy, by the impulse when a hole begins or by a change of knots", lambda event: event.loss
+        "loss",
+        "J",
+        "of energy, by the impulse when a hole begins, by a cut or by a change of knots",
+        lambda event: event.loss,
     ),
     Column("gap", "m", "between thread and hole, closed when it begins", lambda event: event.gap),
     Column("angle", "rad", "between thread and the hole's direction, closed when it begins", lambda event: event.angle),
     vector(
         "impulse",
         "N s",
-        "of the hole on the thread when it begins; for `knots` the change of the thread's momentum",
+        "of the hole on the thread when it begins; for `cut` and `knots` the change of the thread's momentum",
         lambda event: event.impulse,
     ),
-    count("control_points", "after a change of knots, else empty", lambda event: event.control_points or None),
+    count("control_points", "after a cut or a change of knots, else empty", lambda event: event.control_points or None),
 )
 
 ENERGY: tuple[Column[EnergyRecord], ...] = (
@@ -284,14 +296,28 @@ SOLVED: tuple[Column[StepRecord], ...] = (
     Column("seconds", "s", "wall-clock time of this step", lambda step: step.seconds),
 )
 
+PAIR: Column[ContactRecord] = text("pair", "names of the two surfaces", lambda lips: lips.pair)
 CONTACT: tuple[Column[ContactRecord], ...] = (
-    count("pairs", "pairs of nodes of the lips that face one another", lambda lips: lips.pairs),
+    count("pairs", "nodes of one that may meet the other", lambda lips: lips.pairs),
     count("pressed", "of them, under a force", lambda lips: lips.pressed),
-    Column("smallest_gap", "m", "of all pairs, along the normal of the wound's plane", lambda lips: lips.smallest_gap),
-    Column("slide", "m", "largest, of a pair of nodes past one another along the lips", lambda lips: lips.slide),
+    Column(
+        "smallest_gap",
+        "m",
+        "of all pairs, along the normal of the surface; of a wound's lips along that of its plane",
+        lambda lips: lips.smallest_gap,
+    ),
+    Column("slide", "m", "largest, of a pair past one another along the surfaces", lambda lips: lips.slide),
     Column("largest_pressure", "Pa", "of all pairs", lambda lips: lips.largest_pressure),
-    Column("force", "N", "that pushes the lips apart, in all", lambda lips: lips.force),
+    Column("area", "m²", "under pressure: shares of the nodes", lambda lips: lips.area),
+    Column("force", "N", "that pushes the two apart, in all: the sum of its magnitudes", lambda lips: lips.force),
     Column("complementarity", "J", "largest magnitude of force times gap of a pair", lambda lips: lips.complementarity),
+)
+
+LOAD: tuple[Column[LoadRecord], ...] = (
+    text("boundary", "name of the boundary that it acts on", lambda load: load.boundary),
+    Column("share", "-", "of the load, that acts now", lambda load: load.share),
+    Column("area", "m²", "of the boundary in the reference shape", lambda load: load.area),
+    vector("force", "N", "on the organ, in all", lambda load: load.force),
 )
 
 ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
@@ -304,8 +330,22 @@ ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
         parts=tuple(f"stress_{pair}" for pair in ("xx", "yy", "zz", "xy", "yz", "xz")),
     ),
     Column("von_mises", "Pa", "equivalent of that stress", lambda organ: organ.von_mises),
-    Column("contact_pressure", "Pa", "on the lips, zero off them; with contact", lambda organ: organ.contact_pressure),
-    Column("lip_gap", "m", "between the lips, not a number off them; with contact", lambda organ: organ.lip_gap),
+    Column(
+        "principal_stress",
+        "Pa",
+        "principal values of that stress, falling; a push is negative",
+        lambda organ: organ.principal_stress,
+        parts=("stress_first", "stress_second", "stress_third"),
+    ),
+    vector("first_direction", "-", "unit vector of the first of them, of either sense", lambda o: o.first_direction),
+    vector("third_direction", "-", "unit vector of the third, of either sense", lambda o: o.third_direction),
+    Column(
+        "contact_pressure",
+        "Pa",
+        "on surfaces that may touch, zero off them; with contact",
+        lambda organ: organ.contact_pressure,
+    ),
+    Column("lip_gap", "m", "between them, not a number off them; with contact", lambda organ: organ.lip_gap),
 )
 ORGAN_CELLS: tuple[Column[OrganRecord], ...] = (
     Column(
@@ -315,6 +355,12 @@ ORGAN_CELLS: tuple[Column[OrganRecord], ...] = (
         lambda organ: organ.strain,
     ),
     Column("rotation", "rad", "largest rotation in the cell, half the length of curl U", lambda organ: organ.rotation),
+    Column(
+        "energy_density",
+        "Pa",
+        "strain energy per volume, on the mean of the cell; times the volumes it adds up to that of the mesh",
+        lambda organ: organ.energy_density,
+    ),
 )
 THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
     Column("s", "m", "abscissa: rest arc length from the start of the path", lambda thread: thread.s),
@@ -341,10 +387,17 @@ RANGE: tuple[Column[Extremes], ...] = (
         f"the same in cells rotated by more than {remarks.SMALL_ROTATION:g} rad",
         lambda met: met.rotated,
     ),
+    Column(
+        "pressed_turn",
+        "rad",
+        "largest angle by which a surface under a pressure turned, over all frames",
+        lambda met: met.pressed_turn,
+    ),
 )
-HOLE_RANGE: tuple[Column[tuple[float, float]], ...] = (
-    Column("mean_strain", "-", "largest `mean_strain` of the piercing, over all steps", lambda pair: pair[0]),
-    Column("turn", "rad", "largest `turn` of the piercing, over all steps", lambda pair: pair[1]),
+HOLE_RANGE: tuple[Column[tuple[float, float, float]], ...] = (
+    Column("mean_strain", "-", "largest `mean_strain` of the piercing, over all steps", lambda met: met[0]),
+    Column("turn", "rad", "largest `turn` of the piercing, over all steps", lambda met: met[1]),
+    Column("bearing_pressure", "Pa", "largest `bearing_pressure`, over all steps", lambda met: met[2]),
 )
 
 RUN: tuple[Column[RunRecord], ...] = (
@@ -429,11 +482,18 @@ ENERGIES: Layout[StepItem[EnergyRecord]] = Layout(
 STEPS: Layout[StepRecord] = Layout("steps", (TIME, STEP, *SOLVED), lambda step: [step])
 CONTACTS: Layout[StepItem[ContactRecord]] = Layout(
     "contact",
-    (*step_columns(TIME, STEP), *item_columns(*CONTACT)),
-    lambda step: [] if step.contact is None else [(step, step.contact)],
+    (*step_columns(TIME, STEP), *item_columns(PAIR, *CONTACT)),
+    lambda step: [(step, pair) for pair in step.contact],
+    every_step=False,
+)
+LOADS: Layout[StepItem[LoadRecord]] = Layout(
+    "loads",
+    (*step_columns(TIME, STEP), *item_columns(*LOAD)),
+    lambda step: [(step, load) for load in step.loads],
+    every_step=False,
 )
 # In the order in which they are written: where a table with a row for every step has a step, those before it have too.
-TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, ENERGIES, STEPS, CONTACTS)
+TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, ENERGIES, STEPS, CONTACTS)
 
 
 # -- the summary -----------------------------------------------------------------------------------------------------
@@ -441,19 +501,25 @@ TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, ENERGIES, STEPS, CONTACTS)
 
 def state_summary(step: StepRecord) -> dict[str, Any]:
     """Take from a step what ``summary.json`` says of energy, thread, piercings and lips."""
-    contact = {} if step.contact is None else {"contact": values(CONTACT, step.contact)}
+    contact = {"contact": {pair.pair: values(CONTACT, pair) for pair in step.contact}} if step.contact else {}
+    loads = {"loads": [values(LOAD, load) for load in step.loads]} if step.loads else {}
     ends = {end: _end_summary(end, step) for end in ENDS}
-    return {
-        "energy": values(ENERGY, step.energy),
-        "thread": ends | values((MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN), step),
-        "piercings": {hole.name: values(HOLE_SUMMARY, hole) for hole in step.piercings},
-    } | contact
+    return (
+        {
+            "energy": values(ENERGY, step.energy),
+            "thread": ends | values((MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN), step),
+            "piercings": {hole.name: values(HOLE_SUMMARY, hole) for hole in step.piercings},
+        }
+        | contact
+        | loads
+    )
 
 
 def range_summary(names: Iterable[str], extremes: Extremes) -> dict[str, Any]:
     """Make what ``summary.json`` says of how far the tissue of a run was strained and turned."""
-    pairs = zip(extremes.mean_strain.tolist(), extremes.turn.tolist(), strict=True)
-    holes = {name: values(HOLE_RANGE, pair) for name, pair in zip(names, pairs, strict=True)}
+    largest = extremes.mean_strain, extremes.turn, extremes.bearing_pressure
+    each = zip(names, *(of_holes.tolist() for of_holes in largest), strict=True)
+    holes = {name: values(HOLE_RANGE, (strain, turn, pressure)) for name, strain, turn, pressure in each}
     return {**values(RANGE, extremes), "piercings": holes}
 
 

@@ -6,6 +6,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from studies.scenario.loads import Load
+from studies.scenario.material import Law, MaterialKeys, missing_or_idle, region_problem
 from studies.scenario.refusal import as_key, as_toml, nearest, refusal
 from studies.scenario.table import (
     GROWTH,
@@ -21,12 +23,17 @@ from studies.scenario.table import (
 )
 
 BLOCK_BOUNDARIES = ("left", "right", "front", "back", "bottom", "top")
+LIPS = ("lip_left", "lip_right")  # of a wound
 BOUNDARIES = {  # that a generated mesh names, by its kind
     "block": BLOCK_BOUNDARIES,
-    "wound": (*BLOCK_BOUNDARIES, "lip_left", "lip_right"),
+    "wound": (*BLOCK_BOUNDARIES, *LIPS),
     "cylinder": ("left", "right", "side"),
     "tube": ("left", "right", "inner", "outer"),
 }
+STRENGTH = (
+    "pressure of the thread on a hole, its force over diameter and bearing length, above which the event tears is "
+    "logged, for nothing tears in the model [Pa]"
+)
 FLOOR = "wound_floor"  # of an ellipse that does not go through
 SURFACES = (".stl", ".obj", ".ply")  # files that hold a closed surface, to be filled
 
@@ -184,7 +191,16 @@ class FileMesh(ScenarioTable):
         return self
 
 
-Mesh = Annotated[BlockMesh | WoundMesh | CylinderMesh | TubeMesh | FileMesh, Field(discriminator="kind")]
+class GivenMesh(ScenarioTable):
+    """Volume mesh handed over from Python, by `prepare(scenario, mesh=…)`."""
+
+    kind: Literal["given"]
+    sha256: Text | None = Field(
+        default=None, description="digest of the mesh, by which it is known again; default: that of the mesh given"
+    )
+
+
+Mesh = Annotated[BlockMesh | WoundMesh | CylinderMesh | TubeMesh | FileMesh | GivenMesh, Field(discriminator="kind")]
 
 
 class Boundary(ScenarioTable):
@@ -206,7 +222,7 @@ class Boundary(ScenarioTable):
         return self
 
 
-class Region(ScenarioTable):
+class Region(MaterialKeys):
     """Part of the organ with a material of its own; what is not given is the organ's. A later region overrides an
     earlier one.
     """
@@ -223,6 +239,8 @@ class Region(ScenarioTable):
         default=None, description="Poisson's ratio [-], between -1 and 0.5; default the organ's"
     )
     density: Positive | None = Field(default=None, description="density [kg/m³]; default the organ's")
+    strength: Positive | None = Field(default=None, description=f"{STRENGTH}; default the organ's", examples=[2.0e6])
+    material: Law | None = Field(default=None, description="strain-energy density, as the organ's; default the organ's")
 
     @model_validator(mode="after")
     def _check_place(self) -> Self:
@@ -238,14 +256,20 @@ class Region(ScenarioTable):
         return self
 
 
-class Tissue(ScenarioTable):
-    """Organ of small-strain isotropic linear elasticity."""
+class Tissue(MaterialKeys):
+    """Organ of linear elasticity at small strain, or of a hyperelastic material at finite strain."""
 
     youngs_modulus: Positive = Field(description="Young's modulus of the tissue [Pa]", examples=[1.0e5])
     poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, lt=0.5)] = Field(
         description="Poisson's ratio of the tissue [-], between -1 and 0.5", examples=[0.45]
     )
     density: Positive = Field(description="density of the tissue [kg/m³]", examples=[1070.0])
+    strength: Positive | None = Field(default=None, description=f"{STRENGTH}; default: none", examples=[2.0e6])
+    material: Law = Field(
+        default="linear",
+        description='"linear": small strain; "neo-hookean" and "exponential", with its stiffening: finite strain, '
+        "which is the linear organ where strains are small",
+    )
     element: Literal["P1", "P2"] = Field(default="P1", description="tetrahedral element, linear or quadratic")
     dilatation: Literal["auto", "cell", "nodal"] = Field(
         default="auto",
@@ -280,6 +304,7 @@ class Tissue(ScenarioTable):
         default=(), description="boundaries in addition to those that the mesh names", examples=[[]]
     )
     region: tuple[Region, ...] = Field(default=(), description="parts of another material", examples=[[]])
+    load: tuple[Load, ...] = Field(default=(), description="loads on boundaries", examples=[[]])
 
     @model_validator(mode="after")
     def _check_boundaries(self) -> Self:
@@ -295,7 +320,37 @@ class Tissue(ScenarioTable):
         return self
 
     @model_validator(mode="after")
+    def _check_loads(self) -> Self:
+        there = boundaries_of(self.mesh)
+        known = [*there, *(boundary.name for boundary in self.boundary)] if there else None
+        if problem := idle_load(self.load, known, self.clamp, self.roller):
+            raise ValueError(f".{problem}")
+        return self
+
+    @model_validator(mode="after")
+    def _check_material(self) -> Self:
+        if problem := missing_or_idle(self.material, self, self.stiffening):
+            raise ValueError(problem)
+        for region in self.region:
+            if problem := region_problem(self.material, region.name, region.material):
+                raise ValueError(problem)
+            own = region.material or self.material
+            if problem := missing_or_idle(own, region, region.stiffening or self.stiffening):
+                raise ValueError(f".region.{as_key(region.name)}{problem}")
+        if self.material != "linear" and self.rayleigh[1]:
+            raise ValueError(
+                f".rayleigh = {as_toml(self.rayleigh)} is refused: material is {self.material}, whose stiffness "
+                "changes, so β damps nothing that is known; take β = 0"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _check_lips(self) -> Self:
+        if self.contact and self.material != "linear":
+            raise ValueError(
+                f".contact = true is refused: material is {self.material}, and at finite strain the lips of a wound do "
+                'not touch yet; leave it out or take material = "linear"'
+            )
         if self.contact and self.mesh.kind != "wound":
             raise ValueError(
                 f".contact = true is refused: tissue.mesh.kind is {self.mesh.kind}, which has no lips; leave it out or "
@@ -316,7 +371,7 @@ class Tissue(ScenarioTable):
                 raise ValueError(
                     f"{key}.depth = {as_toml(region.depth)} is refused: the block is {height} m high; lower it"
                 )
-            if region.depth is None and region.box is None and self.mesh.kind != "file":
+            if region.depth is None and region.box is None and self.mesh.kind not in ("file", "given"):
                 raise ValueError(f"{key} is refused: only a mesh file names regions; give depth or a box")
         return self
 
@@ -347,9 +402,36 @@ def taken_boundary(own: Iterable[str], there: Sequence[str], kind: str) -> str |
 def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "clamp") -> str | None:
     """Return what is wrong with a clamp, None if nothing."""
     lost = next((name for name in clamp if name not in boundaries), None)
-    if lost is None:
-        return None
-    match = nearest(lost, boundaries)
+    return None if lost is None else refusal(key, [lost], no_boundary(lost, boundaries))
+
+
+def no_boundary(name: str, boundaries: Sequence[str]) -> str:
+    """Say that there is no boundary of a name, and which there are."""
+    match = nearest(name, boundaries)
     hint = f'; the nearest is "{match}"' if match else "; add it as [[tissue.boundary]]"
     there = ", ".join(boundaries) or "none"
-    return refusal(key, [lost], f"there is no such boundary; the boundaries are {there}{hint}")
+    return f"there is no such boundary; the boundaries are {there}{hint}"
+
+
+def check_loads(loads: Iterable[Load], boundaries: Sequence[str], clamp: Sequence[str], roller: Sequence[str]) -> None:
+    """Refuse a load on what is no boundary of the organ, or where it can do nothing."""
+    if problem := idle_load(loads, boundaries, clamp, roller):
+        raise ScenarioError(f"tissue.{problem}")
+
+
+def idle_load(
+    loads: Iterable[Load], boundaries: Sequence[str] | None, clamp: Sequence[str], roller: Sequence[str]
+) -> str | None:
+    """Return what is wrong with the boundary of a load, None if nothing; `boundaries` that there are, None where only
+    the file tells."""
+    for number, load in enumerate(loads):
+        name, reason = load.boundary, ""
+        if boundaries is not None and name not in boundaries:
+            reason = no_boundary(name, boundaries)
+        elif name in clamp:
+            reason = "it is clamped, and a load on it moves nothing; name another boundary"
+        elif name in roller and load.pressure is not None:
+            reason = "a roller holds it across itself, and a pressure on it moves nothing; name another boundary"
+        if reason:
+            return refusal(f"load.{number}.boundary", name, reason)
+    return None

@@ -24,7 +24,7 @@ from meshes.wound import Wound, wounded_block_gmsh, wounded_block_structured
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
-from studies.scenario.organ import check_clamp
+from studies.scenario.organ import check_clamp, check_loads
 from studies.scenario.refusal import dotted_key, refusal
 
 Cells = NDArray[np.integer]
@@ -43,18 +43,19 @@ class Body:
     nearest: Callable[[Array], Array]
 
 
-def organ_mesh(scenario: Scenario) -> skfem.MeshTet:
-    """Return the mesh with the boundaries and regions that the scenario adds.
+def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None) -> skfem.MeshTet:
+    """Return the mesh with the boundaries and regions that the scenario adds; `given`, where it is handed over.
 
     Raises `ScenarioError` or `MeshError` for one that cannot be made or used.
     """
     table = scenario.tissue
     if table is None:
         raise ScenarioError("tissue is missing: without an organ there is no mesh; add [tissue] and [tissue.mesh]")
-    mesh = with_boxes(mesh_of(table, scenario.piercing), table.boundary)
+    mesh = with_boxes(mesh_of(table, scenario.piercing) if given is None else given, table.boundary)
     for key, names in (("clamp", table.clamp), ("roller", table.roller)):
         check_clamp(names, sorted(mesh.boundaries or {}), key)
-    check_held(mesh, table.clamp, table.roller)
+    if not scenario.floats:
+        check_held(mesh, table.clamp, table.roller)
     check_smooth(mesh, scenario.piercing)
     return with_regions(mesh, table.region)
 
@@ -62,6 +63,9 @@ def organ_mesh(scenario: Scenario) -> skfem.MeshTet:
 def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> skfem.MeshTet:
     """Return the mesh as its maker gives it, graded towards the holes where a size is given for them."""
     shape, planes = table.mesh, planes_of(table)
+    if isinstance(shape, model.GivenMesh):
+        reason = "the mesh is handed over from Python, by prepare(scenario, mesh=…); write it to a file for the command"
+        raise ScenarioError(refusal("tissue.mesh.kind", shape.kind, reason))
     if isinstance(shape, model.FileMesh):
         return _from_file(table, shape, holes)
     body = body_of(shape)
@@ -102,7 +106,7 @@ def places(holes: Sequence[model.Piercing]) -> Array:
 
 def grading_of(shape: model.Mesh, holes: Sequence[model.Piercing]) -> Grading:
     """Return the sizes of a generated mesh, `h_site` as far as the widest footprint."""
-    assert shape.h is not None
+    assert not isinstance(shape, model.GivenMesh) and shape.h is not None
     radius = max((hole.footprint for hole in holes), default=0.0)
     return Grading(shape.h, shape.h_site or shape.h, shape.growth, radius)
 
@@ -192,20 +196,36 @@ def check_clear(shape: model.WoundMesh, holes: Sequence[model.Piercing]) -> None
 
 
 def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] = ()) -> None:
-    """Refuse a body cut in several of which one is held by no clamp, and not by rollers all round either."""
+    """Refuse several bodies of which one is held by no clamp, and not by rollers all round either."""
     part = parts(mesh.p.T, mesh.t.T)
     if part.max() == 0:
         return
     held = tissue.held_components(mesh, clamp, roller)
     nodes = [np.unique(mesh.t[:, part == k]) for k in range(part.max() + 1)]
-    loose = [k for k, those in enumerate(nodes) if not tissue.holds_still(mesh.p.T[those], held[those])]
+    left = [tissue.rigid_motions(mesh.p.T[those], held[those]) for those in nodes]
+    loose = [k for k, motions in enumerate(left) if motions.size]
     if loose:
         centre = np.round(mesh.p[:, mesh.t[:, part == loose[0]]].mean(axis=(1, 2)), 4) + 0.0  # no −0.0
         reason = (
-            f"the wound cuts the organ in {part.max() + 1}, and the part about {centre.tolist()} m is "
-            'held by nothing; clamp a boundary that both have, for example ["bottom"], or cut less'
+            f"the organ is in {part.max() + 1} parts, and that about {centre.tolist()} m can still "
+            f"{tissue.motions_in_words(left[loose[0]])}; clamp a boundary of each part, or, with [[contact]] between "
+            'them, let tissue.inertia be true and solve.kind "dynamic"'
         )
         raise ScenarioError(refusal("tissue.clamp", list(clamp), reason))
+
+
+def check_loaded(mesh: skfem.MeshTet, table: model.Tissue) -> None:
+    """Refuse a load on what is no boundary of the mesh or lies inside, and one where every node is held."""
+    check_loads(table.load, sorted(mesh.boundaries or {}), table.clamp, table.roller)
+    held = np.asarray(tissue.held_components(mesh, table.clamp, table.roller).all(axis=1))
+    for number, load in enumerate(table.load):
+        facets = (mesh.boundaries or {})[load.boundary]
+        if held[mesh.facets[:, facets]].all():
+            reason = "all of it is held, and a load on it moves nothing; name another boundary, or clamp less"
+            raise ScenarioError(refusal(f"tissue.load.{number}.boundary", load.boundary, reason))
+        if np.any(mesh.f2t[1, facets] >= 0):
+            reason = "a part of it lies inside the organ, where no load acts; name a boundary on its surface"
+            raise ScenarioError(refusal(f"tissue.load.{number}.boundary", load.boundary, reason))
 
 
 def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
@@ -279,6 +299,14 @@ def is_inside(points: Array, corners: Array) -> NDArray[np.bool_]:
     """Tell which columns of `points` (3, k) lie in the box of two corners (2, 3)."""
     low, high = corners.min(axis=0)[:, None], corners.max(axis=0)[:, None]
     return np.asarray(np.all((points >= low) & (points <= high), axis=0))
+
+
+def strength_at(table: model.Tissue, mesh: skfem.MeshTet, point: Sequence[float]) -> float:
+    """Return the strength of the tissue at a point, that of the cell whose centre is nearest [Pa]; infinite where none
+    is given."""
+    near = int(np.argmin(np.linalg.norm(mesh.p[:, mesh.t].mean(axis=1).T - point, axis=1)))
+    own = [region.strength for region in table.region if near in mesh.subdomains[region.name]]
+    return next((value for value in (*own[::-1], table.strength) if value is not None), np.inf)
 
 
 def material_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Material:

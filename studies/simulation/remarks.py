@@ -21,6 +21,7 @@ from studies.output.remarks import (
     DISSIPATED,
     NEAR,
     OFF_PATH,
+    RESOLVED_SHARE,
     SHARE,
     SLID,
     SMALL_ROTATION,
@@ -66,15 +67,26 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]]) -> li
     ]
 
 
-def met(scenario: Scenario, ending: Ending) -> list[Remark]:
-    """Return what is to be said of a run that came to an `ending`."""
+def is_finite(scenario: Scenario) -> bool:
+    """Tell whether the organ is one at finite strain, which has no linear range."""
+    return scenario.tissue is not None and scenario.tissue.material != "linear"
+
+
+def met(scenario: Scenario, ending: Ending, strengths: Sequence[float], springs: Mapping[str, float]) -> list[Remark]:
+    """Return what is to be said of a run that came to an `ending`, in tissue of these `strengths` at its holes [Pa];
+    `springs` is by piercing the share of the hole's compliance that is added to it."""
     step, extremes = ending.step, ending.extremes
     names = [hole.name for hole in scenario.piercing]
     strength = knot_pull(scenario.thread.suture) if scenario.thread.suture else None
     dynamic = scenario.solve.kind == "dynamic"
     return [
-        *beyond_at_holes(names, extremes),
-        *beyond_in_tissue(extremes),
+        *(
+            beyond_at_springs(names, extremes, springs)
+            if is_finite(scenario)
+            else [*beyond_at_holes(names, extremes), *beyond_in_tissue(extremes)]
+        ),
+        *torn(names, extremes, strengths),
+        *turned_pressure(extremes),
         *overloaded(extremes, strength),
         *coarse_spans(step.span_ratio),
         *few_spans(step.spans_between),
@@ -112,6 +124,20 @@ def beyond_at_holes(names: Sequence[str], extremes: Extremes) -> list[Remark]:
     return out
 
 
+def beyond_at_springs(names: Sequence[str], extremes: Extremes, springs: Mapping[str, float]) -> list[Remark]:
+    """Judge strain at holes of an organ at finite strain whose cells are too coarse, which springs make up for."""
+    return [
+        remark(
+            "subgrid-strain",
+            name,
+            f"the tissue at {name!r} was strained by {strain:.2g}, and {springs[name]:.0%} of the hole's compliance is "
+            f"that of linear springs, which hold to about {SMALL_STRAIN:g}; take a smaller tissue.mesh.h_site",
+        )
+        for name, strain in zip(names, extremes.mean_strain, strict=True)
+        if strain > SMALL_STRAIN and springs.get(name, 0.0) > RESOLVED_SHARE
+    ]
+
+
 def beyond_in_tissue(extremes: Extremes) -> list[Remark]:
     """Judge strain and rotation of the organ's cells."""
     out = []
@@ -136,6 +162,33 @@ def beyond_in_tissue(extremes: Extremes) -> list[Remark]:
             )
         )
     return out
+
+
+def torn(names: Sequence[str], extremes: Extremes, strengths: Sequence[float]) -> list[Remark]:
+    """Judge the pressure of the thread on the tissue at the holes by the tissue's strength there [Pa], infinite where
+    that is not known."""
+    numbers = zip(names, extremes.bearing_pressure.tolist(), strengths, strict=True)
+    return [
+        remark(
+            "tears",
+            name,
+            f"the thread bore on the tissue at {name!r} with {pressure:.3g} Pa, and its strength is {strength:.3g} Pa; "
+            "pull less, or take a thicker suture or a longer bite",
+        )
+        for name, pressure, strength in numbers
+        if pressure > strength
+    ]
+
+
+def turned_pressure(extremes: Extremes) -> list[Remark]:
+    """Judge how far the surfaces under a pressure turned."""
+    if extremes.pressed_turn <= SMALL_ROTATION:
+        return []
+    text = (
+        f"a surface under a pressure turned by up to {extremes.pressed_turn:.2g} rad, and the pressure acts along its "
+        f"normals before, which holds to about {SMALL_ROTATION:g}; press less, or take firmer tissue"
+    )
+    return [remark("pressure-turn", "tissue.load", text)]
 
 
 def overloaded(extremes: Extremes, strength: float | None) -> list[Remark]:

@@ -6,10 +6,12 @@ from functools import cached_property, partial
 from time import perf_counter
 from typing import Any
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling import stepping
+from coupling.cutting import Cut
 from coupling.diagnosis import faults
 from coupling.errors import StepError
 from coupling.paper.linear_step import checked, linear_step, linear_two_pass
@@ -18,15 +20,17 @@ from coupling.paper.two_pass import two_pass
 from coupling.run import begin
 from coupling.stepping import Take, try_step
 from coupling.system import State
+from studies.arrays import Array
 from studies.output.checkpoint import Arrays
 from studies.output.records import Ending, OrganRecord, OrganTopology, Snapshot, StepRecord
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
 from studies.scenario import Scenario, ScenarioError, Solve
 from studies.scenario.solve import WHOLE
-from studies.simulation.assembly import Assembly, assemble
+from studies.simulation.assembly import Assembly, assemble, loads_of
 from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, step_record, thread_record
 from studies.simulation.remarks import foreseen, met
+from studies.simulation.sharing import Store
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,11 @@ class Simulation:
 
     assembly: Assembly
     start: State
+
+    def __repr__(self) -> str:
+        title = f"{self.scenario.title!r}, " if self.scenario.title else ""
+        holes = len(self.scenario.piercing)
+        return f"Simulation({title}{holes} piercings, {self.tissue_dofs} tissue unknowns, {self.steps} steps)"
 
     @property
     def scenario(self) -> Scenario:
@@ -68,7 +77,9 @@ class Simulation:
 
     def remarks(self, ending: Ending | None = None) -> list[Remark]:
         """Return what is to be said of the run: what is foreseen, and what it met until an `ending`."""
-        return [*self.foreseen, *(met(self.scenario, ending) if ending else [])]
+        strengths = [hole.strength for hole in self.assembly.system.piercings]
+        springs = {name: float(gap["share"]) for name, gap in self.subgrid.items()}
+        return [*self.foreseen, *(met(self.scenario, ending, strengths, springs) if ending else [])]
 
     @property
     def methods(self) -> dict[str, str | None]:
@@ -85,7 +96,7 @@ class Simulation:
     @cached_property
     def recovery(self) -> tissue.StressRecovery | None:
         """Stress from displacement, None without an organ."""
-        return None if self.assembly.body is None else tissue.stress_recovery(self.assembly.body)
+        return self.assembly.recovery()
 
     def advance(self, memory: Arrays | None = None) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
         """Yield the start, then every step, each with a function that makes its frame.
@@ -114,7 +125,16 @@ class Simulation:
         """Return the run before the first step."""
         made, solve = self.assembly, self.scenario.solve
         one_system = (solve.scheme, solve.coupling, solve.friction) == ("newton", "monolithic", "implicit")
-        return begin(made.system, self.start, method(solve), made.resolution, made.begin_abscissae, downhill=one_system)
+        cuts = tuple(Cut(table.s, table.time) for table in self.scenario.cut)
+        return begin(
+            made.system,
+            self.start,
+            method(solve),
+            made.resolution,
+            made.begin_abscissae,
+            downhill=one_system,
+            cuts=cuts,
+        )
 
     def next(self, now: OrganRun) -> OrganRun:
         """Return the run one step, or load step, further."""
@@ -135,14 +155,30 @@ class Simulation:
         body, organ = self.assembly.body, self.assembly.organ
         if body is None or self.recovery is None:
             return None
+        if isinstance(organ, tissue.FiniteOrgan):
+            return finite_record(organ.law, organ.displacement(state.organ))
         U = organ.displacement(state.organ)
         stress = self.recovery.stress(U)
         lips = lip_fields(self.assembly.system, state, len(body.points))
         strain, rotation = tissue.cell_strain(body, U)
         beyond = strain > SMALL_STRAIN, rotation > SMALL_ROTATION
         strained, rotated = (tissue.energy_share(body, strain, cells) for cells in beyond)
-        numbers = stress, tissue.von_mises(stress), strain, rotation, strained, rotated
-        return OrganRecord(body.nodal(U), *numbers, *lips)
+        values, directions = tissue.principal(stress)
+        at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
+        numbers = *at_nodes, strain, rotation, tissue.energy_density(body, U), strained, rotated
+        turns = tissue.Loads(body, loads_of(self.scenario)).turns(body.nodal(U))
+        return OrganRecord(body.nodal(U), *numbers, float(turns.max(initial=0.0)), *lips)
+
+
+def finite_record(hyper: tissue.Hyperelasticity, U: Array) -> OrganRecord:
+    """Return what is drawn of an organ at finite strain: Cauchy stress, stretch less one, and rotation. Nothing of it
+    is beyond what its model holds for."""
+    stress = tissue.cauchy_stress(hyper, U)
+    stretch, rotation = tissue.cell_stretch(hyper, U)
+    values, directions = tissue.principal(stress)
+    at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
+    strain, density = np.abs(stretch - 1.0).max(axis=1), hyper.energy_density(hyper.gradient(U))
+    return OrganRecord(hyper.body.nodal(U), *at_nodes, strain, rotation, density, 0.0, 0.0)
 
 
 def method(solve: Solve) -> Take:
@@ -157,9 +193,14 @@ def method(solve: Solve) -> Take:
     return stagger(thread_step, scheme_of) if solve.coupling == "staggered" else thread_step
 
 
-def prepare(scenario: Scenario) -> Simulation:
-    """Prepare everything that is known before the first step. Raises the errors of input that cannot be run."""
-    assembly = assemble(scenario)
+def prepare(scenario: Scenario, store: Store | None = None, mesh: object = None) -> Simulation:
+    """Prepare everything that is known before the first step.
+
+    What a `store` has of mesh, organ and factor is shared, None: made anew. `mesh` [m]: the organ's in place of that of
+    the scenario, a `skfem.MeshTet`, a meshio mesh or a pyvista grid of tetrahedra; a scenario that has no other says
+    `kind = "given"`. Raises the errors of input that cannot be run.
+    """
+    assembly = assemble(scenario, store, mesh)
     with threadpool_limits(limits=1, user_api="blas"):
         return Simulation(assembly, sound_start(assembly))
 

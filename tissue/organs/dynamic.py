@@ -49,26 +49,27 @@ class DynamicOperator(LipCompliance):
     W: Array
     C: Array
 
-    def predict(self, state: OrganState, history: History) -> Array:
-        """Return U⁺ without site forces: one solve, for the increment, so that round-off is relative to it."""
+    def predict(self, state: OrganState, history: History, load: Array) -> Array:
+        """Return U⁺ under a load (N,) without site forces: one solve, for the increment, so that round-off is relative
+        to it."""
 
         def guess() -> Array:
             """Return the field as if acceleration and site forces stayed what they are."""
             return history.inertia + state.A / self.a - state.U - self.W @ state.f_y
 
-        return state.U + self.factor.solve(self.residual(state.U, history), guess)
+        return state.U + self.factor.solve(self.residual(state.U, history, load), guess)
 
     def add_forces(self, U: Array, f_y: Array, p: Array, pairing: Pairing) -> Array:
         """Return U + W f_y + A⁻¹Gᵀ p, shape `(N,)` [m]."""
         U = U + self.W @ f_y
         return U + self.factor.solve(pairing.G.T @ p) if p.any() else U
 
-    def residual(self, U: Array, history: History) -> Array:
-        """Return b − A U by products with M and K: C = αM + βK needs none of its own."""
+    def residual(self, U: Array, history: History, load: Array) -> Array:
+        """Return b − A U under a load (N,) by products with M and K: C = αM + βK needs none of its own."""
         alpha, beta = self.organ.rayleigh
         damping = self.d * (history.damping - U)
         inertia = self.organ.mass_times(self.a * (history.inertia - U) + alpha * damping)
-        residual = self.organ.load + inertia - self.organ.elastic_force(U)
+        residual = load + inertia - self.organ.elastic_force(U)
         return residual + self.organ.K @ (beta * damping) if beta and damping.any() else residual
 
 
@@ -108,9 +109,9 @@ class DynamicOrgan(MeshedOrgan):
         object.__setattr__(self, "_operators", OrderedDict())
 
     def start(self) -> OrganState:
-        """Return the state undeformed and at rest; gravity acts from the first step."""
+        """Return the state undeformed and at rest; gravity and loads act from the first step."""
         rest = np.zeros(self.size)
-        return OrganState(rest, rest, rest, np.zeros(self.y0.size), self.no_contact)
+        return OrganState(rest, rest, rest, np.zeros(self.y0.size), self.no_contact, shares=self.no_shares)
 
     def operator(self, a: float, d: float) -> DynamicOperator:
         """Return the factorised operator of a time scheme; the last few operators are kept.
@@ -150,23 +151,28 @@ class DynamicOrgan(MeshedOrgan):
         W, C = compliance(factor, self.Y)
         return DynamicOperator(self, a, d, A, factor, W, C)
 
-    def answer(self, scheme: TimeScheme, past: Sequence[OrganState]) -> LinearAnswer:
-        """Return the answer of a step of `scheme` from the states `past`, the newest first: one solve."""
+    def answer(
+        self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
+    ) -> LinearAnswer:
+        """Return the answer of a step of `scheme` from the states `past`, the newest first, under `share` of the loads
+        at `time` [s]: one solve."""
         operator, history = self.operator(scheme.a, scheme.d), self.history(scheme, past)
-        U_free, pairing = operator.predict(past[0], history), self.paired_anew(past[0].U)
+        shares = self.shares_at(time, share)
+        load = self.load_under(shares)
+        U_free, pairing = operator.predict(past[0], history, load), self.paired_anew(past[0].U)
 
         def complete(f_y: Array, p: Array) -> OrganState:
             """Return the state of U⁺ = U_free + W f_y + A⁻¹Gᵀ p and its rates."""
             U = operator.add_forces(U_free, f_y, p, pairing)
             rates = operator.d * (U - history.damping), operator.a * (U - history.inertia)
-            return OrganState(U, *rates, f_y, self.contact_or_none(p), pairing.facing)
+            return OrganState(U, *rates, f_y, self.contact_or_none(p), pairing.facing, shares)
 
         return LinearAnswer(
             operator,
             self.y0 + self.Y @ U_free,
             pairing.g0 + pairing.G @ U_free,
             complete,
-            lambda: operator.residual(np.zeros(self.size), history),
+            lambda: operator.residual(np.zeros(self.size), history, load),
             pairing,
         )
 
@@ -241,7 +247,7 @@ class DynamicOrgan(MeshedOrgan):
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """Return the energies at `new` and the works of the step.
 
-        f_y·Δy + gravity = Δ(kinetic + elastic) + viscous + numerical is exact for any time scheme. The scheme's
+        f_y·Δy + load = Δ(kinetic + elastic) + viscous + numerical is exact for any time scheme. The scheme's
         own dissipation is ½ΔUᵀKΔU + ½ΔVᵀMΔV + (A⁺ᵀMΔU − V⁺ᵀMΔV), of which the bracket is zero for backward
         Euler; viscous is V⁺ᵀ C ΔU. With p⁺·g⁺ = 0 the contact takes −p⁺·Δg = p⁺·g ≥ 0, of first order in the
         step except where lips strike one another; this work is part of `numerical`.
@@ -253,7 +259,7 @@ class DynamicOrgan(MeshedOrgan):
         return OrganEnergies(
             kinetic=float(0.5 * new.V @ inertia),
             elastic=float(0.5 * new.U @ force),
-            gravity_work=float(self.load @ dU),
+            load_work=float(self.load_under(new.shares) @ dU),
             viscous=float(alpha * (inertia @ dU) + beta * (new.V @ elastic)),
             numerical=float(0.5 * dU @ elastic + 0.5 * dV @ given + spent @ dU - inertia @ dV)
             - float(self.contact_forces(new) @ (self.pairing(new.facing).G @ dU)),
