@@ -12,24 +12,28 @@ import numpy as np
 
 from coupling.errors import StepError
 from coupling.interfaces import Body
-from coupling.newton import Iterate, Problem, Solution, solve
+from coupling.newton import MAX_ITERATIONS, Iterate, Problem, Solution, solve
 
 ATTEMPTS = 40
+CORRECTIONS = 250  # of Newton at most, failed ones included: halves of the step are cheaper then
 WEAKER, STRONGER = 0.3, 5.0
+STIFFEST = 1e2  # of the first spring: the abscissae all but stay, so sliding is not what Newton fails by
 
 
 def solve_with_springs(problem: Problem[Body], start: Iterate) -> Solution[Body]:
     """Solve a step by springs on the abscissae that are weakened until they can be dropped. Raises `StepError`."""
     thread, law = problem.system.thread, problem.law
     k = first = thread.EA / (thread.spline.end - thread.spline.start)
-    z, iterations = replace(start, s=law.s_old), 0
+    z, iterations, spent = replace(start, s=law.s_old), 0, 0
     failed = StepError(problem.time - problem.dt, problem.dt, "the sliding thread found no rest")
     for _ in range(ATTEMPTS):
         held_back = replace(problem, law=replace(law, inertia=law.inertia + k, s_free=spring_ends(problem, z.s, k)))
         try:
             solution = solve(held_back, z)
         except StepError as error:
-            failed, k = error, k * STRONGER
+            failed, k, spent = error, k * STRONGER, spent + MAX_ITERATIONS
+            if k > STIFFEST * first or spent > CORRECTIONS:
+                break
             continue
         iterations += solution.iterations
         z, k = solution.iterate, k * WEAKER
@@ -37,7 +41,7 @@ def solve_with_springs(problem: Problem[Body], start: Iterate) -> Solution[Body]
             try:
                 free = solve(problem, z)
             except StepError as error:
-                failed = error
+                failed, spent = error, spent + MAX_ITERATIONS
                 continue
             return replace(free, iterations=iterations + free.iterations)
     raise failed

@@ -11,7 +11,7 @@ import numpy as np
 from coupling.arrays import Array
 from coupling.contact import pressed_pairs
 from coupling.diagnosis import refuse_drawn_out, refuse_held_end
-from coupling.errors import EquilibriumError, StepError
+from coupling.errors import EquilibriumError, InversionError, StepError
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body
 from coupling.newton import Iterate, Problem, Solution, evaluate, solve
@@ -34,6 +34,8 @@ PAIRINGS = 8  # equilibria of a load step at most, further ones, until lips that
 PAIRED = 1e-4  # of the thread's diameter: lips that slide no further face what they faced before
 ATTEMPTS = 60
 LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
+LONG_END = 10.0  # √(EI/F) of an end beyond which the tension in it is the dead load on it, to 1e-8
+BALANCED = 1e-6  # of the larger of two dead loads: nearer ones are equal
 LAID_TIE = (
     1e-4  # of the first tie, for a thread as it was laid: Newton alone might jump to an equilibrium that does not hold
 )
@@ -190,17 +192,41 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
     return new
 
 
+def refuse_unbalanced(system: System[Body], state: State[Body], duration: float) -> None:
+    """Raise `EquilibriumError` where two different dead loads, or one and a free end, draw on a thread that slides in
+    all its holes without friction: its tension is the same all along.
+
+    An end that is short compared with √(EI/F) may stand across its load and balance another one (the elastica arm
+    scale: Bosi, Misseroni, Dal Corso & Bigoni, Proc. R. Soc. A 470, 2014), and is let pass.
+    """
+    thread, here = system.thread, state.present
+    holds = (system.rows.any(axis=1) & here & (system.rough | ~system.may_slide | system.by_hand)).any()
+    held = any(end.position(0.0) is not None for end in system.ends)
+    if holds or held or not here.any() or system.weight.any() or thread.spline.cuts.size:
+        return
+    load = np.array([np.linalg.norm(end.force(duration)) for end in system.ends])
+    ends = np.array([state.s[here].min() - thread.spline.start, thread.spline.end - state.s[here].max()])
+    short = (load > 0.0) & (load * ends**2 < LONG_END**2 * thread.EI)
+    if short.any() or abs(load[1] - load[0]) <= BALANCED * load.max():
+        return
+    cause = (
+        f"the dead loads are unbalanced, {load[0]:.4g} N at the start and {load[1]:.4g} N at the end of a thread that "
+        "slides freely in all its holes"
+    )
+    raise EquilibriumError(state.time, duration - state.time, cause)
+
+
 def load_step(
     system: System[Body], state: State[Body], share: float, duration: float, depth: int = 0
 ) -> list[Step[Body]]:
-    """Go on to the part `share` of the loads, in halves of the increment where it fails. Raises `StepError`,
-    `ConstraintError` where a hand has drawn the thread out."""
+    """Go on to the part `share` of the loads, in halves of the increment where it fails or the thread flips through a
+    hole. Raises `StepError`, `InversionError`, `ConstraintError` where a hand has drawn the thread out."""
     try:
         step = settle(system, state, share, duration)
         refuse_drawn_out(system, step.old, step.new)
         gone = emptied_holds(system, step.old, step.new)
         refuse_held_end(system, step.old, step.new, gone)
-    except StepError:
+    except (StepError, InversionError):
         if depth == 4 or duration == 0.0:
             raise
         middle = 0.5 * (state.time / duration + share)

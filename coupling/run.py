@@ -21,7 +21,7 @@ from coupling.audit import Energies, audit_step, initial_energies
 from coupling.configuration import Configuration, configuration_of
 from coupling.constraints import held_energy
 from coupling.cutting import Cut, cut_thread
-from coupling.equilibrium import load_step
+from coupling.equilibrium import load_step, refuse_unbalanced
 from coupling.events import Event, find_events
 from coupling.impact import begin_piercing
 from coupling.interfaces import Body
@@ -73,6 +73,12 @@ class Run(Generic[Body]):
         """Newton iterations of the last step."""
         return sum(step.solution.iterations for step in self.taken)
 
+    @property
+    def is_jumping(self) -> bool:
+        """Whether the step before left nothing to look back at, so that the next one may be too long for the motion;
+        always by backward Euler, never by the paper's variants."""
+        return self.downhill and not self.fresh and self.state.before is None
+
     def step(self, dt: float, time: float | None = None) -> "Run[Body]":
         """Go `dt` [s] further; the end bears the `time` [s] given, to keep round-off from adding up.
 
@@ -82,7 +88,7 @@ class Run(Generic[Body]):
         if not run.fresh:
             run = run.refitted(dt, run.number % INTERVAL == 0)
         watch = Watch([run.energies], run.downhill, bool(run.events))
-        taken = advance(run.system, run.state, dt, run.take, HALVINGS - run.halvings, watch)
+        taken = advance(run.system, run.state, dt, run.take, HALVINGS - run.halvings, watch, run.is_jumping)
         if time is not None:
             taken = [*taken[:-1], replace(taken[-1], new=replace(taken[-1].new, time=time))]
         return run._after(taken, watch.energies[-1])._scheduled(self.state.time, dt)
@@ -91,10 +97,13 @@ class Run(Generic[Body]):
         """Go on to the equilibrium under the part `share` of the loads at `duration` [s].
 
         An equilibrium is far from where it began: it is found again on the knots that fit it, with friction all the
-        way from where the load step began, since it depends on the way. Raises `StepError`, `ConstraintError`.
+        way from where the load step began, since it depends on the way. Raises `StepError`, before the first load step
+        where dead loads are unbalanced, `InversionError`, `ConstraintError`.
         """
         first = replace(self, taken=(), events=())
-        if not first.fresh:
+        if first.fresh:
+            refuse_unbalanced(first.system, first.state, duration)
+        else:
             first = first.refitted(0.0, True)
         run = first._audited(load_step(first.system, first.state, share, duration))
         for _ in range(EQUILIBRIA):

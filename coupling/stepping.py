@@ -18,12 +18,15 @@ from coupling.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refu
 from coupling.errors import InversionError, StepError, UphillError
 from coupling.integrators import BDF2, BackwardEuler, Scheme
 from coupling.interfaces import Answer, Body
+from coupling.motion import is_too_long, what_it_does
 from coupling.newton import Iterate, Problem, Solution, solve
 from coupling.sliding import law_of
 from coupling.system import State, System, forgetful
 from thread.vectors import cross, dot
 
 HALVINGS = 8  # a step is given up below dt / 2^8
+FOLLOWED = 4  # halvings that the motion itself may ask for before a step is tried
+MOST_TRIES = 256  # of steps and parts of steps until one is given up: as many as the smallest parts
 
 GROWTH = 2.0  # largest ratio of a step to the one before; zero-stability ends at 1 + √2
 
@@ -253,40 +256,72 @@ def advance(
     take: Take[Body] = try_step,
     depth: int = 0,
     watch: Watcher[Body] = accept,
+    follow: bool = True,
 ) -> list[Step[Body]]:
-    """Go `dt` [s] further, in one step or, where it fails, in halves of it down to dt/2⁸.
+    """Go `dt` [s] further, in one step or, where it fails, in halves of it down to dt/2⁸. Parts of a step are of
+    backward Euler without memory: what has to be halved is no smooth motion, and an organ with inertia then has one
+    operator for each length of a part.
 
     `take` makes one step and is the monolithic implicit one unless another is named; `watch` sees each before it is
     accepted, in their order, and raises `StepError` where it is not to be; one of BDF2 that makes energy is taken again
-    by backward Euler. A step at whose end the thread has left a hole is taken again without that hole, one in which it
-    flipped through a hole in halves: it may have jumped where the motion would have gone. Raises `StepError` when the
-    smallest step fails too, `ConstraintError` where the constraints are at fault or a hand has drawn the thread out,
-    `InversionError` where it flips in the smallest step.
+    by backward Euler. `follow`: a step in which the thread moves further than one sees is halved before it is tried
+    (`coupling.motion`). A step at whose end the thread has left a hole is taken again without that hole, one in which
+    it flipped through a hole in halves: it may have jumped where the motion would have gone. Raises `StepError` when
+    the smallest step fails too or MOST_TRIES did not reach the end, `ConstraintError` where the constraints are at
+    fault or a hand has drawn the thread out, `InversionError` where it flips in the smallest step.
     """
-    step = None
-    try:
-        step = take(system, state, dt)
-        refuse_drawn_out(system, step.old, step.new)
-        refuse_crossing(system, step.old, step.new)
-        gone = emptied_holds(system, step.old, step.new)
-        refuse_held_end(system, step.old, step.new, gone)
-        if not gone.any():
+    taken: list[Step[Body]] = []
+    pending, end, tries = [(dt, depth)], state.time + dt, 0
+    while pending:
+        part, level = pending.pop()
+        halves = [(0.5 * part, level + 1)] * 2
+        if follow and level < FOLLOWED and is_too_long(system, state, part):
+            pending += halves
+            continue
+        tries += 1
+        if tries > MOST_TRIES:
+            raise given_up(system, state, end - state.time)
+        try:
+            step = take(system, state if level == depth else forgetful(state), part)
+            gone = refuse_impossible(system, step)
+            if gone.any():
+                state = release(state, gone)
+                pending.append((part, level))
+                continue
             watch(system, step)
-    except StepError as error:
-        if isinstance(error, UphillError) and state.before is not None:
-            return advance(system, forgetful(state), dt, take, depth, watch)
-        step = None
-        if depth == HALVINGS:
-            raise diagnose(system, state, error) from error
-    except InversionError:
-        if depth == HALVINGS:
-            raise
-    if step is None:
-        half = advance(system, state, 0.5 * dt, take, depth + 1, watch)
-        return half + advance(system, half[-1].new, 0.5 * dt, take, depth + 1, watch)
-    if gone.any():
-        return advance(system, release(state, gone), dt, take, depth, watch)
-    return [step]
+        except (StepError, InversionError) as error:
+            if isinstance(error, UphillError) and state.before is not None:
+                state = forgetful(state)
+                pending.append((part, level))
+                continue
+            if level == HALVINGS:
+                raise diagnose(system, state, error) if isinstance(error, StepError) else error from error
+            pending += halves
+            continue
+        taken.append(step)
+        state = step.new
+    if len(taken) > 1:
+        taken[-1] = replace(taken[-1], new=forgetful(state))
+    return taken
+
+
+def given_up(system: System[Body], state: State[Body], left: float) -> StepError:
+    """Return the error of a step that went on for MOST_TRIES, with `left` [s] of it to go."""
+    doing, piercing = what_it_does(system, state)
+    cause = (
+        f"{MOST_TRIES} parts of a step were tried and {left:.3g} s of it are left; {doing}; let the loads grow more "
+        "slowly (ramp), take up the slack in the path, or take a smaller solve.dt"
+    )
+    return StepError(state.time, left, cause, piercing)
+
+
+def refuse_impossible(system: System[Body], step: Step[Body]) -> Flags:
+    """Refuse a step in which holes cross or a held end leaves one; returns the holes that it has left, shape `(m,)`."""
+    refuse_drawn_out(system, step.old, step.new)
+    refuse_crossing(system, step.old, step.new)
+    gone = emptied_holds(system, step.old, step.new)
+    refuse_held_end(system, step.old, step.new, gone)
+    return gone
 
 
 def scheme_of(state: State[Body], dt: float) -> Scheme:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NAMES = (
+    "campaign",
     "coupling_variants",
     "friction",
     "mesh_refinement",

@@ -267,7 +267,7 @@ def scenario(case: Case, laid: int) -> Scenario:
             "tolerance": case.tolerance,
             "damping": DAMPING,
             "path": [point.tolist() for point in path],
-            "end": {"kind": "pulled", "force": (SLACK * OVER).tolist()},
+            "end": {"kind": "pulled", "force": (SLACK * OVER).tolist(), "ramp": 0.0},
         },
         "piercing": [
             {

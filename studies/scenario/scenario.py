@@ -18,8 +18,9 @@ from studies.scenario.piercing import Piercing
 from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
 from studies.scenario.solve import Output, Solve
 from studies.scenario.table import ScenarioError, ScenarioTable, repetition
-from studies.scenario.thread import ClampedEnd, Cut, Thread
+from studies.scenario.thread import ClampedEnd, Cut, End, PulledEnd, Thread
 
+RAMP = 0.05  # s: a period of 20 Hz, as slow as the organs here swing
 MOST_FRAMES = 20_000  # of three files each; results.pvd names them all, and is written anew with every one
 
 # --- solution and output ----------------------------------------------------------------------------------
@@ -294,6 +295,16 @@ def schema() -> dict[str, Any]:
     return declared | Scenario.model_json_schema(by_alias=True)
 
 
+def ramped(end: End, solve: Solve) -> End:
+    """Return an end whose dead load, if it has one, has a ramp.
+
+    A dead load that is there at once throws a thread of some milligrams through its holes at several metres a second.
+    """
+    if not isinstance(end, PulledEnd) or end.ramp is not None:
+        return end
+    return end.model_copy(update={"ramp": RAMP if solve.kind == "dynamic" else 0.0})
+
+
 def with_given_mesh(scenario: Scenario, sha256: str) -> Scenario:
     """Return the scenario of an organ on a mesh that is handed over, which has this digest. Raises `ScenarioError`."""
     if scenario.tissue is None:
@@ -307,11 +318,13 @@ def with_given_mesh(scenario: Scenario, sha256: str) -> Scenario:
 
 
 def resolved(scenario: Scenario, length: float, s: Sequence[float]) -> Scenario:
-    """Return the scenario with the defaults that only the geometry tells: the rest length and the abscissas [m].
+    """Return the scenario with the defaults that only the whole of it tells: the rest length and the abscissas [m], and
+    the times in which dead loads grow [s].
 
     A piercing that begins later takes its abscissa, unless given, from where the thread is then.
     """
-    thread = scenario.thread.model_copy(update={"length": length})
+    ends = {key: ramped(getattr(scenario.thread, key), scenario.solve) for key in ("start", "end")}
+    thread = scenario.thread.model_copy(update={"length": length, **ends})
     pairs = zip(scenario.piercing, s, strict=True)
     piercing = tuple(
         hole.model_copy(update={"s": float(value)}) if hole.s is None and hole.from_ == 0.0 else hole

@@ -74,7 +74,12 @@ class PulledEnd(_End):
 
     kind: Literal["pulled"]
     force: Vector = Field(description="dead load on the end [N]", examples=[[0, 0, 1.0e-2]])
-    ramp: NotNegative = Field(default=0.0, description="time in which the load grows linearly from zero [s]")
+    ramp: NotNegative | None = Field(
+        default=None,
+        description="time in which the load grows linearly from zero [s], 0: at once; default: 0.05 s in a "
+        "dynamic run, none in a static one, which has its load steps",
+        examples=[0.1],
+    )
 
 
 class DrivenEnd(_HeldEnd):

@@ -88,9 +88,10 @@ def assemble(scenario: Scenario, store: Store | None = None, mesh: object = None
     thread = thread_of(scenario, length, s)
     check_pieces(scenario, thread.spline, [value for _, value in known])
     check_draws(scenario.piercing, thread.spline, s)
+    whole = resolved(scenario, length, s)
     system: System[tissue.OrganState] = System(
         thread=thread,
-        ends=(end_of(scenario.thread.start, path, 0.0), end_of(scenario.thread.end, path, path.length)),
+        ends=(end_of(whole.thread.start, path, 0.0), end_of(whole.thread.end, path, path.length)),
         organ=organ,
         piercings=tuple(piercing_of(hole, scenario, body) for hole in scenario.piercing),
         gravity=np.array(scenario.solve.gravity),
@@ -98,7 +99,7 @@ def assemble(scenario: Scenario, store: Store | None = None, mesh: object = None
     )
     resolution = resolution_of(scenario.thread, length, s)
     recovery = partial(stored_recovery, scenario, body, store)
-    return Assembly(resolved(scenario, length, s), system, organ, path, np.array(s), body, resolution, recovery)
+    return Assembly(whole, system, organ, path, np.array(s), body, resolution, recovery)
 
 
 def is_known(hole: model.Piercing) -> bool:
@@ -190,7 +191,7 @@ def end_of(table: model.End, path: RoundedPath, at: float) -> End:
         case model.ClampedEnd():
             return Clamped(path.position(at), path.tangent(at), turn=turn_of(table))
         case model.PulledEnd():
-            return Pulled(np.array(table.force), table.ramp)
+            return Pulled(np.array(table.force), table.ramp or 0.0)
         case model.DrivenEnd():
             return Driven(np.array(table.waypoints), turn=turn_of(table))
     return Free()

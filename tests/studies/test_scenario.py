@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from studies.scenario import SCENES, DrivenEnd, FileMesh, Piercing, Scenario, ScenarioError, dump, load, parse, schema
 from studies.scenario.organ import check_clamp
 from studies.scenario.refusal import as_key, as_toml
-from studies.scenario.scenario import check_control_points, check_order, resolved
+from studies.scenario.scenario import RAMP, check_control_points, check_order, resolved
 from studies.scenario.table import LONGEST_PROBLEM, MOST_PROBLEMS
 from studies.scenario.toml import scenario_file, with_mesh_file
 from tests.studies.samples import CONTRACT
@@ -450,6 +450,19 @@ def test_a_scenario_survives_being_written(contract: Path) -> None:
         "from = 0.0",
     ):
         assert (default in text) == (default != "ramp"), default
+
+
+@pytest.mark.parametrize(
+    ("end", "kind", "ramp"),
+    [("", "dynamic", RAMP), ("", "static", 0.0), (", ramp=0.0", "dynamic", 0.0), (", ramp=0.2", "dynamic", 0.2)],
+)
+def test_a_dead_load_grows_unless_it_is_said_to_be_there_at_once(
+    contract: Path, end: str, kind: str, ramp: float
+) -> None:
+    """Independent check: 0.05 s in a dynamic run, the load steps in a static one, and what is given is kept."""
+    given = [f'thread.start={{kind="pulled", force=[0, 0, 1]{end}}}', f'solve.kind="{kind}"']
+    start = resolved(load(contract, given), 0.0483, [0.021, 0.0323]).thread.start
+    assert start.kind == "pulled" and start.ramp == ramp
 
 
 def test_what_the_geometry_tells_is_written_too(contract: Path) -> None:

@@ -35,7 +35,7 @@ from tissue.sites.site import Sites
 from tissue.solvers.choice import GIGA, Solver, SolverChoice, choose_solver, solver
 from tissue.solvers.memory import free_memory
 
-KEPT_OPERATORS = 4  # operators kept, memory allowing: one per (a, d) of a run, the start, and a halved step
+KEPT_OPERATORS = 12  # operators kept, memory allowing: of BDF2, of backward Euler, and of each part of a halved step
 COLUMNS = 64  # of A⁻¹Gᵀ that are made together
 SHARE = 0.5  # of the free memory that the compliance of the gaps may take
 EMPTY = np.zeros(0)

@@ -1,0 +1,240 @@
+"""How many realistic scenarios arrive, and what ends the others?
+
+Scenarios are drawn at random from a seed (`studies.campaign.generator`) and run at default settings. Each ends in one
+of five ways: it completes, is refused before its first step, or stops at a step, at a flip of the thread through a
+hole, or at the bound on the corrections that a case may take. What stops is counted by its cause, which is read from
+the error and from the state that it stopped in.
+
+A case is gentle where its loads grow and a linear estimate moves its holes by less than three footprints. Those are
+what a user expects to arrive; a hole that moves further is beyond a linear organ.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from coupling.adaptivity import span_ratio
+from coupling.errors import CouplingError, InversionError, UphillError
+from studies.campaign.generator import KINDS, Case, cases
+from studies.figure import COLOURS, panels
+from studies.scenario import ScenarioError, parse
+from studies.simulation import prepare
+from studies.simulation.memory import OrganRun
+from studies.study import Study, Table, unit_field
+
+ASKED = 0.97  # of the gentle cases to complete
+CREATED = 1e-6  # of a run's energy that a step may make
+LAYER = 2.0  # spans over √(EI/T) beyond which a flip is put down to spans that are too long
+TURNED = 0.8  # |u × v| of a hole below which a linear organ has turned it by more than 30°
+COMPLETED = "completed"
+CAUSES = (
+    COMPLETED,
+    "refused",
+    "flip: spans longer than the bending layer",
+    "flip: hole turned beyond a linear organ",
+    "flip",
+    "no step found",
+    "another branch",
+    "constraints",
+    "corrections spent",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """How one case ended. `corrections` are Newton's of the accepted steps; `created` is the most that a step made of
+    the run's energy; `span_ratio` is that of the last state."""
+
+    number: int
+    kind: str
+    suture: str
+    holes: int
+    youngs_modulus: float = unit_field("Pa")
+    demand: float = unit_field("footprints")
+    gentle: bool
+    cause: str
+    words: str
+    time: float = unit_field("s")
+    duration: float = unit_field("s")
+    steps: int
+    halved: int
+    median: float = unit_field("corrections")
+    high: float = unit_field("corrections, 99th percentile")
+    created: float = unit_field("-")
+    span_ratio: float = unit_field("-")
+
+
+@dataclass
+class Tally:
+    """What is counted of a run on its way."""
+
+    now: OrganRun
+    corrections: list[int]
+    halved: int = 0
+    created: float = 0.0
+
+    def follow(self, new: OrganRun) -> None:
+        """Count a step."""
+        made = self.now.energies.numerical_dissipation - new.energies.numerical_dissipation
+        if not new.events:  # knots and piercings change what there is between two steps
+            self.created = max(self.created, made / max(new.energies.at_stake, np.finfo(float).tiny))
+        self.corrections.append(new.iterations)
+        self.halved += len(new.taken) > 1
+        self.now = new
+
+
+def main(seed: int = 1, first: int = 0, count: int = 300, most: int = 20_000) -> Iterator[Row]:
+    """Run the cases of a seed, each until it ends or has taken `most` corrections."""
+    for case in cases(seed, count, first):
+        yield run(case, most)
+
+
+def run(case: Case, most: int) -> Row:
+    """Run one case."""
+    try:
+        simulation = prepare(parse(case.tables))
+    except (ScenarioError, ValueError) as error:
+        return row(case, "refused", str(error), None)
+    tally, cause, words = Tally(simulation.beginning(), []), COMPLETED, ""
+    try:
+        while tally.now.number < simulation.steps:
+            if sum(tally.corrections) > most:
+                cause = "corrections spent"
+                break
+            tally.follow(simulation.next(tally.now))
+    except CouplingError as error:
+        cause, words = cause_of(error, tally.now), str(error)
+    return row(case, cause, words, tally)
+
+
+def cause_of(error: CouplingError, now: OrganRun) -> str:
+    """Name the cause of an error, from what it is and the state before it."""
+    if isinstance(error, InversionError):
+        if span_ratio(now.system, now.state) > LAYER:
+            return "flip: spans longer than the bending layer"
+        normals = np.cross(now.state.y[:, 3:6], now.state.y[:, 6:])
+        turned = np.linalg.norm(normals, axis=1)[now.state.present].min(initial=1.0) < TURNED
+        return "flip: hole turned beyond a linear organ" if turned else "flip"
+    if isinstance(error, UphillError):
+        return "another branch"
+    return "no step found" if hasattr(error, "dt") else "constraints"
+
+
+def row(case: Case, cause: str, words: str, tally: Tally | None) -> Row:
+    """Return the row of a case."""
+    taken = tally.corrections if tally else []
+    return Row(
+        number=case.number,
+        kind=case.kind,
+        suture=case.tables["thread"]["suture"],
+        holes=len(case.tables["piercing"]),
+        youngs_modulus=case.tables["tissue"]["youngs_modulus"],
+        demand=case.demand,
+        gentle=case.gentle,
+        cause=cause,
+        words=words,
+        time=tally.now.state.time if tally else 0.0,
+        duration=case.tables["solve"]["duration"],
+        steps=len(taken),
+        halved=tally.halved if tally else 0,
+        median=float(np.median(taken)) if taken else float("nan"),
+        high=float(np.percentile(taken, 99)) if taken else float("nan"),
+        created=tally.created if tally else 0.0,
+        span_ratio=span_ratio(tally.now.system, tally.now.state) if tally else float("nan"),
+    )
+
+
+def share(rows: Sequence[Row]) -> str:
+    """Write how many of the rows completed."""
+    done = sum(row.cause == COMPLETED for row in rows)
+    return f"{done} of {len(rows)}"
+
+
+def table(rows: Sequence[Row]) -> Table:
+    """Make one line a kind of scenario, then the gentle ones and all of them."""
+    head = ("kind", "completed", *CAUSES[1:], "corrections, median", "99th percentile")
+    groups = {kind: [row for row in rows if row.kind == kind] for kind in KINDS}
+    groups |= {"gentle": [row for row in rows if row.gentle], "all": list(rows)}
+    lines = []
+    for name, group in groups.items():
+        counted = Counter(row.cause for row in group)
+        stepped = [row for row in group if row.steps]
+        middle = [
+            f"{np.median([getattr(row, key) for row in stepped]):.3g}" if stepped else "-" for key in ("median", "high")
+        ]
+        lines.append((name, share(group), *(str(counted[cause]) for cause in CAUSES[1:]), *middle))
+    return Table(head, lines)
+
+
+def remarks(rows: Sequence[Row]) -> list[str]:
+    """Say whether the gentle cases arrive, which steps made energy, and list every case that did not complete."""
+    gentle = [row for row in rows if row.gentle]
+    done = sum(row.cause == COMPLETED for row in gentle)
+    word = "" if done >= ASKED * len(gentle) else ", which is TOO FEW"
+    out = [f"gentle cases that completed: {share(gentle)}{word} (asked are {100 * ASKED:.0f} %)"]
+    made = [row for row in rows if row.created > CREATED]
+    if made:
+        worst = max(made, key=lambda row: row.created)
+        out.append(
+            f"in {len(made)} of {len(rows)} cases a step MADE ENERGY beyond {CREATED:g} of the run's, at most "
+            f"{worst.created:.2g} (case {worst.number})"
+        )
+    return out + [
+        f"case {row.number} ({row.kind}, {row.suture}, demand {row.demand:.2g}): {row.cause} at "
+        f"{row.time:.4g} of {row.duration:.4g} s, spans over layer {row.span_ratio:.2g}"
+        for row in rows
+        if row.cause != COMPLETED
+    ]
+
+
+def figure(rows: Sequence[Row]) -> Figure:
+    """Draw how the cases of each kind ended, and where in demand and in spans over the layer."""
+    drawing, grid = panels(1, 2)
+    ends(grid[0, 0], rows)
+    places(grid[0, 1], rows)
+    return drawing
+
+
+def colour_of(cause: str) -> str:
+    """Return the colour of a cause: one for all flips by the same."""
+    return {cause: COLOURS[k % len(COLOURS)] for k, cause in enumerate(CAUSES)}[cause]
+
+
+def ends(axes: Axes, rows: Sequence[Row]) -> None:
+    """Draw bars of the cases of each kind, by their end."""
+    bottom = np.zeros(len(KINDS))
+    for k, cause in enumerate(CAUSES):
+        size = np.array([sum(row.kind == kind and row.cause == cause for row in rows) for kind in KINDS])
+        if size.any():
+            hatch = "//" if k >= len(COLOURS) else None
+            axes.bar(KINDS, size, bottom=bottom, color=colour_of(cause), hatch=hatch, label=cause)
+        bottom = bottom + size
+    axes.set(xlabel="kind of scenario", ylabel="cases [-]", title="how they ended")
+    axes.legend(fontsize=6)
+
+
+def places(axes: Axes, rows: Sequence[Row]) -> None:
+    """Draw every case by its demand and by its spans over the bending layer."""
+    for done, marker, label in ((True, "o", COMPLETED), (False, "x", "not")):
+        shown = [row for row in rows if (row.cause == COMPLETED) == done and row.span_ratio > 0.0 and row.demand > 0.0]
+        x, y = [row.demand for row in shown], [row.span_ratio for row in shown]
+        axes.plot(x, y, marker, color=COLOURS[0 if done else 1], label=label)
+    axes.set(xscale="log", yscale="log", xlabel="demand [footprints]", ylabel="span over √(EI/T) [-]")
+    axes.set_title("where they ended")
+    axes.legend()
+
+
+STUDY = Study(
+    main=main,
+    question="How many realistic scenarios arrive at default settings, and what ends the others?",
+    independent="no step of a passive system makes energy; what is gentle should arrive",
+    consistency="the same seed gives the same cases",
+    table=table,
+    figure=figure,
+    remarks=remarks,
+    quick={"first": 19, "count": 4, "most": 3000},
+)

@@ -1,0 +1,69 @@
+"""The campaign's cases follow from their seed, and every end of a case has its cause."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from coupling.errors import ConstraintError, CouplingError, InversionError, StepError, UphillError
+from studies.campaign import study
+from studies.campaign.generator import GENTLE, KINDS, SUTURES, cases
+from studies.campaign.study import CAUSES, CREATED, Row, cause_of, figure, remarks, run, table
+from studies.scenario import parse
+
+FLIP = InversionError(0.0, "hole")
+
+
+def test_a_case_follows_from_the_seed_and_its_number_alone() -> None:
+    """Independent check: a case drawn alone is the one drawn among others; another seed gives another."""
+    many = list(cases(3, 12))
+    (alone,), (other,) = cases(3, 1, 7), cases(4, 1, 7)
+    assert alone.tables == many[7].tables != other.tables
+    assert {case.kind for case in cases(3, 60)} == set(KINDS)
+    assert all(case.tables["thread"]["suture"] in SUTURES for case in many)
+
+
+def test_every_case_is_a_scenario_and_the_gentle_ones_load_slowly() -> None:
+    """Independent check: what is drawn is read without a refusal; sudden loads say so, and none of them is gentle."""
+    for case in cases(5, 30):
+        parse(case.tables)
+        ends = case.tables["thread"]["start"], case.tables["thread"]["end"]
+        assert any(end.get("ramp") == 0.0 for end in ends) == (case.kind == "sudden")
+        assert case.gentle == (case.kind != "sudden" and case.demand < GENTLE)
+
+
+@pytest.mark.parametrize(
+    ("error", "ratio", "turned", "cause"),
+    [
+        (FLIP, 3.0, 1.0, "flip: spans longer than the bending layer"),
+        (FLIP, 1.0, 0.5, "flip: hole turned beyond a linear organ"),
+        (FLIP, 1.0, 1.0, "flip"),
+        (UphillError(0.0, 1e-3, "up"), 1.0, 1.0, "another branch"),
+        (StepError(0.0, 1e-3, "no"), 1.0, 1.0, "no step found"),
+        (ConstraintError(0.0, "two"), 1.0, 1.0, "constraints"),
+    ],
+)
+def test_every_error_has_its_cause(
+    monkeypatch: pytest.MonkeyPatch, error: CouplingError, ratio: float, turned: float, cause: str
+) -> None:
+    """Independent check: the cause is read from the error, the spans over the layer and the turn of the holes."""
+    monkeypatch.setattr(study, "span_ratio", lambda system, state: ratio)
+    y = np.array([[0, 0, 0, turned, 0, 0, 0, 1.0, 0]])
+    now = SimpleNamespace(system=None, state=SimpleNamespace(y=y, present=np.array([True])))
+    assert cause_of(error, now) == cause  # type: ignore[arg-type]
+    assert cause in CAUSES
+
+
+def test_what_did_not_arrive_is_counted_and_listed() -> None:
+    """Independent check: a case stopped by its bound is no completed one, and table, remarks and figure say so."""
+    (case,) = cases(1, 1, 22)
+    stopped = run(case, most=2)
+    assert stopped.cause == "corrections spent" and 0.0 < stopped.time < stopped.duration
+    done = replace(stopped, cause="completed", time=stopped.duration, created=2.0 * CREATED)
+    rows: list[Row] = [stopped, done, done]
+    lines = {line[0]: line[1] for line in table(rows).lines}
+    assert lines["all"] == "2 of 3" and lines[case.kind] == "2 of 3"
+    said = "\n".join(remarks(rows))
+    assert "TOO FEW" in said and "MADE ENERGY" in said and f"case {case.number}" in said
+    assert figure(rows).axes
