@@ -43,7 +43,8 @@ EMPTY = np.zeros(0)
 class OrganState:
     """Displacement U [m], velocity V [m/s], acceleration A [m/s²] over the free unknowns `(N,)`, the site
     forces, and the contact forces `(k,)` [N], None of an organ without gaps. `facing` `(k, 4)` is where they act on the
-    right lip (`tissue.organs.lips.Gaps.facing`), None: on the pairs of the reference.
+    right lip (`tissue.organs.lips.Gaps.facing`), None: on the pairs of the reference. `MU` [kg m], `MV` [N s] and `KU`
+    [N] are products `(N,)` of mass and stiffness that the step has left, None where it left none.
     """
 
     U: Array
@@ -52,6 +53,9 @@ class OrganState:
     f_y: Array
     p: Array | None = None
     facing: Array | None = None
+    MU: Array | None = None
+    MV: Array | None = None
+    KU: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -369,8 +373,13 @@ class Sprung:
         """
         N = self.mesh.A.shape[0]
         near = None if guess is None else lambda: guess()[:N]
-        springs = self.A.diagonal()[N:].reshape(-1, *[1] * (b.ndim - 1))
+        springs = self.springs.reshape(-1, *[1] * (b.ndim - 1))
         return np.concatenate([self.mesh.solve(b[:N], near), b[N:] / springs])
+
+    @cached_property
+    def springs(self) -> Array:
+        """The diagonal of the springs; of a large matrix it takes as long to read as a product."""
+        return np.asarray(self.A.diagonal()[self.mesh.A.shape[0] :])
 
 
 class LipCompliance:
