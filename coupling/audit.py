@@ -83,13 +83,13 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
     dq, dv = new.q - old.q, new.v - old.v
     solution, now = step.solution, step.solution.residual.configuration
     elastic = thread.energy(now.points) + float(held_energy(now.at, new.lam, solution.iterate.y).sum())
-    organ_kinetic, organ_elastic, weight_work, organ_viscous, organ_numerical = system.organ.energies(
+    organ_kinetic, organ_elastic, load_work, organ_viscous, organ_numerical = system.organ.energies(
         old.organ, new.organ
     )
 
-    external = np.sum(step.solution.problem.load * dq) + weight_work + held_work(step)
+    external = np.sum(step.solution.problem.load * dq) + load_work + held_work(step)
     friction, eps_numerical, remainder, by_hand = sliding_work(system, step)
-    more_external, more_friction, more_viscous = mean_force_works(system, step, organ_viscous)
+    more_external, more_friction, more_viscous = mean_force_works(system, step, load_work, organ_viscous)
     external, friction = external + by_hand + more_external, friction + more_friction
     viscous = thread.damping * np.sum(new.v * thread.momentum(dq)) + organ_viscous + more_viscous
     numerical = (
@@ -127,26 +127,28 @@ def held_work(step: Step[Body]) -> float:
     return float(step.solution.residual.thread.ravel()[held] @ dq[held])
 
 
-def mean_force_works(system: System[Body], step: Step[Body], organ_viscous: float) -> tuple[float, float, float]:
+def mean_force_works(
+    system: System[Body], step: Step[Body], load_work: float, organ_viscous: float
+) -> tuple[float, float, float]:
     """Return by how much more the mean of the forces at both ends of a step of BDF2 does from outside, takes by
     friction and takes by damping than the forces at its end [J]; zero after one of backward Euler.
 
-    `organ_viscous` [J] is what the organ's damping at the end takes.
+    `load_work` and `organ_viscous` [J] are what the organ's loads at the end do, and its damping there takes.
     Friction counts where the thread slides on, the same way and without ε: elsewhere its force jumps, and what the
     force at the end takes is never negative.
     """
     old, new, thread = step.old, step.new, system.thread
     if new.before is None or not isinstance(scheme_of(old, step.dt), BDF2):
         return 0.0, 0.0, 0.0
-    dq, outside, rubbed = new.q - old.q, more_outside(system, step), 0.0
+    _, _, load_back, viscous_back, _ = system.organ.energies(new.organ, old.organ)  # by the forces of the start
+    dq, outside, rubbed = new.q - old.q, more_outside(system, step) - load_back - load_work, 0.0
     if (system.rough | system.by_hand).any():
         ds, at, now = new.s - old.s, system.passage(old.q, old.s), step.solution.residual.passage
         drive = driving_force(at, old.lam, old.y) - driving_force(now, new.lam, step.solution.iterate.y)
         goes_on = system.rough & (old.sigma == new.sigma) & (system.epsilon == 0.0)
         outside, rubbed = outside - float(drive @ (ds * system.by_hand)), float(drive @ (ds * goes_on))
     damped = -thread.damping * np.sum((new.v - old.v) * thread.momentum(dq)) - organ_viscous
-    damped -= system.organ.energies(new.organ, old.organ)[3]  # backwards: −v·CΔU with the velocity of the start
-    return 0.5 * outside, 0.5 * rubbed, 0.5 * float(damped)
+    return 0.5 * outside, 0.5 * rubbed, 0.5 * float(damped - viscous_back)
 
 
 def more_outside(system: System[Body], step: Step[Body]) -> float:

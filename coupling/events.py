@@ -14,10 +14,11 @@ from typing import Literal
 import numpy as np
 
 from coupling.interfaces import Body
+from coupling.observation import bearing_pressures
 from coupling.stepping import Step
 from coupling.system import State, System
 
-Kind = Literal["begins", "ends", "leaves", "slips", "sticks", "halved", "knots"]
+Kind = Literal["begins", "ends", "leaves", "slips", "sticks", "tears", "halved", "knots"]
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,8 @@ def find_events(system: System[Body], old: State[Body], taken: Sequence[Step[Bod
 
 
 def changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Event]:
-    """Find the holes left, and the stitches that began to slip or to stick, between two states."""
+    """Find the holes left, the stitches that began to slip or to stick, and those that the tissue no longer bears,
+    between two states."""
     out = []
     for k, piercing in enumerate(system.piercings):
         if old.present[k] and not new.present[k]:
@@ -66,7 +68,10 @@ def changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Ev
         elif new.present[k] and system.rough[k] and (old.sigma[k] == 0.0) != (new.sigma[k] == 0.0):
             kind: Kind = "sticks" if new.sigma[k] == 0.0 else "slips"
             out.append(Event(new.time, kind, piercing.name, float(new.s[k])))
-    return out
+    strengths = np.array([piercing.strength for piercing in system.piercings])
+    before, after = (bearing_pressures(system, state) > strengths for state in (old, new))
+    torn = np.flatnonzero(after & ~before & new.present[: len(strengths)])
+    return out + [Event(new.time, "tears", system.piercings[k].name, float(new.s[k])) for k in torn]
 
 
 def nearer_end(system: System[Body], s: float) -> float:

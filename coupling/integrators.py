@@ -33,7 +33,9 @@ from coupling.arrays import Array
 
 
 class Scheme(ABC):
-    """A backward differentiation formula for one step."""
+    """A backward differentiation formula for one step, of `dt` [s]."""
+
+    dt: float
 
     @property
     @abstractmethod
@@ -67,7 +69,9 @@ class Scheme(ABC):
 
 @dataclass(frozen=True)
 class Equilibrium(Scheme):
-    """No motion: a = d = 0, whatever came before."""
+    """No motion: a = d = 0, whatever came before; it takes no time."""
+
+    dt: float = 0.0
 
     @property
     def d(self) -> float:

@@ -16,8 +16,8 @@ from coupling.integrators import Scheme
 
 Body = TypeVar("Body")
 
-# Kinetic and elastic energy at the end of a step, and what was done during it [J]: the weight's work, what viscous
-# damping took, and what the integrator took (contact's −p⁺·Δg with it).
+# Kinetic and elastic energy at the end of a step, and what was done during it [J]: the work of weight and loads, what
+# viscous damping took, and what the integrator took (contact's −p⁺·Δg with it).
 OrganEnergies = tuple[float, float, float, float, float]
 
 
@@ -51,7 +51,8 @@ class Answer(Protocol[Body]):
         """Return the answer linearised anew under the forces `f_y` (9p,) and `p` (k,).
 
         An answer that stands under these forces returns itself: a linear organ's always does, that of a nonlinear
-        organ once its own equations hold to their tolerance.
+        organ once its own equations hold to their tolerance. Raises `tissue.OrganError` where the organ has no
+        answer.
         """
 
 
@@ -65,8 +66,9 @@ class Organ(Protocol[Body]):
     def start(self) -> Body:
         """Return the state at the start of a run."""
 
-    def answer(self, scheme: Scheme, past: Sequence[Body]) -> Answer[Body]:
-        """Return the answer of a step of `scheme` from the states `past`, the newest first."""
+    def answer(self, scheme: Scheme, past: Sequence[Body], time: float, share: float = 1.0) -> Answer[Body]:
+        """Return the answer of a step of `scheme` from the states `past`, the newest first. Loads that are ramped are
+        those at `time` [s], times `share`."""
 
     def site_variables(self, state: Body) -> Array:
         """Return y, shape `(9p,)`."""

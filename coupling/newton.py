@@ -41,6 +41,7 @@ from coupling.sliding import residual as law_residual
 from coupling.system import System
 from thread.frames import Frame
 from thread.thread import Points
+from tissue.errors import OrganError
 
 MAX_ITERATIONS = 25  # for one active set of friction and contact
 MAX_SETS = 20  # and one more for every pair of lips that may touch
@@ -197,9 +198,12 @@ def site_residual(problem: Problem[Body], z: Iterate, f_y: Array) -> Array:
 
 def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Body], Residual, bool]:
     """Ask the organ again under the forces of an iterate: the problem and the residual with its answer, and whether
-    the answer stood."""
+    the answer stood. Raises `StepError` where it has none."""
     sites = len(problem.system.piercings)
-    answer = problem.answer.again(r.f_y[:sites].ravel(), contact_forces(problem.contact, z, r))
+    try:
+        answer = problem.answer.again(r.f_y[:sites].ravel(), contact_forces(problem.contact, z, r))
+    except OrganError as error:
+        raise failure(problem, r, str(error)) from error
     if answer is problem.answer:
         return problem, r, True
     problem = replace(problem, answer=answer)

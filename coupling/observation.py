@@ -27,7 +27,8 @@ class PiercingObservation:
     `tension_before`, `tension_after` [N] of the strands at lower and higher s (`axial_forces`); `state`: "stick",
     "slip", "anchored" or "left"; `cone_residual` [N], by how much the force along the thread breaks Coulomb's law
     (`coupling.sliding.cone_residual`; what accelerates an abscissa with ε counts as well); `mean_strain` [-] and `turn`
-    [rad] of the tissue, averaged over the footprint (`strains_and_turns`).
+    [rad] of the tissue, averaged over the footprint (`strains_and_turns`);
+    `bearing_pressure` [Pa] of the thread on the tissue (`bearing_pressures`).
     """
 
     name: str
@@ -48,6 +49,7 @@ class PiercingObservation:
     cone_residual: float
     mean_strain: float = 0.0
     turn: float = 0.0
+    bearing_pressure: float = 0.0
     channel: float | None = None
 
 
@@ -72,6 +74,7 @@ def observe(
     normal = normal_force(at, state.lam, state.y, law.per_channel)
     cone = broken_cones(system, law, state, at)
     tensions = axial_forces(system, state, transmitted)
+    pressures = bearing_pressures(system, state)
     strains, turns = strains_and_turns(system.organ.y0, state.y[: len(system.piercings)])
     out = []
     for k, piercing in enumerate(system.piercings):
@@ -98,10 +101,17 @@ def observe(
                 cone_residual=float(cone[k]),
                 mean_strain=float(strains[k]),
                 turn=float(turns[k]),
+                bearing_pressure=float(pressures[k]),
                 channel=piercing.friction.channel if piercing.friction else None,
             )
         )
     return tuple(out)
+
+
+def bearing_pressures(system: System[Body], state: State[Body]) -> Array:
+    """Return |λ|/(d ℓ), the force of the thread on each hole over the area on which it bears, shape `(p,)` [Pa]: d is
+    its diameter and ℓ the length of the bearing. Zero where that is not known."""
+    return np.asarray(np.linalg.norm(state.lam[: len(system.piercings), :3], axis=1) / system.bearing_areas)
 
 
 def strains_and_turns(y0: Array, y: Array) -> tuple[Array, Array]:
@@ -137,7 +147,7 @@ def site_forces(system: System[Body], state: State[Body]) -> Array:
 
 def site_compliance(system: System[Body], state: State[Body]) -> Array:
     """Return the compliance C of the sites of an organ at rest, shape `(9p, 9p)`."""
-    return system.organ.answer(Equilibrium(), [state.organ]).C
+    return system.organ.answer(Equilibrium(), [state.organ], state.time).C
 
 
 def broken_cones(system: System[Body], law: Law, state: State[Body], at: Passage) -> Array:

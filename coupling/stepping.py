@@ -89,7 +89,7 @@ def sliding_motion(scheme: Scheme, state: State[Body]) -> tuple[Array, ...]:
 
 def organ_answer(system: System[Body], scheme: Scheme, state: State[Body]) -> Answer[Body]:
     """Return the organ's answer to the step of a scheme from a state."""
-    return system.organ.answer(scheme, [past.organ for past in past_states(scheme, state)])
+    return system.organ.answer(scheme, [past.organ for past in past_states(scheme, state)], state.time + scheme.dt)
 
 
 def dynamic_problem(

@@ -44,7 +44,8 @@ class Piercing:
 
     `friction` None means an ideal hole. The thread is in it from `begins` to `ends` [s]. A hand may draw the thread
     through a hole in which it does not slide: `draw`, shape `(k, 2)`: t [s], length [m] towards the end of the thread,
-    linear in between. Raises `CouplingError` where the thread slides.
+    linear in between. Raises `CouplingError` where the thread slides. The thread bears on the tissue over the length
+    `bearing` [m], None where that is not known, and the tissue there bears `strength` [Pa].
     """
 
     name: str
@@ -54,6 +55,8 @@ class Piercing:
     begins: float = 0.0
     ends: float = np.inf
     draw: Array | None = None
+    bearing: float | None = None
+    strength: float = np.inf
 
     def __post_init__(self) -> None:
         if self.draw is not None and (self.slides or self.friction is not None):
@@ -189,6 +192,13 @@ class System(Generic[Body]):
         """Return the length drawn through each hold between two times [s], shape `(holds,)` [m]."""
         lengths = [p.drawn_length(later) - p.drawn_length(earlier) for p in self.piercings]
         return np.array(lengths + [0.0] * len(self.clamps))
+
+    @cached_property
+    def bearing_areas(self) -> Array:
+        """Area on which the thread bears at each piercing, its diameter times the length of the bearing, shape `(p,)`
+        [m²]; infinite where that is not known."""
+        lengths = [np.inf if p.bearing is None else p.bearing for p in self.piercings]
+        return self.thread.section.diameter * np.array(lengths, dtype=float)
 
     def hold_still(self, band: Array) -> Array:
         """Replace the rows and columns of the prescribed unknowns in a banded matrix by those of the identity, in

@@ -1,4 +1,6 @@
-"""A call in a process of its own: what gmsh makes of a file that contradicts itself may end the process it is in."""
+"""A process of its own for what may end the one it is in: gmsh by a file that contradicts itself, a plotter without
+OpenGL.
+"""
 
 import os
 import pickle
@@ -6,14 +8,29 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from meshes.errors import MeshError
 
 PATIENCE = 1800.0  # s: files of gigabytes are read in minutes
+WORDS = 300  # letters of what a child said last
+ROOT = str(Path(__file__).parents[1])
+
+# A module by its name as `python -m` runs it, found where the parent finds its own: first where the code is, last what
+# else is on the parent's path. Isolated (-I), the child sees neither the working folder nor what PYTHON… names, so a
+# file there that is called like a module is not run.
+CHILD = """
+import os, runpy, sys
+root, rest = sys.argv[1], sys.argv[2].split(os.pathsep)
+del sys.argv[1:3]
+sys.path[:0] = [root] if root not in sys.path else []
+sys.path += [entry for entry in rest if entry not in sys.path]
+runpy.run_module(sys.argv.pop(1), run_name="__main__")
+"""
 
 
 def call_in_child(function: Callable[..., Any], *given: Any) -> Any:
@@ -24,33 +41,47 @@ def call_in_child(function: Callable[..., Any], *given: Any) -> Any:
     with tempfile.TemporaryDirectory() as folder:
         question, answer = Path(folder) / "question", Path(folder) / "answer"
         question.write_bytes(pickle.dumps((function.__module__, function.__qualname__, given)))
-        # Safe path: modules that lie in the user's folder are none of ours.
-        command = [sys.executable, "-P", "-m", "meshes.child", str(question), str(answer)]
         try:
-            done = subprocess.run(command, env=_surroundings(), capture_output=True, timeout=PATIENCE, check=False)
+            done = run_module("meshes.child", [question, answer], PATIENCE)
         except subprocess.TimeoutExpired:
             raise MeshError(
                 f"gmsh came to no end in {PATIENCE:g} s: the file contradicts itself; save it anew"
             ) from None
         if not answer.is_file():
-            raise MeshError(f"gmsh broke down on it ({_end(done)}): the file contradicts itself; save it anew by gmsh")
+            words = last_words(done.returncode, done.stderr.decode(errors="replace"))
+            raise MeshError(f"gmsh broke down on it: {words}; the file contradicts itself; save it anew by gmsh")
         returned, error = pickle.loads(answer.read_bytes())
     if error is not None:
         raise error
     return returned
 
 
-def _surroundings() -> dict[str, str]:
-    root = str(Path(__file__).parents[1])
-    return dict(os.environ, PYTHONPATH=os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])]))
+def run_module(
+    module: str, given: Sequence[Path], patience: float, setting: Mapping[str, str] = MappingProxyType({})
+) -> "subprocess.CompletedProcess[bytes]":
+    """Run a module as `python -m` does, in the folder of the first path `given`, with the environment's `setting`.
+
+    Raises `subprocess.TimeoutExpired` after `patience` [s], `OSError` where there can be no process.
+    """
+    command = [sys.executable, "-I", "-c", CHILD, ROOT, os.pathsep.join(_own_path()), module, *map(str, given)]
+    surroundings, folder = os.environ | setting, given[0].parent
+    return subprocess.run(command, cwd=folder, env=surroundings, capture_output=True, timeout=patience, check=False)
 
 
-def _end(done: "subprocess.CompletedProcess[bytes]") -> str:
-    """Say how a process ended: by which signal, or with which last words."""
-    if done.returncode < 0:
-        return signal.strsignal(-done.returncode) or f"signal {-done.returncode}"
-    said = done.stderr.decode(errors="replace").split("\n")
-    return next((line.strip() for line in reversed(said) if line.strip()), f"status {done.returncode}")[:200]
+def _own_path() -> list[str]:
+    """Return where this process finds its modules, but for the folder that it works in."""
+    here = Path.cwd()
+    return [entry for entry in sys.path if entry and Path(entry).resolve() != here]
+
+
+def last_words(status: int, text: str) -> str:
+    """Return what a child said last, or how it ended where it said nothing."""
+    if status < 0:
+        how = f"ended by {signal.Signals(-status).name}"
+    else:
+        how = f"ended with status {status}" if status else "ended without an answer"
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    return f"{lines[-1][:WORDS]} ({how})" if lines else how
 
 
 def _answer(question: Path, answer: Path) -> None:

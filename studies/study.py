@@ -11,7 +11,8 @@ import io
 import json
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from contextvars import ContextVar
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
@@ -21,6 +22,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from studies.output.files import write_bytes, write_json, write_text
 from studies.output.provenance import provenance
 from studies.scenario.refusal import as_toml, nearest, refusal
+from studies.workers import Workers, in_order
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,6 +79,33 @@ class Study:
 def unit_field(text: str) -> Any:
     """Declare a field of a row, with its unit."""
     return field(metadata={"unit": text})
+
+
+Job = Callable[[], Any]  # gives a row, or several; what goes to another process is a partial of a module's function
+AT_WORK: ContextVar[Workers | None] = ContextVar("AT_WORK", default=None)  # None: this process
+
+
+def each(jobs: Sequence[Job]) -> Iterator[Any]:
+    """Yield the rows of jobs in their order, which the workers of `carry_out` do; a row as soon as it and all before it
+    are done."""
+    workers = AT_WORK.get()
+    if workers is None:
+        for job in jobs:
+            yield from rows_of(job)
+    else:
+        for rows in in_order(workers.done(all_rows, jobs)):
+            yield from rows
+
+
+def rows_of(job: Job) -> Iterator[Any]:
+    """Yield the rows of a job as they are done."""
+    given = job()
+    yield from ([given] if is_dataclass(given) else given)
+
+
+def all_rows(job: Job) -> list[Any]:
+    """Return the rows of a job."""
+    return list(rows_of(job))
 
 
 def study(name: str) -> Study:
@@ -154,10 +183,26 @@ def holds_study(folder: Path) -> bool:
 
 
 def carry_out(
-    name: str, preset: str, given: Mapping[str, Any], folder: Path, tell: Callable[[Sequence[Any]], None]
+    name: str,
+    preset: str,
+    given: Mapping[str, Any],
+    folder: Path,
+    tell: Callable[[Sequence[Any]], None],
+    workers: Workers | None = None,
 ) -> None:
     """Run a study into a folder: every row is written as soon as it is done, and told; then table, figure and what was
-    asked. A study that fails leaves its rows. Raises what its `main` does."""
+    asked. `workers` do its jobs, None: this process. A study that fails leaves its rows. Raises what its `main`
+    does, and `studies.workers.WorkersError`."""
+    token = AT_WORK.set(workers)
+    try:
+        _carry_out(name, preset, given, folder, tell)
+    finally:
+        AT_WORK.reset(token)
+
+
+def _carry_out(
+    name: str, preset: str, given: Mapping[str, Any], folder: Path, tell: Callable[[Sequence[Any]], None]
+) -> None:
     found, asked = study(name), {"preset": preset, "arguments": dict(given), "provenance": provenance()}
     rows: list[Any] = []
     text = ""

@@ -163,15 +163,6 @@ def too_coarse(what: str, size: float, footprint: float) -> list[str]:
     return [f"{what}: cells of {size / footprint:.3g} footprint radii, TOO COARSE: the hole is as stiff as the mesh is"]
 
 
-def spans_too_coarse(what: str, ratio: float) -> list[str]:
-    """Return a remark where the spans at the holes are too long for the bends there; `ratio` is a step's
-    `span_ratio`."""
-    if ratio <= RESOLVED:
-        return []
-    reason = f"spans at the holes of {ratio:.2g} bending lengths √(EI/T), TOO COARSE for the forces along the thread"
-    return [f"{what}: {reason}"]
-
-
 def not_settled(what: str, kinetic: float, elastic: float) -> list[str]:
     """Return a remark where a run still moves at its end: by its kinetic energy [J] over what is elastic in it [J]."""
     share = unrest(kinetic, elastic)

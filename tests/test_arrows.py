@@ -75,8 +75,9 @@ def test_every_folder_of_modules_is_installed() -> None:
 
 
 def test_every_scene_is_installed() -> None:
-    """Independent check: the package data of `studies.scenario` are all scenario files that are shipped."""
+    """Independent check: all scenario files are package data: the scenes, and the one that a new scenario begins as."""
     data = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["package-data"]
-    scenes = {path for pattern in data["studies.scenario"] for path in (ROOT / "studies" / "scenario").glob(pattern)}
+    rooms = {room: ROOT / room.replace(".", "/") for room in ("studies.scenario", "studies.command")}
+    scenes = {path for room, folder in rooms.items() for pattern in data[room] for path in folder.glob(pattern)}
     assert scenes == set((ROOT / "studies").rglob("*.toml"))
     assert scenes

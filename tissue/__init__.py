@@ -1,18 +1,21 @@
 """The organ: small-strain linear elasticity on tetrahedra, and its nine site variables per piercing."""
 
 from tissue.elasticity import Elasticity, elasticity
-from tissue.errors import FactorError, TissueError
+from tissue.errors import FactorError, OrganError, TissueError
+from tissue.hyperelasticity import Hyperelasticity
+from tissue.loads import Loads, SurfaceLoad
 from tissue.material import Material
 from tissue.organs.dynamic import DynamicOrgan
+from tissue.organs.finite import FiniteOrgan
 from tissue.organs.fixed import FixedSites, fixed_sites
-from tissue.organs.lips import Gaps, build_gaps
+from tissue.organs.lips import Gaps, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.sites.site import Site, Sites, build_sites
 from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
-from tissue.strain import cell_strain, energy_share
-from tissue.stress import StressRecovery, interpolation, stress_recovery, von_mises
+from tissue.strain import cell_strain, energy_density, energy_share
+from tissue.stress import StressRecovery, interpolation, principal, stress_recovery, von_mises
 from tissue.supports import held_components, holds_still
 
 __all__ = [
@@ -22,17 +25,22 @@ __all__ = [
     "Equation",
     "Factor",
     "FactorError",
+    "FiniteOrgan",
     "FixedSites",
     "Gaps",
+    "Hyperelasticity",
     "LinearAnswer",
+    "Loads",
     "Material",
     "OrganEnergies",
+    "OrganError",
     "OrganState",
     "QuasiStaticOrgan",
     "Site",
     "SiteAnswer",
     "Sites",
     "StressRecovery",
+    "SurfaceLoad",
     "TimeScheme",
     "TissueError",
     "build_gaps",
@@ -40,12 +48,15 @@ __all__ = [
     "cell_strain",
     "conjugate_gradients",
     "elasticity",
+    "energy_density",
     "energy_share",
     "factorize",
     "fixed_sites",
     "held_components",
     "holds_still",
     "interpolation",
+    "principal",
     "stress_recovery",
+    "surface_gaps",
     "von_mises",
 ]

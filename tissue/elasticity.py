@@ -87,6 +87,20 @@ class Elasticity:
             blocks.append(self.mesh.t2e + self.mesh.nvertices)
         return np.ascontiguousarray(np.vstack(blocks).T.astype(np.intp))
 
+    def edge_numbers(self, edges: Indices) -> Indices:
+        """Return the numbers in the mesh of edges given by their two vertices `(k, 2)`, shape `(k,)`."""
+        known, asked = (np.sort(pairs, axis=1) @ [self.mesh.nvertices, 1] for pairs in (self.mesh.edges.T, edges))
+        order = np.argsort(known)
+        return np.asarray(order[np.searchsorted(known, asked, sorter=order)])
+
+    def facet_nodes(self, triangles: Indices) -> Indices:
+        """Return the nodes of facets given by their vertices `(f, 3)`: those, with P2 the middles of the edges 01, 12,
+        02 behind them."""
+        if self.element == "P1":
+            return triangles
+        edges = triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2)
+        return np.hstack([triangles, self.mesh.nvertices + self.edge_numbers(edges).reshape(-1, 3)])
+
     def connectivity(self) -> tuple[Array, Indices, Indices]:
         """Return `(points, cells, nodes)`: what a file of the organ needs, and the map from nodes to unknowns."""
         return self.points, self.cells, self.nodes

@@ -6,9 +6,11 @@ second order in either, and no displacement tells how much that is: a body may g
 
 import numpy as np
 from numpy.typing import NDArray
+from skfem import ElementTetP1
+from skfem.quadrature import get_quadrature
 
 from tissue.arrays import Array
-from tissue.elasticity import ELEMENTS, Elasticity
+from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda
 
 Flags = NDArray[np.bool_]
 
@@ -27,6 +29,26 @@ def cell_strain(elasticity: Elasticity, U: Array) -> tuple[Array, Array]:
     strain = np.abs(np.linalg.eigvalsh(0.5 * (slope + turned))).max(axis=(1, 2))
     rotation = np.sqrt(0.125) * np.linalg.norm(slope - turned, axis=(2, 3)).max(axis=1)
     return np.asarray(strain), np.asarray(rotation)
+
+
+def energy_density(elasticity: Elasticity, U: Array) -> Array:
+    """Return the strain energy per volume of each cell, on its mean, shape `(c,)` [J/m³]: λ/2 (div U)² + μ ε : ε, and
+    half of pressure times dilatation for what is averaged at the vertices. `U` [m] is a field over all unknowns `(N,)`.
+    """
+    element, material = ELEMENTS[elasticity.element](), elasticity.material
+    places, weights = get_quadrature(element, max(1, 2 * element.maxdeg - 2))
+    values = elasticity.nodal(U)[elasticity.cells]
+    slope = np.einsum("cni,canj->caij", values, shape_gradients(elasticity, places.T), optimize=True)
+    dilatation, strain = np.einsum("caii->ca", slope), 0.5 * (slope + slope.swapaxes(2, 3))
+    spread = material.lame_lambda if elasticity.pressure is None else cellwise_lambda(material)
+    lam, mu = (np.broadcast_to(modulus, len(slope))[:, None] for modulus in (spread, material.lame_mu))
+    density = 0.5 * lam * dilatation**2 + mu * np.sum(strain**2, axis=(2, 3))
+    if elasticity.pressure is not None:
+        corners = ElementTetP1()
+        shapes = np.array([corners.lbasis(places, n)[0] for n in range(VERTICES)])
+        pressure = (elasticity.pressure @ U)[elasticity.mesh.t.T] @ shapes
+        density += 0.5 * pressure * dilatation * np.reshape(material.lame_lambda > spread, (-1, 1))
+    return np.asarray(density @ weights / weights.sum())
 
 
 def energy_share(elasticity: Elasticity, strain: Array, cells: Flags) -> float:

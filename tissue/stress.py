@@ -89,6 +89,15 @@ def von_mises(stress: Array) -> Array:
     return np.asarray(np.sqrt(normal + 3.0 * (xy**2 + yz**2 + xz**2)))
 
 
+def principal(stress: Array) -> tuple[Array, Array]:
+    """Return the principal values of stress `(m, 6)`, falling, `(m, 3)` [Pa], and their unit directions, rows of
+    `(m, 3, 3)`."""
+    xx, yy, zz, xy, yz, xz = stress.T
+    tensor = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
+    values, directions = np.linalg.eigh(tensor)
+    return values[:, ::-1], directions.swapaxes(1, 2)[:, ::-1]
+
+
 def _nodal_pressure(elasticity: Elasticity) -> csr_matrix:
     """Return the part of λ div U that is averaged at the vertices, at every node, shape `(m, N)` [Pa/m]."""
     if elasticity.pressure is None:

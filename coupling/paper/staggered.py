@@ -44,7 +44,7 @@ class HeldOrgan(Generic[Body]):
         """Return the organ's start."""
         return self.organ.start()
 
-    def answer(self, scheme: Scheme, past: Sequence[Body]) -> Held[Body]:
+    def answer(self, scheme: Scheme, past: Sequence[Body], time: float, share: float = 1.0) -> Held[Body]:
         """Return the answer of the organ where it is."""
         return Held(self.organ.site_variables(past[0]), past[0])
 
@@ -66,7 +66,7 @@ class HeldOrgan(Generic[Body]):
 
     def displace(self, scheme: Scheme, state: Body, y: Array, f_y: Array) -> Held[Body]:
         """Return the answer of the organ where it is."""
-        return self.answer(scheme, [state])
+        return Held(self.organ.site_variables(state), state)
 
 
 SchemeOf = Callable[[State[Body], float], Scheme]

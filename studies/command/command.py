@@ -1,4 +1,4 @@
-"""The command line: ``suture run | check | mesh | study | schema | catalogue | bench``.
+"""The command line, carried out: ``suture run | check | mesh | study | schema | catalogue | bench``.
 
 Exit status: 0 when all is well, 1 for a run that failed, 2 for input that is refused (a sentence for each
 problem on standard error, nothing computed), 3 with ``--strict`` where a remark says that a number is not supported,
@@ -11,81 +11,57 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+import traceback
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
-from typing import Any, Protocol
+from typing import Any
 
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
+from studies.command.parser import read
 from studies.command.progress import Progress, StudyProgress
 from studies.command.summary import MILLI, print_lines, print_summary, remark_lines
-from studies.output.budget import GIGA, check_disk, frame_bytes, row_bytes
-from studies.output.checkpoint import Arrays, read_checkpoint
-from studies.output.folder import Recorder, Status, can_resume, check_folder, completed_run
+from studies.output.budget import GIGA, frame_bytes, row_bytes
+from studies.output.files import as_json
+from studies.output.folder import Recorder, check_folder
 from studies.output.lock import locked
-from studies.output.records import Ending, OrganTopology, Snapshot, StepRecord
+from studies.output.log import RunLog
+from studies.output.opened import open_run
+from studies.output.reading import ResultsError
 from studies.output.remarks import Remark, any_unsupported, remark
+from studies.output.tally import Status
 from studies.pictures.picture import draw_picture
-from studies.scenario import Scenario, ScenarioError, load, scenes, schema
+from studies.scenario import Scenario, ScenarioError, load, schema
 from studies.scenario.reference import reference
 from studies.scenario.toml import scenario_file
-from studies.study import NAMES, PRESETS, StudyError, arguments, carry_out, study
+from studies.simulation.interface import AnySimulation, Moments
+from studies.simulation.recorded import begin
+from studies.study import NAMES, StudyError, arguments, carry_out, study
 from studies.study import check_folder as check_study_folder
+from studies.workers import WorkersError, workers_of
 from thread.catalogue import KNOT_PULL, TEXTBOOK, USP, knot_pull, names, suture
 from thread.errors import ThreadError
 from tissue.errors import FactorError, TissueError
-from tissue.solvers.choice import SOLVERS
 
-REFUSALS = (ScenarioError, StudyError, MeshError, TissueError, ThreadError)
+REFUSALS = (ScenarioError, StudyError, ResultsError, MeshError, TissueError, ThreadError)
 FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
 FAILED, REFUSED, UNSUPPORTED, INTERRUPTED = 1, 2, 3, 128 + signal.SIGINT
 SIGPIPE = 13  # its number, which Windows does not have: a closed pipe is told as a shell tells it
 LONGEST_LINE, MOST_LINES = 1000, 40  # characters, and lines, of what is told of an error
-Moments = Iterator[tuple[StepRecord, Callable[[], Snapshot]]]
-
-
-class Simulation(Protocol):
-    """What ``studies.simulation.prepare(scenario)`` gives: all that can be known before the first step."""
-
-    @property
-    def scenario(self) -> Scenario:
-        """As run: with the defaults that the geometry tells."""
-
-    @property
-    def topology(self) -> OrganTopology | None:
-        """The organ's mesh, None without an organ."""
-
-    @property
-    def tissue_dofs(self) -> int:
-        """Unknowns of the organ that are not held."""
-
-    @property
-    def subgrid(self) -> dict[str, dict[str, Any]]:
-        """By piercing, what the organ's mesh is too coarse for, where that is added."""
-
-    @property
-    def steps(self) -> int:
-        """Steps to be taken."""
-
-    @property
-    def methods(self) -> dict[str, str | None]:
-        """By what the run is solved."""
-
-    def remarks(self, ending: Ending | None = None) -> list[Remark]:
-        """What is to be said of the run: what is foreseen, and what it met until an `ending`."""
-
-    def advance(self, memory: Arrays | None = None) -> Moments:
-        """Yield the start, then every accepted step, each with a function that makes its frame; with the memory of a
-        step, that step again and those after it."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status."""
+    return perform(read(arguments))
+
+
+def perform(options: argparse.Namespace) -> int:
+    """Do what was read from a command line; returns the exit status."""
     try:
-        status = _carry_out(_parser().parse_args(arguments))
+        status = _carry_out(options)
         sys.stdout.flush()
     except BrokenPipeError:
         close_output()
@@ -119,46 +95,63 @@ def run(options: argparse.Namespace) -> int:
         return _run(options, _prepare(scenario))
 
 
-def _run(options: argparse.Namespace, simulation: Simulation) -> int:
+def _run(options: argparse.Namespace, simulation: AnySimulation) -> int:
     """Simulate into a folder that may be written, and draw the last frame."""
-    checkpoint = None
-    if options.resume and can_resume(options.out, simulation.scenario):
-        if (summary := completed_run(options.out, simulation.scenario)) is not None:
-            _say(options, f"the run in {options.out} is completed; nothing is left to do")
-            doubt = any(remark["severity"] == "unsupported" for remark in summary.get("remarks", []))
-            return UNSUPPORTED if options.strict and doubt else 0
-        checkpoint = read_checkpoint(options.out)
-    if checkpoint is None:
-        check_disk(options.out, simulation.scenario, simulation.topology)
-    moments = simulation.advance(checkpoint)
-    mesh = simulation.topology, simulation.tissue_dofs
-    recorder = Recorder(
-        options.out,
-        simulation.scenario,
-        *mesh,
-        checkpoint,
-        simulation.subgrid,
-        judge=simulation.remarks,
-        methods=simulation.methods,
-    )
-    status, outcome = _simulate(simulation, moments, recorder, options.quiet)
+    begun = begin(simulation, options.out, options.resume)
+    if begun is None:
+        _say(options, f"the run in {options.out} is completed; nothing is left to do")
+        remarks = open_run(options.out).remarks
+        doubt = any(remark["severity"] == "unsupported" for remark in remarks)
+        return UNSUPPORTED if options.strict and doubt else 0
+    recorder, moments = begun
+    log = RunLog(options.out, " ".join(["suture", *options.words]))
+    status, outcome = _simulate(simulation, moments, recorder, options.quiet or options.json, log)
     picture = "" if options.no_picture else _draw(simulation, recorder)
-    if not options.quiet:
+    log.end(outcome, recorder.remarks)
+    if options.json:
+        print(as_json(recorder.summary(outcome)), end="")
+    elif not options.quiet:
         print_summary(simulation.scenario, recorder, outcome, picture)
     return status or strict_status(options.strict, recorder.remarks)
 
 
 def check(options: argparse.Namespace) -> int:
-    """``suture check``: all that is refused is refused, nothing is computed."""
+    """``suture check``: all that is refused is refused; the start is solved, and drawn where that is asked for."""
     simulation = _prepare(load(options.file, options.set))
-    scenario = simulation.scenario
-    organ = f"{simulation.tissue_dofs} tissue unknowns" if scenario.tissue else "no organ"
-    counts = f"{len(scenario.piercing)} piercings, {scenario.thread.control_points} control points, {organ}"
-    size = (frame_bytes(scenario, simulation.topology) + row_bytes(scenario)) / GIGA
-    print(f"{options.file} can be run: {counts}, {simulation.steps} steps, about {size:.2g} GB of results")
     remarks = simulation.remarks()
-    print_lines(remark_lines(remarks))
+    picture = "" if options.picture is None else _draw_start(simulation, options.picture)
+    if options.json:
+        told = counts_of(simulation) | {"remarks": [remark.record() for remark in remarks], "picture": picture or None}
+        print(as_json(told), end="")
+        return strict_status(options.strict, remarks)
+    counts = counts_of(simulation)
+    organ = f"{counts['tissue_dofs']} tissue unknowns" if simulation.scenario.tissue else "no organ"
+    parts = f"{counts['piercings']} piercings, {counts['control_points']} control points, {organ}"
+    size = counts["bytes"] / GIGA
+    print(f"{options.file} can be run: {parts}, {counts['steps']} steps, about {size:.2g} GB of results")
+    print_lines([*remark_lines(remarks), *([f"picture    {picture}"] if picture else [])])
     return strict_status(options.strict, remarks)
+
+
+def counts_of(simulation: AnySimulation) -> dict[str, Any]:
+    """Return what a run will take: steps, unknowns, and bytes of results."""
+    scenario = simulation.scenario
+    return {
+        "piercings": len(scenario.piercing),
+        "control_points": scenario.thread.control_points,
+        "tissue_dofs": simulation.tissue_dofs,
+        "steps": simulation.steps,
+        "bytes": round(frame_bytes(scenario, simulation.topology) + row_bytes(scenario)),
+    }
+
+
+def _draw_start(simulation: AnySimulation, path: Path) -> str:
+    """Draw thread, holes and organ before the first step; return the line that says how. Raises `OSError`."""
+    _, frame = next(iter(simulation.advance()))
+    drawn = draw_picture(frame(), simulation.topology, path, f"{simulation.scenario.title or 'start'}: the start")
+    if drawn.failure:
+        raise OSError(f"--picture {path}: no picture could be drawn: {drawn.failure}")
+    return drawn.line
 
 
 def strict_status(strict: bool, remarks: Sequence[Remark]) -> int:
@@ -219,8 +212,9 @@ def run_study(options: argparse.Namespace) -> int:
     print(f"{found.question}\nindependent check: {found.independent}\nconsistency check: {found.consistency}\n")
     progress = StudyProgress()
     try:
-        carry_out(options.name, options.preset, given, folder, progress.update)
-    except (CouplingError, FactorError, OSError) as error:
+        workers = None if options.jobs == 1 else workers_of(options.jobs)
+        carry_out(options.name, options.preset, given, folder, progress.update, workers)
+    except (CouplingError, FactorError, WorkersError, OSError) as error:
         return _stopped(str(error), progress, folder, FAILED)
     except KeyboardInterrupt:
         return _stopped("interrupted", progress, folder, 128 + signal.SIGINT)
@@ -231,7 +225,7 @@ def run_study(options: argparse.Namespace) -> int:
     return 0
 
 
-def _draw(simulation: Simulation, recorder: Recorder) -> str:
+def _draw(simulation: AnySimulation, recorder: Recorder) -> str:
     """Draw the last frame; return the line that says how, and leave a remark where there is no picture."""
     if recorder.last_frame is None:
         return ""
@@ -242,7 +236,9 @@ def _draw(simulation: Simulation, recorder: Recorder) -> str:
     return drawn.line
 
 
-def _simulate(simulation: Simulation, moments: Moments, recorder: Recorder, quiet: bool) -> tuple[int, Status]:
+def _simulate(
+    simulation: AnySimulation, moments: Moments, recorder: Recorder, quiet: bool, log: RunLog
+) -> tuple[int, Status]:
     """Record every step; a failure keeps what was written. Returns the exit status and what became of the run."""
     outcome: Status
     progress = Progress(simulation.steps, quiet)
@@ -259,9 +255,13 @@ def _simulate(simulation: Simulation, moments: Moments, recorder: Recorder, quie
             status, outcome, text = 128 + (received or [signal.SIGINT])[0], "interrupted", "interrupted"
         except FAILURES as error:
             status, outcome, text = FAILED, "failed", _where(recorder, error)
+        except BaseException:
+            log.write(traceback.format_exc())
+            raise
         finally:
             progress.close()
     if text:
+        log.write(text)
         print(f"suture: {text}; what was computed is in {recorder.folder}", file=sys.stderr)
     return status, outcome
 
@@ -272,8 +272,8 @@ def _where(recorder: Recorder, error: BaseException) -> str:
     return f"the run failed {place}: {error or type(error).__name__}"
 
 
-def _prepare(scenario: Scenario) -> Simulation:
-    prepared: Simulation = import_module("studies.simulation").prepare(scenario)
+def _prepare(scenario: Scenario) -> AnySimulation:
+    prepared: AnySimulation = import_module("studies.simulation").prepare(scenario)
     return prepared
 
 
@@ -333,81 +333,6 @@ def _stopped(cause: str, progress: StudyProgress, folder: Path, status: int) -> 
 def _say(options: argparse.Namespace, text: str) -> None:
     if not options.quiet:
         print(text)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="suture", description="A suture thread and the organ it pierces.")
-    commands = parser.add_subparsers(required=True, metavar="command")
-    for name, command, text in (
-        ("run", run, "simulate a scenario into a folder"),
-        ("check", check, "say whether a scenario can be run"),
-        ("mesh", make_mesh, "make a scenario's mesh, write it and say how good it is"),
-        ("study", run_study, "run a study into a table and a figure"),
-        ("schema", print_schema, "print the JSON schema of the scenario file, or its keys as tables"),
-        ("catalogue", print_catalogue, "list the sutures that a scenario can name"),
-        ("bench", run_bench, "measure milliseconds per step and of two baselines, or the organ's solvers"),
-    ):
-        sub = commands.add_parser(name, help=text, description=text)
-        sub.set_defaults(command=command)
-        if name in ("run", "check", "mesh"):
-            _add_scenario(sub)
-        if name in ("run", "check"):
-            sub.add_argument(
-                "--strict", action="store_true", help="exit with 3 where a remark says that a number is not supported"
-            )
-        if name == "run":
-            _add_run(sub)
-        if name == "mesh":
-            sub.add_argument("--out", metavar="ORGAN.vtu", type=Path, required=True, help="mesh file to be written")
-        if name == "study":
-            _add_study(sub)
-        if name == "schema":
-            sub.add_argument("--table", action="store_true", help="print tables of the keys in Markdown instead")
-        if name == "bench":
-            _add_bench(sub)
-    return parser
-
-
-def _add_scenario(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE.toml", type=Path, help=f"scenario file, or one of {', '.join(scenes())}")
-    parser.add_argument(
-        "--set",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        help="set one key, the value in TOML; a piercing by name: --set piercing.entry.footprint=2e-3",
-    )
-
-
-def _add_study(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("name", metavar="NAME", help="a study, or list")
-    parser.add_argument("--preset", choices=PRESETS, default="quick", help="default: quick, less than a minute")
-    parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], help="set one argument, in TOML")
-    parser.add_argument("--out", metavar="DIR", type=Path, help="folder, default results/NAME")
-    parser.add_argument("--overwrite", action="store_true", help="replace the study in DIR")
-
-
-def _add_bench(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("what", nargs="?", choices=("step", "organ"), default="step", help="default: step")
-    parser.add_argument(
-        "--sizes", metavar="N", type=int, nargs="+", default=[3_000, 10_000, 30_000], help="unknowns, for organ"
-    )
-    parser.add_argument("--element", choices=("P1", "P2"), default="P1", help="of the organ, for organ")
-    parser.add_argument("--solver", choices=SOLVERS, default="auto", help="of the organ, for step")
-    parser.add_argument("--json", metavar="FILE", type=Path, help="write the numbers as JSON")
-
-
-def _add_run(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="results folder, new or empty")
-    earlier = parser.add_mutually_exclusive_group()
-    earlier.add_argument(
-        "--resume",
-        action="store_true",
-        help="go on from the last checkpoint of the run in DIR, also to a larger solve.duration",
-    )
-    earlier.add_argument("--overwrite", action="store_true", help="replace the run in DIR; other files there are kept")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    parser.add_argument("--no-picture", action="store_true", help="draw no picture of the last frame")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""Where the command begins: an interrupt while the libraries are loading ends in a sentence too."""
+"""Where the command begins: it is read before the libraries are loaded, and an interrupt meanwhile ends in a sentence
+too."""
 
 import sys
 
@@ -6,9 +7,12 @@ import sys
 def main() -> int:
     """Run a command; returns the exit status."""
     try:
-        from studies.command.command import main as command
+        from studies.command.parser import read
 
-        return command()
+        options = read()
+        from studies.command.command import perform
+
+        return perform(options)
     except KeyboardInterrupt:
         print("suture: interrupted", file=sys.stderr)
         return 130

@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from studies.output.folder import Recorder, Status
+from studies.output.folder import Recorder
 from studies.output.records import ContactRecord, PiercingRecord
 from studies.output.remarks import Remark
+from studies.output.tally import Status
 from studies.scenario import Scenario
 
 MILLI = 1e-3

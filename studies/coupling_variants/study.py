@@ -12,6 +12,7 @@ against (`coupling.paper.staggered`), and that every error falls with the step.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -31,7 +32,7 @@ from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, panels, ticks
 from studies.scenario import Scenario, parse
 from studies.simulation.assembly import Assembly, assemble
-from studies.study import Study, StudyError, Table, unit_field
+from studies.study import Study, StudyError, Table, each, unit_field
 from studies.verdicts import beyond_linear, too_coarse
 
 STIFFNESSES = (2e3, 1e4, 5e4, 2.5e5)  # of the organ [Pa]: fat to firm phantom
@@ -86,8 +87,8 @@ def main(
     if min(step_counts) < 1 or any(n % min(step_counts) for n in step_counts):
         raise StudyError(f"step_counts = {list(step_counts)} is refused: give multiples of the smallest one")
     with threadpool_limits(limits=1, user_api="blas"):
-        for inertia, E in product(inertias, stiffnesses):
-            yield from run_ways(scenario(E, inertia, size), size, sorted(step_counts))
+        ways = [scenario(E, inertia, size) for inertia, E in product(inertias, stiffnesses)]
+        yield from each([partial(run_ways, way, size, sorted(step_counts)) for way in ways])
 
 
 def scenario(youngs_modulus: float, inertia: bool = True, size: float = SIZE) -> Scenario:

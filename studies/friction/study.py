@@ -12,6 +12,7 @@ A rod of 20 mm in a sleeve that is fixed in space shows the first three, a sutur
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,7 +26,7 @@ from coupling.run import begin
 from coupling.system import Friction, Piercing, State, System
 from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, panels, ticks
-from studies.study import Study, StudyError, Table, unit_field
+from studies.study import Job, Study, StudyError, Table, each, unit_field
 from thread.catalogue import Section, suture
 from thread.ends import Driven, End, Pulled
 from thread.knots import graded_knots, uniform_knots
@@ -87,12 +88,13 @@ def main(
         )
         given = f"mus = {mus}, turns = {turns}, wrap = {wrap}, rows_of_holes = {rows_of_holes}, loops = {loop_holes}"
         raise StudyError(f"{given}: give {reason}")
+    jobs: list[Job] = []
     for mu in mus:
-        yield from (one_hole(mu, turn) for turn in turns)
-        yield from (row for turn in turns for row in two_passes(mu, turn))
-        yield from (holes_in_a_row(mu, wrap, holes) for holes in sorted(set(rows_of_holes)))
-        for holes in loop_holes:
-            yield from loop(mu, loop_turn, holes)
+        jobs += [partial(one_hole, mu, turn) for turn in turns]
+        jobs += [partial(two_passes, mu, turn) for turn in turns]
+        jobs += [partial(holes_in_a_row, mu, wrap, holes) for holes in sorted(set(rows_of_holes))]
+        jobs += [partial(loop, mu, loop_turn, holes) for holes in loop_holes]
+    yield from each(jobs)
 
 
 def unit_vector(angle: float) -> Array:

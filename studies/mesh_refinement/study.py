@@ -38,7 +38,7 @@ from coupling.observation import site_compliance
 from studies.figure import COLOURS, MARKERS, panels, ticks
 from studies.scenario import Scenario, parse
 from studies.simulation import prepare
-from studies.study import Study, StudyError, Table, unit_field
+from studies.study import Job, Study, StudyError, Table, each, unit_field
 from studies.verdicts import Verdict, beyond_linear, observed_order, too_coarse, verdict
 
 LENGTH, WIDTH, HEIGHT = 0.012, 6e-3, 3e-3  # of the block [m]
@@ -122,18 +122,16 @@ def main(
     ladder_of |= {"p2_cells": p2_cells, "coupled_cells": coupled_cells}
     check_ladders(ladder_of | {"control_points": control_points, "steps": steps, "footprints": footprints})
     run = partial(measure, youngs_modulus=youngs_modulus)
+    jobs: list[Job] = []
     for variant, cells in zip(VARIANTS, (p1_cells, footprint_cells, p2_cells, p1_cells), strict=True):
-        for n in cells:
-            yield run("cells", variant, cells=n)
+        jobs += [partial(run, "cells", variant, cells=n) for n in cells]
     for n in coupled_cells:
         points, dt = round(SPANS_PER_CELL * n) + 3, RAMP / round(STEPS_PER_CELL * n**2)
-        yield run("coupled", SUBGRID, cells=n, control_points=points, dt=dt)
-    for n in control_points:
-        yield run("control points", SUBGRID, control_points=n)
-    for dt in steps:
-        yield run("time step", SUBGRID, dt=dt)
-    for a in footprints:
-        yield run("footprint", SUBGRID, footprint=a)
+        jobs.append(partial(run, "coupled", SUBGRID, cells=n, control_points=points, dt=dt))
+    jobs += [partial(run, "control points", SUBGRID, control_points=n) for n in control_points]
+    jobs += [partial(run, "time step", SUBGRID, dt=dt) for dt in steps]
+    jobs += [partial(run, "footprint", SUBGRID, footprint=a) for a in footprints]
+    yield from each(jobs)
 
 
 def check_ladders(ladder_of: Mapping[str, Sequence[float]]) -> None:

@@ -20,6 +20,7 @@ from studies.output.records import (
     ContactRecord,
     EnergyRecord,
     Extremes,
+    LoadRecord,
     OrganRecord,
     PiercingRecord,
     RunRecord,
@@ -148,6 +149,13 @@ HOLE: tuple[Column[PiercingRecord], ...] = (
         lambda hole: hole.mean_strain,
     ),
     Column("turn", "rad", "by which the tissue's frame at the hole is rotated", lambda hole: hole.turn),
+    Column(
+        "bearing_pressure",
+        "Pa",
+        "length of `force` over the thread's diameter and the length on which it bears: the channel's, else two "
+        "footprints, over which the model spreads the force, else ten diameters",
+        lambda hole: hole.bearing_pressure,
+    ),
 )
 CHANNEL: Column[PiercingRecord] = Column(
     "channel",
@@ -168,7 +176,8 @@ PIERCING_ARRAYS = (*(column for column in HOLE if column not in (PLACE, STATE)),
 EVENT: tuple[Column[Event], ...] = (
     text(
         "event",
-        "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing; `halved`: the step was; `knots`: they changed",
+        "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing, `tears` where the tissue's strength is exceeded; "
+        "`halved`: the step was; `knots`: they changed",
         lambda event: event.kind,
     ),
     text("piercing", "name of the piercing; empty for `halved` and `knots`", lambda event: event.piercing),
@@ -294,6 +303,13 @@ CONTACT: tuple[Column[ContactRecord], ...] = (
     Column("complementarity", "J", "largest magnitude of force times gap of a pair", lambda lips: lips.complementarity),
 )
 
+LOAD: tuple[Column[LoadRecord], ...] = (
+    text("boundary", "name of the boundary that it acts on", lambda load: load.boundary),
+    Column("share", "-", "of the load, that acts now", lambda load: load.share),
+    Column("area", "m²", "of the boundary in the reference shape", lambda load: load.area),
+    vector("force", "N", "on the organ, in all", lambda load: load.force),
+)
+
 ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
     vector("displacement", "m", "from the reference shape, in which the points are", lambda organ: organ.displacement),
     Column(
@@ -304,6 +320,15 @@ ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
         parts=tuple(f"stress_{pair}" for pair in ("xx", "yy", "zz", "xy", "yz", "xz")),
     ),
     Column("von_mises", "Pa", "equivalent of that stress", lambda organ: organ.von_mises),
+    Column(
+        "principal_stress",
+        "Pa",
+        "principal values of that stress, falling; a push is negative",
+        lambda organ: organ.principal_stress,
+        parts=("stress_first", "stress_second", "stress_third"),
+    ),
+    vector("first_direction", "-", "unit vector of the first of them, of either sense", lambda o: o.first_direction),
+    vector("third_direction", "-", "unit vector of the third, of either sense", lambda o: o.third_direction),
     Column("contact_pressure", "Pa", "on the lips, zero off them; with contact", lambda organ: organ.contact_pressure),
     Column("lip_gap", "m", "between the lips, not a number off them; with contact", lambda organ: organ.lip_gap),
 )
@@ -315,6 +340,12 @@ ORGAN_CELLS: tuple[Column[OrganRecord], ...] = (
         lambda organ: organ.strain,
     ),
     Column("rotation", "rad", "largest rotation in the cell, half the length of curl U", lambda organ: organ.rotation),
+    Column(
+        "energy_density",
+        "Pa",
+        "strain energy per volume, on the mean of the cell; times the volumes it adds up to that of the mesh",
+        lambda organ: organ.energy_density,
+    ),
 )
 THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
     Column("s", "m", "abscissa: rest arc length from the start of the path", lambda thread: thread.s),
@@ -341,10 +372,17 @@ RANGE: tuple[Column[Extremes], ...] = (
         f"the same in cells rotated by more than {remarks.SMALL_ROTATION:g} rad",
         lambda met: met.rotated,
     ),
+    Column(
+        "pressed_turn",
+        "rad",
+        "largest angle by which a surface under a pressure turned, over all frames",
+        lambda met: met.pressed_turn,
+    ),
 )
-HOLE_RANGE: tuple[Column[tuple[float, float]], ...] = (
-    Column("mean_strain", "-", "largest `mean_strain` of the piercing, over all steps", lambda pair: pair[0]),
-    Column("turn", "rad", "largest `turn` of the piercing, over all steps", lambda pair: pair[1]),
+HOLE_RANGE: tuple[Column[tuple[float, float, float]], ...] = (
+    Column("mean_strain", "-", "largest `mean_strain` of the piercing, over all steps", lambda met: met[0]),
+    Column("turn", "rad", "largest `turn` of the piercing, over all steps", lambda met: met[1]),
+    Column("bearing_pressure", "Pa", "largest `bearing_pressure`, over all steps", lambda met: met[2]),
 )
 
 RUN: tuple[Column[RunRecord], ...] = (
@@ -432,8 +470,14 @@ CONTACTS: Layout[StepItem[ContactRecord]] = Layout(
     (*step_columns(TIME, STEP), *item_columns(*CONTACT)),
     lambda step: [] if step.contact is None else [(step, step.contact)],
 )
+LOADS: Layout[StepItem[LoadRecord]] = Layout(
+    "loads",
+    (*step_columns(TIME, STEP), *item_columns(*LOAD)),
+    lambda step: [(step, load) for load in step.loads],
+    every_step=False,
+)
 # In the order in which they are written: where a table with a row for every step has a step, those before it have too.
-TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, ENERGIES, STEPS, CONTACTS)
+TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, ENERGIES, STEPS, CONTACTS)
 
 
 # -- the summary -----------------------------------------------------------------------------------------------------
@@ -442,18 +486,24 @@ TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, ENERGIES, STEPS, CONTACTS)
 def state_summary(step: StepRecord) -> dict[str, Any]:
     """Take from a step what ``summary.json`` says of energy, thread, piercings and lips."""
     contact = {} if step.contact is None else {"contact": values(CONTACT, step.contact)}
+    loads = {"loads": [values(LOAD, load) for load in step.loads]} if step.loads else {}
     ends = {end: _end_summary(end, step) for end in ENDS}
-    return {
-        "energy": values(ENERGY, step.energy),
-        "thread": ends | values((MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN), step),
-        "piercings": {hole.name: values(HOLE_SUMMARY, hole) for hole in step.piercings},
-    } | contact
+    return (
+        {
+            "energy": values(ENERGY, step.energy),
+            "thread": ends | values((MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN), step),
+            "piercings": {hole.name: values(HOLE_SUMMARY, hole) for hole in step.piercings},
+        }
+        | contact
+        | loads
+    )
 
 
 def range_summary(names: Iterable[str], extremes: Extremes) -> dict[str, Any]:
     """Make what ``summary.json`` says of how far the tissue of a run was strained and turned."""
-    pairs = zip(extremes.mean_strain.tolist(), extremes.turn.tolist(), strict=True)
-    holes = {name: values(HOLE_RANGE, pair) for name, pair in zip(names, pairs, strict=True)}
+    largest = extremes.mean_strain, extremes.turn, extremes.bearing_pressure
+    each = zip(names, *(of_holes.tolist() for of_holes in largest), strict=True)
+    holes = {name: values(HOLE_RANGE, (strain, turn, pressure)) for name, strain, turn, pressure in each}
     return {**values(RANGE, extremes), "piercings": holes}
 
 

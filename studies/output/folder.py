@@ -3,8 +3,8 @@
 ``Recorder`` takes the plain arrays of ``studies.output.records`` and writes
 
 - ``provenance.json``, ``scenario.toml`` (and ``mesh/``, a copy of the mesh file) before the first step,
-- ``piercings.csv``, ``energy.csv``, ``steps.csv``, ``events.csv``, and ``contact.csv`` of a wound whose lips may touch:
-  whole lines, after every step,
+- ``piercings.csv``, ``energy.csv``, ``steps.csv``, ``events.csv``, ``contact.csv`` of a wound whose lips may touch, and
+  ``loads.csv`` of an organ under loads: whole lines, after every step,
 - ``results.pvd`` and ``frames/``: every ``output.every`` steps, the first and the last,
 - ``checkpoint.npz`` after every frame that was due, from which ``--resume`` goes on,
 - ``summary.json`` at the end, also of a failed or an interrupted run.
@@ -15,15 +15,13 @@ Files are written under a temporary name and renamed: a killed run leaves every 
 import hashlib
 import json
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Self
 
-import numpy as np
-
-from studies.output.checkpoint import ANEW, Arrays, changes, first_in_words, pack, unpack, write_checkpoint
-from studies.output.columns import RUN, Layout, range_summary, state_summary, values
+from studies.output.checkpoint import ANEW, Arrays, changes, first_in_words, write_checkpoint
+from studies.output.columns import Layout
 from studies.output.files import write_bytes, write_json, write_text
 from studies.output.lock import LOCK
 from studies.output.manifest import (
@@ -37,23 +35,16 @@ from studies.output.manifest import (
     unfinished,
 )
 from studies.output.provenance import provenance
-from studies.output.records import Ending, OrganTopology, RunRecord, Snapshot, StepRecord, nothing_met
+from studies.output.records import OrganTopology, Snapshot, StepRecord
 from studies.output.remarks import Remark, remark
 from studies.output.series import Series, steps_in
 from studies.output.tables import CsvFile, head_of, rows_until, tables_of
+from studies.output.tally import Judge, Status, Tally, nothing_to_say
 from studies.scenario import Scenario, ScenarioError, dump
 from studies.scenario.toml import mesh_file, with_mesh_file
 
-Status = Literal["completed", "failed", "interrupted"]
-Judge = Callable[[Ending | None], Sequence[Remark]]  # what is to be said of a run, before its start and at its end
-
 DURATION = "solve.duration"
 SHOWN = 3  # names of missing files in a message
-
-
-def nothing_to_say(ending: Ending | None) -> list[Remark]:
-    """Return no remark."""
-    return []
 
 
 class Recorder:
@@ -76,23 +67,10 @@ class Recorder:
         methods: Mapping[str, str | None] | None = None,
     ) -> None:
         self.folder = Path(folder)
-        self._judge = judge
-        self._own: list[Remark] = []
         self._outcome: tuple[Status, str] | None = None
-        self._names = [hole.name for hole in scenario.piercing]
-        self._has_organ = scenario.tissue is not None
         self.last_frame: Snapshot | None = None
-        self.last_step: StepRecord | None = None
-        self._tissue_dofs = tissue_dofs
-        self.subgrid = subgrid or {}
         self._every = scenario.output.every
         self._pending: Callable[[], Snapshot] | None = None
-        counters = checkpoint or {}
-        self._newton_iterations = int(counters.get("newton_iterations", 0))
-        self._constraint_max = float(counters.get("constraint_max", 0.0))
-        self._constraint_residual = float(counters.get("constraint_residual", 0.0))
-        self._seconds = float(counters.get("seconds", 0.0))
-        self._extremes = nothing_met(len(self._names))
         self._recorded = -1 if checkpoint is None else int(checkpoint["step"])  # last step in the tables
         if checkpoint is None:
             refuse_foreign(self.folder, scenario)
@@ -101,8 +79,8 @@ class Recorder:
         else:
             _refuse_lost_rows(self.folder, self._recorded, tables_of(scenario))
             _refuse_torn_index(self.folder, range(0, self._recorded, self._every))
-            self._extremes = unpack(self._extremes, checkpoint, "extremes")
             self.provenance = _write_continuation(self.folder, scenario)
+        self._tally = Tally(scenario, tissue_dofs, subgrid, judge, checkpoint)
         self._series = Series(self.folder, topology, before=max(self._recorded, 0))
         if self._series.missing:
             gone = ", ".join(self._series.missing[:SHOWN]) + ", …" * (len(self._series.missing) > SHOWN)
@@ -130,7 +108,7 @@ class Recorder:
         """Write the rows of an accepted step, and its frame and a checkpoint if they are due."""
         if step.step > self._recorded:
             self._write_rows(step)
-        self.last_step = step
+        self._tally.last_step = step
         self._pending = frame
         if step.step % self._every == 0:
             self._write_frame()
@@ -139,24 +117,14 @@ class Recorder:
     def _write_rows(self, step: StepRecord) -> None:
         for layout, table in self._tables:
             table.append(layout.rows(step))
-        self._newton_iterations += step.newton_iterations
-        self._constraint_max = max(self._constraint_max, step.constraint_max)
-        self._constraint_residual = max(self._constraint_residual, step.constraint_residual)
-        self._seconds += step.seconds if step.step else 0.0
-        self._extremes = self._extremes.after_step(step)
+        self._tally.count(step)
         self._recorded = step.step
 
     def _write_checkpoint(self, step: StepRecord) -> None:
         memory = step.memory
         if memory is None:
             return
-        counters = {
-            "newton_iterations": np.array(self._newton_iterations),
-            "constraint_max": np.array(self._constraint_max),
-            "constraint_residual": np.array(self._constraint_residual),
-            "seconds": np.array(self._seconds),
-        }
-        write_checkpoint(self.folder, {**memory, **counters, **pack(self._extremes, "extremes")})
+        write_checkpoint(self.folder, {**memory, **self._tally.memory()})
 
     def finish(self, status: Status, error: str = "") -> None:
         """Write the last frame and the summary."""
@@ -169,32 +137,35 @@ class Recorder:
             write_json(self.folder / "summary.json", self.summary(status, error))
 
     @property
+    def last_step(self) -> StepRecord | None:
+        """The last recorded step, None before the start."""
+        return self._tally.last_step
+
+    @property
+    def subgrid(self) -> Mapping[str, Mapping[str, Any]]:
+        """By piercing, what the organ's mesh is too coarse for."""
+        return self._tally.subgrid
+
+    @property
     def remarks(self) -> list[Remark]:
         """What is to be said of the run as of the last recorded step."""
-        ending = None if self.last_step is None else Ending(self.last_step, self._extremes)
-        return [*self._judge(ending), *self._own]
+        return self._tally.remarks
 
     def remark(self, remark: Remark) -> None:
         """Add a remark of what became of the files; a summary that is there already is written anew."""
-        self._own.append(remark)
+        self._tally.own.append(remark)
         if self._outcome is not None:
             write_json(self.folder / "summary.json", self.summary(*self._outcome))
 
     def summary(self, status: Status, error: str = "") -> dict[str, Any]:
         """Make the contents of ``summary.json`` as of the last recorded step."""
-        step = self.last_step
-        totals = self._newton_iterations, self._constraint_max, self._constraint_residual, self._seconds
-        head = values(RUN, RunRecord(status, error, step, *totals, self._tissue_dofs)) | {"subgrid": self.subgrid}
-        said: dict[str, Any] = {"remarks": [remark.record() for remark in self.remarks]}
-        if self._has_organ:
-            said["range"] = range_summary(self._names, self._extremes)
-        return head | said | (state_summary(step) if step else {}) | {"provenance": self.provenance}
+        return self._tally.summary(status, error) | {"provenance": self.provenance}
 
     def _write_frame(self) -> None:
         if self._pending is not None and self.last_step is not None:
             self.last_frame = self._pending()
             self._pending = None
-            self._extremes = self._extremes.after_frame(self.last_frame.organ)
+            self._tally.see(self.last_frame.organ)
             self._series.write(self.last_step.step, self.last_frame)
 
 

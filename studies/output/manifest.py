@@ -14,6 +14,7 @@ from typing import Any
 from studies.output.columns import TABLES
 from studies.output.files import UNFINISHED
 from studies.output.lock import LOCK
+from studies.output.log import LOG
 from studies.output.series import frame_files
 from studies.output.tables import tables_of
 from studies.scenario import Scenario, ScenarioError
@@ -29,6 +30,7 @@ FILES = (
     "checkpoint.npz",
     "results.pvd",
     "picture.png",
+    LOG,
 )
 
 

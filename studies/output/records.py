@@ -49,10 +49,15 @@ class OrganRecord:
     displacement: Array  # (nodes, 3) [m]
     stress: Array  # (nodes, 6) xx yy zz xy yz xz [Pa]
     von_mises: Array  # (nodes,) [Pa]
+    principal_stress: Array  # (nodes, 3) falling [Pa]
+    first_direction: Array  # (nodes, 3) of the largest of them, unit
+    third_direction: Array  # (nodes, 3) of the smallest, unit
     strain: Array  # (cells,) largest principal strain in each cell, in magnitude [-]
     rotation: Array  # (cells,) largest |½ curl U| in each cell [rad]
+    energy_density: Array  # (cells,) mean strain energy per volume in each cell [Pa]
     strained: float  # share of the strain energy in cells strained beyond what is small [-]
     rotated: float  # the same in cells rotated beyond [-]
+    pressed_turn: float = 0.0  # largest angle between a normal under a pressure and that of the reference [rad]
     contact_pressure: Array | None = None  # (nodes,) [Pa], zero off the lips; None without contact
     lip_gap: Array | None = None  # (nodes,) [m], not a number off the lips
 
@@ -68,6 +73,16 @@ class ContactRecord:
     slide: float  # largest, of a pair past one another along the lips [m]
     force: float  # that pushes the lips apart, in all [N]
     complementarity: float  # largest |force times gap| of a pair [J]
+
+
+@dataclass(frozen=True)
+class LoadRecord:
+    """A load on a boundary of the organ at one time."""
+
+    boundary: str
+    share: float  # of the load that acts [-]
+    area: float  # of the boundary in the reference shape [m²]
+    force: Array  # (3,) that acts on the organ, in all [N]
 
 
 @dataclass(frozen=True)
@@ -90,6 +105,7 @@ class StepRecord:
     seconds: float  # wall-clock time of this step [s]
     events: tuple[Event, ...] = ()
     contact: ContactRecord | None = None  # None where lips may cross
+    loads: tuple[LoadRecord, ...] = ()
     torques: tuple[float, float] | None = None  # of the holders of start and end about the tangent [N m], with twist
     kept: Callable[[], Mapping[str, NDArray[Any]]] | None = None  # makes `memory`, asked for at a checkpoint
 
@@ -131,6 +147,7 @@ class Extremes:
 
     mean_strain: Array  # (p,) of the tissue at each hole [-]
     turn: Array  # (p,) [rad]
+    bearing_pressure: Array  # (p,) of the thread on the tissue at each hole [Pa]
     tension: float = 0.0  # of the thread at its holes and ends [N]
     thread_strain: float = 0.0  # [-]
     energy: float = 0.0  # kinetic and elastic, or work of whatever is outside [J]
@@ -139,6 +156,7 @@ class Extremes:
     rotation: float = 0.0  # [rad]
     strained: float = 0.0  # share of the strain energy in cells strained beyond what is small [-]
     rotated: float = 0.0  # the same in cells rotated beyond [-]
+    pressed_turn: float = 0.0  # of a surface under a pressure [rad]
 
     def after_step(self, step: StepRecord) -> "Extremes":
         """Return the extremes with a step more."""
@@ -148,6 +166,7 @@ class Extremes:
             self,
             mean_strain=np.maximum(self.mean_strain, [hole.mean_strain for hole in holes]),
             turn=np.maximum(self.turn, [hole.turn for hole in holes]),
+            bearing_pressure=np.maximum(self.bearing_pressure, [hole.bearing_pressure for hole in holes]),
             tension=max(self.tension, *pulls, float(norm(step.start_reaction)), float(norm(step.end_reaction))),
             thread_strain=max(self.thread_strain, step.max_strain),
             energy=max(self.energy, energy.kinetic + energy.elastic, abs(energy.external_work)),
@@ -164,12 +183,13 @@ class Extremes:
             rotation=max(self.rotation, float(organ.rotation.max())),
             strained=max(self.strained, organ.strained),
             rotated=max(self.rotated, organ.rotated),
+            pressed_turn=max(self.pressed_turn, organ.pressed_turn),
         )
 
 
 def nothing_met(piercings: int) -> Extremes:
     """Return the extremes of a run with so many piercings before its start."""
-    return Extremes(np.zeros(piercings), np.zeros(piercings))
+    return Extremes(np.zeros(piercings), np.zeros(piercings), np.zeros(piercings))
 
 
 @dataclass(frozen=True)

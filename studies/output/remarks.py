@@ -89,6 +89,18 @@ KINDS = (
         "at an edge, a clamp or a wound's tip strain has no limit under refinement: stress there means nothing",
     ),
     Kind(
+        "tears",
+        "unsupported",
+        "bearing pressure at a hole above tissue.strength, where that is given",
+        "the tissue may tear there; none tears in a run",
+    ),
+    Kind(
+        "pressure-turn",
+        "unsupported",
+        f"surface under a pressure turned by more than {SMALL_ROTATION:g} rad",
+        "the pressure acts along the normals of the reference shape, and does not follow the surface",
+    ),
+    Kind(
         "thread-strength",
         "unsupported",
         "tension above the least knot-pull strength of `suture catalogue`, where that is known",

@@ -5,37 +5,20 @@ its process by a segmentation fault, and that the library is there proves nothin
 child process, and whether one came out is the probe.
 """
 
-import os
 import pickle
-import signal
 import subprocess
-import sys
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from meshes.child import last_words, run_module
 from studies.output.files import write_bytes
 from studies.output.records import OrganTopology, Snapshot
 
 WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")  # off screen: by the driver, by software
 PATIENCE = 120.0  # s for the child, on a busy machine
-WORDS = 300  # letters of what a child said last
-ROOT = str(Path(__file__).parents[2])
 PACKAGES = "libglu1-mesa libgl1 libegl1 libxrender1 libxcursor1 libxft2 libxinerama1 libgomp1"
-
-
-# A module by its name as `python -m` runs it, found where the parent finds its own: first where the code is, last what
-# else is on the parent's path. Isolated (-I), the child sees neither the working folder nor what PYTHON… names, so a
-# file there that is called like a module is not run.
-CHILD = """
-import os, runpy, sys
-root, rest = sys.argv[1], sys.argv[2].split(os.pathsep)
-del sys.argv[1:3]
-sys.path[:0] = [root] if root not in sys.path else []
-sys.path += [entry for entry in rest if entry not in sys.path]
-runpy.run_module(sys.argv.pop(1), run_name="__main__")
-"""
 
 
 @dataclass(frozen=True)
@@ -76,16 +59,8 @@ def draw_apart(module: str, source: Path, path: Path, setting: Mapping[str, str]
     """Draw by a module in a child process; return why there is no picture, in the child's own words, "" if there is."""
     target = source.with_name("picture.png")
     target.unlink(missing_ok=True)
-    command = [sys.executable, "-I", "-c", CHILD, ROOT, os.pathsep.join(own_path()), module, str(source), str(target)]
     try:
-        done = subprocess.run(
-            command,
-            cwd=source.parent,
-            env=os.environ | setting,
-            capture_output=True,
-            timeout=PATIENCE,
-            check=False,
-        )
+        done = run_module(module, [source, target], PATIENCE, setting)
         if not done.returncode and target.is_file():
             write_bytes(path, target.read_bytes())
             return ""
@@ -94,19 +69,3 @@ def draw_apart(module: str, source: Path, path: Path, setting: Mapping[str, str]
     except OSError as error:
         return str(error)
     return last_words(done.returncode, done.stderr.decode(errors="replace"))
-
-
-def own_path() -> list[str]:
-    """Return where this process finds its modules, but for the folder that it works in."""
-    here = Path.cwd()
-    return [entry for entry in sys.path if entry and Path(entry).resolve() != here]
-
-
-def last_words(status: int, text: str) -> str:
-    """Return what a child said last, or how it ended where it said nothing."""
-    if status < 0:
-        how = f"ended by {signal.Signals(-status).name}"
-    else:
-        how = f"ended with status {status}" if status else "ended without a picture"
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
-    return f"{lines[-1][:WORDS]} ({how})" if lines else how

@@ -18,7 +18,7 @@ holes that tear, tissue that creeps, and the sensor that the published thread ra
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import cycle
 from typing import Any, Literal
 
@@ -38,8 +38,9 @@ from studies.figure import COLOURS, MARKERS, panels, ticks
 from studies.friction.study import bent_ratio
 from studies.scenario import Scenario, parse
 from studies.simulation.assembly import assemble
-from studies.study import Study, StudyError, Table, unit_field
-from studies.verdicts import beyond_bearing, beyond_linear, not_settled, spans_too_coarse, unrest
+from studies.simulation.remarks import coarse_spans
+from studies.study import Job, Study, StudyError, Table, each, unit_field
+from studies.verdicts import beyond_bearing, beyond_linear, not_settled, unrest
 from thread.ends import Free
 
 Organ = Literal["closed fascia", "gaping fascia", "fixed points"]
@@ -193,20 +194,18 @@ def main(
         raise StudyError(f"stitches = {stitches}, mus = {mus}, holds = {holds}: give {reason}")
     base = Case(0.0, organ, stitches=stitches, suture=thread, youngs_modulus=youngs_modulus)
     rows: list[Row] = []
-    for mu in sorted(mus):
-        for row in one_pull(replace(base, mu=mu)):
-            rows.append(row)
-            yield row
+    for row in each([partial(one_pull, replace(base, mu=mu)) for mu in sorted(mus)]):
+        rows.append(row)
+        yield row
     case = replace(base, mu=calibrate(rows)[0])
-    yield from one_pull(replace(case, check=CALIBRATED))
-    for other in () if unchecked else variations(case):
-        yield from one_pull(other)
-    for hold in holds:
-        yield from placing(case, hold)
+    others = [] if unchecked else variations(case)
+    jobs: list[Job] = [partial(one_pull, other) for other in (replace(case, check=CALIBRATED), *others)]
+    jobs += [partial(placing, case, hold) for hold in holds]
     if not unchecked:
         middle = sorted(holds)[len(holds) // 2]
-        yield from placing(replace(case, organ="gaping fascia"), middle)
-        yield from placing(replace(case, organ="fixed points"), middle)
+        jobs.append(partial(placing, replace(case, organ="gaping fascia"), middle))
+        jobs.append(partial(placing, replace(case, organ="fixed points"), middle))
+    yield from each(jobs)
 
 
 def variations(case: Case) -> list[Case]:
@@ -642,7 +641,7 @@ def limits(rows: Sequence[Row]) -> list[str]:
         name = ", ".join(kind)
         worst = max(of, key=lambda row: row.settled)
         out += not_settled(name, worst.settled, 1.0)
-        out += spans_too_coarse(name, max(row.spans for row in of))
+        out += [f"{name}: {said.message}" for said in coarse_spans(max(row.spans for row in of))]
         hardest = max(of, key=lambda row: row.press / (row.diameter * row.youngs_modulus))
         out += beyond_linear(name, max(row.moved for row in of), FOOTPRINT)
         out += beyond_bearing(name, hardest.press, hardest.diameter, THICKNESS, hardest.youngs_modulus)

@@ -3,11 +3,13 @@
 What a user calls is `load`, `parse`, `dump`, `schema` and `scenes`; the classes are the tables of the file.
 """
 
+from studies.scenario.loads import Load
 from studies.scenario.organ import (
     BlockMesh,
     Boundary,
     CylinderMesh,
     FileMesh,
+    GivenMesh,
     Mesh,
     Region,
     Tissue,
@@ -33,6 +35,8 @@ __all__ = [
     "FixedEnd",
     "FreeEnd",
     "Friction",
+    "GivenMesh",
+    "Load",
     "Mesh",
     "Output",
     "Piercing",

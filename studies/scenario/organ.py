@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from studies.scenario.loads import Load
 from studies.scenario.refusal import as_key, as_toml, nearest, refusal
 from studies.scenario.table import (
     GROWTH,
@@ -27,6 +28,10 @@ BOUNDARIES = {  # that a generated mesh names, by its kind
     "cylinder": ("left", "right", "side"),
     "tube": ("left", "right", "inner", "outer"),
 }
+STRENGTH = (
+    "pressure of the thread on a hole, its force over diameter and bearing length, above which the event tears is "
+    "logged, for nothing tears in the model [Pa]"
+)
 FLOOR = "wound_floor"  # of an ellipse that does not go through
 SURFACES = (".stl", ".obj", ".ply")  # files that hold a closed surface, to be filled
 
@@ -184,7 +189,16 @@ class FileMesh(ScenarioTable):
         return self
 
 
-Mesh = Annotated[BlockMesh | WoundMesh | CylinderMesh | TubeMesh | FileMesh, Field(discriminator="kind")]
+class GivenMesh(ScenarioTable):
+    """Volume mesh handed over from Python, by `prepare(scenario, mesh=…)`."""
+
+    kind: Literal["given"]
+    sha256: Text | None = Field(
+        default=None, description="digest of the mesh, by which it is known again; default: that of the mesh given"
+    )
+
+
+Mesh = Annotated[BlockMesh | WoundMesh | CylinderMesh | TubeMesh | FileMesh | GivenMesh, Field(discriminator="kind")]
 
 
 class Boundary(ScenarioTable):
@@ -223,6 +237,7 @@ class Region(ScenarioTable):
         default=None, description="Poisson's ratio [-], between -1 and 0.5; default the organ's"
     )
     density: Positive | None = Field(default=None, description="density [kg/m³]; default the organ's")
+    strength: Positive | None = Field(default=None, description=f"{STRENGTH}; default the organ's", examples=[2.0e6])
 
     @model_validator(mode="after")
     def _check_place(self) -> Self:
@@ -246,6 +261,7 @@ class Tissue(ScenarioTable):
         description="Poisson's ratio of the tissue [-], between -1 and 0.5", examples=[0.45]
     )
     density: Positive = Field(description="density of the tissue [kg/m³]", examples=[1070.0])
+    strength: Positive | None = Field(default=None, description=f"{STRENGTH}; default: none", examples=[2.0e6])
     element: Literal["P1", "P2"] = Field(default="P1", description="tetrahedral element, linear or quadratic")
     dilatation: Literal["auto", "cell", "nodal"] = Field(
         default="auto",
@@ -280,6 +296,7 @@ class Tissue(ScenarioTable):
         default=(), description="boundaries in addition to those that the mesh names", examples=[[]]
     )
     region: tuple[Region, ...] = Field(default=(), description="parts of another material", examples=[[]])
+    load: tuple[Load, ...] = Field(default=(), description="loads on boundaries", examples=[[]])
 
     @model_validator(mode="after")
     def _check_boundaries(self) -> Self:
@@ -292,6 +309,14 @@ class Tissue(ScenarioTable):
         for key in ("clamp", "roller"):
             if there and (problem := unknown_clamp(getattr(self, key), [*there, *own], key)):
                 raise ValueError(f".{problem}")
+        return self
+
+    @model_validator(mode="after")
+    def _check_loads(self) -> Self:
+        there = boundaries_of(self.mesh)
+        known = [*there, *(boundary.name for boundary in self.boundary)] if there else None
+        if problem := idle_load(self.load, known, self.clamp, self.roller):
+            raise ValueError(f".{problem}")
         return self
 
     @model_validator(mode="after")
@@ -316,7 +341,7 @@ class Tissue(ScenarioTable):
                 raise ValueError(
                     f"{key}.depth = {as_toml(region.depth)} is refused: the block is {height} m high; lower it"
                 )
-            if region.depth is None and region.box is None and self.mesh.kind != "file":
+            if region.depth is None and region.box is None and self.mesh.kind not in ("file", "given"):
                 raise ValueError(f"{key} is refused: only a mesh file names regions; give depth or a box")
         return self
 
@@ -347,9 +372,36 @@ def taken_boundary(own: Iterable[str], there: Sequence[str], kind: str) -> str |
 def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "clamp") -> str | None:
     """Return what is wrong with a clamp, None if nothing."""
     lost = next((name for name in clamp if name not in boundaries), None)
-    if lost is None:
-        return None
-    match = nearest(lost, boundaries)
+    return None if lost is None else refusal(key, [lost], no_boundary(lost, boundaries))
+
+
+def no_boundary(name: str, boundaries: Sequence[str]) -> str:
+    """Say that there is no boundary of a name, and which there are."""
+    match = nearest(name, boundaries)
     hint = f'; the nearest is "{match}"' if match else "; add it as [[tissue.boundary]]"
     there = ", ".join(boundaries) or "none"
-    return refusal(key, [lost], f"there is no such boundary; the boundaries are {there}{hint}")
+    return f"there is no such boundary; the boundaries are {there}{hint}"
+
+
+def check_loads(loads: Iterable[Load], boundaries: Sequence[str], clamp: Sequence[str], roller: Sequence[str]) -> None:
+    """Refuse a load on what is no boundary of the organ, or where it can do nothing."""
+    if problem := idle_load(loads, boundaries, clamp, roller):
+        raise ScenarioError(f"tissue.{problem}")
+
+
+def idle_load(
+    loads: Iterable[Load], boundaries: Sequence[str] | None, clamp: Sequence[str], roller: Sequence[str]
+) -> str | None:
+    """Return what is wrong with the boundary of a load, None if nothing; `boundaries` that there are, None where only
+    the file tells."""
+    for number, load in enumerate(loads):
+        name, reason = load.boundary, ""
+        if boundaries is not None and name not in boundaries:
+            reason = no_boundary(name, boundaries)
+        elif name in clamp:
+            reason = "it is clamped, and a load on it moves nothing; name another boundary"
+        elif name in roller and load.pressure is not None:
+            reason = "a roller holds it across itself, and a pressure on it moves nothing; name another boundary"
+        if reason:
+            return refusal(f"load.{number}.boundary", name, reason)
+    return None

@@ -51,6 +51,21 @@ def reference() -> dict[str, str]:
     return {name: markdown(table_keys(name, tables, whole)) for name, tables in key_tables(whole)}
 
 
+def unit_of(key: str) -> str:
+    """Return the unit of a dotted key as a sweep names it, entries of lists included (``piercing.exit.footprint``,
+    ``thread.end.force.2``); empty for one that has none."""
+    whole, parts = schema(), key.split(".")
+    known = [each for name, tables in key_tables(whole) for each in table_keys(name, tables, whole)]
+    fitting = [each for each in known if _is_within(each.name.split("."), parts)]
+    return max(fitting, key=lambda each: len(each.name)).unit if fitting else ""
+
+
+def _is_within(some: list[str], parts: list[str]) -> bool:
+    """Tell whether words stand among others in the same order, the first of both being one."""
+    rest = iter(parts)
+    return some[0] == parts[0] and all(part in rest for part in some)
+
+
 def markdown(keys: Iterable[Key]) -> str:
     """Make a table of keys in Markdown."""
     head = ["| key | type | unit | default | allowed | meaning |", "|---|---|---|---|---|---|"]

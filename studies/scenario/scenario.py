@@ -12,7 +12,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, ValidationError, model_validator
 
 from studies.scenario.names import name_faults
-from studies.scenario.organ import Tissue
+from studies.scenario.organ import GivenMesh, Tissue
 from studies.scenario.piercing import Piercing
 from studies.scenario.refusal import dotted_key, refusal, sentences
 from studies.scenario.solve import Output, Solve
@@ -212,6 +212,18 @@ def schema() -> dict[str, Any]:
     """Make the JSON schema (draft 2020-12) of the scenario file."""
     declared = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     return declared | Scenario.model_json_schema(by_alias=True)
+
+
+def with_given_mesh(scenario: Scenario, sha256: str) -> Scenario:
+    """Return the scenario of an organ on a mesh that is handed over, which has this digest. Raises `ScenarioError`."""
+    if scenario.tissue is None:
+        raise ScenarioError("mesh is refused: the scenario has no organ; add [tissue]")
+    table = scenario.tissue.mesh
+    if isinstance(table, GivenMesh) and table.sha256 not in (None, sha256):
+        reason = f"the mesh that is handed over has {sha256}; hand over the same, or leave sha256 out"
+        raise ScenarioError(refusal("tissue.mesh.sha256", table.sha256, reason))
+    mesh = GivenMesh(kind="given", sha256=sha256)
+    return scenario.model_copy(update={"tissue": scenario.tissue.model_copy(update={"mesh": mesh})})
 
 
 def resolved(scenario: Scenario, length: float, s: Sequence[float]) -> Scenario:

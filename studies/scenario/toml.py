@@ -6,6 +6,7 @@
 import tomllib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +22,26 @@ SCENES = Path(__file__).parent / "scenes"  # scenarios that come with the packag
 def load(path: Path | str, overrides: Sequence[str] = ()) -> Scenario:
     """Read a scenario file, or a shipped scene by its name; each override is ``dotted.key=value`` with the value in
     TOML."""
+    return parsed(read(path, overrides))
+
+
+def read(path: Path | str, overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """Read the tables of a scenario as `load` does, without validating them; a mesh file is named by its full path."""
     path = scenario_file(path)
     data = _read(path)
     for override in overrides:
-        _override(data, override)
+        _set(data, override_key(override), _override_value(override), f"--set {override}")
     _make_mesh_path_absolute(data, path.parent)
-    return parsed(data)
+    return data
+
+
+def changed(data: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a copy of a scenario's tables with keys set, each by its dotted name. Raises `ScenarioError`."""
+    copy = deepcopy(dict(data))
+    for key, value in values.items():
+        text = f"{key}={as_toml(value)}"
+        _set(copy, override_key(text), value, text)
+    return copy
 
 
 def parsed(data: Mapping[str, Any]) -> Scenario:
@@ -94,7 +109,7 @@ def with_mesh_file(scenario: Scenario, path: str) -> Scenario:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))  # editors of Windows write a mark first
     except FileNotFoundError:
         remedy = f"give the path of a scenario file (.toml), or a scene that is shipped: {', '.join(scenes())}"
         raise ScenarioError(f"{path} does not exist; {remedy}") from None
@@ -110,10 +125,9 @@ def _read(path: Path) -> dict[str, Any]:
         raise ScenarioError(f"{path} cannot be read as TOML: {error}; no scenario needs that") from None
 
 
-def _override(data: dict[str, Any], text: str) -> None:
-    """Set one key in place."""
-    *parents, last = parts = _override_key(text)
-    value = _override_value(text)
+def _set(data: dict[str, Any], parts: Sequence[str], value: Any, text: str) -> None:
+    """Set one key in place; `text` is what asks for it."""
+    *parents, last = parts
     table: Any = data
     for depth, part in enumerate(parents):
         table = _enter(table, part, dotted_key(parts[:depth]), text)
@@ -123,7 +137,8 @@ def _override(data: dict[str, Any], text: str) -> None:
         table[last] = value
 
 
-def _override_key(text: str) -> list[str]:
+def override_key(text: str) -> list[str]:
+    """Return the parts of the dotted key in ``key=value``. Raises `ScenarioError`."""
     key, equals, _ = text.partition("=")
     try:
         table = tomllib.loads(f"{key}=0") if equals else {}
@@ -159,7 +174,7 @@ def _enter(table: Any, part: str, parent: str, text: str) -> Any:
     inner = table.setdefault(part, {})
     if not isinstance(inner, dict | list):
         where = f"{parent}.{part}" if parent else part
-        raise ScenarioError(f"--set {text} is refused: {where} is a value, not a table; set {where} itself")
+        raise ScenarioError(f"{text} is refused: {where} is a value, not a table; set {where} itself")
     return inner
 
 
@@ -170,7 +185,7 @@ def _index(entries: list[Any], part: str, parent: str, text: str) -> int:
     if part.isdecimal() and int(part) < len(entries):
         return int(part)
     there = [str(index) if name is None else str(name) for index, name in enumerate(names)]
-    raise ScenarioError(f"--set {text} is refused: {parent} has no entry {part}; its entries are {', '.join(there)}")
+    raise ScenarioError(f"{text} is refused: {parent} has no entry {part}; its entries are {', '.join(there)}")
 
 
 def _make_mesh_path_absolute(data: dict[str, Any], folder: Path) -> None:

@@ -1,22 +1,26 @@
 """From a scenario to the coupled system: mesh, organ, thread, piercings and a consistent start."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+import skfem
 
 import tissue
 from coupling.adaptivity import Resolution, coarse_tree, first_breaks
 from coupling.laying import start
 from coupling.system import Friction, Piercing, State, System
+from meshes.given import given_mesh, mesh_digest
 from meshes.wound import lips
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.refusal import refusal
-from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
-from studies.simulation.meshing import material_of, organ_mesh, wound_of
+from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved, with_given_mesh
+from studies.simulation.meshing import material_of, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_draws, check_pieces
+from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
 from thread.knots import clamped_knots, graded_knots
@@ -35,7 +39,8 @@ CHANNEL_DIAMETERS = 10.0  # of the thread, where there is no footprint to go by:
 
 @dataclass(frozen=True)
 class Assembly:
-    """A scenario made ready: the scenario with every default known, the system, and what lays the thread."""
+    """A scenario made ready: the scenario with every default known, the system, what lays the thread, and `recovery`,
+    which makes stress from displacement, None without an organ."""
 
     scenario: Scenario
     system: System[tissue.OrganState]
@@ -44,6 +49,7 @@ class Assembly:
     s: Array
     body: tissue.Elasticity | None
     resolution: Resolution | None
+    recovery: Callable[[], tissue.StressRecovery | None]
 
     @property
     def begin_abscissae(self) -> Array:
@@ -58,15 +64,19 @@ class Assembly:
         return start(self.system, self.s, points, stretch)
 
 
-def assemble(scenario: Scenario) -> Assembly:
-    """Build everything that is known before the first step.
+def assemble(scenario: Scenario, store: Store | None = None, mesh: object = None) -> Assembly:
+    """Build everything that is known before the first step; mesh, organ and factor are those of the `store` where it
+    has them, None: made anew. `mesh`: the organ's, as `meshes.given` takes it, None: that of the scenario.
 
     Raises `ScenarioError`, `MeshError`, `TissueError`, `ThreadError` for input that cannot be run.
     """
     path = rounded_path(scenario.thread.path)
     length = length_of(scenario, path)
-    body = body_of(scenario)
-    organ = organ_of(scenario, body)
+    store = store or Unshared()
+    given = None if mesh is None else given_mesh(mesh)
+    scenario = scenario if given is None else with_given_mesh(scenario, mesh_digest(given))
+    body = stored_body(scenario, store, given)
+    organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, body))
     s = abscissae(scenario, path, length)
     known = [(hole, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
     check_order(known, length)
@@ -78,12 +88,13 @@ def assemble(scenario: Scenario) -> Assembly:
         thread=thread,
         ends=(end_of(scenario.thread.start, path, 0.0), end_of(scenario.thread.end, path, path.length)),
         organ=organ,
-        piercings=tuple(piercing_of(hole, channel_of(hole, scenario)) for hole in scenario.piercing),
+        piercings=tuple(piercing_of(hole, scenario, body) for hole in scenario.piercing),
         gravity=np.array(scenario.solve.gravity),
         epsilon=scenario.solve.epsilon,
     )
     resolution = resolution_of(scenario.thread, length)
-    return Assembly(resolved(scenario, length, s), system, organ, path, np.array(s), body, resolution)
+    recovery = partial(stored_recovery, scenario, body, store)
+    return Assembly(resolved(scenario, length, s), system, organ, path, np.array(s), body, resolution, recovery)
 
 
 def is_known(hole: model.Piercing) -> bool:
@@ -180,25 +191,38 @@ def turn_of(table: model.FixedEnd | model.ClampedEnd | model.DrivenEnd) -> Array
 
 
 def channel_of(hole: model.Piercing, scenario: Scenario) -> float | None:
-    """Return the length over which a rough hole imposes its direction [m], None for any other.
+    """Return the length over which a rough hole imposes its direction [m], None for any other."""
+    rough = hole.friction is not None and hole.direction != "free"
+    return bearing_of(hole, scenario) if rough else None
 
-    As given, else CHANNEL_FOOTPRINTS footprints in an organ; for a bare point, or without an organ,
-    CHANNEL_DIAMETERS diameters of the thread.
+
+def bearing_of(hole: model.Piercing, scenario: Scenario) -> float:
+    """Return the length over which the thread bears on the tissue at a hole [m].
+
+    That of its channel, where it is given, else CHANNEL_FOOTPRINTS footprints in an organ: over so much tissue the
+    force is spread, and no other length of it is known. For a bare point, or without an organ, CHANNEL_DIAMETERS
+    diameters of the thread.
     """
-    if hole.friction is None or hole.direction == "free":
-        return None
     in_organ = hole.footprint if scenario.tissue is not None else 0.0
     default = CHANNEL_FOOTPRINTS * in_organ or CHANNEL_DIAMETERS * section_of(scenario.thread).diameter
     return hole.channel or default
 
 
-def piercing_of(hole: model.Piercing, channel: float | None) -> Piercing:
-    """Return the constraint of a hole with a channel of that length [m]."""
-    given = hole.friction
-    friction = None if given is None else Friction(given.static, given.kinetic, given.grip, channel)
-    until = np.inf if hole.until is None else hole.until
-    draw = None if hole.draw is None else np.array(hole.draw)
-    return Piercing(hole.name, hole.kind == "sliding", hole.direction != "free", friction, hole.from_, until, draw)
+def piercing_of(hole: model.Piercing, scenario: Scenario, body: tissue.Elasticity | None) -> Piercing:
+    """Return the constraint of a hole."""
+    given, organ = hole.friction, scenario.tissue
+    channel = channel_of(hole, scenario)
+    return Piercing(
+        hole.name,
+        slides=hole.kind == "sliding",
+        directed=hole.direction != "free",
+        friction=None if given is None else Friction(given.static, given.kinetic, given.grip, channel),
+        begins=hole.from_,
+        ends=np.inf if hole.until is None else hole.until,
+        draw=None if hole.draw is None else np.array(hole.draw),
+        bearing=bearing_of(hole, scenario),
+        strength=np.inf if organ is None or body is None else strength_at(organ, body.mesh, hole.at),
+    )
 
 
 def site_of(hole: model.Piercing) -> tissue.Site:
@@ -207,12 +231,25 @@ def site_of(hole: model.Piercing) -> tissue.Site:
     return tissue.Site(hole.at, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', hole.subgrid)
 
 
-def body_of(scenario: Scenario) -> tissue.Elasticity | None:
-    """Return the organ's discrete elasticity, None without an organ."""
+def stored_body(scenario: Scenario, store: Store, given: skfem.MeshTet | None = None) -> tissue.Elasticity | None:
+    """Return the organ's discrete elasticity, None without an organ, of what the store has of it and of its mesh, which
+    is `given` where it is handed over."""
     table = scenario.tissue
     if table is None:
         return None
-    mesh = organ_mesh(scenario)
+    mesh = partial(store.take, "mesh", mesh_key(scenario), partial(organ_mesh, scenario, given))
+    return store.take("body", body_key(scenario), lambda: body_of(table, mesh()))
+
+
+def stored_recovery(scenario: Scenario, body: tissue.Elasticity | None, store: Store) -> tissue.StressRecovery | None:
+    """Return what makes stress from displacement, of what the store has of it; None without an organ."""
+    if body is None:
+        return None
+    return store.take("recovery", body_key(scenario), lambda: tissue.stress_recovery(body))
+
+
+def body_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Elasticity:
+    """Return the discrete elasticity of an organ on its mesh."""
     return tissue.elasticity(mesh, material_of(table, mesh), table.element, table.clamp, table.dilatation, table.roller)
 
 
@@ -222,10 +259,21 @@ def organ_of(scenario: Scenario, body: tissue.Elasticity | None) -> AnyOrgan:
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
     placed = tissue.build_sites(body, sites)
-    given = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps_of(scenario.tissue, body)
+    gaps, loads = gaps_of(scenario.tissue, body), loads_of(scenario)
+    given = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps, loads
     if scenario.tissue.inertia and scenario.solve.kind == "dynamic":
         return tissue.DynamicOrgan(*given, rayleigh=scenario.tissue.rayleigh)
     return tissue.QuasiStaticOrgan(*given)
+
+
+def loads_of(scenario: Scenario) -> tuple[tissue.SurfaceLoad, ...]:
+    """Return the loads on the organ's boundaries; in statics all of them grow over the load steps."""
+    tables = () if scenario.tissue is None else scenario.tissue.load
+    static = scenario.solve.kind == "static"
+    return tuple(
+        tissue.SurfaceLoad(table.boundary, table.traction, table.pressure, 0.0 if static else table.ramp)
+        for table in tables
+    )
 
 
 def gaps_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Gaps | None:

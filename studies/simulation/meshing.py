@@ -24,7 +24,7 @@ from meshes.wound import Wound, wounded_block_gmsh, wounded_block_structured
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
-from studies.scenario.organ import check_clamp
+from studies.scenario.organ import check_clamp, check_loads
 from studies.scenario.refusal import dotted_key, refusal
 
 Cells = NDArray[np.integer]
@@ -43,17 +43,19 @@ class Body:
     nearest: Callable[[Array], Array]
 
 
-def organ_mesh(scenario: Scenario) -> skfem.MeshTet:
-    """Return the mesh with the boundaries and regions that the scenario adds.
+def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None) -> skfem.MeshTet:
+    """Return the mesh with the boundaries and regions that the scenario adds; `given`, where it is handed over.
 
     Raises `ScenarioError` or `MeshError` for one that cannot be made or used.
     """
     table = scenario.tissue
     if table is None:
         raise ScenarioError("tissue is missing: without an organ there is no mesh; add [tissue] and [tissue.mesh]")
-    mesh = with_boxes(mesh_of(table, scenario.piercing), table.boundary)
+    mesh = with_boxes(mesh_of(table, scenario.piercing) if given is None else given, table.boundary)
     for key, names in (("clamp", table.clamp), ("roller", table.roller)):
         check_clamp(names, sorted(mesh.boundaries or {}), key)
+    check_loads(table.load, sorted(mesh.boundaries or {}), table.clamp, table.roller)
+    check_moved(mesh, table)
     check_held(mesh, table.clamp, table.roller)
     check_smooth(mesh, scenario.piercing)
     return with_regions(mesh, table.region)
@@ -62,6 +64,9 @@ def organ_mesh(scenario: Scenario) -> skfem.MeshTet:
 def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> skfem.MeshTet:
     """Return the mesh as its maker gives it, graded towards the holes where a size is given for them."""
     shape, planes = table.mesh, planes_of(table)
+    if isinstance(shape, model.GivenMesh):
+        reason = "the mesh is handed over from Python, by prepare(scenario, mesh=…); write it to a file for the command"
+        raise ScenarioError(refusal("tissue.mesh.kind", shape.kind, reason))
     if isinstance(shape, model.FileMesh):
         return _from_file(table, shape, holes)
     body = body_of(shape)
@@ -102,7 +107,7 @@ def places(holes: Sequence[model.Piercing]) -> Array:
 
 def grading_of(shape: model.Mesh, holes: Sequence[model.Piercing]) -> Grading:
     """Return the sizes of a generated mesh, `h_site` as far as the widest footprint."""
-    assert shape.h is not None
+    assert not isinstance(shape, model.GivenMesh) and shape.h is not None
     radius = max((hole.footprint for hole in holes), default=0.0)
     return Grading(shape.h, shape.h_site or shape.h, shape.growth, radius)
 
@@ -208,6 +213,19 @@ def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] 
         raise ScenarioError(refusal("tissue.clamp", list(clamp), reason))
 
 
+def check_moved(mesh: skfem.MeshTet, table: model.Tissue) -> None:
+    """Refuse a load on a boundary of which other boundaries hold every node, and one on no facet at all."""
+    held = np.asarray(tissue.held_components(mesh, table.clamp, table.roller).all(axis=1))
+    for number, load in enumerate(table.load):
+        facets = (mesh.boundaries or {})[load.boundary]
+        if held[mesh.facets[:, facets]].all():
+            reason = "all of it is held, and a load on it moves nothing; name another boundary, or clamp less"
+            raise ScenarioError(refusal(f"tissue.load.{number}.boundary", load.boundary, reason))
+        if np.any(mesh.f2t[1, facets] >= 0):
+            reason = "a part of it lies inside the organ, where no load acts; name a boundary on its surface"
+            raise ScenarioError(refusal(f"tissue.load.{number}.boundary", load.boundary, reason))
+
+
 def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
     """Refuse a footprint that reaches a sharp edge of the organ."""
     p, q = np.moveaxis(sharp_edges(mesh, SHARP), 1, 0)
@@ -279,6 +297,14 @@ def is_inside(points: Array, corners: Array) -> NDArray[np.bool_]:
     """Tell which columns of `points` (3, k) lie in the box of two corners (2, 3)."""
     low, high = corners.min(axis=0)[:, None], corners.max(axis=0)[:, None]
     return np.asarray(np.all((points >= low) & (points <= high), axis=0))
+
+
+def strength_at(table: model.Tissue, mesh: skfem.MeshTet, point: Sequence[float]) -> float:
+    """Return the strength of the tissue at a point, that of the cell whose centre is nearest [Pa]; infinite where none
+    is given."""
+    near = int(np.argmin(np.linalg.norm(mesh.p[:, mesh.t].mean(axis=1).T - point, axis=1)))
+    own = [region.strength for region in table.region if near in mesh.subdomains[region.name]]
+    return next((value for value in (*own[::-1], table.strength) if value is not None), np.inf)
 
 
 def material_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Material:

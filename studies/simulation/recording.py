@@ -10,7 +10,7 @@ from coupling.contact import ContactObservation, observe_contact
 from coupling.observation import largest_gap, largest_residual
 from coupling.system import State, System
 from studies.arrays import Array
-from studies.output.records import ContactRecord, StepRecord, ThreadRecord
+from studies.output.records import ContactRecord, LoadRecord, StepRecord, ThreadRecord
 from studies.simulation.memory import OrganRun, memory_of
 from thread.spline import Spline
 
@@ -40,6 +40,7 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
         seconds=seconds,
         events=now.events,
         contact=contact_record(system, state),
+        loads=load_records(system, state),
         kept=partial(memory_of, now),
     )
 
@@ -64,6 +65,16 @@ def contact_record(system: System, state: State) -> ContactRecord | None:
         force=float(lips.force.sum()),
         complementarity=lips.complementarity,
     )
+
+
+def load_records(system: System, state: State) -> tuple[LoadRecord, ...]:
+    """Return the loads on the organ's boundaries in a state."""
+    organ: Any = system.organ
+    if state.organ.shares is None:
+        return ()
+    loads = organ.surface
+    numbers = zip(loads.each, state.organ.shares.tolist(), loads.areas.tolist(), loads.resultants, strict=True)
+    return tuple(LoadRecord(load.boundary, share, area, share * force) for load, share, area, force in numbers)
 
 
 def lip_fields(system: System, state: State, nodes: int) -> tuple[Array, Array] | tuple[None, None]:

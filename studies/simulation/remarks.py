@@ -66,8 +66,8 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]]) -> li
     ]
 
 
-def met(scenario: Scenario, ending: Ending) -> list[Remark]:
-    """Return what is to be said of a run that came to an `ending`."""
+def met(scenario: Scenario, ending: Ending, strengths: Sequence[float]) -> list[Remark]:
+    """Return what is to be said of a run that came to an `ending`, in tissue of these `strengths` at its holes [Pa]."""
     step, extremes = ending.step, ending.extremes
     names = [hole.name for hole in scenario.piercing]
     strength = knot_pull(scenario.thread.suture) if scenario.thread.suture else None
@@ -75,6 +75,8 @@ def met(scenario: Scenario, ending: Ending) -> list[Remark]:
     return [
         *beyond_at_holes(names, extremes),
         *beyond_in_tissue(extremes),
+        *torn(names, extremes, strengths),
+        *turned_pressure(extremes),
         *overloaded(extremes, strength),
         *coarse_spans(step.span_ratio),
         *few_spans(step.spans_between),
@@ -136,6 +138,33 @@ def beyond_in_tissue(extremes: Extremes) -> list[Remark]:
             )
         )
     return out
+
+
+def torn(names: Sequence[str], extremes: Extremes, strengths: Sequence[float]) -> list[Remark]:
+    """Judge the pressure of the thread on the tissue at the holes by the tissue's strength there [Pa], infinite where
+    that is not known."""
+    numbers = zip(names, extremes.bearing_pressure.tolist(), strengths, strict=True)
+    return [
+        remark(
+            "tears",
+            name,
+            f"the thread bore on the tissue at {name!r} with {pressure:.3g} Pa, and its strength is {strength:.3g} Pa; "
+            "pull less, or take a thicker suture or a longer bite",
+        )
+        for name, pressure, strength in numbers
+        if pressure > strength
+    ]
+
+
+def turned_pressure(extremes: Extremes) -> list[Remark]:
+    """Judge how far the surfaces under a pressure turned."""
+    if extremes.pressed_turn <= SMALL_ROTATION:
+        return []
+    text = (
+        f"a surface under a pressure turned by up to {extremes.pressed_turn:.2g} rad, and the pressure acts along its "
+        f"normals before, which holds to about {SMALL_ROTATION:g}; press less, or take firmer tissue"
+    )
+    return [remark("pressure-turn", "tissue.load", text)]
 
 
 def overloaded(extremes: Extremes, strength: float | None) -> list[Remark]:

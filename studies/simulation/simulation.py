@@ -23,10 +23,11 @@ from studies.output.records import Ending, OrganRecord, OrganTopology, Snapshot,
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
 from studies.scenario import Scenario, ScenarioError, Solve
 from studies.scenario.solve import WHOLE
-from studies.simulation.assembly import Assembly, assemble
+from studies.simulation.assembly import Assembly, assemble, loads_of
 from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, step_record, thread_record
 from studies.simulation.remarks import foreseen, met
+from studies.simulation.sharing import Store
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,11 @@ class Simulation:
 
     assembly: Assembly
     start: State
+
+    def __repr__(self) -> str:
+        title = f"{self.scenario.title!r}, " if self.scenario.title else ""
+        holes = len(self.scenario.piercing)
+        return f"Simulation({title}{holes} piercings, {self.tissue_dofs} tissue unknowns, {self.steps} steps)"
 
     @property
     def scenario(self) -> Scenario:
@@ -68,7 +74,8 @@ class Simulation:
 
     def remarks(self, ending: Ending | None = None) -> list[Remark]:
         """Return what is to be said of the run: what is foreseen, and what it met until an `ending`."""
-        return [*self.foreseen, *(met(self.scenario, ending) if ending else [])]
+        strengths = [hole.strength for hole in self.assembly.system.piercings]
+        return [*self.foreseen, *(met(self.scenario, ending, strengths) if ending else [])]
 
     @property
     def methods(self) -> dict[str, str | None]:
@@ -85,7 +92,7 @@ class Simulation:
     @cached_property
     def recovery(self) -> tissue.StressRecovery | None:
         """Stress from displacement, None without an organ."""
-        return None if self.assembly.body is None else tissue.stress_recovery(self.assembly.body)
+        return self.assembly.recovery()
 
     def advance(self, memory: Arrays | None = None) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
         """Yield the start, then every step, each with a function that makes its frame.
@@ -141,8 +148,11 @@ class Simulation:
         strain, rotation = tissue.cell_strain(body, U)
         beyond = strain > SMALL_STRAIN, rotation > SMALL_ROTATION
         strained, rotated = (tissue.energy_share(body, strain, cells) for cells in beyond)
-        numbers = stress, tissue.von_mises(stress), strain, rotation, strained, rotated
-        return OrganRecord(body.nodal(U), *numbers, *lips)
+        values, directions = tissue.principal(stress)
+        at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
+        numbers = *at_nodes, strain, rotation, tissue.energy_density(body, U), strained, rotated
+        turns = tissue.Loads(body, loads_of(self.scenario)).turns(body.nodal(U))
+        return OrganRecord(body.nodal(U), *numbers, float(turns.max(initial=0.0)), *lips)
 
 
 def method(solve: Solve) -> Take:
@@ -157,9 +167,14 @@ def method(solve: Solve) -> Take:
     return stagger(thread_step, scheme_of) if solve.coupling == "staggered" else thread_step
 
 
-def prepare(scenario: Scenario) -> Simulation:
-    """Prepare everything that is known before the first step. Raises the errors of input that cannot be run."""
-    assembly = assemble(scenario)
+def prepare(scenario: Scenario, store: Store | None = None, mesh: object = None) -> Simulation:
+    """Prepare everything that is known before the first step.
+
+    What a `store` has of mesh, organ and factor is shared, None: made anew. `mesh` [m]: the organ's in place of that of
+    the scenario, a `skfem.MeshTet`, a meshio mesh or a pyvista grid of tetrahedra; a scenario that has no other says
+    `kind = "given"`. Raises the errors of input that cannot be run.
+    """
+    assembly = assemble(scenario, store, mesh)
     with threadpool_limits(limits=1, user_api="blas"):
         return Simulation(assembly, sound_start(assembly))
 

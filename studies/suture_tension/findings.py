@@ -4,9 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from studies.simulation.remarks import coarse_spans
 from studies.study import Table
 from studies.suture_tension.case import CLINICAL, FORMAL, KILO, MILLI, QUANTITIES, Row, theory_tensions
-from studies.verdicts import LINEAR, Verdict, not_settled, spans_too_coarse, verdict
+from studies.verdicts import LINEAR, Verdict, not_settled, verdict
 
 VARIED = {  # by sweep: what is written of its case
     "stiffness": lambda row: f"E = {row.youngs_modulus / KILO:g} kPa",
@@ -173,7 +174,7 @@ def shortcomings(row: Row) -> list[str]:
         out += not_settled(name, row.kinetic, row.elastic)
     if not row.clear:
         out.append(f"{name}: NO SUB-GRID compliance could be added at a hole")
-    return out if row.failed else [*out, *spans_too_coarse(name, row.span_ratio)]
+    return out if row.failed else [*out, *(f"{name}: {said.message}" for said in coarse_spans(row.span_ratio))]
 
 
 def sweep_errors(rows: Sequence[Row]) -> list[str]:

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
-from studies.study import Study, StudyError
+from studies.study import Job, Study, StudyError, each
 from studies.suture_tension.case import CLEAR, GIVEN, REFERENCE, SIZE, SOFT, TISSUES, Row
 from studies.suture_tension.figure import figure
 from studies.suture_tension.findings import remarks, table
@@ -32,22 +33,27 @@ def main(
     if min(mus) < 0.0 or max(mus) >= 1.0:
         raise StudyError(f"mus = {list(mus)} is refused: give coefficients from 0 to below 1")
     case = replace(REFERENCE, refinement=refinement)
-    for name in tissues:
-        yield from run_tensions(replace(case, sweep="tension", name=name, youngs_modulus=TISSUES[name]), tensions)
-    yield from (last_step(replace(case, sweep="stiffness", youngs_modulus=E)) for E in moduli)
-    yield from (last_step(replace(case, sweep="friction", mu=mu, given=GIVEN)) for mu in mus)
+    jobs: list[Job] = [
+        partial(run_tensions, replace(case, sweep="tension", name=name, youngs_modulus=TISSUES[name]), tensions)
+        for name in tissues
+    ]
+    jobs += [partial(last_step, replace(case, sweep="stiffness", youngs_modulus=E)) for E in moduli]
+    jobs += [partial(last_step, replace(case, sweep="friction", mu=mu, given=GIVEN)) for mu in mus]
     fine = replace(case, sweep="distance", refinement=max((refinement, *refinements)))
-    yield from (last_step(replace(fine, ring=r)) for r in distances)
-    yield from (last_step(replace(case, sweep="cells", refinement=k)) for k in sorted(refinements, reverse=True))
-    yield from (last_step(replace(case, sweep="bite width", bite=w)) for w in bites)
-    yield from (last_step(replace(case, sweep="bite depth", depth=c)) for c in depths)
-    yield from (last_step(replace(case, sweep="footprint", footprint=a)) for a in footprints)
-    yield from (last_step(replace(case, sweep="direction", name=holes, holes=holes)) for holes in ("free", "normal"))
+    jobs += [partial(last_step, replace(fine, ring=r)) for r in distances]
+    jobs += [partial(last_step, replace(case, sweep="cells", refinement=k)) for k in sorted(refinements, reverse=True)]
+    jobs += [partial(last_step, replace(case, sweep="bite width", bite=w)) for w in bites]
+    jobs += [partial(last_step, replace(case, sweep="bite depth", depth=c)) for c in depths]
+    jobs += [partial(last_step, replace(case, sweep="footprint", footprint=a)) for a in footprints]
+    jobs += [
+        partial(last_step, replace(case, sweep="direction", name=holes, holes=holes)) for holes in ("free", "normal")
+    ]
     soft = replace(
         case, sweep="soft organ", suture="2-0 polypropylene", knots="fixed", holes="normal", tension=0.5,
         youngs_modulus=TISSUES["liver"],
     )  # fmt: skip
-    yield from (last_step(replace(soft, name=name, **SOFT[name])) for name in soft_ways)
+    jobs += [partial(last_step, replace(soft, name=name, **SOFT[name])) for name in soft_ways]
+    yield from each(jobs)
 
 
 def check(

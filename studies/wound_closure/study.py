@@ -19,7 +19,7 @@ Et of the sheet is the one number that is fitted, to the first wound of each pai
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -37,7 +37,7 @@ from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, panels
 from studies.scenario import Scenario, parse
 from studies.simulation.assembly import Assembly, assemble
-from studies.study import Study, StudyError, Table, unit_field
+from studies.study import Job, Study, StudyError, Table, each, unit_field
 from studies.verdicts import LINEAR, bearing_strain, too_coarse
 from thread.catalogue import suture
 from thread.path import rounded_path
@@ -171,8 +171,8 @@ def main(
             reason = "a width up to the length, and a length from a pitch to half the sheet's edge"
             raise StudyError(f"wounds: {length} × {width} m in a sheet of {sheet} m; give {reason}")
     with threadpool_limits(limits=1, user_api="blas"):
-        for length, width in wounds:
-            yield from close_wound(Case(length, width, sheet, size, far, pitch, bite), (TOGETHER, IN_TURN))
+        every = [Case(length, width, sheet, size, far, pitch, bite) for length, width in wounds]
+        jobs: list[Job] = [partial(close_wound, case, (TOGETHER, IN_TURN)) for case in every]
         first = Case(*wounds[0], sheet, size, far, pitch, bite)
         changed = {
             FINER: replace(first, size=size / 1.5, far=far / 1.5, variant=FINER),
@@ -181,7 +181,8 @@ def main(
             HALVES: replace(first, pitch=0.5 * pitch, bite=0.5 * bite, variant=HALVES),
         }
         for check in checks:
-            yield from close_wound(changed[check], (TOGETHER, IN_TURN) if check == FINER else (TOGETHER,))
+            jobs.append(partial(close_wound, changed[check], (TOGETHER, IN_TURN) if check == FINER else (TOGETHER,)))
+        yield from each(jobs)
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ class CubicSprings:
     def start(self) -> Array:
         return np.zeros(18)
 
-    def answer(self, scheme: Scheme, past: Sequence[Array]) -> CubicAnswer:
+    def answer(self, scheme: Scheme, past: Sequence[Array], time: float, share: float = 1.0) -> CubicAnswer:
         return CubicAnswer(self.y0, past[0])
 
     def site_variables(self, state: Array) -> Array:

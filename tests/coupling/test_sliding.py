@@ -160,7 +160,7 @@ class Ring:
     def start(self) -> RingState:
         return RingState(np.zeros(3), np.zeros(3))
 
-    def answer(self, scheme: Scheme, past: Sequence[RingState]) -> Any:
+    def answer(self, scheme: Scheme, past: Sequence[RingState], time: float, share: float = 1.0) -> Any:
         inertia = scheme.inertia_reference(*(x for state in past for x in (state.U, state.V)))
         damping = scheme.damping_reference(*(state.U for state in past))
         mass = scheme.a * self.m + scheme.d * self.c

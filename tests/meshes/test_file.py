@@ -232,7 +232,7 @@ def test_a_file_that_brings_gmsh_down_is_refused(tmp_path):
     assert '3 1 "organ"' in text
     path.write_text(text.replace('3 1 "organ"', '7 1 "organ"'))
     message = refusal(path)
-    assert "gmsh broke down on it (Segmentation fault): the file contradicts itself; save it anew" in message
+    assert "gmsh broke down on it: ended by SIGSEGV; the file contradicts itself; save it anew" in message
 
 
 def test_a_child_says_what_it_refuses_and_how_it_ends(monkeypatch, tmp_path):
@@ -240,9 +240,11 @@ def test_a_child_says_what_it_refuses_and_how_it_ends(monkeypatch, tmp_path):
     assert child.call_in_child(metres_per_unit, "mm") == 1e-3
     with pytest.raises(MeshError, match="unit = 'inch'"):
         child.call_in_child(metres_per_unit, "inch")
-    with pytest.raises(MeshError, match=r"gmsh broke down on it \(ZeroDivisionError: .*\): the file contradicts"):
+    with pytest.raises(
+        MeshError, match=r"gmsh broke down on it: ZeroDivisionError: .* \(ended with status 1\); the file contradicts"
+    ):
         child.call_in_child(operator.truediv, 1, 0)
-    with pytest.raises(MeshError, match=r"gmsh broke down on it \(Killed\)"):
+    with pytest.raises(MeshError, match=r"gmsh broke down on it: ended by SIGKILL"):
         child.call_in_child(signal.raise_signal, signal.SIGKILL)
     monkeypatch.setattr(child, "PATIENCE", 0.5)
     with pytest.raises(MeshError, match=r"gmsh came to no end in 0\.5 s"):
@@ -251,6 +253,13 @@ def test_a_child_says_what_it_refuses_and_how_it_ends(monkeypatch, tmp_path):
     (tmp_path / "pickle.py").write_text("raise SystemExit(7)")  # not looked for in the user's folder
     monkeypatch.setattr(child, "PATIENCE", 60)
     assert child.call_in_child(metres_per_unit, "mm") == 1e-3
+
+
+def test_the_last_words_of_a_child():
+    """Independent check: the last line that is not empty, or the signal where nothing was said."""
+    assert child.last_words(1, "Traceback\n  x\nOSError: no display\n\n") == "OSError: no display (ended with status 1)"
+    assert child.last_words(-11, "") == "ended by SIGSEGV"
+    assert child.last_words(0, " ") == "ended without an answer"
 
 
 @pytest.mark.parametrize("factor", [1e308, 1e200, 1e16, 1e-17, 1e-300, 5e-324])

@@ -99,7 +99,8 @@ def organ(topology: OrganTopology, time: float) -> OrganRecord:
     nodes = len(topology.points)
     stress = np.arange(6.0 * nodes).reshape(nodes, 6)
     strain = np.linspace(0.0, time, len(topology.cells))
-    return OrganRecord(time * topology.points, stress, np.arange(1.0, nodes + 1), strain, 0.5 * strain, 0.25, 0.125)
+    at_nodes = stress, np.arange(1.0, nodes + 1), stress[:, 2::-1], np.ones((nodes, 3)), -np.ones((nodes, 3))
+    return OrganRecord(time * topology.points, *at_nodes, strain, 0.5 * strain, 30.0 * strain, 0.25, 0.125)
 
 
 def piercing(name: str, time: float) -> PiercingRecord:
@@ -119,6 +120,7 @@ def piercing(name: str, time: float) -> PiercingRecord:
         cone_residual=0.0,
         mean_strain=time / 70,
         turn=time / 30,
+        bearing_pressure=1e5 * time,
         tangent=np.array([0.0, 0.6, 0.8]),
         u=np.array([1.0, 0.0, 0.0]),
         v=np.array([0.0, 0.8, -0.6]),

@@ -39,6 +39,7 @@ from studies.output.files import write_json
 from studies.output.records import (
     ContactRecord,
     EnergyRecord,
+    LoadRecord,
     OrganRecord,
     PiercingRecord,
     RunRecord,
@@ -48,7 +49,7 @@ from studies.output.records import (
 from studies.output.tables import CsvFile
 from tests.studies.samples import frame, step
 
-UNITS = {"-", "s", "m", "m/s", "1/m", "rad", "N", "N m", "N s", "J", "Pa"}
+UNITS = {"-", "s", "m", "m/s", "1/m", "rad", "N", "N m", "N s", "J", "Pa", "m²"}
 PARTS = ("organ", "thread", "piercings")
 GROUPS: dict[str, Sequence[Column[Any]]] = {
     **{layout.name: layout.columns for layout in TABLES},
@@ -62,6 +63,7 @@ BEGINS = Event(0.1, "begins", 'a "b", c', 0.02, 1e-4, 0.1, 2e-6, 1e-6, (0.0, 1 /
 FULL = replace(
     step(1),
     events=(BEGINS, Event(0.05, "halved"), Event(0.1, "knots", control_points=31)),
+    loads=(LoadRecord("top", 0.5, 1e-4, np.array([0.0, 1 / 3, -1.0])), LoadRecord("left", 1.0, 2e-4, np.ones(3))),
     contact=ContactRecord(6, 2, -0.0, 120.0, 2e-4, 1 / 3, 1e-22),
     torques=(1e-6, -2e-6),
 )
@@ -90,7 +92,7 @@ def test_a_row_has_a_cell_for_every_heading(tmp_path: Path, layout: Layout[Any])
     head, *rows = csv.reader(io.StringIO((tmp_path / "table.csv").read_text()))
     assert head == headings(layout.columns)
     assert head[:2] == ["time [s]", "step [-]"]
-    expected = {"piercings": [0, 0, 1, 1], "events": [1, 1, 1], "contact": [1]}
+    expected = {"piercings": [0, 0, 1, 1], "events": [1, 1, 1], "contact": [1], "loads": [1, 1]}
     assert [int(row[1]) for row in rows] == expected.get(layout.name, [0, 0, 1])
     assert {len(row) for row in rows} == {len(head)}
 
@@ -126,7 +128,7 @@ def test_cells_are_what_the_records_say(tmp_path: Path) -> None:
         (CONTACT, ContactRecord, set()),
         (PIERCING_ARRAYS, PiercingRecord, {"name", "x", "channel"}),
         (HOLE_SUMMARY, PiercingRecord, {"name", "u", "v"}),
-        ((*ORGAN_ARRAYS, *ORGAN_CELLS), OrganRecord, {"strained", "rotated"}),
+        ((*ORGAN_ARRAYS, *ORGAN_CELLS), OrganRecord, {"strained", "rotated", "pressed_turn"}),
         (THREAD_ARRAYS, ThreadRecord, {"points", "pieces"}),
     ],
 )

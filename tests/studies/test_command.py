@@ -4,6 +4,8 @@ import io
 import json
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +14,8 @@ import pytest
 
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
-from studies.command import command
+from studies.command import command, help
+from studies.command.parser import TABLE
 from studies.command.progress import Progress, duration
 from studies.scenario import Scenario, load
 from tests.studies.samples import CONTRACT, Stub
@@ -150,6 +153,67 @@ def test_a_defect_of_the_code_is_not_hidden(contract: str, stub: Prepare, tmp_pa
     with pytest.raises(ZeroDivisionError):
         command.main(["run", contract, "--out", str(tmp_path / "out"), "--quiet"])
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "failed"
+
+
+def test_what_is_printed_as_json(
+    contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Consistency check: a run prints its summary, a check its counts and remarks, the scenes their titles, and nothing
+    else. The log in the folder has the beginning and the end."""
+    out = tmp_path / "out"
+    assert command.main(["run", contract, "--out", str(out), "--no-picture", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((out / "summary.json").read_text())
+    log = (out / "suture.log").read_text(encoding="utf-8").splitlines()
+    assert f"suture run {contract}" in log[0]
+    assert log[1].endswith("  completed")
+    assert command.main(["check", contract, "--json", "--picture", str(tmp_path / "start.png")]) == 0
+    checked = json.loads(capsys.readouterr().out)
+    assert (checked["steps"], checked["piercings"], checked["tissue_dofs"]) == (7, 2, 12)
+    assert "picture" in checked["picture"] or "section" in checked["picture"]
+    assert (tmp_path / "start.png").stat().st_size > 10_000
+    assert command.main(["scenes", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["two_piercings"]["title"] == load("two_piercings").title
+
+
+def test_a_new_scenario_can_be_run(
+    stub: Prepare, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Independent check: it is valid as it is written, and one that is there is not written over."""
+    monkeypatch.chdir(tmp_path)
+    assert command.main(["new", "mine"]) == 0
+    assert command.main(["check", "mine.toml"]) == 0
+    assert "suture run mine.toml --out" in capsys.readouterr().out
+    assert command.main(["new", "mine.toml"]) == 2
+    assert "it is there already" in capsys.readouterr().err
+
+
+def test_help_and_version_load_no_library(capsys: pytest.CaptureFixture[str]) -> None:
+    """Independent check: a process of its own has imported neither numpy nor pydantic by then."""
+    code = (
+        "import sys\nfrom studies.command.start import main\nsys.argv = ['suture', '{}']\n"
+        "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code\n"
+        "assert not {{'numpy', 'pydantic', 'scipy'}} & set(sys.modules)"
+    )
+    for word in ("--help", "--version"):
+        done = subprocess.run([sys.executable, "-c", code.format(word)], capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert "suture" in done.stdout
+
+
+def test_the_doctor_and_the_completion(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Independent check: what is missing has its remedy; each shell is told every command and its options."""
+    monkeypatch.setattr(help, "CHECKS", (help.find_code, help.finder("Dask", "no-such-package", "clusters", "cluster")))
+    assert command.main(["doctor"]) == 0
+    assert "needed for clusters; pip install 'suturefem[cluster]'" in capsys.readouterr().out
+    assert command.main(["doctor", "--json"]) == 0
+    assert [finding["there"] for finding in json.loads(capsys.readouterr().out)] == [True, False]
+    for shell in ("bash", "zsh", "fish"):
+        assert command.main(["completion", shell]) == 0
+        said = capsys.readouterr().out
+        assert all(name in said for name in TABLE)
+        assert "--over" in said
+        assert "two_piercings" in said
 
 
 def test_schema_and_catalogue(capsys: pytest.CaptureFixture[str]) -> None:

@@ -62,7 +62,7 @@ def test_a_run_leaves_what_the_contract_says(tmp_path: Path) -> None:
     assert set(summary["piercings"]["entry"]) == {
         *("s", "slip", "x", "displacement", "force", "normal_force", "tangential_force", "couple"),
         *("tension_before", "tension_after", "state", "cone_residual", "tangent", "channel"),
-        *("mean_strain", "turn"),
+        *("mean_strain", "turn", "bearing_pressure"),
     }
     assert summary["piercings"]["exit"]["tension_before"] is None  # NaN has no place in JSON
     assert len(summary["provenance"]["scenario_sha256"]) == 64

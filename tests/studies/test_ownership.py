@@ -19,6 +19,7 @@ from studies.output import budget
 from studies.output.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
 from studies.output.folder import MARK, Recorder, can_resume, check_folder, completed_run
 from studies.output.lock import LOCK, locked
+from studies.output.log import LOG
 from studies.output.manifest import files_of, manifest
 from studies.scenario import Scenario, ScenarioError, load, parse
 from studies.scenario.toml import tables
@@ -101,7 +102,7 @@ def test_a_manifest_names_what_a_run_writes(tmp_path: Path) -> None:
     assert found is not None
     there = {path.name for path in (tmp_path / "out").iterdir() if path.is_file()}
     assert there - set(found["files"]) == set()
-    assert set(found["files"]) - there == {"picture.png", CHECKPOINT}  # neither is made by this recorder's steps
+    assert set(found["files"]) - there == {"picture.png", CHECKPOINT, LOG}  # none is made by this recorder's steps
     (tmp_path / "precious").write_text("mine", encoding="utf-8")
     text = json.dumps(found | {"files": [*files_of(SCENARIO), "../precious", "mesh/../../precious", 7]})
     (tmp_path / "out" / MARK).write_text(text, encoding="utf-8")
@@ -265,7 +266,8 @@ def test_an_interrupt_before_the_first_step(
     monkeypatch.setattr(command, "_prepare", interrupted)
     assert run(contract, tmp_path / "out") == 130
     assert list((tmp_path / "out").iterdir()) == []
-    monkeypatch.setattr(command, "main", interrupted)
+    monkeypatch.setattr(command, "perform", interrupted)
+    monkeypatch.setattr(sys, "argv", ["suture", "catalogue"])
     assert start.main() == 130
     assert capsys.readouterr().err == "suture: interrupted\n" * 2
 

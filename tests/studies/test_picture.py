@@ -8,7 +8,7 @@ from matplotlib.image import imread
 
 from studies.output.records import OrganTopology
 from studies.pictures import picture as chooser
-from studies.pictures.picture import draw_picture, draw_scene, last_words
+from studies.pictures.picture import draw_picture, draw_scene
 from studies.pictures.section import cut, draw_section
 from studies.pictures.view import surface
 from tests.studies.samples import LINEAR, frame, quadratic
@@ -51,13 +51,6 @@ def test_a_picture_that_cannot_be_drawn_has_its_true_cause(tmp_path: Path) -> No
     assert not (tmp_path / "picture.png").exists()
     drawn = draw_scene((frame(0.1), LINEAR, ""), tmp_path / "a" / "b.png", "studies.no", "studies.pictures.section")
     assert "No such file or directory" in drawn.failure and drawn.failure in drawn.line
-
-
-def test_the_last_words_of_a_child() -> None:
-    """Independent check: the last line that is not empty, or the signal where nothing was said."""
-    assert last_words(1, "Traceback\n  x\nOSError: no display\n\n") == "OSError: no display (ended with status 1)"
-    assert last_words(-11, "") == "ended by SIGSEGV"
-    assert last_words(0, " ") == "ended without a picture"
 
 
 def test_a_file_in_the_working_folder_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -69,6 +69,8 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "tissue-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5))),
     "tissue-rotation": (SMALL_ROTATION, 1, lambda x: judging.beyond_in_tissue(met(rotation=x, rotated=0.5))),
     "local-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5 * SHARE))),
+    "tears": (2e6, 1, lambda x: judging.torn(["a"], met(bearing_pressure=np.array([x])), [2e6])),
+    "pressure-turn": (SMALL_ROTATION, 1, lambda x: judging.turned_pressure(met(pressed_turn=x))),
     "thread-strength": (14.122, 1, lambda x: judging.overloaded(met(tension=x), 14.122)),
     "thread-strain": (THREAD_STRAIN, 1, lambda x: judging.overloaded(met(thread_strain=x), None)),
     "spans": (RESOLVED, 1, judging.coarse_spans),
@@ -247,12 +249,15 @@ def test_the_summary_has_the_extremes_of_the_whole_run(tmp_path: Path) -> None:
         seen.extend([ending] if ending else [])
         return []
 
-    peak = replace(step(3), piercings=tuple(replace(one, mean_strain=0.7, turn=0.9) for one in step(3).piercings))
+    peak = replace(
+        step(3),
+        piercings=tuple(replace(one, mean_strain=0.7, turn=0.9, bearing_pressure=3e5) for one in step(3).piercings),
+    )
     work = replace(step(4), energy=replace(step(4).energy, external_work=-5.0, numerical_dissipation=-0.25))
     summary = recorded(tmp_path, judge, [step(0), step(1), peak, work, step(5)])
     assert summary["remarks"] == []
     for name in ("entry", "exit"):
-        assert summary["range"]["piercings"][name] == {"mean_strain": 0.7, "turn": 0.9}
+        assert summary["range"]["piercings"][name] == {"mean_strain": 0.7, "turn": 0.9, "bearing_pressure": 3e5}
         assert summary["piercings"][name]["turn"] == pytest.approx(step(5).time / 30, rel=IDENTITY)
     organ = frame(step(5).time).organ
     assert organ is not None

@@ -1,5 +1,6 @@
 """The scenario: what is accepted, what is refused and in which words, and that it survives being written."""
 
+import codecs
 import json
 import tomllib
 from pathlib import Path
@@ -13,7 +14,7 @@ from studies.scenario.organ import check_clamp
 from studies.scenario.refusal import as_key, as_toml
 from studies.scenario.scenario import check_control_points, check_order, resolved
 from studies.scenario.table import LONGEST_PROBLEM, MOST_PROBLEMS
-from studies.scenario.toml import with_mesh_file
+from studies.scenario.toml import scenario_file, with_mesh_file
 from tests.studies.samples import CONTRACT
 
 
@@ -310,6 +311,14 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     bad.write_bytes(b"")
     with pytest.raises(ScenarioError, match="thread is missing"):
         load(bad)
+
+
+def test_a_byte_order_mark_is_no_part_of_a_scenario(tmp_path: Path) -> None:
+    """Consistency check: a scene as editors of Windows save it is the scene."""
+    plain = scenario_file("two_piercings").read_bytes()
+    marked = tmp_path / "marked.toml"
+    marked.write_bytes(codecs.BOM_UTF8 + plain)
+    assert load(marked) == load("two_piercings")
 
 
 def test_a_mesh_file_is_found_beside_the_scenario(contract: Path) -> None:

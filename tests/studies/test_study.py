@@ -3,7 +3,8 @@
 import csv
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,8 +15,9 @@ from coupling.errors import StepError
 from studies import study
 from studies.command import command
 from studies.figure import panels
-from studies.study import NAMES, WRITTEN, Study, StudyError, Table, arguments, check_folder, unit_field
-from studies.verdicts import beyond_bearing, beyond_linear, not_settled, spans_too_coarse, too_coarse
+from studies.study import NAMES, WRITTEN, Study, StudyError, Table, arguments, check_folder, each, unit_field
+from studies.verdicts import beyond_bearing, beyond_linear, not_settled, too_coarse
+from studies.workers import Processes
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,32 @@ def sample(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (study, command):
         monkeypatch.setattr(module, "NAMES", ("sample",))
     monkeypatch.setattr(study, "import_module", lambda name: SimpleNamespace(STUDY=SAMPLE))
+
+
+def job(length: float) -> Row:
+    """A row of a job, or an error of the coupling."""
+    if length < 0.0:
+        raise StepError(0.1, 1e-3, "no length is negative", "entry")
+    return Row("job", length)
+
+
+def jobs(lengths: tuple[float, ...] = (1.0, 2.0, 3.0)) -> Iterator[Row]:
+    yield from each([*(partial(job, length) for length in lengths), partial(list, [Row("last", 0.0)])])
+
+
+def test_jobs_give_the_rows_of_one_process(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Consistency check: two processes give the same rows in the same order, and an error of the coupling comes across
+    as what it is."""
+    spread = replace(SAMPLE, main=jobs)
+    monkeypatch.setattr(study, "import_module", lambda name: SimpleNamespace(STUDY=spread))
+    monkeypatch.setattr(study, "NAMES", ("sample",))
+    told: list[list[Row]] = [[], []]
+    for number, workers in enumerate((None, Processes(2))):
+        with pytest.raises(StepError, match="no length is negative"):
+            study.carry_out("sample", "full", {"lengths": (1.0, 2.0, -1.0)}, tmp_path, told[number].extend, workers)
+    assert told[0] == told[1]
+    assert told[0][-1].length == 2.0
+    assert [row.length for row in jobs()] == [1.0, 2.0, 3.0, 0.0]
 
 
 def test_presets_and_settings() -> None:
@@ -138,7 +166,6 @@ def test_marks() -> None:
     assert beyond_linear("run", 0.29e-3, 1e-3) == [] and too_coarse("run", 1e-3, 1e-3) == []
     assert "moved by 0.31 footprints, BEYOND" in beyond_linear("run", 0.31e-3, 1e-3)[0]
     assert "cells of 1.1 footprint radii, TOO COARSE" in too_coarse("run", 1.1e-3, 1e-3)[0]
-    assert spans_too_coarse("run", 0.5) == [] and "0.51 bending lengths" in spans_too_coarse("run", 0.51)[0]
     assert not_settled("run", 1e-7, 1e-3) == [] and "2 of the elastic" in not_settled("run", 2.0, 1.0)[0]
     assert "inf of the elastic" in not_settled("run", 1e-9, 0.0)[0] and not_settled("run", 0.0, 0.0) == []
     assert beyond_bearing("run", 1.0, 0.3e-3, 5e-3, 3e6) == []

@@ -117,7 +117,7 @@ def test_energy_balance_closes_at_every_step(element: str) -> None:
         f_y = site_forces(0) * np.cos(0.7 * step)
         new = euler(organ, state, f_y)
         after = organ.energies(state, new)
-        given = f_y @ (organ.site_variables(new) - organ.site_variables(state)) + after.gravity_work
+        given = f_y @ (organ.site_variables(new) - organ.site_variables(state)) + after.load_work
         stored = after.kinetic + after.elastic - before.kinetic - before.elastic
         assert min(after.viscous, after.numerical) > 0.0
         scale = max(scale, after.kinetic + after.elastic)
@@ -136,9 +136,9 @@ def test_quasi_static_energies_are_those_of_the_full_field() -> None:
     f = body.body_force(np.array([0.5, 0.0, -9.81]))
     elastic = 0.5 * U @ (body.K @ U)
     assert audit.elastic == pytest.approx(elastic, rel=1e-10)
-    assert audit.gravity_work == pytest.approx(f @ (U - U_old), rel=1e-10)
+    assert audit.load_work == pytest.approx(f @ (U - U_old), rel=1e-10)
     assert audit.numerical == pytest.approx(0.5 * (U - U_old) @ (body.K @ (U - U_old)), rel=1e-10)
-    given = site_forces(2) @ (organ.site_variables(new) - organ.site_variables(old)) + audit.gravity_work
+    given = site_forces(2) @ (organ.site_variables(new) - organ.site_variables(old)) + audit.load_work
     assert abs(given - (audit.elastic - first.elastic) - audit.numerical) <= 1e-12 * elastic
     assert organ.site_variables(new) == pytest.approx(organ.y0 + organ.Y @ U[body.free], rel=1e-10, abs=1e-13)
     assert audit.kinetic == audit.viscous == 0.0

@@ -44,3 +44,25 @@ def test_the_share_of_the_strain_energy_goes_by_stiffness_volume_and_square() ->
     share = tissue.energy_share(body, np.where(stiff, 0.02, 0.01), stiff)
     assert abs(share / (16.0 / 19.0) - 1.0) < IDENTITY
     assert tissue.energy_share(body, np.zeros(mesh.nelements), stiff) == 0.0
+
+
+@pytest.mark.parametrize(("element", "nu"), [("P1", 0.3), ("P2", 0.3), ("P1", 0.49), ("P2", 0.49)])
+def test_the_energy_density_adds_up_to_the_energy(element: str, nu: float) -> None:
+    """Independent check: of a field of any shape the sum over cells of density times volume is ½ UᵀKU, where the
+    dilatation is averaged at the vertices too, as it is in one of two materials."""
+    mesh = MeshTet.init_tensor(*(np.linspace(-0.02, 0.02, n) for n in (3, 4, 3)))
+    poisson = np.where(np.arange(mesh.nelements) % 2 == 0, nu, 0.2)
+    body = tissue.elasticity(mesh, tissue.Material(1.0e5, poisson, 1000.0), element)
+    assert (body.pressure is not None) == (nu > 0.45)
+    U = np.random.default_rng(1).standard_normal(body.N) * 1e-3
+    corners = mesh.p.T[mesh.t.T]
+    volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
+    density = tissue.energy_density(body, U)
+    assert density @ volume == pytest.approx(0.5 * U @ (body.K @ U), rel=IDENTITY)
+
+
+def test_a_uniform_strain_has_hookes_energy() -> None:
+    """Independent check: W = ½ E ε² in a bar that narrows by ν."""
+    body = body_of("P1")
+    density = tissue.energy_density(body, body.flat(body.points * [0.01, -0.003, -0.003]))
+    assert np.abs(density / (0.5e5 * 0.01**2) - 1.0).max() < IDENTITY

@@ -66,3 +66,13 @@ def test_interpolation_is_exact_for_the_elements_own_fields(element: str) -> Non
     assert np.abs(got - field(points)).max() <= 1e-12 * np.abs(field(body.points)).max()
     with pytest.raises(tissue.TissueError, match="outside the organ"):
         tissue.interpolation(body, high[None] + 1.0)
+
+
+def test_principal_stresses_and_directions_make_the_stress_again() -> None:
+    """Independent check: values fall, directions are unit vectors, and Σ σ n nᵀ is the stress."""
+    stress = np.random.default_rng(3).standard_normal((20, 6)) * 1e4
+    values, directions = tissue.principal(stress)
+    assert np.all(np.diff(values, axis=1) <= 0.0)
+    again = np.einsum("mk,mki,mkj->mij", values, directions, directions)
+    found = np.stack([again[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))], axis=1)
+    assert np.abs(found - stress).max() <= 1e-12 * np.abs(stress).max()

@@ -62,29 +62,33 @@ class DynamicOperator(LipCompliance):
     W: Array
     C: Array
 
-    def predict(self, state: OrganState, history: History) -> Array:
-        """Return U⁺ without site forces: one solve, for the increment, so that round-off is relative to it."""
+    def predict(self, state: OrganState, history: History, load: Array) -> Array:
+        """Return U⁺ under a load (N,) without site forces: one solve, for the increment, so that round-off is relative
+        to it."""
 
         def guess() -> Array:
             """Return the field as if acceleration and site forces stayed what they are."""
             return history.inertia + state.A / self.a - state.U - self.W @ state.f_y
 
-        return state.U + self.factor.solve(self.residual(history, self.organ.products(state)), guess)
+        return state.U + self.factor.solve(self.residual(history, self.organ.products(state), load), guess)
 
     def add_forces(self, U: Array, f_y: Array, p: Array, pairing: Pairing) -> Array:
         """Return U + W f_y + A⁻¹Gᵀ p, shape `(N,)` [m]."""
         U = U + self.W @ f_y
         return U + self.factor.solve(pairing.G.T @ p) if p.any() else U
 
-    def residual(self, history: History, now: Products) -> Array:
-        """Return b − A U from the products of U and of the history: this takes none of its own."""
+    def residual(self, history: History, now: Products, load: Array) -> Array:
+        """Return b − A U under a load (N,) from the products of U and of the history: this takes none of its own."""
         alpha, beta = self.organ.rayleigh
         inertia = self.a * (history.M_inertia - now.MU) + alpha * self.d * (history.M_damping - now.MU)
         stiffness = -now.KU + beta * self.d * (history.K_damping - now.KU) if beta else -now.KU
-        return self.organ.load + inertia + stiffness
+        return load + inertia + stiffness
 
-    def state(self, history: History, U: Array, f_y: Array, p: Array, pairing: Pairing) -> OrganState:
-        """Return the state of U⁺ under the forces `f_y` and `p`: its rates, and its products by one with M.
+    def state(
+        self, history: History, U: Array, f_y: Array, p: Array, pairing: Pairing, shares: Array | None
+    ) -> OrganState:
+        """Return the state of U⁺ under the forces `f_y` and `p` and the `shares` of the loads: its rates, and its
+        products by one with M.
 
         K U⁺ is what the balance of the step leaves of the forces. So the solver's residuals add up in it, to round-off
         where the solver is direct; where they were more, it is left out and multiplied anew.
@@ -92,14 +96,15 @@ class DynamicOperator(LipCompliance):
         alpha, beta = self.organ.rayleigh
         MU = self.organ.mass_times(U)
         MV = self.d * (MU - history.M_damping)
-        KU = self.organ.load + self.organ.Y.T @ f_y - self.a * (MU - history.M_inertia) - alpha * MV
+        KU = self.organ.load_under(shares) + self.organ.Y.T @ f_y - self.a * (MU - history.M_inertia) - alpha * MV
         if p.any():
             KU += pairing.G.T @ p
         if beta:
             KU = (KU + beta * self.d * history.K_damping) / (1.0 + beta * self.d)
         rates = self.d * (U - history.damping), self.a * (U - history.inertia)
-        contact = self.organ.contact_or_none(p), pairing.facing
-        return OrganState(U, *rates, f_y, *contact, MU, MV, KU if self.organ.is_elastic_force(U, KU) else None)
+        rest = self.organ.contact_or_none(p), pairing.facing, shares
+        stands = self.organ.is_elastic_force(U, KU)
+        return OrganState(U, *rates, f_y, *rest, MU=MU, MV=MV, KU=KU if stands else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,9 +143,9 @@ class DynamicOrgan(MeshedOrgan):
         object.__setattr__(self, "_operators", OrderedDict())
 
     def start(self) -> OrganState:
-        """Return the state undeformed and at rest; gravity acts from the first step."""
+        """Return the state undeformed and at rest; gravity and loads act from the first step."""
         rest = np.zeros(self.size)
-        return OrganState(rest, rest, rest, np.zeros(self.y0.size), self.no_contact)
+        return OrganState(rest, rest, rest, np.zeros(self.y0.size), self.no_contact, shares=self.no_shares)
 
     def operator(self, a: float, d: float) -> DynamicOperator:
         """Return the factorised operator of a time scheme; the last few operators are kept.
@@ -180,21 +185,27 @@ class DynamicOrgan(MeshedOrgan):
         W, C = compliance(factor, self.Y)
         return DynamicOperator(self, a, d, A, factor, W, C)
 
-    def answer(self, scheme: TimeScheme, past: Sequence[OrganState]) -> LinearAnswer:
-        """Return the answer of a step of `scheme` from the states `past`, the newest first: one solve."""
+    def answer(
+        self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
+    ) -> LinearAnswer:
+        """Return the answer of a step of `scheme` from the states `past`, the newest first, under `share` of the loads
+        at `time` [s]: one solve."""
         operator, history = self.operator(scheme.a, scheme.d), self.history(scheme, past)
-        U_free, pairing = operator.predict(past[0], history), self.paired_anew(past[0].U)
+        shares = self.shares_at(time, share)
+        load = self.load_under(shares)
+        U_free, pairing = operator.predict(past[0], history, load), self.paired_anew(past[0].U)
 
         def complete(f_y: Array, p: Array) -> OrganState:
             """Return the state of U⁺ = U_free + W f_y + A⁻¹Gᵀ p."""
-            return operator.state(history, operator.add_forces(U_free, f_y, p, pairing), f_y, p, pairing)
+            U = operator.add_forces(U_free, f_y, p, pairing)
+            return operator.state(history, U, f_y, p, pairing, shares)
 
         return LinearAnswer(
             operator,
             self.y0 + self.Y @ U_free,
             pairing.g0 + pairing.G @ U_free,
             complete,
-            lambda: operator.residual(history, Products(*np.zeros((3, self.size)))),
+            lambda: operator.residual(history, Products(*np.zeros((3, self.size))), load),
             pairing,
         )
 
@@ -300,7 +311,7 @@ class DynamicOrgan(MeshedOrgan):
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """Return the energies at `new` and the works of the step.
 
-        f_y·Δy + gravity = Δ(kinetic + elastic) + viscous + numerical is exact for any time scheme. The scheme's
+        f_y·Δy + load = Δ(kinetic + elastic) + viscous + numerical is exact for any time scheme. The scheme's
         own dissipation is ½ΔUᵀKΔU + ½ΔVᵀMΔV + (A⁺ᵀMΔU − V⁺ᵀMΔV), of which the bracket is zero for backward
         Euler; viscous is V⁺ᵀ C ΔU. With p⁺·g⁺ = 0 the contact takes −p⁺·Δg = p⁺·g ≥ 0, of first order in the
         step except where lips strike one another; this work is part of `numerical`.
@@ -311,7 +322,7 @@ class DynamicOrgan(MeshedOrgan):
         return OrganEnergies(
             kinetic=float(0.5 * new.V @ now.MV),
             elastic=float(0.5 * new.U @ now.KU),
-            gravity_work=float(self.load @ dU),
+            load_work=float(self.load_under(new.shares) @ dU),
             viscous=float(alpha * (now.MV @ dU) + beta * (new.V @ elastic)),
             numerical=float(
                 0.5 * dU @ elastic

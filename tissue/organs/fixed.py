@@ -48,7 +48,9 @@ class FixedSites:
         """Return the state without force."""
         return OrganState(EMPTY, EMPTY, EMPTY, np.zeros(self.y0.size))
 
-    def answer(self, scheme: TimeScheme, past: Sequence[OrganState]) -> FixedAnswer:
+    def answer(
+        self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
+    ) -> FixedAnswer:
         """Return the answer of sites that no force moves."""
         return FixedAnswer(self.y0, self._stiff, lambda f_y, p: OrganState(EMPTY, EMPTY, EMPTY, f_y))
 

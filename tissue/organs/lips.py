@@ -1,87 +1,194 @@
-"""Gaps between the two lips of a wound: pairs of nodes that face one another, g = g0 + G U ≥ 0.
+"""Gaps between surfaces that may touch: nodes of one, the left, against facets of the other, the right, g ≥ 0.
 
-g is the distance of the right lip from a left node along the normal n of the wound's plane, g = n·(Σ w_a x_a − x_left)
-over the nodes a of the right facet that the left node faces. The lips match: at first it faces a node of its own, its
-pair, with P2 the middles of the edges too, so that no node of one lip enters the other. A node that both lips share has
-no pair, nor one that is held on both sides.
+g is the distance of the right surface from a left node along the right one's normal n, averaged over the facets around
+each vertex: g = d·(Σ w_a x_a − x_left) over the nodes a of the facet that the left node faces. Which that is, and d, is
+found where a step begins (`Gaps.facing`), and stays during the step. A force p on the pair acts along d, so lips that
+ride over one another do work along their slope.
 
-Lips that slide past one another are paired anew where a step begins (`Gaps.facing`): every left node with the point of
-the displaced right lip that lies in front of it, along n. A node past the edge of the right lip faces its edge as far
-as half a facet, within which its share of the area is still over the lip, and nothing beyond. During the step the pairs
-stay. While no pair has slid by more than SLID of a facet, the pairs are those of the reference, to the last bit.
-The forces stay along n: where lips that are not plane ride over one another, they do no work along the slope, and the
-energy that lifts the lips is the integrator's (negative numerical dissipation).
+The lips of a wound match: at first each node faces one of its own, its pair, with P2 the middles of the edges too,
+along the normal e of the wound's plane, so that no node of one lip enters the other. What slides faces what lies in
+front of it along e, and d = n/(n·e), so that g and p are always those along e, and p over areas as seen along e is the
+pressure. Of other surfaces (`surface_gaps`) a node faces the nearest point, and d = n. A node that both sides share has
+no pair. While nothing has slid by more than SLID of a facet, the pairs are those of the reference, to the last bit.
 
-The forces p on the pairs are those of a pressure against the P1 functions ψ of the lip's vertices: P_a = Σ ψ_a(x_k) p_k
-/ ∫ψ_a dA. With P1 that is force over area; with P2, whose vertices carry no force under a uniform pressure, it gathers
-those of the edges. The areas are those of the facets as seen along n.
+The forces p on the pairs are those of a pressure against the P1 functions ψ of the left side's vertices: P_a = Σ
+ψ_a(x_k) p_k / ∫ψ_a dA. With P1 that is force over area; with P2, whose vertices carry no force under a uniform
+pressure, it gathers those of the edges.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array, csr_matrix
-from scipy.spatial import cKDTree
+from scipy.sparse import block_diag, csr_array, csr_matrix
 
 from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
+from tissue.organs.facing import Mask, face, open_sides, triangle_sizes
+from tissue.supports import facets_of
 
-SLID = 0.01  # of the smallest facet of the right lip: nearer, what lies in front of a node is its pair
-NEAREST = 24  # facets of the right lip, by their centres, among which that in front of a node is sought
+SLID = 0.01  # of the smallest facet of the right side: nearer, what lies in front of a node is its pair
 CLOSED = 1e-12  # over the lips' extent: a gap this far below zero is that of a closed slit
+SUNK = 0.1  # of a facet: surfaces made of facets that touch overlap by less
+LIPS = ("lip_left", "lip_right")
+MIDDLES = np.array([[0, 1], [1, 2], [0, 2]])  # of a facet's sides, as they come behind its corners
+
+
+@dataclass(frozen=True)
+class Part:
+    """The pairs of two surfaces, `between` them by name.
+
+    The nodes on the `left` `(k,)`, the right side's `facets` `(m, 3)`, with P2 `(m, 6)`, which turn so that their
+    normals point away from the left one, and their open sides, the `ends`; `along` as in `tissue.organs.facing.face`.
+    `start` `(k, 7)` is what each node faces in the reference shape, and `sunk` `(k,)` [m] how far beyond it is, which
+    counts as touching. `hats` `(v, k)` are the P1 functions of the left vertices at the pairs, `areas` `(v,)` [m²]
+    their integrals.
+    """
+
+    between: tuple[str, str]
+    left: Indices
+    facets: Indices
+    ends: Mask
+    along: Array | None
+    start: Array
+    sunk: Array
+    hats: csr_array
+    areas: Array
+
+    def faced(self, points: Array) -> Array:
+        """Return what each left node faces with all nodes at `points` `(n, 3)` [m], shape `(k, 7)`."""
+        return face(points[self.left], points, self.facets[:, :3], self.ends, self.along)
 
 
 @dataclass(frozen=True)
 class Gaps:
-    """The `k` pairs: g = `g0` + `G` U over the free unknowns of the mesh, shapes `(k,)` [m] and `(k, N)`.
+    """The `k` pairs of all `parts` of a `body` in turn: g = `g0` + `G` U over its free unknowns while nothing slides.
 
-    `nodes` `(k, 2)` number the left and the right node of each among the body's. `hats` `(v, k)` are the P1 functions
-    of the lip's vertices at the pairs, `areas` `(v,)` [m²] their integrals. `normal` (3,) points from the left lip to
-    the right one, whose `facets` `(m, 3)`, with P2 `(m, 6)`, number their nodes among the body's, corners first.
-    Made by `build_gaps`.
+    Made by `build_gaps` for a wound's lips, by `surface_gaps` for surfaces by name.
     """
 
-    G: csr_matrix
-    g0: Array
-    nodes: Indices
-    hats: csr_array
-    areas: Array
-    normal: Array
-    facets: Indices
+    body: Elasticity
+    parts: tuple[Part, ...]
+
+    @cached_property
+    def left(self) -> Indices:
+        """Left node of each pair, shape `(k,)`."""
+        return np.concatenate([part.left for part in self.parts])
+
+    @cached_property
+    def facets(self) -> Indices:
+        """Nodes of all the right sides' facets, `(m, 3)` or `(m, 6)`, corners first."""
+        return np.vstack([part.facets for part in self.parts])
+
+    @cached_property
+    def start(self) -> Array:
+        """What each left node faces in the reference shape, shape `(k, 7)`."""
+        return self._stacked([part.start for part in self.parts])
+
+    @cached_property
+    def nodes(self) -> Indices:
+        """Left node of each pair, and that nearest to what it faces in the reference shape, shape `(k, 2)`."""
+        nodes, weights = self.weights(self.start)
+        return np.column_stack([self.left, nodes[np.arange(len(nodes)), weights.argmax(axis=1)]])
+
+    @cached_property
+    def lip_nodes(self) -> Indices:
+        """All nodes of both sides, shape `(r,)`."""
+        return np.union1d(self.left, self.facets)
+
+    @cached_property
+    def hats(self) -> csr_array:
+        """P1 functions of the left vertices at the pairs, shape `(v, k)`."""
+        return csr_array(block_diag([part.hats for part in self.parts]))
+
+    @cached_property
+    def areas(self) -> Array:
+        """Integrals of those, shape `(v,)` [m²]."""
+        return np.concatenate([part.areas for part in self.parts])
+
+    @cached_property
+    def slices(self) -> tuple[slice, ...]:
+        """Where the pairs of each part are among all."""
+        ends = np.cumsum([0, *(len(part.left) for part in self.parts)]).tolist()
+        return tuple(slice(first, last) for first, last in pairwise(ends))
+
+    @cached_property
+    def extent(self) -> float:
+        """How long the sides are [m]: so far away is said to be what faces nothing."""
+        return float(np.ptp(self.body.points[self.lip_nodes], axis=0).max())
+
+    @cached_property
+    def rows(self) -> csr_matrix:
+        """R, the displacement of all nodes of both sides over the free unknowns, shape `(3r, N)`."""
+        unknowns = self.body.nodes[self.lip_nodes].ravel()
+        at = np.arange(unknowns.size), unknowns
+        return csr_matrix((np.ones(unknowns.size), at), (unknowns.size, self.body.N))[:, self.body.free]
+
+    @cached_property
+    def G(self) -> csr_matrix:
+        """Gaps of the pairs of the reference over the free unknowns, shape `(k, N)`."""
+        return csr_matrix(self.sums(self.start) @ self.rows)
+
+    @cached_property
+    def g0(self) -> Array:
+        """Gaps of the reference shape, shape `(k,)` [m]."""
+        return self.rest(self.start)
 
     def pressure(self, p: Array) -> Array:
         """Return the pressure at the pairs under the forces `p` `(k,)` [N], shape `(k,)` [Pa]."""
         return np.asarray(self.hats.T @ ((self.hats @ p) / self.areas))
 
     def slides(self, displacement: Array) -> Array:
-        """Return how far each pair has slid, the way of its right node past its left one along the lips, shape `(k,)`
-        [m], from the `displacement` of all nodes `(n, 3)` [m]."""
-        past = displacement[self.nodes[:, 1]] - displacement[self.nodes[:, 0]]
-        return np.asarray(np.linalg.norm(past - np.outer(past @ self.normal, self.normal), axis=1))
+        """Return how far each pair has slid, the way of what it faced at first past its left node along the surface,
+        shape `(k,)` [m], from the `displacement` of all nodes `(n, 3)` [m]."""
+        nodes, weights = self.weights(self.start)
+        past = np.sum(weights[..., None] * displacement[nodes], axis=1) - displacement[self.left]
+        d = self.start[:, 4:]
+        tangential = past - (np.vecdot(past, d) / np.vecdot(d, d))[:, None] * d
+        return np.asarray(np.linalg.norm(tangential, axis=1) * (self.start[:, 0] >= 0.0))
 
     def facing(self, points: Array, displacement: Array) -> Array | None:
-        """Return the facet of the right lip and the barycentric coordinates in it that each left node faces, shape
-        `(k, 4)`: facet −1 where it faces none. None where no pair has slid: each left node faces its right one.
+        """Return what each left node faces, shape `(k, 7)`: facet, −1 where it faces none, the barycentric coordinates
+        in it, and d. None where no pair has slid: it is that of the reference.
 
         `points` `(n, 3)` [m] are all nodes of the reference, `displacement` as for `slides`.
         """
-        corners, along = self.facets[:, :3], _across(self.normal)
-        sizes = np.sqrt(np.linalg.norm(_normals(points[corners]), axis=1))
-        if self.slides(displacement).max(initial=0.0) <= SLID * sizes.min():
+        sizes, faced = triangle_sizes(points[self.facets[:, :3]]), self.start[:, 0] >= 0.0
+        if faced.all() and self.slides(displacement).max(initial=0.0) <= SLID * sizes.min():
             return None
-        now = (points + displacement) @ along.T
-        return _facets_in_front(now[self.nodes[:, 0]], now[corners], sizes)
+        return self._stacked([part.faced(points + displacement) for part in self.parts])
 
     def weights(self, facing: Array) -> tuple[Indices, Array]:
         """Return the nodes that make the point each left node faces, and their weights, shape `(k, 3)`, with P2
         `(k, 6)`; weights of zero where it faces none."""
-        nodes = self.facets[np.maximum(facing[:, 0], 0.0).astype(np.intp)]
-        w = facing[:, 1:]
-        if self.facets.shape[1] > 3:
-            w = np.hstack([w * (2.0 * w - 1.0), 4.0 * w[:, [0, 1, 0]] * w[:, [1, 2, 2]]])
-        return nodes, w * (facing[:, :1] >= 0.0)
+        return _weights(self.facets, facing)
+
+    def sums(self, facing: Array) -> csr_matrix:
+        """Return S, the gaps by the displacement of all nodes of both sides, shape `(k, 3r)`."""
+        right, weights = self.weights(facing)
+        nodes, w = np.hstack([right, self.left[:, None]]), np.hstack([weights, -weights.sum(axis=1, keepdims=True)])
+        columns = 3 * np.searchsorted(self.lip_nodes, nodes)[..., None] + np.arange(3)
+        values, at = w[..., None] * facing[:, None, 4:], np.repeat(np.arange(len(nodes)), columns[0].size)
+        S = csr_matrix((values.ravel(), (at, columns.ravel())), (len(nodes), 3 * len(self.lip_nodes)))
+        S.eliminate_zeros()
+        return S
+
+    def rest(self, facing: Array) -> Array:
+        """Return the gaps between what faces what in the reference shape, shape `(k,)` [m]."""
+        gaps = self.sums(facing) @ self.body.points[self.lip_nodes].ravel()
+        sunk = np.concatenate([part.sunk for part in self.parts])
+        return np.where(facing[:, 0] < 0.0, self.extent, gaps + sunk)
+
+    def _stacked(self, each: Sequence[Array]) -> Array:
+        """Return what the nodes of all parts face, with their facets numbered among all."""
+        first = np.cumsum([0, *(len(part.facets) for part in self.parts)])[: len(each)]
+        counts = np.repeat(first, [len(facing) for facing in each])
+        facing = np.vstack(each)
+        return np.column_stack([np.where(facing[:, 0] < 0.0, -1.0, facing[:, 0] + counts), facing[:, 1:]])
 
 
 def build_gaps(body: Elasticity, vertices: ArrayLike, facets: ArrayLike, normal: ArrayLike) -> Gaps:
@@ -94,64 +201,100 @@ def build_gaps(body: Elasticity, vertices: ArrayLike, facets: ArrayLike, normal:
     partner = np.arange(body.mesh.nvertices)
     partner[pairs[:, 0]] = pairs[:, 1]
     triangles = body.mesh.facets[:, np.asarray(facets)].T.astype(np.intp)
+    right = body.facet_nodes(_turned(body.points, partner[triangles], np.broadcast_to(n, triangles.shape)))
     nodes, corners = _paired(body, triangles, partner)
-    g0 = (body.points[nodes[:, 1]] - body.points[nodes[:, 0]]) @ n
-    G = _rows(body, nodes, n)
-    moving = (nodes[:, 0] != nodes[:, 1]) & (np.diff(G.indptr) > 0)
-    if not moving.any():
-        raise TissueError("the lips have no pair of nodes that can move; take a finer mesh, or leave out contact")
-    g0 = _not_crossed(g0[moving], float(np.ptp(body.points[nodes[:, 0]], axis=0).max()))
-    hats, areas = _hats(body, triangles, corners[moving], n)
-    return Gaps(G[moving], g0, nodes[moving], hats, areas, n, _facet_nodes(body, partner[triangles]))
+    start = _at_partners(right, nodes[:, 1], n)
+    part, sunk = _part(body, LIPS, (triangles, nodes[:, 0], corners), right, n, start)
+    if sunk.max() > CLOSED * np.ptp(body.points[nodes[:, 0]], axis=0).max():
+        raise TissueError(f"the lips overlap by {sunk.max():.3g} m before they are loaded; the normal may be reversed")
+    return Gaps(body, (part,))
 
 
-def _across(normal: Array) -> Array:
-    """Return two unit vectors across the normal, shape `(2, 3)`."""
-    return np.linalg.svd(normal[None])[2][1:]
+def surface_gaps(body: Elasticity, between: Sequence[tuple[str, str]]) -> Gaps:
+    """Return the gaps between pairs of boundaries of the mesh by name.
+
+    Of two the facets are those of the second, but of the first where that is held and the second is not. Raises
+    `TissueError` where they overlap by more than SUNK of a facet, or nothing of them can move.
+    """
+    return Gaps(body, tuple(_between(body, names) for names in between))
 
 
-def _normals(corners: Array) -> Array:
-    """Return the cross products of two sides of triangles `(m, 3, 3)`, twice their areas long."""
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+def _between(body: Elasticity, between: tuple[str, str]) -> Part:
+    """Return the pairs of two boundaries by name."""
+    sides = [facets_of(body.mesh, "contact", name) for name in between]
+    free = [_movable(body)[body.mesh.facets[:, facets]].any() for facets in sides]
+    first, second = sides[::-1] if free[1] and not free[0] else sides
+    triangles, right = (body.mesh.facets[:, facets].T.astype(np.intp) for facets in (first, second))
+    behind = body.points[body.mesh.t[:, body.mesh.f2t[0, second]].T].mean(axis=1)
+    right = body.facet_nodes(_turned(body.points, right, behind - body.points[right].mean(axis=1)))
+    nodes, corners = _paired(body, triangles, np.arange(body.mesh.nvertices))
+    start = face(body.points[nodes[:, 0]], body.points, right[:, :3], open_sides(right[:, :3]), None)
+    part, sunk = _part(body, between, (triangles, nodes[:, 0], corners), right, None, start)
+    size = float(triangle_sizes(body.points[right[:, :3]]).mean())
+    if sunk.max() > SUNK * size:
+        raise TissueError(
+            f"contact between {between[0]!r} and {between[1]!r}: they overlap by {sunk.max():.3g} m before they are "
+            f"loaded, which is more than {SUNK:g} of a facet of {size:.3g} m; move them apart, or name those that meet"
+        )
+    return part
 
 
-def _facets_in_front(at: Array, corners: Array, sizes: Array) -> Array:
-    """Return for points `at` `(k, 2)` in the plane the triangle of `corners` `(m, 3, 2)` that each lies in and its
-    barycentric coordinates there, `(k, 4)`; of a point outside all those of the nearest point, and triangle −1 where
-    that is farther than half the size `(m,)` of its triangle."""
-    near = cKDTree(corners.mean(axis=1)).query(at, min(NEAREST, len(corners)))[1].reshape(len(at), -1)
-    inside = _barycentric(at[:, None], corners[near])
-    held = np.stack([_nearest_in_triangle(at, corners[near[:, j]], inside[:, j]) for j in range(near.shape[1])], axis=1)
-    away = np.linalg.norm(np.einsum("kjc,kjcx->kjx", held, corners[near]) - at[:, None], axis=2)
-    best, rows = np.argmin(away, axis=1), np.arange(len(at))
-    facet = near[rows, best]
-    lost = away[rows, best] > 0.5 * sizes[facet]
-    return np.column_stack([np.where(lost, -1.0, facet), held[rows, best]])
+def _part(
+    body: Elasticity,
+    between: tuple[str, str],
+    side: tuple[Indices, Indices, Indices],
+    right: Indices,
+    along: Array | None,
+    start: Array,
+) -> tuple[Part, Array]:
+    """Return the pairs that can move, and how far each overlaps at first [m].
+
+    The left `side` is its triangles, its nodes, and the two vertices whose middle each is.
+    """
+    triangles, left, corners = side
+    nodes, weights = _weights(right, start)
+    free = _movable(body)
+    kept = ~np.isin(left, right) & (free[left] | (free[nodes] & (weights != 0.0)).any(axis=1))
+    if not kept.any():
+        names = " and ".join(map(repr, between))
+        raise TissueError(
+            f"contact between {names}: the lips have no pair of nodes that can move; take a finer mesh, or leave out "
+            "contact"
+        )
+    across = np.sum(weights[..., None] * body.points[nodes], axis=1) - body.points[left]
+    gap = np.where(start[:, 0] < 0.0, 0.0, np.vecdot(across, start[:, 4:]))[kept]
+    hats, areas = _hats(body, triangles, corners[kept], along)
+    sunk = np.maximum(-gap, 0.0)
+    return Part(between, left[kept], right, open_sides(right[:, :3]), along, start[kept], sunk, hats, areas), sunk
 
 
-def _barycentric(at: Array, corners: Array) -> Array:
-    """Return the barycentric coordinates of points `(…, 2)` in triangles `(…, 3, 2)`."""
-    a, b, c = corners[..., 0, :], corners[..., 1, :], corners[..., 2, :]
-    u, v, w = b - a, c - a, at - a
-    area = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
-    second = (w[..., 0] * v[..., 1] - w[..., 1] * v[..., 0]) / area
-    third = (u[..., 0] * w[..., 1] - u[..., 1] * w[..., 0]) / area
-    return np.stack([1.0 - second - third, second, third], axis=-1)
+def _weights(facets: Indices, facing: Array) -> tuple[Indices, Array]:
+    """Return the nodes of `facets` that make the points faced, and their weights, as `Gaps.weights`."""
+    nodes = facets[np.maximum(facing[:, 0], 0.0).astype(np.intp)]
+    w = facing[:, 1:4]
+    if facets.shape[1] > 3:
+        w = np.hstack([w * (2.0 * w - 1.0), 4.0 * w[:, MIDDLES[:, 0]] * w[:, MIDDLES[:, 1]]])
+    return nodes, w * (facing[:, :1] >= 0.0)
 
 
-def _nearest_in_triangle(at: Array, corners: Array, inside: Array) -> Array:
-    """Return the barycentric coordinates of the points of triangles `(k, 3, 2)` nearest to `at` `(k, 2)`, which has
-    those of `inside` `(k, 3)`."""
-    best, least = inside, np.where(inside.min(axis=1) >= 0.0, 0.0, np.inf)
-    for i, j in ((0, 1), (1, 2), (2, 0)):
-        side = corners[:, j] - corners[:, i]
-        share = np.clip(np.sum((at - corners[:, i]) * side, axis=1) / np.sum(side * side, axis=1), 0.0, 1.0)
-        away = np.linalg.norm(corners[:, i] + share[:, None] * side - at, axis=1)
-        on_side = np.zeros_like(inside)
-        on_side[:, i], on_side[:, j] = 1.0 - share, share
-        nearer = away < least
-        best, least = np.where(nearer[:, None], on_side, best), np.where(nearer, away, least)
-    return best
+def _movable(body: Elasticity) -> Mask:
+    """Return which nodes are not held in all directions, shape `(n,)`."""
+    return np.asarray(np.isin(body.nodes, body.free).any(axis=1))
+
+
+def _turned(points: Array, triangles: Indices, towards: Array) -> Indices:
+    """Return triangles `(m, 3)` that turn so that their normals point as `towards` `(m, 3)` does."""
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    away = np.vecdot(np.cross(b - a, c - a), towards) < 0.0
+    return np.where(away[:, None], triangles[:, [0, 2, 1]], triangles)
+
+
+def _at_partners(facets: Indices, nodes: Indices, n: Array) -> Array:
+    """Return what is faced by who faces the `nodes` `(k,)` of `facets` along `n`, shape `(k, 7)`."""
+    corners = np.vstack([np.eye(3), np.eye(3)[MIDDLES].mean(axis=1)])[: facets.shape[1]]
+    order = np.argsort(facets, axis=None, kind="stable")
+    facet, place = np.divmod(order[np.searchsorted(facets.ravel(), nodes, sorter=order)], facets.shape[1])
+    return np.column_stack([facet, corners[place], np.broadcast_to(n, (len(nodes), 3))])
 
 
 def _unit(normal: ArrayLike) -> Array:
@@ -159,13 +302,6 @@ def _unit(normal: ArrayLike) -> Array:
     if n.shape != (3,) or not np.all(np.isfinite(n)) or not n.any():
         raise TissueError(f"normal = {normal!r} of the lips: allowed is a vector other than zero")
     return n / np.linalg.norm(n)
-
-
-def _not_crossed(g0: Array, extent: float) -> Array:
-    """Return the gaps of the reference shape, none below zero."""
-    if g0.min() < -CLOSED * extent:
-        raise TissueError(f"the lips overlap by {-g0.min():.3g} m before they are loaded; the normal may be reversed")
-    return np.maximum(g0, 0.0)
 
 
 def _paired(body: Elasticity, triangles: Indices, partner: Indices) -> tuple[Indices, Indices]:
@@ -178,39 +314,13 @@ def _paired(body: Elasticity, triangles: Indices, partner: Indices) -> tuple[Ind
     nodes = np.column_stack([left, partner[left]])
     if body.element == "P1":
         return nodes, ends
-    edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1), axis=0)
-    middles = body.mesh.nvertices + np.column_stack([_edge_numbers(body, edges), _edge_numbers(body, partner[edges])])
+    edges = np.unique(np.sort(triangles[:, MIDDLES].reshape(-1, 2), axis=1), axis=0)
+    middles = body.mesh.nvertices + np.column_stack([body.edge_numbers(edges), body.edge_numbers(partner[edges])])
     return np.vstack([nodes, middles]), np.vstack([ends, edges])
 
 
-def _facet_nodes(body: Elasticity, triangles: Indices) -> Indices:
-    """Return the nodes of facets given by their vertices `(m, 3)`: those, with P2 the middles of the edges 01, 12, 02
-    behind them."""
-    if body.element == "P1":
-        return triangles
-    edges = triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2)
-    return np.hstack([triangles, body.mesh.nvertices + _edge_numbers(body, edges).reshape(-1, 3)])
-
-
-def _edge_numbers(body: Elasticity, edges: Indices) -> Indices:
-    """Return the numbers in the mesh of edges given by their two vertices, `(k, 2)`."""
-    known, asked = (np.sort(pairs, axis=1) @ [body.mesh.nvertices, 1] for pairs in (body.mesh.edges.T, edges))
-    order = np.argsort(known)
-    return np.asarray(order[np.searchsorted(known, asked, sorter=order)])
-
-
-def _rows(body: Elasticity, nodes: Indices, n: Array) -> csr_matrix:
-    """Return n · (U_right − U_left) over the free unknowns, shape `(k, N)`."""
-    k = len(nodes)
-    unknowns = body.nodes[nodes].reshape(k, 6)
-    values = np.broadcast_to(np.concatenate([-n, n]), (k, 6))
-    rows = csr_matrix((values.ravel(), (np.repeat(np.arange(k), 6), unknowns.ravel())), shape=(k, body.N))[:, body.free]
-    rows.eliminate_zeros()
-    return csr_matrix(rows)
-
-
-def _hats(body: Elasticity, triangles: Indices, corners: Indices, n: Array) -> tuple[csr_array, Array]:
-    """Return ψ_a of the left lip's vertices at the pairs, and ∫ψ_a dA as seen along n.
+def _hats(body: Elasticity, triangles: Indices, corners: Indices, n: Array | None) -> tuple[csr_array, Array]:
+    """Return ψ_a of the left lip's vertices at the pairs, and ∫ψ_a dA, as seen along n where that is given.
 
     Vertices of no pair are left out.
     """
@@ -219,6 +329,7 @@ def _hats(body: Elasticity, triangles: Indices, corners: Indices, n: Array) -> t
     place = np.searchsorted(vertices, corners)
     hats = csr_array((np.full(2 * k, 0.5), (place.ravel(), np.repeat(np.arange(k), 2))), shape=(v, k))
     a, b, c = (body.mesh.p.T[triangles[:, corner]] for corner in range(3))
-    thirds = np.abs(np.cross(b - a, c - a) @ n) / 6.0
+    normals = np.cross(b - a, c - a)
+    thirds = (np.linalg.norm(normals, axis=1) if n is None else np.abs(normals @ n)) / 6.0
     areas = np.bincount(triangles.ravel(), np.repeat(thirds, 3), body.mesh.nvertices)[vertices]
     return hats, np.maximum(areas, np.finfo(float).tiny)

@@ -2,10 +2,11 @@
 
     acceleration⁺ = a (U⁺ − U_a),   velocity⁺ = d (U⁺ − U_d),   (a M + d C + K) U⁺ = b + Yᵀ f_y
 
-with two numbers and two reference fields per time scheme. Backward Euler has a = 1/Δt², U_a = U + Δt V and
-d = 1/Δt, U_d = U. `f_y` `(9p,)` is the force on the organ conjugate to y; eliminating U is exact, so that
-y = y_free + C f_y. Where a mesh is too coarse for a hole, springs without mass stand between site and mesh, as further
-unknowns behind those of the mesh, as stiff as these are in the mean: y = y0 + Y U + √κ B ζ (`tissue.sites.subgrid`).
+with two numbers and two reference fields per time scheme; b has gravity and the loads on boundaries (`tissue.loads`).
+Backward Euler has a = 1/Δt², U_a = U + Δt V and d = 1/Δt, U_d = U. `f_y` `(9p,)` is the force on the organ conjugate to
+y; eliminating U is exact, so that y = y_free + C f_y. Where a mesh is too coarse for a hole, springs without mass stand
+between site and mesh, as further unknowns behind those of the mesh, as stiff as these are in the mean:
+y = y0 + Y U + √κ B ζ (`tissue.sites.subgrid`).
 
 The lips of a wound may be given gaps g = g0 + G U (`tissue.organs.lips`), and forces p that push them apart:
 
@@ -16,7 +17,7 @@ paired anew where a step begins, and G = S R sums the rows R of their nodes by o
 needs no further solve.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple, Protocol
@@ -25,9 +26,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import block_diag, csr_matrix, eye_array, hstack
 
-from tissue.arrays import Array, Indices
+from tissue.arrays import Array
 from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
+from tissue.loads import Loads, SurfaceLoad
 from tissue.organs.lips import Gaps
 from tissue.sites.site import Sites
 from tissue.solvers.choice import GIGA, Solver, SolverChoice, choose_solver, solver
@@ -42,9 +44,12 @@ EMPTY = np.zeros(0)
 @dataclass(frozen=True)
 class OrganState:
     """Displacement U [m], velocity V [m/s], acceleration A [m/s²] over the free unknowns `(N,)`, the site
-    forces, and the contact forces `(k,)` [N], None of an organ without gaps. `facing` `(k, 4)` is where they act on the
-    right lip (`tissue.organs.lips.Gaps.facing`), None: on the pairs of the reference. `MU` [kg m], `MV` [N s] and `KU`
-    [N] are products `(N,)` of mass and stiffness that the step has left, None where it left none.
+    forces, and the contact forces `(k,)` [N], None of an organ without gaps. `facing` `(k, 7)` is where and which way
+    they act on the right lip (`tissue.organs.lips.Gaps.facing`), None: on the pairs of the reference. `linearised`
+    `(N,)` [m] is where the tangent of a nonlinear organ was last made, which the next step goes on with, None of a
+    linear organ. `shares` `(l,)` are the parts of the loads that act
+    (`tissue.loads`), None of an organ without loads. `MU` [kg m], `MV` [N s] and `KU` [N] are products `(N,)` of mass
+    and stiffness that the step has left, None where it left none.
     """
 
     U: Array
@@ -53,6 +58,8 @@ class OrganState:
     f_y: Array
     p: Array | None = None
     facing: Array | None = None
+    shares: Array | None = None
+    linearised: Array | None = None
     MU: Array | None = None
     MV: Array | None = None
     KU: Array | None = None
@@ -60,7 +67,7 @@ class OrganState:
 
 @dataclass(frozen=True)
 class Pairing:
-    """What faces what during a step: g = `g0` + `G` U, where G = `sums` R, `(k, r)`, of the rows R of the lips' nodes.
+    """What faces what during a step: g = `g0` + `G` U, where G = `sums` R, `(k, 3r)`, of the rows R of the lips' nodes.
 
     `facing` as in a state: None means the pairs of the reference.
     """
@@ -92,7 +99,7 @@ class OrganEnergies(NamedTuple):
 
     kinetic: float
     elastic: float
-    gravity_work: float
+    load_work: float
     viscous: float
     numerical: float
 
@@ -204,10 +211,13 @@ class MeshedOrgan:
     gravity: ArrayLike = (0.0, 0.0, 0.0)
     solver: str = "auto"  # one of `tissue.solvers.choice.SOLVERS`
     gaps: Gaps | None = None
+    loads: Sequence[SurfaceLoad] = ()
     choice: SolverChoice = field(init=False, repr=False)
     K: csr_matrix = field(init=False, repr=False)
     Y: csr_matrix = field(init=False, repr=False)
+    surface: Loads = field(init=False, repr=False)
     load: Array = field(init=False, repr=False)
+    surface_load: Array = field(init=False, repr=False)
     places: Array = field(init=False, repr=False)
     G: csr_matrix = field(init=False, repr=False)
 
@@ -228,6 +238,9 @@ class MeshedOrgan:
         object.__setattr__(self, "K", csr_matrix(block_diag([K, springs])) if B.shape[1] else K)
         object.__setattr__(self, "Y", csr_matrix(hstack([self.sites.Y, np.sqrt(stiffness) * B])))
         object.__setattr__(self, "load", np.append(body.body_force(gravity)[free], np.zeros(B.shape[1])))
+        object.__setattr__(self, "surface", Loads(body, tuple(self.loads)))
+        columns = self.surface.columns[free]
+        object.__setattr__(self, "surface_load", np.vstack([columns, np.zeros((B.shape[1], columns.shape[1]))]))
         object.__setattr__(self, "places", places)
         object.__setattr__(self, "choice", choose_solver(self.solver, K, places, self.solved_once))
         object.__setattr__(self, "G", self._gap_rows(B.shape[1]))
@@ -261,45 +274,26 @@ class MeshedOrgan:
         return EMPTY if self.gaps is None else self.gaps.g0
 
     @cached_property
-    def lip_nodes(self) -> Indices:
-        """Nodes of the lips among the body's, shape `(r,)`; none without gaps."""
-        return np.arange(0) if self.gaps is None else np.union1d(self.gaps.nodes, self.gaps.facets)
-
-    @cached_property
     def lip_rows(self) -> csr_matrix:
-        """R, the displacement of the lips' nodes along their normal over all unknowns, shape `(r, N)`."""
+        """R, the displacement of the nodes of the lips over all unknowns, shape `(3r, N)`; none without gaps."""
         if self.gaps is None:
             return csr_matrix((0, self.size))
-        body, r = self.elasticity, len(self.lip_nodes)
-        values = np.tile(self.gaps.normal, r)
-        at = np.repeat(np.arange(r), 3), body.nodes[self.lip_nodes].ravel()
-        rows = csr_matrix((values, at), shape=(r, body.N))[:, body.free]
-        return csr_matrix(hstack([rows, csr_matrix((r, self.size - rows.shape[1]))]))
+        rows = self.gaps.rows
+        return csr_matrix(hstack([rows, csr_matrix((rows.shape[0], self.size - rows.shape[1]))]))
 
     @cached_property
     def _matched(self) -> Pairing:
         """The pairs of the reference."""
-        ones = np.ones((self.pairs, 1))
-        nodes = np.zeros((0, 2), dtype=np.intp) if self.gaps is None else self.gaps.nodes
-        return Pairing(self.G, self.g0, self._sums(nodes[:, :1], nodes[:, 1:], ones), None)
-
-    def _sums(self, left: Indices, right: Indices, weights: Array) -> csr_matrix:
-        """Return the weights of the lips' nodes in each gap, shape `(k, r)`: those of the nodes `right` `(k, w)` less
-        the `left` one `(k, 1)` by as much."""
-        nodes, w = np.hstack([right, left]), np.hstack([weights, -weights.sum(axis=1, keepdims=True)])
-        at = np.repeat(np.arange(len(nodes)), nodes.shape[1]), np.searchsorted(self.lip_nodes, nodes.ravel())
-        return csr_matrix((w.ravel(), at), shape=(len(nodes), len(self.lip_nodes)))
+        if self.gaps is None:
+            return Pairing(self.G, self.g0, csr_matrix((0, 0)), None)
+        return Pairing(self.G, self.g0, self.gaps.sums(self.gaps.start), None)
 
     def pairing(self, facing: Array | None) -> Pairing:
-        """Return the gaps between what faces what; a node that faces nothing is as far away as the lips are long."""
+        """Return the gaps between what faces what."""
         if self.gaps is None or facing is None:
             return self._matched
-        points = self.elasticity.points
-        right, weights = self.gaps.weights(facing)
-        sums = self._sums(self.gaps.nodes[:, :1], right, weights)
-        extent = float(np.ptp(points[self.lip_nodes], axis=0).max())
-        g0 = np.where(facing[:, 0] < 0.0, extent, sums @ (points[self.lip_nodes] @ self.gaps.normal))
-        return Pairing(csr_matrix(sums @ self.lip_rows), g0, sums, facing)
+        sums = self.gaps.sums(facing)
+        return Pairing(csr_matrix(sums @ self.lip_rows), self.gaps.rest(facing), sums, facing)
 
     def paired_anew(self, U: Array) -> Pairing:
         """Return what faces what under a displacement of the free unknowns `(N,)`."""
@@ -315,6 +309,20 @@ class MeshedOrgan:
     def contact_forces(self, state: OrganState) -> Array:
         """Return p, shape `(k,)` [N]."""
         return EMPTY if state.p is None else state.p
+
+    def shares_at(self, time: float, share: float) -> Array | None:
+        """Return the parts of the loads that act at `time` [s], times `share`, as a state keeps them: None without
+        loads."""
+        return self.surface.shares(time, share) if self.surface.each else None
+
+    @property
+    def no_shares(self) -> Array | None:
+        """The parts of the loads before they act, None without loads."""
+        return np.zeros(len(self.surface.each)) if self.surface.each else None
+
+    def load_under(self, shares: Array | None) -> Array:
+        """Return the forces of gravity and of parts of the loads `(l,)`, shape `(N,)` [N]."""
+        return self.load if shares is None else self.load + self.surface_load @ shares
 
     def contact_or_none(self, p: Array) -> Array | None:
         """Return the contact forces `(k,)` as a state keeps them: None without gaps."""
@@ -422,7 +430,7 @@ class LipCompliance:
 
     @cached_property
     def C_rr(self) -> Array:
-        """R A⁻¹ Rᵀ of the nodes of the lips, shape `(r, r)` [m/N]; not asked for while no pair has slid."""
+        """R A⁻¹ Rᵀ of the nodes of the lips, shape `(3r, 3r)` [m/N]; not asked for while no pair has slid."""
         return gap_compliance(self.factor, self.organ.lip_rows)
 
 

@@ -24,24 +24,33 @@ from tissue.organs.meshed import (
 from tissue.solvers.choice import Solver
 from tissue.supports import holds_still
 
+ALL = np.ones(1)  # of gravity, which is not ramped
+
 
 @dataclass(frozen=True)
 class QuasiStaticOperator(LipCompliance):
-    """A = K with the answer to the constant load known: no work that grows with the mesh is left in a step."""
+    """A = K with the answers to gravity and to each load known: no work that grows with the mesh is left in a step.
+
+    `U_loads` (N, 1 + l), gravity first, `y_loads` (9p, 1 + l), and `loads_work` (1 + l, 1 + l) [J], by which each load
+    does work on the displacement of each.
+    """
 
     organ: "QuasiStaticOrgan"
     A: csr_matrix
     factor: Solver
-    load: Array
     W: Array
     C: Array
-    U_load: Array
-    y_load: Array
-    sag_energy: float
+    U_loads: Array
+    y_loads: Array
+    loads_work: Array
 
-    def g_load(self, pairing: Pairing) -> Array:
-        """Return the gaps under the constant load alone, shape `(k,)` [m]."""
-        return np.asarray(pairing.g0 + pairing.G @ self.U_load)
+    def y_load(self, parts: Array) -> Array:
+        """Return the site variables under parts of the loads (1 + l,) alone, shape `(9p,)`."""
+        return np.asarray(self.organ.y0 + self.y_loads @ parts)
+
+    def g_load(self, pairing: Pairing, parts: Array) -> Array:
+        """Return the gaps under parts of the loads (1 + l,) alone, shape `(k,)` [m]."""
+        return np.asarray(pairing.g0 + pairing.G @ (self.U_loads @ parts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,38 +88,51 @@ class QuasiStaticOrgan(MeshedOrgan):
         """Factorised when first asked for: a scenario is checked without."""
         factor = self.solver_of(self.K)
         W, C = compliance(factor, self.Y)
-        U_load = factor.solve(self.load)
-        y_load, sag_energy = np.asarray(self.y0 + self.Y @ U_load), float(0.5 * self.load @ U_load)
-        return QuasiStaticOperator(self, self.K, factor, self.load, W, C, U_load, y_load, sag_energy)
+        U_loads = factor.solve(self.load)[:, None]
+        if self.surface.each:
+            U_loads = np.hstack([U_loads, factor.solve(self.surface_load)])
+        work = np.column_stack([self.load, self.surface_load]).T @ U_loads
+        return QuasiStaticOperator(self, self.K, factor, W, C, U_loads, self.Y @ U_loads, 0.5 * (work + work.T))
 
     def start(self) -> OrganState:
-        """Return the equilibrium under gravity, without site forces; the lips are not held apart yet."""
-        return OrganState(EMPTY, EMPTY, EMPTY, np.zeros(self.y0.size), self.no_contact)
+        """Return the equilibrium under gravity, without site forces and loads; the lips are not held apart yet."""
+        return OrganState(EMPTY, EMPTY, EMPTY, np.zeros(self.y0.size), self.no_contact, shares=self.no_shares)
+
+    def parts(self, state: OrganState) -> Array:
+        """Return the parts of gravity, all of it, and of each load that act in a state, shape `(1 + l,)`."""
+        return ALL if state.shares is None else np.append(ALL, state.shares)
 
     def operator(self, a: float, d: float) -> QuasiStaticOperator:
         """Return K factorised, whatever the time scheme."""
         return self._operator
 
-    def answer(self, scheme: TimeScheme, past: Sequence[OrganState]) -> LinearAnswer:
-        """Return the answer of any step: the equilibrium without site forces is known in advance. What faces what is
-        sought in the field, for one back-substitution where lips touch."""
-        operator = self._operator
+    def answer(
+        self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
+    ) -> LinearAnswer:
+        """Return the answer of any step under `share` of the loads at `time` [s]: the equilibrium without site forces
+        is known in advance. What faces what is sought in the field, for one back-substitution where lips touch."""
+        operator, shares = self._operator, self.shares_at(time, share)
         pairing = self.paired_anew(self.field(past[0])) if self.pairs and past else self.pairing(None)
 
         def complete(f_y: Array, p: Array) -> OrganState:
             """Return the state of an organ that is where its forces put it."""
-            return OrganState(EMPTY, EMPTY, EMPTY, f_y, self.contact_or_none(p), pairing.facing)
+            return OrganState(EMPTY, EMPTY, EMPTY, f_y, self.contact_or_none(p), pairing.facing, shares)
 
-        return LinearAnswer(
-            operator, operator.y_load, operator.g_load(pairing), complete, lambda: operator.load, pairing
-        )
+        parts = self.parts(complete(EMPTY, EMPTY))
+        y_free, g_free = operator.y_load(parts), operator.g_load(pairing, parts)
+        return LinearAnswer(operator, y_free, g_free, complete, lambda: self.load_under(shares), pairing)
+
+    def is_unloaded(self, state: OrganState) -> bool:
+        """Whether no force at all acts on the organ: nothing has to be solved to know where it is."""
+        forces = self.load, state.f_y, self.contact_forces(state)
+        return not any(force.any() for force in forces) and (state.shares is None or not state.shares.any())
 
     def site_variables(self, state: OrganState) -> Array:
         """Return y = y0 + Y U = y_load + C f_y + C_yc p, shape `(9p,)`."""
         p = self.contact_forces(state)
-        if not (self.load.any() or state.f_y.any() or p.any()):
+        if self.is_unloaded(state):
             return self.y0
-        y = self._operator.y_load + self._operator.C @ state.f_y
+        y = self._operator.y_load(self.parts(state)) + self._operator.C @ state.f_y
         return y + p @ self._operator.gaps_by_sites(self.pairing(state.facing)) if p.any() else y
 
     def lips(self, state: OrganState) -> tuple[Array, Array, Array]:
@@ -120,10 +142,10 @@ class QuasiStaticOrgan(MeshedOrgan):
     def gap(self, state: OrganState) -> Array:
         """Return g = g0 + G U = g_load + C_cy f_y + C_cc p, shape `(k,)` [m]."""
         p = self.contact_forces(state)
-        if not (self.pairs and (self.load.any() or state.f_y.any() or p.any())):
+        if not self.pairs or self.is_unloaded(state):
             return self.g0
         pairing = self.pairing(state.facing)
-        g = self._operator.g_load(pairing) + self._operator.gaps_by_sites(pairing) @ state.f_y
+        g = self._operator.g_load(pairing, self.parts(state)) + self._operator.gaps_by_sites(pairing) @ state.f_y
         return g + self._operator.gaps_by_forces(pairing) @ p if p.any() else g
 
     def displacement(self, state: OrganState) -> Array:
@@ -135,7 +157,8 @@ class QuasiStaticOrgan(MeshedOrgan):
         for known, field in self._recalled:
             if known is state:
                 return field
-        U, p = np.asarray(self._operator.U_load + self._operator.W @ state.f_y), self.contact_forces(state)
+        U_load, p = self._operator.U_loads @ self.parts(state), self.contact_forces(state)
+        U = np.asarray(U_load + self._operator.W @ state.f_y)
         if p.any():
             U = U + self._operator.factor.solve(self.pairing(state.facing).G.T @ p)
             self._recalled.append((state, U))
@@ -164,14 +187,19 @@ class QuasiStaticOrgan(MeshedOrgan):
         return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side, pairing)
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return the energies and works as the dynamic organ does, with 9p + k numbers.
+        """Return the energies and works as the dynamic organ does, with 9p + k + l numbers.
 
         U = U_load + W f_y + K⁻¹Gᵀ p with K U_load = load, Y U_load = y_load − y0 and G U_load = g_load − g0.
         """
-        C, sag = self._operator.C, self._operator.y_load - self.y0
-        df = new.f_y - old.f_y
-        elastic = self._operator.sag_energy + sag @ new.f_y + 0.5 * new.f_y @ (C @ new.f_y)
-        by_sites = OrganEnergies(0.0, float(elastic), float(sag @ df), 0.0, float(0.5 * df @ (C @ df)))
+        C, work = self._operator.C, self._operator.loads_work
+        parts, df = self.parts(new), new.f_y - old.f_y
+        sag, more = self._operator.y_loads @ parts, parts - self.parts(old)
+        elastic = 0.5 * parts @ (work @ parts) + sag @ new.f_y + 0.5 * new.f_y @ (C @ new.f_y)
+        given, numerical = sag @ df, 0.5 * df @ (C @ df)
+        if more.any():
+            given += parts @ (work @ more)
+            numerical += 0.5 * more @ (work @ more) + (self._operator.y_loads @ more) @ df
+        by_sites = OrganEnergies(0.0, float(elastic), float(given), 0.0, float(numerical))
         return self._with_contact(by_sites, old, new) if self.pairs else by_sites
 
     def _with_contact(self, by_sites: OrganEnergies, old: OrganState, new: OrganState) -> OrganEnergies:
@@ -185,10 +213,12 @@ class QuasiStaticOrgan(MeshedOrgan):
         else:  # on the nodes of the lips, which stay
             C_cc, closing, r = self._operator.C_rr, self.lip_rows, now.sums.T @ p
             C_cy, dr = closing @ self._operator.W, r - was.sums.T @ before
-        under_load = closing @ self._operator.U_load
-        elastic, dg = r @ (under_load + C_cy @ new.f_y + 0.5 * C_cc @ r), C_cy @ df + C_cc @ dr
+        under_load, under_more = (
+            closing @ (self._operator.U_loads @ parts) for parts in (self.parts(new), self.parts(new) - self.parts(old))
+        )
+        elastic, dg = r @ (under_load + C_cy @ new.f_y + 0.5 * C_cc @ r), C_cy @ df + C_cc @ dr + under_more
         return by_sites._replace(
             elastic=by_sites.elastic + float(elastic),
-            gravity_work=by_sites.gravity_work + float(under_load @ dr),
-            numerical=by_sites.numerical + float(dr @ (C_cy @ df + 0.5 * C_cc @ dr) - r @ dg),
+            load_work=by_sites.load_work + float(under_load @ dr),
+            numerical=by_sites.numerical + float(dr @ (dg - 0.5 * C_cc @ dr) - r @ dg),
         )

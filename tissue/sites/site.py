@@ -93,6 +93,7 @@ class Sites:
     `normals` `(p, 3)` the outward normals (not a number for interior sites). Frames are orthonormal and
     right-handed. `missing` has per site what the mesh is too coarse for, None where that is not asked for.
     `directed` tells of each site whether a direction was given; nothing is known of sites where it is empty.
+    `slopes` has the rows of ⟨∂U_i/∂x_j⟩ of each site that the needle cut, `(9, N)` [1/m], None of any other.
     """
 
     y0: Array
@@ -102,6 +103,7 @@ class Sites:
     normals: Array
     missing: tuple[Missing | None, ...] = ()
     directed: tuple[bool, ...] = ()
+    slopes: tuple[csr_matrix | None, ...] = ()
 
     @property
     def springs(self) -> csr_matrix:
@@ -157,7 +159,8 @@ def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
     y0 = np.concatenate([np.zeros(0), *(y for y, *_ in built)])
     points, directions, normals = (np.array([b[k] for b in built]).reshape(-1, 3) for k in (2, 3, 4))
     gaps = missing(elasticity, surface, [b[5] for b in built], points, np.array([site.radius for site in sites]))
-    return Sites(y0, Y, points, directions, normals, gaps, tuple(site.direction is not None for site in sites))
+    directed = tuple(site.direction is not None for site in sites)
+    return Sites(y0, Y, points, directions, normals, gaps, directed, tuple(b[6] for b in built))
 
 
 def space_frames(sites: Sequence[Site]) -> Array:
@@ -171,9 +174,9 @@ def space_frames(sites: Sequence[Site]) -> Array:
 
 def _build(
     elasticity: Elasticity, surface: Surface, site: Site
-) -> tuple[Array, csr_matrix, Array, Array, Array, Hole | None]:
-    """y0 (9,), rows `(9, N)`, place, direction and outward normal of one site, and the hole if its mesh may be too
-    coarse."""
+) -> tuple[Array, csr_matrix, Array, Array, Array, Hole | None, csr_matrix | None]:
+    """y0 (9,), rows `(9, N)`, place, direction and outward normal of one site, the hole if its mesh may be too
+    coarse, and the rows of ⟨∇U⟩ where the needle cut its frame."""
     X, normal, values, gradient = _averages(elasticity, surface, site)
     use_fibre = site.fibre is not None or bool(np.isnan(normal).any())
     t0 = site.fibre if site.fibre is not None else (AXIS if use_fibre else normal)
@@ -193,7 +196,8 @@ def _build(
             return csr_matrix(of_averages @ vstack(averages))
 
         hole = Hole(seen, rows, on)
-    return np.concatenate([X, u0, v0]), csr_matrix(rows[:, elasticity.free]), X, t0, normal, hole
+    cut = None if site.fibre is None else csr_matrix(gradient[:, elasticity.free])
+    return np.concatenate([X, u0, v0]), csr_matrix(rows[:, elasticity.free]), X, t0, normal, hole, cut
 
 
 def _averages(elasticity: Elasticity, surface: Surface, site: Site) -> tuple[Array, Array, csr_matrix, csr_matrix]:

@@ -69,6 +69,14 @@ def superlu(A: csr_matrix, places: Array | None) -> BackSubstitution:
     return back_substitute
 
 
+def exchanging_lu(A: csr_matrix) -> BackSubstitution:
+    """Factorise by SuperLU with row exchanges, for what is not definite. Raises `FactorError` where it is singular."""
+    try:
+        return splu(csc_matrix(A)).solve
+    except RuntimeError as error:
+        raise FactorError(f"the matrix is singular ({error})") from error
+
+
 def ordering(A: csr_matrix, places: Array) -> Indices:
     """Return the better of nested dissection and minimum degree, tried on the graph of the nodes.
 

@@ -72,6 +72,15 @@ def factorize(A: csr_matrix, places: Array | None = None, method: str = "superlu
     return factor
 
 
+def factorize_indefinite(A: csr_matrix) -> Factor:
+    """Factorise a symmetric matrix by LU with row exchanges, whatever the signs of its eigenvalues.
+
+    Raises `FactorError` where it is singular.
+    """
+    A = csr_matrix(A)
+    return Factor(A, float(np.max(abs(A) @ np.ones(A.shape[0]), initial=0.0)), direct.exchanging_lu(A))
+
+
 def check_residual(A: csr_matrix, norm: float, x: Array, b: Array) -> None:
     """Raise `FactorError` unless ‖Ax − b‖ is within its bound, column by column."""
     check_size(np.linalg.norm(A @ x - b, axis=0), norm, x, b)

@@ -1,0 +1,61 @@
+"""Meshes that are handed over as objects: scikit-fem's, meshio's and pyvista's, all in metres."""
+
+import hashlib
+from typing import Any
+
+import numpy as np
+import skfem
+from numpy.typing import NDArray
+
+from meshes.checks import volumes
+from meshes.errors import MeshError
+from meshes.named import checked_mesh
+
+TETRA = 10  # VTK_TETRA
+KINDS = "skfem.MeshTet, meshio.Mesh or pyvista.UnstructuredGrid of linear tetrahedra"
+
+
+def given_mesh(mesh: Any) -> skfem.MeshTet:
+    """Return a checked mesh of an object of another library, with the boundary "surface" beside those it names.
+
+    Tetrahedra may turn either way. Names of boundaries and subdomains are kept of scikit-fem's meshes alone. Raises
+    `MeshError`.
+    """
+    points, tets = arrays_of(mesh)
+    inverted = volumes(points, tets) < 0.0 if tets.size and tets.max() < len(points) else np.zeros(len(tets), bool)
+    tets[inverted] = tets[inverted][:, [0, 2, 1, 3]]
+    made = checked_mesh(points, tets)
+    named = {"surface": made.boundary_facets()} | dict(getattr(mesh, "boundaries", None) or {})
+    return made.with_boundaries(named).with_subdomains(dict(getattr(mesh, "subdomains", None) or {}))
+
+
+def arrays_of(mesh: Any) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return points `(n, 3)` [m] and tetrahedra `(m, 4)` of an object, in arrays of their own. Raises `MeshError`."""
+    if isinstance(mesh, skfem.MeshTet):
+        points, tets = mesh.p.T, mesh.t.T
+    elif hasattr(mesh, "celltypes") and hasattr(mesh, "cells_dict"):
+        points, tets = np.asarray(mesh.points), _only(dict(mesh.cells_dict), TETRA)
+    elif hasattr(mesh, "cells_dict") and hasattr(mesh, "points"):
+        points, tets = np.asarray(mesh.points), _only(dict(mesh.cells_dict), "tetra")
+    else:
+        raise MeshError(f"a {type(mesh).__name__} is no mesh that is known; give {KINDS}")
+    return np.array(points, dtype=np.float64), np.array(tets, dtype=np.int64)
+
+
+def _only(cells: dict[Any, Any], kind: Any) -> Any:
+    """Return the cells of a kind; refuse others than them, and points, lines and triangles beside them."""
+    beside = {kind, "vertex", "line", "triangle", 1, 3, 5}
+    if kind not in cells or not set(cells) <= beside:
+        raise MeshError(f"the mesh has cells of the kind {', '.join(map(str, cells)) or 'none'}; give {KINDS}")
+    return cells[kind]
+
+
+def mesh_digest(mesh: skfem.MeshTet) -> str:
+    """Return the SHA-256 of a mesh, its names included."""
+    text = hashlib.sha256()
+    for array in (mesh.p, mesh.t):
+        text.update(np.ascontiguousarray(array).tobytes())
+    for names in (mesh.boundaries, mesh.subdomains):
+        for name, part in sorted((names or {}).items()):
+            text.update(name.encode() + np.ascontiguousarray(part, dtype=np.int64).tobytes())
+    return text.hexdigest()

@@ -1,0 +1,192 @@
+"""The commands that help: ``suture new | scenes | doctor | completion``."""
+
+import argparse
+import json
+import os
+import platform
+import sys
+import tomllib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from studies.output.version import installed_version
+from studies.scenario import SCENES, ScenarioError, scenes
+
+TEMPLATE = Path(__file__).with_name("new.toml")
+GL = (
+    "on Debian: apt-get install --no-install-recommends libglu1-mesa libgl1 libegl1 libxrender1 libxcursor1 libxft2 "
+    "libxinerama1 libgomp1"
+)
+
+
+def new(options: argparse.Namespace) -> int:
+    """``suture new``: a scenario with a comment to every key, to be changed."""
+    path = options.name if options.name.suffix == ".toml" else options.name.with_name(f"{options.name.name}.toml")
+    if path.exists():
+        raise ScenarioError(f"{path} is refused: it is there already; give another name")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(TEMPLATE.read_text(encoding="utf-8"), encoding="utf-8")
+    folder = Path("results") / path.stem
+    print(f"{path} is written\ncheck it  suture check {path}\nrun it    suture run {path} --out {folder}")
+    return 0
+
+
+def list_scenes(options: argparse.Namespace) -> int:
+    """``suture scenes``: the shipped scenarios with their titles."""
+    titles = {name: title_of(SCENES / f"{name}.toml") for name in scenes()}
+    if options.json:
+        print(json.dumps({name: {"title": title} for name, title in titles.items()}, ensure_ascii=False))
+    else:
+        print("\n".join(f"{name:22} {title}" for name, title in titles.items()))
+    return 0
+
+
+def title_of(path: Path) -> str:
+    """Return the title of a scenario file."""
+    return str(tomllib.loads(path.read_text(encoding="utf-8")).get("title", ""))
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is there or not: `found` in words, what it is `needed` for, and the `remedy` where it is missing."""
+
+    name: str
+    there: bool
+    found: str
+    needed: str
+    remedy: str = ""
+
+    @property
+    def line(self) -> str:
+        """The finding to be read by a person."""
+        return f"{'ok     ' if self.there else 'missing'} {self.name:14} {self.found}" + (
+            "" if self.there else f"\n        {'':14} needed for {self.needed}; {self.remedy}"
+        )
+
+
+def examine(options: argparse.Namespace) -> int:
+    """``suture doctor``: what is installed and works, and how to get what is not."""
+    findings = [check() for check in CHECKS]
+    if options.json:
+        print(json.dumps([asdict(finding) for finding in findings], ensure_ascii=False))
+    else:
+        print("\n".join(finding.line for finding in findings))
+    return 0
+
+
+def find_code() -> Finding:
+    """Find the version of the code and of Python."""
+    found = f"{installed_version('suturefem') or 'not installed'}, Python {platform.python_version()}"
+    return Finding("suturefem", True, found, "everything")
+
+
+def find_memory() -> Finding:
+    """Find the memory that is available and the processors."""
+    import psutil
+
+    free = psutil.virtual_memory().available / 1e9
+    return Finding("machine", True, f"{os.cpu_count()} processors, {free:.3g} GB of memory available", "large organs")
+
+
+def find_gmsh() -> Finding:
+    """Find gmsh, which needs libraries of the system."""
+    needed = "graded blocks, open wounds, cylinders, tubes, .msh files, surfaces"
+    try:
+        import_module("gmsh")
+    except ImportError as error:
+        return Finding("gmsh", False, str(error), needed, "pip install gmsh")
+    except OSError as error:
+        return Finding("gmsh", False, str(error), needed, GL)
+    return Finding("gmsh", True, installed_version("gmsh") or "", needed)
+
+
+def find_gl() -> Finding:
+    """Find what draws in three dimensions, by drawing a thread."""
+    from studies.output.records import Snapshot, ThreadRecord
+    from studies.pictures.picture import draw_picture
+
+    s = np.linspace(0.0, 0.01, 3)
+    thread = ThreadRecord(s[:, None] * [1.0, 0.0, 0.0], s, 0.0 * s, 0.0 * s, 1e-4)
+    with TemporaryDirectory() as folder:
+        drawn = draw_picture(Snapshot(0.0, thread, ()), None, Path(folder) / "picture.png")
+    said, there = drawn.line.partition(": ")[2], "3-D picture" in drawn.line.partition(";")[0]
+    needed = "pictures in three dimensions; without, they are sections"
+    return Finding("GL", there, said.partition("; ")[2].partition(", for the")[0] if not there else said, needed, GL)
+
+
+def finder(name: str, package: str, needed: str, extra: str) -> Callable[[], Finding]:
+    """Return what finds a package of an extra."""
+
+    def find() -> Finding:
+        version = installed_version(package)
+        remedy = f"pip install 'suturefem[{extra}]'"
+        return Finding(name, version is not None, version or "not installed", needed, remedy)
+
+    return find
+
+
+CHECKS: tuple[Callable[[], Finding], ...] = (
+    find_code,
+    find_memory,
+    find_gmsh,
+    find_gl,
+    finder("CHOLMOD", "cvxopt", "organs factorised ten times as fast", "fast"),
+    finder("Pardiso", "pypardiso", "the least fill on large organs", "fast"),
+    finder("pandas", "pandas", "tables of open_run as data frames", "tables"),
+    finder("Parquet", "pyarrow", "table.parquet of a sweep", "tables"),
+    finder("Dask", "distributed", "sweeps on a cluster", "cluster"),
+)
+
+
+def print_completion(options: argparse.Namespace) -> int:
+    """``suture completion``: what a shell reads to complete commands, options and scenes."""
+    from studies.command.parser import TABLE, parser_for
+
+    parser = parser_for(list(TABLE))
+    [subparsers] = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    words = {name: " ".join(options_of(sub)) for name, sub in subparsers.choices.items()}
+    sys.stdout.write({"bash": bash, "zsh": zsh, "fish": fish}[options.shell](words))
+    return 0
+
+
+def options_of(parser: argparse.ArgumentParser) -> list[str]:
+    """List the options of a command, and the words that its arguments are chosen from."""
+    own = [word for action in parser._actions for word in action.option_strings if word.startswith("--")]
+    chosen = [str(word) for action in parser._actions if not action.option_strings for word in action.choices or ()]
+    takes_scene = any(action.dest == "file" for action in parser._actions)
+    return [*own, *chosen, *(scenes() if takes_scene else [])]
+
+
+def bash(words: dict[str, str]) -> str:
+    """Write the completion of bash."""
+    cases = "".join(f'        {name}) words="{given}" ;;\n' for name, given in words.items())
+    return (
+        '# eval "$(suture completion bash)"\n'
+        "_suture() {\n"
+        '    local words="" current="${COMP_WORDS[COMP_CWORD]}"\n'
+        '    if [ "$COMP_CWORD" = 1 ]; then\n'
+        f'        words="{" ".join(words)} --help --version"\n'
+        "    else case ${COMP_WORDS[1]} in\n"
+        f"{cases}"
+        "    esac; fi\n"
+        '    COMPREPLY=($(compgen -W "$words" -- "$current") $(compgen -f -- "$current"))\n'
+        "}\n"
+        "complete -o filenames -F _suture suture\n"
+    )
+
+
+def zsh(words: dict[str, str]) -> str:
+    """Write the completion of zsh, which takes that of bash."""
+    return f'# eval "$(suture completion zsh)"\nautoload -U +X bashcompinit && bashcompinit\n{bash(words)}'
+
+
+def fish(words: dict[str, str]) -> str:
+    """Write the completion of fish."""
+    first = f'complete -c suture -n "__fish_use_subcommand" -a "{" ".join(words)}"\n'
+    rest = (f'complete -c suture -n "__fish_seen_subcommand_from {name}" -a "{w}"\n' for name, w in words.items())
+    return "# suture completion fish | source\n" + first + "".join(rest)

@@ -1,0 +1,257 @@
+"""What the command understands. A command's own arguments, and the module that carries it out, are looked up when it is
+the one that is asked for: help and version come at once.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+COMMANDS = "studies.command.command"
+Adder = Callable[[argparse.ArgumentParser], None]
+
+
+class Command(NamedTuple):
+    """A command: what it does in words, how its arguments are added, and the function of a module that carries it
+    out."""
+
+    text: str
+    add: Adder
+    module: str
+    function: str
+
+
+def parser_for(arguments: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser of the command line, with the arguments of the commands that it names."""
+    parser = argparse.ArgumentParser(prog="suture", description="A suture thread and the organ it pierces.")
+    parser.add_argument("--version", action=Version, nargs=0, help="print the version, and the commit of a clone")
+    commands = parser.add_subparsers(required=True, metavar="command")
+    for name, command in TABLE.items():
+        sub = commands.add_parser(name, help=command.text, description=command.text)
+        sub.set_defaults(command=partial(carry_out, command))
+        if name in arguments:
+            command.add(sub)
+    return parser
+
+
+def read(arguments: Sequence[str] | None = None) -> argparse.Namespace:
+    """Read the command line, None that of the process; ends the process where it is not understood."""
+    given = sys.argv[1:] if arguments is None else arguments
+    options = parser_for(given).parse_args(given)
+    options.words = list(given)
+    return options
+
+
+def carry_out(command: Command, options: argparse.Namespace) -> int:
+    """Carry out a command; return the exit status."""
+    status: int = getattr(import_module(command.module), command.function)(options)
+    return status
+
+
+class Version(argparse.Action):
+    """Print the version."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        """Print the version and end."""
+        from studies.output.version import CODE, ROOT, commit, installed_version
+
+        at = commit(ROOT)
+        print(f"{CODE} {installed_version(CODE) or '(not installed)'}{f' ({at})' if at else ''}")
+        parser.exit()
+
+
+def _add_nothing(parser: argparse.ArgumentParser) -> None:
+    pass
+
+
+def _add_json(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="print JSON and nothing else on standard output")
+
+
+def _add_scenario(parser: argparse.ArgumentParser) -> None:
+    from studies.scenario import scenes
+
+    parser.add_argument("file", metavar="FILE.toml", type=Path, help=f"scenario file, or one of {', '.join(scenes())}")
+    parser.add_argument(
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="set one key, the value in TOML; a piercing by name: --set piercing.entry.footprint=2e-3",
+    )
+
+
+def _add_strict(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--strict", action="store_true", help="exit with 3 where a remark says that a number is not supported"
+    )
+
+
+def _add_run(parser: argparse.ArgumentParser) -> None:
+    _add_scenario(parser)
+    _add_strict(parser)
+    _add_json(parser)
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="results folder, new or empty")
+    earlier = parser.add_mutually_exclusive_group()
+    earlier.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on from the last checkpoint of the run in DIR, also to a larger solve.duration",
+    )
+    earlier.add_argument("--overwrite", action="store_true", help="replace the run in DIR; other files there are kept")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    parser.add_argument("--no-picture", action="store_true", help="draw no picture of the last frame")
+
+
+def _add_check(parser: argparse.ArgumentParser) -> None:
+    _add_scenario(parser)
+    _add_strict(parser)
+    _add_json(parser)
+    parser.add_argument("--picture", metavar="FILE.png", type=Path, help="draw the start: thread, holes and organ")
+
+
+def _add_mesh(parser: argparse.ArgumentParser) -> None:
+    _add_scenario(parser)
+    parser.add_argument("--out", metavar="ORGAN.vtu", type=Path, required=True, help="mesh file to be written")
+
+
+def _add_workers(parser: argparse.ArgumentParser, cluster: bool = True) -> None:
+    who = parser.add_mutually_exclusive_group()
+    who.add_argument("--jobs", metavar="N", type=_count, default=1, help="processes that work at once, default 1")
+    if cluster:
+        who.add_argument("--dask", metavar="ADDRESS", help="work on the cluster of this Dask scheduler")
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text} is refused: give a whole number of processes, 1 or more")
+    return int(text)
+
+
+def _add_sweep(parser: argparse.ArgumentParser) -> None:
+    _add_scenario(parser)
+    parser.add_argument(
+        "--over",
+        metavar="KEY=[…]",
+        action="append",
+        default=[],
+        help="values of a key, a list in TOML; of several keys every combination is run",
+    )
+    parser.add_argument("--paired", action="store_true", help="take the first values of all keys together, and so on")
+    parser.add_argument("--table", metavar="FILE.csv", type=Path, help="cases from a table: a key above each column")
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="new, or of an earlier sweep")
+    parser.add_argument(
+        "--plot", metavar=("X", "Y"), nargs="+", action=Columns, help="draw a column over another [a line for each BY]"
+    )
+    _add_workers(parser)
+    _add_json(parser)
+
+
+class Columns(argparse.Action):
+    """Take two or three names."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, option: str | None = None
+    ) -> None:
+        """Keep the names. Ends the process where they are fewer or more."""
+        names = list(values) if isinstance(values, list) else []
+        if len(names) not in (2, 3):
+            parser.error(f"{option} takes two columns, x and y, or three, x, y and by; got {len(names)}")
+        setattr(namespace, self.dest, names)
+
+
+def _add_refine(parser: argparse.ArgumentParser) -> None:
+    from studies.refinement.ladder import KINDS, LEVELS
+
+    _add_scenario(parser)
+    parser.add_argument(
+        "--quantity",
+        metavar="NAME",
+        action="append",
+        required=True,
+        help="number of summary.json by its dotted name, such as piercings.exit.tension_after; several are possible",
+    )
+    parser.add_argument("--levels", metavar="N", type=_count, default=LEVELS, help=f"default {LEVELS}, 3 at least")
+    parser.add_argument("--over", choices=(*KINDS, "all"), default="all", help="what is refined, default all together")
+    parser.add_argument("--ratio", metavar="R", type=float, default=None, help="of one level to the next, default √2")
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, required=True, help="folder, new or of an earlier refinement"
+    )
+    parser.add_argument("--strict", action="store_true", help="exit with 3 where a number is not converged")
+    _add_workers(parser)
+    _add_json(parser)
+
+
+def _add_study(parser: argparse.ArgumentParser) -> None:
+    from studies.study import PRESETS
+
+    parser.add_argument("name", metavar="NAME", help="a study, or list")
+    parser.add_argument("--preset", choices=PRESETS, default="quick", help="default: quick, less than a minute")
+    parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], help="set one argument, in TOML")
+    parser.add_argument("--out", metavar="DIR", type=Path, help="folder, default results/NAME")
+    parser.add_argument("--overwrite", action="store_true", help="replace the study in DIR")
+    _add_workers(parser, cluster=False)
+
+
+def _add_schema(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--table", action="store_true", help="print tables of the keys in Markdown instead")
+
+
+def _add_bench(parser: argparse.ArgumentParser) -> None:
+    from tissue.solvers.choice import SOLVERS
+
+    parser.add_argument("what", nargs="?", choices=("step", "organ"), default="step", help="default: step")
+    parser.add_argument(
+        "--sizes", metavar="N", type=int, nargs="+", default=[3_000, 10_000, 30_000], help="unknowns, for organ"
+    )
+    parser.add_argument("--element", choices=("P1", "P2"), default="P1", help="of the organ, for organ")
+    parser.add_argument("--solver", choices=SOLVERS, default="auto", help="of the organ, for step")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="write the numbers as JSON")
+
+
+def _add_report(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folders", metavar="DIR", type=Path, nargs="+", help="folder of a run, a study or a sweep")
+    parser.add_argument("--out", metavar="FILE.html", type=Path, required=True, help="page to be written")
+
+
+def _add_new(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("name", metavar="NAME", type=Path, help="file to be written; .toml is added where it lacks")
+
+
+def _add_completion(parser: argparse.ArgumentParser) -> None:
+    shell = os.path.basename(os.environ.get("SHELL", "bash"))
+    known = ("bash", "zsh", "fish")
+    parser.add_argument(
+        "shell", choices=known, nargs="?", default=shell if shell in known else "bash", help="default: that of $SHELL"
+    )
+
+
+def _named(text: str, add: Adder, function: str, module: str = COMMANDS) -> Command:
+    return Command(text, add, module, function)
+
+
+SWEEPS, LOOKING, HELP = "studies.command.sweeps", "studies.command.looking", "studies.command.help"
+TABLE = {
+    "new": _named("write a commented scenario to begin with", _add_new, "new", HELP),
+    "scenes": _named("list the scenarios that are shipped", _add_json, "list_scenes", HELP),
+    "check": _named("say whether a scenario can be run", _add_check, "check"),
+    "run": _named("simulate a scenario into a folder", _add_run, "run"),
+    "sweep": _named("run a scenario for many values of its keys into one table", _add_sweep, "run_sweep", SWEEPS),
+    "refine": _named("say whether a number of a scenario converges", _add_refine, "run_refinement", SWEEPS),
+    "report": _named(
+        "write runs, studies and sweeps into one page, which needs no network", _add_report, "report_results", LOOKING
+    ),
+    "mesh": _named("make a scenario's mesh, write it and say how good it is", _add_mesh, "make_mesh"),
+    "study": _named("run a study into a table and a figure", _add_study, "run_study"),
+    "schema": _named("print the JSON schema of the scenario file, or its keys as tables", _add_schema, "print_schema"),
+    "catalogue": _named("list the sutures that a scenario can name", _add_nothing, "print_catalogue"),
+    "bench": _named(
+        "measure milliseconds per step and of two baselines, or the organ's solvers", _add_bench, "run_bench"
+    ),
+    "doctor": _named("say what is installed, and how to get what is not", _add_json, "examine", HELP),
+    "completion": _named("print what completes commands in a shell", _add_completion, "print_completion", HELP),
+}

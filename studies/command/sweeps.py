@@ -1,0 +1,132 @@
+"""The commands ``suture sweep`` and ``suture refine``."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from time import monotonic
+
+from studies.command.progress import duration
+from studies.output.files import as_json
+from studies.refinement.refine import refine
+from studies.scenario.toml import read
+from studies.sweeps.grid import Settings, grid, paired, parse_over, read_table
+from studies.sweeps.sweep import Told, sweep
+from studies.sweeps.table import SweepTable, plain
+from studies.workers import WorkersError, workers_of
+
+FAILED, REFUSED, NOT_CONVERGED, INTERRUPTED = 1, 2, 3, 130
+
+
+def run_sweep(options: argparse.Namespace) -> int:
+    """``suture sweep``: a scenario for many values of its keys; a case that fails is a row and no failure."""
+    cases = cases_of(options)
+    base = read(options.file, options.set)
+    told = Teller(options.json)
+    try:
+        table = sweep(base, cases, options.out, workers_of(options.jobs, options.dask), told.tell)
+        if options.plot:
+            from studies.sweeps.figure import write_figure
+
+            write_figure(table, options.plot, options.out)
+    except WorkersError as error:
+        return complain(str(error), FAILED)
+    except KeyboardInterrupt:
+        return complain("interrupted; the same command goes on where it was", INTERRUPTED)
+    if options.json:
+        print(as_json({"columns": table.names, "cases": rows(table)}), end="")
+    else:
+        print("\n".join(report(table, options.out)))
+    return 0
+
+
+def cases_of(options: argparse.Namespace) -> list[Settings]:
+    """Return the cases that a command line asks for: a table, or lists; the latter within each case of the former."""
+    over = parse_over(options.over)
+    lists = paired(over) if options.paired else grid(over)
+    given = read_table(options.table) if options.table else [{}]
+    return [one | other for one in given for other in lists] if over or options.table else []
+
+
+def report(table: SweepTable, folder: Path) -> list[str]:
+    """Return what became of a sweep, for a person."""
+    statuses, unsupported = table["exit_status"].values, table["unsupported"].values
+    count = {word: sum(status == number for status in statuses) for word, number in STATUSES.items()}
+    told = ", ".join(f"{number} {word}" for word, number in count.items() if number)
+    doubted = sum(bool(number) for number in unsupported)
+    lines = [f"{len(table)} cases: {told}"]
+    lines += [f"remarks    {doubted} cases have numbers that are not supported: column remarks"] if doubted else []
+    lines += [f"table      {folder / 'table.csv'}" + _parquet(folder)]
+    drawn = folder / "figure.png"
+    return [*lines, *([f"figure     {drawn}"] if drawn.is_file() else [])]
+
+
+STATUSES = {"completed": 0, "failed": 1, "refused": 2}
+
+
+def _parquet(folder: Path) -> str:
+    """Return where the table in Parquet is, or how to have it."""
+    from studies.sweeps.table import TABLES
+
+    path = folder / "table.parquet"
+    return f", {path.name}" if path.is_file() else f" (table.parquet needs pyarrow: {TABLES})"
+
+
+def rows(table: SweepTable) -> list[dict[str, object]]:
+    """Return the rows of a table by the headings of its columns."""
+    columns = [(column.heading, column.converted) for column in table.columns]
+    return [{heading: values[k] for heading, values in columns} for k in range(len(table))]
+
+
+class Teller:
+    """Tells how far a sweep has come, a line a case, on standard error."""
+
+    def __init__(self, quiet: bool = False) -> None:
+        self._begin = monotonic()
+        self._quiet = quiet
+        self._first: int | None = None
+
+    def tell(self, told: Told) -> None:
+        """Write a line of the case that is done, and of the time that is left by the pace of those before."""
+        if self._quiet:
+            return
+        self._first = told.done if self._first is None else self._first
+        taken = monotonic() - self._begin
+        left = taken / (told.done - self._first + 1) * (told.count - told.done)
+        settings = ", ".join(f"{key} = {plain(value)}" for key, value in told.settings.items()) or "as it is"
+        what = next((word for word, number in STATUSES.items() if number == told.exit_status), "failed")
+        print(f"{told.done}/{told.count}, {duration(left)} left: {what}: {settings}", file=sys.stderr, flush=True)
+
+
+def run_refinement(options: argparse.Namespace) -> int:
+    """``suture refine``: what numbers of a scenario do under refinement, in words."""
+    told = Teller(options.json)
+    try:
+        found = refine(
+            read(options.file, options.set),
+            options.quantity,
+            options.out,
+            options.over,
+            options.levels,
+            options.ratio,
+            workers_of(options.jobs, options.dask),
+            told.tell,
+        )
+    except WorkersError as error:
+        return complain(str(error), FAILED)
+    except KeyboardInterrupt:
+        return complain("interrupted; the same command goes on where it was", INTERRUPTED)
+    if options.json:
+        print(json.dumps(json.loads((options.out / "verdict.json").read_text(encoding="utf-8"))))
+    else:
+        print((options.out / "verdict.md").read_text(encoding="utf-8"))
+        print(f"levels, verdicts and figure are in {options.out}")
+    if any(one.verdict is None for one in found):
+        return FAILED
+    return NOT_CONVERGED if options.strict and not all(one.converged for one in found) else 0
+
+
+def complain(sentence: str, status: int) -> int:
+    """Say why there is no result; return the exit status."""
+    print(f"suture: {sentence}", file=sys.stderr)
+    return status

@@ -1,0 +1,29 @@
+"""The log of a run, ``suture.log`` in its folder: when it was begun, by which code, and how it ended."""
+
+from collections.abc import Iterable
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+
+from studies.output.remarks import Remark
+from studies.output.version import CODE, ROOT, commit, installed_version
+
+LOG = "suture.log"
+
+
+class RunLog:
+    """Appends lines to the log of a folder, each with its time [UTC]; a run that is resumed goes on with it."""
+
+    def __init__(self, folder: Path, command: str) -> None:
+        self._path = folder / LOG
+        self.write(f"{CODE} {installed_version(CODE)} ({commit(ROOT) or 'no clone'}): {command}")
+
+    def write(self, text: str) -> None:
+        """Append lines."""
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        with suppress(OSError), self._path.open("a", encoding="utf-8") as file:  # a full disk is told by the run itself
+            file.writelines(f"{now}  {line}\n" for line in text.splitlines())
+
+    def end(self, status: str, remarks: Iterable[Remark]) -> None:
+        """Append how the run ended, and what is said of it."""
+        self.write("\n".join([status, *(remark.line for remark in remarks)]))

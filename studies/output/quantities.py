@@ -1,0 +1,109 @@
+"""The numbers and words of a run's summary by their dotted names, each with its unit.
+
+``piercings.exit.tension_after`` is in newton; a vector has a name for each component, as in the tables:
+``piercings.exit.force_x``. Wall-clock time, which differs from one run of a scenario to the next, is none of them.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from studies.output.columns import (
+    CONTACT,
+    ENDS,
+    ENERGY,
+    HOLE_RANGE,
+    HOLE_SUMMARY,
+    MAX_STRAIN,
+    RANGE,
+    RUN,
+    SPAN_RATIO,
+    SPANS_BETWEEN,
+    Column,
+)
+
+NOT_REPEATED = ("seconds_per_step", "provenance")  # wall-clock time, and where a run was made
+TOLD_APART = ("remarks",)  # a list of sentences
+SUBGRID = {"share": "-", "size": "m", "clear": "m"}  # of `tissue.sites.subgrid.Missing`
+ANY = "*"
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number, a word, or None where there is none, with its `unit`: "-" of a number without, empty for words."""
+
+    name: str
+    unit: str
+    value: float | int | str | bool | None
+
+    @property
+    def heading(self) -> str:
+        """The heading of its column in a table: `piercings.exit.slip [m]`."""
+        return headed(self.name, self.unit)
+
+    @property
+    def is_scalar(self) -> bool:
+        """Whether it is a number."""
+        return isinstance(self.value, int | float) and not isinstance(self.value, bool)
+
+
+def headed(name: str, unit: str) -> str:
+    """Return the heading of a column with its unit in brackets, where it has one."""
+    return f"{name} [{unit}]" if unit else name
+
+
+def quantities(summary: Mapping[str, Any]) -> dict[str, Quantity]:
+    """Return all numbers and words of a summary by name, in its order."""
+    kept = {key: value for key, value in summary.items() if key not in (*NOT_REPEATED, *TOLD_APART)}
+    return {found.name: found for found in leaves(kept, ())}
+
+
+def leaves(table: Any, place: tuple[str, ...]) -> Iterator[Quantity]:
+    """Yield the numbers and words below a place in a summary."""
+    if isinstance(table, Mapping):
+        for key, value in table.items():
+            yield from leaves(value, (*place, str(key)))
+        return
+    column = column_at(place)
+    unit = column.unit if column else SUBGRID.get(place[-1], "") if place[0] == "subgrid" else ""
+    if isinstance(table, Sequence) and not isinstance(table, str):
+        parts = column.parts if column and column.parts else [f"{place[-1]}_{k}" for k in range(len(table))]
+        for part, value in zip(parts, table, strict=False):
+            yield Quantity(".".join([*place[:-1], part]), unit, value)
+    else:
+        yield Quantity(".".join(place), unit, table)
+
+
+def column_at(place: tuple[str, ...]) -> Column[Any] | None:
+    """Return the column that a key of a summary is made of, None for one that is none."""
+    for above, columns in COLUMNS.items():
+        fits = len(above) + 1 == len(place) and all(a in (ANY, b) for a, b in zip(above, place, strict=False))
+        found = next((column for column in columns if fits and column.name == place[-1]), None)
+        if found is not None:
+            return found
+    return None
+
+
+def at_end(end: str) -> tuple[Column[Any], ...]:
+    """Return the columns of an end of the thread by the names that the summary gives them."""
+    start = f"{end}_"
+    return tuple(
+        replace(
+            column,
+            name=column.name.removeprefix(start),
+            parts=tuple(part.removeprefix(start) for part in column.parts),
+        )
+        for column in ENDS[end]
+    )
+
+
+COLUMNS: dict[tuple[str, ...], tuple[Column[Any], ...]] = {
+    (): RUN,
+    ("energy",): ENERGY,
+    ("thread",): (MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN),
+    **{("thread", end): at_end(end) for end in ENDS},
+    ("piercings", ANY): HOLE_SUMMARY,
+    ("contact",): CONTACT,
+    ("range",): RANGE,
+    ("range", "piercings", ANY): HOLE_RANGE,
+}

@@ -1,0 +1,186 @@
+"""Reading a results folder back: its summary, its tables with their units, and its frames.
+
+A run that is still at work, or that was killed, is read as far as it came.
+"""
+
+import csv
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from studies.arrays import Array
+from studies.output.columns import ORGAN_ARRAYS, ORGAN_CELLS, PIERCING_ARRAYS, TABLES, THREAD_ARRAYS, Column
+from studies.output.manifest import MARK, SCENARIO, holds_run
+from studies.output.series import step_of
+
+HEADING = re.compile(r"(?P<name>.*?)(?: \[(?P<unit>[^\]]*)\])?")
+CORNERS = 4  # nodes of a tetrahedron without those on its edges
+TEXTS = {column.name for layout in TABLES for column in layout.columns if column.kind == "text"}
+ARRAYS: tuple[Column[Any], ...] = (*PIERCING_ARRAYS, *THREAD_ARRAYS, *ORGAN_CELLS, *ORGAN_ARRAYS)
+UNITS = {column.name: column.unit for column in ARRAYS}  # of the arrays of a frame
+
+
+class ResultsError(ValueError):
+    """A results folder that cannot be read, or that lacks what is asked for."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns by name, each shape `(rows,)`: numbers where every cell is one or empty (not a number), else text; and
+    the units of those that have one."""
+
+    columns: Mapping[str, NDArray[Any]]
+    units: Mapping[str, str]
+
+    @property
+    def numeric(self) -> list[str]:
+        """The names of the columns that hold numbers."""
+        return [name for name, values in self.columns.items() if values.dtype.kind == "f"]
+
+    def heading(self, name: str) -> str:
+        """Return a column's name with its unit: `slip [m]`."""
+        return f"{name} [{self.units[name]}]" if name in self.units else name
+
+    def where(self, name: str, word: str) -> "Table":
+        """Return the rows whose column of text has a word."""
+        chosen = self.columns[name] == word
+        return Table({key: values[chosen] for key, values in self.columns.items()}, self.units)
+
+
+@dataclass(frozen=True)
+class FrameFiles:
+    """The files of one time, by the part that they hold: organ, thread, piercings."""
+
+    time: float  # [s]
+    step: int
+    parts: Mapping[str, Path]
+
+    def read(self, part: str) -> Any:
+        """Read a part as pyvista has it; None where the frame has none. Raises `ResultsError` for a file that is torn
+        or gone."""
+        import pyvista as pv
+
+        path = self.parts.get(part)
+        if path is None:
+            return None
+        if not path.is_file():
+            raise ResultsError(f"{path} is not there, though results.pvd names it; run the scenario anew")
+        return pv.read(path)
+
+
+@dataclass(frozen=True)
+class RunResults:
+    """A run's folder: what `summary.json` says (nothing before its end), the manifest, the scenario's text, the tables
+    by name, and the frames in the order of time."""
+
+    folder: Path
+    summary: Mapping[str, Any]
+    provenance: Mapping[str, Any]
+    scenario: str
+    tables: Mapping[str, Table]
+    frames: tuple[FrameFiles, ...]
+
+    @property
+    def name(self) -> str:
+        """The folder's own name."""
+        return self.folder.resolve().name
+
+    @property
+    def piercings(self) -> list[str]:
+        """The names of the piercings, in the order of the scenario."""
+        table = self.tables.get("piercings")
+        return [] if table is None else list(dict.fromkeys(table.columns["piercing"].tolist()))
+
+
+def read_run(folder: Path | str) -> RunResults:
+    """Read the run in a folder. Raises `ResultsError` where it holds none."""
+    folder = Path(folder)
+    if not holds_run(folder):
+        raise ResultsError(f"{folder} is refused: it holds no run; give a folder that suture run --out wrote")
+    found = {layout.name: folder / f"{layout.name}.csv" for layout in TABLES}
+    return RunResults(
+        folder,
+        read_json(folder / "summary.json"),
+        read_json(folder / MARK),
+        (folder / SCENARIO).read_text(encoding="utf-8"),
+        {name: read_table(path) for name, path in found.items() if path.is_file()},
+        read_frames(folder / "results.pvd"),
+    )
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON object; an empty one where there is none, or a torn one."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def read_table(path: Path) -> Table:
+    """Read a CSV table whose headings carry units. Raises `ResultsError` for a file without a heading."""
+    with path.open(encoding="utf-8", newline="") as file:
+        head, *rows = list(csv.reader(file)) or [[]]
+    if not head:
+        raise ResultsError(f"{path} is empty; run the scenario anew")
+    whole = [row for row in rows if len(row) == len(head)]  # the last one may be torn
+    matches = [cast(re.Match[str], HEADING.fullmatch(text)) for text in head]
+    cells = zip(*whole, strict=True) if whole else [()] * len(head)
+    columns = {
+        match["name"]: np.array(values, dtype=np.str_) if match["name"] in TEXTS else column_of(values)
+        for match, values in zip(matches, cells, strict=True)
+    }
+    return Table(columns, {match["name"]: match["unit"] for match in matches if match["unit"]})
+
+
+def column_of(cells: Sequence[str]) -> NDArray[Any]:
+    """Return cells as numbers, an empty one as not a number, or as text where one of them is no number."""
+    try:
+        return np.array([float(cell) if cell else np.nan for cell in cells], dtype=np.float64)
+    except ValueError:
+        return np.array(cells, dtype=np.str_)
+
+
+def read_frames(index: Path) -> tuple[FrameFiles, ...]:
+    """Read which files a `.pvd` file names, frame by frame; none where there is none or it is torn."""
+    try:
+        parts = list(ElementTree.fromstring(index.read_text(encoding="utf-8")).iter("DataSet"))
+    except (OSError, ValueError, ElementTree.ParseError):
+        return ()
+    frames: dict[int, tuple[float, dict[str, Path]]] = {}
+    for part in parts:
+        file = part.get("file", "")
+        _, files = frames.setdefault(step_of(file), (float(part.get("timestep", "nan")), {}))
+        files[part.get("name", "")] = index.parent / file
+    return tuple(FrameFiles(time, step, files) for step, (time, files) in sorted(frames.items()))
+
+
+def cells_of(organ: Any) -> NDArray[np.int64]:
+    """Return the corner nodes of an organ's tetrahedra, shape `(cells, 4)`."""
+    [cells] = organ.cells_dict.values()
+    return np.asarray(cells[:, :CORNERS], dtype=np.int64)
+
+
+def nodal(values: Array, cells: NDArray[np.int64], nodes: int) -> Array:
+    """Return numbers of cells, shape `(cells,)`, as means over the cells that meet at each node, shape `(nodes,)`."""
+    flat = cells.ravel()
+    total = np.bincount(flat, np.repeat(values, cells.shape[1]), minlength=nodes)
+    return np.asarray(total / np.maximum(np.bincount(flat, minlength=nodes), 1))
+
+
+def pieces(thread: Any) -> list[NDArray[np.int64]]:
+    """Return the numbers of the points of each piece of a thread, in order."""
+    offsets = np.asarray(thread.lines)
+    out, start = [], 0
+    while start < len(offsets):
+        count = int(offsets[start])
+        out.append(np.asarray(offsets[start + 1 : start + 1 + count], dtype=np.int64))
+        start += count + 1
+    return out

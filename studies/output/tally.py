@@ -1,0 +1,86 @@
+"""What a run comes to: the totals, extremes and remarks that its summary tells, gathered step by step."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from studies.output.checkpoint import Arrays, pack, unpack
+from studies.output.columns import RUN, range_summary, state_summary, values
+from studies.output.records import Ending, OrganRecord, RunRecord, StepRecord, nothing_met
+from studies.output.remarks import Remark
+from studies.scenario import Scenario
+
+Status = Literal["completed", "failed", "interrupted"]
+Judge = Callable[[Ending | None], Sequence[Remark]]  # what is to be said of a run, before its start and at its end
+
+
+def nothing_to_say(ending: Ending | None) -> list[Remark]:
+    """Return no remark."""
+    return []
+
+
+class Tally:
+    """Gathers the summary of a run; with the ``memory`` of a checkpoint that of a run that goes on."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        tissue_dofs: int = 0,
+        subgrid: Mapping[str, Mapping[str, Any]] | None = None,
+        judge: Judge = nothing_to_say,
+        memory: Arrays | None = None,
+    ) -> None:
+        self._judge = judge
+        self._names = [hole.name for hole in scenario.piercing]
+        self._has_organ = scenario.tissue is not None
+        self._tissue_dofs = tissue_dofs
+        self.own: list[Remark] = []
+        self.last_step: StepRecord | None = None
+        self.subgrid = subgrid or {}
+        counters = memory or {}
+        self._newton_iterations = int(counters.get("newton_iterations", 0))
+        self._constraint_max = float(counters.get("constraint_max", 0.0))
+        self._constraint_residual = float(counters.get("constraint_residual", 0.0))
+        self._seconds = float(counters.get("seconds", 0.0))
+        self._extremes = nothing_met(len(self._names))
+        if memory is not None:
+            self._extremes = unpack(self._extremes, memory, "extremes")
+
+    def count(self, step: StepRecord) -> None:
+        """Add a step that was taken."""
+        self._newton_iterations += step.newton_iterations
+        self._constraint_max = max(self._constraint_max, step.constraint_max)
+        self._constraint_residual = max(self._constraint_residual, step.constraint_residual)
+        self._seconds += step.seconds if step.step else 0.0
+        self._extremes = self._extremes.after_step(step)
+
+    def see(self, organ: OrganRecord | None) -> None:
+        """Add the organ of a frame, None without one."""
+        self._extremes = self._extremes.after_frame(organ)
+
+    def memory(self) -> dict[str, Any]:
+        """Return what a checkpoint keeps of it, as arrays."""
+        counters = {
+            "newton_iterations": np.array(self._newton_iterations),
+            "constraint_max": np.array(self._constraint_max),
+            "constraint_residual": np.array(self._constraint_residual),
+            "seconds": np.array(self._seconds),
+        }
+        return {**counters, **pack(self._extremes, "extremes")}
+
+    @property
+    def remarks(self) -> list[Remark]:
+        """What is to be said of the run as of its last step."""
+        ending = None if self.last_step is None else Ending(self.last_step, self._extremes)
+        return [*self._judge(ending), *self.own]
+
+    def summary(self, status: Status, error: str = "") -> dict[str, Any]:
+        """Make the contents of ``summary.json`` as of the last step, all but where it comes from."""
+        step = self.last_step
+        totals = self._newton_iterations, self._constraint_max, self._constraint_residual, self._seconds
+        head = values(RUN, RunRecord(status, error, step, *totals, self._tissue_dofs)) | {"subgrid": self.subgrid}
+        said: dict[str, Any] = {"remarks": [remark.record() for remark in self.remarks]}
+        if self._has_organ:
+            said["range"] = range_summary(self._names, self._extremes)
+        return head | said | (state_summary(step) if step else {})

@@ -1,0 +1,152 @@
+"""The levels of a refinement: a scenario with finer cells, steps or spans, or smaller footprints, level by level."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import isfinite, sqrt
+from typing import Any
+
+from studies.scenario import FileMesh, GivenMesh, Scenario, ScenarioError
+
+LEVELS = 4
+LEAST = 3  # levels that a verdict needs
+RATIO = sqrt(2.0)  # of one level to the next: cells of a mesh grow by 2.8, and Celik et al. 2008 ask for 1.3 or more
+LEAST_RATIO = 1.1
+END_POINTS = 3  # control points beyond the spans of a cubic spline
+
+Settings = dict[str, Any]
+Finer = Callable[[Scenario, float], Settings]  # the keys of a scenario refined by a factor
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Something that can be refined: what it is in words, the keys of a scenario finer by a factor, the order of theory
+    by which errors fall, and why a scenario has none of it, None where it has."""
+
+    words: str
+    finer: Finer
+    order: Callable[[Scenario], float]
+    lacking: Callable[[Scenario], str | None]
+
+
+def finer_cells(scenario: Scenario, factor: float) -> Settings:
+    """Return the sizes of the mesh."""
+    mesh: Any = scenario.tissue.mesh if scenario.tissue else None
+    return {
+        f"tissue.mesh.{key}": size / factor for key in ("h", "h_site") if (size := getattr(mesh, key, None)) is not None
+    }
+
+
+def finer_steps(scenario: Scenario, factor: float) -> Settings:
+    """Return the time step, or the number of load steps; frames are as far apart as before."""
+    solve, every = scenario.solve, max(1, round(scenario.output.every * factor))
+    if solve.kind == "static":
+        return {"solve.load_steps": round(solve.load_steps * factor), "output.every": every}
+    return {"solve.dt": solve.duration / round(solve.steps * factor), "output.every": every}
+
+
+def finer_spans(scenario: Scenario, factor: float) -> Settings:
+    """Return the number of control points."""
+    return {"thread.control_points": round((scenario.thread.control_points - END_POINTS) * factor) + END_POINTS}
+
+
+def smaller_footprints(scenario: Scenario, factor: float) -> Settings:
+    """Return the radii of the footprints."""
+    return {f"piercing.{k}.footprint": hole.footprint / factor for k, hole in enumerate(scenario.piercing)}
+
+
+def no_cells(scenario: Scenario) -> str | None:
+    """Return why there are no cells to be refined."""
+    if scenario.tissue is None:
+        return "the scenario has no organ"
+    mesh = scenario.tissue.mesh
+    if isinstance(mesh, FileMesh) and not mesh.is_surface:
+        return f"the cells are those of the file {mesh.path}; give a surface, which is filled, or meshes by a sweep"
+    if isinstance(mesh, GivenMesh):
+        return "the cells are those of the mesh that is handed over; refine it, and prepare again"
+    return None
+
+
+def no_footprints(scenario: Scenario) -> str | None:
+    """Return why there are no footprints to be made smaller."""
+    return None if any(hole.footprint for hole in scenario.piercing) else "no piercing has a footprint"
+
+
+def order_of_cells(scenario: Scenario) -> float:
+    """Return the order in the size of cells of what a footprint averages: 2 of P1; of P2 h⁴ ln(a/h), seen as 3
+    (`studies.mesh_refinement`)."""
+    return 3.0 if scenario.tissue is not None and scenario.tissue.element == "P2" else 2.0
+
+
+def order_of_steps(scenario: Scenario) -> float:
+    """Return the order of the integrator, and 1 of load steps, which matter where friction remembers them."""
+    solve = scenario.solve
+    return 2.0 if solve.kind == "dynamic" and solve.integrator == "bdf2" else 1.0
+
+
+KINDS = {
+    "h": Kind("the size of the cells", finer_cells, order_of_cells, no_cells),
+    "dt": Kind("the time step", finer_steps, order_of_steps, lambda scenario: None),
+    # A moment that kinks at a hole, which no cubic has: `thread.compliance`.
+    "control_points": Kind("the spans of the thread", finer_spans, lambda scenario: 3.0, lambda scenario: None),
+    "footprint": Kind("the radius of the footprints", smaller_footprints, lambda scenario: 2.0, no_footprints),
+}
+DISCRETE = ("h", "dt", "control_points")  # what `all` refines: a footprint is of the model, not of its solution
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """Levels of a scenario from the coarsest, which is the scenario itself: `settings` and `factor` of each, what is
+    refined, and the order of theory."""
+
+    kinds: tuple[str, ...]
+    settings: tuple[Settings, ...]
+    factors: tuple[float, ...]
+    order: float
+
+
+def ladder(scenario: Scenario, over: str = "all", levels: int = LEVELS, ratio: float | None = None) -> Ladder:
+    """Return the levels of a scenario, each finer by `ratio`, None: √2. Raises `ScenarioError`."""
+    step = RATIO if ratio is None else ratio
+    if levels < LEAST:
+        raise ScenarioError(f"--levels {levels} is refused: a verdict needs {LEAST} or more")
+    if not (isfinite(step) and step >= LEAST_RATIO):
+        raise ScenarioError(f"--ratio {ratio} is refused: give {LEAST_RATIO} or more, for example 1.5")
+    kinds = kinds_of(scenario, over)
+    factors = tuple(step**level for level in range(levels))
+    settings = tuple(finer(scenario, kinds, factor) for factor in factors)
+    order = min(KINDS[kind].order(scenario) for kind in kinds)
+    return Ladder(kinds, settings, tuple(map(effective(scenario, kinds), settings, factors)), order)
+
+
+def kinds_of(scenario: Scenario, over: str) -> tuple[str, ...]:
+    """Return what is refined; of `all` what the scenario has. Raises `ScenarioError`."""
+    if over == "all":
+        return tuple(kind for kind in DISCRETE if KINDS[kind].lacking(scenario) is None)
+    if over not in KINDS:
+        raise ScenarioError(f"--over {over} is refused: allowed are {', '.join(KINDS)} and all")
+    if (reason := KINDS[over].lacking(scenario)) is not None:
+        raise ScenarioError(f"--over {over} is refused: {reason}")
+    return (over,)
+
+
+def finer(scenario: Scenario, kinds: tuple[str, ...], factor: float) -> Settings:
+    """Return the keys of a scenario refined by a factor, none of the scenario itself."""
+    if factor == 1.0:
+        return {}
+    return {key: value for kind in kinds for key, value in KINDS[kind].finer(scenario, factor).items()}
+
+
+def effective(scenario: Scenario, kinds: tuple[str, ...]) -> Callable[[Mapping[str, Any], float], float]:
+    """Return what tells the factor of a level from its keys: of steps and spans as they were rounded."""
+
+    def told(settings: Mapping[str, Any], factor: float) -> float:
+        if kinds == ("dt",) and "solve.load_steps" in settings:
+            return float(settings["solve.load_steps"] / scenario.solve.load_steps)
+        if kinds == ("dt",) and "solve.dt" in settings:
+            return float(scenario.solve.dt / settings["solve.dt"])
+        if kinds == ("control_points",) and settings:
+            spans = settings["thread.control_points"] - END_POINTS
+            return float(spans / (scenario.thread.control_points - END_POINTS))
+        return factor
+
+    return told

@@ -1,0 +1,161 @@
+"""A refinement into a folder: the levels are run as a sweep, and each quantity gets its verdict."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from math import isfinite, isnan, nan
+from pathlib import Path
+from typing import Any
+
+from studies.output.files import write_bytes, write_json, write_text
+from studies.refinement.ladder import KINDS, LEAST, LEVELS, Ladder, ladder
+from studies.scenario import ScenarioError
+from studies.scenario.refusal import nearest
+from studies.scenario.toml import parsed
+from studies.sweeps.sweep import Base, Tell, base_tables, sweep, tell_nothing
+from studies.sweeps.table import SweepTable
+from studies.verdicts import Verdict, verdict
+from studies.workers import Workers
+
+NO_VERDICT = "no verdict"
+
+
+@dataclass(frozen=True)
+class Refined:
+    """What a quantity does under refinement: its `numbers` from the coarsest level, NaN of one that was not completed,
+    `factors` by which the levels are finer, the order of theory, and the verdict, None with fewer than three numbers.
+    """
+
+    quantity: str
+    unit: str
+    factors: tuple[float, ...]
+    numbers: tuple[float, ...]
+    theory: float
+    verdict: Verdict | None
+    why_not: str = ""
+
+    def __repr__(self) -> str:
+        return f"Refined({self.quantity} [{self.unit}]: {self.text})"
+
+    @property
+    def finest(self) -> float:
+        """The number of the finest level that was completed, NaN without any."""
+        return next((number for number in reversed(self.numbers) if not isnan(number)), nan)
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The interval of the grid-convergence index about the finest number, None where there is none."""
+        if self.verdict is None or not isfinite(self.verdict.index):
+            return None
+        half = self.verdict.index * abs(self.finest)
+        return self.finest - half, self.finest + half
+
+    @property
+    def converged(self) -> bool:
+        """Whether the number is called converged."""
+        return self.verdict is not None and self.verdict.kind == "converged"
+
+    @property
+    def text(self) -> str:
+        """The verdict in words."""
+        return f"{NO_VERDICT}: {self.why_not}" if self.verdict is None else self.verdict.text
+
+    def record(self) -> dict[str, Any]:
+        """Return it as ``verdict.json`` has it."""
+        said = {"order": None, "limit": None, "index": None, "kind": NO_VERDICT}
+        said |= asdict(self.verdict) if self.verdict else {}
+        plain = {"quantity": self.quantity, "unit": self.unit, "factors": self.factors, "numbers": self.numbers}
+        return {**plain, "order_of_theory": self.theory, **said, "interval": self.interval, "verdict": self.text}
+
+
+def refine(
+    base: Base,
+    quantity: str | Sequence[str],
+    folder: Path | str,
+    over: str = "all",
+    levels: int = LEVELS,
+    ratio: float | None = None,
+    workers: Workers | None = None,
+    tell: Tell = tell_nothing,
+) -> tuple[Refined, ...]:
+    """Refine a scenario level by level into a folder, and return what each quantity does.
+
+    `base`: a file or a shipped scene by its name, tables, or a scenario. `quantity`: numbers of the summary by their
+    dotted names, as `studies.output.quantities` gives them. `over`: "h", "dt", "control_points", "footprint", or "all"
+    but the footprint. Every level is finer by `ratio`, None: √2. `workers` as in `studies.sweeps.sweep`.
+
+    Raises `ScenarioError`, and `studies.workers.WorkersError`.
+    """
+    names = [quantity] if isinstance(quantity, str) else list(quantity)
+    plain = base_tables(base)
+    rungs = ladder(parsed(plain), over, levels, ratio)
+    table = sweep(plain, rungs.settings, folder, workers, tell, kind="refinement")
+    rungs = as_meshed(rungs, table)
+    found = tuple(refined(name, rungs, table) for name in names)
+    write(found, rungs, Path(folder))
+    return found
+
+
+def as_meshed(rungs: Ladder, table: SweepTable) -> Ladder:
+    """Return the levels with the factors that their meshes came to, (cells of the level over those of the
+    coarsest)^⅓ (Celik et al. 2008), where cells are refined and every mesh was made."""
+    cells = table["cells"].values
+    if "h" not in rungs.kinds or None in cells:
+        return rungs
+    return replace(rungs, factors=tuple((float(n) / float(cells[0])) ** (1 / 3) for n in cells if n and cells[0]))
+
+
+def refined(name: str, rungs: Ladder, table: SweepTable) -> Refined:
+    """Return what a quantity does over the levels of a table. Raises `ScenarioError` for one that is no number."""
+    try:
+        column = table[name]
+    except KeyError:
+        numbers = [column.name for column in table.columns if column.kind in (int, float)]
+        near = nearest(name, numbers)
+        hint = f"the nearest is {near}" if near else f"there are for example {', '.join(numbers[1:9])}"
+        raise ScenarioError(f"--quantity {name} is refused: no level has such a number; {hint}") from None
+    if column.kind not in (int, float):
+        raise ScenarioError(f"--quantity {name} is refused: it is a word or a list; name a number")
+    done = [status == 0 for status in table["exit_status"].values]
+    values = tuple(
+        float(value) if there and value is not None else nan
+        for there, value in zip(done, column.converted, strict=True)
+    )
+    pairs = [(1.0 / factor, number) for factor, number in zip(rungs.factors, values, strict=True) if not isnan(number)]
+    if len({size for size, _ in pairs}) < LEAST:
+        why = f"only {len(pairs)} of {len(values)} levels have the number, and {LEAST} are needed"
+        return Refined(column.name, column.unit, rungs.factors, values, rungs.order, None, why)
+    said = verdict([size for size, _ in pairs], [number for _, number in pairs], rungs.order)
+    return Refined(column.name, column.unit, rungs.factors, values, rungs.order, said)
+
+
+def markdown(found: Sequence[Refined], rungs: Ladder) -> str:
+    """Write the verdicts in Markdown."""
+    lines = [
+        f"Refined: {', '.join(KINDS[kind].words for kind in rungs.kinds)}, by "
+        f"{', '.join(f'{factor:.3g}' for factor in rungs.factors)}. Order of theory {rungs.order:g}.",
+        "",
+        "| quantity | unit | levels, coarsest first | order | limit | interval | verdict |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    return "\n".join([*lines, *map(line, found)]) + "\n"
+
+
+def line(one: Refined) -> str:
+    """Write a row of the verdicts."""
+    said = one.verdict
+    order = "" if said is None else "swings" if isnan(said.order) else f"{said.order:.2f}"
+    limit = "" if said is None or isnan(said.limit) else f"{said.limit:.6g}"
+    between = "" if one.interval is None else "{:.6g} to {:.6g}".format(*one.interval)
+    numbers = ", ".join("failed" if isnan(number) else f"{number:.6g}" for number in one.numbers)
+    return f"| `{one.quantity}` | {one.unit} | {numbers} | {order} | {limit} | {between} | {one.text} |"
+
+
+def write(found: Sequence[Refined], rungs: Ladder, folder: Path) -> None:
+    """Write ``verdict.md``, ``verdict.json`` and the figure."""
+    from studies.refinement.figure import pictures
+
+    write_text(folder / "verdict.md", markdown(found, rungs))
+    asked: Mapping[str, Any] = {"over": rungs.kinds, "quantities": [one.record() for one in found]}
+    write_json(folder / "verdict.json", asked)
+    for kind, picture in pictures(found, rungs).items():
+        write_bytes(folder / f"figure.{kind}", picture)

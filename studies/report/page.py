@@ -1,0 +1,139 @@
+"""The page of a report: pieces of HTML, and the whole with its style, its script and plotly's own in it."""
+
+import html
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from studies.output.reading import ResultsError
+
+HERE = Path(__file__).parent
+MISSING = (
+    "suture report is refused: plotly, which draws its charts, is not installed; add it with "
+    'pip install -e ".[report]" in the clone, or pip install plotly'
+)
+
+
+def plotly_script() -> str:
+    """Return plotly's program as one text. Raises `ResultsError` where it is not installed."""
+    try:
+        from plotly.offline import get_plotlyjs
+    except ImportError:
+        raise ResultsError(MISSING) from None
+    return str(get_plotlyjs())
+
+
+def whole_page(title: str, body: Iterable[str], data: Mapping[str, Any]) -> str:
+    """Return a page that needs no other file; what it may load is forbidden in its head."""
+    parts = {name: (HERE / f"page.{name}").read_text(encoding="utf-8") for name in ("html", "css", "js")}
+    numbers = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
+    return Template(parts["html"]).substitute(
+        title=html.escape(title),
+        style=parts["css"],
+        body="\n".join(body),
+        data=numbers,
+        plotly=plotly_script(),
+        script=parts["js"],
+    )
+
+
+def escaped(value: object) -> str:
+    """Return a value as text of a page."""
+    return html.escape(str(value))
+
+
+def number_text(value: object) -> str:
+    """Return a number with four digits, or any other value as it is; nothing of what there is not."""
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(number_text(item) for item in value)
+    return str(value)
+
+
+def cell(value: object) -> object:
+    """Return a value of a table, None for what is not a number."""
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def figure(png: str, words: str) -> str:
+    """Return a picture in base64, with words in its place."""
+    return f'<img class="figure" alt="{escaped(words)}" src="data:image/png;base64,{png}">'
+
+
+def heading(text: str) -> str:
+    """Return the heading of a section."""
+    return f"<h2>{escaped(text)}</h2>"
+
+
+def paragraph(text: str) -> str:
+    """Return a paragraph that explains."""
+    return f'<p class="note">{escaped(text)}</p>'
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[object]], words: int = 1) -> str:
+    """Return a table, of which the first `words` columns are words and the others numbers."""
+
+    def line(tag: str, cells: Sequence[object]) -> str:
+        parts = [
+            f"<{tag}{'' if place < words else chr(32) + 'class=n'}>{escaped(number_text(cell))}</{tag}>"
+            for place, cell in enumerate(cells)
+        ]
+        return f"<tr>{''.join(parts)}</tr>"
+
+    body = "".join(line("td", row) for row in rows)
+    return f'<div class="scroll"><table><thead>{line("th", head)}</thead><tbody>{body}</tbody></table></div>'
+
+
+def remark_list(remarks: Sequence[Mapping[str, str]]) -> str:
+    """Return remarks, those first that say that a number is not supported."""
+    if not remarks:
+        return "<p>No remarks: nothing is to be said against the numbers.</p>"
+    ordered = sorted(remarks, key=lambda remark: remark.get("severity") != "unsupported")
+    words = ("severity", "message", "code", "where")
+    items = [
+        '<li class="{0}"><b>{0}</b>{1} <code>{2}</code> {3}</li>'.format(
+            *(escaped(one.get(word, "")) for word in words)
+        )
+        for one in ordered
+    ]
+    return f'<ul class="remarks">{"".join(items)}</ul>'
+
+
+def folded(title: str, text: str) -> str:
+    """Return text that is shown when asked for."""
+    return f"<details><summary>{escaped(title)}</summary><pre>{escaped(text)}</pre></details>"
+
+
+def chart(name: str) -> str:
+    """Return the place of a chart."""
+    return f'<div class="chart" id="{escaped(name)}"></div>'
+
+
+def selection(name: str, label: str, options: Iterable[str] = (), chosen: str = "") -> str:
+    """Return a choice, of options of its own or of those that the page's script adds."""
+    items = "".join(
+        f"<option{' selected' if option == chosen else ''}>{escaped(option)}</option>" for option in options
+    )
+    return f'<label>{escaped(label)} <select id="{escaped(name)}">{items}</select></label>'
+
+
+def view_controls() -> str:
+    """Return the place of the view in space with its controls."""
+    return "\n".join(
+        [
+            '<div class="controls">',
+            selection("which", "run"),
+            '<label>time <input type="range" id="time" min="0" value="0" step="1"></label>',
+            '<span id="moment"></span><button id="play" type="button">play</button>',
+            selection("field", "organ coloured by"),
+            '<label>opacity <input type="range" id="opacity" min="0.1" max="1" step="0.05" value="0.6"></label>',
+            "</div>",
+            '<div class="view" id="view"></div>',
+        ]
+    )

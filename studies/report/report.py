@@ -1,0 +1,233 @@
+"""``suture report``: runs, studies and sweeps in one page of HTML that asks the network for nothing."""
+
+import base64
+import json
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from studies.output.files import write_text
+from studies.output.manifest import holds_run
+from studies.output.reading import ResultsError, RunResults, Table, read_json, read_run, read_table
+from studies.report import page
+from studies.report.charts import SHOWN, chart_records, plain, series_of
+from studies.report.space import BYTES, view_record
+from studies.study import holds_study
+
+SWEEP = "table.csv"  # what makes a folder a sweep's that is neither a run's nor a study's
+MOST_ROWS = 200  # of a table that is shown whole
+HOLE_LINES = ("state", "slip", "force", "normal_force", "tangential_force", "tension_before", "tension_after")
+HOLE_UNITS = {"slip": "m", "force": "N", "normal_force": "N", "tangential_force": "N", "tension_before": "N",
+              "tension_after": "N"}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A study or a sweep: what it asked, what is said of it, its rows, its figure in base64, and its origin."""
+
+    name: str
+    question: str
+    remarks: tuple[str, ...]
+    table: Table
+    shown: Table
+    figure: str
+    provenance: Mapping[str, Any]
+
+
+def write_report(folders: Sequence[Path], path: Path) -> list[str]:
+    """Write the report of folders into a page; return the lines to be read by a person.
+
+    Raises `ResultsError` for a folder that holds neither a run nor a study nor a sweep, or a page that has not the name
+    of one.
+    """
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise ResultsError(f"--out {path} is refused: a report is a page; name it {path.stem}.html")
+    page.plotly_script()
+    runs = [read_run(folder) for folder in folders if holds_run(folder)]
+    others = [read_rows(folder) for folder in folders if not holds_run(folder)]
+    names = labels([run.folder for run in runs])
+    text = report_text(dict(zip(names, runs, strict=True)), others)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, text)
+    return [f"report     {path}, {len(text.encode()) / 1e6:.3g} MB; open it in a browser, it needs no network"]
+
+
+def labels(folders: Sequence[Path]) -> list[str]:
+    """Name runs by their folders, by as much of the path as tells them apart."""
+    whole = [folder.resolve() for folder in folders]
+    counts = Counter(folder.name for folder in whole)
+    return [folder.name if counts[folder.name] == 1 else "/".join(folder.parts[-2:]) for folder in whole]
+
+
+def read_rows(folder: Path) -> Rows:
+    """Read a study or a sweep. Raises `ResultsError` for a folder that is neither."""
+    if not (folder / SWEEP).is_file():
+        raise ResultsError(
+            f"{folder} is refused: it holds neither a run nor a study nor a sweep; give a folder that has one"
+        )
+    if not holds_study(folder):
+        return Rows(folder.name, "", (), read_table(folder / SWEEP), read_table(folder / SWEEP), "", {})
+    asked = read_json(folder / "study.json")
+    figure = folder / "figure.png"
+    return Rows(
+        str(asked["study"]),
+        str(asked.get("question", "")),
+        tuple(map(str, asked.get("remarks", ()))),
+        read_table(folder / "runs.csv"),
+        read_table(folder / SWEEP),
+        base64.b64encode(figure.read_bytes()).decode() if figure.is_file() else "",
+        {key: asked[key] for key in ("preset", "arguments", "provenance") if key in asked},
+    )
+
+
+def report_text(runs: Mapping[str, RunResults], others: Sequence[Rows]) -> str:
+    """Return the page of runs by name, and of studies and sweeps."""
+    series = [one for name, run in runs.items() for one in series_of(run, name)]
+    charts = chart_records(series)
+    views = [view_record(run, name, BYTES / len(runs)) for name, run in runs.items() if run.frames]
+    data = {
+        "series": [one.record() for one in series],
+        "charts": charts,
+        "views": views,
+        "grids": [grid_record(rows) for rows in others],
+    }
+    title = ", ".join([*runs, *(rows.name for rows in others)])
+    body = [f"<h1>{page.escaped(title)}</h1>"]
+    body += run_sections(runs, [chart["title"] for chart in charts], bool(views)) if runs else []
+    body += [line for number, rows in enumerate(others) for line in rows_sections(rows, number)]
+    return page.whole_page(title, body, data)
+
+
+def run_sections(runs: Mapping[str, RunResults], charts: Sequence[str], seen: bool) -> Iterator[str]:
+    """Yield what a report says of runs, in its order."""
+    yield page.heading("Remarks")
+    for name, run in runs.items():
+        yield f"<h3>{page.escaped(name)}</h3>" if len(runs) > 1 else page.paragraph(title_of(run))
+        yield page.remark_list(run.summary.get("remarks", ()))
+    yield page.heading("Summary")
+    yield page.table(["quantity", *runs], summary_rows(list(runs.values())))
+    yield page.heading("Over time")
+    yield f'<div class="charts">{"".join(page.chart(f"chart{k}") for k in range(len(charts)))}</div>'
+    yield f'<div class="controls">{page.selection("quantity", "any quantity")}</div>{page.chart("chosen")}'
+    if seen:
+        yield page.heading("In space")
+        yield page.paragraph(
+            "Deformations are to scale. The thread is coloured by its tension; arrows are forces of the holes on the "
+            "thread, to one scale. Drag to turn, scroll to come nearer."
+        )
+        yield page.view_controls()
+    yield page.heading("Events")
+    for name, run in runs.items():
+        yield from events_section(name, run)
+    yield page.heading("Where the numbers come from")
+    for name, run in runs.items():
+        yield page.folded(f"{name}: versions, machine and digests", as_json(run.provenance))
+        yield page.folded(f"{name}: the scenario as run", run.scenario)
+
+
+def title_of(run: RunResults) -> str:
+    """Return the title of a run's scenario, or its folder where it has none."""
+    lines = [line for line in run.scenario.splitlines() if line.startswith("title = ")]
+    return lines[0].partition(" = ")[2].strip('"') if lines else run.name
+
+
+def summary_rows(runs: Sequence[RunResults]) -> list[list[object]]:
+    """Return the lines of the summary: a quantity, and its value in each run."""
+    summaries = [run.summary for run in runs]
+    rows: list[list[object]] = [
+        [label, *(summary.get(key) for summary in summaries)]
+        for label, key in (
+            ("status", "status"),
+            ("time reached [s]", "time"),
+            ("steps", "steps"),
+            ("Newton iterations", "newton_iterations"),
+            ("seconds a step", "seconds_per_step"),
+            ("unknowns of the organ", "tissue_dofs"),
+            ("thread off its holes at most [m]", "constraint_max"),
+        )
+    ]
+    rows.append(["largest strain of the thread", *(part(summary, "thread", "max_strain") for summary in summaries)])
+    for hole in dict.fromkeys(name for run in runs for name in run.piercings):
+        for key in HOLE_LINES:
+            unit = f" [{HOLE_UNITS[key]}]" if key in HOLE_UNITS else ""
+            rows.append([f"{hole}: {key}{unit}", *(size(part(s, "piercings", hole, key)) for s in summaries)])
+    for key in dict.fromkeys(name for summary in summaries for name in summary.get("energy", {})):
+        rows.append([f"energy: {key} [J]", *(part(summary, "energy", key) for summary in summaries)])
+    return [row for row in rows if any(value is not None for value in row[1:])]
+
+
+def part(summary: Mapping[str, Any], *keys: str) -> Any:
+    """Return what stands in a summary below keys, None where there is nothing."""
+    found: Any = summary
+    for key in keys:
+        found = found.get(key) if isinstance(found, Mapping) else None
+    return found
+
+
+def size(value: Any) -> Any:
+    """Return the length of a vector, and any other value as it is."""
+    return sum(each**2 for each in value) ** 0.5 if isinstance(value, list) and None not in value else value
+
+
+def events_section(name: str, run: RunResults) -> Iterator[str]:
+    """Yield the events of a run as a table."""
+    table = run.tables.get("events")
+    if table is None or not len(table.columns["time"]):
+        yield page.paragraph(f"{name}: none")
+        return
+    yield f"<h3>{page.escaped(name)}</h3>"
+    yield whole_table(table, ("time", "step", "event", "piercing", "s"))
+
+
+def rows_sections(rows: Rows, number: int) -> Iterator[str]:
+    """Yield what a report says of a study or a sweep, in its order."""
+    yield page.heading(rows.name)
+    if rows.question:
+        yield f"<p>{page.escaped(rows.question)}</p>"
+        yield "<h3>Remarks</h3>"
+        yield page.remark_list([{"message": text} for text in rows.remarks])
+    if rows.figure:
+        yield page.figure(rows.figure, f"figure of {rows.name}")
+    yield "<h3>Table</h3>"
+    yield whole_table(rows.shown, tuple(rows.shown.columns))
+    x, y = axes_of(rows.table)
+    if x:
+        names, numbers = list(rows.table.columns), rows.table.numeric
+        choices = [page.selection(f"x{number}", "x", numbers, x), page.selection(f"y{number}", "y", numbers, y)]
+        choices.append(page.selection(f"by{number}", "colour", ["", *names]))
+        yield f'<h3>Rows</h3><div class="controls">{"".join(choices)}</div>{page.chart(f"grid{number}")}'
+    if rows.provenance:
+        yield page.folded("arguments, versions and machine", as_json(rows.provenance))
+
+
+def axes_of(table: Table) -> tuple[str, str]:
+    """Choose what is drawn over what first: the last column of numbers over the first that changes."""
+    varied = [name for name in table.numeric if len(set(table.columns[name].tolist())) > 1] or table.numeric
+    return (varied[0], varied[-1]) if varied else ("", "")
+
+
+def whole_table(table: Table, names: Sequence[str]) -> str:
+    """Return columns of a table, and how many rows there are beyond those shown."""
+    count = min(MOST_ROWS, len(next(iter(table.columns.values()))))
+    columns = [table.columns[name].tolist() for name in names]
+    rows = [[page.cell(value) for value in row] for row in zip(*columns, strict=True)][:count]
+    more = len(columns[0]) - count
+    note = page.paragraph(f"and {more} rows more, in the folder's table") if more else ""
+    return page.table([table.heading(name) for name in names], rows, words=0) + note
+
+
+def grid_record(rows: Rows) -> dict[str, Any]:
+    """Return the rows of a study or a sweep as the page reads them, in the units of the charts."""
+    factors = {name: SHOWN.get(unit, (1.0, unit)) for name, unit in rows.table.units.items()}
+    columns = {
+        name: plain(factors.get(name, (1.0, ""))[0] * values) if values.dtype.kind == "f" else values.tolist()
+        for name, values in rows.table.columns.items()
+    }
+    return {"columns": columns, "units": {name: unit for name, (_, unit) in factors.items() if unit != "-"}}
+
+
+def as_json(value: Mapping[str, Any]) -> str:
+    """Return a mapping to be read."""
+    return json.dumps(value, indent=2, ensure_ascii=False)

@@ -1,0 +1,38 @@
+"""The table of a load on the organ, `[[tissue.load]]`."""
+
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from studies.scenario.table import NotNegative, Number, ScenarioTable, Text, Vector
+
+
+class Load(ScenarioTable):
+    """Force per area on a boundary of the organ."""
+
+    boundary: Text = Field(description="name of the boundary that the load acts on", examples=["top"])
+    traction: Vector | None = Field(
+        default=None,
+        description="dead load per area of the reference shape [Pa]; instead of pressure",
+        examples=[[0, 0, 1.0e4]],
+    )
+    pressure: Number | None = Field(
+        default=None,
+        description="pressure, positive where it pushes on the organ [Pa]; it acts along the normals of the reference "
+        "shape, as all of linear elasticity does",
+        examples=[2.0e3],
+    )
+    ramp: NotNegative = Field(
+        default=0.0, description="time in which the load grows linearly from zero [s]; in statics over the load steps"
+    )
+
+    @model_validator(mode="after")
+    def _check_kind(self) -> Self:
+        if self.traction is not None and self.pressure is not None:
+            raise ValueError(
+                f".pressure = {self.pressure} is refused: the load is given as a traction already; leave one of them "
+                "out, or write a second [[tissue.load]]"
+            )
+        if self.traction is None and self.pressure is None:
+            raise ValueError(".traction is missing: write traction = [0, 0, 1e4] or pressure = 2e3 [Pa]")
+        return self

@@ -1,0 +1,102 @@
+"""What scenarios share: mesh, discrete organ, factor and compliance, of those that differ in none of what these are
+made from.
+
+An organ is made from all of a scenario but what is listed here: the thread, what is done to it in time, and what a hole
+does to the thread alone. A key that is not listed, such as one that is added later, makes another organ.
+"""
+
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from threading import RLock
+from typing import Any, Protocol, TypeVar
+
+from studies.scenario import Scenario
+from studies.scenario.toml import mesh_file, tables
+
+Made = TypeVar("Made")
+
+NOT_OF_ORGAN = ("title", "thread", "output")
+OF_STEPS = ("dt", "duration", "load_steps", "scheme", "integrator", "coupling", "friction", "epsilon")
+OF_THREAD = ("kind", "s", "friction", "from", "until", "draw", "channel")  # of a piercing
+OF_MOTION = ("inertia", "rayleigh", "solver", "contact")  # of the organ, beside its mesh and stiffness
+OF_MATERIAL = ("youngs_modulus", "poisson_ratio", "density", "dilatation")
+
+
+class Store(Protocol):
+    """Keeps what is expensive to make."""
+
+    def take(self, kind: str, key: str, make: Callable[[], Made]) -> Made:
+        """Return what was made for a key before, else what `make` makes."""
+
+
+class Unshared:
+    """Keeps nothing: everything is made anew."""
+
+    def take(self, kind: str, key: str, make: Callable[[], Made]) -> Made:
+        """Return what `make` makes."""
+        return make()
+
+
+class Shared:
+    """Keeps the last of each kind: cases in the order of their organs make each organ once."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str, tuple[str, Any]] = {}
+        self._lock = RLock()
+
+    def take(self, kind: str, key: str, make: Callable[[], Made]) -> Made:
+        """Return what was made last of a kind where it is that of the key, else what `make` makes."""
+        with self._lock:
+            known = self._kept.get(kind)
+            if known is None or known[0] != key:
+                self._kept.pop(kind, None)  # before the next is made: a large organ needs the memory of the last
+                known = self._kept[kind] = key, make()
+            made: Made = known[1]
+            return made
+
+
+def organ_key(scenario: Scenario) -> str:
+    """Return the digest of all that the organ with its holes is made from."""
+    return digest(organ_tables(scenario), scenario)
+
+
+def body_key(scenario: Scenario) -> str:
+    """Return the digest of all that the discrete elasticity of an organ is made from."""
+    return digest(body_tables(scenario), scenario)
+
+
+def mesh_key(scenario: Scenario) -> str:
+    """Return the digest of all that an organ's mesh is made from."""
+    plain = body_tables(scenario)
+    organ = without(plain.get("tissue", {}), OF_MATERIAL)
+    regions = [without(region, OF_MATERIAL) for region in organ.get("region", [])]
+    return digest(plain | {"tissue": organ | {"region": regions}}, scenario)
+
+
+def organ_tables(scenario: Scenario) -> dict[str, Any]:
+    """Return the tables of a scenario that an organ with its holes is made from."""
+    plain = without(tables(scenario), NOT_OF_ORGAN)
+    holes = [without(hole, OF_THREAD) for hole in plain.get("piercing", [])]
+    return plain | {"piercing": holes, "solve": without(plain["solve"], OF_STEPS)}
+
+
+def body_tables(scenario: Scenario) -> dict[str, Any]:
+    """Return the tables of a scenario that its organ's discrete elasticity is made from: holes by their places."""
+    plain = without(organ_tables(scenario), ("solve",))
+    holes = [{key: hole[key] for key in ("name", "at", "footprint")} for hole in plain["piercing"]]
+    organ = {"tissue": without(plain["tissue"], OF_MOTION)} if "tissue" in plain else {}
+    return plain | {"piercing": holes} | organ
+
+
+def without(table: dict[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:
+    """Return a table without some keys."""
+    return {key: value for key, value in table.items() if key not in keys}
+
+
+def digest(plain: dict[str, Any], scenario: Scenario) -> str:
+    """Return the SHA-256 of tables, and of the mesh file that a scenario names."""
+    file = mesh_file(scenario)
+    contents = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file is not None else ""
+    return hashlib.sha256(json.dumps([plain, contents], sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,1 @@
+"""A sweep: one scenario, run for many values of its keys, in one table."""

@@ -1,0 +1,108 @@
+"""A case of a sweep: its scenario, the digest that it is kept under, and its run."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from threading import Lock
+from time import perf_counter
+from typing import Any
+
+from coupling.errors import CouplingError
+from meshes.errors import MeshError
+from studies.output.tally import Tally
+from studies.output.version import ROOT, installed_version
+from studies.scenario import Scenario, ScenarioError
+from studies.scenario.toml import mesh_file, parsed, tables, with_mesh_file
+from studies.simulation.sharing import Shared
+from studies.simulation.simulation import Simulation, prepare
+from thread.errors import ThreadError
+from tissue.errors import FactorError, TissueError
+
+REFUSALS = (ScenarioError, MeshError, TissueError, ThreadError)
+SHORTAGES = (FactorError, OSError, MemoryError)  # of memory or disk, perhaps gone the next time
+COMPLETED, FAILED, REFUSED = 0, 1, 2
+ROOMS = ("thread", "tissue", "coupling", "meshes", "studies/scenario", "studies/simulation", "studies/output")
+PACKAGES = ("numpy", "scipy", "scikit-fem", "gmsh", "meshio", "pyamg", "cvxopt", "pypardiso", "mkl")  # numbers hang on
+
+KEPT = Shared()  # by this process, from one case to the next
+ONE_AT_A_TIME = Lock()  # threads of one process would share what is kept while it changes
+
+
+@dataclass(frozen=True)
+class Result:
+    """A case that was run: its exit status as that of ``suture run``, its summary, the wall-clock `seconds`, and the
+    number of `cells` of its organ, None without one.
+
+    `lasting`: whether the same would come of it again; not of a want of memory or disk."""
+
+    exit_status: int
+    summary: dict[str, Any]
+    seconds: float
+    lasting: bool = True
+    cells: int | None = None
+
+    def record(self) -> dict[str, Any]:
+        """Return the case as its file has it."""
+        return {"exit_status": self.exit_status, "seconds": self.seconds, "cells": self.cells, "summary": self.summary}
+
+
+def run_case(data: Mapping[str, Any]) -> Result:
+    """Run a scenario given as tables; whatever becomes of it is a result."""
+    began = perf_counter()
+    with ONE_AT_A_TIME:
+        try:
+            scenario = parsed(data)
+            simulation = prepare(scenario, KEPT)
+        except REFUSALS as error:
+            return Result(REFUSED, {"status": "refused", "error": str(error)}, perf_counter() - began)
+        except SHORTAGES as error:
+            return Result(FAILED, {"status": "failed", "error": in_words(error)}, perf_counter() - began, False)
+        status, summary, lasting = simulate(simulation)
+    topology = simulation.topology
+    return Result(status, summary, perf_counter() - began, lasting, None if topology is None else len(topology.cells))
+
+
+def simulate(simulation: Simulation) -> tuple[int, dict[str, Any], bool]:
+    """Run a simulation without files: return its exit status, the summary that `suture run` writes of it, and whether
+    the same would come of it again."""
+    tally = Tally(simulation.scenario, simulation.tissue_dofs, simulation.subgrid, simulation.remarks)
+    error, last = None, None
+    try:
+        for step, frame in simulation.advance():
+            tally.count(step)
+            tally.last_step, last = step, frame
+            if step.step % simulation.scenario.output.every == 0:
+                tally.see(frame().organ)
+                last = None
+    except (*REFUSALS, *SHORTAGES, CouplingError) as raised:
+        error = raised
+    if last is not None:  # as a run writes its last frame
+        tally.see(last().organ)
+    if error is None:
+        return COMPLETED, tally.summary("completed"), True
+    return FAILED, tally.summary("failed", in_words(error)), not isinstance(error, SHORTAGES)
+
+
+def in_words(error: BaseException) -> str:
+    """Return what an error says, its kind where it says nothing."""
+    return str(error) or type(error).__name__
+
+
+def case_digest(scenario: Scenario) -> str:
+    """Return the SHA-256 of a scenario, of its mesh file, and of the code and packages that run it."""
+    file = mesh_file(scenario)
+    mesh = "" if file is None else hashlib.sha256(file.read_bytes()).hexdigest()
+    plain = tables(scenario if file is None else with_mesh_file(scenario, f"mesh/{file.name}"))
+    return hashlib.sha256(json.dumps([plain, mesh, *code_version()], sort_keys=True).encode()).hexdigest()
+
+
+@cache
+def code_version() -> tuple[str, dict[str, str]]:
+    """Return the digest of the source that a run hangs on, and the versions of its packages."""
+    files = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
+    text = hashlib.sha256()
+    for path in files:
+        text.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
+    return text.hexdigest(), {name: version for name in PACKAGES if (version := installed_version(name)) is not None}

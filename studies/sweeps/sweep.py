@@ -1,0 +1,180 @@
+"""A sweep into a folder: every case once, kept under the digest of all that it hangs on, and the table of them all.
+
+``cases/DIGEST.json`` is complete or absent. A sweep that was killed, or that is widened, runs what is not there yet.
+"""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from studies.output.files import as_json, write_json
+from studies.output.lock import LOCK, locked
+from studies.output.provenance import provenance
+from studies.scenario import Scenario, ScenarioError
+from studies.scenario.toml import changed, parsed, read, tables
+from studies.simulation.sharing import organ_key
+from studies.sweeps.case import REFUSED, Result, case_digest, code_version, run_case
+from studies.sweeps.grid import Settings, check_count, grid
+from studies.sweeps.table import Case, SweepTable, table_of, write_tables
+from studies.workers import InTurn, Workers
+
+MARK = "sweep.json"
+CASES = "cases"
+OWN = (MARK, CASES, "table.csv", "table.parquet", "figure.png", "figure.svg", "verdict.md", "verdict.json")
+
+Base = Path | str | Mapping[str, Any] | Scenario
+Tell = Callable[["Told"], None]
+
+
+@dataclass(frozen=True)
+class Told:
+    """How far a sweep has come: `done` of `count` cases, `settings` and `exit_status` of the last."""
+
+    done: int
+    count: int
+    settings: Settings
+    exit_status: int
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A case to be run: its tables, the digest that it is kept under and that of its organ; or why it is refused."""
+
+    settings: Settings
+    data: dict[str, Any]
+    digest: str = ""
+    organ: str = ""
+    refused: str = ""
+
+
+def tell_nothing(told: Told) -> None:
+    """Say nothing of how far a sweep has come."""
+
+
+def sweep(
+    base: Base,
+    over: Mapping[str, Sequence[Any]] | Sequence[Settings],
+    folder: Path | str,
+    workers: Workers | None = None,
+    tell: Tell = tell_nothing,
+    kind: str = "sweep",
+) -> SweepTable:
+    """Run a scenario for many values of its keys into a folder, and return the table of all cases.
+
+    `base`: a file or a shipped scene by its name, tables, or a scenario. `over`: the values of each key by its dotted
+    name, of which all combinations are run, or the settings of each case. `workers`: who runs them
+    (`studies.workers`), None means this process. `kind`: of what the folder is said to be. A case that fails or is
+    refused is a row; the sweep is refused where
+    every case is. Cases that are in the folder are not run again.
+
+    Raises `ScenarioError`, and `studies.workers.WorkersError`.
+    """
+    cases = grid(over) if isinstance(over, Mapping) else list(over)
+    check_count(cases)
+    plain = base_tables(base)
+    folder = Path(folder)
+    planned = plan(plain, cases)
+    check_folder(folder, kind)
+    with locked(folder):
+        return _sweep(kind, plain, planned, folder, workers or InTurn(), tell)
+
+
+def base_tables(base: Base) -> dict[str, Any]:
+    """Return the tables of what is to be varied."""
+    if isinstance(base, Scenario):
+        return tables(base)
+    return dict(base) if isinstance(base, Mapping) else read(base)
+
+
+def plan(base: Mapping[str, Any], cases: Sequence[Settings]) -> list[Planned]:
+    """Return the cases with their digests. Raises `ScenarioError` where every one is refused."""
+    planned = [planned_case(settings, changed(base, settings)) for settings in cases]
+    if all(case.refused for case in planned):
+        raise ScenarioError(planned[0].refused.splitlines())
+    return planned
+
+
+def planned_case(settings: Settings, data: dict[str, Any]) -> Planned:
+    """Return a case with its digests, or with why it is refused."""
+    try:
+        scenario = parsed(data)
+    except ScenarioError as error:
+        return Planned(settings, data, refused=str(error))
+    return Planned(settings, data, case_digest(scenario), organ_key(scenario))
+
+
+def check_folder(folder: Path, kind: str = "sweep") -> None:
+    """Refuse a folder that holds other files than those of such a kind. Raises `ScenarioError`."""
+    there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    others = [name for name in there if name != LOCK and (name not in OWN or not holds_sweep(folder, kind))]
+    if others:
+        raise ScenarioError(
+            f"--out {folder} is refused: it holds other files than a {kind}'s ({others[0]}); give a new or empty folder"
+        )
+
+
+def holds_sweep(folder: Path, kind: str = "sweep") -> bool:
+    """Tell whether a folder holds a sweep, or a refinement, finished or not."""
+    return read_json(folder / MARK).get("kind") == kind
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a table from JSON, an empty one where there is none or it is torn."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _sweep(
+    kind: str, base: Mapping[str, Any], planned: list[Planned], folder: Path, workers: Workers, tell: Tell
+) -> SweepTable:
+    """Run what is not there yet, and write the tables."""
+    kept = folder / CASES
+    kept.mkdir(exist_ok=True)
+    asked = {"kind": kind, "title": base.get("title", ""), "cases": len(planned)}
+    varied = list(dict.fromkeys(key for case in planned for key in case.settings))
+    where = {"code": code_version()[0], "provenance": provenance()}
+    write_json(folder / MARK, {**asked, "over": varied, "base": base, **where})
+    found = {case.digest: known for case in planned if case.digest and (known := known_case(kept, case.digest))}
+    missing = in_order_of_organs([case for case in planned if case.digest and case.digest not in found])
+    done = len(planned) - len(missing)
+    for number, result in workers.done(run_case, [case.data for case in missing]):
+        case, done = missing[number], done + 1
+        found[case.digest] = record(result)
+        if result.lasting:
+            write_json(kept / f"{case.digest}.json", found[case.digest])
+        tell(Told(done, len(planned), case.settings, result.exit_status))
+    table = table_of([row_of(case, found) for case in planned])
+    write_tables(table, folder)
+    return table
+
+
+def in_order_of_organs(cases: Sequence[Planned]) -> list[Planned]:
+    """Return cases, each once, those of one organ after one another: it is made once for them."""
+    once = {case.digest: case for case in cases}.values()
+    first = {organ: number for number, organ in enumerate(dict.fromkeys(case.organ for case in once))}
+    return sorted(once, key=lambda case: first[case.organ])
+
+
+def known_case(kept: Path, digest: str) -> dict[str, Any]:
+    """Read a case that was run before; empty where it was not, or its file is torn."""
+    known = read_json(kept / f"{digest}.json")
+    return known if {"exit_status", "summary"} <= known.keys() else {}
+
+
+def record(result: Result) -> dict[str, Any]:
+    """Return a result as its file has it, read back: what is no finite number is None."""
+    plain: dict[str, Any] = json.loads(as_json(result.record()))
+    return plain
+
+
+def row_of(case: Planned, found: Mapping[str, Mapping[str, Any]]) -> Case:
+    """Return the row of a case."""
+    if case.refused:
+        return Case(case.settings, REFUSED, {"status": "refused", "error": case.refused})
+    known = found[case.digest]
+    return Case(case.settings, known["exit_status"], known["summary"], known.get("cells"))

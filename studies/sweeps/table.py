@@ -1,0 +1,159 @@
+"""The table of a sweep: a row for each case, a column for each varied key and for each quantity of its summary.
+
+Nothing in it hangs on when, where or in which order the cases were run: the same cases give the same bytes.
+"""
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from studies.output.files import write_bytes, write_text
+from studies.output.quantities import headed, quantities
+from studies.scenario.reference import unit_of
+from studies.scenario.refusal import as_toml
+from studies.study import comma_separated
+
+TABLES = "pip install 'suturefem[tables]'"
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column by its name, with its unit ("-" of a number without, empty for words) and a value, or None, a row."""
+
+    name: str
+    unit: str
+    values: tuple[float | int | str | bool | None, ...]
+
+    @property
+    def heading(self) -> str:
+        """The name with its unit: `solve.dt [s]`."""
+        return headed(self.name, self.unit)
+
+    @property
+    def kind(self) -> type:
+        """What its values are: float, int, bool, or str where they are unlike."""
+        kinds = {type(value) for value in self.values if value is not None}
+        if kinds <= {int, float} and kinds:
+            return float if float in kinds else int
+        return kinds.pop() if len(kinds) == 1 else str
+
+    @property
+    def converted(self) -> list[Any]:
+        """Its values, all of its kind."""
+        return [None if value is None else self.kind(value) for value in self.values]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A row: the values that keys have, and what became of it: `exit_status`, `summary`, and the number of `cells` of
+    the organ, None without one."""
+
+    settings: Mapping[str, Any]
+    exit_status: int
+    summary: Mapping[str, Any]
+    cells: int | None = None
+
+
+@dataclass(frozen=True)
+class SweepTable:
+    """The columns of a sweep, all of one length."""
+
+    columns: tuple[Column, ...]
+
+    def __repr__(self) -> str:
+        failed = sum(status != 0 for status in self["exit_status"].values)
+        return f"SweepTable({len(self)} cases, {failed} not completed, {len(self.columns)} columns)"
+
+    def __len__(self) -> int:
+        return len(self.columns[0].values)
+
+    def __getitem__(self, name: str) -> Column:
+        """Return a column by its name without its unit. Raises `KeyError`."""
+        for column in self.columns:
+            if name in (column.name, column.heading):
+                return column
+        raise KeyError(name)
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the columns, without units."""
+        return [column.name for column in self.columns]
+
+    @property
+    def csv(self) -> str:
+        """The table in CSV: numbers with all their digits, nothing where there is none."""
+        rows = zip(*(map(written, column.converted) for column in self.columns), strict=True)
+        return comma_separated([[column.heading for column in self.columns], *map(list, rows)])
+
+    @property
+    def parquet(self) -> bytes:
+        """The table in Parquet, the unit of a column in the metadata of its field. Raises `ImportError`."""
+        import pyarrow
+        import pyarrow.parquet
+
+        types = {float: pyarrow.float64(), int: pyarrow.int64(), bool: pyarrow.bool_(), str: pyarrow.string()}
+        fields = [pyarrow.field(c.heading, types[c.kind], metadata={"unit": c.unit}) for c in self.columns]
+        arrays = [pyarrow.array(c.converted, types[c.kind]) for c in self.columns]
+        data = io.BytesIO()
+        pyarrow.parquet.write_table(pyarrow.Table.from_arrays(arrays, schema=pyarrow.schema(fields)), data)
+        return data.getvalue()
+
+
+def written(value: object) -> str:
+    """Write a value as a cell."""
+    match value:
+        case None:
+            return ""
+        case bool():
+            return "true" if value else "false"
+        case float():
+            return repr(value)
+    return str(value)
+
+
+def table_of(cases: Sequence[Case]) -> SweepTable:
+    """Make the table of cases."""
+    varied = dict.fromkeys(key for case in cases for key in case.settings)
+    found = [quantities(case.summary) for case in cases]
+    units = {name: q.unit for row in found for name, q in row.items()}
+    keys = [Column(key, unit_of(key), tuple(plain(case.settings.get(key)) for case in cases)) for key in varied]
+    told = [
+        Column(name, unit, tuple(row[name].value if name in row else None for row in found))
+        for name, unit in units.items()
+    ]
+    remarks = [case.summary.get("remarks", []) for case in cases]
+    unsupported = (sum(remark["severity"] == "unsupported" for remark in row) for row in remarks)
+    return SweepTable(
+        (
+            Column("case", "", tuple(range(len(cases)))),
+            *keys,
+            Column("exit_status", "", tuple(case.exit_status for case in cases)),
+            Column("unsupported", "", tuple(unsupported)),
+            Column("remarks", "", tuple("; ".join(map(remark_in_short, row)) for row in remarks)),
+            *told,
+            Column("cells", "-", tuple(case.cells for case in cases)),
+        )
+    )
+
+
+def remark_in_short(remark: Mapping[str, str]) -> str:
+    """Return the code of a remark and where it is said."""
+    return f"{remark['code']} ({remark['where']})"
+
+
+def plain(value: Any) -> float | int | str | bool | None:
+    """Return a number or a word as it is, anything else in TOML."""
+    return value if value is None or isinstance(value, float | int | str) else as_toml(value)
+
+
+def write_tables(table: SweepTable, folder: Path) -> list[str]:
+    """Write ``table.csv`` and ``table.parquet``; return a sentence for what is not written."""
+    write_text(folder / "table.csv", table.csv)
+    try:
+        data = table.parquet
+    except ImportError:
+        return [f"table.parquet is not written: pyarrow is not installed; {TABLES}"]
+    write_bytes(folder / "table.parquet", data)
+    return []

@@ -1,0 +1,136 @@
+"""Loads of a scenario: what they do to an organ with a thread in it, their work, resume, and what is refused."""
+
+import csv
+import json
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from studies.command import command
+from studies.output.remarks import SMALL_ROTATION
+from studies.scenario import ScenarioError, dump, parse
+from studies.simulation import prepare
+from studies.simulation.assembly import assemble
+from tests.bounds import RESIDUAL
+
+E, NU, SIZE = 2e5, 0.3, (0.02, 0.016, 0.008)
+AUDIT = 1e-9  # of the work: what a step's equations may be off by, times its motion
+SCENE: dict[str, Any] = {
+    "tissue": {
+        "youngs_modulus": E,
+        "poisson_ratio": NU,
+        "density": 1070.0,
+        "roller": ["left", "front", "bottom"],
+        "mesh": {"kind": "block", "size": SIZE, "h": 4e-3},
+        "load": [{"boundary": "right", "traction": [2e2, 0, 0]}, {"boundary": "top", "pressure": 50.0, "ramp": 4e-3}],
+    },
+    "thread": {
+        "suture": "2-0 polypropylene",
+        "control_points": 20,
+        "damping": 20.0,
+        "path": [[-0.002, 0, -0.006], [-0.002, 0, 0.01]],
+    },
+    "piercing": [{"name": "hole", "at": [-0.002, 0, 0], "kind": "anchored", "footprint": 2e-3}],
+    "solve": {"dt": 1e-3, "duration": 8e-3},
+    "output": {"every": 4},
+}
+
+
+def changed(**tissue: Any) -> dict[str, Any]:
+    """The scene with other keys of the organ."""
+    table = deepcopy(SCENE)
+    table["tissue"] |= tissue
+    return table
+
+
+def test_a_load_strains_the_organ_under_a_thread_in_statics() -> None:
+    """Independent check: a free thread bears nothing, and the hole moves with uniform strain, σ_x = 200 Pa and
+    σ_z = −50 Pa; the loads' resultants and shares are in the records."""
+    table = changed()
+    table["solve"] = {"kind": "static", "load_steps": 4}
+    table["thread"]["end"] = {"kind": "pulled", "force": [0, 0, 1e-9]}
+    records = [record for record, _ in prepare(parse(table)).advance()]
+    (hole,) = records[-1].piercings
+    from_corner = np.array(hole.x) - hole.displacement + [0.5 * SIZE[0], 0.5 * SIZE[1], SIZE[2]]
+    strain = np.array([2e2 + NU * 50.0, -NU * 2e2 + NU * 50.0, -50.0 - NU * 2e2]) / E
+    assert np.abs(hole.displacement - strain * from_corner).max() <= 1e-5 * np.abs(strain * from_corner).max()
+    assert [load.share for load in records[2].loads] == [0.5, 0.5]
+    force = records[-1].loads[1].force
+    assert force == pytest.approx([0, 0, -50.0 * SIZE[0] * SIZE[1]], rel=RESIDUAL, abs=1e-15)
+    energy = records[-1].energy
+    stored = energy.elastic_thread + energy.elastic_tissue - records[0].energy.elastic_thread
+    assert energy.external_work == pytest.approx(stored * (1.0 + 1.0 / 4), rel=1e-6)  # by the forces at the ends
+    assert abs(energy.balance_error) <= AUDIT * energy.external_work
+
+
+@pytest.mark.parametrize(
+    ("inertia", "solve"),
+    [(True, {}), (False, {"integrator": "euler"}), (True, {"integrator": "euler", "coupling": "staggered"})],
+)
+def test_the_energy_balance_closes_in_time(inertia: bool, solve: dict[str, Any]) -> None:
+    """Independent check: by every way to step the work of the loads is booked outside, and the balance closes."""
+    table = changed(inertia=inertia, rayleigh=[2.0, 1e-4])
+    table["solve"] |= {"duration": 4e-3} | solve
+    records = [record for record, _ in prepare(parse(table)).advance()]
+    energy = records[-1].energy
+    assert energy.external_work > energy.kinetic + energy.elastic_tissue > 0.0
+    assert abs(energy.balance_error) <= AUDIT * energy.external_work
+    assert [load.share for load in records[2].loads] == [1.0, 0.5]
+
+
+def test_a_ramp_without_inertia_does_the_work_that_is_stored() -> None:
+    """Independent check: by BDF2 works are of the mean force, so that a ramped load on a quasi-static organ does what
+    is stored but for the first step, of backward Euler, which does its ΔE twice: (1/8)² of it."""
+    table = changed(inertia=False, load=[{"boundary": "top", "pressure": 50.0, "ramp": 8e-3}])
+    energy = [record for record, _ in prepare(parse(table)).advance()][-1].energy
+    assert energy.external_work == pytest.approx(energy.elastic_tissue * (1.0 + 1.0 / 64), rel=1e-3)
+
+
+def test_a_run_under_loads_resumes_to_the_same_numbers(tmp_path: Path) -> None:
+    """Consistency check: 4 steps and 4 more are 8, bit by bit; tables and summary tell of the loads."""
+    whole, parts, file = tmp_path / "whole", tmp_path / "parts", tmp_path / "scene.toml"
+    file.write_text(dump(parse(SCENE)))
+    say = ["--quiet", "--no-picture"]
+    assert command.main(["run", str(file), "--out", str(whole), *say]) == 0
+    assert command.main(["run", str(file), "--out", str(parts), "--set", "solve.duration=4e-3", *say]) == 0
+    assert command.main(["run", str(file), "--out", str(parts), "--resume", *say]) == 0
+    for name in ("piercings.csv", "energy.csv", "loads.csv"):
+        assert (whole / name).read_bytes() == (parts / name).read_bytes()
+    rows = list(csv.DictReader((whole / "loads.csv").read_text().splitlines()))
+    assert [row["boundary"] for row in rows[:2]] == ["right", "top"] and float(rows[3]["share [-]"]) == 0.25
+    assert [load["share"] for load in json.loads((whole / "summary.json").read_text())["loads"]] == [1.0, 1.0]
+
+
+def test_a_surface_under_pressure_that_turns_has_a_remark() -> None:
+    """Independent check: a plate held at one end and pressed from above turns by more than linear elasticity bears."""
+    table = changed(clamp=["left"], roller=[], load=[{"boundary": "top", "pressure": 2e3}], youngs_modulus=1e4)
+    table["solve"] = {"kind": "static", "load_steps": 1}
+    table["thread"]["end"] = {"kind": "pulled", "force": [0, 0, 1e-2]}
+    simulation = prepare(parse(table))
+    (_, *_, (_, frame)) = simulation.advance()
+    organ = frame().organ
+    assert organ is not None and organ.pressed_turn > SMALL_ROTATION
+
+
+@pytest.mark.parametrize(
+    ("load", "words"),
+    [
+        ({"boundary": "topp", "pressure": 1.0}, r'load\.0\.boundary = "topp".*nearest is "top"'),
+        ({"boundary": "top", "pressure": 1.0, "traction": [1, 0, 0]}, r"load\.0\.pressure = 1\.0.*leave one of them"),
+        ({"boundary": "top"}, r"load\.0\.traction is missing"),
+        ({"boundary": "right", "pressure": 1.0}, r'load\.0\.boundary = "right".*is clamped'),
+        ({"boundary": "left", "pressure": 1.0}, r'load\.0\.boundary = "left".*a roller holds it'),
+        ({"boundary": "corner", "traction": [1, 0, 0]}, r'load\.0\.boundary = "corner".*all of it is held'),
+        ({"boundary": "top", "pressure": 1.0, "ramp": -1.0}, r"load\.0\.ramp = -1\.0"),
+        ({"boundary": "top", "pressur": 1.0}, r"nearest is tissue\.load\.0\.pressure"),
+    ],
+)
+def test_refusals(load: dict[str, Any], words: str) -> None:
+    """Independent check: a load that cannot be or does nothing is refused by its key before anything is solved."""
+    box = [[0.0099, -1, -1], [1, 1, 1]]
+    corner = [{"name": "corner", "box": box}]
+    with pytest.raises(ScenarioError, match=words):
+        assemble(parse(changed(load=[load], clamp=["right"], roller=["left"], boundary=corner)))

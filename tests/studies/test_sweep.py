@@ -1,0 +1,354 @@
+"""Sweeps: what scenarios share, the table of all cases, its bytes whoever runs it, and what refinement says."""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from studies.command.command import main
+from studies.output.quantities import quantities
+from studies.refinement.ladder import ladder
+from studies.refinement.refine import refine, refined
+from studies.scenario import Scenario, ScenarioError, dump, parse
+from studies.scenario.toml import changed, parsed
+from studies.simulation import prepare
+from studies.simulation.sharing import Shared
+from studies.sweeps import sweep as sweeps
+from studies.sweeps.case import Result, run_case
+from studies.sweeps.figure import columns
+from studies.sweeps.grid import paired, parse_over, read_table
+from studies.sweeps.sweep import Told, sweep
+from studies.sweeps.table import Case, table_of
+from studies.workers import Cluster, InTurn, Processes, Workers, WorkersError, in_order
+from thread.catalogue import suture
+
+RING: dict[str, Any] = {  # a thread drawn through one point in space
+    "title": "a ring",
+    "thread": {
+        "suture": "2-0 polypropylene",
+        "control_points": 12,
+        "damping": 20.0,
+        "path": [[-0.02, 0.0, 0.0], [0.02, 0.0, 0.0]],
+        "start": {"kind": "pulled", "force": [-0.1, 0.0, 0.0]},
+        "end": {"kind": "driven", "waypoints": [[0.0, 0.02, 0.0, 0.0], [0.1, 0.021, 0.0, 0.0]]},
+    },
+    "piercing": [{"name": "ring", "at": [0.0, 0.0, 0.0], "direction": "free"}],
+    "solve": {"dt": 2e-3, "duration": 8e-3},
+    "output": {"every": 3},
+}
+ORGAN: dict[str, Any] = RING | {
+    "tissue": {
+        "youngs_modulus": 1e5,
+        "poisson_ratio": 0.3,
+        "density": 1070.0,
+        "inertia": False,
+        "clamp": ["bottom"],
+        "mesh": {"kind": "block", "size": [0.02, 0.02, 0.01], "h": 5e-3},
+    },
+    "piercing": [{"name": "ring", "at": [0.0, 0.0, 0.0], "direction": "free", "footprint": 2e-3}],
+}
+PULLS = {"thread.start.force.0": [-0.1, -0.2], "thread.damping": [20.0, -1.0, 40.0]}
+
+
+def organ_of(store: Shared, **values: Any) -> Any:
+    return prepare(parse(changed(ORGAN, values)), store).assembly
+
+
+def test_scenarios_share_what_they_do_not_differ_in() -> None:
+    """Consistency check: another pull has the same organ and factor, another stiffness the same mesh, another place of
+    the hole neither."""
+    store = Shared()
+    first = organ_of(store)
+    pulled = organ_of(store, **{"thread.start.force": [-0.3, 0, 0], "solve.dt": 1e-3, "title": "b"})
+    assert pulled.organ is first.organ
+    assert pulled.recovery() is first.recovery()
+    stiffer = organ_of(store, **{"tissue.youngs_modulus": 2e5})
+    assert stiffer.organ is not first.organ
+    assert stiffer.body.mesh is first.body.mesh
+    assert np.allclose(stiffer.body.K.data, 2.0 * first.body.K.data, rtol=1e-12)
+    assert organ_of(store, **{"piercing.ring.at": [1e-3, 0, 0]}).body.mesh is not first.body.mesh
+
+
+def summary_of(data: dict[str, Any]) -> dict[str, Any]:
+    """The summary of a case as its file has it."""
+    summary: dict[str, Any] = sweeps.record(run_case(data))["summary"]
+    return summary
+
+
+def test_a_shared_organ_gives_the_same_bits() -> None:
+    """Consistency check: three cases after one another on one organ, and each on its own."""
+    summaries = [summary_of(changed(ORGAN, {"thread.start.force.0": pull})) for pull in (-0.1, -0.2, -0.3)]
+    alone = changed(ORGAN, {"thread.start.force.0": -0.3})
+    run_case(changed(ORGAN, {"tissue.youngs_modulus": 3e5}))  # takes the place of the organ that was kept
+    assert quantities(summary_of(alone)) == quantities(summaries[-1])
+    assert quantities(summaries[0]) != quantities(summaries[1])
+
+
+def test_a_case_has_the_summary_of_a_run(tmp_path: Path) -> None:
+    """Consistency check: to the bit, all but wall-clock time and where it was run."""
+    (tmp_path / "organ.toml").write_text(dump(parse(ORGAN)), encoding="utf-8")
+    assert main(["run", str(tmp_path / "organ.toml"), "--out", str(tmp_path / "run"), "--quiet", "--no-picture"]) == 0
+    run = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
+    case = summary_of(ORGAN)
+    for summary in (run, case):
+        del summary["seconds_per_step"]
+    assert run.pop("provenance")
+    assert case == run
+
+
+def test_every_quantity_has_its_unit() -> None:
+    """Independent check: forces in newton, lengths in metre, words without; a vector by its components."""
+    summary = summary_of(ORGAN)
+    found = quantities(summary)
+    units = {
+        "time": "s",
+        "piercings.ring.force_x": "N",
+        "piercings.ring.slip": "m",
+        "piercings.ring.x": "m",
+        "piercings.ring.state": "",
+        "energy.kinetic": "J",
+        "thread.start.reaction_x": "N",
+        "range.largest_rotation": "rad",
+        "range.piercings.ring.turn": "rad",
+        "subgrid.ring.share": "-",
+    }
+    assert {name: found[name].unit for name in units} == units
+    assert found["piercings.ring.force_x"].value == summary["piercings"]["ring"]["force"][0]
+    words = {name for name, quantity in found.items() if not quantity.unit}
+    assert words == {"status", "error", "piercings.ring.state", "subgrid.ring.by", "subgrid.ring.holds"}
+
+
+def test_failures_are_rows(tmp_path: Path) -> None:
+    """Independent check: what is refused has its exit status and its sentence, and the others are run; a sweep is
+    refused where all of it is."""
+    table = sweep(RING, PULLS, tmp_path / "out")
+    assert table["exit_status"].values == (0, 2, 0, 0, 2, 0)
+    assert table["thread.start.force.0"].heading == "thread.start.force.0 [N]"
+    assert "thread.damping = -1.0 is refused" in str(table["error"].values[1])
+    slip, pulls = table["piercings.ring.slip"], table["thread.damping"]
+    assert [value is None for value in slip.values] == [value == -1.0 for value in pulls.values]
+    assert repr(table).startswith("SweepTable(6 cases, 2 not completed")
+    with pytest.raises(ScenarioError, match=r"thread\.dampin = 1\.0 is refused: there is no such key"):
+        sweep(RING, {"thread.dampin": [1.0]}, tmp_path / "none")
+    with pytest.raises(ScenarioError, match=r"piercing has no entry rung"):
+        sweep(RING, {"piercing.rung.footprint": [1.0]}, tmp_path / "none")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").touch()
+    with pytest.raises(ScenarioError, match=r"other files than a sweep's \(notes.txt\)"):
+        sweep(RING, PULLS, tmp_path / "mine")
+
+
+class Killed(BaseException):
+    """What a process that is killed does not live to see."""
+
+
+def test_a_sweep_that_was_killed_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: it runs what is missing alone, and its table is that of a whole sweep to the byte."""
+    sweep(RING, PULLS, tmp_path / "whole")
+
+    def kill(told: Told) -> None:
+        if told.done == 4:  # two were refused beforehand
+            raise Killed
+
+    with pytest.raises(Killed):
+        sweep(RING, PULLS, tmp_path / "killed", tell=kill)
+    assert not (tmp_path / "killed" / "table.csv").exists()
+    (tmp_path / "killed" / "cases" / ("f" * 64 + ".json")).write_text("{")  # torn, as no file of ours is
+    ran: list[Any] = []
+    monkeypatch.setattr(sweeps, "run_case", lambda data: ran.append(data) or run_case(data))
+    sweep(RING, PULLS, tmp_path / "killed")
+    assert len(ran) == 2
+    whole, resumed = ((tmp_path / name / "table.csv").read_bytes() for name in ("whole", "killed"))
+    assert resumed == whole
+    sweep(changed(RING, {"title": "another"}), PULLS, tmp_path / "killed")
+    assert len(ran) == 6  # of another scenario none is known
+
+
+def test_a_shortage_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: what failed for want of memory is a row, and is tried again."""
+    short = Result(1, {"status": "failed", "error": "no memory"}, 0.0, lasting=False)
+    monkeypatch.setattr(sweeps, "run_case", lambda data: short)
+    over = {"thread.damping": [20.0]}
+    assert sweep(RING, over, tmp_path)["exit_status"].values == (1,)
+    monkeypatch.undo()
+    assert sweep(RING, over, tmp_path)["exit_status"].values == (0,)
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Workers]:
+    """Two worker processes of Dask on this machine."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(2, processes=True, threads_per_worker=1, dashboard_address=None) as local:
+        yield Cluster(local.scheduler_address)
+
+
+def same_table(workers: Workers, folder: Path) -> None:
+    """Refuse a table that is not that of one process to the byte."""
+    sweep(RING, PULLS, folder / "one")
+    sweep(RING, PULLS, folder / "other", workers)
+    one, other = (
+        {path.name: path.read_bytes() for path in (folder / name).glob("table.*")} for name in ("one", "other")
+    )
+    assert "table.csv" in one
+    assert other == one
+
+
+def test_two_processes_give_the_same_table(tmp_path: Path) -> None:
+    """Consistency check: to the byte that of one process."""
+    same_table(Processes(2), tmp_path)
+
+
+def test_a_cluster_gives_the_same_table(tmp_path: Path, cluster: Workers) -> None:
+    """Consistency check: to the byte that of one process, by two workers of Dask."""
+    same_table(cluster, tmp_path)
+
+
+def test_results_come_back_in_their_order() -> None:
+    """Independent check: whatever is done first; and nobody at an address is said in words."""
+    assert list(in_order([(2, "c"), (0, "a"), (1, "b")])) == ["a", "b", "c"]
+    assert list(InTurn().done(str, [1, 2])) == [(0, "1"), (1, "2")]
+
+
+def test_without_dask_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: a missing extra is named."""
+    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
+    with pytest.raises(WorkersError, match=r"suturefem\[cluster\]"):
+        list(Cluster("tcp://127.0.0.1:1").done(str, [1]))
+
+
+def test_without_pyarrow_the_remedy_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Independent check: the table in CSV is there, and what Parquet needs is printed; the table is read from a file
+    of cases, drawn, and printed as JSON."""
+    monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
+    (tmp_path / "ring.toml").write_text(dump(parse(RING)), encoding="utf-8")
+    (tmp_path / "cases.csv").write_text('thread.damping,thread.start.force\n30.0,"[-0.2, 0, 0]"\n40.0,\n')
+    words = ["sweep", str(tmp_path / "ring.toml"), "--table", str(tmp_path / "cases.csv")]
+    words += ["--out", str(tmp_path / "out"), "--plot", "thread.damping", "energy.kinetic"]
+    assert main(words) == 0
+    printed = capsys.readouterr()
+    assert "2 cases: 2 completed" in printed.out
+    assert "suturefem[tables]" in printed.out
+    assert "2/2, 0 s left: completed: thread.damping = 40.0" in printed.err
+    assert not (tmp_path / "out" / "table.parquet").exists()
+    assert (tmp_path / "out" / "figure.png").stat().st_size > 5000
+    assert main([*words, "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert [case["thread.damping [1/s]"] for case in again["cases"]] == [30.0, 40.0]
+
+
+def test_parquet_has_the_units(tmp_path: Path) -> None:
+    """Consistency check: the same columns and numbers as the table in CSV, with the unit of each."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    table = sweep(RING, {"thread.damping": [20.0, -1.0]}, tmp_path)
+    found = parquet.read_table(tmp_path / "table.parquet")
+    assert found.column_names == [column.heading for column in table.columns]
+    assert found.schema.field("piercings.ring.slip [m]").metadata[b"unit"] == b"m"
+    assert found.column("piercings.ring.slip [m]").to_pylist() == list(table["piercings.ring.slip"].values)
+
+
+@pytest.mark.parametrize(
+    ("ask", "said"),
+    [
+        (lambda: parse_over(["solve.dt=1e-3"]), "a list of values in TOML"),
+        (lambda: parse_over(["solve dt=[1]"]), "a dotted key"),
+        (lambda: parse_over(["a=[1]", "a=[2]"]), "varied already"),
+        (lambda: paired({"a": [1], "b": [1, 2]}), "a has 1, b has 2"),
+        (lambda: read_table(Path("nowhere.csv")), "cannot be read"),
+        (lambda: columns(table_of([Case({"a.b": 1.0}, 0, {"status": "completed"})]), ["a.c", "a.b"]), "nearest is a.b"),
+        (lambda: columns(table_of([Case({"a": 1.0}, 0, {"status": "completed"})]), ["a", "status"]), "no number"),
+        (lambda: ladder(parse(RING), levels=2), "needs 3 or more"),
+        (lambda: ladder(parse(RING), ratio=1.0), "1.1 or more"),
+        (lambda: ladder(parse(RING), "h"), "has no organ"),
+        (lambda: ladder(parse(changed(RING, {"piercing": []})), "footprint"), "no piercing has a footprint"),
+    ],
+)
+def test_what_cannot_be_swept_or_refined_is_refused(ask: Callable[[], Any], said: str) -> None:
+    """Independent check: in a sentence."""
+    with pytest.raises(ScenarioError, match=said):
+        ask()
+
+
+def test_cases_are_counted_and_paired() -> None:
+    """Independent check: every combination, or one after another."""
+    over = {"a": [1, 2], "b": [3, 4]}
+    assert sweeps.grid(over) == [{"a": 1, "b": 3}, {"a": 1, "b": 4}, {"a": 2, "b": 3}, {"a": 2, "b": 4}]
+    assert paired(over) == [{"a": 1, "b": 3}, {"a": 2, "b": 4}]
+
+
+def test_the_levels_of_a_ladder() -> None:
+    """Independent check: cells, steps and spans are finer level by level, frames as far apart, and the order of theory
+    is the least of those refined; steps and spans by as much as whole numbers allow."""
+    scenario: Scenario = parse(ORGAN)
+    every = ladder(scenario, ratio=2.0, levels=3)
+    assert every.kinds == ("h", "dt", "control_points")
+    assert every.order == 2.0
+    assert every.settings[0] == {}
+    last = {key: value for key, value in every.settings[2].items()}
+    assert last["tissue.mesh.h"] == 5e-3 / 4
+    assert last["solve.dt"] == pytest.approx(5e-4, rel=1e-12)
+    assert (last["thread.control_points"], last["output.every"]) == (39, 12)
+    assert ladder(scenario, "control_points", ratio=1.5).factors == (1.0, 14 / 9, 20 / 9, 30 / 9)
+    assert ladder(parse(changed(ORGAN, {"tissue.element": "P2"})), "h").order == 3.0
+    assert ladder(scenario, "footprint", ratio=2.0).settings[1] == {"piercing.0.footprint": 1e-3}
+    for settings in every.settings:
+        parsed(changed(ORGAN, settings))
+
+
+def planted(numbers: list[float], statuses: list[int] | None = None) -> Any:
+    """What refinement says of planted numbers on four levels, each twice as fine."""
+    rungs = ladder(parse(ORGAN), "h", ratio=2.0)
+    done = statuses or [0] * len(numbers)
+    cases = [Case({}, s, {"time": n, "status": "x"}) for s, n in zip(done, numbers, strict=True)]
+    return refined("time", rungs, table_of(cases))
+
+
+def test_planted_numbers_get_their_verdicts() -> None:
+    """Independent check: a number with an error of second order converges to its limit at order two; one that grows
+    like 1/h or like a logarithm is called diverging; one that did not come to three levels has no verdict."""
+    h = 0.5 ** np.arange(4)
+    fine = planted((1.0 + 0.1 * h**2).tolist())
+    assert fine.converged
+    assert fine.verdict.order == pytest.approx(2.0, abs=1e-6)
+    assert fine.verdict.limit == pytest.approx(1.0, abs=1e-9)
+    assert fine.interval[0] < 1.0 < fine.interval[1]
+    assert planted((1.0 / h).tolist()).text == "DIVERGING, order -1.00"
+    assert planted((1.0 - np.log(h)).tolist()).text == "DIVERGING like a logarithm"
+    failed = planted([1.0, 1.1, 1.2, 1.3], [0, 1, 1, 0])
+    assert failed.verdict is None
+    assert failed.text == "no verdict: only 2 of 4 levels have the number, and 3 are needed"
+    assert not planted([1.0, 1.0, 1.0, 1.0], [0, 0, 0, 1]).interval[0] < 1.0
+    assert "Refined(time [s]: converged" in repr(fine)
+
+
+def test_a_scenario_is_refined(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Independent check: the slip of a ring through which a hand draws a thread is the way of the hand, and converges
+    to it; what is no number is refused; the command says the same."""
+    pulled = changed(RING, {"solve": {"kind": "static", "duration": 0.1, "load_steps": 1}})
+    [slip] = refine(pulled, "piercings.ring.slip", tmp_path / "a", "control_points", levels=3)
+    assert slip.unit == "m"
+    assert slip.converged
+    stretched = 0.021 / (1.0 + 0.1 / suture("2-0 polypropylene").EA)  # rest length between ring and hand
+    assert slip.finest == pytest.approx(stretched - 0.02, rel=1e-3)
+    assert "converged to" in (tmp_path / "a" / "verdict.md").read_text(encoding="utf-8")
+    assert (tmp_path / "a" / "figure.png").stat().st_size > 5000
+    with pytest.raises(ScenarioError, match=r"the nearest is piercings\.ring\.slip"):
+        refine(pulled, "piercings.ring.slp", tmp_path / "a", "control_points", levels=3)
+    (tmp_path / "ring.toml").write_text(dump(parse(pulled)), encoding="utf-8")
+    words = ["refine", str(tmp_path / "ring.toml"), "--quantity", "piercings.ring.slip", "--levels", "3"]
+    assert main([*words, "--over", "control_points", "--out", str(tmp_path / "b"), "--strict"]) == 0
+    assert "converged to" in capsys.readouterr().out
+
+
+def test_a_bare_point_is_called_diverging(tmp_path: Path) -> None:
+    """Independent check: the displacement of a point pulled without a footprint grows like 1/h, and is called so."""
+    bare = {"piercing.ring.footprint": 0.0, "thread.start": {"kind": "pulled", "force": [0.0, 0.0, 0.3]}}
+    table = changed(ORGAN, bare | {"solve": {"kind": "static", "load_steps": 1}, "piercing.ring.kind": "anchored"})
+    table["thread"]["end"] = {"kind": "free"}
+    [moved] = refine(table, "piercings.ring.displacement_z", tmp_path, "h", levels=3, ratio=2.0)
+    assert moved.text.startswith("DIVERGING, order -"), replace(moved)

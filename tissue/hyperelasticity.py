@@ -1,0 +1,241 @@
+"""Finite strain on the organ's elements: energy, force and tangent of ∫ W(F) dX, F = I + ∇U (total Lagrangian).
+
+W is a density of distortion (`tissue.materials`) and κ/2 (J − 1)² of the same E and ν as the linear organ, which this
+one is at small strain. Where that averages its dilatation (`tissue.elasticity`), the part of κ beyond that of ν = 0.3
+acts here on J averaged at the vertices, ½ Σ_a θ_a²/S_a with θ_a = ∫ ψ_a (J − 1) dX and S_a = ∫ ψ_a/λ̄ dX (Bonet &
+Burton, Commun. Numer. Meth. Engng 14, 1998): an energy, so that the tangent is symmetric.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import bsr_matrix, csr_matrix, diags_array
+from skfem.quadrature import get_quadrature
+from skfem.refdom import RefTet
+
+from tissue.arrays import Array, Indices
+from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda
+from tissue.errors import TissueError
+from tissue.material import PerCell
+from tissue.materials.density import Density, Sum, cofactor, determinant, determinant_tangent
+from tissue.materials.isotropic import Exponential, Volumetric
+from tissue.materials.prestretch import Prestretched
+from tissue.strain import cell_edges, shape_gradients
+
+I3 = np.eye(3)
+NONE = (1.0, 1.0, 1.0)  # stretches that are none
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Where blocks of local matrices stand in a sparse one: `block` `(…)` numbers those of each cell, and `order` puts
+    the numbers of all blocks where the data of a matrix of `indices`, `indptr` and `shape` expects them.
+    """
+
+    block: Indices
+    order: Indices
+    indices: Indices
+    indptr: Indices
+    shape: tuple[int, int]
+
+    def matrix(self, local: Array) -> csr_matrix:
+        """Return the sum of local blocks, shape `(rows, columns, …)` with the numbers of a block first."""
+        each = local.reshape(-1, self.block.size)
+        sums = [np.bincount(self.block, part) for part in each]
+        return csr_matrix((np.column_stack(sums).ravel()[self.order], self.indices, self.indptr), shape=self.shape)
+
+
+def pattern(rows: Indices, columns: Indices, size: tuple[int, int], rows_kept: Indices, kept: Indices) -> Pattern:
+    """Return the pattern of blocks of `size` at `rows` and `columns` `(…)`, numbers of nodes, of a matrix of which the
+    scalar rows `rows_kept` and columns `kept` are wanted."""
+    width = int(columns.max()) + 1
+    known, block = np.unique(rows.ravel().astype(np.int64) * width + columns.ravel(), return_inverse=True)
+    height = int(rows.max()) + 1
+    indptr = np.searchsorted(known, np.arange(height + 1, dtype=np.int64) * width)
+    numbers = np.arange(1.0, known.size * size[0] * size[1] + 1.0).reshape(known.size, *size)
+    shape = (height * size[0], width * size[1])
+    whole = csr_matrix(bsr_matrix((numbers, known % width, indptr), shape=shape).tocsr())[rows_kept][:, kept]
+    order = np.rint(whole.data).astype(np.intp) - 1
+    indices, starts = whole.indices.astype(np.intp), whole.indptr.astype(np.intp)
+    return Pattern(block.ravel(), order, indices, starts, (rows_kept.size, kept.size))
+
+
+@dataclass(frozen=True, eq=False)
+class Hyperelasticity:
+    """A body at finite strain: an elastic `body` for its mesh, supports, E, ν and mass, and a density of `distortion`.
+
+    None stands for the neo-Hookean solid of the body's μ. `prestretch` are principal stretches of the reference shape
+    along x, y, z, `(3,)` or `(3, cells)` [-]. Fields U [m] are over all unknowns `(N,)`. Forces and tangents are over
+    the free ones.
+    """
+
+    body: Elasticity
+    distortion: Density | None = None
+    prestretch: Array | Sequence[float] = NONE
+
+    def __post_init__(self) -> None:
+        given = np.asarray(self.prestretch, dtype=float)
+        if given.shape not in {(3,), (3, self.body.mesh.nelements)}:
+            raise TissueError(f"prestretch: shape {given.shape}; allowed is (3,), or one column per cell")
+
+    @cached_property
+    def _rule(self) -> tuple[Array, Array]:
+        """Places `(q, 3)` and weights `(q,)` of the reference cell, exact for the linear organ's energy."""
+        degree = max(1, 2 * (ELEMENTS[self.body.element]().maxdeg - 1))
+        places, weights = get_quadrature(RefTet, degree)
+        return np.ascontiguousarray(places.T), weights
+
+    @cached_property
+    def slopes(self) -> Array:
+        """∂φ_n/∂X_j, shape `(n, 3, q, c)` [1/m]."""
+        found = shape_gradients(self.body, self._rule[0])
+        return np.ascontiguousarray(np.moveaxis(found, (2, 3, 1, 0), (0, 1, 2, 3)))
+
+    @cached_property
+    def weights(self) -> Array:
+        """Volume that each point stands for, shape `(q, c)` [m³]."""
+        return np.asarray(np.outer(self._rule[1], np.abs(np.linalg.det(cell_edges(self.body)))))
+
+    @cached_property
+    def kappa(self) -> PerCell:
+        """Bulk modulus that stays with the cells [Pa]."""
+        material = self.body.material
+        lam = material.lame_lambda if self.body.pressure is None else cellwise_lambda(material)
+        return lam + 2.0 / 3.0 * material.lame_mu
+
+    @cached_property
+    def density(self) -> Density:
+        """W without what is averaged at the vertices."""
+        distortion = self.distortion or Exponential(self.body.material.lame_mu)
+        whole = Sum([distortion, Volumetric(self.kappa)])
+        stretches = np.asarray(self.prestretch, dtype=float)
+        return whole if np.all(stretches == 1.0) else Prestretched(whole, stretches)
+
+    # --- what is averaged at the vertices ---------------------------------------------------------------------
+
+    @cached_property
+    def _hats(self) -> Array:
+        """ψ_a dX of the cells' vertices where λ̄ > 0, shape `(4, q, c)` [m³]."""
+        places = self._rule[0]
+        psi = np.vstack([1.0 - places.sum(axis=1), places.T])
+        return np.asarray(psi[:, :, None] * self.weights * (self._excess > 0.0))
+
+    @cached_property
+    def _excess(self) -> Array:
+        """λ̄, the part of λ beyond what stays with the cells, shape `(c,)` [Pa]."""
+        material = self.body.material
+        excess = material.lame_lambda - cellwise_lambda(material)
+        return np.broadcast_to(np.asarray(excess, dtype=float), self.body.mesh.nelements)
+
+    @cached_property
+    def _before(self) -> Array:
+        """J of the prestretch, `(c,)` or `(1,)`."""
+        return np.atleast_1d(np.prod(np.asarray(self.prestretch, dtype=float), axis=0))
+
+    @cached_property
+    def _stiffness_of_vertices(self) -> Array:
+        """1/S_a, shape `(vertices,)` [Pa/m³]; zero at a vertex of no cell with λ̄."""
+        softness = np.divide(1.0, self._excess, out=np.zeros(self._excess.size), where=self._excess > 0.0)
+        S = self._at_vertices(self._hats * (softness / self._before))
+        return np.divide(1.0, S, out=np.zeros(S.size), where=S > 0.0)
+
+    def _at_vertices(self, local: Array) -> Array:
+        """Sum values of the cells' vertices at their points `(4, q, c)` at the vertices, shape `(vertices,)`."""
+        mesh = self.body.mesh
+        return np.asarray(np.bincount(mesh.t.ravel(), local.sum(axis=1).ravel(), mesh.nvertices), dtype=float)
+
+    def _gaps(self, J: Array) -> Array:
+        """Return θ_a, shape `(vertices,)` [m³]."""
+        return self._at_vertices(self._hats * (J - 1.0 / self._before))
+
+    def pressure(self, U: Array) -> Array:
+        """Return θ_a/S_a, the averaged part of κ (J − 1), shape `(vertices,)` [Pa]; zero where nothing is averaged."""
+        if self.body.pressure is None:
+            return np.zeros(self.body.mesh.nvertices)
+        return self._stiffness_of_vertices * self._gaps(determinant(self.gradient(U)))
+
+    def _pressure_at_points(self, J: Array) -> Array:
+        """Return Σ_a ψ_a p_a dX, shape `(q, c)` [N m]."""
+        p = self._stiffness_of_vertices * self._gaps(J)
+        return np.asarray(np.einsum("aqc,ac->qc", self._hats, p[self.body.mesh.t]))
+
+    # --- energy and its derivatives ---------------------------------------------------------------------------
+
+    def gradient(self, U: Array) -> Array:
+        """Return F = I + ∂U/∂X at the points of the cells, shape `(3, 3, q, c)`."""
+        local = U[self._unknowns]
+        return np.asarray(np.einsum("nic,njqc->ijqc", local, self.slopes)) + I3[:, :, None, None]
+
+    @cached_property
+    def _unknowns(self) -> Indices:
+        """Unknowns of each cell by node and component, shape `(n, 3, c)`."""
+        return np.ascontiguousarray(np.moveaxis(self.body.nodes[self.body.cells], 0, 2))
+
+    def energy(self, F: Array) -> float:
+        """Return the stored energy [J] of deformation gradients as `gradient` gives them; inf where a cell is
+        inverted.
+
+        It is that of the tissue without prestretch: the reference shape's own is not taken off.
+        """
+        J = determinant(F)
+        if not J.min() > 0.0:
+            return np.inf
+        stored = float(np.sum(self.weights * self.density.energy(F)))
+        if self.body.pressure is not None:
+            stored += float(0.5 * self._stiffness_of_vertices @ self._gaps(J) ** 2)
+        return stored if np.isfinite(stored) else np.inf
+
+    def forces(self, F: Array) -> tuple[Array, float]:
+        """Return ∂energy/∂U over all unknowns, shape `(N,)` [N], and the largest force of a cell on a node [N].
+
+        At held unknowns it is the force of the support.
+        """
+        P = self.weights * self.density.stress(F)
+        if self.body.pressure is not None:
+            P += self._pressure_at_points(determinant(F)) * cofactor(F)
+        local = np.einsum("ijqc,njqc->nic", P, self.slopes)
+        whole = np.asarray(np.bincount(self._unknowns.ravel(), local.ravel(), self.body.N), dtype=float)
+        return whole, float(np.abs(local).max(initial=0.0))
+
+    def tangent(self, F: Array) -> csr_matrix:
+        """Return ∂²energy/∂U² over the free unknowns, shape `(free, free)` [N/m], symmetric."""
+        A = self.weights * self.density.tangent(F)
+        averaged = self.body.pressure is not None
+        if averaged:
+            A += self._pressure_at_points(determinant(F)) * determinant_tangent(F)
+        half = np.einsum("njqc,ijklqc->niklqc", self.slopes, A)
+        local = np.einsum("niklqc,mlqc->iknmc", half, self.slopes)
+        K = self._cells.matrix(local)
+        return csr_matrix(K + self._volume_tangent(F)) if averaged else K
+
+    def _volume_tangent(self, F: Array) -> csr_matrix:
+        """Return Σ_a D_a D_aᵀ/S_a with D_a = ∂θ_a/∂U over the free unknowns."""
+        carried = np.einsum("ijqc,njqc->inqc", cofactor(F), self.slopes)
+        local = np.einsum("aqc,inqc->ianc", self._hats, carried)
+        D = self._vertices.matrix(local)
+        return csr_matrix(D.T @ (diags_array(self._stiffness_of_vertices) @ D))
+
+    @cached_property
+    def _free(self) -> Indices:
+        """The free unknowns, numbered node by node."""
+        number = np.empty(self.body.N, dtype=np.intp)
+        number[self.body.nodes.ravel()] = np.arange(self.body.N)
+        return number[self.body.free]
+
+    @cached_property
+    def _cells(self) -> Pattern:
+        """The pattern of the cells' matrices."""
+        at = self.body.cells.T
+        shape = (len(at), *at.shape)
+        rows, columns = np.broadcast_to(at[:, None], shape), np.broadcast_to(at, shape)
+        return pattern(rows, columns, (3, 3), self._free, self._free)
+
+    @cached_property
+    def _vertices(self) -> Pattern:
+        """The pattern of D."""
+        at, vertices = self.body.cells.T, self.body.mesh.t.astype(np.intp)
+        shape = (4, *at.shape)
+        rows, columns = np.broadcast_to(vertices[:, None], shape), np.broadcast_to(at, shape)
+        return pattern(rows, columns, (1, 3), np.arange(self.body.mesh.nvertices), self._free)

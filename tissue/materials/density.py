@@ -1,0 +1,74 @@
+"""What a strain-energy density is: W, P = ∂W/∂F and A = ∂²W/∂F² at many points at once, and sums of them.
+
+Deformation gradients F have shape `(3, 3, …)`, the points behind the components, so that numbers per point or per cell
+broadcast against them. W [J/m³] has shape `(…)`, P_ij [Pa] `(3, 3, …)` and A_ijkl = ∂P_ij/∂F_kl [Pa]
+`(3, 3, 3, 3, …)`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import Protocol
+
+import numpy as np
+
+from tissue.arrays import Array
+
+
+class Density(Protocol):
+    """A strain-energy density per volume of the reference shape."""
+
+    def energy(self, F: Array) -> Array:
+        """Return W, shape `(…)` [J/m³]."""
+
+    def stress(self, F: Array) -> Array:
+        """Return P = ∂W/∂F, shape `(3, 3, …)` [Pa]."""
+
+    def tangent(self, F: Array) -> Array:
+        """Return A = ∂²W/∂F², shape `(3, 3, 3, 3, …)` [Pa]."""
+
+
+@dataclass(frozen=True)
+class Sum:
+    """The sum of densities, one at least."""
+
+    parts: Sequence[Density]
+
+    def energy(self, F: Array) -> Array:
+        """Return W, shape `(…)` [J/m³]."""
+        return reduce(np.add, (part.energy(F) for part in self.parts))
+
+    def stress(self, F: Array) -> Array:
+        """Return P, shape `(3, 3, …)` [Pa]."""
+        return reduce(np.add, (part.stress(F) for part in self.parts))
+
+    def tangent(self, F: Array) -> Array:
+        """Return A, shape `(3, 3, 3, 3, …)` [Pa]."""
+        return reduce(np.add, (part.tangent(F) for part in self.parts))
+
+
+def cofactor(F: Array) -> Array:
+    """Return ∂J/∂F = J F⁻ᵀ, shape `(3, 3, …)`."""
+    a, b, c = F[:, 0], F[:, 1], F[:, 2]
+    return np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)
+
+
+def determinant(F: Array) -> Array:
+    """Return J = det F, shape `(…)`."""
+    return np.asarray(np.einsum("i...,i...->...", F[:, 0], _cross(F[:, 1], F[:, 2])))
+
+
+def determinant_tangent(F: Array) -> Array:
+    """Return ∂²J/∂F² = ε_ikm ε_jln F_mn, shape `(3, 3, 3, 3, …)`."""
+    out = np.zeros((3, 3, 3, 3, *F.shape[2:]))
+    for i, k, m, first in CYCLIC:
+        for j, n, o, second in CYCLIC:
+            out[i, j, k, n] += first * second * F[m, o]
+    return out
+
+
+CYCLIC = [(0, 1, 2, 1.0), (1, 2, 0, 1.0), (2, 0, 1, 1.0), (0, 2, 1, -1.0), (2, 1, 0, -1.0), (1, 0, 2, -1.0)]
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.stack([a[i] * b[j] - a[j] * b[i] for i, j in ((1, 2), (2, 0), (0, 1))])

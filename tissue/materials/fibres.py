@@ -1,0 +1,67 @@
+"""Families of fibres that carry tension alone (Holzapfel, Gasser & Ogden, J. Elasticity 61, 2000).
+
+    W = k₁/(2k₂) (exp(k₂ ⟨Ī₄ − 1⟩²) − 1),    Ī₄ = J^(−2/3) |F a|²
+
+A fibre that is as long as in the reference has lost its stiffness, which sets in at k₁ when it is stretched: W has a
+continuous slope and no more.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tissue.arrays import Array
+from tissue.errors import TissueError
+from tissue.material import PerCell
+from tissue.materials.invariant import Invariant, invariant
+
+
+@dataclass(frozen=True)
+class Fibres:
+    """One family: its `direction` (3,), of any length, stiffness `k1` [Pa] and stiffening `k2` [-].
+
+    k1 and k2 are numbers, or arrays that broadcast against the points; where k1 is zero there are no fibres. Raises
+    `TissueError` unless k1 ≥ 0 and k2 > 0, and for a direction that is none.
+    """
+
+    direction: ArrayLike
+    k1: PerCell
+    k2: PerCell
+
+    def __post_init__(self) -> None:
+        a = np.asarray(self.direction, dtype=float)
+        if a.shape != (3,) or not np.all(np.isfinite(a)) or not a.any():
+            raise TissueError(f"direction = {self.direction!r} of fibres: allowed is a vector other than zero")
+        if not np.all((np.asarray(self.k1) >= 0.0) & np.isfinite(self.k1)):
+            raise TissueError(f"k1 = {np.min(self.k1):g} Pa of fibres: allowed is 0 or more; leave the fibres out")
+        if not np.all((np.asarray(self.k2) > 0.0) & np.isfinite(self.k2)):
+            raise TissueError(f"k2 = {np.min(self.k2):g} of fibres: allowed is a positive number; 10 is common")
+
+    def _invariant(self, F: Array) -> Invariant:
+        a = np.asarray(self.direction, dtype=float)
+        a = a / np.linalg.norm(a)
+        return invariant(F, np.outer(a, a))
+
+    def _grown(self, x: Array) -> Array:
+        with np.errstate(over="ignore"):
+            return np.asarray(self.k1 * np.exp(self.k2 * x**2))
+
+    def energy(self, F: Array) -> Array:
+        """Return W, shape `(…)` [J/m³]."""
+        x = np.maximum(self._invariant(F).value - 1.0, 0.0)
+        with np.errstate(over="ignore"):
+            return np.asarray(0.5 * self.k1 / self.k2 * np.expm1(self.k2 * x**2))
+
+    def stress(self, F: Array) -> Array:
+        """Return P, shape `(3, 3, …)` [Pa]."""
+        at = self._invariant(F)
+        x = np.maximum(at.value - 1.0, 0.0)
+        return np.asarray(x * self._grown(x) * at.gradient())
+
+    def tangent(self, F: Array) -> Array:
+        """Return A, shape `(3, 3, 3, 3, …)` [Pa]."""
+        at = self._invariant(F)
+        x = np.maximum(at.value - 1.0, 0.0)
+        grown = self._grown(x)
+        return at.tangent(x * grown, np.where(at.value > 1.0, grown * (1.0 + 2.0 * self.k2 * x**2), 0.0))

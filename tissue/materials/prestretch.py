@@ -1,0 +1,53 @@
+"""Tissue that is stretched in its reference shape, as skin is: W(F F₀) / det F₀ with F₀ = diag(λ₁, λ₂, λ₃).
+
+The density of the tissue without stress is taken at F F₀, and per volume of the reference shape, which is det F₀ times
+that without stress. Cut free, it goes back.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tissue.arrays import Array
+from tissue.errors import TissueError
+from tissue.materials.density import Density
+
+
+@dataclass(frozen=True)
+class Prestretched:
+    """A `density` in a reference shape that has principal `stretches` along x, y and z.
+
+    Shape `(3,)`, or `(3, …)` with axes that broadcast against the points. Raises `TissueError` unless they are
+    positive.
+    """
+
+    density: Density
+    stretches: Array
+
+    def __post_init__(self) -> None:
+        given = np.asarray(self.stretches, dtype=float)
+        if given.shape[:1] != (3,) or not np.all((given > 0.0) & np.isfinite(given)):
+            raise TissueError(f"prestretch = {given.tolist()}: allowed are three positive stretches; 1 is none")
+
+    def _along(self, F: Array) -> Array:
+        """Return the stretches with axes for the points, `(3, …)`."""
+        given = np.asarray(self.stretches, dtype=float)
+        return given.reshape(3, *[1] * (F.ndim - 1 - given.ndim), *given.shape[1:])
+
+    def energy(self, F: Array) -> Array:
+        """Return W, shape `(…)` [J/m³]."""
+        along = self._along(F)
+        return np.asarray(self.density.energy(F * along) / np.prod(along, axis=0))
+
+    def stress(self, F: Array) -> Array:
+        """Return P, shape `(3, 3, …)` [Pa]."""
+        along = self._along(F)
+        return np.asarray(self.density.stress(F * along) * (along / np.prod(along, axis=0)))
+
+    def tangent(self, F: Array) -> Array:
+        """Return A, shape `(3, 3, 3, 3, …)` [Pa]."""
+        along = self._along(F)
+        out = self.density.tangent(F * along)
+        out *= (along / np.prod(along, axis=0))[:, None, None]
+        out *= along
+        return np.asarray(out)

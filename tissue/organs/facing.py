@@ -1,0 +1,112 @@
+"""What faces what: the point of a surface of triangles in front of each of some points, and the surface's normal there.
+
+A point in front of which the surface ends faces its edge as far as half a triangle, within which the share of the area
+around it is still over the surface, and nothing beyond.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from tissue.arrays import Array, Indices
+
+Mask = NDArray[np.bool_]
+
+NEAREST = 24  # triangles, by their centres, among which that in front of a point is sought
+EDGE = 0.5  # of a triangle's size: how far past the surface's edge a point still faces it
+UPRIGHT = 0.2  # cosine of the slope to the direction along which one faces: steeper, that direction is the normal
+
+
+def face(at: Array, points: Array, triangles: Indices, ends: Mask, along: Array | None) -> Array:
+    """Return for points `at` `(k, 3)` the triangle that each faces, its barycentric coordinates there, and the vector
+    that measures the gap, shape `(k, 7)`: triangle −1 where it faces none.
+
+    `triangles` `(m, 3)` of `points` `(n, 3)` [m] turn so that their normals point away from `at`; `ends` are their
+    open sides. A point faces the nearest point of the surface, or what lies before or behind it `along` a unit vector
+    (3,). The gap is what lies between along the averaged normal n; with `along`, that over n·along, how far it is that
+    way.
+    """
+    corners, normals = points[triangles], averaged_normals(points, triangles)
+    flat = np.eye(3) if along is None else across(along)
+    seen, seen_corners, sizes = at @ flat.T, corners @ flat.T, triangle_sizes(corners)
+    triangle, inside, away = _nearest(seen, seen_corners)
+    n = np.einsum("kc,kcx->kx", inside, normals[triangle])
+    n /= np.linalg.norm(n, axis=1)[:, None]
+    past = seen - np.einsum("kc,kcx->kx", inside, seen_corners[triangle])
+    if along is None:
+        away = np.linalg.norm(past - np.vecdot(past, n)[:, None] * n, axis=1)
+        away *= ((inside <= 0.0) & ends[triangle]).any(axis=1)
+    else:
+        slope = n @ along
+        n = np.where(slope[:, None] > UPRIGHT, n / np.maximum(slope, UPRIGHT)[:, None], along)
+    return np.column_stack([np.where(away > EDGE * sizes[triangle], -1.0, triangle), inside, n])
+
+
+def across(normal: Array) -> Array:
+    """Return two unit vectors across the normal, shape `(2, 3)`."""
+    return np.linalg.svd(normal[None])[2][1:]
+
+
+def triangle_sizes(corners: Array) -> Array:
+    """Return the sizes √(2A) of triangles `(m, 3, 3)`, shape `(m,)` [m]."""
+    return np.asarray(np.sqrt(np.linalg.norm(_area_normals(corners), axis=1)))
+
+
+def averaged_normals(points: Array, triangles: Indices) -> Array:
+    """Return unit normals at the corners of `triangles` `(m, 3)` of `points`, shape `(m, 3, 3)`: the mean of those of
+    the triangles that meet there, by their areas."""
+    each, mean = _area_normals(points[triangles]), np.zeros((len(points), 3))
+    for corner in range(3):
+        np.add.at(mean, triangles[:, corner], each)
+    normals = mean[triangles]
+    length = np.linalg.norm(normals, axis=2, keepdims=True)
+    own = (each / np.linalg.norm(each, axis=1, keepdims=True))[:, None]
+    return np.where(length > 0.0, normals / np.where(length > 0.0, length, 1.0), own)
+
+
+def _area_normals(corners: Array) -> Array:
+    """Return the cross products of two sides of triangles `(m, 3, 3)`, twice their areas long."""
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def open_sides(triangles: Indices) -> Mask:
+    """Return which sides 12, 02, 01 of triangles of nodes `(m, 3)`, each opposite a corner, no other one shares,
+    `(m, 3)`."""
+    sides = np.sort(triangles[:, [[1, 2], [0, 2], [0, 1]]].reshape(-1, 2), axis=1)
+    _, side, count = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
+    return np.asarray(count[side.ravel()].reshape(-1, 3) == 1)
+
+
+def _nearest(at: Array, corners: Array) -> tuple[Indices, Array, Array]:
+    """Return the triangles of `corners` `(m, 3, d)` nearest to points `(k, d)`, the barycentric coordinates of the
+    nearest points, `(k, 3)`, and their distances, `(k,)`."""
+    near = cKDTree(corners.mean(axis=1)).query(at, min(NEAREST, len(corners)))[1].reshape(len(at), -1)
+    inside = _barycentric(at[:, None], corners[near])
+    held = np.stack([_held_inside(at, corners[near[:, j]], inside[:, j]) for j in range(near.shape[1])], axis=1)
+    away = np.linalg.norm(np.einsum("kjc,kjcx->kjx", held, corners[near]) - at[:, None], axis=2)
+    best, rows = np.argmin(away, axis=1), np.arange(len(at))
+    return near[rows, best], held[rows, best], away[rows, best]
+
+
+def _barycentric(at: Array, corners: Array) -> Array:
+    """Return the barycentric coordinates of points `(…, d)`, or of their feet, in triangles `(…, 3, d)`."""
+    u, v, w = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :], at - corners[..., 0, :]
+    uu, uv, vv, uw, vw = (np.sum(a * b, axis=-1) for a, b in ((u, u), (u, v), (v, v), (u, w), (v, w)))
+    area = uu * vv - uv * uv
+    second, third = (vv * uw - uv * vw) / area, (uu * vw - uv * uw) / area
+    return np.stack([1.0 - second - third, second, third], axis=-1)
+
+
+def _held_inside(at: Array, corners: Array, inside: Array) -> Array:
+    """Return the barycentric coordinates of the points of triangles `(k, 3, d)` nearest to `at` `(k, d)`, whose own
+    are `inside` `(k, 3)`."""
+    best, least = inside, np.where(inside.min(axis=1) >= 0.0, 0.0, np.inf)
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        side = corners[:, j] - corners[:, i]
+        share = np.clip(np.sum((at - corners[:, i]) * side, axis=1) / np.sum(side * side, axis=1), 0.0, 1.0)
+        away = np.linalg.norm(corners[:, i] + share[:, None] * side - at, axis=1)
+        on_side = np.zeros_like(inside)
+        on_side[:, i], on_side[:, j] = 1.0 - share, share
+        nearer = away < least
+        best, least = np.where(nearer[:, None], on_side, best), np.where(nearer, away, least)
+    return best

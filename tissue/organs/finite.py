@@ -1,0 +1,465 @@
+"""An organ at finite strain: energy Π(U), internal force ∂Π/∂U and tangent K(U), in the same coupled system.
+
+    a M (U⁺ − U_a) + α d M (U⁺ − U_d) + ∂Π/∂U − load = Zᵀ (∂y/∂z)ᵀ f_y,    z = Z U
+
+At an iterate U_k the site variables are seen through z alone (`tissue.sites.finite`), y ≈ y_k + J dz, so that with the
+residual r_k without site forces, A_k = a M + α d M + K, C_z = Z A_k⁻¹ Zᵀ and S = f_y·∂²y/∂z² the answer is
+
+    dz = (1 − C_z S)⁻¹ (C_z Jᵀ f_y − Z A_k⁻¹ r_k),   y = y_k + J dz,   dU = A_k⁻¹ (Zᵀ (Jᵀ f_y + S dz) − r_k).
+
+The coupled Newton asks `again` after each correction: the organ goes to U_k + dU, cut short where a cell would turn
+inside out or its potential under these forces would rise, and the answer stands once its own residual there is within
+RESIDUAL of the forces of the cells. A factor is kept while it makes the residual fall; the converged answer does not
+depend on it. Springs of a mesh too coarse for a hole stay linear, y = y(z) + B Bᵀ f_y.
+"""
+
+from collections import OrderedDict, deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from tissue.arrays import Array
+from tissue.errors import FactorError, OrganError, TissueError
+from tissue.hyperelasticity import Hyperelasticity
+from tissue.organs.meshed import (
+    EMPTY,
+    Equation,
+    MeshedOrgan,
+    OrganEnergies,
+    OrganState,
+    SiteAnswer,
+    TimeScheme,
+)
+from tissue.sites.finite import SiteMap
+from tissue.solvers.choice import Solver, mass_solver
+from tissue.solvers.factor import factorize_indefinite
+from tissue.supports import holds_still
+
+RESIDUAL = 1e-10  # of the largest force of a cell on a node: the organ's own equations
+ROUND_OFF = 2e-14  # of the force of a cell at a strain of one, which round-off of F = I + ∇U leaves
+BENT = 1e-12  # of the numbers of a frame: y(z) against its linearisation
+KEEP = 0.1  # a factor is kept while it makes the residual fall below this part of itself
+SHORTEST = 2.0**-12  # part of a correction below which the organ gives up
+RISE = 1e-10  # of the potential: it may rise by round-off
+KEPT_TANGENTS = 2
+MOST_CORRECTIONS = 50  # of the equilibrium without site forces
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What inertia does in a step: factors `a` [1/s²], `d` [1/s] and the fields U_a, U_d, `(N,)` [m]."""
+
+    a: float
+    d: float
+    inertia: Array
+    damping: Array
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """A factorised where the organ was at `U`: W = A⁻¹ Zᵀ `(N, k)` and C_z = Z W `(k, k)`."""
+
+    U: Array
+    A: csr_matrix
+    factor: Solver
+    W: Array
+    C_z: Array
+
+
+@dataclass(frozen=True)
+class Point:
+    """The organ at `U` `(N,)` under no site forces: `F` at the cells, residual `r` `(N,)` [N], and `scale` [N], the
+    largest force of a cell on a node; the numbers `z` of its sites."""
+
+    U: Array
+    F: Array
+    r: Array
+    scale: float
+    z: Array
+
+
+@dataclass(frozen=True)
+class FiniteAnswer:
+    """The answer linearised at a `point` with the springs' ends at `f_y` (9p,), by a `tangent` made there or before."""
+
+    organ: "FiniteOrgan"
+    motion: Motion
+    point: Point
+    tangent: Tangent
+    f_y: Array
+
+    @property
+    def g_free(self) -> Array:
+        """No gaps, shape `(0,)`."""
+        return EMPTY
+
+    @property
+    def C_cy(self) -> Array:
+        """No gaps, shape `(0, 9p)`."""
+        return np.zeros((0, self.f_y.size))
+
+    @property
+    def C_cc(self) -> Array:
+        """No gaps, shape `(0, 0)`."""
+        return np.zeros((0, 0))
+
+    @cached_property
+    def _U_r(self) -> Array:
+        """−A⁻¹ r, shape `(N,)` [m]."""
+        return -self.tangent.factor.solve(self.point.r)
+
+    @cached_property
+    def J(self) -> Array:
+        """∂y/∂z, shape `(9p, k)`."""
+        return self.organ.map.slope(self.point.z)
+
+    @cached_property
+    def _S(self) -> Array:
+        return self.organ.map.bend(self.point.z, self.f_y)
+
+    @cached_property
+    def _bent(self) -> Array:
+        """(1 − C_z S)⁻¹, shape `(k, k)`."""
+        return np.asarray(np.linalg.inv(np.eye(len(self._S)) - self.tangent.C_z @ self._S))
+
+    @cached_property
+    def C(self) -> Array:
+        """Site compliance, shape `(9p, 9p)`."""
+        C = self.J @ self._bent @ self.tangent.C_z @ self.J.T + self.organ.spring_compliance
+        return np.asarray(0.5 * (C + C.T))
+
+    @cached_property
+    def y_free(self) -> Array:
+        """Site variables without site forces, as linearised, shape `(9p,)`."""
+        return np.asarray(self.organ.map.y(self.point.z) + self.J @ (self._bent @ (self.organ.map.Z @ self._U_r)))
+
+    def moved(self, f_y: Array) -> Array:
+        """Return U_k + dU under site forces, shape `(N,)` [m]."""
+        g = self.J.T @ f_y
+        dz = self._bent @ (self.tangent.C_z @ g + self.organ.map.Z @ self._U_r)
+        return np.asarray(self.point.U + self.tangent.W @ (g + self._S @ dz) + self._U_r)
+
+    def accept(self, f_y: Array, p: Array = EMPTY) -> OrganState:
+        """Return the state at the end of the step."""
+        return self.organ.state_at(self.motion, self.moved(f_y), f_y, self.tangent)
+
+    def again(self, f_y: Array, p: Array) -> "FiniteAnswer":
+        """Return itself where the organ's own equations hold under these forces, else the answer linearised where
+        they take it. Raises `OrganError`."""
+        organ = self.organ
+        before = organ.off_balance(self.point, f_y)
+        point, share = organ.go(self.motion, self.point, self.moved(f_y), f_y, before)
+        after = organ.off_balance(point, f_y)
+        if share == 1.0 and after <= organ.tolerance(self.motion, point) and self._fits(point, f_y):
+            return self
+        tangent = self.tangent if after <= organ.keep * before else organ.tangent(self.motion, point.U, point.F)
+        return FiniteAnswer(organ, self.motion, point, tangent, f_y)
+
+    def _fits(self, point: Point, f_y: Array) -> bool:
+        """Whether the sites are where their linearisation says."""
+        if not any(self.organ.map.cut):
+            return True
+        y = self.y_free + (self.C - self.organ.spring_compliance) @ f_y
+        off = np.abs(self.organ.map.y(point.z) - y).reshape(-1, 3, 3)
+        return bool(off[:, 1:].max() <= BENT)
+
+    @property
+    def equation(self) -> Equation:
+        """The organ's rows of the assembled matrix, the springs' behind those of the mesh."""
+        organ, Z = self.organ, self.organ.map.Z
+        A = csr_matrix(self.tangent.A - Z.T @ csr_matrix(self._S) @ Z)
+        Y = csr_matrix(csr_matrix(self.J) @ Z)
+        b = A @ self.point.U - self.point.r
+        y0 = organ.map.y(self.point.z) - Y @ self.point.U
+        springs = organ.sites.springs
+        if springs.shape[1]:
+            raise TissueError("the assembled matrix knows no springs of a nonlinear organ; set subgrid = false")
+        return Equation(A, b, y0, Y, EMPTY, csr_matrix((0, self.point.U.size)))
+
+
+@dataclass(frozen=True, eq=False)
+class FiniteOrgan(MeshedOrgan):
+    """An organ at finite strain, with `inertia` and mass-proportional `damping` α [1/s], or always in equilibrium.
+
+    `hyper` is its energy, None the neo-Hookean solid of the same E and ν. `keep` is the part of itself that the
+    residual must fall below for a factor to be kept; 0 makes every tangent anew.
+    """
+
+    hyper: Hyperelasticity | None = None
+    inertia: bool = True
+    damping: float = 0.0
+    keep: float = KEEP
+    M: csr_matrix = field(init=False, repr=False)
+    _tangents: OrderedDict[tuple[float, float, int], Tangent] = field(init=False, repr=False)
+    _recalled: deque[tuple[Array, float, Array]] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        body = self.elasticity
+        if self.gaps is not None:
+            raise TissueError("gaps: the lips of a wound do not touch in an organ at finite strain; leave them out")
+        if self.loads:
+            raise TissueError("loads: an organ at finite strain bears gravity alone; leave them out")
+        if self.hyper is not None and self.hyper.body is not body:
+            raise TissueError("hyper: it is of another body than the organ's; build both on one")
+        if not 0.0 <= self.damping < np.inf:
+            raise TissueError(f"damping = {self.damping} 1/s: allowed is 0 or more; damping takes energy")
+        if not self.inertia and not holds_still(body.points, np.isin(body.nodes, body.clamped)):
+            known = ", ".join(sorted(body.mesh.boundaries or {})) or "none at all"
+            raise TissueError(
+                f"clamp: a quasi-static organ that can move as a rigid body is singular; clamp a boundary (the mesh "
+                f"names {known}) or give it inertia"
+            )
+        if self.hyper is None:
+            object.__setattr__(self, "hyper", Hyperelasticity(body))
+        free = body.free
+        object.__setattr__(self, "load", self.load[: free.size])
+        object.__setattr__(self, "M", csr_matrix(body.M[free][:, free]))
+        object.__setattr__(self, "_tangents", OrderedDict())
+        object.__setattr__(self, "_recalled", deque(maxlen=3))
+
+    # --- the organ's own numbers ------------------------------------------------------------------------------
+
+    @property
+    def law(self) -> Hyperelasticity:
+        """Its energy."""
+        assert self.hyper is not None
+        return self.hyper
+
+    @property
+    def size(self) -> int:
+        """Number of free unknowns of the mesh."""
+        return self.mesh_size
+
+    @cached_property
+    def map(self) -> SiteMap:
+        """The site variables of z = Z U."""
+        return SiteMap(self.sites)
+
+    @cached_property
+    def spring_compliance(self) -> Array:
+        """B Bᵀ of the springs between sites and mesh, shape `(9p, 9p)`."""
+        B = self.sites.springs
+        return np.asarray((B @ B.T).toarray())
+
+    @cached_property
+    def _round_off(self) -> float:
+        """Force that round-off of F leaves [N]."""
+        stiffness = float(self.elasticity.K.diagonal().max())
+        return ROUND_OFF * stiffness * float(np.cbrt(6.0 * self.law.weights.sum(axis=0).max()))
+
+    def tolerance(self, motion: Motion, point: Point) -> float:
+        """Return what the residual may be of a solved step [N]."""
+        inertia = motion.a * float(self.M.diagonal().max(initial=0.0)) * float(np.abs(point.U).max(initial=0.0))
+        return RESIDUAL * point.scale + self._round_off + ROUND_OFF * inertia
+
+    def point(self, motion: Motion, U: Array, F: Array | None = None) -> Point:
+        """Return the organ at U, with its deformation gradients `F` where they are known."""
+        F = self.law.gradient(self.whole(U)) if F is None else F
+        forces, scale = self.law.forces(F)
+        r = forces[self.elasticity.free] - self.load
+        if motion.a:
+            r = r + self.M @ (motion.a * (U - motion.inertia) + self.damping * motion.d * (U - motion.damping))
+        return Point(U, F, r, scale, np.asarray(self.map.Z @ U))
+
+    def off_balance(self, point: Point, f_y: Array) -> float:
+        """Return the largest residual under site forces [N]."""
+        pull = self.map.Z.T @ (self.map.slope(point.z).T @ f_y)
+        return float(np.abs(pull - point.r).max(initial=0.0))
+
+    def potential(self, motion: Motion, U: Array, F: Array, f_y: Array) -> float:
+        """Return what the organ makes least in a step under constant site forces [J]; inf where a cell is inverted."""
+        out = self.law.energy(F) - float(self.load @ U) - float(f_y @ self.map.y(np.asarray(self.map.Z @ U)))
+        if motion.a:
+            for factor, back in ((motion.a, motion.inertia), (self.damping * motion.d, motion.damping)):
+                out += 0.5 * factor * float((U - back) @ (self.M @ (U - back)))
+        return out
+
+    def go(self, motion: Motion, start: Point, U: Array, f_y: Array, before: float) -> tuple[Point, float]:
+        """Go from `start` to U, or a part of the way: where no cell is inverted and either the residual, `before` at
+        the start, or the potential falls. Returns where, and the part. Raises `OrganError`."""
+        share, way, first = 1.0, U - start.U, None
+        while share >= SHORTEST:
+            there = start.U + share * way if share < 1.0 else U
+            F = self.law.gradient(self.whole(there))
+            if np.isfinite(self.law.energy(F)):
+                point = self.point(motion, there, F)
+                if self.off_balance(point, f_y) <= max(before, self.tolerance(motion, point)):
+                    return point, share
+                first = self.potential(motion, start.U, start.F, f_y) if first is None else first
+                if self.potential(motion, there, F, f_y) <= first + RISE * abs(first):
+                    return point, share
+            share *= 0.5
+        raise OrganError("the tissue finds no way to give way: a cell would turn inside out, or it snaps")
+
+    def tangent(self, motion: Motion, U: Array, F: Array | None = None) -> Tangent:
+        """Return the tangent at U, factorised; the last few are kept. Raises `OrganError`."""
+        key = motion.a, motion.d, id(U)
+        known = self._tangents.get(key)
+        if known is not None and known.U is U:
+            return known
+        while len(self._tangents) >= KEPT_TANGENTS:
+            self._tangents.popitem(last=False)
+        A = self.law.tangent(self.law.gradient(self.whole(U)) if F is None else F)
+        if motion.a:
+            A = csr_matrix(A + (motion.a + self.damping * motion.d) * self.M)
+        factor = self._factor(A)
+        W = factor.solve(self.map.Z.T.toarray())
+        C = self.map.Z @ W
+        self._tangents[key] = Tangent(U, A, factor, W, 0.5 * (C + C.T))
+        return self._tangents[key]
+
+    def _factor(self, A: csr_matrix) -> Solver:
+        """Return A factorised, by LU where it is not definite: beyond a bifurcation. Raises `OrganError`."""
+        try:
+            return self.solver_of(A)
+        except FactorError:
+            try:
+                return factorize_indefinite(A)
+            except FactorError as error:
+                raise OrganError(f"the tissue's tangent cannot be solved ({error})") from error
+
+    # --- what the coupling asks -------------------------------------------------------------------------------
+
+    def motion(self, scheme: TimeScheme, past: Sequence[OrganState]) -> Motion:
+        """Return what inertia does in a step of `scheme` from the states `past`, the newest first."""
+        if not (self.inertia and scheme.a):
+            return Motion(0.0, 0.0, EMPTY, EMPTY)
+        terms = list(zip(scheme.coefficients, past, strict=True))
+        inertia = sum((alpha * s.U + beta * s.V for (alpha, beta, _), s in terms), np.zeros(self.size))
+        damping = sum((gamma * s.U for (_, _, gamma), s in terms), np.zeros(self.size))
+        return Motion(scheme.a, scheme.d, inertia, damping)
+
+    def start(self) -> OrganState:
+        """Return the state at the start: at rest and undeformed, or without inertia in equilibrium with gravity and
+        prestretch. Raises `TissueError` where there is none."""
+        rest, none = np.zeros(self.size), np.zeros(self.y0.size)
+        if self.inertia:
+            return OrganState(rest, rest, rest, none)
+        try:
+            U = self._sagged(rest)
+        except OrganError as error:
+            raise TissueError(
+                f"the organ has no equilibrium under gravity and prestretch ({error}); take less of them, or firmer "
+                "tissue"
+            ) from error
+        return OrganState(U, rest, rest, none)
+
+    def _sagged(self, U: Array) -> Array:
+        """Return the equilibrium without site forces that is reached from U, shape `(N,)` [m]. Raises `OrganError`."""
+        still, none = Motion(0.0, 0.0, EMPTY, EMPTY), np.zeros(self.y0.size)
+        point = self.point(still, U)
+        if self.off_balance(point, none) <= self._round_off:
+            return U
+        answer = FiniteAnswer(self, still, point, self.tangent(still, U, point.F), none)
+        for _ in range(MOST_CORRECTIONS):
+            after = answer.again(none, EMPTY)
+            if after is answer:
+                return answer.moved(none)
+            answer = after
+        raise OrganError(f"no convergence in {MOST_CORRECTIONS} Newton iterations")
+
+    def answer(
+        self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
+    ) -> FiniteAnswer:
+        """Return the answer of a step of `scheme` from the states `past`, the newest first, linearised at the newest
+        with the tangent that it came with."""
+        motion, state = self.motion(scheme, past), past[0]
+        point = self.point(motion, state.U)
+        known = state.linearised if self.keep and state.linearised is not None else state.U
+        tangent = self.tangent(motion, known, point.F if known is state.U else None)
+        return FiniteAnswer(self, motion, point, tangent, state.f_y)
+
+    def state_at(self, motion: Motion, U: Array, f_y: Array, tangent: Tangent) -> OrganState:
+        """Return the state at the end of a step."""
+        if not motion.a:
+            rest = np.zeros(self.size)
+            return OrganState(U, rest, rest, f_y, linearised=tangent.U)
+        V, A = motion.d * (U - motion.damping), motion.a * (U - motion.inertia)
+        return OrganState(U, V, A, f_y, linearised=tangent.U)
+
+    def site_variables(self, state: OrganState) -> Array:
+        """Return y = y(Z U) + B Bᵀ f_y, shape `(9p,)`."""
+        return np.asarray(self.map.y(np.asarray(self.map.Z @ state.U)) + self.spring_compliance @ state.f_y)
+
+    def lips(self, state: OrganState) -> tuple[Array, Array, Array]:
+        """Return no gaps, contact forces and ways, shape `(0,)` each."""
+        return EMPTY, EMPTY, EMPTY
+
+    def impulse(self, state: OrganState) -> SiteAnswer | None:
+        """Return the answer to an impulse on the sites: dy/dt = J Z V, by J Z M⁻¹ Zᵀ Jᵀ. None without inertia."""
+        if not self.inertia:
+            return None
+        J, (W, C) = self.map.slope(np.asarray(self.map.Z @ state.U)), self._mobility
+
+        def struck(j: Array, p: Array) -> OrganState:
+            return replace(state, V=state.V + W @ (J.T @ j))
+
+        return SiteAnswer(J @ (self.map.Z @ state.V), lambda: J @ C @ J.T, struck)
+
+    @cached_property
+    def _mobility(self) -> tuple[Array, Array]:
+        """M⁻¹ Zᵀ `(N, k)` and Z M⁻¹ Zᵀ `(k, k)`."""
+        W = mass_solver(self.M, self.places, self.choice.name).solve(self.map.Z.T.toarray())
+        C = self.map.Z @ W
+        return W, 0.5 * (C + C.T)
+
+    def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> SiteAnswer:
+        """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y`
+        (9p,): linear in their change, of which the next step takes what is left."""
+        tangent = self.tangent(self.motion(scheme, [state] * len(scheme.coefficients)), state.U)
+        J = self.map.slope(np.asarray(self.map.Z @ state.U))
+        C = J @ tangent.C_z @ J.T + self.spring_compliance
+
+        def displaced(f_new: Array, p: Array) -> OrganState:
+            df = f_new - f_y
+            return replace(state, U=state.U + tangent.W @ (J.T @ df), f_y=state.f_y + df)
+
+        return SiteAnswer(y - C @ f_y, lambda: C, displaced)
+
+    def displacement(self, state: OrganState) -> Array:
+        """Return the displacement of all unknowns, shape `(N_all,)` [m]."""
+        return self.whole(state.U)
+
+    def velocity(self, state: OrganState) -> Array:
+        """Return the velocity of all unknowns, shape `(N_all,)` [m/s]."""
+        return self.whole(state.V)
+
+    def field(self, state: OrganState) -> Array:
+        """Return the displacement over the free unknowns, shape `(N,)` [m]."""
+        return state.U
+
+    def _stored(self, U: Array) -> tuple[float, Array]:
+        """Return the stored energy [J] and its force (N,) [N]; those of the last fields are remembered."""
+        for known, energy, force in self._recalled:
+            if known is U:
+                return energy, force
+        F = self.law.gradient(self.whole(U))
+        self._recalled.append((U, self.law.energy(F), self.law.forces(F)[0][self.elasticity.free]))
+        return self._recalled[-1][1:]
+
+    def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
+        """Return the energies at `new`, and what was done on the way from `old` [J].
+
+        The integrator takes what the forces at the end do along the step beyond the change of energy: of the cells
+        and the springs, of the mass as in the linear organ, and f_y·(Δy − J Δz) of frames that are cut.
+        """
+        dU, dV, df = new.U - old.U, new.V - old.V, new.f_y - old.f_y
+        (stored, force), (before, _) = self._stored(new.U), self._stored(old.U)
+        z, z_old, springs = self.map.Z @ new.U, self.map.Z @ old.U, self.spring_compliance
+        bent = (
+            new.f_y @ (self.map.y(z) - self.map.y(z_old) - self.map.slope(z) @ (z - z_old))
+            if any(self.map.cut)
+            else 0.0
+        )
+        numerical = force @ dU - (stored - before) + 0.5 * df @ (springs @ df) + bent
+        kinetic = viscous = 0.0
+        if self.inertia:
+            momentum = self.M @ new.V
+            kinetic, viscous = float(0.5 * new.V @ momentum), float(self.damping * momentum @ dU)
+            numerical += 0.5 * dV @ (self.M @ dV) + new.A @ (self.M @ dU) - momentum @ dV
+        elastic = stored + 0.5 * new.f_y @ (springs @ new.f_y)
+        return OrganEnergies(kinetic, float(elastic), float(self.load @ dU), viscous, float(numerical))

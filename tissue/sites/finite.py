@@ -1,0 +1,97 @@
+"""Site variables at finite strain: y = y(z), z = Z U linear in the organ's unknowns, y(z) local and smooth.
+
+The point and a frame that convects with the surface are linear in U, u = ⟨F⟩ u₀, and z is y − y₀ itself. A frame that
+the needle cut follows the material line d₀ by T ∥ ⟨F⟩ d₀: u and v are those across it, u = ⟨F⟩⁻ᵀ u₀, and z holds the
+displacement of the point and the nine numbers of ⟨∇U⟩. To first order in U that is the linear organ's frame.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from scipy.sparse import csr_matrix, vstack
+
+from tissue.arrays import Array
+from tissue.sites.site import Sites
+
+NINE, TWELVE = 9, 12
+
+
+@dataclass(frozen=True)
+class SiteMap:
+    """y(z) of `sites`, with its slope and bend; shapes `(9p,)`, `(k,)` with k = 9 or, of a cut frame, 12 a site."""
+
+    sites: Sites
+
+    @cached_property
+    def cut(self) -> tuple[bool, ...]:
+        """Which sites have a frame that the needle cut."""
+        slopes = self.sites.slopes or (None,) * len(self.sites.points)
+        return tuple(rows is not None for rows in slopes)
+
+    @cached_property
+    def Z(self) -> csr_matrix:
+        """Rows of z over the free unknowns, shape `(k, N)`."""
+        if not any(self.cut):
+            return self.sites.Y
+        parts = []
+        for site, rows in enumerate(self.sites.slopes):
+            own = self.sites.Y[NINE * site : NINE * (site + 1)]
+            parts.append(own if rows is None else vstack([own[:3], rows]))
+        return csr_matrix(vstack(parts))
+
+    @cached_property
+    def _parts(self) -> list[slice]:
+        """The numbers of each site in z."""
+        ends = np.cumsum([0, *(TWELVE if cut else NINE for cut in self.cut)]).tolist()
+        return [slice(first, last) for first, last in pairwise(ends)]
+
+    def y(self, z: Array) -> Array:
+        """Return the site variables, shape `(9p,)`."""
+        if not any(self.cut):
+            return np.asarray(self.sites.y0 + z)
+        out = np.empty(self.sites.y0.size)
+        for y0, part, cut, y in zip(self._frames, self._parts, self.cut, out.reshape(-1, NINE), strict=True):
+            H = _carried(z[part]) if cut else None
+            y[:] = y0 + z[part] if H is None else np.concatenate([y0[:3] + z[part][:3], H @ y0[3:6], H @ y0[6:]])
+        return out
+
+    @cached_property
+    def _frames(self) -> Array:
+        """y0 by site, shape `(p, 9)`."""
+        return self.sites.y0.reshape(-1, NINE)
+
+    def slope(self, z: Array) -> Array:
+        """Return J = ∂y/∂z, shape `(9p, k)`; ∂u_i/∂F_jk = −H_ik u_j with H = F⁻ᵀ."""
+        out = np.zeros((self.sites.y0.size, z.size))
+        for site, (part, cut) in enumerate(zip(self._parts, self.cut, strict=True)):
+            block = out[NINE * site : NINE * (site + 1), part]
+            block[:3, :3] = np.eye(3)
+            if not cut:
+                block[3:, 3:] = np.eye(6)
+                continue
+            H = _carried(z[part])
+            for rows in (slice(3, 6), slice(6, 9)):
+                u = H @ self._frames[site, rows]
+                block[rows, 3:] = -np.einsum("ik,j->ijk", H, u).reshape(3, 9)
+        return out
+
+    def bend(self, z: Array, f_y: Array) -> Array:
+        """Return S = Σ f_y ∂²y/∂z², symmetric, shape `(k, k)`: with a = F⁻¹ f_u, H_lk a_m u_j + a_k H_jm u_l."""
+        out = np.zeros((z.size, z.size))
+        for site, (part, cut) in enumerate(zip(self._parts, self.cut, strict=True)):
+            if not cut:
+                continue
+            H, f, inner = _carried(z[part]), f_y.reshape(-1, NINE)[site], np.zeros((9, 9))
+            for rows in (slice(3, 6), slice(6, 9)):
+                u, a = H @ self._frames[site, rows], H.T @ f[rows]
+                both = np.einsum("lk,m,j->jklm", H, a, u)
+                inner += (both + np.einsum("jklm->lmjk", both)).reshape(9, 9)
+            out[part, part][3:, 3:] = inner
+        return out
+
+
+def _carried(z: Array) -> Array:
+    """Return H = F⁻ᵀ of a cut frame's numbers (12,)."""
+    return np.asarray(np.linalg.inv(np.eye(3) + z[3:].reshape(3, 3)).T)
