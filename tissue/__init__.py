@@ -1,5 +1,6 @@
 """The organ: small-strain linear elasticity on tetrahedra, and its nine site variables per piercing."""
 
+from tissue.deformation import cauchy_stress, cell_deformation, cell_stretch
 from tissue.elasticity import Elasticity, elasticity
 from tissue.errors import FactorError, OrganError, TissueError
 from tissue.hyperelasticity import Hyperelasticity
@@ -45,7 +46,10 @@ __all__ = [
     "TissueError",
     "build_gaps",
     "build_sites",
+    "cauchy_stress",
+    "cell_deformation",
     "cell_strain",
+    "cell_stretch",
     "conjugate_gradients",
     "elasticity",
     "energy_density",

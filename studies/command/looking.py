@@ -2,7 +2,7 @@
 
 import argparse
 
-from studies.command.summary import print_lines
+from studies.command.lines import print_lines
 from studies.report.report import write_report
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from studies.command.lines import print_lines
 from studies.output.folder import Recorder
 from studies.output.records import ContactRecord, PiercingRecord
 from studies.output.remarks import Remark
@@ -96,11 +97,6 @@ def contact_line(contact: ContactRecord) -> str:
 
 def _strain(summary: dict[str, Any]) -> str:
     return f"{100 * summary['thread']['max_strain']:.3g} %"
-
-
-def print_lines(lines: Sequence[str]) -> None:
-    """Print lines."""
-    print("\n".join(lines))
 
 
 def range_line(met: Mapping[str, Any]) -> str:

@@ -35,7 +35,9 @@ FASTEST, SMALLEST = 0, 6  # LZMA's presets: fields hardly shrink further; the me
 WORDS = {"lc": 0, "lp": 2, "pb": 2}  # numbers of four bytes
 # What is derived from the displacement keeps 13 of the 23 bits behind the point, 6e-5: a linear element's stress and
 # strain are wrong by far more, and the rest is noise that does not shrink.
-DERIVED, BITS_LEFT_OUT = frozenset({"stress", "von_mises", "strain", "rotation"}), 10
+DERIVED = frozenset({"stress", "von_mises", "principal_stress", "first_direction", "third_direction"})
+DERIVED |= {"strain", "rotation", "energy_density"}
+BITS_LEFT_OUT = 10
 
 
 class Series:

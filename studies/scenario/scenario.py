@@ -103,6 +103,20 @@ class Scenario(ScenarioTable):
         return self
 
     @model_validator(mode="after")
+    def _check_material(self) -> Self:
+        if self.tissue is None or self.tissue.material == "linear":
+            return self
+        needed = {"scheme": "newton", "coupling": "monolithic", "friction": "implicit"}
+        other = next((key for key, way in needed.items() if getattr(self.solve, key) != way), None)
+        if other is not None:
+            reason = (
+                f"tissue.material is {self.tissue.material}, and the paper's variants know a linear organ alone; use "
+                f'"{needed[other]}", or material = "linear"'
+            )
+            raise ValueError(refusal(f"solve.{other}", getattr(self.solve, other), reason))
+        return self
+
+    @model_validator(mode="after")
     def _check_knots(self) -> Self:
         if self.thread.resolution == "adaptive" and self.solve.scheme == "linear":
             reason = "the linear scheme knows no missing compliance, by which the knots are placed; set it to fixed"

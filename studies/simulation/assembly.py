@@ -18,6 +18,7 @@ from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.refusal import refusal
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved, with_given_mesh
+from studies.simulation.law import hyperelasticity_of
 from studies.simulation.meshing import material_of, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_draws, check_pieces
 from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key
@@ -29,7 +30,7 @@ from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
 
-AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | tissue.DynamicOrgan
+AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | tissue.DynamicOrgan | tissue.FiniteOrgan
 
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
 REACH = 0.1  # of the thread's length: how far from a piercing its spans are fine
@@ -254,14 +255,19 @@ def body_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Elasticity:
 
 
 def organ_of(scenario: Scenario, body: tissue.Elasticity | None) -> AnyOrgan:
-    """Return the organ as the coupling sees it: with inertia, without, or points fixed in space."""
+    """Return the organ as the coupling sees it: linear or at finite strain, with inertia or without, or points fixed in
+    space."""
     sites = [site_of(hole) for hole in scenario.piercing]
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
     placed = tissue.build_sites(body, sites)
     gaps, loads = gaps_of(scenario.tissue, body), loads_of(scenario)
     given = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps, loads
-    if scenario.tissue.inertia and scenario.solve.kind == "dynamic":
+    inertia = scenario.tissue.inertia and scenario.solve.kind == "dynamic"
+    if scenario.tissue.material != "linear":
+        hyper = hyperelasticity_of(scenario.tissue, body)
+        return tissue.FiniteOrgan(*given, hyper=hyper, inertia=inertia, damping=scenario.tissue.rayleigh[0])
+    if inertia:
         return tissue.DynamicOrgan(*given, rayleigh=scenario.tissue.rayleigh)
     return tissue.QuasiStaticOrgan(*given)
 
