@@ -3,7 +3,8 @@
 A uniform block held at its bottom, two holes in its top, quasi-static. Per solver: time until the first solve (ordering
 and factor, or the levels of multigrid), memory it keeps, time of one solve, and of the columns of both holes. `floor`
 is what a solve cannot beat: the factor read twice (forwards and backwards) at the speed at which one core reads memory,
-measured in the same run. Times are those of the processor, on one thread: other work on the machine does not count.
+measured in the same run. Below the table stands what the compiled loops take to assemble each organ's matrices, and
+scikit-fem's forms. Times are those of the processor, on one thread: other work on the machine does not count.
 """
 
 import mmap
@@ -20,6 +21,7 @@ import tissue
 from meshes.block import block
 from studies.output.files import write_json
 from studies.output.provenance import provenance
+from tissue.elasticity import assembled_by_loops, assembled_by_scikit_fem
 from tissue.solvers.choice import MULTIGRID, choose_solver, solver
 from tissue.solvers.direct import LIBRARIES, is_installed
 from tissue.solvers.iterative import ConjugateGradients
@@ -29,6 +31,7 @@ HOLES = ((-0.005, 0.0, 0.0), (0.005, 0.0, 0.0))
 FOOTPRINT = 1.5e-3
 
 SOLVES = 5
+REPEATED = 3  # assemblies by compiled loops
 LARGEST = {"superlu": 150_000, "cholmod": 500_000, "pardiso": 500_000}  # unknowns; beyond, a factor takes many minutes
 WORDS = 30_000_000  # read to measure the speed of memory
 MEGA, MILLI = 1e6, 1e-3
@@ -49,20 +52,43 @@ class Row:
     columns: float
 
 
+@dataclass(frozen=True)
+class Assembly:
+    """What the matrices of one organ take by compiled loops, once compiled, and by scikit-fem's forms [s]."""
+
+    unknowns: int
+    element: str
+    loops: float
+    forms: float
+
+    @property
+    def ratio(self) -> float:
+        """How many times as fast the loops are."""
+        return self.forms / self.loops
+
+
 def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = None) -> int:
     """Measure every solver, print the table in Markdown, and write JSON where asked; return the exit status."""
-    rows = []
+    rows, assemblies = [], []
     methods = [method for method in LIBRARIES if is_installed(method)]  # loaded before their threads are limited
     print(HEAD)
     with threadpool_limits(limits=1, user_api="blas"):
         speed = bandwidth()
         for size in sizes:
-            for row in measure_solvers(size, element, [*methods, MULTIGRID], speed):
+            organ = organ_of(size, element)
+            for row in measure_solvers(organ, element, [*methods, MULTIGRID], speed):
                 rows.append(row)
                 print(line(row), flush=True)
+            assemblies.append(measure_assembly(organ.elasticity))
+    print("\nassembly of K and M:")
+    for each in assemblies:
+        times = f"loops {each.loops:.3f} s, forms {each.forms:.2f} s"
+        print(f"{each.unknowns} unknowns: {times}, {each.ratio:.0f} times as fast")
     print(f"\nmemory is read at {speed / 1e9:.1f} GB/s")
     if json_path is not None:
-        write_json(json_path, {"rows": [asdict(row) for row in rows], "bandwidth": speed, "provenance": provenance()})
+        table = [asdict(row) for row in rows]
+        made = [asdict(each) | {"ratio": each.ratio} for each in assemblies]
+        write_json(json_path, {"rows": table, "assembly": made, "bandwidth": speed, "provenance": provenance()})
     return 0
 
 
@@ -72,10 +98,18 @@ def bandwidth() -> float:
     return words.nbytes / min(time_call(words.sum) for _ in range(SOLVES))
 
 
-def measure_solvers(size: int, element: str, methods: Sequence[str], speed: float) -> Iterator[Row]:
-    """Measure every solver on an organ of about so many unknowns, except those that have no room or would take an
-    hour."""
-    organ = organ_of(size, element)
+def measure_assembly(body: tissue.Elasticity) -> Assembly:
+    """Measure both ways to assemble a body's matrices, the loops a second time, when they are compiled."""
+    material = body.material
+    given = body.basis, material.lame_lambda, material.lame_mu, material.density, None
+    loops = [time_call(lambda: assembled_by_loops(*given)) for _ in range(REPEATED)]
+    return Assembly(body.N, body.element, min(loops), time_call(lambda: assembled_by_scikit_fem(*given)))
+
+
+def measure_solvers(
+    organ: tissue.QuasiStaticOrgan, element: str, methods: Sequence[str], speed: float
+) -> Iterator[Row]:
+    """Measure every solver on an organ, except those that have no room or would take an hour."""
     for method in methods:
         if organ.size <= LARGEST.get(method, organ.size) and has_room(organ, method):
             yield row_of(organ, element, method, speed)

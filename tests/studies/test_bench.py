@@ -20,4 +20,6 @@ def test_bench_organ(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     written = json.loads(path.read_text())
     assert [row["solver"] for row in written["rows"]] == there
     assert written["bandwidth"] > 0.0
+    (assembly,) = written["assembly"]
+    assert assembly["ratio"] == assembly["forms"] / assembly["loops"] > 0.0
     assert all((row["iterations"] is None) == (row["solver"] != MULTIGRID) for row in written["rows"])

@@ -182,8 +182,10 @@ def test_bar_rings_with_the_period_of_its_length(element: str) -> None:
     tip, energy = [], []
     for _ in range(steps):
         inertia = state.U + dt * state.V + 0.25 * dt**2 * state.A
-        history = History(inertia, state.U + 0.5 * dt * state.V)
-        U = operator.predict(state, history)
+        damping = state.U + 0.5 * dt * state.V
+        masses = organ.mass_times(inertia), organ.mass_times(damping)
+        history = History(inertia, damping, *masses, K_damping=organ.elastic_force(damping))
+        U = operator.predict(state, history, organ.load)
         rates = operator.d * (U - history.damping), operator.a * (U - history.inertia)
         state = tissue.OrganState(U, *rates, state.f_y)
         tip.append(body.nodal(organ.displacement(state))[np.isclose(body.points[:, 0], 0.1), 0].mean())

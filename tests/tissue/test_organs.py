@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from skfem import MeshTet
 
 import tissue
-from coupling.integrators import BackwardEuler, Equilibrium
+from coupling.integrators import BDF2, BackwardEuler, Equilibrium
+from tests.bounds import IDENTITY
 
 Array = NDArray[np.float64]
 DT = 1.0e-3
@@ -57,6 +58,34 @@ def test_compliance_is_the_dense_one_and_positive_definite(element: str) -> None
         assert np.array_equal(operator.C, operator.C.T)
         scale = 1.0 / np.sqrt(np.diag(operator.C))
         assert np.linalg.eigvalsh(operator.C * np.outer(scale, scale))[0] > 1e-6
+
+
+@pytest.mark.parametrize("rayleigh", [(0.0, 0.0), (2.0, 1e-3)])
+def test_the_products_that_steps_leave_are_those_of_the_matrices(rayleigh: tuple[float, float]) -> None:
+    """Consistency check: M U, M V and K U after 60 steps, and after a jump in velocity, which steps do not know of."""
+    body = body_of()
+    organ = tissue.DynamicOrgan(body, tissue.build_sites(body, PIERCINGS), (0.0, 0.0, -9.81), rayleigh=rayleigh)
+    state, before = organ.start(), organ.start()
+    for step in range(60):
+        past = [state, before] if step else [state]
+        scheme = BDF2(DT, DT) if step else BackwardEuler(DT)
+        before, state = state, organ.answer(scheme, past).accept(site_forces(0) * np.cos(0.7 * step))
+    assert state.KU is not None
+    struck = organ.impulse(state).accept(1e-3 * site_forces(1))
+    for here in (state, struck):
+        made, exact = organ.products(here), (organ.M @ here.U, organ.M @ here.V, organ.K @ here.U)
+        for one, other in zip(made, exact, strict=True):
+            assert np.linalg.norm(one - other) <= IDENTITY * np.linalg.norm(other)
+
+
+def test_a_force_that_drifts_is_noticed() -> None:
+    """Consistency check: an error of 10⁻¹² of ‖K‖‖U‖ in K U is seen, and round-off passes."""
+    organ = dynamic(body_of())
+    U = euler(organ, organ.start(), site_forces(1)).U
+    error = np.random.default_rng(1).standard_normal(organ.size)
+    error *= 1e-12 * float(abs(organ.K).sum(axis=1).max()) * np.linalg.norm(U) / np.linalg.norm(error)
+    assert organ.is_elastic_force(U, organ.K @ U)
+    assert not organ.is_elastic_force(U, organ.K @ U + error)
 
 
 def test_step_solves_the_full_equation() -> None:

@@ -24,17 +24,30 @@ from tissue.organs.meshed import (
     TimeScheme,
     compliance,
 )
-from tissue.solvers.choice import Solver, mass_solver
+from tissue.solvers.choice import MULTIGRID, Solver, mass_solver
 
+DRIFT = 1e-13  # of ‖K‖‖U‖: what the residuals of many steps may leave of a force before it is multiplied anew
 # Fields whose elastic force is remembered: a step asks again for those of its start and of its end.
 REMEMBERED_FORCES = 4
 
 
+class Products(NamedTuple):
+    """M U [kg m], M V [N s] and K U [N] of a state, `(N,)` each."""
+
+    MU: Array
+    MV: Array
+    KU: Array
+
+
 class History(NamedTuple):
-    """Reference fields of the time scheme over the free unknowns `(N,)` [m]: U_a and U_d."""
+    """Reference fields of the time scheme over the free unknowns `(N,)`, U_a and U_d [m], and M U_a, M U_d [kg m] and
+    K U_d [N]."""
 
     inertia: Array
     damping: Array
+    M_inertia: Array
+    M_damping: Array
+    K_damping: Array
 
 
 @dataclass(frozen=True)
@@ -57,20 +70,41 @@ class DynamicOperator(LipCompliance):
             """Return the field as if acceleration and site forces stayed what they are."""
             return history.inertia + state.A / self.a - state.U - self.W @ state.f_y
 
-        return state.U + self.factor.solve(self.residual(state.U, history, load), guess)
+        return state.U + self.factor.solve(self.residual(history, self.organ.products(state), load), guess)
 
     def add_forces(self, U: Array, f_y: Array, p: Array, pairing: Pairing) -> Array:
         """Return U + W f_y + A⁻¹Gᵀ p, shape `(N,)` [m]."""
         U = U + self.W @ f_y
         return U + self.factor.solve(pairing.G.T @ p) if p.any() else U
 
-    def residual(self, U: Array, history: History, load: Array) -> Array:
-        """Return b − A U under a load (N,) by products with M and K: C = αM + βK needs none of its own."""
+    def residual(self, history: History, now: Products, load: Array) -> Array:
+        """Return b − A U under a load (N,) from the products of U and of the history: this takes none of its own."""
         alpha, beta = self.organ.rayleigh
-        damping = self.d * (history.damping - U)
-        inertia = self.organ.mass_times(self.a * (history.inertia - U) + alpha * damping)
-        residual = load + inertia - self.organ.elastic_force(U)
-        return residual + self.organ.K @ (beta * damping) if beta and damping.any() else residual
+        inertia = self.a * (history.M_inertia - now.MU) + alpha * self.d * (history.M_damping - now.MU)
+        stiffness = -now.KU + beta * self.d * (history.K_damping - now.KU) if beta else -now.KU
+        return load + inertia + stiffness
+
+    def state(
+        self, history: History, U: Array, f_y: Array, p: Array, pairing: Pairing, shares: Array | None
+    ) -> OrganState:
+        """Return the state of U⁺ under the forces `f_y` and `p` and the `shares` of the loads: its rates, and its
+        products by one with M.
+
+        K U⁺ is what the balance of the step leaves of the forces. So the solver's residuals add up in it, to round-off
+        where the solver is direct; where they were more, it is left out and multiplied anew.
+        """
+        alpha, beta = self.organ.rayleigh
+        MU = self.organ.mass_times(U)
+        MV = self.d * (MU - history.M_damping)
+        KU = self.organ.load_under(shares) + self.organ.Y.T @ f_y - self.a * (MU - history.M_inertia) - alpha * MV
+        if p.any():
+            KU += pairing.G.T @ p
+        if beta:
+            KU = (KU + beta * self.d * history.K_damping) / (1.0 + beta * self.d)
+        rates = self.d * (U - history.damping), self.a * (U - history.inertia)
+        rest = self.organ.contact_or_none(p), pairing.facing, shares
+        stands = self.organ.is_elastic_force(U, KU)
+        return OrganState(U, *rates, f_y, *rest, MU=MU, MV=MV, KU=KU if stands else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,25 +196,54 @@ class DynamicOrgan(MeshedOrgan):
         U_free, pairing = operator.predict(past[0], history, load), self.paired_anew(past[0].U)
 
         def complete(f_y: Array, p: Array) -> OrganState:
-            """Return the state of U⁺ = U_free + W f_y + A⁻¹Gᵀ p and its rates."""
+            """Return the state of U⁺ = U_free + W f_y + A⁻¹Gᵀ p."""
             U = operator.add_forces(U_free, f_y, p, pairing)
-            rates = operator.d * (U - history.damping), operator.a * (U - history.inertia)
-            return OrganState(U, *rates, f_y, self.contact_or_none(p), pairing.facing, shares)
+            return operator.state(history, U, f_y, p, pairing, shares)
 
         return LinearAnswer(
             operator,
             self.y0 + self.Y @ U_free,
             pairing.g0 + pairing.G @ U_free,
             complete,
-            lambda: operator.residual(np.zeros(self.size), history, load),
+            lambda: operator.residual(history, Products(*np.zeros((3, self.size))), load),
             pairing,
         )
 
     def history(self, scheme: TimeScheme, past: Sequence[OrganState]) -> History:
         """Return the reference fields U_a = Σ_k (α_k U_k + β_k V_k), U_d = Σ_k γ_k U_k of a scheme."""
-        terms = list(zip(scheme.coefficients, past, strict=True))
-        inertia = sum((alpha * s.U + beta * s.V for (alpha, beta, _), s in terms), np.zeros(self.size))
-        return History(inertia, sum((gamma * s.U for (_, _, gamma), s in terms), np.zeros(self.size)))
+        terms, none = list(zip(scheme.coefficients, past, map(self.products, past), strict=True)), np.zeros(self.size)
+        return History(
+            sum((alpha * s.U + beta * s.V for (alpha, beta, _), s, _ in terms), none),
+            sum((gamma * s.U for (_, _, gamma), s, _ in terms), none),
+            sum((alpha * k.MU + beta * k.MV for (alpha, beta, _), _, k in terms), none),
+            sum((gamma * k.MU for (_, _, gamma), _, k in terms), none),
+            sum((gamma * k.KU for (_, _, gamma), _, k in terms), none) if self.rayleigh[1] else none,
+        )
+
+    def products(self, state: OrganState) -> Products:
+        """Return M U, M V and K U of a state, those that it brings along as they are."""
+        MU, MV = state.MU, state.MV
+        if MU is None or MV is None:
+            MU, MV = self._weighed_together(state.U, state.V)
+        return Products(MU, MV, self.elastic_force(state.U) if state.KU is None else state.KU)
+
+    def is_elastic_force(self, U: Array, force: Array) -> bool:
+        """Tell whether a force is K U but for round-off, as seen along two random directions."""
+        if self.choice.name == MULTIGRID:
+            return False
+        Z, KZ = self._probes
+        return bool(np.all(np.abs(Z @ force - KZ @ U) <= DRIFT * self._stiffness * np.linalg.norm(U)))
+
+    @cached_property
+    def _probes(self) -> tuple[Array, Array]:
+        """Random directions z, as rows, and K z, shape `(2, N)` each."""
+        Z = np.random.default_rng(0).standard_normal((2, self.size))
+        return Z, np.ascontiguousarray((self.K @ Z.T).T)
+
+    @cached_property
+    def _stiffness(self) -> float:
+        """‖K‖, the largest row sum [N/m]."""
+        return float(np.max(abs(self.K) @ np.ones(self.size)))
 
     def site_variables(self, state: OrganState) -> Array:
         """Return y = y0 + Y U, shape `(9p,)`."""
@@ -215,7 +278,7 @@ class DynamicOrgan(MeshedOrgan):
         return SiteAnswer(
             self.Y @ state.V,
             lambda: self._mobility[1],
-            lambda j, p: replace(state, V=state.V + self._mobility[0] @ j),
+            lambda j, p: replace(state, V=state.V + self._mobility[0] @ j, MU=None, MV=None),
         )
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
@@ -230,7 +293,8 @@ class DynamicOrgan(MeshedOrgan):
         def displaced(f_new: Array, p_new: Array) -> OrganState:
             # By the change alone: the state's own forces may be those of holes that ended at this very moment.
             df, held = f_new - f_y, self.contact_or_none(p_new)
-            return replace(state, U=operator.add_forces(state.U, df, p_new - p, pairing), f_y=state.f_y + df, p=held)
+            U = operator.add_forces(state.U, df, p_new - p, pairing)
+            return replace(state, U=U, f_y=state.f_y + df, p=held, MU=None, MV=None, KU=None)
 
         def right_hand_side() -> Array:
             return np.asarray(operator.A @ state.U - self.Y.T @ f_y - pairing.G.T @ p)
@@ -253,16 +317,20 @@ class DynamicOrgan(MeshedOrgan):
         step except where lips strike one another; this work is part of `numerical`.
         """
         alpha, beta = self.rayleigh
-        dU, dV, force = new.U - old.U, new.V - old.V, self.elastic_force(new.U)
-        elastic = force - self.elastic_force(old.U)
-        inertia, given, spent = self._weighed_together(new.V, dV, new.A)
+        was, now = self.products(old), self.products(new)
+        dU, dV, elastic = new.U - old.U, new.V - old.V, now.KU - was.KU
         return OrganEnergies(
-            kinetic=float(0.5 * new.V @ inertia),
-            elastic=float(0.5 * new.U @ force),
+            kinetic=float(0.5 * new.V @ now.MV),
+            elastic=float(0.5 * new.U @ now.KU),
             load_work=float(self.load_under(new.shares) @ dU),
-            viscous=float(alpha * (inertia @ dU) + beta * (new.V @ elastic)),
-            numerical=float(0.5 * dU @ elastic + 0.5 * dV @ given + spent @ dU - inertia @ dV)
-            - float(self.contact_forces(new) @ (self.pairing(new.facing).G @ dU)),
+            viscous=float(alpha * (now.MV @ dU) + beta * (new.V @ elastic)),
+            numerical=float(
+                0.5 * dU @ elastic
+                + 0.5 * dV @ (now.MV - was.MV)
+                + new.A @ (now.MU - was.MU)
+                - now.MV @ dV
+                - self.contact_forces(new) @ (self.pairing(new.facing).G @ dU)
+            ),
         )
 
     def _weighed_together(self, *fields: Array) -> Array:

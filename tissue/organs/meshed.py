@@ -48,7 +48,8 @@ class OrganState:
     they act on the right lip (`tissue.organs.lips.Gaps.facing`), None: on the pairs of the reference. `linearised`
     `(N,)` [m] is where the tangent of a nonlinear organ was last made, which the next step goes on with, None of a
     linear organ. `shares` `(l,)` are the parts of the loads that act
-    (`tissue.loads`), None of an organ without loads.
+    (`tissue.loads`), None of an organ without loads. `MU` [kg m], `MV` [N s] and `KU` [N] are products `(N,)` of mass
+    and stiffness that the step has left, None where it left none.
     """
 
     U: Array
@@ -59,6 +60,9 @@ class OrganState:
     facing: Array | None = None
     shares: Array | None = None
     linearised: Array | None = None
+    MU: Array | None = None
+    MV: Array | None = None
+    KU: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -377,8 +381,13 @@ class Sprung:
         """
         N = self.mesh.A.shape[0]
         near = None if guess is None else lambda: guess()[:N]
-        springs = self.A.diagonal()[N:].reshape(-1, *[1] * (b.ndim - 1))
+        springs = self.springs.reshape(-1, *[1] * (b.ndim - 1))
         return np.concatenate([self.mesh.solve(b[:N], near), b[N:] / springs])
+
+    @cached_property
+    def springs(self) -> Array:
+        """The diagonal of the springs; of a large matrix it takes as long to read as a product."""
+        return np.asarray(self.A.diagonal()[self.mesh.A.shape[0] :])
 
 
 class LipCompliance:
