@@ -7,7 +7,8 @@ a⁺ ≠ Δv/Δt and Δq ≠ Δt v⁺, and the inertia takes a⁺ᵀMΔq − v�
 forces at the end of the step along it, a rectangle rule of first order; what separates it from the exact work stands
 with the integrator's share. After a step of BDF2 the works from outside, of damping and of a friction that goes on are
 those of the mean of the forces at both ends, the trapezoidal rule, and so the integrator's share is of second order as
-its motion is (`mean_force_works`). Where a hand draws the thread through a hole, −Φ_sᵀλ Δs is its work, and external.
+its motion is (`mean_force_works`). Where a hand draws the thread through a hole, by a length or
+with a force, −Φ_sᵀλ Δs is its work, and external.
 
 When thread and organ are stepped one after the other (`coupling.paper.staggered`) the holes move after the thread has,
 and the constraints' work on the two does not cancel: `coupling.paper.staggered.work_of_the_lag`, which is in the
@@ -180,12 +181,17 @@ def sliding_work(system: System[Body], step: Step[Body]) -> tuple[float, float, 
     drive = driving_force(at, new.lam, y)
     law = step.solution.problem.law
     slides, hand = ds * ~system.by_hand, ds * system.by_hand
-    ideal_inertia = law.inertia * (new.s - law.s_free)
+    ideal_inertia = law.inertia * (new.s - law.s_free) * law.may_slide  # what is drawn goes as the hand goes
     friction = np.sum((drive - ideal_inertia) * slides)
-    eps_numerical = ideal_inertia @ slides - 0.5 * system.epsilon * np.sum(new.s_dot**2 - old.s_dot**2)
+    eps_numerical = ideal_inertia @ ds - 0.5 * system.epsilon * np.sum(new.s_dot**2 - old.s_dot**2)
     work = np.sum(step.solution.residual.push * (new.q - old.q)[:, :3])
     work += np.sum(step.solution.residual.f_y[:p] * (new.y - old.y)[:p])
-    return float(friction), float(eps_numerical), float(-work - np.sum(drive * ds)), float(-np.sum(drive * hand))
+    return (
+        float(friction),
+        float(eps_numerical),
+        float(-work - np.sum(drive * ds)),
+        float(-np.sum((drive - ideal_inertia) * hand)),
+    )
 
 
 def multiplier_imbalance(system: System[Body], state: State[Body]) -> tuple[float, float]:

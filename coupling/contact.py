@@ -145,6 +145,10 @@ class ContactObservation:
     force: Array
     slide: Array
 
+    def of(self, pairs: slice) -> "ContactObservation":
+        """Return the same of some pairs."""
+        return ContactObservation(self.gap[pairs], self.force[pairs], self.slide[pairs])
+
     @property
     def pressed(self) -> int:
         """Number of pairs under a force."""

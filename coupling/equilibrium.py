@@ -50,20 +50,21 @@ def static_problem(
 ) -> Problem[Body]:
     """Return the problem of equilibrium at the part `share` of the loads. `tie` [1/s²] ties each point to where it is
     in `state`. Friction opposes the way from `first`, the start of the load step; what is drawn through is counted
-    from there."""
-    thread = system.thread
+    from there; hands pull with all of the force that they have then."""
+    thread, time = system.thread, share * duration
     load = share * end_load(system, duration)
+    by_hand = system.drawn_lengths(first.time, time), system.pulling_forces(time)
     return Problem(
         system=system,
-        time=share * duration,
-        dt=share * duration - state.time,
+        time=time,
+        dt=time - state.time,
         inertia=tie * thread.mass_band,
         mass_factor=tie,
         q_ref=state.q,
         load=load,
         answer=answer,
         rows=system.rows & state.present[:, None],
-        law=law_of(system, first.s, state.present, 0.0, first.s, system.drawn_lengths(first.time, share * duration)),
+        law=law_of(system, first.s, state.present, 0.0, first.s, *by_hand),
         stiffen=True,
         frame=state.frame,
     )

@@ -18,18 +18,18 @@ from coupling.observation import bearing_pressures
 from coupling.stepping import Step
 from coupling.system import State, System
 
-Kind = Literal["begins", "ends", "leaves", "slips", "sticks", "tears", "halved", "knots"]
+Kind = Literal["begins", "ends", "leaves", "slips", "sticks", "tears", "cut", "halved", "knots"]
 
 
 @dataclass(frozen=True)
 class Event:
     """One event.
 
-    `time` [s]; `piercing` by name, empty for a halved step and for other knots; `s` [m]. Of a piercing that begins:
+    `time` [s]; `piercing` by name, empty for a halved step, a cut and other knots; `s` [m]. Of a piercing that begins:
     `gap` [m] and `angle` [rad] that were closed, `work` [J] done in closing them, `loss` [J] of kinetic energy and
-    `impulse` (3,) [N s] of the hole on the thread. Of other knots: `control_points` after it, `loss` and `impulse`,
-    what the change cost of the thread's energy and momentum. `work` − `loss` is what the event changed of kinetic plus
-    elastic energy.
+    `impulse` (3,) [N s] of the hole on the thread. Of a cut and of other knots: `control_points` after it, `loss` and
+    `impulse`, what the change cost of the thread's energy and momentum. `work` − `loss` is what the event changed of
+    kinetic plus elastic energy.
     """
 
     time: float

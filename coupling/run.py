@@ -5,7 +5,7 @@
         run = run.step(dt)
 
 A step goes through four stages: the knots that fit the state it begins with; the step itself, in halves where it fails;
-its audit and the events in it; the piercings that begin or end with it.
+its audit and the events in it; the cuts, and the piercings that begin or end, with it.
 """
 
 from collections.abc import Sequence
@@ -20,6 +20,7 @@ from coupling.arrays import Array
 from coupling.audit import Energies, audit_step, initial_energies
 from coupling.configuration import Configuration, configuration_of
 from coupling.constraints import held_energy
+from coupling.cutting import Cut, cut_thread
 from coupling.equilibrium import load_step
 from coupling.events import Event, find_events
 from coupling.impact import begin_piercing
@@ -37,13 +38,13 @@ ON_TIME = 1e-9  # of a step: a time this near the end of a step is that of its e
 class Run(Generic[Body]):
     """Where a run is: all that its next steps depend on, and how it came there.
 
-    `system` is the one whose knots the thread has; `s_begun` (holds,) [m] the abscissae that slip is measured from,
-    where each piercing began; `number`, the steps made; `take`, how one is made, and `halvings`, how often one that
-    fails is halved; `downhill`, whether one that makes energy has failed (`coupling.watch`); `resolution`, how the
-    knots follow the thread, None where they do not; `given` (p,) [m], the abscissae of piercings that begin, NaN
-    where the thread's nearest place is taken. `fresh` is a thread under no tension yet that knots could go by. Of
-    the last step: the steps `taken` (several where it was halved), the `events`, and the thread's `configuration`
-    at its end.
+    `system` is the one whose knots the thread has; `cuts`, those made in it at their times; `s_begun` (holds,) [m] the
+    abscissae that slip is measured from, where each piercing began; `number`, the steps made; `take`, how one is made,
+    and `halvings`, how often one that fails is halved; `downhill`, whether one that makes energy has failed
+    (`coupling.watch`); `resolution`, how the knots follow the thread, None where they do not; `given` (p,) [m], the
+    abscissae of piercings that begin, NaN where the thread's nearest place is taken. `fresh` is a thread under no
+    tension yet that knots could go by. Of the last step: the steps `taken` (several where it was halved), the `events`,
+    and the thread's `configuration` at its end.
     """
 
     system: System[Body]
@@ -56,6 +57,7 @@ class Run(Generic[Body]):
     configuration: Configuration
     halvings: int = HALVINGS
     downhill: bool = True
+    cuts: tuple[Cut, ...] = ()
     number: int = 0
     fresh: bool = True
     taken: tuple[Step[Body], ...] = ()
@@ -132,19 +134,32 @@ class Run(Generic[Body]):
         return replace(self, system=system, state=state, energies=energies, events=self.events + tuple(knots))
 
     def _scheduled(self, earlier: float, dt: float) -> "Run[Body]":
-        """Return the run after the piercings that end or begin later than `earlier` [s]."""
-        state, due = schedule_piercings(self.system, earlier, self.state, dt, self.given)
-        run = replace(self, number=self.number + 1, fresh=False)
+        """Return the run after the cuts, and the piercings that end or begin, later than `earlier` [s]."""
+        run = replace(self, number=self.number + 1, fresh=False).cut_when_due(earlier, dt)
+        state, due = schedule_piercings(run.system, earlier, run.state, dt, run.given)
         if not due:
             return run
         return replace(
             run,
             state=state,
-            configuration=configuration_of(self.system, state),
-            energies=book_events(self.system, self.energies, state, due),
-            s_begun=np.where(state.present & ~self.state.present, state.s, self.s_begun),
-            events=self.events + tuple(due),
+            configuration=configuration_of(run.system, state),
+            energies=book_events(run.system, run.energies, state, due),
+            s_begun=np.where(state.present & ~run.state.present, state.s, run.s_begun),
+            events=run.events + tuple(due),
         )
+
+    def cut_when_due(self, earlier: float, dt: float) -> "Run[Body]":
+        """Return the run with the thread cut where that is due later than `earlier` [s]. Raises `CouplingError`."""
+        run = self
+        for cut in self.cuts:
+            if is_due(cut.time, earlier, self.state.time, dt):
+                system, state, event = cut_thread(run.system, run.state, cut.s)
+                energies = book_events(system, run.energies, state, [event])
+                now = configuration_of(system, state)
+                run = replace(
+                    run, system=system, state=state, energies=energies, configuration=now, events=(*run.events, event)
+                )
+        return run
 
 
 def begin(
@@ -155,6 +170,7 @@ def begin(
     given: Array | None = None,
     halvings: int = HALVINGS,
     downhill: bool = True,
+    cuts: tuple[Cut, ...] = (),
 ) -> Run[Body]:
     """Return the run before its first step; the arguments are as for `Run`."""
     nearest = np.full(len(system.piercings), np.nan)
@@ -169,6 +185,7 @@ def begin(
         configuration=configuration_of(system, state),
         halvings=halvings,
         downhill=downhill,
+        cuts=cuts,
     )
 
 

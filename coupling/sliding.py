@@ -6,6 +6,7 @@ that presses it on the hole:
     ideal hole     ε s̈ = Φ_sᵀλ                      (eq. 7; eq. 6 at ε = 0)
     stick          s = s_old,            |f| ≤ F₀ + μ_s N
     drawn          s = s_old − Δd        a hand draws the length Δd through the hole, whatever it takes
+    pulled         f = F                 a hand draws with the force F, whatever it takes to hold that
     slip           f = σ (F₀ + μ_k N),   σ = sign(ds/dt)
 
 N = |λ_n| of a hole without length, λ_n the part of λ across the thread (§4.3). A channel of length ℓ_c that imposes the
@@ -20,7 +21,7 @@ v_t = −|T̂| ds/dt, so friction dissipates (F₀ + μ_k N)|T̂||ds/dt|.
 Which of stick and slip holds is an active set, σ ∈ {−1, 0, 1} a hold. It changes only between solved iterates: one on
 the way has forces that mean nothing, and where μ_k < μ_s both may hold, so that a wrong change would stand.
 
-A friction found elsewhere (the two-pass algorithm of §4.3) enters as a given force instead: f = `injected`.
+That force enters as a given one, f = `injected`. So does a friction found elsewhere (the two-pass algorithm of §4.3).
 """
 
 from dataclasses import dataclass, replace
@@ -78,20 +79,25 @@ class Law:
 
 
 def law_of(
-    system: System[Body], s_old: Array, present: Flags, inertia: float, s_free: Array, drawn: Array | float = 0.0
+    system: System[Body],
+    s_old: Array,
+    present: Flags,
+    inertia: float,
+    s_free: Array,
+    drawn: Array | float = 0.0,
+    pulls: Array | float = 0.0,
 ) -> Law:
-    """Return the law at the start of a step in which lengths `drawn` (m,) [m] are drawn through; an absent hold keeps
-    its abscissa."""
-    none = np.zeros(len(s_old))
-    s_held = s_old - drawn * present
-    return Law(s_old, s_held, *system.friction, system.rough, system.may_slide & present, inertia, s_free, none)
+    """Return the law at the start of a step in which lengths `drawn` (m,) [m] are drawn through, and at whose end hands
+    pull with the forces `pulls` (m,) [N]; an absent hold keeps its abscissa."""
+    s_held, injected = s_old - drawn * present, pulls * np.ones(len(s_old)) * present
+    return Law(s_old, s_held, *system.friction, system.rough, system.may_slide & present, inertia, s_free, injected)
 
 
 def prescribed(law: Law, held: Flags, injected: Array) -> Law:
     """Return the law with its friction given: fixed points where `held`, elsewhere sliding points under the force
-    `injected` (m,) [N] of the hole on the thread along t."""
+    `injected` (m,) [N] of the hole on the thread along t, in addition to that of a hand."""
     smooth = np.zeros_like(law.rough)
-    return replace(law, rough=smooth, may_slide=law.may_slide & ~held, injected=injected)
+    return replace(law, rough=smooth, may_slide=law.may_slide & ~held, injected=law.injected + injected)
 
 
 def channel_forces(lam: Array, y: Array, per_channel: Array) -> Array:

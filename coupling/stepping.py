@@ -119,7 +119,13 @@ def dynamic_problem(
         answer=answer,
         rows=rows,
         law=law_of(
-            system, state.s, state.present, system.epsilon * scheme.a, s_free, system.drawn_lengths(state.time, time)
+            system,
+            state.s,
+            state.present,
+            system.epsilon * scheme.a,
+            s_free,
+            system.drawn_lengths(state.time, time),
+            system.pulling_forces(time),
         ),
         frame=state.frame,
     )

@@ -44,8 +44,9 @@ class Piercing:
 
     `friction` None means an ideal hole. The thread is in it from `begins` to `ends` [s]. A hand may draw the thread
     through a hole in which it does not slide: `draw`, shape `(k, 2)`: t [s], length [m] towards the end of the thread,
-    linear in between. Raises `CouplingError` where the thread slides. The thread bears on the tissue over the length
-    `bearing` [m], None where that is not known, and the tissue there bears `strength` [Pa].
+    linear in between; or `pull`, shape `(k, 2)`: t [s], force [N] towards the end of the thread, with which it slides.
+    Raises `CouplingError` for both, and where the thread slides by itself. The thread bears on the tissue over the
+    length `bearing` [m], None where that is not known, and the tissue there bears `strength` [Pa].
     """
 
     name: str
@@ -55,16 +56,28 @@ class Piercing:
     begins: float = 0.0
     ends: float = np.inf
     draw: Array | None = None
+    pull: Array | None = None
     bearing: float | None = None
     strength: float = np.inf
 
     def __post_init__(self) -> None:
-        if self.draw is not None and (self.slides or self.friction is not None):
+        if self.by_hand and (self.slides or self.friction is not None):
             raise CouplingError(f"piercing {self.name!r}: a thread that is drawn through does not slide; anchor it")
+        if self.draw is not None and self.pull is not None:
+            raise CouplingError(f"piercing {self.name!r}: a hand draws with a force or by a length; leave one out")
+
+    @property
+    def by_hand(self) -> bool:
+        """Whether a hand draws the thread through the hole, by a length or with a force."""
+        return self.draw is not None or self.pull is not None
 
     def drawn_length(self, time: float) -> float:
         """Return the length drawn through until `time` [s], from the first row of `draw` on [m]."""
         return 0.0 if self.draw is None else float(np.interp(time, self.draw[:, 0], self.draw[:, 1]))
+
+    def pulling_force(self, time: float) -> float:
+        """Return the force of the hand on the thread, towards its end, at `time` [s], in N."""
+        return 0.0 if self.pull is None else float(np.interp(time, self.pull[:, 0], self.pull[:, 1]))
 
 
 @dataclass(frozen=True)
@@ -168,7 +181,9 @@ class System(Generic[Body]):
     @cached_property
     def may_slide(self) -> Flags:
         """Which abscissae are unknown, shape `(holds,)`."""
-        return np.array([p.slides for p in self.piercings] + [False] * len(self.clamps), dtype=bool)
+        return np.array(
+            [p.slides or p.pull is not None for p in self.piercings] + [False] * len(self.clamps), dtype=bool
+        )
 
     @cached_property
     def from_start(self) -> Flags:
@@ -186,12 +201,16 @@ class System(Generic[Body]):
     @cached_property
     def by_hand(self) -> Flags:
         """Holds through which a hand draws the thread, shape `(holds,)`."""
-        return np.array([p.draw is not None for p in self.piercings] + [False] * len(self.clamps), dtype=bool)
+        return np.array([p.by_hand for p in self.piercings] + [False] * len(self.clamps), dtype=bool)
 
     def drawn_lengths(self, earlier: float, later: float) -> Array:
         """Return the length drawn through each hold between two times [s], shape `(holds,)` [m]."""
         lengths = [p.drawn_length(later) - p.drawn_length(earlier) for p in self.piercings]
         return np.array(lengths + [0.0] * len(self.clamps))
+
+    def pulling_forces(self, time: float) -> Array:
+        """Return the forces of the hands on the thread at each hold at `time` [s], shape `(holds,)` [N]."""
+        return np.array([p.pulling_force(time) for p in self.piercings] + [0.0] * len(self.clamps))
 
     @cached_property
     def bearing_areas(self) -> Array:

@@ -23,11 +23,11 @@ FARTHEST, NEAREST = 1e15, 1e-15  # m: beyond these it is a mistake, and far beyo
 NO_TWINS = np.empty((0, 2), dtype=np.int64)
 
 
-def check(points: Array, tets: Tets, twins: Tets = NO_TWINS, parts: int = 1) -> None:
+def check(points: Array, tets: Tets, twins: Tets = NO_TWINS, parts: int | None = 1) -> None:
     """Refuse anything but a sound volume mesh: points of shape `(n, 3)`, tets `(m, 4)`.
 
     `twins` `(k, 2)` are pairs of nodes meant to lie at one place, those of a closed cut's two lips; `parts` is the
-    number of separate bodies meant.
+    number of separate bodies meant; None: any, which may touch but share no node.
 
     Raises `MeshError` naming the fault: no tetrahedra, coordinates not finite, indices out of range, unused
     or duplicate nodes, degenerate or inverted tetrahedra, tetrahedra that overlap, parts that hang together
@@ -38,10 +38,13 @@ def check(points: Array, tets: Tets, twins: Tets = NO_TWINS, parts: int = 1) -> 
     check_span(points)
     _check_indices(points, tets)
     _check_used(points, tets)
-    _check_distinct(points, twins)
+    _check_distinct(points, twins, None if parts else _bodies_of_nodes(points, tets))
     _check_orientation(points, tets)
     _check_facets(points, tets)
-    _check_connected(points, tets, parts)
+    if parts is None:
+        _check_apart(points, tets)
+    else:
+        _check_connected(points, tets, parts)
 
 
 def volumes(points: Array, tets: Tets) -> Array:
@@ -103,10 +106,13 @@ def _check_used(points: Array, tets: Tets) -> None:
         )
 
 
-def _check_distinct(points: Array, twins: Tets) -> None:
+def _check_distinct(points: Array, twins: Tets, bodies: NDArray[np.integer] | None) -> None:
+    """Refuse nodes at one place, but for the `twins` and those of different `bodies` `(n,)`."""
     reach = COINCIDENT * float(np.linalg.norm(np.ptp(points, axis=0)))
     pairs = cKDTree(points).query_pairs(reach)
     pairs -= {(int(min(pair)), int(max(pair))) for pair in twins}
+    if bodies is not None:
+        pairs = {(a, b) for a, b in pairs if bodies[a] == bodies[b]}
     if pairs:
         first = min(pairs)
         raise MeshError(
@@ -153,6 +159,24 @@ def _check_connected(points: Array, tets: Tets, meant: int) -> None:
         sizes = np.sort(np.bincount(labels))[::-1]
         raise MeshError(
             f"it falls into {found} parts that share no facet, of {_few(sizes)} tetrahedra: keep one, or join them"
+        )
+
+
+def _bodies_of_nodes(points: Array, tets: Tets) -> NDArray[np.integer]:
+    """Return the number of a body that each node belongs to, shape `(n,)`."""
+    bodies = np.zeros(len(points), dtype=np.intp)
+    bodies[tets] = parts(points, tets)[:, None]
+    return bodies
+
+
+def _check_apart(points: Array, tets: Tets) -> None:
+    """Refuse bodies that hang together by a node or an edge alone."""
+    shared = tets[_bodies_of_nodes(points, tets)[tets] != parts(points, tets)[:, None]]
+    if shared.size:
+        nodes = np.unique(shared)
+        raise MeshError(
+            f"{nodes.size} nodes belong to bodies that share no facet (index {_few(nodes)}): join the bodies, or give "
+            "each nodes of its own"
         )
 
 

@@ -36,8 +36,8 @@ LINEAR_ONLY = "only linear tetrahedra are taken (in gmsh: Mesh.ElementOrder = 1,
 def read(path: str | Path, metres_per_unit: float = 1.0) -> skfem.MeshTet:
     """Read the mesh of a file into metres, `metres_per_unit` being the length of one file unit [m].
 
-    Raises `MeshError`, with the file named, for a file that is missing, empty, unreadable or no sound
-    volume mesh (`meshes.checks.check`), and for `.msh` where gmsh cannot load.
+    It may hold several bodies, which share no node. Raises `MeshError`, with the file named, for a file that is
+    missing, empty, unreadable or no sound volume mesh (`meshes.checks.check`), and for `.msh` where gmsh cannot load.
     """
     path = Path(path)
     try:
@@ -73,7 +73,7 @@ def _read_vtk(path: Path, metres_per_unit: float) -> skfem.MeshTet:
     data = meshio_data(path)
     cells = {kind: np.concatenate([b.data for b in data.cells if b.type == kind]) for kind in data.cells_dict}
     _check_kinds(list(cells), {"tetra"}, {"vertex", "line", "triangle"})
-    return named_mesh(scaled(data.points, metres_per_unit), cells["tetra"], {}, {})
+    return named_mesh(scaled(data.points, metres_per_unit), cells["tetra"], {}, {}, parts=None)
 
 
 def meshio_data(path: Path) -> Any:
@@ -106,7 +106,7 @@ def _read_msh(path: Path, metres_per_unit: float) -> skfem.MeshTet:
     """Read tetrahedra, physical surfaces and physical volumes of a gmsh file of any version, text or binary."""
     _check_msh_header(path)
     points, tets, surfaces, volumes = call_in_child(msh_arrays, path)
-    return named_mesh(scaled(points, metres_per_unit), tets, surfaces, volumes)
+    return named_mesh(scaled(points, metres_per_unit), tets, surfaces, volumes, parts=None)
 
 
 def msh_arrays(path: Path) -> tuple[Array, Indices, Named, Named]:

@@ -13,19 +13,22 @@ Array = NDArray[np.float64]
 Named = Mapping[str, NDArray[np.integer]]
 
 
-def named_mesh(points: Array, tets: NDArray[np.integer], surfaces: Named, volumes: Named) -> skfem.MeshTet:
+def named_mesh(
+    points: Array, tets: NDArray[np.integer], surfaces: Named, volumes: Named, parts: int | None = 1
+) -> skfem.MeshTet:
     """Return a checked mesh with its surfaces and volumes named.
 
     Points have shape `(n, 3)` [m], tets `(m, 4)`, surfaces name → triangles `(k, 3)`, volumes name → tet
-    indices. Raises `MeshError` from `check`, and when a named triangle is no facet.
+    indices; `parts` as in `meshes.checks.check`. Raises `MeshError` from there, and when a named triangle is no
+    facet.
     """
-    mesh = checked_mesh(points, tets)
+    mesh = checked_mesh(points, tets, parts=parts)
     boundaries = {name: facet_indices(mesh, triangles) for name, triangles in surfaces.items()}
     return mesh.with_boundaries(boundaries).with_subdomains(dict(volumes))
 
 
 def checked_mesh(
-    points: Array, tets: NDArray[np.integer], twins: NDArray[np.integer] = NO_TWINS, parts: int = 1
+    points: Array, tets: NDArray[np.integer], twins: NDArray[np.integer] = NO_TWINS, parts: int | None = 1
 ) -> skfem.MeshTet:
     """Return the `bare_mesh` of points and tets that pass `meshes.checks.check`, whose errors are raised."""
     check(points, tets, twins, parts)

@@ -1,7 +1,7 @@
 """The change of a spline from one knot sequence to another, which keeps curve, velocity and momentum.
 
-New knots are inserted exactly (Boehm); surplus knots are removed by a least-squares projection that keeps the total
-momentum, and P and T at given abscissae.
+New knots are inserted exactly (Boehm), and four at one place cut the curve; surplus knots are removed by a
+least-squares projection that keeps the total momentum, and P and T at given abscissae.
 """
 
 from collections.abc import Sequence
@@ -14,10 +14,12 @@ from scipy.sparse import csr_array
 from scipy.sparse.linalg import splu
 
 from thread.arrays import Array, Indices
+from thread.errors import ThreadError
 from thread.knots import Tree, clamped_knots
 from thread.quadrature import gauss_rule
 from thread.spline import DEGREE, Spline
 
+SLIVER = 0.1  # of a span: a cut nearer to a knot is at the knot
 PROJECTION_POINTS = 4  # a span: exact for the product of two cubics
 
 
@@ -34,6 +36,26 @@ def insert_knots(spline: Spline, knots: Array, fields: Sequence[Array]) -> tuple
         curve = curve.insert_knot(knot)
     coefficients = np.asarray(curve.c)[: len(curve.t) - DEGREE - 1]
     return Spline(np.asarray(curve.t)), np.split(coefficients, np.cumsum(width)[:-1], axis=1)
+
+
+def cut(spline: Spline, s: float, fields: Sequence[Array]) -> tuple[Spline, float, list[Array]]:
+    """Return the spline cut at `s` [m], the place of the cut, and `fields` (n, c) on it: the same functions on either
+    side. A break nearer to `s` than SLIVER of its span is cut instead: a sliver would have next to no mass.
+
+    Raises `ThreadError` for an abscissa at an end of the spline, or of one of its pieces, or beyond.
+    """
+    breaks = spline.breaks
+    span = int(np.clip(np.searchsorted(breaks, s, side="right") - 1, 0, len(breaks) - 2))
+    nearest = float(breaks[np.argmin(np.abs(breaks - s))])
+    place = nearest if abs(nearest - s) < SLIVER * (breaks[span + 1] - breaks[span]) else float(s)
+    if not spline.start < place < spline.end or place in spline.cuts:
+        raise ThreadError(f"cut at {s:.6g} m: the thread ends there, or beyond; cut between {breaks[0]:.6g} and "
+                          f"{breaks[-1]:.6g} m where it is whole")  # fmt: skip
+    there = int(np.sum(spline.knots == place))
+    touching, fields = insert_knots(spline, np.full(DEGREE - there, place), fields)
+    after = int(np.searchsorted(touching.knots, place))  # the first of three knots: the point before goes through it
+    knots = np.insert(touching.knots, after, place)
+    return Spline(knots), place, [np.insert(field, after - 1, field[after - 1], axis=0) for field in fields]
 
 
 @dataclass(frozen=True)

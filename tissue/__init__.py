@@ -1,5 +1,6 @@
 """The organ: small-strain linear elasticity on tetrahedra, and its nine site variables per piercing."""
 
+from tissue.deformation import cauchy_stress, cell_deformation, cell_stretch
 from tissue.elasticity import Elasticity, elasticity
 from tissue.errors import FactorError, OrganError, TissueError
 from tissue.hyperelasticity import Hyperelasticity
@@ -8,7 +9,7 @@ from tissue.material import Material
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.finite import FiniteOrgan
 from tissue.organs.fixed import FixedSites, fixed_sites
-from tissue.organs.lips import Gaps, build_gaps, surface_gaps
+from tissue.organs.lips import Gaps, Part, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.sites.site import Site, Sites, build_sites
@@ -16,7 +17,7 @@ from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
 from tissue.strain import cell_strain, energy_density, energy_share
 from tissue.stress import StressRecovery, interpolation, principal, stress_recovery, von_mises
-from tissue.supports import held_components, holds_still
+from tissue.supports import held_components, holds_still, motions_in_words, rigid_motions
 
 __all__ = [
     "ConjugateGradients",
@@ -35,6 +36,7 @@ __all__ = [
     "OrganEnergies",
     "OrganError",
     "OrganState",
+    "Part",
     "QuasiStaticOrgan",
     "Site",
     "SiteAnswer",
@@ -45,7 +47,10 @@ __all__ = [
     "TissueError",
     "build_gaps",
     "build_sites",
+    "cauchy_stress",
+    "cell_deformation",
     "cell_strain",
+    "cell_stretch",
     "conjugate_gradients",
     "elasticity",
     "energy_density",
@@ -55,7 +60,9 @@ __all__ = [
     "held_components",
     "holds_still",
     "interpolation",
+    "motions_in_words",
     "principal",
+    "rigid_motions",
     "stress_recovery",
     "surface_gaps",
     "von_mises",

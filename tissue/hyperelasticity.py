@@ -187,14 +187,30 @@ class Hyperelasticity:
             stored += float(0.5 * self._stiffness_of_vertices @ self._gaps(J) ** 2)
         return stored if np.isfinite(stored) else np.inf
 
+    def energy_density(self, F: Array) -> Array:
+        """Return the stored energy per reference volume of each cell, on its mean, shape `(c,)` [J/m³]."""
+        stored, J = self.weights * self.density.energy(F), determinant(F)
+        if self.body.pressure is not None:
+            stored = stored + 0.5 * self._pressure_at_points(J) * (J - 1.0 / self._before)
+        return np.asarray(stored.sum(axis=0) / self.weights.sum(axis=0))
+
+    def dilatation(self, F: Array) -> Array:
+        """Return J = det F, shape `(q, c)`."""
+        return determinant(F)
+
+    def stress(self, F: Array) -> Array:
+        """Return the first Piola stress P at the points of the cells, shape `(3, 3, q, c)` [Pa]."""
+        P = self.density.stress(F)
+        if self.body.pressure is not None:
+            P = P + self._pressure_at_points(determinant(F)) / self.weights * cofactor(F)
+        return P
+
     def forces(self, F: Array) -> tuple[Array, float]:
         """Return ∂energy/∂U over all unknowns, shape `(N,)` [N], and the largest force of a cell on a node [N].
 
         At held unknowns it is the force of the support.
         """
-        P = self.weights * self.density.stress(F)
-        if self.body.pressure is not None:
-            P += self._pressure_at_points(determinant(F)) * cofactor(F)
+        P = self.weights * self.stress(F)
         local = np.einsum("ijqc,njqc->nic", P, self.slopes)
         whole = np.asarray(np.bincount(self._unknowns.ravel(), local.ravel(), self.body.N), dtype=float)
         return whole, float(np.abs(local).max(initial=0.0))

@@ -10,6 +10,7 @@ from tissue.arrays import Array, Indices
 from tissue.errors import TissueError
 
 PLANE = 1e-9  # of the body's size: how far the nodes of a plane boundary may lie from it
+ROUND = 1e-6  # of a unit vector: smaller components are round-off
 FIRM = 1e-8  # of the largest: a rigid motion that is held less is not held
 
 
@@ -73,11 +74,36 @@ def axis_of(mesh: MeshTet, name: str) -> int:
 
 def holds_still(points: Array, held: NDArray[np.bool_]) -> bool:
     """Return whether a rigid body with `points` (k, 3) [m] held in the components `held` (k, 3) cannot move."""
+    return not rigid_motions(points, held).size
+
+
+def motions_in_words(motions: Array) -> str:
+    """Tell in which ways a body can move by its `rigid_motions`: along which axes, and about which it can turn."""
+    turns = motions[np.linalg.norm(motions[:, 3:], axis=1) > ROUND]
+    slides = motions[np.linalg.norm(motions[:, 3:], axis=1) <= ROUND]
+    ways = [(slides[:, :3], "move along"), (turns[:, 3:], "turn about an axis along")]
+    return " and ".join(f"{verb} {_axes(axes)}" for axes, verb in ways if len(axes))
+
+
+def _axes(axes: Array) -> str:
+    """Name the directions that some span: by x, y, z where they are those, else by a vector each."""
+    span = np.linalg.svd(axes)[2][: np.linalg.matrix_rank(axes, tol=ROUND)]
+    known = [name for name, unit in zip("xyz", np.eye(3), strict=True) if np.linalg.norm(span @ unit) > 1.0 - ROUND]
+    return ", ".join(known if len(known) == len(span) else [str(np.round(v, 3).tolist()) for v in span])
+
+
+def rigid_motions(points: Array, held: NDArray[np.bool_]) -> Array:
+    """Return a basis of the rigid motions that are left to a body with `points` (k, 3) [m] held in the components
+    `held` (k, 3), shape `(d, 6)`: of its centre, and about it, those that do not turn first."""
     node, component = np.nonzero(held)
     if node.size == 0:
-        return False
+        return np.eye(6)
     x = points[node] - points[node].mean(axis=0)
     x /= max(float(np.abs(x).max()), np.finfo(float).tiny)
     rotations = np.cross(np.eye(3)[None], x[:, None])  # e_b × x
     rows = np.concatenate([np.eye(3)[component], rotations[np.arange(len(node)), :, component]], axis=1)
-    return bool(np.linalg.matrix_rank(rows.T @ rows, tol=FIRM * len(node)) == 6)
+    values, vectors = np.linalg.eigh(rows.T @ rows)
+    free = vectors[:, values <= FIRM * len(node)].T
+    mixed, sizes, _ = np.linalg.svd(free[:, 3:])
+    order = np.argsort(np.append(sizes, np.zeros(len(free) - len(sizes))) > ROUND, kind="stable")
+    return np.asarray(mixed.T[order] @ free)

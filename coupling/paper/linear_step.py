@@ -133,7 +133,7 @@ def pose(system: System[Body], state: State[Body], dt: float, evaluation: Evalua
     if system.organ.lips(state.organ)[0].size:
         raise CouplingError("the linear step knows no contact of the lips; use Newton's scheme, or leave out contact")
     if system.by_hand.any():
-        raise CouplingError("the linear step draws no thread by hand; use Newton's scheme, or leave out draw")
+        raise CouplingError("the linear step draws no thread by hand; use Newton's scheme, or leave out draw and pull")
     scheme, thread = BackwardEuler(dt), system.thread
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state))
     law = prescribed(problem.law, np.zeros(system.holds, dtype=bool), np.zeros(system.holds))

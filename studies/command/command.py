@@ -21,9 +21,10 @@ from typing import Any
 
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
+from studies.command.lines import print_lines
 from studies.command.parser import read
 from studies.command.progress import Progress, StudyProgress, stages
-from studies.command.summary import MILLI, print_lines, print_summary, remark_lines
+from studies.command.summary import MILLI, print_summary, remark_lines
 from studies.output.budget import GIGA, frame_bytes, row_bytes
 from studies.output.files import as_json
 from studies.output.folder import Recorder, check_folder

@@ -2,7 +2,7 @@
 
 import argparse
 
-from studies.command.summary import print_lines
+from studies.command.lines import print_lines
 
 
 def report_results(options: argparse.Namespace) -> int:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from studies.command.lines import print_lines
 from studies.output.folder import Recorder
 from studies.output.records import ContactRecord, PiercingRecord
 from studies.output.remarks import Remark
@@ -86,9 +87,9 @@ def subgrid_line(gaps: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def contact_line(contact: ContactRecord) -> str:
-    """Tell how the lips of a wound press on one another."""
+    """Tell how two surfaces press on one another."""
     return (
-        f"lips       {contact.pressed} of {contact.pairs} pairs of nodes press on one another, "
+        f"contact    {contact.pair}: {contact.pressed} of {contact.pairs} pairs of nodes press on one another, "
         f"{contact.largest_pressure:.3g} Pa at most, {contact.force:.3g} N in all; the smallest gap is "
         f"{contact.smallest_gap / MILLI:.3g} mm"
     )
@@ -96,11 +97,6 @@ def contact_line(contact: ContactRecord) -> str:
 
 def _strain(summary: dict[str, Any]) -> str:
     return f"{100 * summary['thread']['max_strain']:.3g} %"
-
-
-def print_lines(lines: Sequence[str]) -> None:
-    """Print lines."""
-    print("\n".join(lines))
 
 
 def range_line(met: Mapping[str, Any]) -> str:
@@ -123,7 +119,7 @@ def print_summary(scenario: Scenario, recorder: Recorder, status: Status, pictur
     if step:
         lines += [range_line(summary["range"])] if "range" in summary else []
         lines += [line for line in (subgrid_line(recorder.subgrid),) if line]
-        lines += [contact_line(step.contact)] if step.contact else []
+        lines += [contact_line(pair) for pair in step.contact]
     tables = [
         "piercings.csv",
         "energy.csv",

@@ -439,6 +439,7 @@ STUDY = Study(
         "p1_cells": (16, 24, 32),
         "footprint_cells": (16, 24, 32, 48),
         "p2_cells": (16, 24, 32),
+        "coupled_cells": (24, 32, 40),
         "steps": (2e-3, 1e-3, 5e-4),
     },
 )

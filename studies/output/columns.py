@@ -177,25 +177,28 @@ EVENT: tuple[Column[Event], ...] = (
     text(
         "event",
         "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing, `tears` where the tissue's strength is exceeded; "
-        "`halved`: the step was; `knots`: they changed",
+        "`cut`: the thread was; `halved`: the step was; `knots`: they changed",
         lambda event: event.kind,
     ),
-    text("piercing", "name of the piercing; empty for `halved` and `knots`", lambda event: event.piercing),
-    Column("s", "m", "abscissa of the thread in the hole", lambda event: event.s),
+    text("piercing", "name of the piercing; empty for `cut`, `halved` and `knots`", lambda event: event.piercing),
+    Column("s", "m", "abscissa of the thread in the hole, or of the cut", lambda event: event.s),
     Column("energy", "J", "change of kinetic and elastic energy: `work` less `loss`", lambda event: event.energy),
     Column("work", "J", "done in drawing the thread into a hole that begins", lambda event: event.work),
     Column(
-        "loss", "J", "of energy, by the impulse when a hole begins or by a change of knots", lambda event: event.loss
+        "loss",
+        "J",
+        "of energy, by the impulse when a hole begins, by a cut or by a change of knots",
+        lambda event: event.loss,
     ),
     Column("gap", "m", "between thread and hole, closed when it begins", lambda event: event.gap),
     Column("angle", "rad", "between thread and the hole's direction, closed when it begins", lambda event: event.angle),
     vector(
         "impulse",
         "N s",
-        "of the hole on the thread when it begins; for `knots` the change of the thread's momentum",
+        "of the hole on the thread when it begins; for `cut` and `knots` the change of the thread's momentum",
         lambda event: event.impulse,
     ),
-    count("control_points", "after a change of knots, else empty", lambda event: event.control_points or None),
+    count("control_points", "after a cut or a change of knots, else empty", lambda event: event.control_points or None),
 )
 
 ENERGY: tuple[Column[EnergyRecord], ...] = (
@@ -293,13 +296,20 @@ SOLVED: tuple[Column[StepRecord], ...] = (
     Column("seconds", "s", "wall-clock time of this step", lambda step: step.seconds),
 )
 
+PAIR: Column[ContactRecord] = text("pair", "names of the two surfaces", lambda lips: lips.pair)
 CONTACT: tuple[Column[ContactRecord], ...] = (
-    count("pairs", "pairs of nodes of the lips that face one another", lambda lips: lips.pairs),
+    count("pairs", "nodes of one that may meet the other", lambda lips: lips.pairs),
     count("pressed", "of them, under a force", lambda lips: lips.pressed),
-    Column("smallest_gap", "m", "of all pairs, along the normal of the wound's plane", lambda lips: lips.smallest_gap),
-    Column("slide", "m", "largest, of a pair of nodes past one another along the lips", lambda lips: lips.slide),
+    Column(
+        "smallest_gap",
+        "m",
+        "of all pairs, along the normal of the surface; of a wound's lips along that of its plane",
+        lambda lips: lips.smallest_gap,
+    ),
+    Column("slide", "m", "largest, of a pair past one another along the surfaces", lambda lips: lips.slide),
     Column("largest_pressure", "Pa", "of all pairs", lambda lips: lips.largest_pressure),
-    Column("force", "N", "that pushes the lips apart, in all", lambda lips: lips.force),
+    Column("area", "m²", "under pressure: shares of the nodes", lambda lips: lips.area),
+    Column("force", "N", "that pushes the two apart, in all: the sum of its magnitudes", lambda lips: lips.force),
     Column("complementarity", "J", "largest magnitude of force times gap of a pair", lambda lips: lips.complementarity),
 )
 
@@ -329,8 +339,13 @@ ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
     ),
     vector("first_direction", "-", "unit vector of the first of them, of either sense", lambda o: o.first_direction),
     vector("third_direction", "-", "unit vector of the third, of either sense", lambda o: o.third_direction),
-    Column("contact_pressure", "Pa", "on the lips, zero off them; with contact", lambda organ: organ.contact_pressure),
-    Column("lip_gap", "m", "between the lips, not a number off them; with contact", lambda organ: organ.lip_gap),
+    Column(
+        "contact_pressure",
+        "Pa",
+        "on surfaces that may touch, zero off them; with contact",
+        lambda organ: organ.contact_pressure,
+    ),
+    Column("lip_gap", "m", "between them, not a number off them; with contact", lambda organ: organ.lip_gap),
 )
 ORGAN_CELLS: tuple[Column[OrganRecord], ...] = (
     Column(
@@ -469,8 +484,9 @@ ENERGIES: Layout[StepItem[EnergyRecord]] = Layout(
 STEPS: Layout[StepRecord] = Layout("steps", (TIME, STEP, *SOLVED), lambda step: [step])
 CONTACTS: Layout[StepItem[ContactRecord]] = Layout(
     "contact",
-    (*step_columns(TIME, STEP), *item_columns(*CONTACT)),
-    lambda step: [] if step.contact is None else [(step, step.contact)],
+    (*step_columns(TIME, STEP), *item_columns(PAIR, *CONTACT)),
+    lambda step: [(step, pair) for pair in step.contact],
+    every_step=False,
 )
 LOADS: Layout[StepItem[LoadRecord]] = Layout(
     "loads",
@@ -487,7 +503,7 @@ TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, ENERGIES, STEPS, CO
 
 def state_summary(step: StepRecord) -> dict[str, Any]:
     """Take from a step what ``summary.json`` says of energy, thread, piercings and lips."""
-    contact = {} if step.contact is None else {"contact": values(CONTACT, step.contact)}
+    contact = {"contact": {pair.pair: values(CONTACT, pair) for pair in step.contact}} if step.contact else {}
     loads = {"loads": [values(LOAD, load) for load in step.loads]} if step.loads else {}
     ends = {end: _end_summary(end, step) for end in ENDS}
     return (

@@ -14,6 +14,7 @@ from studies.output.columns import (
     ENERGY,
     HOLE_RANGE,
     HOLE_SUMMARY,
+    LOAD,
     MAX_STRAIN,
     RANGE,
     RUN,
@@ -64,6 +65,10 @@ def leaves(table: Any, place: tuple[str, ...]) -> Iterator[Quantity]:
         for key, value in table.items():
             yield from leaves(value, (*place, str(key)))
         return
+    if isinstance(table, list | tuple) and any(isinstance(item, Mapping) for item in table):
+        for number, item in enumerate(table):
+            yield from leaves(item, (*place, str(number)))
+        return
     column = column_at(place)
     unit = column.unit if column else SUBGRID.get(place[-1], "") if place[0] == "subgrid" else ""
     if isinstance(table, Sequence) and not isinstance(table, str):
@@ -104,6 +109,7 @@ COLUMNS: dict[tuple[str, ...], tuple[Column[Any], ...]] = {
     **{("thread", end): at_end(end) for end in ENDS},
     ("piercings", ANY): HOLE_SUMMARY,
     ("contact",): CONTACT,
+    ("loads", ANY): LOAD,
     ("range",): RANGE,
     ("range", "piercings", ANY): HOLE_RANGE,
 }

@@ -64,14 +64,16 @@ class OrganRecord:
 
 @dataclass(frozen=True)
 class ContactRecord:
-    """The lips of a wound at one time."""
+    """Two surfaces that may touch at one time, those of a wound's lips or others."""
 
+    pair: str  # their names
     pairs: int  # of nodes that face one another
     pressed: int  # of them, under a force
     smallest_gap: float  # [m]
     largest_pressure: float  # [Pa]
-    slide: float  # largest, of a pair past one another along the lips [m]
-    force: float  # that pushes the lips apart, in all [N]
+    area: float  # under pressure [m²]
+    slide: float  # largest, of a pair past one another along the surfaces [m]
+    force: float  # that pushes them apart, in all [N]
     complementarity: float  # largest |force times gap| of a pair [J]
 
 
@@ -104,7 +106,7 @@ class StepRecord:
     apart: Callable[[], float]  # makes `spans_between`, likewise
     seconds: float  # wall-clock time of this step [s]
     events: tuple[Event, ...] = ()
-    contact: ContactRecord | None = None  # None where lips may cross
+    contact: tuple[ContactRecord, ...] = ()  # of all surfaces that may touch
     loads: tuple[LoadRecord, ...] = ()
     torques: tuple[float, float] | None = None  # of the holders of start and end about the tangent [N m], with twist
     kept: Callable[[], Mapping[str, NDArray[Any]]] | None = None  # makes `memory`, asked for at a checkpoint

@@ -20,6 +20,7 @@ CREATED = 1e-4  # of a run's energy: round-off is 1e-9 of it, and the shipped sc
 DISSIPATED = 0.05  # of a run's energy
 SLID = 1.0  # diameters that a thread may still slide in as long as the run took, and be at rest
 NEAR = 2.0  # of the footprints of two holes together: there a hole moves its neighbour by a quarter of its own way
+RESOLVED_SHARE = 0.03  # of a hole's compliance that springs may make up: no more than its own error
 COARSE = {"P1": 0.25, "P2": 0.5}  # footprints to a cell: the compliance of the hole is then within 8 %
 
 
@@ -69,6 +70,12 @@ KINDS = (
         "unsupported",
         f"turn of a hole above {SMALL_ROTATION:g} rad",
         "a rotation alone strains a linear body by 1 − cos θ, which is 0.02 there",
+    ),
+    Kind(
+        "subgrid-strain",
+        "unsupported",
+        f"mean strain above {SMALL_STRAIN:g} at a hole of an organ at finite strain with sub-grid compliance",
+        "the springs that make up for coarse cells are linear: with such strain beside the hole they are a model",
     ),
     Kind(
         "tissue-strain",

@@ -3,6 +3,7 @@
 What a user calls is `load`, `parse`, `dump`, `schema` and `scenes`; the classes are the tables of the file.
 """
 
+from studies.scenario.contact import Contact
 from studies.scenario.loads import Load
 from studies.scenario.organ import (
     BlockMesh,
@@ -20,7 +21,7 @@ from studies.scenario.piercing import Friction, Piercing
 from studies.scenario.scenario import Scenario, parse, schema
 from studies.scenario.solve import Output, Solve
 from studies.scenario.table import ScenarioError
-from studies.scenario.thread import ClampedEnd, DrivenEnd, End, FixedEnd, FreeEnd, PulledEnd, Thread
+from studies.scenario.thread import ClampedEnd, Cut, DrivenEnd, End, FixedEnd, FreeEnd, PulledEnd, Thread
 from studies.scenario.toml import SCENES, dump, load, scenes
 
 __all__ = [
@@ -28,6 +29,8 @@ __all__ = [
     "BlockMesh",
     "Boundary",
     "ClampedEnd",
+    "Contact",
+    "Cut",
     "CylinderMesh",
     "DrivenEnd",
     "End",

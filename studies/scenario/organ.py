@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from studies.scenario.loads import Load
+from studies.scenario.material import Law, MaterialKeys, missing_or_idle, region_problem
 from studies.scenario.refusal import as_key, as_toml, nearest, refusal
 from studies.scenario.table import (
     GROWTH,
@@ -22,9 +23,10 @@ from studies.scenario.table import (
 )
 
 BLOCK_BOUNDARIES = ("left", "right", "front", "back", "bottom", "top")
+LIPS = ("lip_left", "lip_right")  # of a wound
 BOUNDARIES = {  # that a generated mesh names, by its kind
     "block": BLOCK_BOUNDARIES,
-    "wound": (*BLOCK_BOUNDARIES, "lip_left", "lip_right"),
+    "wound": (*BLOCK_BOUNDARIES, *LIPS),
     "cylinder": ("left", "right", "side"),
     "tube": ("left", "right", "inner", "outer"),
 }
@@ -220,7 +222,7 @@ class Boundary(ScenarioTable):
         return self
 
 
-class Region(ScenarioTable):
+class Region(MaterialKeys):
     """Part of the organ with a material of its own; what is not given is the organ's. A later region overrides an
     earlier one.
     """
@@ -238,6 +240,7 @@ class Region(ScenarioTable):
     )
     density: Positive | None = Field(default=None, description="density [kg/m³]; default the organ's")
     strength: Positive | None = Field(default=None, description=f"{STRENGTH}; default the organ's", examples=[2.0e6])
+    material: Law | None = Field(default=None, description="strain-energy density, as the organ's; default the organ's")
 
     @model_validator(mode="after")
     def _check_place(self) -> Self:
@@ -253,8 +256,8 @@ class Region(ScenarioTable):
         return self
 
 
-class Tissue(ScenarioTable):
-    """Organ of small-strain isotropic linear elasticity."""
+class Tissue(MaterialKeys):
+    """Organ of linear elasticity at small strain, or of a hyperelastic material at finite strain."""
 
     youngs_modulus: Positive = Field(description="Young's modulus of the tissue [Pa]", examples=[1.0e5])
     poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, lt=0.5)] = Field(
@@ -262,6 +265,11 @@ class Tissue(ScenarioTable):
     )
     density: Positive = Field(description="density of the tissue [kg/m³]", examples=[1070.0])
     strength: Positive | None = Field(default=None, description=f"{STRENGTH}; default: none", examples=[2.0e6])
+    material: Law = Field(
+        default="linear",
+        description='"linear": small strain; "neo-hookean" and "exponential", with its stiffening: finite strain, '
+        "which is the linear organ where strains are small",
+    )
     element: Literal["P1", "P2"] = Field(default="P1", description="tetrahedral element, linear or quadratic")
     dilatation: Literal["auto", "cell", "nodal"] = Field(
         default="auto",
@@ -320,7 +328,29 @@ class Tissue(ScenarioTable):
         return self
 
     @model_validator(mode="after")
+    def _check_material(self) -> Self:
+        if problem := missing_or_idle(self.material, self, self.stiffening):
+            raise ValueError(problem)
+        for region in self.region:
+            if problem := region_problem(self.material, region.name, region.material):
+                raise ValueError(problem)
+            own = region.material or self.material
+            if problem := missing_or_idle(own, region, region.stiffening or self.stiffening):
+                raise ValueError(f".region.{as_key(region.name)}{problem}")
+        if self.material != "linear" and self.rayleigh[1]:
+            raise ValueError(
+                f".rayleigh = {as_toml(self.rayleigh)} is refused: material is {self.material}, whose stiffness "
+                "changes, so β damps nothing that is known; take β = 0"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _check_lips(self) -> Self:
+        if self.contact and self.material != "linear":
+            raise ValueError(
+                f".contact = true is refused: material is {self.material}, and at finite strain the lips of a wound do "
+                'not touch yet; leave it out or take material = "linear"'
+            )
         if self.contact and self.mesh.kind != "wound":
             raise ValueError(
                 f".contact = true is refused: tissue.mesh.kind is {self.mesh.kind}, which has no lips; leave it out or "

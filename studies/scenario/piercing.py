@@ -73,6 +73,14 @@ class Piercing(ScenarioTable):
         "counted from the moment the piercing begins; in statics t goes from 0 to solve.duration; default: none",
         examples=[[[0.0, 0.0], [1.0, 0.005]]],
     )
+    pull: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = Field(
+        default=None,
+        description='rows of t [s], force [N] with which a hand draws the thread through an "anchored" hole towards '
+        "the end of the path, negative towards its start, t increasing; linear in between, constant before and after; "
+        "the hand holds against the tissue at the hole; in statics t goes from 0 to solve.duration; instead of draw; "
+        "default: none",
+        examples=[[[0.0, 0.0], [0.2, 1.0]]],
+    )
     channel: Positive | None = Field(
         default=None,
         description="length of the channel, at whose ends the reaction couple presses [m]; default with friction and a "
@@ -97,14 +105,17 @@ class Piercing(ScenarioTable):
             raise ValueError(".direction = [0, 0, 0] is refused: it must not be zero; give a direction")
         if self.until is not None and self.until <= self.from_:
             raise ValueError(f".until = {self.until} is refused: it must be later than from = {self.from_}; raise it")
-        if self.draw is not None and self.kind == "sliding":
-            raise ValueError('.draw is refused: a hand holds the thread that it draws; set kind = "anchored"')
-        for row, ((before, _), (after, _)) in enumerate(pairwise(self.draw or ()), start=1):
-            if after <= before:
-                raise ValueError(
-                    f".draw.{row} = {as_toml((self.draw or ())[row])} is refused: "
-                    f"its time must be later than {before} s, the one before it; sort them by time"
-                )
+        if self.draw is not None and self.pull is not None:
+            raise ValueError(".pull is refused: a hand draws by a length or with a force; leave out draw or pull")
+        for key, rows in (("draw", self.draw), ("pull", self.pull)):
+            if rows is not None and self.kind == "sliding":
+                raise ValueError(f'.{key} is refused: a hand holds the thread that it draws; set kind = "anchored"')
+            for row, ((before, _), (after, _)) in enumerate(pairwise(rows or ()), start=1):
+                if after <= before:
+                    raise ValueError(
+                        f".{key}.{row} = {as_toml((rows or ())[row])} is refused: "
+                        f"its time must be later than {before} s, the one before it; sort them by time"
+                    )
         if self.kind == "anchored" and self.friction is not None:
             raise ValueError('.friction is refused: with kind = "anchored" nothing slides; leave it out')
         if self.channel is not None and (self.friction is None or self.direction == "free"):

@@ -11,13 +11,14 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, ValidationError, model_validator
 
+from studies.scenario.contact import Contact
 from studies.scenario.names import name_faults
-from studies.scenario.organ import GivenMesh, Tissue
+from studies.scenario.organ import LIPS, GivenMesh, Tissue, boundaries_of, unknown_clamp
 from studies.scenario.piercing import Piercing
-from studies.scenario.refusal import dotted_key, refusal, sentences
+from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
 from studies.scenario.solve import Output, Solve
 from studies.scenario.table import ScenarioError, ScenarioTable, repetition
-from studies.scenario.thread import ClampedEnd, Thread
+from studies.scenario.thread import ClampedEnd, Cut, Thread
 
 MOST_FRAMES = 20_000  # of three files each; results.pvd names them all, and is written anew with every one
 
@@ -36,6 +37,10 @@ class Scenario(ScenarioTable):
     thread: Thread = Field(description="the thread", examples=[{"suture": "2-0 polypropylene"}])
     piercing: tuple[Piercing, ...] = Field(
         default=(), description="the piercings, in the order in which the thread passes them"
+    )
+    cut: tuple[Cut, ...] = Field(default=(), description="cuts of the thread during the run")
+    contact: tuple[Contact, ...] = Field(
+        default=(), description="surfaces of the organ that press on one another where they meet; else they cross"
     )
     solve: Solve = Field(default=Solve(), description="what is solved, and how", examples=[{"dt": 1.0e-3}])
     output: Output = Field(default=Output(), description="what is written while running", examples=[{"every": 10}])
@@ -94,12 +99,47 @@ class Scenario(ScenarioTable):
             raise ValueError(refusal("thread.bending", False, reason))
         return self
 
+    @property
+    def touching(self) -> tuple[tuple[str, str], ...]:
+        """Names of the surfaces that press on one another, by pairs."""
+        lips = (LIPS,) if self.tissue is not None and self.tissue.contact else ()
+        return (*lips, *(pair.between for pair in self.contact))
+
+    @property
+    def floats(self) -> bool:
+        """Whether a body of the organ may be held by nothing but contact and stitches."""
+        inertia = self.tissue is not None and self.tissue.inertia and self.solve.kind == "dynamic"
+        return inertia and bool(self.touching)
+
     @model_validator(mode="after")
     def _check_contact(self) -> Self:
         linear = self.solve.scheme == "linear" and self.solve.coupling == "monolithic"
-        if self.tissue is not None and self.tissue.contact and linear:
+        if self.touching and linear:
             reason = 'the linear scheme has no inequalities; use solve.scheme = "newton", or coupling = "staggered"'
-            raise ValueError(refusal("tissue.contact", True, reason))
+            key, value = ("contact.0.between", self.touching[0]) if self.contact else ("tissue.contact", True)
+            raise ValueError(refusal(key, value, reason))
+        check_touching(self.touching, len(self.touching) - len(self.contact))
+        if self.contact and self.tissue is None:
+            raise ValueError(refusal("contact.0.between", self.touching[0], "there is no organ; add [tissue]"))
+        if self.tissue is not None and (there := boundaries_of(self.tissue.mesh)):
+            known = [*there, *(boundary.name for boundary in self.tissue.boundary)]
+            for k, pair in enumerate(self.contact):
+                if problem := unknown_clamp(pair.between, known, f"contact.{k}.between"):
+                    raise ValueError(problem)
+        return self
+
+    @model_validator(mode="after")
+    def _check_material(self) -> Self:
+        if self.tissue is None or self.tissue.material == "linear":
+            return self
+        needed = {"scheme": "newton", "coupling": "monolithic", "friction": "implicit"}
+        other = next((key for key, way in needed.items() if getattr(self.solve, key) != way), None)
+        if other is not None:
+            reason = (
+                f"tissue.material is {self.tissue.material}, and the paper's variants know a linear organ alone; use "
+                f'"{needed[other]}", or material = "linear"'
+            )
+            raise ValueError(refusal(f"solve.{other}", getattr(self.solve, other), reason))
         return self
 
     @model_validator(mode="after")
@@ -111,11 +151,34 @@ class Scenario(ScenarioTable):
 
     @model_validator(mode="after")
     def _check_linear(self) -> Self:
-        drawn = next((hole.name for hole in self.piercing if hole.draw is not None), None)
+        hands = ((hole, key) for hole in self.piercing for key in ("draw", "pull"))
+        drawn = next((("piercing", hole.name, key) for hole, key in hands if getattr(hole, key) is not None), None)
         if self.solve.scheme == "linear" and (self.thread.cuts or drawn is not None):
-            key = "thread.cuts" if self.thread.cuts else dotted_key(["piercing", str(drawn), "draw"])
+            key = "thread.cuts" if self.thread.cuts else dotted_key(drawn or ())
             reason = f'the paper\'s linear step knows no {key}; use "newton"'
             raise ValueError(refusal("solve.scheme", "linear", reason))
+        return self
+
+    @model_validator(mode="after")
+    def _check_cutting(self) -> Self:
+        given = {"solve.kind": self.solve.kind, "solve.scheme": self.solve.scheme} | {
+            f"thread.{key}": getattr(self.thread, key) for key in ("resolution", "energy", "twist")
+        }
+        able = {
+            "solve.kind": "dynamic",
+            "solve.scheme": "newton",
+            "thread.resolution": "fixed",
+            "thread.energy": "continuous",
+            "thread.twist": False,
+        }
+        lost = next((key for key, value in able.items() if given[key] != value), None)
+        if self.cut and lost is not None:
+            reason = f"the thread is not cut during such a run; set it to {as_toml(able[lost])}, or leave out [[cut]]"
+            raise ValueError(refusal(lost, given[lost], reason))
+        places = [cut.s for cut in self.cut]
+        twice = next((s for k, s in enumerate(places) if s in (*places[:k], *self.thread.cuts)), None)
+        if twice is not None:
+            raise ValueError(refusal("cut.s", twice, "the thread is cut there already; leave one of the cuts out"))
         return self
 
     @model_validator(mode="after")
@@ -138,6 +201,14 @@ class Scenario(ScenarioTable):
 
 
 # --- checks that the simulation repeats once it knows more ------------------------------------------------
+
+
+def check_touching(pairs: Sequence[tuple[str, str]], first: int) -> None:
+    """Refuse two surfaces in contact that are named twice; the first of [[contact]] is number `first`."""
+    for k, pair in enumerate(pairs):
+        if any(set(pair) == set(other) for other in pairs[:k]):
+            reason = "these two are in contact already, by tissue.contact or another [[contact]]; leave one out"
+            raise ScenarioError(refusal(f"contact.{k - first}.between", pair, reason))
 
 
 def check_order(placed: Sequence[tuple[Piercing, float]], length: float | None = None) -> None:
@@ -165,12 +236,12 @@ def check_within(hole: Piercing, s: float, length: float | None) -> None:
     raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "s"]), s, reason + (at_end or "")))
 
 
-def check_cuts(cuts: Sequence[float], length: float) -> None:
-    """Refuse cuts that lie off the thread of that length [m]."""
+def check_cuts(cuts: Sequence[float], length: float, key: str = "thread.cuts") -> None:
+    """Refuse cuts, given by that `key`, that lie off the thread of that length [m]."""
     lost = next((s for s in cuts if s >= length), None)
     if lost is not None:
         reason = f"it must lie between 0 and the thread's length of {length} m; move it"
-        raise ScenarioError(refusal("thread.cuts", lost, reason))
+        raise ScenarioError(refusal(key, lost, reason))
 
 
 def check_spans(cuts: Sequence[float], ends: Sequence[float], breaks: Sequence[float]) -> None:

@@ -16,9 +16,11 @@ from meshes.wound import lips
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
+from studies.scenario.organ import LIPS
 from studies.scenario.refusal import refusal
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved, with_given_mesh
-from studies.simulation.meshing import material_of, organ_mesh, strength_at, wound_of
+from studies.simulation.law import hyperelasticity_of
+from studies.simulation.meshing import check_loaded, material_of, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_draws, check_pieces
 from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key
 from thread.catalogue import Section, suture
@@ -29,7 +31,7 @@ from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
 
-AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | tissue.DynamicOrgan
+AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | tissue.DynamicOrgan | tissue.FiniteOrgan
 
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
 REACH = 0.1  # of the thread's length: how far from a piercing its spans are fine
@@ -81,6 +83,7 @@ def assemble(scenario: Scenario, store: Store | None = None, mesh: object = None
     known = [(hole, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
     check_order(known, length)
     check_cuts(scenario.thread.cuts, length)
+    check_cuts([table.s for table in scenario.cut], length, "cut.s")
     thread = thread_of(scenario, length, s)
     check_pieces(scenario, thread.spline, [value for _, value in known])
     check_draws(scenario.piercing, thread.spline, s)
@@ -220,6 +223,7 @@ def piercing_of(hole: model.Piercing, scenario: Scenario, body: tissue.Elasticit
         begins=hole.from_,
         ends=np.inf if hole.until is None else hole.until,
         draw=None if hole.draw is None else np.array(hole.draw),
+        pull=None if hole.pull is None else np.array(hole.pull),
         bearing=bearing_of(hole, scenario),
         strength=np.inf if organ is None or body is None else strength_at(organ, body.mesh, hole.at),
     )
@@ -254,14 +258,20 @@ def body_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Elasticity:
 
 
 def organ_of(scenario: Scenario, body: tissue.Elasticity | None) -> AnyOrgan:
-    """Return the organ as the coupling sees it: with inertia, without, or points fixed in space."""
+    """Return the organ as the coupling sees it: linear or at finite strain, with inertia or without, or points fixed in
+    space."""
     sites = [site_of(hole) for hole in scenario.piercing]
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
     placed = tissue.build_sites(body, sites)
-    gaps, loads = gaps_of(scenario.tissue, body), loads_of(scenario)
+    check_loaded(body.mesh, scenario.tissue)
+    gaps, loads = gaps_of(scenario, body), loads_of(scenario)
     given = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps, loads
-    if scenario.tissue.inertia and scenario.solve.kind == "dynamic":
+    inertia = scenario.tissue.inertia and scenario.solve.kind == "dynamic"
+    if scenario.tissue.material != "linear":
+        hyper = hyperelasticity_of(scenario.tissue, body)
+        return tissue.FiniteOrgan(*given, hyper=hyper, inertia=inertia, damping=scenario.tissue.rayleigh[0])
+    if inertia:
         return tissue.DynamicOrgan(*given, rayleigh=scenario.tissue.rayleigh)
     return tissue.QuasiStaticOrgan(*given)
 
@@ -276,10 +286,17 @@ def loads_of(scenario: Scenario) -> tuple[tissue.SurfaceLoad, ...]:
     )
 
 
-def gaps_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Gaps | None:
-    """Return the gaps between a wound's lips, None where they may cross."""
-    if not table.contact or not isinstance(table.mesh, model.WoundMesh):
-        return None
-    wound = wound_of(table.mesh)
-    pairs = lips(body.mesh, wound)
-    return tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.normal_axis])
+def gaps_of(scenario: Scenario, body: tissue.Elasticity) -> tissue.Gaps | None:
+    """Return the gaps between surfaces that press on one another, None where all may cross. Those of a wound's lips are
+    between the nodes that match."""
+    shape = None if scenario.tissue is None else scenario.tissue.mesh
+    parts: list[tissue.Part] = []
+    for between in scenario.touching:
+        if isinstance(shape, model.WoundMesh) and set(between) == set(LIPS):
+            wound = wound_of(shape)
+            pairs = lips(body.mesh, wound)
+            own = tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.normal_axis])
+        else:
+            own = tissue.surface_gaps(body, [between])
+        parts += own.parts
+    return tissue.Gaps(body, tuple(parts)) if parts else None

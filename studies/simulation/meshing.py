@@ -58,9 +58,8 @@ def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None) -> skfem.
     mesh = with_boxes(mesh_of(table, scenario.piercing) if given is None else given, table.boundary)
     for key, names in (("clamp", table.clamp), ("roller", table.roller)):
         check_clamp(names, sorted(mesh.boundaries or {}), key)
-    check_loads(table.load, sorted(mesh.boundaries or {}), table.clamp, table.roller)
-    check_moved(mesh, table)
-    check_held(mesh, table.clamp, table.roller)
+    if not scenario.floats:
+        check_held(mesh, table.clamp, table.roller)
     check_smooth(mesh, scenario.piercing)
     return with_regions(mesh, table.region)
 
@@ -201,24 +200,27 @@ def check_clear(shape: model.WoundMesh, holes: Sequence[model.Piercing]) -> None
 
 
 def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] = ()) -> None:
-    """Refuse a body cut in several of which one is held by no clamp, and not by rollers all round either."""
+    """Refuse several bodies of which one is held by no clamp, and not by rollers all round either."""
     part = parts(mesh.p.T, mesh.t.T)
     if part.max() == 0:
         return
     held = tissue.held_components(mesh, clamp, roller)
     nodes = [np.unique(mesh.t[:, part == k]) for k in range(part.max() + 1)]
-    loose = [k for k, those in enumerate(nodes) if not tissue.holds_still(mesh.p.T[those], held[those])]
+    left = [tissue.rigid_motions(mesh.p.T[those], held[those]) for those in nodes]
+    loose = [k for k, motions in enumerate(left) if motions.size]
     if loose:
         centre = np.round(mesh.p[:, mesh.t[:, part == loose[0]]].mean(axis=(1, 2)), 4) + 0.0  # no −0.0
         reason = (
-            f"the wound cuts the organ in {part.max() + 1}, and the part about {centre.tolist()} m is "
-            'held by nothing; clamp a boundary that both have, for example ["bottom"], or cut less'
+            f"the organ is in {part.max() + 1} parts, and that about {centre.tolist()} m can still "
+            f"{tissue.motions_in_words(left[loose[0]])}; clamp a boundary of each part, or, with [[contact]] between "
+            'them, let tissue.inertia be true and solve.kind "dynamic"'
         )
         raise ScenarioError(refusal("tissue.clamp", list(clamp), reason))
 
 
-def check_moved(mesh: skfem.MeshTet, table: model.Tissue) -> None:
-    """Refuse a load on a boundary of which other boundaries hold every node, and one on no facet at all."""
+def check_loaded(mesh: skfem.MeshTet, table: model.Tissue) -> None:
+    """Refuse a load on what is no boundary of the mesh or lies inside, and one where every node is held."""
+    check_loads(table.load, sorted(mesh.boundaries or {}), table.clamp, table.roller)
     held = np.asarray(tissue.held_components(mesh, table.clamp, table.roller).all(axis=1))
     for number, load in enumerate(table.load):
         facets = (mesh.boundaries or {})[load.boundary]

@@ -44,7 +44,9 @@ def is_held_at_end(thread: model.Thread, piece: int, pieces: int) -> bool:
 
 def check_draws(holes: Sequence[model.Piercing], spline: Spline, s: Sequence[float]) -> None:
     """Refuse to draw a piece of thread out of its hole at `s` [m], or one anchored hole past another."""
-    anchored = [(h, at) for h, at in zip(holes, s, strict=True) if h.kind == "anchored" and h.from_ == 0.0]
+    anchored = [
+        (h, at) for h, at in zip(holes, s, strict=True) if h.kind == "anchored" and h.pull is None and h.from_ == 0.0
+    ]
     times = sorted({0.0} | {time for hole, _ in anchored for time, _ in hole.draw or ()})
     before: dict[int, tuple[str, Array]] = {}
     for hole, at in anchored:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+import tissue
 from coupling.adaptivity import span_ratio, spans_between
 from coupling.contact import ContactObservation, observe_contact
 from coupling.observation import largest_gap, largest_residual
@@ -39,28 +40,33 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
         apart=partial(spans_between, system, state),
         seconds=seconds,
         events=now.events,
-        contact=contact_record(system, state),
+        contact=contact_records(system, state),
         loads=load_records(system, state),
         kept=partial(memory_of, now),
     )
 
 
-def pressures(system: System, lips: ContactObservation) -> Array:
-    """Return the pressure at the pairs of the lips, shape `(k,)` [Pa]."""
-    organ: Any = system.organ
-    return np.asarray(organ.gaps.pressure(lips.force))
-
-
-def contact_record(system: System, state: State) -> ContactRecord | None:
-    """Return the lips of a state, None where they may cross."""
+def contact_records(system: System, state: State) -> tuple[ContactRecord, ...]:
+    """Return the surfaces of a state that may touch, pair by pair."""
     lips = observe_contact(system, state)
     if lips is None:
-        return None
+        return ()
+    organ: Any = system.organ
+    return tuple(
+        contact_record(part, lips.of(own)) for part, own in zip(organ.gaps.parts, organ.gaps.slices, strict=True)
+    )
+
+
+def contact_record(part: tissue.Part, lips: ContactObservation) -> ContactRecord:
+    """Return one pair of surfaces."""
+    pressure = part.vertex_pressure(lips.force)
     return ContactRecord(
+        pair=" - ".join(part.between),
         pairs=len(lips.gap),
         pressed=lips.pressed,
         smallest_gap=float(lips.gap.min()),
-        largest_pressure=float(pressures(system, lips).max()),
+        largest_pressure=float((part.hats.T @ pressure).max()),
+        area=float(part.areas[pressure > 0.0].sum()),
         slide=float(lips.slide.max()),
         force=float(lips.force.sum()),
         complementarity=lips.complementarity,
@@ -84,7 +90,8 @@ def lip_fields(system: System, state: State, nodes: int) -> tuple[Array, Array] 
         return None, None
     organ: Any = system.organ
     pressure, gap = np.zeros(nodes), np.full(nodes, np.nan)
-    pressure[organ.gaps.nodes], gap[organ.gaps.nodes] = pressures(system, lips)[:, None], lips.gap[:, None]
+    both = organ.gaps.nodes[:, ::-1]  # a right node may be the nearest of several left ones, of which the last is shown
+    pressure[both], gap[both] = organ.gaps.pressure(lips.force)[:, None], lips.gap[:, None]
     return pressure, gap
 
 

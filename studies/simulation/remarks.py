@@ -21,6 +21,7 @@ from studies.output.remarks import (
     DISSIPATED,
     NEAR,
     OFF_PATH,
+    RESOLVED_SHARE,
     SHARE,
     SLID,
     SMALL_ROTATION,
@@ -66,15 +67,24 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]]) -> li
     ]
 
 
-def met(scenario: Scenario, ending: Ending, strengths: Sequence[float]) -> list[Remark]:
-    """Return what is to be said of a run that came to an `ending`, in tissue of these `strengths` at its holes [Pa]."""
+def is_finite(scenario: Scenario) -> bool:
+    """Tell whether the organ is one at finite strain, which has no linear range."""
+    return scenario.tissue is not None and scenario.tissue.material != "linear"
+
+
+def met(scenario: Scenario, ending: Ending, strengths: Sequence[float], springs: Mapping[str, float]) -> list[Remark]:
+    """Return what is to be said of a run that came to an `ending`, in tissue of these `strengths` at its holes [Pa];
+    `springs` is by piercing the share of the hole's compliance that is added to it."""
     step, extremes = ending.step, ending.extremes
     names = [hole.name for hole in scenario.piercing]
     strength = knot_pull(scenario.thread.suture) if scenario.thread.suture else None
     dynamic = scenario.solve.kind == "dynamic"
     return [
-        *beyond_at_holes(names, extremes),
-        *beyond_in_tissue(extremes),
+        *(
+            beyond_at_springs(names, extremes, springs)
+            if is_finite(scenario)
+            else [*beyond_at_holes(names, extremes), *beyond_in_tissue(extremes)]
+        ),
         *torn(names, extremes, strengths),
         *turned_pressure(extremes),
         *overloaded(extremes, strength),
@@ -112,6 +122,20 @@ def beyond_at_holes(names: Sequence[str], extremes: Extremes) -> list[Remark]:
                 )
             )
     return out
+
+
+def beyond_at_springs(names: Sequence[str], extremes: Extremes, springs: Mapping[str, float]) -> list[Remark]:
+    """Judge strain at holes of an organ at finite strain whose cells are too coarse, which springs make up for."""
+    return [
+        remark(
+            "subgrid-strain",
+            name,
+            f"the tissue at {name!r} was strained by {strain:.2g}, and {springs[name]:.0%} of the hole's compliance is "
+            f"that of linear springs, which hold to about {SMALL_STRAIN:g}; take a smaller tissue.mesh.h_site",
+        )
+        for name, strain in zip(names, extremes.mean_strain, strict=True)
+        if strain > SMALL_STRAIN and springs.get(name, 0.0) > RESOLVED_SHARE
+    ]
 
 
 def beyond_in_tissue(extremes: Extremes) -> list[Remark]:

@@ -17,10 +17,10 @@ from studies.scenario.toml import mesh_file, tables
 
 Made = TypeVar("Made")
 
-NOT_OF_ORGAN = ("title", "thread", "output")
+NOT_OF_ORGAN = ("title", "thread", "cut", "output")
 OF_STEPS = ("dt", "duration", "load_steps", "scheme", "integrator", "coupling", "friction", "epsilon")
-OF_THREAD = ("kind", "s", "friction", "from", "until", "draw", "channel")  # of a piercing
-OF_MOTION = ("inertia", "rayleigh", "solver", "contact")  # of the organ, beside its mesh and stiffness
+OF_THREAD = ("kind", "s", "friction", "from", "until", "draw", "pull", "channel")  # of a piercing
+OF_MOTION = ("inertia", "rayleigh", "solver", "contact", "load")  # of the organ, beside its mesh and stiffness
 OF_MATERIAL = ("youngs_modulus", "poisson_ratio", "density", "dilatation")
 
 
@@ -87,7 +87,7 @@ def body_tables(scenario: Scenario) -> dict[str, Any]:
     plain = without(organ_tables(scenario), ("solve",))
     holes = [{key: hole[key] for key in ("name", "at", "footprint")} for hole in plain["piercing"]]
     organ = {"tissue": without(plain["tissue"], OF_MOTION)} if "tissue" in plain else {}
-    return plain | {"piercing": holes} | organ
+    return plain | {"piercing": holes, "floats": scenario.floats} | organ  # where bodies may float none need be held
 
 
 def without(table: dict[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:

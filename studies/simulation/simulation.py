@@ -6,10 +6,12 @@ from functools import cached_property, partial
 from time import perf_counter
 from typing import Any
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling import stepping
+from coupling.cutting import Cut
 from coupling.diagnosis import faults
 from coupling.errors import StepError
 from coupling.paper.linear_step import checked, linear_step, linear_two_pass
@@ -18,6 +20,7 @@ from coupling.paper.two_pass import two_pass
 from coupling.run import begin
 from coupling.stepping import Take, try_step
 from coupling.system import State
+from studies.arrays import Array
 from studies.output.checkpoint import Arrays
 from studies.output.records import Ending, OrganRecord, OrganTopology, Snapshot, StepRecord
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
@@ -75,7 +78,8 @@ class Simulation:
     def remarks(self, ending: Ending | None = None) -> list[Remark]:
         """Return what is to be said of the run: what is foreseen, and what it met until an `ending`."""
         strengths = [hole.strength for hole in self.assembly.system.piercings]
-        return [*self.foreseen, *(met(self.scenario, ending, strengths) if ending else [])]
+        springs = {name: float(gap["share"]) for name, gap in self.subgrid.items()}
+        return [*self.foreseen, *(met(self.scenario, ending, strengths, springs) if ending else [])]
 
     @property
     def methods(self) -> dict[str, str | None]:
@@ -121,7 +125,16 @@ class Simulation:
         """Return the run before the first step."""
         made, solve = self.assembly, self.scenario.solve
         one_system = (solve.scheme, solve.coupling, solve.friction) == ("newton", "monolithic", "implicit")
-        return begin(made.system, self.start, method(solve), made.resolution, made.begin_abscissae, downhill=one_system)
+        cuts = tuple(Cut(table.s, table.time) for table in self.scenario.cut)
+        return begin(
+            made.system,
+            self.start,
+            method(solve),
+            made.resolution,
+            made.begin_abscissae,
+            downhill=one_system,
+            cuts=cuts,
+        )
 
     def next(self, now: OrganRun) -> OrganRun:
         """Return the run one step, or load step, further."""
@@ -142,6 +155,8 @@ class Simulation:
         body, organ = self.assembly.body, self.assembly.organ
         if body is None or self.recovery is None:
             return None
+        if isinstance(organ, tissue.FiniteOrgan):
+            return finite_record(organ.law, organ.displacement(state.organ))
         U = organ.displacement(state.organ)
         stress = self.recovery.stress(U)
         lips = lip_fields(self.assembly.system, state, len(body.points))
@@ -153,6 +168,17 @@ class Simulation:
         numbers = *at_nodes, strain, rotation, tissue.energy_density(body, U), strained, rotated
         turns = tissue.Loads(body, loads_of(self.scenario)).turns(body.nodal(U))
         return OrganRecord(body.nodal(U), *numbers, float(turns.max(initial=0.0)), *lips)
+
+
+def finite_record(hyper: tissue.Hyperelasticity, U: Array) -> OrganRecord:
+    """Return what is drawn of an organ at finite strain: Cauchy stress, stretch less one, and rotation. Nothing of it
+    is beyond what its model holds for."""
+    stress = tissue.cauchy_stress(hyper, U)
+    stretch, rotation = tissue.cell_stretch(hyper, U)
+    values, directions = tissue.principal(stress)
+    at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
+    strain, density = np.abs(stretch - 1.0).max(axis=1), hyper.energy_density(hyper.gradient(U))
+    return OrganRecord(hyper.body.nodal(U), *at_nodes, strain, rotation, density, 0.0, 0.0)
 
 
 def method(solve: Solve) -> Take:

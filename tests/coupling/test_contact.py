@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import meshio
 import numpy as np
 import pytest
 
@@ -25,6 +26,7 @@ from coupling.paper.two_pass import two_pass
 from coupling.run import schedule_piercings
 from coupling.stepping import Step, dynamic_problem, organ_answer, predict, try_step
 from coupling.system import Friction, Piercing, State, System
+from meshes.block import block
 from studies.command import command
 from studies.output.folder import Recorder
 from studies.scenario import ScenarioError, load
@@ -308,7 +310,8 @@ def test_what_a_run_says_of_its_lips(closed: Path, capsys: pytest.CaptureFixture
     out = closed.parent / "whole"
     with (out / "contact.csv").open() as file:
         table = list(csv.DictReader(file))
-    assert len(table) == 31 and list(table[0])[:2] == ["time [s]", "step [-]"]
+    assert len(table) == 31 and list(table[0])[:3] == ["time [s]", "step [-]", "pair"]
+    assert {row.pop("pair") for row in table} == {"lip_left - lip_right"}
     rows = [{key.partition(" [")[0]: float(value) for key, value in row.items()} for row in table]
     assert rows[0]["pressed"] == 0 and 0 < rows[-1]["pressed"] <= rows[-1]["pairs"]
     for row in rows:
@@ -316,7 +319,8 @@ def test_what_a_run_says_of_its_lips(closed: Path, capsys: pytest.CaptureFixture
         assert row["complementarity"] <= IDENTITY * RADIUS * max(row["force"], 1e-300)
         assert (row["force"] > 0.0) == (row["pressed"] > 0)
     summary = json.loads((out / "summary.json").read_text())
-    assert summary["contact"] == {key: value for key, value in rows[-1].items() if key not in ("time", "step")}
+    last = {key: value for key, value in rows[-1].items() if key not in ("time", "step")}
+    assert summary["contact"] == {"lip_left - lip_right": last} and last["area"] > 0.0
     simulation = prepare(load(closed))
     for step, frame in simulation.advance():
         organ = frame().organ if step.step == 12 else None
@@ -332,7 +336,7 @@ def test_what_a_run_says_of_its_lips(closed: Path, capsys: pytest.CaptureFixture
     assert 'Name="contact_pressure"' in text and 'Name="lip_gap"' in text
     assert start(closed, closed.parent / "again", "--set", "solve.duration=2e-3") == 0
     printed = capsys.readouterr().out
-    assert "lips       0 of" in printed and "events.csv, contact.csv" in printed
+    assert "contact    lip_left - lip_right: 0 of" in printed and "events.csv, contact.csv" in printed
 
 
 def test_a_resumed_run_has_the_same_lips(closed: Path) -> None:
@@ -362,3 +366,71 @@ def test_what_contact_refuses(closed: Path, override: str, words: list[str]) -> 
     with pytest.raises(ScenarioError) as refusal:
         load(closed, [override])
     assert all(word in str(refusal.value) for word in words)
+
+
+BODIES = """
+[tissue]
+youngs_modulus = 1.0e5
+poisson_ratio = 0.3
+density = 1000.0
+rayleigh = [50.0, 1.0e-3]
+clamp = ["floor"]
+[tissue.mesh]
+kind = "file"
+path = "two.vtu"
+[[tissue.boundary]]
+name = "floor"
+box = [[-1, -1, -0.011], [1, 1, -0.009]]
+[[tissue.boundary]]
+name = "lower"
+box = [[-1, -1, -0.001], [1, 1, 5e-5]]
+[[tissue.boundary]]
+name = "upper"
+box = [[-1, -1, 5e-5], [1, 1, 0.001]]
+[thread]
+suture = "2-0 polypropylene"
+control_points = 8
+path = [[0.03, 0, 0], [0.05, 0, 0]]
+start = { kind = "fixed" }
+end = { kind = "fixed" }
+[[contact]]
+between = ["upper", "lower"]
+[solve]
+dt = 2.0e-3
+duration = 0.12
+gravity = [0, 0, -9.81]
+[output]
+every = 60
+"""
+
+
+@pytest.fixture(scope="module")
+def bodies(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scenario of a block that hangs 0.1 mm above another one, which is held, in one file."""
+    folder = tmp_path_factory.mktemp("bodies")
+    lower, upper = block((0.01, 0.01, 0.01), 5e-3), block((0.006, 0.006, 0.006), 3e-3)
+    points = np.vstack([lower.p.T, upper.p.T + np.array([0.0, 0.0, 0.0061])])
+    cells = np.vstack([lower.t.T, upper.t.T + lower.nvertices])
+    meshio.Mesh(points, {"tetra": cells}).write(folder / "two.vtu")
+    (folder / "bodies.toml").write_text(BODIES, encoding="utf-8")
+    return folder / "bodies.toml"
+
+
+def test_a_body_that_falls_on_another_comes_to_rest_on_it(bodies: Path) -> None:
+    """Independent check: the contact carries its weight then, over a part of the lower body's upper side no larger than
+    its own lower side and a cell around, and neither is in the other."""
+    out = bodies.parent / "out"
+    assert start(bodies, out, "--quiet") == 0
+    summary = json.loads((out / "summary.json").read_text())
+    found = summary["contact"]["upper - lower"]
+    assert found["force"] == pytest.approx(0.006**3 * 1000.0 * 9.81, rel=0.01)
+    assert 0.0 < found["area"] <= 0.006**2 * (1.0 + IDENTITY) and found["smallest_gap"] >= -IDENTITY * 0.01
+    assert found["slide"] < 1e-4
+
+
+def test_a_body_that_can_move_is_refused_at_rest(bodies: Path) -> None:
+    """Independent check: statics says which body, and how it can move."""
+    with pytest.raises(ScenarioError, match=r"in 2 parts, .* can still move along x, y, z and turn about .* x, y, z"):
+        prepare(load(bodies, ["solve.kind=static"]))
+    with pytest.raises(ScenarioError, match=r"in 2 parts"):
+        prepare(load(bodies, ["contact=[]"]))

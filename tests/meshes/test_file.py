@@ -175,9 +175,9 @@ def refusal(path: Path) -> str:
         ({**NODES, 20: (0, 0, 0)}, LOWER + UPPER, "1 pairs of nodes lie at the same place"),
         ({**NODES, 20: (0.1, 0, 0)}, LOWER + UPPER, "4 of 8 tetrahedra are degenerate"),
         (
-            {**NODES, 40: (9, 0, 0), 41: (10, 0, 0), 42: (9, 1, 0), 43: (9, 0, 1)},
-            LOWER + UPPER + [(4, 1, 1, (40, 41, 42, 43))],
-            "2 parts that share no facet, of 8, 1 tetrahedra",
+            {**NODES, 41: (10, 0, 0), 42: (9, 1, 0), 43: (9, 0, 1)},
+            LOWER + UPPER + [(4, 1, 1, (20, 41, 42, 43))],
+            "1 nodes belong to bodies that share no facet (index 4): join the bodies",
         ),
     ],
 )

@@ -64,7 +64,7 @@ FULL = replace(
     step(1),
     events=(BEGINS, Event(0.05, "halved"), Event(0.1, "knots", control_points=31)),
     loads=(LoadRecord("top", 0.5, 1e-4, np.array([0.0, 1 / 3, -1.0])), LoadRecord("left", 1.0, 2e-4, np.ones(3))),
-    contact=ContactRecord(6, 2, -0.0, 120.0, 2e-4, 1 / 3, 1e-22),
+    contact=(ContactRecord("a - b", 6, 2, -0.0, 120.0, 1e-6, 2e-4, 1 / 3, 1e-22),),
     torques=(1e-6, -2e-6),
 )
 
@@ -125,7 +125,7 @@ def test_cells_are_what_the_records_say(tmp_path: Path) -> None:
     ("columns", "record", "elsewhere"),
     [
         (ENERGY, EnergyRecord, set()),
-        (CONTACT, ContactRecord, set()),
+        (CONTACT, ContactRecord, {"pair"}),
         (PIERCING_ARRAYS, PiercingRecord, {"name", "x", "channel"}),
         (HOLE_SUMMARY, PiercingRecord, {"name", "u", "v"}),
         ((*ORGAN_ARRAYS, *ORGAN_CELLS), OrganRecord, {"strained", "rotated", "pressed_turn"}),
@@ -140,8 +140,7 @@ def test_no_field_of_a_record_is_forgotten(columns: Sequence[Column[Any]], recor
 def test_each_column_takes_its_own_field() -> None:
     """Independent check: a column gives the field of its name, whichever record it is asked for."""
     hole, energy, thread = FULL.piercings[0], EnergyRecord(*np.arange(8.0)), frame(0.3).thread
-    assert FULL.contact is not None
-    for columns, record in ((HOLE_SUMMARY, hole), (ENERGY, energy), (CONTACT, FULL.contact)):
+    for columns, record in ((HOLE_SUMMARY, hole), (ENERGY, energy), (CONTACT, FULL.contact[0])):
         for name, value in values(columns, record).items():
             assert value is getattr(record, name)
     codes = {state: values(PIERCING_ARRAYS, replace(hole, state=state))["state"] for state in STATE_CODES}
@@ -176,7 +175,7 @@ def test_the_summary_has_the_names_users_rely_on(tmp_path: Path) -> None:
         *("tension_before", "tension_after", "state", "tangent"),
     }
     assert all(len(entry[name]) == 3 for name in ("x", "displacement", "force", "couple", "tangent"))
-    assert (found["seconds_per_step"], found["contact"]["pressed"]) == (2.0, 2)
+    assert (found["seconds_per_step"], found["contact"]["a - b"]["pressed"]) == (2.0, 2)
 
 
 def test_the_summary_is_silent_of_what_is_not_there(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from meshes.block import block
 from meshes.errors import MeshError
 from meshes.given import given_mesh
 from studies.output.quantities import quantities
+from studies.output.reading import ResultsError
 from studies.output.records import StepRecord
 from studies.scenario import ScenarioError, dump, parse
 from studies.scenario.toml import changed
@@ -81,9 +82,9 @@ def test_a_run_is_opened(tmp_path: Path) -> None:
     assert table.attrs["units"]["force_x"] == "N"
     assert table["force_x"].tolist() == [step.piercings[0].force[0] for step in seen]
     assert run.table("events")["event"].tolist() == [event.kind for step in seen for event in step.events]
-    with pytest.raises(ScenarioError, match="the nearest is piercings"):
+    with pytest.raises(ResultsError, match="the nearest is piercings"):
         run.table("piercing")
-    with pytest.raises(ScenarioError, match="holds no run"):
+    with pytest.raises(ResultsError, match="holds no run"):
         studies.open_run(tmp_path)
     with pytest.raises(ScenarioError, match="holds a run already"):
         studies.run(parse(ORGAN), tmp_path / "run")

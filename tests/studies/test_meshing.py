@@ -198,8 +198,14 @@ def refusal(case: Callable[[], Scenario]) -> str:
         ("nearer than their footprints", lambda: scenario(BLOCK, (ENTRY, {**EXIT, "at": [-0.0035, 0, 0]}))),
         ("across the slit", lambda: scenario(SLIT, (ENTRY, {**EXIT, "at": [0.0008, 0, 0]}), clamp=["bottom"])),
         ("across the slit", lambda: scenario(SLIT, (ENTRY, {**EXIT, "at": [0.0, 0.0105, 0]}), clamp=["bottom"])),
-        ("is held by nothing", lambda: scenario({**SLIT, "length": 0.04, "depth": 0.02}, clamp=["left"])),
-        ("is held by nothing", lambda: scenario({**SLIT, "length": 0.04, "depth": 0.02})),
+        (
+            "can still move along x, y, z and turn",
+            lambda: scenario({**SLIT, "length": 0.04, "depth": 0.02}, clamp=["left"]),
+        ),
+        (
+            "in 2 parts, and that about",
+            lambda: scenario({**SLIT, "length": 0.04, "depth": 0.02}, roller=["left", "bottom"]),
+        ),
         (
             "no cell has its centre in it; the organ spans [-0.03, -0.02, -0.02] to [0.03, 0.02, 0.0] m",
             lambda: scenario(BLOCK, region=[{"name": "a", "box": [[1, 1, 1], [2, 2, 2]]}]),

@@ -66,6 +66,11 @@ def energy(kinetic: float, elastic: float) -> EnergyRecord:
 JUDGED: dict[str, tuple[float, int, Judge]] = {
     "hole-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_at_holes(["a"], met(mean_strain=np.array([x])))),
     "hole-rotation": (SMALL_ROTATION, 1, lambda x: judging.beyond_at_holes(["a"], met(turn=np.array([x])))),
+    "subgrid-strain": (
+        SMALL_STRAIN,
+        1,
+        lambda x: judging.beyond_at_springs(["a"], met(mean_strain=np.array([x])), {"a": 0.2}),
+    ),
     "tissue-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5))),
     "tissue-rotation": (SMALL_ROTATION, 1, lambda x: judging.beyond_in_tissue(met(rotation=x, rotated=0.5))),
     "local-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5 * SHARE))),

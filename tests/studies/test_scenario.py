@@ -33,6 +33,13 @@ WOUND = (
 
 # (override, the words that the one sentence must contain: key, value, what is allowed or the remedy)
 REFUSED = [
+    ("contact=[{between=['top','tpo']}]", ["contact.0.between", "tpo", "no such boundary", 'nearest is "top"']),
+    ("contact=[{between=['top','top']}]", ["contact.0.between", "not in contact with itself", "name two"]),
+    ("contact=[{between=['top','left'],friction=0.2}]", ["contact.0.friction = 0.2", "no friction; take 0"]),
+    (
+        "contact=[{between=['top','left']},{between=['left','top']}]",
+        ["contact.1.between", "in contact already", "leave one out"],
+    ),
     ("tissue.poison_ratio=0.4", ["tissue.poison_ratio = 0.4", "no such key", "tissue.poisson_ratio"]),
     ("tissue.mesh.szie=1", ["tissue.mesh.szie = 1", "no such key", "tissue.mesh.size"]),
     ("thread.end.wayponts=1", ["thread.end.wayponts = 1", "no such key", "thread.end.waypoints"]),
@@ -69,6 +76,14 @@ REFUSED = [
     ("tissue.mesh={kind='file',path='a.msh',h=1e-3}", ["tissue.mesh.h = 0.001", "tetrahedra already", ".stl"]),
     ("tissue.mesh={kind='file',path='a.stl',h=1e-3,h_site=2e-3}", ["tissue.mesh.h_site = 0.002", "not exceed"]),
     ("tissue.mesh.growth=1.0", ["tissue.mesh.growth = 1.0", "greater than 1"]),
+    ("tissue.material='rubber'", ['tissue.material = "rubber"', "neo-hookean", "exponential"]),
+    ("tissue.stiffening=5.0", ["tissue.stiffening = 5.0", "a linear material has none", "exponential"]),
+    ("tissue.prestretch=[1.1,1.0,0.9]", ["tissue.prestretch = [1.1, 1.0, 0.9]", "a linear material has none"]),
+    ("tissue.material='exponential'", ["tissue.stiffening is missing", "neo-hookean"]),
+    (
+        "tissue.region=[{name='a',box=[[0,0,0],[1,1,-1]],material='neo-hookean'}]",
+        ["tissue.region.a.material", "small and finite strain do not go together"],
+    ),
     ("tissue.region=[{name='a'}]", ["tissue.region.a is refused", "only a mesh file names regions"]),
     ("tissue.region=[{name='a',depth=[2e-3,1e-3]}]", ["tissue.region.a.depth = [0.002, 0.001]", "must grow"]),
     ("tissue.region=[{name='a',depth=[0,0.03]}]", ["tissue.region.a.depth = [0.0, 0.03]", "0.02 m high"]),
@@ -214,6 +229,40 @@ def test_a_tube_is_told_of_its_wall_and_of_its_boundaries(contract: Path) -> Non
     wall, clamp = caught.value.problems
     assert wall.startswith("tissue.mesh.wall = 0.01 is refused: it must be below radius")
     assert clamp.startswith('tissue.clamp = ["bottom"]') and "left, right, inner, outer" in clamp
+
+
+NEO = "tissue.material='neo-hookean'"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ([NEO, "tissue.stiffening=5.0"], ["tissue.stiffening = 5.0", "a neo-Hookean material has none"]),
+        ([NEO, "tissue.rayleigh=[0.0,1e-3]"], ["tissue.rayleigh = [0.0, 0.001]", "take β = 0"]),
+        ([NEO, WOUND + "}", "tissue.contact=true"], ["tissue.contact = true", 'material = "linear"']),
+        ([NEO, "solve.coupling=staggered"], ['solve.coupling = "staggered"', "monolithic", 'material = "linear"']),
+        ([NEO, "solve.scheme=linear", "solve.friction=two-pass"], ['solve.scheme = "linear"', "newton"]),
+        ([NEO, "solve.friction=two-pass"], ['solve.friction = "two-pass"', "implicit"]),
+        (
+            [NEO, "tissue.fibres=[{direction=[0,0,0],k1=1.0,k2=1.0}]"],
+            ["tissue.fibres.0.direction = [0.0, 0.0, 0.0]", "other than zero"],
+        ),
+        (
+            [NEO, "tissue.region=[{name='a',box=[[0,0,0],[1,1,-1]],material='exponential'}]"],
+            ["tissue.region.a.stiffening is missing"],
+        ),
+        (
+            [NEO, "tissue.region=[{name='a',box=[[0,0,0],[1,1,-1]],material='linear'}]"],
+            ["tissue.region.a.material", "small and finite strain do not go together"],
+        ),
+    ],
+)
+def test_what_does_not_go_with_finite_strain_is_refused(contract: Path, overrides: list[str], words: list[str]) -> None:
+    """Independent check: one sentence with the key and the remedy, before anything is computed."""
+    with pytest.raises(ScenarioError) as caught:
+        load(contract, overrides)
+    assert len(caught.value.problems) == 1, caught.value.problems
+    assert [word for word in words if word not in caught.value.problems[0]] == [], caught.value.problems
 
 
 @pytest.mark.parametrize(
@@ -433,7 +482,8 @@ def test_the_schema_describes_every_key() -> None:
         if "description" not in field and key != "kind"
     ]
     assert nameless == []
-    assert {"title", "tissue", "thread", "piercing", "solve", "output"} == set(written["properties"])
+    expected = {"title", "tissue", "thread", "piercing", "cut", "contact", "solve", "output"}
+    assert expected == set(written["properties"])
     assert "from" in written["$defs"]["Piercing"]["properties"]
     assert all(table.get("additionalProperties") is False for table in tables)
 

@@ -101,8 +101,9 @@ def test_a_case_has_the_summary_of_a_run(tmp_path: Path) -> None:
 
 
 def test_every_quantity_has_its_unit() -> None:
-    """Independent check: forces in newton, lengths in metre, words without; a vector by its components."""
-    summary = summary_of(ORGAN)
+    """Independent check: forces in newton, lengths in metre, words without; a vector by its components, a load by its
+    number."""
+    summary = summary_of(changed(ORGAN, {"tissue.load": [{"boundary": "top", "traction": [0.0, 0.0, 10.0]}]}))
     found = quantities(summary)
     units = {
         "time": "s",
@@ -115,11 +116,20 @@ def test_every_quantity_has_its_unit() -> None:
         "range.largest_rotation": "rad",
         "range.piercings.ring.turn": "rad",
         "subgrid.ring.share": "-",
+        "loads.0.area": "m²",
+        "loads.0.force_z": "N",
     }
     assert {name: found[name].unit for name in units} == units
     assert found["piercings.ring.force_x"].value == summary["piercings"]["ring"]["force"][0]
     words = {name for name, quantity in found.items() if not quantity.unit}
-    assert words == {"status", "error", "piercings.ring.state", "subgrid.ring.by", "subgrid.ring.holds"}
+    assert words == {
+        "status",
+        "error",
+        "piercings.ring.state",
+        "subgrid.ring.by",
+        "subgrid.ring.holds",
+        "loads.0.boundary",
+    }
 
 
 def test_failures_are_rows(tmp_path: Path) -> None:

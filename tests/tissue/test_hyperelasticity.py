@@ -43,6 +43,8 @@ def test_force_and_tangent_are_the_derivatives_of_the_energy(element: str, nu: f
     U, dU = 0.004 * U, 0.005 * dU
     F = hyper.gradient(U)
     force, K = hyper.forces(F)[0][body.free], hyper.tangent(F)
+    volumes = hyper.weights.sum(axis=0)
+    assert hyper.energy_density(F) @ volumes == pytest.approx(hyper.energy(F), rel=IDENTITY)
     errors = []
     for h in (1e-2, 1e-3):
         sides = [hyper.gradient(U + s * h * dU) for s in (1.0, -1.0)]

@@ -191,6 +191,7 @@ def layered(element: str, cells: float, contrast: float, thickness: float) -> tu
     ("element", "cells", "contrast", "thickness"),
     [
         ("P1", 4.0, 10.0, 0.5),
+        ("P1", 4.0, 0.1, 0.5),
         ("P1", 2.0, 0.1, 1.0),
         ("P1", 0.5, 0.1, 2.0),
         ("P2", 4.0, 10.0, 2.0),

@@ -119,3 +119,25 @@ def test_scenario_refuses() -> None:
         assemble(scenario(True, clamp=[], roller=["bottom"]))
     with pytest.raises(ValueError, match="must be held"):
         scenario(True, clamp=[], roller=[])
+
+
+@pytest.mark.parametrize(
+    ("held", "left"),
+    [
+        ([], "move along x, y, z and turn about an axis along x, y, z"),
+        ([(0, "xyz")], "turn about an axis along x, y, z"),
+        ([(0, "xyz"), (1, "xyz")], "turn about an axis along x"),
+        ([(0, "z"), (1, "z"), (2, "z")], "move along x, y and turn about an axis along z"),
+        ([(0, "xyz"), (3, "xyz")], "turn about an axis along [0.707, 0.707, 0.0]"),
+        ([(0, "xyz"), (1, "xyz"), (2, "xyz")], ""),
+    ],
+)
+def test_the_rigid_motions_that_are_left(held: list[tuple[int, str]], left: str) -> None:
+    """Independent check: a square plate held in points and along axes; each motion moves none of what is held."""
+    points = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [2.0, 2.0, 0.0]])
+    mask = np.zeros((4, 3), dtype=bool)
+    for node, axes in held:
+        mask[node, ["xyz".index(axis) for axis in axes]] = True
+    words = tissue.motions_in_words(tissue.rigid_motions(points, mask)).replace("-", "")
+    assert words == left
+    assert tissue.holds_still(points, mask) == (left == "")

@@ -16,6 +16,7 @@ The forces p on the pairs are those of a pressure against the P1 functions ψ of
 pressure, it gathers those of the edges.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,7 +24,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import block_diag, csr_array, csr_matrix
+from scipy.sparse import csr_array, csr_matrix
 
 from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
@@ -35,6 +36,7 @@ SLID = 0.01  # of the smallest facet of the right side: nearer, what lies in fro
 CLOSED = 1e-12  # over the lips' extent: a gap this far below zero is that of a closed slit
 SUNK = 0.1  # of a facet: surfaces made of facets that touch overlap by less
 LIPS = ("lip_left", "lip_right")
+EXACT = 9  # digits in which the sizes of facets are compared
 MIDDLES = np.array([[0, 1], [1, 2], [0, 2]])  # of a facet's sides, as they come behind its corners
 
 
@@ -62,6 +64,10 @@ class Part:
     def faced(self, points: Array) -> Array:
         """Return what each left node faces with all nodes at `points` `(n, 3)` [m], shape `(k, 7)`."""
         return face(points[self.left], points, self.facets[:, :3], self.ends, self.along)
+
+    def vertex_pressure(self, p: Array) -> Array:
+        """Return the pressure at the left vertices under the forces `p` `(k,)` [N], shape `(v,)` [Pa]."""
+        return np.asarray((self.hats @ p) / self.areas)
 
 
 @dataclass(frozen=True)
@@ -101,13 +107,8 @@ class Gaps:
         return np.union1d(self.left, self.facets)
 
     @cached_property
-    def hats(self) -> csr_array:
-        """P1 functions of the left vertices at the pairs, shape `(v, k)`."""
-        return csr_array(block_diag([part.hats for part in self.parts]))
-
-    @cached_property
     def areas(self) -> Array:
-        """Integrals of those, shape `(v,)` [m²]."""
+        """Areas of the left vertices, shape `(v,)` [m²]."""
         return np.concatenate([part.areas for part in self.parts])
 
     @cached_property
@@ -140,7 +141,8 @@ class Gaps:
 
     def pressure(self, p: Array) -> Array:
         """Return the pressure at the pairs under the forces `p` `(k,)` [N], shape `(k,)` [Pa]."""
-        return np.asarray(self.hats.T @ ((self.hats @ p) / self.areas))
+        own = zip(self.parts, self.slices, strict=True)
+        return np.concatenate([part.hats.T @ part.vertex_pressure(p[pairs]) for part, pairs in own])
 
     def slides(self, displacement: Array) -> Array:
         """Return how far each pair has slid, the way of what it faced at first past its left node along the surface,
@@ -213,8 +215,9 @@ def build_gaps(body: Elasticity, vertices: ArrayLike, facets: ArrayLike, normal:
 def surface_gaps(body: Elasticity, between: Sequence[tuple[str, str]]) -> Gaps:
     """Return the gaps between pairs of boundaries of the mesh by name.
 
-    Of two the facets are those of the second, but of the first where that is held and the second is not. Raises
-    `TissueError` where they overlap by more than SUNK of a facet, or nothing of them can move.
+    The left of two is that with the smaller facets, or the only one that is not held: nodes that are farther apart than
+    those they press on leave some of these without a force. Raises `TissueError` where they overlap by more than SUNK
+    of a facet, or nothing of them can move.
     """
     return Gaps(body, tuple(_between(body, names) for names in between))
 
@@ -222,8 +225,10 @@ def surface_gaps(body: Elasticity, between: Sequence[tuple[str, str]]) -> Gaps:
 def _between(body: Elasticity, between: tuple[str, str]) -> Part:
     """Return the pairs of two boundaries by name."""
     sides = [facets_of(body.mesh, "contact", name) for name in between]
-    free = [_movable(body)[body.mesh.facets[:, facets]].any() for facets in sides]
-    first, second = sides[::-1] if free[1] and not free[0] else sides
+    for name, facets in zip(between, sides, strict=True):
+        if (body.mesh.f2t[1, facets] >= 0).any():
+            raise TissueError(f"contact: the boundary {name!r} has facets inside the organ; name one on its surface")
+    first, second = sorted(sides, key=lambda facets: _rank(body, facets))
     triangles, right = (body.mesh.facets[:, facets].T.astype(np.intp) for facets in (first, second))
     behind = body.points[body.mesh.t[:, body.mesh.f2t[0, second]].T].mean(axis=1)
     right = body.facet_nodes(_turned(body.points, right, behind - body.points[right].mean(axis=1)))
@@ -237,6 +242,13 @@ def _between(body: Elasticity, between: tuple[str, str]) -> Part:
             f"loaded, which is more than {SUNK:g} of a facet of {size:.3g} m; move them apart, or name those that meet"
         )
     return part
+
+
+def _rank(body: Elasticity, facets: Indices) -> tuple[bool, float]:
+    """Return whether a surface is held, and the mean size of its facets [m]: the lower is on the left."""
+    corners = body.mesh.facets[:, facets].T
+    size = float(triangle_sizes(body.points[corners]).mean())
+    return not _movable(body)[corners].any(), round(size, EXACT - math.floor(math.log10(size)))
 
 
 def _part(

@@ -39,7 +39,7 @@ from tissue.elasticity import Elasticity
 from tissue.sites.bisection import PAIRS
 from tissue.sites.closed_form import Footprint, answer, foreign, moduli, unbounded
 from tissue.sites.patch import Patch
-from tissue.sites.surface import Surface
+from tissue.sites.surface import Surface, closest_on_triangles
 from tissue.supports import holds_still
 
 RINGS = 2.0  # cells between what the footprint touches and the rim of the closed form's patch, at least
@@ -49,6 +49,7 @@ EVEN = 0.03  # spread of E, and of ν, up to which the tissue around a hole is o
 NEGLIGIBLE = 1e-6  # of the site's compliance
 SAME = 1e-9  # of a cell: places nearer than this are one
 FINEST = {"disc": 0.15, "half ball": 0.15, "ball": 0.4}  # size of cells over the radius: forces to 1 %, couples to 3 %
+THIN = 2.0 / 3.0  # of that where stiffer tissue begins within a radius: couples in so thin a layer to 4 %, else to 6 %
 SLOPE = 0.6  # growth of that size with the distance from disc or ball
 REACH, CELLS = 1.0, 1.5  # radii, and longest edges, from the rim of a hole to that of its patch, whichever is more
 WIDER = 1.5  # of the reach, each time that the second patch grows
@@ -278,9 +279,23 @@ class Patches:
         """Size wanted of cells with these corners `(c, 4, 3)`, shape `(c,)` [m]."""
         middles = corners.mean(axis=1)
         wanted = [
-            FINEST[hole.seen.kind] * hole.seen.radius + SLOPE * hole.seen.distance(middles) for hole in self.holes
+            finest + SLOPE * hole.seen.distance(middles) for finest, hole in zip(self.finest, self.holes, strict=True)
         ]
         return np.asarray(np.min(wanted, axis=0))
+
+    @cached_property
+    def finest(self) -> list[float]:
+        """Size wanted of the cells at each hole [m]."""
+        mesh, E = self.body.mesh, np.broadcast_to(self.body.material.youngs_modulus, self.distances.shape)
+        inner = np.flatnonzero(mesh.f2t[1] >= 0)
+        stiffer = E[mesh.f2t[:, inner]].max(axis=0)
+        sizes = []
+        for hole, own in zip(self.holes, self.stiff, strict=True):
+            border = inner[stiffer > own * (1.0 + EVEN)]
+            nearest = closest_on_triangles(hole.seen.centre, mesh.p.T[mesh.facets[:, border].T])
+            depth = float(np.linalg.norm(nearest - hole.seen.centre, axis=1).min(initial=np.inf))
+            sizes.append(FINEST[hole.seen.kind] * hole.seen.radius * (THIN if depth < hole.seen.radius else 1.0))
+        return sizes
 
     @property
     def rows(self) -> csr_matrix:

@@ -1,0 +1,28 @@
+"""Contact: two surfaces of the organ that press on one another where they meet."""
+
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from studies.scenario.refusal import as_toml
+from studies.scenario.table import NotNegative, ScenarioTable, Text
+
+
+class Contact(ScenarioTable):
+    """Contact between two boundaries of the organ: nodes of one, against facets of the other."""
+
+    between: tuple[Text, Text] = Field(
+        description="names of the two boundaries; nodes of the finer one press on facets of the other",
+        examples=[["lip_left", "lip_right"]],
+    )
+    friction: NotNegative = Field(default=0.0, description="coefficient of friction [-]; so far 0")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.between[0] == self.between[1]:
+            raise ValueError(
+                f".between = {as_toml(self.between)} is refused: a surface is not in contact with itself; name two"
+            )
+        if self.friction:
+            raise ValueError(f".friction = {self.friction} is refused: so far contact has no friction; take 0")
+        return self

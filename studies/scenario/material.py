@@ -1,0 +1,77 @@
+"""The keys of the organ's material beyond E, ν and ρ, of `[tissue]` and of `[[tissue.region]]`."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from studies.scenario.refusal import as_key, as_toml
+from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector
+
+Law = Literal["linear", "neo-hookean", "exponential"]
+FAMILIES = 2  # of fibres at one place, at most
+
+
+class Fibre(ScenarioTable):
+    """Family of fibres that carry tension alone."""
+
+    direction: Vector = Field(description="direction of the fibres in the reference shape, of any length [-]")
+    k1: NotNegative = Field(description="their stiffness where they begin to bear [Pa]")
+    k2: Positive = Field(description="their stiffening [-]")
+
+    @model_validator(mode="after")
+    def _check_direction(self) -> Self:
+        if not any(self.direction):
+            raise ValueError(f".direction = {as_toml(self.direction)} is refused: allowed is a vector other than zero")
+        return self
+
+
+class MaterialKeys(ScenarioTable):
+    """Keys of a material at finite strain."""
+
+    stiffening: Positive | None = Field(
+        default=None,
+        description='stiffening b [-] of an "exponential" material, which needs it: W = μ/(2b) (exp(b(Ī₁ − 3)) − 1) + '
+        "κ/2 (J − 1)²",
+        examples=[5.0],
+    )
+    fibres: Annotated[tuple[Fibre, ...], Field(max_length=FAMILIES)] | None = Field(
+        default=None,
+        description="up to two families of fibres, each with direction [-], k1 [Pa] and k2 [-], that carry tension "
+        "alone: W = k1/(2 k2) (exp(k2 ⟨Ī₄ − 1⟩²) − 1); default: none",
+        examples=[[{"direction": [1.0, 0.0, 0.0], "k1": 2.0e4, "k2": 10.0}]],
+    )
+    prestretch: tuple[Positive, Positive, Positive] | None = Field(
+        default=None,
+        description="principal stretches along x, y, z that the reference shape has [-]: cut free, the tissue goes "
+        "back; default: none",
+        examples=[[1.05, 1.0, 0.952]],
+    )
+
+
+def missing_or_idle(material: Law, keys: MaterialKeys, stiffening: float | None) -> str | None:
+    """Return what is wrong with the keys of a material, None if nothing; `stiffening` is the one that acts."""
+    given = next((key for key in MaterialKeys.model_fields if getattr(keys, key) is not None), None)
+    if material == "linear" and given:
+        return (
+            f".{given} = {as_toml(keys.model_dump(exclude_none=True)[given])} is refused: a linear material has none; "
+            'take material = "neo-hookean" or "exponential", or leave it out'
+        )
+    if material == "neo-hookean" and keys.stiffening is not None:
+        return (
+            f'.stiffening = {keys.stiffening} is refused: a neo-Hookean material has none; take "exponential", or '
+            "leave it out"
+        )
+    if material == "exponential" and stiffening is None:
+        return '.stiffening is missing: material is exponential; soft tissue has about 5.0, or take "neo-hookean"'
+    return None
+
+
+def region_problem(organ: Law, name: str, region: Law | None) -> str | None:
+    """Return what is wrong with the material of a region in an organ of a material, None if nothing."""
+    if region is None or (region == "linear") == (organ == "linear"):
+        return None
+    remedy = 'give tissue.material, for example "neo-hookean"' if organ == "linear" else 'take "neo-hookean"'
+    return (
+        f".region.{as_key(name)}.material = {as_toml(region)} is refused: the organ's is {organ}, and small and finite "
+        f"strain do not go together; {remedy}"
+    )

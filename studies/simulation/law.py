@@ -1,0 +1,51 @@
+"""The strain-energy density of a scenario's organ, cell by cell where its regions have their own."""
+
+import numpy as np
+
+import tissue
+from studies import scenario as model
+from studies.arrays import Array
+from tissue.materials.density import Density, Sum
+from tissue.materials.fibres import Fibres
+from tissue.materials.isotropic import Exponential
+
+
+def hyperelasticity_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Hyperelasticity:
+    """Return the energy of an organ at finite strain."""
+    parts: list[Density] = [Exponential(body.material.lame_mu, stiffening_of(table, body)), *fibres_of(table, body)]
+    return tissue.Hyperelasticity(body, Sum(parts), prestretch_of(table, body))
+
+
+def stiffening_of(table: model.Tissue, body: tissue.Elasticity) -> Array:
+    """Return b per cell, shape `(c,)` [-]: none of a neo-Hookean material."""
+    out = np.full(body.mesh.nelements, table.stiffening or 0.0)
+    for region in table.region:
+        own = region.stiffening or (table.stiffening or 0.0)
+        out[body.mesh.subdomains[region.name]] = 0.0 if region.material == "neo-hookean" else own
+    return out
+
+
+def fibres_of(table: model.Tissue, body: tissue.Elasticity) -> list[Fibres]:
+    """Return the families of fibres, each where its organ or region has it."""
+    owner, families = np.zeros(body.mesh.nelements, dtype=np.intp), [table.fibres or ()]
+    for region in table.region:
+        if region.fibres is not None:
+            owner[body.mesh.subdomains[region.name]] = len(families)
+            families.append(region.fibres)
+    return [
+        Fibres(family.direction, family.k1 * (owner == k), family.k2)
+        for k, those in enumerate(families)
+        for family in those
+    ]
+
+
+def prestretch_of(table: model.Tissue, body: tissue.Elasticity) -> Array:
+    """Return the principal stretches of the reference shape, shape `(3,)`, or `(3, c)` where a region has its own."""
+    whole = np.array(table.prestretch or (1.0, 1.0, 1.0))
+    if all(region.prestretch is None for region in table.region):
+        return whole
+    out = np.repeat(whole[:, None], body.mesh.nelements, axis=1)
+    for region in table.region:
+        if region.prestretch is not None:
+            out[:, body.mesh.subdomains[region.name]] = np.array(region.prestretch)[:, None]
+    return out

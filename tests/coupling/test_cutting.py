@@ -1,0 +1,158 @@
+"""A thread that is cut while it is under tension: what stays, what moves, and how a run goes on."""
+
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from coupling.adaptivity import momentum
+from coupling.audit import initial_energies
+from coupling.cutting import cut_thread
+from coupling.errors import CouplingError
+from coupling.run import Run
+from studies.command import command
+from studies.scenario import ScenarioError, dump, parse
+from studies.simulation import prepare
+from studies.simulation.assembly import assemble
+from tests.bounds import IDENTITY
+from thread.catalogue import suture
+from thread.knots import uniform_knots
+from thread.refit import cut
+from thread.spline import Spline
+
+AUDIT = 1e-9  # of the energy at stake
+LENGTH, STRAIN = 0.03, 0.01
+STRING: dict[str, Any] = {
+    "thread": {
+        "suture": "2-0 polypropylene",
+        "control_points": 43,
+        "graded": 1.0,
+        "length": LENGTH / (1.0 + STRAIN),
+        "path": [[0, 0, 0], [LENGTH, 0, 0]],
+        "start": {"kind": "fixed"},
+        "end": {"kind": "driven", "waypoints": [[0.0, LENGTH, 0.0, 0.0]]},
+    },
+    "cut": [{"s": 0.0121, "time": 1e-6}],
+    "solve": {"dt": 1e-7, "duration": 7e-6},
+}
+STITCH: dict[str, Any] = {
+    "thread": {
+        "suture": "2-0 polypropylene",
+        "control_points": 40,
+        "damping": 20.0,
+        "path": [[-0.01, 0, 0.004], [-0.004, 0, 0], [0.004, 0, 0], [0.01, 0, 0.004]],
+        "length": 0.0222,
+        "start": {"kind": "fixed"},
+        "end": {"kind": "driven", "waypoints": [[0.0, 0.01, 0, 0.004]]},
+    },
+    "piercing": [
+        {"name": "left", "at": [-0.004, 0, 0], "kind": "anchored"},
+        {"name": "right", "at": [0.004, 0, 0], "friction": {"static": 0.1, "kinetic": 0.1}},
+    ],
+    "cut": [{"s": 0.0113, "time": 3e-5}],
+    "solve": {"dt": 1e-5, "duration": 1.2e-4},
+    "output": {"every": 3},
+}
+
+
+@pytest.mark.parametrize("s", [0.0121, 0.0125, 0.012501])
+def test_a_cut_spline_holds_the_same_functions(s: float) -> None:
+    """Independent check: on either side the curve is what it was, up to the cut; it stands at s, or at a knot nearer
+    than a tenth of a span, and then no span is added."""
+    spline = Spline(uniform_knots(LENGTH, 27))
+    q = np.random.default_rng(0).standard_normal((spline.n, 3))
+    other, place, (same,) = cut(spline, s, [q])
+    assert other.pieces == 2 and np.array_equal(other.cuts, [place]) and abs(place - s) < 0.1 * LENGTH / 24
+    at_knot = bool(np.any(spline.breaks == place))
+    assert other.n == spline.n + (3 if at_knot else 4) and len(other.breaks) == len(spline.breaks) + (not at_knot)
+    for low, high in ((0.0, place), (place, LENGTH)):
+        there = np.linspace(low, high, 50)
+        home = np.full(50, 0.5 * (low + high))
+        was, now = spline.curve(q, there)[:, 0], other.curve(same, there, home)[:, 0]
+        assert np.abs(was - now).max() <= IDENTITY * np.abs(q).max()
+
+
+def states(table: dict[str, Any]) -> list[Run[Any]]:
+    """The run after every step."""
+    simulation = prepare(parse(table))
+    runs = [simulation.beginning()]
+    while runs[-1].number < simulation.steps:
+        runs.append(simulation.next(runs[-1]))
+    return runs
+
+
+def test_a_string_that_is_cut_recoils_with_the_wave() -> None:
+    """Independent check: the cut keeps momentum and energy. From then on each holder goes on with the tension T until
+    the wave c = √(E/ρ) reaches it, so that the pieces gain −T t and T t, and the new ends go apart at 2 T/(ρAc); the
+    balance of energy closes."""
+    runs = states(STRING)
+    section = suture("2-0 polypropylene")
+    (number, event), = [(run.number, event) for run in runs for event in run.events]  # fmt: skip
+    assert (number, event.kind, event.piercing, event.control_points) == (10, "cut", "", 47)
+    assert abs(event.loss) <= AUDIT * runs[9].energies.elastic and np.abs(event.impulse).max() <= 1e-15
+    now = runs[-1]
+    T, t = float(runs[9].state.reaction[1, 0]), now.state.time - event.time
+    assert pytest.approx(section.EA * STRAIN, rel=0.02) == T
+    split = int(np.searchsorted(now.system.thread.spline.knots, event.s))
+    p = now.system.thread.momentum(now.state.v)[:, 0]
+    assert p[:split].sum() == pytest.approx(-T * t, rel=0.01) and p[split:].sum() == pytest.approx(T * t, rel=0.01)
+    apart = now.state.v[split, 0] - now.state.v[split - 1, 0]
+    wave = np.sqrt(section.EA / section.rhoA)
+    assert apart == pytest.approx(2.0 * T / (section.rhoA * wave), rel=0.1)
+    assert abs(now.energies.balance_error) <= AUDIT * now.energies.at_stake
+    assert now.energies.kinetic > 0.1 * runs[9].energies.elastic
+
+
+def test_a_cut_stitch_lets_its_hole_go(tmp_path: Path) -> None:
+    """Independent check: behind the cut nothing bears, the strand at the anchor is slack, and the balance closes.
+    Consistency check: a run that goes on before and one after the cut give the same numbers, bit by bit."""
+    runs = states(STITCH)
+    assert runs[3].piercings[0].tension_after > 10.0 * abs(runs[-1].piercings[0].tension_after)
+    energies = runs[-1].energies
+    assert abs(energies.balance_error) <= AUDIT * energies.at_stake
+    file, say = tmp_path / "scene.toml", ["--quiet", "--no-picture"]
+    file.write_text(dump(parse(STITCH)))
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    assert command.main(["run", str(file), "--out", str(whole), *say]) == 0
+    assert command.main(["run", str(file), "--out", str(parts), "--set", "solve.duration=3e-5", *say]) == 0
+    assert command.main(["run", str(file), "--out", str(parts), "--resume", *say]) == 0
+    for name in ("piercings.csv", "energy.csv", "events.csv"):
+        assert (whole / name).read_bytes() == (parts / name).read_bytes()
+    assert ",cut,," in (whole / "events.csv").read_text()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"thread": {"resolution": "adaptive"}}, "thread.resolution.*not cut during such a run"),
+        ({"thread": {"energy": "springs"}}, "thread.energy.*not cut during such a run"),
+        ({"thread": {"twist": True}}, "thread.twist.*not cut during such a run"),
+        ({"solve": {"kind": "static"}}, "solve.kind.*not cut during such a run"),
+        ({"solve": {"scheme": "linear"}}, "solve.scheme.*not cut during such a run"),
+        ({"cut": [{"s": 0.01, "time": 1.0}] * 2}, "cut.s.*cut there already"),
+        ({"cut": [{"s": 0.1, "time": 1.0}]}, "cut.s.*between 0 and the thread's length"),
+        ({"cut": [{"s": 0.01, "time": 0.0}]}, "cut.0.time"),
+    ],
+)
+def test_refusals(change: dict[str, Any], words: str) -> None:
+    """Independent check: what cannot be cut is refused by its key before anything is solved."""
+    table = deepcopy(STRING)
+    for key, value in change.items():
+        table[key] = table[key] | value if isinstance(value, dict) else value
+    with pytest.raises(ScenarioError, match=words):
+        assemble(parse(table))
+
+
+def test_what_is_cut_already_is_refused() -> None:
+    """Independent check: from Python, at the place of a cut and at an end; elsewhere the energies are those before."""
+    simulation = prepare(parse(STRING))
+    system, state = simulation.assembly.system, simulation.start
+    other, new, event = cut_thread(system, state, 0.02)
+    assert np.abs(momentum(other, new) - momentum(system, state)).max() == 0.0
+    before, after = initial_energies(system, state), initial_energies(other, new)
+    assert after.elastic == pytest.approx(before.elastic, rel=IDENTITY)
+    for place in (event.s, 0.0, 1e-6, 1.0):
+        with pytest.raises(CouplingError, match="cut at"):
+            cut_thread(other, new, place)

@@ -1,0 +1,197 @@
+"""An organ at finite strain alone: the linear organ at small load, cut frames, prestretch, impulse, refusals."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import skfem
+
+import tissue
+from coupling.integrators import BackwardEuler, Equilibrium
+from tests.bounds import RESIDUAL, SLOPE, TWO_SOLVERS
+from tissue.arrays import Array
+from tissue.materials.isotropic import Exponential
+from tissue.organs.finite import FiniteAnswer
+from tissue.sites.finite import SiteMap
+
+NONE = np.zeros(0)
+POINTS = ((-0.005, 0.0, 0.0), (0.005, 0.0, 0.0))
+DIRECTIONS: dict[str, Any] = {"normal": "normal", "fibre": (0.3, 0.1, 1.0), "free": None}
+
+
+def block(nu: float = 0.45, **more: Any) -> tissue.Elasticity:
+    """A block with its top at z = 0, held below."""
+    lines = np.linspace(-0.015, 0.015, 7), np.linspace(-0.01, 0.01, 5), np.linspace(-0.01, 0.0, 4)
+    mesh = skfem.MeshTet.init_tensor(*lines).with_boundaries({"bottom": lambda x: np.isclose(x[2], -0.01)})
+    return tissue.elasticity(mesh, tissue.Material(1e5, nu, 1070.0), "P1", **{"clamp": ["bottom"]} | more)
+
+
+def sites_of(body: tissue.Elasticity, direction: Any, subgrid: bool = False) -> tissue.Sites:
+    return tissue.build_sites(body, [tissue.Site(x, 2e-3, direction=direction, subgrid=subgrid) for x in POINTS])
+
+
+def settled(organ: tissue.FiniteOrgan, f_y: Array, state: tissue.OrganState | None = None) -> tissue.OrganState:
+    """The equilibrium under site forces."""
+    answer: FiniteAnswer = organ.answer(Equilibrium(), [state or organ.start()])
+    for _ in range(30):
+        after = answer.again(f_y, NONE)
+        if after is answer:
+            return answer.accept(f_y)
+        answer = after
+    raise AssertionError("no equilibrium")
+
+
+@pytest.mark.parametrize("b", [0.0, 5.0])
+@pytest.mark.parametrize("name", DIRECTIONS)
+@pytest.mark.parametrize("nu", [0.45, 0.49])
+def test_small_loads_give_the_linear_organ(name: str, b: float, nu: float) -> None:
+    """Independent check: the difference from the linear organ falls by 100 when the load falls by 10; springs of a
+    coarse mesh are the same."""
+    body = block(nu)
+    sites = sites_of(body, DIRECTIONS[name], subgrid=nu == 0.45)
+    linear = tissue.QuasiStaticOrgan(body, sites)
+    hyper = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, b))
+    organ = tissue.FiniteOrgan(body, sites, hyper=hyper, inertia=False)
+    shape = np.array([1.0, 0.2, 0.5, 1e-3, -5e-4, 3e-4, 2e-4, 1e-3, -1e-3])
+    f = np.concatenate([shape, -shape])
+    differences = []
+    for load in (1e-2, 1e-3):
+        y = organ.site_variables(settled(organ, load * f))
+        exact = linear.site_variables(linear.answer(Equilibrium(), [linear.start()]).accept(load * f, NONE))
+        differences.append(np.abs(y - exact).reshape(-1, 3, 3).max(axis=(0, 2)))
+    assert np.all(np.abs(np.log10(differences[0][:2] / differences[1][:2]) - 2.0) < SLOPE)
+
+
+def test_cut_frames_follow_the_material_line() -> None:
+    """Independent check: derivatives of y(z) by slope, and u, v stay across ⟨F⟩ d₀ whatever the deformation; to first
+    order they are the linear organ's rows."""
+    body = block()
+    sites = sites_of(body, DIRECTIONS["fibre"])
+    of, random = SiteMap(sites), np.random.default_rng(2)
+    U = 1e-3 * random.standard_normal(body.free.size)
+    z, dz, f = of.Z @ U, random.standard_normal(of.Z.shape[0]), random.standard_normal(18)
+    for g, exact in (
+        (lambda t: of.y(z + t * dz), of.slope(z) @ dz),
+        (lambda t: f @ of.slope(z + t * dz), of.bend(z, f) @ dz),
+    ):
+        errors = [np.abs((g(h) - g(-h)) / (2 * h) - exact).max() for h in (1e-2, 1e-3)]
+        assert abs(np.log10(errors[0] / errors[1]) - 2.0) < SLOPE
+    y = of.y(z).reshape(2, 3, 3)
+    for k in range(2):
+        F = np.eye(3) + (sites.slopes[k] @ U).reshape(3, 3)
+        line = F @ sites.directions[k]
+        assert np.abs(y[k, 1:] @ line).max() <= RESIDUAL * np.linalg.norm(line)
+        assert np.abs(F - np.eye(3)).max() > 0.1
+    assert np.abs(of.slope(0.0 * z) @ of.Z - sites.Y).max() <= RESIDUAL * abs(sites.Y).max()
+
+
+def test_prestretched_tissue_goes_back() -> None:
+    """Independent check: free to, by λ₀⁻¹ along each axis, with no stress left; on a bed its top goes back too, in
+    balance under its weight."""
+    free = block(0.49, clamp=(), roller=("bottom",))
+    stretches = np.array([1.2, 1.0, 1.0 / 1.2])
+    body = block(0.49)
+    hyper = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, 5.0), stretches)
+    organ = tissue.FiniteOrgan(body, sites_of(body, "normal"), (0, 0, -9.81), hyper=hyper, inertia=False)
+    state = organ.start()
+    F = hyper.gradient(organ.displacement(state))
+    forces, scale = hyper.forces(F)
+    assert np.abs(forces[body.free] - organ.load).max() <= RESIDUAL * scale
+    width = np.diff(organ.site_variables(state).reshape(2, 9)[:, 0])[0]
+    assert 0.01 / 1.2 < width < 0.0099
+    loose = tissue.Hyperelasticity(free, Exponential(free.material.lame_mu, 5.0), stretches)
+    back = free.flat(free.points * (1.0 / stretches - 1.0) + [0.0, 0.0, 0.0])
+    assert np.abs(loose.forces(loose.gradient(back))[0]).max() <= RESIDUAL * scale
+    assert np.abs(tissue.cauchy_stress(loose, back)).max() <= RESIDUAL * 1e5
+
+
+def test_what_the_integrator_takes_falls_with_its_step() -> None:
+    """Independent check: a block that swings under its weight keeps the balance of energy to round-off, and what
+    backward Euler takes of it is of first order in the step."""
+    body, taken = block(), []
+    hyper = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, 5.0))
+    organ = tissue.FiniteOrgan(body, sites_of(body, "normal"), (200.0, 0.0, -50.0), hyper=hyper, damping=5.0)
+    for dt in (1e-4, 5e-5):
+        state, total, none = organ.start(), np.zeros(4), np.zeros(18)
+        for _ in range(round(3e-3 / dt)):
+            answer: FiniteAnswer = organ.answer(BackwardEuler(dt), [state])
+            while (after := answer.again(none, NONE)) is not answer:
+                answer = after
+            new = answer.accept(none)
+            now = organ.energies(state, new)
+            total, state = total + np.array([0.0, now.gravity_work, now.viscous, now.numerical]), new
+        error = total[1] - (now.kinetic + now.elastic) - total[2] - total[3]
+        assert abs(error) <= 1e-7 * total[1]
+        taken.append(total[3])
+    assert taken[1] > 0.0
+    assert 0.4 < taken[1] / taken[0] < 0.6
+    assert now.elastic > 0.1 * total[1]
+
+
+def test_cauchy_stress_of_a_stretched_block() -> None:
+    """Independent check: σ = μ J^(−5/3) exp(b (Ī₁ − 3)) dev FFᵀ + κ (J − 1) I at every node, rotated with the block,
+    and the principal stretches and the angle of the rotation."""
+    body = block(0.49)
+    hyper, mu = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, 2.0)), body.material.lame_mu
+    R = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    F = R @ np.diag([1.2, 0.9, 0.95])
+    U = body.flat(body.points @ (F - np.eye(3)).T)
+    J, B = np.linalg.det(F), F @ F.T
+    I1 = J ** (-2 / 3) * np.trace(B)
+    kappa = body.material.lame_lambda + 2 * mu / 3
+    exact = mu * J ** (-5 / 3) * np.exp(2.0 * (I1 - 3.0)) * (B - np.trace(B) / 3 * np.eye(3))
+    exact += kappa * (J - 1.0) * np.eye(3)
+    six = exact[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
+    assert np.abs(tissue.cauchy_stress(hyper, U) - six).max() <= TWO_SOLVERS * np.abs(six).max()
+    stretch, angle = tissue.cell_stretch(hyper, U)
+    assert np.abs(stretch - [1.2, 0.95, 0.9]).max() <= RESIDUAL
+    assert np.abs(angle - np.arctan2(0.6, 0.8)).max() <= RESIDUAL
+
+
+def test_an_impulse_and_a_displacement_are_the_linear_organs_at_rest() -> None:
+    """Consistency check: what a hole that begins asks for, at U = 0 where both organs are one."""
+    body = block()
+    sites = sites_of(body, "normal")
+    linear, organ = tissue.DynamicOrgan(body, sites), tissue.FiniteOrgan(body, sites)
+    j, scheme = np.linspace(-1.0, 1.0, 18) * 1e-5, BackwardEuler(1e-3)
+    one, other = linear.impulse(linear.start()), organ.impulse(organ.start())
+    assert other is not None
+    assert np.abs(one.C - other.C).max() <= TWO_SOLVERS * np.abs(one.C).max()
+    assert np.abs(one.accept(j).V - other.accept(j, NONE).V).max() <= TWO_SOLVERS * np.abs(one.accept(j).V).max()
+    y = sites.y0 + 1e-3
+    moved, twin = (o.displace(scheme, o.start(), y, j) for o in (linear, organ))
+    assert np.abs(moved.C - twin.C).max() <= TWO_SOLVERS * np.abs(moved.C).max()
+    assert np.abs(moved.y_free - twin.y_free).max() <= TWO_SOLVERS
+    assert tissue.FiniteOrgan(body, sites, inertia=False).impulse(organ.start()) is None
+
+
+def test_beyond_a_bifurcation_the_tangent_is_still_solved() -> None:
+    """Independent check: a column pushed beyond its buckling load has a tangent that is not definite, which is solved
+    by LU to its residual."""
+    lines = np.linspace(-0.002, 0.002, 3), np.linspace(-0.002, 0.002, 3), np.linspace(-0.04, 0.0, 13)
+    ends = {"bottom": lambda x: np.isclose(x[2], -0.04)}
+    mesh = skfem.MeshTet.init_tensor(*lines).with_boundaries(ends)
+    body = tissue.elasticity(mesh, tissue.Material(1e5, 0.3, 1070.0), "P1", ["bottom"])
+    sites = tissue.build_sites(body, [tissue.Site((0.0, 0.0, 0.0), 1e-3, direction="normal")])
+    organ = tissue.FiniteOrgan(body, sites, inertia=False)
+    squeezed = np.zeros(body.N)
+    squeezed[body.nodes[:, 2]] = -0.1 * (body.points[:, 2] + 0.04)
+    U = squeezed[body.free]
+    tangent = organ.tangent(organ.motion(Equilibrium(), []), U)
+    assert np.linalg.eigvalsh(tangent.A.toarray())[0] < 0.0
+    b = np.linspace(-1.0, 1.0, U.size)
+    assert np.abs(tangent.A @ tangent.factor.solve(b) - b).max() <= TWO_SOLVERS
+
+
+def test_what_does_not_go_is_refused_in_words() -> None:
+    body, other = block(), block()
+    sites = sites_of(body, "normal")
+    with pytest.raises(tissue.TissueError, match="another body"):
+        tissue.FiniteOrgan(body, sites, hyper=tissue.Hyperelasticity(other))
+    with pytest.raises(tissue.TissueError, match=r"damping = -1\.0"):
+        tissue.FiniteOrgan(body, sites, damping=-1.0)
+    loose = block(clamp=())
+    with pytest.raises(tissue.TissueError, match="can move as a rigid body"):
+        tissue.FiniteOrgan(loose, sites_of(loose, "normal"), inertia=False)
+    with pytest.raises(tissue.TissueError, match="prestretch"):
+        tissue.Hyperelasticity(body, prestretch=np.ones((3, 7)))

@@ -1,0 +1,47 @@
+"""What a field of displacements does to a body at finite strain: deformation gradient, stretches, Cauchy stress."""
+
+import numpy as np
+
+from tissue.arrays import Array
+from tissue.hyperelasticity import Hyperelasticity
+
+
+def cell_deformation(hyper: Hyperelasticity, U: Array) -> Array:
+    """Return F = I + ∂U/∂X, the mean over each cell, shape `(c, 3, 3)` [-]; `U` [m] is over all unknowns `(N,)`."""
+    return _cell_means(hyper, hyper.gradient(U))
+
+
+def cell_stretch(hyper: Hyperelasticity, U: Array) -> tuple[Array, Array]:
+    """Return the principal stretches of each cell, the largest first, `(c, 3)` [-], and its rotation [rad], `(c,)`.
+
+    Both are measured from the reference shape, a prestretch left out.
+    """
+    left, stretch, right = np.linalg.svd(cell_deformation(hyper, U))
+    R = left @ right
+    sine = np.linalg.norm(R - R.swapaxes(1, 2), axis=(1, 2)) / np.sqrt(8.0)
+    return stretch, np.arctan2(sine, 0.5 * (np.trace(R, axis1=1, axis2=2) - 1.0))
+
+
+def cell_stress(hyper: Hyperelasticity, U: Array) -> Array:
+    """Return the Cauchy stress σ = P Fᵀ/J of each cell, the mean over it, shape `(c, 3, 3)` [Pa]."""
+    F = hyper.gradient(U)
+    sigma = np.einsum("ikqc,jkqc->ijqc", hyper.stress(F), F) / hyper.dilatation(F)
+    return _cell_means(hyper, sigma)
+
+
+def cauchy_stress(hyper: Hyperelasticity, U: Array) -> Array:
+    """Return the Cauchy stress xx, yy, zz, xy, yz, xz at the nodes, shape `(m, 6)` [Pa]: the mean of their
+    cells by volume."""
+    body, sigma = hyper.body, cell_stress(hyper, U)
+    volume, cells = hyper.weights.sum(axis=0), body.cells
+    flat = np.column_stack([sigma[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))])
+    each = np.repeat(volume[:, None] * flat, cells.shape[1], axis=0)
+    m, at = len(body.nodes), cells.ravel()
+    total = np.bincount(at, np.repeat(volume, cells.shape[1]), m)
+    return np.column_stack([np.bincount(at, part, m) / total for part in each.T])
+
+
+def _cell_means(hyper: Hyperelasticity, field: Array) -> Array:
+    """Return the means over the cells of a field at their points `(3, 3, q, c)`, shape `(c, 3, 3)`."""
+    share = hyper.weights / hyper.weights.sum(axis=0)
+    return np.ascontiguousarray(np.moveaxis(np.einsum("ijqc,qc->ijc", field, share), 2, 0))
