@@ -74,7 +74,8 @@ KINDS = (
     Kind(
         "subgrid-strain",
         "unsupported",
-        f"mean strain above {SMALL_STRAIN:g} at a hole of an organ at finite strain with sub-grid compliance",
+        f"mean strain at a hole of an organ at finite strain with sub-grid compliance above {SMALL_STRAIN:g}, or above "
+        f"that at which tissue stiffens so that the springs are {RESOLVED_SHARE:.0%} of a hole's compliance too soft",
         "the springs that make up for coarse cells are linear: with such strain beside the hole they are a model",
     ),
     Kind(

@@ -81,7 +81,7 @@ def met(scenario: Scenario, ending: Ending, strengths: Sequence[float], springs:
     dynamic = scenario.solve.kind == "dynamic"
     return [
         *(
-            beyond_at_springs(names, extremes, springs)
+            beyond_at_springs(names, extremes, springs, stiffening_of(scenario))
             if is_finite(scenario)
             else [*beyond_at_holes(names, extremes), *beyond_in_tissue(extremes)]
         ),
@@ -124,18 +124,41 @@ def beyond_at_holes(names: Sequence[str], extremes: Extremes) -> list[Remark]:
     return out
 
 
-def beyond_at_springs(names: Sequence[str], extremes: Extremes, springs: Mapping[str, float]) -> list[Remark]:
+def stiffening_of(scenario: Scenario) -> float:
+    """Return the largest stiffening b of the organ's materials [-], 0 where none stiffens."""
+    tissue = scenario.tissue
+    tables = [] if tissue is None else [tissue, *tissue.region]
+    return max((table.stiffening or 0.0 for table in tables), default=0.0)
+
+
+def springs_hold_to(share: float, stiffening: float) -> float:
+    """Return the strain at a hole [-] up to which linear springs that make up for a `share` of its compliance stand for
+    tissue of a `stiffening` b: that of small strain, or the one at which RESOLVED_SHARE of the compliance is too much,
+    since W = μ/2b (exp(b(Ī₁ − 3)) − 1) is 1 + 9bε² times as stiff as at rest."""
+    if share <= RESOLVED_SHARE:
+        return float("inf")
+    too_soft = np.sqrt(9.0 * stiffening * (share - RESOLVED_SHARE) / RESOLVED_SHARE)
+    return float(1.0 / np.hypot(1.0 / SMALL_STRAIN, too_soft))
+
+
+def beyond_at_springs(
+    names: Sequence[str], extremes: Extremes, springs: Mapping[str, float], stiffening: float
+) -> list[Remark]:
     """Judge strain at holes of an organ at finite strain whose cells are too coarse, which springs make up for."""
-    return [
-        remark(
-            "subgrid-strain",
-            name,
-            f"the tissue at {name!r} was strained by {strain:.2g}, and {springs[name]:.0%} of the hole's compliance is "
-            f"that of linear springs, which hold to about {SMALL_STRAIN:g}; take a smaller tissue.mesh.h_site",
-        )
-        for name, strain in zip(names, extremes.mean_strain, strict=True)
-        if strain > SMALL_STRAIN and springs.get(name, 0.0) > RESOLVED_SHARE
-    ]
+    out = []
+    for name, strain in zip(names, extremes.mean_strain, strict=True):
+        share = springs.get(name, 0.0)
+        limit = springs_hold_to(share, stiffening)
+        if strain > limit:
+            out.append(
+                remark(
+                    "subgrid-strain",
+                    name,
+                    f"the tissue at {name!r} was strained by {strain:.2g}, and {share:.0%} of the hole's compliance is "
+                    f"that of linear springs, which hold to about {limit:.2g} here; take a smaller tissue.mesh.h_site",
+                )
+            )
+    return out
 
 
 def beyond_in_tissue(extremes: Extremes) -> list[Remark]:

@@ -21,6 +21,7 @@ from studies.output.remarks import (
     KINDS,
     NEAR,
     OFF_PATH,
+    RESOLVED_SHARE,
     SHARE,
     SLID,
     SMALL_ROTATION,
@@ -69,7 +70,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "subgrid-strain": (
         SMALL_STRAIN,
         1,
-        lambda x: judging.beyond_at_springs(["a"], met(mean_strain=np.array([x])), {"a": 0.2}),
+        lambda x: judging.beyond_at_springs(["a"], met(mean_strain=np.array([x])), {"a": 0.2}, 0.0),
     ),
     "tissue-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5))),
     "tissue-rotation": (SMALL_ROTATION, 1, lambda x: judging.beyond_in_tissue(met(rotation=x, rotated=0.5))),
@@ -99,6 +100,17 @@ def test_a_remark_is_said_beyond_its_bound_and_not_within(code: str) -> None:
     assert [(each.code, each.severity) for each in said] == [(code, CATALOGUE[code].severity)]
     assert re.search(r"\d", said[0].message) and said[0].where
     assert judge(bound * (1.0 - side * ROUND)) == []
+
+
+def test_springs_hold_less_far_in_tissue_that_stiffens() -> None:
+    """Independent check: at that strain the second derivative of W = μ/2b exp(3bε²) by ε makes the springs' share of
+    the compliance too large by what they may miss; without stiffening the bound is that of small strain."""
+    assert judging.springs_hold_to(RESOLVED_SHARE, 5.0) == np.inf
+    assert judging.springs_hold_to(0.2, judging.stiffening_of(load("two_piercings"))) == SMALL_STRAIN
+    limit = judging.springs_hold_to(0.2, judging.stiffening_of(load("skin", ["tissue.stiffening=5.0"])))
+    stiffer = (1.0 + 30.0 * limit**2) * np.exp(15.0 * limit**2)
+    assert 0.8 * RESOLVED_SHARE < 0.2 * (1.0 - 1.0 / stiffer) < 1.2 * RESOLVED_SHARE
+    assert [each.code for each in judging.beyond_at_springs(["a"], met(mean_strain=[1.01 * limit]), {"a": 0.2}, 5.0)]
 
 
 def test_what_is_judged_by_two_numbers() -> None:
