@@ -290,12 +290,14 @@ def advance(
                 continue
             watch(system, step)
         except (StepError, InversionError) as error:
-            if isinstance(error, UphillError) and state.before is not None:
+            if isinstance(error, UphillError) and level == depth and state.before is not None:
                 state = forgetful(state)
                 pending.append((part, level))
                 continue
             if level == HALVINGS:
-                raise diagnose(system, state, error) if isinstance(error, StepError) else error from error
+                if isinstance(error, StepError):
+                    raise diagnose(system, state, error) from error
+                raise
             pending += halves
             continue
         taken.append(step)

@@ -302,7 +302,7 @@ def ramped(end: End, solve: Solve) -> End:
     """
     if not isinstance(end, PulledEnd) or end.ramp is not None:
         return end
-    return end.model_copy(update={"ramp": RAMP if solve.kind == "dynamic" else 0.0})
+    return end.model_copy(update={"ramp": min(RAMP, solve.duration) if solve.kind == "dynamic" else 0.0})
 
 
 def with_given_mesh(scenario: Scenario, sha256: str) -> Scenario:
