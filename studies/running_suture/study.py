@@ -641,7 +641,7 @@ def limits(rows: Sequence[Row]) -> list[str]:
         name = ", ".join(kind)
         worst = max(of, key=lambda row: row.settled)
         out += not_settled(name, worst.settled, 1.0)
-        out += [f"{name}: {said.message}" for said in coarse_spans(max(row.spans for row in of))]
+        out += [f"{name}: TOO COARSE, {said.message}" for said in coarse_spans(max(row.spans for row in of))]
         hardest = max(of, key=lambda row: row.press / (row.diameter * row.youngs_modulus))
         out += beyond_linear(name, max(row.moved for row in of), FOOTPRINT)
         out += beyond_bearing(name, hardest.press, hardest.diameter, THICKNESS, hardest.youngs_modulus)

@@ -174,7 +174,8 @@ def shortcomings(row: Row) -> list[str]:
         out += not_settled(name, row.kinetic, row.elastic)
     if not row.clear:
         out.append(f"{name}: NO SUB-GRID compliance could be added at a hole")
-    return out if row.failed else [*out, *(f"{name}: {said.message}" for said in coarse_spans(row.span_ratio))]
+    coarse = [] if row.failed else coarse_spans(row.span_ratio)
+    return [*out, *(f"{name}: TOO COARSE, {said.message}" for said in coarse)]
 
 
 def sweep_errors(rows: Sequence[Row]) -> list[str]:

@@ -289,7 +289,7 @@ def test_the_command_line_refuses_at_set_up(tmp_path: Path, capsys: pytest.Captu
     for arguments in (["check", str(file)], ["run", str(file), "--out", str(out)]):
         assert command.main(arguments) == command.REFUSED
         message = capsys.readouterr().err
-        assert message.startswith("suture: piercing 'one' (s = 0.0295 m) and piercing 'two' (s = 0.0305 m)")
+        assert "\nsuture: piercing 'one' (s = 0.0295 m) and piercing 'two' (s = 0.0305 m)" in f"\n{message}"
         assert "raise thread.control_points" in message
     assert list(out.iterdir()) == []
     assert command.main(["check", str(file), "--set", "thread.control_points=80", "--set", "thread.graded=4.0"]) == 0

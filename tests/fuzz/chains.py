@@ -76,8 +76,9 @@ def _attempt(random: Random, file: Path, whole: Path, number: int) -> str:
 
 
 def _names(folder: Path) -> set[str]:
-    """Name all files of a run but those with times of day in them, and the binary memory of the clock."""
-    timed = {"provenance.json", "checkpoint.npz"}
+    """Name all files of a run but those with times of day in them, the log among them, and the binary memory of the
+    clock."""
+    timed = {"provenance.json", "checkpoint.npz", "suture.log"}
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file() and path.name not in timed}
 
 

@@ -98,6 +98,7 @@ def scenario(*pieces: dict[str, Any], **solve: Any) -> Scenario:
             "end": last.get("end", {"kind": "free"}),
             "cuts": [0.04] if len(pieces) > 1 else [],
             "damping": 5.0,
+            "resolution": "fixed",
         },
         "piercing": [piece["hole"] for piece in pieces],
         "solve": {"dt": 1e-3, "duration": 0.02, "gravity": [0, 1.0, -9.81], **solve},
