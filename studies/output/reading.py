@@ -7,6 +7,7 @@ import csv
 import json
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
@@ -24,6 +25,11 @@ from studies.output.series import step_of
 
 HEADING = re.compile(r"(?P<name>.*?)(?: \[(?P<unit>[^\]]*)\])?")
 CORNERS = 4  # nodes of a tetrahedron without those on its edges
+ITEM = {  # the column that says which piercing, pair or boundary a row of a table is about
+    layout.name: next(column.name for column in layout.columns if column.kind == "text")
+    for layout in TABLES
+    if not layout.every_step
+}
 TEXTS = {column.name for layout in TABLES for column in layout.columns if column.kind == "text"}
 
 
@@ -50,7 +56,10 @@ class Table:
 
     def where(self, name: str, word: str) -> "Table":
         """Return the rows whose column of text has a word."""
-        chosen = self.columns[name] == word
+        return self.rows(self.columns[name] == word)
+
+    def rows(self, chosen: NDArray[Any]) -> "Table":
+        """Return the rows of these numbers, or where it is true."""
         return Table({key: values[chosen] for key, values in self.columns.items()}, self.units)
 
 
@@ -102,6 +111,20 @@ class RunResults:
         """The names of the piercings, in the order of the scenario."""
         table = self.tables.get("piercings")
         return [] if table is None else list(dict.fromkeys(table.columns["piercing"].tolist()))
+
+    def parts(self, name: str) -> dict[str, Table]:
+        """Return a table split by what its rows are about, each part with a row a step: by the name of the piercing,
+        of the pair of surfaces, or of the boundary, the second load on one as `top (2)`; whole under an empty name
+        where a step has one row."""
+        table = self.tables[name]
+        if name not in ITEM:
+            return {"": table}
+        met: Counter[tuple[float, str]] = Counter()
+        rows: dict[str, list[int]] = {}
+        for row, of in enumerate(zip(table.columns["step"].tolist(), table.columns[ITEM[name]].tolist(), strict=True)):
+            met[of] += 1
+            rows.setdefault(of[1] if met[of] == 1 else f"{of[1]} ({met[of]})", []).append(row)
+        return {item: table.rows(np.array(chosen)) for item, chosen in rows.items()}
 
 
 def read_run(folder: Path | str) -> RunResults:
