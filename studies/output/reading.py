@@ -4,7 +4,6 @@ A run that is still at work, or that was killed, is read as far as it came.
 """
 
 import csv
-import json
 import re
 import tomllib
 from collections import Counter
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from studies.arrays import Array
 from studies.output.columns import STATE_CODES, TABLES
+from studies.output.files import read_json
 from studies.output.manifest import MARK, SCENARIO, holds_run
 from studies.output.records import OrganRecord, OrganTopology, PiercingRecord, Snapshot, ThreadRecord
 from studies.output.series import step_of
@@ -141,15 +141,6 @@ def read_run(folder: Path | str) -> RunResults:
         {name: read_table(path) for name, path in found.items() if path.is_file()},
         read_frames(folder / "results.pvd"),
     )
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON object; an empty one where there is none, or a torn one."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return found if isinstance(found, dict) else {}
 
 
 def read_table(path: Path) -> Table:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from studies.output.files import as_json, write_json
+from studies.output.files import as_json, read_json, write_json
 from studies.output.lock import LOCK, locked
 from studies.output.provenance import provenance
 from studies.scenario import Scenario, ScenarioError
@@ -118,15 +118,6 @@ def check_folder(folder: Path, kind: str = "sweep") -> None:
 def holds_sweep(folder: Path, kind: str = "sweep") -> bool:
     """Tell whether a folder holds a sweep, or a refinement, finished or not."""
     return read_json(folder / MARK).get("kind") == kind
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """Read a table from JSON, an empty one where there is none or it is torn."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return found if isinstance(found, dict) else {}
 
 
 def _sweep(
