@@ -18,12 +18,12 @@ from studies.scenario import Scenario, ScenarioError
 from studies.scenario.toml import mesh_file, parsed, tables, with_mesh_file
 from studies.simulation.sharing import Shared
 from studies.simulation.simulation import Simulation, prepare
+from studies.status import COMPLETED, FAILED, REFUSED
 from thread.errors import ThreadError
 from tissue.errors import FactorError, TissueError
 
 REFUSALS = (ScenarioError, MeshError, TissueError, ThreadError)
 SHORTAGES = (FactorError, OSError, MemoryError)  # of memory or disk, perhaps gone the next time
-COMPLETED, FAILED, REFUSED = 0, 1, 2
 ROOMS = ("thread", "tissue", "coupling", "meshes", "studies/scenario", "studies/simulation", "studies/output")
 MODULES = ("studies/arrays.py", "studies/verdicts.py")  # that those rooms take numbers and bounds from
 PACKAGES = (  # that numbers hang on

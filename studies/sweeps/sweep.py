@@ -15,14 +15,16 @@ from studies.output.provenance import provenance
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.toml import changed, parsed, read, tables
 from studies.simulation.sharing import organ_key
-from studies.sweeps.case import REFUSED, Result, case_digest, code_version, run_case
+from studies.status import REFUSED
+from studies.sweeps.case import Result, case_digest, code_version, run_case
 from studies.sweeps.grid import Settings, check_count, grid
 from studies.sweeps.table import Case, SweepTable, table_of, write_tables
 from studies.workers import InTurn, Workers
 
 MARK = "sweep.json"
 CASES = "cases"
-OWN = (MARK, CASES, "table.csv", "table.parquet", "figure.png", "figure.svg", "verdict.md", "verdict.json")
+MADE = ("table.csv", "table.parquet", "figure.png", "figure.svg", "verdict.md", "verdict.json")  # of all cases
+OWN = (MARK, CASES, *MADE)
 
 Base = Path | str | Mapping[str, Any] | Scenario
 Tell = Callable[["Told"], None]
@@ -123,7 +125,9 @@ def holds_sweep(folder: Path, kind: str = "sweep") -> bool:
 def _sweep(
     kind: str, base: Mapping[str, Any], planned: list[Planned], folder: Path, workers: Workers, tell: Tell
 ) -> SweepTable:
-    """Run what is not there yet, and write the tables."""
+    """Run what is not there yet, and write the tables; what an earlier sweep made of all its cases goes first."""
+    for name in MADE:
+        (folder / name).unlink(missing_ok=True)
     kept = folder / CASES
     kept.mkdir(exist_ok=True)
     asked = {"kind": kind, "title": base.get("title", ""), "cases": len(planned)}

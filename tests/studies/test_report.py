@@ -23,7 +23,7 @@ from studies.scenario.toml import changed
 from studies.sweeps.sweep import sweep
 from tests.studies.browser import CHROMIUM, browser
 from tests.studies.samples import CORNERS, LINEAR, Stub, frame, framing, step
-from tests.studies.test_sweep import RING
+from tests.studies.test_sweep import ONE_STEP, RING
 
 STEPS = 3
 SIXTEEN_BITS = 1 / 2**15
@@ -157,7 +157,7 @@ def test_several_runs_a_study_and_a_sweep_are_compared(tmp_path: Path) -> None:
     runs = [record_run(tmp_path / parent / "run") for parent in ("a", "b")]
     study = Path(__file__).parents[2] / "studies" / "friction" / "results"
     sweep(RING, {"thread.damping": [20.0, -1.0]}, tmp_path / "swept")
-    pulled = changed(RING, {"solve": {"kind": "static", "duration": 0.1, "load_steps": 1}})
+    pulled = changed(RING, {"solve": ONE_STEP})
     [slip] = refine(pulled, "piercings.ring.slip", tmp_path / "refined", "control_points", levels=3)
     write_report([*runs, study, tmp_path / "swept", tmp_path / "refined"], tmp_path / "page.html")
     text = (tmp_path / "page.html").read_text(encoding="utf-8")

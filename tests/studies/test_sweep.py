@@ -56,6 +56,7 @@ ORGAN: dict[str, Any] = RING | {
     },
     "piercing": [{"name": "ring", "at": [0.0, 0.0, 0.0], "direction": "free", "footprint": 2e-3}],
 }
+ONE_STEP = {"kind": "static", "duration": 0.1, "load_steps": 1}
 PULLS = {"thread.start.force.0": [-0.1, -0.2], "thread.damping": [20.0, -1.0, 40.0]}
 
 
@@ -262,7 +263,7 @@ def test_without_pyarrow_the_remedy_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Independent check: the table in CSV is there, and what Parquet needs is printed; the table is read from a file
-    of cases, drawn, and printed as JSON."""
+    of cases, drawn, and printed as JSON. What an earlier sweep left is not passed off as this one's."""
     monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
     (tmp_path / "ring.toml").write_text(dump(parse(RING)), encoding="utf-8")
     (tmp_path / "cases.csv").write_text('thread.damping,thread.start.force\n30.0,"[-0.2, 0, 0]"\n40.0,\n')
@@ -278,6 +279,10 @@ def test_without_pyarrow_the_remedy_is_said(
     assert main([*words, "--json"]) == 0
     again = json.loads(capsys.readouterr().out)
     assert [case["thread.damping [1/s]"] for case in again["cases"]] == [30.0, 40.0]
+    (tmp_path / "out" / "table.parquet").write_bytes(b"of an earlier sweep")
+    assert main([*words[:6], "--paired"]) == 0
+    assert "figure" not in capsys.readouterr().out
+    assert {path.name for path in (tmp_path / "out").glob("*.*")} == {"sweep.json", "table.csv"}
 
 
 def test_parquet_has_the_units(tmp_path: Path) -> None:
@@ -303,6 +308,7 @@ def test_parquet_has_the_units(tmp_path: Path) -> None:
         (lambda: ladder(parse(RING), levels=2), "needs 3 or more"),
         (lambda: ladder(parse(RING), ratio=1.0), "1.1 or more"),
         (lambda: ladder(parse(RING), "h"), "has no organ"),
+        (lambda: ladder(parse(changed(RING, {"solve": ONE_STEP})), "dt", levels=3), "only 2 distinct"),
         (lambda: ladder(parse(changed(RING, {"piercing": []})), "footprint"), "no piercing has a footprint"),
     ],
 )
@@ -367,7 +373,7 @@ def test_planted_numbers_get_their_verdicts() -> None:
 def test_a_scenario_is_refined(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Independent check: the slip of a ring through which a hand draws a thread is the way of the hand, and converges
     to it; what is no number is refused; the command says the same."""
-    pulled = changed(RING, {"solve": {"kind": "static", "duration": 0.1, "load_steps": 1}})
+    pulled = changed(RING, {"solve": ONE_STEP})
     [slip] = refine(pulled, "piercings.ring.slip", tmp_path / "a", "control_points", levels=3)
     assert slip.unit == "m"
     assert slip.converged
