@@ -15,7 +15,7 @@ from coupling.interfaces import Body
 from coupling.newton import MAX_ITERATIONS, Iterate, Problem, Solution, solve
 
 ATTEMPTS = 40
-CORRECTIONS = 250  # of Newton at most, failed ones included: halves of the step are cheaper then
+CORRECTIONS = 250  # of Newton in solves that failed, when one with springs fails: halves of the step are cheaper then
 WEAKER, STRONGER = 0.3, 5.0
 STIFFEST = 1e2  # of the first spring: the abscissae all but stay, so sliding is not what Newton fails by
 

@@ -19,6 +19,7 @@ from coupling.sliding import admissible_sigma, force_along_thread, law_of, presc
 from coupling.stepping import (
     Step,
     accept_organ,
+    ask_organ,
     emptied_holds,
     end_configuration,
     end_load,
@@ -87,7 +88,7 @@ def settle(system: System[Body], state: State[Body], share: float, duration: flo
 
 def relax_ties(system: System[Body], state: State[Body], share: float, duration: float, hold: bool) -> Step[Body]:
     """Reach equilibrium by ties that are weakened and dropped; `hold`: the rough holes hold the thread meanwhile."""
-    answer = system.organ.answer(Equilibrium(), [state.organ], duration, share)
+    answer = ask_organ(system, Equilibrium(), [state], duration, share)
     tie, now, failed = first_tie(system, state) * LAID_TIE if state.time == 0.0 else 0.0, state, None
     for _ in range(ATTEMPTS):
         problem = static_problem(system, now, share, duration, tie, answer, state)

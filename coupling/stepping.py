@@ -3,7 +3,7 @@
 A step that did not converge is never accepted.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic
 
@@ -23,6 +23,7 @@ from coupling.newton import Iterate, Problem, Solution, solve
 from coupling.sliding import law_of
 from coupling.system import State, System, forgetful
 from thread.vectors import cross, dot
+from tissue.errors import OrganError
 
 HALVINGS = 8  # a step is given up below dt / 2^8
 FOLLOWED = 4  # halvings that the motion itself may ask for before a step is tried
@@ -91,8 +92,19 @@ def sliding_motion(scheme: Scheme, state: State[Body]) -> tuple[Array, ...]:
 
 
 def organ_answer(system: System[Body], scheme: Scheme, state: State[Body]) -> Answer[Body]:
-    """Return the organ's answer to the step of a scheme from a state."""
-    return system.organ.answer(scheme, [past.organ for past in past_states(scheme, state)], state.time + scheme.dt)
+    """Return the organ's answer to the step of a scheme from a state. Raises `StepError` where it has none."""
+    return ask_organ(system, scheme, past_states(scheme, state), state.time + scheme.dt)
+
+
+def ask_organ(
+    system: System[Body], scheme: Scheme, past: Sequence[State[Body]], time: float, share: float = 1.0
+) -> Answer[Body]:
+    """Return the organ's answer from the states `past`, the newest first, under a `share` of the loads at `time` [s].
+    Raises `StepError` where it has none."""
+    try:
+        return system.organ.answer(scheme, [each.organ for each in past], time, share)
+    except OrganError as error:
+        raise StepError(past[0].time, scheme.dt, str(error)) from error
 
 
 def dynamic_problem(
@@ -290,12 +302,14 @@ def advance(
                 continue
             watch(system, step)
         except (StepError, InversionError) as error:
-            if isinstance(error, UphillError) and state.before is not None:
+            if isinstance(error, UphillError) and level == depth and state.before is not None:
                 state = forgetful(state)
                 pending.append((part, level))
                 continue
             if level == HALVINGS:
-                raise diagnose(system, state, error) if isinstance(error, StepError) else error from error
+                if isinstance(error, StepError):
+                    raise diagnose(system, state, error) from error
+                raise
             pending += halves
             continue
         taken.append(step)

@@ -136,8 +136,11 @@ def _zeros(graph: CellGraph, nodes: int, rows: int, width: int) -> csr_matrix:
 
 
 def compiled(kernel: Kernel) -> Kernel:
-    """Return a function whose loops are compiled when it is first called, and kept on disk."""
-    return njit(cache=True, error_model="numpy")(kernel)
+    """Return a function whose loops are compiled when it is first called, and kept on disk where one may write."""
+    try:
+        return njit(cache=True, error_model="numpy")(kernel)
+    except RuntimeError:  # no folder for the cache can be written
+        return njit(error_model="numpy")(kernel)
 
 
 @compiled

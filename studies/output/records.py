@@ -60,6 +60,7 @@ class OrganRecord:
     pressed_turn: float = 0.0  # largest angle between a normal under a pressure and that of the reference [rad]
     contact_pressure: Array | None = None  # (nodes,) [Pa], zero off the lips; None without contact
     lip_gap: Array | None = None  # (nodes,) [m], not a number off the lips
+    sprung: Array | None = None  # (p,) way of the springs at each hole over its footprint [-]; None of a linear organ
 
 
 @dataclass(frozen=True)
@@ -150,6 +151,7 @@ class Extremes:
     mean_strain: Array  # (p,) of the tissue at each hole [-]
     turn: Array  # (p,) [rad]
     bearing_pressure: Array  # (p,) of the thread on the tissue at each hole [Pa]
+    sprung: Array  # (p,) way of a hole that linear springs make up for at finite strain, over its footprint [-]
     tension: float = 0.0  # of the thread at its holes and ends [N]
     thread_strain: float = 0.0  # [-]
     energy: float = 0.0  # kinetic and elastic, or work of whatever is outside [J]
@@ -181,6 +183,7 @@ class Extremes:
             return self
         return replace(
             self,
+            sprung=self.sprung if organ.sprung is None else np.maximum(self.sprung, organ.sprung),
             strain=max(self.strain, float(organ.strain.max())),
             rotation=max(self.rotation, float(organ.rotation.max())),
             strained=max(self.strained, organ.strained),
@@ -191,7 +194,7 @@ class Extremes:
 
 def nothing_met(piercings: int) -> Extremes:
     """Return the extremes of a run with so many piercings before its start."""
-    return Extremes(np.zeros(piercings), np.zeros(piercings), np.zeros(piercings))
+    return Extremes(*np.zeros((4, piercings)))
 
 
 @dataclass(frozen=True)

@@ -74,9 +74,9 @@ KINDS = (
     Kind(
         "subgrid-strain",
         "unsupported",
-        f"mean strain at a hole of an organ at finite strain with sub-grid compliance above {SMALL_STRAIN:g}, or above "
-        f"that at which tissue stiffens so that the springs are {RESOLVED_SHARE:.0%} of a hole's compliance too soft",
-        "the springs that make up for coarse cells are linear: with such strain beside the hole they are a model",
+        f"sub-grid springs at a hole at finite strain drawn out by {SMALL_STRAIN:g} footprints, or so far that tissue "
+        f"which stiffens makes them {RESOLVED_SHARE:.0%} of the hole's compliance too soft",
+        "springs that make up for coarse cells are linear: where the tissue they stand for is not, they are a model",
     ),
     Kind(
         "tissue-strain",

@@ -150,6 +150,9 @@ class Scenario(ScenarioTable):
                 f'"{needed[other]}", or material = "linear"'
             )
             raise ValueError(refusal(f"solve.{other}", getattr(self.solve, other), reason))
+        if self.contact:
+            reason = f'tissue.material is {self.tissue.material}, whose surfaces do not touch; take material = "linear"'
+            raise ValueError(refusal("contact.0.between", self.contact[0].between, reason))
         return self
 
     @model_validator(mode="after")
@@ -302,7 +305,7 @@ def ramped(end: End, solve: Solve) -> End:
     """
     if not isinstance(end, PulledEnd) or end.ramp is not None:
         return end
-    return end.model_copy(update={"ramp": RAMP if solve.kind == "dynamic" else 0.0})
+    return end.model_copy(update={"ramp": min(RAMP, solve.duration) if solve.kind == "dynamic" else 0.0})
 
 
 def with_given_mesh(scenario: Scenario, sha256: str) -> Scenario:

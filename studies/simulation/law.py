@@ -17,11 +17,12 @@ def hyperelasticity_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.H
 
 
 def stiffening_of(table: model.Tissue, body: tissue.Elasticity) -> Array:
-    """Return b per cell, shape `(c,)` [-]: none of a neo-Hookean material."""
+    """Return b per cell, shape `(c,)` [-]: none of a neo-Hookean material. A region that names neither leaves it."""
     out = np.full(body.mesh.nelements, table.stiffening or 0.0)
     for region in table.region:
-        own = region.stiffening or (table.stiffening or 0.0)
-        out[body.mesh.subdomains[region.name]] = 0.0 if region.material == "neo-hookean" else own
+        if region.material is not None or region.stiffening is not None:
+            own = region.stiffening or (table.stiffening or 0.0)
+            out[body.mesh.subdomains[region.name]] = 0.0 if region.material == "neo-hookean" else own
     return out
 
 

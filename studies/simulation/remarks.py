@@ -125,16 +125,23 @@ def beyond_at_holes(names: Sequence[str], extremes: Extremes) -> list[Remark]:
 
 
 def stiffening_of(scenario: Scenario) -> float:
-    """Return the largest stiffening b of the organ's materials [-], 0 where none stiffens."""
+    """Return the largest stiffening b of the organ's materials [-], 0 where none stiffens; infinite with fibres or a
+    prestretch, by which tissue is not what its E and ν say from the start."""
     tissue = scenario.tissue
     tables = [] if tissue is None else [tissue, *tissue.region]
+    if any(table.fibres or table.prestretch for table in tables):
+        return float("inf")
     return max((table.stiffening or 0.0 for table in tables), default=0.0)
 
 
 def springs_hold_to(share: float, stiffening: float) -> float:
-    """Return the strain at a hole [-] up to which linear springs that make up for a `share` of its compliance stand for
-    tissue of a `stiffening` b: that of small strain, or the one at which RESOLVED_SHARE of the compliance is too much,
-    since W = μ/2b (exp(b(Ī₁ − 3)) − 1) is 1 + 9bε² times as stiff as at rest."""
+    """Return the way of linear springs over the footprint [-] up to which they stand for a `share` of a hole's
+    compliance in tissue of a `stiffening` b.
+
+    The tissue that they stand for is strained by about as much. They hold within small strain, and until
+    RESOLVED_SHARE of the compliance is too much, since W = μ/2b (exp(b(Ī₁ − 3)) − 1) is 1 + 9bε² times as stiff as at
+    rest.
+    """
     if share <= RESOLVED_SHARE:
         return float("inf")
     too_soft = np.sqrt(9.0 * stiffening * (share - RESOLVED_SHARE) / RESOLVED_SHARE)
@@ -144,18 +151,19 @@ def springs_hold_to(share: float, stiffening: float) -> float:
 def beyond_at_springs(
     names: Sequence[str], extremes: Extremes, springs: Mapping[str, float], stiffening: float
 ) -> list[Remark]:
-    """Judge strain at holes of an organ at finite strain whose cells are too coarse, which springs make up for."""
+    """Judge the springs at holes of an organ at finite strain whose cells are too coarse."""
     out = []
-    for name, strain in zip(names, extremes.mean_strain, strict=True):
+    for name, way in zip(names, np.maximum(extremes.sprung, extremes.mean_strain), strict=True):
         share = springs.get(name, 0.0)
         limit = springs_hold_to(share, stiffening)
-        if strain > limit:
+        if way > limit:
             out.append(
                 remark(
                     "subgrid-strain",
                     name,
-                    f"the tissue at {name!r} was strained by {strain:.2g}, and {share:.0%} of the hole's compliance is "
-                    f"that of linear springs, which hold to about {limit:.2g} here; take a smaller tissue.mesh.h_site",
+                    f"linear springs, {share:.0%} of the compliance of {name!r}, were drawn out, or the tissue "
+                    f"strained, by {way:.2g} of its footprint, and they hold to about {limit:.2g} in this tissue; take "
+                    "a smaller tissue.mesh.h_site",
                 )
             )
     return out

@@ -156,7 +156,8 @@ class Simulation:
         if body is None or self.recovery is None:
             return None
         if isinstance(organ, tissue.FiniteOrgan):
-            return finite_record(organ.law, organ.displacement(state.organ))
+            wide = np.array([max(hole.footprint, np.finfo(float).tiny) for hole in self.scenario.piercing])
+            return finite_record(organ.law, organ.displacement(state.organ), organ.spring_ways(state.organ) / wide)
         U = organ.displacement(state.organ)
         stress = self.recovery.stress(U)
         lips = lip_fields(self.assembly.system, state, len(body.points))
@@ -170,15 +171,17 @@ class Simulation:
         return OrganRecord(body.nodal(U), *numbers, float(turns.max(initial=0.0)), *lips)
 
 
-def finite_record(hyper: tissue.Hyperelasticity, U: Array) -> OrganRecord:
-    """Return what is drawn of an organ at finite strain: Cauchy stress, stretch less one, and rotation. Nothing of it
-    is beyond what its model holds for."""
+def finite_record(hyper: tissue.Hyperelasticity, U: Array, sprung: Array) -> OrganRecord:
+    """Return what is drawn of an organ at finite strain: Cauchy stress, stretch less one, and rotation; `sprung` (p,)
+    is how far its springs are drawn out, over the footprints. Nothing else is beyond what its model holds for."""
     stress = tissue.cauchy_stress(hyper, U)
     stretch, rotation = tissue.cell_stretch(hyper, U)
     strain = np.abs(stretch - 1.0).max(axis=1)
     values, directions = tissue.principal(stress)
     at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
-    return OrganRecord(hyper.body.nodal(U), *at_nodes, strain, rotation, tissue.cell_energy(hyper, U), 0.0, 0.0)
+    return OrganRecord(
+        hyper.body.nodal(U), *at_nodes, strain, rotation, tissue.cell_energy(hyper, U), 0.0, 0.0, sprung=sprung
+    )
 
 
 def method(solve: Solve) -> Take:

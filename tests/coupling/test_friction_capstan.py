@@ -27,7 +27,7 @@ from tests.thread.threads import ORIGIN, Array, Strand, X, laid, line, run, unif
 from thread.ends import Driven, Pulled
 
 HOLD = 0.1  # [N]
-THRESHOLD = 1e-3  # of the ratio of pulls: what the issue of friction asks for
+THRESHOLD = 1e-3  # of the ratio of pulls: what friction is to show
 DT = 3e-3  # [s]; long, for the rod bends and that takes inertia in a first step
 
 

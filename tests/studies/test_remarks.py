@@ -70,7 +70,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "subgrid-strain": (
         SMALL_STRAIN,
         1,
-        lambda x: judging.beyond_at_springs(["a"], met(mean_strain=np.array([x])), {"a": 0.2}, 0.0),
+        lambda x: judging.beyond_at_springs(["a"], met(sprung=np.array([x])), {"a": 0.2}, 0.0),
     ),
     "tissue-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5))),
     "tissue-rotation": (SMALL_ROTATION, 1, lambda x: judging.beyond_in_tissue(met(rotation=x, rotated=0.5))),
@@ -110,7 +110,23 @@ def test_springs_hold_less_far_in_tissue_that_stiffens() -> None:
     limit = judging.springs_hold_to(0.2, judging.stiffening_of(load("skin", ["tissue.stiffening=5.0"])))
     stiffer = (1.0 + 30.0 * limit**2) * np.exp(15.0 * limit**2)
     assert 0.8 * RESOLVED_SHARE < 0.2 * (1.0 - 1.0 / stiffer) < 1.2 * RESOLVED_SHARE
-    assert [each.code for each in judging.beyond_at_springs(["a"], met(mean_strain=[1.01 * limit]), {"a": 0.2}, 5.0)]
+    assert [
+        each.code for each in judging.beyond_at_springs(["a"], met(sprung=np.array([1.01 * limit])), {"a": 0.2}, 5.0)
+    ]
+
+
+def test_a_pull_on_coarse_cells_that_stiffen_is_told() -> None:
+    """Consistency check: the scene of skin on cells of nearly a footprint; not at a hundredth of the pull."""
+    block = ['tissue.element="P1"', "tissue.mesh.h_site=1.8e-3", "tissue.mesh.size=[0.03, 0.014, 0.01]"]
+    block += ["thread.control_points=80", "solve.load_steps=2"]
+    for pull, said in ((1.0, {"subgrid-strain"}), (0.01, set())):
+        ways = {"start": [-0.8 * pull, 0, 0.6 * pull], "end": [0.8 * pull, 0, 0.6 * pull]}
+        ends = [f'thread.{end}={{kind="pulled", force={force}}}' for end, force in ways.items()]
+        simulation = prepare(load("skin", [*block, *ends]))
+        *_, (last, drawn) = simulation.advance()
+        met_there = nothing_met(2).after_step(last).after_frame(drawn().organ)
+        found = simulation.remarks(Ending(last, met_there))
+        assert {each.code for each in found if "subgrid" in each.code} == said
 
 
 def test_what_is_judged_by_two_numbers() -> None:

@@ -459,10 +459,13 @@ def test_a_scenario_survives_being_written(contract: Path) -> None:
 def test_a_dead_load_grows_unless_it_is_said_to_be_there_at_once(
     contract: Path, end: str, kind: str, ramp: float
 ) -> None:
-    """Independent check: 0.05 s in a dynamic run, the load steps in a static one, and what is given is kept."""
+    """Independent check: 0.05 s in a dynamic run, or all of it, the load steps in a static one, and what is given is
+    kept."""
     given = [f'thread.start={{kind="pulled", force=[0, 0, 1]{end}}}', f'solve.kind="{kind}"']
     start = resolved(load(contract, given), 0.0483, [0.021, 0.0323]).thread.start
     assert start.kind == "pulled" and start.ramp == ramp
+    short = resolved(load(contract, [*given, "solve.duration=0.01"]), 0.0483, [0.021, 0.0323]).thread.start
+    assert short.kind == "pulled" and short.ramp == (0.01 if ramp == RAMP else ramp)
 
 
 def test_what_the_geometry_tells_is_written_too(contract: Path) -> None:

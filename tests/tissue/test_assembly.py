@@ -37,7 +37,6 @@ def test_parts_make_the_whole(element: str, monkeypatch: pytest.MonkeyPatch) -> 
 def test_loops_agree_with_forms(element: str, dilatation: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Consistency check: compiled loops against scikit-fem's forms; with nodal dilatation half the cells have an excess
     of λ and half have none."""
-    pytest.importorskip("numba")
     forms, loops = bodies(element, dilatation, monkeypatch, COMPILED_BEYOND=0)
     assert np.array_equal(forms.clamped, loops.clamped)
     pairs = [(forms.K, loops.K), (forms.M, loops.M)]

@@ -115,6 +115,14 @@ def test_fibres_carry_tension_alone() -> None:
     assert close(cauchy(turned, F[[2, 0, 1]][:, [2, 0, 1]])[1, 1], sigma[0, 0], exact)
 
 
+def test_where_no_fibres_are_none_stiffen() -> None:
+    """Independent check: a stretch at which the others' energy is beyond all numbers."""
+    F = np.diag([1.6, 1.0, 1.0])
+    there, none = Fibres([1.0, 0.0, 0.0], K1, 2e3), Fibres([1.0, 0.0, 0.0], 0.0, 2e3)
+    assert there.energy(F) == np.inf
+    assert none.energy(F) == 0.0 and not none.stress(F).any() and not none.tangent(F).any()
+
+
 def test_prestretch_is_a_stretch_that_is_there_already() -> None:
     """Independent check: in the reference shape σ₁ − σ₃ = μ J₀^(−5/3) exp(b (Ī₁ − 3)) (λ₁² − λ₃²), J₀ = det F₀."""
     sigma = cauchy(Prestretched(isotropic(B), STRETCHES), np.eye(3))

@@ -47,21 +47,25 @@ class Fibres:
         with np.errstate(over="ignore"):
             return np.asarray(self.k1 * np.exp(self.k2 * x**2))
 
+    def _stretched(self, at: Invariant) -> Array:
+        """Return ⟨Ī₄ − 1⟩, zero where there are no fibres, shape `(…)`."""
+        return np.asarray(np.where(np.asarray(self.k1) > 0.0, np.maximum(at.value - 1.0, 0.0), 0.0))
+
     def energy(self, F: Array) -> Array:
         """Return W, shape `(…)` [J/m³]."""
-        x = np.maximum(self._invariant(F).value - 1.0, 0.0)
+        x = self._stretched(self._invariant(F))
         with np.errstate(over="ignore"):
             return np.asarray(0.5 * self.k1 / self.k2 * np.expm1(self.k2 * x**2))
 
     def stress(self, F: Array) -> Array:
         """Return P, shape `(3, 3, …)` [Pa]."""
         at = self._invariant(F)
-        x = np.maximum(at.value - 1.0, 0.0)
+        x = self._stretched(at)
         return np.asarray(x * self._grown(x) * at.gradient())
 
     def tangent(self, F: Array) -> Array:
         """Return A, shape `(3, 3, 3, 3, …)` [Pa]."""
         at = self._invariant(F)
-        x = np.maximum(at.value - 1.0, 0.0)
+        x = self._stretched(at)
         grown = self._grown(x)
         return at.tangent(x * grown, np.where(at.value > 1.0, grown * (1.0 + 2.0 * self.k2 * x**2), 0.0))

@@ -72,6 +72,14 @@ class Tangent:
     C_z: Array
 
 
+def solved(factor: Solver, b: Array) -> Array:
+    """Return A⁻¹ b of a tangent. Raises `OrganError`, by which the step is taken in halves."""
+    try:
+        return np.asarray(factor.solve(b))
+    except FactorError as error:
+        raise OrganError(f"the tissue's tangent cannot be solved ({error})") from error
+
+
 @dataclass(frozen=True)
 class Point:
     """The organ at `U` `(N,)` under no site forces: `F` at the cells, residual `r` `(N,)` [N], and `scale` [N], the
@@ -112,7 +120,7 @@ class FiniteAnswer:
     @cached_property
     def _U_r(self) -> Array:
         """−A⁻¹ r, shape `(N,)` [m]."""
-        return -self.tangent.factor.solve(self.point.r)
+        return -solved(self.tangent.factor, self.point.r)
 
     @cached_property
     def J(self) -> Array:
@@ -126,7 +134,10 @@ class FiniteAnswer:
     @cached_property
     def _bent(self) -> Array:
         """(1 − C_z S)⁻¹, shape `(k, k)`."""
-        return np.asarray(np.linalg.inv(np.eye(len(self._S)) - self.tangent.C_z @ self._S))
+        try:
+            return np.asarray(np.linalg.inv(np.eye(len(self._S)) - self.tangent.C_z @ self._S))
+        except np.linalg.LinAlgError as error:
+            raise OrganError("the frames that the needle cut turn with the tissue without end") from error
 
     @cached_property
     def C(self) -> Array:
@@ -307,13 +318,13 @@ class FiniteOrgan(MeshedOrgan):
         known = self._tangents.get(key)
         if known is not None and known.U is U:
             return known
-        while len(self._tangents) >= KEPT_TANGENTS:
+        while self._tangents and len(self._tangents) >= min(KEPT_TANGENTS, self.choice.room):
             self._tangents.popitem(last=False)
         A = self.law.tangent(self.law.gradient(self.whole(U)) if F is None else F)
         if motion.a:
             A = csr_matrix(A + (motion.a + self.damping * motion.d) * self.M)
         factor = self._factor(A)
-        W = factor.solve(self.map.Z.T.toarray())
+        W = solved(factor, self.map.Z.T.toarray())
         C = self.map.Z @ W
         self._tangents[key] = Tangent(U, A, factor, W, 0.5 * (C + C.T))
         return self._tangents[key]
@@ -391,6 +402,12 @@ class FiniteOrgan(MeshedOrgan):
     def site_variables(self, state: OrganState) -> Array:
         """Return y = y(Z U) + B Bᵀ f_y, shape `(9p,)`."""
         return np.asarray(self.map.y(np.asarray(self.map.Z @ state.U)) + self.spring_compliance @ state.f_y)
+
+    def spring_ways(self, state: OrganState) -> Array:
+        """Return how far the springs of each site are drawn out, `(p,)` [m]: the part of a hole's way that the mesh is
+        too coarse for."""
+        ways = (self.spring_compliance @ state.f_y).reshape(-1, 3, 3)[:, 0]
+        return np.asarray(np.linalg.norm(ways, axis=1))
 
     def lips(self, state: OrganState) -> tuple[Array, Array, Array]:
         """Return no gaps, contact forces and ways, shape `(0,)` each."""
