@@ -8,7 +8,6 @@ printed with the table.
 
 import csv
 import io
-import json
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
@@ -19,7 +18,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from studies.output.files import write_bytes, write_json, write_text
+from studies.output.files import read_json, write_bytes, write_json, write_text
 from studies.output.provenance import provenance
 from studies.scenario.refusal import as_toml, nearest, refusal
 from studies.workers import Workers, in_order
@@ -176,11 +175,7 @@ def check_folder(folder: Path, overwrite: bool = False) -> None:
 
 def holds_study(folder: Path) -> bool:
     """Tell whether a folder holds a study's own words of what was asked."""
-    try:
-        asked = json.loads((folder / "study.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return False
-    return isinstance(asked, dict) and {"study", "preset", "provenance"} <= asked.keys()
+    return {"study", "preset", "provenance"} <= read_json(folder / "study.json").keys()
 
 
 def carry_out(

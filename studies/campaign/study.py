@@ -12,6 +12,7 @@ what a user expects to arrive; a hole that moves further is beyond a linear orga
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,7 +25,7 @@ from studies.figure import COLOURS, panels
 from studies.scenario import ScenarioError, parse
 from studies.simulation import prepare
 from studies.simulation.memory import OrganRun
-from studies.study import Study, Table, unit_field
+from studies.study import Study, Table, each, unit_field
 
 ASKED = 0.97  # of the gentle cases to complete
 CREATED = 1e-6  # of a run's energy that a step may make
@@ -89,8 +90,7 @@ class Tally:
 
 def main(seed: int = 1, first: int = 0, count: int = 300, most: int = 20_000) -> Iterator[Row]:
     """Run the cases of a seed, each until it ends or has taken `most` corrections."""
-    for case in cases(seed, count, first):
-        yield run(case, most)
+    yield from each([partial(run, case, most) for case in cases(seed, count, first)])
 
 
 def run(case: Case, most: int) -> Row:

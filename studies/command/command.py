@@ -21,7 +21,7 @@ from typing import Any
 
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
-from studies.command.lines import print_lines
+from studies.command.lines import complain, print_lines
 from studies.command.parser import read
 from studies.command.progress import Progress, StudyProgress, stages
 from studies.command.summary import MILLI, print_summary, remark_lines
@@ -40,6 +40,7 @@ from studies.scenario.reference import reference
 from studies.scenario.toml import scenario_file
 from studies.simulation.interface import AnySimulation, Moments
 from studies.simulation.recorded import begin
+from studies.status import FAILED, INTERRUPTED, REFUSED, SIGNALLED, UNSUPPORTED
 from studies.study import NAMES, StudyError, arguments, carry_out, study
 from studies.study import check_folder as check_study_folder
 from studies.workers import WorkersError, workers_of
@@ -49,9 +50,7 @@ from tissue.errors import FactorError, TissueError
 
 REFUSALS = (ScenarioError, StudyError, ResultsError, MeshError, TissueError, ThreadError)
 FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
-FAILED, REFUSED, UNSUPPORTED, INTERRUPTED = 1, 2, 3, 128 + signal.SIGINT
 SIGPIPE = 13  # its number, which Windows does not have: a closed pipe is told as a shell tells it
-LONGEST_LINE, MOST_LINES = 1000, 40  # characters, and lines, of what is told of an error
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -66,11 +65,11 @@ def perform(options: argparse.Namespace) -> int:
         sys.stdout.flush()
     except BrokenPipeError:
         close_output()
-        return 128 + SIGPIPE
+        return SIGNALLED + SIGPIPE
     except OSError as error:
-        return _complain(OSError(_in_words(error)), FAILED)
+        return complain(_in_words(error), FAILED)
     except KeyboardInterrupt:
-        return _complain(KeyboardInterrupt("interrupted"), INTERRUPTED)
+        return complain("interrupted", INTERRUPTED)
     return status
 
 
@@ -79,12 +78,12 @@ def _carry_out(options: argparse.Namespace) -> int:
     try:
         status: int = options.command(options)
     except REFUSALS as error:
-        return _complain(error, REFUSED)
+        return complain(error, REFUSED)
     except FactorError as error:
-        return _complain(error, FAILED)
+        return complain(error, FAILED)
     except MemoryError as error:
         reason = f"there is not enough memory ({error}); take fewer control points or a coarser mesh"
-        return _complain(MemoryError(reason), REFUSED)
+        return complain(reason, REFUSED)
     return status
 
 
@@ -221,7 +220,7 @@ def run_study(options: argparse.Namespace) -> int:
     except (CouplingError, FactorError, WorkersError, OSError) as error:
         return _stopped(str(error), progress, folder, FAILED)
     except KeyboardInterrupt:
-        return _stopped("interrupted", progress, folder, 128 + signal.SIGINT)
+        return _stopped("interrupted", progress, folder, INTERRUPTED)
     finally:
         progress.close()
     print((folder / "table.md").read_text(encoding="utf-8"))
@@ -256,7 +255,7 @@ def _simulate(
                         raise KeyboardInterrupt
             status, outcome, text = 0, "completed", ""
         except KeyboardInterrupt:
-            status, outcome, text = 128 + (received or [signal.SIGINT])[0], "interrupted", "interrupted"
+            status, outcome, text = SIGNALLED + (received or [signal.SIGINT])[0], "interrupted", "interrupted"
         except FAILURES as error:
             status, outcome, text = FAILED, "failed", _where(recorder, error)
         except BaseException:
@@ -302,15 +301,6 @@ def _signals() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def _complain(error: BaseException, status: int) -> int:
-    lines = str(error).splitlines()
-    for line in lines[:MOST_LINES]:
-        print(f"suture: {line if len(line) <= LONGEST_LINE else line[:LONGEST_LINE] + ' …'}", file=sys.stderr)
-    if len(lines) > MOST_LINES:
-        print(f"suture: and {len(lines) - MOST_LINES} more", file=sys.stderr)
-    return status
-
-
 def _in_words(error: OSError) -> str:
     """Say what the system refused, and of which file."""
     reason = error.strerror or str(error) or type(error).__name__
@@ -330,8 +320,7 @@ def _stopped(cause: str, progress: StudyProgress, folder: Path, status: int) -> 
     """Say why a study ended early, and where what it has done is."""
     progress.close()
     kept = f"; the rows that were done are in {folder / 'runs.csv'}" if progress.rows else ""
-    print(f"suture: {cause}{kept}", file=sys.stderr)
-    return status
+    return complain(f"{cause}{kept}", status)
 
 
 def _say(options: argparse.Namespace, text: str) -> None:

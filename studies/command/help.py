@@ -139,6 +139,9 @@ CHECKS: tuple[Callable[[], Finding], ...] = (
     finder("Pardiso", "pypardiso", "the least fill on large organs", "fast"),
     finder("pandas", "pandas", "tables of open_run as data frames", "tables"),
     finder("Parquet", "pyarrow", "table.parquet of a sweep", "tables"),
+    finder("plotly", "plotly", "suture report", "report"),
+    finder("MkDocs", "mkdocs", "the site of these pages", "docs"),
+    finder("latex2mathml", "latex2mathml", "formulas of the site", "docs"),
     finder("Dask", "distributed", "sweeps on a cluster", "cluster"),
 )
 

@@ -3,6 +3,8 @@ too."""
 
 import sys
 
+from studies.status import INTERRUPTED
+
 
 def main() -> int:
     """Run a command; returns the exit status."""
@@ -15,7 +17,7 @@ def main() -> int:
         return perform(options)
     except KeyboardInterrupt:
         print("suture: interrupted", file=sys.stderr)
-        return 130
+        return INTERRUPTED
 
 
 if __name__ == "__main__":

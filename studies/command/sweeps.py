@@ -6,16 +6,18 @@ import sys
 from pathlib import Path
 from time import monotonic
 
+from studies.command.lines import complain
 from studies.command.progress import duration
 from studies.output.files import as_json
 from studies.refinement.refine import refine
 from studies.scenario.toml import read
+from studies.status import COMPLETED, FAILED, INTERRUPTED, REFUSED, UNSUPPORTED
 from studies.sweeps.grid import Settings, grid, paired, parse_over, read_table
 from studies.sweeps.sweep import Told, sweep
-from studies.sweeps.table import SweepTable, plain
+from studies.sweeps.table import TABLES, SweepTable, plain
 from studies.workers import WorkersError, workers_of
 
-FAILED, REFUSED, NOT_CONVERGED, INTERRUPTED = 1, 2, 3, 130
+STATUSES = {"completed": COMPLETED, "failed": FAILED, "refused": REFUSED}
 
 
 def run_sweep(options: argparse.Namespace) -> int:
@@ -30,7 +32,7 @@ def run_sweep(options: argparse.Namespace) -> int:
 
             write_figure(table, options.plot, options.out)
     except WorkersError as error:
-        return complain(str(error), FAILED)
+        return complain(error, FAILED)
     except KeyboardInterrupt:
         return complain("interrupted; the same command goes on where it was", INTERRUPTED)
     if options.json:
@@ -43,7 +45,7 @@ def run_sweep(options: argparse.Namespace) -> int:
 def cases_of(options: argparse.Namespace) -> list[Settings]:
     """Return the cases that a command line asks for: a table, or lists; the latter within each case of the former."""
     over = parse_over(options.over)
-    lists = paired(over) if options.paired else grid(over)
+    lists = paired(over) if options.paired and over else grid(over)
     given = read_table(options.table) if options.table else [{}]
     return [one | other for one in given for other in lists] if over or options.table else []
 
@@ -61,13 +63,8 @@ def report(table: SweepTable, folder: Path) -> list[str]:
     return [*lines, *([f"figure     {drawn}"] if drawn.is_file() else [])]
 
 
-STATUSES = {"completed": 0, "failed": 1, "refused": 2}
-
-
 def _parquet(folder: Path) -> str:
     """Return where the table in Parquet is, or how to have it."""
-    from studies.sweeps.table import TABLES
-
     path = folder / "table.parquet"
     return f", {path.name}" if path.is_file() else f" (table.parquet needs pyarrow: {TABLES})"
 
@@ -113,7 +110,7 @@ def run_refinement(options: argparse.Namespace) -> int:
             told.tell,
         )
     except WorkersError as error:
-        return complain(str(error), FAILED)
+        return complain(error, FAILED)
     except KeyboardInterrupt:
         return complain("interrupted; the same command goes on where it was", INTERRUPTED)
     if options.json:
@@ -123,10 +120,4 @@ def run_refinement(options: argparse.Namespace) -> int:
         print(f"levels, verdicts and figure are in {options.out}")
     if any(one.verdict is None for one in found):
         return FAILED
-    return NOT_CONVERGED if options.strict and not all(one.converged for one in found) else 0
-
-
-def complain(sentence: str, status: int) -> int:
-    """Say why there is no result; return the exit status."""
-    print(f"suture: {sentence}", file=sys.stderr)
-    return status
+    return UNSUPPORTED if options.strict and not all(one.converged for one in found) else 0

@@ -1,4 +1,5 @@
-"""Files that are complete or absent: written under a temporary name in their folder, then renamed."""
+"""Files that are complete or absent: written under a temporary name in their folder, then renamed. What is torn all the
+same is read as nothing."""
 
 import json
 import math
@@ -32,6 +33,15 @@ def write_text(path: Path, text: str) -> None:
 def write_json(path: Path, value: Mapping[str, Any]) -> None:
     """Write JSON, with null for what is not finite."""
     write_text(path, as_json(value))
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON object; an empty one where there is none, or a torn one."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def as_json(value: Mapping[str, Any]) -> str:

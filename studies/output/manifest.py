@@ -4,7 +4,6 @@ A folder is a run's only where it holds a manifest that this code wrote. What th
 frames, is the user's: it is neither removed nor written over.
 """
 
-import json
 import re
 from collections.abc import Iterable
 from contextlib import suppress
@@ -12,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from studies.output.columns import TABLES
-from studies.output.files import UNFINISHED
+from studies.output.files import UNFINISHED, read_json
 from studies.output.lock import LOCK
 from studies.output.log import LOG
 from studies.output.series import frame_files
@@ -43,12 +42,8 @@ def files_of(scenario: Scenario) -> list[str]:
 
 def manifest(folder: Path) -> dict[str, Any] | None:
     """Read the manifest of a folder; None where it holds none that this code wrote."""
-    try:
-        found = json.loads((folder / MARK).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return None
-    own = isinstance(found, dict) and "suturefem" in found and isinstance(found.get("files"), list)
-    return found if own else None
+    found = read_json(folder / MARK)
+    return found if "suturefem" in found and isinstance(found.get("files"), list) else None
 
 
 def holds_run(folder: Path) -> bool:

@@ -108,7 +108,7 @@ COLUMNS: dict[tuple[str, ...], tuple[Column[Any], ...]] = {
     ("thread",): (MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN),
     **{("thread", end): at_end(end) for end in ENDS},
     ("piercings", ANY): HOLE_SUMMARY,
-    ("contact",): CONTACT,
+    ("contact", ANY): CONTACT,
     ("loads", ANY): LOAD,
     ("range",): RANGE,
     ("range", "piercings", ANY): HOLE_RANGE,

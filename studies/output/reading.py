@@ -4,9 +4,9 @@ A run that is still at work, or that was killed, is read as far as it came.
 """
 
 import csv
-import json
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
@@ -18,12 +18,18 @@ from numpy.typing import NDArray
 
 from studies.arrays import Array
 from studies.output.columns import STATE_CODES, TABLES
+from studies.output.files import read_json
 from studies.output.manifest import MARK, SCENARIO, holds_run
 from studies.output.records import OrganRecord, OrganTopology, PiercingRecord, Snapshot, ThreadRecord
 from studies.output.series import step_of
 
 HEADING = re.compile(r"(?P<name>.*?)(?: \[(?P<unit>[^\]]*)\])?")
 CORNERS = 4  # nodes of a tetrahedron without those on its edges
+ITEM = {  # the column that says which piercing, pair or boundary a row of a table is about
+    layout.name: next(column.name for column in layout.columns if column.kind == "text")
+    for layout in TABLES
+    if not layout.every_step
+}
 TEXTS = {column.name for layout in TABLES for column in layout.columns if column.kind == "text"}
 
 
@@ -50,7 +56,10 @@ class Table:
 
     def where(self, name: str, word: str) -> "Table":
         """Return the rows whose column of text has a word."""
-        chosen = self.columns[name] == word
+        return self.rows(self.columns[name] == word)
+
+    def rows(self, chosen: NDArray[Any]) -> "Table":
+        """Return the rows of these numbers, or where it is true."""
         return Table({key: values[chosen] for key, values in self.columns.items()}, self.units)
 
 
@@ -103,6 +112,20 @@ class RunResults:
         table = self.tables.get("piercings")
         return [] if table is None else list(dict.fromkeys(table.columns["piercing"].tolist()))
 
+    def parts(self, name: str) -> dict[str, Table]:
+        """Return a table split by what its rows are about, each part with a row a step: by the name of the piercing,
+        of the pair of surfaces, or of the boundary, the second load on one as `top (2)`; whole under an empty name
+        where a step has one row."""
+        table = self.tables[name]
+        if name not in ITEM:
+            return {"": table}
+        met: Counter[tuple[float, str]] = Counter()
+        rows: dict[str, list[int]] = {}
+        for row, of in enumerate(zip(table.columns["step"].tolist(), table.columns[ITEM[name]].tolist(), strict=True)):
+            met[of] += 1
+            rows.setdefault(of[1] if met[of] == 1 else f"{of[1]} ({met[of]})", []).append(row)
+        return {item: table.rows(np.array(chosen)) for item, chosen in rows.items()}
+
 
 def read_run(folder: Path | str) -> RunResults:
     """Read the run in a folder. Raises `ResultsError` where it holds none."""
@@ -118,15 +141,6 @@ def read_run(folder: Path | str) -> RunResults:
         {name: read_table(path) for name, path in found.items() if path.is_file()},
         read_frames(folder / "results.pvd"),
     )
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON object; an empty one where there is none, or a torn one."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return found if isinstance(found, dict) else {}
 
 
 def read_table(path: Path) -> Table:

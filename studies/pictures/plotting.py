@@ -7,10 +7,9 @@ from matplotlib import rc_context
 
 from studies.figure import COLOURS, STYLE, panels
 from studies.output.reading import ResultsError, RunResults, Table, read_run
-from studies.report.charts import AXES, SHOWN, lengths
+from studies.report.charts import AXES, SHOWN, lengths, parts_over_time
 from studies.scenario.refusal import nearest
 
-TABLES = ("steps", "energy", "contact")  # of the whole run; those of the piercings go by `piercings.NAME.COLUMN`
 Line = tuple[str, str, Sequence[float], Sequence[float]]  # name, unit, times [s], values
 
 
@@ -53,15 +52,12 @@ def line_of(run: RunResults, name: str) -> Line:
 
 
 def columns_of(run: RunResults) -> list[tuple[str, Table, str]]:
-    """List what can be drawn: `piercings.exit.tension_after`, `energy.kinetic`, `piercings.exit.force` for the length
-    of a vector and `piercings.exit.force_x` for a component; each with its table and its column there."""
-    holes = run.tables.get("piercings")
-    tables = [(name, run.tables[name]) for name in TABLES if name in run.tables]
-    if holes is not None:
-        tables = [(f"piercings.{name}", holes.where("piercing", name)) for name in run.piercings] + tables
+    """List what can be drawn: `piercings.exit.tension_after`, `loads.top.share`, `energy.kinetic`,
+    `piercings.exit.force` for the length of a vector and `piercings.exit.force_x` for a component; each with its table
+    and its column there."""
     return [
-        (f"{key}.{column}", table, column)
-        for key, table in tables
+        (".".join(filter(None, (name, item, column))), table, column)
+        for name, item, table in parts_over_time(run)
         for column in [*(name for name, _, _ in lengths(table)), *table.numeric]
         if column not in ("time", "step", *AXES)
     ]

@@ -115,7 +115,13 @@ def ladder(scenario: Scenario, over: str = "all", levels: int = LEVELS, ratio: f
     factors = tuple(step**level for level in range(levels))
     settings = tuple(finer(scenario, kinds, factor) for factor in factors)
     order = min(KINDS[kind].order(scenario) for kind in kinds)
-    return Ladder(kinds, settings, tuple(map(effective(scenario, kinds), settings, factors)), order)
+    rounded = tuple(map(effective(scenario, kinds), settings, factors))
+    if (distinct := len(set(rounded))) < LEAST:
+        raise ScenarioError(
+            f"--ratio {step:.4g} is refused: rounded to whole numbers only {distinct} distinct levels of {levels} are "
+            f"left, and a verdict needs {LEAST}; give a larger ratio or more levels"
+        )
+    return Ladder(kinds, settings, rounded, order)
 
 
 def kinds_of(scenario: Scenario, over: str) -> tuple[str, ...]:

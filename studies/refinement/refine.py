@@ -121,8 +121,10 @@ def refined(name: str, rungs: Ladder, table: SweepTable) -> Refined:
         for there, value in zip(done, column.converted, strict=True)
     )
     pairs = [(1.0 / factor, number) for factor, number in zip(rungs.factors, values, strict=True) if not isnan(number)]
-    if len({size for size, _ in pairs}) < LEAST:
-        why = f"only {len(pairs)} of {len(values)} levels have the number, and {LEAST} are needed"
+    distinct = len({size for size, _ in pairs})
+    if distinct < LEAST:
+        of = f"{distinct} distinct" if distinct < len(pairs) else f"{len(pairs)}"
+        why = f"only {of} of {len(values)} levels have the number, and {LEAST} are needed"
         return Refined(column.name, column.unit, rungs.factors, values, rungs.order, None, why)
     said = verdict([size for size, _ in pairs], [number for _, number in pairs], rungs.order)
     return Refined(column.name, column.unit, rungs.factors, values, rungs.order, said)

@@ -1,6 +1,6 @@
 """What a report draws over time: the tables of runs as series, and which of them a chart shows."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,12 +12,11 @@ from studies.output.reading import RunResults, Table
 
 MOST_ROWS = 1000  # of a series: more are finer than a screen
 SHOWN = {"m": (1e3, "mm"), "Pa": (1e-3, "kPa"), "J": (1e3, "mJ")}  # SI units that read better by another name
-PER_PIERCING = "piercings"  # the table with rows for each of them
 CHARTS = (  # title, and the columns that it shows
     ("Tension of the thread at each hole", (("piercings", "tension_before"), ("piercings", "tension_after"))),
     ("Thread drawn through each hole", (("piercings", "slip"),)),
     ("Force of each hole on the thread", (("piercings", "force"),)),
-    ("Smallest gap between the lips", (("contact", "smallest_gap"),)),
+    ("Smallest gap of each pair of surfaces", (("contact", "smallest_gap"),)),
     ("Force of the holders on the thread", (("steps", "start_reaction"), ("steps", "end_reaction"))),
     ("Energy", (("energy", "kinetic"), ("energy", "elastic_thread"), ("energy", "elastic_tissue"))),
 )
@@ -27,12 +26,13 @@ AXES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class Series:
-    """A quantity of a run over time, each shape `(n,)`; `piercing` is empty for one of the whole run."""
+    """A quantity of a run over time, each shape `(n,)`; `item` is the piercing, pair of surfaces or boundary that it is
+    of, empty for one of the whole run."""
 
     run: str
     table: str
     column: str
-    piercing: str
+    item: str
     unit: str
     time: Array  # [s]
     values: Array
@@ -40,7 +40,7 @@ class Series:
     @property
     def label(self) -> str:
         """What a legend calls the quantity, without the run."""
-        return f"{self.piercing}: {self.column}" if self.piercing else self.column
+        return f"{self.item}: {self.column}" if self.item else self.column
 
     @property
     def key(self) -> str:
@@ -57,29 +57,21 @@ class Series:
 
 def series_of(run: RunResults, name: str) -> list[Series]:
     """Return every quantity of a run's tables that has a row for every step, and the length of every vector."""
-    return [
-        one
-        for table, whole in run.tables.items()
-        if table != "events"
-        for piercing, rows in parts_of(table, whole, run.piercings)
-        for one in quantities(name, table, piercing, rows)
-    ]
+    return [one for table, item, rows in parts_over_time(run) for one in quantities(name, table, item, rows)]
 
 
-def parts_of(name: str, table: Table, piercings: Sequence[str]) -> list[tuple[str, Table]]:
-    """Return the rows of a table piercing by piercing, where it has them so."""
-    if name != PER_PIERCING:
-        return [("", table)]
-    return [(piercing, table.where("piercing", piercing)) for piercing in piercings]
+def parts_over_time(run: RunResults) -> list[tuple[str, str, Table]]:
+    """Return the tables of a run, all but its events, part by part: name, item, rows, of which each step has one."""
+    return [(name, item, rows) for name in run.tables if name != "events" for item, rows in run.parts(name).items()]
 
 
-def quantities(run: str, table: str, piercing: str, rows: Table) -> Iterator[Series]:
+def quantities(run: str, table: str, item: str, rows: Table) -> Iterator[Series]:
     """Yield the quantities of a table's rows, thinned out and in the units of the charts."""
     chosen = thinned(len(rows.columns["time"]))
     time = rows.columns["time"][chosen]
     for name, unit, values in [*plain_columns(rows), *lengths(rows)]:
         factor, shown = SHOWN.get(unit, (1.0, unit))
-        yield Series(run, table, name, piercing, shown, time, factor * values[chosen])
+        yield Series(run, table, name, item, shown, time, factor * values[chosen])
 
 
 def plain_columns(rows: Table) -> list[tuple[str, str, Array]]:

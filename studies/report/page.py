@@ -13,7 +13,7 @@ from studies.output.reading import ResultsError
 HERE = Path(__file__).parent
 MISSING = (
     "suture report is refused: plotly, which draws its charts, is not installed; add it with "
-    'pip install -e ".[report]" in the clone, or pip install plotly'
+    "pip install 'suturefem[report]'"
 )
 
 

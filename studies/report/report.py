@@ -1,31 +1,34 @@
 """``suture report``: runs, studies and sweeps in one page of HTML that asks the network for nothing."""
 
 import base64
-import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from studies.output.files import write_text
+import numpy as np
+
+from studies.output.columns import HOLE_SUMMARY
+from studies.output.files import as_json, read_json, write_text
 from studies.output.manifest import holds_run
-from studies.output.reading import ResultsError, RunResults, Table, read_json, read_run, read_table
+from studies.output.quantities import headed
+from studies.output.reading import ResultsError, RunResults, Table, read_run, read_table
 from studies.report import page
 from studies.report.charts import SHOWN, chart_records, plain, series_of
 from studies.report.space import BYTES, view_record
 from studies.study import holds_study
+from studies.sweeps.sweep import MARK, holds_sweep
 
-SWEEP = "table.csv"  # what makes a folder a sweep's that is neither a run's nor a study's
 MOST_ROWS = 200  # of a table that is shown whole
 HOLE_LINES = ("state", "slip", "force", "normal_force", "tangential_force", "tension_before", "tension_after")
-HOLE_UNITS = {"slip": "m", "force": "N", "normal_force": "N", "tangential_force": "N", "tension_before": "N",
-              "tension_after": "N"}  # fmt: skip
+HOLE_UNITS = {column.name: column.unit for column in HOLE_SUMMARY}
 
 
 @dataclass(frozen=True)
 class Rows:
-    """A study or a sweep: what it asked, what is said of it, its rows, its figure in base64, and its origin."""
+    """A study, a sweep or a refinement: what it asked, what is said of it, its rows, its figure in base64, and its
+    origin."""
 
     name: str
     question: str
@@ -62,22 +65,53 @@ def labels(folders: Sequence[Path]) -> list[str]:
 
 
 def read_rows(folder: Path) -> Rows:
-    """Read a study or a sweep. Raises `ResultsError` for a folder that is neither."""
-    if not (folder / SWEEP).is_file():
+    """Read a study, a sweep or a refinement. Raises `ResultsError` for a folder that is none, or is not finished."""
+    swept = holds_sweep(folder) or holds_sweep(folder, "refinement")
+    if not swept and not holds_study(folder):
         raise ResultsError(
             f"{folder} is refused: it holds neither a run nor a study nor a sweep; give a folder that has one"
         )
-    if not holds_study(folder):
-        return Rows(folder.name, "", (), read_table(folder / SWEEP), read_table(folder / SWEEP), "", {})
-    asked = read_json(folder / "study.json")
+    if not (folder / "table.csv").is_file():
+        raise ResultsError(
+            f"{folder} is refused: it has no table.csv yet; let the command that began it come to its end"
+        )
+    return read_sweep(folder) if swept else read_study(folder)
+
+
+def read_sweep(folder: Path) -> Rows:
+    """Read a sweep, or a refinement with its verdicts."""
+    asked, table = read_json(folder / MARK), read_table(folder / "table.csv")
+    found = read_json(folder / "verdict.json").get("quantities", ())
+    doubted = int(np.count_nonzero(table.columns["unsupported"]))
+    said = [f"{headed(one['quantity'], one['unit'])}: {one['verdict']}" for one in found]
+    said += [f"{doubted} cases have numbers that are not supported: column remarks"] if doubted else []
+    return Rows(
+        folder.resolve().name,
+        f"A {asked['kind']} of {asked['title'] or 'a scenario without a title'}: {asked['cases']} cases",
+        tuple(said),
+        table,
+        table,
+        drawn(folder),
+        {key: asked[key] for key in ("over", "base", "code", "provenance") if key in asked},
+    )
+
+
+def drawn(folder: Path) -> str:
+    """Return the figure of a folder in base64, empty where it has none."""
     figure = folder / "figure.png"
+    return base64.b64encode(figure.read_bytes()).decode() if figure.is_file() else ""
+
+
+def read_study(folder: Path) -> Rows:
+    """Read a study."""
+    asked = read_json(folder / "study.json")
     return Rows(
         str(asked["study"]),
         str(asked.get("question", "")),
         tuple(map(str, asked.get("remarks", ()))),
         read_table(folder / "runs.csv"),
-        read_table(folder / SWEEP),
-        base64.b64encode(figure.read_bytes()).decode() if figure.is_file() else "",
+        read_table(folder / "table.csv"),
+        drawn(folder),
         {key: asked[key] for key in ("preset", "arguments", "provenance") if key in asked},
     )
 
@@ -145,8 +179,9 @@ def summary_rows(runs: Sequence[RunResults]) -> list[list[object]]:
     rows.append(["largest strain of the thread", *(part(summary, "thread", "max_strain") for summary in summaries)])
     for hole in dict.fromkeys(name for run in runs for name in run.piercings):
         for key in HOLE_LINES:
-            unit = f" [{HOLE_UNITS[key]}]" if key in HOLE_UNITS else ""
-            rows.append([f"{hole}: {key}{unit}", *(size(part(s, "piercings", hole, key)) for s in summaries)])
+            rows.append(
+                [headed(f"{hole}: {key}", HOLE_UNITS[key]), *(size(part(s, "piercings", hole, key)) for s in summaries)]
+            )
     for key in dict.fromkeys(name for summary in summaries for name in summary.get("energy", {})):
         rows.append([f"energy: {key} [J]", *(part(summary, "energy", key) for summary in summaries)])
     return [row for row in rows if any(value is not None for value in row[1:])]
@@ -178,10 +213,9 @@ def events_section(name: str, run: RunResults) -> Iterator[str]:
 def rows_sections(rows: Rows, number: int) -> Iterator[str]:
     """Yield what a report says of a study or a sweep, in its order."""
     yield page.heading(rows.name)
-    if rows.question:
-        yield f"<p>{page.escaped(rows.question)}</p>"
-        yield "<h3>Remarks</h3>"
-        yield page.remark_list([{"message": text} for text in rows.remarks])
+    yield f"<p>{page.escaped(rows.question)}</p>"
+    yield "<h3>Remarks</h3>"
+    yield page.remark_list([{"message": text} for text in rows.remarks])
     if rows.figure:
         yield page.figure(rows.figure, f"figure of {rows.name}")
     yield "<h3>Table</h3>"
@@ -192,8 +226,7 @@ def rows_sections(rows: Rows, number: int) -> Iterator[str]:
         choices = [page.selection(f"x{number}", "x", numbers, x), page.selection(f"y{number}", "y", numbers, y)]
         choices.append(page.selection(f"by{number}", "colour", ["", *names]))
         yield f'<h3>Rows</h3><div class="controls">{"".join(choices)}</div>{page.chart(f"grid{number}")}'
-    if rows.provenance:
-        yield page.folded("arguments, versions and machine", as_json(rows.provenance))
+    yield page.folded("arguments, versions and machine", as_json(rows.provenance))
 
 
 def axes_of(table: Table) -> tuple[str, str]:
@@ -220,8 +253,3 @@ def grid_record(rows: Rows) -> dict[str, Any]:
         for name, values in rows.table.columns.items()
     }
     return {"columns": columns, "units": {name: unit for name, (_, unit) in factors.items() if unit != "-"}}
-
-
-def as_json(value: Mapping[str, Any]) -> str:
-    """Return a mapping to be read."""
-    return json.dumps(value, indent=2, ensure_ascii=False)

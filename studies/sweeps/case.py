@@ -5,6 +5,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from threading import Lock
 from time import perf_counter
 from typing import Any
@@ -17,14 +18,17 @@ from studies.scenario import Scenario, ScenarioError
 from studies.scenario.toml import mesh_file, parsed, tables, with_mesh_file
 from studies.simulation.sharing import Shared
 from studies.simulation.simulation import Simulation, prepare
+from studies.status import COMPLETED, FAILED, REFUSED
 from thread.errors import ThreadError
 from tissue.errors import FactorError, TissueError
 
 REFUSALS = (ScenarioError, MeshError, TissueError, ThreadError)
 SHORTAGES = (FactorError, OSError, MemoryError)  # of memory or disk, perhaps gone the next time
-COMPLETED, FAILED, REFUSED = 0, 1, 2
 ROOMS = ("thread", "tissue", "coupling", "meshes", "studies/scenario", "studies/simulation", "studies/output")
-PACKAGES = ("numpy", "scipy", "scikit-fem", "gmsh", "meshio", "pyamg", "cvxopt", "pypardiso", "mkl")  # numbers hang on
+MODULES = ("studies/arrays.py", "studies/verdicts.py")  # that those rooms take numbers and bounds from
+PACKAGES = (  # that numbers hang on
+    "numpy", "scipy", "numba", "scikit-fem", "gmsh", "meshio", "pyamg", "cvxopt", "pypardiso", "mkl",
+)  # fmt: skip
 
 KEPT = Shared()  # by this process, from one case to the next
 ONE_AT_A_TIME = Lock()  # threads of one process would share what is kept while it changes
@@ -101,8 +105,15 @@ def case_digest(scenario: Scenario) -> str:
 @cache
 def code_version() -> tuple[str, dict[str, str]]:
     """Return the digest of the source that a run hangs on, and the versions of its packages."""
-    files = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
     text = hashlib.sha256()
-    for path in files:
+    for path in source_files():
         text.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
     return text.hexdigest(), {name: version for name in PACKAGES if (version := installed_version(name)) is not None}
+
+
+def source_files() -> list[Path]:
+    """Return the files of the source that a run hangs on."""
+    return [
+        *(path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))),
+        *(ROOT / name for name in MODULES),
+    ]

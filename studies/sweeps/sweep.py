@@ -9,20 +9,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from studies.output.files import as_json, write_json
+from studies.output.files import as_json, read_json, write_json
 from studies.output.lock import LOCK, locked
 from studies.output.provenance import provenance
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.toml import changed, parsed, read, tables
 from studies.simulation.sharing import organ_key
-from studies.sweeps.case import REFUSED, Result, case_digest, code_version, run_case
+from studies.status import REFUSED
+from studies.sweeps.case import Result, case_digest, code_version, run_case
 from studies.sweeps.grid import Settings, check_count, grid
 from studies.sweeps.table import Case, SweepTable, table_of, write_tables
 from studies.workers import InTurn, Workers
 
 MARK = "sweep.json"
 CASES = "cases"
-OWN = (MARK, CASES, "table.csv", "table.parquet", "figure.png", "figure.svg", "verdict.md", "verdict.json")
+MADE = ("table.csv", "table.parquet", "figure.png", "figure.svg", "verdict.md", "verdict.json")  # of all cases
+OWN = (MARK, CASES, *MADE)
 
 Base = Path | str | Mapping[str, Any] | Scenario
 Tell = Callable[["Told"], None]
@@ -120,19 +122,12 @@ def holds_sweep(folder: Path, kind: str = "sweep") -> bool:
     return read_json(folder / MARK).get("kind") == kind
 
 
-def read_json(path: Path) -> dict[str, Any]:
-    """Read a table from JSON, an empty one where there is none or it is torn."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return found if isinstance(found, dict) else {}
-
-
 def _sweep(
     kind: str, base: Mapping[str, Any], planned: list[Planned], folder: Path, workers: Workers, tell: Tell
 ) -> SweepTable:
-    """Run what is not there yet, and write the tables."""
+    """Run what is not there yet, and write the tables; what an earlier sweep made of all its cases goes first."""
+    for name in MADE:
+        (folder / name).unlink(missing_ok=True)
     kept = folder / CASES
     kept.mkdir(exist_ok=True)
     asked = {"kind": kind, "title": base.get("title", ""), "cases": len(planned)}

@@ -5,6 +5,7 @@ Nothing in it hangs on when, where or in which order the cases were run: the sam
 
 import io
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -148,12 +149,8 @@ def plain(value: Any) -> float | int | str | bool | None:
     return value if value is None or isinstance(value, float | int | str) else as_toml(value)
 
 
-def write_tables(table: SweepTable, folder: Path) -> list[str]:
-    """Write ``table.csv`` and ``table.parquet``; return a sentence for what is not written."""
+def write_tables(table: SweepTable, folder: Path) -> None:
+    """Write ``table.csv``, and ``table.parquet`` where pyarrow is installed."""
     write_text(folder / "table.csv", table.csv)
-    try:
-        data = table.parquet
-    except ImportError:
-        return [f"table.parquet is not written: pyarrow is not installed; {TABLES}"]
-    write_bytes(folder / "table.parquet", data)
-    return []
+    with suppress(ImportError):
+        write_bytes(folder / "table.parquet", table.parquet)

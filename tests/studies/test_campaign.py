@@ -1,7 +1,10 @@
 """The campaign's cases follow from their seed, and every end of a case has its cause."""
 
+import pickle
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +14,7 @@ from studies.campaign import study
 from studies.campaign.generator import GENTLE, KINDS, SUTURES, cases
 from studies.campaign.study import CAUSES, CREATED, Row, cause_of, figure, remarks, run, table
 from studies.scenario import parse
+from studies.study import AT_WORK
 
 FLIP = InversionError(0.0, "hole")
 
@@ -53,6 +57,23 @@ def test_every_error_has_its_cause(
     now = SimpleNamespace(system=None, state=SimpleNamespace(y=y, present=np.array([True])))
     assert cause_of(error, now) == cause  # type: ignore[arg-type]
     assert cause in CAUSES
+
+
+def test_the_workers_of_a_study_do_the_cases() -> None:
+    """Independent check: each case is an item of its own, which goes to another process and comes back the same."""
+    items: list[Any] = []
+
+    class Others:
+        def done(self, work: Any, given: Sequence[Any]) -> Iterator[Any]:
+            items.extend(pickle.loads(pickle.dumps(given)))
+            return iter(())
+
+    token = AT_WORK.set(Others())
+    try:
+        assert list(study.main(seed=3, first=2, count=4)) == []
+    finally:
+        AT_WORK.reset(token)
+    assert [item.args[0] for item in items] == list(cases(3, 4, 2))
 
 
 def test_what_did_not_arrive_is_counted_and_listed() -> None:

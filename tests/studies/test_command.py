@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from meshes.errors import MeshError
 from studies.command import command, help
 from studies.command.parser import TABLE
 from studies.command.progress import Progress, duration
+from studies.output.version import ROOT
 from studies.scenario import Scenario, load
 from tests.studies.samples import CONTRACT, Stub
 
@@ -202,12 +204,19 @@ def test_help_and_version_load_no_library(capsys: pytest.CaptureFixture[str]) ->
 
 
 def test_the_doctor_and_the_completion(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """Independent check: what is missing has its remedy; each shell is told every command and its options."""
+    """Independent check: what is missing has its remedy, every extra but that of the tests is asked for; each shell is
+    told every command and its options."""
+    of_extras = [check for check in help.CHECKS if check.__name__ == "find"]
     monkeypatch.setattr(help, "CHECKS", (help.find_code, help.finder("Dask", "no-such-package", "clusters", "cluster")))
     assert command.main(["doctor"]) == 0
     assert "needed for clusters; pip install 'suturefem[cluster]'" in capsys.readouterr().out
     assert command.main(["doctor", "--json"]) == 0
     assert [finding["there"] for finding in json.loads(capsys.readouterr().out)] == [True, False]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    remedies = {check().remedy for check in of_extras}
+    assert remedies == {
+        f"pip install 'suturefem[{name}]'" for name in project["optional-dependencies"] if name != "test"
+    }
     for shell in ("bash", "zsh", "fish"):
         assert command.main(["completion", shell]) == 0
         said = capsys.readouterr().out

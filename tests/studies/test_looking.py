@@ -3,6 +3,7 @@ told before the first step."""
 
 import io
 import logging
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
@@ -13,11 +14,15 @@ from PIL import Image
 
 from studies.command.command import main
 from studies.command.progress import TERMINAL, Progress, Stages, stages
-from studies.output.reading import read_run, snapshot_of, topology_of
+from studies.output.columns import CONTACTS, LOADS
+from studies.output.reading import read_run, read_table, snapshot_of, topology_of
+from studies.output.records import ContactRecord, LoadRecord
+from studies.output.tables import CsvFile
 from studies.pictures import film_section, looking
 from studies.pictures.camera import CLEAR, camera_on, label_places, scale_bar
 from studies.pictures.plotting import columns_of, line_of
 from studies.pictures.view import scale_of
+from studies.report.charts import series_of
 from tests.studies.samples import LINEAR, frame, step
 from tests.studies.test_report import record_run
 
@@ -151,6 +156,31 @@ def test_columns_are_drawn_over_time(run: Path, tmp_path: Path, capsys: pytest.C
     assert target.stat().st_size > 10_000
     assert main(["plot", str(run), "piercings.exit.slipp"]) == 2
     assert "the nearest is piercings.exit.slip;" in capsys.readouterr().err
+
+
+def test_pairs_and_loads_are_curves_of_their_own(run: Path, tmp_path: Path) -> None:
+    """Independent check: two pairs of surfaces and three loads, two on one boundary, are five items with a row a step,
+    each with its own numbers, in the figure and in the report."""
+
+    def lips(pair: str, gap: float) -> ContactRecord:
+        return ContactRecord(pair, 6, 2, gap, 120.0, 1e-6, 2e-4, 0.3, 1e-22)
+
+    def load(boundary: str, share: float) -> LoadRecord:
+        return LoadRecord(boundary, share, 1e-4, np.ones(3))
+
+    for layout in (CONTACTS, LOADS):
+        table = CsvFile(tmp_path / f"{layout.name}.csv", layout.columns)
+        for n in range(3):
+            pairs, loads = (lips("a - b", n), lips("c - d", 10.0 + n)), (("top", n), ("top", 10.0 + n), ("left", 20.0))
+            table.append(layout.rows(replace(step(n), contact=pairs, loads=tuple(load(*one) for one in loads))))
+        table.close()
+    tables = {name: read_table(tmp_path / f"{name}.csv") for name in ("contact", "loads")}
+    results = replace(read_run(run), tables=tables)
+    names = ["contact.c - d.smallest_gap", "loads.top.share", "loads.top (2).share", "loads.left.share"]
+    assert [line_of(results, name)[3] for name in names] == [[1e4, 1.1e4, 1.2e4], [0, 1, 2], [10, 11, 12], [20] * 3]
+    found = {one.key: one.values.tolist() for one in series_of(results, "run")}
+    assert found["contact: a - b: smallest_gap"] == [0, 1e3, 2e3]
+    assert found["loads: top (2): share"] == [10, 11, 12]
 
 
 def test_the_macro_is_a_program(run: Path, tmp_path: Path) -> None:

@@ -13,13 +13,17 @@ from studies.command.command import main
 from studies.output.folder import Recorder
 from studies.output.reading import ResultsError, read_frames, read_run, read_table
 from studies.pictures.view import surface
+from studies.refinement.refine import refine
 from studies.report import page, space
 from studies.report.charts import MOST_ROWS, thinned
 from studies.report.report import labels, write_report
 from studies.report.space import Skin, chosen_frames, decimated, whole_skin
 from studies.scenario import parse
+from studies.scenario.toml import changed
+from studies.sweeps.sweep import sweep
 from tests.studies.browser import CHROMIUM, browser
 from tests.studies.samples import CORNERS, LINEAR, Stub, frame, framing, step
+from tests.studies.test_sweep import ONE_STEP, RING
 
 STEPS = 3
 SIXTEEN_BITS = 1 / 2**15
@@ -148,30 +152,40 @@ def test_remarks_stand_first_and_text_is_no_markup(tmp_path: Path) -> None:
 
 def test_several_runs_a_study_and_a_sweep_are_compared(tmp_path: Path) -> None:
     """Independent check: a column for each run, of one name by its parent too; a study's question and figure; the
-    columns of a sweep's table to choose from."""
+    title, origin and columns of a sweep; the verdict and figure of a refinement."""
     pytest.importorskip("plotly")
     runs = [record_run(tmp_path / parent / "run") for parent in ("a", "b")]
     study = Path(__file__).parents[2] / "studies" / "friction" / "results"
-    sweep = tmp_path / "sweep"
-    sweep.mkdir()
-    table = "solve.dt [s],piercing.exit.tension [N],status\n0.1,2,completed\n0.2,,failed\n"
-    (sweep / "table.csv").write_text(table, encoding="utf-8")
-    write_report([*runs, study, sweep], tmp_path / "page.html")
+    sweep(RING, {"thread.damping": [20.0, -1.0]}, tmp_path / "swept")
+    pulled = changed(RING, {"solve": ONE_STEP})
+    [slip] = refine(pulled, "piercings.ring.slip", tmp_path / "refined", "control_points", levels=3)
+    write_report([*runs, study, tmp_path / "swept", tmp_path / "refined"], tmp_path / "page.html")
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "<th class=n>a/run</th><th class=n>b/run</th>" in text
     assert {one["run"] for one in data_of(text)["series"]} == {"a/run", "b/run"} == set(labels(runs)) | {"a/run"}
-    friction, grid = data_of(text)["grids"]
-    assert "data:image/png;base64," in text and "friction" in text and len(friction["columns"]) > 3
-    assert grid["columns"]["piercing.exit.tension"] == [2.0, None]
-    assert grid["units"] == {"solve.dt": "s", "piercing.exit.tension": "N"}
+    friction, grid, levels = data_of(text)["grids"]
+    assert text.count('<img class="figure"') == 2 and "friction" in text and len(friction["columns"]) > 3
+    assert grid["columns"]["thread.damping"] == [20.0, -1.0] and grid["columns"]["energy.kinetic"][1] is None
+    assert grid["units"]["piercings.ring.slip"] == "mm"
+    assert "A sweep of a ring: 2 cases" in text and "A refinement of a ring: 3 cases" in text
+    assert f"piercings.ring.slip [m]: {slip.text}" in text and len(levels["columns"]["cells"]) == 3
+    assert text.count("arguments, versions and machine") == 3
 
 
 def test_what_is_no_result_is_refused(tmp_path: Path, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Independent check: an empty folder, a page by the name of a table, and plotly not being there."""
+    """Independent check: an empty folder, a table of another, a sweep that is not finished, and a page by the
+    name of a table."""
     pytest.importorskip("plotly")
     (tmp_path / "empty").mkdir()
     assert main(["report", str(tmp_path / "empty"), "--out", str(tmp_path / "page.html")]) == 2
     assert "neither a run nor a study nor a sweep" in capsys.readouterr().err
+    (tmp_path / "empty" / "table.csv").write_text("a,b\n1,2\n", encoding="utf-8")
+    assert main(["report", str(tmp_path / "empty"), "--out", str(tmp_path / "page.html")]) == 2
+    assert "neither a run nor a study nor a sweep" in capsys.readouterr().err
+    (tmp_path / "begun").mkdir()
+    (tmp_path / "begun" / "sweep.json").write_text('{"kind": "sweep"}', encoding="utf-8")
+    assert main(["report", str(tmp_path / "begun"), "--out", str(tmp_path / "page.html")]) == 2
+    assert "no table.csv yet" in capsys.readouterr().err
     assert main(["report", str(run), "--out", str(tmp_path / "page.csv")]) == 2
     assert "name it page.html" in capsys.readouterr().err
 

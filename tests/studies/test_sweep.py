@@ -1,6 +1,8 @@
 """Sweeps: what scenarios share, the table of all cases, its bytes whoever runs it, and what refinement says."""
 
+import ast
 import json
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +12,9 @@ import numpy as np
 import pytest
 
 from studies.command.command import main
+from studies.output.columns import state_summary
 from studies.output.quantities import quantities
+from studies.output.records import ContactRecord
 from studies.refinement.ladder import ladder
 from studies.refinement.refine import refine, refined
 from studies.scenario import Scenario, ScenarioError, dump, parse
@@ -18,12 +22,13 @@ from studies.scenario.toml import changed, parsed
 from studies.simulation import prepare
 from studies.simulation.sharing import Shared
 from studies.sweeps import sweep as sweeps
-from studies.sweeps.case import Result, run_case
+from studies.sweeps.case import MODULES, PACKAGES, ROOMS, Result, run_case, source_files
 from studies.sweeps.figure import columns
 from studies.sweeps.grid import paired, parse_over, read_table
 from studies.sweeps.sweep import Told, sweep
 from studies.sweeps.table import Case, table_of
 from studies.workers import Cluster, InTurn, Processes, Workers, WorkersError, in_order
+from tests.studies.samples import step
 from thread.catalogue import suture
 
 RING: dict[str, Any] = {  # a thread drawn through one point in space
@@ -51,6 +56,7 @@ ORGAN: dict[str, Any] = RING | {
     },
     "piercing": [{"name": "ring", "at": [0.0, 0.0, 0.0], "direction": "free", "footprint": 2e-3}],
 }
+ONE_STEP = {"kind": "static", "duration": 0.1, "load_steps": 1}
 PULLS = {"thread.start.force.0": [-0.1, -0.2], "thread.damping": [20.0, -1.0, 40.0]}
 
 
@@ -104,6 +110,8 @@ def test_every_quantity_has_its_unit() -> None:
     """Independent check: forces in newton, lengths in metre, words without; a vector by its components, a load by its
     number."""
     summary = summary_of(changed(ORGAN, {"tissue.load": [{"boundary": "top", "traction": [0.0, 0.0, 10.0]}]}))
+    lips = ContactRecord("lip_a - lip_b", 6, 2, 0.0, 120.0, 1e-6, 2e-4, 0.3, 1e-22)
+    summary |= {"contact": state_summary(replace(step(0), contact=(lips,)))["contact"]}
     found = quantities(summary)
     units = {
         "time": "s",
@@ -114,9 +122,13 @@ def test_every_quantity_has_its_unit() -> None:
         "energy.kinetic": "J",
         "thread.start.reaction_x": "N",
         "range.largest_rotation": "rad",
+        "range.strained_share": "-",
         "range.piercings.ring.turn": "rad",
         "subgrid.ring.share": "-",
+        "loads.0.share": "-",
         "loads.0.area": "m²",
+        "contact.lip_a - lip_b.smallest_gap": "m",
+        "contact.lip_a - lip_b.force": "N",
         "loads.0.force_z": "N",
     }
     assert {name: found[name].unit for name in units} == units
@@ -130,6 +142,23 @@ def test_every_quantity_has_its_unit() -> None:
         "subgrid.ring.holds",
         "loads.0.boundary",
     }
+
+
+def test_the_digest_of_a_case_has_the_source_that_it_hangs_on() -> None:
+    """Independent check: what the rooms of a case import of the studies is in them, or named, or makes manuals alone;
+    what they import from elsewhere at their top is of a package that is named, or holds no numbers."""
+    own, foreign = set(), set()
+    for path in source_files():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("studies."):
+                own.add("/".join(str(node.module).split(".")[:2]))
+            elif isinstance(node, ast.ImportFrom | ast.Import):
+                foreign |= {str(getattr(node, "module", None) or node.names[0].name).split(".")[0]}
+    assert own <= {*ROOMS, *(module.removesuffix(".py") for module in MODULES), "studies/manual"}
+    plain = {"pydantic", "pydantic_core", "pyvista", "pandas", "psutil", "threadpoolctl"}
+    named = {name.replace("scikit-fem", "skfem") for name in PACKAGES}
+    inside = {"meshes", "thread", "tissue", "coupling", "studies", *sys.stdlib_module_names}
+    assert foreign <= inside | plain | named
 
 
 def test_failures_are_rows(tmp_path: Path) -> None:
@@ -234,7 +263,7 @@ def test_without_pyarrow_the_remedy_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Independent check: the table in CSV is there, and what Parquet needs is printed; the table is read from a file
-    of cases, drawn, and printed as JSON."""
+    of cases, drawn, and printed as JSON. What an earlier sweep left is not passed off as this one's."""
     monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
     (tmp_path / "ring.toml").write_text(dump(parse(RING)), encoding="utf-8")
     (tmp_path / "cases.csv").write_text('thread.damping,thread.start.force\n30.0,"[-0.2, 0, 0]"\n40.0,\n')
@@ -250,6 +279,10 @@ def test_without_pyarrow_the_remedy_is_said(
     assert main([*words, "--json"]) == 0
     again = json.loads(capsys.readouterr().out)
     assert [case["thread.damping [1/s]"] for case in again["cases"]] == [30.0, 40.0]
+    (tmp_path / "out" / "table.parquet").write_bytes(b"of an earlier sweep")
+    assert main([*words[:6], "--paired"]) == 0
+    assert "figure" not in capsys.readouterr().out
+    assert {path.name for path in (tmp_path / "out").glob("*.*")} == {"sweep.json", "table.csv"}
 
 
 def test_parquet_has_the_units(tmp_path: Path) -> None:
@@ -275,6 +308,7 @@ def test_parquet_has_the_units(tmp_path: Path) -> None:
         (lambda: ladder(parse(RING), levels=2), "needs 3 or more"),
         (lambda: ladder(parse(RING), ratio=1.0), "1.1 or more"),
         (lambda: ladder(parse(RING), "h"), "has no organ"),
+        (lambda: ladder(parse(changed(RING, {"solve": ONE_STEP})), "dt", levels=3), "only 2 distinct"),
         (lambda: ladder(parse(changed(RING, {"piercing": []})), "footprint"), "no piercing has a footprint"),
     ],
 )
@@ -339,7 +373,7 @@ def test_planted_numbers_get_their_verdicts() -> None:
 def test_a_scenario_is_refined(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Independent check: the slip of a ring through which a hand draws a thread is the way of the hand, and converges
     to it; what is no number is refused; the command says the same."""
-    pulled = changed(RING, {"solve": {"kind": "static", "duration": 0.1, "load_steps": 1}})
+    pulled = changed(RING, {"solve": ONE_STEP})
     [slip] = refine(pulled, "piercings.ring.slip", tmp_path / "a", "control_points", levels=3)
     assert slip.unit == "m"
     assert slip.converged
