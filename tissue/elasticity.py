@@ -6,8 +6,8 @@ Burton, Commun. Numer. Meth. Engng 14, 1998), which is one constraint a vertex a
 Taylor–Hood element with a lumped mass. The rest of λ stays with the cells: this part resists what an average misses
 (Puso & Solberg, Int. J. Numer. Meth. Engng 67, 2006), and at ν ≤ 0.3 both formulations are one.
 
-Matrices of more than some thousand cells are summed by compiled loops (`tissue.assembly`), some twenty times as fast
-that scikit-fem's forms take and to the same numbers but for round-off.
+Matrices of more than some thousand cells are summed by compiled loops (`tissue.assembly`), some twenty times as fast as
+scikit-fem's forms are, and to the same numbers but for round-off.
 """
 
 import logging

@@ -308,6 +308,8 @@ def is_inside(points: Array, corners: Array) -> NDArray[np.bool_]:
 def strength_at(table: model.Tissue, mesh: skfem.MeshTet, point: Sequence[float]) -> float:
     """Return the strength of the tissue at a point, that of the cell whose centre is nearest [Pa]; infinite where none
     is given."""
+    if table.strength is None and all(region.strength is None for region in table.region):
+        return np.inf
     near = int(np.argmin(np.linalg.norm(mesh.p[:, mesh.t].mean(axis=1).T - point, axis=1)))
     own = [region.strength for region in table.region if near in mesh.subdomains[region.name]]
     return next((value for value in (*own[::-1], table.strength) if value is not None), np.inf)

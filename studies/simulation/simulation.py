@@ -26,7 +26,7 @@ from studies.output.records import Ending, OrganRecord, OrganTopology, Snapshot,
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
 from studies.scenario import Scenario, ScenarioError, Solve
 from studies.scenario.solve import WHOLE
-from studies.simulation.assembly import Assembly, assemble, loads_of
+from studies.simulation.assembly import Assembly, assemble
 from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, step_record, thread_record
 from studies.simulation.remarks import foreseen, met
@@ -153,11 +153,11 @@ class Simulation:
     def organ_record(self, state: State) -> OrganRecord | None:
         """Return the displacement, stress and strain of the organ, None without one."""
         body, organ = self.assembly.body, self.assembly.organ
-        if body is None or self.recovery is None:
-            return None
         if isinstance(organ, tissue.FiniteOrgan):
             wide = np.array([max(hole.footprint, np.finfo(float).tiny) for hole in self.scenario.piercing])
             return finite_record(organ.law, organ.displacement(state.organ), organ.spring_ways(state.organ) / wide)
+        if body is None or self.recovery is None or isinstance(organ, tissue.FixedSites):
+            return None
         U = organ.displacement(state.organ)
         stress = self.recovery.stress(U)
         lips = lip_fields(self.assembly.system, state, len(body.points))
@@ -167,7 +167,7 @@ class Simulation:
         values, directions = tissue.principal(stress)
         at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
         numbers = *at_nodes, strain, rotation, tissue.energy_density(body, U), strained, rotated
-        turns = tissue.Loads(body, loads_of(self.scenario)).turns(body.nodal(U))
+        turns = organ.surface.turns(body.nodal(U))
         return OrganRecord(body.nodal(U), *numbers, float(turns.max(initial=0.0)), *lips)
 
 
