@@ -24,9 +24,9 @@ from coupling.stepping import (
     end_configuration,
     end_load,
     reactions,
-    refuse_inversion,
     release,
     with_ends,
+    with_sense,
 )
 from coupling.system import State, System
 
@@ -189,8 +189,7 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
         reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.transport_frame(old.frame, z.q),
     )
-    refuse_inversion(system, old, new, residual.passage)
-    return new
+    return with_sense(system, old, new, residual.passage)
 
 
 def refuse_unbalanced(system: System[Body], state: State[Body], duration: float) -> None:

@@ -256,7 +256,7 @@ class State(Generic[Body]):
     `q`, `v` (n, c) [m, m/s, with twist rad, rad/s]; `N`, axial forces [N]; `organ`, the organ's own state; `s`,
     `s_dot` (holds,) [m, m/s]; `lam` (holds, 5) [N, N m]; `y` (holds, 9); `sigma` (holds,): −1, 0, +1 sign of ds/dt, 0
     where the thread sticks; `present` (holds,): False before a piercing begins, and once the thread has left the hole;
-    `sense` (holds,): sign of T·(u × v) where the piercing began, which must not change in a directed hole; `reaction`
+    `sense` (holds,): sign of T·(u × v), which changes in a directed hole only where the frame does, not T; `reaction`
     (2, c) [N], force of the holders on the thread's ends, with twist their torque about the tangent too [N m]; `y_dot`
     (holds, 9) [m/s, 1/s], rate of y, None at rest; `frame`, what the twist is measured from, None without twist.
 
