@@ -22,6 +22,7 @@ from coupling.motion import is_too_long, what_it_does
 from coupling.newton import Iterate, Problem, Solution, solve
 from coupling.sliding import law_of
 from coupling.system import State, System, forgetful
+from coupling.ties import gap_left
 from thread.vectors import cross, dot
 from tissue.errors import OrganError
 
@@ -121,7 +122,8 @@ def dynamic_problem(
         scheme.a * scheme.inertia_reference(*motion)
         + scheme.d * thread.damping * scheme.damping_reference(*motion[::2])
     ) / factor
-    s_free = scheme.inertia_reference(*sliding_motion(scheme, state))
+    motion_s = sliding_motion(scheme, state)
+    s_free = np.where(system.of_ties, scheme.damping_reference(*motion_s[::2]), scheme.inertia_reference(*motion_s))
     rows = system.rows & state.present[:, None]
     return Problem(
         system=system,
@@ -137,13 +139,23 @@ def dynamic_problem(
             system,
             state.s,
             state.present,
-            system.epsilon * scheme.a,
+            system.epsilon * scheme.a + scheme.d * system.yielding * system.drawn_ties(state.time),
             s_free,
             system.drawn_lengths(state.time, time),
             system.pulling_forces(time),
+            state.time,
         ),
         frame=state.frame,
+        gaps=tie_gaps(system, state, time),
     )
+
+
+def tie_gaps(system: System[Body], state: State[Body], time: float) -> Array:
+    """Return the gaps at `time` [s] between the strands of the ties that are in force in a state, shape `(t, 3)`
+    [m]."""
+    one, other = system.strands.T
+    gaps = gap_left(system.ties, state.y[one, :3] - state.y[other, :3], state.time, time)
+    return gaps[state.present[one]]
 
 
 def predict(problem: Problem[Body], state: State[Body]) -> Iterate:
@@ -252,8 +264,10 @@ def sense(at: Passage, y: Array) -> Array:
 
 def emptied_holds(system: System[Body], old: State[Body], new: State[Body]) -> Flags:
     """Return the holes that the thread has left, shape `(m,)`: present, with an abscissa beyond an end of the piece
-    of thread that was in them."""
-    return np.asarray(new.present & system.may_slide & system.thread.spline.has_left(new.s, home=old.s))
+    of thread that was in them; of a tie both strands."""
+    gone = np.asarray(new.present & system.may_slide & system.thread.spline.has_left(new.s, home=old.s))
+    gone[system.strands] = gone[system.strands].any(axis=1, keepdims=True)
+    return gone
 
 
 def release(state: State[Body], gone: Flags) -> State[Body]:
