@@ -159,8 +159,8 @@ def test_corrections_downhill_follow_the_force(drive: float) -> None:
 
 
 def test_a_step_downhill_ends_where_newton_does() -> None:
-    """Consistency check: of a step in which a part of a span runs through a hole, the solve that holds the thread first and
-    lets it go finds what Newton's method finds at once."""
+    """Consistency check: of a step in which a part of a span runs through a hole, the solve that holds the thread
+    first and lets it go finds what Newton's method finds at once."""
     hand = Driven(np.array([[0.0, *(LENGTH * X)], [1.0, *(2.0 * LENGTH * X)]]))
     system, state = through_a_hole((Pulled(-0.1 * X), hand))
     dt = 1e-2
