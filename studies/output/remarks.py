@@ -21,6 +21,7 @@ DISSIPATED = 0.05  # of a run's energy
 SLID = 1.0  # diameters that a thread may still slide in as long as the run took, and be at rest
 NEAR = 2.0  # of the footprints of two holes together: there a hole moves its neighbour by a quarter of its own way
 RESOLVED_SHARE = 0.03  # of a hole's compliance that springs may make up: no more than its own error
+REDUCED = 0.03  # of the largest way of a hole that a small basis may leave open: as much as springs may
 COARSE = {"P1": 0.25, "P2": 0.5}  # footprints to a cell: the compliance of the hole is then within 8 %
 
 
@@ -186,6 +187,20 @@ KINDS = (
         "note",
         "a length, modulus or density that no organ or suture has",
         "numbers in mm, kPa or g/cm³ look like that",
+    ),
+    Kind(
+        "reduction",
+        "unsupported",
+        f"hole of an organ in a small basis further than {REDUCED:.0%} of the largest way of a hole from its place in "
+        "a basis with one block more",
+        "that difference is nearly the error of the basis: the motion is too fast for it",
+    ),
+    Kind(
+        "reduction-bound",
+        "note",
+        f"the bound of the distance to the whole organ above {REDUCED:.0%} of that way",
+        "the bound adds up over the run what might be missed; the error is most often far below it, and nearer to the "
+        "difference",
     ),
     Kind(
         "frames-missing",

@@ -22,7 +22,7 @@ from studies.scenario.scenario import check_cuts, check_order, check_spans, reso
 from studies.simulation.law import hyperelasticity_of
 from studies.simulation.meshing import check_loaded, material_of, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_draws, check_pieces
-from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key
+from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key, reduction_key
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
 from thread.knots import Tree, clamped_knots, graded_knots
@@ -31,7 +31,7 @@ from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
 
-AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | tissue.DynamicOrgan | tissue.FiniteOrgan
+AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | tissue.DynamicOrgan | tissue.ReducedOrgan | tissue.FiniteOrgan
 
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
 REACH = 0.1  # of the thread's length: how far from a piercing its spans are fine
@@ -79,7 +79,7 @@ def assemble(scenario: Scenario, store: Store | None = None, mesh: object = None
     given = None if mesh is None else given_mesh(mesh)
     scenario = scenario if given is None else with_given_mesh(scenario, mesh_digest(given))
     body = stored_body(scenario, store, given)
-    organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, body))
+    organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, body, store))
     s = abscissae(scenario, path, length)
     known = [(hole, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
     check_order(known, length)
@@ -266,9 +266,9 @@ def body_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Elasticity:
     return tissue.elasticity(mesh, material_of(table, mesh), table.element, table.clamp, table.dilatation, table.roller)
 
 
-def organ_of(scenario: Scenario, body: tissue.Elasticity | None) -> AnyOrgan:
-    """Return the organ as the coupling sees it: linear or at finite strain, with inertia or without, or points fixed in
-    space."""
+def organ_of(scenario: Scenario, body: tissue.Elasticity | None, store: Store | None = None) -> AnyOrgan:
+    """Return the organ as the coupling sees it: linear or at finite strain, with inertia or without, in a small basis,
+    which is that of the `store` where it has it, or points fixed in space."""
     sites = [site_of(hole) for hole in scenario.piercing]
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
@@ -281,8 +281,17 @@ def organ_of(scenario: Scenario, body: tissue.Elasticity | None) -> AnyOrgan:
         hyper = hyperelasticity_of(scenario.tissue, body)
         return tissue.FiniteOrgan(*given, hyper=hyper, inertia=inertia, damping=scenario.tissue.rayleigh[0])
     if inertia:
-        return tissue.DynamicOrgan(*given, rayleigh=scenario.tissue.rayleigh)
+        full = tissue.DynamicOrgan(*given, rayleigh=scenario.tissue.rayleigh)
+        return full if scenario.tissue.reduction is None else reduced(full, scenario, store or Unshared())
     return tissue.QuasiStaticOrgan(*given)
+
+
+def reduced(full: tissue.DynamicOrgan, scenario: Scenario, store: Store) -> tissue.ReducedOrgan:
+    """Return an organ in the small basis that its scenario asks for. Raises `TissueError` where there is none."""
+    assert scenario.tissue is not None and scenario.tissue.reduction is not None
+    asked = scenario.tissue.reduction
+    make = partial(tissue.reduce_organ, full, asked.blocks, asked.modes)
+    return tissue.ReducedOrgan(full, store.take("reduction", reduction_key(scenario), make))
 
 
 def loads_of(scenario: Scenario) -> tuple[tissue.SurfaceLoad, ...]:

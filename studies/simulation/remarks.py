@@ -21,6 +21,7 @@ from studies.output.remarks import (
     DISSIPATED,
     NEAR,
     OFF_PATH,
+    REDUCED,
     RESOLVED_SHARE,
     SHARE,
     SLID,
@@ -85,6 +86,7 @@ def met(scenario: Scenario, ending: Ending, strengths: Sequence[float], springs:
             if is_finite(scenario)
             else [*beyond_at_holes(names, extremes), *beyond_in_tissue(extremes)]
         ),
+        *missed_by_basis(names, extremes),
         *torn(names, extremes, strengths),
         *turned_pressure(extremes),
         *overloaded(extremes, strength),
@@ -192,6 +194,24 @@ def beyond_in_tissue(extremes: Extremes) -> list[Remark]:
                 f"{SMALL_ROTATION:g}; the cells beyond have {extremes.rotated:.1%} of its strain energy",
             )
         )
+    return out
+
+
+def missed_by_basis(names: Sequence[str], extremes: Extremes) -> list[Remark]:
+    """Judge what the small basis of the organ left open at its holes; nothing is, where it has none."""
+    limit = REDUCED * float(extremes.way.max(initial=0.0))
+    out = []
+    for name, difference, bound in zip(names, extremes.difference, extremes.bound, strict=True):
+        if max(difference, bound) <= limit:
+            continue
+        off = difference > limit
+        code, how = ("reduction", "is") if off else ("reduction-bound", "may be up to")
+        text = (
+            f"{name!r} {how} {(difference if off else bound) / MILLI:.2g} mm from its place in the whole organ, "
+            f"{limit / MILLI:.2g} mm are {REDUCED:.0%} of the largest way of a hole; raise tissue.reduction.blocks, or "
+            "leave tissue.reduction out"
+        )
+        out.append(remark(code, name, text))
     return out
 
 

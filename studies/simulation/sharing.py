@@ -20,7 +20,14 @@ Made = TypeVar("Made")
 NOT_OF_ORGAN = ("title", "thread", "cut", "output")
 OF_STEPS = ("dt", "duration", "load_steps", "scheme", "integrator", "coupling", "friction", "epsilon")
 OF_THREAD = ("kind", "s", "friction", "from", "until", "draw", "pull", "channel")  # of a piercing
-OF_MOTION = ("inertia", "rayleigh", "solver", "contact", "load")  # of the organ, beside its mesh and stiffness
+OF_MOTION = (
+    "inertia",
+    "rayleigh",
+    "solver",
+    "contact",
+    "load",
+    "reduction",
+)  # of the organ, beside its mesh and stiffness
 OF_MATERIAL = ("youngs_modulus", "poisson_ratio", "density", "dilatation")
 
 
@@ -60,6 +67,12 @@ class Shared:
 def organ_key(scenario: Scenario) -> str:
     """Return the digest of all that the organ with its holes is made from."""
     return digest(organ_tables(scenario), scenario)
+
+
+def reduction_key(scenario: Scenario) -> str:
+    """Return the digest of all that the basis of an organ is made from: it is the same whatever damps."""
+    plain = organ_tables(scenario)
+    return digest(plain | {"tissue": without(plain.get("tissue", {}), ("rayleigh",))}, scenario)
 
 
 def body_key(scenario: Scenario) -> str:
