@@ -18,6 +18,8 @@ the one and −m/ℓ_c at the other, so
 which is max(|λ_n|, 2|m|/ℓ_c) where both lie in a plane with the thread. The thread's velocity relative to the hole is
 v_t = −|T̂| ds/dt, so friction dissipates (F₀ + μ_k N)|T̂||ds/dt|.
 
+Both bounds have a law of one's own added where a hole has one, F₀ + μN + F(N) (`coupling.interfaces.FrictionLaw`).
+
 Which of stick and slip holds is an active set, σ ∈ {−1, 0, 1} a hold. It changes only between solved iterates: one on
 the way has forces that mean nothing, and where μ_k < μ_s both may hold, so that a wrong change would stand.
 
@@ -45,7 +47,7 @@ from coupling.constraints import (
     shrinkage,
     tangent,
 )
-from coupling.interfaces import Body
+from coupling.interfaces import Body, FrictionLaw
 from coupling.system import System
 from thread.vectors import cross, dot
 
@@ -57,7 +59,8 @@ class Law:
     `s_old` (m,) [m]; `s_held` (m,) [m], where a thread that does not slide is at the end of the step; `static`,
     `kinetic`, `grip`, `per_channel` (m,); `inertia` = ε a [N/m] and `s_free` (m,) [m] make
     ε s̈ = inertia (s − s_free); `rough` and `may_slide` (m,); `injected` (m,) [N], a given force along the thread where
-    it slides, added to the friction of the rough holds.
+    it slides, added to the friction of the rough holds; `own`, the law of one's own of each hold, None or empty where
+    there is none; `factor`, by which all friction is multiplied.
     """
 
     s_old: Array
@@ -71,6 +74,8 @@ class Law:
     inertia: float
     s_free: Array
     injected: Array
+    own: tuple[FrictionLaw | None, ...] = ()
+    factor: float = 1.0
 
     @cached_property
     def ideal(self) -> bool:
@@ -90,7 +95,8 @@ def law_of(
     """Return the law at the start of a step in which lengths `drawn` (m,) [m] are drawn through, and at whose end hands
     pull with the forces `pulls` (m,) [N]; an absent hold keeps its abscissa."""
     s_held, injected = s_old - drawn * present, pulls * np.ones(len(s_old)) * present
-    return Law(s_old, s_held, *system.friction, system.rough, system.may_slide & present, inertia, s_free, injected)
+    sliding, own = system.may_slide & present, system.own_friction
+    return Law(s_old, s_held, *system.friction, system.rough, sliding, inertia, s_free, injected, own)
 
 
 def prescribed(law: Law, held: Flags, injected: Array) -> Law:
@@ -129,13 +135,30 @@ def force_along_thread(law: Law, thread: Passage, s: Array, lam: Array, y: Array
 
 
 def static_bound(law: Law, thread: Passage, lam: Array, y: Array) -> Array:
-    """Return F₀ + μ_s N, shape `(m,)` [N]."""
-    return np.asarray(law.grip + law.static * normal_force(thread, lam, y, law.per_channel))
+    """Return F₀ + μ_s N, with a law of one's own more, shape `(m,)` [N]."""
+    N = normal_force(thread, lam, y, law.per_channel)
+    return np.asarray(law.factor * (law.grip + law.static * N + by_own_law(law, "static", N)))
 
 
 def kinetic_bound(law: Law, thread: Passage, lam: Array, y: Array) -> Array:
-    """Return F₀ + μ_k N, shape `(m,)` [N]."""
-    return np.asarray(law.grip + law.kinetic * normal_force(thread, lam, y, law.per_channel))
+    """Return F₀ + μ_k N, with a law of one's own more, shape `(m,)` [N]."""
+    N = normal_force(thread, lam, y, law.per_channel)
+    return np.asarray(law.factor * (law.grip + law.kinetic * N + by_own_law(law, "kinetic", N)))
+
+
+def kinetic_slope(law: Law, N: Array) -> Array:
+    """Return the derivative of `kinetic_bound` by the normal forces N `(m,)` [N], shape `(m,)` [-]."""
+    return np.asarray(law.factor * (law.kinetic + by_own_law(law, "slope", N)))
+
+
+def by_own_law(law: Law, part: str, N: Array) -> Array:
+    """Return "static", "kinetic" [N] or "slope" [-] of the holds' own laws under the normal forces N `(m,)` [N], zero
+    of a hold without one, shape `(m,)`."""
+    out = np.zeros(N.size)
+    for k, own in enumerate(law.own):
+        if own is not None:
+            out[k] = getattr(own, part)(float(N[k]))
+    return out
 
 
 def admissible_sigma(law: Law, sigma: Array) -> Array:
@@ -215,7 +238,8 @@ def add_friction(row: Array, law: Law, sigma: Array, thread: Passage, lam: Array
     normal = unit_or_zero(part_across(ends, t))
     rough_sigma = sigma * law.rough
     given = law.injected + rough_sigma * kinetic_bound(law, thread, lam, y)
-    press = rough_sigma * size * law.kinetic
+    N = np.linalg.norm(part_across(ends, t), axis=2).sum(axis=0)
+    press = rough_sigma * size * kinetic_slope(law, N)
     by_m = -(press * law.per_channel)[:, None] * (normal[0] - normal[1])
     row[:, LAM] -= (0.5 * press)[:, None] * (normal[0] + normal[1])
     row[:, MU_U] += dot(by_m, y[:, 3:6])
