@@ -183,6 +183,18 @@ KINDS = (
         "the thread is bent to it at the start, and the energy of that goes where the damping takes it",
     ),
     Kind(
+        "handed-over",
+        "note",
+        "a stiffness, a law of friction or a strain energy that was handed over from Python",
+        "the scenario in the folder does not say it, and run anew it is another run",
+    ),
+    Kind(
+        "stress-of-e-nu",
+        "unsupported",
+        "a stiffness that was handed over from Python",
+        "stress, its principal values and the energy of cells are recovered with E and ν, which it need not have",
+    ),
+    Kind(
         "units",
         "note",
         "a length, modulus or density that no organ or suture has",
