@@ -106,8 +106,8 @@ KINDS = (
     Kind(
         "pressure-turn",
         "unsupported",
-        f"surface under a pressure turned by more than {SMALL_ROTATION:g} rad",
-        "the pressure acts along the normals of the reference shape, and does not follow the surface",
+        f"surface of a linear organ under a pressure turned by more than {SMALL_ROTATION:g} rad",
+        "there the pressure acts along the normals of the reference shape, and does not follow the surface",
     ),
     Kind(
         "thread-strength",

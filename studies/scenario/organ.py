@@ -356,12 +356,6 @@ class Tissue(MaterialKeys):
             own = region.material or self.material
             if problem := missing_or_idle(own, region, region.stiffening or self.stiffening):
                 raise ValueError(f".region.{as_key(region.name)}{problem}")
-        pressed = next((load.boundary for load in self.load if load.pressure is not None), None)
-        if self.material != "linear" and pressed is not None:
-            raise ValueError(
-                f".load.{as_key(pressed)}.pressure is refused: material is {self.material}, and a pressure does not "
-                "follow the surface at finite strain yet; give a traction"
-            )
         if self.material != "linear" and self.rayleigh[1]:
             raise ValueError(
                 f".rayleigh = {as_toml(self.rayleigh)} is refused: material is {self.material}, whose stiffness "
