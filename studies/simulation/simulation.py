@@ -34,6 +34,7 @@ from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, step_record, thread_record
 from studies.simulation.remarks import foreseen, met
 from studies.simulation.sharing import Store
+from studies.simulation.stepper import Stepper, WhichEnd
 
 OnStep = Callable[[StepRecord], None]
 
@@ -132,6 +133,11 @@ class Simulation:
         """Tell whether a run of a longer duration comes by the same state; not by the end of a last step cut short."""
         solve = self.scenario.solve
         return solve.kind == "static" or now.state.time == now.number * solve.dt
+
+    def stepper(self, end: WhichEnd = "end", deadline: float | None = None) -> Stepper:
+        """Return the run for a host program to step, which moves an `end` of the thread; each step should take no
+        longer than the `deadline` [s], None: than it stands for. Raises `ScenarioError`."""
+        return Stepper(self, end, deadline)
 
     def beginning(self) -> OrganRun:
         """Return the run before the first step."""
