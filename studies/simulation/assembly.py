@@ -76,7 +76,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     """
     path = rounded_path(scenario.thread.path)
     length = length_of(scenario, path)
-    store = Unshared() if store is None or given.unsaid else store  # what a scenario does not say has no key
+    store = shareable(store, given)
     scenario = given.applied_to(scenario)
     body = stored_body(scenario, store, given)
     organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, body, given, store))
@@ -100,6 +100,11 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     resolution = resolution_of(scenario.thread, length, s)
     recovery = partial(stored_recovery, scenario, body, store)
     return Assembly(whole, system, organ, path, np.array(s), body, resolution, recovery, given)
+
+
+def shareable(store: Store | None, given: Given) -> Store:
+    """Return what may be shared: nothing where what is given is not in the scenario, and so in no key."""
+    return Unshared() if store is None or given.unsaid else store
 
 
 def is_known(hole: model.Piercing) -> bool:

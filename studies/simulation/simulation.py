@@ -28,12 +28,12 @@ from studies.output.records import Ending, OrganRecord, OrganTopology, Snapshot,
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
 from studies.scenario import Scenario, ScenarioError, Solve
 from studies.scenario.solve import WHOLE
-from studies.simulation.assembly import Assembly, assemble
+from studies.simulation.assembly import Assembly, assemble, shareable
 from studies.simulation.given import Energy, Given, Stiffness
 from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, step_record, thread_record
 from studies.simulation.remarks import foreseen, met
-from studies.simulation.sharing import Store
+from studies.simulation.sharing import Store, start_key
 from studies.simulation.stepper import Stepper, WhichEnd
 
 OnStep = Callable[[StepRecord], None]
@@ -245,15 +245,17 @@ def prepare(
     `on_step` is called with the record of the start and of every step, once whoever steps is done with it; an exception
     from it ends the run. Raises the errors of input that cannot be run.
     """
-    assembly = assemble(scenario, store, Given(mesh, basis, stiffness, friction or {}, energy))
+    given = Given(mesh, basis, stiffness, friction or {}, energy)
+    assembly = assemble(scenario, store, given)
     with threadpool_limits(limits=1, user_api="blas"):
-        return Simulation(assembly, sound_start(assembly), on_step)
+        return Simulation(assembly, sound_start(assembly, shareable(store, given)), on_step)
 
 
-def sound_start(assembly: Assembly) -> State:
-    """Return the consistent start. Raises `ScenarioError` where there is none, or the constraints cannot be met."""
+def sound_start(assembly: Assembly, store: Store) -> State:
+    """Return the consistent start, that of the `store` where it has it. Raises `ScenarioError` where there is none, or
+    the constraints cannot be met."""
     try:
-        state = assembly.start()
+        state = store.take("start", start_key(assembly.scenario), assembly.start)
     except StepError as error:
         raise ScenarioError(
             f"thread.path is refused: the thread cannot be laid along it through its piercings ({error.cause}); "
