@@ -320,10 +320,15 @@ def gaps_of(scenario: Scenario, body: tissue.Elasticity) -> tissue.Gaps | None:
     parts: list[tissue.Part] = []
     for between in scenario.touching:
         if isinstance(shape, model.WoundMesh) and set(between) == set(LIPS):
-            wound = wound_of(shape)
-            pairs = lips(body.mesh, wound)
-            own = tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.normal_axis])
+            own = lip_gaps(shape, body)
         else:
             own = tissue.surface_gaps(body, [between])
         parts += own.parts
     return tissue.Gaps(body, tuple(parts)) if parts else None
+
+
+def lip_gaps(shape: model.WoundMesh, body: tissue.Elasticity) -> tissue.Gaps:
+    """Return the gaps between the matching nodes of a wound's lips."""
+    wound = wound_of(shape)
+    pairs = lips(body.mesh, wound)
+    return tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.normal_axis])

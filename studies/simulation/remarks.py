@@ -19,6 +19,7 @@ from studies.output.records import Ending, EnergyRecord, Extremes
 from studies.output.remarks import (
     COARSE,
     CREATED,
+    CROSSED,
     DISSIPATED,
     NEAR,
     OFF_PATH,
@@ -110,6 +111,7 @@ def met(scenario: Scenario, ending: Ending, strengths: Sequence[float], springs:
         *missed_by_basis(names, extremes),
         *torn(names, extremes, strengths),
         *turned_pressure(extremes),
+        *crossed_lips(extremes),
         *overloaded(extremes, strength),
         *coarse_spans(step.span_ratio),
         *few_spans(step.spans_between),
@@ -261,6 +263,17 @@ def turned_pressure(extremes: Extremes) -> list[Remark]:
         f"normals before, which holds to about {SMALL_ROTATION:g}; press less, or take firmer tissue"
     )
     return [remark("pressure-turn", "tissue.load", text)]
+
+
+def crossed_lips(extremes: Extremes) -> list[Remark]:
+    """Judge how far lips that do not press on one another went through one another."""
+    if extremes.crossed <= CROSSED:
+        return []
+    text = (
+        f"the lips of the wound went through one another by {extremes.crossed:.2g} of their extent, and at finite "
+        'strain they do not touch; pull less, or take tissue.material = "linear" with tissue.contact = true'
+    )
+    return [remark("lips-cross", "tissue.mesh", text)]
 
 
 def overloaded(extremes: Extremes, strength: float | None) -> list[Remark]:

@@ -26,9 +26,9 @@ from studies.arrays import Array
 from studies.output.checkpoint import Arrays
 from studies.output.records import Ending, OrganRecord, OrganTopology, Snapshot, StepRecord
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
-from studies.scenario import Scenario, ScenarioError, Solve
+from studies.scenario import Scenario, ScenarioError, Solve, WoundMesh
 from studies.scenario.solve import WHOLE
-from studies.simulation.assembly import Assembly, assemble, shareable
+from studies.simulation.assembly import Assembly, assemble, lip_gaps, shareable
 from studies.simulation.given import Energy, Given, Stiffness
 from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, step_record, thread_record
@@ -99,6 +99,14 @@ class Simulation:
     def steps(self) -> int:
         """Steps to be taken."""
         return self.scenario.solve.steps
+
+    @cached_property
+    def open_lips(self) -> tissue.Gaps | None:
+        """The lips of a wound that do not touch, None without any."""
+        body, table = self.assembly.body, self.scenario.tissue
+        if body is None or table is None or table.contact or not isinstance(table.mesh, WoundMesh):
+            return None
+        return lip_gaps(table.mesh, body)
 
     @cached_property
     def recovery(self) -> tissue.StressRecovery | None:
@@ -173,7 +181,9 @@ class Simulation:
         body, organ = self.assembly.body, self.assembly.organ
         if isinstance(organ, tissue.FiniteOrgan):
             wide = np.array([max(hole.footprint, np.finfo(float).tiny) for hole in self.scenario.piercing])
-            return finite_record(organ.law, organ.displacement(state.organ), organ.spring_ways(state.organ) / wide)
+            U = organ.displacement(state.organ)
+            crossed = 0.0 if self.open_lips is None else self.open_lips.crossed(U)
+            return finite_record(organ.law, U, organ.spring_ways(state.organ) / wide, crossed)
         if body is None or self.recovery is None or isinstance(organ, tissue.FixedSites):
             return None
         U = organ.displacement(state.organ)
@@ -189,16 +199,18 @@ class Simulation:
         return OrganRecord(body.nodal(U), *numbers, float(turns.max(initial=0.0)), *lips)
 
 
-def finite_record(hyper: tissue.Hyperelasticity, U: Array, sprung: Array) -> OrganRecord:
+def finite_record(hyper: tissue.Hyperelasticity, U: Array, sprung: Array, crossed: float) -> OrganRecord:
     """Return what is drawn of an organ at finite strain: Cauchy stress, stretch less one, and rotation; `sprung` (p,)
-    is how far its springs are drawn out, over the footprints. Nothing else is beyond what its model holds for."""
+    is how far its springs are drawn out, over the footprints, and `crossed` how far lips are through one another, over
+    their extent. Nothing else is beyond what its model holds for."""
     stress = tissue.cauchy_stress(hyper, U)
     stretch, rotation = tissue.cell_stretch(hyper, U)
     strain = np.abs(stretch - 1.0).max(axis=1)
     values, directions = tissue.principal(stress)
     at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
+    energy = tissue.cell_energy(hyper, U)
     return OrganRecord(
-        hyper.body.nodal(U), *at_nodes, strain, rotation, tissue.cell_energy(hyper, U), 0.0, 0.0, sprung=sprung
+        hyper.body.nodal(U), *at_nodes, strain, rotation, energy, 0.0, 0.0, sprung=sprung, crossed=crossed
     )
 
 
