@@ -28,6 +28,8 @@ OF_MOTION = (
     "load",
     "reduction",
 )  # of the organ, beside its mesh and stiffness
+OF_PULL = ("force", "ramp")  # of an end of the thread: it is laid before anything pulls
+OF_LENGTH = ("dt", "duration", "load_steps")  # of a run, before which the thread is laid
 OF_MATERIAL = ("youngs_modulus", "poisson_ratio", "density", "dilatation")
 
 
@@ -73,6 +75,13 @@ def reduction_key(scenario: Scenario) -> str:
     """Return the digest of all that the basis of an organ is made from: it is the same whatever damps."""
     plain = organ_tables(scenario)
     return digest(plain | {"tissue": without(plain.get("tissue", {}), ("rayleigh",))}, scenario)
+
+
+def start_key(scenario: Scenario) -> str:
+    """Return the digest of all that the start is made from: the thread is laid on the organ before anything pulls."""
+    plain = without(tables(scenario), ("title", "cut", "output"))
+    ends = {end: without(plain["thread"][end], OF_PULL) for end in ("start", "end") if end in plain["thread"]}
+    return digest(plain | {"thread": plain["thread"] | ends, "solve": without(plain["solve"], OF_LENGTH)}, scenario)
 
 
 def body_key(scenario: Scenario) -> str:

@@ -30,7 +30,7 @@ from studies.simulation.assembly import Assembly, assemble
 from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, step_record, thread_record
 from studies.simulation.remarks import foreseen, met
-from studies.simulation.sharing import Store
+from studies.simulation.sharing import Store, Unshared, start_key
 from studies.simulation.stepper import Stepper, WhichEnd
 
 
@@ -211,13 +211,14 @@ def prepare(scenario: Scenario, store: Store | None = None, mesh: object = None)
     """
     assembly = assemble(scenario, store, mesh)
     with threadpool_limits(limits=1, user_api="blas"):
-        return Simulation(assembly, sound_start(assembly))
+        return Simulation(assembly, sound_start(assembly, store or Unshared()))
 
 
-def sound_start(assembly: Assembly) -> State:
-    """Return the consistent start. Raises `ScenarioError` where there is none, or the constraints cannot be met."""
+def sound_start(assembly: Assembly, store: Store) -> State:
+    """Return the consistent start, that of the `store` where it has it. Raises `ScenarioError` where there is none, or
+    the constraints cannot be met."""
     try:
-        state = assembly.start()
+        state = store.take("start", start_key(assembly.scenario), assembly.start)
     except StepError as error:
         raise ScenarioError(
             f"thread.path is refused: the thread cannot be laid along it through its piercings ({error.cause}); "

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from coupling.system import State
 from studies.command.command import main
 from studies.output.columns import state_summary
 from studies.output.quantities import quantities
@@ -77,6 +78,25 @@ def test_scenarios_share_what_they_do_not_differ_in() -> None:
     assert stiffer.body.mesh is first.body.mesh
     assert np.allclose(stiffer.body.K.data, 2.0 * first.body.K.data, rtol=1e-12)
     assert organ_of(store, **{"piercing.ring.at": [1e-3, 0, 0]}).body.mesh is not first.body.mesh
+
+
+def test_scenarios_that_pull_otherwise_are_laid_once() -> None:
+    """Consistency check: another force and another duration begin with the very start; another path, another place of
+    the hand and another organ with their own, which is not the first one's."""
+    store = Shared()
+
+    def start(**values: Any) -> State:
+        return prepare(parse(changed(ORGAN, values)), store).start
+
+    first = start()
+    assert start(**{"thread.start.force": [-0.3, 0, 0], "solve.duration": 4e-3}) is first
+    for other in (
+        {"thread.end.waypoints": [[0.0, 0.02, 0.0, 0.0], [0.1, 0.022, 0.0, 0.0]]},
+        {"thread.path": [[-0.02, 0, 0], [0.0, 1e-4, 0], [0.02, 0, 0]]},
+        {"tissue.youngs_modulus": 2e5},
+    ):
+        assert start() is not start(**other)
+        assert np.array_equal(start().q, first.q)
 
 
 def summary_of(data: dict[str, Any]) -> dict[str, Any]:
