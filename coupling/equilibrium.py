@@ -153,9 +153,7 @@ def let_down_friction(problem: Problem[Body], held: Iterate) -> Solution[Body]:
 
 def with_friction(problem: Problem[Body], factor: float) -> Problem[Body]:
     """Return the problem with all friction multiplied."""
-    law = problem.law
-    more = {name: factor * getattr(law, name) for name in ("static", "kinetic", "grip")}
-    return replace(problem, law=replace(law, **more))
+    return replace(problem, law=replace(problem.law, factor=factor))
 
 
 def first_tie(system: System[Body], state: State[Body]) -> float:

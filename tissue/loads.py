@@ -148,8 +148,12 @@ class Loads:
 
     @cached_property
     def resultants(self) -> Array:
-        """Sum of the forces of each whole load, `(k, 3)` [N]."""
-        each = [self.forces(number, self.body.points).sum(axis=0) for number in range(len(self.each))]
+        """Sum of the forces of each whole load on the reference shape, `(k, 3)` [N]."""
+        return self.resultants_at(self.body.points)
+
+    def resultants_at(self, x: Array) -> Array:
+        """Return the sum of the forces of each whole load on a body whose nodes are at `x` (m, 3), `(k, 3)` [N]."""
+        each = [self.forces(number, x).sum(axis=0) for number in range(len(self.each))]
         return np.array(each).reshape(-1, 3)
 
     @cached_property

@@ -60,6 +60,7 @@ class OrganRecord:
     pressed_turn: float = 0.0  # largest angle between a normal under a pressure and that of the reference [rad]
     contact_pressure: Array | None = None  # (nodes,) [Pa], zero off the lips; None without contact
     lip_gap: Array | None = None  # (nodes,) [m], not a number off the lips
+    crossed: float = 0.0  # how far lips that do not touch are through one another, over their extent [-]
     sprung: Array | None = None  # (p,) way of the springs at each hole over its footprint [-]; None of a linear organ
 
 
@@ -175,6 +176,7 @@ class Extremes:
     strained: float = 0.0  # share of the strain energy in cells strained beyond what is small [-]
     rotated: float = 0.0  # the same in cells rotated beyond [-]
     pressed_turn: float = 0.0  # of a surface under a pressure [rad]
+    crossed: float = 0.0  # of lips that do not touch, through one another, over their extent [-]
 
     def after_step(self, step: StepRecord) -> "Extremes":
         """Return the extremes with a step more."""
@@ -206,6 +208,7 @@ class Extremes:
             strained=max(self.strained, organ.strained),
             rotated=max(self.rotated, organ.rotated),
             pressed_turn=max(self.pressed_turn, organ.pressed_turn),
+            crossed=max(self.crossed, organ.crossed),
         )
 
 

@@ -18,6 +18,7 @@ THREAD_STRAIN = 0.1  # a line through the origin fits the stress of monofilament
 OFF_PATH = 10.0  # diameters: as far as the thread is drawn into a hole that begins
 CREATED = 1e-4  # of a run's energy: round-off is 1e-9 of it, and the shipped scenes create none at their steps
 DISSIPATED = 0.05  # of a run's energy
+CROSSED = 0.01  # of the lips' extent: nearer, they are as good as closed
 SLID = 1.0  # diameters that a thread may still slide in as long as the run took, and be at rest
 NEAR = 2.0  # of the footprints of two holes together: there a hole moves its neighbour by a quarter of its own way
 RESOLVED_SHARE = 0.03  # of a hole's compliance that springs may make up: no more than its own error
@@ -110,6 +111,12 @@ KINDS = (
         "there the pressure acts along the normals of the reference shape, and does not follow the surface",
     ),
     Kind(
+        "lips-cross",
+        "unsupported",
+        f"lips of a wound at finite strain more than {CROSSED:g} of their extent through one another",
+        "they do not press on one another there: what closes them meets no resistance any more",
+    ),
+    Kind(
         "thread-strength",
         "unsupported",
         "tension above the least knot-pull strength of `suture catalogue`, where that is known",
@@ -181,6 +188,18 @@ KINDS = (
         "note",
         f"a piercing more than {OFF_PATH:g} diameters from `thread.path`",
         "the thread is bent to it at the start, and the energy of that goes where the damping takes it",
+    ),
+    Kind(
+        "handed-over",
+        "note",
+        "a stiffness, a law of friction or a strain energy that was handed over from Python",
+        "the scenario in the folder does not say it, and run anew it is another run",
+    ),
+    Kind(
+        "stress-of-e-nu",
+        "unsupported",
+        "a stiffness that was handed over from Python",
+        "stress, its principal values and the energy of cells are recovered with E and ν, which it need not have",
     ),
     Kind(
         "units",

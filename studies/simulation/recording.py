@@ -80,7 +80,8 @@ def load_records(system: System, state: State) -> tuple[LoadRecord, ...]:
     if state.organ.shares is None:
         return ()
     loads = organ.surface
-    numbers = zip(loads.each, state.organ.shares.tolist(), loads.areas.tolist(), loads.resultants, strict=True)
+    shares, forces = state.organ.shares.tolist(), organ.load_resultants(state.organ)
+    numbers = zip(loads.each, shares, loads.areas.tolist(), forces, strict=True)
     return tuple(LoadRecord(load.boundary, share, area, share * force) for load, share, area, force in numbers)
 
 

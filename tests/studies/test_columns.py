@@ -132,7 +132,7 @@ def test_cells_are_what_the_records_say(tmp_path: Path) -> None:
         (CONTACT, ContactRecord, {"pair"}),
         (PIERCING_ARRAYS, PiercingRecord, {"name", "x", "channel"}),
         (HOLE_SUMMARY, PiercingRecord, {"name", "u", "v"}),
-        ((*ORGAN_ARRAYS, *ORGAN_CELLS), OrganRecord, {"strained", "rotated", "pressed_turn", "sprung"}),
+        ((*ORGAN_ARRAYS, *ORGAN_CELLS), OrganRecord, {"strained", "rotated", "pressed_turn", "sprung", "crossed"}),
         (THREAD_ARRAYS, ThreadRecord, {"points", "pieces"}),
     ],
 )

@@ -275,13 +275,13 @@ def test_the_range_of_a_linear_organ_is_measured() -> None:
 
 
 def test_a_stiffening_organ_is_the_linear_one_at_small_tension() -> None:
-    """Independent check: on the same cells the linear organ is 1 % off at τ = 0.02, and more than five times as far
-    off at ten times that, where tissue stiffens."""
-    one = replace(REFERENCE, sweep="material", refinement=1.0, tension=0.1, load_steps=10)
+    """Independent check: on the same cells the linear organ is less than 1 % off at τ = 0.1, and more than twice as far
+    off at twice that, where tissue stiffens."""
+    one = replace(REFERENCE, sweep="material", refinement=1.0, tension=0.1, load_steps=2)
     linear, other = (
         list(run(replace(one, name=name, **case.MATERIALS[name]))) for name in ("linear", "exponential, b = 5")
     )
     off = np.abs(findings.departures(linear, other))
-    assert other[0].scaled_load == pytest.approx(0.02)
-    assert off[0] < 0.01
-    assert off[-1] > 0.02 and off[-1] > 5.0 * off[0]
+    assert other[0].scaled_load == pytest.approx(0.1)
+    assert off[0] < 0.01 < off[1]
+    assert off[1] > 2.0 * off[0]

@@ -289,6 +289,10 @@ class FiniteOrgan(MeshedOrgan):
             return np.zeros(self.size)
         return self.surface.pressing(shares, self._places(U))[self.elasticity.free]
 
+    def load_resultants(self, state: OrganState) -> Array:
+        """Return the sum of the forces of each whole load, pressures on their surfaces as they lie, `(l, 3)` [N]."""
+        return self.surface.resultants_at(self._places(state.U))
+
     def off_balance(self, point: Point, f_y: Array) -> float:
         """Return the largest residual under site forces [N]."""
         pull = self.map.Z.T @ (self.map.slope(point.z).T @ f_y)
@@ -309,7 +313,7 @@ class FiniteOrgan(MeshedOrgan):
     def go(self, motion: Motion, start: Point, U: Array, f_y: Array, before: float) -> tuple[Point, float]:
         """Go from `start` to U, or a part of the way: where no cell is inverted and either the residual, `before` at
         the start, or the potential falls. Returns where, and the part. Raises `OrganError`."""
-        share, way, first = 1.0, U - start.U, None
+        share, way, first, inverted = 1.0, U - start.U, None, np.inf
         while share >= SHORTEST:
             there = start.U + share * way if share < 1.0 else U
             F = self.law.gradient(self.whole(there))
@@ -320,8 +324,14 @@ class FiniteOrgan(MeshedOrgan):
                 first = self.potential(motion, start.U, start.U, start.F, f_y) if first is None else first
                 if self.potential(motion, start.U, there, F, f_y) <= first + RISE * abs(first):
                     return point, share
+            else:
+                inverted = share
             share *= 0.5
-        raise OrganError("the tissue finds no way to give way: a cell would turn inside out, or it snaps")
+        raise OrganError(
+            "the tissue finds no way to give way: a cell would turn inside out"
+            if inverted < 2.0 * SHORTEST
+            else "the tissue finds no way to give way: both its imbalance and its energy rise, as where it snaps"
+        )
 
     def tangent(self, motion: Motion, U: Array, F: Array | None = None) -> Tangent:
         """Return the tangent at U, factorised; the last few are kept. Raises `OrganError`."""
