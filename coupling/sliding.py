@@ -23,6 +23,8 @@ Both bounds have a law of one's own added where a hole has one, F₀ + μN + F(N
 Which of stick and slip holds is an active set, σ ∈ {−1, 0, 1} a hold. It changes only between solved iterates: one on
 the way has forces that mean nothing, and where μ_k < μ_s both may hold, so that a wrong change would stand.
 
+A tie that slides does so as one (`coupling.ties`): its strands have two equations together, joined from those above.
+
 That force enters as a given one, f = `injected`. So does a friction found elsewhere (the two-pass algorithm of §4.3).
 """
 
@@ -31,7 +33,7 @@ from functools import cached_property
 
 import numpy as np
 
-from coupling.arrays import Array, Flags
+from coupling.arrays import Array, Flags, Indices
 from coupling.bordered import AT_K, AT_T, BORDER, LAM, MU_U, MU_V, Border, S, U, V, own_axis_rate
 from coupling.constraints import (
     Parts,
@@ -49,6 +51,7 @@ from coupling.constraints import (
 )
 from coupling.interfaces import Body, FrictionLaw
 from coupling.system import System
+from coupling.ties import in_pairs
 from thread.vectors import cross, dot
 
 
@@ -57,10 +60,11 @@ class Law:
     """What the law of sliding needs besides the iterate, over `m` holds.
 
     `s_old` (m,) [m]; `s_held` (m,) [m], where a thread that does not slide is at the end of the step; `static`,
-    `kinetic`, `grip`, `per_channel` (m,); `inertia` = ε a [N/m] and `s_free` (m,) [m] make
-    ε s̈ = inertia (s − s_free); `rough` and `may_slide` (m,); `injected` (m,) [N], a given force along the thread where
-    it slides, added to the friction of the rough holds; `own`, the law of one's own of each hold, None or empty where
-    there is none; `factor`, by which all friction is multiplied.
+    `kinetic`, `grip`, `per_channel` (m,); `inertia` = ε a [N/m], of all holds or of each, and `s_free` (m,) [m] make
+    ε s̈ = inertia (s − s_free), and c ds/dt of a tie that is drawn; `rough` and `may_slide` (m,); `injected` (m,) [N],
+    a given force along the thread where it slides, added to the friction of the rough holds; `strands` (t, 2) of ties
+    in force; `by_hand` (m,), where hands draw; `own`, the law of one's own of each hold, None or empty where there is
+    none; `factor`, by which all friction is multiplied.
     """
 
     s_old: Array
@@ -71,9 +75,11 @@ class Law:
     per_channel: Array
     rough: Flags
     may_slide: Flags
-    inertia: float
+    inertia: float | Array
     s_free: Array
     injected: Array
+    strands: Indices
+    by_hand: Flags
     own: tuple[FrictionLaw | None, ...] = ()
     factor: float = 1.0
 
@@ -87,16 +93,22 @@ def law_of(
     system: System[Body],
     s_old: Array,
     present: Flags,
-    inertia: float,
+    inertia: float | Array,
     s_free: Array,
     drawn: Array | float = 0.0,
     pulls: Array | float = 0.0,
+    time: float = np.inf,
 ) -> Law:
-    """Return the law at the start of a step in which lengths `drawn` (m,) [m] are drawn through, and at whose end hands
-    pull with the forces `pulls` (m,) [N]; an absent hold keeps its abscissa."""
-    s_held, injected = s_old - drawn * present, pulls * np.ones(len(s_old)) * present
-    sliding, own = system.may_slide & present, system.own_friction
-    return Law(s_old, s_held, *system.friction, system.rough, sliding, inertia, s_free, injected, own)
+    """Return the law at the start of a step, at `time` [s], in which lengths `drawn` (m,) [m] are drawn through, and at
+    whose end hands pull with the forces `pulls` (m,) [N]; an absent hold keeps its abscissa. Without a time no tie is
+    drawn."""
+    drawn_ties = system.drawn_ties(time)
+    rough, tied = system.rough & ~drawn_ties, system.of_ties & ~drawn_ties
+    may_slide = system.may_slide & present & (rough | ~tied)
+    injected = np.asarray(pulls * (present & ~tied), dtype=np.float64)
+    strands = system.strands[present[system.strands].all(axis=1)]
+    by_hand, s_held, own = system.by_hand | drawn_ties, s_old - drawn * present, system.own_friction
+    return Law(s_old, s_held, *system.friction, rough, may_slide, inertia, s_free, injected, strands, by_hand, own)
 
 
 def prescribed(law: Law, held: Flags, injected: Array) -> Law:
@@ -162,8 +174,11 @@ def by_own_law(law: Law, part: str, N: Array) -> Array:
 
 
 def admissible_sigma(law: Law, sigma: Array) -> Array:
-    """Fit the active set to the holds: an ideal hole slides, one that may not slide sticks, shape `(m,)`."""
-    return np.where(law.may_slide, np.where(law.rough, sigma, 1.0), 0.0)
+    """Fit the active set to the holds: an ideal hole slides, one that may not slide sticks, and the strands of a tie
+    slide against one another, shape `(m,)`."""
+    fitted = np.where(law.may_slide, np.where(law.rough, sigma, 1.0), 0.0)
+    fitted[law.strands[:, 1]] = -fitted[law.strands[:, 0]]
+    return fitted
 
 
 def next_sigma(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array, margin: float) -> Array:
@@ -172,7 +187,7 @@ def next_sigma(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y:
     friction."""
     if not law.rough.any():
         return admissible_sigma(law, sigma)
-    f = force_along_thread(law, thread, s, lam, y)
+    f = in_pairs(law.strands, force_along_thread(law, thread, s, lam, y))
     from_stick = np.where(np.abs(f) > static_bound(law, thread, lam, y) + margin, np.sign(f), 0.0)
     from_slip = np.where(sigma * (s - law.s_old) < 0.0, 0.0, sigma)
     return admissible_sigma(law, np.where(sigma == 0.0, from_stick, from_slip))
@@ -192,10 +207,28 @@ def cone_residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array,
 def residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
     """Return the left-hand side of the law, shape `(m,)`: [N] where the thread slides, [m] where it is held."""
     drive = net_drive(law, thread, s, lam, y)
-    if law.ideal:
-        return np.where(sigma == 0.0, s - law.s_held, drive)
-    given = law.injected + law.rough * sigma * kinetic_bound(law, thread, lam, y)
-    return np.where(sigma == 0.0, s - law.s_held, drive - tangent(thread, lam, y)[0] * given)
+    if not law.ideal:
+        given = law.injected + law.rough * sigma * kinetic_bound(law, thread, lam, y)
+        drive = drive - tangent(thread, lam, y)[0] * given
+    out = np.where(sigma == 0.0, s - law.s_held, drive)
+    one, other = sliding_strands(law, sigma)
+    out[other] -= out[one]
+    out[one] = (s - law.s_old)[one] + (s - law.s_old)[other]
+    return out
+
+
+def sliding_strands(law: Law, sigma: Array) -> tuple[Indices, Indices]:
+    """Return the holds at which the ties that slide hold their strands, shape `(k,)` each. The equation of the first
+    says that their abscissae have the same sum, that of the second is the difference of both."""
+    one, other = law.strands[sigma[law.strands[:, 0]] != 0.0].T
+    return one, other
+
+
+def in_metres(law: Law, sigma: Array) -> Flags:
+    """Return where the left-hand side of the law is a length, shape `(m,)`."""
+    lengths = sigma == 0.0
+    lengths[sliding_strands(law, sigma)[0]] = True
+    return lengths
 
 
 def linearise_law(border: Border, law: Law, sigma: Array, thread: Passage, lam: Array, y: Array) -> None:

@@ -22,7 +22,7 @@ from studies.simulation.given import NOTHING, Given
 from studies.simulation.law import hyperelasticity_of
 from studies.simulation.meshing import check_loaded, material_of, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_draws, check_pieces
-from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key
+from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key, reduction_key
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
 from thread.knots import Tree, clamped_knots, graded_knots
@@ -31,7 +31,7 @@ from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
 
-AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | tissue.DynamicOrgan | tissue.FiniteOrgan
+AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | tissue.DynamicOrgan | tissue.ReducedOrgan | tissue.FiniteOrgan
 
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
 REACH = 0.1  # of the thread's length: how far from a piercing its spans are fine
@@ -76,10 +76,10 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     """
     path = rounded_path(scenario.thread.path)
     length = length_of(scenario, path)
-    store = Unshared() if store is None or given.unsaid else store  # what a scenario does not say has no key
+    store = shareable(store, given)
     scenario = given.applied_to(scenario)
     body = stored_body(scenario, store, given)
-    organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, body, given))
+    organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, body, given, store))
     s = abscissae(scenario, path, length)
     known = [(hole, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
     check_order(known, length)
@@ -100,6 +100,11 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     resolution = resolution_of(scenario.thread, length, s)
     recovery = partial(stored_recovery, scenario, body, store)
     return Assembly(whole, system, organ, path, np.array(s), body, resolution, recovery, given)
+
+
+def shareable(store: Store | None, given: Given) -> Store:
+    """Return what may be shared: nothing where what is given is not in the scenario, and so in no key."""
+    return Unshared() if store is None or given.unsaid else store
 
 
 def is_known(hole: model.Piercing) -> bool:
@@ -270,9 +275,9 @@ def body_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Elasticity:
     return tissue.elasticity(mesh, material_of(table, mesh), table.element, table.clamp, table.dilatation, table.roller)
 
 
-def organ_of(scenario: Scenario, body: tissue.Elasticity | None, given: Given) -> AnyOrgan:
-    """Return the organ as the coupling sees it: linear or at finite strain, with inertia or without, or points fixed in
-    space."""
+def organ_of(scenario: Scenario, body: tissue.Elasticity | None, given: Given, store: Store) -> AnyOrgan:
+    """Return the organ as the coupling sees it: linear or at finite strain, with inertia or without, in a small basis,
+    which is that of the `store` where it has it, or points fixed in space."""
     sites = [site_of(hole) for hole in scenario.piercing]
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
@@ -285,8 +290,17 @@ def organ_of(scenario: Scenario, body: tissue.Elasticity | None, given: Given) -
         hyper = hyperelasticity_of(scenario.tissue, body, given)
         return tissue.FiniteOrgan(*known, hyper=hyper, inertia=inertia, damping=scenario.tissue.rayleigh[0])
     if inertia:
-        return tissue.DynamicOrgan(*known, rayleigh=scenario.tissue.rayleigh)
+        full = tissue.DynamicOrgan(*known, rayleigh=scenario.tissue.rayleigh)
+        return full if scenario.tissue.reduction is None else reduced(full, scenario, store)
     return tissue.QuasiStaticOrgan(*known)
+
+
+def reduced(full: tissue.DynamicOrgan, scenario: Scenario, store: Store) -> tissue.ReducedOrgan:
+    """Return an organ in the small basis that its scenario asks for. Raises `TissueError` where there is none."""
+    assert scenario.tissue is not None and scenario.tissue.reduction is not None
+    asked = scenario.tissue.reduction
+    make = partial(tissue.reduce_organ, full, asked.blocks, asked.modes)
+    return tissue.ReducedOrgan(full, store.take("reduction", reduction_key(scenario), make))
 
 
 def loads_of(scenario: Scenario) -> tuple[tissue.SurfaceLoad, ...]:
@@ -306,10 +320,15 @@ def gaps_of(scenario: Scenario, body: tissue.Elasticity) -> tissue.Gaps | None:
     parts: list[tissue.Part] = []
     for between in scenario.touching:
         if isinstance(shape, model.WoundMesh) and set(between) == set(LIPS):
-            wound = wound_of(shape)
-            pairs = lips(body.mesh, wound)
-            own = tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.normal_axis])
+            own = lip_gaps(shape, body)
         else:
             own = tissue.surface_gaps(body, [between])
         parts += own.parts
     return tissue.Gaps(body, tuple(parts)) if parts else None
+
+
+def lip_gaps(shape: model.WoundMesh, body: tissue.Elasticity) -> tissue.Gaps:
+    """Return the gaps between the matching nodes of a wound's lips."""
+    wound = wound_of(shape)
+    pairs = lips(body.mesh, wound)
+    return tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.normal_axis])

@@ -19,9 +19,11 @@ from studies.output.records import Ending, EnergyRecord, Extremes
 from studies.output.remarks import (
     COARSE,
     CREATED,
+    CROSSED,
     DISSIPATED,
     NEAR,
     OFF_PATH,
+    REDUCED,
     RESOLVED_SHARE,
     SHARE,
     SLID,
@@ -106,8 +108,10 @@ def met(scenario: Scenario, ending: Ending, strengths: Sequence[float], springs:
             if is_finite(scenario)
             else [*beyond_at_holes(names, extremes), *beyond_in_tissue(extremes)]
         ),
+        *missed_by_basis(names, extremes),
         *torn(names, extremes, strengths),
         *turned_pressure(extremes),
+        *crossed_lips(extremes),
         *overloaded(extremes, strength),
         *coarse_spans(step.span_ratio),
         *few_spans(step.spans_between),
@@ -216,6 +220,24 @@ def beyond_in_tissue(extremes: Extremes) -> list[Remark]:
     return out
 
 
+def missed_by_basis(names: Sequence[str], extremes: Extremes) -> list[Remark]:
+    """Judge what the small basis of the organ left open at its holes; nothing is, where it has none."""
+    limit = REDUCED * float(extremes.way.max(initial=0.0))
+    out = []
+    for name, difference, bound in zip(names, extremes.difference, extremes.bound, strict=True):
+        if max(difference, bound) <= limit:
+            continue
+        off = difference > limit
+        code, how = ("reduction", "is") if off else ("reduction-bound", "may be up to")
+        text = (
+            f"{name!r} {how} {(difference if off else bound) / MILLI:.2g} mm from its place in the whole organ, "
+            f"{limit / MILLI:.2g} mm are {REDUCED:.0%} of the largest way of a hole; raise tissue.reduction.blocks, or "
+            "leave tissue.reduction out"
+        )
+        out.append(remark(code, name, text))
+    return out
+
+
 def torn(names: Sequence[str], extremes: Extremes, strengths: Sequence[float]) -> list[Remark]:
     """Judge the pressure of the thread on the tissue at the holes by the tissue's strength there [Pa], infinite where
     that is not known."""
@@ -241,6 +263,17 @@ def turned_pressure(extremes: Extremes) -> list[Remark]:
         f"normals before, which holds to about {SMALL_ROTATION:g}; press less, or take firmer tissue"
     )
     return [remark("pressure-turn", "tissue.load", text)]
+
+
+def crossed_lips(extremes: Extremes) -> list[Remark]:
+    """Judge how far lips that do not press on one another went through one another."""
+    if extremes.crossed <= CROSSED:
+        return []
+    text = (
+        f"the lips of the wound went through one another by {extremes.crossed:.2g} of their extent, and at finite "
+        'strain they do not touch; pull less, or take tissue.material = "linear" with tissue.contact = true'
+    )
+    return [remark("lips-cross", "tissue.mesh", text)]
 
 
 def overloaded(extremes: Extremes, strength: float | None) -> list[Remark]:

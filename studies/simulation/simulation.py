@@ -26,14 +26,15 @@ from studies.arrays import Array
 from studies.output.checkpoint import Arrays
 from studies.output.records import Ending, OrganRecord, OrganTopology, Snapshot, StepRecord
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
-from studies.scenario import Scenario, ScenarioError, Solve
+from studies.scenario import Scenario, ScenarioError, Solve, WoundMesh
 from studies.scenario.solve import WHOLE
-from studies.simulation.assembly import Assembly, assemble
+from studies.simulation.assembly import Assembly, assemble, lip_gaps, shareable
 from studies.simulation.given import Energy, Given, Stiffness
 from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, step_record, thread_record
 from studies.simulation.remarks import foreseen, met
-from studies.simulation.sharing import Store
+from studies.simulation.sharing import Store, start_key
+from studies.simulation.stepper import Stepper, WhichEnd
 
 OnStep = Callable[[StepRecord], None]
 
@@ -100,6 +101,14 @@ class Simulation:
         return self.scenario.solve.steps
 
     @cached_property
+    def open_lips(self) -> tissue.Gaps | None:
+        """The lips of a wound that do not touch, None without any."""
+        body, table = self.assembly.body, self.scenario.tissue
+        if body is None or table is None or table.contact or not isinstance(table.mesh, WoundMesh):
+            return None
+        return lip_gaps(table.mesh, body)
+
+    @cached_property
     def recovery(self) -> tissue.StressRecovery | None:
         """Stress from displacement, None without an organ."""
         return self.assembly.recovery()
@@ -132,6 +141,11 @@ class Simulation:
         """Tell whether a run of a longer duration comes by the same state; not by the end of a last step cut short."""
         solve = self.scenario.solve
         return solve.kind == "static" or now.state.time == now.number * solve.dt
+
+    def stepper(self, end: WhichEnd = "end", deadline: float | None = None) -> Stepper:
+        """Return the run for a host program to step, which moves an `end` of the thread; each step should take no
+        longer than the `deadline` [s], None: than it stands for. Raises `ScenarioError`."""
+        return Stepper(self, end, deadline)
 
     def beginning(self) -> OrganRun:
         """Return the run before the first step."""
@@ -167,7 +181,9 @@ class Simulation:
         body, organ = self.assembly.body, self.assembly.organ
         if isinstance(organ, tissue.FiniteOrgan):
             wide = np.array([max(hole.footprint, np.finfo(float).tiny) for hole in self.scenario.piercing])
-            return finite_record(organ.law, organ.displacement(state.organ), organ.spring_ways(state.organ) / wide)
+            U = organ.displacement(state.organ)
+            crossed = 0.0 if self.open_lips is None else self.open_lips.crossed(U)
+            return finite_record(organ.law, U, organ.spring_ways(state.organ) / wide, crossed)
         if body is None or self.recovery is None or isinstance(organ, tissue.FixedSites):
             return None
         U = organ.displacement(state.organ)
@@ -183,16 +199,18 @@ class Simulation:
         return OrganRecord(body.nodal(U), *numbers, float(turns.max(initial=0.0)), *lips)
 
 
-def finite_record(hyper: tissue.Hyperelasticity, U: Array, sprung: Array) -> OrganRecord:
+def finite_record(hyper: tissue.Hyperelasticity, U: Array, sprung: Array, crossed: float) -> OrganRecord:
     """Return what is drawn of an organ at finite strain: Cauchy stress, stretch less one, and rotation; `sprung` (p,)
-    is how far its springs are drawn out, over the footprints. Nothing else is beyond what its model holds for."""
+    is how far its springs are drawn out, over the footprints, and `crossed` how far lips are through one another, over
+    their extent. Nothing else is beyond what its model holds for."""
     stress = tissue.cauchy_stress(hyper, U)
     stretch, rotation = tissue.cell_stretch(hyper, U)
     strain = np.abs(stretch - 1.0).max(axis=1)
     values, directions = tissue.principal(stress)
     at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
+    energy = tissue.cell_energy(hyper, U)
     return OrganRecord(
-        hyper.body.nodal(U), *at_nodes, strain, rotation, tissue.cell_energy(hyper, U), 0.0, 0.0, sprung=sprung
+        hyper.body.nodal(U), *at_nodes, strain, rotation, energy, 0.0, 0.0, sprung=sprung, crossed=crossed
     )
 
 
@@ -239,15 +257,17 @@ def prepare(
     `on_step` is called with the record of the start and of every step, once whoever steps is done with it; an exception
     from it ends the run. Raises the errors of input that cannot be run.
     """
-    assembly = assemble(scenario, store, Given(mesh, basis, stiffness, friction or {}, energy))
+    given = Given(mesh, basis, stiffness, friction or {}, energy)
+    assembly = assemble(scenario, store, given)
     with threadpool_limits(limits=1, user_api="blas"):
-        return Simulation(assembly, sound_start(assembly), on_step)
+        return Simulation(assembly, sound_start(assembly, shareable(store, given)), on_step)
 
 
-def sound_start(assembly: Assembly) -> State:
-    """Return the consistent start. Raises `ScenarioError` where there is none, or the constraints cannot be met."""
+def sound_start(assembly: Assembly, store: Store) -> State:
+    """Return the consistent start, that of the `store` where it has it. Raises `ScenarioError` where there is none, or
+    the constraints cannot be met."""
     try:
-        state = assembly.start()
+        state = store.take("start", start_key(assembly.scenario), assembly.start)
     except StepError as error:
         raise ScenarioError(
             f"thread.path is refused: the thread cannot be laid along it through its piercings ({error.cause}); "

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from coupling.system import State
 from studies.command.command import main
 from studies.output.columns import state_summary
 from studies.output.quantities import quantities
@@ -79,17 +80,38 @@ def test_scenarios_share_what_they_do_not_differ_in() -> None:
     assert organ_of(store, **{"piercing.ring.at": [1e-3, 0, 0]}).body.mesh is not first.body.mesh
 
 
+def test_scenarios_that_pull_otherwise_are_laid_once() -> None:
+    """Consistency check: another force and another duration begin with the very start; another path, another place of
+    the hand and another organ with their own, which is not the first one's."""
+    store = Shared()
+
+    def start(**values: Any) -> State:
+        return prepare(parse(changed(ORGAN, values)), store).start
+
+    first = start()
+    assert start(**{"thread.start.force": [-0.3, 0, 0], "solve.duration": 4e-3}) is first
+    for other in (
+        {"thread.end.waypoints": [[0.0, 0.02, 1e-3, 0.0]]},
+        {"thread.path": [[-0.02, 0, 0], [0.0, 1e-4, 0], [0.02, 0, 0]]},
+        {"tissue.youngs_modulus": 2e5},
+    ):
+        assert start() is not start(**other)
+        assert np.array_equal(start().q, first.q)
+
+
 def summary_of(data: dict[str, Any]) -> dict[str, Any]:
     """The summary of a case as its file has it."""
     summary: dict[str, Any] = sweeps.record(run_case(data))["summary"]
     return summary
 
 
-def test_a_shared_organ_gives_the_same_bits() -> None:
+@pytest.mark.parametrize("material", ["linear", "neo-hookean"])
+def test_a_shared_organ_gives_the_same_bits(material: str) -> None:
     """Consistency check: three cases after one another on one organ, and each on its own."""
-    summaries = [summary_of(changed(ORGAN, {"thread.start.force.0": pull})) for pull in (-0.1, -0.2, -0.3)]
-    alone = changed(ORGAN, {"thread.start.force.0": -0.3})
-    run_case(changed(ORGAN, {"tissue.youngs_modulus": 3e5}))  # takes the place of the organ that was kept
+    organ = changed(ORGAN, {"tissue.material": material})
+    summaries = [summary_of(changed(organ, {"thread.start.force.0": pull})) for pull in (-0.1, -0.2, -0.3)]
+    alone = changed(organ, {"thread.start.force.0": -0.3})
+    run_case(changed(organ, {"tissue.youngs_modulus": 3e5}))  # takes the place of the organ that was kept
     assert quantities(summary_of(alone)) == quantities(summaries[-1])
     assert quantities(summaries[0]) != quantities(summaries[1])
 
