@@ -42,6 +42,7 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
         events=now.events,
         contact=contact_records(system, state),
         loads=load_records(system, state),
+        ties=now.ties,
         kept=partial(memory_of, now),
     )
 
