@@ -73,7 +73,8 @@ def test_the_signs_of_the_blocks() -> None:
     lam, y = rng.standard_normal((1, 5)), rng.standard_normal((1, 9))
     at = passage(thread, q, s, one > 0.0)
     V, border = columns(at, thread.n, 3), linearise(at, lam, y)
-    law = Law(s, s, 0 * one, 0 * one, 0 * one, 0 * one, one < 0.0, one > 0.0, inertia, s, 0 * one)
+    no, none = one < 0.0, np.zeros((0, 2), dtype=np.intp)
+    law = Law(s, s, 0 * one, 0 * one, 0 * one, 0 * one, no, ~no, inertia, s, 0 * one, none, no)
     linearise_law(border, law, one, at, lam, y)
 
     def slope(force: Callable[..., Array], dq: Array | float = 0.0, ds: float = 0.0) -> Array:
