@@ -23,10 +23,10 @@ def solve(problem: Problem[Body], start: Iterate) -> Solution[Body]:
 
 
 def covers(system: System[Body]) -> bool:
-    """Whether the loops know the thread's energies, stretch and bending as integrals, and the holes' laws of
+    """Whether the loops know the thread, in one piece with stretch and bending as integrals, and the holes' laws of
     friction, Coulomb's."""
     thread, own = system.thread, any(law is not None for law in system.own_friction)
-    return not (thread.twist or thread.coil or thread.springs is not None or own)
+    return not (thread.twist or thread.coil or thread.springs is not None or thread.spline.cuts.size or own)
 
 
 def is_covered(problem: Problem[Body]) -> bool:

@@ -60,14 +60,8 @@ SCENES = {
     "rings": (lambda: drawn({"direction": "free"}), 6),
     "limp": (lambda: drawn({"friction": None}, bending=False), 4),
     "pulled": (pulled_through, 8),
-    "cut": (lambda: cut_between(drawn()), 3),
     "stitch": (lambda: load("running_stitch", ["tissue.mesh.h=8e-3"]), 3),
 }
-
-
-def cut_between(scene: Scenario) -> Scenario:
-    """The scene with the thread cut between the holes after one step."""
-    return Scenario.model_validate(scene.model_dump(exclude_unset=True) | {"cut": [{"s": 0.031, "time": 2e-3}]})
 
 
 @pytest.fixture
