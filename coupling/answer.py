@@ -34,6 +34,11 @@ class Held(Generic[Body]):
     state: Body
 
     @property
+    def linear(self) -> bool:
+        """Yes."""
+        return True
+
+    @property
     def C(self) -> Array:
         """Zero, shape `(9p, 9p)`."""
         return np.zeros((self.y_free.size, self.y_free.size))

@@ -55,14 +55,13 @@ def static_problem(
     """Return the problem of equilibrium at the part `share` of the loads. `tie` [1/s²] ties each point to where it is
     in `state`. Friction opposes the way from `first`, the start of the load step; what is drawn through is counted
     from there; hands pull with all of the force that they have then."""
-    thread, time = system.thread, share * duration
+    time = share * duration
     load = share * end_load(system, duration)
     by_hand = system.drawn_lengths(first.time, time), system.pulling_forces(time)
     return Problem(
         system=system,
         time=time,
         dt=time - state.time,
-        inertia=tie * thread.mass_band,
         mass_factor=tie,
         q_ref=state.q,
         load=load,

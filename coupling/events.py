@@ -70,10 +70,12 @@ def changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Ev
         elif new.present[k] and system.rough[k] and (old.sigma[k] == 0.0) != (new.sigma[k] == 0.0):
             kind: Kind = "sticks" if new.sigma[k] == 0.0 else "slips"
             out.append(Event(new.time, kind, piercing.name, float(new.s[k])))
+    out += tie_changes(system, old, new)
     strengths = np.array([piercing.strength for piercing in system.piercings])
+    if np.isinf(strengths).all():
+        return out
     before, after = (bearing_pressures(system, state) > strengths for state in (old, new))
     torn = np.flatnonzero(after & ~before & new.present[: len(strengths)])
-    out += tie_changes(system, old, new)
     return out + [Event(new.time, "tears", system.piercings[k].name, float(new.s[k])) for k in torn]
 
 

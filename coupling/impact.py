@@ -167,7 +167,6 @@ def closing_problem(system: System[Body], state: State[Body], k: int, scheme: Ba
         system=system,
         time=state.time,
         dt=scheme.dt,
-        inertia=factor * thread.mass_band,
         mass_factor=factor,
         q_ref=state.q,
         load=balanced,

@@ -25,6 +25,10 @@ class Answer(Protocol[Body]):
     """The organ condensed for one iteration of a step: y = y_free + C f_y + C_cyᵀ p, g = g_free + C_cy f_y + C_cc p."""
 
     @property
+    def linear(self) -> bool:
+        """Whether the answer stands under all forces, so that `again` returns itself."""
+
+    @property
     def y_free(self) -> Array:
         """Site variables without site and contact forces, shape `(9p,)`."""
 

@@ -131,7 +131,6 @@ def bed_problem(system: System[Body], on_path: Array, answer: Held[Body], s: Arr
         system=system,
         time=0.0,
         dt=0.0,
-        inertia=bed * thread.mass_band,
         mass_factor=bed,
         q_ref=on_path,
         load=np.zeros_like(on_path),

@@ -61,8 +61,8 @@ NO_GAPS = np.zeros((0, 3))
 class Problem(Generic[Body]):
     """One step, ready to be solved.
 
-    `time` [s] at its end; `inertia` banded and `mass_factor` [1/s²] with `q_ref` (n, c): the inertia and viscous force
-    is mass_factor·M (q − q_ref); `load` (n, c) [N, with twist N m]; `answer`, the organ's; `rows` (m, 5) constraints in
+    `time` [s] at its end; `mass_factor` [1/s²] with `q_ref` (n, c): the inertia and viscous force is
+    mass_factor·M (q − q_ref); `load` (n, c) [N, with twist N m]; `answer`, the organ's; `rows` (m, 5) constraints in
     force; `stiffen`: add the constraints' own stiffness to the thread's band, needed where there is no inertia (an
     exact row operation); `frame`, that of the start of the step, of a thread with twist; `closed` (k,), the pairs of
     lips that are held closed, whatever their force; `gaps` (t, 3) [m], between the strands of every tie.
@@ -71,7 +71,6 @@ class Problem(Generic[Body]):
     system: System[Body]
     time: float
     dt: float
-    inertia: Array
     mass_factor: float
     q_ref: Array
     load: Array
@@ -82,6 +81,11 @@ class Problem(Generic[Body]):
     frame: Frame | None = None
     closed: Flags = field(default_factory=lambda: NO_PAIRS)
     gaps: Array = field(default_factory=lambda: NO_GAPS)
+
+    @cached_property
+    def inertia(self) -> Array:
+        """mass_factor·M, banded."""
+        return self.mass_factor * self.system.thread.mass_band
 
     @cached_property
     def tie_compliance(self) -> float:
@@ -228,10 +232,14 @@ def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Bod
 def force_tolerance(problem: Problem[Body], r: Residual) -> float:
     """Return what a force may be off by in a solved step [N]: a part of the largest, or the round-off of those that
     cancel."""
+    return FORCE_TOLERANCE * r.force_scale + rounded_force(problem)
+
+
+def rounded_force(problem: Problem[Body]) -> float:
+    """Return the round-off of forces that cancel [N]."""
     thread = problem.system.thread
     by_place = thread.largest_bending + problem.mass_factor * thread.largest_mass
-    rounded = thread.EA + by_place * np.abs(problem.q_ref[:, :3]).max()
-    return FORCE_TOLERANCE * r.force_scale + ROUND_OFF * rounded
+    return ROUND_OFF * float(thread.EA + by_place * np.abs(problem.q_ref[:, :3]).max())
 
 
 def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:

@@ -64,12 +64,8 @@ def observe(
     at = now.at
     _, t = tangent(at, state.lam, state.y)
     couple = couple_on_thread(at, state.lam, state.y)
-    internal = now.elastic[:, :3]
     shares = at.b[:, :2].swapaxes(1, 2) @ thread_force(at, state.lam, state.y)
-    holes = range(len(system.piercings))
-    transmitted = np.array([transmitted_forces(internal, at.first, shares, state.s, k) for k in holes]).reshape(
-        -1, 2, 3
-    )
+    transmitted = transmitted_forces(now.elastic[:, :3], at.first, shares, state.s)[: len(system.piercings)]
     law = law_of(system, state.s, state.present, 0.0, state.s)
     normal = normal_force(at, state.lam, state.y, law.per_channel)
     cone = broken_cones(system, law, state, at)
@@ -185,9 +181,9 @@ def sliding_state(system: System[Body], state: State[Body], k: int) -> str:
     return "slip" if state.sigma[k] else "stick"
 
 
-def transmitted_forces(internal: Array, first: Indices, shares: Array, s: Array, k: int) -> tuple[Array, Array]:
-    """Return the force that the thread transmits just before and just after hole k, each `(3,)` [N], from the elastic
-    forces (n, 3) on the control points. It is the force of what lies beyond on what lies before.
+def transmitted_forces(internal: Array, first: Indices, shares: Array, s: Array) -> Array:
+    """Return the forces that the thread transmits just before and just after every hold, shape `(m, 2, 3)` [N], from
+    the elastic forces (n, 3) on the control points. Each is the force of what lies beyond on what lies before.
 
     ψ = Σ b_i over the points beyond the hole rises from 0 to 1 over the spans next to it, so the sum of their elastic
     forces is the force ∫(EA ε T + …)·ψ' ds that the thread transmits there: in equilibrium exactly the pull on that
@@ -195,11 +191,13 @@ def transmitted_forces(internal: Array, first: Indices, shares: Array, s: Array,
     points on this one's far side, `shares` (m, 4, 3) at the points from `first` (m,) on, is counted with the others of
     its side. Zero where no point lies beyond.
     """
-    points = first[:, None] + LOCAL
-    beyond, behind = points >= first[k], points < first[k] + len(LOCAL)
-    before = -internal[: first[k]].sum(axis=0) - shares[beyond & (s < s[k])[:, None]].sum(axis=0)
-    after = internal[first[k] + len(LOCAL) :].sum(axis=0) + shares[behind & (s > s[k])[:, None]].sum(axis=0)
-    return before, after
+    points, last = first[:, None] + LOCAL, first + len(LOCAL)
+    sums = np.concatenate([np.zeros((1, 3)), np.cumsum(internal, axis=0)])
+    beyond = (points >= first[:, None, None]) & (s < s[:, None])[:, :, None]
+    behind = (points < last[:, None, None]) & (s > s[:, None])[:, :, None]
+    sides = np.stack([beyond, behind], axis=1).reshape(len(s), 2, -1)
+    before_after = np.stack([-sums[first], sums[-1] - sums[last]], axis=1)
+    return np.asarray(before_after + np.array([[-1.0], [1.0]]) * (sides @ shares.reshape(-1, 3)))
 
 
 def axial_forces(system: System[Body], state: State[Body], forces: Array) -> Array:
@@ -210,22 +208,22 @@ def axial_forces(system: System[Body], state: State[Body], forces: Array) -> Arr
     died out, BEND lengths √(EI/|F|) along the strand, or in the middle of a strand that is shorter: without a load
     between, the same tension at both its ends.
     """
-    sizes, places = np.linalg.norm(forces, axis=2), np.empty(forces.shape[:2])
-    for k, side in np.ndindex(*places.shape):
-        low, high = strand(system, state, k, 2 * side - 1)
-        bend = np.sqrt(system.thread.EI / max(sizes[k, side], np.finfo(float).tiny))
-        way = min(BEND * float(bend), 0.5 * (high - low))
-        places[k, side] = low + way if side else high - way
+    sizes = np.maximum(np.linalg.norm(forces, axis=2), np.finfo(float).tiny)
+    here, ends = strands(system, state)
+    way = ends - here[:, None]
+    way = np.sign(way) * np.minimum(BEND * np.sqrt(system.thread.EI / sizes), 0.5 * np.abs(way))
+    places = here[:, None] + way
     tangents = system.thread.spline.curve(state.q[:, :3], places.ravel())[:, 1].reshape(forces.shape)
     return dot(forces, tangents) / np.linalg.norm(tangents, axis=2)
 
 
-def strand(system: System, state: State, k: int, side: int) -> tuple[float, float]:
-    """Return the abscissae between which the thread is in no hole, from hole k on or up to it [m]."""
-    spline, s, p = system.thread.spline, state.s, len(system.piercings)
-    ends = spline.piece_ends[spline.piece_of(s[k]) + np.arange(2)]
-    here = float(np.clip(s[k], *ends))
-    others = s[:p][state.present[:p]]
-    if side > 0:
-        return here, float(others[others > s[k]].min(initial=ends[1]))
-    return float(others[others < s[k]].max(initial=ends[0])), here
+def strands(system: System[Body], state: State[Body]) -> tuple[Array, Array]:
+    """Return where each hole is on its piece of the thread, shape `(p,)` [m], and the abscissae before and after it up
+    to which the thread is in no other, shape `(p, 2)` [m]."""
+    spline, p = system.thread.spline, len(system.piercings)
+    s = state.s[:p]
+    low, high = spline.piece_ends[spline.piece_of(s)[:, None] + np.arange(2)].T
+    there = state.present[:p]
+    before = np.where(there & (s < s[:, None]), s, -np.inf).max(axis=1, initial=-np.inf)
+    after = np.where(there & (s > s[:, None]), s, np.inf).min(axis=1, initial=np.inf)
+    return s.clip(low, high), np.stack([np.maximum(before, low), np.minimum(after, high)], axis=1)

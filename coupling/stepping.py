@@ -19,8 +19,9 @@ from coupling.errors import InversionError, StepError, UphillError
 from coupling.integrators import BDF2, BackwardEuler, Scheme
 from coupling.interfaces import Answer, Body
 from coupling.motion import is_too_long, what_it_does
-from coupling.newton import Iterate, Problem, Solution, solve
+from coupling.newton import Iterate, Problem, Solution
 from coupling.sliding import law_of
+from coupling.solver import solve
 from coupling.system import State, System, forgetful
 from coupling.ties import gap_left
 from thread.vectors import cross, dot
@@ -129,7 +130,6 @@ def dynamic_problem(
         system=system,
         time=time,
         dt=dt,
-        inertia=factor * thread.mass_band,
         mass_factor=factor,
         q_ref=q_ref,
         load=end_load(system, time),

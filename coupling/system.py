@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Generic
+from typing import TYPE_CHECKING, Generic
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from thread.ends import Clamped, End
 from thread.frames import Frame
 from thread.thread import Thread
 from thread.vectors import cross, unit_vector
+
+if TYPE_CHECKING:
+    from coupling.tables import Tables
 
 PRESSED = (1e-3, 1e-2, 1e-1, 1.0, 10.0)  # N, at which a law of one's own is looked at: what sutures bear is among them
 STEP = 1e-5  # of N, of the difference that its slope is compared with: the error of this is some 1e-10
@@ -157,6 +160,20 @@ class System(Generic[Body]):
             if self.thread.twist and end.angle(0.0) is not None:
                 held.append(first + np.array([3]))
         return np.concatenate(held)
+
+    @cached_property
+    def held_flags(self) -> Flags:
+        """Which of the thread's unknowns its ends prescribe, shape `(n, c)`."""
+        held = np.zeros(self.thread.coordinates * self.thread.n, dtype=bool)
+        held[self.held] = True
+        return held.reshape(self.thread.n, -1)
+
+    @cached_property
+    def tables(self) -> "Tables":
+        """The thread as the compiled loops read it."""
+        from coupling.tables import Tables
+
+        return Tables(self.thread)
 
     @cached_property
     def held_entries(self) -> Indices:

@@ -12,10 +12,11 @@ from typing import Any, Protocol
 
 import numpy as np
 from scipy.interpolate import BSpline
+from scipy.linalg.blas import dsbmv
 from scipy.sparse import csr_matrix, diags_array
 
 from thread.arrays import Array, Indices
-from thread.banded import Elements
+from thread.banded import Elements, diagonal_of
 from thread.compliance import POWERS, missing_on
 from thread.energies.coil import Coil
 from thread.energies.continuous import Continuous
@@ -241,11 +242,16 @@ class Thread:
             band[2 * h + c * (M.row - M.col), c * M.col + axis] = M.data
         return band
 
+    @cached_property
+    def _lower_mass_band(self) -> Array:
+        """The inertia's diagonals from the main one down, in the order of Fortran."""
+        diagonal, reach = diagonal_of(self.mass_band), self.coordinates * (LOCAL - 1)
+        return np.asfortranarray(self.mass_band[diagonal : diagonal + reach + 1])
+
     def momentum(self, v: Array) -> Array:
         """Return the inertia times control values `v` (n, c), shape `(n, c)`."""
-        if not self.twist:
-            return self.mass_matrix @ v
-        return np.column_stack([self.mass_matrix @ v[:, :POSITION], self.spin_matrix @ v[:, POSITION:]])
+        band = self._lower_mass_band
+        return np.asarray(dsbmv(len(band) - 1, 1.0, band, v.ravel(), lower=1)).reshape(v.shape)
 
     @cached_property
     def largest_bending(self) -> float:

@@ -1,6 +1,7 @@
 """`suture bench`: milliseconds per step, and those of what a competent user would write, as ratios measured in one run.
 
-For each organ: our step, the floor below which no step with this factor can be (one organ back-substitution), and two
+Of every case: our step as it is taken, with the iteration in compiled loops, and the same step with the iteration in
+numpy. With an organ also the floor below which no step with this factor can be (one organ back-substitution), and two
 baselines that solve the same step to the same tolerance:
 
 - `assembled`: Newton on the one assembled matrix, each correction by `scipy.sparse.linalg.spsolve`;
@@ -13,7 +14,7 @@ are those of the processor, on one thread: other work on the machine does not co
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import median
 from time import process_time
@@ -23,12 +24,14 @@ from scipy.sparse import csc_array, csr_matrix
 from scipy.sparse.linalg import splu, spsolve
 from threadpoolctl import threadpool_limits
 
+from coupling import newton
 from coupling.assembled import BlockSystem, monolithic_solve
 from coupling.errors import StepError
 from coupling.integrators import BackwardEuler
+from coupling.interfaces import Body
 from coupling.newton import Iterate
 from coupling.run import begin
-from coupling.stepping import dynamic_problem, organ_answer, predict
+from coupling.stepping import Step, conclude, dynamic_problem, organ_answer, predict
 from coupling.system import State, System
 from studies.arrays import Array
 from studies.output.files import write_json
@@ -47,6 +50,13 @@ FIXED = [  # whatever the scene has: the sizes are those of these meshes
     "thread.control_points=60",
     *(f"piercing.{name}.footprint=1.5e-3" for name in ("entry", "exit")),
 ]
+ROUGH = [f"piercing.{name}.friction={{static=0.2,kinetic=0.15}}" for name in ("entry", "exit")]
+THREADS = {
+    "thread alone": [],
+    "with friction": ROUGH,
+    "of 100 points": [*ROUGH, "thread.control_points=100"],
+    "of 1000 points": [*ROUGH, "thread.control_points=1000"],
+}
 WARM_UP = 60  # steps before anything is measured: the first ones are not like the rest
 ROUNDS = 15
 LARGEST_ASSEMBLED = 15_000  # unknowns; beyond, one spsolve of the assembled matrix takes minutes
@@ -61,6 +71,8 @@ class Row:
     tissue_unknowns: int
     newton_iterations: float
     step: float
+    numpy_iterations: float
+    numpy: float
     floor: float | None = None
     prefactored: float | None = None
     assembled: float | None = None
@@ -84,7 +96,7 @@ def main(json_path: Path | None = None, solver: str = "auto") -> int:
             rows.append(row)
             print(line(row), flush=True)
     if json_path is not None:
-        table = [asdict(row) | {"over_floor": row.over_floor} for row in rows]
+        table = [asdict(row) | {"over_floor": row.over_floor, "numpy_over_step": row.ratio(row.numpy)} for row in rows]
         write_json(json_path, {"milliseconds_per_step": table, "provenance": provenance()})
     return 0
 
@@ -93,7 +105,8 @@ def measurements(
     solver: str = "auto", sizes: dict[str, tuple[float, float]] = SIZES, rounds: int = ROUNDS
 ) -> Iterator[Row]:
     """Measure every case, smallest first, with a solver of the organ."""
-    yield measure_case("thread alone", load(THREAD), rounds)
+    for name, overrides in THREADS.items():
+        yield measure_case(name, load(THREAD, overrides), rounds)
     for inertia in (True, False):
         name = "dynamic" if inertia else "quasi-static"
         for size, (h, h_site) in sizes.items():
@@ -109,18 +122,29 @@ def measure_case(case: str, scenario: Scenario, rounds: int) -> Row:
     for _ in range(WARM_UP):
         run = run.step(dt)
     others = baselines(run.system, organ, dt) if isinstance(organ, DynamicOrgan | QuasiStaticOrgan) else {}
-    times: dict[str, list[float]] = {name: [] for name in ("step", *others)}
-    iterations = []
+    times: dict[str, list[float]] = {name: [] for name in ("step", "numpy", *others)}
+    iterations, by_numpy = [], []
     for _ in range(rounds):
         for name, call in others.items():
             with suppress(StepError):  # a baseline has no second try where the thread snaps through a hole
                 times[name] += [time_call(call, run.state)]
         began = process_time()
+        by_numpy += [replace(run, take=numpy_step).step(dt).iterations]
+        times["numpy"] += [process_time() - began]
+        began = process_time()
         run = run.step(dt)
         times["step"] += [process_time() - began]
         iterations += [run.iterations]
     medians = {name: median(values) / MILLI for name, values in times.items()}
-    return Row(case, organ.size, float(np.mean(iterations)), **medians)
+    counts = {"newton_iterations": float(np.mean(iterations)), "numpy_iterations": float(np.mean(by_numpy))}
+    return Row(case, organ.size, **counts, **medians)
+
+
+def numpy_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
+    """Take a step of backward Euler with the iteration in numpy."""
+    scheme = BackwardEuler(dt)
+    problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
+    return conclude(state, scheme, newton.solve(problem, predict(problem, state)))
 
 
 def time_call(call: Callable[[State], object], state: State) -> float:
@@ -184,7 +208,7 @@ def prefactored_correction(system: BlockSystem, solve: Callable[[Array], Array],
 
 
 HEAD = (
-    f"{'':18} {'unknowns':>9} {'Newton':>7} {'step':>9} {'floor':>9} {'step/floor':>11} "
+    f"{'':18} {'unknowns':>9} {'Newton':>7} {'step':>9} {'in numpy':>18} {'floor':>9} {'step/floor':>11} "
     f"{'prefactored':>12} {'assembled':>10}"
 )
 
@@ -193,5 +217,7 @@ def line(row: Row) -> str:
     """Write a row of the table, times in milliseconds, baselines as multiples of our step."""
     floor = f"{row.floor:9.3f} {row.over_floor:11.2f}" if row.floor is not None else " " * 21
     others = [f"{ratio:.1f} ×" if ratio else "" for ratio in (row.ratio(row.prefactored), row.ratio(row.assembled))]
-    step = f"{row.case:18} {row.tissue_unknowns:9d} {row.newton_iterations:7.1f} {row.step:9.3f}"
+    ours = f"{row.newton_iterations:7.1f} {row.step:9.3f}"
+    theirs = f"{row.numpy_iterations:4.1f} {row.numpy:7.3f} {row.numpy / row.step:3.0f} ×"
+    step = f"{row.case:18} {row.tissue_unknowns:9d} {ours} {theirs}"
     return f"{step} {floor} {others[0]:>12} {others[1]:>10}"

@@ -20,6 +20,7 @@ from coupling.paper.linear_step import checked, linear_step, linear_two_pass
 from coupling.paper.staggered import backward_euler, stagger
 from coupling.paper.two_pass import two_pass
 from coupling.run import begin
+from coupling.solver import covers
 from coupling.stepping import Take, try_step
 from coupling.system import State
 from studies.arrays import Array
@@ -93,7 +94,15 @@ class Simulation:
         """By what the run is solved; `solver` is that of the organ, as `auto` chose it, None without one."""
         solve, choice = self.scenario.solve, getattr(self.assembly.organ, "choice", None)
         ways = {name: str(getattr(solve, name)) for name in ("kind", "scheme", "integrator", "coupling", "friction")}
-        return {"solver": choice.name if choice else None, **ways}
+        return {"solver": choice.name if choice else None, "newton": self._newton, **ways}
+
+    @property
+    def _newton(self) -> str:
+        """What steps are solved by where they can be: "compiled" loops or "numpy"."""
+        solve, organ = self.scenario.solve, self.assembly.organ
+        in_motion = (solve.kind, solve.scheme) == ("dynamic", "newton")
+        linear = getattr(organ, "gaps", None) is None and not isinstance(organ, tissue.FiniteOrgan)
+        return "compiled" if in_motion and linear and covers(self.assembly.system) else "numpy"
 
     @property
     def steps(self) -> int:

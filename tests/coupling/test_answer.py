@@ -59,7 +59,7 @@ class CubicAnswer:
     def C(self) -> Array:
         return np.diag(self.give)
 
-    g_free, C_cy, C_cc = NOTHING, np.zeros((0, 18)), np.zeros((0, 0))
+    linear, g_free, C_cy, C_cc = False, NOTHING, np.zeros((0, 18)), np.zeros((0, 0))
 
     def accept(self, f_y: Array, p: Array) -> Array:
         return self.moved(f_y).U

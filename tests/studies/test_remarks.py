@@ -409,5 +409,5 @@ def test_the_provenance_names_the_methods(scene: Path, tmp_path: Path) -> None:
     found = json.loads((tmp_path / "out" / "summary.json").read_text())["provenance"]
     methods = found["methods"]
     assert methods["solver"] in ("superlu", "cholmod", "pardiso", "multigrid")
-    assert (methods["kind"], methods["scheme"]) == ("static", "newton")
+    assert (methods["kind"], methods["scheme"], methods["newton"]) == ("static", "newton", "numpy")
     assert found["packages"].keys() >= {"numpy", "scipy", "scikit-fem", "pyamg", "psutil", "threadpoolctl"}

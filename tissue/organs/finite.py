@@ -103,6 +103,11 @@ class FiniteAnswer:
     f_y: Array
 
     @property
+    def linear(self) -> bool:
+        """No: `again` asks for another tangent."""
+        return False
+
+    @property
     def g_free(self) -> Array:
         """No gaps, shape `(0,)`."""
         return EMPTY

@@ -127,6 +127,11 @@ class SiteAnswer:
     accepted: Callable[[Array, Array], OrganState]
 
     @property
+    def linear(self) -> bool:
+        """Yes."""
+        return True
+
+    @property
     def C(self) -> Array:
         """Site compliance, shape `(9p, 9p)`."""
         return self.compliance()
@@ -169,6 +174,11 @@ class LinearAnswer:
     accepted: Callable[[Array, Array], OrganState]
     right_hand_side: Callable[[], Array]
     pairing: Pairing
+
+    @property
+    def linear(self) -> bool:
+        """Yes."""
+        return True
 
     @property
     def C(self) -> Array:

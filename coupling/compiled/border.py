@@ -1,0 +1,309 @@
+"""The linearised holds, and one Newton direction of thread and holds (`coupling.bordered`)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from coupling.arrays import Array
+from coupling.compiled.band import REACH, solve_dense
+from coupling.compiled.holes import (
+    Hold,
+    axis_force,
+    axis_force_rate,
+    axis_stiffness,
+    effective_tangent,
+    force_by_axis,
+    place_rate,
+    tangent_rate,
+    without,
+)
+from coupling.compiled.loops import loop
+from coupling.compiled.vectors import (
+    Matrix,
+    Vector,
+    add_column,
+    add_matrix,
+    add_row,
+    applied,
+    diagonal,
+    dot,
+    plus,
+    product,
+    scaled,
+    skew,
+    transposed,
+)
+
+S, LAM, MU_U, MU_V, X, U, V = 0, 1, 4, 5, 6, 9, 12  # columns of a hold's unknowns, as in `coupling.bordered`
+G, C1, C2 = 1, 4, 5  # rows of B and D: after the law of sliding
+AT_P, AT_T, AT_K = 0, 3, 6  # the thread's nine numbers
+OF_X, OF_U, OF_V = 0, 3, 6  # the organ's
+NINE, OWN, BORDER = 9, 6, 15
+LARGEST = 1e300  # where sums are reordered, x − x is zero although x is no number: so compare
+
+
+class Border(NamedTuple):
+    """The blocks of all holds, as `coupling.bordered.Border`."""
+
+    E: Array
+    B: Array
+    D: Array
+    F: Array
+    R: Array
+
+
+@loop
+def empty_border(m: int) -> Border:
+    """Return the border of `m` holds."""
+    return Border(
+        np.zeros((m, NINE, BORDER)),
+        np.zeros((m, OWN, NINE)),
+        np.zeros((m, OWN, BORDER)),
+        np.zeros((m, NINE, BORDER)),
+        np.zeros((m, NINE, NINE)),
+    )
+
+
+@loop
+def linearise(h: Hold, border: Border) -> None:
+    """Linearise Φ = (g, c₁, c₂) and the forces Φ_qᵀλ, Φ_yᵀλ of one hold, all blocks zero before."""
+    E, B, D, F, R = border
+    T, P_s, T_s, one = effective_tangent(h), place_rate(h), tangent_rate(h), diagonal(1.0)
+
+    add_matrix(1.0, one, B, G, AT_P)
+    add_row(1.0, h.u, B, C1, AT_T)
+    add_row(1.0, h.v, B, C2, AT_T)
+    add_column(1.0, P_s, D, G, S)
+    D[C1, S] += dot(T_s, h.u)
+    D[C2, S] += dot(T_s, h.v)
+    add_matrix(-1.0, one, D, G, X)
+    add_row(1.0, T, D, C1, U)
+    add_row(1.0, T, D, C2, V)
+
+    add_column(-1.0, h.lam, E, AT_T, S)
+    add_column(-1.0, h.m, E, AT_K, S)
+    if not h.directed:
+        add_column(-1.0, axis_force(h), E, AT_K, S)
+    add_matrix(-1.0, one, E, AT_P, LAM)
+    add_column(-1.0, h.u, E, AT_T, MU_U)
+    add_column(-1.0, h.v, E, AT_T, MU_V)
+    add_matrix(-h.mu_u, one, E, AT_T, U)
+    add_matrix(-h.mu_v, one, E, AT_T, V)
+
+    add_matrix(-1.0, one, F, OF_X, LAM)
+    add_column(1.0, T, F, OF_U, MU_U)
+    add_column(1.0, T, F, OF_V, MU_V)
+    add_column(h.mu_u, T_s, F, OF_U, S)
+    add_column(h.mu_v, T_s, F, OF_V, S)
+
+    add_matrix(h.mu_u, one, R, OF_U, AT_T)
+    add_matrix(h.mu_v, one, R, OF_V, AT_T)
+    if not h.bare:
+        add_compliance(h, border)
+
+
+@loop
+def add_compliance(h: Hold, border: Border) -> None:
+    """Add what Φ and the forces owe to the missing compliance."""
+    E, B, D, F, _ = border
+    by_axis = force_by_axis(h)
+    add_matrix(h.c0[0], without(h.unit), D, G, LAM)
+    add_moment(h.c1[0], h, D, G)
+    if h.directed:
+        add_matrix(-1.0, product(by_axis, skew(h.v)), D, G, U)
+        add_matrix(1.0, product(by_axis, skew(h.u)), D, G, V)
+    add_tangent_along(1.0, h.u, h, D, C1)
+    add_tangent_along(1.0, h.v, h, D, C2)
+    add_tangent(h.mu_u, h, F, OF_U)
+    add_tangent(h.mu_v, h, F, OF_V)
+    if h.directed:
+        add_frame_turning(h, F)
+    else:
+        add_own_turning(h, by_axis, E, B)
+
+
+@loop
+def add_moment(x: float, h: Hold, M: Array, i: int) -> None:
+    """Add x times the derivative of m = μ_u u + μ_v v to the rows of an array from i on."""
+    add_column(x, h.u, M, i, MU_U)
+    add_column(x, h.v, M, i, MU_V)
+    add_matrix(x, diagonal(h.mu_u), M, i, U)
+    add_matrix(x, diagonal(h.mu_v), M, i, V)
+
+
+@loop
+def add_tangent(x: float, h: Hold, M: Array, i: int) -> None:
+    """Add x times the derivative of T̂ by the multipliers and the frame to the rows from i on."""
+    add_matrix(x * h.c1[0], diagonal(1.0), M, i, LAM)
+    add_moment(x * h.c2[0], h, M, i)
+
+
+@loop
+def add_tangent_along(x: float, a: Vector, h: Hold, M: Array, i: int) -> None:
+    """Add x a times the derivative of T̂ by the multipliers and the frame to row i."""
+    add_row(x * h.c1[0], a, M, i, LAM)
+    M[i, MU_U] += x * h.c2[0] * dot(a, h.u)
+    M[i, MU_V] += x * h.c2[0] * dot(a, h.v)
+    add_row(x * h.c2[0] * h.mu_u, a, M, i, U)
+    add_row(x * h.c2[0] * h.mu_v, a, M, i, V)
+
+
+@loop
+def add_frame_turning(h: Hold, F: Array) -> None:
+    """Add the derivative of (v × w, w × u), the turning of a hole by the force along the thread."""
+    by_u, by_v = scaled(-1.0, skew(h.v)), skew(h.u)  # of the axis u × v
+    stiffness, by_force, rate = axis_stiffness(h), transposed(force_by_axis(h)), axis_force_rate(h)
+    add_turned(transposed(by_u), stiffness, by_force, rate, by_u, by_v, F, OF_U)
+    add_turned(transposed(by_v), stiffness, by_force, rate, by_u, by_v, F, OF_V)
+    w = skew(axis_force(h))
+    add_matrix(-1.0, w, F, OF_U, V)
+    add_matrix(1.0, w, F, OF_V, U)
+
+
+@loop
+def add_turned(
+    left: Matrix, stiffness: Matrix, by_force: Matrix, rate: Vector, by_u: Matrix, by_v: Matrix, F: Array, i: int
+) -> None:
+    """Add `left` times the derivative of w to the rows from i on."""
+    add_column(1.0, applied(left, rate), F, i, S)
+    add_matrix(1.0, product(left, by_force), F, i, LAM)
+    turned = product(left, stiffness)
+    add_matrix(1.0, product(turned, by_u), F, i, U)
+    add_matrix(1.0, product(turned, by_v), F, i, V)
+
+
+@loop
+def add_own_turning(h: Hold, by_axis: Matrix, E: Array, B: Array) -> None:
+    """Add what the axis of a free hole, the thread's own tangent, brings into P̂ and the force on the thread; the
+    stiffness of the axis is left to the thread's band."""
+    add_matrix(1.0, by_axis, B, G, AT_T)
+    add_matrix(-1.0, transposed(by_axis), E, AT_T, LAM)
+    add_column(-1.0, plus(axis_force_rate(h), applied(axis_stiffness(h), h.K)), E, AT_T, S)
+
+
+@loop
+def drop_constraints(B: Array, D: Array, rows: Array) -> None:
+    """Replace the rows of the constraints that are not in force, `rows` (5,), by λ = 0."""
+    for j in range(5):
+        if not rows[j]:
+            B[1 + j] = 0.0
+            D[1 + j] = 0.0
+            D[1 + j, 1 + j] = 1.0
+
+
+@loop
+def put_columns(first: int, b: Array, X: Array, column: int) -> None:
+    """Write V = (b, b', b'') ⊗ I₃ of one hold into nine columns of `X` (n + 3, 3, k), zero before."""
+    for order in range(3):
+        for i in range(4):
+            for x in range(3):
+                X[first + i, x, column + 3 * order + x] = b[order, i]
+
+
+@loop
+def values_at_hold(first: int, b: Array, X: Array, out: Array) -> None:
+    """Write Vᵀ X of one hold, shape `(9, k)`."""
+    for order in range(3):
+        b0, b1, b2, b3 = b[order, 0], b[order, 1], b[order, 2], b[order, 3]
+        for x in range(3):
+            row, r0, r1, r2, r3 = out[3 * order + x], X[first, x], X[first + 1, x], X[first + 2, x], X[first + 3, x]
+            for j in range(len(row)):
+                row[j] = b0 * r0[j] + b1 * r1[j] + b2 * r2[j] + b3 * r3[j]
+
+
+@loop
+def solve_holds(border: Border, C: Array, G: Array, r: Array, r_y: Array, rigid: bool, dz: Array) -> bool:
+    """Solve the border once the thread is eliminated, Vᵀdq = w − G E dz, for `dz` (m, 15). The first column of `G`
+    (9m, 1 + 9m) is w. `rigid`: no site gives way and each is in its place. False where the matrix is singular."""
+    m = len(r)
+    own = OWN if rigid else BORDER
+    M = np.zeros((own * m, own * m + 1))
+    GE = thread_by_holds(border.E, G, own)
+    for k in range(m):
+        add_own_equations(border, k, G, GE, r, M[OWN * k : OWN * k + OWN], own)
+    if not rigid:
+        add_site_equations(border, C, G, GE, r_y, M)
+    if not solve_dense(M):
+        return False
+    for k in range(m):
+        dz[k, own:] = 0.0
+        for j in range(own):
+            dz[k, j] = M[own * k + j, own * m]
+    return True
+
+
+@loop
+def thread_by_holds(E: Array, G: Array, own: int) -> Array:
+    """Return G E, shape `(9m, own m)`."""
+    m = len(E)
+    GE = np.zeros((NINE * m, own * m))
+    for i in range(NINE * m):
+        for k in range(m):
+            for j in range(NINE):
+                g, row = G[i, 1 + NINE * k + j], E[k, j]
+                for z in range(own):
+                    GE[i, own * k + z] += g * row[z]
+    return GE
+
+
+@loop
+def add_own_equations(border: Border, k: int, G: Array, GE: Array, r: Array, M: Array, own: int) -> None:
+    """Add D − B G E and −r − B w of hold k to its six rows, the right-hand side last."""
+    last = M.shape[1] - 1
+    for i in range(OWN):
+        row = M[i]
+        for j in range(NINE):
+            b, at = border.B[k, i, j], NINE * k + j
+            if b != 0.0:
+                for z in range(last):
+                    row[z] -= b * GE[at, z]
+                row[last] -= b * G[at, 0]
+        for z in range(own):
+            row[own * k + z] += border.D[k, i, z]
+        row[last] -= r[k, i]
+
+
+@loop
+def add_site_equations(border: Border, C: Array, G: Array, GE: Array, r_y: Array, M: Array) -> None:
+    """Add dy − C (F dz + R Vᵀdq) = −r_y below the holds' own equations, the right-hand side last."""
+    m = len(r_y)
+    force, last = np.zeros((NINE * m, BORDER * m + 1)), BORDER * m  # of the sites, by dz, and −R w
+    for k in range(m):
+        for i in range(NINE):
+            row = force[NINE * k + i]
+            for j in range(NINE):
+                push, at = border.R[k, i, j], NINE * k + j
+                if push != 0.0:
+                    for z in range(last):
+                        row[z] -= push * GE[at, z]
+                    row[last] -= push * G[at, 0]
+            for z in range(BORDER):
+                row[BORDER * k + z] += border.F[k, i, z]
+    for i in range(NINE * m):
+        row = M[OWN * m + i]
+        for j in range(NINE * m):
+            c = C[i, j]
+            for z in range(last + 1):
+                row[z] -= c * force[j, z]
+        row[BORDER * (i // NINE) + OWN + i % NINE] += 1.0
+        row[last] -= r_y[i // NINE, i % NINE]
+
+
+@loop
+def thread_direction(E: Array, dz: Array, X: Array, dq: Array) -> float:
+    """Write dq = −A⁻¹r_q − A⁻¹V E dz, shape `(n, 3)`, and return its largest entry, −1 where one is no number; `X`
+    (n + 3, 3, 1 + 9m)."""
+    push, longest = np.zeros(NINE * len(E)), 0.0
+    for k in range(len(E)):
+        for i in range(NINE):
+            for z in range(BORDER):
+                push[NINE * k + i] += E[k, i, z] * dz[k, z]
+    for i in range(len(X) - REACH):
+        for x in range(3):
+            moved = X[i, x, 0]
+            for j in range(len(push)):
+                moved -= X[i, x, 1 + j] * push[j]
+            if not abs(moved) < LARGEST:
+                return -1.0
+            dq[i, x], longest = moved, max(longest, abs(moved))
+    return longest

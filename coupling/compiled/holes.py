@@ -1,0 +1,208 @@
+"""The constraints at one hold, and the forces that come with them (`coupling.constraints`)."""
+
+from typing import NamedTuple
+
+from coupling.arrays import Array
+from coupling.compiled.loops import loop
+from coupling.compiled.vectors import (
+    ZERO,
+    Matrix,
+    Vector,
+    added,
+    combined,
+    cross,
+    diagonal,
+    dot,
+    minus,
+    norm,
+    outer,
+    plus,
+    scaled,
+    sum_of,
+    times,
+    transposed,
+    vector,
+)
+
+
+class Hold(NamedTuple):
+    """One hold at an iterate.
+
+    Of the thread P [m], T, K = T' [1/m], J = T'' [1/m²] and c₀, c₁, c₂ of the missing compliance, each with two
+    derivatives by s; λ [N], μ_u, μ_v [N m]; of the organ x [m], u, v. `m` = μ_u u + μ_v v [N m]. The axis a is u × v
+    where `directed`, else T: its `unit` vector and `size`, and λ `along` and `across` it [N]. `bare`: no hold of the
+    thread lacks compliance.
+    """
+
+    P: Vector
+    T: Vector
+    K: Vector
+    J: Vector
+    c0: Vector
+    c1: Vector
+    c2: Vector
+    directed: bool
+    bare: bool
+    lam: Vector
+    mu_u: float
+    mu_v: float
+    x: Vector
+    u: Vector
+    v: Vector
+    m: Vector
+    unit: Vector
+    size: float
+    along: float
+    across: Vector
+
+
+@loop
+def hold_at(D: Array, c: Array, directed: bool, bare: bool, lam: Array, y: Array) -> Hold:
+    """Return a hold from P to T'', `D` (4, 3), c `(3 derivatives, 3)`, `lam` (5,) and `y` (9,)."""
+    T, force, u, v = vector(D[1], 0), vector(lam, 0), vector(y, 3), vector(y, 6)
+    axis = cross(u, v) if directed else T
+    size = norm(axis)
+    unit = times(1.0 / size, axis)
+    along = dot(force, unit)
+    return Hold(
+        vector(D[0], 0),
+        T,
+        vector(D[2], 0),
+        vector(D[3], 0),
+        (c[0, 0], c[1, 0], c[2, 0]),
+        (c[0, 1], c[1, 1], c[2, 1]),
+        (c[0, 2], c[1, 2], c[2, 2]),
+        directed,
+        bare,
+        force,
+        lam[3],
+        lam[4],
+        vector(y, 0),
+        u,
+        v,
+        sum_of(lam[3], u, lam[4], v),
+        unit,
+        size,
+        along,
+        sum_of(1.0, force, -along, unit),
+    )
+
+
+@loop
+def axis_force(h: Hold) -> Vector:
+    """Return w = −c₀ τ (λ − τâ)/|a| [N m]."""
+    return times(-h.c0[0] * h.along / h.size, h.across)
+
+
+@loop
+def axis_force_rate(h: Hold) -> Vector:
+    """Return its derivative by s with a held [N]."""
+    return times(-h.c0[1] * h.along / h.size, h.across)
+
+
+@loop
+def own_axis_force(h: Hold) -> Vector:
+    """Return w where the axis is the thread's own tangent, else zero [N m]."""
+    return ZERO if h.directed else axis_force(h)
+
+
+@loop
+def tilt(h: Hold, da: Vector) -> Vector:
+    """Return the change of τâ as the axis changes by `da` [N]."""
+    turned = sum_of(dot(h.across, da), h.unit, h.along, sum_of(1.0, da, -dot(h.unit, da), h.unit))
+    return times(1.0 / h.size, turned)
+
+
+@loop
+def effective_place(h: Hold) -> Vector:
+    """Return P̂ [m]."""
+    return plus(h.P, sum_of(h.c0[0], h.across, h.c1[0], h.m))
+
+
+@loop
+def effective_tangent(h: Hold) -> Vector:
+    """Return T̂."""
+    return plus(h.T, sum_of(h.c1[0], h.lam, h.c2[0], h.m))
+
+
+@loop
+def place_rate(h: Hold) -> Vector:
+    """Return ∂P̂/∂s at constant multipliers."""
+    rate = plus(h.T, sum_of(h.c0[1], h.across, h.c1[1], h.m))
+    return rate if h.directed else sum_of(1.0, rate, -h.c0[0], tilt(h, h.K))
+
+
+@loop
+def tangent_rate(h: Hold) -> Vector:
+    """Return ∂T̂/∂s at constant multipliers [1/m]."""
+    return plus(h.K, sum_of(h.c1[1], h.lam, h.c2[1], h.m))
+
+
+@loop
+def held_energy(h: Hold, derivative: int) -> float:
+    """Return the first or second derivative by s of ½c₀(λ² − τ²) + c₁λ·m + ½c₂m² with the axis held [N, N/m]."""
+    c0, c1, c2 = (h.c0[1], h.c1[1], h.c2[1]) if derivative == 1 else (h.c0[2], h.c1[2], h.c2[2])
+    return 0.5 * (c0 * dot(h.across, h.across) + c2 * dot(h.m, h.m)) + c1 * dot(h.lam, h.m)
+
+
+@loop
+def shrinkage(h: Hold) -> float:
+    """Return 1 − c₀ (λ − τâ)·T'/|T|²."""
+    return 1.0 - h.c0[0] * dot(h.across, h.K) / dot(h.T, h.T)
+
+
+@loop
+def tangent(h: Hold) -> Vector:
+    """Return the thread's tangent at P̂, of length |T̂|."""
+    if h.bare:
+        return h.T
+    if h.directed:
+        return times(dot(h.T, h.unit), h.unit)
+    return sum_of(shrinkage(h), h.T, h.c1[0], h.across)
+
+
+@loop
+def driving_force(h: Hold) -> float:
+    """Return Φ_sᵀλ [N]."""
+    return dot(h.lam, h.T) + dot(h.m, h.K) + held_energy(h, 1) + dot(own_axis_force(h), h.K)
+
+
+@loop
+def force_on_tangent(h: Hold) -> Vector:
+    """Return Φ_qᵀλ conjugate to T [N m]; that conjugate to P is λ."""
+    return plus(h.m, own_axis_force(h))
+
+
+@loop
+def site_force(h: Hold) -> tuple[Vector, Vector, Vector]:
+    """Return Φ_yᵀλ conjugate to x, u and v."""
+    T = effective_tangent(h)
+    w = axis_force(h) if h.directed else ZERO
+    return times(-1.0, h.lam), sum_of(h.mu_u, T, 1.0, cross(h.v, w)), sum_of(h.mu_v, T, 1.0, cross(w, h.u))
+
+
+@loop
+def axis_stiffness(h: Hold) -> Matrix:
+    """Return ∂w/∂a [N m]."""
+    mixed = outer(h.unit, h.across)
+    across = added(outer(h.across, h.across), scaled(-h.along, added(mixed, transposed(mixed))))
+    inner = combined(1.0, across, -(h.along**2), without(h.unit))
+    return scaled(-h.c0[0] / h.size**2, inner)
+
+
+@loop
+def force_by_axis(h: Hold) -> Matrix:
+    """Return ∂P̂/∂a = (∂w/∂λ)ᵀ [m]."""
+    return scaled(-h.c0[0] / h.size, combined(1.0, outer(h.unit, h.across), h.along, without(h.unit)))
+
+
+@loop
+def without(unit: Vector) -> Matrix:
+    """Return 1 − ââᵀ."""
+    return combined(1.0, diagonal(1.0), -1.0, outer(unit, unit))
+
+
+@loop
+def gap(h: Hold) -> Vector:
+    """Return g = P̂ − x [m]."""
+    return minus(effective_place(h), h.x)

@@ -1,0 +1,427 @@
+"""Newton's iteration on one step, active set after active set (`coupling.newton`)."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from coupling.arrays import Array, Flags, Indices
+from coupling.compiled import curve as on_curve
+from coupling.compiled.band import REACH, hold_still, solve_band
+from coupling.compiled.border import (
+    BORDER,
+    LARGEST,
+    NINE,
+    Border,
+    drop_constraints,
+    empty_border,
+    linearise,
+    put_columns,
+    solve_holds,
+    thread_direction,
+    values_at_hold,
+)
+from coupling.compiled.curve import Curve, Stretched, add_block, along_span
+from coupling.compiled.friction import (
+    Law,
+    admissible_sigma,
+    linearise_law,
+    next_sigma,
+    residual,
+)
+from coupling.compiled.holes import Hold, axis_stiffness, effective_tangent, force_on_tangent, gap, hold_at, site_force
+from coupling.compiled.loops import loop, outermost, sources
+from coupling.compiled.vectors import add_row, dot, sum_of
+
+SOLVED, NOT_SOLVED = 0, 1
+TINY = 2.2250738585072014e-308
+
+
+class Knots(NamedTuple):
+    """The spline and what it lacks: `breaks` (spans + 1,) [m], `first` (spans,), `polynomials` (spans, 4, 4), `lack`
+    (spans, 3 derivatives, 3, 7 powers), `mass` (n, 4) [kg] the upper band of M."""
+
+    breaks: Array
+    first: Indices
+    polynomials: Array
+    lack: Array
+    mass: Array
+
+
+class Given(NamedTuple):
+    """What one step is solved under: `q_ref`, `load` (n, 3) and the unknowns `held` (n, 3) of the thread; `y_free`
+    (m, 9), `C` (9m, 9m); constraints in force, `rows` (m, 5), and `directed` (m,); the piece of each hold: its outer
+    `spans` (m, 2) and its ends, `piece` (m, 2) [m]."""
+
+    q_ref: Array
+    load: Array
+    held: Flags
+    y_free: Array
+    C: Array
+    rows: Flags
+    directed: Flags
+    spans: Indices
+    piece: Array
+    mass_factor: float
+
+
+class Bounds(NamedTuple):
+    """What counts as solved and how far a correction goes: `force` of the largest force, and `rounded` [N] beside it;
+    the `least` largest force [N]; `gap` [m], `direction`; `longest` move [m]; margin between two solved sets."""
+
+    force: float
+    rounded: float
+    least: float
+    gap: float
+    direction: float
+    longest: float
+    margin: float
+    iterations: int
+    sets: int
+
+
+class Unknowns(NamedTuple):
+    """The iterate, as `coupling.newton.Iterate`."""
+
+    q: Array
+    N: Array
+    s: Array
+    lam: Array
+    y: Array
+    sigma: Array
+
+
+class Found(NamedTuple):
+    """The residual at the iterate, as `coupling.newton.Residual` with its passage: `D` (m, 4, 3) P to T'', `b`
+    (m, 4, 4), `c` (m, 3, 3), `first` (m,)."""
+
+    elastic: Array
+    balance: Array
+    push: Array
+    holds: Array
+    site: Array
+    f_y: Array
+    first: Indices
+    b: Array
+    D: Array
+    c: Array
+    T: Array
+    K: Array
+    T_axial: Array
+    strain: Array
+
+
+@loop
+def span_of(breaks: Array, s: float, low: int, high: int) -> int:
+    """Return the index of the span from `low` to `high` that holds s, or is nearest to it."""
+    while low < high:
+        middle = (low + high + 1) // 2
+        if s < breaks[middle]:
+            high = middle - 1
+        else:
+            low = middle
+    return low
+
+
+@loop
+def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found) -> bool:
+    """Evaluate the thread at hold k, and what it lacks there; whether it lacks anything."""
+    s = z.s[k]
+    span = span_of(knots.breaks, s, given.spans[k, 0], given.spans[k, 1])
+    x, p, first = s - knots.breaks[span], knots.polynomials[span], knots.first[span]
+    r.first[k] = first
+    for i in range(4):
+        r.b[k, 0, i] = p[0, i] + x * (p[1, i] + x * (p[2, i] + x * p[3, i]))
+        r.b[k, 1, i] = p[1, i] + x * (2.0 * p[2, i] + x * 3.0 * p[3, i])
+        r.b[k, 2, i] = 2.0 * p[2, i] + 6.0 * x * p[3, i]
+        r.b[k, 3, i] = 6.0 * p[3, i]
+    for order in range(4):
+        on_curve.put(along_span(r.b[k, order], z.q, first), r.D[k, order])
+    inside, some = given.piece[k, 0] < s < given.piece[k, 1], False
+    for derivative in range(3):
+        for j in range(3):
+            powers, c = knots.lack[span, derivative, j], 0.0
+            for power in range(6, -1, -1):
+                c = c * x + powers[power]
+            r.c[k, derivative, j] = c if inside else 0.0
+            some |= r.c[k, derivative, j] != 0.0
+    return some
+
+
+@loop
+def hold_of(given: Given, z: Unknowns, r: Found, k: int, bare: bool) -> Hold:
+    """Return hold k."""
+    return hold_at(r.D[k], r.c[k], given.directed[k], bare, z.lam[k], z.y[k])
+
+
+@loop
+def add_momentum(mass: Array, factor: float, q: Array, q_ref: Array, out: Array) -> None:
+    """Add factor M (q − q_ref) to `out` (n, 3)."""
+    n = len(q)
+    for i in range(n):
+        for x in range(3):
+            moved = factor * (q[i, x] - q_ref[i, x])
+            out[i, x] += mass[i, 0] * moved
+            for k in range(1, min(REACH, n - 1 - i) + 1):
+                out[i + k, x] += mass[i, k] * moved
+                out[i, x] += mass[i, k] * factor * (q[i + k, x] - q_ref[i + k, x])
+
+
+@loop
+def evaluate(curve: Curve, knots: Knots, law: Law, given: Given, z: Unknowns, r: Found) -> tuple[float, bool]:
+    """Evaluate all residuals of a step; returns the largest force [N] and whether the spline lacks nothing."""
+    at, m = Stretched(r.T, r.K, r.T_axial, r.strain), len(z.s)
+    on_curve.evaluate(curve, z.q, at)
+    r.elastic[:], r.push[:] = 0.0, 0.0
+    on_curve.add_gradient(curve, at, r.elastic)
+    scale = balance_elastic(r, given.load)
+    if given.mass_factor != 0.0:
+        add_momentum(knots.mass, given.mass_factor, z.q, given.q_ref, r.balance)
+    bare = True
+    for k in range(m):
+        bare &= not pass_hold(knots, given, z, k, r)
+    for k in range(m):
+        h = hold_of(given, z, r, k, bare)
+        scale = max(scale, abs(h.lam[0]), abs(h.lam[1]), abs(h.lam[2]))
+        couple, b = force_on_tangent(h), r.b[k]
+        for i in range(4):
+            add_row(1.0, sum_of(b[0, i], h.lam, b[1, i], couple), r.push, r.first[k] + i, 0)
+        evaluate_hold(law, given, z, k, h, r)
+    subtract_push(r)
+    evaluate_sites(given, z, r)
+    return scale, bare
+
+
+@loop
+def balance_elastic(r: Found, load: Array) -> float:
+    """Begin the balance with elastic force less load; returns the largest of these [N]."""
+    largest = 0.0
+    for i in range(len(load)):
+        for x in range(3):
+            r.balance[i, x] = r.elastic[i, x] - load[i, x]
+            largest = max(largest, abs(r.elastic[i, x]), abs(load[i, x]))
+    return largest
+
+
+@loop
+def subtract_push(r: Found) -> None:
+    """Subtract the forces of the holes from the balance."""
+    for i in range(len(r.push)):
+        for x in range(3):
+            r.balance[i, x] -= r.push[i, x]
+
+
+@loop
+def evaluate_hold(law: Law, given: Given, z: Unknowns, k: int, h: Hold, r: Found) -> None:
+    """Evaluate the law of sliding, Φ and the force on the site of one hold."""
+    holds, T = r.holds[k], effective_tangent(h)
+    holds[0] = residual(law, k, z.sigma[k], h, z.s[k])
+    holds[1], holds[2], holds[3] = gap(h)
+    holds[4], holds[5] = dot(T, h.u), dot(T, h.v)
+    for j in range(5):
+        if not given.rows[k, j]:
+            holds[1 + j] = z.lam[k, j]
+    f_x, f_u, f_v = site_force(h)
+    on_curve.put(f_x, r.f_y[k, :3])
+    on_curve.put(f_u, r.f_y[k, 3:6])
+    on_curve.put(f_v, r.f_y[k, 6:])
+
+
+@loop
+def evaluate_sites(given: Given, z: Unknowns, r: Found) -> None:
+    """Evaluate y − y_free − C f_y."""
+    f, C = r.f_y.ravel(), given.C
+    for i in range(len(f)):
+        moved = 0.0
+        for j in range(len(f)):
+            moved += C[i, j] * f[j]
+        k, x = i // NINE, i % NINE
+        r.site[k, x] = z.y[k, x] - given.y_free[k, x] - moved
+
+
+@loop
+def is_converged(given: Given, bounds: Bounds, force: float, z: Unknowns, r: Found) -> bool:
+    """Whether every equation holds to its tolerance, forces to `force` [N]."""
+    for i in range(len(r.balance)):
+        for x in range(3):
+            if not given.held[i, x] and not abs(r.balance[i, x]) <= force:
+                return False
+    for k in range(len(r.holds)):
+        if not abs(r.holds[k, 0]) <= (bounds.gap if z.sigma[k] == 0.0 else force):
+            return False
+        for j in range(5):
+            limit = bounds.gap if j < 3 else bounds.direction
+            if not abs(r.holds[k, 1 + j]) <= (limit if given.rows[k, j] else force):
+                return False
+        for j in range(NINE):
+            if not abs(r.site[k, j]) <= (bounds.gap if j < 3 else bounds.direction):
+                return False
+    return True
+
+
+@loop
+def border_of(law: Law, given: Given, z: Unknowns, r: Found, bare: bool) -> Border:
+    """Linearise the holds."""
+    border = empty_border(len(z.s))
+    for k in range(len(z.s)):
+        h = hold_of(given, z, r, k, bare)
+        B, D = border.B[k], border.D[k]
+        linearise(h, Border(border.E[k], B, D, border.F[k], border.R[k]))
+        linearise_law(law, k, z.sigma[k], h, B, D)
+        drop_constraints(B, D, given.rows[k])
+    return border
+
+
+@loop
+def thread_matrix(curve: Curve, knots: Knots, given: Given, z: Unknowns, r: Found, bare: bool) -> Array:
+    """Return the thread's own matrix as a block band: inertia, stiffness, and that of the axes of free holes."""
+    n = len(z.q)
+    A = np.zeros((n + REACH, 3, 3 * (REACH + 1)))
+    for i in range(n):
+        for k in range(REACH + 1):
+            for x in range(3):
+                A[i, x, 3 * k + x] = given.mass_factor * knots.mass[i, k]
+    on_curve.add_tangent(curve, Stretched(r.T, r.K, r.T_axial, r.strain), z.N, A)
+    for k in range(len(z.s)):
+        if not (bare or given.directed[k]):
+            slope, turn = r.b[k, 1], axis_stiffness(hold_of(given, z, r, k, bare))
+            for i in range(4):
+                for j in range(i, 4):
+                    add_block(A, r.first[k] + i, r.first[k] + j, -slope[i] * slope[j], turn)
+    hold_still(A, given.held)
+    return A
+
+
+@loop
+def has_any(M: Array) -> bool:
+    """Whether an entry of a matrix is not zero."""
+    for i in range(M.shape[0]):
+        for j in range(M.shape[1]):
+            if M[i, j] != 0.0:
+                return True
+    return False
+
+
+@loop
+def newton_direction(A: Array, border: Border, given: Given, r: Found, dq: Array, dz: Array) -> float:
+    """Solve for the direction `dq` (n, 3), `dz` (m, 15); returns the longest entry of dq [m], −1 where a matrix is
+    singular."""
+    (n, _), m = r.balance.shape, len(r.holds)
+    X = np.zeros((n + REACH, 3, 1 + NINE * m))
+    X[:n, :, 0] = -r.balance
+    first = n
+    for k in range(m):
+        put_columns(r.first[k], r.b[k], X, 1 + NINE * k)
+        first = min(first, r.first[k])
+    for i in range(n):
+        for x in range(3):
+            if given.held[i, x]:
+                X[i, x] = 0.0
+    if not solve_band(A, X, first):
+        return -1.0
+    G = np.empty((NINE * m, 1 + NINE * m))
+    for k in range(m):
+        values_at_hold(r.first[k], r.b[k], X, G[NINE * k : NINE * k + NINE])
+    rigid = not (has_any(given.C) or has_any(r.site))
+    if not solve_holds(border, given.C, G, r.holds, r.site, rigid, dz):
+        return -1.0
+    return thread_direction(border.E, dz, X, dq)
+
+
+@loop
+def add_correction(bounds: Bounds, z: Unknowns, dq: Array, longest: float, dz: Array) -> None:
+    """Add a correction, or the share of it that moves no point further than it may; `dq` becomes what is added."""
+    share = min(1.0, bounds.longest / max(longest, TINY))
+    for i in range(len(dq)):
+        for x in range(3):
+            dq[i, x] *= share
+            z.q[i, x] += dq[i, x]
+    for k in range(len(z.s)):
+        z.s[k] += share * dz[k, 0]
+        for j in range(5):
+            z.lam[k, j] += share * dz[k, 1 + j]
+        for j in range(NINE):
+            z.y[k, j] += share * dz[k, 6 + j]
+
+
+@loop
+def solve_set(
+    curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
+) -> tuple[int, float, bool]:
+    """Iterate by Newton with the active set; returns the iterations, −1 where it is not solved, the largest force [N]
+    and whether the spline lacks nothing."""
+    dq, dz = np.empty_like(z.q), np.zeros((len(z.s), BORDER))
+    for iteration in range(bounds.iterations):
+        scale, bare = evaluate(curve, knots, law, given, z, r)
+        scale = max(scale, bounds.least)
+        if not scale < LARGEST:
+            return -1, scale, bare
+        if is_converged(given, bounds, bounds.force * scale + bounds.rounded, z, r):
+            return iteration, scale, bare
+        A, border = thread_matrix(curve, knots, given, z, r, bare), border_of(law, given, z, r, bare)
+        longest = newton_direction(A, border, given, r, dq, dz)
+        if longest < 0.0:
+            return -1, scale, bare
+        add_correction(bounds, z, dq, longest, dz)
+        on_curve.next_axial_force(curve, Stretched(r.T, r.K, r.T_axial, r.strain), dq, z.N)
+    return -1, 0.0, True
+
+
+@loop
+def was_seen(seen: Array, count: int, sigma: Array) -> bool:
+    """Whether an active set is among the first `count` of those `seen`."""
+    for i in range(count):
+        same = True
+        for k in range(len(sigma)):
+            same &= seen[i, k] == sigma[k]
+        if same:
+            return True
+    return False
+
+
+@loop
+def next_set(law: Law, given: Given, z: Unknowns, r: Found, bare: bool, margin: float, seen: Array, count: int) -> bool:
+    """Take the active set that the forces of a solved iterate ask for; False where the iterate has it. `seen` (k, m)
+    are the sets of the `count` iterates solved so far: where one comes back, the first hole that has to changes."""
+    m, first = len(z.s), -1
+    fitting = np.empty(m)
+    for k in range(m):
+        fitting[k] = next_sigma(law, k, z.sigma[k], hold_of(given, z, r, k, bare), z.s[k], margin)
+        if first < 0 and fitting[k] != z.sigma[k]:
+            first = k
+    if first < 0:
+        return False
+    if was_seen(seen, count, fitting):
+        z.sigma[first] = fitting[first]
+    else:
+        z.sigma[:] = fitting
+    return True
+
+
+def solve_of(digest: int) -> Any:
+    """Return the function that solves a step, kept on disk for the modules of this `digest`."""
+
+    @outermost
+    def solve(
+        curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
+    ) -> tuple[int, float]:
+        """Iterate until every equation holds and stick and slip fit the answer; returns the iterations, −1 where that
+        was not reached, and the largest force [N]."""
+        assert digest
+        seen, total = np.empty((bounds.sets, len(z.s))), 0
+        for k in range(len(z.s)):
+            z.sigma[k] = admissible_sigma(law, k, z.sigma[k])
+        for count in range(bounds.sets):
+            iterations, scale, bare = solve_set(curve, knots, law, given, bounds, z, r)
+            if iterations < 0:
+                return -1, scale
+            total += iterations
+            seen[count] = z.sigma
+            margin = bounds.margin * (bounds.force * scale + bounds.rounded)
+            if not next_set(law, given, z, r, bare, margin, seen, count + 1):
+                return total, scale
+        return -1, 0.0
+
+    return solve
+
+
+solve = solve_of(sources())

@@ -1,0 +1,39 @@
+"""How the loops are compiled: each when it is first called, the outermost kept on disk with all that it calls."""
+
+from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
+from typing import TypeVar
+
+from numba import njit
+
+Kernel = TypeVar("Kernel", bound=Callable[..., object])
+
+# Sums may be taken in another order and products fused into them. Not assumed is that all numbers are finite: an
+# iteration that runs away is known by those that are not.
+SUMS = {"reassoc", "contract", "nsz", "arcp"}
+
+
+def loop(kernel: Kernel) -> Kernel:
+    """Return a function compiled into each loop that calls it; Python itself cannot, which halves the compilation."""
+    return njit(error_model="numpy", fastmath=SUMS, no_cpython_wrapper=True, no_cfunc_wrapper=True)(kernel)
+
+
+def outermost(kernel: Kernel) -> Kernel:
+    """Return a compiled function that is kept on disk where one may write."""
+    try:
+        return njit(cache=True, error_model="numpy", fastmath=SUMS, no_cfunc_wrapper=True)(kernel)
+    except RuntimeError:  # no folder for the cache can be written
+        return njit(error_model="numpy", fastmath=SUMS, no_cfunc_wrapper=True)(kernel)
+
+
+def sources() -> int:
+    """Return a digest of the modules of this package, not zero.
+
+    Numba keeps a function on disk by the text of its own module, and would not see that one it calls has changed. Of a
+    function made within another what it takes from there counts too, so it takes this.
+    """
+    digest = sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return 1 + int.from_bytes(digest.digest()[:7])

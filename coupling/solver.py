@@ -1,0 +1,55 @@
+"""A step solved by compiled loops where they cover it (`coupling.compiled`), else in numpy (`coupling.newton`)."""
+
+from typing import Any
+
+from coupling import newton
+from coupling.configuration import Configuration
+from coupling.constraints import Passage
+from coupling.interfaces import Body
+from coupling.newton import Iterate, Problem, Residual, Solution
+from coupling.system import System
+from thread.energies.continuous import Stretched
+from thread.thread import Points
+
+
+def solve(problem: Problem[Body], start: Iterate) -> Solution[Body]:
+    """Iterate from `start` until every equation holds, and stick and slip, touch and open fit the answer: by compiled
+    loops where they cover the problem and come to its end, else by `coupling.newton`. Raises `StepError`."""
+    if is_covered(problem):
+        solution = solve_compiled(problem, start)
+        if solution is not None:
+            return solution
+    return newton.solve(problem, start)
+
+
+def covers(system: System[Body]) -> bool:
+    """Whether the loops know the thread, in one piece with stretch and bending as integrals, and the holes' laws of
+    friction, Coulomb's."""
+    thread, own = system.thread, any(law is not None for law in system.own_friction)
+    return not (thread.twist or thread.coil or thread.springs is not None or thread.spline.cuts.size or own)
+
+
+def is_covered(problem: Problem[Body]) -> bool:
+    """Whether the loops know all of a problem: besides the thread a linear organ none of whose surfaces may touch, and
+    holes, but no ties, in a step that needs no stiffness of the constraints."""
+    simple = not (problem.stiffen or problem.law.strands.size)
+    return simple and covers(problem.system) and problem.answer.linear and problem.contact is None
+
+
+def solve_compiled(problem: Problem[Body], start: Iterate) -> Solution[Body] | None:
+    """Return the solution by the loops; None where they come to none, and numpy is to say why."""
+    from coupling.tables import run
+
+    iterations, z, found, scale = run(problem.system.tables, problem, start)
+    if iterations < 0:
+        return None
+    return Solution(problem, z, residual_of(problem, found, scale), iterations)
+
+
+def residual_of(problem: Problem[Body], found: Any, scale: float) -> Residual:
+    """Return the residual at a solved iterate from the arrays that the loops left."""
+    points = Stretched(found.T, found.K, found.T_axial, found.strain)
+    D = found.D
+    at = Passage(found.first, found.b, D[:, 0], D[:, 1], D[:, 2], D[:, 3], found.c, problem.system.rows[:, 3])
+    now = Configuration(Points(found.strain, (points,)), at, found.elastic)
+    return Residual(now, found.f_y, found.push, found.balance, found.holds, found.site, scale)

@@ -1,0 +1,199 @@
+"""What the compiled loops read of a thread, made once, and what one step adds to it."""
+
+import logging
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+
+import numpy as np
+
+from coupling import newton
+from coupling.arrays import Array, Flags, Indices
+from coupling.bordered import NINE
+from coupling.compiled import iteration
+from coupling.compiled.curve import Curve
+from coupling.compiled.friction import Law
+from coupling.compiled.iteration import Bounds, Found, Given, Knots, Unknowns
+from coupling.newton import Iterate, Problem
+from thread.compliance import POWERS, missing_on
+from thread.spline import ORDERS
+from thread.thread import Thread
+
+log = logging.getLogger(__name__)
+
+REACH = ORDERS - 1
+KEPT = "iteration.solve_of."  # begins the names of the loops' files on disk
+AHEAD = 1  # spans to each side of a hole where the lack is known before it is asked for
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """The plain arrays of a thread. What the spline lacks on a span is no number until a hole comes there."""
+
+    thread: Thread
+
+    @cached_property
+    def curve(self) -> Curve:
+        """The elastic thread."""
+        thread, bending, stretch = self.thread, self.thread.elastic_rule, self.thread.axial_rule
+        return Curve(
+            first=self._first,
+            slope=plain(bending.b[:, :, 1]),
+            bend=plain(bending.b[:, :, 2]),
+            w=plain(bending.w),
+            axial_slope=plain(stretch.b[:, :, 1]),
+            axial_w=plain(stretch.w),
+            EA=float(thread.EA),
+            EI=float(thread.EI),
+        )
+
+    @cached_property
+    def knots(self) -> Knots:
+        """The spline."""
+        spline, M = self.thread.spline, self.thread.mass_matrix
+        mass = np.array([np.pad(M.diagonal(k), (0, k)) for k in range(REACH + 1)]).T
+        lack = np.full((len(spline.first), 3, 3, len(POWERS)), np.nan if self._lacks else 0.0)
+        return Knots(plain(spline.breaks), self._first, plain(spline.polynomials), lack, plain(mass))
+
+    @cached_property
+    def _first(self) -> Indices:
+        return self.thread.spline.first.astype(np.int64)
+
+    @property
+    def _lacks(self) -> bool:
+        return self.thread.EI > 0.0 and self.thread.hole_compliance
+
+    def learn(self, s: Array) -> bool:
+        """Learn what the spline lacks near the abscissae `s` (m,) [m]; whether there was anything to learn."""
+        lack, near = self.knots.lack, self.thread.spline.spans_of(s)[:, None] + np.arange(-AHEAD, AHEAD + 1)
+        unknown = [span for span in np.unique(near.clip(0, len(lack) - 1)) if np.isnan(lack[span, 0, 0, 0])]
+        for span in unknown:
+            lack[span] = missing_on(self.thread.spline, int(span)) / self.thread.EI
+        return bool(unknown)
+
+
+def plain(x: Array) -> Array:
+    """Return an array as the loops want it, in the order of C."""
+    return np.ascontiguousarray(x, dtype=float)
+
+
+def given_of(problem: Problem) -> Given:
+    """Return what a step is solved under."""
+    system, (y_free, C) = problem.system, problem.organ_at_holds
+    spans, piece = pieces_of(system.thread, problem.law.s_old)
+    return Given(
+        plain(problem.q_ref),
+        plain(problem.load),
+        system.held_flags,
+        plain(y_free),
+        plain(C),
+        problem.rows,
+        plain_flags(system.rows[:, 3]),
+        spans,
+        piece,
+        float(problem.mass_factor),
+    )
+
+
+def plain_flags(x: Flags) -> Flags:
+    """Return flags as the loops want them, in the order of C."""
+    return np.ascontiguousarray(x)
+
+
+def pieces_of(thread: Thread, home: Array) -> tuple[Indices, Array]:
+    """Return the outer spans (m, 2) and the ends (m, 2) [m] of the pieces of a cut thread that hold abscissae `home`
+    (m,) [m]."""
+    spline = thread.spline
+    piece = spline.piece_of(home)[:, None] + np.arange(2)
+    ends = np.searchsorted(spline.breaks, spline.piece_ends)
+    return ends[piece] - np.arange(2), spline.piece_ends[piece]
+
+
+def law_of(problem: Problem) -> Law:
+    """Return the law of sliding of all holds."""
+    law = problem.law
+    return Law(
+        s_old=plain(law.s_old),
+        s_held=plain(law.s_held),
+        static=plain(law.factor * law.static),
+        kinetic=plain(law.factor * law.kinetic),
+        grip=plain(law.factor * law.grip),
+        per_channel=plain(law.per_channel),
+        rough=law.rough,
+        may_slide=law.may_slide,
+        s_free=plain(law.s_free),
+        injected=plain(law.injected),
+        inertia=plain(law.inertia * np.ones(len(law.s_old))),
+        ideal=law.ideal,
+    )
+
+
+def bounds_of(problem: Problem) -> Bounds:
+    """Return what counts as solved."""
+    thread, spline = problem.system.thread, problem.system.thread.spline
+    return Bounds(
+        newton.FORCE_TOLERANCE,
+        newton.rounded_force(problem),
+        float(thread.force_unit),
+        newton.GAP_TOLERANCE * thread.section.diameter,
+        newton.DIRECTION_TOLERANCE,
+        newton.LONGEST_MOVE * (spline.end - spline.start),
+        newton.MARGIN,
+        newton.MAX_ITERATIONS,
+        newton.MAX_SETS,
+    )
+
+
+def empty_found(z: Iterate, points: int) -> Found:
+    """Return room for a residual at an iterate, with so many `points` of the bending on a span."""
+    (n, _), (spans, axial), m = z.q.shape, z.N.shape, len(z.s)
+    return Found(
+        elastic=np.empty((n, 3)),
+        balance=np.empty((n, 3)),
+        push=np.empty((n, 3)),
+        holds=np.empty((m, 6)),
+        site=np.empty((m, NINE)),
+        f_y=np.empty((m, NINE)),
+        first=np.empty(m, np.int64),
+        b=np.empty((m, ORDERS, ORDERS)),
+        D=np.empty((m, ORDERS, 3)),
+        c=np.empty((m, 3, 3)),
+        T=np.empty((spans, points, 3)),
+        K=np.empty((spans, points, 3)),
+        T_axial=np.empty((spans, axial, 3)),
+        strain=np.empty((spans, axial)),
+    )
+
+
+@cache
+def is_ready() -> bool:
+    """Whether the loops were on disk, compiled since a module of theirs last changed, when this was first asked."""
+    stats = getattr(iteration.solve, "stats", None)
+    if stats is None:  # Numba is switched off
+        return True
+    changed = max(path.stat().st_mtime for path in Path(iteration.__file__).parent.glob("*.py"))
+    kept = Path(stats.cache_path).glob(f"{KEPT}*.nbi") if stats.cache_path else ()
+    return any(path.stat().st_mtime > changed for path in kept)
+
+
+@cache
+def say_what_takes_long() -> None:
+    """Say once that the loops are compiled, where they are not."""
+    if not is_ready():
+        log.info("compiling the step, once")
+
+
+def run(tables: Tables, problem: Problem, start: Iterate) -> tuple[int, Iterate, Found, float]:
+    """Run the loops from an iterate: the Newton iterations, −1 where they come to no end, the iterate, the residual
+    there and its largest force [N]."""
+    say_what_takes_long()
+    given, law, bounds = given_of(problem), law_of(problem), bounds_of(problem)
+    tables.learn(start.s)
+    while True:
+        arrays = (np.array(x, dtype=float) for x in (start.q, start.N, start.s, start.lam, start.y, start.sigma))
+        z = Iterate(*arrays)
+        found = empty_found(z, tables.curve.w.shape[1])
+        unknowns = Unknowns(z.q, z.N, z.s, z.lam, z.y, z.sigma)
+        iterations, scale = iteration.solve(tables.curve, tables.knots, law, given, bounds, unknowns, found)
+        if iterations >= 0 or not tables.learn(z.s):
+            return iterations, z, found, scale

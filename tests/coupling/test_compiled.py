@@ -1,0 +1,121 @@
+"""The compiled step and the one in numpy: the same answer after the same iterations, and who takes which step."""
+
+from collections.abc import Iterator
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+import pytest
+
+import coupling.stepping
+from coupling import newton, solver
+from coupling.newton import Iterate, Problem, Solution
+from studies.scenario import Scenario, load
+from studies.simulation import prepare
+from tests.bounds import AXIAL, RESIDUAL
+
+ROUGH = "friction={static=0.2,kinetic=0.1,grip=0.002}"
+WAY = [[-0.005, 0, 0.02], [-0.005, 0, -0.0055], [0.005, 0, -0.0055], [0.005, 0, 0.02]]
+DRAWN: dict[str, Any] = {
+    "thread": {
+        "suture": "2-0 polypropylene",
+        "control_points": 40,
+        "path": WAY,
+        "damping": 20.0,
+        "start": {"kind": "pulled", "force": [0.0, 0.0, 0.05], "ramp": 0.01},
+        "end": {"kind": "driven", "waypoints": [[0.0, 0.005, 0, 0.02], [0.05, 0.005, 0, 0.0225]]},
+    },
+    "piercing": [
+        {"name": "entry", "at": [-0.005, 0, 0], "direction": [0, 0, -1], "friction": {"static": 0.2, "kinetic": 0.1}},
+        {"name": "exit", "at": [0.005, 0, 0], "direction": [0, 0, 1], "friction": {"static": 0.2, "kinetic": 0.1}},
+    ],
+    "solve": {"dt": 2.5e-3, "duration": 0.05},
+}
+
+
+def drawn(piercing: dict[str, Any] | None = None, **thread: Any) -> Scenario:
+    """A thread drawn over two points in space, with other keys of the thread and of both piercings."""
+    table = deepcopy(DRAWN)
+    table["thread"].update(thread)
+    for hole in table["piercing"]:
+        hole.update(piercing or {})
+    return Scenario.model_validate(table)
+
+
+def pulled_through() -> Scenario:
+    """A hand pulls the thread through one hole, the other is a fixed point of it; one end is clamped, one fixed."""
+    scene = deepcopy(DRAWN)
+    scene["thread"] |= {"start": {"kind": "clamped"}, "end": {"kind": "pulled", "force": [0, 0, 0.02], "ramp": 0.01}}
+    scene["piercing"] = [
+        {"name": "entry", "at": [-0.005, 0, 0], "direction": [0, 0, -1]},
+        {"name": "exit", "at": [0.005, 0, 0], "direction": "free", "kind": "anchored", "pull": [[0, 0], [0.05, 0.1]]},
+    ]
+    return Scenario.model_validate(scene)
+
+
+SCENES = {
+    "figure 1": (lambda: load("paper_figure_1", [f"piercing.{hole}.{ROUGH}" for hole in ("entry", "exit")]), 10),
+    "organ": (lambda: load("two_piercings", ["tissue.mesh.h=8e-3", "tissue.mesh.h_site=4e-3"]), 8),
+    "rough holes": (lambda: drawn({"channel": 5e-3}), 8),
+    "rings": (lambda: drawn({"direction": "free"}), 6),
+    "limp": (lambda: drawn({"friction": None}, bending=False), 4),
+    "pulled": (pulled_through, 8),
+    "stitch": (lambda: load("running_stitch", ["tissue.mesh.h=8e-3"]), 3),
+}
+
+
+@pytest.fixture
+def solved(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[Problem, Iterate, Solution]]]:
+    """What is asked of the solver and what numpy answers, in their order."""
+    asked: list[tuple[Problem, Iterate, Solution]] = []
+
+    def solve(problem: Problem, start: Iterate) -> Solution:
+        found = newton.solve(problem, start)
+        asked.append((problem, start, found))
+        return found
+
+    monkeypatch.setattr(coupling.stepping, "solve", solve)
+    yield asked
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_both_ways_agree(name: str, solved: list[tuple[Problem, Iterate, Solution]]) -> None:
+    """Consistency check: the same number of iterations and of them all unknowns, constraint forces and residuals, each
+    relative to its own scale."""
+    scene, steps = SCENES[name]
+    for _, _ in zip(range(steps + 1), prepare(scene()).advance(), strict=False):
+        pass
+    assert len(solved) >= steps
+    for problem, start, by_numpy in solved:
+        assert solver.is_covered(problem)
+        by_loops = solver.solve_compiled(problem, start)
+        assert by_loops is not None
+        assert by_loops.iterations == by_numpy.iterations
+        for unknown, scale in scales(problem, by_numpy).items():
+            one, other = getattr(by_loops.iterate, unknown), getattr(by_numpy.iterate, unknown)
+            assert np.abs(one - other).max(initial=0.0) <= RESIDUAL * scale, unknown
+        assert np.array_equal(by_loops.iterate.sigma, by_numpy.iterate.sigma)
+        assert newton.is_converged(problem, by_loops.iterate, by_loops.residual)
+        agree_on_forces(problem, by_loops, by_numpy)
+
+
+def scales(problem: Problem, solution: Solution) -> dict[str, float]:
+    """Return the scale of each unknown: the thread's length, its axial stiffness by what is known of a strain, the
+    largest force."""
+    thread, force = problem.system.thread, solution.residual.force_scale
+    stiff = AXIAL / RESIDUAL * thread.EA + force
+    return {"q": thread.spline.end, "s": thread.spline.end, "y": 1.0, "N": stiff, "lam": stiff}
+
+
+def agree_on_forces(problem: Problem, one: Solution, other: Solution) -> None:
+    """Assert that residuals, and the thread where it passes the holes, are those that numpy finds at the iterate."""
+    exact, found = newton.evaluate(problem, one.iterate), one.residual
+    force = newton.force_tolerance(problem, exact)
+    assert abs(found.force_scale - exact.force_scale) <= force
+    for name in ("f_y", "push", "thread", "site"):
+        assert np.abs(getattr(found, name) - getattr(exact, name)).max(initial=0.0) <= force, name
+    for name in ("P", "T", "K", "J", "b", "c"):
+        got, want = getattr(found.passage, name), getattr(exact.passage, name)
+        assert np.abs(got - want).max(initial=0.0) <= RESIDUAL * np.abs(want).max(initial=0.0), name
+    assert np.array_equal(found.passage.first, exact.passage.first)
+    assert np.abs(found.points.strain - other.residual.points.strain).max() <= RESIDUAL
