@@ -187,6 +187,7 @@ TWO: dict[str, Any] = {
     "thread": {
         "suture": "2-0 polypropylene",
         "control_points": 130,
+        "cuts": [0.041],
         "damping": 20.0,
         "path": [
             [-2e-3, -6e-3, 5.2e-3], [0, -6e-3, 5e-3], [5e-3, -6e-3, 0], [5e-3, -6e-3, -4e-3], [-5e-3, -6e-3, -4e-3],
@@ -211,7 +212,7 @@ TWO: dict[str, Any] = {
 def stitch(**solve: Any) -> dict[str, Any]:
     """The first of the two stitches alone, with friction in its holes."""
     table = deepcopy(TWO)
-    table["thread"] |= {"control_points": 70, "path": table["thread"]["path"][:8]}
+    table["thread"] |= {"control_points": 70, "cuts": [], "path": table["thread"]["path"][:8]}
     table["piercing"], table["tie"] = table["piercing"][:2], table["tie"][:1]
     table["solve"] |= solve
     return table
