@@ -24,10 +24,10 @@ from coupling.stepping import (
     end_configuration,
     end_load,
     reactions,
-    refuse_inversion,
     release,
     tie_gaps,
     with_ends,
+    with_sense,
 )
 from coupling.system import State, System
 
@@ -153,9 +153,7 @@ def let_down_friction(problem: Problem[Body], held: Iterate) -> Solution[Body]:
 
 def with_friction(problem: Problem[Body], factor: float) -> Problem[Body]:
     """Return the problem with all friction multiplied."""
-    law = problem.law
-    more = {name: factor * getattr(law, name) for name in ("static", "kinetic", "grip")}
-    return replace(problem, law=replace(law, **more))
+    return replace(problem, law=replace(problem.law, factor=factor))
 
 
 def first_tie(system: System[Body], state: State[Body]) -> float:
@@ -191,8 +189,7 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
         reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.transport_frame(old.frame, z.q),
     )
-    refuse_inversion(system, old, new, residual.passage)
-    return new
+    return with_sense(system, old, new, residual.passage)
 
 
 def refuse_unbalanced(system: System[Body], state: State[Body], duration: float) -> None:

@@ -18,6 +18,8 @@ the one and −m/ℓ_c at the other, so
 which is max(|λ_n|, 2|m|/ℓ_c) where both lie in a plane with the thread. The thread's velocity relative to the hole is
 v_t = −|T̂| ds/dt, so friction dissipates (F₀ + μ_k N)|T̂||ds/dt|.
 
+Both bounds have a law of one's own added where a hole has one, F₀ + μN + F(N) (`coupling.interfaces.FrictionLaw`).
+
 Which of stick and slip holds is an active set, σ ∈ {−1, 0, 1} a hold. It changes only between solved iterates: one on
 the way has forces that mean nothing, and where μ_k < μ_s both may hold, so that a wrong change would stand.
 
@@ -47,7 +49,7 @@ from coupling.constraints import (
     shrinkage,
     tangent,
 )
-from coupling.interfaces import Body
+from coupling.interfaces import Body, FrictionLaw
 from coupling.system import System
 from coupling.ties import in_pairs
 from thread.vectors import cross, dot
@@ -61,7 +63,8 @@ class Law:
     `kinetic`, `grip`, `per_channel` (m,); `inertia` = ε a [N/m], of all holds or of each, and `s_free` (m,) [m] make
     ε s̈ = inertia (s − s_free), and c ds/dt of a tie that is drawn; `rough` and `may_slide` (m,); `injected` (m,) [N],
     a given force along the thread where it slides, added to the friction of the rough holds; `strands` (t, 2) of ties
-    in force; `by_hand` (m,), where hands draw.
+    in force; `by_hand` (m,), where hands draw; `own`, the law of one's own of each hold, None or empty where there is
+    none; `factor`, by which all friction is multiplied.
     """
 
     s_old: Array
@@ -77,6 +80,8 @@ class Law:
     injected: Array
     strands: Indices
     by_hand: Flags
+    own: tuple[FrictionLaw | None, ...] = ()
+    factor: float = 1.0
 
     @cached_property
     def ideal(self) -> bool:
@@ -102,10 +107,8 @@ def law_of(
     may_slide = system.may_slide & present & (rough | ~tied)
     injected = np.asarray(pulls * (present & ~tied), dtype=np.float64)
     strands = system.strands[present[system.strands].all(axis=1)]
-    by_hand = system.by_hand | drawn_ties
-    return Law(
-        s_old, s_old - drawn * present, *system.friction, rough, may_slide, inertia, s_free, injected, strands, by_hand
-    )
+    by_hand, s_held, own = system.by_hand | drawn_ties, s_old - drawn * present, system.own_friction
+    return Law(s_old, s_held, *system.friction, rough, may_slide, inertia, s_free, injected, strands, by_hand, own)
 
 
 def prescribed(law: Law, held: Flags, injected: Array) -> Law:
@@ -144,13 +147,30 @@ def force_along_thread(law: Law, thread: Passage, s: Array, lam: Array, y: Array
 
 
 def static_bound(law: Law, thread: Passage, lam: Array, y: Array) -> Array:
-    """Return F₀ + μ_s N, shape `(m,)` [N]."""
-    return np.asarray(law.grip + law.static * normal_force(thread, lam, y, law.per_channel))
+    """Return F₀ + μ_s N, with a law of one's own more, shape `(m,)` [N]."""
+    N = normal_force(thread, lam, y, law.per_channel)
+    return np.asarray(law.factor * (law.grip + law.static * N + by_own_law(law, "static", N)))
 
 
 def kinetic_bound(law: Law, thread: Passage, lam: Array, y: Array) -> Array:
-    """Return F₀ + μ_k N, shape `(m,)` [N]."""
-    return np.asarray(law.grip + law.kinetic * normal_force(thread, lam, y, law.per_channel))
+    """Return F₀ + μ_k N, with a law of one's own more, shape `(m,)` [N]."""
+    N = normal_force(thread, lam, y, law.per_channel)
+    return np.asarray(law.factor * (law.grip + law.kinetic * N + by_own_law(law, "kinetic", N)))
+
+
+def kinetic_slope(law: Law, N: Array) -> Array:
+    """Return the derivative of `kinetic_bound` by the normal forces N `(m,)` [N], shape `(m,)` [-]."""
+    return np.asarray(law.factor * (law.kinetic + by_own_law(law, "slope", N)))
+
+
+def by_own_law(law: Law, part: str, N: Array) -> Array:
+    """Return "static", "kinetic" [N] or "slope" [-] of the holds' own laws under the normal forces N `(m,)` [N], zero
+    of a hold without one, shape `(m,)`."""
+    out = np.zeros(N.size)
+    for k, own in enumerate(law.own):
+        if own is not None:
+            out[k] = getattr(own, part)(float(N[k]))
+    return out
 
 
 def admissible_sigma(law: Law, sigma: Array) -> Array:
@@ -251,7 +271,8 @@ def add_friction(row: Array, law: Law, sigma: Array, thread: Passage, lam: Array
     normal = unit_or_zero(part_across(ends, t))
     rough_sigma = sigma * law.rough
     given = law.injected + rough_sigma * kinetic_bound(law, thread, lam, y)
-    press = rough_sigma * size * law.kinetic
+    N = np.linalg.norm(part_across(ends, t), axis=2).sum(axis=0)
+    press = rough_sigma * size * kinetic_slope(law, N)
     by_m = -(press * law.per_channel)[:, None] * (normal[0] - normal[1])
     row[:, LAM] -= (0.5 * press)[:, None] * (normal[0] + normal[1])
     row[:, MU_U] += dot(by_m, y[:, 3:6])

@@ -11,9 +11,9 @@ import numpy as np
 
 from coupling.arrays import Array, Flags
 from coupling.configuration import Configuration, configuration_of
-from coupling.constraints import Passage
+from coupling.constraints import Passage, bare_passage
 from coupling.contact import pressed_pairs
-from coupling.continuation import solve_with_springs
+from coupling.continuation import solve_downhill
 from coupling.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.errors import InversionError, StepError, UphillError
 from coupling.integrators import BDF2, BackwardEuler, Scheme
@@ -194,7 +194,7 @@ def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> St
         reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.transport_frame(state.frame, z.q),
     )
-    refuse_inversion(system, state, new, residual.passage)
+    new = with_sense(system, state, new, residual.passage)
     return Step(state, new, problem.dt, solution, end_configuration(new, solution))
 
 
@@ -225,7 +225,7 @@ def find_solution(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
     except StepError:
         if not problem.law.may_slide.any():
             raise
-    return solve_with_springs(problem, guess)
+    return solve_downhill(problem, guess)
 
 
 def reactions(system: System[Body], residual: Array, load: Array) -> Array:
@@ -239,12 +239,22 @@ def reactions(system: System[Body], residual: Array, load: Array) -> Array:
     return out
 
 
-def refuse_inversion(system: System[Body], old: State[Body], new: State[Body], at: Passage) -> None:
-    """Raise `InversionError` where T·(u × v) lost its sign through a directed hole."""
-    flipped = (old.sense * sense(at, new.y) < 0.0) & system.rows[:, 3] & new.present
-    if flipped.any():
-        names = [p.name for p in system.piercings] + ["clamped end"] * len(system.clamps)
-        raise InversionError(old.time, names[int(np.argmax(flipped))])
+def with_sense(system: System[Body], old: State[Body], new: State[Body], at: Passage) -> State[Body]:
+    """Return the new state with the sense in which the thread passes its holes. Raises `InversionError` where the
+    tangent reversed in a directed hole.
+
+    T·(u × v) may change its sign although the thread does not jump: a linear organ under a couple shrinks its frame by
+    the cosine of the turn, to nothing at 90° and through itself beyond, and on long spans the drawn tangent leaves the
+    direction by what the spline lacks.
+    """
+    now = np.where(new.present, sense(at, new.y), new.sense)
+    turned = (old.sense * now < 0.0) & system.rows[:, 3] & new.present
+    if turned.any():
+        flipped = turned & (dot(at.T, bare_passage(system.thread.spline, old.q, old.s).T) < 0.0)
+        if flipped.any():
+            names = [p.name for p in system.piercings] + ["clamped end"] * len(system.clamps)
+            raise InversionError(old.time, names[int(np.argmax(flipped))])
+    return replace(new, sense=now)
 
 
 def sense(at: Passage, y: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from coupling.arrays import Array, Flags, Indices
 from coupling.constraints import Passage, passage
 from coupling.errors import CouplingError
-from coupling.interfaces import Body, KnowsDirections, Organ
+from coupling.interfaces import Body, FrictionLaw, KnowsDirections, Organ
 from coupling.ties import Tie
 from thread.banded import diagonal_of
 from thread.ends import Clamped, End
@@ -18,25 +18,49 @@ from thread.frames import Frame
 from thread.thread import Thread
 from thread.vectors import cross, unit_vector
 
+PRESSED = (1e-3, 1e-2, 1e-1, 1.0, 10.0)  # N, at which a law of one's own is looked at: what sutures bear is among them
+STEP = 1e-5  # of N, of the difference that its slope is compared with: the error of this is some 1e-10
+AGREE = 1e-3  # between the two: a slope by differences passes, one of another function does not
+
 
 @dataclass(frozen=True)
 class Friction:
     """Coulomb's coefficients `static`, `kinetic` [-], and `grip` F₀ [N], independent of the tension.
 
     `channel` [m] is the length over which a hole imposes a direction: the couple that this takes presses on both its
-    ends (`coupling.sliding`). None: it does not press.
+    ends (`coupling.sliding`). None: it does not press. `own` is a law of one's own that is added, None: there is none.
     """
 
     static: float = 0.0
     kinetic: float = 0.0
     grip: float = 0.0
     channel: float | None = None
+    own: FrictionLaw | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.kinetic <= self.static or not self.grip >= 0.0:
             raise CouplingError(
                 f"friction: static {self.static}, kinetic {self.kinetic}, grip {self.grip} N; allowed are "
                 "0 ≤ kinetic ≤ static and grip ≥ 0"
+            )
+        if self.own is not None:
+            check_law(self.own)
+
+
+def check_law(law: FrictionLaw) -> None:
+    """Refuse a law of friction that Newton could not follow: forces that are none, and a slope of another function."""
+    for N in PRESSED:
+        static, kinetic, slope = law.static(N), law.kinetic(N), law.slope(N)
+        if not 0.0 <= kinetic <= static < np.inf:
+            raise CouplingError(
+                f"friction: at N = {N:g} N the law {law!r} gives static {static:g} N and kinetic {kinetic:g} N; "
+                "allowed are 0 ≤ kinetic ≤ static"
+            )
+        difference = (law.kinetic(N * (1 + STEP)) - law.kinetic(N * (1 - STEP))) / (2 * STEP * N)
+        if not abs(slope - difference) <= AGREE * max(abs(difference), kinetic / N):
+            raise CouplingError(
+                f"friction: at N = {N:g} N the law {law!r} gives the slope {slope:g}, and its kinetic force rises by "
+                f"{difference:g}; return the derivative of the kinetic force by N"
             )
 
 
@@ -141,6 +165,12 @@ class System(Generic[Body]):
         row, column = np.indices((3 * h + 1, size))
         row = row - 2 * h + column
         return np.flatnonzero(np.isin(row, self.held) | np.isin(column, self.held))
+
+    @cached_property
+    def own_friction(self) -> tuple[FrictionLaw | None, ...]:
+        """Law of one's own of each hold, None where there is none, `holds` of them."""
+        own = [p.friction.own if p.friction else None for p in self.piercings]
+        return (*own, *([None] * self.holds_off_organ))
 
     @cached_property
     def weight(self) -> Array:
@@ -271,7 +301,8 @@ class System(Generic[Body]):
     def rough(self) -> Flags:
         """Which holds have friction at all, shape `(holds,)`."""
         static, _, grip, _ = self.friction
-        return np.asarray((static > 0.0) | (grip > 0.0))
+        own = np.array([law is not None for law in self.own_friction], dtype=bool)
+        return np.asarray((static > 0.0) | (grip > 0.0) | own)
 
 
 def orthonormal_pair(tangent: Array) -> tuple[Array, Array]:
@@ -297,7 +328,7 @@ class State(Generic[Body]):
     `q`, `v` (n, c) [m, m/s, with twist rad, rad/s]; `N`, axial forces [N]; `organ`, the organ's own state; `s`,
     `s_dot` (holds,) [m, m/s]; `lam` (holds, 5) [N, N m]; `y` (holds, 9); `sigma` (holds,): −1, 0, +1 sign of ds/dt, 0
     where the thread sticks; `present` (holds,): False before a piercing begins, and once the thread has left the hole;
-    `sense` (holds,): sign of T·(u × v) where the piercing began, which must not change in a directed hole; `reaction`
+    `sense` (holds,): sign of T·(u × v), which changes in a directed hole only where the frame does, not T; `reaction`
     (2, c) [N], force of the holders on the thread's ends, with twist their torque about the tangent too [N m]; `y_dot`
     (holds, 9) [m/s, 1/s], rate of y, None at rest; `frame`, what the twist is measured from, None without twist.
 
