@@ -28,13 +28,13 @@ A tie that slides does so as one (`coupling.ties`): its strands have two equatio
 That force enters as a given one, f = `injected`. So does a friction found elsewhere (the two-pass algorithm of §4.3).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
-from coupling.bordered import AT_K, AT_T, BORDER, LAM, MU_U, MU_V, Border, S, U, V, own_axis_rate
+from coupling.bordered import AT_K, AT_T, BORDER, LAM, MU_U, MU_V, NO_JOINTS, Border, S, U, V, own_axis_rate
 from coupling.constraints import (
     Parts,
     Passage,
@@ -78,8 +78,8 @@ class Law:
     inertia: float | Array
     s_free: Array
     injected: Array
-    strands: Indices
-    by_hand: Flags
+    strands: Indices = field(default_factory=lambda: NO_JOINTS.strands)
+    by_hand: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
     own: tuple[FrictionLaw | None, ...] = ()
     factor: float = 1.0
 

@@ -47,6 +47,7 @@ from studies.output.records import (
     RunRecord,
     StepRecord,
     ThreadRecord,
+    TieRecord,
 )
 from studies.output.tables import CsvFile
 from tests.studies.samples import frame, step
@@ -67,6 +68,7 @@ BEGINS = Event(0.1, "begins", 'a "b", c', 0.02, 1e-4, 0.1, 2e-6, 1e-6, (0.0, 1 /
 FULL = replace(
     step(1),
     events=(BEGINS, Event(0.05, "halved"), Event(0.1, "knots", control_points=31)),
+    ties=(TieRecord("knot", 0.01, 0.03, 0.02, 1.0, np.ones(3), 0.0, 1e-3, "tied"),),
     loads=(LoadRecord("top", 0.5, 1e-4, np.array([0.0, 1 / 3, -1.0])), LoadRecord("left", 1.0, 2e-4, np.ones(3))),
     contact=(ContactRecord("a - b", 6, 2, -0.0, 120.0, 1e-6, 2e-4, 1 / 3, 1e-22),),
     torques=(1e-6, -2e-6),
@@ -96,7 +98,7 @@ def test_a_row_has_a_cell_for_every_heading(tmp_path: Path, layout: Layout[Any])
     head, *rows = csv.reader(io.StringIO((tmp_path / "table.csv").read_text()))
     assert head == headings(layout.columns)
     assert head[:2] == ["time [s]", "step [-]"]
-    expected = {"piercings": [0, 0, 1, 1], "events": [1, 1, 1], "contact": [1], "loads": [1, 1]}
+    expected = {"piercings": [0, 0, 1, 1], "events": [1, 1, 1], "contact": [1], "loads": [1, 1], "ties": [1]}
     assert [int(row[1]) for row in rows] == expected.get(layout.name, [0, 0, 1])
     assert {len(row) for row in rows} == {len(head)}
 
