@@ -172,14 +172,18 @@ def test_a_body_let_go_swings_to_no_more_than_where_it_was(scheme: type[Scheme],
         assert np.abs(new).max() <= 1.0 + IDENTITY
 
 
-def test_organs_of_which_no_basis_is_made_are_refused() -> None:
-    """Independent check: lips that may touch, nothing that holds the organ, and numbers that cannot be."""
+def test_organs_of_which_no_basis_is_made_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: lips that may touch, nothing that holds the organ, numbers that cannot be, and a want of
+    memory."""
     body = tissue.elasticity(block((0.03, 0.02, 0.015), 5e-3), SOFT)
     floating = tissue.DynamicOrgan(body, tissue.build_sites(body, SITES))
     with pytest.raises(tissue.TissueError, match="not held"):
         tissue.reduce_organ(floating, 2)
     with pytest.raises(tissue.TissueError, match="blocks = -1"):
         tissue.reduce_organ(organ_of(9e-3), -1)
+    monkeypatch.setattr("tissue.organs.reduced.free_memory", lambda: 1e5)
+    with pytest.raises(tissue.TissueError, match="GB can be had; take fewer blocks"):
+        tissue.reduce_organ(organ_of(9e-3), 2)
     wound = Wound(0.01, 0.005)
     cut = tissue.elasticity(cut_block(wound), SOFT, "P1", ("bottom",))
     touching = tissue.DynamicOrgan(cut, tissue.build_sites(cut, []), gaps=gaps_on(cut, wound))

@@ -25,10 +25,14 @@ from tissue.errors import TissueError
 from tissue.loads import Loads
 from tissue.organs.basis import Krylov, build_krylov, vibration_modes
 from tissue.organs.dynamic import DynamicOrgan
-from tissue.organs.meshed import EMPTY, KEPT_OPERATORS, OrganEnergies, OrganState, SiteAnswer, TimeScheme
+from tissue.organs.meshed import EMPTY, KEPT_OPERATORS, SHARE, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.sites.site import Sites
-from tissue.solvers.choice import SolverChoice
+from tissue.solvers.choice import GIGA, SolverChoice
+from tissue.solvers.memory import free_memory
 from tissue.supports import holds_still
+
+ALSO_MADE = 3  # blocks beside those asked for: static answers, the check's, and what shows what that leaves open
+TIMES_HELD = 4  # vectors, K times them, and the products and copies of a block while it is made
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,13 @@ def check_reducible(organ: DynamicOrgan, blocks: int, modes: int) -> None:
         raise TissueError(
             f"reduction: blocks = {blocks}, modes = {modes}; allowed are none and more, and modes up to half of the "
             f"{organ.mesh_size} unknowns"
+        )
+    vectors = modes + (blocks + ALSO_MADE) * (organ.Y.shape[0] + 1 + organ.surface_load.shape[1])
+    need, room = 8.0 * TIMES_HELD * vectors * organ.size, SHARE * free_memory()
+    if need > room:
+        raise TissueError(
+            f"reduction: making {vectors} vectors of {organ.size} unknowns takes about {need / GIGA:.2g} GB and "
+            f"{room / GIGA:.2g} GB can be had; take fewer blocks, modes or holes, or a coarser mesh"
         )
 
 
