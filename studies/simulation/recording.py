@@ -43,6 +43,7 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
         contact=contact_records(system, state),
         loads=load_records(system, state),
         reduction=reduction_record(system, state),
+        ties=now.ties,
         kept=partial(memory_of, now),
     )
 

@@ -174,7 +174,7 @@ class Simulation:
 
     def snapshot(self, now: OrganRun) -> Snapshot:
         """Return what is drawn of a state."""
-        return Snapshot(now.state.time, thread_record(now), now.piercings, self.organ_record(now.state))
+        return Snapshot(now.state.time, thread_record(now), now.piercings, self.organ_record(now.state), now.ties)
 
     def organ_record(self, state: State) -> OrganRecord | None:
         """Return the displacement, stress and strain of the organ, None without one."""

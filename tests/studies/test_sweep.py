@@ -91,7 +91,7 @@ def test_scenarios_that_pull_otherwise_are_laid_once() -> None:
     first = start()
     assert start(**{"thread.start.force": [-0.3, 0, 0], "solve.duration": 4e-3}) is first
     for other in (
-        {"thread.end.waypoints": [[0.0, 0.02, 1e-3, 0.0]]},
+        {"thread.end.waypoints": [[0.0, 0.02, 0.0, 0.0], [0.1, 0.022, 0.0, 0.0]]},
         {"thread.path": [[-0.02, 0, 0], [0.0, 1e-4, 0], [0.02, 0, 0]]},
         {"tissue.youngs_modulus": 2e5},
     ):
