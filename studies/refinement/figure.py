@@ -20,15 +20,21 @@ def pictures(found: Sequence[Refined], rungs: Ladder) -> dict[str, bytes]:
 
 
 def figure(found: Sequence[Refined], rungs: Ladder) -> Figure:
-    """Draw a line of two panels for each quantity."""
-    drawing, axes = panels(len(found), 2)
+    """Draw a line of panels for each quantity: its numbers, and where one has a limit how far they are from it."""
+    drawing, axes = panels(len(found), 2 if any(map(has_limit, found)) else 1)
     what = KINDS[rungs.kinds[0]].words if len(rungs.kinds) == 1 else "cells, steps and spans"
-    for one, (left, right) in zip(found, axes, strict=True):
-        draw_numbers(left, one)
-        draw_errors(right, one)
-        for each in (left, right):
+    for one, row in zip(found, axes, strict=True):
+        draw_numbers(row[0], one)
+        for right in row[1:]:
+            draw_errors(right, one)
+        for each in row:
             each.set_xlabel(f"{what}, over the coarsest")
     return drawing
+
+
+def has_limit(one: Refined) -> bool:
+    """Tell whether a quantity has a limit."""
+    return one.verdict is not None and not isnan(one.verdict.limit)
 
 
 def draw_numbers(axes: Axes, one: Refined) -> None:
