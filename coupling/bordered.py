@@ -270,35 +270,43 @@ def newton_direction(
     if m == 0:
         return X[:, 0].reshape(n, c), np.empty((0, BORDER))
     G = values_at_holds(thread, X.reshape(n, c, -1))
-    matrix, rhs = holds_system(border, C, G[:, 0].reshape(m, NINE), G[:, 1:], r, r_y)
+    matrix, rhs, unknown = holds_system(border, C, G[:, 0].reshape(m, NINE), G[:, 1:], r, r_y)
     _, _, own, info = dgesv(matrix, rhs)
     if info != 0 or not np.all(np.isfinite(own)):
         raise SingularError("the holds' matrix is singular: two constraints say the same, or nothing holds the thread")
     dz = np.zeros((m, BORDER))
-    dz[:, : len(own) // m] = own.reshape(m, -1)
+    dz.ravel()[unknown] = own
     push = np.matvec(border.E, dz).ravel()
     return (X[:, 0] - X[:, 1:] @ push).reshape(n, c), dz
 
 
-def holds_system(border: Border, C: Array, w: Array, G: Array, r: Array, r_y: Array) -> tuple[Array, Array]:
-    """Return the matrix and right-hand side of the border once the thread is eliminated: Vᵀdq = w − G E dz.
+def holds_system(
+    border: Border, C: Array, w: Array, G: Array, r: Array, r_y: Array
+) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Return the matrix and right-hand side of the border once the thread is eliminated, Vᵀdq = w − G E dz, and the
+    numbers of its unknowns among those of all holds, `(15m,)`.
 
-    Where no site gives way (C = 0) and each is in its place, dy = 0 and the six equations of a hold are all.
+    What of a site does not give way (its rows of C are zero) and is in its place does not move, and is left out: the
+    frames of balls along a tract, clamped ends, and all of sites fixed in space.
     """
-    m = len(r)
-    rigid = not (C.any() or r_y.any())
-    E = border.E[:, :, :OWN] if rigid else border.E
+    m, row = len(r), np.arange(NINE * len(r))
+    moves = np.flatnonzero(C.any(axis=1) | (r_y.ravel() != 0.0))
+    E = border.E if moves.size else border.E[:, :, :OWN]
     GE = np.matmul(G.reshape(NINE * m, m, NINE).swapaxes(0, 1), E).swapaxes(0, 1).reshape(m, NINE, -1)
     own = plus_diagonal(-border.B @ GE, border.D[:, :, : E.shape[2]]).reshape(OWN * m, -1)
     own_rhs = (-r - np.matvec(border.B, w)).ravel()
-    if rigid:
-        return own, own_rhs
-    force = plus_diagonal(-border.R @ GE, border.F)
-    site = -C @ force.reshape(NINE * m, -1)
-    row = np.arange(NINE * m)
-    site[row, BORDER * (row // NINE) + OWN + row % NINE] += 1.0
-    site_rhs = C @ np.matvec(border.R, w).ravel() - r_y.ravel()
-    return np.concatenate([own, site]), np.concatenate([own_rhs, site_rhs])
+    own_unknown = np.arange(BORDER * m).reshape(m, BORDER)[:, :OWN].ravel()
+    if not moves.size:
+        return own, own_rhs, own_unknown
+    at_site = BORDER * (row // NINE) + OWN + row % NINE
+    force = plus_diagonal(-border.R @ GE, border.F).reshape(NINE * m, -1)
+    unknown = np.sort(np.concatenate([own_unknown, at_site[moves]]))
+    if moves.size < row.size:
+        own, force = own[:, unknown], force[:, unknown]
+    site = -C[moves] @ force
+    site[np.arange(moves.size), np.searchsorted(unknown, at_site[moves])] += 1.0
+    site_rhs = C[moves] @ np.matvec(border.R, w).ravel() - r_y.ravel()[moves]
+    return np.concatenate([own, site]), np.concatenate([own_rhs, site_rhs]), unknown
 
 
 def plus_diagonal(full: Array, blocks: Array) -> Array:

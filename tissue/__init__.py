@@ -13,6 +13,7 @@ from tissue.organs.lips import Gaps, Part, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.sites.site import Site, Sites, build_sites
+from tissue.sites.surface import depths
 from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
 from tissue.strain import cell_strain, energy_density, energy_share
@@ -53,6 +54,7 @@ __all__ = [
     "cell_strain",
     "cell_stretch",
     "conjugate_gradients",
+    "depths",
     "elasticity",
     "energy_density",
     "energy_share",

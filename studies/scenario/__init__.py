@@ -23,6 +23,7 @@ from studies.scenario.solve import Output, Solve
 from studies.scenario.table import ScenarioError
 from studies.scenario.thread import ClampedEnd, Cut, DrivenEnd, End, FixedEnd, FreeEnd, PulledEnd, Thread
 from studies.scenario.toml import SCENES, dump, load, scenes
+from studies.scenario.tract import Tract
 
 __all__ = [
     "SCENES",
@@ -50,6 +51,7 @@ __all__ = [
     "Solve",
     "Thread",
     "Tissue",
+    "Tract",
     "TubeMesh",
     "WoundMesh",
     "dump",

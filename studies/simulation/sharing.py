@@ -58,8 +58,11 @@ class Shared:
 
 
 def organ_key(scenario: Scenario) -> str:
-    """Return the digest of all that the organ with its holes is made from."""
-    return digest(organ_tables(scenario), scenario)
+    """Return the digest of all that the organ with its holes is made from; the balls of tracts lie along the thread."""
+    plain, thread = organ_tables(scenario), scenario.thread
+    if scenario.tract:
+        plain |= {"laid": [thread.path, thread.length, [hole.s for hole in scenario.piercing]]}
+    return digest(plain, scenario)
 
 
 def body_key(scenario: Scenario) -> str:
@@ -84,7 +87,7 @@ def organ_tables(scenario: Scenario) -> dict[str, Any]:
 
 def body_tables(scenario: Scenario) -> dict[str, Any]:
     """Return the tables of a scenario that its organ's discrete elasticity is made from: holes by their places."""
-    plain = without(organ_tables(scenario), ("solve",))
+    plain = without(organ_tables(scenario), ("solve", "tract"))
     holes = [{key: hole[key] for key in ("name", "at", "footprint")} for hole in plain["piercing"]]
     organ = {"tissue": without(plain["tissue"], OF_MOTION)} if "tissue" in plain else {}
     return plain | {"piercing": holes, "floats": scenario.floats} | organ  # where bodies may float none need be held
