@@ -307,6 +307,12 @@ CONTACT: tuple[Column[ContactRecord], ...] = (
         "of all pairs, along the normal of the surface; of a wound's lips along that of its plane",
         lambda lips: lips.smallest_gap,
     ),
+    Column(
+        "largest_gap",
+        "m",
+        "of the pairs that face one another: where most leaks; zero where none does",
+        lambda lips: lips.largest_gap,
+    ),
     Column("slide", "m", "largest, of a pair past one another along the surfaces", lambda lips: lips.slide),
     Column("largest_pressure", "Pa", "of all pairs", lambda lips: lips.largest_pressure),
     Column("area", "m²", "under pressure: shares of the nodes", lambda lips: lips.area),

@@ -77,6 +77,7 @@ class ContactRecord:
     slide: float  # largest, of a pair past one another along the surfaces [m]
     force: float  # that pushes them apart, in all [N]
     complementarity: float  # largest |force times gap| of a pair [J]
+    largest_gap: float = 0.0  # of pairs that face one another [m]
 
 
 @dataclass(frozen=True)

@@ -66,12 +66,13 @@ def contact_records(system: System, state: State) -> tuple[ContactRecord, ...]:
         return ()
     organ: Any = system.organ
     return tuple(
-        contact_record(part, lips.of(own)) for part, own in zip(organ.gaps.parts, organ.gaps.slices, strict=True)
+        contact_record(part, lips.of(own), organ.gaps.extent)
+        for part, own in zip(organ.gaps.parts, organ.gaps.slices, strict=True)
     )
 
 
-def contact_record(part: tissue.Part, lips: ContactObservation) -> ContactRecord:
-    """Return one pair of surfaces."""
+def contact_record(part: tissue.Part, lips: ContactObservation, extent: float) -> ContactRecord:
+    """Return one pair of surfaces; the gap of a node that faces nothing is their `extent` [m]."""
     pressure = part.vertex_pressure(lips.force)
     return ContactRecord(
         pair=" - ".join(part.between),
@@ -83,6 +84,7 @@ def contact_record(part: tissue.Part, lips: ContactObservation) -> ContactRecord
         slide=float(lips.slide.max()),
         force=float(lips.force.sum()),
         complementarity=lips.complementarity,
+        largest_gap=float(lips.gap[lips.gap < extent].max(initial=0.0)),
     )
 
 
