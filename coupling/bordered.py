@@ -38,6 +38,34 @@ NINE = 9
 I3 = np.eye(3)
 
 
+@dataclass(frozen=True)
+class Joints:
+    """How strands are joined in ties (`coupling.ties`): the holds `strands` (t, 2) in force, those of them that slide,
+    `one` and `other` (k,), and a `compliance` [m/N] that makes a length of the balance of forces."""
+
+    strands: Indices
+    one: Indices
+    other: Indices
+    compliance: float = 1.0
+
+    @property
+    def places(self) -> tuple[Indices, Indices]:
+        """Numbers of the x of both strands among the 9m numbers y, shape `(t, 3)` each."""
+        first, second = NINE * self.strands.T[:, :, None] + np.arange(3)
+        return first, second
+
+    def residual(self, r_y: Array, y: Array, f_y: Array, gaps: Array) -> Array:
+        """Return residuals of y (m, 9) with those of ties: x_a − x_b − `gaps` (t, 3), and what is left of the
+        forces."""
+        (a, b), out = self.strands.T, r_y.copy()
+        out[a, OF_X] = y[a, OF_X] - y[b, OF_X] - gaps
+        out[b, OF_X] = self.compliance * (f_y[a, OF_X] + f_y[b, OF_X])
+        return out
+
+
+NO_JOINTS = Joints(np.zeros((0, 2), dtype=np.intp), *np.zeros((2, 0), dtype=np.intp))
+
+
 class SingularError(ArithmeticError):
     """The matrix of a Newton step is singular."""
 
@@ -254,13 +282,21 @@ def banded_solve(A: Array, b: Array) -> Array:
 
 
 def newton_direction(
-    A: Array, held: Indices, border: Border, C: Array, thread: Passage, r_q: Array, r: Array, r_y: Array
+    A: Array,
+    held: Indices,
+    border: Border,
+    C: Array,
+    thread: Passage,
+    r_q: Array,
+    r: Array,
+    r_y: Array,
+    joints: Joints = NO_JOINTS,
 ) -> tuple[Array, Array]:
     """Solve for the Newton direction dq (n, c) and dz (m, 15).
 
     `A` banded, overwritten, its rows and columns of `held` (the thread's prescribed unknowns) those of the
-    identity; `C` (9m, 9m) organ compliance; residuals `r_q` (n, c), `r` (m, 6) of the holds, `r_y` (m, 9) of y. Raises
-    `SingularError`.
+    identity; `C` (9m, 9m) organ compliance; residuals `r_q` (n, c), `r` (m, 6) of the holds, `r_y` (m, 9) of y;
+    `joints` of ties. Raises `SingularError`.
     """
     (n, c), m = r_q.shape, len(r)
     right = np.empty((c * n, 1 + NINE * m), order="F")
@@ -270,7 +306,7 @@ def newton_direction(
     if m == 0:
         return X[:, 0].reshape(n, c), np.empty((0, BORDER))
     G = values_at_holds(thread, X.reshape(n, c, -1))
-    matrix, rhs, unknown = holds_system(border, C, G[:, 0].reshape(m, NINE), G[:, 1:], r, r_y)
+    matrix, rhs, unknown = holds_system(border, C, G[:, 0].reshape(m, NINE), G[:, 1:], r, r_y, joints)
     _, _, own, info = dgesv(matrix, rhs)
     if info != 0 or not np.all(np.isfinite(own)):
         raise SingularError("the holds' matrix is singular: two constraints say the same, or nothing holds the thread")
@@ -281,7 +317,7 @@ def newton_direction(
 
 
 def holds_system(
-    border: Border, C: Array, w: Array, G: Array, r: Array, r_y: Array
+    border: Border, C: Array, w: Array, G: Array, r: Array, r_y: Array, joints: Joints = NO_JOINTS
 ) -> tuple[Array, Array, NDArray[np.intp]]:
     """Return the matrix and right-hand side of the border once the thread is eliminated, Vᵀdq = w − G E dz, and the
     numbers of its unknowns among those of all holds, `(15m,)`.
@@ -290,11 +326,14 @@ def holds_system(
     frames of balls along a tract, clamped ends, and all of sites fixed in space.
     """
     m, row = len(r), np.arange(NINE * len(r))
-    moves = np.flatnonzero(C.any(axis=1) | (r_y.ravel() != 0.0))
+    moves = row if joints.strands.size else np.flatnonzero(C.any(axis=1) | (r_y.ravel() != 0.0))
     E = border.E if moves.size else border.E[:, :, :OWN]
     GE = np.matmul(G.reshape(NINE * m, m, NINE).swapaxes(0, 1), E).swapaxes(0, 1).reshape(m, NINE, -1)
     own = plus_diagonal(-border.B @ GE, border.D[:, :, : E.shape[2]]).reshape(OWN * m, -1)
-    own_rhs = (-r - np.matvec(border.B, w)).ravel()
+    by_thread = np.matvec(border.B, w)
+    if joints.one.size:
+        join_laws(own, by_thread, joints)
+    own_rhs = (-r - by_thread).ravel()
     own_unknown = np.arange(BORDER * m).reshape(m, BORDER)[:, :OWN].ravel()
     if not moves.size:
         return own, own_rhs, own_unknown
@@ -306,7 +345,32 @@ def holds_system(
     site = -C[moves] @ force
     site[np.arange(moves.size), np.searchsorted(unknown, at_site[moves])] += 1.0
     site_rhs = C[moves] @ np.matvec(border.R, w).ravel() - r_y.ravel()[moves]
+    if joints.strands.size:
+        join_sites(site, site_rhs, force, np.matvec(border.R, w), r_y, joints)
     return np.concatenate([own, site]), np.concatenate([own_rhs, site_rhs]), unknown
+
+
+def join_laws(own: Array, by_thread: Array, joints: Joints) -> None:
+    """Join the laws of sliding of the strands of ties, in place: rows of the holds' matrix and what the thread does to
+    them, `(m, 6)`."""
+    one, other, width = OWN * joints.one, OWN * joints.other, own.shape[1] // len(by_thread)
+    own[other] -= own[one]
+    by_thread[joints.other, S] -= by_thread[joints.one, S]
+    own[one], by_thread[joints.one, S] = 0.0, 0.0
+    own[one, width * joints.one + S] = own[one, width * joints.other + S] = 1.0
+
+
+def join_sites(site: Array, rhs: Array, force: Array, by_thread: Array, r_y: Array, joints: Joints) -> None:
+    """Put the equations of ties in the place of those of their strands' x, in place: rows `site` (9m, 15m) and `rhs`
+    (9m,); the forces on all sites change by `force` (9m, 15m) dz + `by_thread` (m, 9)."""
+    first, second = joints.places
+    column = lambda place: BORDER * (place // NINE) + OWN + place % NINE  # noqa: E731
+    site[first] = site[second] = 0.0
+    site[first, column(first)], site[first, column(second)] = 1.0, -1.0
+    site[second] = joints.compliance * (force[first] + force[second])
+    rhs[first] = -r_y.ravel()[first]
+    both = by_thread.ravel()[first] + by_thread.ravel()[second]
+    rhs[second] = -r_y.ravel()[second] - joints.compliance * both
 
 
 def plus_diagonal(full: Array, blocks: Array) -> Array:

@@ -21,9 +21,10 @@ TRANSVERSE = 4  # conditions across a span that leave its four control points no
 
 
 def hold_names(system: System[Body]) -> list[str]:
-    """Name each hold for a message: the piercings, then the clamped ends."""
+    """Name each hold for a message: the piercings, then the clamped ends, then the strands of ties."""
     ends = [f"the clamped {('start', 'end')[k]} of the thread" for k in system.clamps]
-    return [f"piercing {piercing.name!r}" for piercing in system.piercings] + ends
+    strands = [f"tie {tie.name!r}" for tie in system.ties for _ in range(2)]
+    return [f"piercing {piercing.name!r}" for piercing in system.piercings] + ends + strands
 
 
 def faults(system: System[Body], state: State[Body]) -> list[str]:
@@ -100,7 +101,7 @@ def dependence_faults(system: System[Body], state: State[Body], at: Passage) -> 
 def scaled_rows(system: System[Body], state: State[Body], at: Passage) -> tuple[Array, Indices]:
     """Return the rows of Φ_q over the control points that are free, each of length one, and the hold of each.
 
-    A row that reaches no free control point is left zero.
+    A row that reaches no free control point is left zero; strands of ties, which hold only one another, have none.
     """
     m, n, c = system.holds, system.thread.n, system.thread.coordinates
     full = np.zeros((m, 5, n, c))
@@ -110,7 +111,7 @@ def scaled_rows(system: System[Body], state: State[Body], at: Passage) -> tuple[
         full[hold, axis, local, axis] = at.b[:, 0]
     for row, frame in ((3, slice(3, 6)), (4, slice(6, 9))):
         full[hold, row, local, :3] = at.b[:, 1, :, None] * state.y[:, None, frame]
-    used = system.rows & state.present[:, None]
+    used = system.rows & (state.present & ~system.of_ties)[:, None]
     owner = np.nonzero(used)[0]
     flat = full.reshape(m, 5, n * c)[used]
     size = np.linalg.norm(flat, axis=1, keepdims=True)

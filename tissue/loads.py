@@ -6,12 +6,17 @@
 The pressure's forces are those on the surface as it lies: at the reference places they are what a linear organ bears,
 at the displaced ones those of a pressure that follows. Either is exact: tractions of a P2 facet are of degree 2,
 pressures on a curved one of degree 4.
+
+A pressure that follows has a potential, the volume behind its surface, where that is closed or its rim is held; only
+then is its tangent symmetric (Bufler, Comput. Methods Appl. Mech. Eng. 45, 1984). Elsewhere the symmetric part is what
+is given.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix
 from skfem import ElementTriP1, ElementTriP2
 from skfem.quadrature import get_quadrature
 
@@ -22,6 +27,7 @@ from tissue.supports import facets_of
 
 TRIANGLES = {"P1": ElementTriP1, "P2": ElementTriP2}
 DEGREE = {"P1": 1, "P2": 4}  # of φ_a (x_ξ × x_η) on a facet
+PERMUTATION = np.array([np.cross(np.eye(3)[i], np.eye(3)) for i in range(3)])  # a × b has the components a_i P_ijk b_j
 
 
 @dataclass(frozen=True)
@@ -72,8 +78,20 @@ class Facets:
     def area_vectors(self, x: Array) -> Array:
         """Return x_ξ × x_η at the Gauss points of a surface whose body has its nodes at `x` (m, 3), `(f, g, 3)`
         [m²]."""
-        along = np.einsum("kng,fni->kfgi", self.rule[1], x[self.nodes])
+        along = self._along(x)
         return np.cross(along[0], along[1])
+
+    def _along(self, x: Array) -> Array:
+        """Return x_ξ and x_η at the Gauss points, shape `(2, f, g, 3)` [m]."""
+        return np.asarray(np.einsum("kng,fni->kfgi", self.rule[1], x[self.nodes]))
+
+    def turning(self, x: Array) -> Array:
+        """Return how ∫ φ_a (x_ξ × x_η) dξ dη changes with the nodes' places, shape `(f, n, 3, n, 3)` [m]: by
+        φ_b,ξ e_j × x_η − φ_b,η e_j × x_ξ."""
+        (shapes, slopes, weights), (x_xi, x_eta) = self.rule, self._along(x)
+        sides = np.einsum("bg,jki,fgk->fgbij", slopes[0], PERMUTATION, x_eta)
+        sides -= np.einsum("bg,jki,fgk->fgbij", slopes[1], PERMUTATION, x_xi)
+        return np.asarray(np.einsum("g,ag,fgbij->faibj", weights, shapes, sides))
 
     def nodal_forces(self, density: Array, count: int) -> Array:
         """Return ∫ φ_a t dξ dη for `density` t `(f, g, 3)` [N] at the `count` nodes of the body, `(count, 3)` [N]."""
@@ -130,9 +148,46 @@ class Loads:
 
     @cached_property
     def resultants(self) -> Array:
-        """Sum of the forces of each whole load, `(k, 3)` [N]."""
-        each = [self.forces(number, self.body.points).sum(axis=0) for number in range(len(self.each))]
+        """Sum of the forces of each whole load on the reference shape, `(k, 3)` [N]."""
+        return self.resultants_at(self.body.points)
+
+    def resultants_at(self, x: Array) -> Array:
+        """Return the sum of the forces of each whole load on a body whose nodes are at `x` (m, 3), `(k, 3)` [N]."""
+        each = [self.forces(number, x).sum(axis=0) for number in range(len(self.each))]
         return np.array(each).reshape(-1, 3)
+
+    @cached_property
+    def follows(self) -> bool:
+        """Whether there is a pressure, which would follow its surface."""
+        return any(load.pressure is not None for load in self.each)
+
+    def _pressures(self, shares: Array | None) -> list[tuple[float, Facets]]:
+        """Return each pressure that acts [Pa] and its facets; none where `shares` is None."""
+        parts = zip(self.each, np.zeros(len(self.each)) if shares is None else shares, self.facets, strict=True)
+        return [(share * load.pressure, on) for load, share, on in parts if load.pressure is not None and share]
+
+    def pressing(self, shares: Array | None, x: Array) -> Array:
+        """Return the forces of the parts `shares` `(k,)` of the pressures on a body whose nodes are at `x` (m, 3), over
+        all unknowns `(N,)` [N]; None is none of them."""
+        each = [on.nodal_forces(-p * on.area_vectors(x), len(x)) for p, on in self._pressures(shares)]
+        return self.body.flat(sum(each, np.zeros_like(x)))
+
+    def pressing_tangent(self, shares: Array | None, x: Array) -> csr_matrix:
+        """Return the symmetric part of how these forces change with the displacement, shape `(N, N)` [N/m]."""
+        out = csr_matrix((self.body.N, self.body.N))
+        for p, on in self._pressures(shares):
+            unknowns, n = self.body.nodes[on.nodes].reshape(len(on.nodes), -1), 3 * on.nodes.shape[1]
+            blocks = -p * on.turning(x).reshape(-1, n, n)
+            rows, columns = np.repeat(unknowns, n, axis=1), np.tile(unknowns, (1, n))
+            half = coo_matrix((0.5 * blocks.ravel(), (rows.ravel(), columns.ravel())), shape=out.shape)
+            out = csr_matrix(out + half + half.T)
+        return out
+
+    def pressing_work(self, shares: Array | None, x: Array, way: Array) -> float:
+        """Return the work of these forces on the straight way (m, 3) [m] from `x` (m, 3) [J]: exact by Simpson's rule,
+        for they are of degree two in the nodes' places."""
+        forces = [self.pressing(shares, x + share * way) for share in (0.0, 0.5, 1.0)]
+        return float((forces[0] + 4.0 * forces[1] + forces[2]) @ self.body.flat(way) / 6.0)
 
     @cached_property
     def areas(self) -> Array:

@@ -23,6 +23,7 @@ from studies.output.records import (
     LoadRecord,
     OrganRecord,
     PiercingRecord,
+    ReductionRecord,
     RunRecord,
     StepRecord,
     ThreadRecord,
@@ -435,6 +436,30 @@ HOLE_RANGE: tuple[Column[tuple[float, float, float]], ...] = (
     Column("bearing_pressure", "Pa", "largest `bearing_pressure`, over all steps", lambda met: met[2]),
 )
 
+REDUCTION: Column[ReductionRecord] = count("vectors", "of the basis", lambda small: small.vectors)
+HOLE_REDUCTION: tuple[Column[tuple[float, float, float]], ...] = (
+    Column(
+        "difference",
+        "m",
+        "largest distance between the hole and its place in a basis with one block more: the error but for what that "
+        "basis, too, leaves open",
+        lambda small: small[0],
+    ),
+    Column(
+        "bound",
+        "m",
+        "largest bound of the distance to the hole's place in the whole organ under the same forces",
+        lambda small: small[1],
+    ),
+    Column(
+        "force_difference",
+        "N",
+        "`difference` times the hole's largest static stiffness: the force that makes up for it",
+        lambda small: small[0] * small[2],
+    ),
+    Column("force_bound", "N", "`bound` times that stiffness", lambda small: small[1] * small[2]),
+)
+
 RUN: tuple[Column[RunRecord], ...] = (
     text("status", "`completed`, `failed` or `interrupted`", lambda run: run.status),
     text("error", "what ended a run that was not completed; else empty", lambda run: run.error),
@@ -566,6 +591,13 @@ def range_summary(names: Iterable[str], extremes: Extremes) -> dict[str, Any]:
     return {**values(RANGE, extremes), "piercings": holes}
 
 
+def reduction_summary(names: Iterable[str], extremes: Extremes, small: ReductionRecord) -> dict[str, Any]:
+    """Make what ``summary.json`` says of how far a small basis of the organ was off."""
+    numbers = zip(*(each.tolist() for each in (extremes.difference, extremes.bound, small.stiffness)), strict=True)
+    holes = {name: values(HOLE_REDUCTION, three) for name, three in zip(names, numbers, strict=True)}
+    return {**values([REDUCTION], small), "piercings": holes}
+
+
 def _end_summary(end: str, step: StepRecord) -> dict[str, Value]:
     """Take the reaction at an end of the thread from a step, and the torque where there is one."""
     found = values(ENDS[end], step)
@@ -595,8 +627,10 @@ def manual_tables() -> dict[str, str]:
     ranges: list[Column[Any]] = [replace(column, name=f"range.{column.name}") for column in RANGE]
     ranges += [replace(column, name=f"range.piercings.NAME.{column.name}") for column in HOLE_RANGE]
     holes = [replace(column, name=f"piercings.NAME.{column.name}") for column in (CHANNEL,)]
+    small: list[Column[Any]] = [replace(REDUCTION, name=f"reduction.{REDUCTION.name}")]
+    small += [replace(column, name=f"reduction.piercings.NAME.{column.name}") for column in HOLE_REDUCTION]
     return {
-        "summary.json": markdown([*RUN, *ends, *sums, *holes, *ranges], "key"),
+        "summary.json": markdown([*RUN, *ends, *sums, *holes, *ranges, *small], "key"),
         "remarks": remarks.markdown(),
         **{f"{layout.name}.csv": markdown(layout.columns, "column") for layout in TABLES},
         "organ": markdown(ORGAN_ARRAYS, "array"),

@@ -61,6 +61,7 @@ class OrganRecord:
     pressed_turn: float = 0.0  # largest angle between a normal under a pressure and that of the reference [rad]
     contact_pressure: Array | None = None  # (nodes,) [Pa], zero off the lips; None without contact
     lip_gap: Array | None = None  # (nodes,) [m], not a number off the lips
+    crossed: float = 0.0  # how far lips that do not touch are through one another, over their extent [-]
     sprung: Array | None = None  # (p,) way of the springs at each hole over its footprint [-]; None of a linear organ
 
 
@@ -139,6 +140,16 @@ class LoadRecord:
 
 
 @dataclass(frozen=True)
+class ReductionRecord:
+    """What the small basis of an organ leaves open at its holes at one time, under the forces of then."""
+
+    vectors: int  # of the basis
+    difference: Array  # (p,) between the place of a hole and that in a basis with one block more [m]
+    bound: Array  # (p,) of the distance to the place in the whole organ [m]
+    stiffness: Array  # (p,) largest of the hole against a slow pull [N/m]
+
+
+@dataclass(frozen=True)
 class StepRecord:
     """What is known at the end of a step; step 0 is the start."""
 
@@ -160,6 +171,7 @@ class StepRecord:
     contact: tuple[ContactRecord, ...] = ()  # of all surfaces that may touch
     loads: tuple[LoadRecord, ...] = ()
     tracts: tuple[TractRecord, ...] = ()
+    reduction: ReductionRecord | None = None  # of an organ in a small basis
     torques: tuple[float, float] | None = None  # of the holders of start and end about the tangent [N m], with twist
     kept: Callable[[], Mapping[str, NDArray[Any]]] | None = None  # makes `memory`, asked for at a checkpoint
 
@@ -203,6 +215,9 @@ class Extremes:
     turn: Array  # (p,) [rad]
     bearing_pressure: Array  # (p,) of the thread on the tissue at each hole [Pa]
     sprung: Array  # (p,) way of a hole that linear springs make up for at finite strain, over its footprint [-]
+    way: Array  # (p,) of each hole from its place in the reference shape [m]
+    difference: Array  # (p,) between a small basis and one with a block more [m]
+    bound: Array  # (p,) of the distance to the whole organ [m]
     tension: float = 0.0  # of the thread at its holes and ends [N]
     thread_strain: float = 0.0  # [-]
     energy: float = 0.0  # kinetic and elastic, or work of whatever is outside [J]
@@ -212,16 +227,20 @@ class Extremes:
     strained: float = 0.0  # share of the strain energy in cells strained beyond what is small [-]
     rotated: float = 0.0  # the same in cells rotated beyond [-]
     pressed_turn: float = 0.0  # of a surface under a pressure [rad]
+    crossed: float = 0.0  # of lips that do not touch, through one another, over their extent [-]
 
     def after_step(self, step: StepRecord) -> "Extremes":
         """Return the extremes with a step more."""
-        holes, energy = step.piercings, step.energy
+        holes, energy, small = step.piercings, step.energy, step.reduction
         pulls = [pull for hole in holes for pull in (hole.tension_before, hole.tension_after) if np.isfinite(pull)]
         return replace(
             self,
             mean_strain=np.maximum(self.mean_strain, [hole.mean_strain for hole in holes]),
             turn=np.maximum(self.turn, [hole.turn for hole in holes]),
             bearing_pressure=np.maximum(self.bearing_pressure, [hole.bearing_pressure for hole in holes]),
+            way=np.maximum(self.way, [float(norm(hole.displacement)) for hole in holes]),
+            difference=self.difference if small is None else np.maximum(self.difference, small.difference),
+            bound=self.bound if small is None else np.maximum(self.bound, small.bound),
             tension=max(self.tension, *pulls, float(norm(step.start_reaction)), float(norm(step.end_reaction))),
             thread_strain=max(self.thread_strain, step.max_strain),
             energy=max(self.energy, energy.kinetic + energy.elastic, abs(energy.external_work)),
@@ -240,12 +259,13 @@ class Extremes:
             strained=max(self.strained, organ.strained),
             rotated=max(self.rotated, organ.rotated),
             pressed_turn=max(self.pressed_turn, organ.pressed_turn),
+            crossed=max(self.crossed, organ.crossed),
         )
 
 
 def nothing_met(piercings: int) -> Extremes:
     """Return the extremes of a run with so many piercings before its start."""
-    return Extremes(*np.zeros((4, piercings)))
+    return Extremes(*np.zeros((7, piercings)))
 
 
 @dataclass(frozen=True)

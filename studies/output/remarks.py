@@ -18,11 +18,13 @@ THREAD_STRAIN = 0.1  # a line through the origin fits the stress of monofilament
 OFF_PATH = 10.0  # diameters: as far as the thread is drawn into a hole that begins
 CREATED = 1e-4  # of a run's energy: round-off is 1e-9 of it, and the shipped scenes create none at their steps
 DISSIPATED = 0.05  # of a run's energy
+CROSSED = 0.01  # of the lips' extent: nearer, they are as good as closed
 SLID = 1.0  # diameters that a thread may still slide in as long as the run took, and be at rest
 BARE = 4.0  # radii of a tract: as much of its path is near the surface where it goes in and out at 30° or more
 IN_TISSUE = 1.0  # diameters of the thread: deeper, it lies in tissue and not on it
 NEAR = 2.0  # of the footprints of two holes together: there a hole moves its neighbour by a quarter of its own way
 RESOLVED_SHARE = 0.03  # of a hole's compliance that springs may make up: no more than its own error
+REDUCED = 0.03  # of the largest way of a hole that a small basis may leave open: as much as springs may
 COARSE = {"P1": 0.25, "P2": 0.5}  # footprints to a cell: the compliance of the hole is then within 8 %
 
 
@@ -107,8 +109,14 @@ KINDS = (
     Kind(
         "pressure-turn",
         "unsupported",
-        f"surface under a pressure turned by more than {SMALL_ROTATION:g} rad",
-        "the pressure acts along the normals of the reference shape, and does not follow the surface",
+        f"surface of a linear organ under a pressure turned by more than {SMALL_ROTATION:g} rad",
+        "there the pressure acts along the normals of the reference shape, and does not follow the surface",
+    ),
+    Kind(
+        "lips-cross",
+        "unsupported",
+        f"lips of a wound at finite strain more than {CROSSED:g} of their extent through one another",
+        "they do not press on one another there: what closes them meets no resistance any more",
     ),
     Kind(
         "thread-strength",
@@ -196,10 +204,36 @@ KINDS = (
         "no ball of tissue has room there, and the thread bears on none",
     ),
     Kind(
+        "handed-over",
+        "note",
+        "a stiffness, a law of friction or a strain energy that was handed over from Python",
+        "the scenario in the folder does not say it, and run anew it is another run",
+    ),
+    Kind(
+        "stress-of-e-nu",
+        "unsupported",
+        "a stiffness that was handed over from Python",
+        "stress, its principal values and the energy of cells are recovered with E and ν, which it need not have",
+    ),
+    Kind(
         "units",
         "note",
         "a length, modulus or density that no organ or suture has",
         "numbers in mm, kPa or g/cm³ look like that",
+    ),
+    Kind(
+        "reduction",
+        "unsupported",
+        f"hole of an organ in a small basis further than {REDUCED:.0%} of the largest way of a hole from its place in "
+        "a basis with one block more",
+        "that difference is nearly the error of the basis: the motion is too fast for it",
+    ),
+    Kind(
+        "reduction-bound",
+        "note",
+        f"the bound of the distance to the whole organ above {REDUCED:.0%} of that way",
+        "the bound adds up over the run what might be missed; the error is most often far below it, and nearer to the "
+        "difference",
     ),
     Kind(
         "frames-missing",

@@ -18,8 +18,8 @@ class Load(ScenarioTable):
     )
     pressure: Number | None = Field(
         default=None,
-        description="pressure, positive where it pushes on the organ [Pa]; it acts along the normals of the reference "
-        "shape, as all of linear elasticity does",
+        description="pressure, positive where it pushes on the organ [Pa]; it follows the surface at finite strain, "
+        "and in a linear material acts along the normals of the reference shape, as all of linear elasticity does",
         examples=[2.0e3],
     )
     ramp: NotNegative = Field(

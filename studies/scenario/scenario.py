@@ -151,6 +151,19 @@ class Scenario(ScenarioTable):
         return self
 
     @model_validator(mode="after")
+    def _check_reduction(self) -> Self:
+        if self.tissue is None or self.tissue.reduction is None:
+            return self
+        if self.solve.kind == "static":
+            reason = "solve.kind is static, where the organ makes no steps; leave it out"
+        elif self.contact:
+            reason = "there is [[contact]], and any node of a surface may be pushed, which no small basis knows of; "
+            reason += "leave one of them out"
+        else:
+            return self
+        raise ValueError(refusal("tissue.reduction", self.tissue.reduction.model_dump(), reason))
+
+    @model_validator(mode="after")
     def _check_material(self) -> Self:
         if self.tissue is None or self.tissue.material == "linear":
             return self

@@ -12,7 +12,14 @@ from coupling.contact import ContactObservation, observe_contact
 from coupling.observation import PiercingObservation, largest_gap, largest_residual
 from coupling.system import State, System
 from studies.arrays import Array
-from studies.output.records import ContactRecord, LoadRecord, StepRecord, ThreadRecord, TractRecord
+from studies.output.records import (
+    ContactRecord,
+    LoadRecord,
+    ReductionRecord,
+    StepRecord,
+    ThreadRecord,
+    TractRecord,
+)
 from studies.simulation.memory import OrganRun, memory_of
 from thread.spline import Spline
 
@@ -44,6 +51,7 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
         contact=contact_records(system, state),
         loads=load_records(system, state),
         tracts=tract_records(now.piercings),
+        reduction=reduction_record(system, state),
         kept=partial(memory_of, now),
     )
 
@@ -94,8 +102,18 @@ def load_records(system: System, state: State) -> tuple[LoadRecord, ...]:
     if state.organ.shares is None:
         return ()
     loads = organ.surface
-    numbers = zip(loads.each, state.organ.shares.tolist(), loads.areas.tolist(), loads.resultants, strict=True)
+    shares, forces = state.organ.shares.tolist(), organ.load_resultants(state.organ)
+    numbers = zip(loads.each, shares, loads.areas.tolist(), forces, strict=True)
     return tuple(LoadRecord(load.boundary, share, area, share * force) for load, share, area, force in numbers)
+
+
+def reduction_record(system: System, state: State) -> ReductionRecord | None:
+    """Return what the small basis of the organ leaves open in a state, None of an organ without one."""
+    organ = system.organ
+    if not isinstance(organ, tissue.ReducedOrgan):
+        return None
+    small = organ.reduction
+    return ReductionRecord(small.size, organ.difference(state.organ), organ.bound(state.organ), small.stiffness)
 
 
 def lip_fields(system: System, state: State, nodes: int) -> tuple[Array, Array] | tuple[None, None]:

@@ -20,7 +20,16 @@ Made = TypeVar("Made")
 NOT_OF_ORGAN = ("title", "thread", "cut", "output")
 OF_STEPS = ("dt", "duration", "load_steps", "scheme", "integrator", "coupling", "friction", "epsilon")
 OF_THREAD = ("kind", "s", "friction", "from", "until", "draw", "pull", "channel")  # of a piercing
-OF_MOTION = ("inertia", "rayleigh", "solver", "contact", "load")  # of the organ, beside its mesh and stiffness
+OF_MOTION = (
+    "inertia",
+    "rayleigh",
+    "solver",
+    "contact",
+    "load",
+    "reduction",
+)  # of the organ, beside its mesh and stiffness
+OF_PULL = ("force", "ramp")  # of an end of the thread: it is laid before anything pulls
+OF_LENGTH = ("dt", "duration", "load_steps")  # of a run, before which the thread is laid
 OF_MATERIAL = ("youngs_modulus", "poisson_ratio", "density", "dilatation")
 
 
@@ -58,11 +67,21 @@ class Shared:
 
 
 def organ_key(scenario: Scenario) -> str:
-    """Return the digest of all that the organ with its holes is made from; the balls of tracts lie along the thread."""
-    plain, thread = organ_tables(scenario), scenario.thread
-    if scenario.tract:
-        plain |= {"laid": [thread.path, thread.length, [hole.s for hole in scenario.piercing]]}
-    return digest(plain, scenario)
+    """Return the digest of all that the organ with its holes is made from."""
+    return digest(organ_tables(scenario), scenario)
+
+
+def reduction_key(scenario: Scenario) -> str:
+    """Return the digest of all that the basis of an organ is made from: it is the same whatever damps."""
+    plain = organ_tables(scenario)
+    return digest(plain | {"tissue": without(plain.get("tissue", {}), ("rayleigh",))}, scenario)
+
+
+def start_key(scenario: Scenario) -> str:
+    """Return the digest of all that the start is made from: the thread is laid on the organ before anything pulls."""
+    plain = without(tables(scenario), ("title", "cut", "output"))
+    ends = {end: without(plain["thread"][end], OF_PULL) for end in ("start", "end") if end in plain["thread"]}
+    return digest(plain | {"thread": plain["thread"] | ends, "solve": without(plain["solve"], OF_LENGTH)}, scenario)
 
 
 def body_key(scenario: Scenario) -> str:
@@ -82,12 +101,14 @@ def organ_tables(scenario: Scenario) -> dict[str, Any]:
     """Return the tables of a scenario that an organ with its holes is made from."""
     plain = without(tables(scenario), NOT_OF_ORGAN)
     holes = [without(hole, OF_THREAD) for hole in plain.get("piercing", [])]
-    return plain | {"piercing": holes, "solve": without(plain["solve"], OF_STEPS)}
+    thread, places = scenario.thread, [hole.s for hole in scenario.piercing]
+    laid = {"laid": [thread.path, thread.length, places]} if scenario.tract else {}  # the balls of tracts lie along it
+    return plain | {"piercing": holes, "solve": without(plain["solve"], OF_STEPS)} | laid
 
 
 def body_tables(scenario: Scenario) -> dict[str, Any]:
     """Return the tables of a scenario that its organ's discrete elasticity is made from: holes by their places."""
-    plain = without(organ_tables(scenario), ("solve", "tract"))
+    plain = without(organ_tables(scenario), ("solve", "tract", "laid"))
     holes = [{key: hole[key] for key in ("name", "at", "footprint")} for hole in plain["piercing"]]
     organ = {"tissue": without(plain["tissue"], OF_MOTION)} if "tissue" in plain else {}
     return plain | {"piercing": holes, "floats": scenario.floats} | organ  # where bodies may float none need be held

@@ -7,7 +7,7 @@ a footprint of 1 mm, no friction. The bite's depth is that of the holes' centres
 all that this model knows of a channel, so a deeper bite is one that bears deeper (a ball instead of a disc).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -44,6 +44,14 @@ CLINICAL = {  # tension [N] and where it is from
     "skin": (1.1, "largest on closing a wound of 36 × 5 mm, Capek et al., Med. Biol. Eng. Comput. 50 (2012) 193"),
     "fascia": (3.0, "running stitch, Horeman et al., PLoS ONE 8 (2013) e84466"),
 }
+MATERIALS: dict[str, dict[str, Any]] = {  # of one E and ν, which all of them have at small strain
+    "linear": {},
+    "neo-hookean": {"material": "neo-hookean"},
+    "exponential, b = 1": {"material": "exponential", "stiffening": 1.0},
+    "exponential, b = 5": {"material": "exponential", "stiffening": 5.0},
+}
+MATERIAL_STEPS = 8  # load steps to a tension of a material
+DEPARTURE = 0.05  # of the displacement by which the linear organ is off where its range ends
 MILLI, KILO = 1e-3, 1e3
 THEORY = ("theory_mean_von_mises", "theory_mean_largest", "theory_ring_von_mises", "theory_ring_largest")
 SOFT: dict[str, dict[str, Any]] = {  # ways to pull at an organ that is too soft for it
@@ -84,6 +92,8 @@ class Case:
     given: float = unit_field("m")  # by which the hand at the start gives way
     ring: float = unit_field("footprints")  # radius of the ring on which stress is taken
     refinement: float = unit_field("-")  # of the mesh for stress
+    material: str = "linear"
+    stiffening: float = field(default=0.0, metadata={"unit": "-"})
 
     @property
     def theory(self) -> TwoHoles:
@@ -135,6 +145,7 @@ class Row(Case):
     cells: float = unit_field("m")  # of the mesh for stress, (V/N)^⅓
     residual: float = unit_field("-")  # |C f − u| over |u|
     span_ratio: float = unit_field("-")
+    springs: float = unit_field("-")  # share of a hole's compliance that is added to coarse cells
     kinetic: float = unit_field("J")
     elastic: float = unit_field("J")
     clear: bool  # of what the sub-grid compliance does not reckon with
@@ -144,6 +155,11 @@ class Row(Case):
     def moved(self) -> float:
         """How far the hole that moved farther did [m]."""
         return float(max(np.hypot(self.entry_along, self.entry_normal), np.hypot(self.exit_along, self.exit_normal)))
+
+    @property
+    def scaled_load(self) -> float:
+        """τ = T/(E a²)."""
+        return self.load / (self.youngs_modulus * self.footprint**2)
 
     @property
     def gap(self) -> float:

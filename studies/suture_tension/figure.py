@@ -9,15 +9,26 @@ from matplotlib.figure import Figure
 
 from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, panels, ticks
-from studies.suture_tension.case import CLEAR, CLINICAL, CURVE, KILO, MILLI, QUANTITIES, Case, Row, theory_tensions
-from studies.suture_tension.findings import rows_of_sweep, runs_by_tissue
+from studies.suture_tension.case import (
+    CLEAR,
+    CLINICAL,
+    CURVE,
+    DEPARTURE,
+    KILO,
+    MILLI,
+    QUANTITIES,
+    Case,
+    Row,
+    theory_tensions,
+)
+from studies.suture_tension.findings import departures, rows_of_sweep, runs_by_material, runs_by_tissue
 from studies.verdicts import LINEAR
 
 
 def figure(rows: Sequence[Row]) -> Figure:
     """Draw the displacement over tension, the same without dimension, stress over distance and cells, and each sweep
-    compared with theory."""
-    drawing, grid = panels(4, 2)
+    compared with theory; last the linear organ beside those at finite strain."""
+    drawing, grid = panels(5, 2)
     over_load(grid[0, 0], rows)
     plot_scaled(grid[0, 1], rows)
     over_distance(grid[1, 0], rows)
@@ -26,6 +37,8 @@ def figure(rows: Sequence[Row]) -> Figure:
     over_depth(grid[2, 1], rows)
     over_footprint(grid[3, 0], rows)
     over_friction(grid[3, 1], rows)
+    over_materials(grid[4, 0], rows)
+    over_departure(grid[4, 1], rows)
     return drawing
 
 
@@ -49,24 +62,19 @@ def over_load(axes: Axes, rows: Sequence[Row]) -> None:
 def plot_scaled(axes: Axes, rows: Sequence[Row]) -> None:
     """Draw u/a over T/(E a²): one curve for all stiffnesses as long as theory is linear and the thread taut."""
     for (name, runs), colour, marker in zip(runs_by_tissue(rows).items(), COLOURS, MARKERS, strict=False):
-        x = [scaled_load(row) for row in runs]
+        x = [row.scaled_load for row in runs]
         axes.plot(x, [row.exit_along / row.footprint for row in runs], marker, color=colour, markersize=4, label=name)
     runs = rows_of_sweep(rows, "stiffness")
-    x = [scaled_load(row) for row in runs]
+    x = [row.scaled_load for row in runs]
     axes.plot(x, [row.exit_along / row.footprint for row in runs], "*", color="black", label="E alone changed")
     every = [row for row in rows_of_sweep(rows, "tension") if row.load > 0.0]
-    ends = np.array([min(scaled_load(row) for row in every), max(scaled_load(row) for row in every)])
-    slope = every[0].theory_along / every[0].footprint / scaled_load(every[0])
+    ends = np.array([min(row.scaled_load for row in every), max(row.scaled_load for row in every)])
+    slope = every[0].theory_along / every[0].footprint / every[0].scaled_load
     axes.plot(ends, slope * ends, color="black", label="half-space")
     axes.axhline(LINEAR, color="black", linestyle="--")
     axes.axhline(0.5 * rows[0].bite / rows[0].footprint, color="grey", linestyle=":", label="the holes meet")
     axes.set(xscale="log", yscale="log", xlabel="T/(E a²) [-]", ylabel="displacement along over a [-]")
     axes.legend(fontsize=6)
-
-
-def scaled_load(row: Row) -> float:
-    """Return T/(E a²)."""
-    return row.load / (row.youngs_modulus * row.footprint**2)
 
 
 def over_distance(axes: Axes, rows: Sequence[Row]) -> None:
@@ -169,3 +177,29 @@ def over_friction(axes: Axes, rows: Sequence[Row]) -> None:
     axes.plot([], [], color="black", label="a thread that bends by 90° at each hole")
     axes.set(xlabel="friction μ [-]", ylabel="tension over the pull [-]", ylim=(0.0, 1.1))
     axes.legend()
+
+
+def over_materials(axes: Axes, rows: Sequence[Row]) -> None:
+    """Draw u/a over τ of the linear organ and of those at finite strain, on the same cells."""
+    for (name, runs), colour, marker in zip(runs_by_material(rows).items(), COLOURS, MARKERS, strict=False):
+        x, y = [row.scaled_load for row in runs], [row.exit_along / row.footprint for row in runs]
+        axes.plot(x, y, color=colour, marker=marker, markersize=4, label=name)
+    axes.axhline(LINEAR, color="black", linestyle="--", label=f"{LINEAR} footprints")
+    axes.axhline(0.5 * rows[0].bite / rows[0].footprint, color="grey", linestyle=":", label="the holes meet")
+    axes.set(xscale="log", yscale="log", xlabel="τ = T/(E a²) [-]", ylabel="u/a along [-]")
+    axes.legend(fontsize=6)
+
+
+def over_departure(axes: Axes, rows: Sequence[Row]) -> None:
+    """Draw how far the linear organ is off each of the others over u/a: where its range ends, measured."""
+    materials = runs_by_material(rows)
+    linear = materials.pop("linear", [])
+    for (name, runs), colour, marker in zip(materials.items(), COLOURS[1:], MARKERS[1:], strict=False):
+        x = [row.exit_along / row.footprint for row in runs]
+        axes.plot(x, 100.0 * departures(linear, runs), color=colour, marker=marker, markersize=4, label=name)
+    for level in (-DEPARTURE, DEPARTURE):
+        axes.axhline(100.0 * level, color="black", linestyle=":")
+    axes.axvline(LINEAR, color="black", linestyle="--", label=f"{LINEAR} footprints, assumed")
+    axes.set(xscale="log", xlabel="u/a of the material at finite strain [-]", ylabel="linear organ off by [%]")
+    axes.set_yscale("symlog", linthresh=10.0)
+    axes.legend(fontsize=6)

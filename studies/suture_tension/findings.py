@@ -4,9 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from studies.arrays import Array
 from studies.simulation.remarks import coarse_spans
 from studies.study import Table
-from studies.suture_tension.case import CLINICAL, FORMAL, KILO, MILLI, QUANTITIES, Row, theory_tensions
+from studies.suture_tension.case import CLINICAL, DEPARTURE, FORMAL, KILO, MILLI, QUANTITIES, Row, theory_tensions
 from studies.verdicts import LINEAR, Verdict, not_settled, verdict
 
 VARIED = {  # by sweep: what is written of its case
@@ -40,14 +41,19 @@ def runs_by_tissue(rows: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Make a line a run, of the tensions the last load step of each."""
+    """Make a line a run, of tensions and materials the last load step of each."""
     head = (
         "changed", "case", "T [N]", "u along [mm]", "u normal [mm]", "half-space [mm]", "u/a [-]", "approach [mm]",
         "half-space [mm]", "drawn through [mm]", "theory [mm]", "T held, between, pulled [N]", "theory [N]",
         "force along, normal [N]", "couple [N mm]", "below: von Mises, σ₁, σ₃ [kPa]", "half-space [kPa]",
         "ring: von Mises, σ₁, σ₃ [kPa]", "half-space [kPa]", "T/(d ℓ E) [-]", "verdict",
     )  # fmt: skip
-    return Table(head, [line(row) for row in rows if row.sweep != "tension" or row.failed or row.load == row.tension])
+    return Table(head, [line(row) for row in rows if shown(row)])
+
+
+def shown(row: Row) -> bool:
+    """Tell whether a row has a line: of several load steps the last."""
+    return row.sweep not in ("tension", "material") or bool(row.failed) or row.load == row.tension
 
 
 def line(row: Row) -> tuple[str, ...]:
@@ -87,6 +93,8 @@ def row_verdict(row: Row) -> str:
     """Return what a row is worth."""
     if row.failed:
         return f"FAILED: {row.failed.split(':')[0]}"
+    if row.material != "linear":
+        return "finite strain"
     return "linear" if row.is_linear else "BEYOND linear"
 
 
@@ -99,6 +107,49 @@ def verdict_on(rows: Sequence[Row], quantity: str) -> Verdict:
     """Return the verdict on a quantity of the cells."""
     runs = rows_of_sweep(rows, "cells")
     return verdict([row.cells for row in runs], [getattr(row, quantity) for row in runs], FORMAL[quantity])
+
+
+def runs_by_material(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Return the equilibria of each material by load."""
+    runs = sorted((row for row in rows_of_sweep(rows, "material") if not row.failed), key=lambda row: row.load)
+    return {name: [row for row in runs if row.name == name] for name in dict.fromkeys(row.name for row in runs)}
+
+
+def departures(linear: Sequence[Row], runs: Sequence[Row]) -> Array:
+    """Return by load how far the linear organ is off what a hole moves along in another material [-]; NaN beyond the
+    linear organ's last load."""
+    loads, moved = [row.load for row in linear], [row.exit_along for row in linear]
+    same = np.interp([row.load for row in runs], [0.0, *loads], [0.0, *moved], right=np.nan)
+    return np.asarray(same / [row.exit_along for row in runs] - 1.0)
+
+
+def measured_range(linear: Sequence[Row], runs: Sequence[Row]) -> tuple[float, float]:
+    """Return τ and u/a at which the linear organ is off by DEPARTURE, infinite where it is not that far."""
+    off = np.abs(departures(linear, runs))
+    if not np.any(off > DEPARTURE):
+        return float("inf"), float("inf")
+    end = int(np.argmax(off > DEPARTURE)) + 1
+    steps = [0.0, *off[:end]]
+    tau, moved = ([0.0, *(getattr(row, name) for row in runs[:end])] for name in ("scaled_load", "exit_along"))
+    return float(np.interp(DEPARTURE, steps, tau)), float(np.interp(DEPARTURE, steps, moved)) / runs[0].footprint
+
+
+def measured_ranges(rows: Sequence[Row]) -> list[str]:
+    """Say of each material where the linear organ of the same E, ν, cells and springs is off, and by how much."""
+    materials = runs_by_material(rows)
+    linear = materials.pop("linear", [])
+    out = []
+    for name, runs in materials.items() if linear else ():
+        tau, moved = measured_range(linear, runs)
+        off, known = departures(linear, runs), [row.scaled_load for row in runs]
+        last = int(np.flatnonzero(np.isfinite(off))[-1])
+        where = f"at τ = T/(E a²) = {tau:.2g}, u/a = {moved:.2g}" if np.isfinite(tau) else "nowhere here"
+        out.append(
+            f"{name}: the linear organ is {DEPARTURE:.0%} off the hole's way {where} (assumed: u/a = {LINEAR}); at τ = "
+            f"{known[last]:.3g} it is {off[last]:+.0%} off; springs of coarse cells are {runs[0].springs:.1%} of the "
+            "compliance, in both"
+        )
+    return out
 
 
 def limits(runs: Sequence[Row]) -> tuple[float, float]:
@@ -142,13 +193,13 @@ def slopes(rows: Sequence[Row]) -> list[str]:
 
 
 def max_residual(rows: Sequence[Row]) -> float:
-    """Return the largest residual of C f = u."""
-    return max(row.residual for row in rows)
+    """Return the largest residual of C f = u of the linear organ."""
+    return max(row.residual for row in rows if row.material == "linear")
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
     """List the ranges by tissue, slopes, verdicts on the cells, and what is beyond, failed or not made up for."""
-    out = [*ranges(rows), *slopes(rows)]
+    out = [*ranges(rows), *measured_ranges(rows), *slopes(rows)]
     for quantity, name in QUANTITIES.items():
         if has_ladder(rows):
             found, off = verdict_on(rows, quantity), theory_error(rows, quantity)
@@ -165,7 +216,7 @@ def shortcomings(row: Row) -> list[str]:
     name, out = f"{row.sweep}, {case_text(row)}, {row.load:.3g} N", []
     if row.failed:
         out.append(f"{name}: FAILED beyond, {row.failed}")
-    elif row.sweep not in ("tension", "cells", "distance") and not row.is_linear:
+    elif row.sweep not in ("tension", "cells", "distance", "material") and not row.is_linear:
         out.append(f"{name}: {exceeded_limits(row)}")
     if row.gap < row.footprint and (row.failed or row.load == row.tension):
         where = f"the holes are {row.gap / row.footprint:.2g} footprints apart, of {row.bite / row.footprint:g}"

@@ -36,6 +36,7 @@ from studies.suture_tension.case import (
     RELAXED_STEP,
     ROUND,
     SIZE,
+    STRESSES,
     THEORY,
     Case,
     Row,
@@ -81,6 +82,24 @@ def run(case: Case) -> Iterator[Row]:
             yield measure(case, simulation, now, "")
 
 
+def mesh_table(case: Case) -> dict[str, object]:
+    """Return the cells of a run: as large as a footprint at the holes, in the sweep of materials those of the mesh for
+    stress."""
+    if case.sweep == "material":
+        k = case.refinement
+        sizes = {"h": SIZE[0], "h_site": COARSEST * case.footprint / k, "growth": GROWTH ** (1.0 / k)}
+    else:
+        sizes = {"h": 0.01, "h_site": case.footprint, "growth": 1.8}
+    return {"kind": "block", "generator": "structured", "size": list(SIZE), **sizes}
+
+
+def material_table(case: Case) -> dict[str, object]:
+    """Return the material of a run, in the sweep of materials on P2 cells."""
+    stiffening = {"stiffening": case.stiffening} if case.stiffening else {}
+    element = {"element": "P2"} if case.sweep == "material" else {}
+    return {"material": case.material, **stiffening, **element}
+
+
 def scenario(case: Case) -> Scenario:
     """Return a thread down into a block and up again, its start held, its end drawn up."""
     x, bottom = 0.5 * case.bite, -case.depth - DIP
@@ -98,14 +117,8 @@ def scenario(case: Case) -> Scenario:
                 "density": 1070.0,
                 "inertia": False,
                 "clamp": ["bottom"],
-                "mesh": {
-                    "kind": "block",
-                    "generator": "structured",
-                    "size": list(SIZE),
-                    "h": 0.01,
-                    "h_site": case.footprint,
-                    "growth": 1.8,
-                },
+                "mesh": mesh_table(case),
+                **material_table(case),
             },
             "thread": {
                 "suture": case.suture,
@@ -157,15 +170,23 @@ def measure(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> R
         turn=float(np.abs(moved.reshape(2, 3, 3)[:, 1:]).max()),
         compliance_along=float(C[9, 9]),
         compliance_normal=float(C[11, 11]),
-        **stresses(case, now.state.organ),
+        **(no_stresses() if case.sweep == "material" else stresses(case, now.state.organ)),
         cells=float((np.prod(SIZE) / fine_organ(geometry(case)).elasticity.mesh.nelements) ** (1.0 / 3.0)),
-        residual=float(np.linalg.norm(C @ f.ravel() - moved) / max(np.linalg.norm(moved), np.finfo(float).tiny)),
+        residual=residual_of(case, C @ f.ravel(), moved),
         span_ratio=seen.span_ratio,
+        springs=max((float(gap["share"]) for gap in simulation.subgrid.values()), default=0.0),
         kinetic=now.energies.kinetic,
         elastic=now.energies.elastic,
         clear=all(gap["holds"] for gap in simulation.subgrid.values()),
         failed=failed,
     )
+
+
+def residual_of(case: Case, theirs: Array, moved: Array) -> float:
+    """Return |C f − u| over |u|, NaN where C is a tangent."""
+    if case.material != "linear":
+        return float("nan")
+    return float(np.linalg.norm(theirs - moved) / max(np.linalg.norm(moved), np.finfo(float).tiny))
 
 
 def hole_response(case: Case, now: OrganRun) -> tuple[Array, Array]:
@@ -264,6 +285,11 @@ def stresses(case: Case, state: tissue.OrganState) -> dict[str, Any]:
         known = mean_stresses("mean", flatten(exact[0])) | mean_stresses("ring", flatten(exact[1]))
         theory = {name: known[name.removeprefix("theory_")] for name in THEORY}
     return out | theory
+
+
+def no_stresses() -> dict[str, Any]:
+    """Return no stresses: the mesh for stress is linear."""
+    return dict.fromkeys((*STRESSES, *THEORY), float("nan"))
 
 
 def mean_stresses(where: str, stress: Array) -> dict[str, float]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 
 from studies.study import Job, Study, StudyError, each
-from studies.suture_tension.case import CLEAR, GIVEN, REFERENCE, SIZE, SOFT, TISSUES, Row
+from studies.suture_tension.case import CLEAR, GIVEN, MATERIAL_STEPS, MATERIALS, REFERENCE, SIZE, SOFT, TISSUES, Row
 from studies.suture_tension.figure import figure
 from studies.suture_tension.findings import remarks, table
 from studies.suture_tension.runs import last_step, run_tensions
@@ -22,14 +22,17 @@ def main(
     distances: Sequence[float] = (1.5, 2.0, 3.0, 4.0),
     refinements: Sequence[float] = (1.5, 2.0, 2.5, 3.0),
     soft_ways: Sequence[str] = ("10 load steps", "40 load steps", "damped motion"),
+    materials: Sequence[str] = tuple(MATERIALS),
+    scaled_tensions: Sequence[float] = (0.2, 5.0),
     refinement: float = 1.5,
 ) -> Iterator[Row]:
-    """Yield every load step of the tensions, by tissue and up to the first that fails; the last one of everything else.
+    """Yield every load step of the tensions, by tissue or material and up to the first that fails; the last one of
+    everything else. `scaled_tensions` are T/(E a²) of the materials.
 
     Raises `StudyError`.
     """
-    check(tissues, soft_ways, bites, depths, footprints, refinements)
-    check_positive({"tensions": tensions, "moduli": moduli, "distances": distances})
+    check(tissues, soft_ways, materials, bites, depths, footprints, refinements)
+    check_positive({"tensions": tensions, "moduli": moduli, "distances": distances, "scaled_tensions": scaled_tensions})
     if min(mus) < 0.0 or max(mus) >= 1.0:
         raise StudyError(f"mus = {list(mus)} is refused: give coefficients from 0 to below 1")
     case = replace(REFERENCE, refinement=refinement)
@@ -53,12 +56,22 @@ def main(
         youngs_modulus=TISSUES["liver"],
     )  # fmt: skip
     jobs += [partial(last_step, replace(soft, name=name, **SOFT[name])) for name in soft_ways]
+    one = case.youngs_modulus * case.footprint**2
+    jobs += [
+        partial(
+            run_tensions,
+            replace(case, sweep="material", name=name, load_steps=MATERIAL_STEPS, **MATERIALS[name]),
+            [one * scaled for scaled in scaled_tensions],
+        )
+        for name in materials
+    ]
     yield from each(jobs)
 
 
 def check(
     tissues: Sequence[str],
     soft_ways: Sequence[str],
+    materials: Sequence[str],
     bites: Sequence[float],
     depths: Sequence[float],
     footprints: Sequence[float],
@@ -71,6 +84,9 @@ def check(
     for name in soft_ways:
         if name not in SOFT:
             raise StudyError(f'soft_ways: "{name}" is refused: those known are {", ".join(SOFT)}')
+    for name in materials:
+        if name not in MATERIALS:
+            raise StudyError(f'materials: "{name}" is refused: those known are {"; ".join(MATERIALS)}')
     if min(bites) < 4.0 * REFERENCE.footprint or max(bites) > 0.5 * SIZE[0]:
         raise StudyError(f"bites = {list(bites)} is refused: give 4 footprints (4e-3) to half the block (0.04) [m]")
     if any(0.0 < depth < CLEAR * REFERENCE.footprint for depth in depths) or max(depths) > 0.5 * SIZE[2]:
@@ -97,7 +113,7 @@ STUDY = Study(
     independent="displacement, approach and stress of two holes in a half-space (Cerruti, Boussinesq, Mindlin, and a "
     "footprint's own by Fourier transform), length drawn through and fall of tension of an elastica, u ∝ T/E",
     consistency="compliance times reported force is the reported displacement; sub-grid P1 of the runs against P2 of "
-    "the mesh for stress",
+    "the mesh for stress; the linear organ beside those at finite strain, on the same P2 cells",
     table=table,
     figure=figure,
     remarks=remarks,
@@ -112,6 +128,8 @@ STUDY = Study(
         "distances": (1.5, 3.0),
         "refinements": (1.0,),
         "soft_ways": ("10 load steps",),
+        "materials": ("linear", "exponential, b = 5"),
+        "scaled_tensions": (1.0,),
         "refinement": 1.0,
     },
 )

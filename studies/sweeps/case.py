@@ -68,6 +68,22 @@ def run_case(data: Mapping[str, Any]) -> Result:
     return Result(status, summary, perf_counter() - began, lasting, None if topology is None else len(topology.cells))
 
 
+def start_summary(data: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return the summary of a scenario given as tables at its start, which has all names that the end has; None of one
+    that has no start. The organ that is made for it is kept for the first case."""
+    with ONE_AT_A_TIME:
+        try:
+            simulation = prepare(parsed(data), KEPT)
+            step, frame = next(simulation.advance())
+        except (*REFUSALS, *SHORTAGES, CouplingError):
+            return None
+        tally = Tally(simulation.scenario, simulation.tissue_dofs, simulation.subgrid, simulation.remarks)
+        tally.count(step)
+        tally.last_step = step
+        tally.see(frame().organ)
+    return tally.summary("completed")
+
+
 def simulate(simulation: Simulation) -> tuple[int, dict[str, Any], bool]:
     """Run a simulation without files: return its exit status, the summary that `suture run` writes of it, and whether
     the same would come of it again."""

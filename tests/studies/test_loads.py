@@ -89,10 +89,14 @@ def test_a_ramp_without_inertia_does_the_work_that_is_stored() -> None:
     assert energy.external_work == pytest.approx(energy.elastic_tissue * (1.0 + 1.0 / 64), rel=1e-3)
 
 
-def test_a_run_under_loads_resumes_to_the_same_numbers(tmp_path: Path) -> None:
+FINITE: dict[str, Any] = {"material": "exponential", "stiffening": 5.0, "prestretch": [1.01, 1.0, 0.99]}
+
+
+@pytest.mark.parametrize("material", [{}, FINITE], ids=["linear", "exponential"])
+def test_a_run_under_loads_resumes_to_the_same_numbers(tmp_path: Path, material: dict[str, Any]) -> None:
     """Consistency check: 4 steps and 4 more are 8, bit by bit; tables and summary tell of the loads."""
     whole, parts, file = tmp_path / "whole", tmp_path / "parts", tmp_path / "scene.toml"
-    file.write_text(dump(parse(SCENE)))
+    file.write_text(dump(parse(changed(**material))))
     say = ["--quiet", "--no-picture"]
     assert command.main(["run", str(file), "--out", str(whole), *say]) == 0
     assert command.main(["run", str(file), "--out", str(parts), "--set", "solve.duration=4e-3", *say]) == 0

@@ -18,11 +18,13 @@ from studies.output.remarks import (
     CATALOGUE,
     COARSE,
     CREATED,
+    CROSSED,
     DISSIPATED,
     IN_TISSUE,
     KINDS,
     NEAR,
     OFF_PATH,
+    REDUCED,
     RESOLVED_SHARE,
     SHARE,
     SLID,
@@ -77,7 +79,18 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "tissue-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5))),
     "tissue-rotation": (SMALL_ROTATION, 1, lambda x: judging.beyond_in_tissue(met(rotation=x, rotated=0.5))),
     "local-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5 * SHARE))),
+    "reduction": (
+        REDUCED * 1e-3,
+        1,
+        lambda x: judging.missed_by_basis(["a"], met(way=np.array([1e-3]), difference=np.array([x]))),
+    ),
+    "reduction-bound": (
+        REDUCED * 1e-3,
+        1,
+        lambda x: judging.missed_by_basis(["a"], met(way=np.array([1e-3]), bound=np.array([x]))),
+    ),
     "tears": (2e6, 1, lambda x: judging.torn(["a"], met(bearing_pressure=np.array([x])), [2e6])),
+    "lips-cross": (CROSSED, 1, lambda x: judging.crossed_lips(met(crossed=x))),
     "pressure-turn": (SMALL_ROTATION, 1, lambda x: judging.turned_pressure(met(pressed_turn=x))),
     "thread-strength": (14.122, 1, lambda x: judging.overloaded(met(tension=x), 14.122)),
     "thread-strain": (THREAD_STRAIN, 1, lambda x: judging.overloaded(met(thread_strain=x), None)),
@@ -154,7 +167,9 @@ def test_the_catalogue_has_every_code_once_and_each_is_judged() -> None:
     assert len(CATALOGUE) == len(KINDS)
     assert all(re.fullmatch(r"[a-z]+(-[a-z]+)*", kind.code) and kind.bound and kind.reason for kind in KINDS)
     assert {kind.severity for kind in KINDS} == {"note", "unsupported"}
-    assert CATALOGUE.keys() - JUDGED.keys() == {"bare-point", "off-path", "frames-missing", "no-picture"}
+    assert CATALOGUE.keys() - JUDGED.keys() == {
+        "bare-point", "off-path", "frames-missing", "no-picture", "handed-over", "stress-of-e-nu"
+    }  # fmt: skip
     with pytest.raises(KeyError):
         remark("no-such-code", "", "")
 
@@ -242,6 +257,22 @@ def test_a_hole_that_nothing_makes_up_for_is_foreseen(scene: Path) -> None:
     [said] = [each for each in prepare(load(scene, [*size, skin])).remarks() if each.code == "subgrid"]
     assert (said.where, said.unsupported) == ("anchor", True)
     assert not any(each.code == "subgrid" for each in prepare(load(scene, size)).remarks())
+
+
+SLIT = (
+    "tissue.mesh={kind='wound',generator='structured',size=[0.04,0.03,0.015],h=5e-3,length=0.02,depth=0.005}",
+    "piercing.anchor.at=[0.01, 0.0, 0.0]",
+    "thread.path=[[0.01, 0, -0.008], [0.01, 0, 0.03]]",
+    "tissue.material=neo-hookean",
+)
+
+
+@pytest.mark.parametrize(("stretch", "crosses"), [(0.9, True), (1.1, False)])
+def test_lips_that_cross_at_finite_strain_are_said(scene: Path, stretch: float, crosses: bool) -> None:
+    """Independent check: a slit in tissue that is pressed together opens to neither side: its lips, which do not touch,
+    cross; in tissue that is stretched it gapes."""
+    found = codes(scene, *SLIT, f"tissue.prestretch=[{stretch}, 1.0, {1.0 / stretch}]")
+    assert ("lips-cross" in found) == crosses
 
 
 def test_off_path_is_said_beyond_ten_diameters(scene: Path) -> None:

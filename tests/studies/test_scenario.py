@@ -238,10 +238,6 @@ NEO = "tissue.material='neo-hookean'"
     ("overrides", "words"),
     [
         ([NEO, "tissue.stiffening=5.0"], ["tissue.stiffening = 5.0", "a neo-Hookean material has none"]),
-        (
-            [NEO, "tissue.load=[{boundary='top',pressure=100.0}]"],
-            ["tissue.load.top.pressure", "give a traction"],
-        ),
         ([NEO, "tissue.rayleigh=[0.0,1e-3]"], ["tissue.rayleigh = [0.0, 0.001]", "take β = 0"]),
         ([NEO, WOUND + "}", "tissue.contact=true"], ["tissue.contact = true", 'material = "linear"']),
         ([NEO, "solve.coupling=staggered"], ['solve.coupling = "staggered"', "monolithic", 'material = "linear"']),

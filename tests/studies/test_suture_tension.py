@@ -246,3 +246,42 @@ def test_table_and_figure() -> None:
     assert {len(line) for line in shown.lines} == {len(shown.head)}
     text = render_figure(STUDY.figure, rows(), "sample")["svg"].decode()
     assert all(label in text for label in ("tension T [N]", "T/(E a²) [-]", "bite [mm]", "friction μ [-]"))
+
+
+def material_row(name: str, load: float, moved: float) -> Row:
+    """A row of the sweep of materials."""
+    base = replace(rows_of_sweep(rows(), "stiffness")[0], sweep="material", name=name, springs=0.01)
+    return replace(base, load=load, tension=load, exit_along=moved, **case.MATERIALS[name])
+
+
+def test_the_range_of_a_linear_organ_is_measured() -> None:
+    """Independent check: of a hole that moves by u/(1 + βu) where the linear organ says u, that is off by βu: by 5 %
+    at u = 0.05/β, said with its τ."""
+    slope, beta = 1.4e-3, 250.0
+    loads = np.linspace(0.02, 0.4, 20)
+    ways = {"linear": slope * loads, "exponential, b = 5": slope * loads / (1.0 + beta * slope * loads)}
+    swept = [material_row(name, t, u) for name, moved in ways.items() for t, u in zip(loads, moved, strict=True)]
+    by_material = findings.runs_by_material(swept)
+    linear, other = by_material.values()
+    assert findings.departures(linear, other) == pytest.approx(beta * slope * loads)
+    tau, moved = findings.measured_range(linear, other)
+    u = 0.05 / beta
+    assert tau == pytest.approx(u / slope / (5e5 * 1e-6), rel=1e-6)
+    assert moved == pytest.approx(u / 1.05 / 1e-3, rel=1e-3)
+    assert np.isinf(findings.measured_range(linear, linear)).all()
+    (said,) = findings.measured_ranges(swept)
+    assert "u/a = 0.19" in said and "at τ = 0.8 it is +14% off" in said
+    assert not findings.measured_ranges([row for row in swept if row.name != "linear"])
+
+
+def test_a_stiffening_organ_is_the_linear_one_at_small_tension() -> None:
+    """Independent check: on the same cells the linear organ is less than 1 % off at τ = 0.1, and more than twice as far
+    off at twice that, where tissue stiffens."""
+    one = replace(REFERENCE, sweep="material", refinement=1.0, tension=0.1, load_steps=2)
+    linear, other = (
+        list(run(replace(one, name=name, **case.MATERIALS[name]))) for name in ("linear", "exponential, b = 5")
+    )
+    off = np.abs(findings.departures(linear, other))
+    assert other[0].scaled_load == pytest.approx(0.1)
+    assert off[0] < 0.01 < off[1]
+    assert off[1] > 2.0 * off[0]

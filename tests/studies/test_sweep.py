@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from coupling.system import State
 from studies.command.command import main
 from studies.output.columns import state_summary
 from studies.output.quantities import quantities
@@ -23,10 +24,9 @@ from studies.simulation import prepare
 from studies.simulation.sharing import Shared
 from studies.sweeps import sweep as sweeps
 from studies.sweeps.case import MODULES, PACKAGES, ROOMS, Result, run_case, source_files
-from studies.sweeps.figure import columns
 from studies.sweeps.grid import paired, parse_over, read_table
 from studies.sweeps.sweep import Told, sweep
-from studies.sweeps.table import Case, table_of
+from studies.sweeps.table import Case, drawn_columns, table_of
 from studies.workers import Cluster, InTurn, Processes, Workers, WorkersError, in_order
 from tests.studies.samples import step
 from thread.catalogue import suture
@@ -79,17 +79,38 @@ def test_scenarios_share_what_they_do_not_differ_in() -> None:
     assert organ_of(store, **{"piercing.ring.at": [1e-3, 0, 0]}).body.mesh is not first.body.mesh
 
 
+def test_scenarios_that_pull_otherwise_are_laid_once() -> None:
+    """Consistency check: another force and another duration begin with the very start; another path, another place of
+    the hand and another organ with their own, which is not the first one's."""
+    store = Shared()
+
+    def start(**values: Any) -> State:
+        return prepare(parse(changed(ORGAN, values)), store).start
+
+    first = start()
+    assert start(**{"thread.start.force": [-0.3, 0, 0], "solve.duration": 4e-3}) is first
+    for other in (
+        {"thread.end.waypoints": [[0.0, 0.02, 1e-3, 0.0]]},
+        {"thread.path": [[-0.02, 0, 0], [0.0, 1e-4, 0], [0.02, 0, 0]]},
+        {"tissue.youngs_modulus": 2e5},
+    ):
+        assert start() is not start(**other)
+        assert np.array_equal(start().q, first.q)
+
+
 def summary_of(data: dict[str, Any]) -> dict[str, Any]:
     """The summary of a case as its file has it."""
     summary: dict[str, Any] = sweeps.record(run_case(data))["summary"]
     return summary
 
 
-def test_a_shared_organ_gives_the_same_bits() -> None:
+@pytest.mark.parametrize("material", ["linear", "neo-hookean"])
+def test_a_shared_organ_gives_the_same_bits(material: str) -> None:
     """Consistency check: three cases after one another on one organ, and each on its own."""
-    summaries = [summary_of(changed(ORGAN, {"thread.start.force.0": pull})) for pull in (-0.1, -0.2, -0.3)]
-    alone = changed(ORGAN, {"thread.start.force.0": -0.3})
-    run_case(changed(ORGAN, {"tissue.youngs_modulus": 3e5}))  # takes the place of the organ that was kept
+    organ = changed(ORGAN, {"tissue.material": material})
+    summaries = [summary_of(changed(organ, {"thread.start.force.0": pull})) for pull in (-0.1, -0.2, -0.3)]
+    alone = changed(organ, {"thread.start.force.0": -0.3})
+    run_case(changed(organ, {"tissue.youngs_modulus": 3e5}))  # takes the place of the organ that was kept
     assert quantities(summary_of(alone)) == quantities(summaries[-1])
     assert quantities(summaries[0]) != quantities(summaries[1])
 
@@ -303,8 +324,11 @@ def test_parquet_has_the_units(tmp_path: Path) -> None:
         (lambda: parse_over(["a=[1]", "a=[2]"]), "varied already"),
         (lambda: paired({"a": [1], "b": [1, 2]}), "a has 1, b has 2"),
         (lambda: read_table(Path("nowhere.csv")), "cannot be read"),
-        (lambda: columns(table_of([Case({"a.b": 1.0}, 0, {"status": "completed"})]), ["a.c", "a.b"]), "nearest is a.b"),
-        (lambda: columns(table_of([Case({"a": 1.0}, 0, {"status": "completed"})]), ["a", "status"]), "no number"),
+        (
+            lambda: drawn_columns(table_of([Case({"a.b": 1.0}, 0, {"status": "completed"})]), ["a.c", "a.b"]),
+            "nearest is a.b",
+        ),
+        (lambda: drawn_columns(table_of([Case({"a": 1.0}, 0, {"status": "completed"})]), ["a", "status"]), "no number"),
         (lambda: ladder(parse(RING), levels=2), "needs 3 or more"),
         (lambda: ladder(parse(RING), ratio=1.0), "1.1 or more"),
         (lambda: ladder(parse(RING), "h"), "has no organ"),

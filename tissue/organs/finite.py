@@ -50,8 +50,8 @@ MOST_CORRECTIONS = 50  # of the equilibrium without site forces
 
 @dataclass(frozen=True)
 class Motion:
-    """What inertia does in a step: factors `a` [1/s²], `d` [1/s] and the fields U_a, U_d, `(N,)` [m]; the `load` of
-    the step, `(N,)` [N], and the parts of the loads that act, as a state keeps them."""
+    """What inertia does in a step: factors `a` [1/s²], `d` [1/s] and the fields U_a, U_d, `(N,)` [m]; the dead `load`
+    of the step, `(N,)` [N], and the parts of the loads that act, as a state keeps them."""
 
     a: float
     d: float
@@ -207,7 +207,7 @@ class FiniteOrgan(MeshedOrgan):
     damping: float = 0.0
     keep: float = KEEP
     M: csr_matrix = field(init=False, repr=False)
-    _tangents: OrderedDict[tuple[float, float, int], Tangent] = field(init=False, repr=False)
+    _tangents: OrderedDict[tuple[float, float, int, bytes], Tangent] = field(init=False, repr=False)
     _recalled: deque[tuple[Array, float, Array]] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -215,10 +215,6 @@ class FiniteOrgan(MeshedOrgan):
         body = self.elasticity
         if self.gaps is not None:
             raise TissueError("gaps: the lips of a wound do not touch in an organ at finite strain; leave them out")
-        if any(load.pressure is not None for load in self.loads):
-            raise TissueError(
-                "loads: a pressure does not follow the surface of an organ at finite strain yet; give a traction"
-            )
         if self.hyper is not None and self.hyper.body is not body:
             raise TissueError("hyper: it is of another body than the organ's; build both on one")
         if not 0.0 <= self.damping < np.inf:
@@ -233,7 +229,8 @@ class FiniteOrgan(MeshedOrgan):
             object.__setattr__(self, "hyper", Hyperelasticity(body))
         free = body.free
         object.__setattr__(self, "load", self.load[: free.size])
-        object.__setattr__(self, "surface_load", self.surface_load[: free.size])
+        dead = np.array([load.pressure is None for load in self.loads], dtype=float)
+        object.__setattr__(self, "surface_load", self.surface_load[: free.size] * dead)
         object.__setattr__(self, "M", csr_matrix(body.M[free][:, free]))
         object.__setattr__(self, "_tangents", OrderedDict())
         object.__setattr__(self, "_recalled", deque(maxlen=3))
@@ -277,19 +274,37 @@ class FiniteOrgan(MeshedOrgan):
         """Return the organ at U, with its deformation gradients `F` where they are known."""
         F = self.law.gradient(self.whole(U)) if F is None else F
         forces, scale = self.law.forces(F)
-        r = forces[self.elasticity.free] - motion.load
+        r = forces[self.elasticity.free] - motion.load - self.pressing(motion.shares, U)
         if motion.a:
             r = r + self.M @ (motion.a * (U - motion.inertia) + self.damping * motion.d * (U - motion.damping))
         return Point(U, F, r, scale, np.asarray(self.map.Z @ U))
+
+    def _places(self, U: Array) -> Array:
+        """Return where the nodes are, shape `(m, 3)` [m]."""
+        return self.elasticity.points + self.elasticity.nodal(self.whole(U))
+
+    def pressing(self, shares: Array | None, U: Array) -> Array:
+        """Return the forces of the pressures, which follow their surfaces, over the free unknowns `(N,)` [N]."""
+        if not self.surface.follows:
+            return np.zeros(self.size)
+        return self.surface.pressing(shares, self._places(U))[self.elasticity.free]
+
+    def load_resultants(self, state: OrganState) -> Array:
+        """Return the sum of the forces of each whole load, pressures on their surfaces as they lie, `(l, 3)` [N]."""
+        return self.surface.resultants_at(self._places(state.U))
 
     def off_balance(self, point: Point, f_y: Array) -> float:
         """Return the largest residual under site forces [N]."""
         pull = self.map.Z.T @ (self.map.slope(point.z).T @ f_y)
         return float(np.abs(pull - point.r).max(initial=0.0))
 
-    def potential(self, motion: Motion, U: Array, F: Array, f_y: Array) -> float:
-        """Return what the organ makes least in a step under constant site forces [J]; inf where a cell is inverted."""
+    def potential(self, motion: Motion, start: Array, U: Array, F: Array, f_y: Array) -> float:
+        """Return what the organ makes least in a step under constant site forces [J]; inf where a cell is inverted. The
+        work of pressures is that from `start` (N,) straight to U."""
         out = self.law.energy(F) - float(motion.load @ U) - float(f_y @ self.map.y(np.asarray(self.map.Z @ U)))
+        if self.surface.follows:
+            way = self.elasticity.nodal(self.whole(U - start))
+            out -= self.surface.pressing_work(motion.shares, self._places(start), way)
         if motion.a:
             for factor, back in ((motion.a, motion.inertia), (self.damping * motion.d, motion.damping)):
                 out += 0.5 * factor * float((U - back) @ (self.M @ (U - back)))
@@ -298,7 +313,7 @@ class FiniteOrgan(MeshedOrgan):
     def go(self, motion: Motion, start: Point, U: Array, f_y: Array, before: float) -> tuple[Point, float]:
         """Go from `start` to U, or a part of the way: where no cell is inverted and either the residual, `before` at
         the start, or the potential falls. Returns where, and the part. Raises `OrganError`."""
-        share, way, first = 1.0, U - start.U, None
+        share, way, first, inverted = 1.0, U - start.U, None, np.inf
         while share >= SHORTEST:
             there = start.U + share * way if share < 1.0 else U
             F = self.law.gradient(self.whole(there))
@@ -306,21 +321,31 @@ class FiniteOrgan(MeshedOrgan):
                 point = self.point(motion, there, F)
                 if self.off_balance(point, f_y) <= max(before, self.tolerance(motion, point)):
                     return point, share
-                first = self.potential(motion, start.U, start.F, f_y) if first is None else first
-                if self.potential(motion, there, F, f_y) <= first + RISE * abs(first):
+                first = self.potential(motion, start.U, start.U, start.F, f_y) if first is None else first
+                if self.potential(motion, start.U, there, F, f_y) <= first + RISE * abs(first):
                     return point, share
+            else:
+                inverted = share
             share *= 0.5
-        raise OrganError("the tissue finds no way to give way: a cell would turn inside out, or it snaps")
+        raise OrganError(
+            "the tissue finds no way to give way: a cell would turn inside out"
+            if inverted < 2.0 * SHORTEST
+            else "the tissue finds no way to give way: both its imbalance and its energy rise, as where it snaps"
+        )
 
     def tangent(self, motion: Motion, U: Array, F: Array | None = None) -> Tangent:
         """Return the tangent at U, factorised; the last few are kept. Raises `OrganError`."""
-        key = motion.a, motion.d, id(U)
+        shares = motion.shares if self.surface.follows else None
+        key = motion.a, motion.d, id(U), b"" if shares is None else shares.tobytes()
         known = self._tangents.get(key)
         if known is not None and known.U is U:
             return known
         while self._tangents and len(self._tangents) >= min(KEPT_TANGENTS, self.choice.room):
             self._tangents.popitem(last=False)
         A = self.law.tangent(self.law.gradient(self.whole(U)) if F is None else F)
+        if shares is not None:
+            free = self.elasticity.free
+            A = csr_matrix(A - self.surface.pressing_tangent(shares, self._places(U))[free][:, free])
         if motion.a:
             A = csr_matrix(A + (motion.a + self.damping * motion.d) * self.M)
         factor = self._factor(A)
@@ -486,6 +511,5 @@ class FiniteOrgan(MeshedOrgan):
             kinetic, viscous = float(0.5 * new.V @ momentum), float(self.damping * momentum @ dU)
             numerical += 0.5 * dV @ (self.M @ dV) + new.A @ (self.M @ dU) - momentum @ dV
         elastic = stored + 0.5 * new.f_y @ (springs @ new.f_y)
-        return OrganEnergies(
-            kinetic, float(elastic), float(self.load_under(new.shares) @ dU), viscous, float(numerical)
-        )
+        load_work = float((self.load_under(new.shares) + self.pressing(new.shares, new.U)) @ dU)
+        return OrganEnergies(kinetic, float(elastic), load_work, viscous, float(numerical))

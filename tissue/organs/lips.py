@@ -164,6 +164,15 @@ class Gaps:
             return None
         return self._stacked([part.faced(points + displacement) for part in self.parts])
 
+    def crossed(self, U: Array) -> float:
+        """Return how far nodes are beyond what they face under a displacement of all unknowns (N,) [m], at most, over
+        the extent of the surfaces [-]."""
+        body = self.body
+        facing = self.facing(body.points, body.nodal(U))
+        at = self.start if facing is None else facing
+        gaps = self.rest(at) + self.sums(at) @ (self.rows @ U[body.free])
+        return max(0.0, -float(gaps.min(initial=0.0))) / self.extent
+
     def weights(self, facing: Array) -> tuple[Indices, Array]:
         """Return the nodes that make the point each left node faces, and their weights, shape `(k, 3)`, with P2
         `(k, 6)`; weights of zero where it faces none."""

@@ -324,6 +324,10 @@ class MeshedOrgan:
         """Return the forces of gravity and of parts of the loads `(l,)`, shape `(N,)` [N]."""
         return self.load if shares is None else self.load + self.surface_load @ shares
 
+    def load_resultants(self, state: OrganState) -> Array:
+        """Return the sum of the forces of each whole load, `(l, 3)` [N]; those of a linear organ are dead."""
+        return self.surface.resultants
+
     def contact_or_none(self, p: Array) -> Array | None:
         """Return the contact forces `(k,)` as a state keeps them: None without gaps."""
         return p if self.pairs else None
