@@ -35,6 +35,7 @@ AT_P, AT_T, AT_K = slice(0, 3), slice(3, 6), slice(6, 9)  # the thread's nine nu
 G, C1, C2 = slice(0, 3), 3, 4  # the constraints g, c₁, c₂ among the five rows of Φ
 OF_X, OF_U, OF_V = slice(0, 3), slice(3, 6), slice(6, 9)  # x, u, v among the nine numbers of y
 NINE = 9
+FLAT = 1e-3  # of the largest stiffness along the thread: a smaller one is taken for this
 I3 = np.eye(3)
 
 
@@ -291,12 +292,14 @@ def newton_direction(
     r: Array,
     r_y: Array,
     joints: Joints = NO_JOINTS,
+    reach: Array | None = None,
 ) -> tuple[Array, Array]:
     """Solve for the Newton direction dq (n, c) and dz (m, 15).
 
     `A` banded, overwritten, its rows and columns of `held` (the thread's prescribed unknowns) those of the
     identity; `C` (9m, 9m) organ compliance; residuals `r_q` (n, c), `r` (m, 6) of the holds, `r_y` (m, 9) of y;
-    `joints` of ties. Raises `SingularError`.
+    `joints` of ties. With `reach` (m,) [m] the abscissae go downhill and no further than that, and all else with them
+    (`own_downhill`). Raises `SingularError`.
     """
     (n, c), m = r_q.shape, len(r)
     right = np.empty((c * n, 1 + NINE * m), order="F")
@@ -307,13 +310,50 @@ def newton_direction(
         return X[:, 0].reshape(n, c), np.empty((0, BORDER))
     G = values_at_holds(thread, X.reshape(n, c, -1))
     matrix, rhs, unknown = holds_system(border, C, G[:, 0].reshape(m, NINE), G[:, 1:], r, r_y, joints)
-    _, _, own, info = dgesv(matrix, rhs)
-    if info != 0 or not np.all(np.isfinite(own)):
-        raise SingularError("the holds' matrix is singular: two constraints say the same, or nothing holds the thread")
+    at = np.searchsorted(unknown, BORDER * np.arange(m) + S)
+    own = solve_own(matrix, rhs) if reach is None else own_downhill(matrix, rhs, reach, at)
     dz = np.zeros((m, BORDER))
     dz.ravel()[unknown] = own
     push = np.matvec(border.E, dz).ravel()
     return (X[:, 0] - X[:, 1:] @ push).reshape(n, c), dz
+
+
+def solve_own(matrix: Array, rhs: Array) -> Array:
+    """Solve the border's own system. Raises `SingularError`."""
+    _, _, own, info = dgesv(matrix, rhs)
+    if info != 0 or not np.all(np.isfinite(own)):
+        raise SingularError("the holds' matrix is singular: two constraints say the same, or nothing holds the thread")
+    return np.asarray(own)
+
+
+def own_downhill(matrix: Array, rhs: Array, reach: Array, at: Indices) -> Array:
+    """Solve the border's own system with the abscissae led: none goes further than `reach` (m,) [m], and none uphill.
+    `matrix` is overwritten; `at` (m,) are the columns of the abscissae.
+
+    All else is eliminated first, so that what is left of the laws of sliding is H ds = f: f (k,) [N] the force that
+    drives the thread along itself, H (k, k) [N/m] what holds against it, which is the second derivative of the
+    potential along the way that all else follows. Where H is not positive, Newton's way leads up to a saddle, and the
+    sizes of its eigenvalues make one that leads down (Nocedal & Wright, Numerical Optimization, 2006, §3.4). Rows that
+    speak of abscissae alone, of strands that stick or are tied, stand. Raises `SingularError`.
+    """
+    row = OWN * np.arange(len(reach))
+    driven = np.flatnonzero(np.delete(matrix[row], at, axis=1).any(axis=1))
+    row, at, unit = row[driven], at[driven], 1 + np.arange(len(driven))
+    law, law_rhs = matrix[row], rhs[row]
+    right = np.zeros((len(rhs), 1 + len(driven)), order="F")
+    right[:, 0] = rhs
+    matrix[row], right[row, 0] = 0.0, 0.0
+    matrix[row, at] = right[row, unit] = 1.0
+    own = solve_own(matrix, right)
+    H, f = -law @ own[:, 1:], law @ own[:, 0] - law_rhs
+    sizes, axes = np.linalg.eigh(0.5 * (H + H.T))
+    if (sizes > 0.0).all():
+        ds = np.linalg.solve(H, f)
+    else:
+        sizes = np.maximum(np.abs(sizes), max(FLAT * np.abs(sizes).max(), np.finfo(float).tiny))
+        ds = axes @ ((axes.T @ f) / sizes)
+    share = np.min(reach[driven] / np.maximum(np.abs(ds), np.finfo(float).tiny), initial=1.0)
+    return np.asarray(own[:, 0] + own[:, 1:] @ (share * ds))
 
 
 def holds_system(

@@ -135,6 +135,7 @@ def refuse_crossing(system: System[Body], old: State[Body], new: State[Body]) ->
 
     Two holes apart in space cannot: the solution is another one than that which continues the motion.
     """
+    refuse_swallowed_ties(system, old, new)
     spline = system.thread.spline
     inside = ~spline.has_left(new.s, home=old.s)
     here = np.flatnonzero((new.present & inside)[: len(system.piercings)])
@@ -148,6 +149,18 @@ def refuse_crossing(system: System[Body], old: State[Body], new: State[Body]) ->
             "the thread; are they one hole, or is the thread between them slack?"
         )
         raise StepError(old.time, new.time - old.time, cause, second)
+
+
+def refuse_swallowed_ties(system: System[Body], old: State[Body], new: State[Body]) -> None:
+    """Raise `StepError` where a tie came to a hole that its loop goes through."""
+    for tie, strands in zip(system.ties, system.strands.tolist(), strict=True):
+        for hole, strand, sign in zip(tie.between, strands, (1.0, -1.0), strict=True):
+            if new.present[hole] and new.present[strand] and sign * (new.s[hole] - new.s[strand]) <= 0.0:
+                cause = (
+                    f"tie {tie.name!r} came to the hole of piercing {system.piercings[hole].name!r}, through which its "
+                    "loop runs; give the holes friction, so that the loop does not run round in them, or draw less"
+                )
+                raise StepError(old.time, new.time - old.time, cause)
 
 
 def refuse_drawn_out(system: System[Body], old: State[Body], new: State[Body]) -> None:

@@ -13,7 +13,7 @@ from coupling.arrays import Array, Flags
 from coupling.configuration import Configuration, configuration_of
 from coupling.constraints import Passage, bare_passage
 from coupling.contact import pressed_pairs
-from coupling.continuation import solve_with_springs
+from coupling.continuation import solve_downhill
 from coupling.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.errors import InversionError, StepError, UphillError
 from coupling.integrators import BDF2, BackwardEuler, Scheme
@@ -225,7 +225,7 @@ def find_solution(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
     except StepError:
         if not problem.law.may_slide.any():
             raise
-    return solve_with_springs(problem, guess)
+    return solve_downhill(problem, guess)
 
 
 def reactions(system: System[Body], residual: Array, load: Array) -> Array:

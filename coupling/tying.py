@@ -16,6 +16,7 @@ from coupling.errors import FormingError
 from coupling.events import Event
 from coupling.interfaces import Body
 from coupling.system import State, System, forgetful
+from coupling.ties import Tie
 
 SAMPLES = 400  # places on each strand at which the search for the nearest two begins
 CORRECTIONS = 50  # of that search, at most
@@ -46,26 +47,28 @@ class TieObservation:
 
 def observe_ties(system: System[Body], state: State[Body], works: Array) -> tuple[TieObservation, ...]:
     """Return all ties of a state; `works` (t,) [J] of the hands so far."""
-    out = []
-    for tie, (one, other), work in zip(system.ties, system.strands, works, strict=True):
-        places = state.y[[one, other], :3]
-        out.append(
-            TieObservation(
-                name=tie.name,
-                s_first=float(state.s[one]),
-                s_second=float(state.s[other]),
-                length=float(state.s[other] - state.s[one]) if state.present[one] else 0.0,
-                force=float(np.linalg.norm(state.lam[one, :3])),
-                x=places.mean(axis=0),
-                gap=float(np.linalg.norm(places[0] - places[1])),
-                work=float(work),
-                state=tie_state(system, state, int(one), tie.locks),
-            )
-        )
-    return tuple(out)
+    each = zip(system.ties, system.strands.tolist(), works.tolist(), strict=True)
+    return tuple(observe_tie(state, tie, strands, work) for tie, strands, work in each)
 
 
-def tie_state(system: System[Body], state: State[Body], strand: int, locks: float) -> TieState:
+def observe_tie(state: State[Body], tie: Tie, strands: Sequence[int], work: float) -> TieObservation:
+    """Return one tie of a state, which has no place and no loop while it is open."""
+    s, places, here = state.s[strands], state.y[strands, :3], bool(state.present[strands[0]])
+    nowhere = np.full(3, np.nan)
+    return TieObservation(
+        name=tie.name,
+        s_first=float(s[0]) if here else np.nan,
+        s_second=float(s[1]) if here else np.nan,
+        length=float(s[1] - s[0]) if here else np.nan,
+        force=float(np.linalg.norm(state.lam[strands[0], :3])),
+        x=places.mean(axis=0) if here else nowhere,
+        gap=float(np.linalg.norm(places[0] - places[1])) if here else np.nan,
+        work=work,
+        state=tie_state(state, strands[0], tie.locks),
+    )
+
+
+def tie_state(state: State[Body], strand: int, locks: float) -> TieState:
     """Return what a tie that locks at a time [s] does."""
     if not state.present[strand]:
         return "open"

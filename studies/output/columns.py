@@ -27,6 +27,7 @@ from studies.output.records import (
     RunRecord,
     StepRecord,
     ThreadRecord,
+    TieRecord,
     TractRecord,
 )
 
@@ -37,6 +38,7 @@ StepItem = tuple[StepRecord, Item]  # a row of a table: a step, and what of it t
 
 AXES = ("x", "y", "z")
 STATE_CODES = {"stick": 0, "slip": 1, "anchored": 2, "left": 3}  # of `state` in the frames, where text has no place
+TIE_CODES = {"open": 0, "drawn": 1, "tied": 2, "slips": 3}  # of `state` of a tie in the frames
 MANUAL = Path(__file__).with_name("README.md")
 
 
@@ -179,10 +181,13 @@ EVENT: tuple[Column[Event], ...] = (
     text(
         "event",
         "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing, `tears` where the tissue's strength is exceeded; "
-        "`cut`: the thread was; `halved`: the step was; `knots`: they changed",
+        "`closes`, `tied`, `slips`, `sticks`, `unties` of a tie; `cut`: the thread was; `halved`: the step was; "
+        "`knots`: they changed",
         lambda event: event.kind,
     ),
-    text("piercing", "name of the piercing; empty for `cut`, `halved` and `knots`", lambda event: event.piercing),
+    text(
+        "piercing", "name of the piercing or tie; empty for `cut`, `halved` and `knots`", lambda event: event.piercing
+    ),
     Column("s", "m", "abscissa of the thread in the hole, or of the cut", lambda event: event.s),
     Column("energy", "J", "change of kinetic and elastic energy: `work` less `loss`", lambda event: event.energy),
     Column("work", "J", "done in drawing the thread into a hole that begins", lambda event: event.work),
@@ -192,7 +197,12 @@ EVENT: tuple[Column[Event], ...] = (
         "of energy, by the impulse when a hole begins, by a cut or by a change of knots",
         lambda event: event.loss,
     ),
-    Column("gap", "m", "between thread and hole, closed when it begins", lambda event: event.gap),
+    Column(
+        "gap",
+        "m",
+        "between thread and hole, closed when it begins, or left between the strands of a tie that closes",
+        lambda event: event.gap,
+    ),
     Column("angle", "rad", "between thread and the hole's direction, closed when it begins", lambda event: event.angle),
     vector(
         "impulse",
@@ -348,6 +358,27 @@ LOAD: tuple[Column[LoadRecord], ...] = (
     vector("force", "N", "on the organ, in all", lambda load: load.force),
 )
 
+TIE_NAME: Column[TieRecord] = text("tie", "name of the tie", lambda tie: tie.name)
+TIE_PLACE: Column[TieRecord] = Column("x", "m", "place of the tie", lambda tie: tie.x, parts=AXES)
+TIE_STATE: Column[TieRecord] = text(
+    "state",
+    "`open`: not closed yet, or undone; `drawn` by hands; `tied`; `slips`: above what it holds",
+    lambda tie: tie.state,
+)
+TIE_NUMBERS: tuple[Column[TieRecord], ...] = (
+    Column("force", "N", "tension of the strands where the tie holds them", lambda tie: tie.force),
+    Column("length", "m", "of the thread in the loop, unstrained", lambda tie: tie.length),
+    Column("gap", "m", "left between the strands, which hands bring together", lambda tie: tie.gap),
+    Column("work", "J", "of the hands on the tie, with the forces at the end of each step", lambda tie: tie.work),
+    Column("s_first", "m", "abscissa of the strand at lower `s`", lambda tie: tie.s_first),
+    Column("s_second", "m", "abscissa of the other strand", lambda tie: tie.s_second),
+)
+TIE: tuple[Column[TieRecord], ...] = (TIE_STATE, *TIE_NUMBERS, TIE_PLACE)
+TIE_ARRAYS: tuple[Column[TieRecord], ...] = (
+    count("state", ", ".join(f"{code} {word}" for word, code in TIE_CODES.items()), lambda tie: TIE_CODES[tie.state]),
+    *TIE_NUMBERS,
+)
+
 ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
     vector("displacement", "m", "from the reference shape, in which the points are", lambda organ: organ.displacement),
     Column(
@@ -405,7 +436,7 @@ THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
         lambda thread: thread.bearing,
     ),
 )
-ARRAYS: tuple[Column[Any], ...] = (*ORGAN_ARRAYS, *ORGAN_CELLS, *THREAD_ARRAYS, *PIERCING_ARRAYS)
+ARRAYS: tuple[Column[Any], ...] = (*ORGAN_ARRAYS, *ORGAN_CELLS, *THREAD_ARRAYS, *PIERCING_ARRAYS, *TIE_ARRAYS)
 UNITS = {column.name: column.unit for column in ARRAYS}  # of the arrays of a frame
 
 RANGE: tuple[Column[Extremes], ...] = (
@@ -558,16 +589,23 @@ TRACTS: Layout[StepItem[TractRecord]] = Layout(
     lambda step: [(step, tract) for tract in step.tracts],
     every_step=False,
 )
+TIES: Layout[StepItem[TieRecord]] = Layout(
+    "ties",
+    (*step_columns(TIME, STEP), *item_columns(TIE_NAME, *TIE)),
+    lambda step: [(step, tie) for tie in step.ties],
+    every_step=False,
+)
 # In the order in which they are written: where a table with a row for every step has a step, those before it have too.
-TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, TRACTS, ENERGIES, STEPS, CONTACTS)
+TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, TRACTS, ENERGIES, STEPS, CONTACTS, TIES)
 
 
 # -- the summary -----------------------------------------------------------------------------------------------------
 
 
 def state_summary(step: StepRecord) -> dict[str, Any]:
-    """Take from a step what ``summary.json`` says of energy, thread, piercings and lips."""
+    """Take from a step what ``summary.json`` says of energy, thread, piercings, lips and ties."""
     contact = {"contact": {pair.pair: values(CONTACT, pair) for pair in step.contact}} if step.contact else {}
+    ties = {"ties": {tie.name: values(TIE, tie) for tie in step.ties}} if step.ties else {}
     loads = {"loads": [values(LOAD, load) for load in step.loads]} if step.loads else {}
     tracts = {"tracts": {tract.tract: values(TRACT, tract) for tract in step.tracts}} if step.tracts else {}
     ends = {end: _end_summary(end, step) for end in ENDS}
@@ -578,6 +616,7 @@ def state_summary(step: StepRecord) -> dict[str, Any]:
             "piercings": {hole.name: values(HOLE_SUMMARY, hole) for hole in step.piercings},
         }
         | contact
+        | ties
         | loads
         | tracts
     )
@@ -637,6 +676,7 @@ def manual_tables() -> dict[str, str]:
         "organ_cells": markdown(ORGAN_CELLS, "array"),
         "thread": markdown(THREAD_ARRAYS, "array"),
         "piercings": markdown(HOLE_ARRAYS, "array"),
+        "ties": markdown(TIE_ARRAYS, "array"),
     }
 
 

@@ -22,6 +22,7 @@ from studies.output.columns import (
     RUN,
     SPAN_RATIO,
     SPANS_BETWEEN,
+    TIE,
     Column,
 )
 
@@ -111,6 +112,7 @@ COLUMNS: dict[tuple[str, ...], tuple[Column[Any], ...]] = {
     **{("thread", end): at_end(end) for end in ENDS},
     ("piercings", ANY): HOLE_SUMMARY,
     ("contact", ANY): CONTACT,
+    ("ties", ANY): TIE,
     ("loads", ANY): LOAD,
     ("range",): RANGE,
     ("range", "piercings", ANY): HOLE_RANGE,

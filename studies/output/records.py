@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from coupling.audit import Energies
 from coupling.events import Event
 from coupling.observation import PiercingObservation
+from coupling.tying import TieObservation
 from studies.arrays import Array
 
 PiercingRecord = PiercingObservation
 EnergyRecord = Energies
+TieRecord = TieObservation
 
 
 @dataclass(frozen=True)
@@ -172,6 +174,7 @@ class StepRecord:
     loads: tuple[LoadRecord, ...] = ()
     tracts: tuple[TractRecord, ...] = ()
     reduction: ReductionRecord | None = None  # of an organ in a small basis
+    ties: tuple[TieRecord, ...] = ()
     torques: tuple[float, float] | None = None  # of the holders of start and end about the tangent [N m], with twist
     kept: Callable[[], Mapping[str, NDArray[Any]]] | None = None  # makes `memory`, asked for at a checkpoint
 
@@ -284,3 +287,4 @@ class Snapshot:
     thread: ThreadRecord
     piercings: tuple[PiercingRecord, ...]
     organ: OrganRecord | None = None
+    ties: tuple[TieRecord, ...] = ()

@@ -11,6 +11,7 @@ import tissue
 from coupling.adaptivity import Resolution, coarse_tree, first_breaks
 from coupling.laying import start
 from coupling.system import Friction, Piercing, State, System
+from coupling.ties import Tie
 from meshes.wound import lips
 from studies import scenario as model
 from studies.arrays import Array
@@ -102,6 +103,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
         piercings=tuple(piercing_of(hole, scenario, body, given) for hole in holes),
         gravity=np.array(scenario.solve.gravity),
         epsilon=scenario.solve.epsilon,
+        ties=tuple(tie_of(table, holes) for table in scenario.tie),
     )
     resolution = resolution_of(scenario.thread, length, s)
     recovery = partial(stored_recovery, scenario, body, store)
@@ -254,6 +256,14 @@ def piercing_of(hole: model.Piercing, scenario: Scenario, body: tissue.Elasticit
         strength=np.inf if organ is None or body is None else strength_at(organ, body.mesh, hole.at),
         tract=hole.tract if isinstance(hole, Ball) else "",
     )
+
+
+def tie_of(table: model.Tie, holes: Sequence[model.Piercing]) -> Tie:
+    """Return a tie between its holes, in the order in which the thread passes them."""
+    names = [hole.name for hole in holes]
+    first, last = sorted(names.index(name) for name in table.between)
+    hold = np.inf if table.hold is None else table.hold
+    return Tie(table.name, (first, last), table.force, table.from_, table.until, table.growth, table.speed, hold)
 
 
 def site_of(hole: model.Piercing) -> tissue.Site:

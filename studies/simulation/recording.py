@@ -52,6 +52,7 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
         loads=load_records(system, state),
         tracts=tract_records(now.piercings),
         reduction=reduction_record(system, state),
+        ties=now.ties,
         kept=partial(memory_of, now),
     )
 

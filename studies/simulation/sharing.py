@@ -17,7 +17,7 @@ from studies.scenario.toml import mesh_file, tables
 
 Made = TypeVar("Made")
 
-NOT_OF_ORGAN = ("title", "thread", "cut", "output")
+NOT_OF_ORGAN = ("title", "thread", "cut", "tie", "output")
 OF_STEPS = ("dt", "duration", "load_steps", "scheme", "integrator", "coupling", "friction", "epsilon")
 OF_THREAD = ("kind", "s", "friction", "from", "until", "draw", "pull", "channel")  # of a piercing
 OF_MOTION = (

@@ -178,7 +178,8 @@ class Simulation:
 
     def snapshot(self, now: OrganRun) -> Snapshot:
         """Return what is drawn of a state."""
-        return Snapshot(now.state.time, thread_record(now), own_holes(now.piercings), self.organ_record(now.state))
+        holes = own_holes(now.piercings)
+        return Snapshot(now.state.time, thread_record(now), holes, self.organ_record(now.state), now.ties)
 
     def organ_record(self, state: State) -> OrganRecord | None:
         """Return the displacement, stress and strain of the organ, None without one."""

@@ -68,9 +68,10 @@ def run_case(data: Mapping[str, Any]) -> Result:
     return Result(status, summary, perf_counter() - began, lasting, None if topology is None else len(topology.cells))
 
 
-def start_summary(data: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return the summary of a scenario given as tables at its start, which has all names that the end has; None of one
-    that has no start. The organ that is made for it is kept for the first case."""
+def run_start(data: Mapping[str, Any]) -> Result | None:
+    """Return a scenario given as tables as of its start, whose summary has all names that its end has; None of one that
+    has no start. The organ that is made for it is kept for the first case."""
+    began = perf_counter()
     with ONE_AT_A_TIME:
         try:
             simulation = prepare(parsed(data), KEPT)
@@ -81,7 +82,7 @@ def start_summary(data: Mapping[str, Any]) -> dict[str, Any] | None:
         tally.count(step)
         tally.last_step = step
         tally.see(frame().organ)
-    return tally.summary("completed")
+    return Result(COMPLETED, tally.summary("completed"), perf_counter() - began)
 
 
 def simulate(simulation: Simulation) -> tuple[int, dict[str, Any], bool]:

@@ -16,7 +16,7 @@ from studies.scenario import Scenario, ScenarioError
 from studies.scenario.toml import changed, parsed, read, tables
 from studies.simulation.sharing import organ_key
 from studies.status import COMPLETED, REFUSED
-from studies.sweeps.case import Result, case_digest, code_version, run_case, start_summary
+from studies.sweeps.case import Result, case_digest, code_version, run_case, run_start
 from studies.sweeps.grid import Settings, check_count, grid
 from studies.sweeps.table import Case, SweepTable, table_of, write_tables
 from studies.workers import InTurn, Workers
@@ -171,8 +171,8 @@ def known_table(planned: Sequence[Planned], kept: Path) -> SweepTable | None:
     if done := [row for row in rows if row.exit_status == COMPLETED]:
         return table_of(done)
     for case in cases[:STARTS]:
-        if (summary := start_summary(case.data)) is not None:
-            return table_of([Case(case.settings, COMPLETED, summary)])
+        if (start := run_start(case.data)) is not None:
+            return table_of([row_of(case, {case.digest: record(start)})])
     return None
 
 
