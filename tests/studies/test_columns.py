@@ -99,7 +99,6 @@ def test_a_row_has_a_cell_for_every_heading(tmp_path: Path, layout: Layout[Any])
     assert head == headings(layout.columns)
     assert head[:2] == ["time [s]", "step [-]"]
     expected = {"piercings": [0, 0, 1, 1], "events": [1, 1, 1], "contact": [1], "loads": [1, 1], "tracts": [1]}
-    expected |= {"ties": []}
     assert [int(row[1]) for row in rows] == expected.get(layout.name, [0, 0, 1])
     assert {len(row) for row in rows} == {len(head)}
 
