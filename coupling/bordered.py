@@ -309,10 +309,11 @@ def newton_direction(
     if m == 0:
         return X[:, 0].reshape(n, c), np.empty((0, BORDER))
     G = values_at_holds(thread, X.reshape(n, c, -1))
-    matrix, rhs = holds_system(border, C, G[:, 0].reshape(m, NINE), G[:, 1:], r, r_y, joints)
-    own = solve_own(matrix, rhs) if reach is None else own_downhill(matrix, rhs, reach)
+    matrix, rhs, unknown = holds_system(border, C, G[:, 0].reshape(m, NINE), G[:, 1:], r, r_y, joints)
+    at = np.searchsorted(unknown, BORDER * np.arange(m) + S)
+    own = solve_own(matrix, rhs) if reach is None else own_downhill(matrix, rhs, reach, at)
     dz = np.zeros((m, BORDER))
-    dz[:, : len(own) // m] = own.reshape(m, -1)
+    dz.ravel()[unknown] = own
     push = np.matvec(border.E, dz).ravel()
     return (X[:, 0] - X[:, 1:] @ push).reshape(n, c), dz
 
@@ -325,9 +326,9 @@ def solve_own(matrix: Array, rhs: Array) -> Array:
     return np.asarray(own)
 
 
-def own_downhill(matrix: Array, rhs: Array, reach: Array) -> Array:
+def own_downhill(matrix: Array, rhs: Array, reach: Array, at: Indices) -> Array:
     """Solve the border's own system with the abscissae led: none goes further than `reach` (m,) [m], and none uphill.
-    `matrix` is overwritten.
+    `matrix` is overwritten; `at` (m,) are the columns of the abscissae.
 
     All else is eliminated first, so that what is left of the laws of sliding is H ds = f: f (k,) [N] the force that
     drives the thread along itself, H (k, k) [N/m] what holds against it, which is the second derivative of the
@@ -335,8 +336,7 @@ def own_downhill(matrix: Array, rhs: Array, reach: Array) -> Array:
     sizes of its eigenvalues make one that leads down (Nocedal & Wright, Numerical Optimization, 2006, §3.4). Rows that
     speak of abscissae alone, of strands that stick or are tied, stand. Raises `SingularError`.
     """
-    m = len(reach)
-    row, at = OWN * np.arange(m), matrix.shape[1] // m * np.arange(m)
+    row = OWN * np.arange(len(reach))
     driven = np.flatnonzero(np.delete(matrix[row], at, axis=1).any(axis=1))
     row, at, unit = row[driven], at[driven], 1 + np.arange(len(driven))
     law, law_rhs = matrix[row], rhs[row]
@@ -358,30 +358,36 @@ def own_downhill(matrix: Array, rhs: Array, reach: Array) -> Array:
 
 def holds_system(
     border: Border, C: Array, w: Array, G: Array, r: Array, r_y: Array, joints: Joints = NO_JOINTS
-) -> tuple[Array, Array]:
-    """Return the matrix and right-hand side of the border once the thread is eliminated: Vᵀdq = w − G E dz.
+) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Return the matrix and right-hand side of the border once the thread is eliminated, Vᵀdq = w − G E dz, and the
+    numbers of its unknowns among those of all holds, `(15m,)`.
 
-    Where no site gives way (C = 0) and each is in its place, dy = 0 and the six equations of a hold are all.
+    What of a site does not give way (its rows of C are zero) and is in its place does not move, and is left out: the
+    frames of balls along a tract, clamped ends, and all of sites fixed in space.
     """
-    m = len(r)
-    rigid = not (C.any() or r_y.any() or joints.strands.size)
-    E = border.E[:, :, :OWN] if rigid else border.E
+    m, row = len(r), np.arange(NINE * len(r))
+    moves = row if joints.strands.size else np.flatnonzero(C.any(axis=1) | (r_y.ravel() != 0.0))
+    E = border.E if moves.size else border.E[:, :, :OWN]
     GE = np.matmul(G.reshape(NINE * m, m, NINE).swapaxes(0, 1), E).swapaxes(0, 1).reshape(m, NINE, -1)
     own = plus_diagonal(-border.B @ GE, border.D[:, :, : E.shape[2]]).reshape(OWN * m, -1)
     by_thread = np.matvec(border.B, w)
     if joints.one.size:
         join_laws(own, by_thread, joints)
     own_rhs = (-r - by_thread).ravel()
-    if rigid:
-        return own, own_rhs
-    force = plus_diagonal(-border.R @ GE, border.F)
-    site = -C @ force.reshape(NINE * m, -1)
-    row = np.arange(NINE * m)
-    site[row, BORDER * (row // NINE) + OWN + row % NINE] += 1.0
-    site_rhs = C @ np.matvec(border.R, w).ravel() - r_y.ravel()
+    own_unknown = np.arange(BORDER * m).reshape(m, BORDER)[:, :OWN].ravel()
+    if not moves.size:
+        return own, own_rhs, own_unknown
+    at_site = BORDER * (row // NINE) + OWN + row % NINE
+    force = plus_diagonal(-border.R @ GE, border.F).reshape(NINE * m, -1)
+    unknown = np.sort(np.concatenate([own_unknown, at_site[moves]]))
+    if moves.size < row.size:
+        own, force = own[:, unknown], force[:, unknown]
+    site = -C[moves] @ force
+    site[np.arange(moves.size), np.searchsorted(unknown, at_site[moves])] += 1.0
+    site_rhs = C[moves] @ np.matvec(border.R, w).ravel() - r_y.ravel()[moves]
     if joints.strands.size:
-        join_sites(site, site_rhs, force.reshape(NINE * m, -1), np.matvec(border.R, w), r_y, joints)
-    return np.concatenate([own, site]), np.concatenate([own_rhs, site_rhs])
+        join_sites(site, site_rhs, force, np.matvec(border.R, w), r_y, joints)
+    return np.concatenate([own, site]), np.concatenate([own_rhs, site_rhs]), unknown
 
 
 def join_laws(own: Array, by_thread: Array, joints: Joints) -> None:

@@ -28,7 +28,8 @@ class PiercingObservation:
     "slip", "anchored" or "left"; `cone_residual` [N], by how much the force along the thread breaks Coulomb's law
     (`coupling.sliding.cone_residual`; what accelerates an abscissa with ε counts as well); `mean_strain` [-] and `turn`
     [rad] of the tissue, averaged over the footprint (`strains_and_turns`);
-    `bearing_pressure` [Pa] of the thread on the tissue (`bearing_pressures`).
+    `bearing_pressure` [Pa] of the thread on the tissue (`bearing_pressures`); the `tract` that it is a ball of, empty
+    for none, and the length `bearing` [m] on which the thread bears, None where that is not known.
     """
 
     name: str
@@ -51,6 +52,8 @@ class PiercingObservation:
     turn: float = 0.0
     bearing_pressure: float = 0.0
     channel: float | None = None
+    tract: str = ""
+    bearing: float | None = None
 
 
 def observe(
@@ -99,6 +102,8 @@ def observe(
                 turn=float(turns[k]),
                 bearing_pressure=float(pressures[k]),
                 channel=piercing.friction.channel if piercing.friction else None,
+                tract=piercing.tract,
+                bearing=piercing.bearing,
             )
         )
     return tuple(out)

@@ -75,7 +75,8 @@ class Piercing:
     through a hole in which it does not slide: `draw`, shape `(k, 2)`: t [s], length [m] towards the end of the thread,
     linear in between; or `pull`, shape `(k, 2)`: t [s], force [N] towards the end of the thread, with which it slides.
     Raises `CouplingError` for both, and where the thread slides by itself. The thread bears on the tissue over the
-    length `bearing` [m], None where that is not known, and the tissue there bears `strength` [Pa].
+    length `bearing` [m], None where that is not known, and the tissue there bears `strength` [Pa]. A ball of tissue
+    along the thread's way between two holes is a hole too: `tract` names that way, empty for any other hole.
     """
 
     name: str
@@ -88,6 +89,7 @@ class Piercing:
     pull: Array | None = None
     bearing: float | None = None
     strength: float = np.inf
+    tract: str = ""
 
     def __post_init__(self) -> None:
         if self.by_hand and (self.slides or self.friction is not None):

@@ -28,6 +28,7 @@ from studies.output.records import (
     StepRecord,
     ThreadRecord,
     TieRecord,
+    TractRecord,
 )
 
 Row = TypeVar("Row")
@@ -317,11 +318,37 @@ CONTACT: tuple[Column[ContactRecord], ...] = (
         "of all pairs, along the normal of the surface; of a wound's lips along that of its plane",
         lambda lips: lips.smallest_gap,
     ),
+    Column(
+        "largest_gap",
+        "m",
+        "of the pairs that face one another: where most leaks; zero where none does",
+        lambda lips: lips.largest_gap,
+    ),
     Column("slide", "m", "largest, of a pair past one another along the surfaces", lambda lips: lips.slide),
     Column("largest_pressure", "Pa", "of all pairs", lambda lips: lips.largest_pressure),
     Column("area", "m²", "under pressure: shares of the nodes", lambda lips: lips.area),
     Column("force", "N", "that pushes the two apart, in all: the sum of its magnitudes", lambda lips: lips.force),
     Column("complementarity", "J", "largest magnitude of force times gap of a pair", lambda lips: lips.complementarity),
+)
+
+TRACT_NAME: Column[TractRecord] = text("tract", "names of the two holes it is between", lambda tract: tract.tract)
+TRACT: tuple[Column[TractRecord], ...] = (
+    count("balls", "of tissue in a row along the thread's path", lambda tract: len(tract.balls)),
+    Column("length", "m", "of the path on which the thread bears: deep enough in the tissue", lambda t: t.length),
+    vector("force", "N", "of the tissue on the thread along the tract, in all", lambda tract: tract.force),
+    Column("normal_force", "N", "sum over the balls of the forces across the thread", lambda tract: tract.normal_force),
+    Column("friction", "N", "sum of the forces along the thread, towards rising `s`", lambda tract: tract.friction),
+    Column("bearing", "N/m", "largest force across the thread per length of it", lambda tract: tract.bearing),
+    Column(
+        "bearing_pressure",
+        "Pa",
+        "largest force on a ball over the thread's diameter and the length that the ball stands for",
+        lambda tract: tract.bearing_pressure,
+    ),
+    Column("displacement", "m", "largest, of a ball from its place in the reference shape", lambda t: t.displacement),
+    Column("tension_before", "N", "of the thread before the first ball", lambda tract: tract.balls[0].tension_before),
+    Column("tension_after", "N", "of the thread after the last ball", lambda tract: tract.balls[-1].tension_after),
+    count("slipping", "balls along which the thread slips", lambda tract: tract.slipping),
 )
 
 LOAD: tuple[Column[LoadRecord], ...] = (
@@ -402,6 +429,12 @@ THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
         "radius", "m", "of the thread, for the Tube filter", lambda thread: np.full(len(thread.points), thread.radius)
     ),
     Column("torque", "N m", "about the tangent, right-handed; with `thread.twist`", lambda thread: thread.torque),
+    vector(
+        "bearing",
+        "N/m",
+        "force of the tissue along tracts on the thread, per length; zero elsewhere; with `tract`",
+        lambda thread: thread.bearing,
+    ),
 )
 ARRAYS: tuple[Column[Any], ...] = (*ORGAN_ARRAYS, *ORGAN_CELLS, *THREAD_ARRAYS, *PIERCING_ARRAYS, *TIE_ARRAYS)
 UNITS = {column.name: column.unit for column in ARRAYS}  # of the arrays of a frame
@@ -550,6 +583,12 @@ LOADS: Layout[StepItem[LoadRecord]] = Layout(
     lambda step: [(step, load) for load in step.loads],
     every_step=False,
 )
+TRACTS: Layout[StepItem[TractRecord]] = Layout(
+    "tracts",
+    (*step_columns(TIME, STEP), *item_columns(TRACT_NAME, *TRACT)),
+    lambda step: [(step, tract) for tract in step.tracts],
+    every_step=False,
+)
 TIES: Layout[StepItem[TieRecord]] = Layout(
     "ties",
     (*step_columns(TIME, STEP), *item_columns(TIE_NAME, *TIE)),
@@ -557,7 +596,7 @@ TIES: Layout[StepItem[TieRecord]] = Layout(
     every_step=False,
 )
 # In the order in which they are written: where a table with a row for every step has a step, those before it have too.
-TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, ENERGIES, STEPS, CONTACTS, TIES)
+TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, TRACTS, ENERGIES, STEPS, CONTACTS, TIES)
 
 
 # -- the summary -----------------------------------------------------------------------------------------------------
@@ -568,6 +607,7 @@ def state_summary(step: StepRecord) -> dict[str, Any]:
     contact = {"contact": {pair.pair: values(CONTACT, pair) for pair in step.contact}} if step.contact else {}
     ties = {"ties": {tie.name: values(TIE, tie) for tie in step.ties}} if step.ties else {}
     loads = {"loads": [values(LOAD, load) for load in step.loads]} if step.loads else {}
+    tracts = {"tracts": {tract.tract: values(TRACT, tract) for tract in step.tracts}} if step.tracts else {}
     ends = {end: _end_summary(end, step) for end in ENDS}
     return (
         {
@@ -578,6 +618,7 @@ def state_summary(step: StepRecord) -> dict[str, Any]:
         | contact
         | ties
         | loads
+        | tracts
     )
 
 

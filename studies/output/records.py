@@ -30,6 +30,7 @@ class ThreadRecord:
     radius: float  # of the thread [m]
     pieces: tuple[int, ...] = ()  # points of each piece of a thread that is cut; none where it is whole
     torque: Array | None = None  # (m,) about the tangent, right-handed [N m]; None without twist
+    bearing: Array | None = None  # (m, 3) of the tissue along tracts on the thread [N/m], zero elsewhere; None without
 
     def split(self) -> list[Array]:
         """Return the points of each piece, (k, 3) [m]."""
@@ -79,6 +80,55 @@ class ContactRecord:
     slide: float  # largest, of a pair past one another along the surfaces [m]
     force: float  # that pushes them apart, in all [N]
     complementarity: float  # largest |force times gap| of a pair [J]
+    largest_gap: float = 0.0  # of pairs that face one another [m]
+
+
+@dataclass(frozen=True)
+class TractRecord:
+    """The tissue along the thread between two holes at one time, ball by ball in the order of the thread."""
+
+    tract: str  # its name
+    balls: tuple[PiercingRecord, ...]
+
+    @property
+    def force(self) -> Array:
+        """Of the tissue on the thread, in all, shape `(3,)` [N]."""
+        return np.sum([ball.force for ball in self.balls], axis=0)
+
+    @property
+    def length(self) -> float:
+        """Length of the path on which the thread bears [m]."""
+        return sum(ball.bearing or 0.0 for ball in self.balls)
+
+    @property
+    def bearing(self) -> float:
+        """Largest force across the thread per length [N/m]."""
+        return max(ball.normal_force / (ball.bearing or np.inf) for ball in self.balls)
+
+    @property
+    def normal_force(self) -> float:
+        """Sum of the forces across the thread [N]."""
+        return sum(ball.normal_force for ball in self.balls)
+
+    @property
+    def friction(self) -> float:
+        """Sum of the forces along the thread, towards rising s [N]."""
+        return sum(ball.tangential_force for ball in self.balls)
+
+    @property
+    def displacement(self) -> float:
+        """Largest displacement of a ball [m]."""
+        return max(float(norm(ball.displacement)) for ball in self.balls)
+
+    @property
+    def bearing_pressure(self) -> float:
+        """Largest pressure of the thread on a ball [Pa]."""
+        return max(ball.bearing_pressure for ball in self.balls)
+
+    @property
+    def slipping(self) -> int:
+        """Number of balls along which the thread slips."""
+        return sum(ball.state == "slip" for ball in self.balls)
 
 
 @dataclass(frozen=True)
@@ -122,6 +172,7 @@ class StepRecord:
     events: tuple[Event, ...] = ()
     contact: tuple[ContactRecord, ...] = ()  # of all surfaces that may touch
     loads: tuple[LoadRecord, ...] = ()
+    tracts: tuple[TractRecord, ...] = ()
     reduction: ReductionRecord | None = None  # of an organ in a small basis
     ties: tuple[TieRecord, ...] = ()
     torques: tuple[float, float] | None = None  # of the holders of start and end about the tangent [N m], with twist

@@ -20,6 +20,8 @@ CREATED = 1e-4  # of a run's energy: round-off is 1e-9 of it, and the shipped sc
 DISSIPATED = 0.05  # of a run's energy
 CROSSED = 0.01  # of the lips' extent: nearer, they are as good as closed
 SLID = 1.0  # diameters that a thread may still slide in as long as the run took, and be at rest
+BARE = 4.0  # radii of a tract: as much of its path is near the surface where it goes in and out at 30° or more
+IN_TISSUE = 1.0  # diameters of the thread: deeper, it lies in tissue and not on it
 NEAR = 2.0  # of the footprints of two holes together: there a hole moves its neighbour by a quarter of its own way
 RESOLVED_SHARE = 0.03  # of a hole's compliance that springs may make up: no more than its own error
 REDUCED = 0.03  # of the largest way of a hole that a small basis may leave open: as much as springs may
@@ -188,6 +190,18 @@ KINDS = (
         "note",
         f"a piercing more than {OFF_PATH:g} diameters from `thread.path`",
         "the thread is bent to it at the start, and the energy of that goes where the damping takes it",
+    ),
+    Kind(
+        "no-tract",
+        "note",
+        "thread more than its diameter deep in the organ between two holes without a `[[tract]]`, at the start",
+        "it bears on the tissue at the two holes alone, so that the depth of a bite changes nothing",
+    ),
+    Kind(
+        "tract-bare",
+        "note",
+        f"more than {BARE:g} radii of a tract's path outside the organ or nearer to a surface than its radius",
+        "no ball of tissue has room there, and the thread bears on none",
     ),
     Kind(
         "handed-over",

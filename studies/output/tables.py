@@ -92,4 +92,5 @@ def tables_of(scenario: Scenario) -> list[Layout[Any]]:
     """List the tables that a run of the scenario writes."""
     organ = scenario.tissue
     absent = {"ties": not scenario.tie, "contact": not scenario.touching, "loads": organ is None or not organ.load}
+    absent |= {"tracts": not scenario.tract}
     return [layout for layout in TABLES if not absent.get(layout.name)]

@@ -24,6 +24,7 @@ from studies.scenario.table import ScenarioError
 from studies.scenario.thread import ClampedEnd, Cut, DrivenEnd, End, FixedEnd, FreeEnd, PulledEnd, Thread
 from studies.scenario.tie import Tie
 from studies.scenario.toml import SCENES, dump, load, scenes
+from studies.scenario.tract import Tract
 
 __all__ = [
     "SCENES",
@@ -52,6 +53,7 @@ __all__ = [
     "Thread",
     "Tie",
     "Tissue",
+    "Tract",
     "TubeMesh",
     "WoundMesh",
     "dump",

@@ -20,6 +20,7 @@ from studies.scenario.solve import Output, Solve
 from studies.scenario.table import ScenarioError, ScenarioTable, repetition
 from studies.scenario.thread import ClampedEnd, Cut, End, PulledEnd, Thread
 from studies.scenario.tie import Tie, tie_fault
+from studies.scenario.tract import Tract, check_tracts
 
 RAMP = 0.05  # s: a period of 20 Hz, as slow as the organs here swing
 TIED = {
@@ -47,6 +48,9 @@ class Scenario(ScenarioTable):
     thread: Thread = Field(description="the thread", examples=[{"suture": "2-0 polypropylene"}])
     piercing: tuple[Piercing, ...] = Field(
         default=(), description="the piercings, in the order in which the thread passes them"
+    )
+    tract: tuple[Tract, ...] = Field(
+        default=(), description="where the thread bears on the tissue between two holes too; else at its holes alone"
     )
     cut: tuple[Cut, ...] = Field(default=(), description="cuts of the thread during the run")
     tie: tuple[Tie, ...] = Field(default=(), description="loops of the thread that hands draw tight and lock")
@@ -104,8 +108,16 @@ class Scenario(ScenarioTable):
         return self
 
     @model_validator(mode="after")
+    def _check_tracts(self) -> Self:
+        check_tracts(self.tract, self.piercing, self.tissue is not None, self.solve.scheme)
+        return self
+
+    @model_validator(mode="after")
     def _check_friction(self) -> Self:
         rough = next((piercing.name for piercing in self.piercing if piercing.friction is not None), None)
+        if not self.thread.bending and (rubbing := [k for k, tract in enumerate(self.tract) if tract.friction]):
+            reason = "friction acts along the tangent that the bend gives the thread; set thread.bending = true"
+            raise ValueError(refusal(f"tract.{rubbing[0]}.friction", self.tract[rubbing[0]].friction, reason))
         if rough is not None and self.solve.scheme == "linear" and self.solve.friction == "implicit":
             key = dotted_key(["piercing", rough, "friction"])
             reason = f'solve.scheme is linear, which has no implicit {key}; use "two-pass", or scheme = "newton"'

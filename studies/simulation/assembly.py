@@ -24,6 +24,7 @@ from studies.simulation.law import hyperelasticity_of
 from studies.simulation.meshing import check_loaded, material_of, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_draws, check_pieces
 from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key, reduction_key
+from studies.simulation.tracts import Ball, check_balls, with_balls
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
 from thread.knots import Tree, clamped_knots, graded_knots
@@ -44,9 +45,11 @@ CHANNEL_DIAMETERS = 10.0  # of the thread, where there is no footprint to go by:
 @dataclass(frozen=True)
 class Assembly:
     """A scenario made ready: the scenario with every default known, the system, what lays the thread, `recovery`, which
-    makes stress from displacement, None without an organ, and what was handed over from Python."""
+    makes stress from displacement, None without an organ, and what was handed over from Python. `holes` are its
+    piercings and, in between, the balls of its tracts, at the abscissae `s` (p,) [m] on the thread."""
 
     scenario: Scenario
+    holes: tuple[model.Piercing, ...]
     system: System[tissue.OrganState]
     organ: AnyOrgan
     path: RoundedPath
@@ -59,7 +62,8 @@ class Assembly:
     @property
     def begin_abscissae(self) -> Array:
         """Abscissa at which each piercing begins, `(p,)` [m]; NaN where the thread is nearest to it then."""
-        return np.array([np.nan if hole.s is None else hole.s for hole in self.scenario.piercing])
+        known = [is_known(hole) for hole in self.holes]
+        return np.where(known, self.s, np.nan)
 
     def start(self) -> State[tissue.OrganState]:
         """Solve for the consistent start (Φ = 0, thread as near the path as that allows)."""
@@ -80,28 +84,30 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     store = shareable(store, given)
     scenario = given.applied_to(scenario)
     body = stored_body(scenario, store, given)
-    organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, body, given, store))
-    s = abscissae(scenario, path, length)
-    known = [(hole, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
+    own = abscissae(scenario, path, length)
+    known = [(hole, value) for hole, value in zip(scenario.piercing, own, strict=True) if is_known(hole)]
     check_order(known, length)
+    holes, s = with_balls(scenario, path, own, length, None if body is None else body.mesh)
+    check_balls(scenario.thread, holes)
+    organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, holes, body, given, store))
     check_cuts(scenario.thread.cuts, length)
     check_cuts([table.s for table in scenario.cut], length, "cut.s")
     thread = thread_of(scenario, length, s)
-    check_pieces(scenario, thread.spline, [value for _, value in known])
-    check_draws(scenario.piercing, thread.spline, s)
-    whole = resolved(scenario, length, s)
+    check_pieces(scenario, thread.spline, [value for hole, value in zip(holes, s, strict=True) if is_known(hole)])
+    check_draws(scenario.piercing, thread.spline, own)
+    whole = resolved(scenario, length, own)
     system: System[tissue.OrganState] = System(
         thread=thread,
         ends=(end_of(whole.thread.start, path, 0.0), end_of(whole.thread.end, path, path.length)),
         organ=organ,
-        piercings=tuple(piercing_of(hole, scenario, body, given) for hole in scenario.piercing),
+        piercings=tuple(piercing_of(hole, scenario, body, given) for hole in holes),
         gravity=np.array(scenario.solve.gravity),
         epsilon=scenario.solve.epsilon,
-        ties=tuple(tie_of(table, scenario.piercing) for table in scenario.tie),
+        ties=tuple(tie_of(table, holes) for table in scenario.tie),
     )
     resolution = resolution_of(scenario.thread, length, s)
     recovery = partial(stored_recovery, scenario, body, store)
-    return Assembly(whole, system, organ, path, np.array(s), body, resolution, recovery, given)
+    return Assembly(whole, holes, system, organ, path, np.array(s), body, resolution, recovery, given)
 
 
 def shareable(store: Store | None, given: Given) -> Store:
@@ -223,10 +229,12 @@ def friction_of(hole: model.Piercing, scenario: Scenario, given: Given) -> Frict
 def bearing_of(hole: model.Piercing, scenario: Scenario) -> float:
     """Return the length over which the thread bears on the tissue at a hole [m].
 
-    That of its channel, where it is given, else CHANNEL_FOOTPRINTS footprints in an organ: over so much tissue the
-    force is spread, and no other length of it is known. For a bare point, or without an organ, CHANNEL_DIAMETERS
-    diameters of the thread.
+    That of its part of a tract, or of its channel, where it is given, else CHANNEL_FOOTPRINTS footprints in an organ:
+    over so much tissue the force is spread, and no other length of it is known. For a bare point, or without an organ,
+    CHANNEL_DIAMETERS diameters of the thread.
     """
+    if isinstance(hole, Ball):
+        return hole.length
     in_organ = hole.footprint if scenario.tissue is not None else 0.0
     default = CHANNEL_FOOTPRINTS * in_organ or CHANNEL_DIAMETERS * section_of(scenario.thread).diameter
     return hole.channel or default
@@ -246,6 +254,7 @@ def piercing_of(hole: model.Piercing, scenario: Scenario, body: tissue.Elasticit
         pull=None if hole.pull is None else np.array(hole.pull),
         bearing=bearing_of(hole, scenario),
         strength=np.inf if organ is None or body is None else strength_at(organ, body.mesh, hole.at),
+        tract=hole.tract if isinstance(hole, Ball) else "",
     )
 
 
@@ -260,7 +269,8 @@ def tie_of(table: model.Tie, holes: Sequence[model.Piercing]) -> Tie:
 def site_of(hole: model.Piercing) -> tissue.Site:
     """Return the place of a hole on the organ."""
     direction = None if hole.direction == "free" else hole.direction
-    return tissue.Site(hole.at, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', hole.subgrid)
+    line = hole.tract if isinstance(hole, Ball) else ""
+    return tissue.Site(hole.at, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', hole.subgrid, line)
 
 
 def stored_body(scenario: Scenario, store: Store, given: Given) -> tissue.Elasticity | None:
@@ -285,10 +295,12 @@ def body_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Elasticity:
     return tissue.elasticity(mesh, material_of(table, mesh), table.element, table.clamp, table.dilatation, table.roller)
 
 
-def organ_of(scenario: Scenario, body: tissue.Elasticity | None, given: Given, store: Store) -> AnyOrgan:
-    """Return the organ as the coupling sees it: linear or at finite strain, with inertia or without, in a small basis,
-    which is that of the `store` where it has it, or points fixed in space."""
-    sites = [site_of(hole) for hole in scenario.piercing]
+def organ_of(
+    scenario: Scenario, holes: Sequence[model.Piercing], body: tissue.Elasticity | None, given: Given, store: Store
+) -> AnyOrgan:
+    """Return the organ with its holes as the coupling sees it: linear or at finite strain, with inertia or without, in
+    a small basis, which is that of the `store` where it has it, or points fixed in space."""
+    sites = [site_of(hole) for hole in holes]
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
     placed = tissue.build_sites(body, sites)

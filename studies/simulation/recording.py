@@ -1,5 +1,6 @@
 """What is recorded of a step, and what is drawn of a state."""
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -8,10 +9,17 @@ import numpy as np
 import tissue
 from coupling.adaptivity import span_ratio, spans_between
 from coupling.contact import ContactObservation, observe_contact
-from coupling.observation import largest_gap, largest_residual
+from coupling.observation import PiercingObservation, largest_gap, largest_residual
 from coupling.system import State, System
 from studies.arrays import Array
-from studies.output.records import ContactRecord, LoadRecord, ReductionRecord, StepRecord, ThreadRecord
+from studies.output.records import (
+    ContactRecord,
+    LoadRecord,
+    ReductionRecord,
+    StepRecord,
+    ThreadRecord,
+    TractRecord,
+)
 from studies.simulation.memory import OrganRun, memory_of
 from thread.spline import Spline
 
@@ -26,7 +34,7 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
     return StepRecord(
         time=state.time,
         step=now.number,
-        piercings=now.piercings,
+        piercings=own_holes(now.piercings),
         energy=now.energies,
         newton_iterations=now.iterations,
         constraint_max=max(largest_gap(*end) for end in ends),
@@ -42,10 +50,22 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
         events=now.events,
         contact=contact_records(system, state),
         loads=load_records(system, state),
+        tracts=tract_records(now.piercings),
         reduction=reduction_record(system, state),
         ties=now.ties,
         kept=partial(memory_of, now),
     )
+
+
+def own_holes(holes: Sequence[PiercingObservation]) -> tuple[PiercingObservation, ...]:
+    """Return the piercings that are no balls of a tract."""
+    return tuple(hole for hole in holes if not hole.tract)
+
+
+def tract_records(holes: Sequence[PiercingObservation]) -> tuple[TractRecord, ...]:
+    """Return the tracts, each with its balls."""
+    names = dict.fromkeys(hole.tract for hole in holes if hole.tract)
+    return tuple(TractRecord(name, tuple(hole for hole in holes if hole.tract == name)) for name in names)
 
 
 def contact_records(system: System, state: State) -> tuple[ContactRecord, ...]:
@@ -55,12 +75,13 @@ def contact_records(system: System, state: State) -> tuple[ContactRecord, ...]:
         return ()
     organ: Any = system.organ
     return tuple(
-        contact_record(part, lips.of(own)) for part, own in zip(organ.gaps.parts, organ.gaps.slices, strict=True)
+        contact_record(part, lips.of(own), organ.gaps.extent)
+        for part, own in zip(organ.gaps.parts, organ.gaps.slices, strict=True)
     )
 
 
-def contact_record(part: tissue.Part, lips: ContactObservation) -> ContactRecord:
-    """Return one pair of surfaces."""
+def contact_record(part: tissue.Part, lips: ContactObservation, extent: float) -> ContactRecord:
+    """Return one pair of surfaces; the gap of a node that faces nothing is their `extent` [m]."""
     pressure = part.vertex_pressure(lips.force)
     return ContactRecord(
         pair=" - ".join(part.between),
@@ -72,6 +93,7 @@ def contact_record(part: tissue.Part, lips: ContactObservation) -> ContactRecord
         slide=float(lips.slide.max()),
         force=float(lips.force.sum()),
         complementarity=lips.complementarity,
+        largest_gap=float(lips.gap[lips.gap < extent].max(initial=0.0)),
     )
 
 
@@ -135,7 +157,20 @@ def thread_record(now: OrganRun) -> ThreadRecord:
         radius=0.5 * thread.section.diameter,
         pieces=pieces if spline.cuts.size else (),
         torque=None if state.frame is None else thread.torque_at(s, state.q, state.frame),
+        bearing=bearing_along(now.piercings, s),
     )
+
+
+def bearing_along(holes: Sequence[PiercingObservation], s: Array) -> Array | None:
+    """Return the force of the tissue along tracts on the thread, per length, at abscissae, shape `(m, 3)` [N/m]: that
+    of the ball that stands for the length around it, zero elsewhere. None without tracts."""
+    balls = [(ball, ball.bearing) for ball in holes if ball.tract and ball.bearing]
+    if not balls:
+        return None
+    out = np.zeros((len(s), 3))
+    for ball, length in balls:
+        out[np.abs(s - ball.s) <= 0.5 * length] = ball.force / length
+    return out
 
 
 def interpolate_piecewise(spline: Spline, s: Array, home: Array, at: Array, values: Array) -> Array:

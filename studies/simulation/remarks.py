@@ -5,7 +5,7 @@ catalogue, `studies.output.remarks`.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import combinations
+from itertools import combinations, pairwise
 from math import dist
 from typing import Any
 
@@ -17,10 +17,12 @@ from studies import scenario as model
 from studies.arrays import Array
 from studies.output.records import Ending, EnergyRecord, Extremes
 from studies.output.remarks import (
+    BARE,
     COARSE,
     CREATED,
     CROSSED,
     DISSIPATED,
+    IN_TISSUE,
     NEAR,
     OFF_PATH,
     REDUCED,
@@ -37,10 +39,12 @@ from studies.scenario import Scenario
 from studies.scenario.refusal import dotted_key
 from studies.simulation.assembly import Assembly, section_of
 from studies.simulation.given import Given, shear_moduli
+from studies.simulation.tracts import Ball, radius_of
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED, unrest
 from thread.catalogue import knot_pull
 
 MILLI = 1e-3
+LOOKS = 9  # places between two holes at which it is asked how deep the thread lies
 PLAUSIBLE = {  # what organs and sutures have, with room to spare
     "size": (1e-3, 2.0),  # m
     "tissue.youngs_modulus": (1e2, 1e10),  # Pa: brain to tendon
@@ -68,6 +72,7 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]]) -> li
         ),
         *outside_subgrid(subgrid),
         *near_holes(scenario.piercing),
+        *along_path(assembly),
     ]
 
 
@@ -406,7 +411,7 @@ def near_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
 
 def off_path(assembly: Assembly) -> list[Remark]:
     """Judge how far the holes that hold the thread at the start are from its path."""
-    scenario, bound = assembly.scenario, OFF_PATH * assembly.system.thread.section.diameter
+    bound = OFF_PATH * assembly.system.thread.section.diameter
     stretch = assembly.path.length / assembly.system.thread.spline.end
     there = assembly.path.position(np.clip(assembly.s * stretch, 0.0, assembly.path.length))
     places = assembly.system.organ.y0.reshape(-1, 9)[:, :3]
@@ -418,9 +423,54 @@ def off_path(assembly: Assembly) -> list[Remark]:
             f"{hole.name!r} is {gap / MILLI:.2g} mm from thread.path, further than {OFF_PATH:g} diameters, "
             f"{bound / MILLI:.2g} mm: the thread is bent to it before the first step; lead the path through it",
         )
-        for hole, gap in zip(scenario.piercing, away, strict=True)
-        if hole.from_ == 0.0 and gap > bound
+        for hole, gap in zip(assembly.holes, away, strict=True)
+        if hole.from_ == 0.0 and gap > bound and not isinstance(hole, Ball)
     ]
+
+
+def along_path(assembly: Assembly) -> list[Remark]:
+    """Judge the thread between each two neighbouring holes that hold it at the start."""
+    path, body, scenario = assembly.path, assembly.body, assembly.scenario
+    if body is None:
+        return []
+    stretch, depths = path.length / assembly.system.thread.spline.end, tissue.depths(body.mesh)
+    placed = [(hole, s * stretch) for hole, s in zip(assembly.holes, assembly.s, strict=True) if hole.from_ == 0.0]
+    own = [(hole, at) for hole, at in placed if not isinstance(hole, Ball)]
+    tracts = {tract.between: tract for tract in scenario.tract}
+    out = []
+    for (one, first), (other, last) in pairwise(own):
+        tract = tracts.get((one.name, other.name))
+        if tract is None:
+            at = np.clip(np.linspace(first, last, LOOKS + 2)[1:-1], 0.0, path.length)
+            deepest = float(depths(path.position(at)).max())
+            out += without_tract(one.name, other.name, deepest, assembly.system.thread.section.diameter)
+        else:
+            balls = sum(hole.length for hole, _ in placed if isinstance(hole, Ball) and hole.tract == tract.name)
+            out += bare_tract(tract.name, last - first - balls, last - first, radius_of(tract, scenario.piercing))
+    return out
+
+
+def without_tract(one: str, other: str, depth: float, diameter: float) -> list[Remark]:
+    """Judge how deep [m] the thread lies in tissue between two holes without a tract."""
+    if depth <= IN_TISSUE * diameter:
+        return []
+    text = (
+        f"between {one!r} and {other!r} the thread lies up to {depth / MILLI:.2g} mm deep in the tissue, and bears on "
+        f'it at these two alone; add [[tract]] between = ["{one}", "{other}"] where the depth of the bite matters'
+    )
+    return [remark("no-tract", one, text)]
+
+
+def bare_tract(name: str, bare: float, length: float, radius: float) -> list[Remark]:
+    """Judge how much of the path of a tract, `bare` of its `length` [m], has no room for balls of a `radius` [m]."""
+    if bare <= BARE * radius:
+        return []
+    text = (
+        f"{bare / MILLI:.3g} mm of the {length / MILLI:.3g} mm of the tract {name!r} lie outside the organ or nearer "
+        f"to a surface than its radius, {radius / MILLI:.2g} mm, and the thread does not bear on tissue there; lead "
+        "the path deeper or take a smaller radius"
+    )
+    return [remark("tract-bare", name, text)]
 
 
 def values_of(assembly: Assembly) -> dict[str, Array]:

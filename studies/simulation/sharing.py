@@ -101,12 +101,14 @@ def organ_tables(scenario: Scenario) -> dict[str, Any]:
     """Return the tables of a scenario that an organ with its holes is made from."""
     plain = without(tables(scenario), NOT_OF_ORGAN)
     holes = [without(hole, OF_THREAD) for hole in plain.get("piercing", [])]
-    return plain | {"piercing": holes, "solve": without(plain["solve"], OF_STEPS)}
+    thread, places = scenario.thread, [hole.s for hole in scenario.piercing]
+    laid = {"laid": [thread.path, thread.length, places]} if scenario.tract else {}  # the balls of tracts lie along it
+    return plain | {"piercing": holes, "solve": without(plain["solve"], OF_STEPS)} | laid
 
 
 def body_tables(scenario: Scenario) -> dict[str, Any]:
     """Return the tables of a scenario that its organ's discrete elasticity is made from: holes by their places."""
-    plain = without(organ_tables(scenario), ("solve",))
+    plain = without(organ_tables(scenario), ("solve", "tract", "laid"))
     holes = [{key: hole[key] for key in ("name", "at", "footprint")} for hole in plain["piercing"]]
     organ = {"tissue": without(plain["tissue"], OF_MOTION)} if "tissue" in plain else {}
     return plain | {"piercing": holes, "floats": scenario.floats} | organ  # where bodies may float none need be held

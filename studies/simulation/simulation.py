@@ -32,10 +32,11 @@ from studies.scenario.solve import WHOLE
 from studies.simulation.assembly import Assembly, assemble, lip_gaps, shareable
 from studies.simulation.given import Energy, Given, Stiffness
 from studies.simulation.memory import OrganRun, recall
-from studies.simulation.recording import lip_fields, step_record, thread_record
+from studies.simulation.recording import lip_fields, own_holes, step_record, thread_record
 from studies.simulation.remarks import foreseen, met
 from studies.simulation.sharing import Store, start_key
 from studies.simulation.stepper import Stepper, WhichEnd
+from studies.simulation.tracts import Ball
 
 OnStep = Callable[[StepRecord], None]
 
@@ -71,12 +72,15 @@ class Simulation:
 
     @property
     def subgrid(self) -> dict[str, dict[str, Any]]:
-        """By piercing, what the organ's mesh is too coarse for (`tissue.sites.subgrid.Missing`), where that is
-        added.
+        """By piercing, and by tract of the ball that most is added to, what the organ's mesh is too coarse for
+        (`tissue.sites.subgrid.Missing`), where that is added.
         """
         sites: tissue.Sites | None = getattr(self.assembly.organ, "sites", None)
-        named = zip(self.scenario.piercing, sites.missing if sites else (), strict=False)
-        return {hole.name: gap.record() for hole, gap in named if gap is not None}
+        named = zip(self.assembly.holes, sites.missing if sites else (), strict=False)
+        known = [(hole, gap.record()) for hole, gap in named if gap is not None]
+        alone = {hole.name: gap for hole, gap in known if not isinstance(hole, Ball)}
+        balls = sorted(((h.tract, gap) for h, gap in known if isinstance(h, Ball)), key=lambda ball: ball[1]["share"])
+        return alone | dict(balls)
 
     @cached_property
     def foreseen(self) -> list[Remark]:
@@ -85,7 +89,7 @@ class Simulation:
 
     def remarks(self, ending: Ending | None = None) -> list[Remark]:
         """Return what is to be said of the run: what is foreseen, and what it met until an `ending`."""
-        strengths = [hole.strength for hole in self.assembly.system.piercings]
+        strengths = [hole.strength for hole in self.assembly.system.piercings if not hole.tract]
         springs = {name: float(gap["share"]) for name, gap in self.subgrid.items()}
         return [*self.foreseen, *(met(self.scenario, ending, strengths, springs) if ending else [])]
 
@@ -183,16 +187,18 @@ class Simulation:
 
     def snapshot(self, now: OrganRun) -> Snapshot:
         """Return what is drawn of a state."""
-        return Snapshot(now.state.time, thread_record(now), now.piercings, self.organ_record(now.state), now.ties)
+        holes = own_holes(now.piercings)
+        return Snapshot(now.state.time, thread_record(now), holes, self.organ_record(now.state), now.ties)
 
     def organ_record(self, state: State) -> OrganRecord | None:
         """Return the displacement, stress and strain of the organ, None without one."""
         body, organ = self.assembly.body, self.assembly.organ
         if isinstance(organ, tissue.FiniteOrgan):
-            wide = np.array([max(hole.footprint, np.finfo(float).tiny) for hole in self.scenario.piercing])
+            wide = np.array([max(hole.footprint, np.finfo(float).tiny) for hole in self.assembly.holes])
+            alone = [not isinstance(hole, Ball) for hole in self.assembly.holes]
             U = organ.displacement(state.organ)
             crossed = 0.0 if self.open_lips is None else self.open_lips.crossed(U)
-            return finite_record(organ.law, U, organ.spring_ways(state.organ) / wide, crossed)
+            return finite_record(organ.law, U, (organ.spring_ways(state.organ) / wide)[alone], crossed)
         if body is None or self.recovery is None or isinstance(organ, tissue.FixedSites):
             return None
         U = organ.displacement(state.organ)

@@ -425,7 +425,7 @@ def test_a_body_that_falls_on_another_comes_to_rest_on_it(bodies: Path) -> None:
     found = summary["contact"]["upper - lower"]
     assert found["force"] == pytest.approx(0.006**3 * 1000.0 * 9.81, rel=0.01)
     assert 0.0 < found["area"] <= 0.006**2 * (1.0 + IDENTITY) and found["smallest_gap"] >= -IDENTITY * 0.01
-    assert found["slide"] < 1e-4
+    assert found["smallest_gap"] <= found["largest_gap"] < 1e-5 and found["slide"] < 1e-4
 
 
 def test_a_body_that_can_move_is_refused_at_rest(bodies: Path) -> None:

@@ -48,11 +48,12 @@ from studies.output.records import (
     StepRecord,
     ThreadRecord,
     TieRecord,
+    TractRecord,
 )
 from studies.output.tables import CsvFile
 from tests.studies.samples import frame, step
 
-UNITS = {"-", "s", "m", "m/s", "1/m", "rad", "N", "N m", "N s", "J", "Pa", "m²"}
+UNITS = {"-", "s", "m", "m/s", "1/m", "rad", "N", "N m", "N/m", "N s", "J", "Pa", "m²"}
 PARTS = ("organ", "thread", "piercings")
 GROUPS: dict[str, Sequence[Column[Any]]] = {
     **{layout.name: layout.columns for layout in TABLES},
@@ -65,12 +66,14 @@ GROUPS: dict[str, Sequence[Column[Any]]] = {
     "cells": ORGAN_CELLS,
 }
 BEGINS = Event(0.1, "begins", 'a "b", c', 0.02, 1e-4, 0.1, 2e-6, 1e-6, (0.0, 1 / 3, -0.0))
+ONE_ROW = ("contact", "ties", "tracts")
 FULL = replace(
     step(1),
     events=(BEGINS, Event(0.05, "halved"), Event(0.1, "knots", control_points=31)),
     ties=(TieRecord("knot", 0.01, 0.03, 0.02, 1.0, np.ones(3), 0.0, 1e-3, "tied"),),
     loads=(LoadRecord("top", 0.5, 1e-4, np.array([0.0, 1 / 3, -1.0])), LoadRecord("left", 1.0, 2e-4, np.ones(3))),
     contact=(ContactRecord("a - b", 6, 2, -0.0, 120.0, 1e-6, 2e-4, 1 / 3, 1e-22),),
+    tracts=(TractRecord("a-b", tuple(replace(hole, tract="a-b", bearing=1e-3) for hole in step(1).piercings)),),
     torques=(1e-6, -2e-6),
 )
 
@@ -98,7 +101,7 @@ def test_a_row_has_a_cell_for_every_heading(tmp_path: Path, layout: Layout[Any])
     head, *rows = csv.reader(io.StringIO((tmp_path / "table.csv").read_text()))
     assert head == headings(layout.columns)
     assert head[:2] == ["time [s]", "step [-]"]
-    expected = {"piercings": [0, 0, 1, 1], "events": [1, 1, 1], "contact": [1], "loads": [1, 1], "ties": [1]}
+    expected = {"piercings": [0, 0, 1, 1], "events": [1, 1, 1], "loads": [1, 1]} | dict.fromkeys(ONE_ROW, [1])
     assert [int(row[1]) for row in rows] == expected.get(layout.name, [0, 0, 1])
     assert {len(row) for row in rows} == {len(head)}
 
@@ -132,8 +135,8 @@ def test_cells_are_what_the_records_say(tmp_path: Path) -> None:
     [
         (ENERGY, EnergyRecord, set()),
         (CONTACT, ContactRecord, {"pair"}),
-        (PIERCING_ARRAYS, PiercingRecord, {"name", "x", "channel"}),
-        (HOLE_SUMMARY, PiercingRecord, {"name", "u", "v"}),
+        (PIERCING_ARRAYS, PiercingRecord, {"name", "x", "channel", "tract", "bearing"}),
+        (HOLE_SUMMARY, PiercingRecord, {"name", "u", "v", "tract", "bearing"}),
         ((*ORGAN_ARRAYS, *ORGAN_CELLS), OrganRecord, {"strained", "rotated", "pressed_turn", "sprung", "crossed"}),
         (THREAD_ARRAYS, ThreadRecord, {"points", "pieces"}),
     ],

@@ -449,8 +449,13 @@ class LipCompliance:
 
 
 def compliance(factor: Solver, Y: csr_matrix) -> tuple[Array, Array]:
-    """Return W = A⁻¹ Yᵀ `(N, 9p)` and C = Y W `(9p, 9p)`, made symmetric to the last bit."""
-    W = factor.solve(Y.T.toarray())
+    """Return W = A⁻¹ Yᵀ `(N, 9p)` and C = Y W `(9p, 9p)`, made symmetric to the last bit; a row of zeros, of a frame
+    that does not move, is not solved for."""
+    moving = np.flatnonzero(np.diff(Y.indptr))
+    W = np.zeros(Y.shape[::-1], order="F")
+    for first in range(0, moving.size, COLUMNS):
+        some = moving[first : first + COLUMNS]
+        W[:, some] = factor.solve(Y[some].T.toarray())
     C = Y @ W
     return W, 0.5 * (C + C.T)
 

@@ -54,7 +54,9 @@ class Site:
     `direction`.
 
     `direction` is None, "normal" (the organ's outward normal) or a vector (3,) cut by the needle, of any
-    length. `subgrid`: add the compliance of the footprint that the mesh is too coarse for.
+    length. `subgrid`: add the compliance of the footprint that the mesh is too coarse for. `line` names the line of
+    balls inside the organ that the site belongs to, empty for none: of such a site the point alone moves, no one asks
+    for its frame, and what the mesh is too coarse for is that of the whole line.
     """
 
     point: ArrayLike
@@ -63,6 +65,7 @@ class Site:
     direction: Direction = None
     name: str = "site"
     subgrid: bool = False
+    line: str = ""
 
     def __post_init__(self) -> None:
         point = np.asarray(self.point, float)
@@ -74,6 +77,8 @@ class Site:
             raise TissueError(f"{self.name}: weight = {self.weight!r}; allowed are 'uniform' and 'parabolic'")
         if isinstance(self.direction, str) and self.direction != "normal":
             raise TissueError(f"{self.name}: direction = {self.direction!r}; allowed are None, 'normal' and a vector")
+        if self.line and (self.direction is not None or self.radius == 0.0):
+            raise TissueError(f"{self.name}: a site of a line has no direction, and a radius above 0")
         if self.direction is not None and not isinstance(self.direction, str):
             vector = np.asarray(self.direction, float)
             if vector.shape != (3,) or not np.all(np.isfinite(vector)) or not np.any(vector):
@@ -162,7 +167,8 @@ def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
     Y = csr_matrix(vstack(rows)) if rows else csr_matrix((0, elasticity.free.size))
     y0 = np.concatenate([np.zeros(0), *(y for y, *_ in built)])
     points, directions, normals = (np.array([b[k] for b in built]).reshape(-1, 3) for k in (2, 3, 4))
-    gaps = missing(elasticity, surface, [b[5] for b in built], points, np.array([site.radius for site in sites]))
+    radii, lines = np.array([site.radius for site in sites]), [site.line for site in sites]
+    gaps = missing(elasticity, surface, [b[5] for b in built], points, radii, lines)
     directed = tuple(site.direction is not None for site in sites)
     return Sites(y0, Y, points, directions, normals, gaps, directed, tuple(b[6] for b in built))
 
@@ -182,17 +188,21 @@ def _build(
     """y0 (9,), rows `(9, N)`, place, direction and outward normal of one site, the hole if its mesh may be too
     coarse, and the rows of ⟨∇U⟩ where the needle cut its frame."""
     X, normal, values, gradient = _averages(elasticity, surface, site)
+    if site.line and np.isfinite(normal).all():
+        raise TissueError(f"{site.name}: {_show(X)} is on the organ's surface, and a line lies inside")
     use_fibre = site.fibre is not None or bool(np.isnan(normal).any())
     t0 = site.fibre if site.fibre is not None else (AXIS if use_fibre else normal)
     u0, v0 = frame(t0)
     turn = fibre_rows if use_fibre else normal_rows
-    rows = csr_matrix(vstack([values, turn(gradient, u0), turn(gradient, v0)]))
+    frames = (csr_matrix((3, gradient.shape[1])),) * 2 if site.line else (turn(gradient, u0), turn(gradient, v0))
+    rows = csr_matrix(vstack([values, *frames]))
     hole = None
     if site.subgrid and site.radius > 0.0:
         axes = np.stack([*frame(normal), normal]) if np.isfinite(normal).all() else np.eye(3)
         kind = "ball" if np.isnan(normal).any() else "half ball" if use_fibre else "disc"
         slopes = csr_matrix(np.eye(9))
-        of_averages = csr_matrix(block_diag([slopes[:3, :3], vstack([turn(slopes, u0), turn(slopes, v0)])]))
+        turned = csr_matrix((6, 9)) if site.line else vstack([turn(slopes, u0), turn(slopes, v0)])
+        of_averages = csr_matrix(block_diag([slopes[:3, :3], turned]))
         seen = Footprint(X, axes, site.radius, site.weight, kind, of_averages.toarray())
 
         def on(body: Elasticity, surface: Surface) -> csr_matrix:

@@ -38,6 +38,7 @@ from tissue.arrays import Array
 from tissue.elasticity import Elasticity
 from tissue.sites.bisection import PAIRS
 from tissue.sites.closed_form import Footprint, answer, foreign, moduli, unbounded
+from tissue.sites.line import FORCES, line_gap, rows_of
 from tissue.sites.patch import Patch
 from tissue.sites.surface import Surface, closest_on_triangles
 from tissue.supports import holds_still
@@ -75,7 +76,8 @@ class Missing:
     """What a mesh misses of a site: B `(9, m)` of ΔC = B Bᵀ, its columns those of all sites of one `group`; `share`,
     the largest part of the hole's compliance to a force that it makes up; `size` [m], that of the cells around; `clear`
     [m], from the hole's rim to the nearest clamped node, surface other than the site's own, or rim of another hole;
-    `by`, "unbounded body", "patch" or "nothing"; and whether the answer `holds`. There are no springs where not."""
+    `by`, "unbounded body", "line", "patch" or "nothing"; and whether the answer `holds`. There are no springs where
+    not."""
 
     springs: Array
     share: float
@@ -110,10 +112,31 @@ class Around:
 
 
 def missing(
-    body: Elasticity, surface: Surface, holes: Sequence[Hole | None], points: Array, radii: Array
+    body: Elasticity,
+    surface: Surface,
+    holes: Sequence[Hole | None],
+    points: Array,
+    radii: Array,
+    lines: Sequence[str],
 ) -> tuple[Missing | None, ...]:
     """What the mesh misses of each hole; None where nothing is asked for. All sites are at `points` `(p, 3)` [m] with
-    footprints of `radii` `(p,)` [m]."""
+    footprints of `radii` `(p,)` [m], and belong to `lines` (p,) of balls, empty for none."""
+    found: dict[int, Missing] = {}
+    for line in dict.fromkeys(filter(None, lines)):
+        members = [k for k, own in enumerate(lines) if own == line and holes[k] is not None]
+        balls = [hole for hole in (holes[k] for k in members) if hole is not None]
+        gaps = by_line(body, surface, balls) if balls else []
+        found |= {k: replace(gap, group=members[0]) for k, gap in zip(members, gaps, strict=True)}
+    single = [k for k, line in enumerate(lines) if not line]
+    own = missing_of_each(body, surface, [holes[k] for k in single], points[single], radii[single])
+    found |= {k: replace(gap, group=single[gap.group]) for k, gap in zip(single, own, strict=True) if gap is not None}
+    return tuple(found.get(k) for k in range(len(holes)))
+
+
+def missing_of_each(
+    body: Elasticity, surface: Surface, holes: Sequence[Hole | None], points: Array, radii: Array
+) -> tuple[Missing | None, ...]:
+    """`missing` of sites that belong to no line."""
     asked = {k: hole for k, hole in enumerate(holes) if hole is not None}
     around = {k: look(body, surface, hole) for k, hole in asked.items()}
     sizes = np.array([around[k].size if k in around else 0.0 for k in range(len(holes))])
@@ -161,6 +184,33 @@ def by_closed_form(body: Elasticity, hole: Hole, here: Around) -> Missing:
     gap[~np.isfinite(exact)] = 0.0
     B = springs(0.5 * (gap + gap.T), exact, np.repeat([1.0, hole.seen.radius], [3, 6]))
     return Missing(B, share(B, exact), here.size, here.clear)
+
+
+def by_line(body: Elasticity, surface: Surface, balls: Sequence[Hole]) -> list[Missing]:
+    """What the mesh misses of a line of balls, by the unbounded body's fields (`tissue.sites.line`)."""
+    seen = [ball.seen for ball in balls]
+    touched = [np.asarray(np.isin(body.nodes, ball.rows.indices).any(axis=1)) for ball in balls]
+    modulus = np.array([moduli(body, near) for near in touched])
+    away = [np.linalg.norm(body.points - ball.centre, axis=1) for ball in seen]
+    radii = np.array([ball.radius for ball in seen])
+    sizes = np.array([far[near].max() for far, near in zip(away, touched, strict=True)]) - radii
+    alien = np.asarray(np.isin(body.nodes, body.clamped).any(axis=1))
+    alien[foreign(body, surface, seen[0])] = True
+    clear = np.array([far[alien].min(initial=np.inf) for far in away]) - radii
+    reach = np.maximum(RADII[body.element] * radii, radii + (1.0 + RINGS) * sizes)
+    rows = rows_of([ball.rows for ball in balls])
+    gap, whole = line_gap(body, surface, seen, rows, reach, modulus[:, 0], float(modulus[:, 1].mean()))
+    B = springs(gap, whole, np.ones(len(gap)))
+    return [
+        Missing(
+            np.vstack([own := B[FORCES * k : FORCES * (k + 1)], np.zeros((6, B.shape[1]))]),
+            share(own, whole[FORCES * k :, FORCES * k :]),
+            float(sizes[k]),
+            float(clear[k]),
+            "line",
+        )
+        for k in range(len(balls))
+    ]
 
 
 def by_patch(body: Elasticity, holes: Sequence[Hole], around: Sequence[Around]) -> list[Missing]:

@@ -2,6 +2,7 @@
 cells.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -101,6 +102,12 @@ class Surface:
         parts = [self._containing(points[k : k + step], near) for k in range(0, len(points), step)]
         return np.concatenate(parts)
 
+    def depths(self, points: Array) -> Array:
+        """Return how deep points `(k, 3)` lie below the nearest surface, shape `(k,)` [m]; negative outside."""
+        inside = self.containing(points) >= 0
+        away = [np.linalg.norm(closest_on_triangles(point, self.triangles) - point, axis=1).min() for point in points]
+        return np.where(inside, 1.0, -1.0) * np.array(away)
+
     def sharing(self, point: Array) -> Indices:
         """Return every cell that holds `point`, faces and corners included."""
         return np.flatnonzero(self._depth(point[None], np.arange(self.mesh.nelements))[0] >= -INSIDE)
@@ -138,6 +145,12 @@ def outer_surface(mesh: MeshTet) -> Surface:
     inward = mesh.p.T[mesh.t[:, behind]].mean(axis=0) - a
     normals *= np.where(np.einsum("fi,fi->f", normals, inward) > 0.0, -1.0, 1.0)[:, None]
     return Surface(mesh, np.stack([a, b, c], axis=1), normals, behind.astype(np.intp), vertices.astype(np.intp))
+
+
+def depths(mesh: MeshTet) -> Callable[[Array], Array]:
+    """Return what tells how deep points `(k, 3)` lie in a mesh below its nearest surface, shape `(k,)` [m], negative
+    outside."""
+    return outer_surface(mesh).depths
 
 
 def closest_on_triangles(point: Array, triangles: Array) -> Array:

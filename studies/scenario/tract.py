@@ -1,0 +1,76 @@
+"""The table of a tract, `[[tract]]`: where the thread bears on the tissue across itself between two holes."""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+from pydantic import Field
+
+from studies.scenario.piercing import Friction, Piercing
+from studies.scenario.refusal import dotted_key, refusal
+from studies.scenario.table import Positive, ScenarioError, ScenarioTable, Text
+
+
+class Tract(ScenarioTable):
+    """Tissue along the thread's path between two neighbouring holes: the thread slides along it, not across it."""
+
+    between: tuple[Text, Text] = Field(
+        description="names of two holes that follow one another along the thread", examples=[["entry", "exit"]]
+    )
+    radius: Positive | None = Field(
+        default=None,
+        description="radius of the balls of tissue, in a row along the path, that the thread bears on [m]; default: "
+        "the smaller footprint of the two holes",
+    )
+    spacing: Positive | None = Field(
+        default=None,
+        description="distance of the balls from one another along the path, at most [m]; default: the radius, from "
+        "which on a finer one changes little",
+        examples=[1.5e-3],
+    )
+    friction: Friction | None = Field(
+        default=None,
+        description="friction coefficients [-] along the tract, and grip of the whole tract [N]; default none",
+        examples=[{"static": 0.1, "kinetic": 0.1}],
+    )
+    subgrid: Annotated[bool, Field(strict=True)] = Field(
+        default=True,
+        description="whether to add the compliance of the tissue around the balls that the mesh is too coarse to show",
+    )
+
+    @property
+    def name(self) -> str:
+        """Name of the tract, made of those of its holes."""
+        return "-".join(self.between)
+
+
+def check_tracts(tracts: Sequence[Tract], holes: Sequence[Piercing], in_organ: bool, scheme: str) -> None:
+    """Refuse a tract between holes that do not follow one another, between two for the second time, without an organ,
+    by the paper's linear step, of balls without a radius, and of holes that begin later or end."""
+    names = [hole.name for hole in holes]
+    for k, tract in enumerate(tracts):
+        key, between = f"tract.{k}.between", tract.between
+        if not in_organ:
+            raise ScenarioError(refusal(key, between, "without [tissue] there is none to bear on; add [tissue]"))
+        if scheme == "linear":
+            reason = 'the paper\'s linear step knows openings alone; use solve.scheme = "newton"'
+            raise ScenarioError(refusal(key, between, reason))
+        if lost := next((name for name in between if name not in names), None):
+            known = ", ".join(map(repr, names)) or "none"
+            raise ScenarioError(refusal(key, between, f"there is no piercing {lost!r}; the piercings are {known}"))
+        first, second = (names.index(name) for name in between)
+        if second != first + 1:
+            follows = f"; after {names[first]!r} it passes {names[first + 1]!r}" if first + 1 < len(names) else ""
+            reason = (
+                f"the thread does not pass {between[1]!r} right after {between[0]!r}{follows}; name two that follow"
+            )
+            raise ScenarioError(refusal(key, between, reason))
+        if any(tract.between == other.between for other in tracts[:k]):
+            raise ScenarioError(refusal(key, between, "there is a tract between them already; leave one out"))
+        ends = holes[first : second + 1]
+        passing = next((hole for hole in ends if hole.from_ > 0.0 or hole.until is not None), None)
+        if passing is not None:
+            reason = f"{dotted_key(['piercing', passing.name])} begins later or ends, and a tract stays; leave it out"
+            raise ScenarioError(refusal(key, between, reason))
+        if tract.radius is None and not min(hole.footprint for hole in ends):
+            reason = f"a footprint of them is 0, and a tract's balls need a radius; give tract.{k}.radius"
+            raise ScenarioError(refusal(key, between, reason))

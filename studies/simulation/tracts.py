@@ -1,0 +1,135 @@
+"""Tracts: the balls of tissue that the thread bears on between two holes, in a row along its path."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import skfem
+
+import tissue
+from studies import scenario as model
+from studies.arrays import Array
+from studies.scenario import Friction, Piercing, Scenario, ScenarioError, Tract
+from studies.scenario.refusal import refusal
+from thread.path import RoundedPath
+
+LOOKS = 8  # per radius: places along a path at which it is asked how deep it lies
+MOST_LOOKS = 2000
+ROUND_OFF = 1e-9  # of a number of balls
+HALVINGS = 20  # of the way between two of them, to where it is a radius deep
+
+
+class Ball(Piercing):
+    """A hole that is one ball of a tract: its name, and the length of path that it stands for [m]."""
+
+    tract: str
+    length: float
+
+
+@dataclass(frozen=True)
+class Way:
+    """The part of a path between two holes, from abscissa `first` to `last` [m], and its parts of which each point is
+    a radius deep in the tissue or more, `(k, 2)` [m]."""
+
+    first: float
+    last: float
+    deep: Array
+
+    @property
+    def bare(self) -> float:
+        """Length of it that is not so deep [m]."""
+        return float(self.last - self.first - np.sum(self.deep[:, 1] - self.deep[:, 0]))
+
+
+def with_balls(
+    scenario: Scenario, path: RoundedPath, s: Sequence[float], length: float, mesh: skfem.MeshTet | None
+) -> tuple[tuple[Piercing, ...], list[float]]:
+    """Return the holes and, in between, the balls of the tracts, in the order of the thread, and their abscissae on a
+    thread of a `length` [m] whose holes are at `s` (p,) [m]."""
+    holes, places = list(scenario.piercing), list(s)
+    if mesh is None or not scenario.tract:
+        return tuple(holes), places
+    depths = tissue.depths(mesh)
+    for number, tract in enumerate(scenario.tract):
+        ends = [next(k for k, hole in enumerate(holes) if hole.name == name) for name in tract.between]
+        way = way_of(path, [places[k] * path.length / length for k in ends], radius_of(tract, holes), depths)
+        if not len(way.deep):
+            reason = (
+                f"the path between them is nowhere a radius, {radius_of(tract, holes):.3g} m, deep in the organ; lead "
+                f"thread.path deeper, or give a smaller tract.{number}.radius"
+            )
+            raise ScenarioError(refusal(f"tract.{number}.between", tract.between, reason))
+        balls = balls_of(tract, path, way, radius_of(tract, holes))
+        share = [(float(path_at) - way.first) / (way.last - way.first) for path_at, _ in balls]
+        low, high = places[ends[0]], places[ends[1]]
+        holes[ends[1] : ends[1]] = [ball for _, ball in balls]
+        places[ends[1] : ends[1]] = [low + part * (high - low) for part in share]
+    return tuple(holes), places
+
+
+def radius_of(tract: Tract, holes: Sequence[Piercing]) -> float:
+    """Return the radius of a tract's balls [m]."""
+    return tract.radius or min(hole.footprint for hole in holes if hole.name in tract.between)
+
+
+def way_of(path: RoundedPath, ends: Sequence[float], radius: float, depths: Callable[[Array], Array]) -> Way:
+    """Return the way between two abscissae of a path; `depths` tells how deep points `(k, 3)` lie [m]."""
+    first, last = ends
+    number = int(np.clip(np.ceil(LOOKS * (last - first) / radius), LOOKS, MOST_LOOKS))
+    at = np.linspace(first, last, number + 1)
+    below = depths(path.position(at)) - radius
+    deep = np.concatenate([[False], below >= 0.0, [False]])
+    begins, stops = np.flatnonzero(deep[1:-1] & ~deep[:-2]), np.flatnonzero(deep[1:-1] & ~deep[2:])
+
+    def border(inside: int, outside: int) -> float:
+        """Return where between two places the path becomes deep enough."""
+        if not 0 <= outside < len(at):
+            return float(at[inside])
+        low, high = at[inside], at[outside]
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            enough = depths(path.position([middle]))[0] >= radius
+            low, high = (middle, high) if enough else (low, middle)
+        return float(low)
+
+    parts = [(border(b, b - 1), border(e, e + 1)) for b, e in zip(begins.tolist(), stops.tolist(), strict=True)]
+    return Way(first, last, np.reshape([part for part in parts if part[1] > part[0]], (-1, 2)))
+
+
+def balls_of(tract: Tract, path: RoundedPath, way: Way, radius: float) -> list[tuple[float, Ball]]:
+    """Return the balls of a tract and their abscissae on the path [m], evenly from end to end of what lies deep
+    enough: the thread presses hardest at the ends, where a ball has to be on any spacing for this to converge fast."""
+    parts = []
+    for low, high in way.deep.tolist():
+        count = int(np.ceil((high - low) / (tract.spacing or radius) * (1.0 - ROUND_OFF)))
+        step = (high - low) / count
+        parts += [(low + k * step, step * (0.5 if k in (0, count) else 1.0)) for k in range(count + 1)]
+    given, out = tract.friction, []
+    for k, (at, length) in enumerate(parts, start=1):
+        x, y, z = path.position(at).tolist()
+        friction = given and Friction(static=given.static, kinetic=given.kinetic, grip=given.grip / len(parts))
+        name = f"{tract.name}.{k}"
+        ball = Ball(
+            name=name,
+            at=(x, y, z),
+            footprint=radius,
+            friction=friction,
+            subgrid=tract.subgrid,
+            tract=tract.name,
+            length=length,
+        )
+        out.append((at, ball))
+    return out
+
+
+def check_balls(thread: model.Thread, holes: Sequence[Piercing]) -> None:
+    """Refuse a spline too coarse for the balls of its tracts: each takes two of the three unknowns of a control point,
+    and the thread bends between two."""
+    balls = sum(isinstance(hole, Ball) for hole in holes)
+    least = 4 + 3 * (len(holes) - balls) + 2 * balls
+    if balls and thread.control_points < least:
+        reason = (
+            f"{len(holes) - balls} piercings and {balls} balls of tracts need at least {least} (4, 3 for each piercing "
+            "and 2 for each ball); raise it, or take a larger tract.spacing"
+        )
+        raise ScenarioError(refusal("thread.control_points", thread.control_points, reason))

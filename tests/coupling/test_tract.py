@@ -1,0 +1,209 @@
+"""A thread that bears on the tissue between two holes: against a beam, in depth, with friction, refused in words."""
+
+import tomllib
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tissue
+from coupling.observation import site_compliance
+from studies.scenario import ScenarioError, parse
+from studies.simulation import Simulation, prepare
+from studies.simulation.memory import OrganRun
+from studies.simulation.recording import step_record
+from tests.bounds import RESIDUAL
+
+FOUNDATION = 2e-3  # of the deflection of the tip: the spline's 160 points, and the beam's own theory at these loads
+SPACING = 0.02  # of the gap at the skin, when the balls are twice as close
+TIP, PULL = 0.014, 1e-5  # where the thread ends [m], and the force across it there [N]
+GRIPPED = 1e-3  # of a pull: friction moves the balls, and what the thread turns by there presses
+GRIP, TAUT = 0.02, 0.05  # of a whole tract, and the pull on the thread through it [N]
+
+BLOCK = """
+[tissue]
+youngs_modulus = 1.0e5
+poisson_ratio = 0.4
+density = 1000.0
+clamp = ["bottom"]
+[tissue.mesh]
+kind = "block"
+generator = "structured"
+size = [0.02, 0.012, 0.012]
+h = 2.0e-3
+[solve]
+kind = "static"
+load_steps = 1
+"""
+STRAIGHT = """
+[[piercing]]
+name = "in"
+at = [-0.01, 0, -0.006]
+footprint = 1.5e-3
+kind = "{kind}"
+[[piercing]]
+name = "out"
+at = [0.01, 0, -0.006]
+footprint = 1.5e-3
+[[tract]]
+between = ["in", "out"]
+"""
+THREAD = """
+[thread]
+suture = "2-0 polypropylene"
+control_points = 160
+"""
+ACROSS = f"""
+{BLOCK}{STRAIGHT.format(kind="anchored")}{THREAD}
+path = [[-0.011, 0, -0.006], [{TIP}, 0, -0.006]]
+end = {{ kind = "pulled", force = [0, 0, {PULL}] }}
+"""
+STITCH = """
+[tissue]
+youngs_modulus = 2.0e5
+poisson_ratio = 0.4
+density = 1000.0
+clamp = ["bottom"]
+[tissue.mesh]
+kind = "wound"
+shape = "slit"
+generator = "structured"
+size = [0.03, 0.012, 0.014]
+length = 0.008
+depth = 0.008
+h = 2.0e-3
+[[tissue.load]]
+boundary = "right"
+traction = [2e3, 0, 0]
+[[tissue.load]]
+boundary = "left"
+traction = [-2e3, 0, 0]
+{thread}
+path = [[-0.006, 0, 0.012], [-0.006, 0, -{depth}], [0.006, 0, -{depth}], [0.006, 0, 0.012]]
+[[piercing]]
+name = "left"
+at = [-0.006, 0, 0]
+kind = "anchored"
+footprint = 1.5e-3
+[[piercing]]
+name = "right"
+at = [0.006, 0, 0]
+kind = "anchored"
+footprint = 1.5e-3
+[[tract]]
+between = ["left", "right"]
+spacing = {spacing}
+[solve]
+kind = "static"
+load_steps = 2
+"""
+
+
+def at_rest(text: str) -> tuple[Simulation, OrganRun]:
+    """A scenario and its equilibrium."""
+    simulation = prepare(parse(tomllib.loads(text)))
+    now = simulation.beginning()
+    while now.number < simulation.steps:
+        now = simulation.next(now)
+    return simulation, now
+
+
+def test_a_straight_thread_drawn_sideways_is_a_beam_on_the_tract() -> None:
+    """Independent check (Euler and Bernoulli): a beam that the holes and balls hold by their compliance, and that a
+    force at its tip bends, has the same deflection there and presses on each ball with the same force."""
+    simulation, now = at_rest(ACROSS)
+    holes, EI = now.piercings, now.system.thread.EI
+    C = site_compliance(now.system, now.state).reshape(len(holes), 9, -1, 9)[:, 2, :, 2]
+    x = np.array([hole.x[0] - hole.displacement[0] for hole in holes])
+    cubes, at_tip, ones = np.abs(x[:, None] - x) ** 3 / 12.0 / EI, np.abs(x - TIP) ** 3 / 12.0 / EI, np.ones_like(x)
+    rows = [np.column_stack([cubes + C, ones, x]), np.append(ones, [0.0, 0.0]), np.append(x, [0.0, 0.0])]
+    found = np.linalg.solve(np.vstack(rows), -PULL * np.append(at_tip, [1.0, TIP]))
+    forces, tip = found[:-2], at_tip @ found[:-2] + found[-2] + found[-1] * TIP
+    assert abs(now.state.q[-1, 2] + 0.006 - tip) <= FOUNDATION * abs(tip)
+    assert np.abs([hole.force[2] for hole in holes] - forces).max() <= FOUNDATION * np.abs(forces).max()
+    stiff = np.abs(x - TIP) <= 0.5 * np.ptp(x)
+    assert np.abs(forces[~stiff]).max() < 0.05 * np.abs(forces).max(), "the foundation is not long enough to be one"
+    (tract,) = step_record(now).tracts
+    assert np.allclose(
+        tract.force + sum(hole.force for hole in holes if not hole.tract), [0, 0, -PULL], atol=1e-3 * PULL
+    )
+    assert [remark.code for remark in simulation.remarks() if remark.code.endswith("tract")] == []
+
+
+@cache
+def gap_at_the_skin(depth: float, spacing: float) -> float:
+    """How far a slit that is pulled apart opens at the skin, held by a stitch `depth` [m] deep."""
+    simulation, now = at_rest(STITCH.format(thread=THREAD, depth=depth, spacing=spacing))
+    body, organ = simulation.assembly.body, simulation.assembly.organ
+    assert body is not None and isinstance(organ, tissue.QuasiStaticOrgan)
+    U = body.nodal(organ.displacement(now.state.organ))
+    sides = [np.unique(body.mesh.facets[:, body.mesh.boundaries[name]]) for name in ("lip_left", "lip_right")]
+    left, right = (side[np.linalg.norm(body.points[side], axis=1).argmin()] for side in sides)
+    assert abs(now.energies.balance_error) <= RESIDUAL * max(now.energies.elastic, 1e-3)
+    return float(U[right, 0] - U[left, 0])
+
+
+def test_the_depth_of_a_bite_matters_and_the_spacing_does_not() -> None:
+    """Independent check: a stitch of 3 mm holds the skin better together than one of 6 mm, and the gap at the skin does
+    not depend on how close the balls are."""
+    deep = gap_at_the_skin(6e-3, 1.5e-3)
+    assert abs(gap_at_the_skin(6e-3, 0.75e-3) - deep) <= SPACING * deep
+    assert 0.0 < gap_at_the_skin(3e-3, 1.5e-3) < 0.6 * deep
+
+
+def test_the_grip_of_a_tract_is_taken_from_the_pull() -> None:
+    """Independent check: nothing presses along a straight tract, so that a thread which is drawn through needs its grip
+    more behind it than before; the friction is counted."""
+    text = f"""
+{BLOCK}{STRAIGHT.format(kind="sliding")}
+friction = {{ static = 0.0, kinetic = 0.0, grip = {GRIP} }}
+{THREAD}
+path = [[-0.011, 0, -0.006], [{TIP}, 0, -0.006]]
+start = {{ kind = "pulled", force = [-{TAUT}, 0, 0] }}
+end = {{ kind = "driven", waypoints = [[0, {TIP}, 0, -0.006], [1, {TIP + 1e-3}, 0, -0.006]] }}
+"""
+    _, now = at_rest(text)
+    (tract,) = step_record(now).tracts
+    assert tract.slipping == len(tract.balls)
+    assert abs(tract.balls[0].tension_before - TAUT) <= GRIPPED * TAUT
+    assert abs(tract.balls[-1].tension_after - TAUT - GRIP) <= GRIPPED * TAUT
+    assert abs(tract.friction + GRIP) <= GRIPPED * GRIP
+    assert now.energies.friction_dissipation > 0.0
+
+
+def changed(**keys: Any) -> dict[str, Any]:
+    tables = tomllib.loads(ACROSS)
+    tables["tract"][0] |= keys
+    return tables
+
+
+def test_a_tract_that_cannot_be_is_refused_in_words() -> None:
+    """Independent check: each refusal names the key and what is wrong."""
+    shallow = changed()
+    shallow["thread"]["path"] = [[-0.011, 0, -0.001], [TIP, 0, -0.001]]
+    for hole in shallow["piercing"]:
+        hole["at"][2] = -0.004
+    free = changed()
+    del free["tissue"]
+    free["piercing"][0]["footprint"] = free["piercing"][1]["footprint"] = 0.0
+    bare = changed()
+    bare["piercing"][1]["footprint"] = 0.0
+    for tables, said in (
+        (changed(between=["out", "in"]), "does not pass 'in' right after 'out'"),
+        (changed(between=["in", "exit"]), "there is no piercing 'exit'"),
+        (free, "without \\[tissue\\]"),
+        (bare, "a tract's balls need a radius"),
+        (changed(spacing=1e-4), "need at least .* raise it, or take a larger tract.spacing"),
+        (shallow, "nowhere a radius, 0.0015 m, deep in the organ"),
+    ):
+        with pytest.raises(ScenarioError, match=said):
+            prepare(parse(tables))
+
+
+def test_thread_in_tissue_without_a_tract_is_told() -> None:
+    """Independent check: the straight thread lies 6 mm deep, and without its tract the remark says so."""
+    tables = changed()
+    del tables["tract"]
+    said = [remark for remark in prepare(parse(tables)).remarks() if remark.code == "no-tract"]
+    assert len(said) == 1 and "6 mm deep" in said[0].message
