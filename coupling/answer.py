@@ -1,4 +1,5 @@
-"""What the thread meets of an organ's answer: the sites of the piercings, then the clamped ends, which do not give."""
+"""What the thread meets of an organ's answer: the sites of the piercings, then the clamped ends, which do not give,
+and the strands of ties, which take no part in it."""
 
 from dataclasses import dataclass
 from typing import Generic
@@ -11,16 +12,18 @@ from coupling.interfaces import Body
 from coupling.system import System
 
 NO_PAIRS = np.zeros(0)
+AT_TIE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0])  # x, and any u and v
 
 
 def all_holds(system: System[Body], y: Array) -> Array:
-    """Return the site variables of the piercings, `(9p,)`, followed by those of the clamped ends; shape `(m, 9)`."""
-    return np.concatenate([y.reshape(-1, NINE), system.clamp_frames])
+    """Return the site variables of the piercings, `(9p,)`, followed by those of the clamped ends and of ties, whose
+    place is left open; shape `(m, 9)`."""
+    return np.concatenate([y.reshape(-1, NINE), system.clamp_frames, np.tile(AT_TIE, (2 * len(system.ties), 1))])
 
 
 def pad_compliance(system: System[Body], C: Array) -> Array:
-    """Return the organ's compliance over all holds, shape `(9m, 9m)`: clamped ends do not give."""
-    return np.pad(C, (0, NINE * len(system.clamps))) if system.clamps else C
+    """Return the organ's compliance over all holds, shape `(9m, 9m)`: clamped ends and ties have none."""
+    return np.pad(C, (0, NINE * system.holds_off_organ)) if system.holds_off_organ else C
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@
     | Φ_q        Φ_y Y    Φ_s     c            |   dλ
     |            G_𝒜                     1_∖𝒜 |   dp       (pressed pairs: g = 0; open ones: p = 0)
 
-c, H_UU and a part of H_qq come from the compliance that the spline lacks at the holes (`coupling.constraints`).
+c, H_UU and a part of H_qq come from the compliance that the spline lacks at the holes (`coupling.constraints`). The
+places of ties stand behind U, without stiffness, and the rows of s of their strands are joined (`coupling.ties`).
 
 The default solve condenses the organ instead (`coupling.newton`): the same algebra in another order, at the price of
 one organ back-substitution. This one is to be looked at, and to be compared with.
@@ -17,16 +18,17 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from scipy.sparse import block_array, coo_array, csc_array, csr_array, csr_matrix, diags_array
+from scipy.sparse import block_array, block_diag, coo_array, csc_array, csr_array, csr_matrix, diags_array, hstack
 from scipy.sparse.linalg import splu
 
 from coupling.answer import all_holds
 from coupling.arrays import Array
-from coupling.bordered import LAM, MU_V, NINE, OWN, Border, S, Y, columns
+from coupling.bordered import LAM, MU_V, NINE, OF_X, OWN, Border, S, Y, columns
 from coupling.contact import NO_FORCES
 from coupling.errors import CouplingError
 from coupling.interfaces import Body
 from coupling.newton import Iterate, Problem, Residual, Solution, allowed_share, border_of, solve, thread_matrix
+from coupling.sliding import sliding_strands
 from thread.banded import diagonal_of
 
 MULTIPLIERS = slice(LAM.start, MU_V + 1)
@@ -118,28 +120,33 @@ def diagonal(blocks: Array) -> csr_array:
 
 def assemble(problem: Problem[Body], z: Monolith, r: Residual) -> BlockSystem:
     """Assemble the Newton system of the whole at an iterate."""
-    organ, (n, c), m = equation_of(problem), z.q.shape, len(z.s)
+    organ, (n, c), m, t = equation_of(problem), z.q.shape, len(z.s), len(problem.law.strands)
     border = border_of(problem, z, r.passage)
     V = csr_array(columns(r.passage, n, c))
-    Y_all = with_clamps(organ.Y, m)
+    Y_all, rest = over_holds(problem, organ.Y), csr_array((3 * t, 3 * t))
+    A = block_diag([organ.A, rest], format="csr")
     thread = sparse_band(thread_matrix(problem, z, r))
-    own = [diagonal(border.B[:, :1]), diagonal(border.B[:, 1:OWN])]
+    J, held_sum = joined_laws(problem, z)
+    own = [J @ diagonal(border.B[:, :1]), diagonal(border.B[:, 1:OWN])]
+    by_law = [J @ column for column in split_by_unknown(border, "law", Y_all)]
+    by_law[1] = by_law[1] + held_sum
     by_F = [-Y_all.T @ x for x in split_by_unknown(border, "F", Y_all)]
-    G, closed = csr_array(organ.G), diags_array(z.pressed.astype(np.float64))
+    G = csr_array(hstack([csr_array(organ.G), csr_array((len(organ.g0), 3 * t))]))
+    closed = diags_array(z.pressed.astype(np.float64))
     rows = [
         [thread, *(V @ column for column in split_by_unknown(border, "E", Y_all)), None],
         [
             -Y_all.T @ diagonal(border.R) @ V.T,
-            organ.A + by_F[0],
+            A + by_F[0],
             *by_F[1:],
             -G.T,
         ],
-        [own[0] @ V.T, *split_by_unknown(border, "law", Y_all), None],
+        [own[0] @ V.T, *by_law, None],
         [own[1] @ V.T, *split_by_unknown(border, "phi", Y_all), None],
         [None, closed @ G, None, None, diags_array((~z.pressed).astype(np.float64))],
     ]
     matrix = block_array(rows, format="csr")
-    organ_residual = organ.A @ z.U - organ.b - Y_all.T @ r.f_y.ravel() - G.T @ z.p
+    organ_residual = A @ z.U - np.pad(organ.b, (0, 3 * t)) - Y_all.T @ r.f_y.ravel() - G.T @ z.p
     lips = np.where(z.pressed, organ.g0 + G @ z.U, z.p)
     right = -np.concatenate([r.thread.ravel(), organ_residual, r.holds[:, S], r.holds[:, 1:OWN].ravel(), lips])
     ends = np.cumsum([0, c * n, len(z.U), m, 5 * m, len(z.p)])
@@ -153,10 +160,36 @@ def split_by_unknown(border: Border, which: str, Y_all: csr_array) -> list[csr_a
     return [diagonal(part[:, :, Y]) @ Y_all, diagonal(part[:, :, S : S + 1]), diagonal(part[:, :, MULTIPLIERS])]
 
 
-def with_clamps(Y: csr_matrix, m: int) -> csr_array:
-    """Return Y over all holds: the site variables of a clamped end do not move, shape `(9m, N)`."""
-    empty = csr_array((NINE * m - Y.shape[0], Y.shape[1]))
-    return csr_array(block_array([[csr_array(Y)], [empty]], format="csr")) if empty.shape[0] else csr_array(Y)
+def joined_laws(problem: Problem[Body], z: Iterate) -> tuple[csr_array, csr_array]:
+    """Return what the rows of s are multiplied by where the strands of ties slide together, and what is added to them,
+    by s: that the sum of both abscissae is kept. Shape `(m, m)` each."""
+    J, kept = np.eye(len(z.s)), np.zeros((len(z.s), len(z.s)))
+    one, other = sliding_strands(problem.law, z.sigma)
+    J[other, one], J[one, one] = -1.0, 0.0
+    kept[one, one] = kept[one, other] = 1.0
+    return csr_array(J), csr_array(kept)
+
+
+def over_holds(problem: Problem[Body], Y: csr_matrix) -> csr_array:
+    """Return Y over all holds and unknowns, shape `(9m, N + 3t)`: the site variables of a clamped end do not move, the
+    strands of a tie have its place, three unknowns behind the organ's."""
+    system, strands = problem.system, problem.law.strands
+    point = np.arange(3 * len(strands))
+    row = (NINE * strands[:, :, None] + np.arange(3)).swapaxes(0, 1).ravel()
+    others = coo_array(
+        (np.ones(row.size), (row - Y.shape[0], np.tile(point, 2))), (NINE * system.holds_off_organ, 3 * len(strands))
+    )
+    return csr_array(block_diag([Y, others], format="csr"))
+
+
+def all_variables(problem: Problem[Body], U: Array) -> Array:
+    """Return the site variables of all holds from the unknowns `U` (N + 3t,), shape `(m, 9)`."""
+    organ, strands = equation_of(problem), problem.law.strands
+    N = organ.Y.shape[1]
+    y = all_holds(problem.system, organ.y0 + organ.Y @ U[:N])
+    y[strands, OF_X] = U[N:].reshape(-1, 1, 3)
+    y[strands[:, 0], OF_X] += problem.gaps
+    return y
 
 
 def hold_still(problem: Problem[Body], system: BlockSystem) -> BlockSystem:
@@ -187,7 +220,7 @@ def monolithic_solve(problem: Problem[Body], start: Iterate, U: Array, linear: L
 
     def correct(problem: Problem[Body], z: Iterate, r: Residual) -> Iterate:
         assert isinstance(z, Monolith)
-        organ, system = equation_of(problem), assemble(problem, z, r)
+        system = assemble(problem, z, r)
         x = linear(system)
         x *= allowed_share(problem, x[system.blocks["q"]].reshape(z.q.shape))
         dq = x[system.blocks["q"]].reshape(z.q.shape)
@@ -198,12 +231,13 @@ def monolithic_solve(problem: Problem[Body], start: Iterate, U: Array, linear: L
             N=problem.system.thread.next_axial_force(r.points, dq),
             s=z.s + x[system.blocks["s"]],
             lam=z.lam + x[system.blocks["lam"]].reshape(-1, 5),
-            y=all_holds(problem.system, organ.y0 + organ.Y @ U_next),
+            y=all_variables(problem, U_next),
             U=U_next,
             p=z.p + x[system.blocks["p"]],
         )
 
     organ = equation_of(problem)
-    y, p = all_holds(problem.system, organ.y0 + organ.Y @ U), np.zeros(len(organ.g0))
+    U = np.concatenate([U, start.y[problem.law.strands[:, 1], OF_X].ravel()])
+    y, p = all_variables(problem, U), np.zeros(len(organ.g0))
     first = Monolith(start.q, start.N, start.s, start.lam, y, start.sigma, U, p, pressed=start.pressed)
     return solve(problem, first, correct)

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coupling.arrays import Array
 from coupling.constraints import driving_force, held_energy, site_force, thread_force
 from coupling.integrators import BDF2
 from coupling.interfaces import Body
@@ -125,7 +126,21 @@ def held_work(step: Step[Body]) -> float:
     """Return the work of the holders of the ends, whose reactions are the residuals at the prescribed unknowns [J]."""
     held = step.solution.problem.system.held
     dq = (step.new.q - step.old.q).ravel()
-    return float(step.solution.residual.thread.ravel()[held] @ dq[held])
+    return float(step.solution.residual.thread.ravel()[held] @ dq[held]) + float(closing_works(step).sum())
+
+
+def closing_works(step: Step[Body]) -> Array:
+    """Return the work of the hands that bring the strands of ties together, shape `(t,)` [J]."""
+    strands = step.solution.problem.system.strands
+    way = (step.new.y - step.old.y)[strands, :3] * step.new.present[strands][:, :, None]
+    return -np.sum(step.solution.residual.f_y[strands, :3] * way, axis=(1, 2))
+
+
+def drawing_works(step: Step[Body]) -> Array:
+    """Return the work of the hands that draw ties tight, shape `(t,)` [J]."""
+    strands, old, new = step.solution.problem.system.strands, step.old, step.new
+    drive = driving_force(step.solution.residual.passage, new.lam, step.solution.iterate.y)
+    return -np.sum((drive * (new.s - old.s) * step.solution.problem.law.by_hand)[strands], axis=1)
 
 
 def mean_force_works(
@@ -143,11 +158,12 @@ def mean_force_works(
         return 0.0, 0.0, 0.0
     _, _, load_back, viscous_back, _ = system.organ.energies(new.organ, old.organ)  # by the forces of the start
     dq, outside, rubbed = new.q - old.q, more_outside(system, step) - load_back - load_work, 0.0
-    if (system.rough | system.by_hand).any():
+    by_hand = step.solution.problem.law.by_hand
+    if (system.rough | by_hand).any():
         ds, at, now = new.s - old.s, system.passage(old.q, old.s), step.solution.residual.passage
         drive = driving_force(at, old.lam, old.y) - driving_force(now, new.lam, step.solution.iterate.y)
-        goes_on = system.rough & (old.sigma == new.sigma) & (system.epsilon == 0.0)
-        outside, rubbed = outside - float(drive @ (ds * system.by_hand)), float(drive @ (ds * goes_on))
+        goes_on = system.rough & ~by_hand & (old.sigma == new.sigma) & (system.epsilon == 0.0)
+        outside, rubbed = outside - float(drive @ (ds * by_hand)), float(drive @ (ds * goes_on))
     damped = -thread.damping * np.sum((new.v - old.v) * thread.momentum(dq)) - organ_viscous
     return 0.5 * outside, 0.5 * rubbed, 0.5 * float(damped - viscous_back)
 
@@ -180,12 +196,15 @@ def sliding_work(system: System[Body], step: Step[Body]) -> tuple[float, float, 
     y = step.solution.iterate.y  # where the holes were when the thread was solved; new.y but in a staggered step
     drive = driving_force(at, new.lam, y)
     law = step.solution.problem.law
-    slides, hand = ds * ~system.by_hand, ds * system.by_hand
-    ideal_inertia = law.inertia * (new.s - law.s_free) * law.may_slide  # what is drawn goes as the hand goes
+    slides, hand = ds * ~law.by_hand, ds * law.by_hand
+    ideal_inertia = (
+        law.inertia * (new.s - law.s_free) * (law.may_slide & ~system.of_ties)
+    )  # what is drawn goes as the hand goes
     friction = np.sum((drive - ideal_inertia) * slides)
     eps_numerical = ideal_inertia @ ds - 0.5 * system.epsilon * np.sum(new.s_dot**2 - old.s_dot**2)
     work = np.sum(step.solution.residual.push * (new.q - old.q)[:, :3])
-    work += np.sum(step.solution.residual.f_y[:p] * (new.y - old.y)[:p])
+    at_sites = step.solution.residual.f_y * (new.y - old.y)
+    work += np.sum(at_sites[:p]) + np.sum(at_sites[system.of_ties])
     return (
         float(friction),
         float(eps_numerical),

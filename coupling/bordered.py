@@ -35,7 +35,36 @@ AT_P, AT_T, AT_K = slice(0, 3), slice(3, 6), slice(6, 9)  # the thread's nine nu
 G, C1, C2 = slice(0, 3), 3, 4  # the constraints g, c₁, c₂ among the five rows of Φ
 OF_X, OF_U, OF_V = slice(0, 3), slice(3, 6), slice(6, 9)  # x, u, v among the nine numbers of y
 NINE = 9
+FLAT = 1e-3  # of the largest stiffness along the thread: a smaller one is taken for this
 I3 = np.eye(3)
+
+
+@dataclass(frozen=True)
+class Joints:
+    """How strands are joined in ties (`coupling.ties`): the holds `strands` (t, 2) in force, those of them that slide,
+    `one` and `other` (k,), and a `compliance` [m/N] that makes a length of the balance of forces."""
+
+    strands: Indices
+    one: Indices
+    other: Indices
+    compliance: float = 1.0
+
+    @property
+    def places(self) -> tuple[Indices, Indices]:
+        """Numbers of the x of both strands among the 9m numbers y, shape `(t, 3)` each."""
+        first, second = NINE * self.strands.T[:, :, None] + np.arange(3)
+        return first, second
+
+    def residual(self, r_y: Array, y: Array, f_y: Array, gaps: Array) -> Array:
+        """Return residuals of y (m, 9) with those of ties: x_a − x_b − `gaps` (t, 3), and what is left of the
+        forces."""
+        (a, b), out = self.strands.T, r_y.copy()
+        out[a, OF_X] = y[a, OF_X] - y[b, OF_X] - gaps
+        out[b, OF_X] = self.compliance * (f_y[a, OF_X] + f_y[b, OF_X])
+        return out
+
+
+NO_JOINTS = Joints(np.zeros((0, 2), dtype=np.intp), *np.zeros((2, 0), dtype=np.intp))
 
 
 class SingularError(ArithmeticError):
@@ -254,13 +283,23 @@ def banded_solve(A: Array, b: Array) -> Array:
 
 
 def newton_direction(
-    A: Array, held: Indices, border: Border, C: Array, thread: Passage, r_q: Array, r: Array, r_y: Array
+    A: Array,
+    held: Indices,
+    border: Border,
+    C: Array,
+    thread: Passage,
+    r_q: Array,
+    r: Array,
+    r_y: Array,
+    joints: Joints = NO_JOINTS,
+    reach: Array | None = None,
 ) -> tuple[Array, Array]:
     """Solve for the Newton direction dq (n, c) and dz (m, 15).
 
     `A` banded, overwritten, its rows and columns of `held` (the thread's prescribed unknowns) those of the
-    identity; `C` (9m, 9m) organ compliance; residuals `r_q` (n, c), `r` (m, 6) of the holds, `r_y` (m, 9) of y. Raises
-    `SingularError`.
+    identity; `C` (9m, 9m) organ compliance; residuals `r_q` (n, c), `r` (m, 6) of the holds, `r_y` (m, 9) of y;
+    `joints` of ties. With `reach` (m,) [m] the abscissae go downhill and no further than that, and all else with them
+    (`own_downhill`). Raises `SingularError`.
     """
     (n, c), m = r_q.shape, len(r)
     right = np.empty((c * n, 1 + NINE * m), order="F")
@@ -270,27 +309,69 @@ def newton_direction(
     if m == 0:
         return X[:, 0].reshape(n, c), np.empty((0, BORDER))
     G = values_at_holds(thread, X.reshape(n, c, -1))
-    matrix, rhs = holds_system(border, C, G[:, 0].reshape(m, NINE), G[:, 1:], r, r_y)
-    _, _, own, info = dgesv(matrix, rhs)
-    if info != 0 or not np.all(np.isfinite(own)):
-        raise SingularError("the holds' matrix is singular: two constraints say the same, or nothing holds the thread")
+    matrix, rhs = holds_system(border, C, G[:, 0].reshape(m, NINE), G[:, 1:], r, r_y, joints)
+    own = solve_own(matrix, rhs) if reach is None else own_downhill(matrix, rhs, reach)
     dz = np.zeros((m, BORDER))
     dz[:, : len(own) // m] = own.reshape(m, -1)
     push = np.matvec(border.E, dz).ravel()
     return (X[:, 0] - X[:, 1:] @ push).reshape(n, c), dz
 
 
-def holds_system(border: Border, C: Array, w: Array, G: Array, r: Array, r_y: Array) -> tuple[Array, Array]:
+def solve_own(matrix: Array, rhs: Array) -> Array:
+    """Solve the border's own system. Raises `SingularError`."""
+    _, _, own, info = dgesv(matrix, rhs)
+    if info != 0 or not np.all(np.isfinite(own)):
+        raise SingularError("the holds' matrix is singular: two constraints say the same, or nothing holds the thread")
+    return np.asarray(own)
+
+
+def own_downhill(matrix: Array, rhs: Array, reach: Array) -> Array:
+    """Solve the border's own system with the abscissae led: none goes further than `reach` (m,) [m], and none uphill.
+    `matrix` is overwritten.
+
+    All else is eliminated first, so that what is left of the laws of sliding is H ds = f: f (k,) [N] the force that
+    drives the thread along itself, H (k, k) [N/m] what holds against it, which is the second derivative of the
+    potential along the way that all else follows. Where H is not positive, Newton's way leads up to a saddle, and the
+    sizes of its eigenvalues make one that leads down (Nocedal & Wright, Numerical Optimization, 2006, §3.4). Rows that
+    speak of abscissae alone, of strands that stick or are tied, stand. Raises `SingularError`.
+    """
+    m = len(reach)
+    row, at = OWN * np.arange(m), matrix.shape[1] // m * np.arange(m)
+    driven = np.flatnonzero(np.delete(matrix[row], at, axis=1).any(axis=1))
+    row, at, unit = row[driven], at[driven], 1 + np.arange(len(driven))
+    law, law_rhs = matrix[row], rhs[row]
+    right = np.zeros((len(rhs), 1 + len(driven)), order="F")
+    right[:, 0] = rhs
+    matrix[row], right[row, 0] = 0.0, 0.0
+    matrix[row, at] = right[row, unit] = 1.0
+    own = solve_own(matrix, right)
+    H, f = -law @ own[:, 1:], law @ own[:, 0] - law_rhs
+    sizes, axes = np.linalg.eigh(0.5 * (H + H.T))
+    if (sizes > 0.0).all():
+        ds = np.linalg.solve(H, f)
+    else:
+        sizes = np.maximum(np.abs(sizes), max(FLAT * np.abs(sizes).max(), np.finfo(float).tiny))
+        ds = axes @ ((axes.T @ f) / sizes)
+    share = np.min(reach[driven] / np.maximum(np.abs(ds), np.finfo(float).tiny), initial=1.0)
+    return np.asarray(own[:, 0] + own[:, 1:] @ (share * ds))
+
+
+def holds_system(
+    border: Border, C: Array, w: Array, G: Array, r: Array, r_y: Array, joints: Joints = NO_JOINTS
+) -> tuple[Array, Array]:
     """Return the matrix and right-hand side of the border once the thread is eliminated: Vᵀdq = w − G E dz.
 
     Where no site gives way (C = 0) and each is in its place, dy = 0 and the six equations of a hold are all.
     """
     m = len(r)
-    rigid = not (C.any() or r_y.any())
+    rigid = not (C.any() or r_y.any() or joints.strands.size)
     E = border.E[:, :, :OWN] if rigid else border.E
     GE = np.matmul(G.reshape(NINE * m, m, NINE).swapaxes(0, 1), E).swapaxes(0, 1).reshape(m, NINE, -1)
     own = plus_diagonal(-border.B @ GE, border.D[:, :, : E.shape[2]]).reshape(OWN * m, -1)
-    own_rhs = (-r - np.matvec(border.B, w)).ravel()
+    by_thread = np.matvec(border.B, w)
+    if joints.one.size:
+        join_laws(own, by_thread, joints)
+    own_rhs = (-r - by_thread).ravel()
     if rigid:
         return own, own_rhs
     force = plus_diagonal(-border.R @ GE, border.F)
@@ -298,7 +379,32 @@ def holds_system(border: Border, C: Array, w: Array, G: Array, r: Array, r_y: Ar
     row = np.arange(NINE * m)
     site[row, BORDER * (row // NINE) + OWN + row % NINE] += 1.0
     site_rhs = C @ np.matvec(border.R, w).ravel() - r_y.ravel()
+    if joints.strands.size:
+        join_sites(site, site_rhs, force.reshape(NINE * m, -1), np.matvec(border.R, w), r_y, joints)
     return np.concatenate([own, site]), np.concatenate([own_rhs, site_rhs])
+
+
+def join_laws(own: Array, by_thread: Array, joints: Joints) -> None:
+    """Join the laws of sliding of the strands of ties, in place: rows of the holds' matrix and what the thread does to
+    them, `(m, 6)`."""
+    one, other, width = OWN * joints.one, OWN * joints.other, own.shape[1] // len(by_thread)
+    own[other] -= own[one]
+    by_thread[joints.other, S] -= by_thread[joints.one, S]
+    own[one], by_thread[joints.one, S] = 0.0, 0.0
+    own[one, width * joints.one + S] = own[one, width * joints.other + S] = 1.0
+
+
+def join_sites(site: Array, rhs: Array, force: Array, by_thread: Array, r_y: Array, joints: Joints) -> None:
+    """Put the equations of ties in the place of those of their strands' x, in place: rows `site` (9m, 15m) and `rhs`
+    (9m,); the forces on all sites change by `force` (9m, 15m) dz + `by_thread` (m, 9)."""
+    first, second = joints.places
+    column = lambda place: BORDER * (place // NINE) + OWN + place % NINE  # noqa: E731
+    site[first] = site[second] = 0.0
+    site[first, column(first)], site[first, column(second)] = 1.0, -1.0
+    site[second] = joints.compliance * (force[first] + force[second])
+    rhs[first] = -r_y.ravel()[first]
+    both = by_thread.ravel()[first] + by_thread.ravel()[second]
+    rhs[second] = -r_y.ravel()[second] - joints.compliance * both
 
 
 def plus_diagonal(full: Array, blocks: Array) -> Array:

@@ -108,10 +108,10 @@ def condense(contact: Contact[Body], pressed: Flags, y_free: Array, C: Array) ->
 
 
 def contact_of(system: System[Body], answer: Answer[Body]) -> Contact[Body] | None:
-    """Return the contact of a step, None where the organ has no lips that may touch; clamped ends open none."""
+    """Return the contact of a step, None where the organ has no lips that may touch; no other hold opens any."""
     if not answer.g_free.size:
         return None
-    return Contact(answer.g_free, np.pad(answer.C_cy, ((0, 0), (0, NINE * len(system.clamps)))), answer)
+    return Contact(answer.g_free, np.pad(answer.C_cy, ((0, 0), (0, NINE * system.holds_off_organ))), answer)
 
 
 def pressed_pairs(contact: Contact[Body] | None, system: System[Body], state: State[Body]) -> Flags:
@@ -127,7 +127,7 @@ def solve_contact(system: System[Body], f_y: Array, answer: Answer[Body]) -> Arr
     contact = contact_of(system, answer)
     if contact is None:
         return NO_FORCES
-    f = np.pad(f_y, (0, NINE * len(system.clamps)))
+    f = np.pad(f_y, (0, NINE * system.holds_off_organ))
     return forces(contact, find_pressed(contact, f, np.zeros(len(contact.g_free), dtype=bool)), f)
 
 

@@ -21,9 +21,10 @@ TRANSVERSE = 4  # conditions across a span that leave its four control points no
 
 
 def hold_names(system: System[Body]) -> list[str]:
-    """Name each hold for a message: the piercings, then the clamped ends."""
+    """Name each hold for a message: the piercings, then the clamped ends, then the strands of ties."""
     ends = [f"the clamped {('start', 'end')[k]} of the thread" for k in system.clamps]
-    return [f"piercing {piercing.name!r}" for piercing in system.piercings] + ends
+    strands = [f"tie {tie.name!r}" for tie in system.ties for _ in range(2)]
+    return [f"piercing {piercing.name!r}" for piercing in system.piercings] + ends + strands
 
 
 def faults(system: System[Body], state: State[Body]) -> list[str]:
@@ -100,7 +101,7 @@ def dependence_faults(system: System[Body], state: State[Body], at: Passage) -> 
 def scaled_rows(system: System[Body], state: State[Body], at: Passage) -> tuple[Array, Indices]:
     """Return the rows of Φ_q over the control points that are free, each of length one, and the hold of each.
 
-    A row that reaches no free control point is left zero.
+    A row that reaches no free control point is left zero; strands of ties, which hold only one another, have none.
     """
     m, n, c = system.holds, system.thread.n, system.thread.coordinates
     full = np.zeros((m, 5, n, c))
@@ -110,7 +111,7 @@ def scaled_rows(system: System[Body], state: State[Body], at: Passage) -> tuple[
         full[hold, axis, local, axis] = at.b[:, 0]
     for row, frame in ((3, slice(3, 6)), (4, slice(6, 9))):
         full[hold, row, local, :3] = at.b[:, 1, :, None] * state.y[:, None, frame]
-    used = system.rows & state.present[:, None]
+    used = system.rows & (state.present & ~system.of_ties)[:, None]
     owner = np.nonzero(used)[0]
     flat = full.reshape(m, 5, n * c)[used]
     size = np.linalg.norm(flat, axis=1, keepdims=True)
@@ -134,6 +135,7 @@ def refuse_crossing(system: System[Body], old: State[Body], new: State[Body]) ->
 
     Two holes apart in space cannot: the solution is another one than that which continues the motion.
     """
+    refuse_swallowed_ties(system, old, new)
     spline = system.thread.spline
     inside = ~spline.has_left(new.s, home=old.s)
     here = np.flatnonzero((new.present & inside)[: len(system.piercings)])
@@ -147,6 +149,18 @@ def refuse_crossing(system: System[Body], old: State[Body], new: State[Body]) ->
             "the thread; are they one hole, or is the thread between them slack?"
         )
         raise StepError(old.time, new.time - old.time, cause, second)
+
+
+def refuse_swallowed_ties(system: System[Body], old: State[Body], new: State[Body]) -> None:
+    """Raise `StepError` where a tie came to a hole that its loop goes through."""
+    for tie, strands in zip(system.ties, system.strands.tolist(), strict=True):
+        for hole, strand, sign in zip(tie.between, strands, (1.0, -1.0), strict=True):
+            if new.present[hole] and new.present[strand] and sign * (new.s[hole] - new.s[strand]) <= 0.0:
+                cause = (
+                    f"tie {tie.name!r} came to the hole of piercing {system.piercings[hole].name!r}, through which its "
+                    "loop runs; give the holes friction, so that the loop does not run round in them, or draw less"
+                )
+                raise StepError(old.time, new.time - old.time, cause)
 
 
 def refuse_drawn_out(system: System[Body], old: State[Body], new: State[Body]) -> None:

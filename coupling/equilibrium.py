@@ -24,9 +24,10 @@ from coupling.stepping import (
     end_configuration,
     end_load,
     reactions,
-    refuse_inversion,
     release,
+    tie_gaps,
     with_ends,
+    with_sense,
 )
 from coupling.system import State, System
 
@@ -67,9 +68,10 @@ def static_problem(
         load=load,
         answer=answer,
         rows=system.rows & state.present[:, None],
-        law=law_of(system, first.s, state.present, 0.0, first.s, *by_hand),
+        law=law_of(system, first.s, state.present, 0.0, first.s, *by_hand, first.time),
         stiffen=True,
         frame=state.frame,
+        gaps=tie_gaps(system, state, time),
     )
 
 
@@ -151,9 +153,7 @@ def let_down_friction(problem: Problem[Body], held: Iterate) -> Solution[Body]:
 
 def with_friction(problem: Problem[Body], factor: float) -> Problem[Body]:
     """Return the problem with all friction multiplied."""
-    law = problem.law
-    more = {name: factor * getattr(law, name) for name in ("static", "kinetic", "grip")}
-    return replace(problem, law=replace(law, **more))
+    return replace(problem, law=replace(problem.law, factor=factor))
 
 
 def first_tie(system: System[Body], state: State[Body]) -> float:
@@ -189,8 +189,7 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
         reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.transport_frame(old.frame, z.q),
     )
-    refuse_inversion(system, old, new, residual.passage)
-    return new
+    return with_sense(system, old, new, residual.passage)
 
 
 def refuse_unbalanced(system: System[Body], state: State[Body], duration: float) -> None:
@@ -203,7 +202,7 @@ def refuse_unbalanced(system: System[Body], state: State[Body], duration: float)
     thread, here = system.thread, state.present
     holds = (system.rows.any(axis=1) & here & (system.rough | ~system.may_slide | system.by_hand)).any()
     held = any(end.position(0.0) is not None for end in system.ends)
-    if holds or held or not here.any() or system.weight.any() or thread.spline.cuts.size:
+    if holds or held or system.ties or not here.any() or system.weight.any() or thread.spline.cuts.size:
         return
     load = np.array([np.linalg.norm(end.force(duration)) for end in system.ends])
     ends = np.array([state.s[here].min() - thread.spline.start, thread.spline.end - state.s[here].max()])

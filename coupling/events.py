@@ -18,18 +18,20 @@ from coupling.observation import bearing_pressures
 from coupling.stepping import Step
 from coupling.system import State, System
 
-Kind = Literal["begins", "ends", "leaves", "slips", "sticks", "tears", "cut", "halved", "knots"]
+Kind = Literal[
+    "begins", "ends", "leaves", "slips", "sticks", "tears", "closes", "tied", "unties", "cut", "halved", "knots"
+]
 
 
 @dataclass(frozen=True)
 class Event:
     """One event.
 
-    `time` [s]; `piercing` by name, empty for a halved step, a cut and other knots; `s` [m]. Of a piercing that begins:
-    `gap` [m] and `angle` [rad] that were closed, `work` [J] done in closing them, `loss` [J] of kinetic energy and
-    `impulse` (3,) [N s] of the hole on the thread. Of a cut and of other knots: `control_points` after it, `loss` and
-    `impulse`, what the change cost of the thread's energy and momentum. `work` − `loss` is what the event changed of
-    kinetic plus elastic energy.
+    `time` [s]; `piercing` or tie by name, empty for a halved step, a cut and other knots; `s` [m]. Of a piercing that
+    begins: `gap` [m] and `angle` [rad] that were closed, `work` [J] done in closing them, `loss` [J] of kinetic energy
+    and `impulse` (3,) [N s] of the hole on the thread; of a tie that closes: `gap`. Of a cut and of other knots:
+    `control_points` after it, `loss` and `impulse`, what the change cost of the thread's energy and momentum. `work` −
+    `loss` is what the event changed of kinetic plus elastic energy.
     """
 
     time: float
@@ -71,7 +73,19 @@ def changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Ev
     strengths = np.array([piercing.strength for piercing in system.piercings])
     before, after = (bearing_pressures(system, state) > strengths for state in (old, new))
     torn = np.flatnonzero(after & ~before & new.present[: len(strengths)])
+    out += tie_changes(system, old, new)
     return out + [Event(new.time, "tears", system.piercings[k].name, float(new.s[k])) for k in torn]
+
+
+def tie_changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Event]:
+    """Find the ties that came undone, or began to slip or to stick, between two states."""
+    out = []
+    for tie, (k, _) in zip(system.ties, system.strands, strict=True):
+        if old.present[k] and not new.present[k]:
+            out.append(Event(new.time, "unties", tie.name, float(new.s[k])))
+        elif new.present[k] and old.time >= tie.locks and (old.sigma[k] == 0.0) != (new.sigma[k] == 0.0):
+            out.append(Event(new.time, "sticks" if new.sigma[k] == 0.0 else "slips", tie.name, float(new.s[k])))
+    return out
 
 
 def nearer_end(system: System[Body], s: float) -> float:

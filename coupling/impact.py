@@ -17,7 +17,7 @@ import numpy as np
 from coupling.answer import all_holds, pad_compliance
 from coupling.arrays import Array, Flags
 from coupling.audit import initial_energies
-from coupling.bordered import PHI, Border, S, drop_constraints, linearise, newton_direction
+from coupling.bordered import NO_JOINTS, PHI, Border, Joints, S, drop_constraints, linearise, newton_direction
 from coupling.constraints import Passage, bare_passage, phi, site_force, spread, thread_force
 from coupling.contact import NO_FORCES, pressed_pairs
 from coupling.diagnosis import refuse_faults
@@ -27,7 +27,7 @@ from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body
 from coupling.newton import Iterate, Problem
 from coupling.sliding import law_of, linearise_law
-from coupling.stepping import accept_organ, find_solution, sense
+from coupling.stepping import accept_organ, find_solution, sense, tie_gaps
 from coupling.system import State, System, forgetful
 from thread.vectors import dot
 
@@ -175,6 +175,7 @@ def closing_problem(system: System[Body], state: State[Body], k: int, scheme: Ba
         rows=system.rows & state.present[:, None],
         law=law_of(system, state.s, others, system.epsilon * scheme.a, state.s),
         frame=state.frame,
+        gaps=tie_gaps(system, state, state.time),
     )
 
 
@@ -192,11 +193,12 @@ def strike(system: System[Body], state: State[Body], k: int) -> tuple[State[Body
     at, p = bare_passage(system.thread.spline, state.q, state.s), len(system.piercings)
     rates = np.zeros((system.holds, 6))
     rates[k, PHI] = np.where(system.rows[k], constraint_rate(system, state, at, answer.y_free)[k], 0.0)
-    slides = np.where(this, system.may_slide, state.sigma != 0.0)
-    border = impact_border(system, state, at, slides)
+    slides = np.where(this, system.may_slide, (state.sigma != 0.0) & ~system.of_ties)
+    border, in_force = impact_border(system, state, at, slides), state.present[system.strands].all(axis=1)
+    joints = Joints(system.strands[in_force], *NO_JOINTS.strands.T)
     M, none = system.hold_still(system.thread.mass_band.copy()), np.zeros_like(state.q)
     dv, dz = newton_direction(
-        M, system.held, border, pad_compliance(system, answer.C), at, none, rates, np.zeros_like(state.y)
+        M, system.held, border, pad_compliance(system, answer.C), at, none, rates, np.zeros_like(state.y), joints
     )
     j, s_dot = dz[:, PHI], state.s_dot + np.where(slides, dz[:, S], 0.0)
     organ = answer.accept(site_force(at, j, state.y)[:p].ravel(), NO_FORCES)

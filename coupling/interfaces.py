@@ -91,6 +91,22 @@ class Organ(Protocol[Body]):
         and the contact forces those of `state`; velocities are kept."""
 
 
+class FrictionLaw(Protocol):
+    """Friction of a hole as functions of the force N ≥ 0 [N] that presses the thread on it, finite at N = 0.
+
+    It adds to Coulomb's, and it does not know how fast the thread slides.
+    """
+
+    def static(self, N: float) -> float:
+        """Return the largest force along the thread that holds it [N]."""
+
+    def kinetic(self, N: float) -> float:
+        """Return the force along the thread that slides [N], no more than the static one."""
+
+    def slope(self, N: float) -> float:
+        """Return the derivative of the kinetic force by N [-]."""
+
+
 @runtime_checkable
 class KnowsDirections(Protocol):
     """What an organ may say besides: which of its sites were given a direction."""

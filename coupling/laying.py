@@ -126,7 +126,7 @@ def bed_problem(system: System[Body], on_path: Array, answer: Held[Body], s: Arr
     thread, m = system.thread, system.holds
     span = (thread.spline.end - thread.spline.start) / (len(thread.spline.breaks) - 1)
     bed = 4.0 / (BED_SPANS * span) ** 4
-    law = law_of(system, s, np.ones(m, dtype=bool), thread.EA / (FEED_SPANS * span), s)
+    law = law_of(system, s, ~system.of_ties, thread.EA / (FEED_SPANS * span), s)
     return Problem(
         system=system,
         time=0.0,
@@ -161,7 +161,7 @@ def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[
     log.info("laying the thread along its path")
     organ = resting_organ(system)
     y = all_holds(system, system.organ.site_variables(organ))
-    s = np.concatenate([s, system.clamp_abscissae])
+    s = np.concatenate([s, system.clamp_abscissae, np.full(2 * len(system.ties), system.thread.spline.start)])
     q, s = lay(system, Laying(Held(system.organ.site_variables(organ), organ), path, stretch), s)
     m, thread = system.holds, system.thread
     q = np.pad(q, ((0, 0), (0, thread.coordinates - 3)))

@@ -23,6 +23,7 @@ from coupling.bordered import (
     NINE,
     PHI,
     Border,
+    Joints,
     S,
     SingularError,
     Y,
@@ -36,7 +37,7 @@ from coupling.constraints import Passage, phi, site_force, spread, thread_force
 from coupling.contact import NO_FORCES, Contact, condense, contact_of, find_pressed, first_of, forces, misfits
 from coupling.errors import StepError
 from coupling.interfaces import Answer, Body
-from coupling.sliding import Law, admissible_sigma, linearise_law, next_sigma
+from coupling.sliding import Law, admissible_sigma, in_metres, linearise_law, next_sigma, sliding_strands
 from coupling.sliding import residual as law_residual
 from coupling.system import System
 from thread.frames import Frame
@@ -50,8 +51,10 @@ FORCE_TOLERANCE = 1e-10  # of the largest force in the step
 GAP_TOLERANCE = 1e-11  # of the thread's diameter
 DIRECTION_TOLERANCE = 1e-11  # of |T||u| ≈ 1
 ROUND_OFF = 2e-14  # of EA: the axial force is a difference of numbers near 1, times EA; and of stiffness times place
+REACH = 0.25  # of a span; the most that a correction downhill moves an abscissa
 LONGEST_MOVE = 0.01  # of the thread's length; a Newton correction is cut down to it
 NO_PAIRS = np.zeros(0, dtype=bool)
+NO_GAPS = np.zeros((0, 3))
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class Problem(Generic[Body]):
     is mass_factor·M (q − q_ref); `load` (n, c) [N, with twist N m]; `answer`, the organ's; `rows` (m, 5) constraints in
     force; `stiffen`: add the constraints' own stiffness to the thread's band, needed where there is no inertia (an
     exact row operation); `frame`, that of the start of the step, of a thread with twist; `closed` (k,), the pairs of
-    lips that are held closed, whatever their force.
+    lips that are held closed, whatever their force; `gaps` (t, 3) [m], between the strands of every tie.
     """
 
     system: System[Body]
@@ -78,6 +81,17 @@ class Problem(Generic[Body]):
     stiffen: bool = False
     frame: Frame | None = None
     closed: Flags = field(default_factory=lambda: NO_PAIRS)
+    gaps: Array = field(default_factory=lambda: NO_GAPS)
+
+    @cached_property
+    def tie_compliance(self) -> float:
+        """Compliance of the thread, by which the balance of a tie becomes a length [m/N]."""
+        thread = self.system.thread
+        return float((thread.spline.end - thread.spline.start) / thread.EA)
+
+    def joints(self, sigma: Array) -> Joints:
+        """Return how strands are joined where the holds slide by `sigma` (m,)."""
+        return Joints(self.law.strands, *sliding_strands(self.law, sigma), self.tie_compliance)
 
     @cached_property
     def contact(self) -> Contact[Body] | None:
@@ -193,7 +207,8 @@ def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
 
 def site_residual(problem: Problem[Body], z: Iterate, f_y: Array) -> Array:
     """Return y − y_free − C f_y of all holds, shape `(m, 9)`."""
-    return z.y - problem.y_free - (problem.C @ f_y.ravel()).reshape(-1, NINE)
+    r_y = z.y - problem.y_free - (problem.C @ f_y.ravel()).reshape(-1, NINE)
+    return r_y if not problem.law.strands.size else problem.joints(z.sigma).residual(r_y, z.y, f_y, problem.gaps)
 
 
 def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Body], Residual, bool]:
@@ -228,7 +243,7 @@ def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
     free.ravel()[problem.system.held] = 0.0
     torque = max(force * thread.section.diameter, FORCE_TOLERANCE * r.torque_scale)
     limits = np.empty_like(r.holds)
-    limits[:, S] = np.where(z.sigma == 0.0, gap, force)
+    limits[:, S] = np.where(in_metres(problem.law, z.sigma), gap, force)
     limits[:, PHI] = np.where(problem.rows, (gap, gap, gap, DIRECTION_TOLERANCE, DIRECTION_TOLERANCE), force)
     site = np.abs(r.site)
     return bool(
@@ -287,36 +302,47 @@ def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
     return A
 
 
-def correct(problem: Problem[Body], z: Iterate, r: Residual) -> Iterate:
-    """Make one Newton correction. Raises `SingularError`."""
+def correct(problem: Problem[Body], z: Iterate, r: Residual, reach: Array | None = None) -> Iterate:
+    """Make one Newton correction; `reach` as for `coupling.bordered.newton_direction`. Raises `SingularError`."""
     thread = problem.system.thread
     A = thread_matrix(problem, z, r)
     border, r_q = border_of(problem, z, r.passage), r.thread
     if problem.stiffen:
         A, border, r_q = add_constraint_stiffness(problem, A, border, r)
-    A = problem.system.hold_still(A)
-    dq, dz = newton_direction(A, problem.system.held, border, problem.C, r.passage, r_q, r.holds, r.site)
+    A, joints = problem.system.hold_still(A), problem.joints(z.sigma)
+    residuals = r_q, r.holds, r.site
+    dq, dz = newton_direction(A, problem.system.held, border, problem.C, r.passage, *residuals, joints, reach)
     share = allowed_share(problem, dq)
     dq, dz = share * dq, share * dz
     N = thread.next_axial_force(r.points, dq)
     return replace(z, q=z.q + dq, N=N, s=z.s + dz[:, S], lam=z.lam + dz[:, PHI], y=z.y + dz[:, Y])
 
 
+def correct_downhill(problem: Problem[Body], z: Iterate, r: Residual) -> Iterate:
+    """Make one Newton correction in which no abscissa goes uphill, nor further than a REACH of its span. Raises
+    `SingularError`."""
+    spline = problem.system.thread.spline
+    return correct(problem, z, r, REACH * np.diff(spline.breaks)[spline.spans_of(z.s)])
+
+
 Corrector = Callable[[Problem[Body], Iterate, Residual], Iterate]
 
 
-def solve(problem: Problem[Body], start: Iterate, correct: Corrector[Body] = correct) -> Solution[Body]:
+def solve(
+    problem: Problem[Body], start: Iterate, correct: Corrector[Body] = correct, patience: int = 1
+) -> Solution[Body]:
     """Iterate from `start` until every equation holds, and stick and slip, touch and open fit the answer. Raises
     `StepError`.
 
-    `correct` makes one Newton correction; the default one condenses the organ. Each active set of friction and contact
-    is solved out before it is judged. Where a set comes back, one hole or pair changes at a time, the first that has to
-    (Murty's least-index rule); what is not at rest after MAX_SETS is given up.
+    `correct` makes one Newton correction; the default one condenses the organ. `patience`: how many times the
+    corrections of a plain solve there may be. Each active set of friction and contact is solved out before it is
+    judged. Where a set comes back, one hole or pair changes at a time, the first that has to (Murty's least-index
+    rule); what is not at rest after MAX_SETS is given up.
     """
     z, iterations = replace(start, sigma=admissible_sigma(problem.law, start.sigma)), 0
     seen: set[bytes] = set()
     for _ in range(MAX_SETS + len(z.pressed)):
-        solution = solve_set(replace(problem, closed=z.pressed), z, correct)
+        solution = solve_set(replace(problem, closed=z.pressed), z, correct, patience)
         iterations += solution.iterations
         z, r = solution.iterate, solution.residual
         problem = replace(problem, answer=solution.problem.answer)
@@ -350,7 +376,7 @@ def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: set[by
         return fitting
     other = sigma != z.sigma
     if other.any():
-        return replace(z, sigma=np.where(first_of(other), sigma, z.sigma))
+        return replace(z, sigma=admissible_sigma(problem.law, np.where(first_of(other), sigma, z.sigma)))
     wrong = NO_PAIRS if contact is None else misfits(contact, r.f_y.ravel(), z.pressed, margin)
     return replace(z, pressed=z.pressed ^ first_of(wrong)) if wrong.any() else z
 
@@ -360,10 +386,10 @@ def contact_forces(contact: Contact[Body] | None, z: Iterate, r: Residual) -> Ar
     return NO_FORCES if contact is None else forces(contact, z.pressed, r.f_y.ravel())
 
 
-def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body]) -> Solution[Body]:
+def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body], patience: int) -> Solution[Body]:
     """Iterate by Newton from `z` with its active set. Raises `StepError`."""
     r = evaluate(problem, z)
-    for iteration in range(MAX_ITERATIONS):
+    for iteration in range(patience * MAX_ITERATIONS):
         if not np.isfinite(r.force_scale) or not np.all(np.isfinite(r.thread)):
             raise failure(problem, r, "a force is not finite: the iteration ran away, or a load is not a number")
         problem, r, stands = follow(problem, z, r)
@@ -376,7 +402,7 @@ def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body]) -> S
         except SingularError as error:
             raise failure(problem, r, str(error)) from error
         r = evaluate(problem, z)
-    raise failure(problem, r, f"no convergence in {MAX_ITERATIONS} Newton iterations")
+    raise failure(problem, r, f"no convergence in {patience * MAX_ITERATIONS} Newton iterations")
 
 
 def failure(problem: Problem[Body], r: Residual, cause: str) -> StepError:

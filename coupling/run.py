@@ -9,7 +9,7 @@ its audit and the events in it; the cuts, and the piercings that begin or end, w
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Generic
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from coupling.adaptivity import INTERVAL, Resolution, adapt_when_due, refine_for
 from coupling.arrays import Array
-from coupling.audit import Energies, audit_step, initial_energies
+from coupling.audit import Energies, audit_step, closing_works, drawing_works, initial_energies
 from coupling.configuration import Configuration, configuration_of
 from coupling.constraints import held_energy
 from coupling.cutting import Cut, cut_thread
@@ -28,6 +28,7 @@ from coupling.interfaces import Body
 from coupling.observation import PiercingObservation, observe
 from coupling.stepping import HALVINGS, Step, Take, advance, release, try_step
 from coupling.system import State, System
+from coupling.tying import TieObservation, begin_tie, lock_tie, observe_ties
 from coupling.watch import Watch
 
 EQUILIBRIA = 4  # further ones of a load step at most, on knots that fit the one before
@@ -42,7 +43,8 @@ class Run(Generic[Body]):
     abscissae that slip is measured from, where each piercing began; `number`, the steps made; `take`, how one is made,
     and `halvings`, how often one that fails is halved; `downhill`, whether one that makes energy has failed
     (`coupling.watch`); `resolution`, how the knots follow the thread, None where they do not; `given` (p,) [m], the
-    abscissae of piercings that begin, NaN where the thread's nearest place is taken. `fresh` is a thread under no
+    abscissae of piercings that begin, NaN where the thread's nearest place is taken; `tie_works` (t,) [J], of the hands
+    on each tie so far. `fresh` is a thread under no
     tension yet that knots could go by. Of the last step: the steps `taken` (several where it was halved), the `events`,
     and the thread's `configuration` at its end.
     """
@@ -55,6 +57,7 @@ class Run(Generic[Body]):
     resolution: Resolution | None
     given: Array
     configuration: Configuration
+    tie_works: Array = field(default_factory=lambda: np.zeros(0))
     halvings: int = HALVINGS
     downhill: bool = True
     cuts: tuple[Cut, ...] = ()
@@ -67,6 +70,11 @@ class Run(Generic[Body]):
     def piercings(self) -> tuple[PiercingObservation, ...]:
         """All piercings as they are now, slip measured from where each began."""
         return observe(self.system, replace(self.state, s=self.s_begun), self.state, self.configuration)
+
+    @cached_property
+    def ties(self) -> tuple[TieObservation, ...]:
+        """All ties as they are now."""
+        return observe_ties(self.system, self.state, self.tie_works)
 
     @property
     def iterations(self) -> int:
@@ -128,6 +136,7 @@ class Run(Generic[Body]):
             state=taken[-1].new,
             configuration=taken[-1].end,
             energies=energies,
+            tie_works=self.tie_works + sum(closing_works(step) + drawing_works(step) for step in taken),
             taken=self.taken + tuple(taken),
             events=self.events + tuple(find_events(self.system, self.state, taken)),
         )
@@ -154,7 +163,7 @@ class Run(Generic[Body]):
 
     def _scheduled(self, earlier: float, dt: float) -> "Run[Body]":
         """Return the run after the cuts, and the piercings that end or begin, later than `earlier` [s]."""
-        run = replace(self, number=self.number + 1, fresh=False).cut_when_due(earlier, dt)
+        run = replace(self, number=self.number + 1, fresh=False).cut_when_due(earlier, dt).tied_when_due(earlier, dt)
         state, due = schedule_piercings(run.system, earlier, run.state, dt, run.given)
         if not due:
             return run
@@ -180,6 +189,21 @@ class Run(Generic[Body]):
                 )
         return run
 
+    def tied_when_due(self, earlier: float, dt: float) -> "Run[Body]":
+        """Return the run with the ties that begin or are locked later than `earlier` [s]. Raises `FormingError`."""
+        state, due = self.state, []
+        for k, tie in enumerate(self.system.ties):
+            if is_due(tie.locks, earlier, state.time, dt) and state.present[self.system.strands[k, 0]]:
+                state, event = lock_tie(self.system, state, k)
+                due.append(event)
+            if is_due(tie.begins, earlier, state.time, dt):
+                state, event = begin_tie(self.system, state, k)
+                due.append(event)
+        if not due:
+            return self
+        now = configuration_of(self.system, state)
+        return replace(self, state=state, configuration=now, events=(*self.events, *due))
+
 
 def begin(
     system: System[Body],
@@ -192,7 +216,10 @@ def begin(
     cuts: tuple[Cut, ...] = (),
 ) -> Run[Body]:
     """Return the run before its first step; the arguments are as for `Run`."""
-    nearest = np.full(len(system.piercings), np.nan)
+    nearest, closed = np.full(len(system.piercings), np.nan), []
+    for k in [k for k, tie in enumerate(system.ties) if tie.begins == 0.0]:
+        state, event = begin_tie(system, state, k)
+        closed.append(event)
     return Run(
         system=system,
         state=state,
@@ -202,9 +229,11 @@ def begin(
         resolution=resolution,
         given=nearest if given is None else given,
         configuration=configuration_of(system, state),
+        tie_works=np.zeros(len(system.ties)),
         halvings=halvings,
         downhill=downhill,
         cuts=cuts,
+        events=tuple(closed),
     )
 
 

@@ -18,8 +18,12 @@ the one and −m/ℓ_c at the other, so
 which is max(|λ_n|, 2|m|/ℓ_c) where both lie in a plane with the thread. The thread's velocity relative to the hole is
 v_t = −|T̂| ds/dt, so friction dissipates (F₀ + μ_k N)|T̂||ds/dt|.
 
+Both bounds have a law of one's own added where a hole has one, F₀ + μN + F(N) (`coupling.interfaces.FrictionLaw`).
+
 Which of stick and slip holds is an active set, σ ∈ {−1, 0, 1} a hold. It changes only between solved iterates: one on
 the way has forces that mean nothing, and where μ_k < μ_s both may hold, so that a wrong change would stand.
+
+A tie that slides does so as one (`coupling.ties`): its strands have two equations together, joined from those above.
 
 That force enters as a given one, f = `injected`. So does a friction found elsewhere (the two-pass algorithm of §4.3).
 """
@@ -29,7 +33,7 @@ from functools import cached_property
 
 import numpy as np
 
-from coupling.arrays import Array, Flags
+from coupling.arrays import Array, Flags, Indices
 from coupling.bordered import AT_K, AT_T, BORDER, LAM, MU_U, MU_V, Border, S, U, V, own_axis_rate
 from coupling.constraints import (
     Parts,
@@ -45,8 +49,9 @@ from coupling.constraints import (
     shrinkage,
     tangent,
 )
-from coupling.interfaces import Body
+from coupling.interfaces import Body, FrictionLaw
 from coupling.system import System
+from coupling.ties import in_pairs
 from thread.vectors import cross, dot
 
 
@@ -55,9 +60,11 @@ class Law:
     """What the law of sliding needs besides the iterate, over `m` holds.
 
     `s_old` (m,) [m]; `s_held` (m,) [m], where a thread that does not slide is at the end of the step; `static`,
-    `kinetic`, `grip`, `per_channel` (m,); `inertia` = ε a [N/m] and `s_free` (m,) [m] make
-    ε s̈ = inertia (s − s_free); `rough` and `may_slide` (m,); `injected` (m,) [N], a given force along the thread where
-    it slides, added to the friction of the rough holds.
+    `kinetic`, `grip`, `per_channel` (m,); `inertia` = ε a [N/m], of all holds or of each, and `s_free` (m,) [m] make
+    ε s̈ = inertia (s − s_free), and c ds/dt of a tie that is drawn; `rough` and `may_slide` (m,); `injected` (m,) [N],
+    a given force along the thread where it slides, added to the friction of the rough holds; `strands` (t, 2) of ties
+    in force; `by_hand` (m,), where hands draw; `own`, the law of one's own of each hold, None or empty where there is
+    none; `factor`, by which all friction is multiplied.
     """
 
     s_old: Array
@@ -68,9 +75,13 @@ class Law:
     per_channel: Array
     rough: Flags
     may_slide: Flags
-    inertia: float
+    inertia: float | Array
     s_free: Array
     injected: Array
+    strands: Indices
+    by_hand: Flags
+    own: tuple[FrictionLaw | None, ...] = ()
+    factor: float = 1.0
 
     @cached_property
     def ideal(self) -> bool:
@@ -82,15 +93,22 @@ def law_of(
     system: System[Body],
     s_old: Array,
     present: Flags,
-    inertia: float,
+    inertia: float | Array,
     s_free: Array,
     drawn: Array | float = 0.0,
     pulls: Array | float = 0.0,
+    time: float = np.inf,
 ) -> Law:
-    """Return the law at the start of a step in which lengths `drawn` (m,) [m] are drawn through, and at whose end hands
-    pull with the forces `pulls` (m,) [N]; an absent hold keeps its abscissa."""
-    s_held, injected = s_old - drawn * present, pulls * np.ones(len(s_old)) * present
-    return Law(s_old, s_held, *system.friction, system.rough, system.may_slide & present, inertia, s_free, injected)
+    """Return the law at the start of a step, at `time` [s], in which lengths `drawn` (m,) [m] are drawn through, and at
+    whose end hands pull with the forces `pulls` (m,) [N]; an absent hold keeps its abscissa. Without a time no tie is
+    drawn."""
+    drawn_ties = system.drawn_ties(time)
+    rough, tied = system.rough & ~drawn_ties, system.of_ties & ~drawn_ties
+    may_slide = system.may_slide & present & (rough | ~tied)
+    injected = np.asarray(pulls * (present & ~tied), dtype=np.float64)
+    strands = system.strands[present[system.strands].all(axis=1)]
+    by_hand, s_held, own = system.by_hand | drawn_ties, s_old - drawn * present, system.own_friction
+    return Law(s_old, s_held, *system.friction, rough, may_slide, inertia, s_free, injected, strands, by_hand, own)
 
 
 def prescribed(law: Law, held: Flags, injected: Array) -> Law:
@@ -129,18 +147,38 @@ def force_along_thread(law: Law, thread: Passage, s: Array, lam: Array, y: Array
 
 
 def static_bound(law: Law, thread: Passage, lam: Array, y: Array) -> Array:
-    """Return F₀ + μ_s N, shape `(m,)` [N]."""
-    return np.asarray(law.grip + law.static * normal_force(thread, lam, y, law.per_channel))
+    """Return F₀ + μ_s N, with a law of one's own more, shape `(m,)` [N]."""
+    N = normal_force(thread, lam, y, law.per_channel)
+    return np.asarray(law.factor * (law.grip + law.static * N + by_own_law(law, "static", N)))
 
 
 def kinetic_bound(law: Law, thread: Passage, lam: Array, y: Array) -> Array:
-    """Return F₀ + μ_k N, shape `(m,)` [N]."""
-    return np.asarray(law.grip + law.kinetic * normal_force(thread, lam, y, law.per_channel))
+    """Return F₀ + μ_k N, with a law of one's own more, shape `(m,)` [N]."""
+    N = normal_force(thread, lam, y, law.per_channel)
+    return np.asarray(law.factor * (law.grip + law.kinetic * N + by_own_law(law, "kinetic", N)))
+
+
+def kinetic_slope(law: Law, N: Array) -> Array:
+    """Return the derivative of `kinetic_bound` by the normal forces N `(m,)` [N], shape `(m,)` [-]."""
+    return np.asarray(law.factor * (law.kinetic + by_own_law(law, "slope", N)))
+
+
+def by_own_law(law: Law, part: str, N: Array) -> Array:
+    """Return "static", "kinetic" [N] or "slope" [-] of the holds' own laws under the normal forces N `(m,)` [N], zero
+    of a hold without one, shape `(m,)`."""
+    out = np.zeros(N.size)
+    for k, own in enumerate(law.own):
+        if own is not None:
+            out[k] = getattr(own, part)(float(N[k]))
+    return out
 
 
 def admissible_sigma(law: Law, sigma: Array) -> Array:
-    """Fit the active set to the holds: an ideal hole slides, one that may not slide sticks, shape `(m,)`."""
-    return np.where(law.may_slide, np.where(law.rough, sigma, 1.0), 0.0)
+    """Fit the active set to the holds: an ideal hole slides, one that may not slide sticks, and the strands of a tie
+    slide against one another, shape `(m,)`."""
+    fitted = np.where(law.may_slide, np.where(law.rough, sigma, 1.0), 0.0)
+    fitted[law.strands[:, 1]] = -fitted[law.strands[:, 0]]
+    return fitted
 
 
 def next_sigma(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array, margin: float) -> Array:
@@ -149,7 +187,7 @@ def next_sigma(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y:
     friction."""
     if not law.rough.any():
         return admissible_sigma(law, sigma)
-    f = force_along_thread(law, thread, s, lam, y)
+    f = in_pairs(law.strands, force_along_thread(law, thread, s, lam, y))
     from_stick = np.where(np.abs(f) > static_bound(law, thread, lam, y) + margin, np.sign(f), 0.0)
     from_slip = np.where(sigma * (s - law.s_old) < 0.0, 0.0, sigma)
     return admissible_sigma(law, np.where(sigma == 0.0, from_stick, from_slip))
@@ -169,10 +207,28 @@ def cone_residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array,
 def residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
     """Return the left-hand side of the law, shape `(m,)`: [N] where the thread slides, [m] where it is held."""
     drive = net_drive(law, thread, s, lam, y)
-    if law.ideal:
-        return np.where(sigma == 0.0, s - law.s_held, drive)
-    given = law.injected + law.rough * sigma * kinetic_bound(law, thread, lam, y)
-    return np.where(sigma == 0.0, s - law.s_held, drive - tangent(thread, lam, y)[0] * given)
+    if not law.ideal:
+        given = law.injected + law.rough * sigma * kinetic_bound(law, thread, lam, y)
+        drive = drive - tangent(thread, lam, y)[0] * given
+    out = np.where(sigma == 0.0, s - law.s_held, drive)
+    one, other = sliding_strands(law, sigma)
+    out[other] -= out[one]
+    out[one] = (s - law.s_old)[one] + (s - law.s_old)[other]
+    return out
+
+
+def sliding_strands(law: Law, sigma: Array) -> tuple[Indices, Indices]:
+    """Return the holds at which the ties that slide hold their strands, shape `(k,)` each. The equation of the first
+    says that their abscissae have the same sum, that of the second is the difference of both."""
+    one, other = law.strands[sigma[law.strands[:, 0]] != 0.0].T
+    return one, other
+
+
+def in_metres(law: Law, sigma: Array) -> Flags:
+    """Return where the left-hand side of the law is a length, shape `(m,)`."""
+    lengths = sigma == 0.0
+    lengths[sliding_strands(law, sigma)[0]] = True
+    return lengths
 
 
 def linearise_law(border: Border, law: Law, sigma: Array, thread: Passage, lam: Array, y: Array) -> None:
@@ -215,7 +271,8 @@ def add_friction(row: Array, law: Law, sigma: Array, thread: Passage, lam: Array
     normal = unit_or_zero(part_across(ends, t))
     rough_sigma = sigma * law.rough
     given = law.injected + rough_sigma * kinetic_bound(law, thread, lam, y)
-    press = rough_sigma * size * law.kinetic
+    N = np.linalg.norm(part_across(ends, t), axis=2).sum(axis=0)
+    press = rough_sigma * size * kinetic_slope(law, N)
     by_m = -(press * law.per_channel)[:, None] * (normal[0] - normal[1])
     row[:, LAM] -= (0.5 * press)[:, None] * (normal[0] + normal[1])
     row[:, MU_U] += dot(by_m, y[:, 3:6])

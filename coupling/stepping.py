@@ -11,9 +11,9 @@ import numpy as np
 
 from coupling.arrays import Array, Flags
 from coupling.configuration import Configuration, configuration_of
-from coupling.constraints import Passage
+from coupling.constraints import Passage, bare_passage
 from coupling.contact import pressed_pairs
-from coupling.continuation import solve_with_springs
+from coupling.continuation import solve_downhill
 from coupling.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.errors import InversionError, StepError, UphillError
 from coupling.integrators import BDF2, BackwardEuler, Scheme
@@ -22,6 +22,7 @@ from coupling.motion import is_too_long, what_it_does
 from coupling.newton import Iterate, Problem, Solution, solve
 from coupling.sliding import law_of
 from coupling.system import State, System, forgetful
+from coupling.ties import gap_left
 from thread.vectors import cross, dot
 from tissue.errors import OrganError
 
@@ -121,7 +122,8 @@ def dynamic_problem(
         scheme.a * scheme.inertia_reference(*motion)
         + scheme.d * thread.damping * scheme.damping_reference(*motion[::2])
     ) / factor
-    s_free = scheme.inertia_reference(*sliding_motion(scheme, state))
+    motion_s = sliding_motion(scheme, state)
+    s_free = np.where(system.of_ties, scheme.damping_reference(*motion_s[::2]), scheme.inertia_reference(*motion_s))
     rows = system.rows & state.present[:, None]
     return Problem(
         system=system,
@@ -137,13 +139,23 @@ def dynamic_problem(
             system,
             state.s,
             state.present,
-            system.epsilon * scheme.a,
+            system.epsilon * scheme.a + scheme.d * system.yielding * system.drawn_ties(state.time),
             s_free,
             system.drawn_lengths(state.time, time),
             system.pulling_forces(time),
+            state.time,
         ),
         frame=state.frame,
+        gaps=tie_gaps(system, state, time),
     )
+
+
+def tie_gaps(system: System[Body], state: State[Body], time: float) -> Array:
+    """Return the gaps at `time` [s] between the strands of the ties that are in force in a state, shape `(t, 3)`
+    [m]."""
+    one, other = system.strands.T
+    gaps = gap_left(system.ties, state.y[one, :3] - state.y[other, :3], state.time, time)
+    return gaps[state.present[one]]
 
 
 def predict(problem: Problem[Body], state: State[Body]) -> Iterate:
@@ -182,7 +194,7 @@ def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> St
         reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.transport_frame(state.frame, z.q),
     )
-    refuse_inversion(system, state, new, residual.passage)
+    new = with_sense(system, state, new, residual.passage)
     return Step(state, new, problem.dt, solution, end_configuration(new, solution))
 
 
@@ -213,7 +225,7 @@ def find_solution(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
     except StepError:
         if not problem.law.may_slide.any():
             raise
-    return solve_with_springs(problem, guess)
+    return solve_downhill(problem, guess)
 
 
 def reactions(system: System[Body], residual: Array, load: Array) -> Array:
@@ -227,12 +239,22 @@ def reactions(system: System[Body], residual: Array, load: Array) -> Array:
     return out
 
 
-def refuse_inversion(system: System[Body], old: State[Body], new: State[Body], at: Passage) -> None:
-    """Raise `InversionError` where T·(u × v) lost its sign through a directed hole."""
-    flipped = (old.sense * sense(at, new.y) < 0.0) & system.rows[:, 3] & new.present
-    if flipped.any():
-        names = [p.name for p in system.piercings] + ["clamped end"] * len(system.clamps)
-        raise InversionError(old.time, names[int(np.argmax(flipped))])
+def with_sense(system: System[Body], old: State[Body], new: State[Body], at: Passage) -> State[Body]:
+    """Return the new state with the sense in which the thread passes its holes. Raises `InversionError` where the
+    tangent reversed in a directed hole.
+
+    T·(u × v) may change its sign although the thread does not jump: a linear organ under a couple shrinks its frame by
+    the cosine of the turn, to nothing at 90° and through itself beyond, and on long spans the drawn tangent leaves the
+    direction by what the spline lacks.
+    """
+    now = np.where(new.present, sense(at, new.y), new.sense)
+    turned = (old.sense * now < 0.0) & system.rows[:, 3] & new.present
+    if turned.any():
+        flipped = turned & (dot(at.T, bare_passage(system.thread.spline, old.q, old.s).T) < 0.0)
+        if flipped.any():
+            names = [p.name for p in system.piercings] + ["clamped end"] * len(system.clamps)
+            raise InversionError(old.time, names[int(np.argmax(flipped))])
+    return replace(new, sense=now)
 
 
 def sense(at: Passage, y: Array) -> Array:
@@ -242,8 +264,10 @@ def sense(at: Passage, y: Array) -> Array:
 
 def emptied_holds(system: System[Body], old: State[Body], new: State[Body]) -> Flags:
     """Return the holes that the thread has left, shape `(m,)`: present, with an abscissa beyond an end of the piece
-    of thread that was in them."""
-    return np.asarray(new.present & system.may_slide & system.thread.spline.has_left(new.s, home=old.s))
+    of thread that was in them; of a tie both strands."""
+    gone = np.asarray(new.present & system.may_slide & system.thread.spline.has_left(new.s, home=old.s))
+    gone[system.strands] = gone[system.strands].any(axis=1, keepdims=True)
+    return gone
 
 
 def release(state: State[Body], gone: Flags) -> State[Body]:

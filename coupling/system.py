@@ -1,5 +1,6 @@
 """The coupled system: a thread, its ends, an organ, and the piercings that join them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Generic
@@ -9,12 +10,17 @@ import numpy as np
 from coupling.arrays import Array, Flags, Indices
 from coupling.constraints import Passage, passage
 from coupling.errors import CouplingError
-from coupling.interfaces import Body, KnowsDirections, Organ
+from coupling.interfaces import Body, FrictionLaw, KnowsDirections, Organ
+from coupling.ties import Tie
 from thread.banded import diagonal_of
 from thread.ends import Clamped, End
 from thread.frames import Frame
 from thread.thread import Thread
 from thread.vectors import cross, unit_vector
+
+PRESSED = (1e-3, 1e-2, 1e-1, 1.0, 10.0)  # N, at which a law of one's own is looked at: what sutures bear is among them
+STEP = 1e-5  # of N, of the difference that its slope is compared with: the error of this is some 1e-10
+AGREE = 1e-3  # between the two: a slope by differences passes, one of another function does not
 
 
 @dataclass(frozen=True)
@@ -22,19 +28,39 @@ class Friction:
     """Coulomb's coefficients `static`, `kinetic` [-], and `grip` F₀ [N], independent of the tension.
 
     `channel` [m] is the length over which a hole imposes a direction: the couple that this takes presses on both its
-    ends (`coupling.sliding`). None: it does not press.
+    ends (`coupling.sliding`). None: it does not press. `own` is a law of one's own that is added, None: there is none.
     """
 
     static: float = 0.0
     kinetic: float = 0.0
     grip: float = 0.0
     channel: float | None = None
+    own: FrictionLaw | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.kinetic <= self.static or not self.grip >= 0.0:
             raise CouplingError(
                 f"friction: static {self.static}, kinetic {self.kinetic}, grip {self.grip} N; allowed are "
                 "0 ≤ kinetic ≤ static and grip ≥ 0"
+            )
+        if self.own is not None:
+            check_law(self.own)
+
+
+def check_law(law: FrictionLaw) -> None:
+    """Refuse a law of friction that Newton could not follow: forces that are none, and a slope of another function."""
+    for N in PRESSED:
+        static, kinetic, slope = law.static(N), law.kinetic(N), law.slope(N)
+        if not 0.0 <= kinetic <= static < np.inf:
+            raise CouplingError(
+                f"friction: at N = {N:g} N the law {law!r} gives static {static:g} N and kinetic {kinetic:g} N; "
+                "allowed are 0 ≤ kinetic ≤ static"
+            )
+        difference = (law.kinetic(N * (1 + STEP)) - law.kinetic(N * (1 - STEP))) / (2 * STEP * N)
+        if not abs(slope - difference) <= AGREE * max(abs(difference), kinetic / N):
+            raise CouplingError(
+                f"friction: at N = {N:g} N the law {law!r} gives the slope {slope:g}, and its kinetic force rises by "
+                f"{difference:g}; return the derivative of the kinetic force by N"
             )
 
 
@@ -85,7 +111,7 @@ class System(Generic[Body]):
     """Everything that does not change from step to step.
 
     `piercings` are in the order of the organ's sites. `gravity` (3,) [m/s²] acts on the thread here (the organ
-    carries its own). `epsilon` is ε of eq. 7, zero for eq. 6.
+    carries its own). `epsilon` is ε of eq. 7, zero for eq. 6. `ties` close loops of the thread.
     """
 
     thread: Thread
@@ -94,8 +120,11 @@ class System(Generic[Body]):
     piercings: tuple[Piercing, ...]
     gravity: Array = field(default_factory=lambda: np.zeros(3))
     epsilon: float = 0.0
+    ties: tuple[Tie, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.ties and self.epsilon > 0.0:
+            raise CouplingError(f"epsilon = {self.epsilon} kg with ties, whose strands have no inertia; take 0")
         if self.organ.y0.size != 9 * len(self.piercings):
             raise CouplingError(
                 f"{len(self.piercings)} piercings, but the organ has {self.organ.y0.size // 9} sites; give one for one"
@@ -138,6 +167,12 @@ class System(Generic[Body]):
         return np.flatnonzero(np.isin(row, self.held) | np.isin(column, self.held))
 
     @cached_property
+    def own_friction(self) -> tuple[FrictionLaw | None, ...]:
+        """Law of one's own of each hold, None where there is none, `holds` of them."""
+        own = [p.friction.own if p.friction else None for p in self.piercings]
+        return (*own, *([None] * self.holds_off_organ))
+
+    @cached_property
     def weight(self) -> Array:
         """Gravity on the thread and its point masses, shape `(n, c)` [N]; it does not twist."""
         weight = np.zeros((self.thread.n, self.thread.coordinates))
@@ -151,8 +186,24 @@ class System(Generic[Body]):
 
     @cached_property
     def holds(self) -> int:
-        """Number of places that hold the thread: piercings, then clamped ends."""
-        return len(self.piercings) + len(self.clamps)
+        """Number of places that hold the thread: piercings, then clamped ends, then both strands of every tie."""
+        return len(self.piercings) + self.holds_off_organ
+
+    @property
+    def holds_off_organ(self) -> int:
+        """Number of holds that are no piercings of the organ."""
+        return len(self.clamps) + 2 * len(self.ties)
+
+    @cached_property
+    def strands(self) -> Indices:
+        """Holds of the two strands of every tie, that at lower abscissa first, shape `(t, 2)`."""
+        first = len(self.piercings) + len(self.clamps)
+        return first + np.arange(2 * len(self.ties)).reshape(-1, 2)
+
+    @cached_property
+    def of_ties(self) -> Flags:
+        """Which holds are strands of ties, shape `(holds,)`."""
+        return np.arange(self.holds) >= len(self.piercings) + len(self.clamps)
 
     @cached_property
     def clamp_abscissae(self) -> Array:
@@ -171,7 +222,9 @@ class System(Generic[Body]):
     def rows(self) -> Flags:
         """Which of (g, c₁, c₂) each hold imposes, shape `(holds, 5)`."""
         piercings = [[True] * 3 + [p.directed] * 2 for p in self.piercings]
-        return np.array(piercings + [[False] * 3 + [True] * 2] * len(self.clamps), dtype=bool).reshape(-1, 5)
+        clamps = [[False] * 3 + [True] * 2] * len(self.clamps)
+        strands = [[True] * 3 + [False] * 2] * (2 * len(self.ties))
+        return np.array(piercings + clamps + strands, dtype=bool).reshape(-1, 5)
 
     def passage(self, q: Array, s: Array, home: Array | None = None) -> Passage:
         """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (holds,) of its holds; `home` as
@@ -181,19 +234,20 @@ class System(Generic[Body]):
     @cached_property
     def may_slide(self) -> Flags:
         """Which abscissae are unknown, shape `(holds,)`."""
-        return np.array(
-            [p.slides or p.pull is not None for p in self.piercings] + [False] * len(self.clamps), dtype=bool
-        )
+        slides = [p.slides or p.pull is not None for p in self.piercings]
+        return np.array(slides + [False] * self.holds_off_organ, dtype=bool) | self.of_ties
 
     @cached_property
     def from_start(self) -> Flags:
-        """Which holds are there at t = 0, shape `(holds,)`."""
-        return np.array([p.begins <= 0.0 for p in self.piercings] + [True] * len(self.clamps), dtype=bool)
+        """Which holds are there when the thread is laid, shape `(holds,)`: no ties."""
+        begun = [p.begins <= 0.0 for p in self.piercings]
+        return np.array(begun + [True] * self.holds_off_organ, dtype=bool) & ~self.of_ties
 
     @cached_property
     def friction(self) -> tuple[Array, Array, Array, Array]:
         """Coefficients of all holds: static, kinetic [-], grip [N], 1/channel [1/m], each `(holds,)`."""
         each = [p.friction or Friction() for p in self.piercings] + [Friction()] * len(self.clamps)
+        each += [Friction(grip=tie.hold if np.isfinite(tie.hold) else 0.0) for tie in self.ties for _ in range(2)]
         table = [(f.static, f.kinetic, f.grip, 1.0 / f.channel if f.channel else 0.0) for f in each]
         static, kinetic, grip, per_channel = np.array(table).reshape(-1, 4).T
         return static, kinetic, grip, per_channel
@@ -201,16 +255,33 @@ class System(Generic[Body]):
     @cached_property
     def by_hand(self) -> Flags:
         """Holds through which a hand draws the thread, shape `(holds,)`."""
-        return np.array([p.by_hand for p in self.piercings] + [False] * len(self.clamps), dtype=bool)
+        return np.array([p.by_hand for p in self.piercings] + [False] * self.holds_off_organ, dtype=bool)
+
+    def drawn_ties(self, time: float) -> Flags:
+        """Holds that are strands of a tie which hands draw in a step from `time` [s] on, shape `(holds,)`."""
+        return self.over_ties([tie.locks > time for tie in self.ties]) > 0.0
+
+    def over_ties(self, values: Sequence[float], first: float = 1.0) -> Array:
+        """Return numbers of ties over the holds, shape `(holds,)`: for their first strands times `first`, zero but for
+        strands."""
+        out = np.zeros(self.holds)
+        out[self.strands] = np.outer(values, [first, 1.0])
+        return out
+
+    @cached_property
+    def yielding(self) -> Array:
+        """By how much less the hands of a tie draw per speed of the thread, shape `(holds,)` [N s/m]."""
+        return self.over_ties([tie.force / tie.speed for tie in self.ties])
 
     def drawn_lengths(self, earlier: float, later: float) -> Array:
         """Return the length drawn through each hold between two times [s], shape `(holds,)` [m]."""
         lengths = [p.drawn_length(later) - p.drawn_length(earlier) for p in self.piercings]
-        return np.array(lengths + [0.0] * len(self.clamps))
+        return np.array(lengths + [0.0] * self.holds_off_organ)
 
     def pulling_forces(self, time: float) -> Array:
         """Return the forces of the hands on the thread at each hold at `time` [s], shape `(holds,)` [N]."""
-        return np.array([p.pulling_force(time) for p in self.piercings] + [0.0] * len(self.clamps))
+        pulls = np.array([p.pulling_force(time) for p in self.piercings] + [0.0] * self.holds_off_organ)
+        return pulls + self.over_ties([tie.drawing_force(time) for tie in self.ties], -1.0)
 
     @cached_property
     def bearing_areas(self) -> Array:
@@ -230,7 +301,8 @@ class System(Generic[Body]):
     def rough(self) -> Flags:
         """Which holds have friction at all, shape `(holds,)`."""
         static, _, grip, _ = self.friction
-        return np.asarray((static > 0.0) | (grip > 0.0))
+        own = np.array([law is not None for law in self.own_friction], dtype=bool)
+        return np.asarray((static > 0.0) | (grip > 0.0) | own)
 
 
 def orthonormal_pair(tangent: Array) -> tuple[Array, Array]:
@@ -256,7 +328,7 @@ class State(Generic[Body]):
     `q`, `v` (n, c) [m, m/s, with twist rad, rad/s]; `N`, axial forces [N]; `organ`, the organ's own state; `s`,
     `s_dot` (holds,) [m, m/s]; `lam` (holds, 5) [N, N m]; `y` (holds, 9); `sigma` (holds,): −1, 0, +1 sign of ds/dt, 0
     where the thread sticks; `present` (holds,): False before a piercing begins, and once the thread has left the hole;
-    `sense` (holds,): sign of T·(u × v) where the piercing began, which must not change in a directed hole; `reaction`
+    `sense` (holds,): sign of T·(u × v), which changes in a directed hole only where the frame does, not T; `reaction`
     (2, c) [N], force of the holders on the thread's ends, with twist their torque about the tangent too [N m]; `y_dot`
     (holds, 9) [m/s, 1/s], rate of y, None at rest; `frame`, what the twist is measured from, None without twist.
 

@@ -26,6 +26,10 @@ def given_mesh(mesh: Any) -> skfem.MeshTet:
     tets[inverted] = tets[inverted][:, [0, 2, 1, 3]]
     made = checked_mesh(points, tets)
     named = {"surface": made.boundary_facets()} | dict(getattr(mesh, "boundaries", None) or {})
+    empty = [name for name, facets in named.items() if not len(facets)]
+    if empty:
+        reason = "scikit-fem asks a function for the middles of facets, which lie beside a curved surface"
+        raise MeshError(f"the boundary {empty[0]!r} of the mesh has no facets; name those it has ({reason})")
     return made.with_boundaries(named).with_subdomains(dict(getattr(mesh, "subdomains", None) or {}))
 
 

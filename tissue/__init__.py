@@ -12,6 +12,7 @@ from tissue.organs.fixed import FixedSites, fixed_sites
 from tissue.organs.lips import Gaps, Part, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
+from tissue.organs.reduced import ReducedOrgan, ReducedState, Reduction, reduce_organ
 from tissue.sites.site import Site, Sites, build_sites
 from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
@@ -38,6 +39,9 @@ __all__ = [
     "OrganState",
     "Part",
     "QuasiStaticOrgan",
+    "ReducedOrgan",
+    "ReducedState",
+    "Reduction",
     "Site",
     "SiteAnswer",
     "Sites",
@@ -63,6 +67,7 @@ __all__ = [
     "interpolation",
     "motions_in_words",
     "principal",
+    "reduce_organ",
     "rigid_motions",
     "stress_recovery",
     "surface_gaps",

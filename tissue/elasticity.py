@@ -89,6 +89,22 @@ class Elasticity:
             blocks.append(self.mesh.t2e + self.mesh.nvertices)
         return np.ascontiguousarray(np.vstack(blocks).T.astype(np.intp))
 
+    @cached_property
+    def cell_edges(self) -> Array:
+        """∂x/∂ξ in each cell, shape `(c, 3, 3)` [m]."""
+        corners = self.mesh.p.T[self.mesh.t.T]
+        return np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
+
+    @cached_property
+    def inverse_edges(self) -> Array:
+        """∂ξ/∂x in each cell, shape `(c, 3, 3)` [1/m]: every frame asks for them."""
+        return np.asarray(np.linalg.inv(self.cell_edges))
+
+    @cached_property
+    def six_volumes(self) -> Array:
+        """Determinant of ∂x/∂ξ in each cell, without its sign, shape `(c,)` [m³]."""
+        return np.abs(np.linalg.det(self.cell_edges))
+
     def edge_numbers(self, edges: Indices) -> Indices:
         """Return the numbers in the mesh of edges given by their two vertices `(k, 2)`, shape `(k,)`."""
         known, asked = (np.sort(pairs, axis=1) @ [self.mesh.nvertices, 1] for pairs in (self.mesh.edges.T, edges))

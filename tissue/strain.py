@@ -55,15 +55,14 @@ def energy_share(elasticity: Elasticity, strain: Array, cells: Flags) -> float:
     """Return the share of the organ's strain energy, measured by ∫ E ε² dx with the `strain` (c,) of each cell, that is
     in some `cells` (c,); 0 of an organ without strain.
     """
-    volume = np.abs(np.linalg.det(cell_edges(elasticity)))
-    energy = elasticity.material.youngs_modulus * volume * strain**2
+    energy = elasticity.material.youngs_modulus * elasticity.six_volumes * strain**2
     return float(energy[cells].sum() / max(energy.sum(), np.finfo(float).tiny))
 
 
 def shape_gradients(elasticity: Elasticity, places: Array) -> Array:
     """Return ∂φ_n/∂x_j at places of the reference cell `(a, 3)`, in each cell, shape `(c, a, n, 3)` [1/m]."""
     slopes = reference_slopes(elasticity.element, places)
-    return np.einsum("nka,ckj->canj", slopes, np.linalg.inv(cell_edges(elasticity)), optimize=True)
+    return np.einsum("nka,ckj->canj", slopes, elasticity.inverse_edges, optimize=True)
 
 
 def reference_slopes(name: str, places: Array) -> Array:
@@ -72,9 +71,3 @@ def reference_slopes(name: str, places: Array) -> Array:
     element, count = ELEMENTS[name](), len(places)
     each = [np.reshape(element.lbasis(places.T, n)[1], (3, -1)) for n in range(len(element.doflocs))]
     return np.array([np.broadcast_to(slope, (3, count)) for slope in each])
-
-
-def cell_edges(elasticity: Elasticity) -> Array:
-    """Return ∂x/∂ξ per cell, shape `(c, 3, 3)` [m]."""
-    corners = elasticity.mesh.p.T[elasticity.mesh.t.T]
-    return np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)

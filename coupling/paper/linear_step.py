@@ -45,7 +45,7 @@ from coupling.interfaces import Body
 from coupling.newton import ROUND_OFF, Iterate, Problem, Residual, Solution, border_of, failure
 from coupling.paper.two_pass import PASSES, Verdict, first_verdict, is_settled, judge, motion
 from coupling.sliding import Law, law_of, prescribed
-from coupling.stepping import Step, Take, dynamic_problem, organ_answer, reactions, refuse_inversion, with_ends
+from coupling.stepping import Step, Take, dynamic_problem, organ_answer, reactions, with_ends, with_sense
 from coupling.system import State, System, forgetful
 from thread.banded import half_band_of
 from thread.thread import Points
@@ -326,7 +326,7 @@ def solve_posed(posed: Posed[Body], solver: Solver = solve_whole) -> Step[Body]:
         raise StepError(state.time, dt, "a tangent turned by more than 120°, further than the twist can follow")
     at = bare_passage(system.thread.spline, q, s)
     refuse_missed(posed, phi(at, lam, y))
-    refuse_inversion(system, state, new, at)
+    new = with_sense(system, state, new, at)
     iterate = Iterate(q, new.N, s, lam, state.y, new.sigma)
     solution = Solution(problem, iterate, residual, 1, linearisation(posed, residual.points, q))
     return Step(state, new, dt, solution, replace(residual.configuration, at=at))

@@ -23,7 +23,7 @@ from coupling.contact import NO_FORCES, solve_contact
 from coupling.errors import RunAwayError
 from coupling.integrators import BackwardEuler, Scheme
 from coupling.interfaces import Answer, Body, Organ, OrganEnergies
-from coupling.stepping import Step, Take, organ_answer, refuse_inversion, try_step
+from coupling.stepping import Step, Take, organ_answer, try_step, with_sense
 from coupling.system import State, System
 
 FARTHEST = 0.1  # of the thread's length: a hole that moved further in one step has run away
@@ -103,8 +103,7 @@ def move_organ(system: System[Body], step: Step[Body], scheme: Scheme) -> Step[B
     organ = answer.accept(f_y, solve_contact(system, f_y, answer))
     y = all_holds(system, system.organ.site_variables(organ))
     refuse_runaway(system, state, y, step.dt)
-    new = replace(new, organ=organ, y=y)
-    refuse_inversion(system, state, new, at)
+    new = with_sense(system, state, replace(new, organ=organ, y=y), at)
     return replace(step, new=new)
 
 

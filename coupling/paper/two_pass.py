@@ -24,6 +24,7 @@ import numpy as np
 
 from coupling.arrays import Array
 from coupling.constraints import bare_passage
+from coupling.errors import CouplingError
 from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body
 from coupling.newton import FORCE_TOLERANCE, Iterate, Problem, Solution
@@ -80,7 +81,10 @@ def with_verdict(problem: Problem[Body], verdict: Verdict) -> Problem[Body]:
 
 
 def first_verdict(system: System[Body], law: Law, state: State[Body], dt: float) -> Verdict:
-    """Judge the holes static or kinetic by the velocity at the start of the step; nothing is injected yet."""
+    """Judge the holes static or kinetic by the velocity at the start of the step; nothing is injected yet. Raises
+    `CouplingError` for a law of friction of one's own."""
+    if any(own is not None for own in law.own):
+        raise CouplingError("friction: the two passes of §4.3 know Coulomb's law alone; solve it in one system")
     T = bare_passage(system.thread.spline, state.q, state.s).T
     V_t = -np.linalg.norm(T, axis=1) * state.s_dot
     moves = law.rough & law.may_slide & (np.abs(V_t) * dt > STILL * system.thread.section.diameter)

@@ -36,8 +36,6 @@ from studies.output.provenance import provenance
 from studies.scenario import Scenario, load
 from studies.simulation.assembly import assemble
 from tissue.organs.dynamic import DynamicOrgan
-from tissue.organs.finite import FiniteOrgan
-from tissue.organs.fixed import FixedSites
 from tissue.organs.meshed import OrganState
 from tissue.organs.quasi_static import QuasiStaticOrgan
 
@@ -110,7 +108,7 @@ def measure_case(case: str, scenario: Scenario, rounds: int) -> Row:
     organ, run = assembly.organ, begin(assembly.system, assembly.start())
     for _ in range(WARM_UP):
         run = run.step(dt)
-    others = {} if isinstance(organ, FixedSites | FiniteOrgan) else baselines(run.system, organ, dt)
+    others = baselines(run.system, organ, dt) if isinstance(organ, DynamicOrgan | QuasiStaticOrgan) else {}
     times: dict[str, list[float]] = {name: [] for name in ("step", *others)}
     iterations = []
     for _ in range(rounds):

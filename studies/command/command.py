@@ -198,10 +198,15 @@ def print_catalogue(options: argparse.Namespace) -> int:
 
 
 def run_bench(options: argparse.Namespace) -> int:
-    """``suture bench``: time per step and of baselines, or what the organ's solvers take."""
+    """``suture bench``: a step and its baselines, a small basis and many tensions, or what an organ's solvers take."""
     if options.what == "organ":
         return int(import_module("studies.bench.organ").main(options.sizes, options.element, options.json))
-    return int(import_module("studies.bench.step").main(options.json, options.solver))
+    status = 0
+    if options.what in ("step", "all"):
+        status = int(import_module("studies.bench.step").main(options.json, options.solver))
+    if options.what in ("many", "all") and status == 0:
+        status = int(import_module("studies.bench.many").main(options.json, options.tensions))
+    return status
 
 
 def run_study(options: argparse.Namespace) -> int:

@@ -14,7 +14,7 @@ from studies.scenario.toml import read
 from studies.status import COMPLETED, FAILED, INTERRUPTED, REFUSED, UNSUPPORTED
 from studies.sweeps.grid import Settings, grid, paired, parse_over, read_table
 from studies.sweeps.sweep import Told, sweep
-from studies.sweeps.table import TABLES, SweepTable, plain
+from studies.sweeps.table import TABLES, SweepTable, drawn_columns, plain
 from studies.workers import WorkersError, workers_of
 
 STATUSES = {"completed": COMPLETED, "failed": FAILED, "refused": REFUSED}
@@ -26,11 +26,12 @@ def run_sweep(options: argparse.Namespace) -> int:
     base = read(options.file, options.set)
     told = Teller(options.json)
     try:
-        table = sweep(base, cases, options.out, workers_of(options.jobs, options.dask), told.tell)
-        if options.plot:
+        workers, wanted = workers_of(options.jobs, options.dask), options.plot or []
+        table = sweep(base, cases, options.out, workers, told.tell, check=lambda known: drawn_columns(known, wanted))
+        if wanted:
             from studies.sweeps.figure import write_figure
 
-            write_figure(table, options.plot, options.out)
+            write_figure(table, wanted, options.out)
     except WorkersError as error:
         return complain(error, FAILED)
     except KeyboardInterrupt:

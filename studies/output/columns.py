@@ -23,9 +23,11 @@ from studies.output.records import (
     LoadRecord,
     OrganRecord,
     PiercingRecord,
+    ReductionRecord,
     RunRecord,
     StepRecord,
     ThreadRecord,
+    TieRecord,
 )
 
 Row = TypeVar("Row")
@@ -35,6 +37,7 @@ StepItem = tuple[StepRecord, Item]  # a row of a table: a step, and what of it t
 
 AXES = ("x", "y", "z")
 STATE_CODES = {"stick": 0, "slip": 1, "anchored": 2, "left": 3}  # of `state` in the frames, where text has no place
+TIE_CODES = {"open": 0, "drawn": 1, "tied": 2, "slips": 3}  # of `state` of a tie in the frames
 MANUAL = Path(__file__).with_name("README.md")
 
 
@@ -177,10 +180,13 @@ EVENT: tuple[Column[Event], ...] = (
     text(
         "event",
         "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing, `tears` where the tissue's strength is exceeded; "
-        "`cut`: the thread was; `halved`: the step was; `knots`: they changed",
+        "`closes`, `tied`, `slips`, `sticks`, `unties` of a tie; `cut`: the thread was; `halved`: the step was; "
+        "`knots`: they changed",
         lambda event: event.kind,
     ),
-    text("piercing", "name of the piercing; empty for `cut`, `halved` and `knots`", lambda event: event.piercing),
+    text(
+        "piercing", "name of the piercing or tie; empty for `cut`, `halved` and `knots`", lambda event: event.piercing
+    ),
     Column("s", "m", "abscissa of the thread in the hole, or of the cut", lambda event: event.s),
     Column("energy", "J", "change of kinetic and elastic energy: `work` less `loss`", lambda event: event.energy),
     Column("work", "J", "done in drawing the thread into a hole that begins", lambda event: event.work),
@@ -190,7 +196,12 @@ EVENT: tuple[Column[Event], ...] = (
         "of energy, by the impulse when a hole begins, by a cut or by a change of knots",
         lambda event: event.loss,
     ),
-    Column("gap", "m", "between thread and hole, closed when it begins", lambda event: event.gap),
+    Column(
+        "gap",
+        "m",
+        "between thread and hole, closed when it begins, or left between the strands of a tie that closes",
+        lambda event: event.gap,
+    ),
     Column("angle", "rad", "between thread and the hole's direction, closed when it begins", lambda event: event.angle),
     vector(
         "impulse",
@@ -320,6 +331,27 @@ LOAD: tuple[Column[LoadRecord], ...] = (
     vector("force", "N", "on the organ, in all", lambda load: load.force),
 )
 
+TIE_NAME: Column[TieRecord] = text("tie", "name of the tie", lambda tie: tie.name)
+TIE_PLACE: Column[TieRecord] = Column("x", "m", "place of the tie", lambda tie: tie.x, parts=AXES)
+TIE_STATE: Column[TieRecord] = text(
+    "state",
+    "`open`: not closed yet, or undone; `drawn` by hands; `tied`; `slips`: above what it holds",
+    lambda tie: tie.state,
+)
+TIE_NUMBERS: tuple[Column[TieRecord], ...] = (
+    Column("force", "N", "tension of the strands where the tie holds them", lambda tie: tie.force),
+    Column("length", "m", "of the thread in the loop, unstrained", lambda tie: tie.length),
+    Column("gap", "m", "left between the strands, which hands bring together", lambda tie: tie.gap),
+    Column("work", "J", "of the hands on the tie, with the forces at the end of each step", lambda tie: tie.work),
+    Column("s_first", "m", "abscissa of the strand at lower `s`", lambda tie: tie.s_first),
+    Column("s_second", "m", "abscissa of the other strand", lambda tie: tie.s_second),
+)
+TIE: tuple[Column[TieRecord], ...] = (TIE_STATE, *TIE_NUMBERS, TIE_PLACE)
+TIE_ARRAYS: tuple[Column[TieRecord], ...] = (
+    count("state", ", ".join(f"{code} {word}" for word, code in TIE_CODES.items()), lambda tie: TIE_CODES[tie.state]),
+    *TIE_NUMBERS,
+)
+
 ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
     vector("displacement", "m", "from the reference shape, in which the points are", lambda organ: organ.displacement),
     Column(
@@ -371,7 +403,7 @@ THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
     ),
     Column("torque", "N m", "about the tangent, right-handed; with `thread.twist`", lambda thread: thread.torque),
 )
-ARRAYS: tuple[Column[Any], ...] = (*ORGAN_ARRAYS, *ORGAN_CELLS, *THREAD_ARRAYS, *PIERCING_ARRAYS)
+ARRAYS: tuple[Column[Any], ...] = (*ORGAN_ARRAYS, *ORGAN_CELLS, *THREAD_ARRAYS, *PIERCING_ARRAYS, *TIE_ARRAYS)
 UNITS = {column.name: column.unit for column in ARRAYS}  # of the arrays of a frame
 
 RANGE: tuple[Column[Extremes], ...] = (
@@ -400,6 +432,30 @@ HOLE_RANGE: tuple[Column[tuple[float, float, float]], ...] = (
     Column("mean_strain", "-", "largest `mean_strain` of the piercing, over all steps", lambda met: met[0]),
     Column("turn", "rad", "largest `turn` of the piercing, over all steps", lambda met: met[1]),
     Column("bearing_pressure", "Pa", "largest `bearing_pressure`, over all steps", lambda met: met[2]),
+)
+
+REDUCTION: Column[ReductionRecord] = count("vectors", "of the basis", lambda small: small.vectors)
+HOLE_REDUCTION: tuple[Column[tuple[float, float, float]], ...] = (
+    Column(
+        "difference",
+        "m",
+        "largest distance between the hole and its place in a basis with one block more: the error but for what that "
+        "basis, too, leaves open",
+        lambda small: small[0],
+    ),
+    Column(
+        "bound",
+        "m",
+        "largest bound of the distance to the hole's place in the whole organ under the same forces",
+        lambda small: small[1],
+    ),
+    Column(
+        "force_difference",
+        "N",
+        "`difference` times the hole's largest static stiffness: the force that makes up for it",
+        lambda small: small[0] * small[2],
+    ),
+    Column("force_bound", "N", "`bound` times that stiffness", lambda small: small[1] * small[2]),
 )
 
 RUN: tuple[Column[RunRecord], ...] = (
@@ -494,16 +550,23 @@ LOADS: Layout[StepItem[LoadRecord]] = Layout(
     lambda step: [(step, load) for load in step.loads],
     every_step=False,
 )
+TIES: Layout[StepItem[TieRecord]] = Layout(
+    "ties",
+    (*step_columns(TIME, STEP), *item_columns(TIE_NAME, *TIE)),
+    lambda step: [(step, tie) for tie in step.ties],
+    every_step=False,
+)
 # In the order in which they are written: where a table with a row for every step has a step, those before it have too.
-TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, ENERGIES, STEPS, CONTACTS)
+TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, ENERGIES, STEPS, CONTACTS, TIES)
 
 
 # -- the summary -----------------------------------------------------------------------------------------------------
 
 
 def state_summary(step: StepRecord) -> dict[str, Any]:
-    """Take from a step what ``summary.json`` says of energy, thread, piercings and lips."""
+    """Take from a step what ``summary.json`` says of energy, thread, piercings, lips and ties."""
     contact = {"contact": {pair.pair: values(CONTACT, pair) for pair in step.contact}} if step.contact else {}
+    ties = {"ties": {tie.name: values(TIE, tie) for tie in step.ties}} if step.ties else {}
     loads = {"loads": [values(LOAD, load) for load in step.loads]} if step.loads else {}
     ends = {end: _end_summary(end, step) for end in ENDS}
     return (
@@ -513,6 +576,7 @@ def state_summary(step: StepRecord) -> dict[str, Any]:
             "piercings": {hole.name: values(HOLE_SUMMARY, hole) for hole in step.piercings},
         }
         | contact
+        | ties
         | loads
     )
 
@@ -523,6 +587,13 @@ def range_summary(names: Iterable[str], extremes: Extremes) -> dict[str, Any]:
     each = zip(names, *(of_holes.tolist() for of_holes in largest), strict=True)
     holes = {name: values(HOLE_RANGE, (strain, turn, pressure)) for name, strain, turn, pressure in each}
     return {**values(RANGE, extremes), "piercings": holes}
+
+
+def reduction_summary(names: Iterable[str], extremes: Extremes, small: ReductionRecord) -> dict[str, Any]:
+    """Make what ``summary.json`` says of how far a small basis of the organ was off."""
+    numbers = zip(*(each.tolist() for each in (extremes.difference, extremes.bound, small.stiffness)), strict=True)
+    holes = {name: values(HOLE_REDUCTION, three) for name, three in zip(names, numbers, strict=True)}
+    return {**values([REDUCTION], small), "piercings": holes}
 
 
 def _end_summary(end: str, step: StepRecord) -> dict[str, Value]:
@@ -554,14 +625,17 @@ def manual_tables() -> dict[str, str]:
     ranges: list[Column[Any]] = [replace(column, name=f"range.{column.name}") for column in RANGE]
     ranges += [replace(column, name=f"range.piercings.NAME.{column.name}") for column in HOLE_RANGE]
     holes = [replace(column, name=f"piercings.NAME.{column.name}") for column in (CHANNEL,)]
+    small: list[Column[Any]] = [replace(REDUCTION, name=f"reduction.{REDUCTION.name}")]
+    small += [replace(column, name=f"reduction.piercings.NAME.{column.name}") for column in HOLE_REDUCTION]
     return {
-        "summary.json": markdown([*RUN, *ends, *sums, *holes, *ranges], "key"),
+        "summary.json": markdown([*RUN, *ends, *sums, *holes, *ranges, *small], "key"),
         "remarks": remarks.markdown(),
         **{f"{layout.name}.csv": markdown(layout.columns, "column") for layout in TABLES},
         "organ": markdown(ORGAN_ARRAYS, "array"),
         "organ_cells": markdown(ORGAN_CELLS, "array"),
         "thread": markdown(THREAD_ARRAYS, "array"),
         "piercings": markdown(HOLE_ARRAYS, "array"),
+        "ties": markdown(TIE_ARRAYS, "array"),
     }
 
 

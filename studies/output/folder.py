@@ -3,8 +3,8 @@
 ``Recorder`` takes the plain arrays of ``studies.output.records`` and writes
 
 - ``provenance.json``, ``scenario.toml`` (and ``mesh/``, a copy of the mesh file) before the first step,
-- ``piercings.csv``, ``energy.csv``, ``steps.csv``, ``events.csv``, ``contact.csv`` of a wound whose lips may touch, and
-  ``loads.csv`` of an organ under loads: whole lines, after every step,
+- ``piercings.csv``, ``energy.csv``, ``steps.csv``, ``events.csv``, ``contact.csv`` of surfaces that may touch,
+  ``loads.csv`` of an organ under loads and ``ties.csv`` of a thread that is tied: whole lines, after every step,
 - ``results.pvd`` and ``frames/``: every ``output.every`` steps, the first and the last,
 - ``checkpoint.npz`` after every frame that was due, from which ``--resume`` goes on,
 - ``summary.json`` at the end, also of a failed or an interrupted run.

@@ -13,13 +13,16 @@ from studies.output.columns import (
     ENDS,
     ENERGY,
     HOLE_RANGE,
+    HOLE_REDUCTION,
     HOLE_SUMMARY,
     LOAD,
     MAX_STRAIN,
     RANGE,
+    REDUCTION,
     RUN,
     SPAN_RATIO,
     SPANS_BETWEEN,
+    TIE,
     Column,
 )
 
@@ -109,7 +112,10 @@ COLUMNS: dict[tuple[str, ...], tuple[Column[Any], ...]] = {
     **{("thread", end): at_end(end) for end in ENDS},
     ("piercings", ANY): HOLE_SUMMARY,
     ("contact", ANY): CONTACT,
+    ("ties", ANY): TIE,
     ("loads", ANY): LOAD,
     ("range",): RANGE,
     ("range", "piercings", ANY): HOLE_RANGE,
+    ("reduction",): (REDUCTION,),
+    ("reduction", "piercings", ANY): HOLE_REDUCTION,
 }

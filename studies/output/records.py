@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from coupling.audit import Energies
 from coupling.events import Event
 from coupling.observation import PiercingObservation
+from coupling.tying import TieObservation
 from studies.arrays import Array
 
 PiercingRecord = PiercingObservation
 EnergyRecord = Energies
+TieRecord = TieObservation
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,16 @@ class LoadRecord:
 
 
 @dataclass(frozen=True)
+class ReductionRecord:
+    """What the small basis of an organ leaves open at its holes at one time, under the forces of then."""
+
+    vectors: int  # of the basis
+    difference: Array  # (p,) between the place of a hole and that in a basis with one block more [m]
+    bound: Array  # (p,) of the distance to the place in the whole organ [m]
+    stiffness: Array  # (p,) largest of the hole against a slow pull [N/m]
+
+
+@dataclass(frozen=True)
 class StepRecord:
     """What is known at the end of a step; step 0 is the start."""
 
@@ -110,6 +122,8 @@ class StepRecord:
     events: tuple[Event, ...] = ()
     contact: tuple[ContactRecord, ...] = ()  # of all surfaces that may touch
     loads: tuple[LoadRecord, ...] = ()
+    reduction: ReductionRecord | None = None  # of an organ in a small basis
+    ties: tuple[TieRecord, ...] = ()
     torques: tuple[float, float] | None = None  # of the holders of start and end about the tangent [N m], with twist
     kept: Callable[[], Mapping[str, NDArray[Any]]] | None = None  # makes `memory`, asked for at a checkpoint
 
@@ -153,6 +167,9 @@ class Extremes:
     turn: Array  # (p,) [rad]
     bearing_pressure: Array  # (p,) of the thread on the tissue at each hole [Pa]
     sprung: Array  # (p,) way of a hole that linear springs make up for at finite strain, over its footprint [-]
+    way: Array  # (p,) of each hole from its place in the reference shape [m]
+    difference: Array  # (p,) between a small basis and one with a block more [m]
+    bound: Array  # (p,) of the distance to the whole organ [m]
     tension: float = 0.0  # of the thread at its holes and ends [N]
     thread_strain: float = 0.0  # [-]
     energy: float = 0.0  # kinetic and elastic, or work of whatever is outside [J]
@@ -166,13 +183,16 @@ class Extremes:
 
     def after_step(self, step: StepRecord) -> "Extremes":
         """Return the extremes with a step more."""
-        holes, energy = step.piercings, step.energy
+        holes, energy, small = step.piercings, step.energy, step.reduction
         pulls = [pull for hole in holes for pull in (hole.tension_before, hole.tension_after) if np.isfinite(pull)]
         return replace(
             self,
             mean_strain=np.maximum(self.mean_strain, [hole.mean_strain for hole in holes]),
             turn=np.maximum(self.turn, [hole.turn for hole in holes]),
             bearing_pressure=np.maximum(self.bearing_pressure, [hole.bearing_pressure for hole in holes]),
+            way=np.maximum(self.way, [float(norm(hole.displacement)) for hole in holes]),
+            difference=self.difference if small is None else np.maximum(self.difference, small.difference),
+            bound=self.bound if small is None else np.maximum(self.bound, small.bound),
             tension=max(self.tension, *pulls, float(norm(step.start_reaction)), float(norm(step.end_reaction))),
             thread_strain=max(self.thread_strain, step.max_strain),
             energy=max(self.energy, energy.kinetic + energy.elastic, abs(energy.external_work)),
@@ -197,7 +217,7 @@ class Extremes:
 
 def nothing_met(piercings: int) -> Extremes:
     """Return the extremes of a run with so many piercings before its start."""
-    return Extremes(*np.zeros((4, piercings)))
+    return Extremes(*np.zeros((7, piercings)))
 
 
 @dataclass(frozen=True)
@@ -216,3 +236,4 @@ class Snapshot:
     thread: ThreadRecord
     piercings: tuple[PiercingRecord, ...]
     organ: OrganRecord | None = None
+    ties: tuple[TieRecord, ...] = ()

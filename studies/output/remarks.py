@@ -22,6 +22,7 @@ CROSSED = 0.01  # of the lips' extent: nearer, they are as good as closed
 SLID = 1.0  # diameters that a thread may still slide in as long as the run took, and be at rest
 NEAR = 2.0  # of the footprints of two holes together: there a hole moves its neighbour by a quarter of its own way
 RESOLVED_SHARE = 0.03  # of a hole's compliance that springs may make up: no more than its own error
+REDUCED = 0.03  # of the largest way of a hole that a small basis may leave open: as much as springs may
 COARSE = {"P1": 0.25, "P2": 0.5}  # footprints to a cell: the compliance of the hole is then within 8 %
 
 
@@ -189,10 +190,36 @@ KINDS = (
         "the thread is bent to it at the start, and the energy of that goes where the damping takes it",
     ),
     Kind(
+        "handed-over",
+        "note",
+        "a stiffness, a law of friction or a strain energy that was handed over from Python",
+        "the scenario in the folder does not say it, and run anew it is another run",
+    ),
+    Kind(
+        "stress-of-e-nu",
+        "unsupported",
+        "a stiffness that was handed over from Python",
+        "stress, its principal values and the energy of cells are recovered with E and ν, which it need not have",
+    ),
+    Kind(
         "units",
         "note",
         "a length, modulus or density that no organ or suture has",
         "numbers in mm, kPa or g/cm³ look like that",
+    ),
+    Kind(
+        "reduction",
+        "unsupported",
+        f"hole of an organ in a small basis further than {REDUCED:.0%} of the largest way of a hole from its place in "
+        "a basis with one block more",
+        "that difference is nearly the error of the basis: the motion is too fast for it",
+    ),
+    Kind(
+        "reduction-bound",
+        "note",
+        f"the bound of the distance to the whole organ above {REDUCED:.0%} of that way",
+        "the bound adds up over the run what might be missed; the error is most often far below it, and nearer to the "
+        "difference",
     ),
     Kind(
         "frames-missing",

@@ -1,4 +1,4 @@
-"""Time series for ParaView: ``results.pvd`` naming one file per frame of organ, thread and piercings.
+"""Time series for ParaView: ``results.pvd`` naming one file per frame of organ, thread, piercings and ties.
 
 VTK XML with inline base64 data, compressed by LZMA, float32 and int32: a form that VTK reads since 8.2, and so
 ParaView 5.11. It is written here rather than by VTK because the organ's mesh can then be encoded once, and no
@@ -22,14 +22,24 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from studies.output.columns import ORGAN_ARRAYS, ORGAN_CELLS, PIERCING_ARRAYS, THREAD_ARRAYS, UNITS, values
+from studies.output.columns import (
+    ORGAN_ARRAYS,
+    ORGAN_CELLS,
+    PIERCING_ARRAYS,
+    THREAD_ARRAYS,
+    TIE_ARRAYS,
+    UNITS,
+    Column,
+    values,
+)
 from studies.output.files import UNFINISHED, write_text
-from studies.output.records import OrganRecord, OrganTopology, PiercingRecord, Snapshot, ThreadRecord
+from studies.output.records import OrganRecord, OrganTopology, PiercingRecord, Snapshot, ThreadRecord, TieRecord
 
 CELL_TYPES = {4: 10, 10: 24}  # VTK_TETRA, VTK_QUADRATIC_TETRA by nodes per cell
 TYPE_NAMES = {"f4": "Float32", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 COMPONENTS = {6: ("XX", "YY", "ZZ", "XY", "YZ", "XZ")}  # VTK's order of a symmetric tensor
-FRAME = re.compile(r"(?:organ|thread|piercings)_(\d{6,})\.vt[pu]")
+FRAME = re.compile(r"(?:organ|thread|piercings|ties)_(\d{6,})\.vt[pu]")
+PARTS = ("organ", "thread", "piercings", "ties")  # of a frame, each a file
 FILE = re.compile(r'file="([^"]*)"')
 FASTEST, SMALLEST = 0, 6  # LZMA's presets: fields hardly shrink further; the mesh does, and is encoded once
 WORDS = {"lc": 0, "lp": 2, "pb": 2}  # numbers of four bytes
@@ -60,6 +70,9 @@ class Series:
         parts = {f"thread_{step:06d}.vtp": thread_text(frame.thread)}
         if frame.piercings:
             parts[f"piercings_{step:06d}.vtp"] = piercings_text(frame.piercings)
+        closed = [tie for tie in frame.ties if tie.state != "open"]
+        if closed:
+            parts[f"ties_{step:06d}.vtp"] = ties_text(closed)
         if frame.organ is not None and self._mesh is not None:
             parts = {f"organ_{step:06d}.vtu": organ_text(self._mesh, frame.organ)} | parts
         for name, text in parts.items():
@@ -136,9 +149,19 @@ def thread_text(thread: ThreadRecord) -> str:
 
 def piercings_text(piercings: Sequence[PiercingRecord]) -> str:
     """Write the piercings of one frame as vertices in ``.vtp``."""
-    arrays = {column.name: np.array([column.of(piercing) for piercing in piercings]) for column in PIERCING_ARRAYS}
-    points = np.array([piercing.x for piercing in piercings])
-    return _poly_data(points, "Verts", [1] * len(piercings), _point_data(arrays, 'Vectors="force"'))
+    return _vertices(piercings, PIERCING_ARRAYS, 'Vectors="force"')
+
+
+def ties_text(ties: Sequence[TieRecord]) -> str:
+    """Write the ties of one frame as vertices in ``.vtp``."""
+    return _vertices(ties, TIE_ARRAYS, 'Scalars="force"')
+
+
+def _vertices(items: Sequence[Any], columns: Sequence[Column[Any]], active: str) -> str:
+    """Write what has a place each as vertices."""
+    arrays = {column.name: np.array([column.of(item) for item in items]) for column in columns}
+    points = np.array([item.x for item in items])
+    return _poly_data(points, "Verts", [1] * len(items), _point_data(arrays, active))
 
 
 def data_array(name: str, values: ArrayLike, kind: str, unit: str = "") -> str:
@@ -217,7 +240,8 @@ def _arrays(kind: str, arrays: Mapping[str, Any], active: str) -> str:
 
 
 def _entry(time: float, name: str) -> str:
-    part, label = {"o": (0, "organ"), "t": (1, "thread"), "p": (2, "piercings")}[name[0]]
+    label = name.partition("_")[0]
+    part = PARTS.index(label)
     return f'<DataSet timestep="{float(time)!r}" group="" part="{part}" name="{label}" file="frames/{name}"/>\n'
 
 

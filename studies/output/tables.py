@@ -91,5 +91,5 @@ def rows_until(path: Path, step: int) -> list[bytes]:
 def tables_of(scenario: Scenario) -> list[Layout[Any]]:
     """List the tables that a run of the scenario writes."""
     organ = scenario.tissue
-    absent = {"contact": not scenario.touching, "loads": organ is None or not organ.load}
+    absent = {"ties": not scenario.tie, "contact": not scenario.touching, "loads": organ is None or not organ.load}
     return [layout for layout in TABLES if not absent.get(layout.name)]

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from studies.output.checkpoint import Arrays, pack, unpack
-from studies.output.columns import RUN, range_summary, state_summary, values
+from studies.output.columns import RUN, range_summary, reduction_summary, state_summary, values
 from studies.output.records import Ending, OrganRecord, RunRecord, StepRecord, nothing_met
 from studies.output.remarks import Remark
 from studies.scenario import Scenario
@@ -83,4 +83,6 @@ class Tally:
         said: dict[str, Any] = {"remarks": [remark.record() for remark in self.remarks]}
         if self._has_organ:
             said["range"] = range_summary(self._names, self._extremes)
+        if step is not None and step.reduction is not None:
+            said["reduction"] = reduction_summary(self._names, self._extremes, step.reduction)
         return head | said | (state_summary(step) if step else {})

@@ -8,11 +8,9 @@ from typing import Any
 
 from studies.output.files import write_bytes, write_json, write_text
 from studies.refinement.ladder import KINDS, LEAST, LEVELS, Ladder, ladder
-from studies.scenario import ScenarioError
-from studies.scenario.refusal import nearest
 from studies.scenario.toml import parsed
 from studies.sweeps.sweep import Base, Tell, base_tables, sweep, tell_nothing
-from studies.sweeps.table import SweepTable
+from studies.sweeps.table import SweepTable, asked_column
 from studies.verdicts import Verdict, verdict
 from studies.workers import Workers
 
@@ -83,12 +81,13 @@ def refine(
     dotted names, as `studies.output.quantities` gives them. `over`: "h", "dt", "control_points", "footprint", or "all"
     but the footprint. Every level is finer by `ratio`, None: √2. `workers` as in `studies.sweeps.sweep`.
 
-    Raises `ScenarioError`, and `studies.workers.WorkersError`.
+    Raises `ScenarioError`, for a quantity that there is not before the first level is run, and
+    `studies.workers.WorkersError`.
     """
     names = [quantity] if isinstance(quantity, str) else list(quantity)
     plain = base_tables(base)
     rungs = ladder(parsed(plain), over, levels, ratio)
-    table = sweep(plain, rungs.settings, folder, workers, tell, kind="refinement")
+    table = sweep(plain, rungs.settings, folder, workers, tell, "refinement", lambda known: check_names(known, names))
     rungs = as_meshed(rungs, table)
     found = tuple(refined(name, rungs, table) for name in names)
     write(found, rungs, Path(folder))
@@ -104,17 +103,15 @@ def as_meshed(rungs: Ladder, table: SweepTable) -> Ladder:
     return replace(rungs, factors=tuple((float(n) / float(cells[0])) ** (1 / 3) for n in cells if n and cells[0]))
 
 
+def check_names(table: SweepTable, names: Sequence[str]) -> None:
+    """Refuse names of quantities that a table has no numbers of. Raises `ScenarioError`."""
+    for name in names:
+        asked_column(table, name, "--quantity")
+
+
 def refined(name: str, rungs: Ladder, table: SweepTable) -> Refined:
     """Return what a quantity does over the levels of a table. Raises `ScenarioError` for one that is no number."""
-    try:
-        column = table[name]
-    except KeyError:
-        numbers = [column.name for column in table.columns if column.kind in (int, float)]
-        near = nearest(name, numbers)
-        hint = f"the nearest is {near}" if near else f"there are for example {', '.join(numbers[1:9])}"
-        raise ScenarioError(f"--quantity {name} is refused: no level has such a number; {hint}") from None
-    if column.kind not in (int, float):
-        raise ScenarioError(f"--quantity {name} is refused: it is a word or a list; name a number")
+    column = asked_column(table, name, "--quantity")
     done = [status == 0 for status in table["exit_status"].values]
     values = tuple(
         float(value) if there and value is not None else nan

@@ -22,6 +22,7 @@ from studies.scenario.scenario import Scenario, parse, schema
 from studies.scenario.solve import Output, Solve
 from studies.scenario.table import ScenarioError
 from studies.scenario.thread import ClampedEnd, Cut, DrivenEnd, End, FixedEnd, FreeEnd, PulledEnd, Thread
+from studies.scenario.tie import Tie
 from studies.scenario.toml import SCENES, dump, load, scenes
 
 __all__ = [
@@ -49,6 +50,7 @@ __all__ = [
     "ScenarioError",
     "Solve",
     "Thread",
+    "Tie",
     "Tissue",
     "TubeMesh",
     "WoundMesh",

@@ -16,6 +16,7 @@ def name_faults(data: Mapping[str, Any]) -> list[str]:
     tissue = _table(data.get("tissue"))
     faults = [
         repetition("piercing", _names(data.get("piercing"))),
+        repetition("tie", _names(data.get("tie"))),
         repetition("tissue.boundary", _names(tissue.get("boundary"))),
         repetition("tissue.region", _names(tissue.get("region"))),
         *_boundary_faults(tissue),

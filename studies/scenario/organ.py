@@ -256,6 +256,19 @@ class Region(MaterialKeys):
         return self
 
 
+class Reduction(ScenarioTable):
+    """Small basis in which the organ moves: static answers to the piercings, weight and loads, and more."""
+
+    blocks: Annotated[int, Field(strict=True, ge=0, le=20)] = Field(
+        default=2,
+        description="blocks of a Krylov space beside the static answers, each of as many vectors: how fast a motion is "
+        "followed",
+    )
+    modes: Annotated[int, Field(strict=True, ge=0, le=1000)] = Field(
+        default=0, description="lowest vibration modes of the organ in it besides"
+    )
+
+
 class Tissue(MaterialKeys):
     """Organ of linear elasticity at small strain, or of a hyperelastic material at finite strain."""
 
@@ -286,6 +299,12 @@ class Tissue(MaterialKeys):
     )
     rayleigh: tuple[NotNegative, NotNegative] = Field(
         default=(0.0, 0.0), description="Rayleigh damping α [1/s] of the mass and β [s] of the stiffness"
+    )
+    reduction: Reduction | None = Field(
+        default=None,
+        description="small basis for an organ that is linear and has inertia: a step costs the same however many "
+        "unknowns there are, and what that leaves open is estimated; default: none",
+        examples=[{"blocks": 2, "modes": 0}],
     )
     clamp: tuple[Text, ...] = Field(default=(), description="names of the boundaries held fixed", examples=[["bottom"]])
     roller: tuple[Text, ...] = Field(
@@ -342,6 +361,23 @@ class Tissue(MaterialKeys):
                 f".rayleigh = {as_toml(self.rayleigh)} is refused: material is {self.material}, whose stiffness "
                 "changes, so β damps nothing that is known; take β = 0"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _check_reduction(self) -> Self:
+        if self.reduction is None:
+            return self
+        reason = ""
+        if self.material != "linear":
+            reason = (
+                f'material is {self.material}, and a basis holds for a linear organ alone; take material = "linear"'
+            )
+        elif self.contact:
+            reason = "contact is true, and any node of the lips may be pushed, which no small basis knows of"
+        elif not self.inertia:
+            reason = "inertia is false, and a quasi-static organ has no steps to be made cheaper; take inertia = true"
+        if reason:
+            raise ValueError(f".reduction is refused: {reason}, or leave reduction out")
         return self
 
     @model_validator(mode="after")

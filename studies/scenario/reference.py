@@ -20,7 +20,7 @@ Node = Mapping[str, Any]  # of a JSON schema
 
 MANUAL = Path(__file__).with_name("README.md")
 COMPLETE = "two_piercings"  # the scene that the manual prints whole
-UNIT = re.compile(r" ?\[(-|m|s|rad|kg|N|Pa|1/s|m/s²|kg/m³)\]")
+UNIT = re.compile(r" ?\[(-|m|s|rad|kg|N|Pa|1/s|m/s|m/s²|kg/m³)\]")
 DEFAULT = re.compile(r"[;,] default:? (?!with )([^;]+)")
 TYPES = {"string": "text", "integer": "whole number", "number": "number", "boolean": "true or false", "object": "table"}
 BOUNDS = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}

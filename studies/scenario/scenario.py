@@ -19,8 +19,17 @@ from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
 from studies.scenario.solve import Output, Solve
 from studies.scenario.table import ScenarioError, ScenarioTable, repetition
 from studies.scenario.thread import ClampedEnd, Cut, End, PulledEnd, Thread
+from studies.scenario.tie import Tie, tie_fault
 
 RAMP = 0.05  # s: a period of 20 Hz, as slow as the organs here swing
+TIED = {
+    "solve.scheme": "newton",
+    "solve.coupling": "monolithic",
+    "solve.friction": "implicit",
+    "solve.epsilon": 0.0,
+    "thread.energy": "continuous",
+    "thread.twist": False,
+}  # the only way in which a thread is tied
 MOST_FRAMES = 20_000  # of three files each; results.pvd names them all, and is written anew with every one
 
 # --- solution and output ----------------------------------------------------------------------------------
@@ -40,6 +49,7 @@ class Scenario(ScenarioTable):
         default=(), description="the piercings, in the order in which the thread passes them"
     )
     cut: tuple[Cut, ...] = Field(default=(), description="cuts of the thread during the run")
+    tie: tuple[Tie, ...] = Field(default=(), description="loops of the thread that hands draw tight and lock")
     contact: tuple[Contact, ...] = Field(
         default=(), description="surfaces of the organ that press on one another where they meet; else they cross"
     )
@@ -62,7 +72,7 @@ class Scenario(ScenarioTable):
         check_order(
             [(piercing, piercing.s) for piercing in self.piercing if piercing.s is not None], self.thread.length
         )
-        check_control_points(self.thread.control_points, len(self.piercing))
+        check_control_points(self.thread.control_points, len(self.piercing) + 2 * len(self.tie))
         loose = next((piercing.name for piercing in self.piercing if piercing.direction == "normal"), None)
         if self.tissue is None and loose is not None:
             key = dotted_key(["piercing", loose, "direction"])
@@ -139,6 +149,19 @@ class Scenario(ScenarioTable):
         return self
 
     @model_validator(mode="after")
+    def _check_reduction(self) -> Self:
+        if self.tissue is None or self.tissue.reduction is None:
+            return self
+        if self.solve.kind == "static":
+            reason = "solve.kind is static, where the organ makes no steps; leave it out"
+        elif self.contact:
+            reason = "there is [[contact]], and any node of a surface may be pushed, which no small basis knows of; "
+            reason += "leave one of them out"
+        else:
+            return self
+        raise ValueError(refusal("tissue.reduction", self.tissue.reduction.model_dump(), reason))
+
+    @model_validator(mode="after")
     def _check_material(self) -> Self:
         if self.tissue is None or self.tissue.material == "linear":
             return self
@@ -192,6 +215,19 @@ class Scenario(ScenarioTable):
         twice = next((s for k, s in enumerate(places) if s in (*places[:k], *self.thread.cuts)), None)
         if twice is not None:
             raise ValueError(refusal("cut.s", twice, "the thread is cut there already; leave one of the cuts out"))
+        return self
+
+    @model_validator(mode="after")
+    def _check_ties(self) -> Self:
+        if problem := tie_fault(self.tie, self.piercing):
+            raise ValueError(problem)
+        given = {"solve": self.solve, "thread": self.thread}
+        for key, needed in TIED.items():
+            table, name = key.split(".")
+            value = getattr(given[table], name)
+            if self.tie and value != needed:
+                reason = f"no thread is tied in such a run; set it to {as_toml(needed)}, or leave out [[tie]]"
+                raise ValueError(refusal(key, value, reason))
         return self
 
     @model_validator(mode="after")
@@ -271,8 +307,8 @@ def check_spans(cuts: Sequence[float], ends: Sequence[float], breaks: Sequence[f
 def check_control_points(control_points: int, piercings: int) -> None:
     """Refuse a spline too coarse for its holes.
 
-    A hole takes up to 5 constraints, on 3 unknowns of each control point and its own abscissa; and the
-    thread turns there, so a span of the spline should lie on either side of the hole and one at it: 3
+    A hole, as either strand of a tie, takes up to 5 constraints, on 3 unknowns of each control point and its own
+    abscissa; and the thread turns there, so a span of the spline should lie on either side of the hole and one at it: 3
     control points for each hole, in addition to the 4 of a single cubic.
     """
     least = 4 + 3 * piercings

@@ -11,18 +11,19 @@ import tissue
 from coupling.adaptivity import Resolution, coarse_tree, first_breaks
 from coupling.laying import start
 from coupling.system import Friction, Piercing, State, System
-from meshes.given import given_mesh, mesh_digest
+from coupling.ties import Tie
 from meshes.wound import lips
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.organ import LIPS
 from studies.scenario.refusal import refusal
-from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved, with_given_mesh
+from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
+from studies.simulation.given import NOTHING, Given
 from studies.simulation.law import hyperelasticity_of
 from studies.simulation.meshing import check_loaded, material_of, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_draws, check_pieces
-from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key
+from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key, reduction_key
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
 from thread.knots import Tree, clamped_knots, graded_knots
@@ -31,7 +32,7 @@ from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
 
-AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | tissue.DynamicOrgan | tissue.FiniteOrgan
+AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | tissue.DynamicOrgan | tissue.ReducedOrgan | tissue.FiniteOrgan
 
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
 REACH = 0.1  # of the thread's length: how far from a piercing its spans are fine
@@ -42,8 +43,8 @@ CHANNEL_DIAMETERS = 10.0  # of the thread, where there is no footprint to go by:
 
 @dataclass(frozen=True)
 class Assembly:
-    """A scenario made ready: the scenario with every default known, the system, what lays the thread, and `recovery`,
-    which makes stress from displacement, None without an organ."""
+    """A scenario made ready: the scenario with every default known, the system, what lays the thread, `recovery`, which
+    makes stress from displacement, None without an organ, and what was handed over from Python."""
 
     scenario: Scenario
     system: System[tissue.OrganState]
@@ -53,6 +54,7 @@ class Assembly:
     body: tissue.Elasticity | None
     resolution: Resolution | None
     recovery: Callable[[], tissue.StressRecovery | None]
+    given: Given = NOTHING
 
     @property
     def begin_abscissae(self) -> Array:
@@ -67,19 +69,18 @@ class Assembly:
         return start(self.system, self.s, points, stretch)
 
 
-def assemble(scenario: Scenario, store: Store | None = None, mesh: object = None) -> Assembly:
+def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTHING) -> Assembly:
     """Build everything that is known before the first step; mesh, organ and factor are those of the `store` where it
-    has them, None: made anew. `mesh`: the organ's, as `meshes.given` takes it, None: that of the scenario.
+    has them, None: made anew. What is `given` takes the place of what the scenario says.
 
     Raises `ScenarioError`, `MeshError`, `TissueError`, `ThreadError` for input that cannot be run.
     """
     path = rounded_path(scenario.thread.path)
     length = length_of(scenario, path)
-    store = store or Unshared()
-    given = None if mesh is None else given_mesh(mesh)
-    scenario = scenario if given is None else with_given_mesh(scenario, mesh_digest(given))
+    store = shareable(store, given)
+    scenario = given.applied_to(scenario)
     body = stored_body(scenario, store, given)
-    organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, body))
+    organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, body, given, store))
     s = abscissae(scenario, path, length)
     known = [(hole, value) for hole, value in zip(scenario.piercing, s, strict=True) if is_known(hole)]
     check_order(known, length)
@@ -93,13 +94,19 @@ def assemble(scenario: Scenario, store: Store | None = None, mesh: object = None
         thread=thread,
         ends=(end_of(whole.thread.start, path, 0.0), end_of(whole.thread.end, path, path.length)),
         organ=organ,
-        piercings=tuple(piercing_of(hole, scenario, body) for hole in scenario.piercing),
+        piercings=tuple(piercing_of(hole, scenario, body, given) for hole in scenario.piercing),
         gravity=np.array(scenario.solve.gravity),
         epsilon=scenario.solve.epsilon,
+        ties=tuple(tie_of(table, scenario.piercing) for table in scenario.tie),
     )
     resolution = resolution_of(scenario.thread, length, s)
     recovery = partial(stored_recovery, scenario, body, store)
-    return Assembly(whole, system, organ, path, np.array(s), body, resolution, recovery)
+    return Assembly(whole, system, organ, path, np.array(s), body, resolution, recovery, given)
+
+
+def shareable(store: Store | None, given: Given) -> Store:
+    """Return what may be shared: nothing where what is given is not in the scenario, and so in no key."""
+    return Unshared() if store is None or given.unsaid else store
 
 
 def is_known(hole: model.Piercing) -> bool:
@@ -202,10 +209,15 @@ def turn_of(table: model.FixedEnd | model.ClampedEnd | model.DrivenEnd) -> Array
     return None if table.turn is None else np.array(table.turn)
 
 
-def channel_of(hole: model.Piercing, scenario: Scenario) -> float | None:
-    """Return the length over which a rough hole imposes its direction [m], None for any other."""
-    rough = hole.friction is not None and hole.direction != "free"
-    return bearing_of(hole, scenario) if rough else None
+def friction_of(hole: model.Piercing, scenario: Scenario, given: Given) -> Friction | None:
+    """Return the friction of a hole, that handed over added to the scenario's, None of an ideal one. The length over
+    which a rough hole imposes its direction is that on which it bears."""
+    table, own = hole.friction, given.friction.get(hole.name)
+    if table is None and own is None:
+        return None
+    channel = None if hole.direction == "free" else bearing_of(hole, scenario)
+    said = (0.0, 0.0, 0.0) if table is None else (table.static, table.kinetic, table.grip)
+    return Friction(*said, channel, own)
 
 
 def bearing_of(hole: model.Piercing, scenario: Scenario) -> float:
@@ -220,15 +232,14 @@ def bearing_of(hole: model.Piercing, scenario: Scenario) -> float:
     return hole.channel or default
 
 
-def piercing_of(hole: model.Piercing, scenario: Scenario, body: tissue.Elasticity | None) -> Piercing:
+def piercing_of(hole: model.Piercing, scenario: Scenario, body: tissue.Elasticity | None, given: Given) -> Piercing:
     """Return the constraint of a hole."""
-    given, organ = hole.friction, scenario.tissue
-    channel = channel_of(hole, scenario)
+    organ = scenario.tissue
     return Piercing(
         hole.name,
         slides=hole.kind == "sliding",
         directed=hole.direction != "free",
-        friction=None if given is None else Friction(given.static, given.kinetic, given.grip, channel),
+        friction=friction_of(hole, scenario, given),
         begins=hole.from_,
         ends=np.inf if hole.until is None else hole.until,
         draw=None if hole.draw is None else np.array(hole.draw),
@@ -238,20 +249,28 @@ def piercing_of(hole: model.Piercing, scenario: Scenario, body: tissue.Elasticit
     )
 
 
+def tie_of(table: model.Tie, holes: Sequence[model.Piercing]) -> Tie:
+    """Return a tie between its holes, in the order in which the thread passes them."""
+    names = [hole.name for hole in holes]
+    first, last = sorted(names.index(name) for name in table.between)
+    hold = np.inf if table.hold is None else table.hold
+    return Tie(table.name, (first, last), table.force, table.from_, table.until, table.growth, table.speed, hold)
+
+
 def site_of(hole: model.Piercing) -> tissue.Site:
     """Return the place of a hole on the organ."""
     direction = None if hole.direction == "free" else hole.direction
     return tissue.Site(hole.at, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', hole.subgrid)
 
 
-def stored_body(scenario: Scenario, store: Store, given: skfem.MeshTet | None = None) -> tissue.Elasticity | None:
-    """Return the organ's discrete elasticity, None without an organ, of what the store has of it and of its mesh, which
-    is `given` where it is handed over."""
+def stored_body(scenario: Scenario, store: Store, given: Given) -> tissue.Elasticity | None:
+    """Return the organ's discrete elasticity, None without an organ, of what the store has of it and of its mesh, or
+    as it is handed over."""
     table = scenario.tissue
     if table is None:
         return None
-    mesh = partial(store.take, "mesh", mesh_key(scenario), partial(organ_mesh, scenario, given))
-    return store.take("body", body_key(scenario), lambda: body_of(table, mesh()))
+    mesh = partial(store.take, "mesh", mesh_key(scenario), partial(organ_mesh, scenario, given.volume))
+    return store.take("body", body_key(scenario), lambda: given.stiffened(body_of(table, mesh())))
 
 
 def stored_recovery(scenario: Scenario, body: tissue.Elasticity | None, store: Store) -> tissue.StressRecovery | None:
@@ -266,23 +285,32 @@ def body_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Elasticity:
     return tissue.elasticity(mesh, material_of(table, mesh), table.element, table.clamp, table.dilatation, table.roller)
 
 
-def organ_of(scenario: Scenario, body: tissue.Elasticity | None) -> AnyOrgan:
-    """Return the organ as the coupling sees it: linear or at finite strain, with inertia or without, or points fixed in
-    space."""
+def organ_of(scenario: Scenario, body: tissue.Elasticity | None, given: Given, store: Store) -> AnyOrgan:
+    """Return the organ as the coupling sees it: linear or at finite strain, with inertia or without, in a small basis,
+    which is that of the `store` where it has it, or points fixed in space."""
     sites = [site_of(hole) for hole in scenario.piercing]
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
     placed = tissue.build_sites(body, sites)
     check_loaded(body.mesh, scenario.tissue)
     gaps, loads = gaps_of(scenario, body), loads_of(scenario)
-    given = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps, loads
+    known = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps, loads
     inertia = scenario.tissue.inertia and scenario.solve.kind == "dynamic"
     if scenario.tissue.material != "linear":
-        hyper = hyperelasticity_of(scenario.tissue, body)
-        return tissue.FiniteOrgan(*given, hyper=hyper, inertia=inertia, damping=scenario.tissue.rayleigh[0])
+        hyper = hyperelasticity_of(scenario.tissue, body, given)
+        return tissue.FiniteOrgan(*known, hyper=hyper, inertia=inertia, damping=scenario.tissue.rayleigh[0])
     if inertia:
-        return tissue.DynamicOrgan(*given, rayleigh=scenario.tissue.rayleigh)
-    return tissue.QuasiStaticOrgan(*given)
+        full = tissue.DynamicOrgan(*known, rayleigh=scenario.tissue.rayleigh)
+        return full if scenario.tissue.reduction is None else reduced(full, scenario, store)
+    return tissue.QuasiStaticOrgan(*known)
+
+
+def reduced(full: tissue.DynamicOrgan, scenario: Scenario, store: Store) -> tissue.ReducedOrgan:
+    """Return an organ in the small basis that its scenario asks for. Raises `TissueError` where there is none."""
+    assert scenario.tissue is not None and scenario.tissue.reduction is not None
+    asked = scenario.tissue.reduction
+    make = partial(tissue.reduce_organ, full, asked.blocks, asked.modes)
+    return tissue.ReducedOrgan(full, store.take("reduction", reduction_key(scenario), make))
 
 
 def loads_of(scenario: Scenario) -> tuple[tissue.SurfaceLoad, ...]:

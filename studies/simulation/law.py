@@ -5,15 +5,22 @@ import numpy as np
 import tissue
 from studies import scenario as model
 from studies.arrays import Array
+from studies.simulation.given import Given
 from tissue.materials.density import Density, Sum
 from tissue.materials.fibres import Fibres
 from tissue.materials.isotropic import Exponential
 
 
-def hyperelasticity_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Hyperelasticity:
-    """Return the energy of an organ at finite strain."""
+def hyperelasticity_of(table: model.Tissue, body: tissue.Elasticity, given: Given) -> tissue.Hyperelasticity:
+    """Return the energy of an organ at finite strain: that handed over, or that of the scenario."""
+    own = given.distortion(float(np.max(body.material.lame_mu)))
+    return tissue.Hyperelasticity(body, own or distortion_of(table, body), prestretch_of(table, body))
+
+
+def distortion_of(table: model.Tissue, body: tissue.Elasticity) -> Density:
+    """Return the density of distortion that a scenario says."""
     parts: list[Density] = [Exponential(body.material.lame_mu, stiffening_of(table, body)), *fibres_of(table, body)]
-    return tissue.Hyperelasticity(body, Sum(parts), prestretch_of(table, body))
+    return Sum(parts)
 
 
 def stiffening_of(table: model.Tissue, body: tissue.Elasticity) -> Array:

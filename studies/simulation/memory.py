@@ -24,6 +24,7 @@ def on_knots(system: System, knots: Array) -> System:
 def memory_of(now: OrganRun) -> Arrays:
     """Gather all that the steps after this one depend on, as arrays by name."""
     own = {"step": np.array(now.number), "s_begun": now.s_begun, "knots": now.system.thread.spline.knots}
+    own |= {"tie_works": now.tie_works} if now.system.ties else {}
     return own | pack(now.state, "state") | pack(now.energies, "energies")
 
 
@@ -34,6 +35,7 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         system, number = on_knots(beginning.system, memory["knots"]), int(memory["step"])
         state = unpack(beginning.state, memory, "state", beginning.state)
         energies, s_begun = unpack(beginning.energies, memory, "energies"), memory["s_begun"]
+        tie_works = memory["tie_works"] if system.ties else beginning.tie_works
     except (KeyError, TypeError, ValueError) as error:
         raise ScenarioError(f"{CHECKPOINT} is of another version of this code ({error}); {ANEW}") from None
     return replace(
@@ -42,6 +44,7 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         state=state,
         energies=energies,
         s_begun=s_begun,
+        tie_works=tie_works,
         configuration=configuration_of(system, state),
         number=number,
         fresh=number == 0,

@@ -1,6 +1,6 @@
 """A run into a folder, from Python and from the command."""
 
-from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from studies.output.budget import check_disk
@@ -8,40 +8,49 @@ from studies.output.checkpoint import read_checkpoint
 from studies.output.folder import Recorder, can_resume, check_folder, completed_run
 from studies.output.lock import locked
 from studies.output.opened import OpenRun, open_run
-from studies.output.records import StepRecord
-from studies.scenario import Scenario
+from studies.scenario import Scenario, ScenarioError
 from studies.simulation.interface import AnySimulation, Moments
-from studies.simulation.simulation import prepare
-
-OnStep = Callable[[StepRecord], None]
+from studies.simulation.simulation import OnStep, Simulation, prepare
 
 
 def run(
-    scenario: Scenario,
+    scenario: Scenario | Simulation,
     folder: Path | str,
     mesh: object = None,
     resume: bool = False,
     overwrite: bool = False,
     on_step: OnStep | None = None,
 ) -> OpenRun:
-    """Run a scenario into a folder, and open it.
+    """Run a scenario, or what `prepare` made of one, into a folder, and open it.
 
-    `mesh` as in `prepare`. A folder that holds a run is refused, unless the run goes on (`resume`) or is replaced
-    (`overwrite`). `on_step` is called with the record of the start and of every step; an exception from it ends the
-    run, whose folder then says so. Raises the errors of input that cannot be run, and of a run that fails.
+    `mesh` and `on_step` as in `prepare`, None leaves those of what is prepared. A folder that holds a run is refused,
+    unless the run goes on (`resume`) or is replaced (`overwrite`); one with laws of one's own cannot go on, since no
+    file says whether they are the same. A step is recorded before `on_step` is called with it; an exception from it
+    ends the run, whose folder then says so. Raises the errors of input that cannot be run, and of a run that fails.
     """
-    folder = Path(folder)
+    folder, ready = Path(folder), scenario if isinstance(scenario, Simulation) else None
+    if ready is not None:
+        check_prepared(ready, mesh, resume)
+    said = scenario.scenario if isinstance(scenario, Simulation) else scenario
     with locked(folder):
-        check_folder(folder, scenario, None, resume, overwrite)
-        begun = begin(prepare(scenario, mesh=mesh), folder, resume)
+        check_folder(folder, said, None, resume, overwrite)
+        simulation = ready or prepare(said, mesh=mesh)
+        begun = begin(replace(simulation, on_step=on_step or simulation.on_step), folder, resume)
         if begun is not None:
             recorder, moments = begun
             with recorder:
                 for step, frame in moments:
                     recorder.record(step, frame)
-                    if on_step is not None:
-                        on_step(step)
     return open_run(folder)
+
+
+def check_prepared(simulation: Simulation, mesh: object, resume: bool) -> None:
+    """Refuse another mesh for what is prepared, and to go on with laws that no file knows."""
+    if mesh is not None:
+        raise ScenarioError("mesh is refused: what is prepared has its own; give it to prepare(scenario, mesh=…)")
+    if resume and (unsaid := simulation.assembly.given.unsaid):
+        reason = f"no file says which {', '.join(unsaid)} the run had; run it anew, overwrite=True"
+        raise ScenarioError(f"resume is refused: {reason}")
 
 
 def begin(simulation: AnySimulation, folder: Path, resume: bool = False) -> tuple[Recorder, Moments] | None:

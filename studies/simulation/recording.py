@@ -11,7 +11,7 @@ from coupling.contact import ContactObservation, observe_contact
 from coupling.observation import largest_gap, largest_residual
 from coupling.system import State, System
 from studies.arrays import Array
-from studies.output.records import ContactRecord, LoadRecord, StepRecord, ThreadRecord
+from studies.output.records import ContactRecord, LoadRecord, ReductionRecord, StepRecord, ThreadRecord
 from studies.simulation.memory import OrganRun, memory_of
 from thread.spline import Spline
 
@@ -42,6 +42,8 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
         events=now.events,
         contact=contact_records(system, state),
         loads=load_records(system, state),
+        reduction=reduction_record(system, state),
+        ties=now.ties,
         kept=partial(memory_of, now),
     )
 
@@ -82,6 +84,15 @@ def load_records(system: System, state: State) -> tuple[LoadRecord, ...]:
     shares, forces = state.organ.shares.tolist(), organ.load_resultants(state.organ)
     numbers = zip(loads.each, shares, loads.areas.tolist(), forces, strict=True)
     return tuple(LoadRecord(load.boundary, share, area, share * force) for load, share, area, force in numbers)
+
+
+def reduction_record(system: System, state: State) -> ReductionRecord | None:
+    """Return what the small basis of the organ leaves open in a state, None of an organ without one."""
+    organ = system.organ
+    if not isinstance(organ, tissue.ReducedOrgan):
+        return None
+    small = organ.reduction
+    return ReductionRecord(small.size, organ.difference(state.organ), organ.bound(state.organ), small.stiffness)
 
 
 def lip_fields(system: System, state: State, nodes: int) -> tuple[Array, Array] | tuple[None, None]:

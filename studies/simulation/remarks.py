@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+import tissue
 from meshes.quality import size_at
 from studies import scenario as model
 from studies.arrays import Array
@@ -22,6 +23,7 @@ from studies.output.remarks import (
     DISSIPATED,
     NEAR,
     OFF_PATH,
+    REDUCED,
     RESOLVED_SHARE,
     SHARE,
     SLID,
@@ -34,6 +36,7 @@ from studies.output.remarks import (
 from studies.scenario import Scenario
 from studies.scenario.refusal import dotted_key
 from studies.simulation.assembly import Assembly, section_of
+from studies.simulation.given import Given, shear_moduli
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED, unrest
 from thread.catalogue import knot_pull
 
@@ -52,7 +55,7 @@ PLAUSIBLE = {  # what organs and sutures have, with room to spare
 def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]]) -> list[Remark]:
     """Return what can be said before the first step."""
     scenario = assembly.scenario
-    out = [*unlike_units(values_of(assembly)), *off_path(assembly)]
+    out = [*unlike_units(values_of(assembly)), *off_path(assembly), *handed_over(assembly.given, assembly.body)]
     if assembly.body is None:
         return out
     sizes = [size_at(assembly.body.mesh, np.array(hole.at)) for hole in scenario.piercing]
@@ -66,6 +69,25 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]]) -> li
         *outside_subgrid(subgrid),
         *near_holes(scenario.piercing),
     ]
+
+
+def handed_over(given: Given, body: tissue.Elasticity | None) -> list[Remark]:
+    """Tell what of the run its scenario does not say."""
+    if not given.unsaid:
+        return []
+    text = f"{', '.join(given.unsaid)} came from Python: the scenario in the folder does not say so"
+    mu = 0.0 if body is None else float(np.max(body.material.lame_mu))
+    if (density := given.distortion(mu)) is not None:
+        least, largest = shear_moduli(density)
+        text += (
+            f"; the shear modulus of the energy at rest is {least:.4g} to {largest:.4g} Pa, that of E and ν, whose "
+            f"bulk modulus goes with it, {mu:.4g} Pa"
+        )
+    out = [remark("handed-over", "prepare", text)]
+    if given.stiffness is not None:
+        text = "stress and energy of the cells are those of E and ν, not of the stiffness that was handed over"
+        out.append(remark("stress-of-e-nu", "tissue", text))
+    return out
 
 
 def is_finite(scenario: Scenario) -> bool:
@@ -86,6 +108,7 @@ def met(scenario: Scenario, ending: Ending, strengths: Sequence[float], springs:
             if is_finite(scenario)
             else [*beyond_at_holes(names, extremes), *beyond_in_tissue(extremes)]
         ),
+        *missed_by_basis(names, extremes),
         *torn(names, extremes, strengths),
         *turned_pressure(extremes),
         *crossed_lips(extremes),
@@ -194,6 +217,24 @@ def beyond_in_tissue(extremes: Extremes) -> list[Remark]:
                 f"{SMALL_ROTATION:g}; the cells beyond have {extremes.rotated:.1%} of its strain energy",
             )
         )
+    return out
+
+
+def missed_by_basis(names: Sequence[str], extremes: Extremes) -> list[Remark]:
+    """Judge what the small basis of the organ left open at its holes; nothing is, where it has none."""
+    limit = REDUCED * float(extremes.way.max(initial=0.0))
+    out = []
+    for name, difference, bound in zip(names, extremes.difference, extremes.bound, strict=True):
+        if max(difference, bound) <= limit:
+            continue
+        off = difference > limit
+        code, how = ("reduction", "is") if off else ("reduction-bound", "may be up to")
+        text = (
+            f"{name!r} {how} {(difference if off else bound) / MILLI:.2g} mm from its place in the whole organ, "
+            f"{limit / MILLI:.2g} mm are {REDUCED:.0%} of the largest way of a hole; raise tissue.reduction.blocks, or "
+            "leave tissue.reduction out"
+        )
+        out.append(remark(code, name, text))
     return out
 
 

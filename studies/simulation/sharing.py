@@ -17,10 +17,19 @@ from studies.scenario.toml import mesh_file, tables
 
 Made = TypeVar("Made")
 
-NOT_OF_ORGAN = ("title", "thread", "cut", "output")
+NOT_OF_ORGAN = ("title", "thread", "cut", "tie", "output")
 OF_STEPS = ("dt", "duration", "load_steps", "scheme", "integrator", "coupling", "friction", "epsilon")
 OF_THREAD = ("kind", "s", "friction", "from", "until", "draw", "pull", "channel")  # of a piercing
-OF_MOTION = ("inertia", "rayleigh", "solver", "contact", "load")  # of the organ, beside its mesh and stiffness
+OF_MOTION = (
+    "inertia",
+    "rayleigh",
+    "solver",
+    "contact",
+    "load",
+    "reduction",
+)  # of the organ, beside its mesh and stiffness
+OF_PULL = ("force", "ramp")  # of an end of the thread: it is laid before anything pulls
+OF_LENGTH = ("dt", "duration", "load_steps")  # of a run, before which the thread is laid
 OF_MATERIAL = ("youngs_modulus", "poisson_ratio", "density", "dilatation")
 
 
@@ -60,6 +69,19 @@ class Shared:
 def organ_key(scenario: Scenario) -> str:
     """Return the digest of all that the organ with its holes is made from."""
     return digest(organ_tables(scenario), scenario)
+
+
+def reduction_key(scenario: Scenario) -> str:
+    """Return the digest of all that the basis of an organ is made from: it is the same whatever damps."""
+    plain = organ_tables(scenario)
+    return digest(plain | {"tissue": without(plain.get("tissue", {}), ("rayleigh",))}, scenario)
+
+
+def start_key(scenario: Scenario) -> str:
+    """Return the digest of all that the start is made from: the thread is laid on the organ before anything pulls."""
+    plain = without(tables(scenario), ("title", "cut", "output"))
+    ends = {end: without(plain["thread"][end], OF_PULL) for end in ("start", "end") if end in plain["thread"]}
+    return digest(plain | {"thread": plain["thread"] | ends, "solve": without(plain["solve"], OF_LENGTH)}, scenario)
 
 
 def body_key(scenario: Scenario) -> str:

@@ -1,12 +1,13 @@
 """A run: the steps of a scenario one after the other, each with what is recorded of it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from time import perf_counter
 from typing import Any
 
 import numpy as np
+import skfem
 from threadpoolctl import threadpool_limits
 
 import tissue
@@ -14,6 +15,7 @@ from coupling import stepping
 from coupling.cutting import Cut
 from coupling.diagnosis import faults
 from coupling.errors import StepError
+from coupling.interfaces import FrictionLaw
 from coupling.paper.linear_step import checked, linear_step, linear_two_pass
 from coupling.paper.staggered import backward_euler, stagger
 from coupling.paper.two_pass import two_pass
@@ -26,19 +28,24 @@ from studies.output.records import Ending, OrganRecord, OrganTopology, Snapshot,
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
 from studies.scenario import Scenario, ScenarioError, Solve, WoundMesh
 from studies.scenario.solve import WHOLE
-from studies.simulation.assembly import Assembly, assemble, lip_gaps
+from studies.simulation.assembly import Assembly, assemble, lip_gaps, shareable
+from studies.simulation.given import Energy, Given, Stiffness
 from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, step_record, thread_record
 from studies.simulation.remarks import foreseen, met
-from studies.simulation.sharing import Store
+from studies.simulation.sharing import Store, start_key
+from studies.simulation.stepper import Stepper, WhichEnd
+
+OnStep = Callable[[StepRecord], None]
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """A scenario ready to run, with the consistent start."""
+    """A scenario ready to run, with the consistent start, and what is called with the record of every step."""
 
     assembly: Assembly
     start: State
+    on_step: OnStep | None = None
 
     def __repr__(self) -> str:
         title = f"{self.scenario.title!r}, " if self.scenario.title else ""
@@ -117,17 +124,28 @@ class Simulation:
     def _from(self, now: OrganRun) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
         """Keep BLAS to one thread while stepping: two of them on busy cores cost more than they bring."""
         with threadpool_limits(limits=1, user_api="blas"):
-            yield step_record(now), partial(self.snapshot, now)
+            yield from self._told(step_record(now), now)
             while now.number < self.steps:
                 began = perf_counter()
                 now = self.next(now)
                 record = step_record(now, perf_counter() - began)
-                yield record if self.is_on_grid(now) else replace(record, kept=None), partial(self.snapshot, now)
+                yield from self._told(record if self.is_on_grid(now) else replace(record, kept=None), now)
+
+    def _told(self, record: StepRecord, now: OrganRun) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
+        """Yield a step, and tell of it once the caller is done with it: what records a run has recorded it then."""
+        yield record, partial(self.snapshot, now)
+        if self.on_step is not None:
+            self.on_step(record)
 
     def is_on_grid(self, now: OrganRun) -> bool:
         """Tell whether a run of a longer duration comes by the same state; not by the end of a last step cut short."""
         solve = self.scenario.solve
         return solve.kind == "static" or now.state.time == now.number * solve.dt
+
+    def stepper(self, end: WhichEnd = "end", deadline: float | None = None) -> Stepper:
+        """Return the run for a host program to step, which moves an `end` of the thread; each step should take no
+        longer than the `deadline` [s], None: than it stands for. Raises `ScenarioError`."""
+        return Stepper(self, end, deadline)
 
     def beginning(self) -> OrganRun:
         """Return the run before the first step."""
@@ -156,7 +174,7 @@ class Simulation:
 
     def snapshot(self, now: OrganRun) -> Snapshot:
         """Return what is drawn of a state."""
-        return Snapshot(now.state.time, thread_record(now), now.piercings, self.organ_record(now.state))
+        return Snapshot(now.state.time, thread_record(now), now.piercings, self.organ_record(now.state), now.ties)
 
     def organ_record(self, state: State) -> OrganRecord | None:
         """Return the displacement, stress and strain of the organ, None without one."""
@@ -208,22 +226,48 @@ def method(solve: Solve) -> Take:
     return stagger(thread_step, scheme_of) if solve.coupling == "staggered" else thread_step
 
 
-def prepare(scenario: Scenario, store: Store | None = None, mesh: object = None) -> Simulation:
+def prepare(
+    scenario: Scenario,
+    store: Store | None = None,
+    mesh: object = None,
+    *,
+    basis: skfem.Basis | None = None,
+    stiffness: Stiffness | None = None,
+    friction: Mapping[str, FrictionLaw] | None = None,
+    energy: Energy | None = None,
+    on_step: OnStep | None = None,
+) -> Simulation:
     """Prepare everything that is known before the first step.
 
-    What a `store` has of mesh, organ and factor is shared, None: made anew. `mesh` [m]: the organ's in place of that of
-    the scenario, a `skfem.MeshTet`, a meshio mesh or a pyvista grid of tetrahedra; a scenario that has no other says
-    `kind = "given"`. Raises the errors of input that cannot be run.
+    What a `store` has of mesh, organ and factor is shared, None: made anew. What else is given takes the place of what
+    the scenario says, None leaves it:
+
+    - `mesh` [m]: the organ's, a `skfem.MeshTet`, a meshio mesh or a pyvista grid of tetrahedra; a scenario that has no
+      other says `kind = "given"`.
+    - `basis`: that of one's own forms, `skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTetP1()))` or of
+      `ElementTetP2`; its mesh is the organ's.
+    - `stiffness`: a linear organ's over the unknowns of the basis, a symmetric sparse matrix `(N, N)` [N/m], or a
+      function that makes it of the basis. Mass, supports and loads are still those of the scenario.
+    - `friction`: a `coupling.interfaces.FrictionLaw` by the name of each piercing that has one, added to the friction
+      of the scenario.
+    - `energy`: the strain-energy density of distortion of an organ at finite strain [J/m³], a function of F, shape
+      `(3, 3)`, as `tissue.materials.own` has them, or a `tissue.materials.density.Density`. It takes the place of the
+      shear of E and ν; their bulk modulus is added, κ/2 (J − 1)².
+
+    `on_step` is called with the record of the start and of every step, once whoever steps is done with it; an exception
+    from it ends the run. Raises the errors of input that cannot be run.
     """
-    assembly = assemble(scenario, store, mesh)
+    given = Given(mesh, basis, stiffness, friction or {}, energy)
+    assembly = assemble(scenario, store, given)
     with threadpool_limits(limits=1, user_api="blas"):
-        return Simulation(assembly, sound_start(assembly))
+        return Simulation(assembly, sound_start(assembly, shareable(store, given)), on_step)
 
 
-def sound_start(assembly: Assembly) -> State:
-    """Return the consistent start. Raises `ScenarioError` where there is none, or the constraints cannot be met."""
+def sound_start(assembly: Assembly, store: Store) -> State:
+    """Return the consistent start, that of the `store` where it has it. Raises `ScenarioError` where there is none, or
+    the constraints cannot be met."""
     try:
-        state = assembly.start()
+        state = store.take("start", start_key(assembly.scenario), assembly.start)
     except StepError as error:
         raise ScenarioError(
             f"thread.path is refused: the thread cannot be laid along it through its piercings ({error.cause}); "

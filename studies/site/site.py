@@ -14,6 +14,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from studies.site.notebook import cells_of, markdown
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("meshes", "thread", "tissue", "coupling", "studies")
 CODE = "code"  # the folder of the pages made from the code
@@ -23,6 +25,7 @@ PAGES: dict[str, Any] = {
     "Guide": "studies/scenario/GUIDE.md",
     "Scenario file": "studies/scenario/README.md",
     "Results": "studies/output/README.md",
+    "From Python": "studies/site/python.ipynb",
     "Sweeps": "studies/sweeps/README.md",
     "Refinement": "studies/refinement/README.md",
     "Theory": "coupling/README.md",
@@ -34,6 +37,7 @@ PAGES: dict[str, Any] = {
 }
 CHECKED = ("not_found", "anchors", "absolute_links", "unrecognized_links")  # of every link
 LINK = re.compile(r"\]\(([^)\s#]+)(?:#[^)\s]*)?\)")
+NOTEBOOKS = re.compile(r"(\]\([^)\s]+)\.ipynb([)#])")
 FUNCTION = re.compile(r"`((?:\w+/)+\w+\.py):([\w.]+)`")
 LISTING = re.compile(r"(^```.*?^```$|`[^`\n]+`)", re.MULTILINE | re.DOTALL)
 FORMULA = re.compile(r"\$\$(.+?)\$\$|\$([^$\n]+)\$", re.DOTALL)
@@ -67,7 +71,12 @@ def build(target: Path) -> None:
 def navigation() -> list[dict[str, Any]]:
     """Return the pages in the order in which they are read, those of the code last."""
     code = [{package: f"{CODE}/{package}.md"} for package in PACKAGES]
-    return [*({title: page} for title, page in PAGES.items()), {"Code": code}]
+    return [*({title: as_page(name)} for title, name in PAGES.items()), {"Code": code}]
+
+
+def as_page(name: str) -> str:
+    """Return the name of a page on the site: a notebook becomes Markdown too."""
+    return name.replace(".ipynb", ".md")
 
 
 def gather(sources: Path) -> None:
@@ -75,11 +84,11 @@ def gather(sources: Path) -> None:
     for package in PACKAGES:
         write(sources / CODE / f"{package}.md", package_page(package))
     for name in PAGES.values():
-        text = (ROOT / name).read_text(encoding="utf-8")
+        text = markdown(cells_of(ROOT / name)) if name.endswith(".ipynb") else (ROOT / name).read_text(encoding="utf-8")
         for linked in LINK.findall(text):
             copy(ROOT / name, linked, sources)
         up = "../" * name.count("/")
-        write(sources / name, with_mathml(with_code_links(text, up)))
+        write(sources / as_page(name), with_mathml(with_code_links(NOTEBOOKS.sub(r"\1.md\2", text), up)))
 
 
 def write(path: Path, text: str) -> None:

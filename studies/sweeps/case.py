@@ -68,6 +68,23 @@ def run_case(data: Mapping[str, Any]) -> Result:
     return Result(status, summary, perf_counter() - began, lasting, None if topology is None else len(topology.cells))
 
 
+def run_start(data: Mapping[str, Any]) -> Result | None:
+    """Return a scenario given as tables as of its start, whose summary has all names that its end has; None of one that
+    has no start. The organ that is made for it is kept for the first case."""
+    began = perf_counter()
+    with ONE_AT_A_TIME:
+        try:
+            simulation = prepare(parsed(data), KEPT)
+            step, frame = next(simulation.advance())
+        except (*REFUSALS, *SHORTAGES, CouplingError):
+            return None
+        tally = Tally(simulation.scenario, simulation.tissue_dofs, simulation.subgrid, simulation.remarks)
+        tally.count(step)
+        tally.last_step = step
+        tally.see(frame().organ)
+    return Result(COMPLETED, tally.summary("completed"), perf_counter() - began)
+
+
 def simulate(simulation: Simulation) -> tuple[int, dict[str, Any], bool]:
     """Run a simulation without files: return its exit status, the summary that `suture run` writes of it, and whether
     the same would come of it again."""

@@ -7,33 +7,12 @@ from matplotlib.figure import Figure
 
 from studies.figure import COLOURS, MARKERS, panels, render_figure
 from studies.output.files import write_bytes
-from studies.scenario import ScenarioError
-from studies.scenario.refusal import nearest
-from studies.sweeps.table import Column, SweepTable
-
-
-def columns(table: SweepTable, names: Sequence[str]) -> list[Column]:
-    """Return the columns to be drawn. Raises `ScenarioError` for a name that there is no column of, and for words that
-    are to be drawn as numbers."""
-    found = []
-    for name in names:
-        try:
-            found.append(table[name])
-        except KeyError:
-            near = nearest(name, table.names)
-            hint = f"; the nearest is {near}" if near else f"; there are for example {', '.join(table.names[:8])}"
-            raise ScenarioError(f"--plot {name} is refused: the table has no such column{hint}") from None
-    for column in found[:2]:
-        if column.kind not in (int, float):
-            raise ScenarioError(
-                f"--plot {column.name} is refused: it is no number; draw another, or let it be the third"
-            )
-    return found
+from studies.sweeps.table import Column, SweepTable, drawn_columns
 
 
 def write_figure(table: SweepTable, names: Sequence[str], folder: Path) -> None:
     """Draw columns into ``figure.png`` and ``figure.svg``. Raises `ScenarioError`."""
-    drawn = columns(table, names)
+    drawn = drawn_columns(table, names)
     for kind, picture in render_figure(lambda rows: figure(drawn), (), "sweep").items():
         write_bytes(folder / f"figure.{kind}", picture)
 

@@ -15,8 +15,8 @@ from studies.output.provenance import provenance
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.toml import changed, parsed, read, tables
 from studies.simulation.sharing import organ_key
-from studies.status import REFUSED
-from studies.sweeps.case import Result, case_digest, code_version, run_case
+from studies.status import COMPLETED, REFUSED
+from studies.sweeps.case import Result, case_digest, code_version, run_case, run_start
 from studies.sweeps.grid import Settings, check_count, grid
 from studies.sweeps.table import Case, SweepTable, table_of, write_tables
 from studies.workers import InTurn, Workers
@@ -28,6 +28,9 @@ OWN = (MARK, CASES, *MADE)
 
 Base = Path | str | Mapping[str, Any] | Scenario
 Tell = Callable[["Told"], None]
+Check = Callable[[SweepTable], object]
+
+STARTS = 3  # cases whose start is tried for the names of columns
 
 
 @dataclass(frozen=True)
@@ -62,14 +65,16 @@ def sweep(
     workers: Workers | None = None,
     tell: Tell = tell_nothing,
     kind: str = "sweep",
+    check: Check | None = None,
 ) -> SweepTable:
     """Run a scenario for many values of its keys into a folder, and return the table of all cases.
 
     `base`: a file or a shipped scene by its name, tables, or a scenario. `over`: the values of each key by its dotted
     name, of which all combinations are run, or the settings of each case. `workers`: who runs them
-    (`studies.workers`), None means this process. `kind`: of what the folder is said to be. A case that fails or is
-    refused is a row; the sweep is refused where
-    every case is. Cases that are in the folder are not run again.
+    (`studies.workers`), None means this process. `kind`: of what the folder is said to be. `check` is called with a
+    table of what is known before the first case is run, at the least of a case's start, to refuse names of columns that
+    it has not. A case that fails or is refused is a row; the sweep is refused where every case is. Cases that are in
+    the folder are not run again.
 
     Raises `ScenarioError`, and `studies.workers.WorkersError`.
     """
@@ -80,6 +85,8 @@ def sweep(
     planned = plan(plain, cases)
     check_folder(folder, kind)
     with locked(folder):
+        if check is not None and (known := known_table(planned, folder / CASES)) is not None:
+            check(known)
         return _sweep(kind, plain, planned, folder, workers or InTurn(), tell)
 
 
@@ -153,6 +160,20 @@ def in_order_of_organs(cases: Sequence[Planned]) -> list[Planned]:
     once = {case.digest: case for case in cases}.values()
     first = {organ: number for number, organ in enumerate(dict.fromkeys(case.organ for case in once))}
     return sorted(once, key=lambda case: first[case.organ])
+
+
+def known_table(planned: Sequence[Planned], kept: Path) -> SweepTable | None:
+    """Return the table of the cases that were completed before, or of the start of the first that has one; None where
+    none has."""
+    cases = [case for case in planned if case.digest]
+    there = {case.digest: known for case in cases if (known := known_case(kept, case.digest))}
+    rows = [row_of(case, there) for case in cases if case.digest in there]
+    if done := [row for row in rows if row.exit_status == COMPLETED]:
+        return table_of(done)
+    for case in cases[:STARTS]:
+        if (start := run_start(case.data)) is not None:
+            return table_of([row_of(case, {case.digest: record(start)})])
+    return None
 
 
 def known_case(kept: Path, digest: str) -> dict[str, Any]:

@@ -7,15 +7,18 @@ import io
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from studies.output.files import write_bytes, write_text
 from studies.output.quantities import headed, quantities
+from studies.scenario import ScenarioError
 from studies.scenario.reference import unit_of
 from studies.scenario.refusal import as_toml
 from studies.study import comma_separated
 
+NEAR, LIKE = 3, 0.6  # names that are suggested at most, and how like they are: difflib's own bound
 TABLES = "pip install 'suturefem[tables]'"
 
 
@@ -39,6 +42,11 @@ class Column:
         if kinds <= {int, float} and kinds:
             return float if float in kinds else int
         return kinds.pop() if len(kinds) == 1 else str
+
+    @property
+    def is_number(self) -> bool:
+        """Whether its values are numbers, as far as there are any."""
+        return self.kind in (int, float) or all(value is None for value in self.values)
 
     @property
     def converted(self) -> list[Any]:
@@ -100,6 +108,29 @@ class SweepTable:
         data = io.BytesIO()
         pyarrow.parquet.write_table(pyarrow.Table.from_arrays(arrays, schema=pyarrow.schema(fields)), data)
         return data.getvalue()
+
+
+def asked_column(table: SweepTable, name: str, option: str, number: bool = True) -> Column:
+    """Return a column that was asked for by an option, a number unless said otherwise. Raises `ScenarioError` with the
+    names that are near."""
+    try:
+        column = table[name]
+    except KeyError:
+        known = [column.name for column in table.columns if not number or column.is_number]
+        near = get_close_matches(name, known, NEAR, LIKE)
+        hint = f"the nearest are {', '.join(near)}" if near[1:] else f"the nearest is {near[0]}" if near else ""
+        hint = hint or f"there are for example {', '.join(known[1:9])}"
+        raise ScenarioError(
+            f"{option} {name} is refused: the table has no such {'number' if number else 'column'}; {hint}"
+        ) from None
+    if number and not column.is_number:
+        raise ScenarioError(f"{option} {name} is refused: it is a word or a list; name a number")
+    return column
+
+
+def drawn_columns(table: SweepTable, names: Sequence[str]) -> list[Column]:
+    """Return the columns of a figure: two numbers, and a third that may be a word. Raises `ScenarioError`."""
+    return [asked_column(table, name, "--plot", number=place < 2) for place, name in enumerate(names)]
 
 
 def written(value: object) -> str:

@@ -8,12 +8,26 @@ import pytest
 from scipy.optimize import brentq
 
 from coupling import equilibrium
+from coupling.bordered import OWN, own_downhill, solve_own
+from coupling.continuation import solve_downhill
 from coupling.errors import EquilibriumError, InversionError, StepError
+from coupling.integrators import BackwardEuler
 from coupling.motion import CROSSED, is_too_long, what_it_does
+from coupling.newton import solve
 from coupling.run import begin
-from coupling.stepping import HALVINGS, MOST_TRIES, Step, advance, bdf2_step, try_step
+from coupling.stepping import (
+    HALVINGS,
+    MOST_TRIES,
+    Step,
+    advance,
+    bdf2_step,
+    dynamic_problem,
+    organ_answer,
+    predict,
+    try_step,
+)
 from coupling.system import Friction, Piercing, State, System
-from tests.bounds import FIRST_ORDER, IDENTITY
+from tests.bounds import FIRST_ORDER, IDENTITY, TWO_SOLVERS
 from tests.thread.threads import LENGTH, ORIGIN, PP, Array, X, Z, laid, line, uniform, without_organ
 from thread.ends import Driven, End, Fixed, Free, Pulled
 
@@ -118,6 +132,44 @@ def test_a_thread_that_is_too_fast_is_not_stepped_over() -> None:
     lengths.clear()
     advance(system, fast, 1e-3, noted, follow=False)
     assert lengths == [1e-3]
+
+
+def holds_of(stiffness: float, drive: float) -> tuple[Array, Array]:
+    """Two holds without a thread: the first slides under `drive` [N] against `stiffness` [N/m], in part by way of its
+    λ, which follows s; the second sticks."""
+    matrix, rhs = np.eye(2 * OWN), np.arange(2.0 * OWN)
+    matrix[1, 0] = -0.3 * stiffness  # λ_x = 0.3 k s + 1
+    matrix[0, :2] = -1.3 * stiffness, 1.0  # λ_x − 1.3 k s = 1 − drive
+    rhs[0], rhs[1] = 1.0 - drive, 1.0
+    return matrix, rhs
+
+
+@pytest.mark.parametrize("drive", [2.0, -2.0])
+def test_corrections_downhill_follow_the_force(drive: float) -> None:
+    """Independent check: where the thread is held against its way, the correction is Newton's; where it snaps it goes
+    as far, but the way that the force drives it and not up to the saddle; never beyond its reach; and all other rows
+    hold."""
+    for stiffness, reach in ((4.0, 1.0), (-4.0, 1.0), (4.0, 0.1), (-4.0, 0.1)):
+        matrix, rhs = holds_of(stiffness, drive)
+        newton, led = solve_own(matrix.copy(), rhs), own_downhill(matrix.copy(), rhs, np.full(2, reach))
+        expected = min(abs(drive / stiffness), reach) * np.sign(drive)
+        assert abs(newton[0] - drive / stiffness) <= IDENTITY
+        assert abs(led[0] - expected) <= IDENTITY
+        assert np.abs((matrix @ led - rhs)[1:]).max() <= IDENTITY * np.abs(rhs).max()
+
+
+def test_a_step_downhill_ends_where_newton_does() -> None:
+    """Consistency check: of a step in which a part of a span runs through a hole, the solve that holds the thread
+    first and lets it go finds what Newton's method finds at once."""
+    hand = Driven(np.array([[0.0, *(LENGTH * X)], [1.0, *(2.0 * LENGTH * X)]]))
+    system, state = through_a_hole((Pulled(-0.1 * X), hand))
+    dt = 1e-2
+    problem = dynamic_problem(system, state, dt, organ_answer(system, BackwardEuler(dt), state))
+    plain, led = (way(problem, predict(problem, state)).iterate for way in (solve, solve_downhill))
+    moved = plain.s - state.s
+    assert abs(moved[0]) > 0.1 * LENGTH / 21
+    assert np.abs(led.s - plain.s).max() <= TWO_SOLVERS * np.abs(moved).max()
+    assert np.abs(led.q - plain.q).max() <= TWO_SOLVERS * np.abs(moved).max()
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from coupling.newton import LONGEST_MOVE, Problem, correct, evaluate
 from coupling.stepping import dynamic_problem, organ_answer
 from coupling.system import Friction, Piercing, System
 from tests.bounds import IDENTITY, TWO_SOLVERS
+from tests.coupling.test_friction_own import Howell
 from tests.thread.threads import (
     ABSCISSAE,
     LENGTH,
@@ -109,6 +110,7 @@ def test_mixed_directions_of_lambda_phi(point: Point) -> None:
 
 
 ROUGH = Friction(static=0.4, kinetic=0.3, grip=0.05, channel=2e-3)
+CHANNELLED = Friction(channel=2e-3, own=Howell())
 HELD = (Clamped(hairpin(RADIUS, LENGTH)(np.array(0.0)), -Z), Fixed(hairpin(RADIUS, LENGTH)(np.array(LENGTH))))
 
 
@@ -139,6 +141,11 @@ CASES = {
         p1_dynamic, (Piercing("a", friction=ROUGH), Piercing("b", directed=False, friction=ROUGH)), (1.0, -1.0)
     ),
     "stick and anchor": Case(p1_static, (Piercing("a", friction=ROUGH), Piercing("b", slides=False)), (0.0, 0.0)),
+    "law of one's own": Case(
+        p1_dynamic,
+        (Piercing("a", friction=Friction(0.1, 0.1, own=Howell())), Piercing("b", friction=CHANNELLED)),
+        (1.0, -1.0),
+    ),
     "inertia of s": Case(p1_dynamic, (Piercing("a", directed=False), Piercing("b")), epsilon=2e-4),
     "inertia of s and friction": Case(
         p1_static, (Piercing("a", friction=ROUGH), Piercing("b")), (-1.0, 1.0), epsilon=2e-4

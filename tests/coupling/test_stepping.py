@@ -14,7 +14,7 @@ from coupling.constraints import phi
 from coupling.equilibrium import load_step
 from coupling.errors import CouplingError, InversionError, StepError
 from coupling.observation import observe
-from coupling.stepping import HALVINGS, advance, try_step
+from coupling.stepping import HALVINGS, advance, try_step, with_sense
 from coupling.system import Friction, Piercing, State, System
 from tests.bounds import GAP, IDENTITY, TWO_SOLVERS
 from tests.thread.threads import (
@@ -130,16 +130,41 @@ def test_a_failing_step_is_halved() -> None:
 
 
 def test_a_flipped_tangent_is_an_inversion() -> None:
-    """Independent check: a thread that lies in a directed hole against the sense it was given is refused by name; a
-    hole without direction does not mind."""
+    """Independent check: a thread whose tangent reverses in a directed hole is refused by name, also where the frame
+    goes on as it was; in a hole without direction it may."""
     holes = (Piercing("entry"), Piercing("exit"))
     system, state = scene((Free(), Free()), holes=holes)
     assert list(state.sense) == [-1.0, 1.0]  # down through the first, up through the second
+    at = system.passage(state.q, state.s)
+    mirrored = replace(at, T=at.T * np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0]]))
     with pytest.raises(InversionError, match="'exit'") as caught:
-        try_step(system, replace(state, sense=np.array([-1.0, -1.0])), 1e-3)
+        with_sense(system, state, state, mirrored)
     assert caught.value.time == 0.0
     loose = replace(system, piercings=tuple(replace(hole, directed=False) for hole in holes))
-    try_step(loose, replace(state, sense=np.array([-1.0, -1.0]), lam=0.0 * state.lam), 1e-3)
+    assert list(with_sense(loose, state, state, mirrored).sense) == [-1.0, -1.0]
+
+
+def test_a_frame_that_turns_through_itself_is_no_inversion() -> None:
+    """Independent check: a frame that a linear organ lets follow a thread at the angle φ has u = u₀ − (u₀·t) t, of the
+    length |cos φ|; on the way from 80° to 100° u × v turns against the thread, which does not jump. The triple product
+    of a vector that turns on and its frame is cos φ."""
+    system, state = scene((Free(), Free()), holes=(Piercing("entry"), Piercing("exit")))
+
+    def at_angle(degrees: float) -> State:
+        phi = np.radians(degrees)
+        t = np.array([np.sin(phi), 0.0, np.cos(phi)])
+        u, v = X - (X @ t) * t, np.array([0.0, 1.0, 0.0])
+        turn = np.array([[np.cos(phi), 0.0, np.sin(phi)], [0.0, 1.0, 0.0], [-np.sin(phi), 0.0, np.cos(phi)]])
+        q = state.q @ turn.T
+        y = state.y.copy()
+        y[1, 3:6], y[1, 6:] = u, v
+        return replace(state, q=q, y=y)
+
+    before, after = at_angle(80.0), at_angle(100.0)
+    assert np.linalg.norm(np.cross(*after.y[1, 3:].reshape(2, 3))) == pytest.approx(-np.cos(np.radians(100.0)))
+    before = with_sense(system, state, before, system.passage(before.q, before.s))
+    after = with_sense(system, before, after, system.passage(after.q, after.s))
+    assert [before.sense[1], after.sense[1]] == [1.0, -1.0]
 
 
 @pytest.mark.parametrize("values", [(0.1, 0.2, 0.0), (-0.1, -0.2, 0.0), (0.2, 0.1, -1.0), (np.nan, np.nan, 0.0)])

@@ -1,11 +1,13 @@
-"""The benchmark of the organ's solvers: every solver that is there has a row; what it measures is not asserted."""
+"""The benchmark: every solver that is there has a row, every case of a small basis too; no time is asserted."""
 
 import json
 from pathlib import Path
 
 import pytest
 
+from studies.bench import many
 from studies.command import command
+from studies.scenario.toml import read
 from tissue.solvers.choice import MULTIGRID
 from tissue.solvers.direct import LIBRARIES, is_installed
 
@@ -23,3 +25,23 @@ def test_bench_organ(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     (assembly,) = written["assembly"]
     assert assembly["ratio"] == assembly["forms"] / assembly["loops"] > 0.0
     assert all((row["iterations"] is None) == (row["solver"] != MULTIGRID) for row in written["rows"])
+
+
+def test_bench_many(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: a row for each organ, whose bound holds, in print and JSON, beside what is in the file; the
+    ratio of two tensions by the time of one run."""
+    path = tmp_path / "bench.json"
+    path.write_text('{"milliseconds_per_step": []}')
+    monkeypatch.setattr(many, "STEPS", 4)
+    monkeypatch.setattr(many, "FIXED", [*many.FIXED, *(f"piercing.{name}.subgrid=false" for name in ("entry", "exit"))])
+    monkeypatch.setattr(many, "read", lambda scene: read(scene, ["tissue.mesh.h=8e-3", "tissue.mesh.h_site=3e-3"]))
+    monkeypatch.setattr(many, "SOFT_STEPS", 30)
+    monkeypatch.setattr(many, "time_command", lambda case: 100.0)
+    assert many.main(path, 2, {"coarse": (6e-3, 3e-3)}) == 0
+    written = json.loads(path.read_text())
+    assert [row["case"] for row in written["reduced"]] == ["main job coarse", "40 kPa in 2 ms"]
+    assert all(row["vectors"] == 54 < row["tissue_unknowns"] for row in written["reduced"])
+    assert all(row["bound_over_error"] > 1.0 and row["error"] > 0.0 for row in written["reduced"])
+    assert written["tensions"]["times_as_cheap"] == 200.0 / written["tensions"]["sweep"]
+    assert written["milliseconds_per_step"] == [] and written["provenance"]
+    assert "2 tensions on one organ" in capsys.readouterr().out

@@ -17,12 +17,14 @@ from studies.output.columns import (
     CONTACT,
     ENERGY,
     HOLE_RANGE,
+    HOLE_REDUCTION,
     HOLE_SUMMARY,
     MANUAL,
     ORGAN_ARRAYS,
     ORGAN_CELLS,
     PIERCING_ARRAYS,
     RANGE,
+    REDUCTION,
     RUN,
     STATE_CODES,
     TABLES,
@@ -57,6 +59,8 @@ GROUPS: dict[str, Sequence[Column[Any]]] = {
     "summary": RUN,
     "range": RANGE,
     "range of a piercing": HOLE_RANGE,
+    "reduction": (REDUCTION,),
+    "reduction of a piercing": HOLE_REDUCTION,
     "cells": ORGAN_CELLS,
 }
 BEGINS = Event(0.1, "begins", 'a "b", c', 0.02, 1e-4, 0.1, 2e-6, 1e-6, (0.0, 1 / 3, -0.0))

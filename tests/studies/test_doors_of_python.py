@@ -17,9 +17,10 @@ from studies.output.reading import ResultsError
 from studies.output.records import StepRecord
 from studies.scenario import ScenarioError, dump, parse
 from studies.scenario.toml import changed
+from tests.studies.test_given import BARE
 from tests.studies.test_sweep import ORGAN
 
-GIVEN = changed(ORGAN, {"tissue.mesh": {"kind": "given"}, "tissue.boundary": [
+GIVEN = changed(BARE, {"tissue.mesh": {"kind": "given"}, "tissue.boundary": [
     {"name": "bed", "box": [[-0.1, -0.1, -0.011], [0.1, 0.1, -0.009]]}], "tissue.clamp": ["bed"]})  # fmt: skip
 
 
@@ -36,7 +37,8 @@ def meshes() -> list[Any]:
 def test_a_mesh_is_handed_over(mesh: Any) -> None:
     """Consistency check: the run is that of the same block made by the scenario, as far as round-off of the order of
     its nodes."""
-    made = [*studies.prepare(parse(ORGAN)).advance()][-1][0]
+    made = [*studies.prepare(parse(BARE)).advance()][-1][0]
+    assert np.linalg.norm(made.piercings[0].force) > 1e-3  # N: the thread presses on its hole
     given = [*studies.prepare(parse(GIVEN), mesh=mesh).advance()][-1][0]
     assert given.piercings[0].force == pytest.approx(made.piercings[0].force, rel=1e-6, abs=1e-9)
     assert given.piercings[0].displacement == pytest.approx(made.piercings[0].displacement, rel=1e-6, abs=1e-12)
@@ -49,6 +51,8 @@ def test_a_mesh_that_is_none_is_refused() -> None:
         given_mesh("organ.vtu")
     with pytest.raises(MeshError, match="cells of the kind hexahedron"):
         given_mesh(meshio.Mesh(np.zeros((8, 3)), [("hexahedron", np.arange(8)[None])]))
+    with pytest.raises(MeshError, match="boundary 'lost' of the mesh has no facets"):
+        given_mesh(made.with_boundaries({"lost": lambda x: x[2] > 1.0}))
     with pytest.raises(ScenarioError, match="has no organ"):
         studies.prepare(
             parse({key: value for key, value in ORGAN.items() if key not in ("tissue", "piercing")}), mesh=made

@@ -22,6 +22,7 @@ from studies.output.remarks import (
     KINDS,
     NEAR,
     OFF_PATH,
+    REDUCED,
     RESOLVED_SHARE,
     SHARE,
     SLID,
@@ -76,6 +77,16 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "tissue-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5))),
     "tissue-rotation": (SMALL_ROTATION, 1, lambda x: judging.beyond_in_tissue(met(rotation=x, rotated=0.5))),
     "local-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5 * SHARE))),
+    "reduction": (
+        REDUCED * 1e-3,
+        1,
+        lambda x: judging.missed_by_basis(["a"], met(way=np.array([1e-3]), difference=np.array([x]))),
+    ),
+    "reduction-bound": (
+        REDUCED * 1e-3,
+        1,
+        lambda x: judging.missed_by_basis(["a"], met(way=np.array([1e-3]), bound=np.array([x]))),
+    ),
     "tears": (2e6, 1, lambda x: judging.torn(["a"], met(bearing_pressure=np.array([x])), [2e6])),
     "lips-cross": (CROSSED, 1, lambda x: judging.crossed_lips(met(crossed=x))),
     "pressure-turn": (SMALL_ROTATION, 1, lambda x: judging.turned_pressure(met(pressed_turn=x))),
@@ -152,7 +163,9 @@ def test_the_catalogue_has_every_code_once_and_each_is_judged() -> None:
     assert len(CATALOGUE) == len(KINDS)
     assert all(re.fullmatch(r"[a-z]+(-[a-z]+)*", kind.code) and kind.bound and kind.reason for kind in KINDS)
     assert {kind.severity for kind in KINDS} == {"note", "unsupported"}
-    assert CATALOGUE.keys() - JUDGED.keys() == {"bare-point", "off-path", "frames-missing", "no-picture"}
+    assert CATALOGUE.keys() - JUDGED.keys() == {
+        "bare-point", "off-path", "frames-missing", "no-picture", "handed-over", "stress-of-e-nu"
+    }  # fmt: skip
     with pytest.raises(KeyError):
         remark("no-such-code", "", "")
 

@@ -380,6 +380,7 @@ METHODS = {
     "bdf2": ("solve.integrator=bdf2",),
     "staggered": ("solve.coupling=staggered",),
     "quasi-static": ("tissue.inertia=false",),
+    "reduced": ("tissue.reduction={ blocks = 1 }",),
     "static": ("solve.kind=static", "piercing.exit.from=0.0", "piercing.entry.until=1.0", "solve.load_steps=8"),
 }
 

@@ -2,6 +2,7 @@
 
 import ast
 import json
+import re
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from coupling.system import State
 from studies.command.command import main
 from studies.output.columns import state_summary
 from studies.output.quantities import quantities
@@ -23,10 +25,9 @@ from studies.simulation import prepare
 from studies.simulation.sharing import Shared
 from studies.sweeps import sweep as sweeps
 from studies.sweeps.case import MODULES, PACKAGES, ROOMS, Result, run_case, source_files
-from studies.sweeps.figure import columns
 from studies.sweeps.grid import paired, parse_over, read_table
 from studies.sweeps.sweep import Told, sweep
-from studies.sweeps.table import Case, table_of
+from studies.sweeps.table import Case, drawn_columns, table_of
 from studies.workers import Cluster, InTurn, Processes, Workers, WorkersError, in_order
 from tests.studies.samples import step
 from thread.catalogue import suture
@@ -77,6 +78,25 @@ def test_scenarios_share_what_they_do_not_differ_in() -> None:
     assert stiffer.body.mesh is first.body.mesh
     assert np.allclose(stiffer.body.K.data, 2.0 * first.body.K.data, rtol=1e-12)
     assert organ_of(store, **{"piercing.ring.at": [1e-3, 0, 0]}).body.mesh is not first.body.mesh
+
+
+def test_scenarios_that_pull_otherwise_are_laid_once() -> None:
+    """Consistency check: another force and another duration begin with the very start; another path, another place of
+    the hand and another organ with their own, which is not the first one's."""
+    store = Shared()
+
+    def start(**values: Any) -> State:
+        return prepare(parse(changed(ORGAN, values)), store).start
+
+    first = start()
+    assert start(**{"thread.start.force": [-0.3, 0, 0], "solve.duration": 4e-3}) is first
+    for other in (
+        {"thread.end.waypoints": [[0.0, 0.02, 0.0, 0.0], [0.1, 0.022, 0.0, 0.0]]},
+        {"thread.path": [[-0.02, 0, 0], [0.0, 1e-4, 0], [0.02, 0, 0]]},
+        {"tissue.youngs_modulus": 2e5},
+    ):
+        assert start() is not start(**other)
+        assert np.array_equal(start().q, first.q)
 
 
 def summary_of(data: dict[str, Any]) -> dict[str, Any]:
@@ -305,8 +325,14 @@ def test_parquet_has_the_units(tmp_path: Path) -> None:
         (lambda: parse_over(["a=[1]", "a=[2]"]), "varied already"),
         (lambda: paired({"a": [1], "b": [1, 2]}), "a has 1, b has 2"),
         (lambda: read_table(Path("nowhere.csv")), "cannot be read"),
-        (lambda: columns(table_of([Case({"a.b": 1.0}, 0, {"status": "completed"})]), ["a.c", "a.b"]), "nearest is a.b"),
-        (lambda: columns(table_of([Case({"a": 1.0}, 0, {"status": "completed"})]), ["a", "status"]), "no number"),
+        (
+            lambda: drawn_columns(table_of([Case({"a.b": 1.0}, 0, {"status": "completed"})]), ["a.c", "a.b"]),
+            "nearest is a.b",
+        ),
+        (
+            lambda: drawn_columns(table_of([Case({"a": 1.0}, 0, {"status": "completed"})]), ["a", "status"]),
+            "name a number",
+        ),
         (lambda: ladder(parse(RING), levels=2), "needs 3 or more"),
         (lambda: ladder(parse(RING), ratio=1.0), "1.1 or more"),
         (lambda: ladder(parse(RING), "h"), "has no organ"),
@@ -318,6 +344,32 @@ def test_what_cannot_be_swept_or_refined_is_refused(ask: Callable[[], Any], said
     """Independent check: in a sentence."""
     with pytest.raises(ScenarioError, match=said):
         ask()
+
+
+def test_a_name_that_is_none_is_refused_before_a_case_is_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Independent check: no case is run for a misspelt column or quantity, the names near it are told, and the table of
+    an earlier sweep stays."""
+    scenario = tmp_path / "ring.toml"
+    scenario.write_text(dump(parse(RING)), encoding="utf-8")
+    ran: list[Any] = []
+    monkeypatch.setattr(sweeps, "run_case", lambda data: ran.append(data) or run_case(data))
+    over = ["sweep", str(scenario), "--over", "thread.damping=[20.0, 40.0]", "--out", str(tmp_path / "out")]
+    for words, said in (
+        ([*over, "--plot", "thread.damping", "energy.kinetik"], "--plot energy.kinetik is refused.*energy.kinetic"),
+        ([*over, "--plot", "thread.dampin", "energy.kinetic"], "--plot thread.dampin is refused.*thread.damping"),
+        ([*over, "--plot", "thread.damping", "status"], "--plot status is refused: it is a word"),
+        (["refine", str(scenario), "--quantity", "piercings.ring.slipp", "--over", "dt", "--out", str(tmp_path / "r")],
+         "--quantity piercings.ring.slipp is refused.*the nearest are? .*piercings.ring.slip"),
+    ):  # fmt: skip
+        assert main(words) == 2
+        assert re.search(said, capsys.readouterr().err), words
+        assert ran == []
+    assert main(over) == 0
+    assert len(ran) == 2
+    assert main([*over, "--plot", "thread.damping", "energy.kinetik"]) == 2
+    assert (tmp_path / "out" / "table.csv").is_file()
 
 
 def test_cases_are_counted_and_paired() -> None:
@@ -383,7 +435,7 @@ def test_a_scenario_is_refined(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert slip.finest == pytest.approx(stretched - 0.02, rel=1e-3)
     assert "converged to" in (tmp_path / "a" / "verdict.md").read_text(encoding="utf-8")
     assert (tmp_path / "a" / "figure.png").stat().st_size > 5000
-    with pytest.raises(ScenarioError, match=r"the nearest is piercings\.ring\.slip"):
+    with pytest.raises(ScenarioError, match=r"the nearest are piercings\.ring\.slip, "):
         refine(pulled, "piercings.ring.slp", tmp_path / "a", "control_points", levels=3)
     (tmp_path / "ring.toml").write_text(dump(parse(pulled)), encoding="utf-8")
     words = ["refine", str(tmp_path / "ring.toml"), "--quantity", "piercings.ring.slip", "--levels", "3"]

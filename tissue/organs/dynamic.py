@@ -277,8 +277,8 @@ class DynamicOrgan(MeshedOrgan):
         """
         return SiteAnswer(
             self.Y @ state.V,
-            lambda: self._mobility[1],
-            lambda j, p: replace(state, V=state.V + self._mobility[0] @ j, MU=None, MV=None),
+            lambda: self.mobility[1],
+            lambda j, p: replace(state, V=state.V + self.mobility[0] @ j, MU=None, MV=None),
         )
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
@@ -302,7 +302,7 @@ class DynamicOrgan(MeshedOrgan):
         return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side, pairing)
 
     @cached_property
-    def _mobility(self) -> tuple[Array, Array]:
+    def mobility(self) -> tuple[Array, Array]:
         """M⁻¹ Yᵀ `(N, 9p)` and Y M⁻¹ Yᵀ of the mesh: what has no mass takes no impulse."""
         N = self.mesh_size
         W, C = compliance(mass_solver(csr_matrix(self.M[:N, :N]), self.places, self.choice.name), self.sites.Y)

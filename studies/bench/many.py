@@ -1,0 +1,246 @@
+"""`suture bench many`: an organ in a small basis beside the whole one, and many tensions on one organ beside as many
+runs.
+
+The small basis is measured on the main job's block, with what it says of its own error beside the error; that is done
+once more for a soft block without damping, pulled within 2 ms, where it is hardest. Times are those of the processor,
+on one thread, in turn: other work on the machine does not count.
+"""
+
+import resource
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+from time import process_time
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+import tissue
+from coupling.integrators import BDF2, BackwardEuler
+from coupling.run import begin
+from coupling.stepping import bdf2_step
+from meshes.block import block
+from studies.arrays import Array
+from studies.bench.step import COUPLED, FIXED, MILLI, SIZES
+from studies.output.files import read_json, write_json
+from studies.output.provenance import provenance
+from studies.scenario import dump, load, parse
+from studies.scenario.toml import changed, read
+from studies.simulation.assembly import assemble
+from studies.simulation.sharing import Shared
+from studies.sweeps.case import run_case
+
+Organ = tissue.DynamicOrgan | tissue.ReducedOrgan
+
+MESHES = {"10k": SIZES["10k"], "100k": (1.5e-3, 0.5e-3)}  # far from and at the holes [m]
+SMALL = "tissue.reduction={ blocks = 2 }"
+STEPS = 60  # of which the second half is timed
+REPEATED = 10  # answers of an organ
+SOFT = tissue.Material(4.0e4, 0.45, 1070.0)
+SIDES = (0.03, 0.02, 0.015)  # of the soft block [m]
+SHORT, PULLED = 2.0e-4, 2.0e-3  # s: its step, and the time within which it is pulled
+SOFT_STEPS = 200
+TENSIONS = 64
+LEAST, MOST = 0.1, 0.2  # N
+ALONG = np.array([0.832, 0.0, 0.555])  # that the end is pulled along; the start the other way in x
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """An organ in a small basis, and the whole one: medians of a step and of the organ's part of it [ms], None where
+    there is no thread. Of the largest way of a hole: the largest error of its place, and what the basis says of that,
+    the difference and the bound; and the least bound over the error of its step."""
+
+    case: str
+    tissue_unknowns: int
+    vectors: int
+    basis_seconds: float
+    step: float | None
+    whole_step: float | None
+    organ: float
+    whole_organ: float
+    error: float
+    difference: float
+    bound: float
+    bound_over_error: float
+
+    @property
+    def times_as_fast(self) -> float:
+        """The whole organ's step over that of the small basis, without a thread the organ's part of it."""
+        return self.whole_organ / self.organ if not (self.step and self.whole_step) else self.whole_step / self.step
+
+
+@dataclass(frozen=True)
+class Many:
+    """So many tensions on one organ in a sweep, of which the `first` makes the organ, and one `run` by the command
+    [s]."""
+
+    tensions: int
+    sweep: float
+    first: float
+    run: float
+
+    @property
+    def times_as_cheap(self) -> float:
+        """As many runs, each as long as the one that was measured, over the sweep."""
+        return self.tensions * self.run / self.sweep
+
+
+def main(
+    json_path: Path | None = None, tensions: int = TENSIONS, meshes: Mapping[str, tuple[float, float]] = MESHES
+) -> int:
+    """Measure, print, and add to the JSON where asked; return the exit status."""
+    print(HEAD)
+    rows = []
+    with threadpool_limits(limits=1, user_api="blas"):
+        for row in measurements(meshes):
+            rows.append(row)
+            print(line(row), flush=True)
+        many = measure_tensions(tensions)
+    print(
+        f"\n{many.tensions} tensions on one organ: {many.sweep:.1f} s, {many.first:.1f} s of it the first; as many "
+        f"runs would take {many.tensions * many.run:.0f} s; {many.times_as_cheap:.0f} times as cheap"
+    )
+    if json_path is not None:
+        table = [asdict(row) | {"times_as_fast": row.times_as_fast} for row in rows]
+        found = {"reduced": table, "tensions": asdict(many) | {"times_as_cheap": many.times_as_cheap}}
+        write_json(json_path, {"provenance": provenance()} | read_json(json_path) | found)
+    return 0
+
+
+def measurements(meshes: Mapping[str, tuple[float, float]]) -> Iterator[Reduced]:
+    """Measure the main job on each mesh, then the soft block."""
+    for size, (h, h_site) in meshes.items():
+        yield measure_job(f"main job {size}", [f"tissue.mesh.h={h}", f"tissue.mesh.h_site={h_site}"])
+    yield measure_soft_block()
+
+
+# -- a small basis ---------------------------------------------------------------------------------------------------
+
+
+def measure_job(case: str, mesh: Sequence[str]) -> Reduced:
+    """Step the main job by both organs, in turn."""
+    store = Shared()
+    whole, began = assemble(load(COUPLED, [*FIXED, *mesh]), store), process_time()
+    small = assemble(load(COUPLED, [*FIXED, *mesh, SMALL]), store)
+    taken, full, organ = process_time() - began, whole.organ, small.organ
+    assert isinstance(full, tissue.DynamicOrgan) and isinstance(organ, tissue.ReducedOrgan)
+    dt, runs = whole.scenario.solve.dt, [begin(made.system, made.start(), bdf2_step) for made in (whole, small)]
+    times: list[list[float]] = [[], []]
+    pairs = []
+    for _ in range(STEPS):
+        for k, run in enumerate(runs):
+            began = process_time()
+            runs[k] = run.step(dt)
+            times[k].append(process_time() - began)
+        pairs.append((runs[0].state.organ, runs[1].state.organ))
+    step, whole_step = (median(each[STEPS // 2 :]) / MILLI for each in times[::-1])
+    parts = time_organ(organ, runs[1].state.organ, dt), time_organ(full, runs[0].state.organ, dt)
+    return Reduced(case, full.size, organ.reduction.size, taken, step, whole_step, *parts, *errors(full, organ, pairs))
+
+
+def measure_soft_block() -> Reduced:
+    """Pull a soft block without damping at two sites within less than its slowest period, by both organs."""
+    body = tissue.elasticity(block(SIDES, 2.5e-3), SOFT, "P1", ("bottom",))
+    holes = [tissue.Site((x, 0.0, 0.0), 2.0e-3, direction="normal") for x in (-0.005, 0.005)]
+    full, began = tissue.DynamicOrgan(body, tissue.build_sites(body, holes)), process_time()
+    organ = tissue.ReducedOrgan(full, tissue.reduce_organ(full, 2))
+    taken, pairs = process_time() - began, list(zip(pulled(full), pulled(organ), strict=True))
+    parts = time_organ(organ, pairs[-1][1], SHORT), time_organ(full, pairs[-1][0], SHORT)
+    sizes = full.size, organ.reduction.size
+    return Reduced("40 kPa in 2 ms", *sizes, taken, None, None, *parts, *errors(full, organ, pairs))
+
+
+def pulled(organ: Organ) -> list[tissue.OrganState]:
+    """Return the states of the soft block under the pull."""
+    states, force = [organ.start()], np.zeros(18)
+    force[[0, 2, 11]] = 0.02, 0.05, 0.03  # N
+    for n in range(SOFT_STEPS):
+        scheme = BDF2(SHORT, SHORT) if n else BackwardEuler(SHORT)
+        answer = organ.answer(scheme, states[::-1][: len(scheme.coefficients)])
+        states.append(answer.accept(force * min((n + 1) * SHORT / PULLED, 1.0)))
+    return states[1:]
+
+
+def time_organ(organ: Organ, state: tissue.OrganState, dt: float) -> float:
+    """Measure the processor time of an organ's part of a step [ms]."""
+    scheme, times = BDF2(dt, dt), []
+    for _ in range(REPEATED):
+        began = process_time()
+        organ.answer(scheme, [state, state]).accept(state.f_y)
+        times.append(process_time() - began)
+    return median(times) / MILLI
+
+
+def errors(
+    full: tissue.DynamicOrgan, organ: tissue.ReducedOrgan, pairs: Sequence[tuple[tissue.OrganState, tissue.OrganState]]
+) -> tuple[float, float, float, float]:
+    """Return the largest error of a hole's place, difference and bound over the largest way of a hole, and the least
+    bound over its error."""
+
+    def lengths(y: Array) -> Array:
+        return np.asarray(np.linalg.norm(y.reshape(-1, 9)[:, :3], axis=1))
+
+    way = max(lengths(full.site_variables(U) - full.y0).max() for U, _ in pairs)
+    error = np.array([lengths(full.site_variables(U) - organ.site_variables(eta)) for U, eta in pairs])
+    difference, bound = (np.array([said(eta) for _, eta in pairs]) for said in (organ.difference, organ.bound))
+    least = float((bound / np.maximum(error, np.finfo(float).eps * way)).min())
+    return float(error.max() / way), float(difference.max() / way), float(bound.max() / way), least
+
+
+# -- many tensions ---------------------------------------------------------------------------------------------------
+
+
+def measure_tensions(tensions: int) -> Many:
+    """Run a sweep over the tension in statics, in this process, and one of its cases by the command."""
+    base = read(COUPLED)
+    cases = [pulled_by(base, tension) for tension in np.linspace(LEAST, MOST, tensions).tolist()]
+    times = []
+    for case in cases:
+        began = process_time()
+        run_case(case)
+        times.append(process_time() - began)
+    return Many(tensions, sum(times), times[0], time_command(cases[-1]))
+
+
+def pulled_by(base: Mapping[str, object], tension: float) -> dict[str, object]:
+    """Return the main job in statics with both ends pulled by a tension [N]."""
+    ends = {"start": tension * ALONG * [-1.0, 1.0, 1.0], "end": tension * ALONG}
+    pulls = {f"thread.{end}": {"kind": "pulled", "force": force.tolist()} for end, force in ends.items()}
+    return changed(base, {"solve.kind": "static", "solve.load_steps": 4, **pulls})
+
+
+def time_command(case: Mapping[str, object]) -> float:
+    """Measure the processor time of a run by the command, from its start to the picture [s]."""
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "case.toml"
+        file.write_text(dump(parse(case)), encoding="utf-8")
+        began = children_time()
+        command = [sys.executable, "-m", "studies.command.start", "run", str(file), "--out", str(Path(folder) / "run")]
+        subprocess.run([*command, "--quiet"], check=True, stdout=subprocess.DEVNULL)
+        return children_time() - began
+
+
+def children_time() -> float:
+    """Return the processor time of the processes that this one began and that are done [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+HEAD = (
+    f"{'':16} {'unknowns':>9} {'vectors':>8} {'basis [s]':>10} {'step':>9} {'whole':>9} {'times':>6} {'organ':>9} "
+    f"{'whole':>9} {'error':>9} {'difference':>11} {'bound':>9} {'bound/error':>12}"
+)
+
+
+def line(row: Reduced) -> str:
+    """Write a row of the table, times in milliseconds, errors over the largest way of a hole."""
+    steps = f"{row.step:9.3f} {row.whole_step:9.3f}" if row.step and row.whole_step else " " * 19
+    sizes = f"{row.case:16} {row.tissue_unknowns:9d} {row.vectors:8d} {row.basis_seconds:10.2f}"
+    organs = f"{row.times_as_fast:6.1f} {row.organ:9.3f} {row.whole_organ:9.3f}"
+    said = f"{row.error:9.1e} {row.difference:11.1e} {row.bound:9.1e} {row.bound_over_error:12.1f}"
+    return f"{sizes} {steps} {organs} {said}"

@@ -1,0 +1,88 @@
+"""The table of a tie, `[[tie]]`: a loop of thread that hands draw tight over the tissue and lock."""
+
+from collections.abc import Sequence
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from studies.scenario.piercing import Piercing
+from studies.scenario.refusal import as_toml, dotted_key, nearest, refusal
+from studies.scenario.table import NotNegative, Positive, ScenarioTable, Text, repetition
+
+
+class Tie(ScenarioTable):
+    """Tie of the strands that leave two holes away from each other along the thread."""
+
+    name: Text = Field(description="name of the tie", examples=["knot1"])
+    between: tuple[Text, Text] = Field(
+        description="names of two piercings: the strands that leave them away from each other along the thread are "
+        "joined where they are nearest to one another",
+        examples=[["left1", "right1"]],
+    )
+    force: Positive = Field(description="force with which the hands draw the loop tight [N]", examples=[1.0])
+    from_: NotNegative = Field(
+        default=0.0,
+        alias="from",
+        description="time at which the loop is closed and drawn [s], at the first end of a step not before it",
+    )
+    until: Positive = Field(
+        description="time at which it is locked [s], at the first end of a step not before it", examples=[0.25]
+    )
+    ramp: NotNegative | None = Field(
+        default=None,
+        description="time in which the force grows linearly from zero, and the strands are brought together [s]; "
+        "default: half of the time from `from` to `until`",
+        examples=[0.1],
+    )
+    speed: Positive = Field(
+        default=0.05,
+        description="speed at which each hand draws what offers no resistance [m/s]; a dynamic run's alone",
+    )
+    hold: Positive | None = Field(
+        default=None, description="tension above which a locked tie slips [N]; default: never", examples=[10.0]
+    )
+
+    @property
+    def growth(self) -> float:
+        """Time in which the force grows [s]."""
+        return 0.5 * (self.until - self.from_) if self.ramp is None else self.ramp
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.between[0] == self.between[1]:
+            raise ValueError(f".between = {as_toml(self.between)} is refused: a loop goes through two holes; name two")
+        if self.until <= self.from_:
+            raise ValueError(f".until = {self.until} is refused: it must be later than from = {self.from_}; raise it")
+        if self.ramp is not None and self.ramp > self.until - self.from_:
+            raise ValueError(
+                f".ramp = {self.ramp} is refused: the loop is locked {self.until - self.from_:.6g} s after it is "
+                "closed, before its force has grown; lower it, or raise until"
+            )
+        return self
+
+
+def tie_fault(ties: Sequence[Tie], holes: Sequence[Piercing]) -> str | None:
+    """Describe the first tie whose name is taken, or that joins what it cannot; None where all are sound."""
+    if problem := repetition("tie", [tie.name for tie in ties]):
+        return problem
+    known, pairs = {hole.name: hole for hole in holes}, [set(tie.between) for tie in ties]
+    for k, tie in enumerate(ties):
+        key = dotted_key(["tie", tie.name, "between"])
+        lost = next((name for name in tie.between if name not in known), None)
+        if lost is not None:
+            like = nearest(lost, known)
+            guess = f", did you mean {as_toml(like)}" if like else ""
+            return refusal(key, tie.between, f"there is no piercing {as_toml(lost)}{guess}; name two that there are")
+        if pairs[k] in pairs[:k]:
+            other = ties[pairs.index(pairs[k])].name
+            return refusal(key, tie.between, f"tie {as_toml(other)} joins these strands already; leave one out")
+        late = next((known[name] for name in tie.between if not is_there(known[name], tie.from_)), None)
+        if late is not None:
+            reason = f"the thread is not in piercing {as_toml(late.name)} then; let the tie begin while it is"
+            return refusal(dotted_key(["tie", tie.name, "from"]), tie.from_, reason)
+    return None
+
+
+def is_there(hole: Piercing, time: float) -> bool:
+    """Tell whether the thread is in a hole at a time [s], unless it has slid out."""
+    return hole.from_ <= time and (hole.until is None or time < hole.until)

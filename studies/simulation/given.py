@@ -1,0 +1,215 @@
+"""What is handed over from Python in place of what a scenario says: a mesh, a basis with its stiffness, laws of
+friction, a strain energy. What does not fit the scenario is refused before anything is made.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import skfem
+from scipy.sparse import csr_matrix
+
+import tissue
+from coupling.interfaces import FrictionLaw
+from meshes.given import given_mesh, mesh_digest
+from studies import scenario as model
+from studies.arrays import Array
+from studies.scenario import Scenario, ScenarioError
+from studies.scenario.refusal import dotted_key, nearest, refusal
+from studies.scenario.scenario import with_given_mesh
+from tissue.elasticity import ELEMENTS
+from tissue.materials.density import Density
+from tissue.materials.own import Own
+
+Stiffness = csr_matrix | Callable[[skfem.Basis], csr_matrix]
+Energy = Density | Callable[[Any], Any]
+
+TOGETHER = 1e-9  # of the organ: places of unknowns, by two ways to map a cell
+SYMMETRIC = 1e-10  # of the largest entry: round-off of a sum over the cells of a node, and no more
+STRESSLESS = 1e-8  # of μ: round-off of a density differentiated at F = I
+INDIFFERENT = 1e-9  # of W: round-off of a turned F
+SHEARED = np.array([[1.1, 0.2, 0.0], [0.0, 0.95, 0.1], [0.05, 0.0, 1.02]])  # an F of no special kind
+TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])  # a rotation of no special kind
+
+# An orthonormal basis of the symmetric strains without change of volume, shape `(5, 3, 3)`.
+SHEARS: Array = np.array([
+    [[0, 1, 0], [1, 0, 0], [0, 0, 0]], [[0, 0, 1], [0, 0, 0], [1, 0, 0]], [[0, 0, 0], [0, 0, 1], [0, 1, 0]],
+    [[1, 0, 0], [0, -1, 0], [0, 0, 0]], np.diag([1, 1, -2]) / 3**0.5,
+]) / 2**0.5  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Given:
+    """What is handed over, None or empty where the scenario has its own; the parts are as `prepare` takes them."""
+
+    mesh: object = None
+    basis: skfem.Basis | None = None
+    stiffness: Stiffness | None = None
+    friction: Mapping[str, FrictionLaw] = field(default_factory=dict)
+    energy: Energy | None = None
+
+    @property
+    def unsaid(self) -> tuple[str, ...]:
+        """What a scenario file cannot say, by the arguments of `prepare`: all but a mesh and its basis."""
+        there = {
+            "stiffness": self.stiffness is not None,
+            "friction": bool(self.friction),
+            "energy": self.energy is not None,
+        }
+        return tuple(name for name, is_there in there.items() if is_there)
+
+    @cached_property
+    def volume(self) -> skfem.MeshTet | None:
+        """The organ's mesh, None: that of the scenario. Raises `MeshError`, `ScenarioError`."""
+        if self.basis is None:
+            return None if self.mesh is None else given_mesh(self.mesh)
+        if self.mesh is not None:
+            raise ScenarioError("mesh is refused: basis has a mesh already; leave one of them out")
+        return given_mesh(self.basis.mesh)
+
+    def applied_to(self, scenario: Scenario) -> Scenario:
+        """Return the scenario with what is handed over of its mesh. Raises `ScenarioError` for what does not fit it."""
+        faults = [*self._faults_of_organ(scenario), *self._faults_of_friction(scenario)]
+        if faults:
+            raise ScenarioError(faults)
+        return scenario if self.volume is None else with_given_mesh(scenario, mesh_digest(self.volume))
+
+    def _faults_of_organ(self, scenario: Scenario) -> Iterator[str]:
+        table = scenario.tissue
+        organ = {"basis": self.basis, "stiffness": self.stiffness, "energy": self.energy}
+        there = [name for name, value in organ.items() if value is not None]
+        if table is None:
+            yield from (f"{name} is refused: the scenario has no organ; add [tissue]" for name in there)
+            return
+        if self.basis is not None:
+            yield from faults_of_basis(self.basis, table.element)
+        if self.stiffness is not None and table.material != "linear":
+            reason = 'the stiffness that is handed over is a linear organ\'s; set "linear", or hand over an energy'
+            yield refusal("tissue.material", table.material, reason)
+        if self.energy is not None:
+            yield from faults_of_energy(table)
+        if self.stiffness is not None or self.energy is not None:
+            yield from faults_of_springs(scenario.piercing)
+
+    def _faults_of_friction(self, scenario: Scenario) -> Iterator[str]:
+        holes = {hole.name: hole for hole in scenario.piercing}
+        for name in self.friction:
+            if name not in holes:
+                near = nearest(name, holes)
+                known = f"the nearest is {near!r}" if near else f"there are {', '.join(holes) or 'none'}"
+                yield f"friction of {name!r} is refused: the scenario has no such piercing; {known}"
+            elif holes[name].kind == "anchored":
+                key = dotted_key(["piercing", name, "kind"])
+                yield refusal(key, "anchored", 'nothing slides there; set "sliding", or hand over no friction for it')
+        if not self.friction:
+            return
+        if scenario.solve.friction == "two-pass":
+            reason = "the two passes know Coulomb's law alone; use implicit"
+            yield refusal("solve.friction", "two-pass", f"a law of friction is handed over, and {reason}")
+        if scenario.solve.scheme == "linear":
+            yield refusal("solve.scheme", "linear", "it cannot follow the friction that is handed over; use newton")
+        if not scenario.thread.bending:
+            reason = "friction acts along the tangent that the bend at a hole gives the thread; set true"
+            yield refusal("thread.bending", False, f"a law of friction is handed over, and {reason}")
+
+    def stiffened(self, body: tissue.Elasticity) -> tissue.Elasticity:
+        """Return the body with the stiffness that is handed over, itself without one. Raises `ScenarioError`."""
+        if self.stiffness is None:
+            return body
+        own = skfem.Basis(body.mesh, body.basis.elem) if self.basis is None else self.basis
+        if not is_numbered_like(own, body.basis):
+            reason = "its unknowns are numbered otherwise than by nodes, then (P2) edges"
+            raise ScenarioError(f"basis is refused: {reason}; make it without dofs or elements of its own")
+        K: Any = self.stiffness(own) if callable(self.stiffness) else self.stiffness
+        return replace(body, K=checked_stiffness(K, body), pressure=None)
+
+    def distortion(self, mu: float) -> Density | None:
+        """Return the density of distortion that is handed over to an organ of the shear modulus `mu` [Pa], None
+        without one. Raises `ScenarioError`."""
+        if self.energy is None:
+            return None
+        density: Any = self.energy if hasattr(self.energy, "tangent") else Own(self.energy)
+        check_density(density, mu)
+        return density
+
+
+NOTHING = Given()
+
+
+def is_numbered_like(one: skfem.Basis, other: skfem.Basis) -> bool:
+    """Tell whether the unknowns of two bases are at the same places."""
+    x, y = one.doflocs, other.doflocs
+    return x.shape == y.shape and bool(np.allclose(x, y, rtol=0.0, atol=TOGETHER * np.ptp(y)))
+
+
+def faults_of_basis(basis: skfem.Basis, element: str) -> Iterator[str]:
+    """Yield why a basis is not that of the scenario's element, whose unknowns are three at each node."""
+    own = skfem.ElementVector(ELEMENTS[element]())
+    if not isinstance(basis.mesh, skfem.MeshTet) or type(basis.elem) is not type(own):
+        yield f"basis is refused: it is {basis.elem!r} on a {type(basis.mesh).__name__}; give {own!r} on a MeshTet"
+    elif type(basis.elem.elem) is not type(own.elem):
+        reason = f"the basis that is handed over has {type(basis.elem.elem).__name__}; set the key to that, P1 or P2"
+        yield refusal("tissue.element", element, reason)
+
+
+def faults_of_energy(table: model.Tissue) -> Iterator[str]:
+    """Yield what an organ's table says that the energy handed over takes the place of."""
+    if table.material == "linear":
+        reason = 'an energy is handed over, which is of finite strain; set "neo-hookean", whose place it takes'
+        yield refusal("tissue.material", "linear", reason)
+    for place, part in (("tissue", table), *((dotted_key(["tissue", "region", r.name]), r) for r in table.region)):
+        for key in ("stiffening", "fibres"):
+            if getattr(part, key) is not None:
+                yield f"{place}.{key} is refused: the energy that is handed over takes its place; leave it out"
+
+
+def faults_of_springs(holes: tuple[model.Piercing, ...]) -> Iterator[str]:
+    """Yield the holes that get springs beside coarse cells, which are those of E and ν and of nothing else."""
+    for hole in holes:
+        if hole.footprint and hole.subgrid:
+            reason = "the springs beside coarse cells are those of E and ν, and not of what is handed over; set false"
+            yield refusal(dotted_key(["piercing", hole.name, "subgrid"]), True, f"{reason}, and take cells that fit")
+
+
+def checked_stiffness(K: Any, body: tissue.Elasticity) -> csr_matrix:
+    """Return a stiffness [N/m] as the organ keeps it. Raises `ScenarioError` for one of another size, with numbers that
+    are none, that is not symmetric, or that lets a free unknown go."""
+    if not hasattr(K, "tocsr") or K.shape != body.K.shape:
+        found = f"a {type(K).__name__} of shape {getattr(K, 'shape', '()')}"
+        reason = f"three unknowns at each of the {len(body.nodes)} nodes ask for {body.K.shape}"
+        raise ScenarioError(f"stiffness is refused: it is {found}; {reason}, in a sparse matrix")
+    made = csr_matrix(K.astype(float))
+    largest = float(np.abs(made.data).max(initial=0.0))
+    if not np.isfinite(largest):
+        raise ScenarioError("stiffness is refused: it holds numbers that are none; correct the form")
+    skew = float(np.abs((made - made.T).data).max(initial=0.0))
+    if skew > SYMMETRIC * largest:
+        told = f"it is not symmetric: entries differ by {skew / largest:.1e} of the largest from those across"
+        raise ScenarioError(f"stiffness is refused: {told}; give that of an energy, [N/m]")
+    if float(made.diagonal()[body.free].min(initial=np.inf)) <= 0.0:
+        raise ScenarioError("stiffness is refused: an unknown resists nothing; every diagonal entry must be positive")
+    return made
+
+
+def check_density(density: Density, mu: float) -> None:
+    """Refuse a density that is stressed at rest or that a rotation alone changes; `mu` [Pa] is the scale of both."""
+    at_rest = float(np.abs(density.stress(np.eye(3)[:, :, None])).max())
+    if not at_rest <= STRESSLESS * mu:
+        raise ScenarioError(
+            f"energy is refused: the reference shape bears a stress of {at_rest:.3g} Pa; take W whose derivative is "
+            "zero at F = I, and tissue.prestretch for tissue that is stretched"
+        )
+    here, turned = (float(density.energy(F[:, :, None])[0]) for F in (SHEARED, TURN @ SHEARED))
+    if not abs(turned - here) <= INDIFFERENT * max(abs(here), mu):
+        raise ScenarioError(
+            f"energy is refused: a rotation alone changes W from {here:.6g} to {turned:.6g} J/m³; make W of C = FᵀF"
+        )
+
+
+def shear_moduli(density: Density) -> tuple[float, float]:
+    """Return the least and the largest shear modulus of a density at rest [Pa], over all directions."""
+    A = density.tangent(np.eye(3)[:, :, None])[..., 0]
+    values = 0.5 * np.linalg.eigvalsh(np.einsum("aij,ijkl,bkl->ab", SHEARS, A, SHEARS))
+    return float(values[0]), float(values[-1])

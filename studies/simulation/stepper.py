@@ -1,0 +1,161 @@
+"""A run that a host program steps: it moves an end of the thread and is told the forces, as a haptic loop asks.
+
+stepper = prepare(scenario).stepper()
+while …:
+    forces = stepper.step(1e-3, hand)
+"""
+
+from array import array
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Literal, Protocol, TypeGuard
+
+import numpy as np
+from numpy.typing import ArrayLike
+from threadpoolctl import ThreadpoolController
+
+from coupling.system import System
+from studies.arrays import Array
+from studies.output.records import Snapshot, StepRecord
+from studies.scenario import Scenario, ScenarioError
+from studies.scenario.refusal import refusal
+from studies.simulation.memory import OrganRun
+from studies.simulation.recording import step_record
+from thread.ends import Clamped, Driven, End, Fixed
+
+
+class Stepped(Protocol):
+    """What a stepper asks of a simulation."""
+
+    @property
+    def scenario(self) -> Scenario:
+        """As run."""
+
+    def beginning(self) -> OrganRun:
+        """Return the run before the first step."""
+
+    def snapshot(self, now: OrganRun) -> Snapshot:
+        """Return what is drawn of a state."""
+
+
+WhichEnd = Literal["start", "end"]
+ENDS: tuple[WhichEnd, WhichEnd] = ("start", "end")
+LATE = 99.0  # per cent of the steps
+
+
+@dataclass(frozen=True)
+class Forces:
+    """What a step leaves, in N: `hand` (3,), of the thread on the hand that moves its end; `other` (3,), on what holds
+    the other end, zero where nothing does; `piercings` (p, 3), of the holes on the thread, zero where it is not in."""
+
+    hand: Array
+    other: Array
+    piercings: Array
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Wall-clock times of the steps so far [s], and how many took longer than their deadline."""
+
+    steps: int
+    median: float
+    late: float  # 99 of a hundred steps took less
+    worst: float
+    missed: int
+
+    def __str__(self) -> str:
+        median, late, worst = (1e3 * seconds for seconds in (self.median, self.late, self.worst))
+        return (
+            f"{self.steps} steps: median {median:.3g} ms, 99th of a hundred {late:.3g} ms, worst {worst:.3g} ms, "
+            f"{self.missed} late"
+        )
+
+
+def is_led(end: End) -> TypeGuard[Driven | Fixed]:
+    """Tell whether an end is held by its place alone, so that a hand may move it."""
+    return isinstance(end, Driven | Fixed) and not isinstance(end, Clamped)
+
+
+class Stepper:
+    """Where a run is that somebody else steps.
+
+    `end` is the end of the thread that the host moves, which its scenario must hold by its place: driven or fixed. What
+    else the scenario does goes on by itself. `deadline` [s] is how long a step may take, None: as long as it stands
+    for. Raises `ScenarioError` for statics and for an end that is not held.
+    """
+
+    def __init__(self, simulation: Stepped, end: WhichEnd = "end", deadline: float | None = None) -> None:
+        scenario = simulation.scenario
+        if scenario.solve.kind == "static":
+            raise ScenarioError(refusal("solve.kind", "static", "a stepper goes on in time; use dynamic"))
+        self._simulation, self._side, self._deadline = simulation, ENDS.index(end), deadline
+        self._now = simulation.beginning()
+        if not is_led(self._now.system.ends[self._side]):
+            kind = getattr(scenario.thread, end).kind
+            reason = "a hand moves an end that is held by its place; use driven or fixed, or let it move the other end"
+            raise ScenarioError(refusal(f"thread.{end}.kind", kind, reason))
+        self._seconds, self._missed = array("d"), 0
+        self._threads = ThreadpoolController()
+
+    @property
+    def time(self) -> float:
+        """Time reached [s]."""
+        return self._now.state.time
+
+    @property
+    def record(self) -> StepRecord:
+        """What a run writes of its last step."""
+        return step_record(self._now, self._seconds[-1] if self._seconds else 0.0)
+
+    def frame(self) -> Snapshot:
+        """Return what is drawn of the state."""
+        return self._simulation.snapshot(self._now)
+
+    @property
+    def forces(self) -> Forces:
+        """The forces of the last step, before the first one zero."""
+        state = self._now.state
+        reaction = -state.reaction[:, :3]
+        holes = len(self._now.system.piercings)
+        return Forces(reaction[self._side], reaction[1 - self._side], state.lam[:holes, :3])
+
+    @property
+    def timing(self) -> Timing:
+        """How long the steps took so far. Raises `ValueError` before the first."""
+        if not self._seconds:
+            raise ValueError("no step was taken yet, so there is nothing to be said of their times; take one")
+        seconds = np.frombuffer(self._seconds)
+        median, late = np.percentile(seconds, [50.0, LATE])
+        return Timing(len(seconds), float(median), float(late), float(seconds.max()), self._missed)
+
+    def step(self, dt: float, end_position: ArrayLike) -> Forces:
+        """Go `dt` [s] further while the hand moves evenly to `end_position` (3,) [m], and return the forces.
+
+        A step that fails leaves the run where it was, so that the host may try another. Raises `ValueError` for what is
+        no place or no time, and `StepError`, `ConstraintError`, `InversionError`, `FormingError`.
+        """
+        began = perf_counter()
+        place = np.asarray(end_position, dtype=float)
+        if place.shape != (3,) or not np.all(np.isfinite(place)) or not 0.0 < dt < np.inf:
+            raise ValueError(
+                f"dt = {dt} s, end_position = {end_position!r}: allowed are a positive time and three finite numbers "
+                "[m]; give the place of the hand at the end of the step"
+            )
+        with self._threads.limit(limits=1, user_api="blas"):
+            self._now = self._led(dt, place).step(dt)
+        forces = self.forces
+        seconds = perf_counter() - began
+        self._seconds.append(seconds)
+        self._missed += seconds > (dt if self._deadline is None else self._deadline)
+        return forces
+
+    def _led(self, dt: float, place: Array) -> OrganRun:
+        """Return the run with a hand that leads the end from where it is to `place` within `dt` [s]."""
+        run, side = self._now, self._side
+        ends = list(run.system.ends)
+        here, held = run.state.time, ends[side]
+        assert is_led(held)
+        led = np.array([[here, *np.asarray(held.position(here))], [here + dt, *place]])
+        ends[side] = Driven(led, turn=held.turn)
+        system: System = replace(run.system, ends=(ends[0], ends[1]))
+        return replace(run, system=system)

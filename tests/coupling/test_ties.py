@@ -1,0 +1,386 @@
+"""Loops of thread that hands draw tight and lock: their tension and length against closed forms, the work that it
+takes, condensed and assembled, in any order, and what a tie cannot be."""
+
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from coupling import run
+from coupling.assembled import Monolith, equation_of, monolithic_solve
+from coupling.audit import multiplier_imbalance
+from coupling.errors import CouplingError
+from coupling.integrators import BackwardEuler, Scheme
+from coupling.laying import start
+from coupling.newton import solve
+from coupling.stepping import dynamic_problem, organ_answer, predict
+from coupling.system import Piercing, State, System
+from coupling.ties import Tie, gap_left
+from studies.output.records import StepRecord
+from studies.scenario import ScenarioError, parse
+from studies.simulation import Simulation, prepare
+from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
+from tests.thread.threads import Array
+from thread.catalogue import suture
+from thread.ends import Free
+from thread.knots import graded_knots
+from thread.path import rounded_path
+from thread.quadrature import gauss_rule
+from thread.spline import Spline
+from thread.thread import MASS_POINTS, Thread
+
+SUTURE = suture("2-0 polypropylene")
+CLOSED_FORM = 5e-3  # of a tension or a length: what bends that do not die out between two holes leave of the sum
+FORCE, RADIUS = 1.0, 0.01  # N, m
+NOTHING = np.zeros(0)
+
+
+@dataclass(frozen=True)
+class Springs:
+    """Sites on springs that give way by `give` [m/N]; the organ's state is y (9p,)."""
+
+    y0: Array
+    give: float
+
+    @property
+    def C(self) -> Array:
+        return np.diag(np.tile(np.repeat([self.give, 0.0], [3, 6]), len(self.y0) // 9))
+
+    def start(self) -> Array:
+        return self.y0
+
+    def answer(self, scheme: Scheme, past: Sequence[Array], time: float, share: float = 1.0) -> "Springs":
+        return self
+
+    g_free, C_cc = NOTHING, np.zeros((0, 0))
+
+    @property
+    def C_cy(self) -> Array:
+        return np.zeros((0, len(self.y0)))
+
+    @property
+    def y_free(self) -> Array:
+        return self.y0
+
+    def accept(self, f_y: Array, p: Array) -> Array:
+        return np.asarray(self.y0 + self.C @ f_y)
+
+    def again(self, f_y: Array, p: Array) -> "Springs":
+        return self
+
+    def site_variables(self, state: Array) -> Array:
+        return state
+
+    def lips(self, state: Array) -> tuple[Array, Array, Array]:
+        return NOTHING, NOTHING, NOTHING
+
+    def energies(self, old: Array, new: Array) -> tuple[float, float, float, float, float]:
+        stored = [0.5 * float(np.sum((y - self.y0) ** 2)) / self.give for y in (old, new)]
+        taken = float((new - self.y0) @ (new - old)) / self.give - (stored[1] - stored[0])
+        return 0.0, stored[1], 0.0, 0.0, taken
+
+
+def loop(places: Array, give: float, points: int = 100, **tie: Any) -> tuple[System[Array], State[Array]]:
+    """A limp thread around `places` (k, 3), of which the last but one corner before each end is no hole but where it
+    crosses itself; its tails go on from there."""
+    crossing, *corners, _ = places
+    along = (corners[0] - corners[-1]) / np.linalg.norm(corners[0] - corners[-1])
+    tail = 0.3 * np.linalg.norm(corners[0] - corners[-1]) * along
+    path = rounded_path([crossing - tail, *corners, crossing + tail])
+    holes = [corner for corner in corners if abs(np.linalg.norm(corner) - RADIUS) < 1e-9]
+    passes = [path.passes(hole) for hole in holes]
+    s = np.array([places[np.argmin(distances)] for places, distances in passes])
+    thread = Thread(Spline(graded_knots(path.length, points, s, 1.0, path.length, ())), SUTURE, damping=20.0)
+    organ: Any = Springs(np.concatenate([[*hole, 0, 0, 1.0, 1.0, 0, 0] for hole in holes]), give)
+    given = {"force": FORCE, "begins": 0.0, "locks": 0.06, "ramp": 0.03, "speed": 0.05} | tie
+    piercings = tuple(Piercing(f"hole {k}", directed=len(holes) == 2) for k in range(len(holes)))
+    system = System(thread, (Free(), Free()), organ, piercings, ties=(Tie("knot", (0, len(holes) - 1), **given),))
+    return system, start(system, s, path.position(gauss_rule(thread.spline, MASS_POINTS).s), 1.0)
+
+
+def ring(corners: int, give: float, **tie: Any) -> tuple[System[Array], State[Array]]:
+    """A loop around the corners of a regular polygon, closed in the middle of a side."""
+    angle = 2.0 * np.pi * (np.arange(corners) + 0.5) / corners - 0.5 * np.pi
+    places = RADIUS * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    crossing = 0.5 * (places[0] + places[-1])
+    return loop(np.stack([crossing, *places, crossing]), give, **tie)
+
+
+def length_around(corners: int, side: float, tension: float) -> float:
+    """The unstrained length of a thread under a tension around the corners of a polygon of such sides [m].
+
+    At a corner it turns by 2θ, from θ on either side to nothing: an elastica whose way is longer than its chord by
+    ∫(1 − cos ϑ) ds = 2√(EI/T)(1 − cos θ/2) (Love, Mathematical Theory of Elasticity, 262).
+    """
+    stretch = float(max(np.roots([0.5, 0.0, -0.5, -tension / SUTURE.EA]).real))
+    bend = 2.0 * np.sqrt(SUTURE.EI / tension) * (1.0 - np.cos(0.5 * np.pi / corners))
+    return corners * (side + 2.0 * bend) / stretch
+
+
+@pytest.mark.parametrize(("corners", "give"), [(6, 1e-9), (6, 5e-4), (8, 5e-4)])
+def test_a_ring_around_springs(corners: int, give: float) -> None:
+    """Independent check: around rigid and yielding points, a polygon for a cylinder, a loop drawn to 1 N bears 1 N in
+    every strand and presses each point by what a turn of it asks for; its unstrained length is that of the polygon
+    with its bends, and locked it keeps both."""
+    now = run.begin(*ring(corners, give))
+    for share in (0.125, 0.25, 0.5, 1.0):
+        now = now.load(share, 0.12)
+    (tie,), turn = now.ties, 2.0 * np.sin(np.pi / corners)
+    assert tie.state == "tied" and [event.kind for event in now.events] == []
+    assert tie.force == pytest.approx(FORCE, rel=CLOSED_FORM)
+    side = turn * (RADIUS - turn * FORCE * give)
+    assert tie.length == pytest.approx(length_around(corners, side, FORCE), rel=CLOSED_FORM)
+    for hole in now.piercings:
+        assert hole.tension_before == pytest.approx(FORCE, rel=CLOSED_FORM)
+        assert hole.tension_after == pytest.approx(FORCE, rel=CLOSED_FORM)
+        assert np.linalg.norm(hole.force) == pytest.approx(turn * FORCE, rel=CLOSED_FORM)
+
+
+def test_a_ring_between_two_springs() -> None:
+    """Independent check: a stitch through two holes pulls either with twice the tension of its strands, and its length
+    is that of the way between them as they have come nearer, there and back, with its bends."""
+    over, side, under = np.array([0, 4e-3, 0]), np.array([RADIUS, 0, 0]), np.array([0, -4e-3, 0])
+    give = 5e-4
+    now = run.begin(*loop(np.stack([over, side, side + under, under - side, -side, over]), give, points=200))
+    for share in (0.06, 0.125, 0.25, 0.5, 1.0):
+        now = now.load(share, 0.06)
+    (tie,), (first, last) = now.ties, now.piercings
+    assert tie.state == "tied" and tie.force == pytest.approx(FORCE, rel=CLOSED_FORM)
+    assert first.force[0] == pytest.approx(2.0 * FORCE, rel=CLOSED_FORM)
+    assert last.force[0] == pytest.approx(-2.0 * FORCE, rel=CLOSED_FORM)
+    way = 2.0 * (RADIUS - 2.0 * FORCE * give)
+    assert tie.length == pytest.approx(length_around(2, way, FORCE), rel=CLOSED_FORM)
+
+
+def test_a_tie_slips_above_what_it_holds() -> None:
+    """Independent check: a loop drawn to 1 N and locked by a tie that holds 0.4 N loosens until it bears that, and
+    what the knot takes is 0.4 N along all that slipped; from there it holds."""
+    now = run.begin(*ring(6, 5e-4, hold=0.4))
+    for share in (0.125, 0.25, 0.5):
+        now = now.load(share, 0.12)
+    drawn, before = now.ties[0], now.energies
+    now = now.load(0.75, 0.12)
+    assert [event.kind for event in now.events] == ["slips"] and drawn.state == "tied"
+    (tie,) = now.ties
+    assert tie.state == "slips" and tie.force == pytest.approx(0.4, rel=CLOSED_FORM) and tie.length > drawn.length
+    taken = now.energies.friction_dissipation - before.friction_dissipation
+    assert taken == pytest.approx(0.4 * (tie.length - drawn.length), rel=CLOSED_FORM)
+    assert tie.work == drawn.work and abs(now.energies.balance_error) <= RESIDUAL * now.energies.elastic_thread
+    assert now.load(1.0, 0.12).ties[0].length == pytest.approx(tie.length, rel=TWO_SOLVERS)
+
+
+# -- in an elastic organ ----------------------------------------------------------------------------------------------
+
+TWO: dict[str, Any] = {
+    "tissue": {
+        "youngs_modulus": 4e5,
+        "poisson_ratio": 0.45,
+        "density": 1070.0,
+        "rayleigh": [5.7, 5.8e-4],
+        "clamp": ["bottom"],
+        "mesh": {"kind": "block", "size": [0.03, 0.03, 0.012], "h": 5e-3},
+    },
+    "thread": {
+        "suture": "2-0 polypropylene",
+        "control_points": 130,
+        "damping": 20.0,
+        "path": [
+            [-2e-3, -6e-3, 5.2e-3], [0, -6e-3, 5e-3], [5e-3, -6e-3, 0], [5e-3, -6e-3, -4e-3], [-5e-3, -6e-3, -4e-3],
+            [-5e-3, -6e-3, 0], [0, -6e-3, 5e-3], [2e-3, -6e-3, 5.2e-3],
+            [-2e-3, 6e-3, 5.2e-3], [0, 6e-3, 5e-3], [5e-3, 6e-3, 0], [5e-3, 6e-3, -4e-3], [-5e-3, 6e-3, -4e-3],
+            [-5e-3, 6e-3, 0], [0, 6e-3, 5e-3], [2e-3, 6e-3, 5.2e-3],
+        ],
+    },
+    "piercing": [
+        {"name": f"{side}{k}", "at": [x, y, 0], "direction": "normal", "footprint": 1.5e-3}
+        for k, y in enumerate((-6e-3, 6e-3), start=1)
+        for side, x in (("right", 5e-3), ("left", -5e-3))
+    ],
+    "solve": {"kind": "static", "duration": 1.0, "load_steps": 8},
+    "tie": [
+        {"name": f"knot{k}", "between": [f"left{k}", f"right{k}"], "force": FORCE, "from": 0.0, "until": 0.5}
+        for k in (1, 2)
+    ],
+}  # fmt: skip
+
+
+def stitch(**solve: Any) -> dict[str, Any]:
+    """The first of the two stitches alone, with friction in its holes."""
+    table = deepcopy(TWO)
+    table["thread"] |= {"control_points": 70, "path": table["thread"]["path"][:8]}
+    table["piercing"], table["tie"] = table["piercing"][:2], table["tie"][:1]
+    table["solve"] |= solve
+    return table
+
+
+def records_of(table: dict[str, Any]) -> tuple[Simulation, list[StepRecord]]:
+    """Every step."""
+    simulation = prepare(parse(table))
+    return simulation, [record for record, _ in simulation.advance()]
+
+
+def test_a_tied_stitch_pulls_its_holes_with_twice_its_tension() -> None:
+    """Independent check: in an elastic block the hole bears both strands, over the wound and below, however far it
+    gives way; what comes out of the loop is what the hands drew."""
+    _, records = records_of(stitch())
+    (tie,), (right, left) = records[-1].ties, records[-1].piercings
+    assert tie.state == "tied" and tie.force == pytest.approx(FORCE, rel=0.03)  # its strands are not quite parallel
+    assert right.force[0] == pytest.approx(2.0 * FORCE, rel=0.01)
+    assert left.force[0] == pytest.approx(-2.0 * FORCE, rel=0.01)
+    assert right.displacement[0] < -1e-4 and left.displacement[0] > 1e-4
+    energy = records[-1].energy
+    assert energy.external_work > 0.0 and abs(energy.balance_error) <= RESIDUAL * energy.external_work
+    assert tie.work == pytest.approx(energy.external_work, rel=1e-6)  # nothing else is done from outside
+
+
+@cache
+def moving() -> tuple[Simulation, run.Run]:
+    """A stitch that has been drawn for 30 ms in time, with friction in its holes."""
+    table = stitch(kind="dynamic", dt=1e-3, duration=0.06)
+    for hole in table["piercing"]:
+        hole["friction"] = {"static": 0.3, "kinetic": 0.3}
+    table["tie"][0] |= {"until": 0.04, "speed": 0.2}
+    simulation = prepare(parse(table))
+    now = simulation.beginning()
+    for _ in range(30):
+        now = simulation.next(now)
+    return simulation, now
+
+
+def test_condensed_and_assembled_agree() -> None:
+    """Consistency check: both solves of a step in which hands draw a loop, and of one in which it is locked and slips,
+    in an organ with inertia."""
+    simulation, drawn = moving()
+    locked = drawn
+    while locked.number < simulation.steps:
+        locked = simulation.next(locked)
+    slipping = replace(locked.system.ties[0], hold=0.9 * locked.ties[0].force)
+    for now, system in ((drawn, drawn.system), (locked, replace(locked.system, ties=(slipping,)))):
+        state, scheme = replace(now.state, before=None, dt_before=None), BackwardEuler(1e-3)
+        problem = dynamic_problem(system, state, 1e-3, organ_answer(system, scheme, state))
+        first = predict(problem, state)
+        organ: Any = system.organ
+        a, b = solve(problem, first), monolithic_solve(problem, first, organ.field(state.organ))
+        z, strands = b.iterate, system.strands[0]
+        assert isinstance(z, Monolith) and len(z.U) == equation_of(problem).A.shape[0] + 3
+        assert a.iterations > 0 and b.iterations > 0 and bool(problem.law.rough[strands[0]]) == (now is locked)
+        assert np.abs(z.s - state.s)[strands].min() > 1e-9
+        for name in ("q", "s", "lam", "y"):
+            one, other = (getattr(x, name)[..., :3] if name == "y" else getattr(x, name) for x in (a.iterate, z))
+            assert np.abs(one - other).max() <= TWO_SOLVERS * np.abs(other).max()
+
+
+def test_every_step_of_a_loop_drawn_in_time() -> None:
+    """Independent check, step by step: the strands meet, each hand draws the same length, their force and moment on
+    the thread are none in all, the balance of energy closes, and the loop comes under tension; locked, it keeps its
+    length."""
+    simulation, now = moving()
+    (one, other), lengths = now.system.strands[0], []
+    total = now.state.s[[one, other]].sum()
+    while now.number < simulation.steps:
+        now = simulation.next(now)
+        state = now.state
+        at = now.configuration.at
+        assert np.linalg.norm(at.P[one] - at.P[other]) <= 1e-3 * now.system.thread.section.diameter
+        assert now.ties[0].gap <= GAP * now.system.thread.section.diameter
+        assert state.s[[one, other]].sum() == pytest.approx(total, rel=IDENTITY)
+        force, moment = multiplier_imbalance(now.system, state)
+        scale = np.abs(state.lam[:, :3]).max()
+        assert np.abs(state.lam[one, :3] + state.lam[other, :3]).max() <= RESIDUAL * scale
+        assert force <= RESIDUAL * scale and moment <= RESIDUAL * scale * 0.02
+        assert abs(now.energies.balance_error) <= RESIDUAL * now.energies.at_stake
+        lengths.append(now.ties[0].length)
+    drawn = np.diff(lengths)
+    assert (drawn[:8] < 0.0).all() and np.abs(drawn[-18:]).max() == 0.0
+    assert now.ties[0].state == "tied" and now.ties[0].force > 0.4 * FORCE
+    assert now.energies.friction_dissipation > 0.0
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.2])
+def test_ties_in_any_order(mu: float) -> None:
+    """Independent check: two stitches, one drawn after the other, both held by their hands until both are drawn, end in
+    the same state whichever came first where nothing rubs, and in another with friction; locked before the other is
+    drawn, the first has lost tension to it."""
+    ends = []
+    for first, second in ((0.0, 0.2), (0.2, 0.0)):
+        table = deepcopy(TWO)
+        for tie, begins in zip(table["tie"], (first, second), strict=True):
+            tie |= {"from": begins, "until": 0.6, "ramp": 0.2}
+        for hole in table["piercing"] if mu else ():
+            hole["friction"] = {"static": mu, "kinetic": mu}
+        ends.append(records_of(table)[1][-1])
+    places = [np.array([hole.displacement for hole in end.piercings]) for end in ends]
+    apart = np.abs(places[0] - places[1]).max() / np.abs(places[0]).max()
+    assert apart <= 1e-6 if mu == 0.0 else 1e-5 < apart < 0.1
+    if mu == 0.0:
+        table = deepcopy(TWO)
+        table["tie"][0] |= {"until": 0.25, "ramp": 0.25}
+        table["tie"][1] |= {"from": 0.25, "until": 0.6, "ramp": 0.25}
+        knots = records_of(table)[1][-1].ties
+        assert knots[0].force < 0.999 * knots[1].force and knots[1].force == pytest.approx(FORCE, rel=0.01)
+
+
+def test_a_run_with_ties_goes_on_where_it_was() -> None:
+    """Consistency check: from the memory of a step in which hands draw, the same numbers, bit by bit."""
+    simulation = prepare(parse(stitch(load_steps=4)))
+    whole = [record for record, _ in simulation.advance()]
+    memory = whole[1].memory
+    assert memory is not None
+    further = [record for record, _ in simulation.advance(memory)]
+    for name in ("work", "force", "length", "state"):
+        assert [getattr(record.ties[0], name) for record in further] == [getattr(r.ties[0], name) for r in whole[1:]]
+
+
+@pytest.mark.parametrize(
+    ("tie", "solve", "words"),
+    [
+        ({"between": ["left1", "rihgt1"]}, {}, r'tie\.knot1\.between.*no piercing "rihgt1", did you mean "right1"'),
+        ({"between": ["left1", "left1"]}, {}, r"tie\.knot1\.between.*goes through two holes"),
+        ({"from": 0.6}, {}, r"tie\.knot1\.until = 0\.5 is refused: it must be later than from"),
+        ({"ramp": 0.6}, {}, r"tie\.knot1\.ramp = 0\.6 is refused: the loop is locked 0\.5 s after"),
+        ({"force": 0.0}, {}, r"tie\.knot1\.force"),
+        ({}, {"kind": "dynamic", "scheme": "linear"}, r"solve\.scheme.*no thread is tied in such a run"),
+        ({}, {"kind": "dynamic", "coupling": "staggered"}, r"solve\.coupling.*no thread is tied in such a run"),
+        ({}, {"kind": "dynamic", "epsilon": 1e-4}, r"solve\.epsilon.*no thread is tied in such a run"),
+    ],
+)
+def test_refusals(tie: dict[str, Any], solve: dict[str, Any], words: str) -> None:
+    """Independent check: what cannot be tied is refused by its key before anything is solved."""
+    table = stitch(**solve)
+    table["tie"][0] |= tie
+    with pytest.raises(ScenarioError, match=words):
+        parse(table)
+
+
+def test_strands_that_are_tied_already() -> None:
+    """Independent check: two ties do not join the same strands, nor bear the same name."""
+    table = deepcopy(TWO)
+    table["tie"][1]["between"] = ["right1", "left1"]
+    with pytest.raises(ScenarioError, match='tie "knot1" joins these strands already'):
+        parse(table)
+    table["tie"][1]["name"] = "knot1"
+    with pytest.raises(ScenarioError, match=r"tie\.name.*names must be unique"):
+        parse(table)
+
+
+def test_a_tie_of_numbers_that_make_none() -> None:
+    """Independent check: refused where it is built."""
+    given = {"force": 1.0, "begins": 0.0, "locks": 1.0, "ramp": 0.5, "speed": 0.1}
+    for change in ({"locks": 0.0}, {"ramp": 2.0}, {"force": 0.0}, {"speed": 0.0}, {"hold": -1.0}):
+        with pytest.raises(CouplingError, match="tie 'knot'"):
+            Tie("knot", (0, 1), **(given | change))
+    with pytest.raises(CouplingError, match="epsilon"):
+        replace(ring(6, 1e-9)[0], epsilon=1e-4)
+
+
+def test_strands_are_brought_together_as_the_force_grows() -> None:
+    """Independent check: what is left of a gap falls linearly, in whatever steps, and to nothing."""
+    tie, gap = Tie("knot", (0, 1), 2.0, 1.0, 3.0, 1.0, 0.1), np.array([[3.0, 0.0, 4.0]])
+    assert tie.drawing_force(1.5) == 1.0 and tie.drawing_force(5.0) == 2.0 and tie.drawing_force(0.0) == 0.0
+    half = gap_left((tie,), gap, 1.0, 1.5)
+    assert half == pytest.approx(0.5 * gap) and gap_left((tie,), half, 1.5, 1.75) == pytest.approx(0.25 * gap)
+    assert not gap_left((tie,), half, 1.5, 2.0).any() and not gap_left((tie,), 0.0 * gap, 2.0, 2.5).any()

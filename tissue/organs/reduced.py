@@ -1,0 +1,350 @@
+"""An organ with inertia in a small basis, U ≈ V η: steps that cost the same however large the mesh is.
+
+Beside the model that answers runs its check, whose basis has one block of the Krylov space more
+(`tissue.organs.basis`), under the same forces. With y_k and y_{k+1} of the two, and y of the whole organ,
+
+    |y − y_k|  ≤  |y_{k+1} − y_k| + |y − y_{k+1}|,      |y_i − y_{k+1,i}| ≤ ‖Y_i‖ ‖e‖,   ‖Y_i‖² = (Y K⁻¹ Yᵀ)_ii
+    ‖e(t)‖ in K  ≤  ‖r(t)‖ + Σ ‖Δr‖,   both in K⁻¹
+
+The first term is the error but for what the second is smaller than the first. The last line holds since a body that is
+let go at rest swings to no more than where it was: e = K⁻¹r(t) − Σ g Δr with |g| ≤ 1 in each mode, by backward Euler,
+by BDF2 and without steps. An impulse and a way between two steps leave more open, which is added in the same norm.
+What is not in the bound is that the thread, too, would pull otherwise.
+"""
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from tissue.arrays import Array
+from tissue.elasticity import Elasticity
+from tissue.errors import TissueError
+from tissue.loads import Loads
+from tissue.organs.basis import Krylov, build_krylov, vibration_modes
+from tissue.organs.dynamic import DynamicOrgan
+from tissue.organs.meshed import EMPTY, KEPT_OPERATORS, OrganEnergies, OrganState, SiteAnswer, TimeScheme
+from tissue.sites.site import Sites
+from tissue.solvers.choice import SolverChoice
+from tissue.supports import holds_still
+
+
+@dataclass(frozen=True)
+class ReducedState(OrganState):
+    """A state whose U, V, A are η, η̇, η̈ of the model that answers, followed by those of its check, `(r + c,)` [√J, …].
+
+    `drift` is Σ‖Δr‖ of the check so far [√J].
+    """
+
+    drift: float = 0.0
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """An organ in two bases, the first `size` numbers of each array of the model that answers, the rest of its check.
+
+    `vectors` (N, size) is V of the first; `mu` (n,) the masses, stiffness being one; `Y` (9p, n), `load` (n,),
+    `surface_load` (n, l) and `missed` (m, c), R of the check, as in `tissue.organs.basis`.
+    """
+
+    vectors: Array
+    mu: Array
+    Y: Array
+    load: Array
+    surface_load: Array
+    missed: Array
+
+    @property
+    def size(self) -> int:
+        """Number of vectors of the model that answers."""
+        return self.vectors.shape[1]
+
+    @cached_property
+    def reach(self) -> Array:
+        """Largest way of each site's point under a unit of strain energy, ‖Y_x‖ in K⁻¹, `(p,)` [m/√J]."""
+        own = self.Y[:, self.size :].reshape(-1, 9, self.mu.size - self.size)[:, :3]
+        return np.linalg.norm(own, 2, axis=(1, 2)) if own.size else np.zeros(len(own))
+
+    @cached_property
+    def stiffness(self) -> Array:
+        """Largest static stiffness of each site's point, `(p,)` [N/m]."""
+        own = self.Y[:, self.size :].reshape(-1, 9, self.mu.size - self.size)[:, :3]
+        least = np.linalg.svd(own, compute_uv=False)[:, -1] if own.size else np.ones(len(own))
+        return np.asarray(1.0 / least**2)
+
+
+def reduce_organ(organ: DynamicOrgan, blocks: int, modes: int = 0) -> Reduction:
+    """Return the reduction of an organ by static answers, `blocks` of the Krylov space and `modes` vibration modes.
+
+    Raises `TissueError` for an organ whose lips may touch, one that is not held, and numbers that cannot be.
+    """
+    check_reducible(organ, blocks, modes)
+    return _reduction(organ, _krylov_of(organ, blocks, modes))
+
+
+def check_reducible(organ: DynamicOrgan, blocks: int, modes: int) -> None:
+    """Refuse what no small basis is made of. Raises `TissueError`."""
+    body = organ.elasticity
+    held = np.ones(body.N, dtype=bool)
+    held[body.free] = False
+    if organ.pairs:
+        raise TissueError(
+            f"reduction: the organ has {organ.pairs} pairs of nodes that may touch, and any of them may be pushed; "
+            "leave out contact, or the reduction"
+        )
+    if not holds_still(body.points, body.nodal(held.astype(float)).astype(bool)):
+        raise TissueError("reduction: the organ is not held, so nothing is its static answer; clamp a boundary")
+    if blocks < 0 or not (0 <= modes <= organ.mesh_size // 2):
+        raise TissueError(
+            f"reduction: blocks = {blocks}, modes = {modes}; allowed are none and more, and modes up to half of the "
+            f"{organ.mesh_size} unknowns"
+        )
+
+
+def _krylov_of(organ: DynamicOrgan, blocks: int, modes: int) -> Krylov:
+    """Return the vectors of both models."""
+    N = organ.mesh_size
+    factor = organ.solver_of(organ.K)
+    forces = np.column_stack([organ.Y.T.toarray(), organ.load, organ.surface_load])
+    own = np.zeros((organ.size, modes))
+    if modes:
+        own[:N] = vibration_modes(
+            organ.K[:N, :N], organ.M[:N, :N], lambda b: factor.solve(_padded(b, organ))[:N], modes
+        )
+    return build_krylov(organ.K, organ.M, factor.solve, forces, blocks, own)
+
+
+def _padded(b: Array, organ: DynamicOrgan) -> Array:
+    """Return forces on the mesh as those on all unknowns."""
+    return np.append(b, np.zeros(organ.size - organ.mesh_size))
+
+
+def _reduction(organ: DynamicOrgan, made: Krylov) -> Reduction:
+    """Return both models by their modes, side by side."""
+    two = made.modal(inner=True), made.modal(inner=False)
+    return Reduction(
+        vectors=two[0].vectors,
+        mu=np.concatenate([basis.mu for basis in two]),
+        Y=np.hstack([np.asarray(organ.Y @ basis.vectors) for basis in two]),
+        load=np.concatenate([basis.vectors.T @ organ.load for basis in two]),
+        surface_load=np.vstack([basis.vectors.T @ organ.surface_load for basis in two]),
+        missed=two[1].missed,
+    )
+
+
+@dataclass(frozen=True)
+class ReducedOperator:
+    """The diagonal a μ + d (α μ + β) + 1 of a time scheme, W = its inverse times Yᵀ `(n, 9p)`, and C `(9p, 9p)`."""
+
+    a: float
+    d: float
+    diagonal: Array
+    W: Array
+    C: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedOrgan:
+    """A linear organ with inertia as its reduction answers; `full` has the mesh, the sites and the loads."""
+
+    full: DynamicOrgan
+    reduction: Reduction
+    _operators: OrderedDict[tuple[float, float], ReducedOperator] = field(
+        default_factory=OrderedDict, init=False, repr=False
+    )
+
+    @property
+    def y0(self) -> Array:
+        """Reference site variables, shape `(9p,)` [m, -, -]."""
+        return self.full.y0
+
+    @property
+    def directed(self) -> tuple[bool, ...]:
+        """Whether each site was given a direction."""
+        return self.full.directed
+
+    @property
+    def size(self) -> int:
+        """Number of free unknowns of the organ that is reduced."""
+        return self.full.size
+
+    @property
+    def elasticity(self) -> Elasticity:
+        """The organ's discrete elasticity."""
+        return self.full.elasticity
+
+    @property
+    def sites(self) -> Sites:
+        """The organ's sites."""
+        return self.full.sites
+
+    @property
+    def surface(self) -> Loads:
+        """The loads on its boundaries."""
+        return self.full.surface
+
+    @property
+    def choice(self) -> SolverChoice:
+        """What solved it for its basis."""
+        return self.full.choice
+
+    def start(self) -> ReducedState:
+        """Return the state undeformed and at rest; gravity and loads act from the first step."""
+        rest = np.zeros(self.reduction.mu.size)
+        return ReducedState(rest, rest, rest, np.zeros(self.y0.size), shares=self.full.no_shares)
+
+    def operator(self, a: float, d: float) -> ReducedOperator:
+        """Return the operator of a time scheme; the last few are kept."""
+        if (a, d) not in self._operators:
+            while len(self._operators) >= KEPT_OPERATORS:
+                self._operators.popitem(last=False)
+            self._operators[a, d] = self._operator(a, d)
+        self._operators.move_to_end((a, d))
+        return self._operators[a, d]
+
+    def _operator(self, a: float, d: float) -> ReducedOperator:
+        (alpha, beta), given = self.full.rayleigh, self.reduction
+        diagonal = (a + alpha * d) * given.mu + (1.0 + beta * d)
+        W = given.Y.T / diagonal[:, None]
+        C = given.Y[:, : given.size] @ W[: given.size]
+        return ReducedOperator(a, d, diagonal, W, 0.5 * (C + C.T))
+
+    def answer(
+        self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
+    ) -> SiteAnswer:
+        """Return the answer of a step of `scheme` from the states `past`, the newest first, under `share` of the loads
+        at `time` [s]."""
+        operator, shares = self.operator(scheme.a, scheme.d), self.full.shares_at(time, share)
+        terms = list(zip(scheme.coefficients, past, strict=False))  # an equilibrium looks back at none
+        inertia = sum((alpha * s.U + beta * s.V for (alpha, beta, _), s in terms), np.zeros(1))
+        damping = sum((gamma * s.U for (_, _, gamma), s in terms), np.zeros(1))
+        free = self._free(operator, past[0], inertia, damping, self.load_under(shares))
+
+        def accept(f_y: Array, p: Array) -> ReducedState:
+            """Return the state of η = η_free + W f_y."""
+            U = free + operator.W @ f_y
+            V, A = operator.d * (U - damping), operator.a * (U - inertia)
+            new = ReducedState(U, V, A, f_y, shares=shares)
+            return replace(new, drift=drift_of(past[0]) + self._left_open(new, past[0]))
+
+        return SiteAnswer(self.site_variables_of(free), lambda: operator.C, accept)
+
+    def _free(self, operator: ReducedOperator, now: OrganState, inertia: Array, damping: Array, load: Array) -> Array:
+        """Return η⁺ under a load without site forces, `(n,)`: by its increment, so that round-off is relative to it."""
+        (alpha, beta), mu = self.full.rayleigh, self.reduction.mu
+        moved = operator.a * (inertia - now.U) + alpha * operator.d * (damping - now.U)
+        left = load + mu * moved + beta * operator.d * (damping - now.U) - now.U
+        return np.asarray(now.U + left / operator.diagonal)
+
+    def load_under(self, shares: Array | None) -> Array:
+        """Return the forces of gravity and of parts of the loads `(l,)` on both models, `(n,)`."""
+        given = self.reduction
+        return given.load if shares is None else given.load + given.surface_load @ shares
+
+    def site_variables_of(self, U: Array) -> Array:
+        """Return y = y0 + Y η of the model that answers, shape `(9p,)`."""
+        own = self.reduction.size
+        return np.asarray(self.y0 + self.reduction.Y[:, :own] @ U[:own])
+
+    def site_variables(self, state: OrganState) -> Array:
+        """Return y, shape `(9p,)`."""
+        return self.site_variables_of(state.U)
+
+    def lips(self, state: OrganState) -> tuple[Array, Array, Array]:
+        """Return no gaps, contact forces and ways: nothing touches."""
+        return EMPTY, EMPTY, EMPTY
+
+    def displacement(self, state: OrganState) -> Array:
+        """Return the displacement of all unknowns of the mesh, shape `(N_all,)` [m]."""
+        return self.full.whole(self.field(state))
+
+    def field(self, state: OrganState) -> Array:
+        """Return the displacement over the free unknowns, shape `(N,)` [m]."""
+        return np.asarray(self.reduction.vectors @ state.U[: self.reduction.size])
+
+    def velocity(self, state: OrganState) -> Array:
+        """Return the velocity of all unknowns of the mesh, shape `(N_all,)` [m/s]."""
+        return self.full.whole(self.reduction.vectors @ state.V[: self.reduction.size])
+
+    def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
+        """Return the energies at `new` and the works of the step, exact for the model that answers, as in
+        `tissue.organs.dynamic`."""
+        (alpha, beta), own = self.full.rayleigh, slice(self.reduction.size)
+        mu, U, V, A = self.reduction.mu[own], new.U[own], new.V[own], new.A[own]
+        dU, dV = U - old.U[own], V - old.V[own]
+        return OrganEnergies(
+            kinetic=float(0.5 * V @ (mu * V)),
+            elastic=float(0.5 * U @ U),
+            load_work=float(self.load_under(new.shares)[own] @ dU),
+            viscous=float(alpha * (mu * V) @ dU + beta * V @ dU),
+            numerical=float(0.5 * dU @ dU + 0.5 * dV @ (mu * dV) + (mu * A) @ dU - (mu * V) @ dV),
+        )
+
+    def impulse(self, state: OrganState) -> SiteAnswer:
+        """Return the answer to an impulse on the sites, dy/dt = Y η̇, by the masses of the basis: a hole is heavier than
+        in the mesh, whose nodes alone take an impulse."""
+        own = self.reduction.size
+
+        def struck(j: Array, p: Array) -> ReducedState:
+            V = state.V + self._mobility @ j
+            left = float(j @ (self.full.mobility[1] - self.reduction.Y[:, own:] @ self._mobility[own:]) @ j)
+            drift = drift_of(state) + float(np.sqrt(max(left, 0.0)))
+            return ReducedState(state.U, V, state.A, state.f_y, shares=state.shares, drift=drift)
+
+        C = self.reduction.Y[:, :own] @ self._mobility[:own]
+        return SiteAnswer(self.reduction.Y[:, :own] @ state.V[:own], lambda: C, struck)
+
+    @cached_property
+    def _mobility(self) -> Array:
+        """M⁻¹ Yᵀ of both models, `(n, 9p)`: what has no mass takes no impulse."""
+        mu = self.reduction.mu
+        inverse = np.divide(1.0, mu, out=np.zeros_like(mu), where=np.greater(mu, 0.0))
+        return np.asarray(inverse[:, None] * self.reduction.Y.T)
+
+    def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> SiteAnswer:
+        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces stay the same; V is
+        kept."""
+        operator = self.operator(scheme.a, scheme.d)
+
+        def displaced(f_new: Array, p: Array) -> ReducedState:
+            way = operator.W @ (f_new - f_y)
+            left = self._dual_norm((scheme.a + self.full.rayleigh[0] * scheme.d) * way)
+            forces = state.f_y + f_new - f_y
+            return ReducedState(
+                state.U + way, state.V, state.A, forces, shares=state.shares, drift=drift_of(state) + left
+            )
+
+        return SiteAnswer(y - operator.C @ f_y, lambda: operator.C, displaced)
+
+    # -- what the basis leaves open --------------------------------------------------------------------------------
+
+    def difference(self, state: OrganState) -> Array:
+        """Return how far the check's points of the sites are from those of the model that answers, `(p,)` [m]."""
+        own, Y = self.reduction.size, self.reduction.Y
+        apart = Y[:, own:] @ state.U[own:] - Y[:, :own] @ state.U[:own]
+        return np.asarray(np.linalg.norm(apart.reshape(-1, 9)[:, :3], axis=1))
+
+    def bound(self, state: OrganState) -> Array:
+        """Return how far the points of the sites may be from those of the whole organ under the same forces, `(p,)`
+        [m]."""
+        left = self._dual_norm(self._rates(state)) + drift_of(state)
+        return np.asarray(self.difference(state) + self.reduction.reach * left)
+
+    def _left_open(self, new: OrganState, old: OrganState) -> float:
+        """Return ‖Δr‖ of the check between two states [√J]."""
+        return self._dual_norm(self._rates(new) - self._rates(old))
+
+    def _rates(self, state: OrganState) -> Array:
+        """Return η̈ + α η̇ of both models, `(n,)`."""
+        return np.asarray(state.A + self.full.rayleigh[0] * state.V)
+
+    def _dual_norm(self, rates: Array) -> float:
+        """Return the norm in K⁻¹ of what the check leaves open at these rates `(n,)` [√J]."""
+        return float(np.linalg.norm(self.reduction.missed @ rates[self.reduction.size :]))
+
+
+def drift_of(state: OrganState) -> float:
+    """Return Σ‖Δr‖ so far [√J]."""
+    return state.drift if isinstance(state, ReducedState) else 0.0
