@@ -23,7 +23,7 @@ def main(
     refinements: Sequence[float] = (1.5, 2.0, 2.5, 3.0),
     soft_ways: Sequence[str] = ("10 load steps", "40 load steps", "damped motion"),
     materials: Sequence[str] = tuple(MATERIALS),
-    scaled_tensions: Sequence[float] = (0.2, 5.0),
+    scaled_tensions: Sequence[float] = (0.4, 2.0),
     refinement: float = 1.5,
 ) -> Iterator[Row]:
     """Yield every load step of the tensions, by tissue or material and up to the first that fails; the last one of

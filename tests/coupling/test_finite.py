@@ -122,7 +122,7 @@ def test_the_organ_is_in_balance_with_the_holes(name: str) -> None:
 @pytest.mark.parametrize("name", ["P1 quasi-static fibre", "P2 quasi-static normal"])
 def test_newton_converges_quadratically(name: str) -> None:
     """Independent check: with every tangent fresh each of the last residuals above round-off, thread's, holes' and
-    organ's over their scales, is within ten times the square of the one before; a kept factor leaves a tenth."""
+    organ's over their scales, is within ten times the square of the one before; a kept factor leaves a quarter."""
     (system, _), old = scene(name, keep=0.0), steps(name)[-1].old
     made: Any = system.organ
     dt = 3.0 * DT

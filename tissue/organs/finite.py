@@ -34,14 +34,15 @@ from tissue.organs.meshed import (
     TimeScheme,
 )
 from tissue.sites.finite import SiteMap
-from tissue.solvers.choice import Solver, mass_solver
+from tissue.solvers.choice import Solver, mass_solver, solver
 from tissue.solvers.factor import factorize_indefinite
 from tissue.supports import holds_still
 
 RESIDUAL = 1e-10  # of the largest force of a cell on a node: the organ's own equations
 ROUND_OFF = 2e-14  # of the force of a cell at a strain of one, which round-off of F = I + ∇U leaves
 BENT = 1e-12  # of the numbers of a frame: y(z) against its linearisation
-KEEP = 0.1  # a factor is kept while it makes the residual fall below this part of itself
+KEEP = 0.25  # a factor is kept while it makes the residual fall below this part of itself: a new one takes as long as
+# two dozen corrections by the old one
 SHORTEST = 2.0**-12  # part of a correction below which the organ gives up
 RISE = 1e-10  # of the potential: it may rise by round-off
 KEPT_TANGENTS = 2
@@ -362,7 +363,7 @@ class FiniteOrgan(MeshedOrgan):
     def _factor(self, A: csr_matrix) -> Solver:
         """Return A factorised, by LU where it is not definite: beyond a bifurcation. Raises `OrganError`."""
         try:
-            return self.solver_of(A)
+            return solver(A, self.places, self.choice.name, one_of_many=bool(self._tangents))
         except FactorError:
             try:
                 return factorize_indefinite(A)

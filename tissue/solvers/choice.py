@@ -61,12 +61,12 @@ class Solver(Protocol):
         """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; an iterative solver calls `guess`, None means zero."""
 
 
-def solver(A: csr_matrix, places: Array, name: str) -> Solver:
+def solver(A: csr_matrix, places: Array, name: str, one_of_many: bool = False) -> Solver:
     """Return a solver, of a name that `choose_solver` gave, for a stiffness matrix over unknowns at `places`
-    `(n, 3)`.
+    `(n, 3)`; `one_of_many` as in `tissue.solvers.factor.factorize`.
     """
     log.info("factoring the organ: %d unknowns, by %s", A.shape[0], name)
-    return conjugate_gradients(A, places) if name == MULTIGRID else factorize(A, places, name)
+    return conjugate_gradients(A, places) if name == MULTIGRID else factorize(A, places, name, one_of_many)
 
 
 def mass_solver(M: csr_matrix, places: Array, name: str) -> Solver:
