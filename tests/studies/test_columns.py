@@ -101,7 +101,7 @@ def test_a_row_has_a_cell_for_every_heading(tmp_path: Path, layout: Layout[Any])
     head, *rows = csv.reader(io.StringIO((tmp_path / "table.csv").read_text()))
     assert head == headings(layout.columns)
     assert head[:2] == ["time [s]", "step [-]"]
-    expected = {"piercings": [0, 0, 1, 1], "events": [1, 1, 1], "loads": [1, 1]} | dict.fromkeys(ONE_ROW, [1])
+    expected = {"piercings": [0, 0, 1, 1], "events": [1, 1, 1], "loads": [1, 1]} | {key: [1] for key in ONE_ROW}
     assert [int(row[1]) for row in rows] == expected.get(layout.name, [0, 0, 1])
     assert {len(row) for row in rows} == {len(head)}
 
