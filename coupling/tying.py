@@ -64,15 +64,15 @@ def observe_tie(state: State[Body], tie: Tie, strands: Sequence[int], work: floa
         x=places.mean(axis=0) if here else nowhere,
         gap=float(np.linalg.norm(places[0] - places[1])) if here else np.nan,
         work=work,
-        state=tie_state(state, strands[0], tie.locks),
+        state=tie_state(state, tie, strands[0]),
     )
 
 
-def tie_state(state: State[Body], strand: int, locks: float) -> TieState:
-    """Return what a tie that locks at a time [s] does."""
+def tie_state(state: State[Body], tie: Tie, strand: int) -> TieState:
+    """Return what a tie does, of whose holds `strand` is the first."""
     if not state.present[strand]:
         return "open"
-    if state.time < locks:
+    if not tie.is_locked(state.time):
         return "drawn"
     return "slips" if state.sigma[strand] else "tied"
 
