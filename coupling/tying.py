@@ -88,9 +88,9 @@ def begin_tie(system: System[Body], state: State[Body], k: int) -> tuple[State[B
     if gap > FARTHEST * np.linalg.norm(first - last):
         cause = (
             f"its strands pass one another {gap:.3g} m apart, further than its two holes; let the path cross itself "
-            "over them"
+            "over them, or the tie begin before they part"
         )
-        raise FormingError(state.time, tie.name, cause)
+        raise FormingError(state.time, tie.name, cause, "tie")
     new = replace(
         forgetful(state),
         s=with_strands(state.s, (one, other), s),
@@ -126,7 +126,7 @@ def strand_ranges(system: System[Body], state: State[Body], k: int) -> tuple[tup
     lost = next((hole for hole in tie.between if not state.present[hole]), None)
     if lost is not None:
         cause = f"the thread is not in piercing {system.piercings[lost].name!r}; let the tie begin while it is"
-        raise FormingError(state.time, tie.name, cause)
+        raise FormingError(state.time, tie.name, cause, "tie")
     first, last = (float(state.s[hole]) for hole in tie.between)
     here: Array = state.s[:p][state.present[:p]]
     start, end = spline.piece_ends[spline.piece_of(first)], spline.piece_ends[spline.piece_of(last) + 1]

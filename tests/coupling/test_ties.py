@@ -14,14 +14,14 @@ from coupling import run
 from coupling.assembled import Monolith, equation_of, monolithic_solve
 from coupling.audit import multiplier_imbalance
 from coupling.diagnosis import refuse_held_end
-from coupling.errors import CouplingError, StepError
+from coupling.errors import CouplingError, FormingError, StepError
 from coupling.integrators import BackwardEuler, Scheme
 from coupling.laying import start
 from coupling.newton import solve
 from coupling.stepping import dynamic_problem, organ_answer, predict
 from coupling.system import Piercing, State, System
 from coupling.ties import Tie, gap_left
-from coupling.tying import with_strands
+from coupling.tying import begin_tie, with_strands
 from studies.output.records import StepRecord
 from studies.scenario import ScenarioError, parse
 from studies.simulation import Simulation, prepare
@@ -320,6 +320,15 @@ def test_a_tie_that_runs_over_a_held_end_is_refused_in_words() -> None:
     new = replace(state, s=out, present=state.present | tied)
     with pytest.raises(StepError, match="runs out at tie 'knot': its start is held"):
         refuse_held_end(system, state, new, tied)
+
+
+def test_strands_that_parted_are_refused_in_words() -> None:
+    """Independent check: it is a tie that cannot begin, and by then a path that crosses itself does not help."""
+    system, state = ring(6, 1e-9)
+    apart = state.q.copy()
+    apart[len(apart) // 2 :, 2] += 0.1
+    with pytest.raises(FormingError, match=r"tie 'knot' cannot begin: its strands pass .* or the tie begin before"):
+        begin_tie(system, replace(state, q=apart), 0)
 
 
 def test_a_run_with_ties_goes_on_where_it_was() -> None:
