@@ -173,9 +173,9 @@ class System(Generic[Body]):
     @cached_property
     def tables(self) -> "Tables":
         """The thread as the compiled loops read it."""
-        from coupling.tables import Tables
+        from coupling.tables import tables_of
 
-        return Tables(self.thread)
+        return tables_of(self.thread)
 
     @cached_property
     def held_entries(self) -> Indices:
