@@ -261,11 +261,11 @@ class Reduction(ScenarioTable):
 
     blocks: Annotated[int, Field(strict=True, ge=0, le=20)] = Field(
         default=2,
-        description="blocks of a Krylov space beside the static answers, each of as many vectors: how fast a motion is "
-        "followed",
+        description="blocks [-] of a Krylov space beside the static answers, each of as many vectors: how fast a "
+        "motion is followed",
     )
     modes: Annotated[int, Field(strict=True, ge=0, le=1000)] = Field(
-        default=0, description="lowest vibration modes of the organ in it besides"
+        default=0, description="lowest vibration modes [-] of the organ in it besides"
     )
 
 

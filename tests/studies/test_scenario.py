@@ -505,7 +505,7 @@ def test_the_schema_describes_every_key() -> None:
 
 
 def test_quantities_name_their_unit() -> None:
-    units = ("[m]", "[Pa]", "[-]", "[kg/m³]", "[s]", "[1/s]", "[N]", "[kg]", "[m/s²]")
+    units = ("[m]", "[Pa]", "[-]", "[kg/m³]", "[s]", "[1/s]", "[N]", "[kg]", "[m/s]", "[m/s²]")
     tables = schema()["$defs"]
     numbers = [
         (name, key)
