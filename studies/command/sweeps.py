@@ -9,7 +9,7 @@ from time import monotonic
 from studies.command.lines import complain, print_lines
 from studies.command.progress import duration
 from studies.output.files import as_json
-from studies.refinement.refine import refine
+from studies.refinement.refine import Refined, in_words, refine
 from studies.scenario.toml import read
 from studies.status import COMPLETED, FAILED, INTERRUPTED, REFUSED, UNSUPPORTED
 from studies.sweeps.grid import Settings, grid, paired, parse_over, read_table
@@ -77,6 +77,12 @@ def rows(table: SweepTable) -> list[dict[str, object]]:
     return [{heading: values[k] for heading, values in columns} for k in range(len(table))]
 
 
+def verdict_lines(one: Refined) -> list[str]:
+    """Return what a quantity does under refinement, for a person."""
+    told = {name.partition(",")[0]: text for name, text in in_words(one).items() if name not in ("quantity", "unit")}
+    return [f"{one.quantity} [{one.unit}]", *(f"  {name:9}  {text}" for name, text in told.items() if text)]
+
+
 class Teller:
     """Tells how far a sweep has come, a line a case, on standard error."""
 
@@ -124,8 +130,7 @@ def run_refinement(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(json.loads((options.out / "verdict.json").read_text(encoding="utf-8"))))
     else:
-        print((options.out / "verdict.md").read_text(encoding="utf-8"))
-        print_lines([f"levels, verdicts and figure are in {options.out}"])
+        print_lines([*(line for one in found for line in verdict_lines(one)), "", f"all of it in {options.out}"])
     if any(one.verdict is None for one in found):
         return FAILED
     return UNSUPPORTED if options.strict and not all(one.converged for one in found) else 0
