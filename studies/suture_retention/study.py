@@ -19,10 +19,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
-from threadpoolctl import threadpool_limits
 
 import tissue
-from coupling.errors import CouplingError
 from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, panels
 from studies.scenario import Scenario, parse
@@ -31,6 +29,7 @@ from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
 from studies.simulation.remarks import coarse_spans
 from studies.study import Job, Study, StudyError, Table, each, unit_field
+from studies.until_failure import steps_until_failure
 from thread.catalogue import suture
 from tissue.materials.density import Sum
 from tissue.materials.isotropic import Exponential, Volumetric
@@ -172,16 +171,8 @@ def main(
 def run(case: Case) -> Iterator[Row]:
     """Yield every load step; where one fails, the last equilibrium once more with the name of what failed."""
     simulation = prepare(scenario(case))
-    now = simulation.beginning()
-    while now.number < simulation.steps:
-        before = now
-        try:
-            with threadpool_limits(limits=1, user_api="blas"):
-                now = simulation.next(now)
-        except CouplingError as error:
-            yield measure(case, simulation, before, f"{type(error).__name__}: {error}")
-            return
-        yield measure(case, simulation, now, "")
+    for now, failed in steps_until_failure(simulation):
+        yield measure(case, simulation, now, failed)
 
 
 def scenario(case: Case) -> Scenario:

@@ -12,10 +12,8 @@ from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
-from threadpoolctl import threadpool_limits
 
 import tissue
-from coupling.errors import CouplingError
 from coupling.observation import site_compliance, site_forces
 from meshes.block import graded_block_structured
 from meshes.grading import Grading
@@ -43,6 +41,7 @@ from studies.suture_tension.case import (
     theory_tensions,
 )
 from studies.theory import half_ball
+from studies.until_failure import steps_until_failure
 from thread.catalogue import suture
 
 # --- runs -------------------------------------------------------------------------------------------------
@@ -66,20 +65,16 @@ def last_step(case: Case) -> Row:
 def run(case: Case) -> Iterator[Row]:
     """Yield every load step; where one fails, the last equilibrium once more with the name of what failed."""
     simulation = prepare(scenario(case))
-    now = simulation.beginning()
-    while now.number < simulation.steps:
-        before = now
-        try:
-            with threadpool_limits(limits=1, user_api="blas"):
-                now = simulation.next(now)
-        except CouplingError as error:
-            yield measure(case, simulation, before, f"{type(error).__name__}: {error}")
-            return
-        if not now.state.present.all():
+    before = simulation.beginning()
+    for now, failed in steps_until_failure(simulation):
+        if failed:
+            yield measure(case, simulation, now, failed)
+        elif not now.state.present.all():
             yield measure(case, simulation, before, "left its hole: a hole came up to the hand that holds the start")
             return
-        if case.way == "static" or now.number == simulation.steps:
+        elif case.way == "static" or now.number == simulation.steps:
             yield measure(case, simulation, now, "")
+        before = now
 
 
 def mesh_table(case: Case) -> dict[str, object]:

@@ -1,0 +1,23 @@
+"""The steps of a study's run, up to the one that fails."""
+
+from collections.abc import Iterator
+
+from threadpoolctl import threadpool_limits
+
+from coupling.errors import CouplingError
+from studies.simulation import Simulation
+from studies.simulation.memory import OrganRun
+
+
+def steps_until_failure(simulation: Simulation) -> Iterator[tuple[OrganRun, str]]:
+    """Yield the run after every step, with no words; where one fails, the run before it once more, with the name of
+    what failed and why."""
+    now = simulation.beginning()
+    while now.number < simulation.steps:
+        try:
+            with threadpool_limits(limits=1, user_api="blas"):
+                now = simulation.next(now)
+        except CouplingError as error:
+            yield now, f"{type(error).__name__}: {error}"
+            return
+        yield now, ""
