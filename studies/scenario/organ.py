@@ -444,7 +444,7 @@ def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "c
 def no_boundary(name: str, boundaries: Sequence[str]) -> str:
     """Say that there is no boundary of a name, and which there are."""
     match = nearest(name, boundaries)
-    hint = f'; the nearest is "{match}"' if match else "; add it as [[tissue.boundary]]"
+    hint = f'; the nearest is "{match}"' if match else "; add it as [[tissue.boundary]], or name it in the mesh"
     there = ", ".join(boundaries) or "none"
     return f"there is no such boundary; the boundaries are {there}{hint}"
 
