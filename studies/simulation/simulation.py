@@ -20,7 +20,7 @@ from coupling.paper.linear_step import checked, linear_step, linear_two_pass
 from coupling.paper.staggered import backward_euler, stagger
 from coupling.paper.two_pass import two_pass
 from coupling.run import begin
-from coupling.solver import covers
+from coupling.solver import SWITCHED_ON, covers
 from coupling.stepping import Take, try_step
 from coupling.system import State
 from studies.arrays import Array
@@ -106,7 +106,7 @@ class Simulation:
         solve, organ = self.scenario.solve, self.assembly.organ
         in_motion = (solve.kind, solve.scheme) == ("dynamic", "newton")
         linear = getattr(organ, "gaps", None) is None and not isinstance(organ, tissue.FiniteOrgan)
-        return "compiled" if in_motion and linear and covers(self.assembly.system) else "numpy"
+        return "compiled" if SWITCHED_ON and in_motion and linear and covers(self.assembly.system) else "numpy"
 
     @property
     def steps(self) -> int:
