@@ -273,8 +273,8 @@ def prepare(
     from it ends the run. Raises the errors of input that cannot be run.
     """
     given = Given(mesh, basis, stiffness, friction or {}, energy)
-    assembly = assemble(scenario, store, given)
-    with threadpool_limits(limits=1, user_api="blas"):
+    with threadpool_limits(limits=1, user_api="blas"):  # the same bits on any number of cores
+        assembly = assemble(scenario, store, given)
         return Simulation(assembly, sound_start(assembly, shareable(store, given)), on_step)
 
 
