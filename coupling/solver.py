@@ -1,4 +1,5 @@
-"""A step solved by compiled loops where they cover it (`coupling.compiled`), else in numpy (`coupling.newton`)."""
+"""A step solved in numpy (`coupling.newton`), or by compiled loops (`coupling.compiled`) where they are switched on and
+cover it."""
 
 import os
 from typing import Any
@@ -9,12 +10,13 @@ from coupling.interfaces import Body
 from coupling.newton import Iterate, Problem, Residual, Solution
 from coupling.system import System
 
-SWITCHED_ON = os.environ.get("SUTUREFEM_COMPILED") == "1"  # a resumed run is not yet the same to the last bit
+SWITCHED_ON = os.environ.get("SUTUREFEM_COMPILED") == "1"  # asked for: to compile takes longer than most runs
 
 
 def solve(problem: Problem[Body], start: Iterate) -> Solution[Body]:
     """Iterate from `start` until every equation holds, and stick and slip, touch and open fit the answer: by compiled
-    loops where they cover the problem and come to its end, else by `coupling.newton`. Raises `StepError`."""
+    loops where they are switched on, cover the problem and come to its end, else by `coupling.newton`. Raises
+    `StepError`."""
     if SWITCHED_ON and is_covered(problem):
         solution = solve_compiled(problem, start)
         if solution is not None:
