@@ -167,7 +167,8 @@ def refuse_drawn_out(system: System[Body], old: State[Body], new: State[Body]) -
     """Raise `ConstraintError` where a hand has drawn the thread, or a piece of it, out of a hole during a step."""
     ends, piece = system.thread.spline.piece_ends, system.thread.spline.piece_of(old.s)
     beyond = (new.s <= ends[piece]) | (new.s >= ends[piece + 1])
-    for k in np.flatnonzero(new.present & system.by_hand & beyond):
+    in_hand = np.logical_or(*system.in_hand(old.time))
+    for k in np.flatnonzero(new.present & in_hand & beyond):
         low, high = ends[piece[k] : piece[k] + 2]
         cause = (
             f"the thread is drawn out of piercing {system.piercings[k].name!r} (s = {new.s[k]:.6g} m, and its piece "

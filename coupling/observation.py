@@ -155,7 +155,10 @@ def broken_cones(system: System[Body], law: Law, state: State[Body], at: Passage
     """Return by how much the force along the thread breaks Coulomb's law at every hold, shape `(m,)` [N]."""
     if not system.rough.any():
         return np.zeros(system.holds)
-    return cone_residual(law, state.sigma, at, state.s, state.lam, state.y)
+    in_hand = [k for k, piercing in enumerate(system.piercings) if piercing.was_in_hand(state.time)]
+    broken = cone_residual(law, state.sigma, at, state.s, state.lam, state.y)
+    broken[in_hand] = 0.0
+    return broken
 
 
 def largest_gap(system: System[Body], state: State[Body], at: Passage | None = None) -> float:

@@ -111,26 +111,28 @@ def law_of(
     """Return the law at the start of a step, at `time` [s], in which lengths `drawn` (m,) [m] are drawn through, and at
     whose end hands pull with the forces `pulls` (m,) [N]; an absent hold keeps its abscissa. Without a time no tie is
     drawn."""
-    drawn_ties = system.drawn_ties(time)
-    rough, tied = system.rough & ~drawn_ties, system.of_ties & ~drawn_ties
-    may_slide = system.may_slide & present & (rough | ~tied)
-    injected = np.asarray(pulls * (present & ~tied), dtype=np.float64)
+    drawn_ties, (by_length, by_force) = system.drawn_ties(time), system.in_hand(time)
+    in_hand, tied = by_length | by_force, system.of_ties & ~drawn_ties
+    rough = system.rough & ~drawn_ties & ~in_hand
+    may_slide = system.may_slide & present & (rough | ~tied) & ~by_length
+    injected = np.asarray(pulls * (present & ~tied & (by_force | system.of_ties)), dtype=np.float64)
     strands = system.strands[present[system.strands].all(axis=1)]
-    loops = joined_loops(system, s_old, present, drawn_ties)
-    by_hand, s_held, own = system.by_hand | drawn_ties, s_old - drawn * present, system.own_friction
+    loops = joined_loops(system, s_old, present, drawn_ties, in_hand)
+    by_hand, s_held, own = in_hand | drawn_ties, s_old - drawn * present, system.own_friction
     return Law(
         s_old, s_held, *system.friction, rough, may_slide, inertia, s_free, injected, strands, loops, by_hand, own
     )
 
 
-def joined_loops(system: System[Body], s: Array, present: Flags, drawn_ties: Flags) -> Indices:
+def joined_loops(system: System[Body], s: Array, present: Flags, drawn_ties: Flags, in_hand: Flags) -> Indices:
     """Return the first and the last hole of every closed loop that slides in them as one, shape `(k, 2)`: a loop that
-    hands draw, or that is tied in holes without friction. `drawn_ties` (m,), strands that are drawn.
+    hands draw, or that is tied in holes without friction. `drawn_ties` (m,), strands that are drawn;
+    `in_hand` (m,), holes at which a hand has the thread.
 
     A loop that is held in a hole runs round in none, nor does one that friction in one of these two holds back.
     """
     out, p = [], len(system.piercings)
-    slides, rough = (system.may_slide & ~system.by_hand)[:p], system.rough[:p]
+    slides, rough = (system.may_slide & ~in_hand)[:p], system.rough[:p]
     for tie, strands in zip(system.ties, system.strands, strict=True):
         within, pair = present[:p] & (s[:p] > s[strands[0]]) & (s[:p] < s[strands[1]]), list(tie.between)
         alike = rough[pair[0]] == rough[pair[1]] if drawn_ties[strands[0]] else not rough[within].any()

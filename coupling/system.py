@@ -11,7 +11,7 @@ from coupling.arrays import Array, Flags, Indices
 from coupling.constraints import Passage, passage
 from coupling.errors import CouplingError
 from coupling.interfaces import Body, FrictionLaw, KnowsDirections, Organ
-from coupling.ties import Tie
+from coupling.ties import ON_TIME, Tie
 from thread.banded import diagonal_of
 from thread.ends import Clamped, End
 from thread.frames import Frame
@@ -72,11 +72,13 @@ class Piercing:
     """One hole: its name, whether the thread slides in it, and whether the direction of its site is imposed.
 
     `friction` None means an ideal hole. The thread is in it from `begins` to `ends` [s]. A hand may draw the thread
-    through a hole in which it does not slide: `draw`, shape `(k, 2)`: t [s], length [m] towards the end of the thread,
-    linear in between; or `pull`, shape `(k, 2)`: t [s], force [N] towards the end of the thread, with which it slides.
-    Raises `CouplingError` for both, and where the thread slides by itself. The thread bears on the tissue over the
-    length `bearing` [m], None where that is not known, and the tissue there bears `strength` [Pa]. A ball of tissue
-    along the thread's way between two holes is a hole too: `tract` names that way, empty for any other hole.
+    through a hole: `draw`, shape `(k, 2)`: t [s], length [m] towards the end of the thread, linear in between; or
+    `pull`, shape `(k, 2)`: t [s], force [N] towards the end of the thread, with which it slides. Where the thread
+    slides by itself the hand has it from the first to the last of these times alone, and may do both, one after the
+    other; else it has it always. Raises `CouplingError` where it were to do both at once, and for friction in its way.
+    The thread bears on the tissue over the length `bearing` [m], None where that is not known, and the tissue there
+    bears `strength` [Pa]. A ball of tissue along the thread's way between two holes is a hole too: `tract` names that
+    way, empty for any other hole.
     """
 
     name: str
@@ -92,15 +94,34 @@ class Piercing:
     tract: str = ""
 
     def __post_init__(self) -> None:
-        if self.by_hand and (self.slides or self.friction is not None):
-            raise CouplingError(f"piercing {self.name!r}: a thread that is drawn through does not slide; anchor it")
-        if self.draw is not None and self.pull is not None:
+        if self.by_hand and not self.slides and self.friction is not None:
+            raise CouplingError(f"piercing {self.name!r}: a hand always has the thread that is anchored; no friction")
+        if self.slides and any(rows is not None and len(rows) < 2 for rows in (self.draw, self.pull)):
+            raise CouplingError(
+                f"piercing {self.name!r}: through a hole in which the thread slides a hand draws from the first row to "
+                "the last; give two rows"
+            )
+        schedules = [rows for rows in (self.draw, self.pull) if rows is not None]
+        if len(schedules) == 2 and (not self.slides or is_overlapping(*schedules)):
             raise CouplingError(f"piercing {self.name!r}: a hand draws with a force or by a length; leave one out")
 
     @property
     def by_hand(self) -> bool:
-        """Whether a hand draws the thread through the hole, by a length or with a force."""
+        """Whether a hand ever draws the thread through the hole, by a length or with a force."""
         return self.draw is not None or self.pull is not None
+
+    def is_drawn(self, time: float) -> bool:
+        """Whether a hand draws the thread by a length, or holds it, in a step from `time` [s] on."""
+        return self.draw is not None and (not self.slides or is_within(self.draw, time))
+
+    def is_pulled(self, time: float) -> bool:
+        """Whether a hand draws the thread with a force in a step from `time` [s] on."""
+        return self.pull is not None and (not self.slides or is_within(self.pull, time))
+
+    def was_in_hand(self, time: float) -> bool:
+        """Whether a hand drew the thread in a step to `time` [s]."""
+        schedules = [rows for rows in (self.draw, self.pull) if rows is not None]
+        return any(not self.slides or is_within(rows, time, ended=True) for rows in schedules)
 
     def drawn_length(self, time: float) -> float:
         """Return the length drawn through until `time` [s], from the first row of `draw` on [m]."""
@@ -109,6 +130,20 @@ class Piercing:
     def pulling_force(self, time: float) -> float:
         """Return the force of the hand on the thread, towards its end, at `time` [s], in N."""
         return 0.0 if self.pull is None else float(np.interp(time, self.pull[:, 0], self.pull[:, 1]))
+
+
+def is_within(rows: Array, time: float, ended: bool = False) -> bool:
+    """Whether a step from `time` [s] on, or one that has `ended` then, lies within the times of the `rows` (k, 2) of a
+    hand."""
+    (first, _), (last, _) = rows[0], rows[-1]
+    slack = ON_TIME * (last - first) * (-1.0 if ended else 1.0)
+    after = first - slack
+    return bool((after < time <= last - slack) if ended else (after <= time < last - slack))
+
+
+def is_overlapping(one: Array, other: Array) -> bool:
+    """Whether two schedules of a hand, rows (k, 2), have times in common beyond an end."""
+    return bool(max(one[0, 0], other[0, 0]) < min(one[-1, 0], other[-1, 0]))
 
 
 @dataclass(frozen=True)
@@ -252,7 +287,7 @@ class System(Generic[Body]):
 
     @cached_property
     def may_slide(self) -> Flags:
-        """Which abscissae are unknown, shape `(holds,)`."""
+        """Which abscissae are unknown, unless a hand draws them by a length, shape `(holds,)`."""
         slides = [p.slides or p.pull is not None for p in self.piercings]
         return np.array(slides + [False] * self.holds_off_organ, dtype=bool) | self.of_ties
 
@@ -273,8 +308,17 @@ class System(Generic[Body]):
 
     @cached_property
     def by_hand(self) -> Flags:
-        """Holds through which a hand draws the thread, shape `(holds,)`."""
+        """Holds through which a hand ever draws the thread, shape `(holds,)`."""
         return np.array([p.by_hand for p in self.piercings] + [False] * self.holds_off_organ, dtype=bool)
+
+    def in_hand(self, time: float) -> tuple[Flags, Flags]:
+        """Return the holds through which a hand draws the thread in a step from `time` [s] on: by a length, and with a
+        force, shape `(holds,)` each."""
+        none = [False] * self.holds_off_organ
+        if not self.by_hand.any():
+            return self.by_hand, self.by_hand
+        drawn, pulled = ([getattr(p, way)(time) for p in self.piercings] for way in ("is_drawn", "is_pulled"))
+        return np.array(drawn + none, dtype=bool), np.array(pulled + none, dtype=bool)
 
     def drawn_ties(self, time: float) -> Flags:
         """Holds that are strands of a tie which hands draw in a step from `time` [s] on, shape `(holds,)`."""

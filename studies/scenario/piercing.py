@@ -68,17 +68,19 @@ class Piercing(ScenarioTable):
     )
     draw: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = Field(
         default=None,
-        description='rows of t [s], length [m] of thread that a hand draws through an "anchored" hole towards the end '
-        "of the path, negative towards its start, t increasing; linear in between, at rest before and after, and "
-        "counted from the moment the piercing begins; in statics t goes from 0 to solve.duration; default: none",
+        description="rows of t [s], length [m] of thread that a hand draws through the hole towards the end of the "
+        "path, negative towards its start, t increasing; linear in between, counted from the moment the piercing "
+        'begins; through an "anchored" hole the hand holds it before and after, through a "sliding" one it has it from '
+        "the first row to the last alone; in statics t goes from 0 to solve.duration; default: none",
         examples=[[[0.0, 0.0], [1.0, 0.005]]],
     )
     pull: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = Field(
         default=None,
-        description='rows of t [s], force [N] with which a hand draws the thread through an "anchored" hole towards '
-        "the end of the path, negative towards its start, t increasing; linear in between, constant before and after; "
-        "the hand holds against the tissue at the hole; in statics t goes from 0 to solve.duration; instead of draw; "
-        "default: none",
+        description="rows of t [s], force [N] with which a hand draws the thread through the hole towards the end of "
+        "the path, negative towards its start, t increasing; linear in between; the hand holds against the tissue at "
+        'the hole; through an "anchored" hole with the first and last force before and after, through a "sliding" one '
+        "from the first row to the last alone; in statics t goes from 0 to solve.duration; instead of draw, or through "
+        'a "sliding" hole before or after it; default: none',
         examples=[[[0.0, 0.0], [0.2, 1.0]]],
     )
     channel: Positive | None = Field(
@@ -105,11 +107,8 @@ class Piercing(ScenarioTable):
             raise ValueError(".direction = [0, 0, 0] is refused: it must not be zero; give a direction")
         if self.until is not None and self.until <= self.from_:
             raise ValueError(f".until = {self.until} is refused: it must be later than from = {self.from_}; raise it")
-        if self.draw is not None and self.pull is not None:
-            raise ValueError(".pull is refused: a hand draws by a length or with a force; leave out draw or pull")
+        self._check_hand()
         for key, rows in (("draw", self.draw), ("pull", self.pull)):
-            if rows is not None and self.kind == "sliding":
-                raise ValueError(f'.{key} is refused: a hand holds the thread that it draws; set kind = "anchored"')
             for row, ((before, _), (after, _)) in enumerate(pairwise(rows or ()), start=1):
                 if after <= before:
                     raise ValueError(
@@ -124,3 +123,24 @@ class Piercing(ScenarioTable):
                 "give both or leave it out"
             )
         return self
+
+    def _check_hand(self) -> None:
+        """Refuse a hand that draws by a length and with a force at once, and one that has no time to draw."""
+        draw, pull, slides = self.draw, self.pull, self.kind == "sliding"
+        if draw is not None and pull is not None:
+            if not slides:
+                raise ValueError(
+                    ".pull is refused: a hand always has an anchored thread, by a length or with a force; leave out "
+                    'draw or pull, or set kind = "sliding" for one after the other'
+                )
+            if max(draw[0][0], pull[0][0]) < min(draw[-1][0], pull[-1][0]):
+                raise ValueError(
+                    f".pull = {as_toml(pull)} is refused: draw has the thread from {draw[0][0]} to {draw[-1][0]} s, "
+                    "and a hand draws by a length or with a force; let one end before the other begins"
+                )
+        short = next((key for key, rows in (("draw", draw), ("pull", pull)) if slides and rows and len(rows) < 2), None)
+        if short is not None:
+            raise ValueError(
+                f'.{short} is refused: through a "sliding" hole a hand draws from the first row to the last; give two '
+                'rows, or set kind = "anchored"'
+            )

@@ -154,7 +154,7 @@ def test_a_hole_that_begins_counts_from_there() -> None:
 @pytest.mark.parametrize(
     ("hole", "change", "words"),
     [
-        (1, {"kind": "sliding"}, "set kind = \"anchored\""),
+        (1, {"kind": "sliding", "draw": [[0, 0.0]]}, "set kind = \"anchored\""),
         (1, {"draw": [[1, 0.0], [0.5, 1e-3]]}, "must be later than 1.0 s"),
         (1, {"draw": [[0, 0.0], [1, 0.0101]]}, "no thread is left between"),
         (1, {"draw": [[0, 0.0], [1, -0.0101]]}, "draws out the thread"),
@@ -202,11 +202,11 @@ def test_a_thread_that_a_late_hole_draws_out_ends_the_run(length: float, thread:
 
 
 def test_other_ways_refuse_what_is_drawn() -> None:
-    """Independent check: neither the linear step nor a hole in which the thread slides draws it."""
+    """Independent check: the linear step draws no thread, nor does a hand without a time to do it."""
     simulation = prepare(Scenario.model_validate(STITCH))
     with pytest.raises(CouplingError, match="draws no thread by hand"):
         linear_step(simulation.assembly.system, simulation.start, 1e-3)
     with pytest.raises(ValueError, match=r"knows no piercing\.left\.draw"):
         changed(STITCH, scheme="linear", friction="two-pass")
-    with pytest.raises(CouplingError, match="does not slide"):
+    with pytest.raises(CouplingError, match="give two rows"):
         Piercing("hole", draw=np.array([[0.0, 0.0]]))

@@ -13,7 +13,7 @@ from coupling.system import Friction, Piercing, State
 from studies.output.records import StepRecord
 from studies.scenario import Scenario, parse
 from studies.simulation import Simulation, prepare
-from tests.bounds import IDENTITY, TWO_SOLVERS
+from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.coupling.test_drawn import AUDIT, STITCH, STRAIGHT
 from thread.catalogue import suture
 
@@ -112,7 +112,11 @@ def test_a_hole_that_ends_lets_go() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"kind": "sliding"}, r'right\.pull is refused.*set kind = "anchored"'),
+        ({"kind": "sliding", "pull": [[0, 0.1]]}, r'right\.pull is refused.*give two rows, or set kind = "anchored"'),
+        (
+            {"kind": "sliding", "draw": [[0.5, 0], [2, 1e-3]]},
+            r"right\.pull = .*draw has the thread from 0\.5 to 2\.0 s",
+        ),
         ({"draw": [[0, 0.0]]}, r"right\.pull is refused.*leave out draw or pull"),
         ({"pull": [[1, 0.0], [0.5, 1e-3]]}, r"right\.pull\.1.*must be later than 1\.0 s"),
         ({"friction": {"static": 0.1, "kinetic": 0.1}}, r"right\.friction is refused"),
@@ -127,14 +131,67 @@ def test_refusals(change: dict[str, Any], words: str) -> None:
 
 
 def test_other_ways_refuse_a_pull() -> None:
-    """Independent check: neither the linear step nor a hole in which the thread slides has a hand that pulls."""
+    """Independent check: the linear step has no hand that pulls; where the thread slides, it pulls for a time, and does
+    not draw meanwhile."""
     table = pulled(STITCH, [[0.0, 0.0], [1.0, 0.1]])
     table["solve"] |= {"scheme": "linear", "friction": "two-pass"}
     with pytest.raises(ValueError, match=r"knows no piercing\.right\.pull"):
         Scenario.model_validate(table)
     rows = np.array([[0.0, 0.0]])
-    for given in ({"friction": Friction(0.1, 0.1), "slides": False}, {}):
-        with pytest.raises(CouplingError, match="does not slide"):
-            Piercing("hole", pull=rows, **given)
-    with pytest.raises(CouplingError, match="leave one out"):
-        Piercing("hole", slides=False, pull=rows, draw=rows)
+    with pytest.raises(CouplingError, match="no friction"):
+        Piercing("hole", pull=rows, friction=Friction(0.1, 0.1), slides=False)
+    with pytest.raises(CouplingError, match="give two rows"):
+        Piercing("hole", pull=rows)
+    late = np.array([[0.5, 0.0], [1.5, 1e-3]])
+    for slides, pull in ((False, rows), (True, late - [0.5, 0.0])):
+        with pytest.raises(CouplingError, match="leave one out"):
+            Piercing("hole", slides=slides, pull=pull, draw=late)
+
+
+MU, TAIL = 0.2, 0.05  # -, N: beyond the ring the thread is pulled by that
+BENT = 0.03  # of the ratio of the tensions: what the elastica takes that turns in the ring, of no radius
+
+
+def scheduled(**solve: Any) -> dict[str, Any]:
+    """A thread from an anchor to a rough ring, where it turns by 90°. A hand there draws it with FORCE, holds it, and
+    lets it go, over 0.4, 0.3 and 0.3 of the run."""
+    end = solve["duration"]
+    pull, hold = [[0.0, 0.0], [0.4 * end, 6 * FORCE]], [[0.4 * end, 0.0], [0.7 * end, 0.0]]
+    return {
+        "thread": {"suture": "2-0 polypropylene", "control_points": 60, "damping": 20.0,
+                   "path": [[0, 0, 0], [0.02, 0, 0], [0.02, 0, 0.02]],
+                   "end": {"kind": "pulled", "force": [0, 0, TAIL]}},
+        "piercing": [
+            {"name": "anchor", "at": [0.002, 0, 0], "kind": "anchored"},
+            {"name": "ring", "at": [0.02, 0, 0], "pull": pull, "draw": hold, "friction": {"static": MU, "kinetic": MU}},
+        ],
+        "solve": solve,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "solve", [{"kind": "static", "load_steps": 10, "duration": 1.0}, {"dt": 2e-3, "duration": 0.2}]
+)
+def test_a_hand_tightens_holds_and_lets_go(solve: dict[str, Any]) -> None:
+    """Independent check: while the hand draws the ring bears its force along the thread, while it holds nothing runs
+    through, and then the thread runs back until friction holds it, with the ratio of tensions of a capstan; the hand's
+    friction and the ring's do not add up, Coulomb's law holds from there on, and the balance of energy closes."""
+    simulation, records = run(scheduled(**solve))
+    part = simulation.steps // 10
+    ring = [record.piercings[1] for record in records]
+    for k in range(part, 4 * part + 1, part):
+        assert ring[k].tangential_force == pytest.approx(6 * FORCE * k / (4 * part), rel=1e-6)
+        assert records[k].energy.friction_dissipation == 0.0
+    held = [hole.s for hole in ring[4 * part : 7 * part + 1]]
+    assert np.ptp(held) <= IDENTITY * held[0] and ring[7 * part].tension_before > 5 * FORCE
+    gone = ring[7 * part + 1 :]
+    assert gone[0].s > held[0] and max(hole.tension_before for hole in gone) < 0.1
+    assert max(hole.cone_residual for hole in ring) <= RESIDUAL * 6 * FORCE
+    first = next(hole for hole in gone if hole.state == "slip") if solve.get("kind") else gone[-1]
+    limit = np.exp(0.5 * np.pi * MU)
+    assert first.tension_before / first.tension_after <= limit * (1 + BENT)
+    if solve.get("kind"):
+        assert first.tension_before / first.tension_after >= limit * (1 - BENT)
+    energy = records[-1].energy
+    turned = energy.external_work + energy.numerical_dissipation  # a path with a corner is laid under tension
+    assert energy.friction_dissipation > 0.0 and abs(energy.balance_error) <= RESIDUAL * turned
