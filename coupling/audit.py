@@ -25,18 +25,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from coupling.arrays import Array
-from coupling.constraints import driving_force, held_energy, site_force, thread_force
+from coupling.bordered import linearise
+from coupling.constraints import driving_force, held_energy, phi, site_force, thread_force
 from coupling.integrators import BDF2
 from coupling.interfaces import Body
 from coupling.stepping import Step, end_load, scheme_of, thread_motion
 from coupling.system import State, System
+
+RANK = 1e-9  # of the compliance: along the thread there is none
 
 
 @dataclass(frozen=True)
 class Energies:
     """Energies at a time and works since the start, all [J].
 
-    `balance_error` = external work − change of kinetic and elastic energy − friction − viscous − numerical.
+    `layer_work`: what the holes' compliance takes in as the tension that it is of is taken anew (`layer_work`).
+    `balance_error` = external work + layer work − change of kinetic and elastic energy − friction − viscous −
+    numerical.
     """
 
     kinetic: float
@@ -47,6 +52,7 @@ class Energies:
     viscous_dissipation: float
     numerical_dissipation: float
     balance_error: float
+    layer_work: float = 0.0
 
     @property
     def elastic(self) -> float:
@@ -74,7 +80,7 @@ def thread_kinetic(system: System[Body], state: State[Body]) -> float:
 
 def thread_elastic(system: System[Body], state: State[Body]) -> float:
     """Return the elastic energy of the thread, and of what it lacks in compliance at the holes [J]."""
-    at = system.passage(state.q, state.s)
+    at = system.passage_of(state)
     held = float(held_energy(at, state.lam, state.y).sum())
     return system.thread.energy(system.thread.points(state.q, state.frame)) + held
 
@@ -89,6 +95,7 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
         old.organ, new.organ
     )
 
+    layered = layer_work(system, old, solution.problem.layers)
     external = np.sum(step.solution.problem.load * dq) + load_work + held_work(step)
     friction, eps_numerical, remainder, by_hand = sliding_work(system, step)
     more_external, more_friction, more_viscous = mean_force_works(system, step, load_work, organ_viscous)
@@ -98,7 +105,7 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
         0.5 * np.sum(dv * thread.momentum(dv))
         + two_step_inertia(system, step)
         + np.sum(now.elastic * dq)
-        - (elastic - before.elastic_thread)
+        - (elastic - before.elastic_thread - layered)
         + organ_numerical
         + eps_numerical
         + remainder
@@ -109,7 +116,7 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
     )
     kinetic = thread_kinetic(system, new) + organ_kinetic
     change = kinetic - before.kinetic + elastic - before.elastic_thread + organ_elastic - before.elastic_tissue
-    error = external - change - friction - viscous - numerical
+    error = external + layered - change - friction - viscous - numerical
     return Energies(
         kinetic,
         elastic,
@@ -119,7 +126,26 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
         before.viscous_dissipation + float(viscous),
         before.numerical_dissipation + float(numerical),
         before.balance_error + float(error),
+        before.layer_work + layered,
     )
+
+
+def layer_work(system: System[Body], old: State[Body], layers: Array | None) -> float:
+    """Return what the compliance of the holes stores more where the thread of the state before a step bends over the
+    `layers` (m,) [m] of the step, all held in its place [J].
+
+    The compliance is that of a tension, which a step has as a number. The energy stored belongs to the place, so the
+    multipliers are those that hold it there.
+    """
+    if layers is old.layers or not old.lam.any():
+        return 0.0
+    at, rows = system.passage(old.q, old.s, layers=layers), system.rows & old.present[:, None]
+    size = 1.0 / np.sqrt(np.maximum(at.c[:, 0][:, [0, 0, 0, 2, 2]], np.finfo(float).tiny)) * rows
+    gap = size * np.where(rows, phi(at, old.lam, old.y), 0.0)
+    by_lam = size[:, :, None] * linearise(at, old.lam, old.y).Phi_lam * size[:, None, :]
+    lam = old.lam - size * np.matvec(np.linalg.pinv(by_lam, rcond=RANK, hermitian=True), gap)
+    change = held_energy(at, lam, old.y) - held_energy(system.passage_of(old), old.lam, old.y)
+    return float(change.sum())
 
 
 def held_work(step: Step[Body]) -> float:
@@ -160,7 +186,7 @@ def mean_force_works(
     dq, outside, rubbed = new.q - old.q, more_outside(system, step) - load_back - load_work, 0.0
     by_hand = step.solution.problem.law.by_hand
     if (system.rough | by_hand).any():
-        ds, at, now = new.s - old.s, system.passage(old.q, old.s), step.solution.residual.passage
+        ds, at, now = new.s - old.s, system.passage_of(old), step.solution.residual.passage
         drive = driving_force(at, old.lam, old.y) - driving_force(now, new.lam, step.solution.iterate.y)
         goes_on = system.rough & ~by_hand & (old.sigma == new.sigma) & (system.epsilon == 0.0)
         outside, rubbed = outside - float(drive @ (ds * by_hand)), float(drive @ (ds * goes_on))
@@ -219,7 +245,7 @@ def multiplier_imbalance(system: System[Body], state: State[Body]) -> tuple[floa
 
     The moment is taken on the site variables, x×f_x + u×f_u + v×f_v (Φ is invariant under a common rotation).
     """
-    at = system.passage(state.q, state.s)
+    at = system.passage_of(state)
     on_thread, on_sites = thread_force(at, state.lam, state.y), site_force(at, state.lam, state.y).reshape(-1, 3, 3)
     force = on_thread[:, 0].sum(axis=0) + on_sites[:, 0].sum(axis=0)
     moment = np.cross(at.P, on_thread[:, 0]) + np.cross(at.T, on_thread[:, 1])

@@ -118,7 +118,7 @@ def pressed_pairs(contact: Contact[Body] | None, system: System[Body], state: St
     """Return the pairs that the site forces of a state press in the step of a contact, shape `(k,)`."""
     if contact is None:
         return np.zeros(0, dtype=bool)
-    f = site_force(system.passage(state.q, state.s), state.lam, state.y).ravel()
+    f = site_force(system.passage_of(state), state.lam, state.y).ravel()
     return find_pressed(contact, f, system.organ.lips(state.organ)[1] > 0.0)
 
 

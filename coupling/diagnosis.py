@@ -30,7 +30,7 @@ def hold_names(system: System[Body]) -> list[str]:
 def faults(system: System[Body], state: State[Body]) -> list[str]:
     """Describe each thing that is wrong with the constraints in force in a state, one sentence each; none if they are
     sound."""
-    at = system.passage(state.q, state.s)
+    at = system.passage_of(state)
     short = tangent_faults(system, state, at)
     return short or span_faults(system, state) or dependence_faults(system, state, at)
 

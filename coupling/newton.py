@@ -64,8 +64,9 @@ class Problem(Generic[Body]):
     `time` [s] at its end; `mass_factor` [1/s²] with `q_ref` (n, c): the inertia and viscous force is
     mass_factor·M (q − q_ref); `load` (n, c) [N, with twist N m]; `answer`, the organ's; `rows` (m, 5) constraints in
     force; `stiffen`: add the constraints' own stiffness to the thread's band, needed where there is no inertia (an
-    exact row operation); `frame`, that of the start of the step, of a thread with twist; `closed` (k,), the pairs of
-    lips that are held closed, whatever their force; `gaps` (t, 3) [m], between the strands of every tie.
+    exact row operation); `frame`, that of the start of the step, of a thread with twist; `layers` (m,) [m], √(EI/T)
+    that the thread bends over at its holes, None without tension; `closed` (k,), the pairs of lips that are held
+    closed, whatever their force; `gaps` (t, 3) [m], between the strands of every tie.
     """
 
     system: System[Body]
@@ -79,6 +80,7 @@ class Problem(Generic[Body]):
     law: Law
     stiffen: bool = False
     frame: Frame | None = None
+    layers: Array | None = None
     closed: Flags = field(default_factory=lambda: NO_PAIRS)
     gaps: Array = field(default_factory=lambda: NO_GAPS)
 
@@ -186,7 +188,7 @@ class Solution(Generic[Body]):
 def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
     """Evaluate all residuals of a step."""
     thread = problem.system.thread
-    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, home=problem.law.s_old)
+    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, problem.layers)
     at, elastic = now.at, now.elastic
     balance, push = elastic - problem.load, spread(thread_force(at, z.lam, z.y), at, thread.n)
     balance[:, :3] -= push

@@ -23,6 +23,7 @@ from coupling.newton import Iterate, Problem, Solution
 from coupling.sliding import law_of
 from coupling.solver import solve
 from coupling.system import State, System, forgetful
+from coupling.tension import is_settled, layers_at
 from coupling.ties import gap_left
 from thread.vectors import cross, dot
 from tissue.errors import OrganError
@@ -31,6 +32,7 @@ HALVINGS = 8  # a step is given up below dt / 2^8
 FOLLOWED = 4  # halvings that the motion itself may ask for before a step is tried
 MOST_TRIES = 256  # of steps and parts of steps until one is given up: as many as the smallest parts
 
+PASSES = 3  # of a step with another tension at its holes
 GROWTH = 2.0  # largest ratio of a step to the one before; zero-stability ends at 1 + √2
 
 
@@ -146,6 +148,7 @@ def dynamic_problem(
             state.time,
         ),
         frame=state.frame,
+        layers=layers_at(system, state.s, state.N, state.present),
         gaps=tie_gaps(system, state, time),
     )
 
@@ -171,7 +174,7 @@ def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme
     `InversionError`; the state is not touched."""
     scheme = scheme or BackwardEuler(dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
-    return conclude(state, scheme, find_solution(problem, predict(problem, state)))
+    return conclude(state, scheme, settle(find_solution(problem, predict(problem, state))))
 
 
 def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> Step[Body]:
@@ -193,6 +196,7 @@ def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> St
         sense=state.sense,
         reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.transport_frame(state.frame, z.q),
+        layers=problem.layers,
     )
     new = with_sense(system, state, new, residual.passage)
     return Step(state, new, problem.dt, solution, end_configuration(new, solution))
@@ -226,6 +230,18 @@ def find_solution(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
         if not problem.law.may_slide.any():
             raise
     return solve_downhill(problem, guess)
+
+
+def settle(solution: Solution[Body]) -> Solution[Body]:
+    """Solve a step again with the tension of its end while that is another than it was solved with: a thread that is
+    drawn taut within a step bends at its holes as a taut one. Raises `StepError`."""
+    for _ in range(PASSES):
+        problem, z = solution.problem, solution.iterate
+        ended = layers_at(problem.system, z.s, z.N, problem.rows[:, 0])
+        if is_settled(problem.system, z.s, problem.rows[:, 0], problem.layers, ended):
+            break
+        solution = find_solution(replace(problem, layers=ended), z)
+    return solution
 
 
 def reactions(system: System[Body], residual: Array, load: Array) -> Array:
@@ -381,7 +397,7 @@ def bdf2_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]
         return remembering(try_step(system, state, dt), state, dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
     try:
-        return remembering(conclude(state, scheme, solve(problem, predict(problem, state))), state, dt)
+        return remembering(conclude(state, scheme, settle(solve(problem, predict(problem, state)))), state, dt)
     except (StepError, InversionError):
         return try_step(system, forgetful(state), dt)
 

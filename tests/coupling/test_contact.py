@@ -99,7 +99,7 @@ def test_the_law_of_contact_at_every_step(name: str) -> None:
     for step in steps(name):
         new = step.new
         pressed.append(assert_lips(system, new))
-        at = system.passage(new.q, new.s)
+        at = system.passage_of(new)
         assert np.abs(phi(at, new.lam, new.y)[:2, :3]).max() <= GAP * system.thread.section.diameter
         assert np.abs(system.organ.site_variables(new.organ) - new.y[:2].ravel()).max() <= TWO_SOLVERS * RADIUS
         assert multiplier_imbalance(system, new)[0] <= IDENTITY * np.abs(new.lam[:, :3]).max()

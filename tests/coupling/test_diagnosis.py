@@ -144,7 +144,7 @@ def test_a_diagnosis_is_no_larger_than_its_rows() -> None:
     """Independent check: of 200 control points, whose square would be 60 times the rows."""
     s = [0.03, 0.06]
     system, state = straight(s, n=200)
-    rows, at = scaled_rows(system, state, system.passage(state.q, state.s))[0], system.passage(state.q, state.s)
+    rows, at = scaled_rows(system, state, system.passage_of(state))[0], system.passage_of(state)
     tracemalloc.start()
     assert dependence_faults(system, state, at) == []
     peak = tracemalloc.get_traced_memory()[1]
@@ -157,7 +157,7 @@ def test_a_direction_imposed_twice_on_a_straight_thread() -> None:
     near = [1e-8]
     system, state = straight([0.5 * SPAN], ends=(Clamped(0.0 * X, X), Free()))
     state = replace(state, s=np.array([near[0], *system.clamp_abscissae]))
-    at = system.passage(state.q, state.s)
+    at = system.passage_of(state)
     (message,) = dependence_faults(system, state, at)
     assert "piercing 'first'" in message and "the clamped start of the thread" in message
     system, state = straight([0.5 * SPAN])

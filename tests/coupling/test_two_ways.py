@@ -90,7 +90,7 @@ def test_every_step_of_a_coupled_run(name: str) -> None:
     system, _ = scene(name)
     for step in steps(name):
         new = step.new
-        at = system.passage(new.q, new.s)
+        at = system.passage_of(new)
         violation = np.abs(phi(at, new.lam, new.y))
         assert violation[:, :3].max() <= GAP * system.thread.section.diameter
         assert violation[:, 3:].max() <= GAP

@@ -1,0 +1,45 @@
+"""The tension of the strands next to the holes, and over what length the thread bends there under it."""
+
+import numpy as np
+
+from coupling.arrays import Array, Flags
+from coupling.interfaces import Body
+from coupling.system import System
+from thread.compliance import SLACK
+
+REST = 1e-9  # of EA: a thread under less tension than this bends over all its length
+SETTLED = 1.15  # ratio of √(EI/T) at the end of a step to that which it was solved with
+
+
+def strand_tensions(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
+    """Return the mean axial forces in the parts of the thread before and after every hold at `s` (m,) [m] where the
+    axial forces are `N` [N], shape `(m, 2)` [N]: at the hole itself the axial force is not that of the pull."""
+    thread = system.thread
+    start, end = thread.spline.start, thread.spline.end
+    here = np.sort(s[present & (s > start) & (s < end)])
+    part, parts = np.searchsorted(here, thread.axial.s.ravel()), len(here) + 1
+    mean = np.bincount(part, N.ravel(), parts) / np.maximum(np.bincount(part, minlength=parts), 1)
+    at = np.searchsorted(here, s)
+    return np.stack([mean[np.minimum(at + side, parts - 1)] for side in (0, 1)], axis=1)
+
+
+def layers_at(system: System[Body], s: Array, N: Array, present: Flags) -> Array | None:
+    """Return √(EI/T) of every hold, shape `(m,)` [m], None of a thread that does not bend.
+
+    Each strand resists the turn of a hole with √(EI T), so √T counts with its mean.
+    """
+    thread = system.thread
+    if thread.EI == 0.0 or not thread.hole_compliance or not system.holds:
+        return None
+    T = np.maximum(strand_tensions(system, s, N, present), REST * thread.EA)
+    return np.asarray(np.sqrt(thread.EI) / np.sqrt(T).mean(axis=1))
+
+
+def is_settled(system: System[Body], s: Array, present: Flags, layers: Array | None, ended: Array | None) -> bool:
+    """Whether a step that was solved with `layers` and ended with those of its end needs no other: where they differ
+    little, or spans are too short for the tension to matter."""
+    if layers is None or ended is None:
+        return layers is ended
+    spans = np.diff(system.thread.spline.breaks)[system.thread.spline.spans_of(s)]
+    matters = present & (spans > SLACK * np.minimum(layers, ended))
+    return not (matters & (np.abs(np.log(ended / layers)) > np.log(SETTLED))).any()
