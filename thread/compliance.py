@@ -14,8 +14,9 @@ Galerkin one; its three entries fall with h³, h² and h.
 
 A rod under tension T bends over ℓ = √(EI/T). Both answers are then those under T, K = ∫EI b'' b''ᵀ + T b' b'ᵀ ds: else
 a spline with spans much longer than ℓ would give way like a beam of span h where the rod turns within ℓ. For h ≫ ℓ the
-spline is a string, c₀ is what it rounds a corner by, and c₂ → 1/(2√(EI T)) is all of the rod's own. The rod's answer is
-then no polynomial, and is replaced by the one through as many points of the span.
+spline is a string, c₀ is what it rounds a corner by, and c₂ → 1/(2√(EI T)) is all of the rod's own. The patch is then
+pinned at its ends: what a spline lacks at a clamped end, a string carries to the hole. The rod's answer is then no
+polynomial, and is replaced by the one through as many points of the span.
 """
 
 from dataclasses import dataclass
@@ -44,11 +45,10 @@ SUMS = np.add.outer(np.arange(ORDERS), np.arange(ORDERS))  # powers in the produ
 
 @dataclass(frozen=True)
 class Patch:
-    """The spans around one that goes from `start` to `end` [m], clamped at `low` and `high` [m].
+    """The spans around one that goes from `start` to `end` [m], held at `low` and `high` [m].
 
-    `values` (4, 4), polynomials of the span's four functions; of the patch's functions that may move `bending`
-    ∫ b'' b''ᵀ [1/m³] and `stretching` ∫ b' b'ᵀ [1/m], (k, k); `own` (4,), where the span's four stand among all of
-    them, two clamped ones at each end included.
+    `values` (4, 4), polynomials of the span's four functions; of all of the patch's functions `bending` ∫ b'' b''ᵀ
+    [1/m³] and `stretching` ∫ b' b'ᵀ [1/m], (k, k); `own` (4,), where the span's four stand among them.
     """
 
     start: float
@@ -66,10 +66,11 @@ class Patch:
 
     def inverse(self, layer: float) -> Array:
         """Return the inverse of the stiffness at EI = 1 under the tension 1/`layer`² over the span's four functions,
-        shape `(4, 4)`; zero for one that does not vanish at the clamped ends."""
-        k = len(self.bending)
-        out = np.zeros((k + 4, k + 4))
-        out[2:-2, 2:-2] = np.linalg.inv(self.bending + self.stretching / layer**2)
+        shape `(4, 4)`; zero for one that does not vanish at the ends, clamped without tension, pinned under one."""
+        k, fixed = len(self.bending), 2 if np.isinf(layer) else 1
+        free = slice(fixed, k - fixed)
+        out = np.zeros((k, k))
+        out[free, free] = np.linalg.inv((self.bending + self.stretching / layer**2)[free, free])
         return out[np.ix_(self.own, self.own)]
 
 
@@ -102,7 +103,7 @@ def slack_rod(patch: Patch) -> tuple[Array, Array]:
 
 
 def taut_rod(patch: Patch, layer: float) -> tuple[Array, Array]:
-    """Return the same of the clamped rod under the tension 1/`layer`², as the polynomials through points of the
+    """Return the same of the pinned rod under the tension 1/`layer`², as the polynomials through points of the
     span."""
     at, powers = interpolation()
     h, length = patch.end - patch.start, patch.high - patch.low
@@ -120,18 +121,18 @@ def interpolation() -> tuple[Array, Array]:
 
 
 def rod_answers(x: Array, layer: float) -> Array:
-    """Return deflection by force and slope by couple, at the load, of a clamped rod of unit length and EI under the
+    """Return deflection by force and slope by couple, at the load, of a pinned rod of unit length and EI under the
     tension 1/`layer`², loaded at `x` (k,). Shape `(k, 2)`.
 
-    On either side w = A₁ + A₂ ξ + A₃ exp(−ξ/ℓ) + A₄ exp(−(X − ξ)/ℓ), ξ from 0 at the clamped end to X at the load.
-    Its rows: w and its slope vanish at both ends and go on at the load, the two derivatives above jump there.
+    On either side w = A₁ + A₂ ξ + A₃ exp(−ξ/ℓ) + A₄ exp(−(X − ξ)/ℓ), ξ from 0 at the pinned end to X at the load.
+    Its rows: w and w'' vanish at both ends, w and its slope go on at the load, the two derivatives above jump there.
     """
     A, loads = np.zeros((len(x), 8, 8)), np.zeros((len(x), 8, 2))
     for side, X, sign in ((0, x, 1.0), (1, 1.0 - x, -1.0)):
         far, one, none = np.exp(-X / layer), np.ones_like(X), np.zeros_like(X)
         rows = {
             2 * side: (one, none, one, far),
-            2 * side + 1: (none, one, -one / layer, far / layer),
+            2 * side + 1: (none, none, one, far),
             4: (sign * one, sign * X, sign * far, sign * one),
             5: (none, one, -far / layer, one / layer),
             6: (none, none, sign * far, sign * one),
@@ -163,7 +164,7 @@ def patch_of(spline: Spline, span: int) -> Patch:
     inside = spline.knots[(spline.knots > low) & (spline.knots < high)]
     patch = Spline(clamped_knots(np.concatenate([[low], inside, [high]])))
     own = patch.first[np.searchsorted(patch.breaks, breaks[span])] + np.arange(ORDERS)
-    bending, stretching = (products(patch, k)[2:-2, 2:-2] for k in (2, 1))
+    bending, stretching = (products(patch, k) for k in (2, 1))
     place = float(breaks[span]), float(breaks[span + 1]), float(low), float(high)
     return Patch(*place, spline.polynomials[span], bending, stretching, own)
 
