@@ -12,11 +12,11 @@ SETTLED = 1.15  # ratio of √(EI/T) at the end of a step to that which it was s
 
 
 def strand_tensions(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
-    """Return the mean axial forces in the parts of the thread before and after every hold at `s` (m,) [m] where the
-    axial forces are `N` [N], shape `(m, 2)` [N]: at the hole itself the axial force is not that of the pull."""
+    """Return the mean axial forces `N` [N] in the parts of the thread, from hold to hold or cut, before and after every
+    hold at `s` (m,) [m], shape `(m, 2)` [N]: at the hole itself the axial force is not that of the pull."""
     thread = system.thread
-    start, end = thread.spline.start, thread.spline.end
-    here = np.sort(s[present & (s > start) & (s < end)])
+    start, *cuts, end = thread.spline.piece_ends
+    here = np.sort(np.append(s[present & (s > start) & (s < end)], cuts))
     part, parts = np.searchsorted(here, thread.axial.s.ravel()), len(here) + 1
     mean = np.bincount(part, N.ravel(), parts) / np.maximum(np.bincount(part, minlength=parts), 1)
     at = np.searchsorted(here, s)
