@@ -139,12 +139,15 @@ def layer_work(system: System[Body], old: State[Body], layers: Array | None) -> 
     """
     if layers is old.layers or not old.lam.any():
         return 0.0
-    at, rows = system.passage(old.q, old.s, layers=layers), system.rows & old.present[:, None]
+    at, was = system.passage(old.q, old.s, layers=layers), system.passage_of(old)
+    if np.array_equal(at.c, was.c):
+        return 0.0
+    rows = system.rows & old.present[:, None]
     size = 1.0 / np.sqrt(np.maximum(at.c[:, 0][:, [0, 0, 0, 2, 2]], np.finfo(float).tiny)) * rows
     gap = size * np.where(rows, phi(at, old.lam, old.y), 0.0)
     by_lam = size[:, :, None] * linearise(at, old.lam, old.y).Phi_lam * size[:, None, :]
     lam = old.lam - size * np.matvec(np.linalg.pinv(by_lam, rcond=RANK, hermitian=True), gap)
-    change = held_energy(at, lam, old.y) - held_energy(system.passage_of(old), old.lam, old.y)
+    change = held_energy(at, lam, old.y) - held_energy(was, old.lam, old.y)
     return float(change.sum())
 
 

@@ -8,6 +8,7 @@ from coupling.system import System
 from thread.compliance import SLACK
 
 REST = 1e-9  # of EA: a thread under less tension than this bends over all its length
+FINE = 0.5  # spans over √(EI/T) up to which a beam without tension stands for the thread
 SETTLED = 1.15  # ratio of √(EI/T) at the end of a step to that which it was solved with
 
 
@@ -26,13 +27,16 @@ def strand_tensions(system: System[Body], s: Array, N: Array, present: Flags) ->
 def layers_at(system: System[Body], s: Array, N: Array, present: Flags) -> Array | None:
     """Return √(EI/T) of every hold, shape `(m,)` [m], None of a thread that does not bend.
 
-    Each strand resists the turn of a hole with √(EI T), so √T counts with its mean.
+    Each strand resists the turn of a hole with √(EI T), so √T counts with its mean. Of T counts what is beyond that
+    which spans of FINE √(EI/T) have: on shorter ones the compliance is that without tension.
     """
-    thread = system.thread
+    thread, spline = system.thread, system.thread.spline
     if thread.EI == 0.0 or not thread.hole_compliance or not system.holds:
         return None
     T = np.maximum(strand_tensions(system, s, N, present), REST * thread.EA)
-    return np.asarray(np.sqrt(thread.EI) / np.sqrt(T).mean(axis=1))
+    spans = np.diff(spline.breaks)[spline.spans_of(s)]
+    ratio = spans * np.sqrt(T).mean(axis=1) / np.sqrt(thread.EI)
+    return np.asarray(spans / np.sqrt(np.maximum(ratio**2 - FINE**2, (0.5 * SLACK) ** 2)))
 
 
 def is_settled(system: System[Body], s: Array, present: Flags, layers: Array | None, ended: Array | None) -> bool:
