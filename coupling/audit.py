@@ -166,10 +166,17 @@ def closing_works(step: Step[Body]) -> Array:
 
 
 def drawing_works(step: Step[Body]) -> Array:
-    """Return the work of the hands that draw ties tight, shape `(t,)` [J]."""
-    strands, old, new = step.solution.problem.system.strands, step.old, step.new
-    drive = driving_force(step.solution.residual.passage, new.lam, step.solution.iterate.y)
+    """Return the work of the hands that draw ties tight, shape `(t,)` [J]; of BDF2 by the mean of their forces."""
+    system, old, new = step.solution.problem.system, step.old, step.new
+    strands, drive = system.strands, driving_force(step.solution.residual.passage, new.lam, step.solution.iterate.y)
+    if len(strands) and is_of_bdf2(step):
+        drive = 0.5 * (drive + driving_force(system.passage(old.q, old.s), old.lam, old.y))
     return -np.sum((drive * (new.s - old.s) * step.solution.problem.law.by_hand)[strands], axis=1)
+
+
+def is_of_bdf2(step: Step[Body]) -> bool:
+    """Whether a step was made by BDF2."""
+    return step.new.before is not None and isinstance(scheme_of(step.old, step.dt), BDF2)
 
 
 def mean_force_works(
@@ -183,7 +190,7 @@ def mean_force_works(
     force at the end takes is never negative.
     """
     old, new, thread = step.old, step.new, system.thread
-    if new.before is None or not isinstance(scheme_of(old, step.dt), BDF2):
+    if not is_of_bdf2(step):
         return 0.0, 0.0, 0.0
     _, _, load_back, viscous_back, _ = system.organ.energies(new.organ, old.organ)  # by the forces of the start
     dq, outside, rubbed = new.q - old.q, more_outside(system, step) - load_back - load_work, 0.0

@@ -183,9 +183,9 @@ def refuse_held_end(system: System[Body], old: State[Body], new: State[Body], go
     beyond = gone & (new.s <= spline.start), gone & (new.s >= spline.end)
     for name, end, left in zip(("start", "end"), system.ends, beyond, strict=True):
         if left.any() and end.position(new.time) is not None:
-            hole = system.piercings[int(np.argmax(left))].name
+            k, holes = int(np.argmax(left)), len(system.piercings)
             cause = (
-                f"the thread runs out at piercing {hole!r}: its {name} is held and cannot pass the hole; lay out more "
+                f"the thread runs out at {hold_names(system)[k]}: its {name} is held and cannot pass it; lay out more "
                 "thread, move the end less, or let it go"
             )
-            raise StepError(old.time, new.time - old.time, cause, hole)
+            raise StepError(old.time, new.time - old.time, cause, system.piercings[k].name if k < holes else "")

@@ -116,11 +116,12 @@ class ConstraintError(CouplingError):
 
 @dataclass
 class FormingError(CouplingError):
-    """A piercing that cannot begin: the thread is not where its hole is."""
+    """A piercing, or another `kind` of hold, that cannot begin: the thread is not where it is."""
 
     time: float
     piercing: str
     cause: str
+    kind: str = "piercing"
 
     def __str__(self) -> str:
-        return f"at t = {self.time:.6g} s piercing {self.piercing!r} cannot begin: {self.cause}"
+        return f"at t = {self.time:.6g} s {self.kind} {self.piercing!r} cannot begin: {self.cause}"

@@ -85,7 +85,7 @@ def tie_changes(system: System[Body], old: State[Body], new: State[Body]) -> lis
     for tie, (k, _) in zip(system.ties, system.strands, strict=True):
         if old.present[k] and not new.present[k]:
             out.append(Event(new.time, "unties", tie.name, float(new.s[k])))
-        elif new.present[k] and old.time >= tie.locks and (old.sigma[k] == 0.0) != (new.sigma[k] == 0.0):
+        elif new.present[k] and tie.is_locked(old.time) and (old.sigma[k] == 0.0) != (new.sigma[k] == 0.0):
             out.append(Event(new.time, "sticks" if new.sigma[k] == 0.0 else "slips", tie.name, float(new.s[k])))
     return out
 

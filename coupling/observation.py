@@ -200,7 +200,7 @@ def transmitted_forces(internal: Array, first: Indices, shares: Array, s: Array)
     sums = np.concatenate([np.zeros((1, 3)), np.cumsum(internal, axis=0)])
     beyond = (points >= first[:, None, None]) & (s < s[:, None])[:, :, None]
     behind = (points < last[:, None, None]) & (s > s[:, None])[:, :, None]
-    sides = np.stack([beyond, behind], axis=1).reshape(len(s), 2, -1)
+    sides = np.stack([beyond, behind], axis=1).reshape(len(s), 2, len(LOCAL) * len(s))
     before_after = np.stack([-sums[first], sums[-1] - sums[last]], axis=1)
     return np.asarray(before_after + np.array([[-1.0], [1.0]]) * (sides @ shares.reshape(-1, 3)))
 

@@ -193,7 +193,8 @@ class Run(Generic[Body]):
         """Return the run with the ties that begin or are locked later than `earlier` [s]. Raises `FormingError`."""
         state, due = self.state, []
         for k, tie in enumerate(self.system.ties):
-            if is_due(tie.locks, earlier, state.time, dt) and state.present[self.system.strands[k, 0]]:
+            due_now = tie.is_locked(state.time) and not tie.is_locked(earlier)
+            if due_now and state.present[self.system.strands[k, 0]]:
                 state, event = lock_tie(self.system, state, k)
                 due.append(event)
             if is_due(tie.begins, earlier, state.time, dt):

@@ -173,9 +173,9 @@ class System(Generic[Body]):
     @cached_property
     def tables(self) -> "Tables":
         """The thread as the compiled loops read it."""
-        from coupling.tables import Tables
+        from coupling.tables import tables_of
 
-        return Tables(self.thread)
+        return tables_of(self.thread)
 
     @cached_property
     def held_entries(self) -> Indices:
@@ -282,7 +282,7 @@ class System(Generic[Body]):
 
     def drawn_ties(self, time: float) -> Flags:
         """Holds that are strands of a tie which hands draw in a step from `time` [s] on, shape `(holds,)`."""
-        return self.over_ties([tie.locks > time for tie in self.ties]) > 0.0
+        return self.over_ties([not tie.is_locked(time) for tie in self.ties]) > 0.0
 
     def over_ties(self, values: Sequence[float], first: float = 1.0) -> Array:
         """Return numbers of ties over the holds, shape `(holds,)`: for their first strands times `first`, zero but for

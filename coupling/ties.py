@@ -28,6 +28,8 @@ import numpy as np
 from coupling.arrays import Array, Indices
 from coupling.errors import CouplingError
 
+ON_TIME = 1e-9  # of the time in which a tie is drawn: round-off of the time of a step is less
+
 
 @dataclass(frozen=True)
 class Tie:
@@ -57,6 +59,10 @@ class Tie:
                 f"tie {self.name!r}: force {self.force} N, speed {self.speed} m/s, hold {self.hold} N; all must be "
                 "positive"
             )
+
+    def is_locked(self, time: float) -> bool:
+        """Whether it is locked in a step from `time` [s] on."""
+        return time >= self.locks - ON_TIME * (self.locks - self.begins)
 
     def share(self, time: float) -> float:
         """Return the part of its force with which the loop is drawn at `time` [s], which is also the part of the way

@@ -64,15 +64,15 @@ def observe_tie(state: State[Body], tie: Tie, strands: Sequence[int], work: floa
         x=places.mean(axis=0) if here else nowhere,
         gap=float(np.linalg.norm(places[0] - places[1])) if here else np.nan,
         work=work,
-        state=tie_state(state, strands[0], tie.locks),
+        state=tie_state(state, tie, strands[0]),
     )
 
 
-def tie_state(state: State[Body], strand: int, locks: float) -> TieState:
-    """Return what a tie that locks at a time [s] does."""
+def tie_state(state: State[Body], tie: Tie, strand: int) -> TieState:
+    """Return what a tie does, of whose holds `strand` is the first."""
     if not state.present[strand]:
         return "open"
-    if state.time < locks:
+    if not tie.is_locked(state.time):
         return "drawn"
     return "slips" if state.sigma[strand] else "tied"
 
@@ -88,9 +88,9 @@ def begin_tie(system: System[Body], state: State[Body], k: int) -> tuple[State[B
     if gap > FARTHEST * np.linalg.norm(first - last):
         cause = (
             f"its strands pass one another {gap:.3g} m apart, further than its two holes; let the path cross itself "
-            "over them"
+            "over them, or the tie begin before they part"
         )
-        raise FormingError(state.time, tie.name, cause)
+        raise FormingError(state.time, tie.name, cause, "tie")
     new = replace(
         forgetful(state),
         s=with_strands(state.s, (one, other), s),
@@ -126,7 +126,7 @@ def strand_ranges(system: System[Body], state: State[Body], k: int) -> tuple[tup
     lost = next((hole for hole in tie.between if not state.present[hole]), None)
     if lost is not None:
         cause = f"the thread is not in piercing {system.piercings[lost].name!r}; let the tie begin while it is"
-        raise FormingError(state.time, tie.name, cause)
+        raise FormingError(state.time, tie.name, cause, "tie")
     first, last = (float(state.s[hole]) for hole in tie.between)
     here: Array = state.s[:p][state.present[:p]]
     start, end = spline.piece_ends[spline.piece_of(first)], spline.piece_ends[spline.piece_of(last) + 1]

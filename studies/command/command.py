@@ -131,8 +131,8 @@ def check(options: argparse.Namespace) -> int:
     organ = f"{counts['tissue_dofs']} tissue unknowns" if simulation.scenario.tissue else "no organ"
     parts = f"{counts['piercings']} piercings, {counts['control_points']} control points, {organ}"
     size = counts["bytes"] / GIGA
-    print(f"{options.file} can be run: {parts}, {counts['steps']} steps, about {size:.2g} GB of results")
-    print_lines([*remark_lines(remarks), *([f"picture    {picture}"] if picture else [])])
+    size_line = f"{options.file} can be run: {parts}, {counts['steps']} steps, about {size:.2g} GB of results"
+    print_lines([size_line, *remark_lines(remarks), *([f"picture    {picture}"] if picture else [])])
     return strict_status(options.strict, remarks)
 
 
@@ -167,7 +167,7 @@ def make_mesh(options: argparse.Namespace) -> int:
     report: list[str] = import_module("studies.pictures.mesh_report").write_report(
         load(options.file, options.set), options.out
     )
-    print("\n".join(report))
+    print_lines(report)
     return 0
 
 
@@ -193,7 +193,7 @@ def print_catalogue(options: argparse.Namespace) -> int:
             f"{thread.rhoA * 1e6:12.4g} {thread.EA:10.4g} {thread.EI:11.3e} "
             f"{thread.GJ:11.3e} {'' if strength is None else f'{strength:.3g}':>14}"
         )
-    print(f"sizes: {USP}\nmoduli: {TEXTBOOK}\nknot pull, least average: {KNOT_PULL}")
+    print_lines([f"sizes  {USP}", f"moduli  {TEXTBOOK}", f"knot pull, least average  {KNOT_PULL}"])
     return 0
 
 
@@ -212,12 +212,13 @@ def run_bench(options: argparse.Namespace) -> int:
 def run_study(options: argparse.Namespace) -> int:
     """``suture study``: what a study asks, its table and what it does not support; everything into a folder."""
     if options.name == "list":
-        print("\n".join(f"{name:20} {study(name).question}" for name in NAMES))
+        print_lines([f"{name:20}  {study(name).question}" for name in NAMES])
         return 0
     found, folder = study(options.name), options.out or Path("results") / options.name
     given = arguments(found, options.preset, options.set)
     check_study_folder(folder, options.overwrite)
-    print(f"{found.question}\nindependent check: {found.independent}\nconsistency check: {found.consistency}\n")
+    checks = [f"independent  {found.independent}", f"consistency  {found.consistency}"]
+    print_lines([found.question, *checks, ""])
     progress = StudyProgress()
     try:
         workers = None if options.jobs == 1 else workers_of(options.jobs)
@@ -270,7 +271,7 @@ def _simulate(
             progress.close()
     if text:
         log.write(text)
-        print(f"suture: {text}; what was computed is in {recorder.folder}", file=sys.stderr)
+        complain(f"{text}; what was computed is in {recorder.folder}", status)
     return status, outcome
 
 
@@ -330,7 +331,7 @@ def _stopped(cause: str, progress: StudyProgress, folder: Path, status: int) -> 
 
 def _say(options: argparse.Namespace, text: str) -> None:
     if not options.quiet:
-        print(text)
+        print_lines([text])
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from studies.command.lines import print_lines
 from studies.output.version import installed_version
 from studies.scenario import SCENES, ScenarioError, scenes
 
@@ -42,7 +43,7 @@ def list_scenes(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps({name: {"title": title} for name, title in titles.items()}, ensure_ascii=False))
     else:
-        print("\n".join(f"{name:22} {title}" for name, title in titles.items()))
+        print_lines([f"{name:22}  {title}" for name, title in titles.items()])
     return 0
 
 
@@ -62,11 +63,10 @@ class Finding:
     remedy: str = ""
 
     @property
-    def line(self) -> str:
+    def lines(self) -> list[str]:
         """The finding to be read by a person."""
-        return f"{'ok     ' if self.there else 'missing'} {self.name:14} {self.found}" + (
-            "" if self.there else f"\n        {'':14} needed for {self.needed}; {self.remedy}"
-        )
+        told = f"{'ok     ' if self.there else 'missing'} {self.name:14}  {self.found}"
+        return [told] if self.there else [told, f"{'':24}needed for {self.needed}; {self.remedy}"]
 
 
 def examine(options: argparse.Namespace) -> int:
@@ -75,7 +75,7 @@ def examine(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps([asdict(finding) for finding in findings], ensure_ascii=False))
     else:
-        print("\n".join(finding.line for finding in findings))
+        print_lines([line for finding in findings for line in finding.lines])
     return 0
 
 

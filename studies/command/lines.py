@@ -1,21 +1,39 @@
-"""Lines that are printed."""
+"""Lines that are printed: on a terminal no longer than it is wide, elsewhere as they are, to be searched."""
 
+import re
 import sys
 from collections.abc import Sequence
+from shutil import get_terminal_size
+from textwrap import wrap
+from typing import TextIO
 
 LONGEST_LINE, MOST_LINES = 1000, 40  # characters, and lines, of what is told of an error
+LABEL = re.compile(r".{,24}\s{2,}(?=\S)|suture: |")  # what stands before the words of a line
 
 
-def print_lines(lines: Sequence[str]) -> None:
-    """Print lines."""
-    print("\n".join(lines))
+def print_lines(lines: Sequence[str], stream: TextIO | None = None) -> None:
+    """Print lines, on standard output unless another stream is given."""
+    stream = stream or sys.stdout
+    width = get_terminal_size().columns if stream.isatty() else None
+    print("\n".join(lines if width is None else [part for line in lines for part in fold(line, width)]), file=stream)
+
+
+def fold(line: str, width: int) -> list[str]:
+    """Break a line between its words where it is longer than `width`; what follows stands under its first word, to
+    the right of its label. A word that is longer stays whole: it is a path or a name."""
+    if len(line) <= width:
+        return [line]
+    found = LABEL.match(line)
+    hang = " " * (found.end() if found else 0)
+    words = line[len(hang) :]
+    folded = wrap(words, max(width - len(hang), 1), break_long_words=False, break_on_hyphens=False)
+    return [line[: len(hang)] + folded[0], *(hang + part for part in folded[1:])]
 
 
 def complain(why: object, status: int) -> int:
     """Say on standard error why there is no result, a line for each problem; return the exit status."""
     lines = str(why).splitlines()
-    for line in lines[:MOST_LINES]:
-        print(f"suture: {line if len(line) <= LONGEST_LINE else line[:LONGEST_LINE] + ' …'}", file=sys.stderr)
-    if len(lines) > MOST_LINES:
-        print(f"suture: and {len(lines) - MOST_LINES} more", file=sys.stderr)
+    told = [line if len(line) <= LONGEST_LINE else line[:LONGEST_LINE] + " …" for line in lines[:MOST_LINES]]
+    told += [f"and {len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else []
+    print_lines([f"suture: {line}" for line in told], sys.stderr)
     return status

@@ -27,7 +27,7 @@ def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
     if "energy" in summary:
         lines += ["", *_energy_lines(summary["energy"])]
         lines += [
-            f"thread off its holes by {summary['constraint_max']:.2e} m at most (residual "
+            f"thread     off its holes by {summary['constraint_max']:.2e} m at most (residual "
             f"{summary['constraint_residual']:.0e} m), strained by {_strain(summary)} at most"
         ]
     return lines
@@ -38,20 +38,16 @@ def piercing_lines(piercings: Sequence[PiercingRecord]) -> list[str]:
     if not piercings:
         return []
     width = max(8, *(len(piercing.name) for piercing in piercings))
-    head = (
-        f"{'piercing':{width}}  {'state':8}  {'x [mm]':^23}  {'slip [mm]':>9}  {'force [N]':>9}  "
-        f"{'tension [N]':^21}  {'tangent':^21}"
-    )
+    head = f"{'piercing':{width}} {'state':8} {'x [mm]':^20} {'slip [mm]':>9} {'force [N]':>9} {'tension [N]':^21}"
     return [head, *(_piercing_line(piercing, width) for piercing in piercings)]
 
 
 def _piercing_line(piercing: PiercingRecord, width: int) -> str:
-    x = " ".join(f"{value / MILLI:z7.2f}" for value in piercing.x)
-    tangent = " ".join(f"{value:z6.3f}" for value in piercing.tangent)
+    x = " ".join(f"{value / MILLI:z6.2f}" for value in piercing.x)
     force = float(np.linalg.norm(piercing.force))
     return (
-        f"{piercing.name:{width}}  {piercing.state:8}  {x}  {piercing.slip / MILLI:z9.3f}  {force:9.4g}  "
-        f"{piercing.tension_before:9.4g} | {piercing.tension_after:9.4g}  {tangent}"
+        f"{piercing.name:{width}} {piercing.state:8} {x} {piercing.slip / MILLI:z9.3f} {force:9.4g} "
+        f"{piercing.tension_before:9.4g} | {piercing.tension_after:9.4g}"
     )
 
 

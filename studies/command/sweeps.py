@@ -6,10 +6,10 @@ import sys
 from pathlib import Path
 from time import monotonic
 
-from studies.command.lines import complain
+from studies.command.lines import complain, print_lines
 from studies.command.progress import duration
 from studies.output.files import as_json
-from studies.refinement.refine import refine
+from studies.refinement.refine import Refined, in_words, refine
 from studies.scenario.toml import read
 from studies.status import COMPLETED, FAILED, INTERRUPTED, REFUSED, UNSUPPORTED
 from studies.sweeps.grid import Settings, grid, paired, parse_over, read_table
@@ -25,6 +25,7 @@ def run_sweep(options: argparse.Namespace) -> int:
     cases = cases_of(options)
     base = read(options.file, options.set)
     told = Teller(options.json)
+    told.begin(len(cases) or 1)
     try:
         workers, wanted = workers_of(options.jobs, options.dask), options.plot or []
         table = sweep(base, cases, options.out, workers, told.tell, check=lambda known: drawn_columns(known, wanted))
@@ -39,7 +40,7 @@ def run_sweep(options: argparse.Namespace) -> int:
     if options.json:
         print(as_json({"columns": table.names, "cases": rows(table)}), end="")
     else:
-        print("\n".join(report(table, options.out)))
+        print_lines(report(table, options.out))
     return 0
 
 
@@ -76,6 +77,12 @@ def rows(table: SweepTable) -> list[dict[str, object]]:
     return [{heading: values[k] for heading, values in columns} for k in range(len(table))]
 
 
+def verdict_lines(one: Refined) -> list[str]:
+    """Return what a quantity does under refinement, for a person."""
+    told = {name.partition(",")[0]: text for name, text in in_words(one).items() if name not in ("quantity", "unit")}
+    return [f"{one.quantity} [{one.unit}]", *(f"  {name:9}  {text}" for name, text in told.items() if text)]
+
+
 class Teller:
     """Tells how far a sweep has come, a line a case, on standard error."""
 
@@ -83,6 +90,11 @@ class Teller:
         self._begin = monotonic()
         self._quiet = quiet
         self._first: int | None = None
+
+    def begin(self, count: int) -> None:
+        """Write how many cases there are: the first may take a while."""
+        if not self._quiet:
+            print_lines([f"{count} cases, each with a line when it is done"], sys.stderr)
 
     def tell(self, told: Told) -> None:
         """Write a line of the case that is done, and of the time that is left by the pace of those before."""
@@ -93,12 +105,13 @@ class Teller:
         left = taken / (told.done - self._first + 1) * (told.count - told.done)
         settings = ", ".join(f"{key} = {plain(value)}" for key, value in told.settings.items()) or "as it is"
         what = next((word for word, number in STATUSES.items() if number == told.exit_status), "failed")
-        print(f"{told.done}/{told.count}, {duration(left)} left: {what}: {settings}", file=sys.stderr, flush=True)
+        print_lines([f"{told.done}/{told.count}, {duration(left)} left: {what}: {settings}"], sys.stderr)
 
 
 def run_refinement(options: argparse.Namespace) -> int:
     """``suture refine``: what numbers of a scenario do under refinement, in words."""
     told = Teller(options.json)
+    told.begin(options.levels)
     try:
         found = refine(
             read(options.file, options.set),
@@ -117,8 +130,7 @@ def run_refinement(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(json.loads((options.out / "verdict.json").read_text(encoding="utf-8"))))
     else:
-        print((options.out / "verdict.md").read_text(encoding="utf-8"))
-        print(f"levels, verdicts and figure are in {options.out}")
+        print_lines([*(line for one in found for line in verdict_lines(one)), "", f"all of it in {options.out}"])
     if any(one.verdict is None for one in found):
         return FAILED
     return UNSUPPORTED if options.strict and not all(one.converged for one in found) else 0

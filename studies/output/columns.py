@@ -369,7 +369,7 @@ TIE_NUMBERS: tuple[Column[TieRecord], ...] = (
     Column("force", "N", "tension of the strands where the tie holds them", lambda tie: tie.force),
     Column("length", "m", "of the thread in the loop, unstrained", lambda tie: tie.length),
     Column("gap", "m", "left between the strands, which hands bring together", lambda tie: tie.gap),
-    Column("work", "J", "of the hands on the tie, with the forces at the end of each step", lambda tie: tie.work),
+    Column("work", "J", "of the hands on the tie", lambda tie: tie.work),
     Column("s_first", "m", "abscissa of the strand at lower `s`", lambda tie: tie.s_first),
     Column("s_second", "m", "abscissa of the other strand", lambda tie: tie.s_second),
 )

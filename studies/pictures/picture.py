@@ -6,6 +6,7 @@ child process, and whether one came out is the probe.
 """
 
 import pickle
+import re
 import subprocess
 import tempfile
 from collections.abc import Mapping
@@ -19,6 +20,7 @@ from studies.output.records import OrganTopology, Snapshot
 WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")  # off screen: by the driver, by software
 PATIENCE = 120.0  # s for the child, on a busy machine
 PACKAGES = "libglu1-mesa libgl1 libegl1 libxrender1 libxcursor1 libxft2 libxinerama1 libgomp1"
+VTK_PLACE = re.compile(r"^.*\b(?:WARN|ERR)\| ", re.MULTILINE)  # when and where it says something
 
 
 @dataclass(frozen=True)
@@ -68,4 +70,4 @@ def draw_apart(module: str, source: Path, path: Path, setting: Mapping[str, str]
         return f"it took more than {patience * PATIENCE:g} s"
     except OSError as error:
         return str(error)
-    return last_words(done.returncode, done.stderr.decode(errors="replace"))
+    return last_words(done.returncode, VTK_PLACE.sub("", done.stderr.decode(errors="replace")))

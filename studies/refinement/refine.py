@@ -129,24 +129,34 @@ def refined(name: str, rungs: Ladder, table: SweepTable) -> Refined:
 
 def markdown(found: Sequence[Refined], rungs: Ladder) -> str:
     """Write the verdicts in Markdown."""
-    lines = [
-        f"Refined: {', '.join(KINDS[kind].words for kind in rungs.kinds)}, by "
-        f"{', '.join(f'{factor:.3g}' for factor in rungs.factors)}. Order of theory {rungs.order:g}.",
-        "",
-        "| quantity | unit | levels, coarsest first | order | limit | interval | verdict |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    return "\n".join([*lines, *map(line, found)]) + "\n"
+    rows = [in_words(one) for one in found]
+    table = [list(rows[0]), ["---"] * len(rows[0]), *(list(row.values()) for row in rows)]
+    lines = [title(found[0], rungs.kinds), "", *(f"| {' | '.join(row)} |" for row in table)]
+    return "\n".join(lines) + "\n"
 
 
-def line(one: Refined) -> str:
-    """Write a row of the verdicts."""
+def title(one: Refined, kinds: Sequence[str]) -> str:
+    """Say what was refined, and by how much."""
+    what, factors = ", ".join(KINDS[kind].words for kind in kinds), ", ".join(f"{factor:.3g}" for factor in one.factors)
+    return f"Refined: {what}, by {factors}. Order of theory {one.theory:g}."
+
+
+def in_words(one: Refined) -> dict[str, str]:
+    """Write what was found for a person, by its headings."""
     said = one.verdict
     order = "" if said is None else "swings" if isnan(said.order) else f"{said.order:.2f}"
     limit = "" if said is None or isnan(said.limit) else f"{said.limit:.6g}"
     between = "" if one.interval is None else "{:.6g} to {:.6g}".format(*one.interval)
     numbers = ", ".join("failed" if isnan(number) else f"{number:.6g}" for number in one.numbers)
-    return f"| `{one.quantity}` | {one.unit} | {numbers} | {order} | {limit} | {between} | {one.text} |"
+    return {
+        "quantity": f"`{one.quantity}`",
+        "unit": one.unit,
+        "levels, coarsest first": numbers,
+        "order": order,
+        "limit": limit,
+        "interval": between,
+        "verdict": one.text,
+    }
 
 
 def write(found: Sequence[Refined], rungs: Ladder, folder: Path) -> None:

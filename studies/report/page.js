@@ -214,7 +214,7 @@ function spaceLayout(range) {
     font: FONT, margin: { l: 0, r: 0, t: 8, b: 0 }, showlegend: false, uirevision: "kept", paper_bgcolor: "#fff",
     scene: {
       xaxis: axis("x", 0), yaxis: axis("y", 1), zaxis: axis("z", 2), aspectmode: "manual",
-      aspectratio: { x: (1.5 * size[0]) / most, y: (1.5 * size[1]) / most, z: (1.5 * size[2]) / most },
+      aspectratio: { x: (1.3 * size[0]) / most, y: (1.3 * size[1]) / most, z: (1.3 * size[2]) / most },
       camera: { eye: { x: 0.55, y: -1.6, z: 0.75 } }, dragmode: "orbit",
     },
   };

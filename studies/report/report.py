@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from studies.output.columns import HOLE_SUMMARY
 from studies.output.files import as_json, read_json, write_text
@@ -230,9 +231,15 @@ def rows_sections(rows: Rows, number: int) -> Iterator[str]:
 
 
 def axes_of(table: Table) -> tuple[str, str]:
-    """Choose what is drawn over what first: the last column of numbers over the first that changes."""
-    varied = [name for name in table.numeric if len(set(table.columns[name].tolist())) > 1] or table.numeric
+    """Choose what is drawn over what first: the last column of numbers that changes over the first, which is no count
+    of the cases."""
+    varied = [name for name in table.numeric if name != "case" and changes(table.columns[name])] or table.numeric
     return (varied[0], varied[-1]) if varied else ("", "")
+
+
+def changes(numbers: NDArray[np.float64]) -> bool:
+    """Whether there are two different numbers, NaN aside."""
+    return len(set(numbers[np.isfinite(numbers)].tolist())) > 1
 
 
 def whole_table(table: Table, names: Sequence[str]) -> str:

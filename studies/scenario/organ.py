@@ -261,11 +261,11 @@ class Reduction(ScenarioTable):
 
     blocks: Annotated[int, Field(strict=True, ge=0, le=20)] = Field(
         default=2,
-        description="blocks of a Krylov space beside the static answers, each of as many vectors: how fast a motion is "
-        "followed",
+        description="blocks [-] of a Krylov space beside the static answers, each of as many vectors: how fast a "
+        "motion is followed",
     )
     modes: Annotated[int, Field(strict=True, ge=0, le=1000)] = Field(
-        default=0, description="lowest vibration modes of the organ in it besides"
+        default=0, description="lowest vibration modes [-] of the organ in it besides"
     )
 
 
@@ -444,7 +444,7 @@ def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "c
 def no_boundary(name: str, boundaries: Sequence[str]) -> str:
     """Say that there is no boundary of a name, and which there are."""
     match = nearest(name, boundaries)
-    hint = f'; the nearest is "{match}"' if match else "; add it as [[tissue.boundary]]"
+    hint = f'; the nearest is "{match}"' if match else "; add it as [[tissue.boundary]], or name it in the mesh"
     there = ", ".join(boundaries) or "none"
     return f"there is no such boundary; the boundaries are {there}{hint}"
 

@@ -240,6 +240,10 @@ class Scenario(ScenarioTable):
             if self.tie and value != needed:
                 reason = f"no thread is tied in such a run; set it to {as_toml(needed)}, or leave out [[tie]]"
                 raise ValueError(refusal(key, value, reason))
+        hasty = next((t for t in self.tie if self.solve.step_by(t.from_) == self.solve.step_by(t.until)), None)
+        if hasty is not None:
+            reason = "the loop is closed and locked at the end of one step, and never drawn; take shorter steps, or "
+            raise ValueError(refusal(dotted_key(["tie", hasty.name, "until"]), hasty.until, reason + "a later time"))
         return self
 
     @model_validator(mode="after")

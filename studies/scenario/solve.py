@@ -53,6 +53,11 @@ class Solve(ScenarioTable):
         """Steps, or load steps, to be taken."""
         return self.load_steps if self.kind == "static" else ceil(self.duration / self.dt - WHOLE)
 
+    def step_by(self, time: float) -> int:
+        """Number of the first step, or load step, that ends not before a time [s]."""
+        step = self.duration / self.load_steps if self.kind == "static" else self.dt
+        return ceil(time / step - WHOLE)
+
     @model_validator(mode="after")
     def _check_steps(self) -> Self:
         if self.kind == "static" and self.load_steps > MOST_STEPS:

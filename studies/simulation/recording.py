@@ -109,12 +109,14 @@ def load_records(system: System, state: State) -> tuple[LoadRecord, ...]:
 
 
 def reduction_record(system: System, state: State) -> ReductionRecord | None:
-    """Return what the small basis of the organ leaves open in a state, None of an organ without one."""
+    """Return what the small basis of the organ leaves open at the piercings in a state, None of an organ without
+    one."""
     organ = system.organ
     if not isinstance(organ, tissue.ReducedOrgan):
         return None
-    small = organ.reduction
-    return ReductionRecord(small.size, organ.difference(state.organ), organ.bound(state.organ), small.stiffness)
+    small, own = organ.reduction, np.array([not hole.tract for hole in system.piercings], dtype=bool)
+    each = organ.difference(state.organ), organ.bound(state.organ), small.stiffness
+    return ReductionRecord(small.size, *(values[own] for values in each))
 
 
 def lip_fields(system: System, state: State, nodes: int) -> tuple[Array, Array] | tuple[None, None]:

@@ -137,7 +137,8 @@ def mathml(found: re.Match[str]) -> str:
     """Return a formula of TeX as MathML."""
     from latex2mathml.converter import convert
 
-    return str(convert(found[1] or found[2], display="block" if found[1] else "inline"))
+    drawn = convert(found[1] or found[2], display="block" if found[1] else "inline")
+    return f'<div style="overflow-x: auto">{drawn}</div>' if found[1] else drawn
 
 
 def package_page(package: str) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from copy import deepcopy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from coupling.newton import Iterate, Problem, Solution
 from studies.scenario import Scenario, load
 from studies.simulation import prepare
 from tests.bounds import AXIAL, RESIDUAL
+from thread.ends import Free
 
 ROUGH = "friction={static=0.2,kinetic=0.1,grip=0.002}"
 WAY = [[-0.005, 0, 0.02], [-0.005, 0, -0.0055], [0.005, 0, -0.0055], [0.005, 0, 0.02]]
@@ -98,6 +100,15 @@ def test_both_ways_agree(name: str, solved: list[tuple[Problem, Iterate, Solutio
         assert np.array_equal(by_loops.iterate.sigma, by_numpy.iterate.sigma)
         assert newton.is_converged(problem, by_loops.iterate, by_loops.residual)
         agree_on_forces(problem, by_loops, by_numpy)
+
+
+def test_what_is_known_of_a_thread_stays_known_when_a_hand_takes_an_end() -> None:
+    """Independent check: a system with another end, as a host program makes in every step, has the same tables; one
+    with another thread its own."""
+    system = prepare(drawn()).assembly.system
+    led = replace(system, ends=(Free(), Free()))
+    assert led.tables is system.tables
+    assert replace(system, thread=replace(system.thread, damping=1.0)).tables is not system.tables
 
 
 def scales(problem: Problem, solution: Solution) -> dict[str, float]:

@@ -13,20 +13,22 @@ import pytest
 from coupling import run
 from coupling.assembled import Monolith, equation_of, monolithic_solve
 from coupling.audit import multiplier_imbalance
-from coupling.errors import CouplingError
+from coupling.diagnosis import refuse_held_end
+from coupling.errors import CouplingError, FormingError, StepError
 from coupling.integrators import BackwardEuler, Scheme
 from coupling.laying import start
 from coupling.newton import solve
 from coupling.stepping import dynamic_problem, organ_answer, predict
 from coupling.system import Piercing, State, System
 from coupling.ties import Tie, gap_left
+from coupling.tying import begin_tie, with_strands
 from studies.output.records import StepRecord
 from studies.scenario import ScenarioError, parse
 from studies.simulation import Simulation, prepare
 from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import Array
 from thread.catalogue import suture
-from thread.ends import Free
+from thread.ends import Fixed, Free
 from thread.knots import graded_knots
 from thread.path import rounded_path
 from thread.quadrature import gauss_rule
@@ -299,6 +301,34 @@ def test_every_step_of_a_loop_drawn_in_time() -> None:
     assert (drawn[:8] < 0.0).all() and np.abs(drawn[-18:]).max() == 0.0
     assert now.ties[0].state == "tied" and now.ties[0].force > 0.4 * FORCE
     assert now.energies.friction_dissipation > 0.0
+    assert now.ties[0].work == pytest.approx(now.energies.external_work, rel=1e-9)  # nothing else is done from outside
+
+
+def test_round_off_does_not_keep_a_tie_from_being_locked() -> None:
+    """Independent check: four of six load steps to 0.3 s end a little before 0.2 s, where the tie is locked; no hand
+    draws it from there on."""
+    system, _ = ring(6, 1e-9, locks=0.2)
+    end = 4 / 6 * 0.3
+    assert end < 0.2 and not system.drawn_ties(end).any() and system.drawn_ties(3 / 6 * 0.3)[system.strands].all()
+
+
+def test_a_tie_that_runs_over_a_held_end_is_refused_in_words() -> None:
+    """Independent check: the knot is named, which is no piercing."""
+    system, state = ring(6, 1e-9)
+    system = replace(system, ends=(Fixed(state.q[0]), Free()))
+    out, tied = with_strands(state.s, system.strands[0], (-1e-4, state.s[-1])), system.of_ties
+    new = replace(state, s=out, present=state.present | tied)
+    with pytest.raises(StepError, match="runs out at tie 'knot': its start is held"):
+        refuse_held_end(system, state, new, tied)
+
+
+def test_strands_that_parted_are_refused_in_words() -> None:
+    """Independent check: it is a tie that cannot begin, and by then a path that crosses itself does not help."""
+    system, state = ring(6, 1e-9)
+    apart = state.q.copy()
+    apart[len(apart) // 2 :, 2] += 0.1
+    with pytest.raises(FormingError, match=r"tie 'knot' cannot begin: its strands pass .* or the tie begin before"):
+        begin_tie(system, replace(state, q=apart), 0)
 
 
 def test_a_run_with_ties_goes_on_where_it_was() -> None:
@@ -320,6 +350,7 @@ def test_a_run_with_ties_goes_on_where_it_was() -> None:
         ({"from": 0.6}, {}, r"tie\.knot1\.until = 0\.5 is refused: it must be later than from"),
         ({"ramp": 0.6}, {}, r"tie\.knot1\.ramp = 0\.6 is refused: the loop is locked 0\.5 s after"),
         ({"force": 0.0}, {}, r"tie\.knot1\.force"),
+        ({"from": 0.3, "until": 0.37}, {}, r"tie\.knot1\.until = 0\.37.*closed and locked at the end of one step"),
         ({}, {"kind": "dynamic", "scheme": "linear"}, r"solve\.scheme.*no thread is tied in such a run"),
         ({}, {"kind": "dynamic", "coupling": "staggered"}, r"solve\.coupling.*no thread is tied in such a run"),
         ({}, {"kind": "dynamic", "epsilon": 1e-4}, r"solve\.epsilon.*no thread is tied in such a run"),

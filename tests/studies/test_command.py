@@ -16,6 +16,7 @@ import pytest
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.command import command, help
+from studies.command.lines import print_lines
 from studies.command.parser import TABLE
 from studies.command.progress import Progress, duration
 from studies.output.version import ROOT
@@ -223,6 +224,24 @@ def test_the_doctor_and_the_completion(monkeypatch: pytest.MonkeyPatch, capsys: 
         assert all(name in said for name in TABLE)
         assert "--over" in said
         assert "two_piercings" in said
+
+
+def test_lines_on_a_terminal_are_no_longer_than_it_is_wide(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Consistency: 80 columns of a terminal break lines under their first word, and into a file they stay whole."""
+    remark = "remarks    " + "note: the thread lies deep " * 5
+    whole = [remark.rstrip(), "word " * 20 + "x" * 90, "short"]
+    print_lines(whole)
+    assert capsys.readouterr().out.splitlines() == whole
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    print_lines(whole)
+    printed = capsys.readouterr().out.splitlines()
+    assert [line for line in printed if len(line) > 80] == ["x" * 90]
+    assert printed[1][:11].isspace()
+    assert printed[1][11] != " "
+    assert " ".join(" ".join(printed).split()) == " ".join(" ".join(whole).split())
 
 
 def test_schema_and_catalogue(capsys: pytest.CaptureFixture[str]) -> None:

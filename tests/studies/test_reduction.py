@@ -56,6 +56,25 @@ def test_the_main_job_in_a_small_basis_is_within_what_it_says() -> None:
     assert abs(small[-1].energy.balance_error) <= 1e-10 * small[-1].energy.external_work
 
 
+def test_a_small_basis_of_an_organ_under_loads_with_a_tract() -> None:
+    """Consistency check: the loads are those of the whole organ, what is left open is told of the two piercings and not
+    of the balls between them, and the first of these moves as in the whole organ."""
+    more = [
+        "thread.control_points=100",
+        "tract=[{ between=['entry', 'exit'], radius=1.5e-3 }]",
+        "tissue.load=[{ boundary='top', pressure=50.0, ramp=0.002 }]",
+        "tissue.mesh.h=8.0e-3",
+        "tissue.mesh.h_site=4.0e-3",
+        "solve.duration=2.0e-3",
+    ]
+    (whole, _), (small, tally) = (stepped(prepare(load("two_piercings", [*COARSE, *more, *s]))) for s in ([], [SMALL]))
+    assert [np.array_equal(a.loads[0].force, b.loads[0].force) for a, b in zip(whole, small, strict=True)] == [True] * 3
+    assert small[-1].reduction is not None and small[-1].reduction.bound.shape == (2,)
+    assert set(tally.summary("completed")["reduction"]["piercings"]) == {"entry", "exit"}
+    ball, other = (steps[-1].tracts[0].balls[0].displacement for steps in (small, whole))
+    assert np.linalg.norm(ball - other) <= 1e-3 * np.linalg.norm(other)
+
+
 def test_a_basis_too_small_for_a_motion_says_so() -> None:
     """Independent check: tissue of 40 kPa without damping, whose slowest period is longer than the pull, by static
     answers alone: a remark says which holes are not supported."""

@@ -498,14 +498,14 @@ def test_the_schema_describes_every_key() -> None:
         if "description" not in field and key != "kind"
     ]
     assert nameless == []
-    expected = {"title", "tissue", "thread", "piercing", "tract", "cut", "contact", "solve", "output"}
+    expected = {"title", "tissue", "thread", "piercing", "tract", "cut", "tie", "contact", "solve", "output"}
     assert expected == set(written["properties"])
     assert "from" in written["$defs"]["Piercing"]["properties"]
     assert all(table.get("additionalProperties") is False for table in tables)
 
 
 def test_quantities_name_their_unit() -> None:
-    units = ("[m]", "[Pa]", "[-]", "[kg/m³]", "[s]", "[1/s]", "[N]", "[kg]", "[m/s²]")
+    units = ("[m]", "[Pa]", "[-]", "[kg/m³]", "[s]", "[1/s]", "[N]", "[kg]", "[m/s]", "[m/s²]")
     tables = schema()["$defs"]
     numbers = [
         (name, key)

@@ -254,6 +254,10 @@ class ReducedOrgan:
         given = self.reduction
         return given.load if shares is None else given.load + given.surface_load @ shares
 
+    def load_resultants(self, state: OrganState) -> Array:
+        """Return the sum of the forces of each whole load, `(l, 3)` [N]."""
+        return self.full.load_resultants(state)
+
     def site_variables_of(self, U: Array) -> Array:
         """Return y = y0 + Y η of the model that answers, shape `(9p,)`."""
         own = self.reduction.size
