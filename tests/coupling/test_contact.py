@@ -127,6 +127,7 @@ def test_condensed_and_assembled_agree(name: str) -> None:
     for step in (touching, steps(name)[-1])[: 1 if "P2" in name else 2]:
         scheme, state = BackwardEuler(DT), step.old
         problem = dynamic_problem(system, state, DT, organ_answer(system, scheme, state), scheme)
+        problem = replace(problem, layers=step.solution.problem.layers)
         whole = equation_of(problem)
         first = predict(problem, state)
         a = solve(problem, first)
@@ -147,10 +148,12 @@ def test_condensed_and_assembled_agree(name: str) -> None:
 def test_it_does_not_matter_which_pairs_are_thought_pressed(name: str) -> None:
     """Consistency check: the last step begun with all pairs pressed, with none, with the wrong ones and at random."""
     system, _ = scene(name)
-    state = steps(name)[-1].old
+    last = steps(name)[-1]
+    state = last.old
     k = len(system.organ.lips(state.organ)[0])
     scheme = BackwardEuler(DT)
     problem = dynamic_problem(system, state, DT, organ_answer(system, scheme, state), scheme)
+    problem = replace(problem, layers=last.solution.problem.layers)
     warm = solve(problem, predict(problem, state))
     right = warm.p > 0.0
     for pressed in (np.ones(k, bool), np.zeros(k, bool), ~right, np.random.default_rng(2).random(k) < 0.5):
