@@ -168,8 +168,10 @@ def closing_works(step: Step[Body]) -> Array:
 def drawing_works(step: Step[Body]) -> Array:
     """Return the work of the hands that draw ties tight, shape `(t,)` [J]; of BDF2 by the mean of their forces."""
     system, old, new = step.solution.problem.system, step.old, step.new
+    if not system.ties:
+        return np.zeros(0)
     strands, drive = system.strands, driving_force(step.solution.residual.passage, new.lam, step.solution.iterate.y)
-    if len(strands) and is_of_bdf2(step):
+    if is_of_bdf2(step):
         drive = 0.5 * (drive + driving_force(system.passage(old.q, old.s), old.lam, old.y))
     return -np.sum((drive * (new.s - old.s) * step.solution.problem.law.by_hand)[strands], axis=1)
 
@@ -233,9 +235,8 @@ def sliding_work(system: System[Body], step: Step[Body]) -> tuple[float, float, 
     drive = driving_force(at, new.lam, y)
     law = step.solution.problem.law
     slides, hand = ds * ~law.by_hand, ds * law.by_hand
-    ideal_inertia = (
-        law.inertia * (new.s - law.s_free) * (law.may_slide & ~system.of_ties)
-    )  # what is drawn goes as the hand goes
+    # what is drawn goes as the hand goes
+    ideal_inertia = law.inertia * (new.s - law.s_free) * (law.may_slide & ~system.of_ties)
     friction = np.sum((drive - ideal_inertia) * slides)
     eps_numerical = ideal_inertia @ ds - 0.5 * system.epsilon * np.sum(new.s_dot**2 - old.s_dot**2)
     work = np.sum(step.solution.residual.push * (new.q - old.q)[:, :3])

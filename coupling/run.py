@@ -44,9 +44,8 @@ class Run(Generic[Body]):
     and `halvings`, how often one that fails is halved; `downhill`, whether one that makes energy has failed
     (`coupling.watch`); `resolution`, how the knots follow the thread, None where they do not; `given` (p,) [m], the
     abscissae of piercings that begin, NaN where the thread's nearest place is taken; `tie_works` (t,) [J], of the hands
-    on each tie so far. `fresh` is a thread under no
-    tension yet that knots could go by. Of the last step: the steps `taken` (several where it was halved), the `events`,
-    and the thread's `configuration` at its end.
+    on each tie so far. `fresh` is a thread under no tension yet that knots could go by. Of the last step: the steps
+    `taken` (several where it was halved), the `events`, and the thread's `configuration` at its end.
     """
 
     system: System[Body]

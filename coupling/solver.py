@@ -1,21 +1,23 @@
-"""A step solved by compiled loops where they cover it (`coupling.compiled`), else in numpy (`coupling.newton`)."""
+"""A step solved in numpy (`coupling.newton`), or by compiled loops (`coupling.compiled`) where they are switched on and
+cover it."""
 
+import os
 from typing import Any
 
 from coupling import newton
-from coupling.configuration import Configuration
-from coupling.constraints import Passage
+from coupling.configuration import evaluate_thread
 from coupling.interfaces import Body
 from coupling.newton import Iterate, Problem, Residual, Solution
 from coupling.system import System
-from thread.energies.continuous import Stretched
-from thread.thread import Points
+
+SWITCHED_ON = os.environ.get("SUTUREFEM_COMPILED") == "1"  # asked for: to compile takes longer than most runs
 
 
 def solve(problem: Problem[Body], start: Iterate) -> Solution[Body]:
     """Iterate from `start` until every equation holds, and stick and slip, touch and open fit the answer: by compiled
-    loops where they cover the problem and come to its end, else by `coupling.newton`. Raises `StepError`."""
-    if is_covered(problem):
+    loops where they are switched on, cover the problem and come to its end, else by `coupling.newton`. Raises
+    `StepError`."""
+    if SWITCHED_ON and is_covered(problem):
         solution = solve_compiled(problem, start)
         if solution is not None:
             return solution
@@ -43,13 +45,11 @@ def solve_compiled(problem: Problem[Body], start: Iterate) -> Solution[Body] | N
     iterations, z, found, scale = run(problem.system.tables, problem, start)
     if iterations < 0:
         return None
-    return Solution(problem, z, residual_of(problem, found, scale), iterations)
+    return Solution(problem, z, residual_of(problem, z, found, scale), iterations)
 
 
-def residual_of(problem: Problem[Body], found: Any, scale: float) -> Residual:
-    """Return the residual at a solved iterate from the arrays that the loops left."""
-    points = Stretched(found.T, found.K, found.T_axial, found.strain)
-    D = found.D
-    at = Passage(found.first, found.b, D[:, 0], D[:, 1], D[:, 2], D[:, 3], found.c, problem.system.rows[:, 3])
-    now = Configuration(Points(found.strain, (points,)), at, found.elastic)
+def residual_of(problem: Problem[Body], z: Iterate, found: Any, scale: float) -> Residual:
+    """Return the residual at a solved iterate from the arrays that the loops left. The thread itself is evaluated as a
+    run that goes on from there evaluates it, to the same bits."""
+    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, home=problem.law.s_old)
     return Residual(now, found.f_y, found.push, found.balance, found.holds, found.site, scale)

@@ -1,4 +1,8 @@
-"""How the loops are compiled: each when it is first called, the outermost kept on disk with all that it calls."""
+"""How the loops are compiled: each when it is first called, the outermost kept on disk with all that it calls.
+
+Sums stay in their order: where the compiler may choose it, it chooses by where arrays happen to lie, and a resumed run
+does not go on to the same bits.
+"""
 
 from collections.abc import Callable
 from hashlib import sha256
@@ -9,22 +13,18 @@ from numba import njit
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 
-# Sums may be taken in another order and products fused into them. Not assumed is that all numbers are finite: an
-# iteration that runs away is known by those that are not.
-SUMS = {"reassoc", "contract", "nsz", "arcp"}
-
 
 def loop(kernel: Kernel) -> Kernel:
     """Return a function compiled into each loop that calls it; Python itself cannot, which halves the compilation."""
-    return njit(error_model="numpy", fastmath=SUMS, no_cpython_wrapper=True, no_cfunc_wrapper=True)(kernel)
+    return njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(kernel)
 
 
 def outermost(kernel: Kernel) -> Kernel:
     """Return a compiled function that is kept on disk where one may write."""
     try:
-        return njit(cache=True, error_model="numpy", fastmath=SUMS, no_cfunc_wrapper=True)(kernel)
+        return njit(cache=True, error_model="numpy", no_cfunc_wrapper=True)(kernel)
     except RuntimeError:  # no folder for the cache can be written
-        return njit(error_model="numpy", fastmath=SUMS, no_cfunc_wrapper=True)(kernel)
+        return njit(error_model="numpy", no_cfunc_wrapper=True)(kernel)
 
 
 def sources() -> int:

@@ -43,8 +43,8 @@ def elimination(posed: Posed[Body]) -> Elimination:
     """Eliminate the accelerations by tendency and correction (§4.1). Raises `CouplingError` at ε = 0,
     `SingularError`."""
     problem, border = posed.problem, posed.border
-    slides = posed.guess.sigma != 0.0
-    if slides.any() and problem.law.inertia == 0.0:
+    slides, inertia = posed.guess.sigma != 0.0, problem.law.inertia * np.ones(len(posed.guess.sigma))
+    if not inertia[slides].all():
         raise CouplingError(
             "epsilon = 0: the elimination of tendency and correction divides by it; give epsilon > 0 or solve whole"
         )
@@ -53,7 +53,7 @@ def elimination(posed: Posed[Body]) -> Elimination:
     right[problem.system.held] = 0.0
     X = banded_solve(posed.band(), np.asfortranarray(right))
     LX = L @ values_at_holds(posed.at, X.reshape(*posed.r_q.shape, -1))
-    per_inertia = np.where(slides, 1.0, 0.0) / (problem.law.inertia or 1.0)
+    per_inertia = np.where(slides, 1.0, 0.0) / np.where(slides, inertia, 1.0)
     s, s_of = np.where(slides, per_inertia, -1.0) * posed.r[:, S], per_inertia[:, None] * L_s.T
     matrix = LX[:, 1:] + L_s @ s_of + L_y @ problem.C @ L_y.T + np.diag(1.0 - problem.rows.ravel())
     return Elimination(matrix, -posed.r[:, PHI].ravel() - LX[:, 0] - L_s @ s, X[:, 0], s, X[:, 1:], s_of)

@@ -20,7 +20,7 @@ from coupling.paper.linear_step import checked, linear_step, linear_two_pass
 from coupling.paper.staggered import backward_euler, stagger
 from coupling.paper.two_pass import two_pass
 from coupling.run import begin
-from coupling.solver import covers
+from coupling.solver import SWITCHED_ON, covers
 from coupling.stepping import Take, try_step
 from coupling.system import State
 from studies.arrays import Array
@@ -102,11 +102,11 @@ class Simulation:
 
     @property
     def _newton(self) -> str:
-        """What steps are solved by where they can be: "compiled" loops or "numpy"."""
+        """What steps are solved by where they can be: "compiled" loops that are switched on, or "numpy"."""
         solve, organ = self.scenario.solve, self.assembly.organ
         in_motion = (solve.kind, solve.scheme) == ("dynamic", "newton")
         linear = getattr(organ, "gaps", None) is None and not isinstance(organ, tissue.FiniteOrgan)
-        return "compiled" if in_motion and linear and covers(self.assembly.system) else "numpy"
+        return "compiled" if SWITCHED_ON and in_motion and linear and covers(self.assembly.system) else "numpy"
 
     @property
     def steps(self) -> int:
@@ -273,8 +273,8 @@ def prepare(
     from it ends the run. Raises the errors of input that cannot be run.
     """
     given = Given(mesh, basis, stiffness, friction or {}, energy)
-    assembly = assemble(scenario, store, given)
-    with threadpool_limits(limits=1, user_api="blas"):
+    with threadpool_limits(limits=1, user_api="blas"):  # the same bits on any number of cores
+        assembly = assemble(scenario, store, given)
         return Simulation(assembly, sound_start(assembly, shareable(store, given)), on_step)
 
 

@@ -151,7 +151,8 @@ def test_corrections_downhill_follow_the_force(drive: float) -> None:
     hold."""
     for stiffness, reach in ((4.0, 1.0), (-4.0, 1.0), (4.0, 0.1), (-4.0, 0.1)):
         matrix, rhs = holds_of(stiffness, drive)
-        newton, led = solve_own(matrix.copy(), rhs), own_downhill(matrix.copy(), rhs, np.full(2, reach))
+        newton = solve_own(matrix.copy(), rhs)
+        led = own_downhill(matrix.copy(), rhs, np.full(2, reach), OWN * np.arange(2))
         expected = min(abs(drive / stiffness), reach) * np.sign(drive)
         assert abs(newton[0] - drive / stiffness) <= IDENTITY
         assert abs(led[0] - expected) <= IDENTITY

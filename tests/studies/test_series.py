@@ -75,9 +75,11 @@ def test_frames_have_the_arrays_of_their_columns(tmp_path: Path) -> None:
     nodes = len(LINEAR.points)
     lips = replace(whole.organ, contact_pressure=np.ones(nodes), lip_gap=np.full(nodes, np.nan))
     Series(tmp_path, LINEAR).write(0, whole)
-    twisted = replace(whole, organ=lips, thread=replace(whole.thread, torque=whole.thread.s))
+    twisted = replace(
+        whole, organ=lips, thread=replace(whole.thread, torque=whole.thread.s, bearing=whole.thread.points)
+    )
     Series(tmp_path / "all", LINEAR).write(0, twisted)
-    optional = {"contact_pressure", "lip_gap", "torque"}
+    optional = {"contact_pressure", "lip_gap", "torque", "bearing"}
     parts = {"organ": ORGAN_ARRAYS, "thread": THREAD_ARRAYS, "piercings": PIERCING_ARRAYS}
     for (part, columns), kind in zip(parts.items(), ("vtu", "vtp", "vtp"), strict=True):
         expected = {column.name: len(column.parts) or 1 for column in columns}

@@ -130,7 +130,7 @@ def test_a_study_into_a_folder(sample: None, tmp_path: Path, capsys: pytest.Capt
     assert pictures[0] == pictures[1]
     assert pictures[0][0].startswith(b"\x89PNG") and b"length [m]" in pictures[0][1]
     printed = capsys.readouterr().out
-    assert "How long is it?" in printed and "independent check: none" in printed and "* not converged" in printed
+    assert "How long is it?" in printed and "independent  none" in printed and "* not converged" in printed
     with (out / "runs.csv").open() as file:
         assert list(csv.DictReader(file)) == [{"way": "way 7", "length [m]": "0.5"}]
     with (out / "table.csv").open() as file:

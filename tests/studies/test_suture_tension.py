@@ -242,7 +242,7 @@ def test_what_has_no_meaning_is_refused(given: dict[str, tuple[float, ...]], wor
 def test_table_and_figure() -> None:
     """A line a run, and an axis with its unit for each sweep."""
     shown = STUDY.table(rows())
-    assert len(shown.lines) == 2 + 2 + 2 + 2 + 1 + 1 + 1 + 1 + 2
+    assert len(shown.lines) == 2 + 2 + 2 + 2 + 1 + 1 + 1 + 1 + 2 + 8
     assert {len(line) for line in shown.lines} == {len(shown.head)}
     text = render_figure(STUDY.figure, rows(), "sample")["svg"].decode()
     assert all(label in text for label in ("tension T [N]", "T/(E a²) [-]", "bite [mm]", "friction μ [-]"))
