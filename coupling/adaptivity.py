@@ -16,7 +16,7 @@ from coupling.diagnosis import holds_in_force
 from coupling.events import Event
 from coupling.interfaces import Body
 from coupling.system import State, System
-from coupling.tension import REST, strand_tensions
+from coupling.tension import REST, layers_at, strand_tensions
 from thread.knots import Tree, spans_at_holes, spans_by_curvature
 from thread.refit import Refit, refit
 from thread.thread import Thread
@@ -195,7 +195,8 @@ def exchange_spline(
     N = np.interp(thread.axial.s, system.thread.axial.s.ravel(), state.N.ravel())
     frame = None if state.frame is None else thread.interpolate_frame(state.frame, system.thread.stations, q)
     earlier = None if state.before is None else replace(state.before, q=before[0], v=before[1])
-    moved = replace(state, q=q, v=v, N=N, before=earlier, frame=frame)
+    layers = None if state.layers is None else layers_at(other, state.s, N, state.present)
+    moved = replace(state, q=q, v=v, N=N, before=earlier, frame=frame, layers=layers)
     energies = [initial_energies(*pair) for pair in ((system, state), (other, moved))]
     stored = [e.kinetic + e.elastic_thread for e in energies]
     change = momentum(other, moved) - momentum(system, state)

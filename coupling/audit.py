@@ -25,14 +25,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from coupling.arrays import Array
-from coupling.bordered import linearise
-from coupling.constraints import driving_force, held_energy, phi, site_force, thread_force
+from coupling.constraints import driving_force, force_on_tangent, held_energy, parts, site_force, thread_force
 from coupling.integrators import BDF2
 from coupling.interfaces import Body
 from coupling.stepping import Step, end_load, scheme_of, thread_motion
 from coupling.system import State, System
-
-RANK = 1e-9  # of the compliance: along the thread there is none
+from thread.vectors import dot
 
 
 @dataclass(frozen=True)
@@ -95,7 +93,7 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
         old.organ, new.organ
     )
 
-    layered = layer_work(system, old, solution.problem.layers)
+    layered = layer_work(step)
     external = np.sum(step.solution.problem.load * dq) + load_work + held_work(step)
     friction, eps_numerical, remainder, by_hand = sliding_work(system, step)
     more_external, more_friction, more_viscous = mean_force_works(system, step, load_work, organ_viscous)
@@ -130,25 +128,27 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
     )
 
 
-def layer_work(system: System[Body], old: State[Body], layers: Array | None) -> float:
-    """Return what the compliance of the holes stores more where the thread of the state before a step bends over the
-    `layers` (m,) [m] of the step, all held in its place [J].
+def layer_work(step: Step[Body]) -> float:
+    """Return what the compliance c of the holes takes in as the √(EI/T) of a step replaces that of the state before it
+    [J].
 
-    The compliance is that of a tension, which a step has as a number. The energy stored belongs to the place, so the
-    multipliers are those that hold it there.
+    A step has c as a number, and there is no path from the one to the other. Under a constant force as in a constant
+    place the work of a c that goes from c⁻ to c⁺ is ½λ⁻(c⁻ − c⁺)λ⁺ on any path.
     """
+    old, new, layers = step.old, step.new, step.solution.problem.layers
     if layers is old.layers or not old.lam.any():
         return 0.0
-    at, was = system.passage(old.q, old.s, layers=layers), system.passage_of(old)
-    if np.array_equal(at.c, was.c):
-        return 0.0
-    rows = system.rows & old.present[:, None]
-    size = 1.0 / np.sqrt(np.maximum(at.c[:, 0][:, [0, 0, 0, 2, 2]], np.finfo(float).tiny)) * rows
-    gap = size * np.where(rows, phi(at, old.lam, old.y), 0.0)
-    by_lam = size[:, :, None] * linearise(at, old.lam, old.y).Phi_lam * size[:, None, :]
-    lam = old.lam - size * np.matvec(np.linalg.pinv(by_lam, rcond=RANK, hermitian=True), gap)
-    change = held_energy(at, lam, old.y) - held_energy(was, old.lam, old.y)
-    return float(change.sum())
+    thread, y = step.solution.problem.system.thread, step.solution.iterate.y
+    less = [
+        thread.missing_compliance(s, None, old.layers) - thread.missing_compliance(s, None, layers)
+        for s in (old.s, new.s)
+    ]
+    c = 0.5 * (less[0] + less[1])[:, 0]
+    before = step.solution.problem.system.passage_of(old)
+    across = [parts(*each).across for each in ((before, old.lam, old.y), (step.solution.residual.passage, new.lam, y))]
+    m = [force_on_tangent(*each) for each in ((old.lam, old.y), (new.lam, y))]
+    mixed = dot(old.lam[:, :3], m[1]) + dot(new.lam[:, :3], m[0])
+    return float(0.5 * np.sum(c[:, 0] * dot(*across) + c[:, 1] * mixed + c[:, 2] * dot(*m)))
 
 
 def held_work(step: Step[Body]) -> float:

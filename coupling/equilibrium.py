@@ -25,13 +25,17 @@ from coupling.stepping import (
     end_load,
     reactions,
     release,
+    settle_layers,
     tie_gaps,
     with_ends,
     with_sense,
 )
 from coupling.system import State, System
+from coupling.tension import layers_at
 
 WEAKER = 10.0  # the tie is weakened by this factor after a success, tightened by its square root after a failure
+AT_REST = 1.0 + 1e-6  # ratio of √(EI/T) at rest to that which the equilibrium was solved with
+TENSIONS = 20  # equilibria with another √(EI/T) at most
 PAIRINGS = 8  # equilibria of a load step at most, further ones, until lips that slide face what they faced before
 PAIRED = 1e-4  # of the thread's diameter: lips that slide no further face what they faced before
 ATTEMPTS = 60
@@ -70,6 +74,7 @@ def static_problem(
         law=law_of(system, first.s, state.present, 0.0, first.s, *by_hand, first.time),
         stiffen=True,
         frame=state.frame,
+        layers=layers_at(system, state.s, state.N, state.present),
         gaps=tie_gaps(system, state, time),
     )
 
@@ -99,6 +104,7 @@ def relax_ties(system: System[Body], state: State[Body], share: float, duration:
         held = hold and tie == 0.0 and now is not state
         try:
             solution = let_go(problem, first) if held else solve(problem, first)
+            solution = solution if tie else settle_layers(solution, let_go, AT_REST, TENSIONS)
         except StepError as error:
             failed = error
             if held:
@@ -187,6 +193,7 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
         sigma=z.sigma,
         reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.transport_frame(old.frame, z.q),
+        layers=problem.layers,
     )
     return with_sense(system, old, new, residual.passage)
 

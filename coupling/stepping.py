@@ -23,7 +23,7 @@ from coupling.newton import Iterate, Problem, Solution
 from coupling.sliding import law_of
 from coupling.solver import solve
 from coupling.system import State, System, forgetful
-from coupling.tension import is_settled, layers_at
+from coupling.tension import SETTLED, is_settled, layers_at
 from coupling.ties import gap_left
 from thread.vectors import cross, dot
 from tissue.errors import OrganError
@@ -174,7 +174,7 @@ def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme
     `InversionError`; the state is not touched."""
     scheme = scheme or BackwardEuler(dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
-    return conclude(state, scheme, settle(find_solution(problem, predict(problem, state))))
+    return conclude(state, scheme, settle_layers(find_solution(problem, predict(problem, state))))
 
 
 def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> Step[Body]:
@@ -232,15 +232,21 @@ def find_solution(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
     return solve_downhill(problem, guess)
 
 
-def settle(solution: Solution[Body]) -> Solution[Body]:
-    """Solve a step again with the tension of its end while that is another than it was solved with: a thread that is
-    drawn taut within a step bends at its holes as a taut one. Raises `StepError`."""
-    for _ in range(PASSES):
+def settle_layers(
+    solution: Solution[Body],
+    solve_again: Callable[[Problem[Body], Iterate], Solution[Body]] = find_solution,
+    ratio: float = SETTLED,
+    passes: int = PASSES,
+) -> Solution[Body]:
+    """Solve again with the tension of the end while √(EI/T) there is another than it was solved with, by more than the
+    `ratio`: a thread that is drawn taut bends at its holes as a taut one. Raises `StepError`."""
+    for _ in range(passes):
         problem, z = solution.problem, solution.iterate
         ended = layers_at(problem.system, z.s, z.N, problem.rows[:, 0])
-        if is_settled(problem.system, z.s, problem.rows[:, 0], problem.layers, ended):
+        if is_settled(problem.system, z.s, problem.rows[:, 0], (problem.layers, ended), ratio):
             break
-        solution = find_solution(replace(problem, layers=ended), z)
+        again = solve_again(replace(problem, layers=ended), z)
+        solution = replace(again, iterations=solution.iterations + again.iterations)
     return solution
 
 
@@ -397,7 +403,7 @@ def bdf2_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]
         return remembering(try_step(system, state, dt), state, dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
     try:
-        return remembering(conclude(state, scheme, settle(solve(problem, predict(problem, state)))), state, dt)
+        return remembering(conclude(state, scheme, settle_layers(solve(problem, predict(problem, state)))), state, dt)
     except (StepError, InversionError):
         return try_step(system, forgetful(state), dt)
 

@@ -39,11 +39,14 @@ def layers_at(system: System[Body], s: Array, N: Array, present: Flags) -> Array
     return np.asarray(spans / np.sqrt(np.maximum(ratio**2 - FINE**2, (0.5 * SLACK) ** 2)))
 
 
-def is_settled(system: System[Body], s: Array, present: Flags, layers: Array | None, ended: Array | None) -> bool:
-    """Whether a step that was solved with `layers` and ended with those of its end needs no other: where they differ
-    little, or spans are too short for the tension to matter."""
-    if layers is None or ended is None:
-        return layers is ended
+def is_settled(
+    system: System[Body], s: Array, present: Flags, layers: tuple[Array | None, Array | None], ratio: float
+) -> bool:
+    """Whether the `layers` that were solved with and those at the end are the same but for the `ratio`, or spans are
+    too short for the tension to matter."""
+    with_, ended = layers
+    if with_ is None or ended is None:
+        return with_ is ended
     spans = np.diff(system.thread.spline.breaks)[system.thread.spline.spans_of(s)]
-    matters = present & (spans > SLACK * np.minimum(layers, ended))
-    return not (matters & (np.abs(np.log(ended / layers)) > np.log(SETTLED))).any()
+    matters = present & (spans > SLACK * np.minimum(with_, ended))
+    return not (matters & (np.abs(np.log(ended / with_)) > np.log(ratio))).any()
