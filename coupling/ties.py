@@ -12,7 +12,6 @@ Both tails are slack where they leave the tie, so one force λ is that of either
 that the hands draw with T; where along a straight strand the knot sits is left open by it. So a tie slides as one:
 with τ = (f_b − f_a)/2 the force that its loop s_b − s_a is under, f = Φ_sᵀλ/|T̂| as in `coupling.sliding`,
 
-    held        s_a and s_b as they were, before hands draw: at rest, where nothing else keeps slack strands together
     drawn       s_a + s_b as it was,  τ = F + c ds_b/dt     by two hands alike, in the end with F
     tied        s_a and s_b as they were
     slips       s_a + s_b as it was,  τ = σ F_hold          where a knot that is tied holds no more than F_hold
@@ -64,10 +63,6 @@ class Tie:
     def is_locked(self, time: float) -> bool:
         """Whether it is locked in a step from `time` [s] on."""
         return time >= self.locks - ON_TIME * (self.locks - self.begins)
-
-    def is_drawn(self, time: float) -> bool:
-        """Whether hands draw in a step from `time` [s] on."""
-        return time >= self.begins - ON_TIME * (self.locks - self.begins) and not self.is_locked(time)
 
     def share(self, time: float) -> float:
         """Return the part of its force with which the loop is drawn at `time` [s], which is also the part of the way
