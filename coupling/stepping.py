@@ -162,11 +162,13 @@ def tie_gaps(system: System[Body], state: State[Body], time: float) -> Array:
 
 
 def predict(problem: Problem[Body], state: State[Body]) -> Iterate:
-    """Predict the first iterate: everything goes on as it went."""
+    """Predict the first iterate: the thread goes on as it went, under the forces that it had, and the sites are where
+    these forces held them. (From the sites of an organ without forces a step at rest in holes that turned far does not
+    come back to its own answer.)"""
     q = with_ends(state.q + problem.dt * state.v, problem.system, problem.time)
     s = state.s + problem.dt * state.s_dot
     pressed = pressed_pairs(problem.contact, problem.system, state)
-    return Iterate(q, state.N, s, state.lam, problem.y_free, state.sigma, pressed=pressed)
+    return Iterate(q, state.N, s, state.lam, state.y, state.sigma, pressed=pressed)
 
 
 def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme | None = None) -> Step[Body]:
