@@ -136,19 +136,22 @@ def layer_work(step: Step[Body]) -> float:
     place the work of a c that goes from c⁻ to c⁺ is ½λ⁻(c⁻ − c⁺)λ⁺ on any path.
     """
     old, new, layers = step.old, step.new, step.solution.problem.layers
-    if layers is old.layers or not old.lam.any():
+    if not old.lam.any() or layers is old.layers:
         return 0.0
-    thread, y = step.solution.problem.system.thread, step.solution.iterate.y
-    less = [
-        thread.missing_compliance(s, None, old.layers) - thread.missing_compliance(s, None, layers)
-        for s in (old.s, new.s)
-    ]
-    c = 0.5 * (less[0] + less[1])[:, 0]
-    before = step.solution.problem.system.passage_of(old)
-    across = [parts(*each).across for each in ((before, old.lam, old.y), (step.solution.residual.passage, new.lam, y))]
-    m = [force_on_tangent(*each) for each in ((old.lam, old.y), (new.lam, y))]
+    if layers is not None and old.layers is not None and np.array_equal(layers, old.layers):
+        return 0.0
+    system, y = step.solution.problem.system, step.solution.iterate.y
+    c = np.mean([lack_at(system, s, old.layers) - lack_at(system, s, layers) for s in (old.s, new.s)], axis=0)
+    before, after = system.passage_of(old), step.solution.residual.passage
+    across = parts(before, old.lam, old.y).across, parts(after, new.lam, y).across
+    m = force_on_tangent(old.lam, old.y), force_on_tangent(new.lam, y)
     mixed = dot(old.lam[:, :3], m[1]) + dot(new.lam[:, :3], m[0])
     return float(0.5 * np.sum(c[:, 0] * dot(*across) + c[:, 1] * mixed + c[:, 2] * dot(*m)))
+
+
+def lack_at(system: System[Body], s: Array, layers: Array | None) -> Array:
+    """Return the compliance that the spline lacks at the abscissae `s` (m,) [m] of the holds, shape `(m, 3)`."""
+    return system.thread.missing_compliance(s, None, layers)[:, 0]
 
 
 def held_work(step: Step[Body]) -> float:
