@@ -10,7 +10,7 @@ import numpy as np
 
 from coupling.arrays import Array
 from coupling.contact import pressed_pairs
-from coupling.diagnosis import refuse_drawn_out, refuse_held_end
+from coupling.diagnosis import refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.errors import EquilibriumError, InversionError, StepError
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body
@@ -223,6 +223,7 @@ def load_step(
     try:
         step = settle(system, state, share, duration)
         refuse_drawn_out(system, step.old, step.new)
+        refuse_crossing(system, step.old, step.new)
         gone = emptied_holds(system, step.old, step.new)
         refuse_held_end(system, step.old, step.new, gone)
     except (StepError, InversionError):
