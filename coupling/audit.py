@@ -175,7 +175,7 @@ def drawing_works(step: Step[Body]) -> Array:
         return np.zeros(0)
     strands, drive = system.strands, driving_force(step.solution.residual.passage, new.lam, step.solution.iterate.y)
     if is_of_bdf2(step):
-        drive = 0.5 * (drive + driving_force(system.passage(old.q, old.s), old.lam, old.y))
+        drive = 0.5 * (drive + driving_force(system.passage_of(old), old.lam, old.y))
     return -np.sum((drive * (new.s - old.s) * step.solution.problem.law.by_hand)[strands], axis=1)
 
 

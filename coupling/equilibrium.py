@@ -10,7 +10,7 @@ import numpy as np
 
 from coupling.arrays import Array
 from coupling.contact import pressed_pairs
-from coupling.diagnosis import refuse_drawn_out, refuse_held_end
+from coupling.diagnosis import refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.errors import EquilibriumError, InversionError, StepError
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body
@@ -230,6 +230,7 @@ def load_step(
     try:
         step = settle(system, state, share, duration)
         refuse_drawn_out(system, step.old, step.new)
+        refuse_crossing(system, step.old, step.new)
         gone = emptied_holds(system, step.old, step.new)
         refuse_held_end(system, step.old, step.new, gone)
     except (StepError, InversionError):
@@ -244,15 +245,14 @@ def load_step(
 
 
 def pair_lips(system: System[Body], step: Step[Body], share: float, duration: float) -> list[Step[Body]]:
-    """Find the equilibrium again while the lips, which a step pairs as they were at its start, slide on its way. Raises
-    `StepError`."""
+    """Find the equilibrium again while the lips, which a step pairs as they were at its start, slide on its way, or
+    their gaps change where an organ at finite strain turns them. Raises `StepError`."""
     out = [step]
+    seen = slice(2, 3) if step.solution.problem.answer.linear else slice(0, 3, 2)
     while len(out) <= PAIRINGS:
         before, after = (system.organ.lips(state.organ) for state in (out[-1].old, out[-1].new))
-        if (
-            np.abs(after[2] - before[2]).max(initial=0.0) <= PAIRED * system.thread.section.diameter
-            or not after[1].any()
-        ):
+        way = max(np.abs(b - a).max(initial=0.0) for a, b in zip(before[seen], after[seen], strict=True))
+        if way <= PAIRED * system.thread.section.diameter or not after[1].any():
             break
         out.append(settle(system, out[-1].new, share, duration))
     return out[1:]

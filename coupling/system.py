@@ -282,7 +282,7 @@ class System(Generic[Body]):
 
     def drawn_ties(self, time: float) -> Flags:
         """Holds that are strands of a tie which hands draw in a step from `time` [s] on, shape `(holds,)`."""
-        return self.over_ties([not tie.is_locked(time) for tie in self.ties]) > 0.0
+        return self.over_ties([tie.is_drawn(time) for tie in self.ties]) > 0.0
 
     def over_ties(self, values: Sequence[float], first: float = 1.0) -> Array:
         """Return numbers of ties over the holds, shape `(holds,)`: for their first strands times `first`, zero but for

@@ -117,7 +117,7 @@ KINDS = (
         "lips-cross",
         "unsupported",
         f"lips of a wound at finite strain more than {CROSSED:g} of their extent through one another",
-        "they do not press on one another there: what closes them meets no resistance any more",
+        "without `tissue.contact` they do not press on one another: what closes them meets no resistance any more",
     ),
     Kind(
         "thread-strength",

@@ -276,8 +276,8 @@ def crossed_lips(extremes: Extremes) -> list[Remark]:
     if extremes.crossed <= CROSSED:
         return []
     text = (
-        f"the lips of the wound went through one another by {extremes.crossed:.2g} of their extent, and at finite "
-        'strain they do not touch; pull less, or take tissue.material = "linear" with tissue.contact = true'
+        f"the lips of the wound went through one another by {extremes.crossed:.2g} of their extent, since they do not "
+        "press on one another; set tissue.contact = true"
     )
     return [remark("lips-cross", "tissue.mesh", text)]
 

@@ -262,6 +262,23 @@ def test_a_step_that_fails_for_its_constraints_says_so() -> None:
     assert isinstance(caught.value.__cause__, StepError)
 
 
+def test_a_step_that_fails_in_a_collapsed_frame_says_so() -> None:
+    """Independent check: a frame turned by 85° as a linear organ turns it, u to cos 85° of its length, is named where a
+    step fails; one turned by 60° is not, nor that of a hole that asks for no direction."""
+
+    def failing(system: System, state: State, dt: float) -> Any:
+        raise StepError(state.time, dt, "no convergence")
+
+    for degrees, directed, named in ((85.0, True, True), (60.0, True, False), (85.0, False, False)):
+        system, state = straight([2.5 * SPAN, 6.5 * SPAN], directed)
+        y = state.y.copy()
+        y[1, 3:6] *= np.cos(np.radians(degrees))
+        with pytest.raises(StepError, match="no convergence") as caught:
+            advance(system, replace(state, y=y), 1e-3, failing)
+        assert ("'second' has shrunk to 0.087 of its area" in str(caught.value)) == named
+        assert "'first' has shrunk" not in str(caught.value)
+
+
 CLOSE = """
 [thread]
 suture = "2-0 polypropylene"
