@@ -338,11 +338,11 @@ def correct(problem: Problem[Body], z: Iterate, r: Residual, reach: Array | None
     return replace(z, q=z.q + dq, N=N, s=z.s + dz[:, S], lam=z.lam + dz[:, PHI], y=z.y + dz[:, Y])
 
 
-def correct_downhill(problem: Problem[Body], z: Iterate, r: Residual) -> Iterate:
-    """Make one Newton correction in which no abscissa goes uphill, nor further than a REACH of its span. Raises
+def correct_downhill(problem: Problem[Body], z: Iterate, r: Residual, spans: float = REACH) -> Iterate:
+    """Make one Newton correction in which no abscissa goes uphill, nor further than so many of its span. Raises
     `SingularError`."""
     spline = problem.system.thread.spline
-    return correct(problem, z, r, REACH * np.diff(spline.breaks)[spline.spans_of(z.s)])
+    return correct(problem, z, r, spans * np.diff(spline.breaks)[spline.spans_of(z.s)])
 
 
 Corrector = Callable[[Problem[Body], Iterate, Residual], Iterate]

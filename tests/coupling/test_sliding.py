@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 
 import coupling.sliding
+from coupling import newton
 from coupling.audit import audit_step, initial_energies
 from coupling.constraints import driving_force, phi, tangent
 from coupling.equilibrium import load_step
 from coupling.integrators import Scheme
+from coupling.newton import evaluate
 from coupling.observation import largest_gap, largest_residual, observe
 from coupling.system import Friction, Piercing, State, System
+from studies.scenario import load
+from studies.simulation import prepare
+from studies.simulation.sharing import Shared
 from tests.bounds import AXIAL, GAP, IDENTITY, ORDER, RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import (
     ABSCISSAE,
@@ -430,3 +435,24 @@ def test_inertia_of_the_abscissa(epsilon: float, directed: bool) -> None:
     assert np.abs(errors).max() <= RESIDUAL * abs(energies[-1].external_work) + AXIAL * PP.EA * way
     moved = abs(new.s[0] - 0.05)
     assert moved > 1e-4 if epsilon < 1.0 else moved < 1e-3
+
+
+FAR = ["solve.kind=static", "solve.load_steps=1", "thread.control_points=80"]
+COARSE = ["tissue.mesh.h=8e-3", "tissue.mesh.h_site=2.5e-3"]
+
+
+def test_a_thread_that_slides_far_at_rest_is_found_downhill(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: 16 mm of thread go through a hole in one load step, and the larger pull is the larger tension.
+    Consistency check: in at most 150 residuals, of which plain Newton with the thread tied needs 300 to 600."""
+    asked: list[None] = []
+    monkeypatch.setattr(newton, "evaluate", lambda *given: asked.append(None) or evaluate(*given))
+    store, tensions = Shared(), []
+    for pull in (0.10, 0.11):
+        along = [f"thread.start.force=[{-0.832 * pull}, 0, {0.555 * pull}]"]
+        simulation = prepare(load("two_piercings", [*FAR, *COARSE, *along]), store)
+        asked.clear()
+        last = [step for step, _ in simulation.advance()][-1]
+        assert abs(last.piercings[1].slip) > 0.015
+        assert len(asked) <= 150
+        tensions.append(last.piercings[0].tension_after)
+    assert tensions[1] - tensions[0] == pytest.approx(0.01, rel=0.1)
