@@ -261,7 +261,7 @@ def schedule_piercings(
     out = []
     for k, piercing in enumerate(system.piercings):
         if state.present[k] and is_due(piercing.ends, earlier, state.time, dt):
-            let_go = float(held_energy(system.passage(state.q, state.s), state.lam, state.y)[k])
+            let_go = float(held_energy(system.passage_of(state), state.lam, state.y)[k])
             out.append(Event(state.time, "ends", piercing.name, float(state.s[k]), loss=let_go))
             state = release(state, np.arange(system.holds) == k)
     for k, piercing in enumerate(system.piercings):

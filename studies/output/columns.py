@@ -242,9 +242,16 @@ ENERGY: tuple[Column[EnergyRecord], ...] = (
         lambda energy: energy.numerical_dissipation,
     ),
     Column(
+        "layer_work",
+        "J",
+        "put into `elastic_thread` at holes on spans longer than ½√(EI/T) as the tension T grows since the start; "
+        "negative: taken out as it falls",
+        lambda energy: energy.layer_work,
+    ),
+    Column(
         "balance_error",
         "J",
-        "external work less the three dissipations and the change of kinetic and elastic energy: round-off",
+        "external and layer work less the three dissipations and the change of kinetic and elastic energy: round-off",
         lambda energy: energy.balance_error,
     ),
 )
