@@ -37,8 +37,8 @@ PAIRINGS = 8  # equilibria of a load step at most, further ones, until lips that
 PAIRED = 1e-4  # of the thread's diameter: lips that slide no further face what they faced before
 ATTEMPTS = 60
 LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
-A_SPAN = 1.0  # the most that a correction of a tied thread moves an abscissa: the curve beyond is another polynomial
-PATIENCE = 4  # times the corrections of a plain solve: as many spans may be slid through, or hundredths of the thread
+SPANS = 4.0  # that a correction of a tied thread moves an abscissa at most: a single coarse one is a trap of its own
+PATIENCE = 4  # times the corrections of a plain solve: LONGEST_MOVE takes a hundred to go along the whole thread
 LONG_END = 10.0  # √(EI/F) of an end beyond which the tension in it is the dead load on it, to 1e-8
 BALANCED = 1e-6  # of the larger of two dead loads: nearer ones are equal
 LAID_TIE = (
@@ -117,15 +117,18 @@ def relax_ties(system: System[Body], state: State[Body], share: float, duration:
 
 
 def follow_ties(problem: Problem[Body], first: Iterate) -> Solution[Body]:
-    """Solve for the equilibrium of a thread that is tied; where it may slide, its abscissae are led downhill. Raises
-    `StepError`.
+    """Solve for the equilibrium of a thread that is tied; where plain Newton fails and the thread may slide, its
+    abscissae are led downhill. Raises `StepError`.
 
     A tie holds the points and no abscissa: where the thread has a long way to slide, plain Newton throws the abscissae
-    over many spans and back, and ends at a saddle or nowhere.
+    over many spans and back.
     """
-    if problem.mass_factor == 0.0 or not problem.law.may_slide.any():
+    try:
         return solve(problem, first)
-    return solve(problem, first, partial(correct_downhill, spans=A_SPAN), PATIENCE)
+    except StepError:
+        if problem.mass_factor == 0.0 or not problem.law.may_slide.any():
+            raise
+    return solve(problem, first, partial(correct_downhill, spans=SPANS), PATIENCE)
 
 
 def let_go(problem: Problem[Body], held: Iterate) -> Solution[Body]:
