@@ -31,6 +31,7 @@ DEFLECTION = np.array([0.0, 0.0, 0.0, 1.0, -3.0, 3.0, -1.0]) / 3.0
 SLOPE = np.array([0.0, 1.0, -4.0, 6.0, -3.0, 0.0, 0.0])
 BINOMIAL = np.array([[comb(j, k) for j in POWERS] for k in POWERS], dtype=np.float64)
 FALLING_POWERS = np.array([[perm(j, k) for j in POWERS] for k in range(3)], dtype=np.float64)  # of d^k/ds^k s^j
+TWO_POINTS = np.polynomial.legendre.leggauss(2)  # exact for the product of two straight lines
 SUMS = np.add.outer(np.arange(ORDERS), np.arange(ORDERS))  # powers in the product of two cubics
 
 
@@ -87,7 +88,7 @@ def patch_of(spline: Spline, span: int) -> tuple[float, float, float, Array]:
 
 def bending_stiffness(spline: Spline) -> Array:
     """Assemble the bending stiffness ∫ b'' b''ᵀ ds at EI = 1, shape `(n, n)` [1/m³]."""
-    x, w = np.polynomial.legendre.leggauss(2)  # exact for the product of two straight lines
+    x, w = TWO_POINTS
     h = np.diff(spline.breaks)
     at = 0.5 * h[:, None] * (1.0 + x)
     curvature = (FALLING[2] * at[..., None] ** POWER[2]) @ spline.polynomials
