@@ -14,8 +14,9 @@ Operations Research 21, 1994; the single exchange is Murty's rule, which always 
 judged by the forces of solved iterates only (`coupling.newton.solve`).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic
+from typing import Generic, TypeVar
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
@@ -26,6 +27,9 @@ from coupling.constraints import site_force
 from coupling.errors import CouplingError
 from coupling.interfaces import Answer, Body
 from coupling.system import State, System
+from tissue.errors import OrganError
+
+Factor = TypeVar("Factor")
 
 ROUND_OFF = 1e-12  # of the largest gap without contact: a compliance of condition 10³ times what is rounded
 CHANCES = 3  # exchanges of all wrong pairs that may pass without fewer being wrong
@@ -61,8 +65,19 @@ def forces_and_gaps(contact: Contact[Body], pressed: Flags, open_gaps: Array) ->
     p = np.zeros_like(open_gaps)
     if not pressed.any():
         return p, open_gaps
-    p[pressed] = -cho_solve(cho_factor(contact.C_cc[np.ix_(pressed, pressed)]), open_gaps[pressed])
+    p[pressed] = -cho_solve(factorize_pressed(contact, pressed, cho_factor), open_gaps[pressed])
     return p, open_gaps + contact.C_cc @ p
+
+
+def factorize_pressed(contact: Contact[Body], pressed: Flags, factorize: Callable[[Array], Factor]) -> Factor:
+    """Return the Cholesky factor of C_cc of the pairs `pressed`. Raises `OrganError` where a force on the lips would
+    draw them together: beyond a point where tissue at finite strain snaps."""
+    try:
+        return factorize(contact.C_cc[np.ix_(pressed, pressed)])
+    except np.linalg.LinAlgError as error:
+        raise OrganError(
+            "lips that press on one another do not hold one another apart, as where tissue snaps"
+        ) from error
 
 
 def misfits(contact: Contact[Body], f: Array, pressed: Flags, force: float = 0.0) -> Flags:
@@ -97,7 +112,7 @@ def first_of(flags: Flags) -> Flags:
 
 def condense(contact: Contact[Body], pressed: Flags, y_free: Array, C: Array) -> tuple[Array, Array]:
     """Close the pairs `pressed` in `y_free` (m, 9) and `C` (9m, 9m) of the organ."""
-    factor = np.linalg.cholesky(contact.C_cc[np.ix_(pressed, pressed)])
+    factor = factorize_pressed(contact, pressed, np.linalg.cholesky)
     closing = np.column_stack([contact.C_cy[pressed], contact.g_free[pressed]])
     half = solve_triangular(factor, closing, lower=True)
     by_sites = half[:, :-1]
@@ -115,11 +130,18 @@ def contact_of(system: System[Body], answer: Answer[Body]) -> Contact[Body] | No
 
 
 def pressed_pairs(contact: Contact[Body] | None, system: System[Body], state: State[Body]) -> Flags:
-    """Return the pairs that the site forces of a state press in the step of a contact, shape `(k,)`."""
+    """Return the pairs that the site forces of a state press in the step of a contact, shape `(k,)`; those of the state
+    where an organ that is nonlinear cannot tell before the step is solved."""
     if contact is None:
         return np.zeros(0, dtype=bool)
-    f = site_force(system.passage(state.q, state.s), state.lam, state.y).ravel()
-    return find_pressed(contact, f, system.organ.lips(state.organ)[1] > 0.0)
+    f = site_force(system.passage_of(state), state.lam, state.y).ravel()
+    before = system.organ.lips(state.organ)[1] > 0.0
+    try:
+        return find_pressed(contact, f, before)
+    except (CouplingError, OrganError):
+        if contact.answer.linear:
+            raise
+        return before
 
 
 def solve_contact(system: System[Body], f_y: Array, answer: Answer[Body]) -> Array:

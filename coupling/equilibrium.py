@@ -11,7 +11,7 @@ import numpy as np
 
 from coupling.arrays import Array
 from coupling.contact import pressed_pairs
-from coupling.diagnosis import refuse_drawn_out, refuse_held_end
+from coupling.diagnosis import refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.errors import EquilibriumError, InversionError, StepError
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body
@@ -26,18 +26,22 @@ from coupling.stepping import (
     end_load,
     reactions,
     release,
+    settle_layers,
     tie_gaps,
     with_ends,
     with_sense,
 )
 from coupling.system import State, System
+from coupling.tension import layers_at
 
 WEAKER = 10.0  # the tie is weakened by this factor after a success, tightened by its square root after a failure
+AT_REST = 1.0 + 1e-6  # ratio of √(EI/T) at rest to that which the equilibrium was solved with
+TENSIONS = 20  # equilibria with another √(EI/T) at most
 PAIRINGS = 8  # equilibria of a load step at most, further ones, until lips that slide face what they faced before
 PAIRED = 1e-4  # of the thread's diameter: lips that slide no further face what they faced before
 ATTEMPTS = 60
 LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
-SPANS = 4.0  # that a correction of a tied thread moves an abscissa at most: a single coarse one is a trap of its own
+A_SPAN = 1.0  # the most that a correction of a tied thread moves an abscissa: the curve beyond is another polynomial
 PATIENCE = 4  # times the corrections of a plain solve: LONGEST_MOVE takes a hundred to go along the whole thread
 LONG_END = 10.0  # √(EI/F) of an end beyond which the tension in it is the dead load on it, to 1e-8
 BALANCED = 1e-6  # of the larger of two dead loads: nearer ones are equal
@@ -73,6 +77,7 @@ def static_problem(
         law=law_of(system, first.s, state.present, 0.0, first.s, *by_hand, first.time),
         stiffen=True,
         frame=state.frame,
+        layers=layers_at(system, state.s, state.N, state.present),
         gaps=tie_gaps(system, state, time),
     )
 
@@ -102,6 +107,7 @@ def relax_ties(system: System[Body], state: State[Body], share: float, duration:
         held = hold and tie == 0.0 and now is not state
         try:
             solution = let_go(problem, first) if held else follow_ties(problem, first)
+            solution = solution if tie else settle_layers(solution, let_go, AT_REST, TENSIONS)
         except StepError as error:
             failed = error
             if held:
@@ -117,18 +123,24 @@ def relax_ties(system: System[Body], state: State[Body], share: float, duration:
 
 
 def follow_ties(problem: Problem[Body], first: Iterate) -> Solution[Body]:
-    """Solve for the equilibrium of a thread that is tied; where plain Newton fails and the thread may slide, its
+    """Solve for the equilibrium of a thread that is tied; where it may slide through holes that its spans resolve, its
     abscissae are led downhill. Raises `StepError`.
 
     A tie holds the points and no abscissa: where the thread has a long way to slide, plain Newton throws the abscissae
-    over many spans and back.
+    over many spans and back, and ends at a saddle or nowhere. On spans that are too coarse the potential has a trap
+    between two knots, in which a thread that is led would stay.
     """
-    try:
+    if problem.mass_factor == 0.0 or not problem.law.may_slide.any() or not is_resolved(problem, first):
         return solve(problem, first)
-    except StepError:
-        if problem.mass_factor == 0.0 or not problem.law.may_slide.any():
-            raise
-    return solve(problem, first, partial(correct_downhill, spans=SPANS), PATIENCE)
+    return solve(problem, first, partial(correct_downhill, spans=A_SPAN), PATIENCE)
+
+
+def is_resolved(problem: Problem[Body], first: Iterate) -> bool:
+    """Tell whether no span at a hole is longer than √(EI/F), F the largest dead load."""
+    thread = problem.system.thread
+    spans = np.diff(thread.spline.breaks)[thread.spline.spans_of(first.s)]
+    force = float(np.linalg.norm(problem.load[:, :3], axis=1).max())
+    return bool((force * spans**2 <= thread.EI).all())
 
 
 def let_go(problem: Problem[Body], held: Iterate) -> Solution[Body]:
@@ -205,6 +217,7 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
         sigma=z.sigma,
         reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.transport_frame(old.frame, z.q),
+        layers=problem.layers,
     )
     return with_sense(system, old, new, residual.passage)
 
@@ -241,6 +254,7 @@ def load_step(
     try:
         step = settle(system, state, share, duration)
         refuse_drawn_out(system, step.old, step.new)
+        refuse_crossing(system, step.old, step.new)
         gone = emptied_holds(system, step.old, step.new)
         refuse_held_end(system, step.old, step.new, gone)
     except (StepError, InversionError):
@@ -255,15 +269,14 @@ def load_step(
 
 
 def pair_lips(system: System[Body], step: Step[Body], share: float, duration: float) -> list[Step[Body]]:
-    """Find the equilibrium again while the lips, which a step pairs as they were at its start, slide on its way. Raises
-    `StepError`."""
+    """Find the equilibrium again while the lips, which a step pairs as they were at its start, slide on its way, or
+    their gaps change where an organ at finite strain turns them. Raises `StepError`."""
     out = [step]
+    seen = slice(2, 3) if step.solution.problem.answer.linear else slice(0, 3, 2)
     while len(out) <= PAIRINGS:
         before, after = (system.organ.lips(state.organ) for state in (out[-1].old, out[-1].new))
-        if (
-            np.abs(after[2] - before[2]).max(initial=0.0) <= PAIRED * system.thread.section.diameter
-            or not after[1].any()
-        ):
+        way = max(np.abs(b - a).max(initial=0.0) for a, b in zip(before[seen], after[seen], strict=True))
+        if way <= PAIRED * system.thread.section.diameter or not after[1].any():
             break
         out.append(settle(system, out[-1].new, share, duration))
     return out[1:]

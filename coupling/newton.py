@@ -34,7 +34,17 @@ from coupling.bordered import (
 )
 from coupling.configuration import Configuration, evaluate_thread
 from coupling.constraints import Passage, phi, site_force, spread, thread_force
-from coupling.contact import NO_FORCES, Contact, condense, contact_of, find_pressed, first_of, forces, misfits
+from coupling.contact import (
+    NO_FORCES,
+    Contact,
+    condense,
+    contact_of,
+    find_pressed,
+    first_of,
+    forces,
+    forces_and_gaps,
+    misfits,
+)
 from coupling.errors import StepError
 from coupling.interfaces import Answer, Body
 from coupling.sliding import Law, admissible_sigma, in_metres, linearise_law, next_sigma, sliding_strands
@@ -64,8 +74,9 @@ class Problem(Generic[Body]):
     `time` [s] at its end; `mass_factor` [1/s²] with `q_ref` (n, c): the inertia and viscous force is
     mass_factor·M (q − q_ref); `load` (n, c) [N, with twist N m]; `answer`, the organ's; `rows` (m, 5) constraints in
     force; `stiffen`: add the constraints' own stiffness to the thread's band, needed where there is no inertia (an
-    exact row operation); `frame`, that of the start of the step, of a thread with twist; `closed` (k,), the pairs of
-    lips that are held closed, whatever their force; `gaps` (t, 3) [m], between the strands of every tie.
+    exact row operation); `frame`, that of the start of the step, of a thread with twist; `layers` (m,) [m], √(EI/T)
+    that the thread bends over at its holes, None without tension; `closed` (k,), the pairs of lips that are held
+    closed, whatever their force; `gaps` (t, 3) [m], between the strands of every tie.
     """
 
     system: System[Body]
@@ -79,6 +90,7 @@ class Problem(Generic[Body]):
     law: Law
     stiffen: bool = False
     frame: Frame | None = None
+    layers: Array | None = None
     closed: Flags = field(default_factory=lambda: NO_PAIRS)
     gaps: Array = field(default_factory=lambda: NO_GAPS)
 
@@ -186,7 +198,7 @@ class Solution(Generic[Body]):
 def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
     """Evaluate all residuals of a step."""
     thread = problem.system.thread
-    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, home=problem.law.s_old)
+    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, problem.layers)
     at, elastic = now.at, now.elastic
     balance, push = elastic - problem.load, spread(thread_force(at, z.lam, z.y), at, thread.n)
     balance[:, :3] -= push
@@ -220,7 +232,7 @@ def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Bod
     the answer stood. Raises `StepError` where it has none."""
     sites = len(problem.system.piercings)
     try:
-        answer = problem.answer.again(r.f_y[:sites].ravel(), contact_forces(problem.contact, z, r))
+        answer = problem.answer.again(r.f_y[:sites].ravel(), closing_forces(problem.contact, z, r))
     except OrganError as error:
         raise failure(problem, r, str(error)) from error
     if answer is problem.answer:
@@ -347,6 +359,15 @@ def solve(
     judged. Where a set comes back, one hole or pair changes at a time, the first that has to (Murty's least-index
     rule); what is not at rest after MAX_SETS is given up.
     """
+    try:
+        return solve_sets(problem, start, correct, patience)
+    except OrganError as error:
+        raise StepError(problem.time - problem.dt, problem.dt, str(error)) from error
+
+
+def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body], patience: int) -> Solution[Body]:
+    """Solve one active set after another, as `solve` says. Raises `StepError`, and `OrganError` where the lips of a
+    nonlinear organ have no answer."""
     z, iterations = replace(start, sigma=admissible_sigma(problem.law, start.sigma)), 0
     seen: set[bytes] = set()
     for _ in range(MAX_SETS + len(z.pressed)):
@@ -387,6 +408,13 @@ def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: set[by
         return replace(z, sigma=admissible_sigma(problem.law, np.where(first_of(other), sigma, z.sigma)))
     wrong = NO_PAIRS if contact is None else misfits(contact, r.f_y.ravel(), z.pressed, margin)
     return replace(z, pressed=z.pressed ^ first_of(wrong)) if wrong.any() else z
+
+
+def closing_forces(contact: Contact[Body] | None, z: Iterate, r: Residual) -> Array:
+    """Return what keeps the pressed pairs of an iterate closed, pulls too, which end its set, shape `(k,)` [N]."""
+    if contact is None:
+        return NO_FORCES
+    return forces_and_gaps(contact, z.pressed, contact.gaps_when_open(r.f_y.ravel()))[0]
 
 
 def contact_forces(contact: Contact[Body] | None, z: Iterate, r: Residual) -> Array:

@@ -51,5 +51,5 @@ def solve_compiled(problem: Problem[Body], start: Iterate) -> Solution[Body] | N
 def residual_of(problem: Problem[Body], z: Iterate, found: Any, scale: float) -> Residual:
     """Return the residual at a solved iterate from the arrays that the loops left. The thread itself is evaluated as a
     run that goes on from there evaluates it, to the same bits."""
-    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, home=problem.law.s_old)
+    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, problem.layers)
     return Residual(now, found.f_y, found.push, found.balance, found.holds, found.site, scale)

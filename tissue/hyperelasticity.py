@@ -187,6 +187,10 @@ class Hyperelasticity:
             stored += float(0.5 * self._stiffness_of_vertices @ self._gaps(J) ** 2)
         return stored if np.isfinite(stored) else np.inf
 
+    def is_possible(self, F: Array) -> bool:
+        """Whether no cell is inverted by deformation gradients as `gradient` gives them."""
+        return bool(determinant(F).min() > 0.0)
+
     def energy_at_points(self, F: Array) -> Array:
         """Return the stored energy of each point of the cells, shape `(q, c)` [J]; of what is averaged at the vertices
         a point has the share that it adds there."""

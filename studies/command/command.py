@@ -198,7 +198,8 @@ def print_catalogue(options: argparse.Namespace) -> int:
 
 
 def run_bench(options: argparse.Namespace) -> int:
-    """``suture bench``: a step and its baselines, a small basis and many tensions, or what an organ's solvers take."""
+    """``suture bench``: a step and its baselines, a small basis and many tensions, an organ at finite strain, or what
+    an organ's solvers take."""
     if options.what == "organ":
         return int(import_module("studies.bench.organ").main(options.sizes, options.element, options.json))
     status = 0
@@ -206,6 +207,8 @@ def run_bench(options: argparse.Namespace) -> int:
         status = int(import_module("studies.bench.step").main(options.json, options.solver))
     if options.what in ("many", "all") and status == 0:
         status = int(import_module("studies.bench.many").main(options.json, options.tensions))
+    if options.what in ("finite", "all") and status == 0:
+        status = int(import_module("studies.bench.finite").main(options.json, options.solver))
     return status
 
 

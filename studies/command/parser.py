@@ -207,15 +207,15 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "what",
         nargs="?",
-        choices=("all", "step", "many", "organ"),
+        choices=("all", "step", "many", "finite", "organ"),
         default="all",
-        help="default: all, which is step and many",
+        help="default: all, which is step, many and finite",
     )
     parser.add_argument(
         "--sizes", metavar="N", type=int, nargs="+", default=[3_000, 10_000, 30_000], help="unknowns, for organ"
     )
     parser.add_argument("--element", choices=("P1", "P2"), default="P1", help="of the organ, for organ")
-    parser.add_argument("--solver", choices=SOLVERS, default="auto", help="of the organ, for step")
+    parser.add_argument("--solver", choices=SOLVERS, default="auto", help="of the organ, for step and finite")
     parser.add_argument("--tensions", metavar="N", type=int, default=64, help="on one organ, for many")
     parser.add_argument("--json", metavar="FILE", type=Path, help="write the numbers as JSON")
 

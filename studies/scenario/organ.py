@@ -382,11 +382,6 @@ class Tissue(MaterialKeys):
 
     @model_validator(mode="after")
     def _check_lips(self) -> Self:
-        if self.contact and self.material != "linear":
-            raise ValueError(
-                f".contact = true is refused: material is {self.material}, and at finite strain the lips of a wound do "
-                'not touch yet; leave it out or take material = "linear"'
-            )
         if self.contact and self.mesh.kind != "wound":
             raise ValueError(
                 f".contact = true is refused: tissue.mesh.kind is {self.mesh.kind}, which has no lips; leave it out or "

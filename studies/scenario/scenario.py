@@ -185,9 +185,6 @@ class Scenario(ScenarioTable):
                 f'"{needed[other]}", or material = "linear"'
             )
             raise ValueError(refusal(f"solve.{other}", getattr(self.solve, other), reason))
-        if self.contact:
-            reason = f'tissue.material is {self.tissue.material}, whose surfaces do not touch; take material = "linear"'
-            raise ValueError(refusal("contact.0.between", self.contact[0].between, reason))
         return self
 
     @model_validator(mode="after")

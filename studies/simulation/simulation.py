@@ -193,12 +193,15 @@ class Simulation:
     def organ_record(self, state: State) -> OrganRecord | None:
         """Return the displacement, stress and strain of the organ, None without one."""
         body, organ = self.assembly.body, self.assembly.organ
-        if isinstance(organ, tissue.FiniteOrgan):
+        if body is not None and isinstance(organ, tissue.FiniteOrgan):
             wide = np.array([max(hole.footprint, np.finfo(float).tiny) for hole in self.assembly.holes])
             alone = [not isinstance(hole, Ball) for hole in self.assembly.holes]
             U = organ.displacement(state.organ)
             crossed = 0.0 if self.open_lips is None else self.open_lips.crossed(U)
-            return finite_record(organ.law, U, (organ.spring_ways(state.organ) / wide)[alone], crossed)
+            sprung = (organ.spring_ways(state.organ) / wide)[alone]
+            return finite_record(
+                organ.law, U, sprung, crossed, lip_fields(self.assembly.system, state, len(body.points))
+            )
         if body is None or self.recovery is None or isinstance(organ, tissue.FixedSites):
             return None
         U = organ.displacement(state.organ)
@@ -214,18 +217,35 @@ class Simulation:
         return OrganRecord(body.nodal(U), *numbers, float(turns.max(initial=0.0)), *lips)
 
 
-def finite_record(hyper: tissue.Hyperelasticity, U: Array, sprung: Array, crossed: float) -> OrganRecord:
+def finite_record(
+    hyper: tissue.Hyperelasticity,
+    U: Array,
+    sprung: Array,
+    crossed: float,
+    lips: tuple[Array, Array] | tuple[None, None],
+) -> OrganRecord:
     """Return what is drawn of an organ at finite strain: Cauchy stress, stretch less one, and rotation; `sprung` (p,)
-    is how far its springs are drawn out, over the footprints, and `crossed` how far lips are through one another, over
-    their extent. Nothing else is beyond what its model holds for."""
+    is how far its springs are drawn out, over the footprints, `crossed` how far lips are through one another, over
+    their extent, and `lips` their pressure and gap. Nothing else is beyond what its model holds for."""
     stress = tissue.cauchy_stress(hyper, U)
     stretch, rotation = tissue.cell_stretch(hyper, U)
     strain = np.abs(stretch - 1.0).max(axis=1)
     values, directions = tissue.principal(stress)
     at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
     energy = tissue.cell_energy(hyper, U)
+    pressure, gap = lips
     return OrganRecord(
-        hyper.body.nodal(U), *at_nodes, strain, rotation, energy, 0.0, 0.0, sprung=sprung, crossed=crossed
+        hyper.body.nodal(U),
+        *at_nodes,
+        strain,
+        rotation,
+        energy,
+        strained=0.0,
+        rotated=0.0,
+        contact_pressure=pressure,
+        lip_gap=gap,
+        crossed=crossed,
+        sprung=sprung,
     )
 
 

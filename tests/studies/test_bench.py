@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from studies.bench import many
+from studies.bench import finite, many
 from studies.command import command
 from studies.command.parser import read
 from studies.command.sweeps import cases_of
@@ -55,3 +55,21 @@ def test_bench_many(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypa
         assert last == parse(tables_of(run.file, run.set)) and last.solve.kind == "static"
     assert written["milliseconds_per_step"] == [] and written["provenance"]
     assert "times as cheap" in capsys.readouterr().out
+
+
+def test_bench_finite(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: a row of the pull and one of the step, in print and JSON, beside what is in the file."""
+    path = tmp_path / "bench.json"
+    path.write_text('{"reduced": []}')
+    monkeypatch.setattr(finite, "LOAD_STEPS", 1)
+    monkeypatch.setattr(finite, "WARM_UP", 1)
+    monkeypatch.setattr(finite, "STEPS", 2)
+    soft = [*finite.FIXED, *(f"piercing.{name}.subgrid=false" for name in ("entry", "exit"))]
+    monkeypatch.setattr(finite, "FIXED", soft)
+    assert finite.main(path, "superlu", {"coarse": (8e-3, 4e-3)}, (8e-3, 4e-3)) == 0
+    written = json.loads(path.read_text())
+    (pull,), step = written["finite_at_rest"], written["finite_in_time"]
+    assert pull["solver"] == "superlu" and pull["tissue_unknowns"] > 0.0 < pull["pull"]
+    assert step["times_as_long"] == step["step"] / step["linear"] > 0.0
+    assert written["reduced"] == [] and written["provenance"]
+    assert "times as long" in capsys.readouterr().out

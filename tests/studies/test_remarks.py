@@ -22,6 +22,7 @@ from studies.output.remarks import (
     DISSIPATED,
     IN_TISSUE,
     KINDS,
+    LAYERED,
     NEAR,
     OFF_PATH,
     REDUCED,
@@ -98,6 +99,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "spans-between": (BETWEEN, -1, judging.few_spans),
     "energy-created": (CREATED, 1, lambda x: judging.audited(0.0, met(energy=1.0, created=x))),
     "numerical-dissipation": (DISSIPATED, 1, lambda x: judging.audited(x, met(energy=1.0))),
+    "layer-energy": (LAYERED, 1, lambda x: judging.audited(0.0, met(energy=1.0, layered=x))),
     "not-at-rest": (SETTLED, 1, lambda x: judging.unsettled(energy(x, 1.0), 0.0, 3e-4)),
     "subgrid": (1e-3, -1, lambda x: judging.outside_subgrid(gap(x))),
     "cells": (COARSE["P1"] * 1e-3, 1, lambda x: judging.coarse_cells(hole(), x, "P1")),
@@ -267,11 +269,14 @@ SLIT = (
 )
 
 
-@pytest.mark.parametrize(("stretch", "crosses"), [(0.9, True), (1.1, False)])
-def test_lips_that_cross_at_finite_strain_are_said(scene: Path, stretch: float, crosses: bool) -> None:
-    """Independent check: a slit in tissue that is pressed together opens to neither side: its lips, which do not touch,
-    cross; in tissue that is stretched it gapes."""
-    found = codes(scene, *SLIT, f"tissue.prestretch=[{stretch}, 1.0, {1.0 / stretch}]")
+@pytest.mark.parametrize(
+    ("stretch", "contact", "crosses"), [(0.9, False, True), (1.1, False, False), (0.9, True, False)]
+)
+def test_lips_that_cross_at_finite_strain_are_said(scene: Path, stretch: float, contact: bool, crosses: bool) -> None:
+    """Independent check: a slit in tissue that is pressed together opens to neither side: its lips cross, unless they
+    are in contact; in tissue that is stretched it gapes."""
+    pressed = f"tissue.contact={str(contact).lower()}"
+    found = codes(scene, *SLIT, f"tissue.prestretch=[{stretch}, 1.0, {1.0 / stretch}]", pressed)
     assert ("lips-cross" in found) == crosses
 
 

@@ -239,7 +239,6 @@ NEO = "tissue.material='neo-hookean'"
     [
         ([NEO, "tissue.stiffening=5.0"], ["tissue.stiffening = 5.0", "a neo-Hookean material has none"]),
         ([NEO, "tissue.rayleigh=[0.0,1e-3]"], ["tissue.rayleigh = [0.0, 0.001]", "take β = 0"]),
-        ([NEO, WOUND + "}", "tissue.contact=true"], ["tissue.contact = true", 'material = "linear"']),
         ([NEO, "solve.coupling=staggered"], ['solve.coupling = "staggered"', "monolithic", 'material = "linear"']),
         ([NEO, "solve.scheme=linear", "solve.friction=two-pass"], ['solve.scheme = "linear"', "newton"]),
         ([NEO, "solve.friction=two-pass"], ['solve.friction = "two-pass"', "implicit"]),

@@ -9,11 +9,11 @@ import pytest
 import skfem
 from scipy.interpolate import LinearNDInterpolator
 from scipy.linalg import cholesky, solve_triangular
-from scipy.optimize import minimize, nnls
+from scipy.optimize import brentq, minimize, nnls
 
 import tissue
 from coupling.contact import Contact, find_pressed, forces, misfits
-from coupling.integrators import BackwardEuler
+from coupling.integrators import BackwardEuler, Equilibrium
 from meshes.wound import Wound, lips
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.tissue.wounds import (
@@ -31,6 +31,7 @@ from tests.tissue.wounds import (
     stretched,
     whole_block,
 )
+from tissue.materials.isotropic import Exponential
 
 THROUGH = Wound(SIZE[1], SIZE[2])
 SQUEEZE = 0.02
@@ -63,6 +64,42 @@ def test_two_halves_pressed_together_are_one_bar(element: str) -> None:
     assert state.p.sum() == pytest.approx(expected * SIZE[1] * SIZE[2], rel=RESIDUAL)
     assert state.p.min() >= 0.0
     assert np.abs(organ.gap(state)).max() <= IDENTITY * SQUEEZE * SIZE[0]
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_two_halves_of_squeezed_tissue_are_one_bar(element: str) -> None:
+    """Independent check: a bar of stiffening tissue whose reference shape is squeezed by 5 % between held ends, and
+    free across, stays where it is, and its halves press on one another by the nominal stress, the same everywhere; it
+    would buckle beyond 9 %. Without contact they go through one another."""
+    body = tissue.elasticity(cut_block(THROUGH), SOFT, element, SIDES)
+    law = Exponential(SOFT.lame_mu, 3.0)
+
+    def nominal(across: float) -> Array:
+        """First Piola stress of the reference shape, shape `(3, 3)` [Pa]."""
+        shape = tissue.Hyperelasticity(body, law, (0.95, across, across))
+        return np.asarray(shape.stress(shape.gradient(np.zeros(body.N)))[:, :, 0, 0])
+
+    across = brentq(lambda stretch: float(nominal(stretch)[1, 1]), 1.0, 1.2, xtol=1e-15)
+    hyper, gaps = tissue.Hyperelasticity(body, law, (0.95, across, across)), gaps_on(body, THROUGH)
+    organ = tissue.FiniteOrgan(body, tissue.build_sites(body, []), gaps=gaps, hyper=hyper, inertia=False)
+    apart = replace(organ, gaps=None).start().U
+    assert (gaps.g0 + gaps.G @ apart).min() < -0.02 * SIZE[0]
+    state = in_contact(organ, organ.start())
+    assert np.abs(state.U).max() <= RESIDUAL * np.abs(apart).max()
+    pressure = gaps.parts[0].vertex_pressure(organ.contact_forces(state))
+    assert np.abs(pressure + nominal(across)[0, 0]).max() <= RESIDUAL * abs(nominal(across)[0, 0])
+
+
+def in_contact(organ: tissue.FiniteOrgan, state: tissue.OrganState) -> tissue.OrganState:
+    """The equilibrium of a nonlinear organ without piercings whose lips press on one another."""
+    none = np.zeros(0)
+    answer = organ.answer(Equilibrium(), [state])
+    for _ in range(30):
+        after = answer.again(none, p := forced(answer.g_free, answer))
+        if after is answer:
+            return answer.accept(none, p)
+        answer = after
+    raise AssertionError("no equilibrium")
 
 
 @pytest.mark.parametrize("element", ELEMENTS)

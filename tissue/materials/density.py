@@ -49,13 +49,18 @@ class Sum:
 
 def cofactor(F: Array) -> Array:
     """Return ∂J/∂F = J F⁻ᵀ, shape `(3, 3, …)`."""
-    a, b, c = F[:, 0], F[:, 1], F[:, 2]
-    return np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)
+    out = np.empty_like(F)
+    for i, j, k in AROUND:
+        for m, n, o in AROUND:
+            np.multiply(F[j, n], F[k, o], out=out[i, m])
+            out[i, m] -= F[j, o] * F[k, n]
+    return out
 
 
 def determinant(F: Array) -> Array:
     """Return J = det F, shape `(…)`."""
-    return np.asarray(np.einsum("i...,i...->...", F[:, 0], _cross(F[:, 1], F[:, 2])))
+    (a, b, c), (d, e, f), (g, h, i) = F
+    return np.asarray(a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g))
 
 
 def determinant_tangent(F: Array) -> Array:
@@ -67,8 +72,5 @@ def determinant_tangent(F: Array) -> Array:
     return out
 
 
+AROUND = [(0, 1, 2), (1, 2, 0), (2, 0, 1)]
 CYCLIC = [(0, 1, 2, 1.0), (1, 2, 0, 1.0), (2, 0, 1, 1.0), (0, 2, 1, -1.0), (2, 1, 0, -1.0), (1, 0, 2, -1.0)]
-
-
-def _cross(a: Array, b: Array) -> Array:
-    return np.stack([a[i] * b[j] - a[j] * b[i] for i, j in ((1, 2), (2, 0), (0, 1))])

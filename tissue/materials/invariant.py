@@ -41,10 +41,11 @@ class Invariant:
 
 def invariant(F: Array, M: Array = I3) -> Invariant:
     """Return the invariant of deformation gradients `(3, 3, …)`; `M` `(3, 3)`, or with trailing axes that broadcast."""
+    plain = M is I3
     M = M.reshape(*M.shape, *[1] * (F.ndim - M.ndim)) if M.ndim < F.ndim else M
     J = determinant(F)
     with np.errstate(invalid="ignore", divide="ignore"):  # J ≤ 0 is for the caller to refuse
         scale = J ** (-2.0 / 3.0)
         H = cofactor(F) / J
-    Q = np.einsum("ik...,kj...->ij...", F, np.broadcast_to(M, F.shape))
+    Q = F if plain else np.einsum("ik...,kj...->ij...", F, np.broadcast_to(M, F.shape))
     return Invariant(scale * np.einsum("ij...,ij...->...", F, Q), Q, H, scale, M)

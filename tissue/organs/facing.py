@@ -64,6 +64,12 @@ def averaged_normals(points: Array, triangles: Indices) -> Array:
     return np.where(length > 0.0, normals / np.where(length > 0.0, length, 1.0), own)
 
 
+def facet_normals(corners: Array) -> Array:
+    """Return the unit normals of triangles `(m, 3, 3)`, shape `(m, 3)`."""
+    normals = _area_normals(corners)
+    return np.asarray(normals / np.linalg.norm(normals, axis=1)[:, None])
+
+
 def _area_normals(corners: Array) -> Array:
     """Return the cross products of two sides of triangles `(m, 3, 3)`, twice their areas long."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

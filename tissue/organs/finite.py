@@ -7,6 +7,9 @@ residual r_k without site forces, A_k = a M + α d M + K, C_z = Z A_k⁻¹ Zᵀ 
 
     dz = (1 − C_z S)⁻¹ (C_z Jᵀ f_y − Z A_k⁻¹ r_k),   y = y_k + J dz,   dU = A_k⁻¹ (Zᵀ (Jᵀ f_y + S dz) − r_k).
 
+Forces p on the gaps g = g0 + G U of lips that touch add Gᵀ p to the forces, with C_cc = G Ã⁻¹ Gᵀ, C_cy = G Ã⁻¹ Zᵀ Jᵀ
+and Ã = A − Zᵀ S Z. What faces what, and which way, is found where a step begins, in the deformed shape.
+
 The coupled Newton asks `again` after each correction: the organ goes to U_k + dU, cut short where a cell would turn
 inside out or its potential under these forces would rise, and the answer stands once its own residual there is within
 RESIDUAL of the forces of the cells. A factor is kept while it makes the residual fall; the converged answer does not
@@ -27,11 +30,15 @@ from tissue.hyperelasticity import Hyperelasticity
 from tissue.organs.meshed import (
     EMPTY,
     Equation,
+    LinearAnswer,
+    LipCompliance,
     MeshedOrgan,
     OrganEnergies,
     OrganState,
+    Pairing,
     SiteAnswer,
     TimeScheme,
+    gap_compliance,
 )
 from tissue.sites.finite import SiteMap
 from tissue.solvers.choice import Solver, mass_solver, solver
@@ -71,14 +78,42 @@ class Tangent:
     factor: Solver
     W: Array
     C_z: Array
+    _recalled: deque[tuple[Pairing, Array]] = field(default_factory=lambda: deque(maxlen=1), repr=False)
+
+    def gaps_by_forces(self, pairing: Pairing) -> Array:
+        """Return G A⁻¹ Gᵀ, shape `(k, k)` [m/N]; that of the last pairing is remembered. Raises `OrganError`."""
+        for known, C in self._recalled:
+            if known is pairing:
+                return C
+        try:
+            self._recalled.append((pairing, gap_compliance(self.factor, pairing.G)))
+        except FactorError as error:
+            raise unsolved(error) from error
+        return self._recalled[-1][1]
+
+
+@dataclass(frozen=True)
+class Displaced(LipCompliance):
+    """A tangent as linear answers ask for it: W = A⁻¹ Zᵀ Jᵀ `(N, 9p)` and C `(9p, 9p)`."""
+
+    organ: MeshedOrgan
+    A: csr_matrix
+    factor: Solver
+    W: Array
+    C: Array
+
+
+def unsolved(error: FactorError) -> OrganError:
+    """Return the error of a tangent that cannot be solved, by which the step is taken in halves."""
+    return OrganError(f"the tissue's tangent cannot be solved ({error})")
 
 
 def solved(factor: Solver, b: Array) -> Array:
-    """Return A⁻¹ b of a tangent. Raises `OrganError`, by which the step is taken in halves."""
+    """Return A⁻¹ b of a tangent. Raises `OrganError`."""
     try:
         return np.asarray(factor.solve(b))
     except FactorError as error:
-        raise OrganError(f"the tissue's tangent cannot be solved ({error})") from error
+        raise unsolved(error) from error
 
 
 @dataclass(frozen=True)
@@ -94,34 +129,53 @@ class Point:
 
 
 @dataclass(frozen=True)
+class Forces:
+    """What acts on the organ: site forces `f_y` (9p,), and the `push` Gᵀ p of the lips over its unknowns `(N,)` [N]."""
+
+    f_y: Array
+    push: Array
+
+
+@dataclass(frozen=True)
 class FiniteAnswer:
-    """The answer linearised at a `point` with the springs' ends at `f_y` (9p,), by a `tangent` made there or before."""
+    """The answer linearised at a `point` with the springs' ends at `f_y` (9p,), by a `tangent` made there or before;
+    `pairing` is what faces what on the lips."""
 
     organ: "FiniteOrgan"
     motion: Motion
     point: Point
     tangent: Tangent
     f_y: Array
+    pairing: Pairing
 
     @property
     def linear(self) -> bool:
         """No: `again` asks for another tangent."""
         return False
 
-    @property
+    @cached_property
     def g_free(self) -> Array:
-        """No gaps, shape `(0,)`."""
-        return EMPTY
+        """Gaps without site and contact forces, shape `(k,)` [m]."""
+        if not self.organ.pairs:
+            return EMPTY
+        free = self.point.U + self._U_r + self.tangent.W @ (self._S @ (self._bent @ (self.organ.map.Z @ self._U_r)))
+        return np.asarray(self.pairing.g0 + self.pairing.G @ free)
 
-    @property
+    @cached_property
+    def _GW(self) -> Array:
+        """G A⁻¹ Zᵀ, shape `(k, number of z)`."""
+        return np.asarray(self.pairing.G @ self.tangent.W)
+
+    @cached_property
     def C_cy(self) -> Array:
-        """No gaps, shape `(0, 9p)`."""
-        return np.zeros((0, self.f_y.size))
+        """Gaps by site forces, shape `(k, 9p)`."""
+        return np.asarray(self._GW @ self._bent.T @ self.J.T)
 
-    @property
+    @cached_property
     def C_cc(self) -> Array:
-        """No gaps, shape `(0, 0)`."""
-        return np.zeros((0, 0))
+        """Gaps by contact forces, shape `(k, k)` [m/N]."""
+        C = self.tangent.gaps_by_forces(self.pairing)
+        return C + self._GW @ self._S @ self._bent @ self._GW.T if any(self.organ.map.cut) else C
 
     @cached_property
     def _U_r(self) -> Array:
@@ -156,33 +210,39 @@ class FiniteAnswer:
         """Site variables without site forces, as linearised, shape `(9p,)`."""
         return np.asarray(self.organ.map.y(self.point.z) + self.J @ (self._bent @ (self.organ.map.Z @ self._U_r)))
 
-    def moved(self, f_y: Array) -> Array:
-        """Return U_k + dU under site forces, shape `(N,)` [m]."""
-        g = self.J.T @ f_y
-        dz = self._bent @ (self.tangent.C_z @ g + self.organ.map.Z @ self._U_r)
-        return np.asarray(self.point.U + self.tangent.W @ (g + self._S @ dz) + self._U_r)
+    def moved(self, forces: Forces) -> Array:
+        """Return U_k + dU under forces, shape `(N,)` [m]."""
+        g, U_p = self.J.T @ forces.f_y, self._U_r
+        if forces.push.any():
+            U_p = U_p + solved(self.tangent.factor, forces.push)
+        dz = self._bent @ (self.tangent.C_z @ g + self.organ.map.Z @ U_p)
+        return np.asarray(self.point.U + self.tangent.W @ (g + self._S @ dz) + U_p)
+
+    def _forces(self, f_y: Array, p: Array) -> Forces:
+        return Forces(f_y, self.pairing.G.T @ p if p.size else np.zeros(self.organ.size))
 
     def accept(self, f_y: Array, p: Array = EMPTY) -> OrganState:
         """Return the state at the end of the step."""
-        return self.organ.state_at(self.motion, self.moved(f_y), f_y, self.tangent)
+        U = self.moved(self._forces(f_y, p))
+        return self.organ.state_at(self.motion, U, f_y, p, self.pairing, self.tangent)
 
     def again(self, f_y: Array, p: Array) -> "FiniteAnswer":
         """Return itself where the organ's own equations hold under these forces, else the answer linearised where
         they take it. Raises `OrganError`."""
-        organ = self.organ
-        before = organ.off_balance(self.point, f_y)
-        point, share = organ.go(self.motion, self.point, self.moved(f_y), f_y, before)
-        after = organ.off_balance(point, f_y)
-        if share == 1.0 and after <= organ.tolerance(self.motion, point) and self._fits(point, f_y):
+        organ, forces = self.organ, self._forces(f_y, p)
+        before = organ.off_balance(self.point, forces)
+        point, share = organ.go(self.motion, self.point, self.moved(forces), forces, before)
+        after = organ.off_balance(point, forces)
+        if share == 1.0 and after <= organ.tolerance(self.motion, point) and self._fits(point, f_y, p):
             return self
         tangent = self.tangent if after <= organ.keep * before else organ.tangent(self.motion, point.U, point.F)
-        return FiniteAnswer(organ, self.motion, point, tangent, f_y)
+        return FiniteAnswer(organ, self.motion, point, tangent, f_y, self.pairing)
 
-    def _fits(self, point: Point, f_y: Array) -> bool:
+    def _fits(self, point: Point, f_y: Array, p: Array) -> bool:
         """Whether the sites are where their linearisation says."""
         if not any(self.organ.map.cut):
             return True
-        y = self.y_free + (self.C - self.organ.spring_compliance) @ f_y
+        y = self.y_free + (self.C - self.organ.spring_compliance) @ f_y + p @ self.C_cy
         off = np.abs(self.organ.map.y(point.z) - y).reshape(-1, 3, 3)
         return bool(off[:, 1:].max() <= BENT)
 
@@ -197,7 +257,7 @@ class FiniteAnswer:
         springs = organ.sites.springs
         if springs.shape[1]:
             raise TissueError("the assembled matrix knows no springs of a nonlinear organ; set subgrid = false")
-        return Equation(A, b, y0, Y, EMPTY, csr_matrix((0, self.point.U.size)))
+        return Equation(A, b, y0, Y, self.pairing.g0, self.pairing.G)
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,8 +279,6 @@ class FiniteOrgan(MeshedOrgan):
     def __post_init__(self) -> None:
         super().__post_init__()
         body = self.elasticity
-        if self.gaps is not None:
-            raise TissueError("gaps: the lips of a wound do not touch in an organ at finite strain; leave them out")
         if self.hyper is not None and self.hyper.body is not body:
             raise TissueError("hyper: it is of another body than the organ's; build both on one")
         if not 0.0 <= self.damping < np.inf:
@@ -235,6 +293,7 @@ class FiniteOrgan(MeshedOrgan):
             object.__setattr__(self, "hyper", Hyperelasticity(body))
         free = body.free
         object.__setattr__(self, "load", self.load[: free.size])
+        object.__setattr__(self, "G", self.G[:, : free.size])
         dead = np.array([load.pressure is None for load in self.loads], dtype=float)
         object.__setattr__(self, "surface_load", self.surface_load[: free.size] * dead)
         object.__setattr__(self, "M", csr_matrix(body.M[free][:, free]))
@@ -285,9 +344,13 @@ class FiniteOrgan(MeshedOrgan):
             r = r + self.M @ (motion.a * (U - motion.inertia) + self.damping * motion.d * (U - motion.damping))
         return Point(U, F, r, scale, np.asarray(self.map.Z @ U))
 
+    def _nodal(self, U: Array) -> Array:
+        """Return the displacement of all nodes, shape `(m, 3)` [m]."""
+        return self.elasticity.nodal(self.whole(U))
+
     def _places(self, U: Array) -> Array:
         """Return where the nodes are, shape `(m, 3)` [m]."""
-        return self.elasticity.points + self.elasticity.nodal(self.whole(U))
+        return self.elasticity.points + self._nodal(U)
 
     def pressing(self, shares: Array | None, U: Array) -> Array:
         """Return the forces of the pressures, which follow their surfaces, over the free unknowns `(N,)` [N]."""
@@ -299,15 +362,16 @@ class FiniteOrgan(MeshedOrgan):
         """Return the sum of the forces of each whole load, pressures on their surfaces as they lie, `(l, 3)` [N]."""
         return self.surface.resultants_at(self._places(state.U))
 
-    def off_balance(self, point: Point, f_y: Array) -> float:
-        """Return the largest residual under site forces [N]."""
-        pull = self.map.Z.T @ (self.map.slope(point.z).T @ f_y)
+    def off_balance(self, point: Point, forces: Forces) -> float:
+        """Return the largest residual under forces [N]."""
+        pull = self.map.Z.T @ (self.map.slope(point.z).T @ forces.f_y) + forces.push
         return float(np.abs(pull - point.r).max(initial=0.0))
 
-    def potential(self, motion: Motion, start: Array, U: Array, F: Array, f_y: Array) -> float:
-        """Return what the organ makes least in a step under constant site forces [J]; inf where a cell is inverted. The
+    def potential(self, motion: Motion, start: Array, U: Array, F: Array, forces: Forces) -> float:
+        """Return what the organ makes least in a step under constant forces [J]; inf where a cell is inverted. The
         work of pressures is that from `start` (N,) straight to U."""
-        out = self.law.energy(F) - float(motion.load @ U) - float(f_y @ self.map.y(np.asarray(self.map.Z @ U)))
+        out = self.law.energy(F) - float((motion.load + forces.push) @ U)
+        out -= float(forces.f_y @ self.map.y(np.asarray(self.map.Z @ U)))
         if self.surface.follows:
             way = self.elasticity.nodal(self.whole(U - start))
             out -= self.surface.pressing_work(motion.shares, self._places(start), way)
@@ -316,7 +380,7 @@ class FiniteOrgan(MeshedOrgan):
                 out += 0.5 * factor * float((U - back) @ (self.M @ (U - back)))
         return out
 
-    def go(self, motion: Motion, start: Point, U: Array, f_y: Array, before: float) -> tuple[Point, float]:
+    def go(self, motion: Motion, start: Point, U: Array, forces: Forces, before: float) -> tuple[Point, float]:
         """Go from `start` to U, or a part of the way: where no cell is inverted and either the residual, `before` at
         the start, or the potential falls. Returns where, and the part. Raises `OrganError`."""
         share, way, first, inverted = 1.0, U - start.U, None, np.inf
@@ -325,10 +389,10 @@ class FiniteOrgan(MeshedOrgan):
             F = self.law.gradient(self.whole(there))
             if np.isfinite(self.law.energy(F)):
                 point = self.point(motion, there, F)
-                if self.off_balance(point, f_y) <= max(before, self.tolerance(motion, point)):
+                if self.off_balance(point, forces) <= max(before, self.tolerance(motion, point)):
                     return point, share
-                first = self.potential(motion, start.U, start.U, start.F, f_y) if first is None else first
-                if self.potential(motion, start.U, there, F, f_y) <= first + RISE * abs(first):
+                first = self.potential(motion, start.U, start.U, start.F, forces) if first is None else first
+                if self.potential(motion, start.U, there, F, forces) <= first + RISE * abs(first):
                     return point, share
             else:
                 inverted = share
@@ -368,7 +432,7 @@ class FiniteOrgan(MeshedOrgan):
             try:
                 return factorize_indefinite(A)
             except FactorError as error:
-                raise OrganError(f"the tissue's tangent cannot be solved ({error})") from error
+                raise unsolved(error) from error
 
     # --- what the coupling asks -------------------------------------------------------------------------------
 
@@ -384,30 +448,36 @@ class FiniteOrgan(MeshedOrgan):
 
     def start(self) -> OrganState:
         """Return the state at the start: at rest and undeformed, or without inertia in equilibrium with gravity and
-        prestretch. Raises `TissueError` where there is none."""
+        prestretch, unless lips that may touch would cross there. Raises `TissueError` where there is none."""
         rest, none = np.zeros(self.size), np.zeros(self.y0.size)
+        undeformed = OrganState(rest, rest, rest, none, self.no_contact, shares=self.no_shares)
         if self.inertia:
-            return OrganState(rest, rest, rest, none, shares=self.no_shares)
+            return undeformed
         try:
             U = self._sagged(rest)
         except OrganError as error:
+            if self.pairs:
+                return undeformed
             raise TissueError(
                 f"the organ has no equilibrium under gravity and prestretch ({error}); take less of them, or firmer "
                 "tissue"
             ) from error
-        return OrganState(U, rest, rest, none, shares=self.no_shares)
+        sagged = replace(undeformed, U=U)
+        crosses = self.gaps is not None and (self.g0 + self.G @ U).min() < 0.0
+        return undeformed if crosses else sagged
 
     def _sagged(self, U: Array) -> Array:
         """Return the equilibrium without site forces that is reached from U, shape `(N,)` [m]. Raises `OrganError`."""
-        still, none = Motion(0.0, 0.0, EMPTY, EMPTY, self.load, None), np.zeros(self.y0.size)
-        point = self.point(still, U)
-        if self.off_balance(point, none) <= self._round_off:
+        still = Motion(0.0, 0.0, EMPTY, EMPTY, self.load, None)
+        none, no_push = np.zeros(self.y0.size), np.zeros(self.pairs)
+        point, no_forces = self.point(still, U), Forces(none, np.zeros(self.size))
+        if self.off_balance(point, no_forces) <= self._round_off:
             return U
-        answer = FiniteAnswer(self, still, point, self.tangent(still, U, point.F), none)
+        answer = FiniteAnswer(self, still, point, self.tangent(still, U, point.F), none, self.pairing(None))
         for _ in range(MOST_CORRECTIONS):
-            after = answer.again(none, EMPTY)
+            after = answer.again(none, no_push)
             if after is answer:
-                return answer.moved(none)
+                return answer.moved(no_forces)
             answer = after
         raise OrganError(f"no convergence in {MOST_CORRECTIONS} Newton iterations")
 
@@ -420,15 +490,25 @@ class FiniteOrgan(MeshedOrgan):
         point = self.point(motion, state.U)
         known = state.linearised if self.keep and state.linearised is not None else state.U
         tangent = self.tangent(motion, known, point.F if known is state.U else None)
-        return FiniteAnswer(self, motion, point, tangent, state.f_y)
+        return FiniteAnswer(self, motion, point, tangent, state.f_y, self.paired_anew(state.U))
 
-    def state_at(self, motion: Motion, U: Array, f_y: Array, tangent: Tangent) -> OrganState:
+    def paired_anew(self, U: Array) -> Pairing:
+        """Return what faces what under a displacement of the free unknowns `(N,)`, along the normals as they lie."""
+        if self.gaps is None:
+            return self.pairing(None)
+        return self.pairing(self.gaps.facing(self.elasticity.points, self._nodal(U), turns=True))
+
+    def state_at(
+        self, motion: Motion, U: Array, f_y: Array, p: Array, pairing: Pairing, tangent: Tangent
+    ) -> OrganState:
         """Return the state at the end of a step."""
-        if not motion.a:
-            rest = np.zeros(self.size)
-            return OrganState(U, rest, rest, f_y, shares=motion.shares, linearised=tangent.U)
-        V, A = motion.d * (U - motion.damping), motion.a * (U - motion.inertia)
-        return OrganState(U, V, A, f_y, shares=motion.shares, linearised=tangent.U)
+        if motion.a:
+            V, A = motion.d * (U - motion.damping), motion.a * (U - motion.inertia)
+        else:
+            V = A = np.zeros(self.size)
+        return OrganState(
+            U, V, A, f_y, self.contact_or_none(p), pairing.facing, shares=motion.shares, linearised=tangent.U
+        )
 
     def site_variables(self, state: OrganState) -> Array:
         """Return y = y(Z U) + B Bᵀ f_y, shape `(9p,)`."""
@@ -441,8 +521,11 @@ class FiniteOrgan(MeshedOrgan):
         return np.asarray(np.linalg.norm(ways, axis=1))
 
     def lips(self, state: OrganState) -> tuple[Array, Array, Array]:
-        """Return no gaps, contact forces and ways, shape `(0,)` each."""
-        return EMPTY, EMPTY, EMPTY
+        """Return the gaps g [m], the contact forces p [N] and how far the pairs have slid [m], shape `(k,)` each."""
+        if self.gaps is None:
+            return EMPTY, EMPTY, EMPTY
+        pairing = self.pairing(state.facing)
+        return np.asarray(pairing.g0 + pairing.G @ state.U), self.contact_forces(state), self.slides(state.U)
 
     def impulse(self, state: OrganState) -> SiteAnswer | None:
         """Return the answer to an impulse on the sites: dy/dt = J Z V, by J Z M⁻¹ Zᵀ Jᵀ. None without inertia."""
@@ -462,18 +545,26 @@ class FiniteOrgan(MeshedOrgan):
         C = self.map.Z @ W
         return W, 0.5 * (C + C.T)
 
-    def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> SiteAnswer:
-        """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y`
-        (9p,): linear in their change, of which the next step takes what is left."""
-        tangent = self.tangent(self.motion(scheme, [state] * len(scheme.coefficients), state.shares), state.U)
+    def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
+        """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y` (9p,)
+        and the contact forces those of `state`: linear in their change, of which the next step takes what is left."""
+        motion = self.motion(scheme, [state] * len(scheme.coefficients), state.shares)
+        tangent, p, pairing = self.tangent(motion, state.U), self.contact_forces(state), self.pairing(state.facing)
         J = self.map.slope(np.asarray(self.map.Z @ state.U))
         C = J @ tangent.C_z @ J.T + self.spring_compliance
+        operator = Displaced(self, tangent.A, tangent.factor, tangent.W @ J.T, C)
+        y_free, g_free = operator.free_values(y, self.lips(state)[0], f_y, p, pairing)
 
-        def displaced(f_new: Array, p: Array) -> OrganState:
-            df = f_new - f_y
-            return replace(state, U=state.U + tangent.W @ (J.T @ df), f_y=state.f_y + df)
+        def displaced(f_new: Array, p_new: Array) -> OrganState:
+            df, dp = f_new - f_y, p_new - p
+            U = state.U + operator.W @ df
+            U = U + solved(tangent.factor, pairing.G.T @ dp) if dp.any() else U
+            return replace(state, U=U, f_y=state.f_y + df, p=self.contact_or_none(p_new))
 
-        return SiteAnswer(y - C @ f_y, lambda: C, displaced)
+        def right_hand_side() -> Array:
+            return np.asarray(tangent.A @ state.U - self.map.Z.T @ (J.T @ f_y) - pairing.G.T @ p)
+
+        return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side, pairing)
 
     def displacement(self, state: OrganState) -> Array:
         """Return the displacement of all unknowns, shape `(N_all,)` [m]."""
@@ -500,7 +591,7 @@ class FiniteOrgan(MeshedOrgan):
         """Return the energies at `new`, and what was done on the way from `old` [J].
 
         The integrator takes what the forces at the end do along the step beyond the change of energy: of the cells
-        and the springs, of the mass as in the linear organ, and f_y·(Δy − J Δz) of frames that are cut.
+        and the springs, of the mass and the contact as in the linear organ, and f_y·(Δy − J Δz) of frames that are cut.
         """
         dU, dV, df = new.U - old.U, new.V - old.V, new.f_y - old.f_y
         (stored, force), (before, _) = self._stored(new.U), self._stored(old.U)
@@ -511,6 +602,8 @@ class FiniteOrgan(MeshedOrgan):
             else 0.0
         )
         numerical = force @ dU - (stored - before) + 0.5 * df @ (springs @ df) + bent
+        if new.p is not None and new.p.any():
+            numerical -= new.p @ (self.pairing(new.facing).G @ dU)
         kinetic = viscous = 0.0
         if self.inertia:
             momentum = self.M @ new.V

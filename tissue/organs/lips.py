@@ -29,10 +29,11 @@ from scipy.sparse import csr_array, csr_matrix
 from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
-from tissue.organs.facing import Mask, face, open_sides, triangle_sizes
+from tissue.organs.facing import Mask, face, facet_normals, open_sides, triangle_sizes
 from tissue.supports import facets_of
 
 SLID = 0.01  # of the smallest facet of the right side: nearer, what lies in front of a node is its pair
+TURNED = 0.01  # of a unit normal: turned by less, what a node faces at finite strain lies along its first normal
 CLOSED = 1e-12  # over the lips' extent: a gap this far below zero is that of a closed slit
 SUNK = 0.1  # of a facet: surfaces made of facets that touch overlap by less
 LIPS = ("lip_left", "lip_right")
@@ -61,9 +62,10 @@ class Part:
     hats: csr_array
     areas: Array
 
-    def faced(self, points: Array) -> Array:
-        """Return what each left node faces with all nodes at `points` `(n, 3)` [m], shape `(k, 7)`."""
-        return face(points[self.left], points, self.facets[:, :3], self.ends, self.along)
+    def faced(self, points: Array, turns: bool = False) -> Array:
+        """Return what each left node faces with all nodes at `points` `(n, 3)` [m], shape `(k, 7)`: along `along`, or
+        the nearest point where the surface `turns`."""
+        return face(points[self.left], points, self.facets[:, :3], self.ends, None if turns else self.along)
 
     def vertex_pressure(self, p: Array) -> Array:
         """Return the pressure at the left vertices under the forces `p` `(k,)` [N], shape `(v,)` [Pa]."""
@@ -153,22 +155,29 @@ class Gaps:
         tangential = past - (np.vecdot(past, d) / np.vecdot(d, d))[:, None] * d
         return np.asarray(np.linalg.norm(tangential, axis=1) * (self.start[:, 0] >= 0.0))
 
-    def facing(self, points: Array, displacement: Array) -> Array | None:
+    def facing(self, points: Array, displacement: Array, turns: bool = False) -> Array | None:
         """Return what each left node faces, shape `(k, 7)`: facet, −1 where it faces none, the barycentric coordinates
         in it, and d. None where no pair has slid: it is that of the reference.
 
-        `points` `(n, 3)` [m] are all nodes of the reference, `displacement` as for `slides`.
+        `points` `(n, 3)` [m] are all nodes of the reference, `displacement` as for `slides`. Surfaces that turn, each
+        of which faces the nearest point, have none of the reference where a normal has turned by more than TURNED.
         """
         sizes, faced = triangle_sizes(points[self.facets[:, :3]]), self.start[:, 0] >= 0.0
-        if faced.all() and self.slides(displacement).max(initial=0.0) <= SLID * sizes.min():
+        still = faced.all() and self.slides(displacement).max(initial=0.0) <= SLID * sizes.min()
+        if still and not (turns and self._turn(points, displacement) > TURNED):
             return None
-        return self._stacked([part.faced(points + displacement) for part in self.parts])
+        return self._stacked([part.faced(points + displacement, turns) for part in self.parts])
+
+    def _turn(self, points: Array, displacement: Array) -> float:
+        """Return how far a facet's normal has turned at most, as the distance of the unit normals [-]."""
+        before, now = (facet_normals(x[self.facets[:, :3]]) for x in (points, points + displacement))
+        return float(np.linalg.norm(now - before, axis=1).max(initial=0.0))
 
     def crossed(self, U: Array) -> float:
         """Return how far nodes are beyond what they face under a displacement of all unknowns (N,) [m], at most, over
         the extent of the surfaces [-]."""
         body = self.body
-        facing = self.facing(body.points, body.nodal(U))
+        facing = self.facing(body.points, body.nodal(U), turns=True)
         at = self.start if facing is None else facing
         gaps = self.rest(at) + self.sums(at) @ (self.rows @ U[body.free])
         return max(0.0, -float(gaps.min(initial=0.0))) / self.extent
