@@ -42,7 +42,7 @@ PAIRED = 1e-4  # of the thread's diameter: lips that slide no further face what 
 ATTEMPTS = 60
 LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
 A_SPAN = 1.0  # the most that a correction of a tied thread moves an abscissa: the curve beyond is another polynomial
-PATIENCE = 4  # times the corrections of a plain solve: as many spans may be slid through, or hundredths of the thread
+PATIENCE = 4  # times the corrections of a plain solve: LONGEST_MOVE takes a hundred to go along the whole thread
 LONG_END = 10.0  # √(EI/F) of an end beyond which the tension in it is the dead load on it, to 1e-8
 BALANCED = 1e-6  # of the larger of two dead loads: nearer ones are equal
 LAID_TIE = (
@@ -123,15 +123,24 @@ def relax_ties(system: System[Body], state: State[Body], share: float, duration:
 
 
 def follow_ties(problem: Problem[Body], first: Iterate) -> Solution[Body]:
-    """Solve for the equilibrium of a thread that is tied; where it may slide, its abscissae are led downhill. Raises
-    `StepError`.
+    """Solve for the equilibrium of a thread that is tied; where it may slide through holes that its spans resolve, its
+    abscissae are led downhill. Raises `StepError`.
 
     A tie holds the points and no abscissa: where the thread has a long way to slide, plain Newton throws the abscissae
-    over many spans and back, and ends at a saddle or nowhere.
+    over many spans and back, and ends at a saddle or nowhere. On spans that are too coarse the potential has a trap
+    between two knots, in which a thread that is led would stay.
     """
-    if problem.mass_factor == 0.0 or not problem.law.may_slide.any():
+    if problem.mass_factor == 0.0 or not problem.law.may_slide.any() or not is_resolved(problem, first):
         return solve(problem, first)
     return solve(problem, first, partial(correct_downhill, spans=A_SPAN), PATIENCE)
+
+
+def is_resolved(problem: Problem[Body], first: Iterate) -> bool:
+    """Tell whether no span at a hole is longer than √(EI/F), F the largest dead load."""
+    thread = problem.system.thread
+    spans = np.diff(thread.spline.breaks)[thread.spline.spans_of(first.s)]
+    force = float(np.linalg.norm(problem.load[:, :3], axis=1).max())
+    return bool((force * spans**2 <= thread.EI).all())
 
 
 def let_go(problem: Problem[Body], held: Iterate) -> Solution[Body]:

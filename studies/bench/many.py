@@ -28,11 +28,9 @@ from studies.arrays import Array
 from studies.bench.step import COUPLED, FIXED, MILLI, SIZES
 from studies.output.files import read_json, write_json
 from studies.output.provenance import provenance
-from studies.scenario import dump, load, parse
-from studies.scenario.toml import changed, read
+from studies.scenario import load
 from studies.simulation.assembly import assemble
 from studies.simulation.sharing import Shared
-from studies.sweeps.case import run_case
 
 Organ = tissue.DynamicOrgan | tissue.ReducedOrgan
 
@@ -47,6 +45,11 @@ SOFT_STEPS = 200
 TENSIONS = 64
 LEAST, MOST = 0.1, 0.2  # N
 ALONG = np.array([0.832, 0.0, 0.555])  # that the end is pulled along; the start the other way in x
+AT_REST = ("--set=solve.kind=static", "--set=solve.load_steps=1")
+CASES = {  # what else is set
+    "one end, the other driven": [],  # 16 mm of thread are drawn through
+    "both ends": ['--set=thread.end={ kind = "pulled", force = [0.1, 0, 0.1] }'],
+}
 
 
 @dataclass(frozen=True)
@@ -76,18 +79,29 @@ class Reduced:
 
 @dataclass(frozen=True)
 class Many:
-    """So many tensions on one organ in a sweep, of which the `first` makes the organ, and one `run` by the command
-    [s]."""
+    """So many tensions on one organ, all by one command `sweep`, and by the command a run of one of them, to its
+    picture, `run`, and without one, `plain` [s]."""
 
+    case: str
     tensions: int
     sweep: float
-    first: float
     run: float
+    plain: float
 
     @property
     def times_as_cheap(self) -> float:
         """As many runs, each as long as the one that was measured, over the sweep."""
         return self.tensions * self.run / self.sweep
+
+    @property
+    def without_pictures(self) -> float:
+        """As many runs without their pictures, each as long as the one that was measured, over the sweep."""
+        return self.tensions * self.plain / self.sweep
+
+    @property
+    def ratios(self) -> dict[str, float]:
+        """Both ratios by their names."""
+        return {"times_as_cheap": self.times_as_cheap, "without_pictures": self.without_pictures}
 
 
 def main(
@@ -100,14 +114,14 @@ def main(
         for row in measurements(meshes):
             rows.append(row)
             print(line(row), flush=True)
-        many = measure_tensions(tensions)
-    print(
-        f"\n{many.tensions} tensions on one organ: {many.sweep:.1f} s, {many.first:.1f} s of it the first; as many "
-        f"runs would take {many.tensions * many.run:.0f} s; {many.times_as_cheap:.0f} times as cheap"
-    )
+    print(MANY_HEAD)
+    many = []
+    for case in CASES:
+        many.append(measure_tensions(case, tensions))
+        print(many_line(many[-1]), flush=True)
     if json_path is not None:
         table = [asdict(row) | {"times_as_fast": row.times_as_fast} for row in rows]
-        found = {"reduced": table, "tensions": asdict(many) | {"times_as_cheap": many.times_as_cheap}}
+        found = {"reduced": table, "tensions": [asdict(row) | row.ratios for row in many]}
         write_json(json_path, {"provenance": provenance()} | read_json(json_path) | found)
     return 0
 
@@ -195,33 +209,32 @@ def errors(
 # -- many tensions ---------------------------------------------------------------------------------------------------
 
 
-def measure_tensions(tensions: int) -> Many:
-    """Run a sweep over the tension in statics, in this process, and one of its cases by the command."""
-    base = read(COUPLED)
-    cases = [pulled_by(base, tension) for tension in np.linspace(LEAST, MOST, tensions).tolist()]
-    times = []
-    for case in cases:
-        began = process_time()
-        run_case(case)
-        times.append(process_time() - began)
-    return Many(tensions, sum(times), times[0], time_command(cases[-1]))
+def measure_tensions(case: str, tensions: int) -> Many:
+    """Measure the command for a sweep over the tension in statics, and for a run of the last of its cases."""
+    forces = [(tension * ALONG).tolist() for tension in np.linspace(LEAST, MOST, tensions).tolist()]
+    words = [*AT_REST, *CASES[case]]
+    over = [f"--over={key}={[signed(force, key) for force in forces]}" for key in pulled_ends(case)]
+    one = [f"--set={key}={signed(forces[-1], key)}" for key in pulled_ends(case)]
+    sweep = time_command("sweep", *words, *over, *(["--paired"] if over[1:] else []))
+    return Many(case, tensions, sweep, *(time_command("run", *words, *one, *more) for more in ((), ("--no-picture",))))
 
 
-def pulled_by(base: Mapping[str, object], tension: float) -> dict[str, object]:
-    """Return the main job in statics with both ends pulled by a tension [N]."""
-    ends = {"start": tension * ALONG * [-1.0, 1.0, 1.0], "end": tension * ALONG}
-    pulls = {f"thread.{end}": {"kind": "pulled", "force": force.tolist()} for end, force in ends.items()}
-    return changed(base, {"solve.kind": "static", "solve.load_steps": 4, **pulls})
+def pulled_ends(case: str) -> list[str]:
+    """Return the keys of the forces that a case varies."""
+    return [f"thread.{end}.force" for end in ("start", "end") if end == "start" or CASES[case]]
 
 
-def time_command(case: Mapping[str, object]) -> float:
-    """Measure the processor time of a run by the command, from its start to the picture [s]."""
+def signed(force: list[float], key: str) -> list[float]:
+    """Return the force on an end of the thread: the start is pulled the other way in x."""
+    return [-force[0], *force[1:]] if key.startswith("thread.start") else force
+
+
+def time_command(verb: str, *words: str) -> float:
+    """Measure the processor time of a command on the main job, from its start to its end [s]."""
     with TemporaryDirectory() as folder:
-        file = Path(folder) / "case.toml"
-        file.write_text(dump(parse(case)), encoding="utf-8")
         began = children_time()
-        command = [sys.executable, "-m", "studies.command.start", "run", str(file), "--out", str(Path(folder) / "run")]
-        subprocess.run([*command, "--quiet"], check=True, stdout=subprocess.DEVNULL)
+        command = [sys.executable, "-m", "studies.command.start", verb, str(COUPLED), "--out", str(Path(folder) / verb)]
+        subprocess.run([*command, *words], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         return children_time() - began
 
 
@@ -229,6 +242,18 @@ def children_time() -> float:
     """Return the processor time of the processes that this one began and that are done [s]."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
+
+
+MANY_HEAD = (
+    f"\n{'many tensions, at rest':30} {'tensions':>9} {'sweep [s]':>10} {'run [s]':>8} {'plain [s]':>10} "
+    f"{'times as cheap':>15} {'without pictures':>17}"
+)
+
+
+def many_line(row: Many) -> str:
+    """Write a row of the table of tensions."""
+    measured = f"{row.case:30} {row.tensions:9d} {row.sweep:10.1f} {row.run:8.1f} {row.plain:10.1f}"
+    return f"{measured} {row.times_as_cheap:15.1f} {row.without_pictures:17.1f}"
 
 
 HEAD = (

@@ -7,7 +7,11 @@ import pytest
 
 from studies.bench import finite, many
 from studies.command import command
-from studies.scenario.toml import read
+from studies.command.parser import read
+from studies.command.sweeps import cases_of
+from studies.scenario import parse
+from studies.scenario.toml import changed
+from studies.scenario.toml import read as tables_of
 from tissue.solvers.choice import MULTIGRID
 from tissue.solvers.direct import LIBRARIES, is_installed
 
@@ -29,22 +33,28 @@ def test_bench_organ(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 
 def test_bench_many(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: a row for each organ, whose bound holds, in print and JSON, beside what is in the file; the
-    ratio of two tensions by the time of one run."""
+    ratio of two tensions by the time of one run, of commands that can be read."""
     path = tmp_path / "bench.json"
     path.write_text('{"milliseconds_per_step": []}')
     monkeypatch.setattr(many, "STEPS", 4)
     monkeypatch.setattr(many, "FIXED", [*many.FIXED, *(f"piercing.{name}.subgrid=false" for name in ("entry", "exit"))])
-    monkeypatch.setattr(many, "read", lambda scene: read(scene, ["tissue.mesh.h=8e-3", "tissue.mesh.h_site=3e-3"]))
     monkeypatch.setattr(many, "SOFT_STEPS", 30)
-    monkeypatch.setattr(many, "time_command", lambda case: 100.0)
+    asked: list[list[str]] = []
+    monkeypatch.setattr(many, "time_command", lambda verb, *words: asked.append([verb, *words]) or 100.0)
     assert many.main(path, 2, {"coarse": (6e-3, 3e-3)}) == 0
     written = json.loads(path.read_text())
     assert [row["case"] for row in written["reduced"]] == ["main job coarse", "40 kPa in 2 ms"]
     assert all(row["vectors"] == 54 < row["tissue_unknowns"] for row in written["reduced"])
     assert all(row["bound_over_error"] > 1.0 and row["error"] > 0.0 for row in written["reduced"])
-    assert written["tensions"]["times_as_cheap"] == 200.0 / written["tensions"]["sweep"]
+    assert [row["times_as_cheap"] for row in written["tensions"]] == [2.0, 2.0]
+    options = [read([verb, str(many.COUPLED), "--out", "out", *words]) for verb, *words in asked]
+    sweeps = [cases_of(each) for each in options[::3]]
+    assert [[len(cases), len(cases[0])] for cases in sweeps] == [[2, 1], [2, 2]]
+    for cases, each, run in zip(sweeps, options[::3], options[1::3], strict=True):
+        last = parse(changed(tables_of(each.file, each.set), cases[-1]))
+        assert last == parse(tables_of(run.file, run.set)) and last.solve.kind == "static"
     assert written["milliseconds_per_step"] == [] and written["provenance"]
-    assert "2 tensions on one organ" in capsys.readouterr().out
+    assert "times as cheap" in capsys.readouterr().out
 
 
 def test_bench_finite(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,7 @@ from studies.refinement.ladder import ladder
 from studies.refinement.refine import refine, refined
 from studies.scenario import Scenario, ScenarioError, dump, parse
 from studies.scenario.toml import changed, parsed
-from studies.simulation import prepare
+from studies.simulation import assembly, prepare
 from studies.simulation.sharing import Shared
 from studies.sweeps import sweep as sweeps
 from studies.sweeps.case import MODULES, PACKAGES, ROOMS, Result, run_case, source_files
@@ -31,6 +31,8 @@ from studies.sweeps.table import Case, drawn_columns, table_of
 from studies.workers import Cluster, InTurn, Processes, Workers, WorkersError, in_order
 from tests.studies.samples import step
 from thread.catalogue import suture
+from tissue.organs import quasi_static
+from tissue.solvers import choice
 
 RING: dict[str, Any] = {  # a thread drawn through one point in space
     "title": "a ring",
@@ -181,6 +183,33 @@ def test_the_digest_of_a_case_has_the_source_that_it_hangs_on() -> None:
     named = {name.replace("scikit-fem", "skfem") for name in PACKAGES}
     inside = {"meshes", "thread", "tissue", "coupling", "studies", *sys.stdlib_module_names}
     assert foreign <= inside | plain | named
+
+
+def test_many_tensions_pay_for_one_organ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: a sweep over the pull makes one mesh, factorises its stiffness once, asks for the answers of
+    its holes once, and lays the thread once, however many cases there are."""
+    counts: dict[str, int] = {}
+
+    def count(where: Any, name: str) -> None:
+        made = getattr(where, name)
+
+        def counted(*given: Any, **named: Any) -> Any:
+            counts[name] = counts.get(name, 0) + 1
+            return made(*given, **named)
+
+        monkeypatch.setattr(where, name, counted)
+
+    for where, name in (
+        (assembly, "organ_mesh"),
+        (assembly, "start"),
+        (choice, "factorize"),
+        (quasi_static, "compliance"),
+    ):
+        count(where, name)
+    monkeypatch.setattr("studies.sweeps.case.KEPT", Shared())
+    table = sweep(changed(ORGAN, {"solve": ONE_STEP}), {"thread.start.force.0": [-0.1, -0.15, -0.2]}, tmp_path)
+    assert table["exit_status"].values == (0, 0, 0)
+    assert counts == {"organ_mesh": 1, "start": 1, "factorize": 1, "compliance": 1}
 
 
 def test_failures_are_rows(tmp_path: Path) -> None:
