@@ -182,6 +182,7 @@ EVENT: tuple[Column[Event], ...] = (
         "event",
         "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing, `tears` where the tissue's strength is exceeded; "
         "`closes`, `tied`, `slips`, `sticks`, `unties` of a tie; `cut`: the thread was; `halved`: the step was; "
+        "`snaps`: the tissue went to an equilibrium that was not near; "
         "`knots`: they changed",
         lambda event: event.kind,
     ),
