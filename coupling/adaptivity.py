@@ -16,6 +16,7 @@ from coupling.diagnosis import holds_in_force
 from coupling.events import Event
 from coupling.interfaces import Body
 from coupling.system import State, System
+from coupling.tension import REST, layers_at, strand_tensions
 from thread.knots import Tree, spans_at_holes, spans_by_curvature
 from thread.refit import Refit, refit
 from thread.thread import Thread
@@ -26,7 +27,6 @@ ACROSS = 4.0  # spans between two holes at least
 COARSE = 0.25  # of √(EI/T): on longer spans friction's part of the pull is off by more than 3 % at a turn of 60°
 BETWEEN = 2.0  # coarse spans between two holes: 2 leave 4 % of their stiffness against one another to be missed
 TURN = 0.1  # turn of the tangent that taking out a knot may cause, of the tolerance
-REST = 1e-9  # of EA: a thread under less tension than this bends over all its length
 AGAIN = 1.2  # of what a span at a hole may be: beyond, an equilibrium with friction is found again
 INTERVAL = 4  # steps from one look at the knots to the next
 
@@ -106,13 +106,8 @@ def bending_layers(system: System[Body], state: State[Body]) -> Array:
     forces in the parts of the thread before and after the hole: at the hole itself the axial force is not that of the
     pull."""
     thread = system.thread
-    start, end = thread.spline.start, thread.spline.end
-    here = np.sort(state.s[state.present & (state.s > start) & (state.s < end)])
-    part, parts = np.searchsorted(here, thread.axial.s.ravel()), len(here) + 1
-    mean = np.bincount(part, state.N.ravel(), parts) / np.maximum(np.bincount(part, minlength=parts), 1)
-    at = np.searchsorted(here, state.s)
-    pull = np.maximum(mean[np.minimum(at, parts - 1)], mean[np.minimum(at + 1, parts - 1)])
-    return np.asarray(np.minimum(np.sqrt(thread.EI / np.maximum(pull, REST * thread.EA)), end - start))
+    pull = np.maximum(strand_tensions(system, state.s, state.N, state.present).max(axis=1), REST * thread.EA)
+    return np.asarray(np.minimum(np.sqrt(thread.EI / pull), thread.spline.end - thread.spline.start))
 
 
 def span_ratio(system: System[Body], state: State[Body]) -> float:
@@ -200,7 +195,8 @@ def exchange_spline(
     N = np.interp(thread.axial.s, system.thread.axial.s.ravel(), state.N.ravel())
     frame = None if state.frame is None else thread.interpolate_frame(state.frame, system.thread.stations, q)
     earlier = None if state.before is None else replace(state.before, q=before[0], v=before[1])
-    moved = replace(state, q=q, v=v, N=N, before=earlier, frame=frame)
+    layers = None if state.layers is None else layers_at(other, state.s, N, state.present)
+    moved = replace(state, q=q, v=v, N=N, before=earlier, frame=frame, layers=layers)
     energies = [initial_energies(*pair) for pair in ((system, state), (other, moved))]
     stored = [e.kinetic + e.elastic_thread for e in energies]
     change = momentum(other, moved) - momentum(system, state)

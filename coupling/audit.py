@@ -25,18 +25,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from coupling.arrays import Array
-from coupling.constraints import driving_force, held_energy, site_force, thread_force
+from coupling.constraints import driving_force, force_on_tangent, held_energy, parts, site_force, thread_force
 from coupling.integrators import BDF2
 from coupling.interfaces import Body
 from coupling.stepping import Step, end_load, scheme_of, thread_motion
 from coupling.system import State, System
+from thread.vectors import dot
 
 
 @dataclass(frozen=True)
 class Energies:
     """Energies at a time and works since the start, all [J].
 
-    `balance_error` = external work − change of kinetic and elastic energy − friction − viscous − numerical.
+    `layer_work`: what the holes' compliance takes in as the tension that it is of is taken anew (`layer_work`).
+    `balance_error` = external work + layer work − change of kinetic and elastic energy − friction − viscous −
+    numerical.
     """
 
     kinetic: float
@@ -47,6 +50,7 @@ class Energies:
     viscous_dissipation: float
     numerical_dissipation: float
     balance_error: float
+    layer_work: float = 0.0
 
     @property
     def elastic(self) -> float:
@@ -74,7 +78,7 @@ def thread_kinetic(system: System[Body], state: State[Body]) -> float:
 
 def thread_elastic(system: System[Body], state: State[Body]) -> float:
     """Return the elastic energy of the thread, and of what it lacks in compliance at the holes [J]."""
-    at = system.passage(state.q, state.s)
+    at = system.passage_of(state)
     held = float(held_energy(at, state.lam, state.y).sum())
     return system.thread.energy(system.thread.points(state.q, state.frame)) + held
 
@@ -89,6 +93,7 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
         old.organ, new.organ
     )
 
+    layered = layer_work(step)
     external = np.sum(step.solution.problem.load * dq) + load_work + held_work(step)
     friction, eps_numerical, remainder, by_hand = sliding_work(system, step)
     more_external, more_friction, more_viscous = mean_force_works(system, step, load_work, organ_viscous)
@@ -98,7 +103,7 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
         0.5 * np.sum(dv * thread.momentum(dv))
         + two_step_inertia(system, step)
         + np.sum(now.elastic * dq)
-        - (elastic - before.elastic_thread)
+        - (elastic - before.elastic_thread - layered)
         + organ_numerical
         + eps_numerical
         + remainder
@@ -109,7 +114,7 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
     )
     kinetic = thread_kinetic(system, new) + organ_kinetic
     change = kinetic - before.kinetic + elastic - before.elastic_thread + organ_elastic - before.elastic_tissue
-    error = external - change - friction - viscous - numerical
+    error = external + layered - change - friction - viscous - numerical
     return Energies(
         kinetic,
         elastic,
@@ -119,7 +124,34 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
         before.viscous_dissipation + float(viscous),
         before.numerical_dissipation + float(numerical),
         before.balance_error + float(error),
+        before.layer_work + layered,
     )
+
+
+def layer_work(step: Step[Body]) -> float:
+    """Return what the compliance c of the holes takes in as the √(EI/T) of a step replaces that of the state before it
+    [J].
+
+    A step has c as a number, and there is no path from the one to the other. Under a constant force as in a constant
+    place the work of a c that goes from c⁻ to c⁺ is ½λ⁻(c⁻ − c⁺)λ⁺ on any path.
+    """
+    old, new, layers = step.old, step.new, step.solution.problem.layers
+    if not old.lam.any() or layers is old.layers:
+        return 0.0
+    if layers is not None and old.layers is not None and np.array_equal(layers, old.layers):
+        return 0.0
+    system, y = step.solution.problem.system, step.solution.iterate.y
+    c = np.mean([lack_at(system, s, old.layers) - lack_at(system, s, layers) for s in (old.s, new.s)], axis=0)
+    before, after = system.passage_of(old), step.solution.residual.passage
+    across = parts(before, old.lam, old.y).across, parts(after, new.lam, y).across
+    m = force_on_tangent(old.lam, old.y), force_on_tangent(new.lam, y)
+    mixed = dot(old.lam[:, :3], m[1]) + dot(new.lam[:, :3], m[0])
+    return float(0.5 * np.sum(c[:, 0] * dot(*across) + c[:, 1] * mixed + c[:, 2] * dot(*m)))
+
+
+def lack_at(system: System[Body], s: Array, layers: Array | None) -> Array:
+    """Return the compliance that the spline lacks at the abscissae `s` (m,) [m] of the holds, shape `(m, 3)`."""
+    return system.thread.missing_compliance(s, None, layers)[:, 0]
 
 
 def held_work(step: Step[Body]) -> float:
@@ -139,9 +171,11 @@ def closing_works(step: Step[Body]) -> Array:
 def drawing_works(step: Step[Body]) -> Array:
     """Return the work of the hands that draw ties tight, shape `(t,)` [J]; of BDF2 by the mean of their forces."""
     system, old, new = step.solution.problem.system, step.old, step.new
+    if not system.ties:
+        return np.zeros(0)
     strands, drive = system.strands, driving_force(step.solution.residual.passage, new.lam, step.solution.iterate.y)
-    if len(strands) and is_of_bdf2(step):
-        drive = 0.5 * (drive + driving_force(system.passage(old.q, old.s), old.lam, old.y))
+    if is_of_bdf2(step):
+        drive = 0.5 * (drive + driving_force(system.passage_of(old), old.lam, old.y))
     return -np.sum((drive * (new.s - old.s) * step.solution.problem.law.by_hand)[strands], axis=1)
 
 
@@ -167,7 +201,7 @@ def mean_force_works(
     dq, outside, rubbed = new.q - old.q, more_outside(system, step) - load_back - load_work, 0.0
     by_hand = step.solution.problem.law.by_hand
     if (system.rough | by_hand).any():
-        ds, at, now = new.s - old.s, system.passage(old.q, old.s), step.solution.residual.passage
+        ds, at, now = new.s - old.s, system.passage_of(old), step.solution.residual.passage
         drive = driving_force(at, old.lam, old.y) - driving_force(now, new.lam, step.solution.iterate.y)
         goes_on = system.rough & ~by_hand & (old.sigma == new.sigma) & (system.epsilon == 0.0)
         outside, rubbed = outside - float(drive @ (ds * by_hand)), float(drive @ (ds * goes_on))
@@ -204,9 +238,8 @@ def sliding_work(system: System[Body], step: Step[Body]) -> tuple[float, float, 
     drive = driving_force(at, new.lam, y)
     law = step.solution.problem.law
     slides, hand = ds * ~law.by_hand, ds * law.by_hand
-    ideal_inertia = (
-        law.inertia * (new.s - law.s_free) * (law.may_slide & ~system.of_ties)
-    )  # what is drawn goes as the hand goes
+    # what is drawn goes as the hand goes
+    ideal_inertia = law.inertia * (new.s - law.s_free) * (law.may_slide & ~system.of_ties)
     friction = np.sum((drive - ideal_inertia) * slides)
     eps_numerical = ideal_inertia @ ds - 0.5 * system.epsilon * np.sum(new.s_dot**2 - old.s_dot**2)
     work = np.sum(step.solution.residual.push * (new.q - old.q)[:, :3])
@@ -226,7 +259,7 @@ def multiplier_imbalance(system: System[Body], state: State[Body]) -> tuple[floa
 
     The moment is taken on the site variables, x×f_x + u×f_u + v×f_v (Φ is invariant under a common rotation).
     """
-    at = system.passage(state.q, state.s)
+    at = system.passage_of(state)
     on_thread, on_sites = thread_force(at, state.lam, state.y), site_force(at, state.lam, state.y).reshape(-1, 3, 3)
     force = on_thread[:, 0].sum(axis=0) + on_sites[:, 0].sum(axis=0)
     moment = np.cross(at.P, on_thread[:, 0]) + np.cross(at.T, on_thread[:, 1])

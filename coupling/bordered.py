@@ -197,7 +197,10 @@ def axis_by_frame(thread: Passage, y: Array) -> Array:
 
 def skew(a: Array) -> Array:
     """Return the matrices of b ↦ a × b, shape `(m, 3, 3)`."""
-    return np.cross(a[:, None], I3).swapaxes(1, 2)
+    out = np.zeros((len(a), 3, 3))
+    out[:, [2, 0, 1], [1, 2, 0]] = a
+    out[:, [1, 2, 0], [2, 0, 1]] = -a
+    return out
 
 
 def add_frame_turning(F: Array, thread: Passage, lam: Array, y: Array) -> None:

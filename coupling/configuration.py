@@ -21,17 +21,23 @@ class Configuration:
 
 
 def evaluate_thread(
-    system: System[Body], q: Array, s: Array, frame: Frame | None = None, home: Array | None = None
+    system: System[Body],
+    q: Array,
+    s: Array,
+    frame: Frame | None = None,
+    home: Array | None = None,
+    layers: Array | None = None,
 ) -> Configuration:
     """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (m,) [m].
 
-    `frame` is what the twist is measured from, `home` (m,) [m] names the pieces of a cut thread that hold `s`.
+    `frame` is what the twist is measured from, `home` (m,) [m] names the pieces of a cut thread that hold `s`,
+    `layers` (m,) [m] over what it bends there.
     """
     thread = system.thread
     points = thread.points(q, frame)
-    return Configuration(points, system.passage(q, s, home), thread.gradient(points))
+    return Configuration(points, system.passage(q, s, home, layers), thread.gradient(points))
 
 
 def configuration_of(system: System[Body], state: State[Body]) -> Configuration:
     """Evaluate the thread of a state."""
-    return evaluate_thread(system, state.q, state.s, state.frame)
+    return evaluate_thread(system, state.q, state.s, state.frame, layers=state.layers)

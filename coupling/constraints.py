@@ -67,11 +67,19 @@ LOCAL = np.arange(4)
 LOCAL_UNKNOWNS = 3 * LOCAL[:, None] + np.arange(3)  # of the four points on a span, from the first point's on
 
 
-def passage(thread: Thread, q: Array, s: Array, directed: NDArray[np.bool_], home: Array | None = None) -> Passage:
+def passage(
+    thread: Thread,
+    q: Array,
+    s: Array,
+    directed: NDArray[np.bool_],
+    home: Array | None = None,
+    layers: Array | None = None,
+) -> Passage:
     """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (p,) [m], on the pieces of a cut thread
-    that hold the abscissae `home` where they are given; `directed` (p,): holes that impose a direction."""
+    that hold the abscissae `home` where they are given; `directed` (p,): holes that impose a direction;
+    `layers` (p,) [m], √(EI/T) there, None without tension."""
     bare = bare_passage(thread.spline, q, s, home)
-    return replace(bare, c=thread.missing_compliance(s, home), directed=directed)
+    return replace(bare, c=thread.missing_compliance(s, home, layers), directed=directed)
 
 
 def bare_passage(spline: Spline, q: Array, s: Array, home: Array | None = None) -> Passage:

@@ -134,7 +134,7 @@ def pressed_pairs(contact: Contact[Body] | None, system: System[Body], state: St
     where an organ that is nonlinear cannot tell before the step is solved."""
     if contact is None:
         return np.zeros(0, dtype=bool)
-    f = site_force(system.passage(state.q, state.s), state.lam, state.y).ravel()
+    f = site_force(system.passage_of(state), state.lam, state.y).ravel()
     before = system.organ.lips(state.organ)[1] > 0.0
     try:
         return find_pressed(contact, f, before)

@@ -5,6 +5,7 @@ two holds, and are the rows of Φ_q independent over the thread's free control p
 singular values of the rows scaled to length one: a combination of them that nearly vanishes says one thing twice.
 """
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,6 +18,7 @@ from coupling.system import State, System
 
 DEPENDENT = 1e-6  # of a row's length; multipliers go with the square of its inverse and keep fewer than 4 digits below
 NO_TANGENT = 1e-2  # |∂P/∂s| of a thread that is neither stretched nor compressed is 1
+COLLAPSED = 0.2  # |u × v| of a hole's frame, 1 at rest: a linear organ has turned it by 78°
 TRANSVERSE = 4  # conditions across a span that leave its four control points nothing to bend
 
 
@@ -30,7 +32,7 @@ def hold_names(system: System[Body]) -> list[str]:
 def faults(system: System[Body], state: State[Body]) -> list[str]:
     """Describe each thing that is wrong with the constraints in force in a state, one sentence each; none if they are
     sound."""
-    at = system.passage(state.q, state.s)
+    at = system.passage_of(state)
     short = tangent_faults(system, state, at)
     return short or span_faults(system, state) or dependence_faults(system, state, at)
 
@@ -43,9 +45,25 @@ def refuse_faults(system: System[Body], state: State[Body]) -> None:
 
 
 def diagnose(system: System[Body], state: State[Body], error: StepError) -> CouplingError:
-    """Return the constraints' fault where there is one, else the error of the step as it is."""
+    """Return the constraints' fault where there is one, else the error of the step, with the holes whose frames have
+    collapsed."""
     found = faults(system, state)
-    return ConstraintError(state.time, "; ".join(found)) if found else error
+    if found:
+        return ConstraintError(state.time, "; ".join(found))
+    return replace(error, cause="; ".join([error.cause, *collapsed_frames(system, state)]))
+
+
+def collapsed_frames(system: System[Body], state: State[Body]) -> list[str]:
+    """Describe the directed holes whose frames hardly say a direction any more, one sentence each."""
+    size = np.linalg.norm(np.cross(state.y[:, 3:6], state.y[:, 6:]), axis=1)
+    directed = system.rows[:, 3] & state.present
+    names = hold_names(system)
+    return [
+        f"the frame of {names[k]} has shrunk to {size[k]:.2g} of its area, as a linear organ's does by the cosine of "
+        "its turn, and hardly says a direction: pull less, or take firmer tissue, a wider footprint, a softer suture, "
+        "or tissue at finite strain (tissue.material)"
+        for k in np.flatnonzero(directed & (size < COLLAPSED))
+    ]
 
 
 def tangent_faults(system: System[Body], state: State[Body], at: Passage) -> list[str]:

@@ -9,16 +9,17 @@ creeps downhill from where it is, dragged back less and less, to the next equili
 
 import logging
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from coupling.arrays import Array
 from coupling.contact import pressed_pairs
-from coupling.diagnosis import refuse_drawn_out, refuse_held_end
+from coupling.diagnosis import refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.errors import EquilibriumError, InversionError, StepError
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping
-from coupling.newton import Iterate, Problem, Solution, evaluate, solve
+from coupling.newton import Iterate, Problem, Solution, correct_downhill, evaluate, solve
 from coupling.sliding import admissible_sigma, force_along_thread, law_of, prescribed, static_bound
 from coupling.stepping import (
     Step,
@@ -29,21 +30,27 @@ from coupling.stepping import (
     end_load,
     reactions,
     release,
+    settle_layers,
     tie_gaps,
     with_ends,
     with_sense,
 )
 from coupling.system import State, System
+from coupling.tension import layers_at
 from tissue.errors import OrganError
 
 log = logging.getLogger(__name__)
 
 WEAKER = 10.0  # the tie is weakened by this factor after a success, tightened by its square root after a failure
+AT_REST = 1.0 + 1e-6  # ratio of √(EI/T) at rest to that which the equilibrium was solved with
+TENSIONS = 20  # equilibria with another √(EI/T) at most
 PAIRINGS = 8  # equilibria of a load step at most, further ones, until lips that slide face what they faced before
 PAIRED = 1e-4  # of the thread's diameter: lips that slide no further face what they faced before
 ATTEMPTS = 60
 FAILURES = 6  # among them with a nonlinear organ: no tie of the thread brings tissue past a point where it snaps
 LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
+A_SPAN = 1.0  # the most that a correction of a tied thread moves an abscissa: the curve beyond is another polynomial
+PATIENCE = 4  # times the corrections of a plain solve: as many spans may be slid through, or hundredths of the thread
 LONG_END = 10.0  # √(EI/F) of an end beyond which the tension in it is the dead load on it, to 1e-8
 BALANCED = 1e-6  # of the larger of two dead loads: nearer ones are equal
 DEEPEST = 4  # halves of halves of a load step
@@ -83,6 +90,7 @@ def static_problem(
         law=law_of(system, first.s, state.present, 0.0, first.s, *by_hand, first.time),
         stiffen=True,
         frame=state.frame,
+        layers=layers_at(system, state.s, state.N, state.present),
         gaps=tie_gaps(system, state, time),
     )
 
@@ -118,7 +126,8 @@ def relax_ties(
         first = guess(problem, now, state.sigma if hold else now.sigma)
         held = hold and tie == 0.0 and now is not state
         try:
-            solution = let_go(problem, first) if held else solve(problem, first)
+            solution = let_go(problem, first) if held else follow_ties(problem, first)
+            solution = solution if tie else settle_layers(solution, let_go, AT_REST, TENSIONS)
         except StepError as error:
             failed, failures = error, failures - 1
             if held or failures == 0:
@@ -131,6 +140,18 @@ def relax_ties(
         tie = 0.0 if tie < 1e-9 * first_tie(system, now) else tie / WEAKER
     cause, piercing = (failed.cause, failed.piercing) if failed else ("the ties could not be dropped", "")
     raise EquilibriumError(state.time, share * duration - state.time, cause, piercing, share)
+
+
+def follow_ties(problem: Problem[Body], first: Iterate) -> Solution[Body]:
+    """Solve for the equilibrium of a thread that is tied; where it may slide, its abscissae are led downhill. Raises
+    `StepError`.
+
+    A tie holds the points and no abscissa: where the thread has a long way to slide, plain Newton throws the abscissae
+    over many spans and back, and ends at a saddle or nowhere.
+    """
+    if problem.mass_factor == 0.0 or not problem.law.may_slide.any():
+        return solve(problem, first)
+    return solve(problem, first, partial(correct_downhill, spans=A_SPAN), PATIENCE)
 
 
 def let_go(problem: Problem[Body], held: Iterate) -> Solution[Body]:
@@ -207,6 +228,7 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
         sigma=z.sigma,
         reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.transport_frame(old.frame, z.q),
+        layers=problem.layers,
     )
     return with_sense(system, old, new, residual.passage)
 
@@ -282,6 +304,7 @@ def load_step(
     try:
         step = settle_or_snap(system, state, share, duration, depth >= SNAPS)
         refuse_drawn_out(system, step.old, step.new)
+        refuse_crossing(system, step.old, step.new)
         gone = emptied_holds(system, step.old, step.new)
         refuse_held_end(system, step.old, step.new, gone)
     except (StepError, InversionError):

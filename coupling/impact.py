@@ -45,7 +45,7 @@ def begin_piercing(
     name, y = system.piercings[k].name, state.y[k]
     s = abscissa(system, state, k, given)
     placed = replace(state, s=np.where(np.arange(system.holds) == k, s, state.s))
-    at = system.passage(placed.q, placed.s)
+    at = system.passage_of(placed)
     gap = float(np.linalg.norm(at.P[k] - y[:3]))
     angle = misdirection(system, at, y, k)
     refuse_far(system, state.time, name, gap, angle)
@@ -156,7 +156,7 @@ def closing_problem(system: System[Body], state: State[Body], k: int, scheme: Ba
     The hole's own abscissa is held, the others follow their laws; lips do not cross.
     """
     thread = system.thread
-    at = system.passage(state.q, state.s)
+    at = system.passage_of(state)
     balanced = thread.gradient(thread.points(state.q, state.frame))
     balanced[:, :3] -= spread(thread_force(at, state.lam, state.y), at, thread.n)
     factor = scheme.a + scheme.d * thread.damping
@@ -174,6 +174,7 @@ def closing_problem(system: System[Body], state: State[Body], k: int, scheme: Ba
         rows=system.rows & state.present[:, None],
         law=law_of(system, state.s, others, system.epsilon * scheme.a, state.s),
         frame=state.frame,
+        layers=state.layers,
         gaps=tie_gaps(system, state, state.time),
     )
 

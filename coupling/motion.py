@@ -51,7 +51,7 @@ def what_it_does(system: System[Body], state: State[Body]) -> tuple[str, str]:
 def alignment(system: System[Body], state: State[Body]) -> Array:
     """Return the cosine between thread and hole on the side where the piercing began, 1 where no direction is imposed,
     shape `(holds,)`."""
-    T = system.passage(state.q, state.s).T
+    T = system.passage_of(state).T
     normal = np.cross(state.y[:, 3:6], state.y[:, 6:])
     size = np.linalg.norm(T, axis=1) * np.linalg.norm(normal, axis=1)
     cosine = state.sense * np.sum(T * normal, axis=1) / np.maximum(size, np.finfo(float).tiny)

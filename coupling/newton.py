@@ -74,8 +74,9 @@ class Problem(Generic[Body]):
     `time` [s] at its end; `mass_factor` [1/s²] with `q_ref` (n, c): the inertia and viscous force is
     mass_factor·M (q − q_ref); `load` (n, c) [N, with twist N m]; `answer`, the organ's; `rows` (m, 5) constraints in
     force; `stiffen`: add the constraints' own stiffness to the thread's band, needed where there is no inertia (an
-    exact row operation); `frame`, that of the start of the step, of a thread with twist; `closed` (k,), the pairs of
-    lips that are held closed, whatever their force; `gaps` (t, 3) [m], between the strands of every tie.
+    exact row operation); `frame`, that of the start of the step, of a thread with twist; `layers` (m,) [m], √(EI/T)
+    that the thread bends over at its holes, None without tension; `closed` (k,), the pairs of lips that are held
+    closed, whatever their force; `gaps` (t, 3) [m], between the strands of every tie.
     """
 
     system: System[Body]
@@ -89,6 +90,7 @@ class Problem(Generic[Body]):
     law: Law
     stiffen: bool = False
     frame: Frame | None = None
+    layers: Array | None = None
     closed: Flags = field(default_factory=lambda: NO_PAIRS)
     gaps: Array = field(default_factory=lambda: NO_GAPS)
 
@@ -196,7 +198,7 @@ class Solution(Generic[Body]):
 def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
     """Evaluate all residuals of a step."""
     thread = problem.system.thread
-    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, home=problem.law.s_old)
+    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, problem.layers)
     at, elastic = now.at, now.elastic
     balance, push = elastic - problem.load, spread(thread_force(at, z.lam, z.y), at, thread.n)
     balance[:, :3] -= push
@@ -336,11 +338,11 @@ def correct(problem: Problem[Body], z: Iterate, r: Residual, reach: Array | None
     return replace(z, q=z.q + dq, N=N, s=z.s + dz[:, S], lam=z.lam + dz[:, PHI], y=z.y + dz[:, Y])
 
 
-def correct_downhill(problem: Problem[Body], z: Iterate, r: Residual) -> Iterate:
-    """Make one Newton correction in which no abscissa goes uphill, nor further than a REACH of its span. Raises
+def correct_downhill(problem: Problem[Body], z: Iterate, r: Residual, spans: float = REACH) -> Iterate:
+    """Make one Newton correction in which no abscissa goes uphill, nor further than so many of its span. Raises
     `SingularError`."""
     spline = problem.system.thread.spline
-    return correct(problem, z, r, REACH * np.diff(spline.breaks)[spline.spans_of(z.s)])
+    return correct(problem, z, r, spans * np.diff(spline.breaks)[spline.spans_of(z.s)])
 
 
 Corrector = Callable[[Problem[Body], Iterate, Residual], Iterate]

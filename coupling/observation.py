@@ -142,7 +142,7 @@ def hole_frames(y: Array) -> Array:
 
 def site_forces(system: System[Body], state: State[Body]) -> Array:
     """Return the forces f_y on the organ conjugate to y, shape `(p, 9)` [N, N m]."""
-    at = system.passage(state.q, state.s)
+    at = system.passage_of(state)
     return site_force(at, state.lam, state.y)[: len(system.piercings)]
 
 
@@ -161,13 +161,13 @@ def broken_cones(system: System[Body], law: Law, state: State[Body], at: Passage
 def largest_gap(system: System[Body], state: State[Body], at: Passage | None = None) -> float:
     """Return the largest |P(s) − x| of the drawn curve over the holes the thread is in [m]: what the spline lacks in
     compliance there, and the residual."""
-    at = at or system.passage(state.q, state.s)
+    at = at or system.passage_of(state)
     return largest_at_holes(system, state, at.P - state.y[:, :3])
 
 
 def largest_residual(system: System[Body], state: State[Body], at: Passage | None = None) -> float:
     """Return the largest |P̂ − x| over the holes the thread is in [m]: what the solve leaves open of the constraint."""
-    at = at or system.passage(state.q, state.s)
+    at = at or system.passage_of(state)
     return largest_at_holes(system, state, phi(at, state.lam, state.y)[:, :3])
 
 

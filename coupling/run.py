@@ -44,9 +44,8 @@ class Run(Generic[Body]):
     and `halvings`, how often one that fails is halved; `downhill`, whether one that makes energy has failed
     (`coupling.watch`); `resolution`, how the knots follow the thread, None where they do not; `given` (p,) [m], the
     abscissae of piercings that begin, NaN where the thread's nearest place is taken; `tie_works` (t,) [J], of the hands
-    on each tie so far. `fresh` is a thread under no
-    tension yet that knots could go by. Of the last step: the steps `taken` (several where it was halved), the `events`,
-    and the thread's `configuration` at its end.
+    on each tie so far. `fresh` is a thread under no tension yet that knots could go by. Of the last step: the steps
+    `taken` (several where it was halved), the `events`, and the thread's `configuration` at its end.
     """
 
     system: System[Body]
@@ -111,6 +110,7 @@ class Run(Generic[Body]):
         first = replace(self, taken=(), events=())
         if first.fresh:
             refuse_unbalanced(first.system, first.state, duration)
+            first = first.held_together()
         else:
             first = first.refitted(0.0, True)
         run = first._audited(load_step(first.system, first.state, share, duration))
@@ -189,6 +189,16 @@ class Run(Generic[Body]):
                 )
         return run
 
+    def held_together(self) -> "Run[Body]":
+        """Return the run with the strands of every tie held where they are nearest to one another: at rest hands hold
+        them until they draw, since a slack thread would straighten and part them. Raises `FormingError`."""
+        state, open_ties = self.state, ~self.state.present[self.system.strands[:, 0]]
+        events = list(self.events)
+        for k in np.flatnonzero(open_ties):
+            state, event = begin_tie(self.system, state, int(k))
+            events.append(event)
+        return replace(self, state=state, events=tuple(events)) if open_ties.any() else self
+
     def tied_when_due(self, earlier: float, dt: float) -> "Run[Body]":
         """Return the run with the ties that begin or are locked later than `earlier` [s]. Raises `FormingError`."""
         state, due = self.state, []
@@ -197,7 +207,8 @@ class Run(Generic[Body]):
             if due_now and state.present[self.system.strands[k, 0]]:
                 state, event = lock_tie(self.system, state, k)
                 due.append(event)
-            if is_due(tie.begins, earlier, state.time, dt):
+            begun = state.present[self.system.strands[k, 0]]
+            if is_due(tie.begins, earlier, state.time, dt) and not begun:
                 state, event = begin_tie(self.system, state, k)
                 due.append(event)
         if not due:
@@ -250,7 +261,7 @@ def schedule_piercings(
     out = []
     for k, piercing in enumerate(system.piercings):
         if state.present[k] and is_due(piercing.ends, earlier, state.time, dt):
-            let_go = float(held_energy(system.passage(state.q, state.s), state.lam, state.y)[k])
+            let_go = float(held_energy(system.passage_of(state), state.lam, state.y)[k])
             out.append(Event(state.time, "ends", piercing.name, float(state.s[k]), loss=let_go))
             state = release(state, np.arange(system.holds) == k)
     for k, piercing in enumerate(system.piercings):

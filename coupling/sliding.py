@@ -23,7 +23,9 @@ Both bounds have a law of one's own added where a hole has one, F₀ + μN + F(N
 Which of stick and slip holds is an active set, σ ∈ {−1, 0, 1} a hold. It changes only between solved iterates: one on
 the way has forces that mean nothing, and where μ_k < μ_s both may hold, so that a wrong change would stand.
 
-A tie that slides does so as one (`coupling.ties`): its strands have two equations together, joined from those above.
+A tie that slides does so as one (`coupling.ties`): its strands have two equations together, joined from those above. So
+have the first and the last hole of a loop that hands draw, who keep the knot where it is between them, and of one that
+is tied in holes without friction: nothing else keeps it from running round in them.
 
 That force enters as a given one, f = `injected`. So does a friction found elsewhere (the two-pass algorithm of §4.3).
 """
@@ -63,8 +65,9 @@ class Law:
     `kinetic`, `grip`, `per_channel` (m,); `inertia` = ε a [N/m], of all holds or of each, and `s_free` (m,) [m] make
     ε s̈ = inertia (s − s_free), and c ds/dt of a tie that is drawn; `rough` and `may_slide` (m,); `injected` (m,) [N],
     a given force along the thread where it slides, added to the friction of the rough holds; `strands` (t, 2) of ties
-    in force; `by_hand` (m,), where hands draw; `own`, the law of one's own of each hold, None or empty where there is
-    none; `factor`, by which all friction is multiplied.
+    in force; `loops` (k, 2), first and last hole of those that slide in them as one; `by_hand` (m,), where hands draw;
+    `own`, the law of one's own of each hold, None or empty where there is none; `factor`, by which all friction is
+    multiplied.
     """
 
     s_old: Array
@@ -79,9 +82,15 @@ class Law:
     s_free: Array
     injected: Array
     strands: Indices = field(default_factory=lambda: NO_JOINTS.strands)
+    loops: Indices = field(default_factory=lambda: NO_JOINTS.strands)
     by_hand: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
     own: tuple[FrictionLaw | None, ...] = ()
     factor: float = 1.0
+
+    @cached_property
+    def pairs(self) -> Indices:
+        """Holds that slide as one, shape `(k, 2)`."""
+        return np.concatenate([self.strands, self.loops])
 
     @cached_property
     def ideal(self) -> bool:
@@ -107,8 +116,27 @@ def law_of(
     may_slide = system.may_slide & present & (rough | ~tied)
     injected = np.asarray(pulls * (present & ~tied), dtype=np.float64)
     strands = system.strands[present[system.strands].all(axis=1)]
+    loops = joined_loops(system, s_old, present, drawn_ties)
     by_hand, s_held, own = system.by_hand | drawn_ties, s_old - drawn * present, system.own_friction
-    return Law(s_old, s_held, *system.friction, rough, may_slide, inertia, s_free, injected, strands, by_hand, own)
+    return Law(
+        s_old, s_held, *system.friction, rough, may_slide, inertia, s_free, injected, strands, loops, by_hand, own
+    )
+
+
+def joined_loops(system: System[Body], s: Array, present: Flags, drawn_ties: Flags) -> Indices:
+    """Return the first and the last hole of every closed loop that slides in them as one, shape `(k, 2)`: a loop that
+    hands draw, or that is tied in holes without friction. `drawn_ties` (m,), strands that are drawn.
+
+    A loop that is held in a hole runs round in none, nor does one that friction in one of these two holds back.
+    """
+    out, p = [], len(system.piercings)
+    slides, rough = (system.may_slide & ~system.by_hand)[:p], system.rough[:p]
+    for tie, strands in zip(system.ties, system.strands, strict=True):
+        within, pair = present[:p] & (s[:p] > s[strands[0]]) & (s[:p] < s[strands[1]]), list(tie.between)
+        alike = rough[pair[0]] == rough[pair[1]] if drawn_ties[strands[0]] else not rough[within].any()
+        if present[strands].all() and within[pair].all() and slides[within].all() and alike:
+            out.append(tie.between)
+    return np.array(out, dtype=np.intp).reshape(-1, 2)
 
 
 def prescribed(law: Law, held: Flags, injected: Array) -> Law:
@@ -174,10 +202,10 @@ def by_own_law(law: Law, part: str, N: Array) -> Array:
 
 
 def admissible_sigma(law: Law, sigma: Array) -> Array:
-    """Fit the active set to the holds: an ideal hole slides, one that may not slide sticks, and the strands of a tie
-    slide against one another, shape `(m,)`."""
+    """Fit the active set to the holds: an ideal hole slides, one that may not slide sticks, and those that slide as one
+    do so against one another, shape `(m,)`."""
     fitted = np.where(law.may_slide, np.where(law.rough, sigma, 1.0), 0.0)
-    fitted[law.strands[:, 1]] = -fitted[law.strands[:, 0]]
+    fitted[law.pairs[:, 1]] = -fitted[law.pairs[:, 0]]
     return fitted
 
 
@@ -187,8 +215,9 @@ def next_sigma(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y:
     friction."""
     if not law.rough.any():
         return admissible_sigma(law, sigma)
-    f = in_pairs(law.strands, force_along_thread(law, thread, s, lam, y))
-    from_stick = np.where(np.abs(f) > static_bound(law, thread, lam, y) + margin, np.sign(f), 0.0)
+    f, bound = force_along_thread(law, thread, s, lam, y), static_bound(law, thread, lam, y)
+    f, bound = in_pairs(law.pairs, f, -1.0), in_pairs(law.pairs, bound)
+    from_stick = np.where(np.abs(f) > bound + margin, np.sign(f), 0.0)
     from_slip = np.where(sigma * (s - law.s_old) < 0.0, 0.0, sigma)
     return admissible_sigma(law, np.where(sigma == 0.0, from_stick, from_slip))
 
@@ -218,9 +247,10 @@ def residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: A
 
 
 def sliding_strands(law: Law, sigma: Array) -> tuple[Indices, Indices]:
-    """Return the holds at which the ties that slide hold their strands, shape `(k,)` each. The equation of the first
-    says that their abscissae have the same sum, that of the second is the difference of both."""
-    one, other = law.strands[sigma[law.strands[:, 0]] != 0.0].T
+    """Return the holds that slide as one, at which ties that slide hold their strands and loops go through their holes,
+    shape `(k,)` each. The equation of the first says that their abscissae have the same sum, that of the second is the
+    difference of both."""
+    one, other = law.pairs[sigma[law.pairs[:, 0]] != 0.0].T
     return one, other
 
 

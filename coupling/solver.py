@@ -1,4 +1,5 @@
-"""A step solved by compiled loops where they cover it (`coupling.compiled`), else in numpy (`coupling.newton`)."""
+"""A step solved in numpy (`coupling.newton`), or by compiled loops (`coupling.compiled`) where they are switched on and
+cover it."""
 
 import os
 from typing import Any
@@ -9,12 +10,13 @@ from coupling.interfaces import Body
 from coupling.newton import Iterate, Problem, Residual, Solution
 from coupling.system import System
 
-SWITCHED_ON = os.environ.get("SUTUREFEM_COMPILED") == "1"  # a resumed run is not yet the same to the last bit
+SWITCHED_ON = os.environ.get("SUTUREFEM_COMPILED") == "1"  # asked for: to compile takes longer than most runs
 
 
 def solve(problem: Problem[Body], start: Iterate) -> Solution[Body]:
     """Iterate from `start` until every equation holds, and stick and slip, touch and open fit the answer: by compiled
-    loops where they cover the problem and come to its end, else by `coupling.newton`. Raises `StepError`."""
+    loops where they are switched on, cover the problem and come to its end, else by `coupling.newton`. Raises
+    `StepError`."""
     if SWITCHED_ON and is_covered(problem):
         solution = solve_compiled(problem, start)
         if solution is not None:
@@ -49,5 +51,5 @@ def solve_compiled(problem: Problem[Body], start: Iterate) -> Solution[Body] | N
 def residual_of(problem: Problem[Body], z: Iterate, found: Any, scale: float) -> Residual:
     """Return the residual at a solved iterate from the arrays that the loops left. The thread itself is evaluated as a
     run that goes on from there evaluates it, to the same bits."""
-    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, home=problem.law.s_old)
+    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, problem.layers)
     return Residual(now, found.f_y, found.push, found.balance, found.holds, found.site, scale)

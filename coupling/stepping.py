@@ -23,6 +23,7 @@ from coupling.newton import Iterate, Problem, Solution
 from coupling.sliding import law_of
 from coupling.solver import solve
 from coupling.system import State, System, forgetful
+from coupling.tension import SETTLED, is_settled, layers_at
 from coupling.ties import gap_left
 from thread.vectors import cross, dot
 from tissue.errors import OrganError
@@ -31,6 +32,7 @@ HALVINGS = 8  # a step is given up below dt / 2^8
 FOLLOWED = 4  # halvings that the motion itself may ask for before a step is tried
 MOST_TRIES = 256  # of steps and parts of steps until one is given up: as many as the smallest parts
 
+PASSES = 3  # of a step with another tension at its holes
 GROWTH = 2.0  # largest ratio of a step to the one before; zero-stability ends at 1 + √2
 
 
@@ -148,6 +150,7 @@ def dynamic_problem(
             state.time,
         ),
         frame=state.frame,
+        layers=layers_at(system, state.s, state.N, state.present),
         gaps=tie_gaps(system, state, time),
     )
 
@@ -161,11 +164,13 @@ def tie_gaps(system: System[Body], state: State[Body], time: float) -> Array:
 
 
 def predict(problem: Problem[Body], state: State[Body]) -> Iterate:
-    """Predict the first iterate: everything goes on as it went."""
+    """Predict the first iterate: the thread goes on as it went, under the forces that it had, and the sites are where
+    these forces held them. (From the sites of an organ without forces a step at rest in holes that turned far does not
+    come back to its own answer.)"""
     q = with_ends(state.q + problem.dt * state.v, problem.system, problem.time)
     s = state.s + problem.dt * state.s_dot
     pressed = pressed_pairs(problem.contact, problem.system, state)
-    return Iterate(q, state.N, s, state.lam, problem.y_free, state.sigma, pressed=pressed)
+    return Iterate(q, state.N, s, state.lam, state.y, state.sigma, pressed=pressed)
 
 
 def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme | None = None) -> Step[Body]:
@@ -173,7 +178,7 @@ def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme
     `InversionError`; the state is not touched."""
     scheme = scheme or BackwardEuler(dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
-    return conclude(state, scheme, find_solution(problem, predict(problem, state)))
+    return conclude(state, scheme, settle_layers(find_solution(problem, predict(problem, state))))
 
 
 def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> Step[Body]:
@@ -195,6 +200,7 @@ def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> St
         sense=state.sense,
         reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.transport_frame(state.frame, z.q),
+        layers=problem.layers,
     )
     new = with_sense(system, state, new, residual.passage)
     return Step(state, new, problem.dt, solution, end_configuration(new, solution))
@@ -228,6 +234,24 @@ def find_solution(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
         if not problem.law.may_slide.any():
             raise
     return solve_downhill(problem, guess)
+
+
+def settle_layers(
+    solution: Solution[Body],
+    solve_again: Callable[[Problem[Body], Iterate], Solution[Body]] = find_solution,
+    ratio: float = SETTLED,
+    passes: int = PASSES,
+) -> Solution[Body]:
+    """Solve again with the tension of the end while √(EI/T) there is another than it was solved with, by more than the
+    `ratio`: a thread that is drawn taut bends at its holes as a taut one. Raises `StepError`."""
+    for _ in range(passes):
+        problem, z = solution.problem, solution.iterate
+        ended = layers_at(problem.system, z.s, z.N, problem.rows[:, 0])
+        if is_settled(problem.system, z.s, problem.rows[:, 0], (problem.layers, ended), ratio):
+            break
+        again = solve_again(replace(problem, layers=ended), z)
+        solution = replace(again, iterations=solution.iterations + again.iterations)
+    return solution
 
 
 def reactions(system: System[Body], residual: Array, load: Array) -> Array:
@@ -383,7 +407,7 @@ def bdf2_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]
         return remembering(try_step(system, state, dt), state, dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
     try:
-        return remembering(conclude(state, scheme, solve(problem, predict(problem, state))), state, dt)
+        return remembering(conclude(state, scheme, settle_layers(solve(problem, predict(problem, state)))), state, dt)
     except (StepError, InversionError):
         return try_step(system, forgetful(state), dt)
 

@@ -245,10 +245,14 @@ class System(Generic[Body]):
         strands = [[True] * 3 + [False] * 2] * (2 * len(self.ties))
         return np.array(piercings + clamps + strands, dtype=bool).reshape(-1, 5)
 
-    def passage(self, q: Array, s: Array, home: Array | None = None) -> Passage:
-        """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (holds,) of its holds; `home` as
-        for `coupling.constraints.passage`."""
-        return passage(self.thread, q, s, self.rows[:, 3], home)
+    def passage(self, q: Array, s: Array, home: Array | None = None, layers: Array | None = None) -> Passage:
+        """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (holds,) of its holds; `home` and
+        `layers` as for `coupling.constraints.passage`."""
+        return passage(self.thread, q, s, self.rows[:, 3], home, layers)
+
+    def passage_of(self, state: "State[Body]") -> Passage:
+        """Evaluate the thread of a state at its holds."""
+        return self.passage(state.q, state.s, layers=state.layers)
 
     @cached_property
     def may_slide(self) -> Flags:
@@ -278,7 +282,7 @@ class System(Generic[Body]):
 
     def drawn_ties(self, time: float) -> Flags:
         """Holds that are strands of a tie which hands draw in a step from `time` [s] on, shape `(holds,)`."""
-        return self.over_ties([not tie.is_locked(time) for tie in self.ties]) > 0.0
+        return self.over_ties([tie.is_drawn(time) for tie in self.ties]) > 0.0
 
     def over_ties(self, values: Sequence[float], first: float = 1.0) -> Array:
         """Return numbers of ties over the holds, shape `(holds,)`: for their first strands times `first`, zero but for
@@ -349,7 +353,8 @@ class State(Generic[Body]):
     where the thread sticks; `present` (holds,): False before a piercing begins, and once the thread has left the hole;
     `sense` (holds,): sign of T·(u × v), which changes in a directed hole only where the frame does, not T; `reaction`
     (2, c) [N], force of the holders on the thread's ends, with twist their torque about the tangent too [N m]; `y_dot`
-    (holds, 9) [m/s, 1/s], rate of y, None at rest; `frame`, what the twist is measured from, None without twist.
+    (holds, 9) [m/s, 1/s], rate of y, None at rest; `frame`, what the twist is measured from, None without twist;
+    `layers` (holds,) [m], √(EI/T) that the thread bends over at its holes (`coupling.tension`), None without tension.
 
     A two-step integrator keeps the state `before`, `dt_before` [s] earlier, which itself remembers nothing. None: the
     next step has no memory (the start, a one-step integrator, or a jump: see `forgetful`).
@@ -370,6 +375,7 @@ class State(Generic[Body]):
     reaction: Array
     y_dot: Array | None = None
     frame: Frame | None = None
+    layers: Array | None = None
     before: "State[Body] | None" = None
     dt_before: float | None = None
 

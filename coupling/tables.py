@@ -16,7 +16,7 @@ from coupling.compiled.curve import Curve
 from coupling.compiled.friction import Law
 from coupling.compiled.iteration import Bounds, Found, Given, Knots, Unknowns
 from coupling.newton import Iterate, Problem
-from thread.compliance import POWERS, missing_on
+from thread.compliance import POWERS
 from thread.spline import ORDERS
 from thread.thread import Thread
 
@@ -29,7 +29,7 @@ AHEAD = 1  # spans to each side of a hole where the lack is known before it is a
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """The plain arrays of a thread. What the spline lacks on a span is no number until a hole comes there."""
+    """The plain arrays of a thread."""
 
     thread: Thread
 
@@ -53,24 +53,36 @@ class Tables:
         """The spline."""
         spline, M = self.thread.spline, self.thread.mass_matrix
         mass = np.array([np.pad(M.diagonal(k), (0, k)) for k in range(REACH + 1)]).T
-        lack = np.full((len(spline.first), 3, 3, len(POWERS)), np.nan if self._lacks else 0.0)
-        return Knots(plain(spline.breaks), self._first, plain(spline.polynomials), lack, plain(mass))
+        return Knots(plain(spline.breaks), self._first, plain(spline.polynomials), plain(mass))
 
     @cached_property
     def _first(self) -> Indices:
         return self.thread.spline.first.astype(np.int64)
 
-    @property
-    def _lacks(self) -> bool:
-        return self.thread.EI > 0.0 and self.thread.hole_compliance
 
-    def learn(self, s: Array) -> bool:
-        """Learn what the spline lacks near the abscissae `s` (m,) [m]; whether there was anything to learn."""
-        lack, near = self.knots.lack, self.thread.spline.spans_of(s)[:, None] + np.arange(-AHEAD, AHEAD + 1)
-        unknown = [span for span in np.unique(near.clip(0, len(lack) - 1)) if np.isnan(lack[span, 0, 0, 0])]
-        for span in unknown:
-            lack[span] = missing_on(self.thread.spline, int(span)) / self.thread.EI
-        return bool(unknown)
+def empty_lack(thread: Thread, holds: int) -> Array:
+    """Return room for what the spline lacks on each span for each hold: no number until a hole comes there."""
+    shape = (holds, len(thread.spline.first), 3, 3, len(POWERS))
+    if thread.EI == 0.0 or not thread.hole_compliance:
+        return np.zeros(shape)
+    lack = np.empty(shape)
+    lack[:, :, 0, 0, 0] = np.nan
+    return lack
+
+
+def learn(lack: Array, problem: Problem, s: Array) -> bool:
+    """Learn what the spline lacks near the abscissae `s` (m,) [m]; whether there was anything to learn."""
+    thread, layers = problem.system.thread, problem.layers
+    near = thread.spline.spans_of(s)[:, None] + np.arange(-AHEAD, AHEAD + 1)
+    unknown = [
+        (hold, span)
+        for hold, spans in enumerate(near.clip(0, lack.shape[1] - 1).tolist())
+        for span in set(spans)
+        if np.isnan(lack[hold, span, 0, 0, 0])
+    ]
+    for hold, span in unknown:
+        lack[hold, span] = thread.missing_on(span, np.inf if layers is None else float(layers[hold]))
+    return bool(unknown)
 
 
 RECENT: deque[Tables] = deque(maxlen=2)  # a host program that moves an end makes another system in every step
@@ -104,6 +116,7 @@ def given_of(problem: Problem) -> Given:
         plain_flags(system.rows[:, 3]),
         spans,
         piece,
+        empty_lack(system.thread, system.holds),
         float(problem.mass_factor),
     )
 
@@ -201,12 +214,12 @@ def run(tables: Tables, problem: Problem, start: Iterate) -> tuple[int, Iterate,
     there and its largest force [N]."""
     say_what_takes_long()
     given, law, bounds = given_of(problem), law_of(problem), bounds_of(problem)
-    tables.learn(start.s)
+    learn(given.lack, problem, start.s)
     while True:
         arrays = (np.array(x, dtype=float) for x in (start.q, start.N, start.s, start.lam, start.y, start.sigma))
         z = Iterate(*arrays)
         found = empty_found(z, tables.curve.w.shape[1])
         unknowns = Unknowns(z.q, z.N, z.s, z.lam, z.y, z.sigma)
         iterations, scale = iteration.solve(tables.curve, tables.knots, law, given, bounds, unknowns, found)
-        if iterations >= 0 or not tables.learn(z.s):
+        if iterations >= 0 or not learn(given.lack, problem, z.s):
             return iterations, z, found, scale

@@ -12,6 +12,7 @@ Both tails are slack where they leave the tie, so one force λ is that of either
 that the hands draw with T; where along a straight strand the knot sits is left open by it. So a tie slides as one:
 with τ = (f_b − f_a)/2 the force that its loop s_b − s_a is under, f = Φ_sᵀλ/|T̂| as in `coupling.sliding`,
 
+    held        s_a and s_b as they were, before hands draw: at rest, where nothing else keeps slack strands together
     drawn       s_a + s_b as it was,  τ = F + c ds_b/dt     by two hands alike, in the end with F
     tied        s_a and s_b as they were
     slips       s_a + s_b as it was,  τ = σ F_hold          where a knot that is tied holds no more than F_hold
@@ -64,6 +65,10 @@ class Tie:
         """Whether it is locked in a step from `time` [s] on."""
         return time >= self.locks - ON_TIME * (self.locks - self.begins)
 
+    def is_drawn(self, time: float) -> bool:
+        """Whether hands draw in a step from `time` [s] on."""
+        return time >= self.begins - ON_TIME * (self.locks - self.begins) and not self.is_locked(time)
+
     def share(self, time: float) -> float:
         """Return the part of its force with which the loop is drawn at `time` [s], which is also the part of the way
         on which its strands have come together."""
@@ -81,10 +86,10 @@ def gap_left(ties: Sequence[Tie], gaps: Array, earlier: float, later: float) -> 
     return gaps * np.divide(after, before, out=np.zeros_like(after), where=before > 0.0)[:, None]
 
 
-def in_pairs(strands: Indices, out: Array) -> Array:
-    """Return numbers of holds `(m,)` in which those of each pair of strands say half their difference, and its
-    opposite."""
+def in_pairs(pairs: Indices, out: Array, sign: float = 1.0) -> Array:
+    """Return numbers of holds `(m,)` in which those of each pair say their mean; with the `sign` −1 half their
+    difference, and its opposite."""
     out = out.copy()
-    mean = 0.5 * (out[strands[:, 1]] - out[strands[:, 0]])
-    out[strands[:, 1]], out[strands[:, 0]] = mean, -mean
+    mean = 0.5 * (out[pairs[:, 1]] + sign * out[pairs[:, 0]])
+    out[pairs[:, 1]], out[pairs[:, 0]] = mean, sign * mean
     return out

@@ -22,7 +22,7 @@ SAMPLES = 400  # places on each strand at which the search for the nearest two b
 CORRECTIONS = 50  # of that search, at most
 FARTHEST = 1.0  # of the distance between the two holes: strands further apart are not brought together
 
-TieState = Literal["open", "drawn", "tied", "slips"]
+TieState = Literal["open", "held", "drawn", "tied", "slips"]
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,8 @@ class TieObservation:
 
     `s_first`, `s_second` [m] of its strands; `length` [m] of the thread in its loop, unstrained; `force` [N],
     the tension of the strands that it holds; `x` (3,) [m]; `gap` [m] left between the strands; `work` [J] that hands
-    have done on it; `state`: "open" before it begins and once it has come undone, "drawn", "tied" or "slips".
+    have done on it; `state`: "open" before it begins and once it has come undone, "held" at rest before it is drawn,
+    "drawn", "tied" or "slips".
     """
 
     name: str
@@ -73,7 +74,7 @@ def tie_state(state: State[Body], tie: Tie, strand: int) -> TieState:
     if not state.present[strand]:
         return "open"
     if not tie.is_locked(state.time):
-        return "drawn"
+        return "drawn" if tie.is_drawn(state.time) else "held"
     return "slips" if state.sigma[strand] else "tied"
 
 

@@ -17,7 +17,7 @@ from scipy.sparse import csr_matrix, diags_array
 
 from thread.arrays import Array, Indices
 from thread.banded import Elements, diagonal_of
-from thread.compliance import POWERS, missing_on
+from thread.compliance import POWERS, Patch, missing_on, patch_of
 from thread.energies.coil import Coil
 from thread.energies.continuous import Continuous
 from thread.energies.interface import AxialEnergy, Energy
@@ -41,6 +41,7 @@ POSITION = 3  # coordinates of a place
 
 MASS_POINTS = 4  # exact for the product of two cubics
 ELASTIC_POINTS = 2
+STAGES = 8  # of √(EI/T) in a factor of two; between them the missing compliance is interpolated
 
 
 class CrossSection(Protocol):
@@ -267,24 +268,47 @@ class Thread:
     # -- at a hole ---------------------------------------------------------------------------------------------
 
     @cached_property
-    def _missing(self) -> dict[int, Array]:
+    def _patches(self) -> dict[int, Patch]:
         return {}
 
-    def missing_compliance(self, s: Array, home: Array | None = None) -> Array:
+    @cached_property
+    def _missing(self) -> dict[tuple[int, int | None], Array]:
+        return {}
+
+    def missing_on(self, span: int, layer: float) -> Array:
+        """Return the missing compliance on a span where the thread bends over `layer` = √(EI/T) [m], as polynomials in
+        the distance from its start [m]: straight in log ℓ between stages, which are remembered. Shape
+        `(3 derivatives, 3, 7 powers)`."""
+        if span not in self._patches:
+            self._patches[span] = patch_of(self.spline, span)
+        if self._patches[span].is_slack(layer):
+            return self._stage(span, None)
+        stage = STAGES * np.log2(layer)
+        lower = int(np.floor(stage))
+        share = stage - lower
+        return (1.0 - share) * self._stage(span, lower) + share * self._stage(span, lower + 1)
+
+    def _stage(self, span: int, stage: int | None) -> Array:
+        key = (span, stage)
+        if key not in self._missing:
+            layer = np.inf if stage is None else 2.0 ** (stage / STAGES)
+            self._missing[key] = missing_on(self._patches[span], layer) / self.EI
+        return self._missing[key]
+
+    def missing_compliance(self, s: Array, home: Array | None = None, layers: Array | None = None) -> Array:
         """Return the compliance that the spline lacks at the abscissae `s` (m,) [m], with its derivatives by s.
 
-        `home` as for `Spline.spans_of`. Shape `(m, 3 derivatives, 3)`: displacement by force [m/N], rotation by
-        force [1/N], rotation by couple [1/(N m)]. Zero without bending, or without `hole_compliance`; zero at
-        the ends of the thread's pieces.
+        `home` as for `Spline.spans_of`; `layers` (m,) [m], √(EI/T) at each, None without tension. Shape
+        `(m, 3 derivatives, 3)`: displacement by force [m/N], rotation by force [1/N], rotation by couple [1/(N m)].
+        Zero without bending, or without `hole_compliance`; zero at the ends of the thread's pieces.
         """
         if self.EI == 0.0 or not self.hole_compliance or not len(s):
             return np.zeros((len(s), 3, 3))
         spline = self.spline
         spans, piece = spline.spans_of(s, home), spline.piece_of(s if home is None else home)
-        for span in set(spans.tolist()) - self._missing.keys():
-            self._missing[span] = missing_on(spline, span) / self.EI
+        taut = [np.inf] * len(s) if layers is None else layers.tolist()
         powers = (s - spline.breaks[spans])[:, None, None] ** POWERS
-        lack = np.matvec(np.array([self._missing[span] for span in spans.tolist()]), powers)
+        lack = np.matvec(np.array([self.missing_on(*pair) for pair in zip(spans.tolist(), taut, strict=True)]), powers)
         lack[(s <= spline.piece_ends[piece]) | (s >= spline.piece_ends[piece + 1])] = 0.0
         return lack
 

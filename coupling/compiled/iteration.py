@@ -37,20 +37,20 @@ TINY = 2.2250738585072014e-308
 
 
 class Knots(NamedTuple):
-    """The spline and what it lacks: `breaks` (spans + 1,) [m], `first` (spans,), `polynomials` (spans, 4, 4), `lack`
-    (spans, 3 derivatives, 3, 7 powers), `mass` (n, 4) [kg] the upper band of M."""
+    """The spline: `breaks` (spans + 1,) [m], `first` (spans,), `polynomials` (spans, 4, 4), `mass` (n, 4) [kg] the
+    upper band of M."""
 
     breaks: Array
     first: Indices
     polynomials: Array
-    lack: Array
     mass: Array
 
 
 class Given(NamedTuple):
     """What one step is solved under: `q_ref`, `load` (n, 3) and the unknowns `held` (n, 3) of the thread; `y_free`
     (m, 9), `C` (9m, 9m); constraints in force, `rows` (m, 5), and `directed` (m,); the piece of each hold: its outer
-    `spans` (m, 2) and its ends, `piece` (m, 2) [m]."""
+    `spans` (m, 2) and its ends, `piece` (m, 2) [m]; what the spline lacks on each span for each hold, `lack`
+    (m, spans, 3 derivatives, 3, 7 powers)."""
 
     q_ref: Array
     load: Array
@@ -61,6 +61,7 @@ class Given(NamedTuple):
     directed: Flags
     spans: Indices
     piece: Array
+    lack: Array
     mass_factor: float
 
 
@@ -139,7 +140,7 @@ def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found) -> bool
     inside, some = given.piece[k, 0] < s < given.piece[k, 1], False
     for derivative in range(3):
         for j in range(3):
-            powers, c = knots.lack[span, derivative, j], 0.0
+            powers, c = given.lack[k, span, derivative, j], 0.0
             for power in range(6, -1, -1):
                 c = c * x + powers[power]
             r.c[k, derivative, j] = c if inside else 0.0

@@ -137,7 +137,7 @@ def pose(system: System[Body], state: State[Body], dt: float, evaluation: Evalua
     scheme, thread = BackwardEuler(dt), system.thread
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state))
     law = prescribed(problem.law, np.zeros(system.holds, dtype=bool), np.zeros(system.holds))
-    problem = replace(problem, law=law)
+    problem = replace(problem, law=law, layers=None)
     points, at = thread.points(state.q, state.frame), bare_passage(thread.spline, state.q, state.s)
     tangent = thread.tangent(points, thread.EA * points.strain)
     guess = Iterate(

@@ -19,7 +19,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from coupling.adaptivity import span_ratio
-from coupling.errors import CouplingError, InversionError, UphillError
+from coupling.diagnosis import COLLAPSED
+from coupling.errors import CouplingError, InversionError, StepError, UphillError
 from studies.campaign.generator import KINDS, Case, cases
 from studies.figure import COLOURS, panels
 from studies.scenario import ScenarioError, parse
@@ -38,6 +39,7 @@ CAUSES = (
     "flip: spans longer than the bending layer",
     "flip: hole turned beyond a linear organ",
     "flip",
+    "hole turned beyond a linear organ",
     "no step found",
     "another branch",
     "constraints",
@@ -113,15 +115,17 @@ def run(case: Case, most: int) -> Row:
 
 def cause_of(error: CouplingError, now: OrganRun) -> str:
     """Name the cause of an error, from what it is and the state before it."""
+    normals = np.cross(now.state.y[:, 3:6], now.state.y[:, 6:])
+    smallest = np.linalg.norm(normals, axis=1)[now.state.present].min(initial=1.0)
     if isinstance(error, InversionError):
         if span_ratio(now.system, now.state) > LAYER:
             return "flip: spans longer than the bending layer"
-        normals = np.cross(now.state.y[:, 3:6], now.state.y[:, 6:])
-        turned = np.linalg.norm(normals, axis=1)[now.state.present].min(initial=1.0) < TURNED
-        return "flip: hole turned beyond a linear organ" if turned else "flip"
+        return "flip: hole turned beyond a linear organ" if smallest < TURNED else "flip"
     if isinstance(error, UphillError):
         return "another branch"
-    return "no step found" if hasattr(error, "dt") else "constraints"
+    if not isinstance(error, StepError):
+        return "constraints"
+    return "hole turned beyond a linear organ" if smallest < COLLAPSED else "no step found"
 
 
 def row(case: Case, cause: str, words: str, tally: Tally | None) -> Row:

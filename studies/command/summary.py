@@ -60,6 +60,7 @@ def _energy_lines(energy: dict[str, float]) -> list[str]:
         "friction": "friction_dissipation",
         "viscous": "viscous_dissipation",
         "numerical": "numerical_dissipation",
+        "layer": "layer_work",
         "balance": "balance_error",
     }
     terms = [f"{short} {energy[name]:.3g}" for short, name in names.items()]

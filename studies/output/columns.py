@@ -38,7 +38,7 @@ StepItem = tuple[StepRecord, Item]  # a row of a table: a step, and what of it t
 
 AXES = ("x", "y", "z")
 STATE_CODES = {"stick": 0, "slip": 1, "anchored": 2, "left": 3}  # of `state` in the frames, where text has no place
-TIE_CODES = {"open": 0, "drawn": 1, "tied": 2, "slips": 3}  # of `state` of a tie in the frames
+TIE_CODES = {"open": 0, "drawn": 1, "tied": 2, "slips": 3, "held": 4}  # of `state` of a tie in the frames
 MANUAL = Path(__file__).with_name("README.md")
 
 
@@ -243,9 +243,16 @@ ENERGY: tuple[Column[EnergyRecord], ...] = (
         lambda energy: energy.numerical_dissipation,
     ),
     Column(
+        "layer_work",
+        "J",
+        "put into `elastic_thread` at holes on spans longer than ½√(EI/T) as the tension T grows since the start; "
+        "negative: taken out as it falls",
+        lambda energy: energy.layer_work,
+    ),
+    Column(
         "balance_error",
         "J",
-        "external work less the three dissipations and the change of kinetic and elastic energy: round-off",
+        "external and layer work less the three dissipations and the change of kinetic and elastic energy: round-off",
         lambda energy: energy.balance_error,
     ),
 )
@@ -363,7 +370,8 @@ TIE_NAME: Column[TieRecord] = text("tie", "name of the tie", lambda tie: tie.nam
 TIE_PLACE: Column[TieRecord] = Column("x", "m", "place of the tie", lambda tie: tie.x, parts=AXES)
 TIE_STATE: Column[TieRecord] = text(
     "state",
-    "`open`: not closed yet, or undone; `drawn` by hands; `tied`; `slips`: above what it holds",
+    "`open`: not closed yet, or undone; `held` together at rest until it is `drawn` by hands; `tied`; `slips`: above "
+    "what it holds",
     lambda tie: tie.state,
 )
 TIE_NUMBERS: tuple[Column[TieRecord], ...] = (

@@ -225,6 +225,7 @@ class Extremes:
     thread_strain: float = 0.0  # [-]
     energy: float = 0.0  # kinetic and elastic, or work of whatever is outside [J]
     created: float = 0.0  # by the steps in time [J]
+    layered: float = 0.0  # by another tension at the holes, of either sign [J]
     strain: float = 0.0  # of the organ's cells [-]
     rotation: float = 0.0  # [rad]
     strained: float = 0.0  # share of the strain energy in cells strained beyond what is small [-]
@@ -248,6 +249,7 @@ class Extremes:
             thread_strain=max(self.thread_strain, step.max_strain),
             energy=max(self.energy, energy.kinetic + energy.elastic, abs(energy.external_work)),
             created=max(self.created, -energy.numerical_dissipation),
+            layered=max(self.layered, abs(energy.layer_work)),
         )
 
     def after_frame(self, organ: OrganRecord | None) -> "Extremes":

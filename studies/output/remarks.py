@@ -18,6 +18,7 @@ THREAD_STRAIN = 0.1  # a line through the origin fits the stress of monofilament
 OFF_PATH = 10.0  # diameters: as far as the thread is drawn into a hole that begins
 CREATED = 1e-4  # of a run's energy: round-off is 1e-9 of it, and the shipped scenes create none at their steps
 DISSIPATED = 0.05  # of a run's energy
+LAYERED = 0.05  # of a run's energy: as much as the steps may take
 CROSSED = 0.01  # of the lips' extent: nearer, they are as good as closed
 SLID = 1.0  # diameters that a thread may still slide in as long as the run took, and be at rest
 BARE = 4.0  # radii of a tract: as much of its path is near the surface where it goes in and out at 30° or more
@@ -153,6 +154,13 @@ KINDS = (
         "note",
         f"above {DISSIPATED:.0%} of the run's energy at the end",
         "what moves has been damped by the steps in time; a smaller `solve.dt` damps less",
+    ),
+    Kind(
+        "layer-energy",
+        "unsupported",
+        f"`layer_work` beyond {LAYERED:.0%} of the run's energy, of either sign, at any time",
+        "on spans as long as that the length on which the thread turns at a hole is left out, so no one's work is this "
+        "energy",
     ),
     Kind(
         "not-at-rest",

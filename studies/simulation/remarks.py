@@ -23,6 +23,7 @@ from studies.output.remarks import (
     CROSSED,
     DISSIPATED,
     IN_TISSUE,
+    LAYERED,
     NEAR,
     OFF_PATH,
     REDUCED,
@@ -346,6 +347,16 @@ def audited(numerical: float, extremes: Extremes) -> list[Remark]:
                 "solve.dt",
                 f"the steps in time dissipated {numerical:.2g} J, {numerical / scale:.0%} of the run's energy "
                 f"({scale:.2g} J): what swings is damped by them; where that matters take a smaller solve.dt",
+            )
+        )
+    if extremes.layered > LAYERED * scale:
+        out.append(
+            remark(
+                "layer-energy",
+                "thread.control_points",
+                f"a new tension put {extremes.layered:.2g} J into the thread at its holes or took it out, "
+                f"{extremes.layered / scale:.0%} of the run's energy ({scale:.2g} J): spans there are too long for the "
+                'length on which it turns; set thread.resolution = "adaptive", or raise thread.control_points',
             )
         )
     return out

@@ -102,7 +102,7 @@ class Simulation:
 
     @property
     def _newton(self) -> str:
-        """What steps are solved by where they can be: "compiled" loops or "numpy"."""
+        """What steps are solved by where they can be: "compiled" loops that are switched on, or "numpy"."""
         solve, organ = self.scenario.solve, self.assembly.organ
         in_motion = (solve.kind, solve.scheme) == ("dynamic", "newton")
         linear = getattr(organ, "gaps", None) is None and not isinstance(organ, tissue.FiniteOrgan)

@@ -192,7 +192,7 @@ def test_constraints_hold_and_the_audit_closes_at_every_step() -> None:
     energies, added = initial_energies(system, state), 0.0
     errors = []
     for step in go(stepping.bdf2_step, equal(60)):
-        at = system.passage(step.new.q, step.new.s)
+        at = system.passage_of(step.new)
         violation = np.abs(phi(at, step.new.lam, step.new.y))
         assert violation[:, :3].max() <= GAP * SOFT.diameter
         assert violation[:, 3:].max() <= GAP
@@ -232,7 +232,7 @@ def test_friction_that_goes_on_is_of_the_mean_force() -> None:
         before, energies = energies, audit_step(system, energies, step)
         took, ds = energies.friction_dissipation - before.friction_dissipation, step.new.s - step.old.s
         ends = [
-            driving_force(system.passage(x.q, x.s), x.lam, x.y) for x in (step.old, step.new)
+            driving_force(system.passage_of(x), x.lam, x.y) for x in (step.old, step.new)
         ]  # ideal but for friction: what drives the thread is what friction holds back
         assert abs(energies.balance_error) <= RESIDUAL * (abs(energies.external_work) + energies.elastic)
         if state.before is not None and (step.new.sigma * step.old.sigma == 1.0).all():

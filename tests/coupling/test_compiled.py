@@ -60,6 +60,7 @@ SCENES = {
     "organ": (lambda: load("two_piercings", ["tissue.mesh.h=8e-3", "tissue.mesh.h_site=4e-3"]), 8),
     "rough holes": (lambda: drawn({"channel": 5e-3}), 8),
     "rings": (lambda: drawn({"direction": "free"}), 6),
+    "taut on long spans": (lambda: drawn(suture="8-0 nylon"), 6),
     "limp": (lambda: drawn({"friction": None}, bending=False), 4),
     "pulled": (pulled_through, 8),
     "stitch": (lambda: load("running_stitch", ["tissue.mesh.h=8e-3"]), 3),

@@ -144,7 +144,7 @@ def test_a_diagnosis_is_no_larger_than_its_rows() -> None:
     """Independent check: of 200 control points, whose square would be 60 times the rows."""
     s = [0.03, 0.06]
     system, state = straight(s, n=200)
-    rows, at = scaled_rows(system, state, system.passage(state.q, state.s))[0], system.passage(state.q, state.s)
+    rows, at = scaled_rows(system, state, system.passage_of(state))[0], system.passage_of(state)
     tracemalloc.start()
     assert dependence_faults(system, state, at) == []
     peak = tracemalloc.get_traced_memory()[1]
@@ -157,7 +157,7 @@ def test_a_direction_imposed_twice_on_a_straight_thread() -> None:
     near = [1e-8]
     system, state = straight([0.5 * SPAN], ends=(Clamped(0.0 * X, X), Free()))
     state = replace(state, s=np.array([near[0], *system.clamp_abscissae]))
-    at = system.passage(state.q, state.s)
+    at = system.passage_of(state)
     (message,) = dependence_faults(system, state, at)
     assert "piercing 'first'" in message and "the clamped start of the thread" in message
     system, state = straight([0.5 * SPAN])
@@ -260,6 +260,23 @@ def test_a_step_that_fails_for_its_constraints_says_so() -> None:
     with pytest.raises(ConstraintError, match=r"'first'.*'second'.*too few control points") as caught:
         advance(system, replace(state, s=np.array([5.2, 5.8]) * SPAN), 1e-3, failing)
     assert isinstance(caught.value.__cause__, StepError)
+
+
+def test_a_step_that_fails_in_a_collapsed_frame_says_so() -> None:
+    """Independent check: a frame turned by 85° as a linear organ turns it, u to cos 85° of its length, is named where a
+    step fails; one turned by 60° is not, nor that of a hole that asks for no direction."""
+
+    def failing(system: System, state: State, dt: float) -> Any:
+        raise StepError(state.time, dt, "no convergence")
+
+    for degrees, directed, named in ((85.0, True, True), (60.0, True, False), (85.0, False, False)):
+        system, state = straight([2.5 * SPAN, 6.5 * SPAN], directed)
+        y = state.y.copy()
+        y[1, 3:6] *= np.cos(np.radians(degrees))
+        with pytest.raises(StepError, match="no convergence") as caught:
+            advance(system, replace(state, y=y), 1e-3, failing)
+        assert ("'second' has shrunk to 0.087 of its area" in str(caught.value)) == named
+        assert "'first' has shrunk" not in str(caught.value)
 
 
 CLOSE = """

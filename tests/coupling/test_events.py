@@ -113,7 +113,7 @@ def test_a_piercing_that_begins_meets_its_constraints(kind: str) -> None:
     """Independent check: afterwards Φ = 0 and dΦ/dt = 0 with the rate of s, which an anchored point does not have; no
     impulse along an ideal hole."""
     system, before, after, event = begun(KINDS[kind])
-    at = system.passage(after.q, after.s)
+    at = system.passage_of(after)
     rows = system.rows[0]
     assert 1e-4 < event.gap < NEAR * system.thread.section.diameter
     assert np.abs(phi(at, after.lam, after.y)[0, :3]).max() <= GAP * system.thread.section.diameter
@@ -183,7 +183,7 @@ def test_a_piercing_that_begins_leaves_the_others_in_balance() -> None:
     system = hairpin_system(block_organ("P1", True), ends, holes=holes)
     start = laid(system, ABSCISSAE, PATH)
     state, _ = until(system, start, 5 * DT, initial_energies(system, start))
-    at = system.passage(state.q, state.s)
+    at = system.passage_of(state)
     y = state.y.copy()
     y[1, :3] = at.P[1]
     organ = replace(state.organ, V=0.0 * state.organ.V)
@@ -222,7 +222,7 @@ def test_an_organ_without_mass_takes_no_impulse() -> None:
     system, before, after, event = begun(KINDS["sliding"], organ)
     assert np.array_equal(after.v, before.v)
     assert (event.loss, event.impulse) == (0.0, (0.0, 0.0, 0.0))
-    at = system.passage(after.q, after.s)
+    at = system.passage_of(after)
     assert np.abs(phi(at, after.lam, after.y)).max() <= GAP
     assert np.abs(organ.site_variables(after.organ) - after.y.ravel()).max() <= GAP
     assert np.abs(after.y[0, :3]).max() > 1e-7  # it gave way
@@ -292,7 +292,7 @@ def test_a_piercing_that_ends_costs_nothing() -> None:
     state, audit = until(system, state, 5 * DT, audit)
     assert np.abs(state.lam).max() > 0.0
     after, events = schedule_piercings(system, 4 * DT, state, DT, NOT_GIVEN)
-    stored = float(held_energy(system.passage(state.q, state.s), state.lam, state.y)[0])
+    stored = float(held_energy(system.passage_of(state), state.lam, state.y)[0])
     assert [(e.kind, e.time, e.piercing, e.energy) for e in events] == [("ends", 5 * DT, "late", -stored)]
     assert stored > 0.0
     assert np.array_equal(after.q, state.q) and np.array_equal(after.v, state.v)

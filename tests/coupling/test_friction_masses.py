@@ -114,7 +114,7 @@ def test_a_sliding_mass_stops(cause: str) -> None:
     lost, stopped, first = 0.0, 0.0, state
     for step in run(system, state, DT, 150):
         energies, new = audit_step(system, energies, step), step.new
-        at = system.passage(new.q, new.s)
+        at = system.passage_of(new)
         lost += abs(driving_force(at, new.lam, new.y)[0] * (new.s - step.old.s)[0])
         if new.sigma[0] == 0.0:
             stopped = stopped or new.time

@@ -103,7 +103,7 @@ def test_every_step(scenario: tuple[System, State]) -> None:
 
 def assert_lawful(system: System, old: State, new: State) -> None:
     """The law of every hole at the end of a step."""
-    at = system.passage(new.q, new.s)
+    at = system.passage_of(new)
     here = new.present
     size = max(np.abs(new.lam[:, :3]).max(), np.abs(system.thread.gradient(system.thread.points(new.q))).max(), 1e-3)
     force, moment = multiplier_imbalance(system, new)

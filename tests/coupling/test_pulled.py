@@ -41,7 +41,7 @@ def along(simulation: Simulation, state: State) -> np.ndarray:
     """The force along the unit tangent in each hole [N]."""
     system = simulation.assembly.system
     law = law_of(system, state.s, state.present, 0.0, state.s)
-    return force_along_thread(law, system.passage(state.q, state.s), state.s, state.lam, state.y)
+    return force_along_thread(law, system.passage_of(state), state.s, state.lam, state.y)
 
 
 @pytest.mark.parametrize("direction", ["free", [1.0, 0.0, 0.0]])

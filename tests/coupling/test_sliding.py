@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 
 import coupling.sliding
+from coupling import newton
 from coupling.audit import audit_step, initial_energies
 from coupling.constraints import driving_force, phi, tangent
 from coupling.equilibrium import load_step
 from coupling.integrators import Scheme
+from coupling.newton import evaluate
 from coupling.observation import largest_gap, largest_residual, observe
 from coupling.system import Friction, Piercing, State, System
+from studies.scenario import load
+from studies.simulation import prepare
+from studies.simulation.sharing import Shared
 from tests.bounds import AXIAL, GAP, IDENTITY, ORDER, RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import (
     ABSCISSAE,
@@ -111,7 +116,7 @@ def test_friction_at_a_pulley() -> None:
     moving = state
     for step in run(system, state, 4e-3, 120):
         new, energies = step.new, audit_step(system, energies, step)
-        at = system.passage(new.q, new.s)
+        at = system.passage_of(new)
         size, t = (x[0] for x in tangent(at, new.lam, new.y))
         lam, ds = new.lam[0, :3], new.s[0] - old.s[0]
         along, normal = lam @ t, np.linalg.norm(lam - (lam @ t) * t)
@@ -257,7 +262,7 @@ def test_a_channel_bears_force_and_couple_at_its_ends(turn: float) -> None:
     u, v = y[0, 3:6], y[0, 6:]
     across = np.cos(np.radians(turn)) * u + np.sin(np.radians(turn)) * v
     lam = np.concatenate([F * u + along * X, [M * across @ u, M * across @ v]])[None]
-    at = replace(system.passage(state.q, state.s), c=np.zeros((1, 3, 3)))
+    at = replace(system.passage_of(state), c=np.zeros((1, 3, 3)))
     ends = [np.linalg.norm(0.5 * F * u + sign * M / channel * across) for sign in (1.0, -1.0)]
     seen = coupling.sliding.normal_force(at, lam, y, np.array([1.0 / channel]))
     assert np.abs(seen - sum(ends)).max() <= RESIDUAL * F
@@ -325,7 +330,7 @@ def test_sleeve_force_wherever_it_sits() -> None:
 def test_the_bare_spline_is_a_lattice(monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: a C² curve alone cannot jump in curvature between knots. The force is off by a wave of one
     span, whose height h does not change."""
-    monkeypatch.setattr(Thread, "missing_compliance", lambda thread, s, home=None: np.zeros((len(s), 3, 3)))
+    monkeypatch.setattr(Thread, "missing_compliance", lambda thread, s, *_: np.zeros((len(s), 3, 3)))
     heights = [swing(spans) for spans in (21, 42)]
     assert min(heights) > 0.1
     assert max(heights) < 0.3
@@ -350,7 +355,7 @@ def test_without_the_direction_terms_the_sleeve_holds_nothing(monkeypatch: pytes
     monkeypatch.setattr(coupling.sliding, "driving_force", T_only)
     monkeypatch.setattr(coupling.sliding, "force_on_tangent", lambda lam, y: np.zeros((len(lam), 3)))
     monkeypatch.setattr(coupling.sliding, "held_energy", lambda *at: np.zeros(1))
-    monkeypatch.setattr(Thread, "missing_compliance", lambda thread, s, home=None: np.zeros((len(s), 3, 3)))
+    monkeypatch.setattr(Thread, "missing_compliance", lambda thread, s, *_: np.zeros((len(s), 3, 3)))
     monkeypatch.setattr(coupling.sliding, "phi_s", lambda *at: whole(*at) * [1.0, 1.0, 1.0, 0.0, 0.0])
     force, exact = sleeve(SLEEVE)
     assert abs(force) < TWO_SOLVERS * exact
@@ -376,7 +381,7 @@ def test_an_anchored_point_keeps_its_abscissa() -> None:
         for step in run(system, state, 2e-3, 5):
             assert abs(step.new.s[0] - 0.05) <= IDENTITY * 0.1
             new = step.new
-            gap = phi(system.passage(new.q, new.s), new.lam, new.y)[0, :3]
+            gap = phi(system.passage_of(new), new.lam, new.y)[0, :3]
             assert np.abs(gap).max() <= GAP * PP.diameter
         assert abs(step.new.lam[0, 0]) > 1e-2
 
@@ -418,7 +423,7 @@ def test_inertia_of_the_abscissa(epsilon: float, directed: bool) -> None:
     for step in run(system, state, dt, 8):
         new = step.new
         energies.append(audit_step(system, energies[-1], step))
-        at = system.passage(new.q, new.s)
+        at = system.passage_of(new)
         second = (new.s - old.s - dt * old.s_dot) / dt**2
         force = driving_force(at, new.lam, new.y)
         scale = max(np.abs(new.lam[:, :3]).max(), epsilon * abs(second[0]))
@@ -430,3 +435,24 @@ def test_inertia_of_the_abscissa(epsilon: float, directed: bool) -> None:
     assert np.abs(errors).max() <= RESIDUAL * abs(energies[-1].external_work) + AXIAL * PP.EA * way
     moved = abs(new.s[0] - 0.05)
     assert moved > 1e-4 if epsilon < 1.0 else moved < 1e-3
+
+
+FAR = ["solve.kind=static", "solve.load_steps=1", "thread.control_points=80"]
+COARSE = ["tissue.mesh.h=8e-3", "tissue.mesh.h_site=2.5e-3"]
+
+
+def test_a_thread_that_slides_far_at_rest_is_found_downhill(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: 16 mm of thread go through a hole in one load step, and the larger pull is the larger tension.
+    Consistency check: in at most 150 residuals, of which plain Newton with the thread tied needs 300 to 600."""
+    asked: list[None] = []
+    monkeypatch.setattr(newton, "evaluate", lambda *given: asked.append(None) or evaluate(*given))
+    store, tensions = Shared(), []
+    for pull in (0.10, 0.11):
+        along = [f"thread.start.force=[{-0.832 * pull}, 0, {0.555 * pull}]"]
+        simulation = prepare(load("two_piercings", [*FAR, *COARSE, *along]), store)
+        asked.clear()
+        last = [step for step, _ in simulation.advance()][-1]
+        assert abs(last.piercings[1].slip) > 0.015
+        assert len(asked) <= 150
+        tensions.append(last.piercings[0].tension_after)
+    assert tensions[1] - tensions[0] == pytest.approx(0.01, rel=0.1)

@@ -66,8 +66,8 @@ def lowest(organ: tissue.FiniteOrgan, run: Run) -> float:
 
 
 def test_an_arch_snaps_through_and_says_so() -> None:
-    """Independent check: under a quarter of the load it stands, beyond its limit it hangs through, in an equilibrium that
-    holds: its tangent is definite. The event says so, once, and every joule is accounted for."""
+    """Independent check: under a quarter of the load it stands, under all of it, it hangs through, in an equilibrium
+    that holds: its tangent is definite. The event says so, once, and every joule is accounted for."""
     organ, (_, stands, through) = pressed()
     assert 0.0 < lowest(organ, stands) < 0.1 * RISE and lowest(organ, through) > RISE
     assert [event.kind for event in stands.events] == []

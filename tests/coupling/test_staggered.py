@@ -89,7 +89,7 @@ def test_the_thread_meets_the_holes_where_they_were(kind: str) -> None:
     is the way its holes went."""
     system, _ = scene(kind)
     for step in run(kind, staggered.staggered_step, 25):
-        at = system.passage(step.new.q, step.new.s)
+        at = system.passage_of(step.new)
         violation = np.abs(phi(at, step.new.lam, step.old.y))
         assert violation[:, :3].max() <= GAP * system.thread.section.diameter
         assert violation[:, 3:].max() <= GAP
@@ -112,7 +112,7 @@ def test_the_organ_takes_the_reaction(kind: str) -> None:
         scheme = BackwardEuler(step.dt)
         whole: Any = organ_answer(system, scheme, step.old)
         whole = whole.equation
-        f_y = site_force(system.passage(step.new.q, step.new.s), step.new.lam, step.old.y).ravel()
+        f_y = site_force(system.passage_of(step.new), step.new.lam, step.old.y).ravel()
         U = organ.displacement(step.new.organ)[organ.elasticity.free]
         right = whole.b + organ.Y.T @ f_y
         assert np.abs(whole.A @ U - right).max() <= RESIDUAL * (abs(whole.A) @ np.abs(U)).max()

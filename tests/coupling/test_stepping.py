@@ -135,7 +135,7 @@ def test_a_flipped_tangent_is_an_inversion() -> None:
     holes = (Piercing("entry"), Piercing("exit"))
     system, state = scene((Free(), Free()), holes=holes)
     assert list(state.sense) == [-1.0, 1.0]  # down through the first, up through the second
-    at = system.passage(state.q, state.s)
+    at = system.passage_of(state)
     mirrored = replace(at, T=at.T * np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0]]))
     with pytest.raises(InversionError, match="'exit'") as caught:
         with_sense(system, state, state, mirrored)
@@ -200,7 +200,7 @@ def test_a_thread_drawn_out_of_both_holes_goes_on() -> None:
         for step in advance(system, state, dt):
             state = step.new
             assert np.all(state.lam[~state.present] == 0.0)
-            at = system.passage(state.q, state.s)
+            at = system.passage_of(state)
             gap = np.abs(phi(at, state.lam, state.y))[state.present]
             assert gap.max(initial=0.0) <= GAP
             assert np.all(state.s[state.present] >= 0.0)
@@ -229,7 +229,7 @@ def test_a_taut_thread(kind: str) -> None:
     while state.time < way / 0.1 - 0.5 * dt and (not pulls or pulls[-1] < 1.05):
         for step in advance(system, state, dt):
             state, energies = step.new, audit_step(system, energies, step)
-            at = system.passage(state.q, state.s)
+            at = system.passage_of(state)
             violation = np.abs(phi(at, state.lam, state.y))
             assert violation[:, :3].max() <= GAP * system.thread.section.diameter
             assert violation[:, 3:].max() <= GAP

@@ -240,6 +240,65 @@ def test_a_tied_stitch_pulls_its_holes_with_twice_its_tension() -> None:
     assert tie.work == pytest.approx(energy.external_work, rel=1e-6)  # nothing else is done from outside
 
 
+IN_SPITE_OF_ORDER = 1e-6  # of a hole's force, its displacement and the length of a loop
+BY_ORDER = 2e-3, 2e-2  # of the same: what the order in which two neighbours are drawn changes with μ = 0.1
+
+
+@cache
+def two_drawn(first: int, mu: float) -> tuple[StepRecord, ...]:
+    """Two stitches at rest, that number `first` drawn by itself and the other while its hands go on; the record before
+    the first is drawn, half-way, and the last one."""
+    table = deepcopy(TWO)
+    table["thread"]["control_points"] = 70
+    table["solve"]["load_steps"] = 2
+    for k, tie in enumerate(table["tie"]):
+        tie |= {"from": 0.0 if k == first else 0.5, "until": 1.0, "ramp": 0.5}
+    for hole in table["piercing"]:
+        hole["friction"] = {"static": mu, "kinetic": mu} if mu else None
+    return tuple(records_of(table)[1])
+
+
+def differences(one: StepRecord, other: StepRecord) -> Array:
+    """What two records differ by: in the forces on holes, in their displacements, in the lengths of loops, each of the
+    largest."""
+    pairs = [
+        [np.array([getattr(hole, name) for hole in record.piercings]) for record in (one, other)]
+        for name in ("force", "displacement")
+    ]
+    pairs.append([np.array([tie.length for tie in record.ties]) for record in (one, other)])
+    return np.array([np.abs(a - b).max() / np.abs(a).max() for a, b in pairs])
+
+
+def test_ties_are_drawn_in_any_order() -> None:
+    """Independent check: without friction the state at rest of two loops, which hands draw with given forces, does not
+    know which of them was drawn first; each hole bears both of its strands. With friction it does know."""
+    ways = [two_drawn(first, 0.0) for first in (0, 1)]
+    assert [tie.state for tie in ways[0][1].ties] == ["drawn", "drawn"]  # the second is about to be
+    assert max(abs(hole.force[0]) for hole in ways[0][1].piercings[2:]) < 0.1 * FORCE
+    assert differences(ways[0][-1], ways[1][-1]).max() <= IN_SPITE_OF_ORDER
+    for record in (way[-1] for way in ways):
+        assert [tie.state for tie in record.ties] == ["tied", "tied"]
+        assert [abs(hole.force[0]) for hole in record.piercings] == pytest.approx([2.0 * FORCE] * 4, rel=0.02)
+        assert abs(record.energy.balance_error) <= RESIDUAL * record.energy.external_work
+    rough = differences(*(two_drawn(first, 0.1)[-1] for first in (0, 1)))
+    assert (rough >= BY_ORDER[0]).all() and (rough <= BY_ORDER[1]).all()
+
+
+def test_a_loop_does_not_run_round_in_its_holes() -> None:
+    """Independent check: while hands draw it, and in holes without friction when it is tied too, what one hole gives
+    the other takes, so that the knot stays between them; in time and at rest."""
+    table = stitch(kind="dynamic", dt=2e-3, duration=0.08)
+    table["tie"][0] |= {"until": 0.04, "speed": 0.2}
+    table["thread"]["path"][:2] = [[-4e-3, -6e-3, 5.2e-3], [1.5e-3, -6e-3, 5e-3]]  # nearer to one hole
+    _, moved = records_of(table)
+    for records in (moved, two_drawn(0, 0.0)):
+        sums = np.array([[hole.s for hole in record.piercings[:2]] for record in records]).sum(axis=1)
+        assert np.ptp(sums) <= IDENTITY * sums[0]
+        tie, (right, left) = records[-1].ties[0], records[-1].piercings[:2]
+        assert tie.state == "tied" and tie.s_first < right.s < left.s < tie.s_second
+    assert moved[-1].ties[0].force > 0.25 * FORCE
+
+
 @cache
 def moving() -> tuple[Simulation, run.Run]:
     """A stitch that has been drawn for 30 ms in time, with friction in its holes."""

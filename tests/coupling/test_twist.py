@@ -121,7 +121,7 @@ def test_audit_and_constraints_while_the_needle_turns(organ: str, take: Take) ->
     energies = [initial_energies(system, state)]
     for step in steps(organ, take):
         energies.append(audit_step(system, energies[-1], step))
-        violation = np.abs(phi(system.passage(step.new.q, step.new.s), step.new.lam, step.new.y))[:2]
+        violation = np.abs(phi(system.passage_of(step.new), step.new.lam, step.new.y))[:2]
         assert violation[:, :3].max() <= GAP * system.thread.section.diameter
     errors = np.diff([e.balance_error for e in energies])
     assert np.abs(errors).max() <= RESIDUAL * energies[-1].external_work

@@ -45,6 +45,7 @@ def test_every_case_is_a_scenario_and_the_gentle_ones_load_slowly() -> None:
         (FLIP, 1.0, 1.0, "flip"),
         (UphillError(0.0, 1e-3, "up"), 1.0, 1.0, "another branch"),
         (StepError(0.0, 1e-3, "no"), 1.0, 1.0, "no step found"),
+        (StepError(0.0, 1e-3, "no"), 1.0, 0.1, "hole turned beyond a linear organ"),
         (ConstraintError(0.0, "two"), 1.0, 1.0, "constraints"),
     ],
 )

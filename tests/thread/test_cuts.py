@@ -12,7 +12,7 @@ from studies.simulation import prepare
 from studies.simulation.assembly import assemble
 from tests.bounds import IDENTITY, TWO_SOLVERS
 from thread.catalogue import suture
-from thread.compliance import missing_on
+from thread.compliance import missing_on, patch_of
 from thread.errors import ThreadError
 from thread.knots import apportion, clamped_knots, graded_knots, piecewise_knots
 from thread.spline import Spline
@@ -46,9 +46,9 @@ def test_energies_mass_and_compliance_are_those_of_the_pieces() -> None:
     assert np.abs(together - alone).max() <= IDENTITY * np.abs(alone).max()
     momentum = np.concatenate([part.momentum(x) for part, x in zip(parts, split, strict=True)])
     assert np.abs(whole.momentum(q) - momentum).max() <= IDENTITY * np.abs(momentum).max()
-    lacks = [missing_on(piece, span) for piece in APART for span in range(len(piece.breaks) - 1)]
+    lacks = [missing_on(patch_of(piece, span)) for piece in APART for span in range(len(piece.breaks) - 1)]
     for span, lack in enumerate(lacks):
-        assert np.abs(missing_on(CUT, span) - lack).max() <= IDENTITY * np.abs(lack).max()
+        assert np.abs(missing_on(patch_of(CUT, span)) - lack).max() <= IDENTITY * np.abs(lack).max()
     for beyond, home in ((0.0201, 0.019), (0.0199, 0.0201)):  # on the way, before the hole is found to be left
         assert whole.missing_compliance(np.array([home]), np.array([home])).any()
         assert not whole.missing_compliance(np.array([beyond]), np.array([home])).any()

@@ -157,7 +157,7 @@ def test_springs_in_holes(twist: bool) -> None:
         for step in advance(system, state, 2e-3):
             energies.append(audit_step(system, energies[-1], step))
         state = step.new
-        violation = np.abs(phi(system.passage(state.q, state.s), state.lam, state.y))[:2, :3]
+        violation = np.abs(phi(system.passage_of(state), state.lam, state.y))[:2, :3]
         assert violation.max() <= GAP * thread.section.diameter
     errors = np.diff([e.balance_error for e in energies])
     assert np.abs(errors).max() <= RESIDUAL * energies[-1].external_work

@@ -143,7 +143,7 @@ def taken(system: System, state: State, dt: float, steps: int) -> list[Step]:
 def allowed(system: System, state: State) -> Array:
     """A basis of the motions that the ends allow: the constraints are linear in the control values."""
     thread = system.thread
-    at = system.passage(state.q, state.s)
+    at = system.passage_of(state)
     size = thread.n * thread.coordinates
     V = columns(at, thread.n, thread.coordinates).reshape(size, system.holds, 3, 3)
     clamps = [V[:, k, 1] @ state.y[k, part] for k in range(system.holds) for part in (slice(3, 6), slice(6, 9))]

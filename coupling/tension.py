@@ -1,0 +1,52 @@
+"""The tension of the strands next to the holes, and over what length the thread bends there under it."""
+
+import numpy as np
+
+from coupling.arrays import Array, Flags
+from coupling.interfaces import Body
+from coupling.system import System
+from thread.compliance import SLACK
+
+REST = 1e-9  # of EA: a thread under less tension than this bends over all its length
+FINE = 0.5  # spans over √(EI/T) up to which a beam without tension stands for the thread
+SETTLED = 1.15  # ratio of √(EI/T) at the end of a step to that which it was solved with
+
+
+def strand_tensions(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
+    """Return the mean axial forces `N` [N] in the parts of the thread, from hold to hold or cut, before and after every
+    hold at `s` (m,) [m], shape `(m, 2)` [N]: at the hole itself the axial force is not that of the pull."""
+    thread = system.thread
+    start, *cuts, end = thread.spline.piece_ends
+    here = np.sort(np.append(s[present & (s > start) & (s < end)], cuts))
+    part, parts = np.searchsorted(here, thread.axial.s.ravel()), len(here) + 1
+    mean = np.bincount(part, N.ravel(), parts) / np.maximum(np.bincount(part, minlength=parts), 1)
+    at = np.searchsorted(here, s)
+    return np.stack([mean[np.minimum(at + side, parts - 1)] for side in (0, 1)], axis=1)
+
+
+def layers_at(system: System[Body], s: Array, N: Array, present: Flags) -> Array | None:
+    """Return √(EI/T) of every hold, shape `(m,)` [m], None of a thread that does not bend.
+
+    Each strand resists the turn of a hole with √(EI T), so √T counts with its mean. Of T counts what is beyond that
+    which spans of FINE √(EI/T) have: on shorter ones the compliance is that without tension.
+    """
+    thread, spline = system.thread, system.thread.spline
+    if thread.EI == 0.0 or not thread.hole_compliance or not system.holds:
+        return None
+    T = np.maximum(strand_tensions(system, s, N, present), REST * thread.EA)
+    spans = np.diff(spline.breaks)[spline.spans_of(s)]
+    ratio = spans * np.sqrt(T).mean(axis=1) / np.sqrt(thread.EI)
+    return np.asarray(spans / np.sqrt(np.maximum(ratio**2 - FINE**2, (0.5 * SLACK) ** 2)))
+
+
+def is_settled(
+    system: System[Body], s: Array, present: Flags, layers: tuple[Array | None, Array | None], ratio: float
+) -> bool:
+    """Whether the `layers` that were solved with and those at the end are the same but for the `ratio`, or spans are
+    too short for the tension to matter."""
+    with_, ended = layers
+    if with_ is None or ended is None:
+        return with_ is ended
+    spans = np.diff(system.thread.spline.breaks)[system.thread.spline.spans_of(s)]
+    matters = present & (spans > SLACK * np.minimum(with_, ended))
+    return not (matters & (np.abs(np.log(ended / with_)) > np.log(ratio))).any()
