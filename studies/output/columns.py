@@ -429,6 +429,12 @@ ORGAN_CELLS: tuple[Column[OrganRecord], ...] = (
         "strain energy per volume, on the mean of the cell; times the volumes it adds up to that of the mesh",
         lambda organ: organ.energy_density,
     ),
+    Column(
+        "volume_ratio",
+        "-",
+        "J: volume between the corners of the cell over that before, 1 where tissue keeps its volume",
+        lambda organ: organ.volume_ratio,
+    ),
 )
 THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
     Column("s", "m", "abscissa: rest arc length from the start of the path", lambda thread: thread.s),
