@@ -2,8 +2,12 @@
 
 Where Newton from the last load step fails, the thread is let go gradually: it is tied to where it is by a mass-like
 stiffness that is weakened until it can be dropped (pseudo-transient continuation). The accepted answer has none of it.
+
+A nonlinear organ may have no equilibrium near: beyond a limit point it snaps. Where load steps halve to nothing, it
+creeps downhill from where it is, dragged back less and less, to the next equilibrium that holds.
 """
 
+import logging
 from dataclasses import replace
 from functools import partial
 
@@ -14,7 +18,7 @@ from coupling.contact import pressed_pairs
 from coupling.diagnosis import refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.errors import EquilibriumError, InversionError, StepError
 from coupling.integrators import Equilibrium
-from coupling.interfaces import Answer, Body
+from coupling.interfaces import Answer, Body, Creeping
 from coupling.newton import Iterate, Problem, Solution, correct_downhill, evaluate, solve
 from coupling.sliding import admissible_sigma, force_along_thread, law_of, prescribed, static_bound
 from coupling.stepping import (
@@ -33,6 +37,9 @@ from coupling.stepping import (
 )
 from coupling.system import State, System
 from coupling.tension import layers_at
+from tissue.errors import OrganError
+
+log = logging.getLogger(__name__)
 
 WEAKER = 10.0  # the tie is weakened by this factor after a success, tightened by its square root after a failure
 AT_REST = 1.0 + 1e-6  # ratio of √(EI/T) at rest to that which the equilibrium was solved with
@@ -40,11 +47,17 @@ TENSIONS = 20  # equilibria with another √(EI/T) at most
 PAIRINGS = 8  # equilibria of a load step at most, further ones, until lips that slide face what they faced before
 PAIRED = 1e-4  # of the thread's diameter: lips that slide no further face what they faced before
 ATTEMPTS = 60
+FAILURES = 6  # among them with a nonlinear organ: no tie of the thread brings tissue past a point where it snaps
 LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
 A_SPAN = 1.0  # the most that a correction of a tied thread moves an abscissa: the curve beyond is another polynomial
 PATIENCE = 4  # times the corrections of a plain solve: LONGEST_MOVE takes a hundred to go along the whole thread
 LONG_END = 10.0  # √(EI/F) of an end beyond which the tension in it is the dead load on it, to 1e-8
 BALANCED = 1e-6  # of the larger of two dead loads: nearer ones are equal
+DEEPEST = 4  # halves of halves of a load step
+SNAPS = 2  # of them, before tissue creeps to where it snaps
+FIRST_PACE, LAST_PACE = 1e-3, 1e-10  # of an organ that creeps, over its stiffest node: softer than its softest mode
+EASIER, HARDER = 4.0, 10.0  # the pace falls by the one after a success, and rises by the other after a failure
+CREEPS = 60
 LAID_TIE = (
     1e-4  # of the first tie, for a thread as it was laid: Newton alone might jump to an equilibrium that does not hold
 )
@@ -82,23 +95,30 @@ def static_problem(
     )
 
 
-def settle(system: System[Body], state: State[Body], share: float, duration: float) -> Step[Body]:
-    """Solve for equilibrium at the part `share` of the final loads. Raises `EquilibriumError`.
+def settle(
+    system: System[Body], state: State[Body], share: float, duration: float, given: Answer[Body] | None = None
+) -> Step[Body]:
+    """Solve for equilibrium at the part `share` of the final loads; `given` is the organ's answer, None: that at rest.
+    Raises `EquilibriumError`.
 
     Rough holes hold the thread while it is tied; where it has a long way to slide, they let it slide on the way too.
     """
     try:
-        return relax_ties(system, state, share, duration, hold=True)
+        return relax_ties(system, state, share, duration, True, given)
     except EquilibriumError:
         if not system.rough.any():
             raise
-    return relax_ties(system, state, share, duration, hold=False)
+    return relax_ties(system, state, share, duration, False, given)
 
 
-def relax_ties(system: System[Body], state: State[Body], share: float, duration: float, hold: bool) -> Step[Body]:
-    """Reach equilibrium by ties that are weakened and dropped; `hold`: the rough holes hold the thread meanwhile."""
-    answer = ask_organ(system, Equilibrium(), [state], duration, share)
+def relax_ties(
+    system: System[Body], state: State[Body], share: float, duration: float, hold: bool, given: Answer[Body] | None
+) -> Step[Body]:
+    """Reach equilibrium by ties that are weakened and dropped; `hold`: the rough holes hold the thread meanwhile;
+    `given` is the organ's answer, None: that at rest."""
+    answer = ask_organ(system, Equilibrium(), [state], duration, share) if given is None else given
     tie, now, failed = first_tie(system, state) * LAID_TIE if state.time == 0.0 else 0.0, state, None
+    failures = ATTEMPTS if answer.linear else FAILURES
     for _ in range(ATTEMPTS):
         problem = static_problem(system, now, share, duration, tie, answer, state)
         if hold and tie > 0.0:
@@ -109,8 +129,8 @@ def relax_ties(system: System[Body], state: State[Body], share: float, duration:
             solution = let_go(problem, first) if held else follow_ties(problem, first)
             solution = solution if tie else settle_layers(solution, let_go, AT_REST, TENSIONS)
         except StepError as error:
-            failed = error
-            if held:
+            failed, failures = error, failures - 1
+            if held or failures == 0:
                 break
             tie = first_tie(system, now) if tie == 0.0 else tie * np.sqrt(WEAKER)
             continue
@@ -246,19 +266,58 @@ def refuse_unbalanced(system: System[Body], state: State[Body], duration: float)
     raise EquilibriumError(state.time, duration - state.time, cause)
 
 
+def settle_or_snap(system: System[Body], state: State[Body], share: float, duration: float, snap: bool) -> Step[Body]:
+    """Solve for equilibrium as `settle` does; where there is none near, and the tissue may `snap`, or none that holds,
+    for that which a nonlinear organ creeps to. Raises `EquilibriumError`."""
+    organ = system.organ
+    try:
+        step = settle(system, state, share, duration)
+    except EquilibriumError:
+        if not (snap and isinstance(organ, Creeping)):
+            raise
+        log.info("no equilibrium is near at %.4g of the loads: the tissue creeps to the next one", share)
+        return creep(system, organ, state, share, duration)
+    if not isinstance(organ, Creeping) or organ.holds(step.solution.problem.answer):
+        return step
+    log.info("the equilibrium at %.4g of the loads does not hold: the tissue creeps to the next one", share)
+    try:
+        return creep(system, organ, state, share, duration)
+    except EquilibriumError:  # the thread holds the tissue where it would not stay alone
+        return step
+
+
+def creep(system: System[Body], organ: Creeping, state: State[Body], share: float, duration: float) -> Step[Body]:
+    """Let the organ creep to the equilibrium that is downhill, at a pace that quickens. Raises `EquilibriumError`."""
+    now, pace, failed = state, FIRST_PACE, EquilibriumError(state.time, share * duration - state.time, "", "", share)
+    for _ in range(CREEPS):
+        try:
+            given = organ.creep(now.organ, duration, share, pace) if pace > LAST_PACE else None
+            step = settle(system, now, share, duration, given)
+        except OrganError as error:
+            failed, pace = replace(failed, cause=str(error)), HARDER * pace
+            continue
+        except EquilibriumError as error:
+            failed, pace = error, HARDER * pace
+            continue
+        if given is None:
+            return replace(step, old=state, dt=share * duration - state.time, snapped=True)
+        now, pace = step.new, pace / EASIER
+    raise failed
+
+
 def load_step(
     system: System[Body], state: State[Body], share: float, duration: float, depth: int = 0
 ) -> list[Step[Body]]:
     """Go on to the part `share` of the loads, in halves of the increment where it fails or the thread flips through a
     hole. Raises `StepError`, `InversionError`, `ConstraintError` where a hand has drawn the thread out."""
     try:
-        step = settle(system, state, share, duration)
+        step = settle_or_snap(system, state, share, duration, depth >= SNAPS)
         refuse_drawn_out(system, step.old, step.new)
         refuse_crossing(system, step.old, step.new)
         gone = emptied_holds(system, step.old, step.new)
         refuse_held_end(system, step.old, step.new, gone)
     except (StepError, InversionError):
-        if depth == 4 or duration == 0.0:
+        if depth == DEEPEST or duration == 0.0:
             raise
         middle = 0.5 * (state.time / duration + share)
         first = load_step(system, state, middle, duration, depth + 1)

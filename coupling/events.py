@@ -19,7 +19,19 @@ from coupling.stepping import Step
 from coupling.system import State, System
 
 Kind = Literal[
-    "begins", "ends", "leaves", "slips", "sticks", "tears", "closes", "tied", "unties", "cut", "halved", "knots"
+    "begins",
+    "ends",
+    "leaves",
+    "slips",
+    "sticks",
+    "tears",
+    "closes",
+    "tied",
+    "unties",
+    "cut",
+    "halved",
+    "snaps",
+    "knots",
 ]
 
 
@@ -27,11 +39,11 @@ Kind = Literal[
 class Event:
     """One event.
 
-    `time` [s]; `piercing` or tie by name, empty for a halved step, a cut and other knots; `s` [m]. Of a piercing that
-    begins: `gap` [m] and `angle` [rad] that were closed, `work` [J] done in closing them, `loss` [J] of kinetic energy
-    and `impulse` (3,) [N s] of the hole on the thread; of a tie that closes: `gap`. Of a cut and of other knots:
-    `control_points` after it, `loss` and `impulse`, what the change cost of the thread's energy and momentum. `work` −
-    `loss` is what the event changed of kinetic plus elastic energy.
+    `time` [s]; `piercing` or tie by name, empty for a halved step, tissue that snaps, a cut and other knots; `s` [m].
+    Of a piercing that begins: `gap` [m] and `angle` [rad] that were closed, `work` [J] done in closing them, `loss` [J]
+    of kinetic energy and `impulse` (3,) [N s] of the hole on the thread; of a tie that closes: `gap`. Of a cut and of
+    other knots: `control_points` after it, `loss` and `impulse`, what the change cost of the thread's energy and
+    momentum. `work` − `loss` is what the event changed of kinetic plus elastic energy.
     """
 
     time: float
@@ -55,6 +67,7 @@ def find_events(system: System[Body], old: State[Body], taken: Sequence[Step[Bod
     """Find the events in the steps taken from `old`, in the order of their times."""
     states = [old, *(step.new for step in taken)]
     out = [event for before, after in pairwise(states) for event in changes(system, before, after)]
+    out += [Event(step.new.time, "snaps") for step in taken if step.snapped]
     if len(taken) > 1:
         out.append(Event(taken[-1].new.time, "halved"))
     return out

@@ -9,7 +9,7 @@ into it.
 """
 
 from collections.abc import Sequence
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from coupling.arrays import Array
 from coupling.integrators import Scheme
@@ -109,6 +109,19 @@ class FrictionLaw(Protocol):
 
     def slope(self, N: float) -> float:
         """Return the derivative of the kinetic force by N [-]."""
+
+
+@runtime_checkable
+class Creeping(Protocol):
+    """What a nonlinear organ may offer besides: a way past loads under which no equilibrium is near."""
+
+    def creep(self, state: Any, time: float, share: float, pace: float) -> Answer[Any]:
+        """Return the answer of an organ that is dragged back to a `state` on its way downhill to its equilibrium under
+        `share` of the loads at `time` [s]: by a `pace` of 1 hardly lets it go, 0 does not hold it. Raises
+        `tissue.OrganError`."""
+
+    def holds(self, answer: Answer[Any]) -> bool:
+        """Whether the organ would stay where an answer of its own stands, under dead forces."""
 
 
 @runtime_checkable

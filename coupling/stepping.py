@@ -38,13 +38,15 @@ GROWTH = 2.0  # largest ratio of a step to the one before; zero-stability ends a
 
 @dataclass(frozen=True)
 class Step(Generic[Body]):
-    """One accepted step from `old` to `new` over `dt` [s], its solution, and the thread's configuration at its end."""
+    """One accepted step from `old` to `new` over `dt` [s], its solution, and the thread's configuration at its end;
+    whether the tissue `snapped` to an equilibrium that was not near."""
 
     old: State[Body]
     new: State[Body]
     dt: float
     solution: Solution[Body]
     end: Configuration
+    snapped: bool = False
 
 
 def end_load(system: System[Body], time: float) -> Array:

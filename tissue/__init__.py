@@ -17,7 +17,7 @@ from tissue.sites.site import Site, Sites, build_sites
 from tissue.sites.surface import depths
 from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
-from tissue.strain import cell_strain, energy_density, energy_share
+from tissue.strain import cell_strain, energy_density, energy_share, volume_ratio
 from tissue.stress import StressRecovery, interpolation, principal, stress_recovery, von_mises
 from tissue.supports import held_components, holds_still, motions_in_words, rigid_motions
 
@@ -73,5 +73,6 @@ __all__ = [
     "rigid_motions",
     "stress_recovery",
     "surface_gaps",
+    "volume_ratio",
     "von_mises",
 ]

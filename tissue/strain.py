@@ -31,6 +31,16 @@ def cell_strain(elasticity: Elasticity, U: Array) -> tuple[Array, Array]:
     return np.asarray(strain), np.asarray(rotation)
 
 
+def volume_ratio(elasticity: Elasticity, U: Array) -> Array:
+    """Return the volume between the corners of each cell over that of the reference shape, J, shape `(c,)` [-]; `U` [m]
+    is a field over all unknowns `(N,)`."""
+    corners = elasticity.mesh.t.T
+    before, now = (x[corners] for x in (elasticity.points, elasticity.points + elasticity.nodal(U)))
+    sides = (x[:, 1:] - x[:, :1] for x in (now, before))
+    now_volume, volume = (np.linalg.det(each) for each in sides)
+    return np.asarray(now_volume / volume)
+
+
 def energy_density(elasticity: Elasticity, U: Array) -> Array:
     """Return the strain energy per volume of each cell, on its mean, shape `(c,)` [J/m³]: λ/2 (div U)² + μ ε : ε, and
     half of pressure times dilatation for what is averaged at the vertices. `U` [m] is a field over all unknowns `(N,)`.

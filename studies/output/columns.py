@@ -182,6 +182,7 @@ EVENT: tuple[Column[Event], ...] = (
         "event",
         "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing, `tears` where the tissue's strength is exceeded; "
         "`closes`, `tied`, `slips`, `sticks`, `unties` of a tie; `cut`: the thread was; `halved`: the step was; "
+        "`snaps`: the tissue went to an equilibrium that was not near; "
         "`knots`: they changed",
         lambda event: event.kind,
     ),
@@ -427,6 +428,12 @@ ORGAN_CELLS: tuple[Column[OrganRecord], ...] = (
         "Pa",
         "strain energy per volume, on the mean of the cell; times the volumes it adds up to that of the mesh",
         lambda organ: organ.energy_density,
+    ),
+    Column(
+        "volume_ratio",
+        "-",
+        "J: volume between the corners of the cell over that before, 1 where tissue keeps its volume",
+        lambda organ: organ.volume_ratio,
     ),
 )
 THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (

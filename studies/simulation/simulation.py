@@ -212,9 +212,10 @@ class Simulation:
         strained, rotated = (tissue.energy_share(body, strain, cells) for cells in beyond)
         values, directions = tissue.principal(stress)
         at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
-        numbers = *at_nodes, strain, rotation, tissue.energy_density(body, U), strained, rotated
+        numbers = *at_nodes, strain, rotation, tissue.energy_density(body, U)
+        shares = tissue.volume_ratio(body, U), strained, rotated
         turns = organ.surface.turns(body.nodal(U))
-        return OrganRecord(body.nodal(U), *numbers, float(turns.max(initial=0.0)), *lips)
+        return OrganRecord(body.nodal(U), *numbers, *shares, float(turns.max(initial=0.0)), *lips)
 
 
 def finite_record(
@@ -240,6 +241,7 @@ def finite_record(
         strain,
         rotation,
         energy,
+        tissue.volume_ratio(hyper.body, U),
         strained=0.0,
         rotated=0.0,
         contact_pressure=pressure,

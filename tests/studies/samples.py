@@ -100,7 +100,9 @@ def organ(topology: OrganTopology, time: float) -> OrganRecord:
     stress = np.arange(6.0 * nodes).reshape(nodes, 6)
     strain = np.linspace(0.0, time, len(topology.cells))
     at_nodes = stress, np.arange(1.0, nodes + 1), stress[:, 2::-1], np.ones((nodes, 3)), -np.ones((nodes, 3))
-    return OrganRecord(time * topology.points, *at_nodes, strain, 0.5 * strain, 30.0 * strain, 0.25, 0.125)
+    return OrganRecord(
+        time * topology.points, *at_nodes, strain, 0.5 * strain, 30.0 * strain, 1.0 + strain, 0.25, 0.125
+    )
 
 
 def piercing(name: str, time: float) -> PiercingRecord:

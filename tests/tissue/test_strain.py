@@ -66,3 +66,12 @@ def test_a_uniform_strain_has_hookes_energy() -> None:
     body = body_of("P1")
     density = tissue.energy_density(body, body.flat(body.points * [0.01, -0.003, -0.003]))
     assert np.abs(density / (0.5e5 * 0.01**2) - 1.0).max() < IDENTITY
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_a_uniform_deformation_has_its_determinant(element: str) -> None:
+    """Independent check: J = det F of a body that is stretched, sheared and turned."""
+    body = body_of(element)
+    F = np.array([[1.4, 0.3, 0.0], [-0.2, 0.9, 0.1], [0.0, -0.4, 1.1]])
+    J = tissue.volume_ratio(body, body.flat(body.points @ (F - np.eye(3)).T))
+    assert np.abs(J / np.linalg.det(F) - 1.0).max() < IDENTITY

@@ -59,7 +59,8 @@ MOST_CORRECTIONS = 50  # of the equilibrium without site forces
 @dataclass(frozen=True)
 class Motion:
     """What inertia does in a step: factors `a` [1/s²], `d` [1/s] and the fields U_a, U_d, `(N,)` [m]; the dead `load`
-    of the step, `(N,)` [N], and the parts of the loads that act, as a state keeps them."""
+    of the step, `(N,)` [N], and the parts of the loads that act, as a state keeps them. Where the organ `creeps`, a is
+    no inertia but drags it back to U_a."""
 
     a: float
     d: float
@@ -67,17 +68,19 @@ class Motion:
     damping: Array
     load: Array
     shares: Array | None
+    creeps: bool = False
 
 
 @dataclass(frozen=True)
 class Tangent:
-    """A factorised where the organ was at `U`: W = A⁻¹ Zᵀ `(N, k)` and C_z = Z W `(k, k)`."""
+    """A factorised where the organ was at `U`: W = A⁻¹ Zᵀ `(N, k)` and C_z = Z W `(k, k)`; whether A is `definite`."""
 
     U: Array
     A: csr_matrix
     factor: Solver
     W: Array
     C_z: Array
+    definite: bool = True
     _recalled: deque[tuple[Pairing, Array]] = field(default_factory=lambda: deque(maxlen=1), repr=False)
 
     def gaps_by_forces(self, pairing: Pairing) -> Array:
@@ -330,9 +333,14 @@ class FiniteOrgan(MeshedOrgan):
         stiffness = float(self.elasticity.K.diagonal().max())
         return ROUND_OFF * stiffness * float(np.cbrt(6.0 * self.law.weights.sum(axis=0).max()))
 
+    @cached_property
+    def _largest_mass(self) -> float:
+        """Of a node [kg]."""
+        return float(self.M.diagonal().max(initial=0.0))
+
     def tolerance(self, motion: Motion, point: Point) -> float:
         """Return what the residual may be of a solved step [N]."""
-        inertia = motion.a * float(self.M.diagonal().max(initial=0.0)) * float(np.abs(point.U).max(initial=0.0))
+        inertia = motion.a * self._largest_mass * float(np.abs(point.U).max(initial=0.0))
         return RESIDUAL * point.scale + self._round_off + ROUND_OFF * inertia
 
     def point(self, motion: Motion, U: Array, F: Array | None = None) -> Point:
@@ -387,8 +395,9 @@ class FiniteOrgan(MeshedOrgan):
         while share >= SHORTEST:
             there = start.U + share * way if share < 1.0 else U
             F = self.law.gradient(self.whole(there))
-            if np.isfinite(self.law.energy(F)):
-                point = self.point(motion, there, F)
+            if self.law.is_possible(F):
+                with np.errstate(over="ignore", invalid="ignore"):  # no forces are finite there: a part of the way is
+                    point = self.point(motion, there, F)
                 if self.off_balance(point, forces) <= max(before, self.tolerance(motion, point)):
                     return point, share
                 first = self.potential(motion, start.U, start.U, start.F, forces) if first is None else first
@@ -418,19 +427,22 @@ class FiniteOrgan(MeshedOrgan):
             A = csr_matrix(A - self.surface.pressing_tangent(shares, self._places(U))[free][:, free])
         if motion.a:
             A = csr_matrix(A + (motion.a + self.damping * motion.d) * self.M)
-        factor = self._factor(A)
+        factor, definite = self._factor(A, motion.creeps)
         W = solved(factor, self.map.Z.T.toarray())
         C = self.map.Z @ W
-        self._tangents[key] = Tangent(U, A, factor, W, 0.5 * (C + C.T))
+        self._tangents[key] = Tangent(U, A, factor, W, 0.5 * (C + C.T), definite)
         return self._tangents[key]
 
-    def _factor(self, A: csr_matrix) -> Solver:
-        """Return A factorised, by LU where it is not definite: beyond a bifurcation. Raises `OrganError`."""
+    def _factor(self, A: csr_matrix, must: bool) -> tuple[Solver, bool]:
+        """Return A factorised, by LU where it is not definite, which it `must` be or not: beyond a bifurcation; and
+        whether it is. Raises `OrganError`."""
         try:
-            return solver(A, self.places, self.choice.name, one_of_many=bool(self._tangents))
-        except FactorError:
+            return solver(A, self.places, self.choice.name, one_of_many=bool(self._tangents)), True
+        except FactorError as indefinite:
+            if must:
+                raise unsolved(indefinite) from indefinite
             try:
-                return factorize_indefinite(A)
+                return factorize_indefinite(A), False
             except FactorError as error:
                 raise unsolved(error) from error
 
@@ -492,6 +504,22 @@ class FiniteOrgan(MeshedOrgan):
         tangent = self.tangent(motion, known, point.F if known is state.U else None)
         return FiniteAnswer(self, motion, point, tangent, state.f_y, self.paired_anew(state.U))
 
+    def creep(self, state: OrganState, time: float, share: float, pace: float) -> FiniteAnswer:
+        """Return the answer of an organ that creeps from a state towards its equilibrium under `share` of the loads at
+        `time` [s]: dragged back by its mass, at a `pace` of 1 as hard as the stiffest node resists, 0 not at all. It
+        goes downhill, to an equilibrium that holds, also where none is near."""
+        shares = self.shares_at(time, share)
+        a = pace * float(self.elasticity.K.diagonal().max()) / self._largest_mass
+        motion = Motion(a, 0.0, state.U, state.U, self.load_under(shares), shares, creeps=True)
+        point = self.point(motion, state.U)
+        return FiniteAnswer(
+            self, motion, point, self.tangent(motion, state.U, point.F), state.f_y, self.paired_anew(state.U)
+        )
+
+    def holds(self, answer: FiniteAnswer) -> bool:
+        """Whether the organ would stay where its answer stands, under dead forces: its tangent is definite."""
+        return answer.tangent.definite
+
     def paired_anew(self, U: Array) -> Pairing:
         """Return what faces what under a displacement of the free unknowns `(N,)`, along the normals as they lie."""
         if self.gaps is None:
@@ -502,7 +530,7 @@ class FiniteOrgan(MeshedOrgan):
         self, motion: Motion, U: Array, f_y: Array, p: Array, pairing: Pairing, tangent: Tangent
     ) -> OrganState:
         """Return the state at the end of a step."""
-        if motion.a:
+        if motion.a and not motion.creeps:
             V, A = motion.d * (U - motion.damping), motion.a * (U - motion.inertia)
         else:
             V = A = np.zeros(self.size)
