@@ -165,13 +165,13 @@ def shrinkage(thread: Passage, part: Parts) -> Array:
 
 
 def tangent(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
-    """Return |T̂| and the unit tangent t = T̂/|T̂| of the thread at P̂, shapes `(p,)` and `(p, 3)` [-]. T̂ is along
-    the frame's normal where a direction is imposed, else the tangent of the curve through P̂, so that Φ_sᵀλ =
-    λ·T̂."""
+    """Return |T̂| and the unit tangent t = T̂/|T̂| of the thread at P̂, shapes `(p,)` and `(p, 3)` [-]. Where a
+    direction is imposed T̂ is T turned into the frame's normal, for what bends grows no shorter; else the tangent of
+    the curve through P̂, so that Φ_sᵀλ = λ·T̂."""
     T = thread.T
     if not thread.bare:
         part = parts(thread, lam, y)
-        in_frame = dot(T, part.unit)[:, None] * part.unit
+        in_frame = (np.linalg.norm(T, axis=1) * np.sign(dot(T, part.unit)))[:, None] * part.unit
         at_P_hat = shrinkage(thread, part)[:, None] * T + thread.c[:, 0, 1:2] * part.across
         T = np.where(thread.directed[:, None], in_frame, at_P_hat)
     size = np.linalg.norm(T, axis=1)

@@ -323,11 +323,11 @@ def add_tangent(row: Array, thread: Passage, lam: Array, y: Array, by_size: Arra
     if not thread.bare:
         part, directed = parts(thread, lam, y), thread.directed[:, None]
         sign = np.sign(dot(part.unit, t))[:, None]
-        by_axis = sign * (by_size[:, None] * (thread.T - size[:, None] * t) + by_t) / part.size[:, None] * directed
+        by_axis = sign * by_t / part.size[:, None] * directed
         row[:, U] += cross(y[:, 6:], by_axis)
         row[:, V] += cross(by_axis, y[:, 3:6])
         of_free, by_K = add_effective_tangent(row, thread, part, own_axis(thread, by_T))
-        by_T = np.where(directed, by_size[:, None] * t, of_free)
+        by_T = np.where(directed, (by_size / size)[:, None] * thread.T, of_free)
     row[:, S] += dot(by_T, thread.K) + dot(by_K, thread.J)
     return by_T, by_K
 

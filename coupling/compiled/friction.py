@@ -193,10 +193,10 @@ def add_tangent(h: Hold, size: float, t: Vector, by_size: float, by_t: Vector, B
     by_T, by_K = sum_of(by_size, t, 1.0 / size, by_t), ZERO
     if h.directed and not h.bare:
         sign = 1.0 if dot(h.unit, t) > 0.0 else -1.0
-        by_axis = times(sign / h.size, sum_of(by_size, sum_of(1.0, h.T, -size, t), 1.0, by_t))
+        by_axis = times(sign / h.size, by_t)
         add_row(1.0, cross(h.v, by_axis), D, 0, U)
         add_row(1.0, cross(by_axis, h.u), D, 0, V)
-        by_T = times(by_size, t)
+        by_T = times(by_size / size, h.T)
     elif not h.bare:
         by_T, by_K = add_effective_tangent(h, by_T, D)
     D[0, S] += dot(by_T, h.K) + dot(by_K, h.J)

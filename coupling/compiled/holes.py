@@ -157,7 +157,7 @@ def tangent(h: Hold) -> Vector:
     if h.bare:
         return h.T
     if h.directed:
-        return times(dot(h.T, h.unit), h.unit)
+        return times(norm(h.T) if dot(h.T, h.unit) > 0.0 else -norm(h.T), h.unit)
     return sum_of(shrinkage(h), h.T, h.c1[0], h.across)
 
 
