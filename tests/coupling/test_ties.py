@@ -58,7 +58,7 @@ class Springs:
     def answer(self, scheme: Scheme, past: Sequence[Array], time: float, share: float = 1.0) -> "Springs":
         return self
 
-    g_free, C_cc = NOTHING, np.zeros((0, 0))
+    linear, g_free, C_cc = True, NOTHING, np.zeros((0, 0))
 
     @property
     def C_cy(self) -> Array:
