@@ -24,7 +24,7 @@ from meshes.errors import MeshError
 from studies.command.lines import complain, print_lines
 from studies.command.parser import read
 from studies.command.progress import Progress, StudyProgress, stages
-from studies.command.summary import MILLI, print_summary, remark_lines
+from studies.command.summary import MILLI, place_lines, print_summary, remark_lines
 from studies.output.budget import GIGA, frame_bytes, row_bytes
 from studies.output.files import as_json
 from studies.output.folder import Recorder, check_folder
@@ -132,7 +132,8 @@ def check(options: argparse.Namespace) -> int:
     parts = f"{counts['piercings']} piercings, {counts['control_points']} control points, {organ}"
     size = counts["bytes"] / GIGA
     size_line = f"{options.file} can be run: {parts}, {counts['steps']} steps, about {size:.2g} GB of results"
-    print_lines([size_line, *remark_lines(remarks), *([f"picture    {picture}"] if picture else [])])
+    places = place_lines(simulation.scenario.piercing)
+    print_lines([size_line, *places, *remark_lines(remarks), *([f"picture    {picture}"] if picture else [])])
     return strict_status(options.strict, remarks)
 
 
@@ -144,6 +145,7 @@ def counts_of(simulation: AnySimulation) -> dict[str, Any]:
         "control_points": scenario.thread.control_points,
         "tissue_dofs": simulation.tissue_dofs,
         "steps": simulation.steps,
+        "moved": {hole.name: hole.moved for hole in scenario.piercing if hole.moved is not None},
         "bytes": round(frame_bytes(scenario, simulation.topology) + row_bytes(scenario)),
     }
 

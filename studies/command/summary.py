@@ -10,7 +10,7 @@ from studies.output.folder import Recorder
 from studies.output.records import ContactRecord, PiercingRecord
 from studies.output.remarks import Remark
 from studies.output.tally import Status
-from studies.scenario import Scenario
+from studies.scenario import Piercing, Scenario
 
 MILLI = 1e-3
 
@@ -83,6 +83,16 @@ def subgrid_line(gaps: Mapping[str, Mapping[str, Any]]) -> str:
     return f"sub-grid   up to {share:.0%} of a hole's compliance is added, which the mesh is too coarse for"
 
 
+def place_lines(holes: Sequence[Piercing]) -> list[str]:
+    """Tell where holes came to lie on the surface, and by how much they were moved to it."""
+    lines = []
+    for hole in holes:
+        if hole.moved is not None:
+            at = ", ".join(f"{value / MILLI:z.2f}" for value in hole.place)
+            lines.append(f"place      {hole.name}: on the surface at [{at}] mm, moved by {hole.moved / MILLI:.3g} mm")
+    return lines
+
+
 def contact_line(contact: ContactRecord) -> str:
     """Tell how two surfaces press on one another."""
     return (
@@ -117,6 +127,7 @@ def print_summary(scenario: Scenario, recorder: Recorder, status: Status, pictur
         lines += [range_line(summary["range"])] if "range" in summary else []
         lines += [line for line in (subgrid_line(recorder.subgrid),) if line]
         lines += [contact_line(pair) for pair in step.contact]
+    lines += place_lines(scenario.piercing)
     tables = [
         "piercings.csv",
         "energy.csv",

@@ -30,6 +30,7 @@ from studies.output.records import (
     TieRecord,
     TractRecord,
 )
+from studies.scenario import Piercing
 
 Row = TypeVar("Row")
 Item = TypeVar("Item")
@@ -168,6 +169,9 @@ CHANNEL: Column[PiercingRecord] = Column(
     lambda hole: hole.channel,
 )
 HOLE_SUMMARY = (*HOLE, CHANNEL)
+MOVED: Column[Piercing] = Column(
+    "moved", "m", "distance from `piercing.near` to the place on the surface; with `near`", lambda hole: hole.moved
+)
 HOLE_ARRAYS: tuple[Column[PiercingRecord], ...] = (
     count(
         "state", ", ".join(f"{code} {word}" for word, code in STATE_CODES.items()), lambda hole: STATE_CODES[hole.state]
@@ -617,8 +621,10 @@ TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, TRACTS, ENERGIES, S
 # -- the summary -----------------------------------------------------------------------------------------------------
 
 
-def state_summary(step: StepRecord) -> dict[str, Any]:
-    """Take from a step what ``summary.json`` says of energy, thread, piercings, lips and ties."""
+def state_summary(step: StepRecord, holes: Iterable[Piercing] = ()) -> dict[str, Any]:
+    """Take from a step what ``summary.json`` says of energy, thread, piercings, lips and ties, and from the scenario's
+    `holes` by how much they were moved."""
+    found = {hole.name: values((MOVED,), hole) for hole in holes if hole.moved is not None}
     contact = {"contact": {pair.pair: values(CONTACT, pair) for pair in step.contact}} if step.contact else {}
     ties = {"ties": {tie.name: values(TIE, tie) for tie in step.ties}} if step.ties else {}
     loads = {"loads": [values(LOAD, load) for load in step.loads]} if step.loads else {}
@@ -628,7 +634,7 @@ def state_summary(step: StepRecord) -> dict[str, Any]:
         {
             "energy": values(ENERGY, step.energy),
             "thread": ends | values((MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN), step),
-            "piercings": {hole.name: values(HOLE_SUMMARY, hole) for hole in step.piercings},
+            "piercings": {hole.name: values(HOLE_SUMMARY, hole) | found.get(hole.name, {}) for hole in step.piercings},
         }
         | contact
         | ties
@@ -680,7 +686,8 @@ def manual_tables() -> dict[str, str]:
     sums = [replace(column, name=f"thread.{column.name}") for column in (MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN)]
     ranges: list[Column[Any]] = [replace(column, name=f"range.{column.name}") for column in RANGE]
     ranges += [replace(column, name=f"range.piercings.NAME.{column.name}") for column in HOLE_RANGE]
-    holes = [replace(column, name=f"piercings.NAME.{column.name}") for column in (CHANNEL,)]
+    told: tuple[Column[Any], ...] = (CHANNEL, MOVED)
+    holes = [replace(column, name=f"piercings.NAME.{column.name}") for column in told]
     small: list[Column[Any]] = [replace(REDUCTION, name=f"reduction.{REDUCTION.name}")]
     small += [replace(column, name=f"reduction.piercings.NAME.{column.name}") for column in HOLE_REDUCTION]
     return {

@@ -23,6 +23,7 @@ CROSSED = 0.01  # of the lips' extent: nearer, they are as good as closed
 SLID = 1.0  # diameters that a thread may still slide in as long as the run took, and be at rest
 BARE = 4.0  # radii of a tract: as much of its path is near the surface where it goes in and out at 30° or more
 IN_TISSUE = 1.0  # diameters of the thread: deeper, it lies in tissue and not on it
+MOVED = 2.0  # footprints: as far as a hole may be moved and still touch where it would have been
 NEAR = 2.0  # of the footprints of two holes together: there a hole moves its neighbour by a quarter of its own way
 RESOLVED_SHARE = 0.03  # of a hole's compliance that springs may make up: no more than its own error
 REDUCED = 0.03  # of the largest way of a hole that a small basis may leave open: as much as springs may
@@ -198,6 +199,12 @@ KINDS = (
         "note",
         f"a piercing more than {OFF_PATH:g} diameters from `thread.path`",
         "the thread is bent to it at the start, and the energy of that goes where the damping takes it",
+    ),
+    Kind(
+        "moved",
+        "note",
+        f"a piercing with `near` farther from it than {MOVED:g} times its footprint",
+        "a path, a box or a neighbour that was placed by `near` may no longer fit the hole",
     ),
     Kind(
         "no-tract",

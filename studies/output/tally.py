@@ -32,6 +32,7 @@ class Tally:
         memory: Arrays | None = None,
     ) -> None:
         self._judge = judge
+        self._holes = scenario.piercing
         self._names = [hole.name for hole in scenario.piercing]
         self._has_organ = scenario.tissue is not None
         self._tissue_dofs = tissue_dofs
@@ -85,4 +86,4 @@ class Tally:
             said["range"] = range_summary(self._names, self._extremes)
         if step is not None and step.reduction is not None:
             said["reduction"] = reduction_summary(self._names, self._extremes, step.reduction)
-        return head | said | (state_summary(step) if step else {})
+        return head | said | (state_summary(step, self._holes) if step else {})

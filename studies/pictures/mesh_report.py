@@ -15,6 +15,8 @@ from studies.output.files import write_bytes
 from studies.pictures.picture import draw_scene
 from studies.scenario import Scenario, ScenarioError
 from studies.simulation.meshing import organ_mesh
+from studies.simulation.places import with_places
+from studies.simulation.sharing import Unshared
 
 Indices = NDArray[np.integer]
 
@@ -43,6 +45,7 @@ def write_report(scenario: Scenario, path: Path) -> list[str]:
     """
     if path.suffix.lower() != ".vtu":
         raise ScenarioError(f"--out {path} is refused: the mesh is written for ParaView; name it {path.stem}.vtu")
+    scenario = with_places(scenario, Unshared())
     mesh = organ_mesh(scenario)
     scratch = path.with_name(f".{path.stem}.part.vtu")
     paraview(mesh).write(scratch, file_format="vtu")
@@ -67,7 +70,7 @@ def lines(mesh: skfem.MeshTet, scenario: Scenario) -> list[str]:
         f"quality    dihedral angle {found.dihedral_min:.1f}° at least, radius ratio {found.radius_ratio_min:.2f} at "
         f"least, {found.radius_ratio_median:.2f} in the median",
         f"edges      {found.edge_min / MILLI:.3g} to {found.edge_max / MILLI:.3g} mm",
-        *(f"site       {hole.name}: edges of {size_at(mesh, np.array(hole.at)) / MILLI:.3g} mm there, footprint "
+        *(f"site       {hole.name}: edges of {size_at(mesh, np.array(hole.place)) / MILLI:.3g} mm there, footprint "
           f"{hole.footprint / MILLI:.3g} mm" for hole in scenario.piercing),
         *(f"boundary   {name}: {len(facets)} facets, {areas(mesh, facets).sum() / MILLI**2:.6g} mm²"
           for name, facets in (mesh.boundaries or {}).items()),
@@ -108,6 +111,6 @@ def paraview(mesh: skfem.MeshTet) -> meshio.Mesh:
 def scene_of(mesh: skfem.MeshTet, scenario: Scenario) -> MeshScene:
     """Gather what is drawn of a mesh."""
     lips = [mesh.facets[:, facets].T for name, facets in (mesh.boundaries or {}).items() if name.startswith("lip_")]
-    sites = np.reshape([hole.at for hole in scenario.piercing], (-1, 3))
+    sites = np.reshape([hole.place for hole in scenario.piercing], (-1, 3))
     facets = np.concatenate([np.empty((0, 3), dtype=np.int64), *lips])
     return MeshScene(mesh.p.T, mesh.t.T, region_numbers(mesh), facets, sites, scenario.title)

@@ -1,11 +1,12 @@
 """The table of a piercing, `[[piercing]]`, and of its friction."""
 
 from itertools import pairwise
+from math import dist
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from studies.scenario.refusal import as_toml
+from studies.scenario.refusal import as_toml, dotted_key, refusal
 from studies.scenario.table import NotNegative, Positive, ScenarioTable, Text, Turn, Vector, one_sentence
 
 
@@ -30,9 +31,25 @@ class Piercing(ScenarioTable):
     """Hole through which the thread passes."""
 
     name: Text = Field(description="name of the piercing", examples=["entry"])
-    at: Vector = Field(
-        description="place of the piercing, on the organ's surface or inside it [m]",
+    at: Annotated[
+        Literal["surface"] | Vector,
+        one_sentence('three numbers [x, y, z] [m] or "surface", for example at = [-0.01, 0.0, 0.0]'),
+    ] = Field(
+        description='place of the piercing, on the organ\'s surface or inside it [m]; "surface": the place on the '
+        "surface that near and along tell; a run's scenario.toml has the place found",
         examples=[[-0.01, 0.0, 0.0]],
+    )
+    near: Vector | None = Field(
+        default=None,
+        description='point from which at = "surface" finds its place on the surface [m]',
+        examples=[[-0.01, 0.0, 0.002]],
+    )
+    along: Vector | None = Field(
+        default=None,
+        description='direction of the line through near that meets the surface where at = "surface" is, of several '
+        "places the one nearest to near [-]; default: direction where that is three numbers, else the place on the "
+        "surface that is nearest to near",
+        examples=[[0.0, 0.0, -1.0]],
     )
     kind: Literal["sliding", "anchored"] = Field(
         default="sliding", description='"sliding", or "anchored": this point of the thread never slides'
@@ -105,6 +122,7 @@ class Piercing(ScenarioTable):
     def _check_effect(self) -> Self:
         if self.direction == (0.0, 0.0, 0.0):
             raise ValueError(".direction = [0, 0, 0] is refused: it must not be zero; give a direction")
+        self._check_place()
         if self.until is not None and self.until <= self.from_:
             raise ValueError(f".until = {self.until} is refused: it must be later than from = {self.from_}; raise it")
         self._check_hand()
@@ -123,6 +141,36 @@ class Piercing(ScenarioTable):
                 "give both or leave it out"
             )
         return self
+
+    @property
+    def place(self) -> Vector:
+        """Where the hole is [m]; while that is sought on the surface, the point from which it is."""
+        if self.at != "surface":
+            return self.at
+        assert self.near is not None
+        return self.near
+
+    @property
+    def line(self) -> Vector | None:
+        """Direction of the line that finds a place on the surface, None where the nearest is sought."""
+        return self.along or (None if isinstance(self.direction, str) else self.direction)
+
+    @property
+    def moved(self) -> float | None:
+        """Distance from `near` to the place found on the surface [m], None where none is sought."""
+        return None if self.near is None else dist(self.near, self.place)
+
+    def _check_place(self) -> None:
+        """Refuse a place on the surface that nothing tells, and what tells of none."""
+        if self.at == "surface" and self.near is None:
+            raise ValueError(
+                '.near is missing: at = "surface" is found from a point; give it, for example near = [0.0, 0.0, 0.01]'
+            )
+        if self.along is not None and self.near is None:
+            reason = "there is no point that its line goes through; give near, or leave it out"
+            raise ValueError(f".along = {as_toml(self.along)} is refused: {reason}")
+        if self.along == (0.0, 0.0, 0.0):
+            raise ValueError(".along = [0, 0, 0] is refused: it must not be zero; give a direction, or leave it out")
 
     def _check_hand(self) -> None:
         """Refuse a hand that draws by a length and with a force at once, and one that has no time to draw."""
@@ -144,3 +192,11 @@ class Piercing(ScenarioTable):
                 f'.{short} is refused: through a "sliding" hole a hand draws from the first row to the last; give two '
                 'rows, or set kind = "anchored"'
             )
+
+
+def place_refusal(hole: Piercing, reason: str) -> str:
+    """Write why a hole cannot be where it is, and how it came there."""
+    key = dotted_key(["piercing", hole.name, "at"])
+    if hole.near is None:
+        return refusal(key, hole.at, reason)
+    return refusal(key, "surface", f"near leads to {as_toml(hole.place)} m on the surface, and {reason}")

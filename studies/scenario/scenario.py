@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError, model_validator
 from studies.scenario.contact import Contact
 from studies.scenario.names import name_faults
 from studies.scenario.organ import LIPS, GivenMesh, Tissue, boundaries_of, unknown_clamp
-from studies.scenario.piercing import Piercing
+from studies.scenario.piercing import Piercing, place_refusal
 from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
 from studies.scenario.solve import Output, Solve
 from studies.scenario.table import ScenarioError, ScenarioTable, repetition
@@ -78,6 +78,10 @@ class Scenario(ScenarioTable):
         )
         check_control_points(self.thread.control_points, len(self.piercing) + 2 * len(self.tie))
         loose = next((piercing.name for piercing in self.piercing if piercing.direction == "normal"), None)
+        sought = next((piercing.name for piercing in self.piercing if piercing.at == "surface"), None)
+        if self.tissue is None and sought is not None:
+            reason = "without [tissue] there is no surface; give [x, y, z], or add [tissue]"
+            raise ValueError(refusal(dotted_key(["piercing", sought, "at"]), "surface", reason))
         if self.tissue is None and loose is not None:
             key = dotted_key(["piercing", loose, "direction"])
             reason = 'without [tissue] there is no surface; use "free" or [x, y, z], or add [tissue]'
@@ -95,16 +99,8 @@ class Scenario(ScenarioTable):
 
     @model_validator(mode="after")
     def _check_apart(self) -> Self:
-        pairs = combinations(self.piercing, 2) if self.tissue is not None else ()
-        for one, other in pairs:
-            apart, reach = dist(one.at, other.at), one.footprint + other.footprint
-            together = max(one.from_, other.from_) < min(hole.until or inf for hole in (one, other))
-            if together and apart < reach:
-                reason = (
-                    f"it is {apart:.3g} m from {dotted_key(['piercing', one.name])}, nearer than their footprints "
-                    f"together, {reach:.3g} m; move them apart or take smaller footprints"
-                )
-                raise ValueError(refusal(dotted_key(["piercing", other.name, "at"]), other.at, reason))
+        if self.tissue is not None:
+            check_apart([hole for hole in self.piercing if hole.at != "surface"])
         return self
 
     @model_validator(mode="after")
@@ -271,6 +267,19 @@ def check_touching(pairs: Sequence[tuple[str, str]], first: int) -> None:
         if any(set(pair) == set(other) for other in pairs[:k]):
             reason = "these two are in contact already, by tissue.contact or another [[contact]]; leave one out"
             raise ScenarioError(refusal(f"contact.{k - first}.between", pair, reason))
+
+
+def check_apart(holes: Sequence[Piercing]) -> None:
+    """Refuse holes of an organ whose footprints overlap while both are there."""
+    for one, other in combinations(holes, 2):
+        apart, reach = dist(one.place, other.place), one.footprint + other.footprint
+        together = max(one.from_, other.from_) < min(hole.until or inf for hole in (one, other))
+        if together and apart < reach:
+            reason = (
+                f"it is {apart:.3g} m from {dotted_key(['piercing', one.name])}, nearer than their footprints "
+                f"together, {reach:.3g} m; move them apart or take smaller footprints"
+            )
+            raise ScenarioError(place_refusal(other, reason))
 
 
 def check_order(placed: Sequence[tuple[Piercing, float]], length: float | None = None) -> None:

@@ -23,6 +23,7 @@ from studies.simulation.given import NOTHING, Given
 from studies.simulation.law import hyperelasticity_of
 from studies.simulation.meshing import check_loaded, material_of, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_draws, check_pieces
+from studies.simulation.places import with_places
 from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key, reduction_key
 from studies.simulation.tracts import Ball, check_balls, with_balls
 from thread.catalogue import Section, suture
@@ -82,7 +83,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     path = rounded_path(scenario.thread.path)
     length = length_of(scenario, path)
     store = shareable(store, given)
-    scenario = given.applied_to(scenario)
+    scenario = with_places(given.applied_to(scenario), store, given.volume)
     body = stored_body(scenario, store, given)
     own = abscissae(scenario, path, length)
     known = [(hole, value) for hole, value in zip(scenario.piercing, own, strict=True) if is_known(hole)]
@@ -135,7 +136,7 @@ def abscissae(scenario: Scenario, path: RoundedPath, length: float) -> list[floa
     before it."""
     s: list[float] = []
     for hole in scenario.piercing:
-        s.append(hole.s if hole.s is not None else nearest_pass(path, hole.at, after=s[-1:]) * length / path.length)
+        s.append(hole.s if hole.s is not None else nearest_pass(path, hole.place, after=s[-1:]) * length / path.length)
     return s
 
 
@@ -253,7 +254,7 @@ def piercing_of(hole: model.Piercing, scenario: Scenario, body: tissue.Elasticit
         draw=None if hole.draw is None else np.array(hole.draw),
         pull=None if hole.pull is None else np.array(hole.pull),
         bearing=bearing_of(hole, scenario),
-        strength=np.inf if organ is None or body is None else strength_at(organ, body.mesh, hole.at),
+        strength=np.inf if organ is None or body is None else strength_at(organ, body.mesh, hole.place),
         tract=hole.tract if isinstance(hole, Ball) else "",
     )
 
@@ -270,7 +271,9 @@ def site_of(hole: model.Piercing) -> tissue.Site:
     """Return the place of a hole on the organ."""
     direction = None if hole.direction == "free" else hole.direction
     line = hole.tract if isinstance(hole, Ball) else ""
-    return tissue.Site(hole.at, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', hole.subgrid, line)
+    return tissue.Site(
+        hole.place, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', hole.subgrid, line
+    )
 
 
 def stored_body(scenario: Scenario, store: Store, given: Given) -> tissue.Elasticity | None:

@@ -26,6 +26,7 @@ from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.organ import check_clamp, check_loads
+from studies.scenario.piercing import place_refusal
 from studies.scenario.refusal import dotted_key, refusal
 
 log = logging.getLogger(__name__)
@@ -105,7 +106,7 @@ def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model
 
 def places(holes: Sequence[model.Piercing]) -> Array:
     """Return where the holes are, shape `(p, 3)` [m]."""
-    return np.reshape([hole.at for hole in holes], (-1, 3)).astype(float)
+    return np.reshape([hole.place for hole in holes], (-1, 3)).astype(float)
 
 
 def grading_of(shape: model.Mesh, holes: Sequence[model.Piercing]) -> Grading:
@@ -187,7 +188,7 @@ def too_large(tets: float, element: str) -> str | None:
 def check_clear(shape: model.WoundMesh, holes: Sequence[model.Piercing]) -> None:
     """Refuse a footprint that reaches across a closed slit, where both lips lie at one place."""
     for hole in holes if shape.shape == "slit" else ():
-        x, y, z = hole.at
+        x, y, z = hole.place
         across, along = (x, y) if shape.along == "y" else (y, x)
         beside, below = max(abs(along) - shape.length / 2, 0.0), max(-z - shape.depth, 0.0)
         away = float(np.linalg.norm([across, beside, below]))
@@ -196,7 +197,7 @@ def check_clear(shape: model.WoundMesh, holes: Sequence[model.Piercing]) -> None
                 f"it is {away:.3g} m from the wound and its footprint reaches {hole.footprint:.3g} m, across the slit; "
                 "move it away or take a smaller footprint"
             )
-            raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "at"]), hole.at, reason))
+            raise ScenarioError(place_refusal(hole, reason))
 
 
 def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] = ()) -> None:
@@ -237,14 +238,14 @@ def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
     p, q = np.moveaxis(sharp_edges(mesh, SHARP), 1, 0)
     along, slack = q - p, ON_EDGE * float(np.linalg.norm(np.ptp(mesh.p, axis=1)))
     for hole in holes if len(p) else ():
-        t = np.clip(np.sum((hole.at - p) * along, axis=1) / np.sum(along * along, axis=1), 0.0, 1.0)
-        away = float(np.linalg.norm(p + t[:, None] * along - hole.at, axis=1).min())
+        t = np.clip(np.sum((hole.place - p) * along, axis=1) / np.sum(along * along, axis=1), 0.0, 1.0)
+        away = float(np.linalg.norm(p + t[:, None] * along - hole.place, axis=1).min())
         if away <= hole.footprint * (1 - ON_EDGE) + slack:
             reason = (
                 f"a sharp edge of the organ is {away:.3g} m from it, within its footprint of {hole.footprint:.3g} m; "
                 "move it away or take a smaller footprint"
             )
-            raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "at"]), hole.at, reason))
+            raise ScenarioError(place_refusal(hole, reason))
 
 
 def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.MeshTet:

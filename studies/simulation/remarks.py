@@ -24,6 +24,7 @@ from studies.output.remarks import (
     DISSIPATED,
     IN_TISSUE,
     LAYERED,
+    MOVED,
     NEAR,
     OFF_PATH,
     REDUCED,
@@ -63,7 +64,7 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]]) -> li
     out = [*unlike_units(values_of(assembly)), *off_path(assembly), *handed_over(assembly.given, assembly.body)]
     if assembly.body is None:
         return out
-    sizes = [size_at(assembly.body.mesh, np.array(hole.at)) for hole in scenario.piercing]
+    sizes = [size_at(assembly.body.mesh, np.array(hole.place)) for hole in scenario.piercing]
     return [
         *out,
         *(
@@ -73,6 +74,7 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]]) -> li
         ),
         *outside_subgrid(subgrid),
         *near_holes(scenario.piercing),
+        *moved_holes(scenario.piercing),
         *along_path(assembly),
     ]
 
@@ -406,11 +408,25 @@ def coarse_cells(hole: model.Piercing, size: float, element: str) -> list[Remark
     return [remark("cells", hole.name, text)]
 
 
+def moved_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
+    """Judge how far holes were moved to the surface."""
+    return [
+        remark(
+            "moved",
+            hole.name,
+            f"{hole.name!r} is {hole.moved / MILLI:.3g} mm from its near, more than {MOVED:g} times its footprint of "
+            f"{hole.footprint / MILLI:.3g} mm; is it on the surface that was meant?",
+        )
+        for hole in holes
+        if hole.moved is not None and hole.moved > MOVED * hole.footprint
+    ]
+
+
 def near_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
     """Judge how near holes are to one another; two at one place are one hole at two times."""
     out = []
     for one, other in combinations(holes, 2):
-        apart, reach = dist(one.at, other.at), NEAR * (one.footprint + other.footprint)
+        apart, reach = dist(one.place, other.place), NEAR * (one.footprint + other.footprint)
         if 0.0 < apart < reach:
             text = (
                 f"{one.name!r} and {other.name!r} are {apart / MILLI:.2g} mm apart, nearer than {NEAR:g} times their "

@@ -83,6 +83,12 @@ def body_key(scenario: Scenario) -> str:
     return digest(body_tables(scenario), scenario)
 
 
+def places_key(scenario: Scenario) -> str:
+    """Return the digest of all that the places of holes on the organ's surface are made from."""
+    lines = [[hole.near, hole.line] for hole in scenario.piercing]
+    return digest(body_tables(scenario) | {"lines": lines}, scenario)
+
+
 def mesh_key(scenario: Scenario) -> str:
     """Return the digest of all that an organ's mesh is made from."""
     plain = body_tables(scenario)

@@ -253,7 +253,7 @@ def in_tissue(case: Case, simulation: Simulation, now: OrganRun) -> dict[str, An
     assert body is not None and isinstance(organ, tissue.FiniteOrgan | tissue.QuasiStaticOrgan)
     U = organ.displacement(now.state.organ)
     centres = body.mesh.p[:, body.mesh.t].mean(axis=1).T
-    hole = np.array(simulation.scenario.piercing[0].at)
+    hole = np.array(simulation.scenario.piercing[0].place)
     near = np.linalg.norm(centres - hole, axis=1) <= NEAR * case.footprint
     hyper = organ.law if isinstance(organ, tissue.FiniteOrgan) else tissue.Hyperelasticity(body)
     stretches, _ = tissue.cell_stretch(hyper, U)

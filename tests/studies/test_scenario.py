@@ -136,7 +136,7 @@ REFUSED = [
         ["thread.end.waypoints.1 = [0.0, 0.0, 0.0, 0.0]", "later than 0.0 s", "sort"],
     ),
     ("piercing.entry.name=exit", ['piercing.name = "exit"', "unique", "rename"]),
-    ("piercing.entry.at=[0,0]", ["piercing.entry.at.2", "missing", "[m]"]),
+    ("piercing.entry.at=[0,0]", ["piercing.entry.at = [0, 0]", "three numbers", "[m]"]),
     ("piercing.entry.kind=slide", ['piercing.entry.kind = "slide"', '"sliding"', '"anchored"']),
     ("piercing.entry.direction=up", ['piercing.entry.direction = "up"', '"free", "normal" or three numbers']),
     ("piercing.entry.direction=[0,0,0]", ["piercing.entry.direction = [0, 0, 0]", "zero"]),

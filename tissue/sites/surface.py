@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from skfem import MeshTet
@@ -15,6 +16,7 @@ from tissue.arrays import Array, Indices
 
 INSIDE = 1e-9  # barycentric coordinates down to −INSIDE count as inside: the round-off of a point on a face
 ON_SURFACE = 1e-3  # of the bounding-box diagonal: a site this near the surface is meant to be on it
+EDGE_ON = 1e-9  # cosine between a line and a facet's normal below which it runs along the facet
 BLOCK = 4_000_000  # point–cell pairs tested at a time, to bound memory
 
 
@@ -53,6 +55,16 @@ class Surface:
         best = near[np.argmin(distances)]
         touching = np.linalg.norm(closest_on_triangles(best, self.triangles) - best, axis=1)
         return float(distances.min()), best, np.flatnonzero(touching <= INSIDE * self.diagonal)
+
+    def met_by(self, point: Array, along: Array) -> Array | None:
+        """Return where the line through `point` along the unit vector `along` meets the surface, of several places the
+        one nearest to `point`, shape `(3,)` [m]; None where it does not.
+        """
+        facing = np.flatnonzero(np.abs(self.normals @ along) > EDGE_ON)
+        if facing.size == 0:
+            return None
+        hits, struck = self.project(point[None], along, facing, np.inf)
+        return None if struck[0] < 0 else hits[0]
 
     def patch(self, centre: Array, seeds: Indices, normal: Array, radius: float) -> Indices:
         """Return the facets that face `normal`, come within `radius` of `centre` and are joined to `seeds` by edges.
@@ -151,6 +163,21 @@ def depths(mesh: MeshTet) -> Callable[[Array], Array]:
     """Return what tells how deep points `(k, 3)` lie in a mesh below its nearest surface, shape `(k,)` [m], negative
     outside."""
     return outer_surface(mesh).depths
+
+
+def landing(mesh: MeshTet) -> Callable[[ArrayLike, ArrayLike | None], Array | None]:
+    """Return what finds the place `(3,)` [m] nearest to a point at which a line through it, along a vector of any
+    length, meets the surface of a mesh, None where it does not; without a vector the nearest of the whole surface."""
+    surface = outer_surface(mesh)
+
+    def find(point: ArrayLike, along: ArrayLike | None) -> Array | None:
+        start = np.asarray(point, float)
+        if along is None:
+            return surface.nearest(start)[1]
+        direction = np.asarray(along, float)
+        return surface.met_by(start, direction / np.linalg.norm(direction))
+
+    return find
 
 
 def closest_on_triangles(point: Array, triangles: Array) -> Array:

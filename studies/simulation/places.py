@@ -1,0 +1,66 @@
+"""Places of holes on the organ's surface: found before its mesh is graded towards them."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+import skfem
+
+import tissue
+from studies import scenario as model
+from studies.scenario import Scenario, ScenarioError
+from studies.scenario.refusal import as_toml, dotted_key, refusal
+from studies.scenario.scenario import check_apart
+from studies.scenario.table import Vector
+from studies.simulation.meshing import check_smooth, mesh_of
+from studies.simulation.sharing import Store, places_key
+
+Holes = tuple[model.Piercing, ...]
+
+
+def with_places(scenario: Scenario, store: Store, given: skfem.MeshTet | None = None) -> Scenario:
+    """Return the scenario with numbers in place of every `at = "surface"`, those of the `store` where it has them, on a
+    mesh of its own or on the one `given`. Raises `ScenarioError`, `MeshError`."""
+    if scenario.tissue is None or all(hole.at != "surface" for hole in scenario.piercing):
+        return scenario
+    find = partial(holes_on_surface, scenario.tissue, scenario.piercing, given)
+    places = [hole.place for hole in store.take("places", places_key(scenario), find)]
+    holes = moved(scenario.piercing, places)
+    check_apart(holes)
+    return scenario.model_copy(update={"piercing": holes})
+
+
+def holes_on_surface(table: model.Tissue, holes: Holes, given: skfem.MeshTet | None) -> Holes:
+    """Return the holes where their lines meet the organ's surface, twice where its cells are finer at holes: on facets
+    of the size that they have elsewhere, then on those of a mesh that is fine where the holes came to lie."""
+    mesh = mesh_of(table, ()) if given is None else given
+    found = landed(mesh, holes)
+    if given is None and getattr(table.mesh, "h_site", None) is not None:
+        mesh = mesh_of(table, found)
+        found = landed(mesh, holes)
+    check_smooth(mesh, found)
+    return found
+
+
+def landed(mesh: skfem.MeshTet, holes: Holes) -> Holes:
+    """Return the holes, those sought on the surface of a mesh where they are found there. Raises `ScenarioError` for
+    one whose line meets no surface."""
+    find = tissue.landing(mesh)
+    places: list[Vector] = []
+    for hole in holes:
+        place = np.array(hole.place) if hole.at != "surface" else find(hole.place, hole.line)
+        if place is None:
+            low, high = (np.round(x, 6).tolist() for x in (mesh.p.min(axis=1), mesh.p.max(axis=1)))
+            reason = (
+                f"the line through near = {as_toml(hole.near)} along {as_toml(hole.line)} does not meet the organ, "
+                f"which spans {low} to {high} m; correct near or along"
+            )
+            raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "at"]), hole.at, reason))
+        x, y, z = (place + 0.0).tolist()  # no −0.0
+        places.append((x, y, z))
+    return moved(holes, places)
+
+
+def moved(holes: Holes, places: Sequence[Vector]) -> Holes:
+    """Return the holes at other places [m]."""
+    return tuple(hole.model_copy(update={"at": place}) for hole, place in zip(holes, places, strict=True))
