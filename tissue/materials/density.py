@@ -52,7 +52,7 @@ def cofactor(F: Array) -> Array:
     out = np.empty_like(F)
     for i, j, k in AROUND:
         for m, n, o in AROUND:
-            np.multiply(F[j, n], F[k, o], out=out[i, m])
+            np.multiply(F[j, n], F[k, o], out=out[i, m, ...])
             out[i, m] -= F[j, o] * F[k, n]
     return out
 
