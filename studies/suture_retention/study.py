@@ -330,7 +330,8 @@ def number(value: float) -> str:
 
 def remarks(rows: Sequence[Row]) -> list[str]:
     """Say what the fits are worth, what was predicted, on what it depends, and what failed."""
-    out = [fit_words(name) for name in dict.fromkeys(row.name for row in rows)]
+    names = list(dict.fromkeys(row.name for row in rows))
+    out = [fit_words(name) for name in names] + [compressible_words(name, rows) for name in names]
     found = runs_of(rows)
     for (name, footprint, variant), runs in found.items():
         if runs and not variant:
@@ -358,6 +359,17 @@ def fit_words(name: str) -> str:
     )
 
 
+def compressible_words(name: str, rows: Sequence[Row]) -> str:
+    """Say how much of the fitted curve, that of incompressible tissue, the organ's own Poisson's ratio leaves."""
+    of, broken = TISSUES[name], 1.0 + TISSUES[name].strain
+    farthest = max(row.uniaxial for row in rows if row.name == name and row.variant != LINEAR)
+    shares = [of.nominal(at) / of.incompressible(at) for at in (farthest, broken)]
+    return (
+        f"{name}: a strip of ν = {POISSON:g}, as the organ has, bears {shares[0]:.2g} of the fitted curve at a stretch "
+        f"of {farthest:.3g}, the largest of the strip's middle, and {shares[1]:.2g} where strips broke"
+    )
+
+
 def prediction(name: str, footprint: float, runs: Sequence[Row]) -> str:
     """Say where the tissue is stretched as far as the strips that broke, and what was published."""
     of = TISSUES[name]
@@ -377,12 +389,14 @@ def figure(rows: Sequence[Row]) -> Figure:
     over_draw(grid[0, 0], rows, "force", 1.0, "force [N]")
     over_draw(grid[0, 1], rows, "stretch", 1.0, "largest stretch at the hole [-]")
     over_draw(grid[1, 0], rows, "bearing", MEGA, "bearing pressure F/(d t) [MPa]")
+    grid[1, 0].set_ylim(bottom=grid[1, 0].get_ylim()[0] / 20.0)  # room for the runs' names
+    grid[1, 0].legend(fontsize=6, loc="lower right", ncols=2)
     curves(grid[1, 1], rows)
     return drawing
 
 
 def over_draw(axes: Axes, rows: Sequence[Row], key: str, unit: float, label: str) -> None:
-    """Draw a quantity over the way of the hands; dotted what is published."""
+    """Draw a quantity over the way of the hands; dash-dotted what is published."""
     names = list(dict.fromkeys(row.name for row in rows))
     styles = {"": "-", LINEAR: ":", FINER: "--"}
     for (name, footprint, variant), runs in runs_of(rows).items():
@@ -392,13 +406,14 @@ def over_draw(axes: Axes, rows: Sequence[Row], key: str, unit: float, label: str
         y = [getattr(row, key) / unit for row in runs]
         axes.plot(x, y, styles[variant], color=colour, marker="o" if wide else "s", markersize=3, label=label_of)
     for name, colour in zip(names, COLOURS, strict=False):
-        known = {"force": TISSUES[name].force, "stretch": 1.0 + TISSUES[name].strain}
+        known = {"force": (TISSUES[name].force, "a suture gave way"), "stretch": (1.0 + TISSUES[name].strain, "broke")}
         if key in known:
-            axes.axhline(known[key], color=colour, linestyle="-.")
+            value, what = known[key]
+            axes.axhline(value, color=colour, linestyle="-.")
+            axes.annotate(f"{name}: {what}", (1.0, value), va="bottom", fontsize=6, color=colour)
     axes.set(xlabel="drawn [mm]", ylabel=label)
     if key != "stretch":
         axes.set_yscale("log")
-    axes.legend(fontsize=6)
 
 
 def curves(axes: Axes, rows: Sequence[Row]) -> None:
@@ -406,7 +421,9 @@ def curves(axes: Axes, rows: Sequence[Row]) -> None:
     for name, colour, marker in zip(dict.fromkeys(row.name for row in rows), COLOURS, MARKERS, strict=False):
         of = TISSUES[name]
         x = np.linspace(1.0, 1.0 + of.strain, 60)[1:]
-        axes.plot(x, [of.incompressible(at) / MEGA for at in x], color=colour, label=f"{name}: fitted")
+        axes.plot(x, [of.incompressible(at) / MEGA for at in x], color=colour, label=f"{name}: fitted, incompressible")
+        own = [of.nominal(at) / MEGA for at in x]
+        axes.plot(x, own, "--", color=colour, label=f"of ν = {POISSON:g}, as the organ")
         axes.plot(1.0 + of.strain, of.stress / MEGA, "*", color=colour, markersize=10, label="where strips broke")
         runs = [row for row in rows if row.name == name and not row.variant and not row.failed]
         nominal = [row.force / (WIDTH * of.thickness) / MEGA for row in runs]
