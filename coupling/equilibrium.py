@@ -71,10 +71,11 @@ def static_problem(
     tie: float,
     answer: Answer[Body],
     first: State[Body],
+    began: float,
 ) -> Problem[Body]:
     """Return the problem of equilibrium at the part `share` of the loads. `tie` [1/s²] ties each point to where it is
-    in `state`. Friction opposes the way from `first`, the start of the load step; what is drawn through is counted
-    from there; hands pull with all of the force that they have then."""
+    in `state`. Friction opposes the way from `first`, and what is drawn through is counted from there; hands draw and
+    ties hold as in a load step that `began` then [s], with all of the force that they have at its end."""
     time = share * duration
     load = share * end_load(system, duration)
     by_hand = system.drawn_lengths(first.time, time), system.pulling_forces(time)
@@ -87,7 +88,7 @@ def static_problem(
         load=load,
         answer=answer,
         rows=system.rows & state.present[:, None],
-        law=law_of(system, first.s, state.present, 0.0, first.s, *by_hand, first.time),
+        law=law_of(system, first.s, state.present, 0.0, first.s, *by_hand, began),
         stiffen=True,
         frame=state.frame,
         layers=layers_at(system, state.s, state.N, state.present),
@@ -96,31 +97,44 @@ def static_problem(
 
 
 def settle(
-    system: System[Body], state: State[Body], share: float, duration: float, given: Answer[Body] | None = None
+    system: System[Body],
+    state: State[Body],
+    share: float,
+    duration: float,
+    given: Answer[Body] | None = None,
+    began: float | None = None,
 ) -> Step[Body]:
-    """Solve for equilibrium at the part `share` of the final loads; `given` is the organ's answer, None: that at rest.
+    """Solve for equilibrium at the part `share` of the final loads; `given` is the organ's answer, None: that at rest;
+    `began` [s], the start of the load step where the state is one on its way, which hands have not let go of yet.
     Raises `EquilibriumError`.
 
     Rough holes hold the thread while it is tied; where it has a long way to slide, they let it slide on the way too.
     """
+    began = state.time if began is None else began
     try:
-        return relax_ties(system, state, share, duration, True, given)
+        return relax_ties(system, state, share, duration, True, given, began)
     except EquilibriumError:
         if not system.rough.any():
             raise
-    return relax_ties(system, state, share, duration, False, given)
+    return relax_ties(system, state, share, duration, False, given, began)
 
 
 def relax_ties(
-    system: System[Body], state: State[Body], share: float, duration: float, hold: bool, given: Answer[Body] | None
+    system: System[Body],
+    state: State[Body],
+    share: float,
+    duration: float,
+    hold: bool,
+    given: Answer[Body] | None,
+    began: float,
 ) -> Step[Body]:
     """Reach equilibrium by ties that are weakened and dropped; `hold`: the rough holes hold the thread meanwhile;
-    `given` is the organ's answer, None: that at rest."""
+    `given` is the organ's answer, None: that at rest; `began` as for `settle`."""
     answer = ask_organ(system, Equilibrium(), [state], duration, share) if given is None else given
     tie, now, failed = first_tie(system, state) * LAID_TIE if state.time == 0.0 else 0.0, state, None
     failures = ATTEMPTS if answer.linear else FAILURES
     for _ in range(ATTEMPTS):
-        problem = static_problem(system, now, share, duration, tie, answer, state)
+        problem = static_problem(system, now, share, duration, tie, answer, state, began)
         if hold and tie > 0.0:
             problem = replace(problem, law=prescribed(problem.law, problem.law.rough, np.zeros(system.holds)))
         first = guess(problem, now, state.sigma if hold else now.sigma)
@@ -292,7 +306,7 @@ def creep(system: System[Body], organ: Creeping, state: State[Body], share: floa
     for _ in range(CREEPS):
         try:
             given = organ.creep(now.organ, duration, share, pace) if pace > LAST_PACE else None
-            step = settle(system, now, share, duration, given)
+            step = settle(system, now, share, duration, given, state.time)
         except OrganError as error:
             failed, pace = replace(failed, cause=str(error)), HARDER * pace
             continue
@@ -337,5 +351,5 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
         way = max(np.abs(b - a).max(initial=0.0) for a, b in zip(before[seen], after[seen], strict=True))
         if way <= PAIRED * system.thread.section.diameter or not after[1].any():
             break
-        out.append(settle(system, out[-1].new, share, duration))
+        out.append(settle(system, out[-1].new, share, duration, began=step.old.time))
     return out[1:]

@@ -118,7 +118,7 @@ def law_of(
     injected = np.asarray(pulls * (present & ~tied & (by_force | system.of_ties)), dtype=np.float64)
     strands = system.strands[present[system.strands].all(axis=1)]
     loops = joined_loops(system, s_old, present, drawn_ties, in_hand)
-    by_hand, s_held, own = in_hand | drawn_ties, s_old - drawn * present, system.own_friction
+    by_hand, s_held, own = in_hand | drawn_ties, s_old - drawn * (present & by_length), system.own_friction
     return Law(
         s_old, s_held, *system.friction, rough, may_slide, inertia, s_free, injected, strands, loops, by_hand, own
     )

@@ -29,7 +29,7 @@ from thread.arrays import Array, Indices
 from thread.knots import clamped_knots
 from thread.spline import FALLING, ORDERS, POWER, Spline
 
-SLACK = 0.05  # spans at a hole over ℓ below which the tension changes c by less than 1e-3 of itself
+SLACK = 0.05  # spans at a hole over ℓ below which the tension changes c by less than 4e-3 of itself
 REACH = 6  # spans on each side of that of the hole; what a spline feels of its patch's ends falls by 0.27 a span
 
 POWERS = np.arange(7)  # of s on a span, in which c is a polynomial

@@ -191,7 +191,9 @@ EVENT: tuple[Column[Event], ...] = (
         lambda event: event.kind,
     ),
     text(
-        "piercing", "name of the piercing or tie; empty for `cut`, `halved` and `knots`", lambda event: event.piercing
+        "piercing",
+        "name of the piercing or tie; empty for `cut`, `halved`, `snaps` and `knots`",
+        lambda event: event.piercing,
     ),
     Column("s", "m", "abscissa of the thread in the hole, or of the cut", lambda event: event.s),
     Column("energy", "J", "change of kinetic and elastic energy: `work` less `loss`", lambda event: event.energy),

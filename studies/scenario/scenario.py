@@ -16,7 +16,7 @@ from studies.scenario.names import name_faults
 from studies.scenario.organ import LIPS, GivenMesh, Tissue, boundaries_of, unknown_clamp
 from studies.scenario.piercing import Piercing, place_refusal
 from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
-from studies.scenario.solve import Output, Solve
+from studies.scenario.solve import WHOLE, Output, Solve
 from studies.scenario.table import ScenarioError, ScenarioTable, repetition
 from studies.scenario.thread import ClampedEnd, Cut, End, PulledEnd, Thread
 from studies.scenario.tie import Tie, tie_fault
@@ -237,6 +237,24 @@ class Scenario(ScenarioTable):
         if hasty is not None:
             reason = "the loop is closed and locked at the end of one step, and never drawn; take shorter steps, or "
             raise ValueError(refusal(dotted_key(["tie", hasty.name, "until"]), hasty.until, reason + "a later time"))
+        return self
+
+    @model_validator(mode="after")
+    def _check_hands(self) -> Self:
+        solve = self.solve
+        for hole in self.piercing if solve.kind == "static" else ():
+            if hole.kind != "sliding" or not hole.draw:
+                continue
+            (first, length), number = hole.draw[0], solve.step_by(hole.draw[0][0])
+            begins = number * solve.duration / solve.load_steps
+            late = begins - first > WHOLE * solve.duration
+            if late and any(time < begins and later != length for (time, _), (_, later) in pairwise(hole.draw)):
+                reason = (
+                    f"through a hole in which the thread slides a hand draws from the end of a load step on, none ends "
+                    f"at {first} s, and what it draws until {begins:.6g} s would be left out; take as many load steps "
+                    "as one of them ends there, or begin then"
+                )
+                raise ValueError(refusal(dotted_key(["piercing", hole.name, "draw"]), hole.draw, reason))
         return self
 
     @model_validator(mode="after")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling.equilibrium import load_step
+from coupling.equilibrium import load_step, pair_lips
 from coupling.errors import CouplingError
 from coupling.sliding import force_along_thread, law_of
 from coupling.system import Friction, Piercing, State
@@ -148,6 +148,7 @@ def test_other_ways_refuse_a_pull() -> None:
             Piercing("hole", slides=slides, pull=pull, draw=late)
 
 
+NOTHING = np.zeros(0)
 MU, TAIL = 0.2, 0.05  # -, N: beyond the ring the thread is pulled by that
 BENT = 0.03  # of the ratio of the tensions: what the elastica takes that turns in the ring, of no radius
 
@@ -195,3 +196,53 @@ def test_a_hand_tightens_holds_and_lets_go(solve: dict[str, Any]) -> None:
     energy = records[-1].energy
     turned = energy.external_work + energy.numerical_dissipation  # a path with a corner is laid under tension
     assert energy.friction_dissipation > 0.0 and abs(energy.balance_error) <= RESIDUAL * turned
+
+
+def test_a_hand_has_the_thread_to_the_end_of_its_load_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: lips that slide are paired anew at the end of a load step, where the hand still holds what it
+    lets go in the next one: the same equilibrium, with the thread where it held it."""
+    simulation = prepare(parse(scheduled(kind="static", load_steps=10, duration=1.0)))
+    system, state = simulation.assembly.system, simulation.start
+    for share in (0.2, 0.4, 0.6):
+        state = load_step(system, state, share, 1.0)[-1].new
+    held = load_step(system, state, 0.7, 1.0)[-1]
+    slid = iter([0.0, 1.0, 1.0, 1.0])
+    monkeypatch.setattr(type(system.organ), "lips", lambda *_: (NOTHING, np.ones(1), np.array([next(slid)])))
+    (again,) = pair_lips(system, held, 0.7, 1.0)
+    assert abs(again.new.s[1] - held.new.s[1]) <= IDENTITY * held.new.s[1]
+    assert again.new.lam[1, :3] == pytest.approx(held.new.lam[1, :3], rel=RESIDUAL, abs=RESIDUAL)
+
+
+def test_no_thread_is_drawn_by_a_hand_that_does_not_have_it_yet() -> None:
+    """Independent check: a hand that takes the thread within a load step has it from the next one on; until then it
+    stays where it sticks by friction."""
+    table = scheduled(kind="static", load_steps=2, duration=1.0)
+    ring = table["piercing"][1]
+    del ring["pull"]
+    ring |= {"friction": {"static": 0.1, "kinetic": 0.1, "grip": 5.0}, "draw": [[0.5, 0.0], [1.0, 1e-4]]}
+    simulation = prepare(parse(table))
+    stuck = load_step(simulation.assembly.system, simulation.start, 0.75, 1.0)[-1].new
+    assert stuck.sigma[1] == 0.0 and abs(stuck.s[1] - simulation.start.s[1]) <= IDENTITY * 1e-4
+
+
+def test_a_hand_that_no_load_step_begins_with_is_refused() -> None:
+    """Independent check: it would leave out what it draws until the next one begins. A hand that only holds may come
+    late, and in time no step is so long."""
+    table = scheduled(kind="static", load_steps=2, duration=1.0)
+    ring = table["piercing"][1]
+    del ring["pull"]
+    for steps, rows, fits in (
+        (2, [[0.25, 0.0], [0.75, 1e-4]], False),
+        (4, [[0.25, 0.0], [0.75, 1e-4]], True),
+        (2, [[0.25, 1e-4], [0.75, 1e-4]], True),
+        (2, [[0.25, 0.0], [0.5, 0.0], [0.75, 1e-4]], True),
+    ):
+        table["solve"]["load_steps"], ring["draw"] = steps, rows
+        if fits:
+            Scenario.model_validate(table)
+        else:
+            with pytest.raises(ValueError, match=r"piercing\.ring\.draw = .*none ends at 0\.25 s"):
+                Scenario.model_validate(table)
+    table["solve"] = {"dt": 3e-2, "duration": 1.0}
+    ring["draw"] = [[0.25, 0.0], [0.75, 1e-4]]
+    Scenario.model_validate(table)
