@@ -198,6 +198,8 @@ def let_down_friction(problem: Problem[Body], held: Iterate) -> Solution[Body]:
     pull, bound = np.abs(force_along_thread(law, at, z.s, z.lam, z.y)), static_bound(law, at, z.lam, z.y)
     firm = float(np.max(pull / np.maximum(bound, np.finfo(float).tiny), where=law.rough, initial=1.0))
     iterations, failed = 0, StepError(problem.time - problem.dt, problem.dt, "the friction could not be let down")
+    if firm > LOOSER**-ATTEMPTS:  # a hole that nothing presses on rubs by no factor
+        raise failed
     for _ in range(ATTEMPTS):
         factor = max(1.0, ratio * firm)
         try:
