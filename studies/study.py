@@ -94,8 +94,10 @@ def each(jobs: Sequence[Job]) -> Iterator[Any]:
         for job in jobs:
             yield from rows_of(job)
     else:
-        for rows in in_order(workers.done(all_rows, jobs)):
-            yield from rows
+        for outcome in in_order(workers.done(outcome_of, jobs)):
+            if isinstance(outcome, Exception):
+                raise outcome
+            yield from outcome
 
 
 def rows_of(job: Job) -> Iterator[Any]:
@@ -104,9 +106,13 @@ def rows_of(job: Job) -> Iterator[Any]:
     yield from ([given] if is_dataclass(given) else given)
 
 
-def all_rows(job: Job) -> list[Any]:
-    """Return the rows of a job."""
-    return list(rows_of(job))
+def outcome_of(job: Job) -> list[Any] | Exception:
+    """Return the rows of a job, or the error that it ends with: one raised where it is met would come before the rows
+    of jobs ahead of it that take longer."""
+    try:
+        return list(rows_of(job))
+    except Exception as error:
+        return error
 
 
 def study(name: str) -> Study:

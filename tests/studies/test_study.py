@@ -2,6 +2,7 @@
 
 import csv
 import json
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -64,6 +65,7 @@ def job(length: float) -> Row:
     """A row of a job, or an error of the coupling."""
     if length < 0.0:
         raise StepError(0.1, 1e-3, "no length is negative", "entry")
+    time.sleep(0.5 if length == 1.0 else 0.0)  # the error is met while this one is done
     return Row("job", length)
 
 
