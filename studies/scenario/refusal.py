@@ -54,7 +54,10 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
 def sentences(error: ValidationError, model: type[BaseModel], data: object) -> list[str]:
     """Write one sentence for each fault that pydantic found in ``data`` when it was read as ``model``."""
     details = error.errors(include_url=False)[:MOST_DETAILS]
-    return [_sentence(detail, model, data) for detail in details if not _follows(detail, details)]
+    unknown = [detail["loc"] for detail in details if detail["type"] == "extra_forbidden"]
+    meant = {(*loc[:-1], nearest(str(loc[-1]), _keys(_place(loc, model, data).table))) for loc in unknown}
+    wanted = (detail for detail in details if detail["type"] != "missing" or detail["loc"] not in meant)  # but misspelt
+    return [_sentence(detail, model, data) for detail in wanted if not _follows(detail, details)]
 
 
 def refusal(key: str, value: object, reason: str) -> str:
@@ -153,11 +156,13 @@ def _place(loc: Sequence[int | str], model: type[BaseModel], data: object) -> Pl
     table: type[BaseModel] = model
     field: str | None = None
     kind: Any = model
+    tagged = False
     for step in loc:
         models = _models(kind)
-        if isinstance(step, str) and step in models:
-            kind = models[step]
+        if isinstance(step, str) and step in models and not tagged:  # a key may be called like the kind of its table
+            kind, tagged = models[step], True
             continue
+        tagged = False
         data, name = _item(data, step)
         parts.append(name)
         if isinstance(step, str) and models:

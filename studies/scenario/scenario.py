@@ -250,9 +250,9 @@ class Scenario(ScenarioTable):
             late = begins - first > WHOLE * solve.duration
             if late and any(time < begins and later != length for (time, _), (_, later) in pairwise(hole.draw)):
                 reason = (
-                    f"through a hole in which the thread slides a hand draws from the end of a load step on, none ends "
-                    f"at {first} s, and what it draws until {begins:.6g} s would be left out; take as many load steps "
-                    "as one of them ends there, or begin then"
+                    f"through a hole in which the thread slides a hand draws from the end of a load step on, and none "
+                    f"ends at {first} s: what it draws until {begins:.6g} s would be left out; begin at {begins:.6g} "
+                    f"s, or choose solve.load_steps so that one ends at {first} s"
                 )
                 raise ValueError(refusal(dotted_key(["piercing", hole.name, "draw"]), hole.draw, reason))
         return self

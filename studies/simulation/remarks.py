@@ -414,8 +414,8 @@ def moved_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
         remark(
             "moved",
             hole.name,
-            f"{hole.name!r} is {hole.moved / MILLI:.3g} mm from its near, more than {MOVED:g} times its footprint of "
-            f"{hole.footprint / MILLI:.3g} mm; is it on the surface that was meant?",
+            f"{hole.name!r} is {hole.moved / MILLI:.3g} mm from where its key near is, more than {MOVED:g} times its "
+            f"footprint of {hole.footprint / MILLI:.3g} mm; is it on the surface that was meant?",
         )
         for hole in holes
         if hole.moved is not None and hole.moved > MOVED * hole.footprint

@@ -73,6 +73,7 @@ REFUSED = [
     (f"{WOUND.replace('0.008', '0.03')}}}", ["tissue.mesh.depth = 0.03", "0.02 m high"]),
     (f"{WOUND.replace('length=0.02', 'length=0.05')}}}", ["tissue.mesh.length = 0.05", "0.04 m long"]),
     ("tissue.mesh={kind='file',path='a.stl'}", ["tissue.mesh.h is missing", "filled"]),
+    ("tissue.mesh={kind='file',path='a.msh',file='a.msh'}", ["tissue.mesh.file = ", "no such key", "path"]),
     ("tissue.mesh={kind='file',path='a.msh',h=1e-3}", ["tissue.mesh.h = 0.001", "tetrahedra already", ".stl"]),
     ("tissue.mesh={kind='file',path='a.stl',h=1e-3,h_site=2e-3}", ["tissue.mesh.h_site = 0.002", "not exceed"]),
     ("tissue.mesh.growth=1.0", ["tissue.mesh.growth = 1.0", "greater than 1"]),
@@ -313,6 +314,17 @@ def test_a_missing_key_is_named(key: str) -> None:
     del data["tissue"][key]
     with pytest.raises(ScenarioError, match=rf"tissue\.{key} is missing: write for example"):
         parse(data)
+
+
+def test_a_misspelt_key_is_not_missing_too() -> None:
+    """Independent check: one sentence for one fault, with the key that was meant."""
+    data = tomllib.loads(CONTRACT)
+    data["tissue"]["young_modulus"] = data["tissue"].pop("youngs_modulus")
+    with pytest.raises(ScenarioError) as caught:
+        parse(data)
+    assert len(caught.value.problems) == 1, caught.value.problems
+    assert "tissue.young_modulus = " in caught.value.problems[0]
+    assert "the nearest is tissue.youngs_modulus;" in caught.value.problems[0]
 
 
 def test_a_thread_without_material_is_told_both_ways() -> None:
