@@ -141,8 +141,10 @@ def layer_work(step: Step[Body]) -> float:
     if layers is not None and old.layers is not None and np.array_equal(layers, old.layers):
         return 0.0
     system, y = step.solution.problem.system, step.solution.iterate.y
-    c = np.mean([lack_at(system, s, old.layers) - lack_at(system, s, layers) for s in (old.s, new.s)], axis=0)
     before, after = system.passage_of(old), step.solution.residual.passage
+    there = before.c[:, 0] - lack_at(system, old.s, layers)
+    here = lack_at(system, new.s, old.layers) - lack_at(system, new.s, layers)
+    c = 0.5 * (there + here)
     across = parts(before, old.lam, old.y).across, parts(after, new.lam, y).across
     m = force_on_tangent(old.lam, old.y), force_on_tangent(new.lam, y)
     mixed = dot(old.lam[:, :3], m[1]) + dot(new.lam[:, :3], m[0])

@@ -55,8 +55,7 @@ def diagnose(system: System[Body], state: State[Body], error: StepError) -> Coup
 
 def collapsed_frames(system: System[Body], state: State[Body]) -> list[str]:
     """Describe the directed holes whose frames hardly say a direction any more, one sentence each."""
-    size = np.linalg.norm(np.cross(state.y[:, 3:6], state.y[:, 6:]), axis=1)
-    directed = system.rows[:, 3] & state.present
+    size, directed = frame_areas(state.y), system.rows[:, 3] & state.present
     names = hold_names(system)
     return [
         f"the frame of {names[k]} has shrunk to {size[k]:.2g} of its area, as a linear organ's does by the cosine of "
@@ -64,6 +63,11 @@ def collapsed_frames(system: System[Body], state: State[Body]) -> list[str]:
         "or tissue at finite strain (tissue.material)"
         for k in np.flatnonzero(directed & (size < COLLAPSED))
     ]
+
+
+def frame_areas(y: Array) -> Array:
+    """Return |u × v| of the frames of site variables `y` (m, 9), shape `(m,)` [-]."""
+    return np.asarray(np.linalg.norm(np.cross(y[:, 3:6], y[:, 6:]), axis=1))
 
 
 def tangent_faults(system: System[Body], state: State[Body], at: Passage) -> list[str]:

@@ -203,12 +203,11 @@ class Run(Generic[Body]):
         """Return the run with the ties that begin or are locked later than `earlier` [s]. Raises `FormingError`."""
         state, due = self.state, []
         for k, tie in enumerate(self.system.ties):
-            due_now = tie.is_locked(state.time) and not tie.is_locked(earlier)
-            if due_now and state.present[self.system.strands[k, 0]]:
+            begun = state.present[self.system.strands[k, 0]]
+            if begun and tie.is_locked(state.time) and not tie.is_locked(earlier):
                 state, event = lock_tie(self.system, state, k)
                 due.append(event)
-            begun = state.present[self.system.strands[k, 0]]
-            if is_due(tie.begins, earlier, state.time, dt) and not begun:
+            elif not begun and is_due(tie.begins, earlier, state.time, dt):
                 state, event = begin_tie(self.system, state, k)
                 due.append(event)
         if not due:

@@ -19,7 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from coupling.adaptivity import span_ratio
-from coupling.diagnosis import COLLAPSED
+from coupling.diagnosis import COLLAPSED, frame_areas
 from coupling.errors import CouplingError, InversionError, StepError, UphillError
 from studies.campaign.generator import KINDS, Case, cases
 from studies.figure import COLOURS, panels
@@ -115,8 +115,7 @@ def run(case: Case, most: int) -> Row:
 
 def cause_of(error: CouplingError, now: OrganRun) -> str:
     """Name the cause of an error, from what it is and the state before it."""
-    normals = np.cross(now.state.y[:, 3:6], now.state.y[:, 6:])
-    smallest = np.linalg.norm(normals, axis=1)[now.state.present].min(initial=1.0)
+    smallest = frame_areas(now.state.y)[now.state.present].min(initial=1.0)
     if isinstance(error, InversionError):
         if span_ratio(now.system, now.state) > LAYER:
             return "flip: spans longer than the bending layer"

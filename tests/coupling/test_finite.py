@@ -18,15 +18,13 @@ from coupling.stepping import Step, dynamic_problem, organ_answer, predict
 from coupling.system import System
 from tests.bounds import RESIDUAL, TWO_SOLVERS
 from tests.coupling.test_answer import size
-from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, SITES, Array, X, Z, hairpin, hairpin_system, laid, taken
-from thread.ends import Fixed, Pulled
+from tests.thread.threads import SITES, Array, X, pulled_hairpin, taken
 from tissue.materials.isotropic import Exponential
 from tissue.organs import finite
 from tissue.organs.finite import Forces
 
 DT, STEPS, E = 2e-3, 5, 2.0e4
 FIBRE = np.array([0.3, 0.1, 1.0])
-START = hairpin(RADIUS, LENGTH)(np.array([0.0]))[0]
 PULL = np.array([0.1, 0.04, 0.4])
 SQUARED = 10.0  # what a residual may be of the square of the one before it
 TURNED = 1e-9  # of each number: the scene turned is rounded anew, and solved to 1e-10
@@ -70,11 +68,8 @@ def organ(element: str, inertia: bool, direction: Any, R: Array = np.eye(3), **o
 def scene(name: str, R: Array = np.eye(3), **options: Any) -> tuple[System, Any]:  # noqa: B008
     """The hairpin in that block: its start is held, its end drawn up and sideways within the run."""
     element, inertia, direction = CASES[name]
-    ends = Fixed(R @ START), Pulled(R @ PULL, STEPS * DT)
     made = organ(element, inertia, direction, R, **({"damping": 3.0} if inertia else {}) | options)
-    system = hairpin_system(made, ends, 40, gravity=R @ (-9.81 * Z))
-    path = hairpin(RADIUS, LENGTH)
-    return system, laid(system, ABSCISSAE, lambda s: path(s) @ R.T)
+    return pulled_hairpin(made, PULL, STEPS * DT, R)
 
 
 @cache

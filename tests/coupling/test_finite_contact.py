@@ -22,13 +22,11 @@ from meshes.grading import Grading
 from meshes.wound import Wound, lips, wounded_block_structured
 from tests.bounds import IDENTITY
 from tests.coupling.test_finite import TURNED, close, rotation
-from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, SITES, Array, Z, hairpin, hairpin_system, laid, taken
+from tests.thread.threads import SITES, Array, pulled_hairpin, taken
 from tests.tissue.wounds import SIZE, opened
-from thread.ends import Fixed, Pulled
 from tissue.materials.isotropic import Exponential
 
 DT, STEPS, WIDTH = 2e-3, 6, 1e-3
-START = hairpin(RADIUS, LENGTH)(np.array([0.0]))[0]
 PULL = np.array([-0.1, 0.02, 0.3])  # across the wound and up, harder on one side: a part of the lips meets
 FIBRE = np.array([0.3, 0.1, 1.0])
 STILL: Array = np.eye(3)
@@ -59,10 +57,7 @@ def scene(name: str, turned: bool = False) -> tuple[System, State]:
     gaps = tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], R[:, 0])
     hyper = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, 3.0))
     organ = tissue.FiniteOrgan(body, sites, R @ (0, 0, -9.81), gaps=gaps, hyper=hyper, inertia=inertia)
-    ends = Fixed(R @ START), Pulled(R @ PULL, STEPS * DT)
-    system = hairpin_system(organ, ends, 40, gravity=R @ (-9.81 * Z))
-    path = hairpin(RADIUS, LENGTH)
-    return system, laid(system, ABSCISSAE, lambda s: path(s) @ R.T)
+    return pulled_hairpin(organ, PULL, STEPS * DT, R)
 
 
 @cache

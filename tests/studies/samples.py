@@ -19,6 +19,34 @@ from studies.output.records import (
 from studies.output.remarks import Remark
 from studies.scenario import Scenario
 
+ANCHORED = """
+[tissue]
+youngs_modulus = 1.0e5
+poisson_ratio = 0.45
+density = 1070.0
+inertia = false
+clamp = ["bottom"]
+[tissue.mesh]
+kind = "block"
+generator = "structured"
+size = [0.04, 0.03, 0.015]
+h = 5.0e-3
+[thread]
+suture = "2-0 polypropylene"
+control_points = 40
+path = [[0, 0, -0.008], [0, 0, 0.03]]
+end = { kind = "pulled", force = [0, 0, 0.05] }
+[[piercing]]
+name = "anchor"
+at = [0, 0, 0]
+kind = "anchored"
+direction = "normal"
+footprint = 2.0e-3
+[solve]
+kind = "static"
+load_steps = 2
+"""
+
 CONTRACT = """
 title = "two piercings, needle pulled"
 

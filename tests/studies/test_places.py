@@ -20,6 +20,7 @@ from studies.simulation.sharing import Shared, Unshared
 from tests.bounds import IDENTITY
 from tests.meshes.samples import NEEDS_GMSH
 from tests.meshes.test_skin import sphere
+from tests.studies.samples import ANCHORED
 
 BLOCK = {"kind": "block", "size": [0.06, 0.04, 0.02], "h": 5e-3, "generator": "structured"}
 RADIUS, LONG = 0.01, 0.04
@@ -109,35 +110,9 @@ def test_a_place_on_a_surface_file_makes_a_hole(tmp_path: Path) -> None:
 
 # -- what is said of it ----------------------------------------------------------------------------------------------
 
-RUN = """
-[tissue]
-youngs_modulus = 1.0e5
-poisson_ratio = 0.45
-density = 1070.0
-inertia = false
-clamp = ["bottom"]
-[tissue.mesh]
-kind = "block"
-generator = "structured"
-size = [0.04, 0.03, 0.015]
-h = 5.0e-3
-h_site = 2.5e-3
-[thread]
-suture = "2-0 polypropylene"
-control_points = 40
-path = [[0, 0, -0.008], [0, 0, 0.03]]
-end = { kind = "pulled", force = [0, 0, 0.05] }
-[[piercing]]
-name = "anchor"
-at = "surface"
-near = [0.0, 0.0, 0.006]
-kind = "anchored"
-direction = "normal"
-footprint = 2.0e-3
-[solve]
-kind = "static"
-load_steps = 2
-"""
+RUN = ANCHORED.replace("h = 5.0e-3", "h = 5.0e-3\nh_site = 2.5e-3").replace(
+    "at = [0, 0, 0]", 'at = "surface"\nnear = [0.0, 0.0, 0.006]'
+)
 
 
 def test_a_run_says_by_how_much_a_hole_was_moved_and_runs_again(

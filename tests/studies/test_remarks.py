@@ -43,7 +43,7 @@ from studies.simulation import remarks as judging
 from studies.simulation.simulation import Simulation
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED
 from tests.bounds import IDENTITY
-from tests.studies.samples import CONTRACT, LINEAR, Stub, frame, framing, step
+from tests.studies.samples import ANCHORED, CONTRACT, LINEAR, Stub, frame, framing, step
 
 ROUND = 1e-9  # of a bound: what is said beyond it is said this far beyond, and not this far within
 STEPS = 12
@@ -181,39 +181,10 @@ def test_the_catalogue_has_every_code_once_and_each_is_judged() -> None:
 # -- scenes ----------------------------------------------------------------------------------------------------------
 
 
-SCENE = """
-[tissue]
-youngs_modulus = 1.0e5
-poisson_ratio = 0.45
-density = 1070.0
-inertia = false
-clamp = ["bottom"]
-[tissue.mesh]
-kind = "block"
-generator = "structured"
-size = [0.04, 0.03, 0.015]
-h = 5.0e-3
-[thread]
-suture = "2-0 polypropylene"
-control_points = 40
-path = [[0, 0, -0.008], [0, 0, 0.03]]
-end = { kind = "pulled", force = [0, 0, 0.05] }
-[[piercing]]
-name = "anchor"
-at = [0, 0, 0]
-kind = "anchored"
-direction = "normal"
-footprint = 2.0e-3
-[solve]
-kind = "static"
-load_steps = 2
-"""
-
-
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
     path = tmp_path / "scene.toml"
-    path.write_text(SCENE, encoding="utf-8")
+    path.write_text(ANCHORED, encoding="utf-8")
     return path
 
 

@@ -16,7 +16,7 @@ from coupling.stepping import Step, advance, try_step
 from coupling.system import Piercing, State, System
 from tests.bounds import IDENTITY, SLOPE
 from thread.banded import diagonal_of
-from thread.ends import End, Free
+from thread.ends import End, Fixed, Free, Pulled
 from thread.frames import Frame
 from thread.knots import uniform_knots
 from thread.quadrature import gauss_rule
@@ -190,6 +190,15 @@ def hairpin_system(organ: Any, ends: tuple[End, End], n: int = 40, holes: Any = 
     """The hairpin through two holes of an organ."""
     holes = (Piercing("entry"), Piercing("exit")) if holes is None else holes
     return System(uniform(LENGTH, n), ends, organ, holes, **options)
+
+
+def pulled_hairpin(organ: Any, pull: Array, ramp: float, R: Array) -> tuple[System, State]:
+    """The hairpin in an organ, turned by `R`: its start is held, its end drawn by R `pull` [N] that grows within `ramp`
+    [s], under gravity."""
+    path = hairpin(RADIUS, LENGTH)
+    ends = Fixed(R @ path(np.array([0.0]))[0]), Pulled(R @ pull, ramp)
+    system = hairpin_system(organ, ends, 40, gravity=R @ (-9.81 * Z))
+    return system, laid(system, ABSCISSAE, lambda s: path(s) @ R.T)
 
 
 def moving(state: State, v: Array) -> State:
