@@ -345,7 +345,8 @@ def load_step(
 
 def pair_lips(system: System[Body], step: Step[Body], share: float, duration: float) -> list[Step[Body]]:
     """Find the equilibrium again while the lips, which a step pairs as they were at its start, slide on its way, or
-    their gaps change where an organ at finite strain turns them. Raises `StepError`."""
+    their gaps change where an organ at finite strain turns them; with friction they rub along the way from the start of
+    the load step. Raises `StepError`."""
     out = [step]
     seen = slice(2, 3) if step.solution.problem.answer.linear else slice(0, 3, 2)
     while len(out) <= PAIRINGS:
@@ -353,5 +354,6 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
         way = max(np.abs(b - a).max(initial=0.0) for a, b in zip(before[seen], after[seen], strict=True))
         if way <= PAIRED * system.thread.section.diameter or not after[1].any():
             break
-        out.append(settle(system, out[-1].new, share, duration, began=step.old.time))
+        given = ask_organ(system, Equilibrium(), [out[-1].new, step.old], duration, share)
+        out.append(settle(system, out[-1].new, share, duration, given, step.old.time))
     return out[1:]
