@@ -67,6 +67,7 @@ class Scenario(ScenarioTable):
         if not (isinstance(thread, dict) and isinstance(solve, dict)) or solve.get("kind") != "static":
             return table
         unable = thread.get("cuts") or thread.get("energy") == "springs" or thread.get("bending") is False
+        unable = unable or table.get("cut")
         return table if unable else table | {"thread": {"resolution": "holes"} | thread}
 
     @model_validator(mode="after")
@@ -202,11 +203,10 @@ class Scenario(ScenarioTable):
 
     @model_validator(mode="after")
     def _check_cutting(self) -> Self:
-        given = {"solve.kind": self.solve.kind, "solve.scheme": self.solve.scheme} | {
+        given = {"solve.scheme": self.solve.scheme} | {
             f"thread.{key}": getattr(self.thread, key) for key in ("resolution", "energy", "twist")
         }
         able = {
-            "solve.kind": "dynamic",
             "solve.scheme": "newton",
             "thread.resolution": "fixed",
             "thread.energy": "continuous",
