@@ -17,8 +17,8 @@ from coupling.integrators import Scheme
 Body = TypeVar("Body")
 
 # Kinetic and elastic energy at the end of a step, and what was done during it [J]: the work of weight and loads, what
-# viscous damping took, and what the integrator took (contact's −p⁺·Δg with it).
-OrganEnergies = tuple[float, float, float, float, float]
+# viscous damping took, and what the integrator took (contact's −p⁺·Δg with it); and what a prestretch stores [J].
+OrganEnergies = tuple[float, float, float, float, float, float]
 
 
 class Answer(Protocol[Body]):

@@ -80,10 +80,10 @@ class Springs:
     def lips(self, state: Array) -> tuple[Array, Array, Array]:
         return NOTHING, NOTHING, NOTHING
 
-    def energies(self, old: Array, new: Array) -> tuple[float, float, float, float, float]:
+    def energies(self, old: Array, new: Array) -> tuple[float, float, float, float, float, float]:
         stored = [0.5 * float(np.sum((y - self.y0) ** 2)) / self.give for y in (old, new)]
         taken = float((new - self.y0) @ (new - old)) / self.give - (stored[1] - stored[0])
-        return 0.0, stored[1], 0.0, 0.0, taken
+        return 0.0, stored[1], 0.0, 0.0, taken, 0.0
 
 
 def loop(places: Array, give: float, points: int = 100, **tie: Any) -> tuple[System[Array], State[Array]]:

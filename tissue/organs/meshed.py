@@ -95,13 +95,15 @@ class TimeScheme(Protocol):
 
 
 class OrganEnergies(NamedTuple):
-    """Energies at the end of a step and work done during it [J]."""
+    """Energies at the end of a step and work done during it [J]; `prestretch` is what a
+    prestretch stores in the reference shape, where the organ is not deformed."""
 
     kinetic: float
     elastic: float
     load_work: float
     viscous: float
     numerical: float
+    prestretch: float = 0.0
 
 
 class Equation(NamedTuple):
