@@ -250,7 +250,7 @@ class Extremes:
             bound=self.bound if small is None else np.maximum(self.bound, small.bound),
             tension=max(self.tension, *pulls, float(norm(step.start_reaction)), float(norm(step.end_reaction))),
             thread_strain=max(self.thread_strain, step.max_strain),
-            energy=max(self.energy, energy.kinetic + energy.elastic, abs(energy.external_work)),
+            energy=max(self.energy, energy.kinetic + energy.of_deformation, abs(energy.external_work)),
             created=max(self.created, -energy.numerical_dissipation),
             layered=max(self.layered, abs(energy.layer_work)),
         )

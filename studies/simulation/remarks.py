@@ -367,7 +367,7 @@ def audited(numerical: float, extremes: Extremes) -> list[Remark]:
 def unsettled(energy: EnergyRecord, slide: float, diameter: float) -> list[Remark]:
     """Judge whether a run came to rest, by its kinetic energy and by the way `slide` [m] that a thread of a `diameter`
     [m] would slide in as long again."""
-    share = unrest(energy.kinetic, energy.elastic)
+    share = unrest(energy.kinetic, energy.of_deformation)
     if share <= SETTLED and slide <= SLID * diameter:
         return []
     text = (

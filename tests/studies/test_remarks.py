@@ -253,6 +253,18 @@ def test_lips_that_cross_at_finite_strain_are_said(scene: Path, stretch: float, 
     assert ("lips-cross" in found) == crosses
 
 
+def test_the_energy_of_a_prestretch_is_not_at_stake(scene: Path) -> None:
+    """Independent check: a block stretched by 20 % in its reference shape holds energy before anything is done to it,
+    and motion is judged by what is stored or released from then on."""
+    given = ["tissue.material=neo-hookean", "tissue.prestretch=[1.2, 1.0, 0.8333]"]
+    energies = prepare(load(scene, given)).beginning().energies
+    assert energies.elastic_tissue == energies.prestretch > 0.0
+    assert energies.at_stake < 1e-3 * energies.prestretch
+    moving = replace(energies, kinetic=0.1 * energies.prestretch, elastic_tissue=0.9 * energies.prestretch)
+    assert [each.code for each in judging.unsettled(moving, 0.0, 3e-4)] == ["not-at-rest"]
+    assert moving.at_stake == pytest.approx(0.2 * energies.prestretch, rel=1e-3)
+
+
 def test_off_path_is_said_beyond_ten_diameters(scene: Path) -> None:
     """Independent check: the path beside the hole by its bound, a little less and a little more."""
     diameter = 0.32e-3
