@@ -460,7 +460,7 @@ def along_path(assembly: Assembly) -> list[Remark]:
     path, body, scenario = assembly.path, assembly.body, assembly.scenario
     if body is None:
         return []
-    stretch, depths = path.length / assembly.system.thread.spline.end, tissue.depths(body.mesh)
+    stretch = path.length / assembly.system.thread.spline.end
     placed = [(hole, s * stretch) for hole, s in zip(assembly.holes, assembly.s, strict=True) if hole.from_ == 0.0]
     own = [(hole, at) for hole, at in placed if not isinstance(hole, Ball)]
     tracts = {tract.between: tract for tract in scenario.tract}
@@ -469,7 +469,7 @@ def along_path(assembly: Assembly) -> list[Remark]:
         tract = tracts.get((one.name, other.name))
         if tract is None:
             at = np.clip(np.linspace(first, last, LOOKS + 2)[1:-1], 0.0, path.length)
-            deepest = float(depths(path.position(at)).max())
+            deepest = float(assembly.depths(path.position(at)).max())
             out += without_tract(one.name, other.name, deepest, assembly.system.thread.section.diameter)
         else:
             balls = sum(hole.length for hole, _ in placed if isinstance(hole, Ball) and hole.tract == tract.name)
