@@ -169,6 +169,7 @@ class StepRecord:
     slide_speed: float  # largest speed of the thread in a hole [m/s]
     spans: Callable[[], float]  # makes `span_ratio`, which only the last step's is asked for
     apart: Callable[[], float]  # makes `spans_between`, likewise
+    unsettled: Callable[[], float]  # makes `unsettled_layers`, likewise
     seconds: float  # wall-clock time of this step [s]
     events: tuple[Event, ...] = ()
     contact: tuple[ContactRecord, ...] = ()  # of all surfaces that may touch
@@ -190,6 +191,12 @@ class StepRecord:
         two."""
         number = self.apart()
         return number if np.isfinite(number) else None
+
+    @property
+    def unsettled_layers(self) -> float:
+        """Part by which the length that the thread bends over at a hole differs from that which it was solved with
+        [-]."""
+        return self.unsettled()
 
     @property
     def memory(self) -> Mapping[str, NDArray[Any]] | None:

@@ -11,6 +11,7 @@ from coupling.adaptivity import span_ratio, spans_between
 from coupling.contact import ContactObservation, observe_contact
 from coupling.observation import PiercingObservation, largest_gap, largest_residual
 from coupling.system import State, System
+from coupling.tension import unsettled_layers
 from studies.arrays import Array
 from studies.output.records import (
     ContactRecord,
@@ -46,6 +47,7 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
         slide_speed=float(np.abs(state.s_dot[: len(system.piercings)]).max(initial=0.0)),
         spans=partial(span_ratio, system, state),
         apart=partial(spans_between, system, state),
+        unsettled=partial(unsettled_layers, *ends[-1][:2]),
         seconds=seconds,
         events=now.events,
         contact=contact_records(system, state),

@@ -33,6 +33,7 @@ from studies.output.remarks import (
     SMALL_ROTATION,
     SMALL_STRAIN,
     THREAD_STRAIN,
+    UNSETTLED,
     Remark,
     remark,
 )
@@ -98,6 +99,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "thread-strain": (THREAD_STRAIN, 1, lambda x: judging.overloaded(met(thread_strain=x), None)),
     "spans": (RESOLVED, 1, judging.coarse_spans),
     "spans-between": (BETWEEN, -1, judging.few_spans),
+    "bending-length": (UNSETTLED, 1, judging.unsettled_bending),
     "energy-created": (CREATED, 1, lambda x: judging.audited(0.0, met(energy=1.0, created=x))),
     "numerical-dissipation": (DISSIPATED, 1, lambda x: judging.audited(x, met(energy=1.0))),
     "layer-energy": (LAYERED, 1, lambda x: judging.audited(0.0, met(energy=1.0, layered=x))),
