@@ -170,6 +170,7 @@ class StepRecord:
     spans: Callable[[], float]  # makes `span_ratio`, which only the last step's is asked for
     apart: Callable[[], float]  # makes `spans_between`, likewise
     unsettled: Callable[[], float]  # makes `unsettled_layers`, likewise
+    stays: Callable[[], bool]  # makes `would_stay`, likewise
     seconds: float  # wall-clock time of this step [s]
     events: tuple[Event, ...] = ()
     contact: tuple[ContactRecord, ...] = ()  # of all surfaces that may touch
@@ -197,6 +198,11 @@ class StepRecord:
         """Part by which the length that the thread bends over at a hole differs from that which it was solved with
         [-]."""
         return self.unsettled()
+
+    @property
+    def would_stay(self) -> bool:
+        """Whether the thread resists every motion of its own from an equilibrium."""
+        return self.stays()
 
     @property
     def memory(self) -> Mapping[str, NDArray[Any]] | None:

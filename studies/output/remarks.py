@@ -165,6 +165,13 @@ KINDS = (
         "energy",
     ),
     Kind(
+        "would-not-stay",
+        "unsupported",
+        "at the end of a run at rest, a motion of the thread in its holes that lowers its potential",
+        "Newton's method follows equilibria beyond the point where a thread buckles, snaps or rolls over; it would "
+        "leave this one at the least disturbance",
+    ),
+    Kind(
         "bending-length",
         "unsupported",
         f"at the end of a run at rest, √(EI/T) at a hole more than {UNSETTLED:.0%} from that which it was solved with",

@@ -124,7 +124,7 @@ def met(scenario: Scenario, ending: Ending, strengths: Sequence[float], springs:
         *overloaded(extremes, strength),
         *coarse_spans(step.span_ratio),
         *few_spans(step.spans_between),
-        *([] if dynamic else unsettled_bending(step.unsettled_layers)),
+        *([] if dynamic else [*unsettled_bending(step.unsettled_layers), *unstable(step.would_stay)]),
         *(audited(step.energy.numerical_dissipation, extremes) if dynamic else []),
         *(
             unsettled(step.energy, step.slide_speed * step.time, section_of(scenario.thread).diameter)
@@ -343,6 +343,18 @@ def unsettled_bending(part: float) -> list[Remark]:
         "solve.load_steps"
     )
     return [remark("bending-length", "thread.control_points", text)]
+
+
+def unstable(would_stay: bool) -> list[Remark]:
+    """Judge whether a thread at rest would stay there."""
+    if would_stay:
+        return []
+    text = (
+        "the thread would not stay in this equilibrium: a motion in its holes lowers its potential, by which it "
+        'buckles, snaps or rolls over; take solve.kind = "dynamic", in which it goes where it falls, or lay it out of '
+        "the plane that it is balanced in"
+    )
+    return [remark("would-not-stay", "solve", text)]
 
 
 def audited(numerical: float, extremes: Extremes) -> list[Remark]:
