@@ -1,15 +1,16 @@
 """A thread that jumps to another shape: a bow that a load presses through, and a loop that closes under twist."""
 
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
 from coupling.run import Run, begin
 from coupling.stepping import bdf2_step
-from coupling.watch import TRACE
+from coupling.watch import SHARE, TRACE
+from tests.bounds import RESIDUAL
+from tests.thread.test_twist import wave
 from tests.thread.threads import ORIGIN, PP, Array, Path, X, Z, laid, uniform, without_organ
-from thread.ends import Fixed
+from thread.ends import Clamped, Fixed
 
 CHORD, SHORTER = 0.1, 4e-3  # [m] between the pinned ends; what of it the thread is longer
 NEAR = 0.05  # of the load at which the bow snaps: 0.03 are needed, of slopes of 0.11 and of the load that is not even
@@ -60,3 +61,23 @@ def test_a_bow_of_thread_snaps_through(share: float, through: bool) -> None:
     assert abs(middle / height - (-1.0 if through else 1.0)) <= NEAR
     assert made <= 2.0 * TRACE * run.energies.at_stake
     assert run.energies.kinetic <= 1e-2 * run.energies.elastic_thread
+
+
+def test_a_loop_closes_under_twist_and_passes_through_itself() -> None:
+    """Independent check (a closed curve that passes through itself loses two turns of its link): a bow between clamps,
+    one of which is turned, stands up out of its plane and closes to a loop. A thread does not touch itself, so the loop
+    opens on the other side, and two turns later torque and tension are what they were; what it stored is dissipated."""
+    shorter, turns = 0.45, 28  # of the length; steps to a turn
+    turn = np.array([[0.0, 0.0], [1e3, 1e3 * 2.0 * np.pi / (turns * 4e-3)]])
+    thread = uniform(CHORD, 22, twist=True, damping=60.0)
+    system = without_organ(thread, (Clamped(ORIGIN, X), Clamped((1.0 - shorter) * CHORD * X, X, turn=turn)))
+    run, made, held = begin(system, laid(system, [], wave(CHORD, (1.0 - shorter) * CHORD)), bdf2_step), 0.0, []
+    for _ in range(round(3.3 * turns)):
+        before, run = run.energies, run.step(4e-3)
+        made = max(made, before.numerical_dissipation - run.energies.numerical_dissipation)
+        held.append(run.state.reaction[1, [3, 0]])
+    before, closing, after = np.array(held)[[-1 - 2 * turns, round(2.1 * turns), -1]]
+    assert np.abs(after / before - 1.0).max() <= NEAR
+    assert closing[0] > 1.3 * before[0]
+    assert made <= SHARE * run.energies.at_stake
+    assert abs(run.energies.balance_error) <= RESIDUAL * run.energies.at_stake
