@@ -32,6 +32,7 @@ NAMES = (
     "friction",
     "mesh_refinement",
     "running_suture",
+    "stitch_patterns",
     "suture_retention",
     "suture_tension",
     "wound_closure",

@@ -1,0 +1,494 @@
+"""Stitch patterns: the pull on the first throw that closes a wound under tension, single stitch to mattress.
+
+Marsidi, Vermeulen, Horeman & Genders (J. Surg. Res. 255 (2020) 135, abstract read) closed a wound model of neoprene
+under 5 N with five stitches, and measured how hard the first throw was pulled. A loop that crosses a wound several
+times is a tackle: without friction each crossing strand bears the same, and n of them need the n-th part of the wound's
+tension. Friction takes from it at every turn.
+
+*Model.* The lips are shut and stay where they are; what the thread pulls one of them across is the wound's tension. A
+hole turns the thread by 90° at the skin and by 90° below it, each over a row of rough rings fixed in space. Both hands
+pull alike. The throw turns each strand too, over rings that belong to no lip; in a mattress stitch it lies on one side
+of the wound. One μ, of thread on skin and of thread on thread alike, is fitted to the single stitch; the other pulls
+are predictions.
+
+*Assumed.* How far a throw turns a strand is not published. Two strands that twist round one another by one and a half
+turns, the least that makes a half knot, at a pitch angle α each bend by 540° sin α: 180° to 360° for 20° to 42°. How
+the modified pulley stitch was laid the abstract does not say either, so it is not run. Sizes do not matter while the
+rings are many √(EI/T) apart.
+
+*By hand.* A strand that has turned by φ from its hand bears exp(−μφ) of the pull (capstan); a thread that bends, the
+product over the rings of `studies.friction.study.bent_ratio`.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.optimize import brentq
+
+import tissue
+from coupling.laying import start
+from coupling.run import Run, begin
+from coupling.system import Friction, Piercing, System
+from studies.arrays import Array
+from studies.figure import COLOURS, MARKERS, panels
+from studies.friction.study import bent_ratio
+from studies.study import Job, Study, StudyError, Table, each, unit_field
+from thread.catalogue import suture
+from thread.ends import Pulled
+from thread.knots import graded_knots
+from thread.path import rounded_path
+from thread.quadrature import gauss_rule
+from thread.spline import Spline
+from thread.thread import MASS_POINTS, Thread
+
+WOUND = 5.0  # tension of the wound [N]
+SUTURE = "3-0 polypropylene"  # assumed
+X, Y, Z = np.eye(3)
+RING, STRAIGHT, ARM = 4e-3, 6e-3, 8e-3  # between rings of a corner, between corners, from the last ring to a hand [m]
+SLACK = 1.005  # rest length over that of the polygon of rings: the thread begins slack, and slides towards both hands
+FINER, REACH = 4.0, 1e-3  # how much denser the knots are at a ring, and how far around it [m]
+MOST = 1.0  # coefficient of friction [-]: where a fit is looked for
+AGREES = 1.0  # standard deviations: a prediction this near is said to agree
+MODIFIED = (4.52, 0.67)  # published of the modified pulley stitch [N]
+WIDE = {"vertical mattress": 10.0}  # size of markers that others would hide [points]
+LEFT, RIGHT, THROW = "left lip", "right lip", "throw"
+
+Law = Callable[[float], float]  # ratio of tensions at one ring, by the angle that it turns the thread by [rad]
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """A stitch: its published pull and standard deviation [N], where a strand heads that comes from the throw, and the
+    corners of the loop up to the throw again, each by its new heading and the lip that it is on."""
+
+    published: float
+    spread: float
+    first: Array
+    corners: tuple[tuple[Array, str], ...]
+
+
+PATTERNS = {
+    "single": Pattern(5.69, 0.88, -X, ((-Z, LEFT), (X, LEFT), (Z, RIGHT), (-X, RIGHT))),
+    "pulley": Pattern(3.46, 0.61, -X, ((-Z, LEFT), (X, LEFT), (Z, RIGHT), (-X, RIGHT)) * 2),
+    "vertical mattress": Pattern(
+        7.25, 1.33, -X,
+        ((-Z, LEFT), (X, LEFT), (Z, RIGHT), (-X, RIGHT), (-Z, RIGHT), (-X, RIGHT), (Z, LEFT), (-X, LEFT)),
+    ),
+    "horizontal mattress": Pattern(
+        8.11, 1.00, -Y,
+        ((-Z, LEFT), (X, LEFT), (Z, RIGHT), (Y, RIGHT), (-Z, RIGHT), (-X, RIGHT), (Z, LEFT), (-Y, LEFT)),
+    ),
+}  # fmt: skip
+FITTED = "single"  # the stitch that μ is fitted to
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """A load step of a stitch (`kind` "load"), or at the last of them a strand between two rings ("strand").
+
+    Of a strand `turn` is that from its nearer hand, and `tension` its own; of a load step `tension` is what the thread
+    pulls a lip by, across the wound.
+    """
+
+    kind: str
+    pattern: str
+    throw: float = unit_field("degree")
+    rings: int = unit_field("-")  # a corner
+    fitted: float = unit_field("N")  # pull of the single stitch that μ was fitted to
+    mu: float = unit_field("-")
+    pull: float = unit_field("N")
+    turn: float = unit_field("degree")
+    tension: float = unit_field("N")
+    slides: bool  # in all rings but for two in the middle, towards the nearer hand
+
+
+@dataclass(frozen=True)
+class Finely:
+    """How finely a stitch is run: load steps, and control points a ring."""
+
+    load_steps: int
+    control_points: int
+
+
+def main(
+    throws: Sequence[float] = (180.0, 270.0),
+    patterns: Sequence[str] = tuple(PATTERNS),
+    rings: Sequence[int] = (2,),
+    spreads: Sequence[float] = (),
+    load_steps: int = 4,
+    control_points: int = 24,
+) -> Iterator[Row]:
+    """Yield the load steps and strands of every stitch for every turn of a throw [degree], at the first number of
+    `rings` a corner; for the middle throw at the others too, and with μ fitted to the single stitch's pull as many
+    `spreads` of its standard deviation away; `control_points` a ring. Raises `StudyError`."""
+    if unknown := [name for name in patterns if name not in PATTERNS]:
+        raise StudyError(f"patterns: {unknown[0]!r} is refused; those known are {', '.join(PATTERNS)}")
+    if min(throws) <= 0.0 or max(throws) > 360.0:
+        raise StudyError(f"throws = {list(throws)} is refused: give turns above 0 up to 360 degrees")
+    if min(rings) < 2 or load_steps < 1 or control_points < 8:
+        given = f"rings = {list(rings)}, load_steps = {load_steps}, control_points = {control_points}"
+        raise StudyError(f"{given} is refused: give two rings a corner or more, one load step, eight control points")
+    if FITTED not in patterns:
+        raise StudyError(f"patterns = {list(patterns)} is refused: μ is fitted to {FITTED!r}; add it")
+    middle, of = sorted(throws)[len(throws) // 2], PATTERNS[FITTED]
+    cases = [(throw, rings[0], of.published) for throw in throws]
+    cases += [(middle, many, of.published) for many in rings[1:]]
+    cases += [(middle, rings[0], of.published + away * of.spread) for away in spreads]
+    how = Finely(load_steps, control_points)
+    jobs: list[Job] = [partial(stitches, *case, tuple(patterns), how) for case in cases]
+    yield from each(jobs)
+
+
+def stitches(throw: float, rings: int, fitted: float, patterns: Sequence[str], how: Finely) -> Iterator[Row]:
+    """Yield the rows of all stitches, with the μ that the single one needs to be closed by the pull `fitted` [N]."""
+    mu = fit(throw, rings, fitted, how)
+    for name in patterns:
+        way = Way.of(PATTERNS[name], throw, rings)
+        pull = WOUND / way.closing(partial(bent_ratio, mu))
+        known = Row(
+            kind="load",
+            pattern=name,
+            throw=throw,
+            rings=rings,
+            fitted=fitted,
+            mu=mu,
+            pull=pull,
+            turn=0.0,
+            tension=np.nan,
+            slides=False,
+        )
+        for step, run in enumerate(pulled(way, mu, pull, how), start=1):
+            at, slides = pull * step / how.load_steps, is_sliding(way, run)
+            known = replace(known, pull=at, tension=across(way, run), slides=slides)
+            yield known
+        for turn, hole in zip(np.degrees(way.from_hand), run.piercings[:-1], strict=True):
+            yield replace(known, kind="strand", turn=float(turn), tension=hole.tension_after)
+
+
+def fit(throw: float, rings: int, pull: float, how: Finely) -> float:
+    """Fit μ to the pull [N] that closes a single stitch: by a thread that bends, and once more by how far a run was off
+    that law."""
+    way = Way.of(PATTERNS[FITTED], throw, rings)
+
+    def by_law(closing: float) -> float:
+        return float(brentq(lambda mu: way.closing(partial(bent_ratio, mu)) - closing, 1e-6, MOST))
+
+    guess = by_law(WOUND / pull)
+    *_, run = pulled(way, guess, pull, how)
+    return by_law((WOUND / pull) ** 2 / (across(way, run) / pull))
+
+
+# --- the way of a thread ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Way:
+    """The polygon of a thread: `headings` (k + 1, 3) of its sides, the `lengths` (k + 1,) of these [m], and where each
+    of its k corners, the rings, is: on a lip or in the throw."""
+
+    headings: Array
+    lengths: Array
+    places: tuple[str, ...]
+
+    @classmethod
+    def of(cls, pattern: Pattern, throw: float, rings: int) -> "Way":
+        """Return the way of a stitch from hand to hand, so many rings a corner, `throw` [degree] the turn of either
+        strand in it."""
+        turns = max(1, round(rings * throw / 90.0))
+        angles = np.radians(throw) * np.arange(turns + 1) / turns
+        headings = list(turned(pattern.first, Z, angles[::-1]))
+        places, groups = [THROW] * turns, [0] * turns
+        for number, (heading, lip) in enumerate(pattern.corners, start=1):
+            headings += list(turned(headings[-1], heading, 0.5 * np.pi * np.arange(1, rings + 1) / rings))
+            places, groups = places + [lip] * rings, groups + [number] * rings
+        headings += list(turned(headings[-1], Z, angles[1:]))
+        places, groups = places + [THROW] * turns, groups + [len(pattern.corners) + 1] * turns
+        between = np.where(np.diff(groups) == 0, RING, STRAIGHT)
+        return cls(np.array(headings), np.concatenate([[ARM], between, [ARM]]), tuple(places))
+
+    @property
+    def corners(self) -> Array:
+        """Rings, with a hand before and after them, shape `(k + 2, 3)` [m]."""
+        return np.cumsum(np.vstack([np.zeros(3), self.lengths[:, None] * self.headings]), axis=0)
+
+    @property
+    def turns(self) -> Array:
+        """Angle by which each ring turns the thread, shape `(k,)` [rad]."""
+        return np.arccos(np.clip(np.sum(self.headings[:-1] * self.headings[1:], axis=1), -1.0, 1.0))
+
+    @property
+    def on_right(self) -> Array:
+        """Whether each ring is on the right lip, shape `(k,)`."""
+        return np.array([place == RIGHT for place in self.places])
+
+    @property
+    def from_hand(self) -> Array:
+        """Angle by which the thread has turned from the nearer hand at each inner side, shape `(k − 1,)` [rad]."""
+        turned_by = np.cumsum(self.turns)
+        return np.minimum(turned_by, turned_by[-1] - turned_by)[:-1]
+
+    def closing(self, law: Law) -> float:
+        """Return what the thread pulls the right lip by, across the wound, over the pull of each hand, by a `law`."""
+        loss = np.concatenate([[0.0], np.cumsum(np.log([law(turn) for turn in self.turns]))])
+        tensions = np.exp(-np.minimum(loss, loss[-1] - loss))[:, None] * self.headings
+        return float((tensions[:-1] - tensions[1:])[self.on_right, 0].sum())
+
+
+def turned(heading: Array, towards: Array, angles: Array) -> Array:
+    """Return a unit vector turned by `angles` (k,) [rad] towards another across it, shape `(k, 3)`."""
+    return np.outer(np.cos(angles), heading) + np.outer(np.sin(angles), towards)
+
+
+def capstan(mu: float, turn: float) -> float:
+    """Return the ratio of tensions at a post that a limp thread is turned round by `turn` [rad]."""
+    return float(np.exp(mu * turn))
+
+
+# --- the coupled system -----------------------------------------------------------------------------------
+
+
+def pulled(way: Way, mu: float, pull: float, how: Finely) -> Iterator[Run]:
+    """Yield the equilibria of a suture in rough rings along a way, both its ends pulled by as much as `pull` [N]."""
+    corners, radius = way.corners, 0.25 * RING
+    path = rounded_path(corners, radius)
+    saved = radius * (2.0 * np.tan(0.5 * way.turns) - way.turns)  # by a rounded corner
+    length = SLACK * way.lengths.sum()
+    stretch = path.length / length
+    s = (np.cumsum(way.lengths[:-1]) - np.cumsum(saved) + 0.5 * saved) / stretch
+    thread = Thread(Spline(graded_knots(length, how.control_points * s.size, s, FINER, REACH)), suture(SUTURE))
+    sites = tissue.fixed_sites([tissue.Site(place) for place in corners[1:-1]])
+    rings = [Piercing(f"{place} {k}", directed=False, friction=Friction(mu, mu)) for k, place in enumerate(way.places)]
+    ends = Pulled(-pull * way.headings[0]), Pulled(pull * way.headings[-1])
+    system = System(thread, ends, sites, tuple(rings))
+    laid = path.position(stretch * gauss_rule(thread.spline, MASS_POINTS).s)
+    run = begin(system, start(system, s, laid, stretch))
+    for step in range(1, how.load_steps + 1):
+        run = run.load(step / how.load_steps, 1.0)
+        yield run
+
+
+def across(way: Way, run: Run) -> float:
+    """Return what the thread pulls the right lip by, across the wound [N]."""
+    return float(run.state.lam[way.on_right, 0].sum())
+
+
+def is_sliding(way: Way, run: Run) -> bool:
+    """Tell whether the thread slides towards its nearer hand in all rings but the two in the middle at most."""
+    half = (len(way.places) - 1) // 2
+    sigma = run.state.sigma
+    return bool((sigma[:half] > 0.0).all() and (sigma[-half:] < 0.0).all())
+
+
+# --- table and figure -------------------------------------------------------------------------------------
+
+
+Case = tuple[float, int, float]
+
+
+def cases_of(rows: Sequence[Row]) -> list[Case]:
+    """Return the turn of the throw [degree], rings a corner and fitted pull [N] of all that was run, in its order."""
+    return list(dict.fromkeys((row.throw, row.rings, row.fitted) for row in rows))
+
+
+def loads_of(rows: Sequence[Row], case: Case) -> dict[str, list[Row]]:
+    """Return the load steps of a case by stitch."""
+    out: dict[str, list[Row]] = {}
+    for row in rows:
+        if row.kind == "load" and (row.throw, row.rings, row.fitted) == case:
+            out.setdefault(row.pattern, []).append(row)
+    return out
+
+
+def closing_pull(loads: Sequence[Row]) -> float:
+    """Return the pull that closes the wound [N], in proportion to the last load step."""
+    return WOUND * loads[-1].pull / loads[-1].tension
+
+
+def predicted_by_capstan(name: str, throw: float, fitted: float) -> float:
+    """Return the pull [N] that closes the wound by the capstan alone, its own μ fitted to the single stitch."""
+    ways = {key: Way.of(PATTERNS[key], throw, 1) for key in (FITTED, name)}
+    mu = brentq(lambda mu: ways[FITTED].closing(partial(capstan, mu)) - WOUND / fitted, 1e-6, MOST)
+    return WOUND / ways[name].closing(partial(capstan, float(mu)))
+
+
+def off_published(name: str, pull: float) -> float:
+    """Return by how many standard deviations a pull [N] is above the published one."""
+    return (pull - PATTERNS[name].published) / PATTERNS[name].spread
+
+
+def table(rows: Sequence[Row]) -> Table:
+    """Make a line a case and stitch."""
+    head = (
+        "stitch", "throw turns by [°]", "rings a corner", "μ [-]", "fitted to [N]", "pull [N]", "capstan [N]",
+        "published [N]", "off by [SD]", "slides everywhere",
+    )  # fmt: skip
+    lines = []
+    for case in cases_of(rows):
+        throw, rings, fitted = case
+        for name, loads in loads_of(rows, case).items():
+            pull, of = closing_pull(loads), PATTERNS[name]
+            by_hand = predicted_by_capstan(name, throw, fitted)
+            off = "fitted" if name == FITTED else f"{off_published(name, pull):+.2f}"
+            said = "yes" if loads[-1].slides else "NO"
+            published = f"{of.published:g} ± {of.spread:g}"
+            numbers = f"{throw:g}", f"{rings}", f"{loads[-1].mu:.4f}", f"{fitted:g}", f"{pull:.3g}", f"{by_hand:.3g}"
+            lines.append((name, *numbers, published, off, said))
+    return Table(head, lines)
+
+
+def remarks(rows: Sequence[Row]) -> list[str]:
+    """Say what was fitted, what agrees, how far the capstan is off, and what is left open."""
+    out = [case_words(rows, case) for case in cases_of(rows)]
+    out.append(
+        "how far a throw turns its strands is ASSUMED, and so is that thread rubs on thread as it does on skin: with "
+        "either of its own, μ would be one of two free numbers"
+    )
+    pulleys = [closing_pull(loads["pulley"]) for case in cases_of(rows) if "pulley" in (loads := loads_of(rows, case))]
+    if pulleys:
+        value, spread = MODIFIED
+        out.append(
+            f"modified pulley: LEFT OPEN, published {value:g} ± {spread:g} N; the abstract does not say how it was "
+            "laid. A closed loop crosses the wound two, four or six times, and by the capstan a loop that crosses four "
+            "times, its throw over the wound, needs what the pulley does, "
+            f"{min(pulleys):.3g} to {max(pulleys):.3g} N here, in whatever order it passes its holes"
+        )
+    out.append(
+        "mattress stitches: the throw lies over one lip, as these stitches are tied; what exactly was pulled, and "
+        "which way, the abstract does not say"
+    )
+    stuck = [f"{row.pattern}, throw {row.throw:g}°" for row in rows if row.kind == "strand" and not row.slides]
+    return out + [f"{name}: the thread does NOT slide everywhere" for name in dict.fromkeys(stuck)]
+
+
+def case_words(rows: Sequence[Row], case: Case) -> str:
+    """Say what a case predicts, and how far it is off."""
+    throw, rings, fitted = case
+    loads = loads_of(rows, case)
+    said = []
+    for name, steps in loads.items():
+        if name == FITTED:
+            continue
+        pull, of = closing_pull(steps), PATTERNS[name]
+        off = off_published(name, pull)
+        word = "agrees" if abs(off) <= AGREES else "DISAGREES"
+        by_hand = pull / predicted_by_capstan(name, throw, fitted) - 1.0
+        said.append(
+            f"{name} {pull:.3g} N, published {of.published:g} ± {of.spread:g}: {word} ({off:+.2f} SD; {by_hand:+.1%} "
+            "of the capstan)"
+        )
+    return (
+        f"throw {throw:g}°, {rings} rings a corner: μ = {loads[FITTED][-1].mu:.4f} by the single stitch at "
+        f"{fitted:.3g} N; " + "; ".join(said)
+    )
+
+
+def spread_words(rows: Sequence[Row], throw: float, fitted: float) -> str:
+    """Say what becomes of the predictions over the spread of the pull that μ is fitted to, by the capstan."""
+    away = [fitted + sign * PATTERNS[FITTED].spread for sign in (-1.0, 1.0)]
+    others = dict.fromkeys(row.pattern for row in rows if row.pattern != FITTED)
+    pulls = {name: [predicted_by_capstan(name, throw, pull) for pull in away] for name in others}
+    said = ", ".join(f"{name} {few:.3g} to {many:.3g} N" for name, (few, many) in pulls.items())
+    return f"throw {throw:g}°, fitted to {away[0]:.3g} to {away[1]:.3g} N instead, by the capstan: {said}"
+
+
+def figure(rows: Sequence[Row]) -> Figure:
+    """Draw published and predicted pulls, what they depend on, the load steps, and the tension along the thread."""
+    drawing, grid = panels(2, 2)
+    against_published(grid[0, 0], rows)
+    over_throw(grid[0, 1], rows)
+    over_pull(grid[1, 0], rows)
+    along_thread(grid[1, 1], rows)
+    return drawing
+
+
+def middle_case(rows: Sequence[Row]) -> Case:
+    """Return the case that the others vary: the middle throw, first in its order."""
+    throws = sorted({row.throw for row in rows})
+    return next(case for case in cases_of(rows) if case[0] == throws[len(throws) // 2])
+
+
+def against_published(axes: Axes, rows: Sequence[Row]) -> None:
+    """Draw what is published with its standard deviation, and every case's prediction."""
+    names = list(loads_of(rows, middle_case(rows)))
+    places = np.arange(len(names))
+    published, spread = np.array([(PATTERNS[name].published, PATTERNS[name].spread) for name in names]).T
+    axes.errorbar(places - 0.2, published, spread, fmt="k_", capsize=4, label="published, ± SD")
+    cases = cases_of(rows)
+    for number, (case, colour) in enumerate(zip(cases, COLOURS, strict=False)):
+        throw, rings, fitted = case
+        loads, place = loads_of(rows, case), places + 0.1 * number - 0.05
+        pulls = [closing_pull(loads[name]) for name in names]
+        label = f"throw {throw:g}°, {rings} rings, fitted to {fitted:.3g} N"
+        axes.plot(place, pulls, MARKERS[number % len(MARKERS)], color=colour, label=label)
+    axes.set_xticks(places, [name.replace(" ", "\n") for name in names])
+    axes.set(ylabel="pull that closes 5 N [N]", title="one μ, fitted to the single stitch", ylim=(0.0, 13.0))
+    axes.legend(fontsize=6, loc="upper left")
+
+
+def over_throw(axes: Axes, rows: Sequence[Row]) -> None:
+    """Draw the pulls over the turn of a throw; lines are the capstan with its own μ, bands what is published."""
+    first = cases_of(rows)[0]
+    shown = [case for case in cases_of(rows) if case[1:] == first[1:]]
+    turns = np.linspace(90.0, 360.0, 28)
+    for name, colour, marker in zip(loads_of(rows, first), COLOURS, MARKERS, strict=False):
+        of = PATTERNS[name]
+        axes.fill_between(turns, of.published - of.spread, of.published + of.spread, color=colour, alpha=0.08)
+        axes.plot(turns, [predicted_by_capstan(name, turn, first[2]) for turn in turns], color=colour)
+        pulls = [closing_pull(loads_of(rows, case)[name]) for case in shown]
+        axes.plot([case[0] for case in shown], pulls, marker, color=colour, label=name, markersize=WIDE.get(name))
+    axes.plot([], [], color="black", label="capstan")
+    axes.set(xlabel="turn of a strand in the throw [°]", ylabel="pull that closes 5 N [N]", ylim=(0.0, 13.0))
+    axes.set_title("bands: published ± SD")
+    axes.legend(fontsize=7, ncols=2, loc="upper left")
+
+
+def over_pull(axes: Axes, rows: Sequence[Row]) -> None:
+    """Draw what the thread pulls a lip by over the pull of the hands; lines are a thread that bends."""
+    case = middle_case(rows)
+    for (name, loads), colour, marker in zip(loads_of(rows, case).items(), COLOURS, MARKERS, strict=False):
+        pulls = [row.pull for row in loads]
+        tensions = [row.tension for row in loads]
+        axes.plot(pulls, tensions, marker, color=colour, label=name, markersize=WIDE.get(name))
+        closing = Way.of(PATTERNS[name], case[0], case[1]).closing(partial(bent_ratio, loads[0].mu))
+        axes.plot([0.0, pulls[-1]], [0.0, closing * pulls[-1]], color=colour)
+    axes.plot([], [], color="black", label="a thread that bends")
+    axes.axhline(WOUND, color="black", linestyle=":")
+    axes.set(xlabel="pull of each hand [N]", ylabel="wound's tension [N]", title=f"load steps, throw {case[0]:g}°")
+    axes.legend(fontsize=7)
+
+
+def along_thread(axes: Axes, rows: Sequence[Row]) -> None:
+    """Draw the tension of every strand over its turn from the nearer hand; the line is the capstan."""
+    case = middle_case(rows)
+    strands = [row for row in rows if row.kind == "strand" and (row.throw, row.rings, row.fitted) == case]
+    for name, colour, marker in zip(dict.fromkeys(row.pattern for row in strands), COLOURS, MARKERS, strict=False):
+        own = [row for row in strands if row.pattern == name]
+        shares = [row.tension / row.pull for row in own]
+        axes.plot([row.turn for row in own], shares, marker, color=colour, label=name, markersize=WIDE.get(name))
+    turn = np.linspace(0.0, max(row.turn for row in strands), 50)
+    axes.plot(turn, np.exp(-strands[0].mu * np.radians(turn)), color="black", label="capstan, the same μ")
+    axes.set(xlabel="turned since the nearer hand [°]", ylabel="tension over pull [-]", yscale="log")
+    axes.set_title(f"along the thread, throw {case[0]:g}°")
+    axes.legend(fontsize=7)
+
+
+STUDY = Study(
+    main=main,
+    question="Which pull on the first throw closes a wound under 5 N with a single, pulley or mattress stitch, and is "
+    "it what was measured?",
+    independent="pulls that were measured, one coefficient fitted to the first; the capstan",
+    consistency="load steps, rings a corner, and the product over rings of a thread that bends",
+    table=table,
+    figure=figure,
+    remarks=remarks,
+    quick={
+        "throws": (270.0,),
+        "patterns": (FITTED, "pulley"),
+        "load_steps": 2,
+        "control_points": 12,
+    },
+)
