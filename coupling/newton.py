@@ -375,6 +375,7 @@ def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body],
     """Solve one active set after another, as `solve` says. Raises `StepError`, and `OrganError` where the lips of a
     nonlinear organ have no answer."""
     z, iterations = replace(start, sigma=admissible_sigma(problem.law, start.sigma)), 0
+    rubs = problem.contact is not None and problem.contact.law is not None  # whose directions follow in the same set
     seen: Counter[bytes] = Counter()
     for _ in range(MAX_SETS + len(z.pressed)):
         solution = solve_set(replace(problem, closed=z.pressed, rubbing=z.rubbing), z, correct, patience)
@@ -385,7 +386,7 @@ def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body],
         fitting = with_next_sets(problem, z, r, seen)
         if fitting is z:
             return replace(solution, problem=problem, iterations=iterations, p=contact_forces(problem.contact, z, r))
-        if seen[sets_of(z)] > RETURNS:
+        if seen[sets_of(z)] > RETURNS and not rubs:
             break
         z = fitting
     what = "stick and slip of the friction" if problem.contact is None else "friction's or the lips' active sets"
@@ -421,7 +422,7 @@ def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: Contai
 
 
 def with_rubbing_sets(
-    problem: Problem[Body], contact: Contact[Body], z: Iterate, r: Residual, sigma: Array, seen: set[bytes]
+    problem: Problem[Body], contact: Contact[Body], z: Iterate, r: Residual, sigma: Array, seen: Container[bytes]
 ) -> Iterate:
     """Return a solved iterate with the active sets that its forces ask for, of the thread's friction `sigma` and where
     surfaces rub: the very same object where their forces are those that Coulomb's law asks for, whatever the set."""
