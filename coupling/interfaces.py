@@ -19,8 +19,9 @@ from coupling.integrators import Scheme
 Body = TypeVar("Body")
 
 # Kinetic and elastic energy at the end of a step, and what was done during it [J]: the work of weight and loads, what
-# viscous damping took, what the integrator took (contact's −p⁺·Δg with it), and what surfaces that rub took.
-OrganEnergies = tuple[float, float, float, float, float, float]
+# viscous damping took, what the integrator took (contact's −p⁺·Δg with it), what surfaces that rub took,
+# and what a prestretch stores [J].
+OrganEnergies = tuple[float, float, float, float, float, float, float]
 # Of each pair that may touch: its gap g [m], its contact force p [N] and how far it has slid since the reference [m],
 # shape `(pairs,)` each, the friction of its node on what that faces, `(pairs, 3)` [N], and whether that slips.
 Lips = tuple[Array, Array, Array, Array, Flags]
@@ -81,7 +82,7 @@ class Organ(Protocol[Body]):
 
     def answer(self, scheme: Scheme, past: Sequence[Body], time: float, share: float = 1.0) -> Answer[Body]:
         """Return the answer of a step of `scheme` from the states `past`, the newest first. Loads that are ramped are
-        those at `time` [s], times `share`."""
+        those at `time` [s], times `share`. In equilibrium slips are counted from the last of `past`."""
 
     def site_variables(self, state: Body) -> Array:
         """Return y, shape `(9p,)`."""

@@ -100,7 +100,8 @@ class TimeScheme(Protocol):
 
 
 class OrganEnergies(NamedTuple):
-    """Energies at the end of a step and work done during it [J]; `friction` is what surfaces that rub take."""
+    """Energies at the end of a step and work done during it [J]; `friction` is what surfaces that rub take,
+    `prestretch` what a prestretch stores in the reference shape, where the organ is not deformed."""
 
     kinetic: float
     elastic: float
@@ -108,6 +109,7 @@ class OrganEnergies(NamedTuple):
     viscous: float
     numerical: float
     friction: float = 0.0
+    prestretch: float = 0.0
 
 
 class Lips(NamedTuple):
@@ -483,6 +485,12 @@ class Sprung:
     def springs(self) -> Array:
         """The diagonal of the springs; of a large matrix it takes as long to read as a product."""
         return np.asarray(self.A.diagonal()[self.mesh.A.shape[0] :])
+
+
+def slips_since(past: Sequence[OrganState], scheme: TimeScheme) -> OrganState:
+    """Return the state from which slips are counted: the newest, and in equilibrium the oldest that is given, at which
+    the load step began."""
+    return past[0] if scheme.a else past[-1]
 
 
 class LipCompliance:
