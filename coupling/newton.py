@@ -401,7 +401,7 @@ def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: set[by
     margin = MARGIN * force_tolerance(problem, r)
     sigma = next_sigma(problem.law, z.sigma, r.passage, z.s, z.lam, z.y, margin)
     contact = problem.contact
-    if contact is not None and contact.law is not None:
+    if contact is not None and contact.rubs:
         return with_rubbing_sets(problem, contact, z, r, sigma, seen)
     pressed = z.pressed if contact is None else find_pressed(contact, r.f_y.ravel(), z.pressed)
     fitting = replace(z, sigma=sigma, pressed=pressed)
@@ -441,7 +441,7 @@ def contact_forces(contact: Contact[Body] | None, z: Iterate, r: Residual) -> Ar
     """Return p of a solved iterate, shape `(k,)` [N]."""
     if contact is None:
         return NO_FORCES
-    if contact.law is not None:
+    if contact.rubs:
         return closing_forces(contact, z.pressed, z.rubbing, r.f_y.ravel())
     return forces(contact, z.pressed, r.f_y.ravel())
 
