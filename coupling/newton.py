@@ -60,6 +60,7 @@ from tissue.errors import OrganError
 MAX_ITERATIONS = 25  # for one active set of friction and contact
 MAX_SETS = 20  # and one more for every pair of lips that may touch
 RETURNS = 2  # to one active set: the first asks for another way on, the second goes round again
+WAYS = 6  # digits in which the ways of pairs that slip are compared
 MARGIN = 4.0  # of the force tolerance: two solved sets differ by two of them
 FORCE_TOLERANCE = 1e-10  # of the largest force in the step
 GAP_TOLERANCE = 1e-11  # of the thread's diameter
@@ -393,8 +394,9 @@ def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body],
 
 
 def sets_of(z: Iterate) -> bytes:
-    """Return the active sets of an iterate as bytes, to recognise them."""
-    return z.sigma.tobytes() + z.pressed.tobytes() + z.rubbing.slips.tobytes()
+    """Return the active sets of an iterate as bytes, to recognise them; what slips another way is another one."""
+    ways = np.round(z.rubbing.along, WAYS) + 0.0  # no negative zeros
+    return z.sigma.tobytes() + z.pressed.tobytes() + z.rubbing.slips.tobytes() + ways.tobytes()
 
 
 def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: Container[bytes]) -> Iterate:
@@ -421,7 +423,7 @@ def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: Contai
 
 
 def with_rubbing_sets(
-    problem: Problem[Body], contact: Contact[Body], z: Iterate, r: Residual, sigma: Array, seen: set[bytes]
+    problem: Problem[Body], contact: Contact[Body], z: Iterate, r: Residual, sigma: Array, seen: Container[bytes]
 ) -> Iterate:
     """Return a solved iterate with the active sets that its forces ask for, of the thread's friction `sigma` and where
     surfaces rub: the very same object where their forces are those that Coulomb's law asks for, whatever the set."""
