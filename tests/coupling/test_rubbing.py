@@ -228,8 +228,9 @@ def test_a_block_falls_on_a_slope(tmp_path: Path) -> None:
 
 
 def test_a_coefficient_is_zero_or_more(rubbed: Path) -> None:
-    """A coefficient that is negative is refused, and zero is none."""
+    """A coefficient that is negative is refused, zero is none, and more than one is remarked on before the run."""
     override = 'contact=[{between=["lip_left","lip_right"],friction=%s}]'
     assert load(rubbed, [override % "0.0"]).contact[0].friction == 0.0
+    assert "contact-rough" in [remark.code for remark in prepare(load(rubbed, [override % "1.5"])).remarks()]
     with pytest.raises(ScenarioError, match=r"contact\.0\.friction"):
         load(rubbed, [override % "-0.1"])
