@@ -38,6 +38,7 @@ class Energies:
     """Energies at a time and works since the start, all [J].
 
     `layer_work`: what the holes' compliance takes in as the tension that it is of is taken anew (`layer_work`).
+    `prestretch`: `elastic_tissue` at the start where a prestretch stores it, what gapes having released its part.
     `balance_error` = external work + layer work − change of kinetic and elastic energy − friction − viscous −
     numerical.
     """
@@ -51,6 +52,7 @@ class Energies:
     numerical_dissipation: float
     balance_error: float
     layer_work: float = 0.0
+    prestretch: float = 0.0
 
     @property
     def elastic(self) -> float:
@@ -58,16 +60,22 @@ class Energies:
         return self.elastic_thread + self.elastic_tissue
 
     @property
+    def of_deformation(self) -> float:
+        """Elastic energy of the thread, and what deformation has added to that of a prestretch or released of it."""
+        return self.elastic_thread + abs(self.elastic_tissue - self.prestretch)
+
+    @property
     def at_stake(self) -> float:
-        """Kinetic and elastic energy, and the work done so far, of either sign."""
-        return self.kinetic + self.elastic + abs(self.external_work)
+        """Kinetic energy, the elastic one of deformation, and the work done so far, of either sign."""
+        return self.kinetic + self.of_deformation + abs(self.external_work)
 
 
 def initial_energies(system: System[Body], state: State[Body]) -> Energies:
     """Return the energies at the start; no work has been done."""
-    organ_kinetic, organ_elastic, *_ = system.organ.energies(state.organ, state.organ)
-    kinetic = thread_kinetic(system, state) + organ_kinetic
-    return Energies(kinetic, thread_elastic(system, state), organ_elastic, 0.0, 0.0, 0.0, 0.0, 0.0)
+    organ_kinetic, organ_elastic, *_, stored = system.organ.energies(state.organ, state.organ)
+    kinetic, thread = thread_kinetic(system, state) + organ_kinetic, thread_elastic(system, state)
+    there = organ_elastic if stored else 0.0
+    return Energies(kinetic, thread, organ_elastic, 0.0, 0.0, 0.0, 0.0, 0.0, prestretch=there)
 
 
 def thread_kinetic(system: System[Body], state: State[Body]) -> float:
@@ -89,7 +97,7 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
     dq, dv = new.q - old.q, new.v - old.v
     solution, now = step.solution, step.solution.residual.configuration
     elastic = thread.energy(now.points) + float(held_energy(now.at, new.lam, solution.iterate.y).sum())
-    organ_kinetic, organ_elastic, load_work, organ_viscous, organ_numerical, rubbed = system.organ.energies(
+    organ_kinetic, organ_elastic, load_work, organ_viscous, organ_numerical, rubbed, _ = system.organ.energies(
         old.organ, new.organ
     )
 
@@ -126,6 +134,7 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
         before.numerical_dissipation + float(numerical),
         before.balance_error + float(error),
         before.layer_work + layered,
+        before.prestretch,
     )
 
 
@@ -144,7 +153,7 @@ def layer_work(step: Step[Body]) -> float:
     system, y = step.solution.problem.system, step.solution.iterate.y
     before, after = system.passage_of(old), step.solution.residual.passage
     there = before.c[:, 0] - lack_at(system, old.s, layers)
-    here = lack_at(system, new.s, old.layers) - lack_at(system, new.s, layers)
+    here = lack_at(system, new.s, old.layers) - after.c[:, 0]
     c = 0.5 * (there + here)
     across = parts(before, old.lam, old.y).across, parts(after, new.lam, y).across
     m = force_on_tangent(old.lam, old.y), force_on_tangent(new.lam, y)

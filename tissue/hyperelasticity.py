@@ -177,7 +177,7 @@ class Hyperelasticity:
         """Return the stored energy [J] of deformation gradients as `gradient` gives them; inf where a cell is
         inverted.
 
-        It is that of the tissue without prestretch: the reference shape's own is not taken off.
+        It is measured from tissue without prestretch: the reference shape's own, `energy_of_prestretch`, is in it.
         """
         J = determinant(F)
         if not J.min() > 0.0:
@@ -186,6 +186,13 @@ class Hyperelasticity:
         if self.body.pressure is not None:
             stored += float(0.5 * self._stiffness_of_vertices @ self._gaps(J) ** 2)
         return stored if np.isfinite(stored) else np.inf
+
+    @cached_property
+    def energy_of_prestretch(self) -> float:
+        """Energy that a prestretch stores in the reference shape [J]."""
+        if np.all(np.asarray(self.prestretch, dtype=float) == 1.0):
+            return 0.0
+        return self.energy(self.gradient(np.zeros(self.body.N)))
 
     def is_possible(self, F: Array) -> bool:
         """Whether no cell is inverted by deformation gradients as `gradient` gives them."""

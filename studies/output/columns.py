@@ -231,6 +231,12 @@ ENERGY: tuple[Column[EnergyRecord], ...] = (
     ),
     Column("elastic_tissue", "J", "elastic energy of the organ", lambda energy: energy.elastic_tissue),
     Column(
+        "prestretch",
+        "J",
+        "the part of `elastic_tissue` that `tissue.prestretch` had stored at the start, what was cut open having gaped",
+        lambda energy: energy.prestretch,
+    ),
+    Column(
         "external_work",
         "J",
         "of loads, gravity, holders and hands since the start, with the forces at the end of each step",

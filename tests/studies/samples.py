@@ -176,7 +176,7 @@ def step(number: int, dt: float = 0.1) -> StepRecord:
         time=time,
         step=number,
         piercings=frame(time).piercings,
-        energy=EnergyRecord(1 / 3, 0.2, 0.3, 0.4, 0.0, 0.0, 0.1, 1e-17),
+        energy=EnergyRecord(1 / 3, 0.2, 0.3, 0.4, 0.0, 0.0, 0.1, 1e-17, prestretch=0.05),
         newton_iterations=3 if number else 0,
         constraint_max=1e-6,
         constraint_residual=1e-15,
@@ -186,6 +186,8 @@ def step(number: int, dt: float = 0.1) -> StepRecord:
         slide_speed=1e-3,
         spans=lambda: 0.3,
         apart=lambda: 4.0,
+        unsettled=lambda: 0.0,
+        stays=lambda: True,
         seconds=0.5,
     )
 

@@ -111,6 +111,27 @@ def test_prestretched_tissue_goes_back() -> None:
     assert np.abs(tissue.cauchy_stress(loose, back)).max() <= RESIDUAL * 1e5
 
 
+@pytest.mark.parametrize("nu", [0.3, 0.49])
+def test_the_reference_shape_has_the_energy_of_its_prestretch(nu: float) -> None:
+    """Independent check: W(F₀)/det F₀ times the volume, in closed form; what goes back has none left, and was given
+    none before."""
+    stretches, body = np.array([1.2, 1.05, 0.9]), block(nu, clamp=(), roller=("bottom",))
+    J, mu = stretches.prod(), body.material.lame_mu
+    kappa = body.material.lame_lambda + 2.0 / 3.0 * mu
+    distortion = mu / 10.0 * np.expm1(5.0 * (J ** (-2.0 / 3.0) * (stretches**2).sum() - 3.0))
+    stored = (distortion + 0.5 * kappa * (J - 1.0) ** 2) / J * 0.03 * 0.02 * 0.01
+    hyper = tissue.Hyperelasticity(body, Exponential(mu, 5.0), stretches)
+    organ = tissue.FiniteOrgan(body, sites_of(body, "normal"), hyper=hyper)
+    rest = organ.start()
+    energies = organ.energies(rest, rest)
+    assert energies.prestretch == pytest.approx(stored, rel=TWO_SOLVERS)
+    assert energies.elastic == energies.prestretch
+    back = body.flat(body.points * (1.0 / stretches - 1.0))
+    assert abs(hyper.energy(hyper.gradient(back))) <= RESIDUAL * stored
+    plain = tissue.FiniteOrgan(body, sites_of(body, "normal"))
+    assert plain.energies(rest, rest).prestretch == 0.0
+
+
 def test_what_the_integrator_takes_falls_with_its_step() -> None:
     """Independent check: a block that swings under its weight keeps the balance of energy to round-off, and what
     backward Euler takes of it is of first order in the step."""

@@ -100,7 +100,8 @@ class TimeScheme(Protocol):
 
 
 class OrganEnergies(NamedTuple):
-    """Energies at the end of a step and work done during it [J]; `friction` is what surfaces that rub take."""
+    """Energies at the end of a step and work done during it [J]; `friction` is what surfaces that rub take,
+    `prestretch` what a prestretch stores in the reference shape, where the organ is not deformed."""
 
     kinetic: float
     elastic: float
@@ -108,6 +109,7 @@ class OrganEnergies(NamedTuple):
     viscous: float
     numerical: float
     friction: float = 0.0
+    prestretch: float = 0.0
 
 
 class Lips(NamedTuple):
