@@ -60,6 +60,7 @@ from tissue.errors import OrganError
 MAX_ITERATIONS = 25  # for one active set of friction and contact
 MAX_SETS = 20  # and one more for every pair of lips that may touch
 RETURNS = 2  # to one active set: the first asks for another way on, the second goes round again
+WAYS = 6  # digits in which the ways of pairs that slip are compared
 MARGIN = 4.0  # of the force tolerance: two solved sets differ by two of them
 FORCE_TOLERANCE = 1e-10  # of the largest force in the step
 GAP_TOLERANCE = 1e-11  # of the thread's diameter
@@ -394,8 +395,9 @@ def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body],
 
 
 def sets_of(z: Iterate) -> bytes:
-    """Return the active sets of an iterate as bytes, to recognise them."""
-    return z.sigma.tobytes() + z.pressed.tobytes() + z.rubbing.slips.tobytes()
+    """Return the active sets of an iterate as bytes, to recognise them; what slips another way is another one."""
+    ways = np.round(z.rubbing.along, WAYS) + 0.0  # no negative zeros
+    return z.sigma.tobytes() + z.pressed.tobytes() + z.rubbing.slips.tobytes() + ways.tobytes()
 
 
 def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: Container[bytes]) -> Iterate:
@@ -406,7 +408,7 @@ def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: Contai
     margin = MARGIN * force_tolerance(problem, r)
     sigma = next_sigma(problem.law, z.sigma, r.passage, z.s, z.lam, z.y, margin)
     contact = problem.contact
-    if contact is not None and contact.law is not None:
+    if contact is not None and contact.rubs:
         return with_rubbing_sets(problem, contact, z, r, sigma, seen)
     pressed = z.pressed if contact is None else find_pressed(contact, r.f_y.ravel(), z.pressed)
     fitting = replace(z, sigma=sigma, pressed=pressed)
@@ -446,7 +448,7 @@ def contact_forces(contact: Contact[Body] | None, z: Iterate, r: Residual) -> Ar
     """Return p of a solved iterate, shape `(k,)` [N]."""
     if contact is None:
         return NO_FORCES
-    if contact.law is not None:
+    if contact.rubs:
         return closing_forces(contact, z.pressed, z.rubbing, r.f_y.ravel())
     return forces(contact, z.pressed, r.f_y.ravel())
 
