@@ -58,6 +58,11 @@ class Held(Generic[Body]):
         """No gaps, shape `(0, 0)`."""
         return np.zeros((0, 0))
 
+    @property
+    def friction(self) -> Array:
+        """No pairs, shape `(0,)`."""
+        return NO_PAIRS
+
     def accept(self, f_y: Array, p: Array) -> Body:
         """Return the state as it was."""
         return self.state

@@ -6,6 +6,7 @@
     | Φ_q        Φ_y Y    Φ_s     c            |   dλ
     |            G_𝒜                     1_∖𝒜 |   dp       (pressed pairs: g = 0; open ones: p = 0)
 
+Where pairs rub, the last row is the tangent of Coulomb's law (`coupling.rubbing`), and G has the slips too.
 c, H_UU and a part of H_qq come from the compliance that the spline lacks at the holes (`coupling.constraints`). The
 places of ties stand behind U, without stiffness, and the rows of s of their strands are joined (`coupling.ties`).
 
@@ -28,6 +29,7 @@ from coupling.contact import NO_FORCES
 from coupling.errors import CouplingError
 from coupling.interfaces import Body
 from coupling.newton import Iterate, Problem, Residual, Solution, allowed_share, border_of, solve, thread_matrix
+from coupling.rubbing import rows_of
 from coupling.sliding import sliding_strands
 from thread.banded import diagonal_of
 
@@ -132,7 +134,7 @@ def assemble(problem: Problem[Body], z: Monolith, r: Residual) -> BlockSystem:
     by_law[1] = by_law[1] + held_sum
     by_F = [-Y_all.T @ x for x in split_by_unknown(border, "F", Y_all)]
     G = csr_array(hstack([csr_array(organ.G), csr_array((len(organ.g0), 3 * t))]))
-    closed = diags_array(z.pressed.astype(np.float64))
+    by_gap, by_push = law_of_lips(problem, z)
     rows = [
         [thread, *(V @ column for column in split_by_unknown(border, "E", Y_all)), None],
         [
@@ -143,15 +145,23 @@ def assemble(problem: Problem[Body], z: Monolith, r: Residual) -> BlockSystem:
         ],
         [own[0] @ V.T, *by_law, None],
         [own[1] @ V.T, *split_by_unknown(border, "phi", Y_all), None],
-        [None, closed @ G, None, None, diags_array((~z.pressed).astype(np.float64))],
+        [None, by_gap @ G, None, None, by_push],
     ]
     matrix = block_array(rows, format="csr")
     organ_residual = A @ z.U - np.pad(organ.b, (0, 3 * t)) - Y_all.T @ r.f_y.ravel() - G.T @ z.p
-    lips = np.where(z.pressed, organ.g0 + G @ z.U, z.p)
+    lips = by_gap @ (organ.g0 + G @ z.U) + by_push @ z.p
     right = -np.concatenate([r.thread.ravel(), organ_residual, r.holds[:, S], r.holds[:, 1:OWN].ravel(), lips])
     ends = np.cumsum([0, c * n, len(z.U), m, 5 * m, len(z.p)])
     blocks = {name: slice(int(ends[k]), int(ends[k + 1])) for k, name in enumerate(("q", "U", "s", "lam", "p"))}
     return hold_still(problem, BlockSystem(csc_array(matrix), right, blocks))
+
+
+def law_of_lips(problem: Problem[Body], z: Iterate) -> tuple[csr_array, csr_array]:
+    """Return what the gaps and the forces of the pairs are multiplied by in the law of contact, shape `(k, k)` each."""
+    if problem.contact is not None and problem.contact.law is not None:
+        return rows_of(problem.contact.law, z.pressed, z.rubbing)
+    pressed = z.pressed.astype(np.float64)
+    return csr_array(diags_array(pressed)), csr_array(diags_array(1.0 - pressed))
 
 
 def split_by_unknown(border: Border, which: str, Y_all: csr_array) -> list[csr_array]:
@@ -239,5 +249,7 @@ def monolithic_solve(problem: Problem[Body], start: Iterate, U: Array, linear: L
     organ = equation_of(problem)
     U = np.concatenate([U, start.y[problem.law.strands[:, 1], OF_X].ravel()])
     y, p = all_variables(problem, U), np.zeros(len(organ.g0))
-    first = Monolith(start.q, start.N, start.s, start.lam, y, start.sigma, U, p, pressed=start.pressed)
+    first = Monolith(
+        start.q, start.N, start.s, start.lam, y, start.sigma, U, p, pressed=start.pressed, rubbing=start.rubbing
+    )
     return solve(problem, first, correct)

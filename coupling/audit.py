@@ -97,7 +97,7 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
     dq, dv = new.q - old.q, new.v - old.v
     solution, now = step.solution, step.solution.residual.configuration
     elastic = thread.energy(now.points) + float(held_energy(now.at, new.lam, solution.iterate.y).sum())
-    organ_kinetic, organ_elastic, load_work, organ_viscous, organ_numerical, _ = system.organ.energies(
+    organ_kinetic, organ_elastic, load_work, organ_viscous, organ_numerical, rubbed, _ = system.organ.energies(
         old.organ, new.organ
     )
 
@@ -105,7 +105,7 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
     external = np.sum(step.solution.problem.load * dq) + load_work + held_work(step)
     friction, eps_numerical, remainder, by_hand = sliding_work(system, step)
     more_external, more_friction, more_viscous = mean_force_works(system, step, load_work, organ_viscous)
-    external, friction = external + by_hand + more_external, friction + more_friction
+    external, friction = external + by_hand + more_external, friction + more_friction + rubbed
     viscous = thread.damping * np.sum(new.v * thread.momentum(dq)) + organ_viscous + more_viscous
     numerical = (
         0.5 * np.sum(dv * thread.momentum(dv))

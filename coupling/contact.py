@@ -12,10 +12,14 @@ with a symmetric positive definite matrix: there is one, and only one, and it is
 wrong at once, or the first of them where that makes no headway (block principal pivoting, Júdice & Pires, Computers &
 Operations Research 21, 1994; the single exchange is Murty's rule, which always ends). As with stick and slip, it is
 judged by the forces of solved iterates only (`coupling.newton.solve`).
+
+Pairs that rub have slips behind the gaps and forces along them behind the p (`coupling.rubbing`). Then the active set
+is that of Coulomb's law, C_𝒜𝒜⁻¹ is what its tangent makes of it, and what the thread meets is no longer symmetric.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -26,6 +30,7 @@ from coupling.bordered import NINE
 from coupling.constraints import site_force
 from coupling.errors import CouplingError
 from coupling.interfaces import Answer, Body
+from coupling.rubbing import Law, Rubbing, find_forces, forces_by_tangent, law_of_pairs, stuck
 from coupling.system import State, System
 from tissue.errors import OrganError
 
@@ -35,15 +40,28 @@ ROUND_OFF = 1e-12  # of the largest gap without contact: a compliance of conditi
 CHANCES = 3  # exchanges of all wrong pairs that may pass without fewer being wrong
 EXCHANGES = 20  # per pair, at most; some ten in all are the rule
 NO_FORCES = np.zeros(0)
+NO_HOLD = "lips that press on one another do not hold one another apart, as where tissue snaps"
 
 
 @dataclass(frozen=True)
 class Contact(Generic[Body]):
-    """What the pairs see of a step: `g_free` (k,) [m], `C_cy` (k, 9m) and the organ's answer."""
+    """What the pairs see of a step: `g_free` (k,) [m], `C_cy` (k, 9m), the organ's answer, and the coefficient of
+    `friction` of each pair [-], none at all where none rubs."""
 
     g_free: Array
     C_cy: Array
     answer: Answer[Body]
+    friction: Array = field(default_factory=lambda: NO_FORCES)
+
+    @cached_property
+    def law(self) -> Law | None:
+        """Coulomb's law of the pairs, None where none rubs."""
+        return law_of_pairs(self) if self.friction.any() else None
+
+    @property
+    def stuck(self) -> Rubbing:
+        """The active set of the rough pairs that all stick."""
+        return stuck(int(np.count_nonzero(self.friction)))
 
     @property
     def C_cc(self) -> Array:
@@ -75,9 +93,7 @@ def factorize_pressed(contact: Contact[Body], pressed: Flags, factorize: Callabl
     try:
         return factorize(contact.C_cc[np.ix_(pressed, pressed)])
     except np.linalg.LinAlgError as error:
-        raise OrganError(
-            "lips that press on one another do not hold one another apart, as where tissue snaps"
-        ) from error
+        raise OrganError(NO_HOLD) from error
 
 
 def misfits(contact: Contact[Body], f: Array, pressed: Flags, force: float = 0.0) -> Flags:
@@ -110,8 +126,12 @@ def first_of(flags: Flags) -> Flags:
     return flags & (np.cumsum(flags) == 1)
 
 
-def condense(contact: Contact[Body], pressed: Flags, y_free: Array, C: Array) -> tuple[Array, Array]:
-    """Close the pairs `pressed` in `y_free` (m, 9) and `C` (9m, 9m) of the organ."""
+def condense(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, y_free: Array, C: Array) -> tuple[Array, Array]:
+    """Close the pairs `pressed` in `y_free` (m, 9) and `C` (9m, 9m) of the organ, as they rub."""
+    if contact.law is not None:
+        given = np.column_stack([contact.C_cy, contact.g_free])
+        P = forces_by_tangent(contact.law, pressed, rubbing, given)
+        return y_free + (contact.C_cy.T @ P[:, -1]).reshape(y_free.shape), C + contact.C_cy.T @ P[:, :-1]
     factor = factorize_pressed(contact, pressed, np.linalg.cholesky)
     closing = np.column_stack([contact.C_cy[pressed], contact.g_free[pressed]])
     half = solve_triangular(factor, closing, lower=True)
@@ -126,22 +146,44 @@ def contact_of(system: System[Body], answer: Answer[Body]) -> Contact[Body] | No
     """Return the contact of a step, None where the organ has no lips that may touch; no other hold opens any."""
     if not answer.g_free.size:
         return None
-    return Contact(answer.g_free, np.pad(answer.C_cy, ((0, 0), (0, NINE * system.holds_off_organ))), answer)
+    C_cy, friction = np.pad(answer.C_cy, ((0, 0), (0, NINE * system.holds_off_organ))), answer.friction
+    return Contact(answer.g_free, C_cy, answer, friction if friction.any() else NO_FORCES)
 
 
-def pressed_pairs(contact: Contact[Body] | None, system: System[Body], state: State[Body]) -> Flags:
-    """Return the pairs that the site forces of a state press in the step of a contact, shape `(k,)`; those of the state
-    where an organ that is nonlinear cannot tell before the step is solved."""
+def first_sets(contact: Contact[Body] | None, system: System[Body], state: State[Body]) -> tuple[Flags, Rubbing]:
+    """Return the pairs that the site forces of a state press in the step of a contact, shape `(k,)`, and how they rub;
+    those of the state, sticking, where an organ that is nonlinear cannot tell before the step is solved."""
     if contact is None:
-        return np.zeros(0, dtype=bool)
+        return np.zeros(0, dtype=bool), Rubbing()
     f = site_force(system.passage_of(state), state.lam, state.y).ravel()
     before = system.organ.lips(state.organ)[1] > 0.0
     try:
-        return find_pressed(contact, f, before)
+        return find_sets(contact, f, before, contact.stuck)[:2]
     except (CouplingError, OrganError):
         if contact.answer.linear:
             raise
-        return before
+        return before, contact.stuck
+
+
+def find_sets(contact: Contact[Body], f: Array, pressed: Flags, rubbing: Rubbing) -> tuple[Flags, Rubbing, Array]:
+    """Find the pairs that are pressed under the site forces `f` (9m,), how they rub, and their forces (k,) [N],
+    starting from `pressed` and `rubbing`. Raises `CouplingError`."""
+    if contact.law is None:
+        pressed = find_pressed(contact, f, pressed)
+        return pressed, rubbing, forces(contact, pressed, f)
+    try:
+        return find_forces(contact.law, contact.gaps_when_open(f), pressed, rubbing)
+    except np.linalg.LinAlgError as error:
+        raise OrganError(NO_HOLD) from error
+
+
+def closing_forces(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, f: Array) -> Array:
+    """Return what the pairs `pressed` and how they rub ask for under the site forces `f` (9m,), pulls too, which end
+    the set, shape `(k,)` [N]."""
+    open_gaps = contact.gaps_when_open(f)
+    if contact.law is None:
+        return forces_and_gaps(contact, pressed, open_gaps)[0]
+    return forces_by_tangent(contact.law, pressed, rubbing, open_gaps)
 
 
 def solve_contact(system: System[Body], f_y: Array, answer: Answer[Body]) -> Array:
@@ -149,8 +191,8 @@ def solve_contact(system: System[Body], f_y: Array, answer: Answer[Body]) -> Arr
     contact = contact_of(system, answer)
     if contact is None:
         return NO_FORCES
-    f = np.pad(f_y, (0, NINE * system.holds_off_organ))
-    return forces(contact, find_pressed(contact, f, np.zeros(len(contact.g_free), dtype=bool)), f)
+    f, k = np.pad(f_y, (0, NINE * system.holds_off_organ)), len(contact.friction) or len(contact.g_free)
+    return find_sets(contact, f, np.zeros(k, dtype=bool), contact.stuck)[2]
 
 
 def forces(contact: Contact[Body], pressed: Flags, f: Array) -> Array:
@@ -160,16 +202,20 @@ def forces(contact: Contact[Body], pressed: Flags, f: Array) -> Array:
 
 @dataclass(frozen=True)
 class ContactObservation:
-    """The lips at one time: `gap` (k,) [m] and `force` (k,) [N] of every pair, and its `slide` (k,) [m], how far its
-    nodes have moved past one another along the lips."""
+    """The lips at one time: `gap` (k,) [m] and `force` (k,) [N] of every pair, its `slide` (k,) [m], how far its
+    nodes have moved past one another along the lips, its `friction` (k, 3) [N], of the node on what it faces, and
+    whether it `slips` (k,)."""
 
     gap: Array
     force: Array
     slide: Array
+    friction: Array
+    slips: Flags
 
     def of(self, pairs: slice) -> "ContactObservation":
         """Return the same of some pairs."""
-        return ContactObservation(self.gap[pairs], self.force[pairs], self.slide[pairs])
+        along = self.slide[pairs], self.friction[pairs], self.slips[pairs]
+        return ContactObservation(self.gap[pairs], self.force[pairs], *along)
 
     @property
     def pressed(self) -> int:
@@ -184,5 +230,5 @@ class ContactObservation:
 
 def observe_contact(system: System[Body], state: State[Body]) -> ContactObservation | None:
     """Observe the lips of a state; None where the organ has none that may touch."""
-    gap, force, slide = system.organ.lips(state.organ)
-    return ContactObservation(gap, force, slide) if gap.size else None
+    lips = system.organ.lips(state.organ)
+    return ContactObservation(*lips) if lips[0].size else None

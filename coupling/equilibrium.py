@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from coupling.arrays import Array
-from coupling.contact import pressed_pairs
+from coupling.contact import first_sets
 from coupling.diagnosis import refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.errors import EquilibriumError, InversionError, StepError
 from coupling.integrators import Equilibrium
@@ -231,8 +231,8 @@ def first_tie(system: System[Body], state: State[Body]) -> float:
 def guess(problem: Problem[Body], state: State[Body], sigma: Array) -> Iterate:
     """Return the last equilibrium with the prescribed ends moved on, where Newton starts."""
     q = with_ends(state.q, problem.system, problem.time)
-    pressed = pressed_pairs(problem.contact, problem.system, state)
-    return Iterate(q, state.N, state.s, state.lam, state.y, sigma, pressed=pressed)
+    pressed, rubbing = first_sets(problem.contact, problem.system, state)
+    return Iterate(q, state.N, state.s, state.lam, state.y, sigma, pressed=pressed, rubbing=rubbing)
 
 
 def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]:

@@ -19,7 +19,7 @@ from coupling.arrays import Array, Flags
 from coupling.audit import initial_energies
 from coupling.bordered import NO_JOINTS, PHI, Border, Joints, S, drop_constraints, linearise, newton_direction
 from coupling.constraints import Passage, bare_passage, phi, site_force, spread, thread_force
-from coupling.contact import NO_FORCES, pressed_pairs
+from coupling.contact import NO_FORCES, first_sets
 from coupling.diagnosis import refuse_faults
 from coupling.errors import FormingError, StepError
 from coupling.events import Event
@@ -137,8 +137,9 @@ def draw_in(system: System[Body], state: State[Body], k: int, dt: float) -> Stat
     """Draw the thread into hole `k`: the state with Φ = 0 there, at the hole's abscissa; velocities are kept. Raises
     `FormingError`."""
     problem = closing_problem(system, state, k, BackwardEuler(dt))
-    sigma, pressed = np.where(problem.law.may_slide, state.sigma, 0.0), pressed_pairs(problem.contact, system, state)
-    guess = Iterate(state.q, state.N, state.s, state.lam, state.y, sigma, pressed=pressed)
+    sigma = np.where(problem.law.may_slide, state.sigma, 0.0)
+    pressed, rubbing = first_sets(problem.contact, system, state)
+    guess = Iterate(state.q, state.N, state.s, state.lam, state.y, sigma, pressed=pressed, rubbing=rubbing)
     try:
         solution = find_solution(problem, guess)
     except StepError as error:

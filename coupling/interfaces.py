@@ -3,6 +3,8 @@
 `y`, shape `(9p,)`, holds per piercing the point x [m] and the frame vectors u, v [-]. `f_y`, shape `(9p,)`, is the
 generalized force on the organ conjugate to y, Φ_yᵀλ. Where the lips of a wound may touch, `g`, shape `(k,)` [m], are
 the gaps of their pairs and `p`, shape `(k,)` [N], the contact forces that push them apart; k = 0 without such lips.
+Behind those of all pairs stand two slips since the start of the step for each pair with friction, in the order of the
+pairs, and the forces along them, so that k is then more than the number of pairs.
 
 The state of an organ's body, of type `Body`, is the organ's own: the coupling keeps it, hands it back, and never looks
 into it.
@@ -11,14 +13,18 @@ into it.
 from collections.abc import Sequence
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
-from coupling.arrays import Array
+from coupling.arrays import Array, Flags
 from coupling.integrators import Scheme
 
 Body = TypeVar("Body")
 
 # Kinetic and elastic energy at the end of a step, and what was done during it [J]: the work of weight and loads, what
-# viscous damping took, and what the integrator took (contact's −p⁺·Δg with it); and what a prestretch stores [J].
-OrganEnergies = tuple[float, float, float, float, float, float]
+# viscous damping took, what the integrator took (contact's −p⁺·Δg with it), and what surfaces that rub took; last what
+# a prestretch stores in the reference shape [J].
+OrganEnergies = tuple[float, float, float, float, float, float, float]
+# Of each pair that may touch: its gap g [m], its contact force p [N] and how far it has slid since the reference [m],
+# shape `(pairs,)` each, the friction of its node on what that faces, `(pairs, 3)` [N], and whether that slips.
+Lips = tuple[Array, Array, Array, Array, Flags]
 
 
 class Answer(Protocol[Body]):
@@ -47,6 +53,10 @@ class Answer(Protocol[Body]):
     @property
     def C_cc(self) -> Array:
         """Gaps by contact forces, symmetric and positive definite, shape `(k, k)` [m/N]; expensive when first asked."""
+
+    @property
+    def friction(self) -> Array:
+        """Friction over contact force of each pair that slips, shape `(pairs,)` [-]."""
 
     def accept(self, f_y: Array, p: Array) -> Body:
         """Return the organ's state at the end of the step under the forces `f_y` (9p,) and `p` (k,)."""
@@ -77,9 +87,8 @@ class Organ(Protocol[Body]):
     def site_variables(self, state: Body) -> Array:
         """Return y, shape `(9p,)`."""
 
-    def lips(self, state: Body) -> tuple[Array, Array, Array]:
-        """Return the gaps g [m], the contact forces p [N] and how far the pairs have slid past one another since the
-        reference [m], shape `(k,)` each."""
+    def lips(self, state: Body) -> Lips:
+        """Return the gaps, forces, ways and friction of the pairs."""
 
     def energies(self, old: Body, new: Body) -> OrganEnergies:
         """Return the energies at `new`, and what was done on the way from `old` [J]."""

@@ -37,16 +37,18 @@ from coupling.constraints import Passage, phi, site_force, spread, thread_force
 from coupling.contact import (
     NO_FORCES,
     Contact,
+    closing_forces,
     condense,
     contact_of,
     find_pressed,
+    find_sets,
     first_of,
     forces,
-    forces_and_gaps,
     misfits,
 )
 from coupling.errors import StepError
 from coupling.interfaces import Answer, Body
+from coupling.rubbing import Rubbing
 from coupling.sliding import Law, admissible_sigma, in_metres, linearise_law, next_sigma, sliding_strands
 from coupling.sliding import residual as law_residual
 from coupling.system import System
@@ -76,7 +78,7 @@ class Problem(Generic[Body]):
     force; `stiffen`: add the constraints' own stiffness to the thread's band, needed where there is no inertia (an
     exact row operation); `frame`, that of the start of the step, of a thread with twist; `layers` (m,) [m], √(EI/T)
     that the thread bends over at its holes, None without tension; `closed` (k,), the pairs of lips that are held
-    closed, whatever their force; `gaps` (t, 3) [m], between the strands of every tie.
+    closed, whatever their force, and how they are `rubbing`; `gaps` (t, 3) [m], between the strands of every tie.
     """
 
     system: System[Body]
@@ -92,6 +94,7 @@ class Problem(Generic[Body]):
     frame: Frame | None = None
     layers: Array | None = None
     closed: Flags = field(default_factory=lambda: NO_PAIRS)
+    rubbing: Rubbing = field(default_factory=Rubbing)
     gaps: Array = field(default_factory=lambda: NO_GAPS)
 
     @cached_property
@@ -120,7 +123,7 @@ class Problem(Generic[Body]):
         y_free, C = all_holds(self.system, self.answer.y_free), pad_compliance(self.system, self.answer.C)
         if self.contact is None or not self.closed.any():
             return y_free, C
-        return condense(self.contact, self.closed, y_free, C)
+        return condense(self.contact, self.closed, self.rubbing, y_free, C)
 
     @property
     def y_free(self) -> Array:
@@ -136,7 +139,7 @@ class Problem(Generic[Body]):
 @dataclass(frozen=True)
 class Iterate:
     """Unknowns of a step: `q` (n, c), `N` (spans, g), `s` (m,), `lam` (m, 5), `y` (m, 9); active sets `sigma` (m,)
-    of the friction and `pressed` (k,) of the contact, whose forces follow from the others.
+    of the friction and `pressed` (k,) of the contact, with how it is `rubbing`, whose forces follow from the others.
     """
 
     q: Array
@@ -146,6 +149,7 @@ class Iterate:
     y: Array
     sigma: Array
     pressed: Flags = field(default_factory=lambda: NO_PAIRS, kw_only=True)
+    rubbing: Rubbing = field(default_factory=Rubbing, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -232,7 +236,7 @@ def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Bod
     the answer stood. Raises `StepError` where it has none."""
     sites = len(problem.system.piercings)
     try:
-        answer = problem.answer.again(r.f_y[:sites].ravel(), closing_forces(problem.contact, z, r))
+        answer = problem.answer.again(r.f_y[:sites].ravel(), forces_that_close(problem.contact, z, r))
     except OrganError as error:
         raise failure(problem, r, str(error)) from error
     if answer is problem.answer:
@@ -371,7 +375,7 @@ def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body],
     z, iterations = replace(start, sigma=admissible_sigma(problem.law, start.sigma)), 0
     seen: set[bytes] = set()
     for _ in range(MAX_SETS + len(z.pressed)):
-        solution = solve_set(replace(problem, closed=z.pressed), z, correct, patience)
+        solution = solve_set(replace(problem, closed=z.pressed, rubbing=z.rubbing), z, correct, patience)
         iterations += solution.iterations
         z, r = solution.iterate, solution.residual
         problem = replace(problem, answer=solution.problem.answer)
@@ -386,7 +390,7 @@ def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body],
 
 def sets_of(z: Iterate) -> bytes:
     """Return the active sets of an iterate as bytes, to recognise them."""
-    return z.sigma.tobytes() + z.pressed.tobytes()
+    return z.sigma.tobytes() + z.pressed.tobytes() + z.rubbing.slips.tobytes()
 
 
 def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: set[bytes]) -> Iterate:
@@ -397,6 +401,8 @@ def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: set[by
     margin = MARGIN * force_tolerance(problem, r)
     sigma = next_sigma(problem.law, z.sigma, r.passage, z.s, z.lam, z.y, margin)
     contact = problem.contact
+    if contact is not None and contact.law is not None:
+        return with_rubbing_sets(problem, contact, z, r, sigma, seen)
     pressed = z.pressed if contact is None else find_pressed(contact, r.f_y.ravel(), z.pressed)
     fitting = replace(z, sigma=sigma, pressed=pressed)
     if np.array_equal(sigma, z.sigma) and np.array_equal(pressed, z.pressed):
@@ -410,16 +416,34 @@ def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: set[by
     return replace(z, pressed=z.pressed ^ first_of(wrong)) if wrong.any() else z
 
 
-def closing_forces(contact: Contact[Body] | None, z: Iterate, r: Residual) -> Array:
-    """Return what keeps the pressed pairs of an iterate closed, pulls too, which end its set, shape `(k,)` [N]."""
-    if contact is None:
-        return NO_FORCES
-    return forces_and_gaps(contact, z.pressed, contact.gaps_when_open(r.f_y.ravel()))[0]
+def with_rubbing_sets(
+    problem: Problem[Body], contact: Contact[Body], z: Iterate, r: Residual, sigma: Array, seen: set[bytes]
+) -> Iterate:
+    """Return a solved iterate with the active sets that its forces ask for, of the thread's friction `sigma` and where
+    surfaces rub: the very same object where their forces are those that Coulomb's law asks for, whatever the set."""
+    f = r.f_y.ravel()
+    pressed, rubbing, P = find_sets(contact, f, z.pressed, z.rubbing)
+    other, off = sigma != z.sigma, P - closing_forces(contact, z.pressed, z.rubbing, f)
+    if not other.any() and np.abs(off).max() <= FORCE_TOLERANCE * np.abs(P).max():
+        return z
+    fitting = replace(z, sigma=sigma, pressed=pressed, rubbing=rubbing)
+    if other.any() and sets_of(fitting) in seen:
+        return replace(fitting, sigma=admissible_sigma(problem.law, np.where(first_of(other), sigma, z.sigma)))
+    return fitting
+
+
+def forces_that_close(contact: Contact[Body] | None, z: Iterate, r: Residual) -> Array:
+    """Return what the active set of an iterate asks of the pairs, shape `(k,)` [N]."""
+    return NO_FORCES if contact is None else closing_forces(contact, z.pressed, z.rubbing, r.f_y.ravel())
 
 
 def contact_forces(contact: Contact[Body] | None, z: Iterate, r: Residual) -> Array:
     """Return p of a solved iterate, shape `(k,)` [N]."""
-    return NO_FORCES if contact is None else forces(contact, z.pressed, r.f_y.ravel())
+    if contact is None:
+        return NO_FORCES
+    if contact.law is not None:
+        return closing_forces(contact, z.pressed, z.rubbing, r.f_y.ravel())
+    return forces(contact, z.pressed, r.f_y.ravel())
 
 
 def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body], patience: int) -> Solution[Body]:

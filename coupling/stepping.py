@@ -12,7 +12,7 @@ import numpy as np
 from coupling.arrays import Array, Flags
 from coupling.configuration import Configuration, configuration_of
 from coupling.constraints import Passage, bare_passage
-from coupling.contact import pressed_pairs
+from coupling.contact import first_sets
 from coupling.continuation import solve_downhill
 from coupling.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.errors import InversionError, StepError, UphillError
@@ -169,8 +169,8 @@ def predict(problem: Problem[Body], state: State[Body]) -> Iterate:
     come back to its own answer.)"""
     q = with_ends(state.q + problem.dt * state.v, problem.system, problem.time)
     s = state.s + problem.dt * state.s_dot
-    pressed = pressed_pairs(problem.contact, problem.system, state)
-    return Iterate(q, state.N, s, state.lam, state.y, state.sigma, pressed=pressed)
+    pressed, rubbing = first_sets(problem.contact, problem.system, state)
+    return Iterate(q, state.N, s, state.lam, state.y, state.sigma, pressed=pressed, rubbing=rubbing)
 
 
 def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme | None = None) -> Step[Body]:

@@ -10,7 +10,7 @@ from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.finite import FiniteOrgan
 from tissue.organs.fixed import FixedSites, fixed_sites
 from tissue.organs.lips import Gaps, Part, build_gaps, surface_gaps
-from tissue.organs.meshed import Equation, LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
+from tissue.organs.meshed import Equation, LinearAnswer, Lips, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.organs.reduced import ReducedOrgan, ReducedState, Reduction, reduce_organ
 from tissue.sites.site import Site, Sites, build_sites
@@ -33,6 +33,7 @@ __all__ = [
     "Gaps",
     "Hyperelasticity",
     "LinearAnswer",
+    "Lips",
     "Loads",
     "Material",
     "OrganEnergies",

@@ -8,7 +8,7 @@ matrix is positive definite. Under compression it is not, and is solved with exc
 import numpy as np
 
 from coupling.arrays import Array, Flags
-from coupling.compiled.loops import loop
+from coupling.compiled.loops import loop, part
 
 REACH = 3  # points to each side on a cubic
 HALF = 3 * (REACH + 1) - 1  # diagonals to each side
@@ -20,16 +20,18 @@ def hold_still(A: Array, held: Flags) -> None:
     for i in range(len(held)):
         for x in range(3):
             if held[i, x]:
-                A[i, x] = 0.0
+                for c in range(A.shape[2]):
+                    A[i, x, c] = 0.0
                 for k in range(min(i, REACH) + 1):
-                    A[i - k, :, 3 * k + x] = 0.0
+                    for y in range(3):
+                        A[i - k, y, 3 * k + x] = 0.0
                 A[i, x, x] = 1.0
 
 
 @loop
 def factorise(A: Array) -> bool:
     """Factorise in place: 1/D on the diagonal, the rows of Lᵀ to its right. False where A is not positive definite."""
-    U = np.empty((3, 12))
+    U = np.zeros((3, 12))
     for i in range(len(A) - REACH):
         B = A[i]
         for x in range(3):
@@ -39,7 +41,9 @@ def factorise(A: Array) -> bool:
                 lower = B[x, z] / B[x, x]
                 for c in range(z, 12):
                     B[z, c] -= lower * B[x, c]
-        U[:] = B
+        for x in range(3):
+            for c in range(12):
+                U[x, c] = B[x, c]
         for x in range(3):
             B[x, x] = 1.0 / U[x, x]
             for c in range(x + 1, 12):
@@ -103,9 +107,9 @@ def full_band(A: Array) -> Array:
 
 @loop
 def eliminate_by_exchanges(band: Array, X: Array) -> bool:
-    """Eliminate below the diagonal of a full band, the right-hand sides `X` (size, k) with it, each time with the row
-    of the largest entry; False where all are zero."""
-    size, columns = X.shape
+    """Eliminate below the diagonal of a full band, the right-hand sides `X` (n + 3, 3, k) with it, each time with the
+    row of the largest entry; False where all are zero."""
+    size, columns = len(band), X.shape[2]
     for j in range(size):
         below, right, best = min(size, j + HALF + 1), min(size, j + 2 * HALF + 1), j
         for i in range(j + 1, below):
@@ -118,13 +122,15 @@ def eliminate_by_exchanges(band: Array, X: Array) -> bool:
                 one, other = band[j, c - j + HALF], band[best, c - best + HALF]
                 band[j, c - j + HALF], band[best, c - best + HALF] = other, one
             for z in range(columns):
-                X[j, z], X[best, z] = X[best, z], X[j, z]
+                swapped = X[j // 3, j % 3, z]
+                X[j // 3, j % 3, z] = X[best // 3, best % 3, z]
+                X[best // 3, best % 3, z] = swapped
         for i in range(j + 1, below):
             factor = band[i, j - i + HALF] / band[j, HALF]
             for c in range(j + 1, right):
                 band[i, c - i + HALF] -= factor * band[j, c - j + HALF]
             for z in range(columns):
-                X[i, z] -= factor * X[j, z]
+                X[i // 3, i % 3, z] -= factor * X[j // 3, j % 3, z]
     return True
 
 
@@ -133,23 +139,26 @@ def solve_by_exchanges(A: Array, X: Array) -> bool:
     """Replace `X` (n + 3, 3, k) by A⁻¹X, by elimination with exchanges of rows; False where A is singular."""
     band = full_band(A)
     size, columns = len(band), X.shape[2]
-    rows = X.reshape(-1, columns)[:size]
-    if not eliminate_by_exchanges(band, rows):
+    if not eliminate_by_exchanges(band, X):
         return False
     for j in range(size - 1, -1, -1):
         for c in range(j + 1, min(size, j + 2 * HALF + 1)):
             for z in range(columns):
-                rows[j, z] -= band[j, c - j + HALF] * rows[c, z]
+                X[j // 3, j % 3, z] -= band[j, c - j + HALF] * X[c // 3, c % 3, z]
         for z in range(columns):
-            rows[j, z] /= band[j, HALF]
+            X[j // 3, j % 3, z] /= band[j, HALF]
     return True
 
 
-@loop
+@part
 def solve_band(A: Array, X: Array, first: int) -> bool:
     """Replace `X` (n + 3, 3, k) by A⁻¹X; all its columns but the first are zero before the point `first`. False where A
     is singular."""
-    factors = A.copy()
+    factors = np.zeros(A.shape)
+    for i in range(len(A)):
+        for x in range(3):
+            for c in range(A.shape[2]):
+                factors[i, x, c] = A[i, x, c]
     if not factorise(factors):
         return solve_by_exchanges(A, X)
     solve_lower(factors, X, first)

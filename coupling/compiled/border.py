@@ -17,7 +17,7 @@ from coupling.compiled.holes import (
     tangent_rate,
     without,
 )
-from coupling.compiled.loops import loop
+from coupling.compiled.loops import loop, numbers, part
 from coupling.compiled.vectors import (
     Matrix,
     Vector,
@@ -34,10 +34,10 @@ from coupling.compiled.vectors import (
     transposed,
 )
 
-S, LAM, MU_U, MU_V, X, U, V = 0, 1, 4, 5, 6, 9, 12  # columns of a hold's unknowns, as in `coupling.bordered`
-G, C1, C2 = 1, 4, 5  # rows of B and D: after the law of sliding
-AT_P, AT_T, AT_K = 0, 3, 6  # the thread's nine numbers
-OF_X, OF_U, OF_V = 0, 3, 6  # the organ's
+S, LAM, MU_U, MU_V, X, U, V = numbers(0, 1, 4, 5, 6, 9, 12)  # columns of a hold's unknowns, as in `coupling.bordered`
+G, C1, C2 = numbers(1, 4, 5)  # rows of B and D: after the law of sliding
+AT_P, AT_T, AT_K = numbers(0, 3, 6)  # the thread's nine numbers
+OF_X, OF_U, OF_V = numbers(0, 3, 6)  # the organ's
 NINE, OWN, BORDER = 9, 6, 15
 LARGEST = 1e300  # where sums are reordered, x − x is zero although x is no number: so compare
 
@@ -186,8 +186,10 @@ def drop_constraints(B: Array, D: Array, rows: Array) -> None:
     """Replace the rows of the constraints that are not in force, `rows` (5,), by λ = 0."""
     for j in range(5):
         if not rows[j]:
-            B[1 + j] = 0.0
-            D[1 + j] = 0.0
+            for z in range(NINE):
+                B[1 + j, z] = 0.0
+            for z in range(BORDER):
+                D[1 + j, z] = 0.0
             D[1 + j, 1 + j] = 1.0
 
 
@@ -201,17 +203,18 @@ def put_columns(first: int, b: Array, X: Array, column: int) -> None:
 
 
 @loop
-def values_at_hold(first: int, b: Array, X: Array, out: Array) -> None:
-    """Write Vᵀ X of one hold, shape `(9, k)`."""
+def values_at_hold(first: int, b: Array, X: Array, out: Array, at: int) -> None:
+    """Write Vᵀ X of one hold, shape `(9, k)`, to the rows from `at` on."""
     for order in range(3):
         b0, b1, b2, b3 = b[order, 0], b[order, 1], b[order, 2], b[order, 3]
         for x in range(3):
-            row, r0, r1, r2, r3 = out[3 * order + x], X[first, x], X[first + 1, x], X[first + 2, x], X[first + 3, x]
+            row = out[at + 3 * order + x]
+            r0, r1, r2, r3 = X[first, x], X[first + 1, x], X[first + 2, x], X[first + 3, x]
             for j in range(len(row)):
                 row[j] = b0 * r0[j] + b1 * r1[j] + b2 * r2[j] + b3 * r3[j]
 
 
-@loop
+@part
 def solve_holds(border: Border, C: Array, G: Array, r: Array, r_y: Array, rigid: bool, dz: Array) -> bool:
     """Solve the border once the thread is eliminated, Vᵀdq = w − G E dz, for `dz` (m, 15). The first column of `G`
     (9m, 1 + 9m) is w. `rigid`: no site gives way and each is in its place. False where the matrix is singular."""
@@ -220,15 +223,14 @@ def solve_holds(border: Border, C: Array, G: Array, r: Array, r_y: Array, rigid:
     M = np.zeros((own * m, own * m + 1))
     GE = thread_by_holds(border.E, G, own)
     for k in range(m):
-        add_own_equations(border, k, G, GE, r, M[OWN * k : OWN * k + OWN], own)
+        add_own_equations(border, k, G, GE, r, M, own)
     if not rigid:
         add_site_equations(border, C, G, GE, r_y, M)
     if not solve_dense(M):
         return False
     for k in range(m):
-        dz[k, own:] = 0.0
-        for j in range(own):
-            dz[k, j] = M[own * k + j, own * m]
+        for j in range(BORDER):
+            dz[k, j] = M[own * k + j, own * m] if j < own else 0.0
     return True
 
 
@@ -251,7 +253,7 @@ def add_own_equations(border: Border, k: int, G: Array, GE: Array, r: Array, M: 
     """Add D − B G E and −r − B w of hold k to its six rows, the right-hand side last."""
     last = M.shape[1] - 1
     for i in range(OWN):
-        row = M[i]
+        row = M[OWN * k + i]
         for j in range(NINE):
             b, at = border.B[k, i, j], NINE * k + j
             if b != 0.0:

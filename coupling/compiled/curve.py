@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from coupling.arrays import Array, Indices
-from coupling.compiled.loops import loop
+from coupling.compiled.loops import loop, numbers
 from coupling.compiled.vectors import (
     Matrix,
     Vector,
@@ -18,6 +18,8 @@ from coupling.compiled.vectors import (
     times,
     transposed,
 )
+
+FIRST, *_ = numbers(0)
 
 
 class Curve(NamedTuple):
@@ -56,9 +58,9 @@ def along_span(b: Array, q: Array, first: int) -> Vector:
 
 
 @loop
-def put(a: Vector, M: Array) -> None:
-    """Write a vector into an array `(3,)`."""
-    M[0], M[1], M[2] = a
+def put(a: Vector, M: Array, i: int, j: int) -> None:
+    """Write a vector into row i of an array, from column j on."""
+    M[i, j], M[i, j + 1], M[i, j + 2] = a
 
 
 @loop
@@ -67,11 +69,11 @@ def evaluate(curve: Curve, q: Array, at: Stretched) -> None:
     for e in range(len(curve.first)):
         first = curve.first[e]
         for g in range(curve.w.shape[1]):
-            put(along_span(curve.slope[e, g], q, first), at.T[e, g])
-            put(along_span(curve.bend[e, g], q, first), at.K[e, g])
+            put(along_span(curve.slope[e, g], q, first), at.T[e], g, FIRST)
+            put(along_span(curve.bend[e, g], q, first), at.K[e], g, FIRST)
         for g in range(curve.axial_w.shape[1]):
             T = along_span(curve.axial_slope[e, g], q, first)
-            put(T, at.T_axial[e, g])
+            put(T, at.T_axial[e], g, FIRST)
             at.strain[e, g] = 0.5 * (dot(T, T) - 1.0)
 
 
@@ -118,18 +120,18 @@ def add_gradient(curve: Curve, at: Stretched, F: Array) -> None:
             by_T, by_K = bending_gradient(curve, point(at.T, e, g), point(at.K, e, g))
             w, slope, bend = curve.w[e, g], curve.slope[e, g], curve.bend[e, g]
             for i in range(4):
-                add_row(1.0, sum_of(w * slope[i], by_T, w * bend[i], by_K), F, first + i, 0)
+                add_row(1.0, sum_of(w * slope[i], by_T, w * bend[i], by_K), F, first + i, FIRST)
         for g in range(curve.axial_w.shape[1]):
             N, slope = curve.axial_w[e, g] * curve.EA * at.strain[e, g], curve.axial_slope[e, g]
             T = point(at.T_axial, e, g)
             for i in range(4):
-                add_row(N * slope[i], T, F, first + i, 0)
+                add_row(N * slope[i], T, F, first + i, FIRST)
 
 
 @loop
 def add_block(A: Array, i: int, j: int, x: float, block: Matrix) -> None:
     """Add x times the block of the points i and j ≥ i to a symmetric block band."""
-    add_matrix(x, block, A[i], 0, 3 * (j - i))
+    add_matrix(x, block, A[i], FIRST, 3 * (j - i))
 
 
 @loop

@@ -15,7 +15,7 @@ from coupling.compiled.holes import (
     tangent,
     tangent_rate,
 )
-from coupling.compiled.loops import loop
+from coupling.compiled.loops import loop, numbers
 from coupling.compiled.vectors import (
     ZERO,
     Vector,
@@ -30,8 +30,8 @@ from coupling.compiled.vectors import (
     times,
 )
 
-S, LAM, MU_U, MU_V, U, V = 0, 1, 4, 5, 9, 12  # columns of a hold's unknowns, as in `coupling.bordered`
-AT_T, AT_K = 3, 6
+LAW, S, LAM, MU_U, MU_V, U, V = numbers(0, 0, 1, 4, 5, 9, 12)  # row of the law; columns as in `coupling.bordered`
+AT_T, AT_K = numbers(3, 6)
 TINY = 2.2250738585072014e-308
 
 
@@ -129,17 +129,17 @@ def next_sigma(law: Law, k: int, sigma: float, h: Hold, s: float, margin: float)
 def linearise_law(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) -> None:
     """Write the row of s: row 0 of `B` (6, 9) and of `D` (6, 15), both zero before."""
     if sigma == 0.0:
-        D[0, S] = 1.0
+        D[LAW, S] = 1.0
         return
     P_s, T_s, T_u, T_v = place_rate(h), tangent_rate(h), h.mu_u, h.mu_v
-    add_row(1.0, P_s, D, 0, LAM)
-    D[0, MU_U] += dot(T_s, h.u)
-    D[0, MU_V] += dot(T_s, h.v)
-    add_row(T_u, T_s, D, 0, U)
-    add_row(T_v, T_s, D, 0, V)
-    D[0, S] += dot(h.lam, h.K) + dot(h.m, h.J) + held_energy(h, 2) - law.inertia[k]
-    add_row(1.0, h.lam, B, 0, AT_T)
-    add_row(1.0, h.m, B, 0, AT_K)
+    add_row(1.0, P_s, D, LAW, LAM)
+    D[LAW, MU_U] += dot(T_s, h.u)
+    D[LAW, MU_V] += dot(T_s, h.v)
+    add_row(T_u, T_s, D, LAW, U)
+    add_row(T_v, T_s, D, LAW, V)
+    D[LAW, S] += dot(h.lam, h.K) + dot(h.m, h.J) + held_energy(h, h.c0[2], h.c1[2], h.c2[2]) - law.inertia[k]
+    add_row(1.0, h.lam, B, LAW, AT_T)
+    add_row(1.0, h.m, B, LAW, AT_K)
     if not h.bare:
         add_turning(h, B, D)
     if not law.ideal:
@@ -151,13 +151,13 @@ def add_turning(h: Hold, B: Array, D: Array) -> None:
     """Add the slope of the missing compliance's share in the driving force by the axis that it acts across."""
     rate = axis_force_rate(h)
     if h.directed:
-        add_row(1.0, cross(h.v, rate), D, 0, U)
-        add_row(1.0, cross(rate, h.u), D, 0, V)
+        add_row(1.0, cross(h.v, rate), D, LAW, U)
+        add_row(1.0, cross(rate, h.u), D, LAW, V)
         return
     own = plus(rate, applied(axis_stiffness(h), h.K))
-    D[0, S] += dot(plus(own, rate), h.K) + dot(axis_force(h), h.J)
-    add_row(1.0, own, B, 0, AT_T)
-    add_row(1.0, axis_force(h), B, 0, AT_K)
+    D[LAW, S] += dot(plus(own, rate), h.K) + dot(axis_force(h), h.J)
+    add_row(1.0, own, B, LAW, AT_T)
+    add_row(1.0, axis_force(h), B, LAW, AT_K)
 
 
 @loop
@@ -178,11 +178,11 @@ def add_friction(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) ->
     given = law.injected[k] + rough_sigma * kinetic_bound(law, k, h)
     press = rough_sigma * size * law.kinetic[k]
     by_m = times(-press * law.per_channel[k], minus(n_one, n_other))
-    add_row(-0.5 * press, plus(n_one, n_other), D, 0, LAM)
-    D[0, MU_U] += dot(by_m, h.u)
-    D[0, MU_V] += dot(by_m, h.v)
-    add_row(h.mu_u, by_m, D, 0, U)
-    add_row(h.mu_v, by_m, D, 0, V)
+    add_row(-0.5 * press, plus(n_one, n_other), D, LAW, LAM)
+    D[LAW, MU_U] += dot(by_m, h.u)
+    D[LAW, MU_V] += dot(by_m, h.v)
+    add_row(h.mu_u, by_m, D, LAW, U)
+    add_row(h.mu_v, by_m, D, LAW, V)
     by_t = sum_of(press * dot(one, t), n_one, press * dot(other, t), n_other)
     add_tangent(h, size, t, -given, by_t, B, D)
 
@@ -194,14 +194,14 @@ def add_tangent(h: Hold, size: float, t: Vector, by_size: float, by_t: Vector, B
     if h.directed and not h.bare:
         sign = 1.0 if dot(h.unit, t) > 0.0 else -1.0
         by_axis = times(sign / h.size, by_t)
-        add_row(1.0, cross(h.v, by_axis), D, 0, U)
-        add_row(1.0, cross(by_axis, h.u), D, 0, V)
+        add_row(1.0, cross(h.v, by_axis), D, LAW, U)
+        add_row(1.0, cross(by_axis, h.u), D, LAW, V)
         by_T = times(by_size / size, h.T)
     elif not h.bare:
         by_T, by_K = add_effective_tangent(h, by_T, D)
-    D[0, S] += dot(by_T, h.K) + dot(by_K, h.J)
-    add_row(1.0, by_T, B, 0, AT_T)
-    add_row(1.0, by_K, B, 0, AT_K)
+    D[LAW, S] += dot(by_T, h.K) + dot(by_K, h.J)
+    add_row(1.0, by_T, B, LAW, AT_T)
+    add_row(1.0, by_K, B, LAW, AT_K)
 
 
 @loop
@@ -214,8 +214,8 @@ def add_effective_tangent(h: Hold, by: Vector, D: Array) -> tuple[Vector, Vector
     by_across = sum_of(h.c1[0], by, -h.c0[0] * per_square, h.K)
     lengthwise = dot(by_across, h.unit)
     crosswise = sum_of(1.0, by_across, -lengthwise, h.unit)
-    add_row(1.0, crosswise, D, 0, LAM)
-    D[0, S] += h.c1[1] * dot(by, h.across) - h.c0[1] * bend
+    add_row(1.0, crosswise, D, LAW, LAM)
+    D[LAW, S] += h.c1[1] * dot(by, h.across) - h.c0[1] * bend
     turned = sum_of(lengthwise / h.size, h.across, h.along / h.size, crosswise)
     stretched = sum_of(shrinkage(h), by, 2.0 * h.c0[0] * bend / square, h.T)
     return minus(stretched, turned), times(-h.c0[0] * per_square, h.across)

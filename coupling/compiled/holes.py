@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from coupling.arrays import Array
-from coupling.compiled.loops import loop
+from coupling.compiled.loops import loop, numbers
 from coupling.compiled.vectors import (
     ZERO,
     Matrix,
@@ -23,6 +23,8 @@ from coupling.compiled.vectors import (
     transposed,
     vector,
 )
+
+FIRST, AT_U, AT_V = numbers(0, 3, 6)
 
 
 class Hold(NamedTuple):
@@ -59,16 +61,16 @@ class Hold(NamedTuple):
 @loop
 def hold_at(D: Array, c: Array, directed: bool, bare: bool, lam: Array, y: Array) -> Hold:
     """Return a hold from P to T'', `D` (4, 3), c `(3 derivatives, 3)`, `lam` (5,) and `y` (9,)."""
-    T, force, u, v = vector(D[1], 0), vector(lam, 0), vector(y, 3), vector(y, 6)
+    T, force, u, v = vector(D[1], FIRST), vector(lam, FIRST), vector(y, AT_U), vector(y, AT_V)
     axis = cross(u, v) if directed else T
     size = norm(axis)
     unit = times(1.0 / size, axis)
     along = dot(force, unit)
     return Hold(
-        vector(D[0], 0),
+        vector(D[0], FIRST),
         T,
-        vector(D[2], 0),
-        vector(D[3], 0),
+        vector(D[2], FIRST),
+        vector(D[3], FIRST),
         (c[0, 0], c[1, 0], c[2, 0]),
         (c[0, 1], c[1, 1], c[2, 1]),
         (c[0, 2], c[1, 2], c[2, 2]),
@@ -77,7 +79,7 @@ def hold_at(D: Array, c: Array, directed: bool, bare: bool, lam: Array, y: Array
         force,
         lam[3],
         lam[4],
-        vector(y, 0),
+        vector(y, FIRST),
         u,
         v,
         sum_of(lam[3], u, lam[4], v),
@@ -139,9 +141,8 @@ def tangent_rate(h: Hold) -> Vector:
 
 
 @loop
-def held_energy(h: Hold, derivative: int) -> float:
-    """Return the first or second derivative by s of ½c₀(λ² − τ²) + c₁λ·m + ½c₂m² with the axis held [N, N/m]."""
-    c0, c1, c2 = (h.c0[1], h.c1[1], h.c2[1]) if derivative == 1 else (h.c0[2], h.c1[2], h.c2[2])
+def held_energy(h: Hold, c0: float, c1: float, c2: float) -> float:
+    """Return ½c₀(λ² − τ²) + c₁λ·m + ½c₂m², with derivatives of c by s its own by s with the axis held [N, N/m]."""
     return 0.5 * (c0 * dot(h.across, h.across) + c2 * dot(h.m, h.m)) + c1 * dot(h.lam, h.m)
 
 
@@ -164,7 +165,7 @@ def tangent(h: Hold) -> Vector:
 @loop
 def driving_force(h: Hold) -> float:
     """Return Φ_sᵀλ [N]."""
-    return dot(h.lam, h.T) + dot(h.m, h.K) + held_energy(h, 1) + dot(own_axis_force(h), h.K)
+    return dot(h.lam, h.T) + dot(h.m, h.K) + held_energy(h, h.c0[1], h.c1[1], h.c2[1]) + dot(own_axis_force(h), h.K)
 
 
 @loop

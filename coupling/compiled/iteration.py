@@ -11,6 +11,9 @@ from coupling.compiled.border import (
     BORDER,
     LARGEST,
     NINE,
+    OF_U,
+    OF_V,
+    OF_X,
     Border,
     drop_constraints,
     empty_border,
@@ -20,7 +23,7 @@ from coupling.compiled.border import (
     thread_direction,
     values_at_hold,
 )
-from coupling.compiled.curve import Curve, Stretched, add_block, along_span
+from coupling.compiled.curve import FIRST, Curve, Stretched, add_block, along_span, put
 from coupling.compiled.friction import (
     Law,
     admissible_sigma,
@@ -29,7 +32,7 @@ from coupling.compiled.friction import (
     residual,
 )
 from coupling.compiled.holes import Hold, axis_stiffness, effective_tangent, force_on_tangent, gap, hold_at, site_force
-from coupling.compiled.loops import loop, outermost, sources
+from coupling.compiled.loops import loop, outermost, part, sources
 from coupling.compiled.vectors import add_row, dot, sum_of
 
 SOLVED, NOT_SOLVED = 0, 1
@@ -112,6 +115,21 @@ class Found(NamedTuple):
 
 
 @loop
+def clear(M: Array) -> None:
+    """Set a matrix to zero."""
+    for i in range(M.shape[0]):
+        for j in range(M.shape[1]):
+            M[i, j] = 0.0
+
+
+@loop
+def copy_into(a: Array, b: Array) -> None:
+    """Write the numbers of a vector into another."""
+    for i in range(len(a)):
+        b[i] = a[i]
+
+
+@loop
 def span_of(breaks: Array, s: float, low: int, high: int) -> int:
     """Return the index of the span from `low` to `high` that holds s, or is nearest to it."""
     while low < high:
@@ -124,8 +142,8 @@ def span_of(breaks: Array, s: float, low: int, high: int) -> int:
 
 
 @loop
-def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found) -> bool:
-    """Evaluate the thread at hold k, and what it lacks there; whether it lacks anything."""
+def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found) -> None:
+    """Evaluate the thread at hold k, and what it lacks there."""
     s = z.s[k]
     span = span_of(knots.breaks, s, given.spans[k, 0], given.spans[k, 1])
     x, p, first = s - knots.breaks[span], knots.polynomials[span], knots.first[span]
@@ -136,16 +154,25 @@ def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found) -> bool
         r.b[k, 2, i] = 2.0 * p[2, i] + 6.0 * x * p[3, i]
         r.b[k, 3, i] = 6.0 * p[3, i]
     for order in range(4):
-        on_curve.put(along_span(r.b[k, order], z.q, first), r.D[k, order])
-    inside, some = given.piece[k, 0] < s < given.piece[k, 1], False
+        put(along_span(r.b[k, order], z.q, first), r.D[k], order, FIRST)
+    inside = given.piece[k, 0] < s < given.piece[k, 1]
     for derivative in range(3):
         for j in range(3):
             powers, c = given.lack[k, span, derivative, j], 0.0
             for power in range(6, -1, -1):
                 c = c * x + powers[power]
             r.c[k, derivative, j] = c if inside else 0.0
-            some |= r.c[k, derivative, j] != 0.0
-    return some
+
+
+@loop
+def lacks(c: Array) -> bool:
+    """Whether the spline lacks any compliance at the holds, `c` (m, 3, 3)."""
+    for k in range(len(c)):
+        for derivative in range(3):
+            for j in range(3):
+                if c[k, derivative, j] != 0.0:
+                    return True
+    return False
 
 
 @loop
@@ -167,25 +194,26 @@ def add_momentum(mass: Array, factor: float, q: Array, q_ref: Array, out: Array)
                 out[i, x] += mass[i, k] * factor * (q[i + k, x] - q_ref[i + k, x])
 
 
-@loop
+@part
 def evaluate(curve: Curve, knots: Knots, law: Law, given: Given, z: Unknowns, r: Found) -> tuple[float, bool]:
     """Evaluate all residuals of a step; returns the largest force [N] and whether the spline lacks nothing."""
     at, m = Stretched(r.T, r.K, r.T_axial, r.strain), len(z.s)
     on_curve.evaluate(curve, z.q, at)
-    r.elastic[:], r.push[:] = 0.0, 0.0
+    clear(r.elastic)
+    clear(r.push)
     on_curve.add_gradient(curve, at, r.elastic)
     scale = balance_elastic(r, given.load)
     if given.mass_factor != 0.0:
         add_momentum(knots.mass, given.mass_factor, z.q, given.q_ref, r.balance)
-    bare = True
     for k in range(m):
-        bare &= not pass_hold(knots, given, z, k, r)
+        pass_hold(knots, given, z, k, r)
+    bare = not lacks(r.c)
     for k in range(m):
         h = hold_of(given, z, r, k, bare)
         scale = max(scale, abs(h.lam[0]), abs(h.lam[1]), abs(h.lam[2]))
         couple, b = force_on_tangent(h), r.b[k]
         for i in range(4):
-            add_row(1.0, sum_of(b[0, i], h.lam, b[1, i], couple), r.push, r.first[k] + i, 0)
+            add_row(1.0, sum_of(b[0, i], h.lam, b[1, i], couple), r.push, r.first[k] + i, FIRST)
         evaluate_hold(law, given, z, k, h, r)
     subtract_push(r)
     evaluate_sites(given, z, r)
@@ -222,19 +250,18 @@ def evaluate_hold(law: Law, given: Given, z: Unknowns, k: int, h: Hold, r: Found
         if not given.rows[k, j]:
             holds[1 + j] = z.lam[k, j]
     f_x, f_u, f_v = site_force(h)
-    on_curve.put(f_x, r.f_y[k, :3])
-    on_curve.put(f_u, r.f_y[k, 3:6])
-    on_curve.put(f_v, r.f_y[k, 6:])
+    put(f_x, r.f_y, k, OF_X)
+    put(f_u, r.f_y, k, OF_U)
+    put(f_v, r.f_y, k, OF_V)
 
 
 @loop
 def evaluate_sites(given: Given, z: Unknowns, r: Found) -> None:
     """Evaluate y − y_free − C f_y."""
-    f, C = r.f_y.ravel(), given.C
-    for i in range(len(f)):
+    for i in range(len(given.C)):
         moved = 0.0
-        for j in range(len(f)):
-            moved += C[i, j] * f[j]
+        for j in range(len(given.C)):
+            moved += given.C[i, j] * r.f_y[j // NINE, j % NINE]
         k, x = i // NINE, i % NINE
         r.site[k, x] = z.y[k, x] - given.y_free[k, x] - moved
 
@@ -259,7 +286,7 @@ def is_converged(given: Given, bounds: Bounds, force: float, z: Unknowns, r: Fou
     return True
 
 
-@loop
+@part
 def border_of(law: Law, given: Given, z: Unknowns, r: Found, bare: bool) -> Border:
     """Linearise the holds."""
     border = empty_border(len(z.s))
@@ -272,7 +299,7 @@ def border_of(law: Law, given: Given, z: Unknowns, r: Found, bare: bool) -> Bord
     return border
 
 
-@loop
+@part
 def thread_matrix(curve: Curve, knots: Knots, given: Given, z: Unknowns, r: Found, bare: bool) -> Array:
     """Return the thread's own matrix as a block band: inertia, stiffness, and that of the axes of free holes."""
     n = len(z.q)
@@ -302,26 +329,26 @@ def has_any(M: Array) -> bool:
     return False
 
 
-@loop
+@part
 def newton_direction(A: Array, border: Border, given: Given, r: Found, dq: Array, dz: Array) -> float:
     """Solve for the direction `dq` (n, 3), `dz` (m, 15); returns the longest entry of dq [m], −1 where a matrix is
     singular."""
-    (n, _), m = r.balance.shape, len(r.holds)
-    X = np.zeros((n + REACH, 3, 1 + NINE * m))
-    X[:n, :, 0] = -r.balance
-    first = n
+    n, m = len(r.balance), len(r.holds)
+    X, first = np.zeros((n + REACH, 3, 1 + NINE * m)), n
     for k in range(m):
         put_columns(r.first[k], r.b[k], X, 1 + NINE * k)
         first = min(first, r.first[k])
     for i in range(n):
         for x in range(3):
+            X[i, x, 0] = -r.balance[i, x]
             if given.held[i, x]:
-                X[i, x] = 0.0
+                for j in range(X.shape[2]):
+                    X[i, x, j] = 0.0
     if not solve_band(A, X, first):
         return -1.0
-    G = np.empty((NINE * m, 1 + NINE * m))
+    G = np.zeros((NINE * m, 1 + NINE * m))
     for k in range(m):
-        values_at_hold(r.first[k], r.b[k], X, G[NINE * k : NINE * k + NINE])
+        values_at_hold(r.first[k], r.b[k], X, G, NINE * k)
     rigid = not (has_any(given.C) or has_any(r.site))
     if not solve_holds(border, given.C, G, r.holds, r.site, rigid, dz):
         return -1.0
@@ -344,13 +371,13 @@ def add_correction(bounds: Bounds, z: Unknowns, dq: Array, longest: float, dz: A
             z.y[k, j] += share * dz[k, 6 + j]
 
 
-@loop
+@part
 def solve_set(
     curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
 ) -> tuple[int, float, bool]:
     """Iterate by Newton with the active set; returns the iterations, −1 where it is not solved, the largest force [N]
     and whether the spline lacks nothing."""
-    dq, dz = np.empty_like(z.q), np.zeros((len(z.s), BORDER))
+    dq, dz = np.zeros((len(z.q), 3)), np.zeros((len(z.s), BORDER))
     for iteration in range(bounds.iterations):
         scale, bare = evaluate(curve, knots, law, given, z, r)
         scale = max(scale, bounds.least)
@@ -384,7 +411,7 @@ def next_set(law: Law, given: Given, z: Unknowns, r: Found, bare: bool, margin: 
     """Take the active set that the forces of a solved iterate ask for; False where the iterate has it. `seen` (k, m)
     are the sets of the `count` iterates solved so far: where one comes back, the first hole that has to changes."""
     m, first = len(z.s), -1
-    fitting = np.empty(m)
+    fitting = np.zeros(m)
     for k in range(m):
         fitting[k] = next_sigma(law, k, z.sigma[k], hold_of(given, z, r, k, bare), z.s[k], margin)
         if first < 0 and fitting[k] != z.sigma[k]:
@@ -394,7 +421,7 @@ def next_set(law: Law, given: Given, z: Unknowns, r: Found, bare: bool, margin: 
     if was_seen(seen, count, fitting):
         z.sigma[first] = fitting[first]
     else:
-        z.sigma[:] = fitting
+        copy_into(fitting, z.sigma)
     return True
 
 
@@ -408,7 +435,7 @@ def solve_of(digest: int) -> Any:
         """Iterate until every equation holds and stick and slip fit the answer; returns the iterations, −1 where that
         was not reached, and the largest force [N]."""
         assert digest
-        seen, total = np.empty((bounds.sets, len(z.s))), 0
+        seen, total = np.zeros((bounds.sets, len(z.s))), 0
         for k in range(len(z.s)):
             z.sigma[k] = admissible_sigma(law, k, z.sigma[k])
         for count in range(bounds.sets):
@@ -416,7 +443,7 @@ def solve_of(digest: int) -> Any:
             if iterations < 0:
                 return -1, scale
             total += iterations
-            seen[count] = z.sigma
+            copy_into(z.sigma, seen[count])
             margin = bounds.margin * (bounds.force * scale + bounds.rounded)
             if not next_set(law, given, z, r, bare, margin, seen, count + 1):
                 return total, scale

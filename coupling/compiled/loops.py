@@ -1,5 +1,7 @@
 """How the loops are compiled: each when it is first called, the outermost kept on disk with all that it calls.
 
+A function is compiled once for each constant integer that it is called with, unless that is a number of NumPy's; and
+what is done with a part of an array brings in a hundred functions of Numba's, so the loops go from number to number.
 Sums stay in their order: where the compiler may choose it, it chooses by where arrays happen to lie, and a resumed run
 does not go on to the same bits.
 """
@@ -9,14 +11,26 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
 from numba import njit
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 
 
+def numbers(*constants: int) -> tuple[int, ...]:
+    """Return integers that a function called with them is not compiled anew for."""
+    return tuple(np.array(constants))
+
+
 def loop(kernel: Kernel) -> Kernel:
     """Return a function compiled into each loop that calls it; Python itself cannot, which halves the compilation."""
     return njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(kernel)
+
+
+def part(kernel: Kernel) -> Kernel:
+    """Return a function that becomes a part of the one loop that calls it: a loop of many others is compiled once more
+    for each that it is called through."""
+    return njit(error_model="numpy", inline="always")(kernel)
 
 
 def outermost(kernel: Kernel) -> Kernel:

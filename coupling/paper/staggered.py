@@ -22,7 +22,7 @@ from coupling.constraints import site_force
 from coupling.contact import NO_FORCES, solve_contact
 from coupling.errors import RunAwayError
 from coupling.integrators import BackwardEuler, Scheme
-from coupling.interfaces import Answer, Body, Organ, OrganEnergies
+from coupling.interfaces import Answer, Body, Lips, Organ, OrganEnergies
 from coupling.stepping import Step, Take, organ_answer, try_step, with_sense
 from coupling.system import State, System
 
@@ -52,9 +52,9 @@ class HeldOrgan(Generic[Body]):
         """Return y of the organ, shape `(9p,)`."""
         return self.organ.site_variables(state)
 
-    def lips(self, state: Body) -> tuple[Array, Array, Array]:
-        """Return no gaps, forces and slides: the lips meet one another in the organ's own step."""
-        return NO_FORCES, NO_FORCES, NO_FORCES
+    def lips(self, state: Body) -> Lips:
+        """Return no pairs: the lips meet one another in the organ's own step."""
+        return NO_FORCES, NO_FORCES, NO_FORCES, np.zeros((0, 3)), np.zeros(0, dtype=bool)
 
     def energies(self, old: Body, new: Body) -> OrganEnergies:
         """Return the energies of the organ, which does no work here."""

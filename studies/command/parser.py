@@ -132,6 +132,14 @@ def _count(text: str) -> int:
     return int(text)
 
 
+def _levels(text: str) -> int:
+    from studies.refinement.ladder import LEAST
+
+    if not text.isdecimal() or int(text) < LEAST:
+        raise argparse.ArgumentTypeError(f"{text} is refused: a verdict needs {LEAST} levels or more")
+    return int(text)
+
+
 def _add_sweep(parser: argparse.ArgumentParser) -> None:
     _add_scenario(parser)
     parser.add_argument(
@@ -175,7 +183,7 @@ def _add_refine(parser: argparse.ArgumentParser) -> None:
         required=True,
         help="number of summary.json by its dotted name, such as piercings.exit.tension_after; several are possible",
     )
-    parser.add_argument("--levels", metavar="N", type=_count, default=LEVELS, help=f"default {LEVELS}, 3 at least")
+    parser.add_argument("--levels", metavar="N", type=_levels, default=LEVELS, help=f"default {LEVELS}, 3 at least")
     parser.add_argument("--over", choices=(*KINDS, "all"), default="all", help="what is refined, default all together")
     parser.add_argument("--ratio", metavar="R", type=float, default=None, help="of one level to the next, default √2")
     parser.add_argument(

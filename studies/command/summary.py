@@ -95,9 +95,10 @@ def place_lines(holes: Sequence[Piercing]) -> list[str]:
 
 def contact_line(contact: ContactRecord) -> str:
     """Tell how two surfaces press on one another."""
+    rubs = f", {contact.friction:.3g} N along them, {contact.slipping} of them slip" if contact.friction else ""
     return (
         f"contact    {contact.pair}: {contact.pressed} of {contact.pairs} pairs of nodes press on one another, "
-        f"{contact.largest_pressure:.3g} Pa at most, {contact.force:.3g} N in all; the smallest gap is "
+        f"{contact.largest_pressure:.3g} Pa at most, {contact.force:.3g} N in all{rubs}; the smallest gap is "
         f"{contact.smallest_gap / MILLI:.3g} mm"
     )
 

@@ -14,7 +14,7 @@ from studies.scenario.toml import read
 from studies.status import COMPLETED, FAILED, INTERRUPTED, REFUSED, UNSUPPORTED
 from studies.sweeps.grid import Settings, grid, paired, parse_over, read_table
 from studies.sweeps.sweep import Told, sweep
-from studies.sweeps.table import TABLES, SweepTable, drawn_columns, plain
+from studies.sweeps.table import TABLES, SweepTable, counted, drawn_columns, plain
 from studies.workers import WorkersError, workers_of
 
 STATUSES = {"completed": COMPLETED, "failed": FAILED, "refused": REFUSED}
@@ -58,8 +58,8 @@ def report(table: SweepTable, folder: Path) -> list[str]:
     count = {word: sum(status == number for status in statuses) for word, number in STATUSES.items()}
     told = ", ".join(f"{number} {word}" for word, number in count.items() if number)
     doubted = sum(bool(number) for number in unsupported)
-    lines = [f"{len(table)} cases: {told}"]
-    lines += [f"remarks    {doubted} cases have numbers that are not supported: column remarks"] if doubted else []
+    lines = [f"{counted(len(table))}: {told}"]
+    lines += [f"remarks    {counted(doubted)} with numbers that are not supported: column remarks"] if doubted else []
     lines += [f"table      {folder / 'table.csv'}" + _parquet(folder)]
     drawn = folder / "figure.png"
     return [*lines, *([f"figure     {drawn}"] if drawn.is_file() else [])]
@@ -94,7 +94,7 @@ class Teller:
     def begin(self, count: int) -> None:
         """Write how many cases there are: the first may take a while."""
         if not self._quiet:
-            print_lines([f"{count} cases, each with a line when it is done"], sys.stderr)
+            print_lines([f"{counted(count)}, each with a line when it is done"], sys.stderr)
 
     def tell(self, told: Told) -> None:
         """Write a line of the case that is done, and of the time that is left by the pace of those before."""

@@ -244,7 +244,7 @@ ENERGY: tuple[Column[EnergyRecord], ...] = (
     Column(
         "friction_dissipation",
         "J",
-        "by friction in the holes since the start",
+        "by friction in the holes, and of surfaces that press on one another, since the start",
         lambda energy: energy.friction_dissipation,
     ),
     Column("viscous_dissipation", "J", "by damping since the start", lambda energy: energy.viscous_dissipation),
@@ -349,6 +349,17 @@ CONTACT: tuple[Column[ContactRecord], ...] = (
     Column("area", "m²", "under pressure: shares of the nodes", lambda lips: lips.area),
     Column("force", "N", "that pushes the two apart, in all: the sum of its magnitudes", lambda lips: lips.force),
     Column("complementarity", "J", "largest magnitude of force times gap of a pair", lambda lips: lips.complementarity),
+    count(
+        "slipping",
+        "pressed nodes that slip with friction; the others stick where there is any",
+        lambda lips: lips.slipping,
+    ),
+    Column(
+        "friction",
+        "N",
+        "of the two on one another along the surfaces: the magnitude of its resultant",
+        lambda lips: lips.friction,
+    ),
 )
 
 TRACT_NAME: Column[TractRecord] = text("tract", "names of the two holes it is between", lambda tract: tract.tract)

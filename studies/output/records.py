@@ -82,6 +82,8 @@ class ContactRecord:
     force: float  # that pushes them apart, in all [N]
     complementarity: float  # largest |force times gap| of a pair [J]
     largest_gap: float = 0.0  # of pairs that face one another [m]
+    slipping: int = 0  # of the pressed pairs, with all the friction that there can be
+    friction: float = 0.0  # along the surfaces, the magnitude of the resultant [N]
 
 
 @dataclass(frozen=True)

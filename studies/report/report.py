@@ -20,6 +20,7 @@ from studies.report.charts import SHOWN, chart_records, plain, series_of
 from studies.report.space import BYTES, view_record
 from studies.study import holds_study
 from studies.sweeps.sweep import MARK, holds_sweep
+from studies.sweeps.table import counted
 
 MOST_ROWS = 200  # of a table that is shown whole
 HOLE_LINES = ("state", "slip", "force", "normal_force", "tangential_force", "tension_before", "tension_after")
@@ -85,10 +86,10 @@ def read_sweep(folder: Path) -> Rows:
     found = read_json(folder / "verdict.json").get("quantities", ())
     doubted = int(np.count_nonzero(table.columns["unsupported"]))
     said = [f"{headed(one['quantity'], one['unit'])}: {one['verdict']}" for one in found]
-    said += [f"{doubted} cases have numbers that are not supported: column remarks"] if doubted else []
+    said += [f"{counted(doubted)} with numbers that are not supported: column remarks"] if doubted else []
     return Rows(
         folder.resolve().name,
-        f"A {asked['kind']} of {asked['title'] or 'a scenario without a title'}: {asked['cases']} cases",
+        f"A {asked['kind']} of {asked['title'] or 'a scenario without a title'}: {counted(asked['cases'])}",
         tuple(said),
         table,
         table,

@@ -15,7 +15,10 @@ class Contact(ScenarioTable):
         description="names of the two boundaries; nodes of the finer one press on facets of the other",
         examples=[["lip_left", "lip_right"]],
     )
-    friction: NotNegative = Field(default=0.0, description="coefficient of friction [-]; so far 0")
+    friction: NotNegative = Field(
+        default=0.0,
+        description="coefficient of Coulomb's friction between them [-]: they stick up to it, and slip with it",
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -23,6 +26,4 @@ class Contact(ScenarioTable):
             raise ValueError(
                 f".between = {as_toml(self.between)} is refused: a surface is not in contact with itself; name two"
             )
-        if self.friction:
-            raise ValueError(f".friction = {self.friction} is refused: so far contact has no friction; take 0")
         return self

@@ -343,12 +343,13 @@ def gaps_of(scenario: Scenario, body: tissue.Elasticity) -> tissue.Gaps | None:
     between the nodes that match."""
     shape = None if scenario.tissue is None else scenario.tissue.mesh
     parts: list[tissue.Part] = []
+    friction = {pair.between: pair.friction for pair in scenario.contact}
     for between in scenario.touching:
         if isinstance(shape, model.WoundMesh) and set(between) == set(LIPS):
             own = lip_gaps(shape, body)
         else:
             own = tissue.surface_gaps(body, [between])
-        parts += own.parts
+        parts += [replace(part, friction=friction.get(between, 0.0)) for part in own.parts]
     return tissue.Gaps(body, tuple(parts)) if parts else None
 
 

@@ -94,6 +94,8 @@ def contact_record(part: tissue.Part, lips: ContactObservation, extent: float) -
         force=float(lips.force.sum()),
         complementarity=lips.complementarity,
         largest_gap=float(lips.gap[lips.gap < extent].max(initial=0.0)),
+        slipping=int(np.count_nonzero(lips.slips)),
+        friction=float(np.linalg.norm(lips.friction.sum(axis=0))),
     )
 
 

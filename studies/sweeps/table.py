@@ -110,6 +110,11 @@ class SweepTable:
         return data.getvalue()
 
 
+def counted(cases: int) -> str:
+    """Return so many cases in words."""
+    return "1 case" if cases == 1 else f"{cases} cases"
+
+
 def asked_column(table: SweepTable, name: str, option: str, number: bool = True) -> Column:
     """Return a column that was asked for by an option, a number unless said otherwise. Raises `ScenarioError` with the
     names that are near."""

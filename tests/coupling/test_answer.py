@@ -20,7 +20,7 @@ from coupling.system import System
 from tests.bounds import TWO_SOLVERS
 from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, Array, X, Z, hairpin, hairpin_sites, hairpin_system, laid
 from thread.ends import Driven, Fixed
-from tissue.organs.meshed import Equation
+from tissue.organs.meshed import NO_LIPS, Equation, Lips
 
 DT = 2e-3
 C = np.tile([4e-3] * 3 + [1.5e2] * 6, 2)  # of one number of a site by its own force [m/N, 1/(N m)]
@@ -92,8 +92,8 @@ class CubicSprings:
     def site_variables(self, state: Array) -> Array:
         return self.y0 + state
 
-    def lips(self, state: Array) -> tuple[Array, Array, Array]:
-        return NOTHING, NOTHING, NOTHING
+    def lips(self, state: Array) -> Lips:
+        return NO_LIPS
 
 
 def scene() -> System[Array]:

@@ -40,7 +40,7 @@ from tests.thread.threads import (
 )
 from thread.ends import Driven, Fixed, Free, Pulled
 from thread.thread import Thread
-from tissue.organs.meshed import SiteAnswer
+from tissue.organs.meshed import NO_LIPS, Lips, SiteAnswer
 
 
 def settle(system: System, state: State, steps: int) -> State:
@@ -180,8 +180,8 @@ class Ring:
     def site_variables(self, state: RingState) -> Array:
         return self.y0 + self.Y @ state.U
 
-    def lips(self, state: RingState) -> tuple[Array, Array]:
-        return np.zeros(0), np.zeros(0)
+    def lips(self, state: RingState) -> Lips:
+        return NO_LIPS
 
 
 def string_and_ring(c: float) -> tuple[System, State]:

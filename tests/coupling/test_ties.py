@@ -34,6 +34,7 @@ from thread.path import rounded_path
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
+from tissue.organs.meshed import NO_LIPS, Lips, OrganEnergies
 
 SUTURE = suture("2-0 polypropylene")
 CLOSED_FORM = 5e-3  # of a tension or a length: what bends that do not die out between two holes leave of the sum
@@ -77,13 +78,13 @@ class Springs:
     def site_variables(self, state: Array) -> Array:
         return state
 
-    def lips(self, state: Array) -> tuple[Array, Array, Array]:
-        return NOTHING, NOTHING, NOTHING
+    def lips(self, state: Array) -> Lips:
+        return NO_LIPS
 
-    def energies(self, old: Array, new: Array) -> tuple[float, float, float, float, float, float]:
+    def energies(self, old: Array, new: Array) -> OrganEnergies:
         stored = [0.5 * float(np.sum((y - self.y0) ** 2)) / self.give for y in (old, new)]
         taken = float((new - self.y0) @ (new - old)) / self.give - (stored[1] - stored[0])
-        return 0.0, stored[1], 0.0, 0.0, taken, 0.0
+        return OrganEnergies(0.0, stored[1], 0.0, 0.0, taken)
 
 
 def loop(places: Array, give: float, points: int = 100, **tie: Any) -> tuple[System[Array], State[Array]]:

@@ -16,6 +16,7 @@ from tissue.organs.meshed import (
     KEPT_OPERATORS,
     LinearAnswer,
     LipCompliance,
+    Lips,
     MeshedOrgan,
     OrganEnergies,
     OrganState,
@@ -249,14 +250,15 @@ class DynamicOrgan(MeshedOrgan):
         """Return y = y0 + Y U, shape `(9p,)`."""
         return np.asarray(self.y0 + self.Y @ state.U)
 
-    def lips(self, state: OrganState) -> tuple[Array, Array, Array]:
-        """Return the gaps g [m], the contact forces p [N] and how far the pairs have slid [m], shape `(k,)` each."""
-        return self.gap(state), self.contact_forces(state), self.slides(state.U)
+    def lips(self, state: OrganState) -> Lips:
+        """Return the gaps, forces, ways and friction of the pairs."""
+        p = self.contact_forces(state)[: self.pairs]
+        return Lips(self.gap(state), p, self.slides(state.U), *self.rubbing(state))
 
     def gap(self, state: OrganState) -> Array:
-        """Return g = g0 + G U, shape `(k,)` [m]."""
+        """Return g = g0 + G U, shape `(pairs,)` [m]."""
         pairing = self.pairing(state.facing)
-        return np.asarray(pairing.g0 + pairing.G @ state.U)
+        return np.asarray(pairing.g0 + pairing.G @ state.U)[: self.pairs]
 
     def displacement(self, state: OrganState) -> Array:
         """Return the displacement of all unknowns, shape `(N_all,)` [m]."""
@@ -288,7 +290,7 @@ class DynamicOrgan(MeshedOrgan):
         """
         operator, p = self.operator(scheme.a, scheme.d), self.contact_forces(state)
         pairing = self.pairing(state.facing)
-        y_free, g_free = operator.free_values(y, self.gap(state), f_y, p, pairing)
+        y_free, g_free = operator.free_values(y, self.with_slips(self.gap(state)), f_y, p, pairing)
 
         def displaced(f_new: Array, p_new: Array) -> OrganState:
             # By the change alone: the state's own forces may be those of holes that ended at this very moment.
@@ -319,18 +321,16 @@ class DynamicOrgan(MeshedOrgan):
         alpha, beta = self.rayleigh
         was, now = self.products(old), self.products(new)
         dU, dV, elastic = new.U - old.U, new.V - old.V, now.KU - was.KU
+        pushes, friction = self.contact_works(self.contact_forces(new), self.pairing(new.facing).G @ dU)
         return OrganEnergies(
             kinetic=float(0.5 * new.V @ now.MV),
             elastic=float(0.5 * new.U @ now.KU),
             load_work=float(self.load_under(new.shares) @ dU),
             viscous=float(alpha * (now.MV @ dU) + beta * (new.V @ elastic)),
             numerical=float(
-                0.5 * dU @ elastic
-                + 0.5 * dV @ (now.MV - was.MV)
-                + new.A @ (now.MU - was.MU)
-                - now.MV @ dV
-                - self.contact_forces(new) @ (self.pairing(new.facing).G @ dU)
+                0.5 * dU @ elastic + 0.5 * dV @ (now.MV - was.MV) + new.A @ (now.MU - was.MU) - now.MV @ dV + pushes
             ),
+            friction=friction,
         )
 
     def _weighed_together(self, *fields: Array) -> Array:

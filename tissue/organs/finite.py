@@ -29,9 +29,11 @@ from tissue.errors import FactorError, OrganError, TissueError
 from tissue.hyperelasticity import Hyperelasticity
 from tissue.organs.meshed import (
     EMPTY,
+    NO_LIPS,
     Equation,
     LinearAnswer,
     LipCompliance,
+    Lips,
     MeshedOrgan,
     OrganEnergies,
     OrganState,
@@ -179,6 +181,11 @@ class FiniteAnswer:
         """Gaps by contact forces, shape `(k, k)` [m/N]."""
         C = self.tangent.gaps_by_forces(self.pairing)
         return C + self._GW @ self._S @ self._bent @ self._GW.T if any(self.organ.map.cut) else C
+
+    @property
+    def friction(self) -> Array:
+        """Coefficient of friction of each pair, shape `(pairs,)` [-]."""
+        return self.organ.friction(self.pairing.facing)
 
     @cached_property
     def _U_r(self) -> Array:
@@ -475,13 +482,13 @@ class FiniteOrgan(MeshedOrgan):
                 "tissue"
             ) from error
         sagged = replace(undeformed, U=U)
-        crosses = self.gaps is not None and (self.g0 + self.G @ U).min() < 0.0
+        crosses = self.gaps is not None and (self.g0 + self.G[: self.pairs] @ U).min() < 0.0
         return undeformed if crosses else sagged
 
     def _sagged(self, U: Array) -> Array:
         """Return the equilibrium without site forces that is reached from U, shape `(N,)` [m]. Raises `OrganError`."""
         still = Motion(0.0, 0.0, EMPTY, EMPTY, self.load, None)
-        none, no_push = np.zeros(self.y0.size), np.zeros(self.pairs)
+        none, no_push = np.zeros(self.y0.size), np.zeros(self.contacts)
         point, no_forces = self.point(still, U), Forces(none, np.zeros(self.size))
         if self.off_balance(point, no_forces) <= self._round_off:
             return U
@@ -524,7 +531,7 @@ class FiniteOrgan(MeshedOrgan):
         """Return what faces what under a displacement of the free unknowns `(N,)`, along the normals as they lie."""
         if self.gaps is None:
             return self.pairing(None)
-        return self.pairing(self.gaps.facing(self.elasticity.points, self._nodal(U), turns=True))
+        return self.slipping_from(U, self.pairing(self.gaps.facing(self.elasticity.points, self._nodal(U), turns=True)))
 
     def state_at(
         self, motion: Motion, U: Array, f_y: Array, p: Array, pairing: Pairing, tangent: Tangent
@@ -548,12 +555,13 @@ class FiniteOrgan(MeshedOrgan):
         ways = (self.spring_compliance @ state.f_y).reshape(-1, 3, 3)[:, 0]
         return np.asarray(np.linalg.norm(ways, axis=1))
 
-    def lips(self, state: OrganState) -> tuple[Array, Array, Array]:
-        """Return the gaps g [m], the contact forces p [N] and how far the pairs have slid [m], shape `(k,)` each."""
+    def lips(self, state: OrganState) -> Lips:
+        """Return the gaps, forces, ways and friction of the pairs."""
         if self.gaps is None:
-            return EMPTY, EMPTY, EMPTY
-        pairing = self.pairing(state.facing)
-        return np.asarray(pairing.g0 + pairing.G @ state.U), self.contact_forces(state), self.slides(state.U)
+            return NO_LIPS
+        pairing, p = self.pairing(state.facing), self.contact_forces(state)[: self.pairs]
+        gap = np.asarray(pairing.g0 + pairing.G @ state.U)[: self.pairs]
+        return Lips(gap, p, self.slides(state.U), *self.rubbing(state))
 
     def impulse(self, state: OrganState) -> SiteAnswer | None:
         """Return the answer to an impulse on the sites: dy/dt = J Z V, by J Z M⁻¹ Zᵀ Jᵀ. None without inertia."""
@@ -581,7 +589,7 @@ class FiniteOrgan(MeshedOrgan):
         J = self.map.slope(np.asarray(self.map.Z @ state.U))
         C = J @ tangent.C_z @ J.T + self.spring_compliance
         operator = Displaced(self, tangent.A, tangent.factor, tangent.W @ J.T, C)
-        y_free, g_free = operator.free_values(y, self.lips(state)[0], f_y, p, pairing)
+        y_free, g_free = operator.free_values(y, self.with_slips(self.lips(state).gap), f_y, p, pairing)
 
         def displaced(f_new: Array, p_new: Array) -> OrganState:
             df, dp = f_new - f_y, p_new - p
@@ -630,8 +638,10 @@ class FiniteOrgan(MeshedOrgan):
             else 0.0
         )
         numerical = force @ dU - (stored - before) + 0.5 * df @ (springs @ df) + bent
+        friction = 0.0
         if new.p is not None and new.p.any():
-            numerical -= new.p @ (self.pairing(new.facing).G @ dU)
+            pushes, friction = self.contact_works(new.p, self.pairing(new.facing).G @ dU)
+            numerical += pushes
         kinetic = viscous = 0.0
         if self.inertia:
             momentum = self.M @ new.V
@@ -639,6 +649,5 @@ class FiniteOrgan(MeshedOrgan):
             numerical += 0.5 * dV @ (self.M @ dV) + new.A @ (self.M @ dU) - momentum @ dV
         elastic = stored + 0.5 * new.f_y @ (springs @ new.f_y)
         load_work = float((self.load_under(new.shares) + self.pressing(new.shares, new.U)) @ dU)
-        return OrganEnergies(
-            kinetic, float(elastic), load_work, viscous, float(numerical), self.law.energy_of_prestretch
-        )
+        stretched = self.law.energy_of_prestretch
+        return OrganEnergies(kinetic, float(elastic), load_work, viscous, float(numerical), friction, stretched)

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from tissue.arrays import Array
-from tissue.organs.meshed import EMPTY, Equation, OrganEnergies, OrganState, SiteAnswer, TimeScheme
+from tissue.organs.meshed import EMPTY, NO_LIPS, Equation, Lips, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.sites.site import Site, space_frames
 
 
@@ -40,9 +40,9 @@ class FixedSites:
         """Zero."""
         return 0
 
-    def lips(self, state: OrganState) -> tuple[Array, Array, Array]:
-        """Return no gaps, no contact forces and no slides, shape `(0,)` each: space has no lips."""
-        return EMPTY, EMPTY, EMPTY
+    def lips(self, state: OrganState) -> Lips:
+        """Return no pairs: space has no lips."""
+        return NO_LIPS
 
     def start(self) -> OrganState:
         """Return the state without force."""

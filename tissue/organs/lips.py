@@ -11,6 +11,10 @@ front of it along e, and d = n/(n·e), so that g and p are always those along e,
 pressure. Of other surfaces (`surface_gaps`) a node faces the nearest point, and d = n. A node that both sides share has
 no pair. While nothing has slid by more than SLID of a facet, the pairs are those of the reference, to the last bit.
 
+A pair of surfaces with friction has two slips besides, how far what a node faces has moved past it along two unit
+vectors across d since the step began (`Gaps.slip_sums`), and forces conjugate to them. Nothing else is remembered of
+what sticks: what faces what anew is where it is.
+
 The forces p on the pairs are those of a pressure against the P1 functions ψ of the left side's vertices: P_a = Σ
 ψ_a(x_k) p_k / ∫ψ_a dA. With P1 that is force over area; with P2, whose vertices carry no force under a uniform
 pressure, it gathers those of the edges.
@@ -18,7 +22,7 @@ pressure, it gathers those of the edges.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -49,7 +53,7 @@ class Part:
     normals point away from the left one, and their open sides, the `ends`; `along` as in `tissue.organs.facing.face`.
     `start` `(k, 7)` is what each node faces in the reference shape, and `sunk` `(k,)` [m] how far beyond it is, which
     counts as touching. `hats` `(v, k)` are the P1 functions of the left vertices at the pairs, `areas` `(v,)` [m²]
-    their integrals.
+    their integrals. `friction` is Coulomb's coefficient [-].
     """
 
     between: tuple[str, str]
@@ -61,6 +65,7 @@ class Part:
     sunk: Array
     hats: csr_array
     areas: Array
+    friction: float = 0.0
 
     def faced(self, points: Array, turns: bool = False) -> Array:
         """Return what each left node faces with all nodes at `points` `(n, 3)` [m], shape `(k, 7)`: along `along`, or
@@ -91,6 +96,16 @@ class Gaps:
     def facets(self) -> Indices:
         """Nodes of all the right sides' facets, `(m, 3)` or `(m, 6)`, corners first."""
         return np.vstack([part.facets for part in self.parts])
+
+    @cached_property
+    def friction(self) -> Array:
+        """Coefficient of friction of each pair, shape `(k,)` [-]."""
+        return np.concatenate([np.full(len(part.left), part.friction) for part in self.parts])
+
+    @cached_property
+    def rough(self) -> Indices:
+        """Pairs with friction, shape `(m,)`."""
+        return np.flatnonzero(self.friction)
 
     @cached_property
     def start(self) -> Array:
@@ -189,10 +204,21 @@ class Gaps:
 
     def sums(self, facing: Array) -> csr_matrix:
         """Return S, the gaps by the displacement of all nodes of both sides, shape `(k, 3r)`."""
+        return self._sums(self.left, facing, facing[:, 4:])
+
+    def slip_sums(self, facing: Array) -> csr_matrix:
+        """Return the slips of the rough pairs by the displacement of all nodes of both sides, along both of `tangents`
+        of each pair in turn, shape `(2m, 3r)`."""
+        twice = np.repeat(self.rough, 2)
+        return self._sums(self.left[twice], facing[twice], tangents(facing[self.rough, 4:]).reshape(-1, 3))
+
+    def _sums(self, left: Indices, facing: Array, along: Array) -> csr_matrix:
+        """Return how far what nodes `left` `(j,)` face moves past them `along` `(j, 3)` by the displacement of all
+        nodes of both sides, shape `(j, 3r)`."""
         right, weights = self.weights(facing)
-        nodes, w = np.hstack([right, self.left[:, None]]), np.hstack([weights, -weights.sum(axis=1, keepdims=True)])
+        nodes, w = np.hstack([right, left[:, None]]), np.hstack([weights, -weights.sum(axis=1, keepdims=True)])
         columns = 3 * np.searchsorted(self.lip_nodes, nodes)[..., None] + np.arange(3)
-        values, at = w[..., None] * facing[:, None, 4:], np.repeat(np.arange(len(nodes)), columns[0].size)
+        values, at = w[..., None] * along[:, None], np.repeat(np.arange(len(nodes)), columns[0].size)
         S = csr_matrix((values.ravel(), (at, columns.ravel())), (len(nodes), 3 * len(self.lip_nodes)))
         S.eliminate_zeros()
         return S
@@ -230,14 +256,27 @@ def build_gaps(body: Elasticity, vertices: ArrayLike, facets: ArrayLike, normal:
     return Gaps(body, (part,))
 
 
-def surface_gaps(body: Elasticity, between: Sequence[tuple[str, str]]) -> Gaps:
-    """Return the gaps between pairs of boundaries of the mesh by name.
+def tangents(normals: Array) -> Array:
+    """Return two unit vectors across each of the `normals` `(m, 3)`, and across one another, shape `(m, 2, 3)`: the
+    first lies nearest to the axis that is most across the normal, so that a roller along an axis holds one alone."""
+    n = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    first = np.eye(3)[np.abs(n).argmin(axis=1)]
+    first = first - np.vecdot(first, n)[:, None] * n
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(n, first)], axis=1)
+
+
+def surface_gaps(body: Elasticity, between: Sequence[tuple[str, str]], friction: Sequence[float] = ()) -> Gaps:
+    """Return the gaps between pairs of boundaries of the mesh by name, with a coefficient of `friction` for each two,
+    none where it is not given.
 
     The left of two is that with the smaller facets, or the only one that is not held: nodes that are farther apart than
     those they press on leave some of these without a force. Raises `TissueError` where they overlap by more than SUNK
     of a facet, or nothing of them can move.
     """
-    return Gaps(body, tuple(_between(body, names) for names in between))
+    parts = [_between(body, names) for names in between]
+    coefficients = [*friction, *[0.0] * (len(parts) - len(friction))]
+    return Gaps(body, tuple(replace(part, friction=mu) for part, mu in zip(parts, coefficients, strict=True)))
 
 
 def _between(body: Elasticity, between: tuple[str, str]) -> Part:

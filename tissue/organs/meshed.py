@@ -12,25 +12,27 @@ The lips of a wound may be given gaps g = g0 + G U (`tissue.organs.lips`), and f
 
     A U⁺ = b + Yᵀ f_y + Gᵀ p,   y = y_free + C f_y + C_yc p,   g = g_free + C_cy f_y + C_cc p
 
+Behind the gaps g of all pairs stand two slips since the start of the step of each pair with friction, and behind their
+forces p those along them, so that k is the number of both (`MeshedOrgan.contacts`) where it is not that of the pairs.
 The columns A⁻¹Gᵀ are not kept: once C_cc is known, p costs one more back-substitution a step. Lips that slide are
 paired anew where a step begins, and G = S R sums the rows R of their nodes by other weights S: C_cc = S (R A⁻¹ Rᵀ) Sᵀ
 needs no further solve.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.sparse import block_diag, csr_matrix, eye_array, hstack
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import block_diag, csr_matrix, eye_array, hstack, vstack
 
 from tissue.arrays import Array
 from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
 from tissue.loads import Loads, SurfaceLoad
-from tissue.organs.lips import Gaps
+from tissue.organs.lips import Gaps, tangents
 from tissue.sites.site import Sites
 from tissue.solvers.choice import GIGA, Solver, SolverChoice, choose_solver, solver
 from tissue.solvers.memory import free_memory
@@ -38,14 +40,16 @@ from tissue.solvers.memory import free_memory
 KEPT_OPERATORS = 12  # operators kept, memory allowing: of BDF2, of backward Euler, and of each part of a halved step
 COLUMNS = 64  # of A⁻¹Gᵀ that are made together
 SHARE = 0.5  # of the free memory that the compliance of the gaps may take
+SLIPPING = 1.0 - 1e-9  # of the largest friction: as much as that is what slips has
 EMPTY = np.zeros(0)
 
 
 @dataclass(frozen=True)
 class OrganState:
     """Displacement U [m], velocity V [m/s], acceleration A [m/s²] over the free unknowns `(N,)`, the site
-    forces, and the contact forces `(k,)` [N], None of an organ without gaps. `facing` `(k, 7)` is where and which way
-    they act on the right lip (`tissue.organs.lips.Gaps.facing`), None: on the pairs of the reference. `linearised`
+    forces, and the contact forces `(k,)` [N], those along the slips with them, None of an organ without gaps. `facing`
+    `(pairs, 7)` is where and which way they act on the right lip (`tissue.organs.lips.Gaps.facing`), None: on the pairs
+    of the reference. `linearised`
     `(N,)` [m] is where the tangent of a nonlinear organ was last made, which the next step goes on with, None of a
     linear organ. `shares` `(l,)` are the parts of the loads that act
     (`tissue.loads`), None of an organ without loads. `MU` [kg m], `MV` [N s] and `KU` [N] are products `(N,)` of mass
@@ -67,7 +71,8 @@ class OrganState:
 
 @dataclass(frozen=True)
 class Pairing:
-    """What faces what during a step: g = `g0` + `G` U, where G = `sums` R, `(k, 3r)`, of the rows R of the lips' nodes.
+    """What faces what during a step: g = `g0` + `G` U, where G = `sums` R, `(k, 3r)`, of the rows R of the lips' nodes,
+    with slips counted from the start of the step.
 
     `facing` as in a state: None means the pairs of the reference.
     """
@@ -95,15 +100,31 @@ class TimeScheme(Protocol):
 
 
 class OrganEnergies(NamedTuple):
-    """Energies at the end of a step and work done during it [J]; `prestretch` is what a
-    prestretch stores in the reference shape, where the organ is not deformed."""
+    """Energies at the end of a step and work done during it [J]; `friction` is what surfaces that rub take, and
+    `prestretch` what one stores in the reference shape."""
 
     kinetic: float
     elastic: float
     load_work: float
     viscous: float
     numerical: float
+    friction: float = 0.0
     prestretch: float = 0.0
+
+
+class Lips(NamedTuple):
+    """Pairs that may touch in a state: their gaps g [m], the contact forces p that push them apart [N] and how far they
+    have slid past one another since the reference [m], `(pairs,)` each, the `friction` of each pair's left node on what
+    it faces, `(pairs, 3)` [N], and whether that is all there can be, `slips` `(pairs,)`."""
+
+    gap: Array
+    force: Array
+    slide: Array
+    friction: Array
+    slips: NDArray[np.bool_]
+
+
+NO_LIPS = Lips(EMPTY, EMPTY, EMPTY, np.zeros((0, 3)), np.zeros(0, dtype=bool))
 
 
 class Equation(NamedTuple):
@@ -153,6 +174,11 @@ class SiteAnswer:
         """No gaps, shape `(0, 0)`."""
         return np.zeros((0, 0))
 
+    @property
+    def friction(self) -> Array:
+        """No pairs, shape `(0,)`."""
+        return EMPTY
+
     def accept(self, f_y: Array, p: Array = EMPTY) -> OrganState:
         """Return the state at the end of the step."""
         return self.accepted(f_y, p)
@@ -196,6 +222,11 @@ class LinearAnswer:
     def C_cc(self) -> Array:
         """Gaps by contact forces, shape `(k, k)` [m/N]."""
         return self.operator.gaps_by_forces(self.pairing)
+
+    @property
+    def friction(self) -> Array:
+        """Coefficient of friction of each pair, shape `(pairs,)` [-]."""
+        return self.operator.organ.friction(self.pairing.facing)
 
     def accept(self, f_y: Array, p: Array = EMPTY) -> OrganState:
         """Return the state at the end of the step."""
@@ -262,7 +293,7 @@ class MeshedOrgan:
         N = self.elasticity.free.size + springs
         if self.gaps is None:
             return csr_matrix((0, N))
-        k, room = self.pairs, SHARE * free_memory()
+        k, room = self.contacts, SHARE * free_memory()
         need = 8.0 * ((KEPT_OPERATORS + 2) * k**2 + COLUMNS * N)
         if self.gaps.G.shape[1] != self.elasticity.free.size:
             raise TissueError(
@@ -270,15 +301,31 @@ class MeshedOrgan:
             )
         if need > room:
             raise TissueError(
-                f"contact: the {k} pairs of nodes on the lips take about {need / GIGA:.2g} GB and {room / GIGA:.2g} GB "
-                "can be had; take a coarser mesh at the lips, or leave out contact"
+                f"contact: the {self.pairs} pairs of nodes on the lips take about {need / GIGA:.2g} GB and "
+                f"{room / GIGA:.2g} GB can be had; take a coarser mesh at the lips, or leave out contact"
             )
-        return csr_matrix(hstack([self.gaps.G, csr_matrix((k, springs))]))
+        G = self.gaps.G
+        if k > self.pairs:
+            G = vstack([G, self.gaps.slip_sums(self.gaps.start) @ self.gaps.rows])
+        return csr_matrix(hstack([G, csr_matrix((k, springs))]))
 
     @property
     def pairs(self) -> int:
         """Number k of pairs of nodes on the lips that may touch; 0 without gaps."""
         return 0 if self.gaps is None else len(self.gaps.g0)
+
+    @property
+    def contacts(self) -> int:
+        """Number of contact forces: one for each pair, and two more for each of those with friction."""
+        return 0 if self.gaps is None else self.pairs + 2 * self.gaps.rough.size
+
+    def friction(self, facing: Array | None) -> Array:
+        """Return friction over contact force of each pair that slips, `(pairs,)` [-]: p acts along d, and the force
+        across the surface is |d| times as large."""
+        if self.gaps is None:
+            return EMPTY
+        mu = self.gaps.friction
+        return mu if facing is None else mu * np.linalg.norm(facing[:, 4:], axis=1)
 
     @property
     def g0(self) -> Array:
@@ -298,21 +345,37 @@ class MeshedOrgan:
         """The pairs of the reference."""
         if self.gaps is None:
             return Pairing(self.G, self.g0, csr_matrix((0, 0)), None)
-        return Pairing(self.G, self.g0, self.gaps.sums(self.gaps.start), None)
+        return Pairing(self.G, self.with_slips(self.g0), self._sums(self.gaps, self.gaps.start), None)
+
+    def _sums(self, gaps: Gaps, facing: Array) -> csr_matrix:
+        """Return gaps and slips by the displacement of the nodes of the lips, shape `(k, 3r)`."""
+        sums = gaps.sums(facing)
+        return csr_matrix(vstack([sums, gaps.slip_sums(facing)])) if gaps.rough.size else sums
+
+    def with_slips(self, g: Array) -> Array:
+        """Return gaps `(pairs,)` followed by slips of zero, shape `(k,)` [m]."""
+        return np.append(g, np.zeros(self.contacts - self.pairs)) if self.contacts > self.pairs else g
 
     def pairing(self, facing: Array | None) -> Pairing:
-        """Return the gaps between what faces what."""
+        """Return the gaps between what faces what, and the slips since the reference."""
         if self.gaps is None or facing is None:
             return self._matched
-        sums = self.gaps.sums(facing)
-        return Pairing(csr_matrix(sums @ self.lip_rows), self.gaps.rest(facing), sums, facing)
+        sums = self._sums(self.gaps, facing)
+        return Pairing(csr_matrix(sums @ self.lip_rows), self.with_slips(self.gaps.rest(facing)), sums, facing)
 
     def paired_anew(self, U: Array) -> Pairing:
         """Return what faces what under a displacement of the free unknowns `(N,)`."""
         if self.gaps is None:
             return self._matched
         body = self.elasticity
-        return self.pairing(self.gaps.facing(body.points, body.nodal(self.whole(U))))
+        return self.slipping_from(U, self.pairing(self.gaps.facing(body.points, body.nodal(self.whole(U)))))
+
+    def slipping_from(self, U: Array, pairing: Pairing) -> Pairing:
+        """Return the pairing with its slips counted from a displacement of the free unknowns `(N,)`."""
+        k = self.pairs
+        if self.contacts == k:
+            return pairing
+        return replace(pairing, g0=np.append(pairing.g0[:k], -(pairing.G[k:] @ U)))
 
     def slides(self, U: Array) -> Array:
         """Return how far each pair of the lips has slid under a displacement of the free unknowns, shape `(k,)` [m]."""
@@ -321,6 +384,24 @@ class MeshedOrgan:
     def contact_forces(self, state: OrganState) -> Array:
         """Return p, shape `(k,)` [N]."""
         return EMPTY if state.p is None else state.p
+
+    def rubbing(self, state: OrganState) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the friction of each pair's left node on what it faces, shape `(pairs, 3)` [N], and whether it slips,
+        shape `(pairs,)`."""
+        out, p = np.zeros((self.pairs, 3)), self.contact_forces(state)
+        if self.gaps is None or not self.gaps.rough.size:
+            return out, np.zeros(self.pairs, dtype=bool)
+        facing = self.gaps.start if state.facing is None else state.facing
+        rough = self.gaps.rough
+        out[rough] = np.einsum("mt,mtx->mx", p[self.pairs :].reshape(-1, 2), tangents(facing[rough, 4:]))
+        bound = self.friction(state.facing) * p[: self.pairs]
+        return out, (bound > 0.0) & (np.linalg.norm(out, axis=1) >= SLIPPING * bound)
+
+    def contact_works(self, p: Array, ways: Array) -> tuple[float, float]:
+        """Return what the forces `(k,)` take along `ways` of the gaps and slips `(k,)` [m]: the pushes −p·Δg, which are
+        the integrator's, and friction [J]."""
+        k = self.pairs
+        return -float(p[:k] @ ways[:k]), -float(p[k:] @ ways[k:])
 
     def shares_at(self, time: float, share: float) -> Array | None:
         """Return the parts of the loads that act at `time` [s], times `share`, as a state keeps them: None without
@@ -346,7 +427,7 @@ class MeshedOrgan:
 
     @property
     def no_contact(self) -> Array | None:
-        return self.contact_or_none(np.zeros(self.pairs))
+        return self.contact_or_none(np.zeros(self.contacts))
 
     @property
     def mesh_size(self) -> int:

@@ -12,8 +12,10 @@ from tissue.arrays import Array
 from tissue.errors import TissueError
 from tissue.organs.meshed import (
     EMPTY,
+    NO_LIPS,
     LinearAnswer,
     LipCompliance,
+    Lips,
     MeshedOrgan,
     OrganEnergies,
     OrganState,
@@ -24,6 +26,7 @@ from tissue.organs.meshed import (
 from tissue.solvers.choice import Solver
 from tissue.supports import holds_still
 
+CROSSED = 1e-9  # of the surfaces' extent: round-off of gaps that are closed
 ALL = np.ones(1)  # of gravity, which is not ramped
 
 
@@ -112,7 +115,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         """Return the answer of any step under `share` of the loads at `time` [s]: the equilibrium without site forces
         is known in advance. What faces what is sought in the field, for one back-substitution where lips touch."""
         operator, shares = self._operator, self.shares_at(time, share)
-        pairing = self.paired_anew(self.field(past[0])) if self.pairs and past else self.pairing(None)
+        pairing = self._paired_after(past[0]) if self.pairs and past else self.pairing(None)
 
         def complete(f_y: Array, p: Array) -> OrganState:
             """Return the state of an organ that is where its forces put it."""
@@ -121,6 +124,18 @@ class QuasiStaticOrgan(MeshedOrgan):
         parts = self.parts(complete(EMPTY, EMPTY))
         y_free, g_free = operator.y_load(parts), operator.g_load(pairing, parts)
         return LinearAnswer(operator, y_free, g_free, complete, lambda: self.load_under(shares), pairing)
+
+    def _paired_after(self, state: OrganState) -> Pairing:
+        """Return what faces what after a state. Surfaces that cross, at a start under a weight that nothing holds yet,
+        have slipped since the reference."""
+        pairing = self.paired_anew(self.field(state))
+        if self.contacts == self.pairs or self.gap(state).min() >= -CROSSED * self._extent:
+            return pairing
+        return self.slipping_from(np.zeros(self.size), pairing)
+
+    @property
+    def _extent(self) -> float:
+        return 0.0 if self.gaps is None else self.gaps.extent
 
     def is_unloaded(self, state: OrganState) -> bool:
         """Whether no force at all acts on the organ: nothing has to be solved to know where it is."""
@@ -135,18 +150,21 @@ class QuasiStaticOrgan(MeshedOrgan):
         y = self._operator.y_load(self.parts(state)) + self._operator.C @ state.f_y
         return y + p @ self._operator.gaps_by_sites(self.pairing(state.facing)) if p.any() else y
 
-    def lips(self, state: OrganState) -> tuple[Array, Array, Array]:
-        """Return the gaps g [m], the contact forces p [N] and how far the pairs have slid [m], shape `(k,)` each."""
-        return self.gap(state), self.contact_forces(state), self.slides(self.field(state)) if self.pairs else EMPTY
+    def lips(self, state: OrganState) -> Lips:
+        """Return the gaps, forces, ways and friction of the pairs."""
+        if not self.pairs:
+            return NO_LIPS
+        p, slides = self.contact_forces(state)[: self.pairs], self.slides(self.field(state))
+        return Lips(self.gap(state), p, slides, *self.rubbing(state))
 
     def gap(self, state: OrganState) -> Array:
-        """Return g = g0 + G U = g_load + C_cy f_y + C_cc p, shape `(k,)` [m]."""
+        """Return g = g0 + G U = g_load + C_cy f_y + C_cc p, shape `(pairs,)` [m]."""
         p = self.contact_forces(state)
         if not self.pairs or self.is_unloaded(state):
             return self.g0
         pairing = self.pairing(state.facing)
         g = self._operator.g_load(pairing, self.parts(state)) + self._operator.gaps_by_sites(pairing) @ state.f_y
-        return g + self._operator.gaps_by_forces(pairing) @ p if p.any() else g
+        return (g + self._operator.gaps_by_forces(pairing) @ p if p.any() else g)[: self.pairs]
 
     def displacement(self, state: OrganState) -> Array:
         """Return the displacement of all unknowns, shape `(N_all,)` [m]."""
@@ -175,7 +193,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y` (9p,)
         and the contact forces those of `state`."""
         operator, p, pairing = self._operator, self.contact_forces(state), self.pairing(state.facing)
-        y_free, g_free = operator.free_values(y, self.gap(state), f_y, p, pairing)
+        y_free, g_free = operator.free_values(y, self.with_slips(self.gap(state)), f_y, p, pairing)
 
         def displaced(f_new: Array, p_new: Array) -> OrganState:
             # By the change alone: the state's own forces may be those of holes that ended at this very moment.
@@ -203,22 +221,27 @@ class QuasiStaticOrgan(MeshedOrgan):
         return self._with_contact(by_sites, old, new) if self.pairs else by_sites
 
     def _with_contact(self, by_sites: OrganEnergies, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return what the contact forces add; their own work −p⁺·Δg is part of `numerical`."""
+        """Return what the contact forces add; the work −p⁺·Δg of those that push is part of `numerical`."""
         p, before, df = self.contact_forces(new), self.contact_forces(old), new.f_y - old.f_y
         if not (p.any() or before.any()):
             return by_sites
         now, was = self.pairing(new.facing), self.pairing(old.facing)
         if now.facing is None and was.facing is None:
             C_cc, C_cy, closing, r, dr = self._operator.C_cc, self._operator.C_cy, self.G, p, p - before
+            sums = None
         else:  # on the nodes of the lips, which stay
-            C_cc, closing, r = self._operator.C_rr, self.lip_rows, now.sums.T @ p
+            C_cc, closing, r, sums = self._operator.C_rr, self.lip_rows, now.sums.T @ p, now.sums
             C_cy, dr = closing @ self._operator.W, r - was.sums.T @ before
         under_load, under_more = (
             closing @ (self._operator.U_loads @ parts) for parts in (self.parts(new), self.parts(new) - self.parts(old))
         )
         elastic, dg = r @ (under_load + C_cy @ new.f_y + 0.5 * C_cc @ r), C_cy @ df + C_cc @ dr + under_more
+        friction = 0.0
+        if self.contacts > self.pairs:
+            friction = self.contact_works(p, dg if sums is None else sums @ dg)[1]
         return by_sites._replace(
             elastic=by_sites.elastic + float(elastic),
             load_work=by_sites.load_work + float(under_load @ dr),
-            numerical=by_sites.numerical + float(dr @ (dg - 0.5 * C_cc @ dr) - r @ dg),
+            numerical=by_sites.numerical + float(dr @ (dg - 0.5 * C_cc @ dr) - r @ dg) - friction,
+            friction=friction,
         )

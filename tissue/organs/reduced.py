@@ -25,7 +25,16 @@ from tissue.errors import TissueError
 from tissue.loads import Loads
 from tissue.organs.basis import Krylov, build_krylov, vibration_modes
 from tissue.organs.dynamic import DynamicOrgan
-from tissue.organs.meshed import EMPTY, KEPT_OPERATORS, SHARE, OrganEnergies, OrganState, SiteAnswer, TimeScheme
+from tissue.organs.meshed import (
+    KEPT_OPERATORS,
+    NO_LIPS,
+    SHARE,
+    Lips,
+    OrganEnergies,
+    OrganState,
+    SiteAnswer,
+    TimeScheme,
+)
 from tissue.sites.site import Sites
 from tissue.solvers.choice import GIGA, SolverChoice
 from tissue.solvers.memory import free_memory
@@ -267,9 +276,9 @@ class ReducedOrgan:
         """Return y, shape `(9p,)`."""
         return self.site_variables_of(state.U)
 
-    def lips(self, state: OrganState) -> tuple[Array, Array, Array]:
-        """Return no gaps, contact forces and ways: nothing touches."""
-        return EMPTY, EMPTY, EMPTY
+    def lips(self, state: OrganState) -> Lips:
+        """Return no pairs: nothing touches."""
+        return NO_LIPS
 
     def displacement(self, state: OrganState) -> Array:
         """Return the displacement of all unknowns of the mesh, shape `(N_all,)` [m]."""

@@ -1,0 +1,216 @@
+"""Lips that rub on one another where a thread draws them together: the law, two solves, the audit, at rest, a run."""
+
+import csv
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from coupling.assembled import Monolith, monolithic_solve
+from coupling.audit import audit_step, initial_energies
+from coupling.contact import observe_contact
+from coupling.equilibrium import load_step
+from coupling.integrators import BackwardEuler
+from coupling.newton import solve
+from coupling.rubbing import stuck
+from coupling.run import schedule_piercings
+from coupling.stepping import Step, bdf2_step, dynamic_problem, find_solution, organ_answer, predict
+from coupling.system import Piercing, State, System
+from studies.output.folder import Recorder
+from studies.scenario import ScenarioError, load
+from studies.simulation import prepare
+from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
+from tests.coupling import test_contact, test_finite_contact
+from tests.coupling.test_contact import DT, SCENARIO, STEPS, assert_lips, scale_of, start
+from tests.thread.threads import run, taken
+
+MU = 0.3
+AT_FINITE_STRAIN = "slit quasi-static P1 fibre"
+SCENES = ("slit quasi-static P1", "open dynamic P1, rough, drawn", AT_FINITE_STRAIN)
+
+
+@cache
+def scene(name: str, mu: float = MU) -> tuple[System, State]:
+    """A scene of the tests of contact, with friction between the lips."""
+    system, state = (test_finite_contact if name == AT_FINITE_STRAIN else test_contact).scene(name)
+    gaps = system.organ.gaps
+    organ = replace(system.organ, gaps=replace(gaps, parts=tuple(replace(part, friction=mu) for part in gaps.parts)))
+    return replace(system, organ=organ), replace(state, organ=organ.start())
+
+
+@cache
+def steps(name: str) -> list[Step]:
+    return taken(*scene(name), DT, test_finite_contact.STEPS if name == AT_FINITE_STRAIN else STEPS)
+
+
+def assert_rubs(system: System, step: Step) -> tuple[int, int]:
+    """Coulomb's law of every pair, by what the nodes did in the step; the number of pairs that stick, and that slip."""
+    organ: Any = system.organ
+    lips, ways = observe_contact(system, step.new), organ.pairing(step.new.organ.facing)
+    k, dU = organ.pairs, organ.field(step.new.organ) - organ.field(step.old.organ)
+    w = (ways.G @ dU)[k:].reshape(-1, 2)
+    tau, bound = organ.contact_forces(step.new.organ)[k:].reshape(-1, 2), organ.friction(step.new.organ.facing)
+    bound, size, way = bound * lips.force, np.linalg.norm(tau, axis=1), np.linalg.norm(w, axis=1)
+    scale = lips.force.max(initial=0.0)
+    assert (size <= bound + TWO_SOLVERS * scale).all()
+    assert np.abs(np.linalg.norm(lips.friction, axis=1) - size).max() <= IDENTITY * scale
+    slips = (lips.force > 0.0) & (way > TWO_SOLVERS * np.abs(organ.field(step.new.organ)).max())
+    against = -bound[slips, None] * w[slips] / way[slips, None]
+    assert np.abs(tau[slips] - against).max(initial=0.0) <= 1e-6 * scale
+    return int((lips.force > 0.0).sum() - slips.sum()), int(slips.sum())
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_coulombs_law_at_every_step(name: str) -> None:
+    """Independent check: no friction above μ p, nothing that sticks moves, and what slips has μ p against its way; gaps
+    and forces obey the law of contact as without friction."""
+    system, _ = scene(name)
+    seen = []
+    for step in steps(name):
+        assert_lips(system, step.new) if name != AT_FINITE_STRAIN else None
+        seen.append(assert_rubs(system, step))
+    stick, slip = np.max(seen, axis=0)
+    assert stick > 0 and slip > 0
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_condensed_and_assembled_agree(name: str) -> None:
+    """Consistency check: the step in which pairs slip first and the last one, every unknown on its own scale, friction
+    too; begun with pairs that all stick and are pressed, it is the same."""
+    system, _ = scene(name)
+    organ: Any = system.organ
+    slipping = next(step for step in steps(name) if observe_contact(system, step.new).slips.any())
+    for step in (slipping, steps(name)[-1]):
+        scheme, state = BackwardEuler(DT), step.old
+        problem = dynamic_problem(system, state, DT, organ_answer(system, scheme, state), scheme)
+        problem = replace(problem, layers=step.solution.problem.layers)
+        first = predict(problem, state)
+        a, z = solve(problem, first), monolithic_solve(problem, first, organ.field(state.organ)).iterate
+        assert isinstance(z, Monolith)
+        pairs = [(a.p, z.p), (a.iterate.q - state.q, z.q - state.q), (a.iterate.s, z.s), (a.iterate.y, z.y)]
+        pairs += [(a.iterate.lam[:, :3], z.lam[:, :3]), (organ.field(step.new.organ), z.U)]
+        for got, exact in pairs:
+            assert np.abs(got - exact).max() <= TWO_SOLVERS * np.abs(exact).max()
+        pressed, m = np.ones(organ.pairs, dtype=bool), organ.gaps.rough.size
+        cold = find_solution(problem, replace(first, pressed=pressed, rubbing=stuck(m)))
+        assert np.abs(cold.p - a.p).max() <= 10.0 * TWO_SOLVERS * np.abs(a.p).max()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_what_friction_takes_is_in_the_audit(name: str) -> None:
+    """Independent check: external work = Δ kinetic + Δ elastic + friction + viscous + numerical in every step, with
+    what lips take that rub, by their own forces and ways; it never gives."""
+    system, state = scene(name)
+    organ: Any = system.organ
+    energies, taken_by_lips = initial_energies(system, state), 0.0
+    for step in steps(name):
+        before, energies = energies, audit_step(system, energies, step)
+        at_stake = energies.at_stake + abs(energies.numerical_dissipation)
+        assert abs(energies.balance_error - before.balance_error) <= RESIDUAL * at_stake
+        k, dU = organ.pairs, organ.field(step.new.organ) - organ.field(step.old.organ)
+        ways = organ.pairing(step.new.organ.facing).G @ dU
+        taken_by_lips -= float(organ.contact_forces(step.new.organ)[k:] @ ways[k:])
+        assert organ.energies(step.old.organ, step.new.organ)[5] >= -IDENTITY * at_stake
+    assert taken_by_lips > 0.0
+    if name != "open dynamic P1, rough, drawn":  # where the holes rub too
+        assert energies.friction_dissipation == pytest.approx(taken_by_lips, rel=1e-6)
+
+
+def test_lips_at_rest_rub_from_load_step_to_load_step() -> None:
+    """Independent check: statics obeys Coulomb's law between its load steps, and its audit closes."""
+    system, state = scene("slit quasi-static P1")
+    energies, seen = initial_energies(system, state), []
+    for k in range(1, 4):
+        for step in load_step(system, state, k / 3, STEPS * DT):
+            energies, state = audit_step(system, energies, step), step.new
+            assert_lips(system, state)
+            seen.append(assert_rubs(system, step))
+    assert np.max(seen, axis=0).min() > 0 and energies.friction_dissipation > 0.0
+    assert abs(energies.balance_error) <= RESIDUAL * abs(energies.external_work)
+
+
+def test_lips_rub_under_bdf2_and_when_a_hole_ends() -> None:
+    """Independent check: the same law under BDF2; a hole that the thread leaves moves no lips of itself, and they
+    neither cross nor pull then."""
+    name = "slit quasi-static P1"
+    system, state = scene(name)
+    for _ in range(STEPS):
+        step = bdf2_step(system, state, DT)
+        assert_lips(system, step.new)
+        state = step.new
+    assert observe_contact(system, state).friction.any()
+    last = steps(name)[-1].new
+    ending = replace(system, piercings=(Piercing("entry"), Piercing("exit", ends=last.time)))
+    gone, events = schedule_piercings(ending, last.time - DT, last, DT, np.array([np.nan, np.nan]))
+    assert [event.kind for event in events] == ["ends"]
+    for step in run(ending, gone, DT / 8, 3):
+        assert_lips(ending, step.new)
+
+
+def test_little_friction_changes_little() -> None:
+    """Independent check: forces of the last step come to those of smooth lips as the coefficient goes to zero."""
+    name = "slit quasi-static P1"
+    smooth = test_contact.steps(name)[-1].new
+    system, _ = scene(name)
+    apart = []
+    for mu in (1e-4, 1e-5):
+        rubs, first = scene(name, mu)
+        last = taken(rubs, first, DT, STEPS)[-1].new
+        apart.append(np.abs(last.y - smooth.y)[:2, :3].max() / scale_of(system, smooth))
+    assert 0.0 < apart[1] <= 0.2 * apart[0] and apart[0] < 1e-4
+
+
+RUBS = SCENARIO.replace("contact = true\n", "") + '[[contact]]\nbetween = ["lip_left", "lip_right"]\nfriction = 0.3\n'
+
+
+@pytest.fixture(scope="module")
+def rubbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scenario file beside the folder of its run."""
+    file = tmp_path_factory.mktemp("rubbing") / "slit.toml"
+    file.write_text(RUBS, encoding="utf-8")
+    assert start(file, file.parent / "whole", "--quiet") == 0
+    return file
+
+
+def test_what_a_run_says_of_friction(rubbed: Path) -> None:
+    """Independent check: no row of the table has more friction than the coefficient allows, pairs slip in some, and
+    what is taken stands in the energies, which close."""
+    out = rubbed.parent / "whole"
+    with (out / "contact.csv").open() as file:
+        rows = [{key.partition(" [")[0]: value for key, value in row.items()} for row in csv.DictReader(file)]
+    friction, force, slipping, pressed = (
+        np.array([float(row[key]) for row in rows]) for key in ("friction", "force", "slipping", "pressed")
+    )
+    assert (friction <= MU * force * (1.0 + TWO_SOLVERS)).all() and friction.max() > 0.0
+    assert (slipping <= pressed).all() and slipping.max() > 0
+    with (out / "energy.csv").open() as file:
+        energies = list(csv.DictReader(file))
+    assert float(energies[-1]["friction_dissipation [J]"]) > 0.0
+    assert abs(float(energies[-1]["balance_error [J]"])) <= 1e-8 * float(energies[-1]["external_work [J]"])
+
+
+def test_a_resumed_run_rubs_on(rubbed: Path) -> None:
+    """Consistency check: a run that was interrupted between lips that rub goes on to the same bytes."""
+    out, whole = rubbed.parent / "interrupted", rubbed.parent / "whole"
+    simulation = prepare(load(rubbed))
+    recorder = Recorder(out, simulation.scenario, simulation.topology, simulation.tissue_dofs, None, simulation.subgrid)
+    with pytest.raises(KeyboardInterrupt), recorder:
+        for step, frame in simulation.advance():
+            recorder.record(step, frame)
+            if step.step == 25:
+                assert step.contact[0].friction > 0.0
+                raise KeyboardInterrupt
+    assert start(rubbed, out, "--resume", "--quiet") == 0
+    for name in ("contact.csv", "energy.csv", "piercings.csv", "frames/organ_000030.vtu"):
+        assert (out / name).read_bytes() == (whole / name).read_bytes(), name
+
+
+def test_a_coefficient_is_zero_or_more(rubbed: Path) -> None:
+    """A coefficient that is negative is refused, and zero is none."""
+    override = 'contact=[{between=["lip_left","lip_right"],friction=%s}]'
+    assert load(rubbed, [override % "0.0"]).contact[0].friction == 0.0
+    with pytest.raises(ScenarioError, match=r"contact\.0\.friction"):
+        load(rubbed, [override % "-0.1"])
