@@ -110,6 +110,7 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
     numerical = (
         0.5 * np.sum(dv * thread.momentum(dv))
         + two_step_inertia(system, step)
+        + lying_work(step)
         + np.sum(now.elastic * dq)
         - (elastic - before.elastic_thread - layered)
         + organ_numerical
@@ -158,6 +159,16 @@ def layer_work(step: Step[Body]) -> float:
     m = force_on_tangent(old.lam, old.y), force_on_tangent(new.lam, y)
     mixed = dot(old.lam[:, :3], m[1]) + dot(new.lam[:, :3], m[0])
     return float(0.5 * np.sum(c[:, 0] * dot(*across) + c[:, 1] * mixed + c[:, 2] * dot(*m)))
+
+
+def lying_work(step: Step[Body]) -> float:
+    """Return what keeps the pieces of a cut thread where they lie at rest takes from their way [J]
+    (`coupling.equilibrium.LYING`); zero in motion, where inertia is in its place."""
+    problem = step.solution.problem
+    if not problem.stiffen:
+        return 0.0
+    pull = problem.mass_factor * problem.system.thread.momentum(step.new.q - problem.q_ref)
+    return float(np.sum(pull * (step.new.q - step.old.q)))
 
 
 def lack_at(system: System[Body], s: Array, layers: Array | None) -> Array:

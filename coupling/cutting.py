@@ -2,8 +2,9 @@
 
 Curve and velocity are the same functions on the other knots (`thread.refit.cut`), so that momentum and energy stay what
 they are; the tension that was there drives the new ends apart in the steps that follow, which remember nothing of those
-before. Where the cut falls into a span that holds a hole, the compliance that the spline lacks there changes, and what
-that stored with it: this loss is in the event.
+before. At rest they find another equilibrium at once (`coupling.run.Run.load`). Where the cut falls into a span that
+holds a hole, the compliance that the spline lacks there changes, and what that stored with it: this loss is in the
+event.
 """
 
 from dataclasses import dataclass, replace

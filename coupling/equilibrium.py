@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from coupling.arrays import Array
+from coupling.arrays import Array, Flags
 from coupling.contact import first_sets
 from coupling.diagnosis import refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.errors import EquilibriumError, InversionError, StepError
@@ -58,6 +58,7 @@ SNAPS = 2  # of them, before tissue creeps to where it snaps
 FIRST_PACE, LAST_PACE = 1e-3, 1e-10  # of an organ that creeps, over its stiffest node: softer than its softest mode
 EASIER, HARDER = 4.0, 10.0  # the pace falls by the one after a success, and rises by the other after a failure
 CREEPS = 60
+LYING = 1e-10  # of the first tie: a piece that is cut turns freely in its holes, or in none, and lies where it is
 LAID_TIE = (
     1e-4  # of the first tie, for a thread as it was laid: Newton alone might jump to an equilibrium that does not hold
 )
@@ -74,16 +75,18 @@ def static_problem(
     began: float,
 ) -> Problem[Body]:
     """Return the problem of equilibrium at the part `share` of the loads. `tie` [1/s²] ties each point to where it is
-    in `state`. Friction opposes the way from `first`, and what is drawn through is counted from there; hands draw and
-    ties hold as in a load step that `began` then [s], with all of the force that they have at its end."""
+    in `state`, as do the pieces of a thread that is cut. Friction opposes the way from `first`, and what is drawn
+    through is counted from there; hands draw and ties hold as in a load step that `began` then [s], with all of the
+    force that they have at its end."""
     time = share * duration
     load = share * end_load(system, duration)
+    load[loose_points(system, state)] = 0.0
     by_hand = system.drawn_lengths(first.time, time), system.pulling_forces(time)
     return Problem(
         system=system,
         time=time,
         dt=time - state.time,
-        mass_factor=tie,
+        mass_factor=tie + (LYING * first_tie(system, state) if system.thread.spline.cuts.size else 0.0),
         q_ref=state.q,
         load=load,
         answer=answer,
@@ -94,6 +97,17 @@ def static_problem(
         layers=layers_at(system, state.s, state.N, state.present),
         gaps=tie_gaps(system, state, time),
     )
+
+
+def loose_points(system: System[Body], state: State[Body]) -> Flags:
+    """Return the control points of the pieces of a cut thread that nothing holds, shape `(n,)`: no load on them is
+    borne by anything."""
+    spline = system.thread.spline
+    held = np.zeros(spline.pieces, dtype=bool)
+    held[spline.piece_of(state.s[state.present])] = True
+    held[[0, -1]] |= [end.position(0.0) is not None for end in system.ends]
+    starts = np.searchsorted(spline.knots, spline.cuts)
+    return np.repeat(~held, np.diff([0, *starts, spline.n]))
 
 
 def settle(
@@ -140,8 +154,8 @@ def relax_ties(
         first = guess(problem, now, state.sigma if hold else now.sigma)
         held = hold and tie == 0.0 and now is not state
         try:
-            solution = let_go(problem, first) if held else follow_ties(problem, first)
-            solution = solution if tie else settle_layers(solution, let_go, AT_REST, TENSIONS)
+            solution = let_go(problem, first) if held else follow_ties(problem, first) if tie else solve(problem, first)
+            solution = solution if tie else let_lie(settle_layers(solution, let_go, AT_REST, TENSIONS))
         except StepError as error:
             failed, failures = error, failures - 1
             if held or failures == 0:
@@ -164,9 +178,18 @@ def follow_ties(problem: Problem[Body], first: Iterate) -> Solution[Body]:
     over many spans and back, and ends at a saddle or nowhere. On spans that are too coarse the potential has a trap
     between two knots, in which a thread that is led would stay.
     """
-    if problem.mass_factor == 0.0 or not problem.law.may_slide.any() or not is_resolved(problem, first):
+    if not problem.law.may_slide.any() or not is_resolved(problem, first):
         return solve(problem, first)
     return solve(problem, first, partial(correct_downhill, spans=A_SPAN), PATIENCE)
+
+
+def let_lie(solution: Solution[Body]) -> Solution[Body]:
+    """Solve again with the pieces of a cut thread tied to where they are now, so that a piece whose place is told by
+    what holds it bears nothing of that tie. Raises `StepError`."""
+    if not solution.problem.mass_factor:
+        return solution
+    again = solve(replace(solution.problem, q_ref=solution.iterate.q), solution.iterate)
+    return replace(again, iterations=solution.iterations + again.iterations)
 
 
 def is_resolved(problem: Problem[Body], first: Iterate) -> bool:
@@ -345,7 +368,8 @@ def load_step(
 
 def pair_lips(system: System[Body], step: Step[Body], share: float, duration: float) -> list[Step[Body]]:
     """Find the equilibrium again while the lips, which a step pairs as they were at its start, slide on its way, or
-    their gaps change where an organ at finite strain turns them. Raises `StepError`."""
+    their gaps change where an organ at finite strain turns them; with friction they rub along the way from the start of
+    the load step. Raises `StepError`."""
     out = [step]
     seen = slice(2, 3) if step.solution.problem.answer.linear else slice(0, 3, 2)
     while len(out) <= PAIRINGS:
@@ -353,5 +377,6 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
         way = max(np.abs(b - a).max(initial=0.0) for a, b in zip(before[seen], after[seen], strict=True))
         if way <= PAIRED * system.thread.section.diameter or not after[1].any():
             break
-        out.append(settle(system, out[-1].new, share, duration, began=step.old.time))
+        given = ask_organ(system, Equilibrium(), [out[-1].new, step.old], duration, share)
+        out.append(settle(system, out[-1].new, share, duration, given, step.old.time))
     return out[1:]

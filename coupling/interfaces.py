@@ -82,7 +82,7 @@ class Organ(Protocol[Body]):
 
     def answer(self, scheme: Scheme, past: Sequence[Body], time: float, share: float = 1.0) -> Answer[Body]:
         """Return the answer of a step of `scheme` from the states `past`, the newest first. Loads that are ramped are
-        those at `time` [s], times `share`."""
+        those at `time` [s], times `share`. In equilibrium slips are counted from the last of `past`."""
 
     def site_variables(self, state: Body) -> Array:
         """Return y, shape `(9p,)`."""

@@ -10,7 +10,8 @@ Every second-order term is kept. The axial force at each quadrature point is ite
 points, Magisano, Leonetti & Garcea 2017): plain Newton diverges at the stretch-to-inertia ratio of a real suture.
 """
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Container
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Generic
@@ -58,6 +59,7 @@ from tissue.errors import OrganError
 
 MAX_ITERATIONS = 25  # for one active set of friction and contact
 MAX_SETS = 20  # and one more for every pair of lips that may touch
+RETURNS = 2  # to one active set: the first asks for another way on, the second goes round again
 MARGIN = 4.0  # of the force tolerance: two solved sets differ by two of them
 FORCE_TOLERANCE = 1e-10  # of the largest force in the step
 GAP_TOLERANCE = 1e-11  # of the thread's diameter
@@ -361,7 +363,7 @@ def solve(
     `correct` makes one Newton correction; the default one condenses the organ. `patience`: how many times the
     corrections of a plain solve there may be. Each active set of friction and contact is solved out before it is
     judged. Where a set comes back, one hole or pair changes at a time, the first that has to (Murty's least-index
-    rule); what is not at rest after MAX_SETS is given up.
+    rule); what goes round in a circle, or is not at rest after MAX_SETS, is given up.
     """
     try:
         return solve_sets(problem, start, correct, patience)
@@ -373,16 +375,18 @@ def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body],
     """Solve one active set after another, as `solve` says. Raises `StepError`, and `OrganError` where the lips of a
     nonlinear organ have no answer."""
     z, iterations = replace(start, sigma=admissible_sigma(problem.law, start.sigma)), 0
-    seen: set[bytes] = set()
+    seen: Counter[bytes] = Counter()
     for _ in range(MAX_SETS + len(z.pressed)):
         solution = solve_set(replace(problem, closed=z.pressed, rubbing=z.rubbing), z, correct, patience)
         iterations += solution.iterations
         z, r = solution.iterate, solution.residual
         problem = replace(problem, answer=solution.problem.answer)
-        seen.add(sets_of(z))
+        seen[sets_of(z)] += 1
         fitting = with_next_sets(problem, z, r, seen)
         if fitting is z:
             return replace(solution, problem=problem, iterations=iterations, p=contact_forces(problem.contact, z, r))
+        if seen[sets_of(z)] > RETURNS:
+            break
         z = fitting
     what = "stick and slip of the friction" if problem.contact is None else "friction's or the lips' active sets"
     raise failure(problem, r, f"{what} alternate without end")
@@ -393,7 +397,7 @@ def sets_of(z: Iterate) -> bytes:
     return z.sigma.tobytes() + z.pressed.tobytes() + z.rubbing.slips.tobytes()
 
 
-def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: set[bytes]) -> Iterate:
+def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: Container[bytes]) -> Iterate:
     """Return a solved iterate with the active sets that its forces ask for, the very same object where it has them.
 
     Pairs are judged to round-off first, and within what the solve leaves open only where that leads back.

@@ -104,7 +104,8 @@ class Run(Generic[Body]):
         """Go on to the equilibrium under the part `share` of the loads at `duration` [s].
 
         An equilibrium is far from where it began: it is found again on the knots that fit it, with friction all the
-        way from where the load step began, since it depends on the way. Raises `StepError`, before the first load step
+        way from where the load step began, since it depends on the way. A thread that is cut at its end finds another
+        equilibrium under the same loads, with friction from there. Raises `StepError`, before the first load step
         where dead loads are unbalanced, `InversionError`, `ConstraintError`.
         """
         first = replace(self, taken=(), events=())
@@ -120,7 +121,10 @@ class Run(Generic[Body]):
                 break
             first = knots
             run = knots._audited(load_step(knots.system, knots.state, share, duration))
-        return run._scheduled(self.state.time, share * duration - self.state.time)
+        run = run._scheduled(self.state.time, share * duration - self.state.time)
+        if not any(event.kind == "cut" for event in run.events):
+            return run
+        return run._audited(load_step(run.system, run.state, share, duration))
 
     def _audited(self, taken: Sequence[Step[Body]]) -> "Run[Body]":
         """Return the run after the steps `taken`, with their audit and events."""

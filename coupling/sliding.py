@@ -214,11 +214,14 @@ def admissible_sigma(law: Law, sigma: Array) -> Array:
 def next_sigma(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array, margin: float) -> Array:
     """Return the active set after a solved iterate, shape `(m,)`, in {−1, 0, 1}. A stuck point slips when f leaves
     the static cone by more than the `margin` [N] of the solve; a slipping one sticks when it moved against its own
-    friction."""
+    friction. Holds that slide as one are judged together, by |T̂| f and its bound as their equation has them."""
     if not law.rough.any():
         return admissible_sigma(law, sigma)
     f, bound = force_along_thread(law, thread, s, lam, y), static_bound(law, thread, lam, y)
-    f, bound = in_pairs(law.pairs, f, -1.0), in_pairs(law.pairs, bound)
+    if law.pairs.size:
+        size = tangent(thread, lam, y)[0]
+        size = size / in_pairs(law.pairs, size)
+        f, bound = in_pairs(law.pairs, size * f, -1.0), in_pairs(law.pairs, size * bound)
     from_stick = np.where(np.abs(f) > bound + margin, np.sign(f), 0.0)
     from_slip = np.where(sigma * (s - law.s_old) < 0.0, 0.0, sigma)
     return admissible_sigma(law, np.where(sigma == 0.0, from_stick, from_slip))

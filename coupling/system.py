@@ -75,7 +75,8 @@ class Piercing:
     through a hole: `draw`, shape `(k, 2)`: t [s], length [m] towards the end of the thread, linear in between; or
     `pull`, shape `(k, 2)`: t [s], force [N] towards the end of the thread, with which it slides. Where the thread
     slides by itself the hand has it from the first to the last of these times alone, and may do both, one after the
-    other; else it has it always. Raises `CouplingError` where it were to do both at once, and for friction in its way.
+    other; a row with NaN in place of a length or force lets go, and the next one takes it again. Else it has it always.
+    Raises `CouplingError` where it were to do both at once, and for friction in its way.
     The thread bears on the tissue over the length `bearing` [m], None where that is not known, and the tissue there
     bears `strength` [Pa]. A ball of tissue along the thread's way between two holes is a hole too: `tract` names that
     way, empty for any other hole.
@@ -96,13 +97,20 @@ class Piercing:
     def __post_init__(self) -> None:
         if self.by_hand and not self.slides and self.friction is not None:
             raise CouplingError(f"piercing {self.name!r}: a hand always has the thread that is anchored; no friction")
-        if self.slides and any(rows is not None and len(rows) < 2 for rows in (self.draw, self.pull)):
+        every = [*self.drawing, *self.pulling]
+        if any(np.isnan(rows).any() for rows in every):
+            raise CouplingError(
+                f"piercing {self.name!r}: a hand lets go of a thread that it does not have; leave it out"
+            )
+        if self.slides and any(len(rows) < 2 for rows in every):
             raise CouplingError(
                 f"piercing {self.name!r}: through a hole in which the thread slides a hand draws from the first row to "
                 "the last; give two rows"
             )
-        schedules = [rows for rows in (self.draw, self.pull) if rows is not None]
-        if len(schedules) == 2 and (not self.slides or is_overlapping(*schedules)):
+        if not self.slides and any(np.isnan(rows).any() for rows in (self.draw, self.pull) if rows is not None):
+            raise CouplingError(f"piercing {self.name!r}: a hand always has the thread that is anchored; no letting go")
+        crossing = any(is_overlapping(one, other) for one in self.drawing for other in self.pulling)
+        if self.drawing and self.pulling and (not self.slides or crossing):
             raise CouplingError(f"piercing {self.name!r}: a hand draws with a force or by a length; leave one out")
 
     @property
@@ -110,26 +118,45 @@ class Piercing:
         """Whether a hand ever draws the thread through the hole, by a length or with a force."""
         return self.draw is not None or self.pull is not None
 
+    @cached_property
+    def drawing(self) -> tuple[Array, ...]:
+        """Rows (k, 2) of `draw` for each time that a hand takes the thread."""
+        return () if self.draw is None else grips(self.draw)
+
+    @cached_property
+    def pulling(self) -> tuple[Array, ...]:
+        """Rows (k, 2) of `pull` for each time that a hand takes the thread."""
+        return () if self.pull is None else grips(self.pull)
+
     def is_drawn(self, time: float) -> bool:
         """Whether a hand draws the thread by a length, or holds it, in a step from `time` [s] on."""
-        return self.draw is not None and (not self.slides or is_within(self.draw, time))
+        return any(not self.slides or is_within(rows, time) for rows in self.drawing)
 
     def is_pulled(self, time: float) -> bool:
         """Whether a hand draws the thread with a force in a step from `time` [s] on."""
-        return self.pull is not None and (not self.slides or is_within(self.pull, time))
+        return any(not self.slides or is_within(rows, time) for rows in self.pulling)
 
     def was_in_hand(self, time: float) -> bool:
         """Whether a hand drew the thread in a step to `time` [s]."""
-        schedules = [rows for rows in (self.draw, self.pull) if rows is not None]
-        return any(not self.slides or is_within(rows, time, ended=True) for rows in schedules)
+        return any(not self.slides or is_within(rows, time, ended=True) for rows in (*self.drawing, *self.pulling))
 
     def drawn_length(self, time: float) -> float:
-        """Return the length drawn through until `time` [s], from the first row of `draw` on [m]."""
-        return 0.0 if self.draw is None else float(np.interp(time, self.draw[:, 0], self.draw[:, 1]))
+        """Return the length drawn through until `time` [s], by every grip from its own first row on [m]."""
+        return float(sum(np.interp(time, rows[:, 0], rows[:, 1] - rows[0, 1]) for rows in self.drawing))
 
     def pulling_force(self, time: float) -> float:
-        """Return the force of the hand on the thread, towards its end, at `time` [s], in N."""
-        return 0.0 if self.pull is None else float(np.interp(time, self.pull[:, 0], self.pull[:, 1]))
+        """Return the force of the hand on the thread, towards its end, at `time` [s], in N: of the grip that began
+        before then, or of the first."""
+        begun = [rows for rows in self.pulling if rows[0, 0] < time] or list(self.pulling[:1])
+        return float(np.interp(time, *begun[-1].T)) if begun else 0.0
+
+
+def grips(rows: Array) -> tuple[Array, ...]:
+    """Return the rows (k, 2) of a hand in one array for each time that it takes the thread. One that lets go, with NaN,
+    is the end of what its hand did last."""
+    parts = [part for part in np.split(rows, np.flatnonzero(np.isnan(rows[:, 1])) + 1) if len(part)]
+    values = [np.where(np.isnan(part[:, 1]), np.roll(part[:, 1], 1), part[:, 1]) for part in parts]
+    return tuple(np.column_stack([part[:, 0], value]) for part, value in zip(parts, values, strict=True))
 
 
 def is_within(rows: Array, time: float, ended: bool = False) -> bool:

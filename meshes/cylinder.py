@@ -1,4 +1,4 @@
-"""Round bars and tubes along x, centred at the origin. Need gmsh."""
+"""Round bars and tubes along x, centred at the origin, and a tube's two stumps. Need gmsh."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from meshes.errors import MeshError
 from meshes.gmsh_session import generate, session
 from meshes.grading import Grading, require_positive, site_points
+from meshes.named import checked_mesh
 
 Array = NDArray[np.float64]
 
@@ -52,6 +53,28 @@ def tube(radius: float, wall: float, length: float, grading: Grading, sites: Arr
         return _with_faces(generate(gmsh, grading, points), length, {"inner": radius - wall, "outer": radius})
 
 
+def stumps(
+    radius: float, wall: float, length: float, gap: float, grading: Grading, sites: ArrayLike = ()
+) -> skfem.MeshTet:
+    """Mesh the `tube` cut across in the middle, its two stumps `gap` [m] apart: two bodies that share no node.
+
+    Boundaries are those of the tube, and stump_left and stump_right, the faces of the cut. One stump is the other's
+    mirror image, finer towards the sites of both, so that the nodes of the two faces match. Raises `MeshError` as
+    `tube` does, and for a gap that is negative or leaves no stump.
+    """
+    if not 0.0 <= gap < length:
+        raise MeshError(f"gap = {gap!r} must be at least 0 and less than length = {length!r}, of both stumps with it")
+    half = 0.5 * (length - gap)
+    middle = np.array([0.5 * (gap + half), 0.0, 0.0])
+    mirrored = site_points(sites) * 1.0
+    mirrored[:, 0] = np.abs(mirrored[:, 0])
+    one = tube(radius, wall, half, grading, mirrored - middle)
+    there = one.p.T + middle
+    points = np.vstack([there * [-1.0, 1.0, 1.0], there])
+    tets = np.vstack([one.t.T[:, [1, 0, 2, 3]], one.t.T + one.nvertices])
+    return _with_faces(checked_mesh(points, tets, parts=None), length, {"inner": radius - wall, "outer": radius}, gap)
+
+
 def _sites_within(sites: ArrayLike, inner: float, radius: float, length: float) -> Array:
     """Return the sites, shape `(p, 3)` [m]; raise `MeshError` for one outside by more than round-off."""
     points = site_points(sites)
@@ -64,16 +87,24 @@ def _sites_within(sites: ArrayLike, inner: float, radius: float, length: float) 
     return points
 
 
-def _with_faces(mesh: skfem.MeshTet, length: float, walls: Mapping[str, float]) -> skfem.MeshTet:
-    """Return the mesh with its ends, left and right, and its round walls (name → radius) named."""
+def _with_faces(
+    mesh: skfem.MeshTet, length: float, walls: Mapping[str, float], gap: float | None = None
+) -> skfem.MeshTet:
+    """Return the mesh with its ends, left and right, and its round walls (name → radius) named; of two stumps, `gap`
+    [m] apart, the faces of the cut too.
+    """
     facets = mesh.boundary_facets()
     corners: Any = mesh.p[:, mesh.facets[:, facets]]
-    slack = 1e-9 * length
+    planes = {"left": (-1.0, length), "right": (1.0, length)}
+    if gap is not None:
+        planes |= {"stump_left": (-1.0, gap), "stump_right": (1.0, gap)}
+    behind = np.sign(mesh.p[0, mesh.t[:, mesh.f2t[0, facets]]].mean(axis=0))
     ends = {
-        name: np.abs(corners[0] - x).max(axis=0) <= slack for name, x in (("left", -length / 2), ("right", length / 2))
+        name: (np.abs(corners[0] - 0.5 * side * x).max(axis=0) <= 1e-9 * length) & ((gap is None) | (behind == side))
+        for name, (side, x) in planes.items()
     }
     across = np.hypot(corners[1], corners[2])
-    side = ~(ends["left"] | ends["right"])
+    wall = ~np.any(list(ends.values()), axis=0)
     nearest = np.abs(across.mean(axis=0) - np.array(list(walls.values()))[:, None]).argmin(axis=0)
-    round_walls = {name: side & (nearest == k) for k, name in enumerate(walls)}
+    round_walls = {name: wall & (nearest == k) for k, name in enumerate(walls)}
     return mesh.with_boundaries({name: facets[chosen] for name, chosen in (ends | round_walls).items()})

@@ -7,7 +7,7 @@ that are refused, and not after those are right.
 from collections.abc import Mapping
 from typing import Any
 
-from studies.scenario.organ import BOUNDARIES, FLOOR, taken_boundary, unknown_clamp
+from studies.scenario.organ import BOUNDARIES, FLOOR, STUMPS, taken_boundary, unknown_clamp
 from studies.scenario.table import repetition
 
 
@@ -31,6 +31,7 @@ def _boundary_faults(tissue: Mapping[str, Any]) -> list[str | None]:
     if not there:
         return []
     there = (*there, FLOOR) if mesh.get("shape") == "ellipse" else there
+    there = (*there, *STUMPS) if mesh["kind"] == "tube" and "gap" in mesh else there
     own = _names(tissue.get("boundary"))
     taken = taken_boundary(own, there, str(mesh["kind"]))
     lost = [unknown_clamp(_words(tissue.get(key)), [*there, *own], key) for key in ("clamp", "roller")]

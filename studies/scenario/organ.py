@@ -30,6 +30,7 @@ BOUNDARIES = {  # that a generated mesh names, by its kind
     "cylinder": ("left", "right", "side"),
     "tube": ("left", "right", "inner", "outer"),
 }
+STUMPS = ("stump_left", "stump_right")  # of a tube that is cut across
 STRENGTH = (
     "pressure of the thread on a hole, its force over diameter and bearing length, above which the event tears is "
     "logged, for nothing tears in the model [Pa]"
@@ -136,17 +137,26 @@ class CylinderMesh(_Sized):
 
 
 class TubeMesh(_Sized):
-    """Tube about the x axis, centred at the origin; boundaries left, right, inner, outer."""
+    """Tube about the x axis, centred at the origin; boundaries left, right, inner, outer. Cut across in the middle it
+    is two stumps, two bodies; the faces of the cut are stump_left and stump_right.
+    """
 
     kind: Literal["tube"]
     radius: Positive = Field(description="outer radius of the tube [m]", examples=[0.01])
     wall: Positive = Field(description="thickness of the wall [m], below the radius", examples=[0.002])
-    length: Positive = Field(description="length of the tube [m]", examples=[0.05])
+    length: Positive = Field(description="length of the tube [m], with the gap", examples=[0.05])
+    gap: NotNegative | None = Field(
+        default=None,
+        description="distance of the two stumps of a tube that is cut across [m]; 0: they touch; default: not cut",
+        examples=[1.0e-3],
+    )
 
     @model_validator(mode="after")
     def _check_wall(self) -> Self:
         if self.wall >= self.radius:
             raise ValueError(f".wall = {self.wall} is refused: it must be below radius = {self.radius}; lower it")
+        if self.gap is not None and self.gap >= self.length:
+            raise ValueError(f".gap = {self.gap} is refused: it must be below length = {self.length}; lower it")
         return self
 
 
@@ -410,7 +420,8 @@ class Tissue(MaterialKeys):
 def boundaries_of(mesh: Mesh) -> tuple[str, ...]:
     """Return the boundaries that a mesh will name; none where only the file tells."""
     floor = isinstance(mesh, WoundMesh) and mesh.shape == "ellipse" and mesh.depth < mesh.size[2]
-    return BOUNDARIES.get(mesh.kind, ()) + ((FLOOR,) if floor else ())
+    cut = isinstance(mesh, TubeMesh) and mesh.gap is not None
+    return BOUNDARIES.get(mesh.kind, ()) + ((FLOOR,) if floor else ()) + (STUMPS if cut else ())
 
 
 # --- checks that the simulation repeats once it knows more ------------------------------------------------

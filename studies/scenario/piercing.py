@@ -1,5 +1,6 @@
 """The table of a piercing, `[[piercing]]`, and of its friction."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 from math import dist
 from typing import Annotated, Literal, Self
@@ -7,7 +8,15 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from studies.scenario.refusal import as_toml, dotted_key, refusal
-from studies.scenario.table import NotNegative, Positive, ScenarioTable, Text, Turn, Vector, one_sentence
+from studies.scenario.table import NotNegative, Number, Positive, ScenarioTable, Text, Turn, Vector, one_sentence
+
+LetGo = tuple[Number]
+HandRow = Annotated[
+    Turn | LetGo,
+    one_sentence("rows [t, length] or [t, force], and [t] alone where the hand lets go, for example [0.2]"),
+]
+Hand = Annotated[tuple[HandRow, ...], Field(min_length=1)]
+Grip = tuple[Turn, ...]  # from the moment that a hand takes the thread to that when it lets go
 
 
 class Friction(ScenarioTable):
@@ -83,21 +92,22 @@ class Piercing(ScenarioTable):
         description="friction coefficients [-] and grip [N]; default none",
         examples=[{"static": 0.12, "kinetic": 0.10, "grip": 0.0}],
     )
-    draw: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = Field(
+    draw: Hand | None = Field(
         default=None,
         description="rows of t [s], length [m] of thread that a hand draws through the hole towards the end of the "
         "path, negative towards its start, t increasing; linear in between, counted from the moment the piercing "
         'begins; through an "anchored" hole the hand holds it before and after, through a "sliding" one it has it from '
-        "the first row to the last alone; in statics t goes from 0 to solve.duration; default: none",
+        "the first row to the last alone, and a row of t alone lets go until the next one, whose length is then the "
+        "zero; in statics t goes from 0 to solve.duration; default: none",
         examples=[[[0.0, 0.0], [1.0, 0.005]]],
     )
-    pull: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = Field(
+    pull: Hand | None = Field(
         default=None,
         description="rows of t [s], force [N] with which a hand draws the thread through the hole towards the end of "
         "the path, negative towards its start, t increasing; linear in between; the hand holds against the tissue at "
         'the hole; through an "anchored" hole with the first and last force before and after, through a "sliding" one '
-        "from the first row to the last alone; in statics t goes from 0 to solve.duration; instead of draw, or through "
-        'a "sliding" hole before or after it; default: none',
+        "from the first row to the last alone, and a row of t alone lets go until the next one; in statics t goes from "
+        '0 to solve.duration; instead of draw, or through a "sliding" hole before or after it; default: none',
         examples=[[[0.0, 0.0], [0.2, 1.0]]],
     )
     channel: Positive | None = Field(
@@ -127,7 +137,7 @@ class Piercing(ScenarioTable):
             raise ValueError(f".until = {self.until} is refused: it must be later than from = {self.from_}; raise it")
         self._check_hand()
         for key, rows in (("draw", self.draw), ("pull", self.pull)):
-            for row, ((before, _), (after, _)) in enumerate(pairwise(rows or ()), start=1):
+            for row, ((before, *_), (after, *_)) in enumerate(pairwise(rows or ()), start=1):
                 if after <= before:
                     raise ValueError(
                         f".{key}.{row} = {as_toml((rows or ())[row])} is refused: "
@@ -173,25 +183,58 @@ class Piercing(ScenarioTable):
             raise ValueError(".along = [0, 0, 0] is refused: it must not be zero; give a direction, or leave it out")
 
     def _check_hand(self) -> None:
-        """Refuse a hand that draws by a length and with a force at once, and one that has no time to draw."""
+        """Refuse a hand that draws by a length and with a force at once, and one that has no time to draw, or lets go
+        what it does not have."""
         draw, pull, slides = self.draw, self.pull, self.kind == "sliding"
+        for key, rows in (("draw", draw or ()), ("pull", pull or ())):
+            self._check_letting_go(key, rows)
         if draw is not None and pull is not None:
             if not slides:
                 raise ValueError(
                     ".pull is refused: a hand always has an anchored thread, by a length or with a force; leave out "
                     'draw or pull, or set kind = "sliding" for one after the other'
                 )
-            if max(draw[0][0], pull[0][0]) < min(draw[-1][0], pull[-1][0]):
-                raise ValueError(
-                    f".pull = {as_toml(pull)} is refused: draw has the thread from {draw[0][0]} to {draw[-1][0]} s, "
-                    "and a hand draws by a length or with a force; let one end before the other begins"
-                )
-        short = next((key for key, rows in (("draw", draw), ("pull", pull)) if slides and rows and len(rows) < 2), None)
+            both = ((one, other) for one in grips(draw) for other in grips(pull))
+            for one, other in both:
+                if max(one[0][0], other[0][0]) < min(one[-1][0], other[-1][0]):
+                    raise ValueError(
+                        f".pull = {as_toml(pull)} is refused: draw has the thread from {one[0][0]} to {one[-1][0]} s, "
+                        "and a hand draws by a length or with a force; let one end before the other begins"
+                    )
+        given = (("draw", draw), ("pull", pull))
+        short = next((key for key, rows in given if slides and any(len(grip) < 2 for grip in grips(rows or ()))), None)
         if short is not None:
             raise ValueError(
                 f'.{short} is refused: through a "sliding" hole a hand draws from the first row to the last; give two '
                 'rows, or set kind = "anchored"'
             )
+
+    def _check_letting_go(self, key: str, rows: Sequence[Turn | LetGo]) -> None:
+        """Refuse rows of time alone through a hole that a hand always holds, and where no hand has the thread."""
+        alone = [number for number, row in enumerate(rows) if len(row) == 1]
+        if alone and self.kind != "sliding":
+            raise ValueError(
+                f".{key}.{alone[0]} = {as_toml(rows[alone[0]])} is refused: a hand always has an anchored thread; give "
+                'a length or a force too, or set kind = "sliding"'
+            )
+        idle = next((number for number in alone if number == 0 or number - 1 in alone), None)
+        if idle is not None:
+            raise ValueError(
+                f".{key}.{idle} = {as_toml(rows[idle])} is refused: a row of time alone lets go, and no hand has the "
+                "thread then; leave it out"
+            )
+
+
+def grips(rows: Sequence[Turn | LetGo]) -> list[Grip]:
+    """Return the rows of a hand in one part for each time that it takes the thread; where it lets go, it has done what
+    it did last."""
+    parts: list[Grip] = []
+    taken = False
+    for row in rows:
+        whole = row if len(row) == 2 else (row[0], parts[-1][-1][1])
+        parts = [*parts[:-1], (*parts[-1], whole)] if taken else [*parts, (whole,)]
+        taken = len(row) == 2
+    return parts
 
 
 def place_refusal(hole: Piercing, reason: str) -> str:

@@ -157,7 +157,7 @@ def type_of(field: Node, whole: Node) -> str:
     inner = type_of(field["items"] if parts is None else parts[0], whole)
     several = f"rows of {inner}" if inner[0].isdigit() else f"{inner}s"
     if parts is not None:
-        return f"{len(parts)} {several}"
+        return f"{len(parts)} {several if len(parts) > 1 else inner}"
     return several if inner[0].isdigit() else f"list of {several}"
 
 

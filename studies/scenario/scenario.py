@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError, model_validator
 from studies.scenario.contact import Contact
 from studies.scenario.names import name_faults
 from studies.scenario.organ import LIPS, GivenMesh, Tissue, boundaries_of, unknown_clamp
-from studies.scenario.piercing import Piercing, place_refusal
+from studies.scenario.piercing import Piercing, grips, place_refusal
 from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
 from studies.scenario.solve import WHOLE, Output, Solve
 from studies.scenario.table import ScenarioError, ScenarioTable, repetition
@@ -67,6 +67,7 @@ class Scenario(ScenarioTable):
         if not (isinstance(thread, dict) and isinstance(solve, dict)) or solve.get("kind") != "static":
             return table
         unable = thread.get("cuts") or thread.get("energy") == "springs" or thread.get("bending") is False
+        unable = unable or table.get("cut")
         return table if unable else table | {"thread": {"resolution": "holes"} | thread}
 
     @model_validator(mode="after")
@@ -202,11 +203,10 @@ class Scenario(ScenarioTable):
 
     @model_validator(mode="after")
     def _check_cutting(self) -> Self:
-        given = {"solve.kind": self.solve.kind, "solve.scheme": self.solve.scheme} | {
+        given = {"solve.scheme": self.solve.scheme} | {
             f"thread.{key}": getattr(self.thread, key) for key in ("resolution", "energy", "twist")
         }
         able = {
-            "solve.kind": "dynamic",
             "solve.scheme": "newton",
             "thread.resolution": "fixed",
             "thread.energy": "continuous",
@@ -242,13 +242,13 @@ class Scenario(ScenarioTable):
     @model_validator(mode="after")
     def _check_hands(self) -> Self:
         solve = self.solve
-        for hole in self.piercing if solve.kind == "static" else ():
-            if hole.kind != "sliding" or not hole.draw:
-                continue
-            (first, length), number = hole.draw[0], solve.step_by(hole.draw[0][0])
+        sliding = [hole for hole in self.piercing if hole.kind == "sliding" and solve.kind == "static"]
+        taken = [(hole, rows) for hole in sliding for rows in grips(hole.draw or ())]
+        for hole, rows in taken:
+            (first, length), number = rows[0], solve.step_by(rows[0][0])
             begins = number * solve.duration / solve.load_steps
             late = begins - first > WHOLE * solve.duration
-            if late and any(time < begins and later != length for (time, _), (_, later) in pairwise(hole.draw)):
+            if late and any(time < begins and later != length for (time, _), (_, later) in pairwise(rows)):
                 reason = (
                     f"through a hole in which the thread slides a hand draws from the end of a load step on, and none "
                     f"ends at {first} s: what it draws until {begins:.6g} s would be left out; begin at {begins:.6g} "

@@ -115,7 +115,9 @@ class Cut(ScenarioTable):
     """Cut of the thread during a run."""
 
     s: Positive = Field(description="abscissa of the cut, or of a knot next to it [m]", examples=[0.03])
-    time: Positive = Field(description="time of the cut [s], at the first end of a step not before it", examples=[0.3])
+    time: Positive = Field(
+        description="time of the cut [s], at the first end of a step, or load step, not before it", examples=[0.3]
+    )
 
 
 def _known(name: str) -> str:

@@ -251,12 +251,17 @@ def piercing_of(hole: model.Piercing, scenario: Scenario, body: tissue.Elasticit
         friction=friction_of(hole, scenario, given),
         begins=hole.from_,
         ends=np.inf if hole.until is None else hole.until,
-        draw=None if hole.draw is None else np.array(hole.draw),
-        pull=None if hole.pull is None else np.array(hole.pull),
+        draw=hand_of(hole.draw),
+        pull=hand_of(hole.pull),
         bearing=bearing_of(hole, scenario),
         strength=np.inf if organ is None or body is None else strength_at(organ, body.mesh, hole.place),
         tract=hole.tract if isinstance(hole, Ball) else "",
     )
+
+
+def hand_of(rows: Sequence[Sequence[float]] | None) -> Array | None:
+    """Return the rows of a hand, shape `(k, 2)`, NaN where it lets go; None without one."""
+    return None if rows is None else np.array([row if len(row) == 2 else (row[0], np.nan) for row in rows])
 
 
 def tie_of(table: model.Tie, holes: Sequence[model.Piercing]) -> Tie:

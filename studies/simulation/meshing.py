@@ -15,7 +15,7 @@ import tissue
 from meshes.block import NO_PLANES, Planes, extent, graded_block_gmsh, graded_block_structured, structured_tets
 from meshes.budget import budget, expected_tets
 from meshes.checks import parts
-from meshes.cylinder import cylinder, tube
+from meshes.cylinder import cylinder, stumps, tube
 from meshes.facets import sharp_edges
 from meshes.file import read
 from meshes.grading import Grading
@@ -79,8 +79,11 @@ def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> skfem.MeshT
     match shape:
         case model.CylinderMesh():
             return cylinder(shape.radius, shape.length, grading, sites)
-        case model.TubeMesh():
+        case model.TubeMesh(gap=None):
             return tube(shape.radius, shape.wall, shape.length, grading, sites)
+        case model.TubeMesh():
+            assert shape.gap is not None
+            return stumps(shape.radius, shape.wall, shape.length, shape.gap, grading, sites)
         case model.WoundMesh():
             check_clear(shape, holes)
             wounded = wounded_block_structured if shape.generator == "structured" else wounded_block_gmsh
@@ -135,7 +138,7 @@ def body_of(shape: model.BlockMesh | model.WoundMesh | model.CylinderMesh | mode
         case model.CylinderMesh():
             return _round(0.0, shape.radius, shape.length)
         case model.TubeMesh():
-            return _round(shape.radius - shape.wall, shape.radius, shape.length)
+            return _round(shape.radius - shape.wall, shape.radius, shape.length, shape.gap or 0.0)
     return _box(*extent(shape.size), float(np.prod(shape.size)))
 
 
@@ -147,18 +150,20 @@ def _box(lower: Array, upper: Array, volume: float) -> Body:
     )
 
 
-def _round(inner: float, radius: float, length: float) -> Body:
+def _round(inner: float, radius: float, length: float, gap: float = 0.0) -> Body:
+    """Return a bar or a tube along x, or its two stumps that are a `gap` apart."""
+
     def inside(points: Array) -> NDArray[np.bool_]:
-        across = np.hypot(points[:, 1], points[:, 2])
-        return np.asarray((across >= inner) & (across <= radius) & (np.abs(points[:, 0]) <= length / 2))
+        across, along = np.hypot(points[:, 1], points[:, 2]), np.abs(points[:, 0])
+        return np.asarray((across >= inner) & (across <= radius) & (along <= length / 2) & (along >= gap / 2))
 
     def nearest(points: Array) -> Array:
         across = np.hypot(points[:, 1], points[:, 2])
         share = np.clip(across, inner, radius) / np.where(across > 0, across, 1.0)
-        x = np.clip(points[:, 0], -length / 2, length / 2)
+        x = np.copysign(np.clip(np.abs(points[:, 0]), gap / 2, length / 2), points[:, 0])
         return np.column_stack([x, share * points[:, 1], share * points[:, 2]])
 
-    return Body(np.pi * (radius**2 - inner**2) * length, inside, nearest)
+    return Body(np.pi * (radius**2 - inner**2) * (length - gap), inside, nearest)
 
 
 def check_memory(table: model.Tissue, grading: Grading, sites: Array, body: Body, planes: Planes) -> None:

@@ -47,7 +47,7 @@ def check_draws(holes: Sequence[model.Piercing], spline: Spline, s: Sequence[flo
     anchored = [
         (h, at) for h, at in zip(holes, s, strict=True) if h.kind == "anchored" and h.pull is None and h.from_ == 0.0
     ]
-    times = sorted({0.0} | {time for hole, _ in anchored for time, _ in hole.draw or ()})
+    times = sorted({0.0} | {time for hole, _ in anchored for time, *_ in hole.draw or ()})
     before: dict[int, tuple[str, Array]] = {}
     for hole, at in anchored:
         piece, way, key = (

@@ -118,6 +118,15 @@ def test_a_hole_that_ends_lets_go() -> None:
             r"right\.pull = .*draw has the thread from 0\.5 to 2\.0 s",
         ),
         ({"draw": [[0, 0.0]]}, r"right\.pull is refused.*leave out draw or pull"),
+        ({"pull": [[0, 0.1], [0.5], [1, 0.1]]}, r"right\.pull\.1 = \[0\.5\].*a hand always has an anchored thread"),
+        ({"kind": "sliding", "pull": [[0.5], [1, 0.1]]}, r"right\.pull\.0 = \[0\.5\].*no hand has the thread"),
+        ({"kind": "sliding", "pull": [[0, 1.0], [0.5], [0.6], [1, 0.1]]}, r"right\.pull\.2.*no hand has the thread"),
+        ({"kind": "sliding", "pull": [[0, 1.0], [0.5], [1, 0.1]]}, r"right\.pull is refused.*give two rows"),
+        (
+            {"kind": "sliding", "pull": [[0, 1.0], [0.5], [1, 0], [2, 1]], "draw": [[0.5, 0], [1.5, 1e-3]]},
+            r"right\.pull = .*draw has the thread from 0\.5 to 1\.5 s",
+        ),
+        ({"pull": [[0, 0.1, 3]]}, r"right\.pull\.0 = \[0, 0\.1, 3\].*\[t\] alone where the hand lets go"),
         ({"pull": [[1, 0.0], [0.5, 1e-3]]}, r"right\.pull\.1.*must be later than 1\.0 s"),
         ({"friction": {"static": 0.1, "kinetic": 0.1}}, r"right\.friction is refused"),
     ],
@@ -150,6 +159,7 @@ def test_other_ways_refuse_a_pull() -> None:
 
 NOTHING = np.zeros(0)
 MU, TAIL = 0.2, 0.05  # -, N: beyond the ring the thread is pulled by that
+AGAIN = 1e-3  # of the way that the thread ran back between: in time its force takes a while to swing in
 BENT = 0.03  # of the ratio of the tensions: what the elastica takes that turns in the ring, of no radius
 
 
@@ -196,6 +206,39 @@ def test_a_hand_tightens_holds_and_lets_go(solve: dict[str, Any]) -> None:
     energy = records[-1].energy
     turned = energy.external_work + energy.numerical_dissipation  # a path with a corner is laid under tension
     assert energy.friction_dissipation > 0.0 and abs(energy.balance_error) <= RESIDUAL * turned
+
+
+@pytest.mark.parametrize(
+    "solve", [{"kind": "static", "load_steps": 10, "duration": 1.0}, {"dt": 2e-3, "duration": 0.4}]
+)
+def test_a_hand_takes_the_same_thread_again(solve: dict[str, Any]) -> None:
+    """Independent check: a hand that draws with a force, lets go and draws with it again has the thread where one has
+    it that never let go; between them friction alone holds it, by no more than the balance at one hole allows. One
+    that draws a length, lets go and draws another draws each from where it takes the thread."""
+    end = solve["duration"]
+    table = scheduled(**solve)
+    ring = table["piercing"][1]
+    del ring["draw"]
+    force = 6 * FORCE
+    ring["pull"] = [[0.0, 0.0], [0.2 * end, force], [0.3 * end], [0.5 * end, 0.5 * force], [0.7 * end, force]]
+    ring["pull"] += [[0.8 * end, force]]
+    simulation, records = run(table)
+    part = simulation.steps // 10
+    at = [records[k * part].piercings[1] for k in range(11)]
+    ring["pull"] = [[0.0, 0.0], [0.2 * end, force], [0.8 * end, force]]
+    held = run(table)[1][8 * part].piercings[1]
+    ran_back = at[5].s - at[3].s
+    assert ran_back > 1e-4 and abs(at[8].s - held.s) < AGAIN * ran_back
+    assert [at[k].tangential_force for k in (3, 8)] == pytest.approx([force] * 2, rel=1e-6)
+    assert at[5].cone_residual <= RESIDUAL * force
+    assert 1.0 < at[5].tension_before / at[5].tension_after < (1.0 + MU) / (1.0 - MU)
+    energy = records[-1].energy
+    assert abs(energy.balance_error) <= RESIDUAL * (energy.external_work + abs(energy.numerical_dissipation))
+    del ring["pull"]
+    ring["draw"] = [[0.0, 0.0], [0.2 * end, 1e-4], [0.3 * end], [0.5 * end, 3e-4], [0.7 * end, 4.5e-4]]
+    _, records = run(table)
+    s = [records[k * part].piercings[1].s for k in range(11)]
+    assert [s[0] - s[2], s[2] - s[3], s[5] - s[7]] == pytest.approx([1e-4, 0.0, 1.5e-4], abs=IDENTITY)
 
 
 def test_a_hand_has_the_thread_to_the_end_of_its_load_step(monkeypatch: pytest.MonkeyPatch) -> None:

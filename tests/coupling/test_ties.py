@@ -14,10 +14,12 @@ from coupling import run
 from coupling.assembled import Monolith, equation_of, monolithic_solve
 from coupling.audit import multiplier_imbalance
 from coupling.diagnosis import refuse_held_end
+from coupling.equilibrium import settle
 from coupling.errors import CouplingError, FormingError, StepError
 from coupling.integrators import BackwardEuler, Scheme
 from coupling.laying import start
 from coupling.newton import solve
+from coupling.sliding import force_along_thread, next_sigma
 from coupling.stepping import dynamic_problem, organ_answer, predict
 from coupling.system import Piercing, State, System
 from coupling.ties import Tie, gap_left
@@ -298,6 +300,25 @@ def test_a_loop_does_not_run_round_in_its_holes() -> None:
         tie, (right, left) = records[-1].ties[0], records[-1].piercings[:2]
         assert tie.state == "tied" and tie.s_first < right.s < left.s < tie.s_second
     assert moved[-1].ties[0].force > 0.25 * FORCE
+
+
+def test_a_loop_that_slides_is_at_the_edge_of_sticking() -> None:
+    """Independent check: where friction in its first and its last hole, which differ, lets a loop slide, a thousand
+    millionth more would hold it, and less would not; stick and slip are judged by one law."""
+    table = stitch()
+    table["thread"]["path"][:2] = [[-4e-3, -6e-3, 5.2e-3], [1.5e-3, -6e-3, 5e-3]]  # nearer to one hole
+    for hole in table["piercing"]:
+        hole["friction"] = {"static": 0.1, "kinetic": 0.1}
+    simulation = prepare(parse(table))
+    solution = settle(simulation.assembly.system, simulation.beginning().state, 0.25, 1.0).solution
+    law, z = solution.problem.law, solution.iterate
+    pair = law.pairs[law.rough[law.pairs].all(axis=1)][0]
+    f = np.abs(force_along_thread(law, solution.residual.passage, z.s, z.lam, z.y)[pair])
+    assert z.sigma[pair].all() and abs(f[1] - f[0]) > 1e-3 * f[0]
+    stuck = np.where(np.isin(np.arange(len(z.s)), pair), 0.0, z.sigma)
+    for factor, slides in ((1.0 + 1e-9, False), (1.0 - 1e-9, True)):
+        known = replace(law, factor=factor), stuck, solution.residual.passage
+        assert next_sigma(*known, z.s, z.lam, z.y, 0.0)[pair].all() == slides
 
 
 @cache

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from meshes.checks import check, volumes
-from meshes.cylinder import cylinder, tube
+from meshes.checks import check, parts, volumes
+from meshes.cylinder import cylinder, stumps, tube
 from meshes.errors import MeshError
 from meshes.grading import Grading
 from meshes.quality import size_at
@@ -80,9 +80,27 @@ def test_a_tube_is_small_at_a_site_on_its_inner_wall():
     assert size_at(mesh, -site) > 1.8e-3
 
 
+@NEEDS_GMSH
+@pytest.mark.parametrize("gap", [0.0, 1e-3])
+def test_the_faces_of_two_stumps_match(gap):
+    """Independent check: two bodies of the tube's volume less the gap's, whose faces of the cut have the same nodes, a
+    gap apart, and whose named surfaces leave nothing out; finer at a site of one, and so of the other."""
+    wall, h, site = 3e-3, 3e-3, np.array([0.006, 0.0, RADIUS])
+    mesh = stumps(RADIUS, wall, LENGTH, gap, Grading(h, 1e-3), [site])
+    assert parts(mesh.p.T, mesh.t.T).max() == 1
+    assert np.array_equal(np.sort(np.concatenate(list(mesh.boundaries.values()))), np.sort(mesh.boundary_facets()))
+    left, right = (mesh.p[:, np.unique(mesh.facets[:, mesh.boundaries[f"stump_{side}"]])] for side in ("left", "right"))
+    assert np.array_equal(left[1:], right[1:]) and np.abs(right[0] - left[0] - gap).max() < 1e-15
+    area = np.pi * (RADIUS**2 - (RADIUS - wall) ** 2)
+    assert facet_areas(mesh, mesh.boundaries["stump_left"]).sum() == pytest.approx(area, rel=(h / RADIUS) ** 2)
+    assert volumes(mesh.p.T, mesh.t.T).sum() == pytest.approx(area * (LENGTH - gap), rel=(h / RADIUS) ** 2)
+    assert size_at(mesh, site) == pytest.approx(size_at(mesh, site * [-1, 1, 1])) and size_at(mesh, site) < 1.6e-3
+
+
 @pytest.mark.parametrize(
     ("fault", "call"),
     [
+        ("gap = 0.04 must be at least 0 and less", lambda: stumps(0.01, 0.002, 0.04, 0.04, Grading(1, 1))),
         ("wall = 0.01 must be thinner", lambda: tube(0.01, 0.01, 0.04, Grading(1, 1))),
         ("wall = 0", lambda: tube(0.01, 0, 0.04, Grading(1, 1))),
         ("outside the tube", lambda: tube(0.01, 0.002, 0.04, Grading(1, 1), [[0, 0, 0.007]])),

@@ -66,8 +66,9 @@ def content(mesh: skfem.MeshTet, cells: np.ndarray) -> float:
         pytest.param(ELLIPSE, "left right front back bottom top lip_left lip_right wound_floor", marks=NEEDS_GMSH),
         pytest.param(CYLINDER, "left right side", marks=NEEDS_GMSH),
         pytest.param(TUBE, "left right inner outer", marks=NEEDS_GMSH),
+        pytest.param({**TUBE, "gap": 1e-3}, "left right inner outer stump_left stump_right", marks=NEEDS_GMSH),
     ],
-    ids=["block", "slit", "slit by gmsh", "ellipse", "cylinder", "tube"],
+    ids=["block", "slit", "slit by gmsh", "ellipse", "cylinder", "tube", "stumps"],
 )
 def test_every_kind_names_the_boundaries_that_a_clamp_may_name(table: dict[str, Any], boundaries: str) -> None:
     made = organ_mesh(scenario(table, clamp=boundaries.split()))

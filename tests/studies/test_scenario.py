@@ -230,6 +230,10 @@ def test_a_tube_is_told_of_its_wall_and_of_its_boundaries(contract: Path) -> Non
     wall, clamp = caught.value.problems
     assert wall.startswith("tissue.mesh.wall = 0.01 is refused: it must be below radius")
     assert clamp.startswith('tissue.clamp = ["bottom"]') and "left, right, inner, outer" in clamp
+    with pytest.raises(ScenarioError) as caught:
+        load(contract, ["tissue.mesh={kind='tube',radius=0.01,wall=2e-3,length=0.05,gap=0.05,h=2e-3}"])
+    gap, clamp = caught.value.problems
+    assert gap.startswith("tissue.mesh.gap = 0.05 is refused: it must be below length") and "stump_left" in clamp
 
 
 NEO = "tissue.material='neo-hookean'"

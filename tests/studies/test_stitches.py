@@ -1,9 +1,15 @@
 """Stitches that surgeons tie, as shipped scenes: what the strands bear, and with what they close a wound."""
 
+from functools import cache
+from typing import Any
+
 import numpy as np
 import pytest
 
 from studies import load, prepare
+from tests.bounds import TWO_SOLVERS
+from tests.meshes.samples import NEEDS_GMSH
+from tests.thread.threads import Array
 
 COARSE = ["tissue.mesh.h=6e-3", "tissue.mesh.h_site=2e-3", "thread.control_points=80", "solve.load_steps=4"]
 ACROSS = 0.02  # of a closing force: strands bend at their holes, and are not quite the chords between these
@@ -25,3 +31,65 @@ def test_a_pulley_closes_with_the_strands_that_cross() -> None:
     assert closing == pytest.approx(-sum(hole.force[0] for hole in holes if hole.x[0] < 0.0), rel=1e-3)
     assert strands[0] > strands[1] > strands[2] and strands[1] == pytest.approx(strands[3], rel=1e-3)
     assert (strands[1:3] / strands[:2] >= np.exp(-0.1 * np.pi)).all()
+
+
+RADIAL = 0.04  # of a tube's radial displacement: cells of a third of the radius, and ends four decay lengths away
+FEW = [
+    *("tract=[]", "thread.control_points=360", "tissue.mesh.h_site=2e-3", "solve.load_steps=4"),
+    *(f"piercing.{side}{k}.subgrid=false" for side in ("right", "left") for k in range(1, 7)),
+]
+
+
+@cache
+def joined() -> tuple[Any, Any]:
+    """The organ of the anastomosis, coarsely and without tracts, and its last state."""
+    simulation = prepare(load("anastomosis", FEW))
+    now = simulation.beginning()
+    while now.number < simulation.steps:
+        now = simulation.next(now)
+    assert [tie.state for tie in now.ties] == ["tied"] * 6
+    return simulation.assembly.system.organ, now.state.organ
+
+
+def forces_on_stumps(organ: Any, state: Any) -> dict[str, Array]:
+    """What the threads in its holes, the other stump, the pressure, and its holder do to the left and to the right
+    stump, by name, shape `(2, 3)` each [N]."""
+    body = organ.elasticity
+    sides = [np.sign(points[:, 0])[:, None] == [-1.0, 1.0] for points in (body.points, organ.y0.reshape(-1, 9))]
+    contact = body.nodal(organ.whole(organ.pairing(state.facing).G.T @ organ.contact_forces(state)))
+    pressure = body.nodal(organ.surface.columns @ state.shares)
+    inner = body.nodal(body.K @ organ.displacement(state))
+    held = np.isin(body.nodes, body.clamped) * (inner - pressure)
+    nodal = {"contact": contact, "pressure": pressure, "holder": held}
+    return {"threads": sides[1].T @ state.f_y.reshape(-1, 9)[:, :3]} | {
+        name: sides[0].T @ force for name, force in nodal.items()
+    }
+
+
+@NEEDS_GMSH
+def test_the_forces_on_a_stump_balance() -> None:
+    """Independent check: threads, the other stump, pressure and holder have no resultant on either stump, which the
+    stitches draw to the other one, against what this and the holder bear."""
+    forces = forces_on_stumps(*joined())
+    scale = np.abs(forces["threads"]).max()
+    assert np.abs(sum(forces.values())).max() <= TWO_SOLVERS * scale
+    threads, contact, holder = (forces[name][0, 0] for name in ("threads", "contact", "holder"))
+    assert threads > 1.0 and contact < 0.0 and holder < 0.0
+
+
+@NEEDS_GMSH
+def test_a_stump_widens_as_a_thick_tube() -> None:
+    """Independent check: half-way along a stump its outer radius grows as Lamé's tube does under the pressure p,
+    2pa²b/(E(b² − a²)), less ν σ b/E by the axial stress σ with which the stitches draw it."""
+    organ, state = joined()
+    scenario = load("anastomosis", FEW)
+    tissue = scenario.tissue
+    mesh: Any = tissue.mesh
+    b, a, E = mesh.radius, mesh.radius - mesh.wall, tissue.youngs_modulus
+    stress = -forces_on_stumps(organ, state)["holder"][0, 0] / (np.pi * (b**2 - a**2))
+    alone = 2.0 * tissue.load[0].pressure * a**2 * b / (E * (b**2 - a**2))
+    points, U = organ.elasticity.points, organ.elasticity.nodal(organ.displacement(state))
+    across = np.hypot(points[:, 1], points[:, 2])
+    ring = (across > b - 1e-6) & (np.abs(np.abs(points[:, 0]) - 0.25 * mesh.length) < 0.06 * mesh.length)
+    widened = float(np.mean(np.sum(U[ring, 1:] * points[ring, 1:], axis=1) / b))
+    assert widened == pytest.approx(alone - tissue.poisson_ratio * stress * b / E, abs=RADIAL * alone)

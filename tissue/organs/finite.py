@@ -41,6 +41,7 @@ from tissue.organs.meshed import (
     SiteAnswer,
     TimeScheme,
     gap_compliance,
+    slips_since,
 )
 from tissue.sites.finite import SiteMap
 from tissue.solvers.choice import Solver, mass_solver, solver
@@ -509,7 +510,8 @@ class FiniteOrgan(MeshedOrgan):
         point = self.point(motion, state.U)
         known = state.linearised if self.keep and state.linearised is not None else state.U
         tangent = self.tangent(motion, known, point.F if known is state.U else None)
-        return FiniteAnswer(self, motion, point, tangent, state.f_y, self.paired_anew(state.U))
+        pairing = self.slipping_from(slips_since(past, scheme).U, self.paired_anew(state.U))
+        return FiniteAnswer(self, motion, point, tangent, state.f_y, pairing)
 
     def creep(self, state: OrganState, time: float, share: float, pace: float) -> FiniteAnswer:
         """Return the answer of an organ that creeps from a state towards its equilibrium under `share` of the loads at

@@ -487,6 +487,12 @@ class Sprung:
         return np.asarray(self.A.diagonal()[self.mesh.A.shape[0] :])
 
 
+def slips_since(past: Sequence[OrganState], scheme: TimeScheme) -> OrganState:
+    """Return the state from which slips are counted: the newest, and in equilibrium the oldest that is given, at which
+    the load step began."""
+    return past[0] if scheme.a else past[-1]
+
+
 class LipCompliance:
     """The compliance of the gaps, made when first asked for: the columns A⁻¹Gᵀ are expensive."""
 

@@ -22,6 +22,7 @@ from tissue.organs.meshed import (
     Pairing,
     TimeScheme,
     compliance,
+    slips_since,
 )
 from tissue.solvers.choice import Solver
 from tissue.supports import holds_still
@@ -115,7 +116,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         """Return the answer of any step under `share` of the loads at `time` [s]: the equilibrium without site forces
         is known in advance. What faces what is sought in the field, for one back-substitution where lips touch."""
         operator, shares = self._operator, self.shares_at(time, share)
-        pairing = self._paired_after(past[0]) if self.pairs and past else self.pairing(None)
+        pairing = self._paired_after(past, scheme) if self.pairs and past else self.pairing(None)
 
         def complete(f_y: Array, p: Array) -> OrganState:
             """Return the state of an organ that is where its forces put it."""
@@ -125,17 +126,14 @@ class QuasiStaticOrgan(MeshedOrgan):
         y_free, g_free = operator.y_load(parts), operator.g_load(pairing, parts)
         return LinearAnswer(operator, y_free, g_free, complete, lambda: self.load_under(shares), pairing)
 
-    def _paired_after(self, state: OrganState) -> Pairing:
-        """Return what faces what after a state. Surfaces that cross, at a start under a weight that nothing holds yet,
+    def _paired_after(self, past: Sequence[OrganState], scheme: TimeScheme) -> Pairing:
+        """Return what faces what after states. Surfaces that cross, at a start under a weight that nothing holds yet,
         have slipped since the reference."""
-        pairing = self.paired_anew(self.field(state))
-        if self.contacts == self.pairs or self.gap(state).min() >= -CROSSED * self._extent:
+        pairing, first = self.paired_anew(self.field(past[0])), slips_since(past, scheme)
+        if self.gaps is None or not self.gaps.rough.size:
             return pairing
-        return self.slipping_from(np.zeros(self.size), pairing)
-
-    @property
-    def _extent(self) -> float:
-        return 0.0 if self.gaps is None else self.gaps.extent
+        crosses = self.gap(first).min() < -CROSSED * self.gaps.extent
+        return self.slipping_from(np.zeros(self.size) if crosses else self.field(first), pairing)
 
     def is_unloaded(self, state: OrganState) -> bool:
         """Whether no force at all acts on the organ: nothing has to be solved to know where it is."""
