@@ -153,7 +153,7 @@ def layer_work(step: Step[Body]) -> float:
     system, y = step.solution.problem.system, step.solution.iterate.y
     before, after = system.passage_of(old), step.solution.residual.passage
     there = before.c[:, 0] - lack_at(system, old.s, layers)
-    here = lack_at(system, new.s, old.layers) - lack_at(system, new.s, layers)
+    here = lack_at(system, new.s, old.layers) - after.c[:, 0]
     c = 0.5 * (there + here)
     across = parts(before, old.lam, old.y).across, parts(after, new.lam, y).across
     m = force_on_tangent(old.lam, old.y), force_on_tangent(new.lam, y)

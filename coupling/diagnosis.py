@@ -5,14 +5,13 @@ two holds, and are the rows of Φ_q independent over the thread's free control p
 singular values of the rows scaled to length one: a combination of them that nearly vanishes says one thing twice.
 """
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
 from coupling.constraints import Passage
-from coupling.errors import ConstraintError, CouplingError, StepError
+from coupling.errors import ConstraintError, CouplingError, StepError, TurnedHoleError
 from coupling.interfaces import Body
 from coupling.system import State, System
 
@@ -45,12 +44,14 @@ def refuse_faults(system: System[Body], state: State[Body]) -> None:
 
 
 def diagnose(system: System[Body], state: State[Body], error: StepError) -> CouplingError:
-    """Return the constraints' fault where there is one, else the error of the step, with the holes whose frames have
-    collapsed."""
-    found = faults(system, state)
+    """Return the constraints' fault where there is one, else `TurnedHoleError` with the holes whose frames have
+    collapsed, else the error of the step."""
+    found, collapsed = faults(system, state), collapsed_frames(system, state)
     if found:
         return ConstraintError(state.time, "; ".join(found))
-    return replace(error, cause="; ".join([error.cause, *collapsed_frames(system, state)]))
+    if collapsed:
+        return TurnedHoleError(error.time, error.dt, "; ".join([error.cause, *collapsed]), error.piercing)
+    return error
 
 
 def collapsed_frames(system: System[Body], state: State[Body]) -> list[str]:

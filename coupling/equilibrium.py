@@ -36,7 +36,7 @@ from coupling.stepping import (
     with_sense,
 )
 from coupling.system import State, System
-from coupling.tension import layers_at
+from coupling.tension import layers_at, strand_tensions
 from tissue.errors import OrganError
 
 log = logging.getLogger(__name__)
@@ -193,11 +193,18 @@ def let_lie(solution: Solution[Body]) -> Solution[Body]:
 
 
 def is_resolved(problem: Problem[Body], first: Iterate) -> bool:
-    """Tell whether no span at a hole is longer than √(EI/F), F the largest dead load."""
-    thread = problem.system.thread
+    """Tell whether no span at a hole is longer than √(EI/F), F the largest force that draws on the thread."""
+    thread, force = problem.system.thread, drawing_force(problem, first)
     spans = np.diff(thread.spline.breaks)[thread.spline.spans_of(first.s)]
-    force = float(np.linalg.norm(problem.load[:, :3], axis=1).max())
     return bool((force * spans**2 <= thread.EI).all())
+
+
+def drawing_force(problem: Problem[Body], first: Iterate) -> float:
+    """Return the largest force that draws on the thread [N]: of dead loads, of hands at holes and ties, and the tension
+    that it is under where Newton starts, which held and driven ends make."""
+    dead = np.linalg.norm(problem.load[:, :3], axis=1).max()
+    tension = strand_tensions(problem.system, first.s, first.N, problem.rows[:, 0]).max(initial=0.0)
+    return float(max(dead, np.abs(problem.law.injected).max(initial=0.0), tension))
 
 
 def let_go(problem: Problem[Body], held: Iterate) -> Solution[Body]:

@@ -30,6 +30,12 @@ class UphillError(StepError):
 
 
 @dataclass
+class TurnedHoleError(StepError):
+    """A step that was not solved where a linear organ has turned a hole so far that its frame hardly says a direction
+    (`coupling.diagnosis`)."""
+
+
+@dataclass
 class RunAwayError(CouplingError):
     """A staggered run that is unstable: thread and organ answer each other with ever larger motions.
 

@@ -19,8 +19,8 @@ from coupling.integrators import Scheme
 Body = TypeVar("Body")
 
 # Kinetic and elastic energy at the end of a step, and what was done during it [J]: the work of weight and loads, what
-# viscous damping took, what the integrator took (contact's −p⁺·Δg with it), and what surfaces that rub took; last what
-# a prestretch stores in the reference shape [J].
+# viscous damping took, what the integrator took (contact's −p⁺·Δg with it), what surfaces that rub took,
+# and what a prestretch stores [J].
 OrganEnergies = tuple[float, float, float, float, float, float, float]
 # Of each pair that may touch: its gap g [m], its contact force p [N] and how far it has slid since the reference [m],
 # shape `(pairs,)` each, the friction of its node on what that faces, `(pairs, 3)` [N], and whether that slips.

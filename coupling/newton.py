@@ -421,7 +421,7 @@ def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: Contai
 
 
 def with_rubbing_sets(
-    problem: Problem[Body], contact: Contact[Body], z: Iterate, r: Residual, sigma: Array, seen: set[bytes]
+    problem: Problem[Body], contact: Contact[Body], z: Iterate, r: Residual, sigma: Array, seen: Container[bytes]
 ) -> Iterate:
     """Return a solved iterate with the active sets that its forces ask for, of the thread's friction `sigma` and where
     surfaces rub: the very same object where their forces are those that Coulomb's law asks for, whatever the set."""

@@ -342,7 +342,7 @@ def advance(
             continue
         tries += 1
         if tries > MOST_TRIES:
-            raise given_up(system, state, end - state.time)
+            raise diagnose(system, state, given_up(system, state, end - state.time))
         try:
             step = take(system, state if level == depth else forgetful(state), part)
             gone = refuse_impossible(system, step)

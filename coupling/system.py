@@ -1,5 +1,6 @@
 """The coupled system: a thread, its ends, an organ, and the piercings that join them."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -309,8 +310,20 @@ class System(Generic[Body]):
 
     def passage(self, q: Array, s: Array, home: Array | None = None, layers: Array | None = None) -> Passage:
         """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (holds,) of its holds; `home` and
-        `layers` as for `coupling.constraints.passage`."""
-        return passage(self.thread, q, s, self.rows[:, 3], home, layers)
+        `layers` as for `coupling.constraints.passage`. That of the arrays asked last is remembered: the end of a step
+        is the start of the next."""
+        for known_q, known_s, known_layers, known in tuple(self._passages):
+            if known_q is q and known_s is s and known_layers is layers:
+                return known
+        made = passage(self.thread, q, s, self.rows[:, 3], home, layers)
+        if not self.thread.spline.cuts.size:  # of a thread in one piece `home` says nothing
+            self._passages.append((q, s, layers, made))
+        return made
+
+    @cached_property
+    def _passages(self) -> deque[tuple[Array, Array, Array | None, Passage]]:
+        """What `passage` made last."""
+        return deque(maxlen=2)
 
     def passage_of(self, state: "State[Body]") -> Passage:
         """Evaluate the thread of a state at its holds."""

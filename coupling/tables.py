@@ -24,7 +24,6 @@ log = logging.getLogger(__name__)
 
 REACH = ORDERS - 1
 KEPT = "iteration.solve_of."  # begins the names of the loops' files on disk
-AHEAD = 1  # spans to each side of a hole where the lack is known before it is asked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,15 +70,11 @@ def empty_lack(thread: Thread, holds: int) -> Array:
 
 
 def learn(lack: Array, problem: Problem, s: Array) -> bool:
-    """Learn what the spline lacks near the abscissae `s` (m,) [m]; whether there was anything to learn."""
+    """Learn what the spline lacks on the spans that hold the abscissae `s` (m,) [m]; whether there was anything to
+    learn."""
     thread, layers = problem.system.thread, problem.layers
-    near = thread.spline.spans_of(s)[:, None] + np.arange(-AHEAD, AHEAD + 1)
-    unknown = [
-        (hold, span)
-        for hold, spans in enumerate(near.clip(0, lack.shape[1] - 1).tolist())
-        for span in set(spans)
-        if np.isnan(lack[hold, span, 0, 0, 0])
-    ]
+    spans = enumerate(thread.spline.spans_of(s).tolist())
+    unknown = [(hold, span) for hold, span in spans if np.isnan(lack[hold, span, 0, 0, 0])]
     for hold, span in unknown:
         lack[hold, span] = thread.missing_on(span, np.inf if layers is None else float(layers[hold]))
     return bool(unknown)

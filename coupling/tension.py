@@ -4,7 +4,7 @@ import numpy as np
 
 from coupling.arrays import Array, Flags
 from coupling.interfaces import Body
-from coupling.system import System
+from coupling.system import State, System
 from thread.compliance import SLACK
 
 REST = 1e-9  # of EA: a thread under less tension than this bends over all its length
@@ -44,9 +44,24 @@ def is_settled(
 ) -> bool:
     """Whether the `layers` that were solved with and those at the end are the same but for the `ratio`, or spans are
     too short for the tension to matter."""
+    return change_of(system, s, present, layers) <= ratio
+
+
+def change_of(system: System[Body], s: Array, present: Flags, layers: tuple[Array | None, Array | None]) -> float:
+    """Return the largest ratio, of 1 or more, between the `layers` that were solved with and those at the end, of holes
+    where spans are long enough for the tension to matter; infinite where one of them bends and the other not."""
     with_, ended = layers
     if with_ is None or ended is None:
-        return with_ is ended
+        return 1.0 if with_ is ended else np.inf
     spans = np.diff(system.thread.spline.breaks)[system.thread.spline.spans_of(s)]
     matters = present & (spans > SLACK * np.minimum(with_, ended))
-    return not (matters & (np.abs(np.log(ended / with_)) > np.log(ratio))).any()
+    return float(np.exp(np.max(np.abs(np.log(ended / with_)), where=matters, initial=0.0)))
+
+
+def unsettled_layers(system: System[Body], state: State[Body]) -> float:
+    """Return the part by which √(EI/T) of a state differs from that which it was solved with, at the hole where it does
+    most [-]; 0 of a thread that was not solved with any."""
+    if state.layers is None:
+        return 0.0
+    present = system.rows[:, 0] & state.present
+    return change_of(system, state.s, present, (state.layers, layers_at(system, state.s, state.N, state.present))) - 1.0

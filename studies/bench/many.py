@@ -1,5 +1,5 @@
-"""`suture bench many`: an organ in a small basis beside the whole one, and many tensions on one organ beside as many
-runs.
+"""`suture bench many`: an organ in a small basis beside the whole one, many tensions on one organ beside as many runs,
+and the main job from the command to its picture.
 
 The small basis is measured on the main job's block, with what it says of its own error beside the error; that is done
 once more for a soft block without damping, pulled within 2 ms, where it is hardest. Times are those of the processor,
@@ -119,9 +119,11 @@ def main(
     for case in CASES:
         many.append(measure_tensions(case, tensions))
         print(many_line(many[-1]), flush=True)
+    job = {"picture": time_command("run"), "plain": time_command("run", "--no-picture")}
+    print(f"\nthe main job by its command: {job['picture']:.1f} s to its picture, {job['plain']:.1f} s without one")
     if json_path is not None:
         table = [asdict(row) | {"times_as_fast": row.times_as_fast} for row in rows]
-        found = {"reduced": table, "tensions": [asdict(row) | row.ratios for row in many]}
+        found = {"reduced": table, "tensions": [asdict(row) | row.ratios for row in many], "main_job_seconds": job}
         write_json(json_path, {"provenance": provenance()} | read_json(json_path) | found)
     return 0
 

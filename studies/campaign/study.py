@@ -5,32 +5,41 @@ of five ways: it completes, is refused before its first step, or stops at a step
 hole, or at the bound on the corrections that a case may take. What stops is counted by its cause, which is read from
 the error and from the state that it stopped in.
 
+With `quarter`, each case that completes is run again in steps a quarter as long, and the forces at its holes and the
+lengths drawn through them are compared at the end. Where they differ, a remark of the run should have told so.
+
 A case is gentle where its loads grow and a linear estimate moves its holes by less than three footprints. Those are
 what a user expects to arrive; a hole that moves further is beyond a linear organ.
 """
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from coupling.adaptivity import span_ratio
-from coupling.diagnosis import COLLAPSED, frame_areas
-from coupling.errors import CouplingError, InversionError, StepError, UphillError
+from coupling.diagnosis import frame_areas
+from coupling.errors import CouplingError, InversionError, StepError, TurnedHoleError, UphillError
 from studies.campaign.generator import KINDS, Case, cases
+from studies.campaign.quarter import PARTS, forces_apart, lengths_apart, with_shorter_steps
 from studies.figure import COLOURS, panels
+from studies.output.records import Ending, Extremes, nothing_met
 from studies.scenario import ScenarioError, parse
 from studies.simulation import prepare
 from studies.simulation.memory import OrganRun
+from studies.simulation.recording import step_record
 from studies.study import Study, Table, each, unit_field
 
 ASKED = 0.97  # of the gentle cases to complete
 CREATED = 1e-6  # of a run's energy that a step may make
+TELLING = {"not-at-rest", "numerical-dissipation", "energy-created", "layer-energy"}  # of what the steps in time do
 LAYER = 2.0  # spans over √(EI/T) beyond which a flip is put down to spans that are too long
+AGREED = 0.02  # of the largest force or length: a step over the shortest time in which a load grows, the first order
 TURNED = 0.8  # |u × v| of a hole below which a linear organ has turned it by more than 30°
 COMPLETED = "completed"
 CAUSES = (
@@ -50,7 +59,9 @@ CAUSES = (
 @dataclass(frozen=True, kw_only=True)
 class Row:
     """How one case ended. `corrections` are Newton's of the accepted steps; `created` is the most that a step made of
-    the run's energy; `span_ratio` is that of the last state."""
+    the run's energy; `span_ratio` is that of the last state; `said`, the codes of what the run says of itself;
+    `forces_apart` and `lengths_apart` are from the same case in steps a quarter as long, NaN where it was not run,
+    infinite where that did not complete."""
 
     number: int
     kind: str
@@ -69,6 +80,9 @@ class Row:
     high: float = unit_field("corrections, 99th percentile")
     created: float = unit_field("-")
     span_ratio: float = unit_field("-")
+    said: str = ""
+    forces_apart: float = field(default=float("nan"), metadata={"unit": "-"})
+    lengths_apart: float = field(default=float("nan"), metadata={"unit": "-"})
 
 
 @dataclass
@@ -76,7 +90,8 @@ class Tally:
     """What is counted of a run on its way."""
 
     now: OrganRun
-    corrections: list[int]
+    extremes: Extremes
+    corrections: list[int] = field(default_factory=list)
     halved: int = 0
     created: float = 0.0
 
@@ -87,21 +102,41 @@ class Tally:
             self.created = max(self.created, made / max(new.energies.at_stake, np.finfo(float).tiny))
         self.corrections.append(new.iterations)
         self.halved += len(new.taken) > 1
+        self.extremes = self.extremes.after_step(step_record(new))
         self.now = new
 
 
-def main(seed: int = 1, first: int = 0, count: int = 300, most: int = 20_000) -> Iterator[Row]:
-    """Run the cases of a seed, each until it ends or has taken `most` corrections."""
-    yield from each([partial(run, case, most) for case in cases(seed, count, first)])
+@dataclass(frozen=True)
+class End:
+    """How a scenario ended: its `cause`, with the `words` of an error, what was counted until then, None where it was
+    refused, and the codes of what the run says of itself, `said`."""
+
+    cause: str
+    words: str = ""
+    tally: Tally | None = None
+    said: tuple[str, ...] = ()
 
 
-def run(case: Case, most: int) -> Row:
+def main(seed: int = 1, first: int = 0, count: int = 300, most: int = 20_000, quarter: bool = False) -> Iterator[Row]:
+    """Run the cases of a seed, each until it ends or has taken `most` corrections; `quarter`: those that complete again
+    in steps a quarter as long."""
+    yield from each([partial(run, case, most, quarter) for case in cases(seed, count, first)])
+
+
+def run(case: Case, most: int, quarter: bool = False) -> Row:
     """Run one case."""
+    end = followed(case.tables, most)
+    found = row(case, end)
+    return compared(case, found, end, most) if quarter and found.cause == COMPLETED else found
+
+
+def followed(tables: dict[str, Any], most: int) -> End:
+    """Run a scenario until it ends or has taken `most` corrections."""
     try:
-        simulation = prepare(parse(case.tables))
+        simulation = prepare(parse(tables))
     except (ScenarioError, ValueError) as error:
-        return row(case, "refused", str(error), None)
-    tally, cause, words = Tally(simulation.beginning(), []), COMPLETED, ""
+        return End("refused", str(error))
+    tally, cause, words = Tally(simulation.beginning(), nothing_met(len(tables["piercing"]))), COMPLETED, ""
     try:
         while tally.now.number < simulation.steps:
             if sum(tally.corrections) > most:
@@ -110,25 +145,36 @@ def run(case: Case, most: int) -> Row:
             tally.follow(simulation.next(tally.now))
     except CouplingError as error:
         cause, words = cause_of(error, tally.now), str(error)
-    return row(case, cause, words, tally)
+    ending = Ending(step_record(tally.now), tally.extremes)
+    return End(cause, words, tally, tuple(dict.fromkeys(each.code for each in simulation.remarks(ending))))
+
+
+def compared(case: Case, found: Row, end: End, most: int) -> Row:
+    """Return the row of a case with how far it is from the same case in steps a quarter as long."""
+    other = followed(with_shorter_steps(case.tables), PARTS * most)
+    if end.tally is None or other.tally is None or other.cause != COMPLETED:
+        return replace(found, words=other.words, forces_apart=np.inf, lengths_apart=np.inf)
+    pair = end.tally.now, other.tally.now
+    return replace(found, forces_apart=forces_apart(*pair), lengths_apart=lengths_apart(*pair))
 
 
 def cause_of(error: CouplingError, now: OrganRun) -> str:
     """Name the cause of an error, from what it is and the state before it."""
-    smallest = frame_areas(now.state.y)[now.state.present].min(initial=1.0)
     if isinstance(error, InversionError):
         if span_ratio(now.system, now.state) > LAYER:
             return "flip: spans longer than the bending layer"
+        smallest = frame_areas(now.state.y)[now.state.present].min(initial=1.0)
         return "flip: hole turned beyond a linear organ" if smallest < TURNED else "flip"
+    if isinstance(error, TurnedHoleError):
+        return "hole turned beyond a linear organ"
     if isinstance(error, UphillError):
         return "another branch"
-    if not isinstance(error, StepError):
-        return "constraints"
-    return "hole turned beyond a linear organ" if smallest < COLLAPSED else "no step found"
+    return "no step found" if isinstance(error, StepError) else "constraints"
 
 
-def row(case: Case, cause: str, words: str, tally: Tally | None) -> Row:
+def row(case: Case, end: End) -> Row:
     """Return the row of a case."""
+    tally = end.tally
     taken = tally.corrections if tally else []
     return Row(
         number=case.number,
@@ -138,8 +184,8 @@ def row(case: Case, cause: str, words: str, tally: Tally | None) -> Row:
         youngs_modulus=case.tables["tissue"]["youngs_modulus"],
         demand=case.demand,
         gentle=case.gentle,
-        cause=cause,
-        words=words,
+        cause=end.cause,
+        words=end.words,
         time=tally.now.state.time if tally else 0.0,
         duration=case.tables["solve"]["duration"],
         steps=len(taken),
@@ -148,6 +194,7 @@ def row(case: Case, cause: str, words: str, tally: Tally | None) -> Row:
         high=float(np.percentile(taken, 99)) if taken else float("nan"),
         created=tally.created if tally else 0.0,
         span_ratio=span_ratio(tally.now.system, tally.now.state) if tally else float("nan"),
+        said=" ".join(end.said),
     )
 
 
@@ -186,11 +233,30 @@ def remarks(rows: Sequence[Row]) -> list[str]:
             f"in {len(made)} of {len(rows)} cases a step MADE ENERGY beyond {CREATED:g} of the run's, at most "
             f"{worst.created:.2g} (case {worst.number})"
         )
-    return out + [
+    return [*out, *agreement(rows)] + [
         f"case {row.number} ({row.kind}, {row.suture}, demand {row.demand:.2g}): {row.cause} at "
         f"{row.time:.4g} of {row.duration:.4g} s, spans over layer {row.span_ratio:.2g}"
         for row in rows
         if row.cause != COMPLETED
+    ]
+
+
+def agreement(rows: Sequence[Row]) -> list[str]:
+    """Say how many of the cases that were run again agree with themselves in steps a quarter as long, and of each that
+    does not by how much and what it says of itself."""
+    again = [row for row in rows if not np.isnan(row.forces_apart)]
+    if not again:
+        return []
+    apart = [row for row in again if max(row.forces_apart, row.lengths_apart) > AGREED]
+    silent = [row for row in apart if not set(row.said.split()) & TELLING]
+    word = f", {len(silent)} of the others WITHOUT A REMARK on it" if apart else ""
+    return [
+        f"cases whose forces and drawn lengths are within {AGREED:.0%} of those in steps a quarter as long: "
+        f"{len(again) - len(apart)} of {len(again)}{word}"
+    ] + [
+        f"case {row.number} ({row.kind}): forces by {row.forces_apart:.2g}, drawn lengths by {row.lengths_apart:.2g} "
+        f"of the largest from those in steps a quarter as long; it says {row.said or 'nothing'}"
+        for row in apart
     ]
 
 

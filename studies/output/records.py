@@ -171,6 +171,8 @@ class StepRecord:
     slide_speed: float  # largest speed of the thread in a hole [m/s]
     spans: Callable[[], float]  # makes `span_ratio`, which only the last step's is asked for
     apart: Callable[[], float]  # makes `spans_between`, likewise
+    unsettled: Callable[[], float]  # makes `unsettled_layers`, likewise
+    stays: Callable[[], bool]  # makes `would_stay`, likewise
     seconds: float  # wall-clock time of this step [s]
     events: tuple[Event, ...] = ()
     contact: tuple[ContactRecord, ...] = ()  # of all surfaces that may touch
@@ -192,6 +194,17 @@ class StepRecord:
         two."""
         number = self.apart()
         return number if np.isfinite(number) else None
+
+    @property
+    def unsettled_layers(self) -> float:
+        """Part by which the length that the thread bends over at a hole differs from that which it was solved with
+        [-]."""
+        return self.unsettled()
+
+    @property
+    def would_stay(self) -> bool:
+        """Whether the thread resists every motion of its own from an equilibrium."""
+        return self.stays()
 
     @property
     def memory(self) -> Mapping[str, NDArray[Any]] | None:

@@ -19,6 +19,7 @@ OFF_PATH = 10.0  # diameters: as far as the thread is drawn into a hole that beg
 CREATED = 1e-4  # of a run's energy: round-off is 1e-9 of it, and the shipped scenes create none at their steps
 DISSIPATED = 0.05  # of a run's energy
 LAYERED = 0.05  # of a run's energy: as much as the steps may take
+UNSETTLED = 0.01  # of √(EI/T): ten passes leave 1e-6 of it, and a hole's forces go with it by a part
 CROSSED = 0.01  # of the lips' extent: nearer, they are as good as closed
 SLID = 1.0  # diameters that a thread may still slide in as long as the run took, and be at rest
 BARE = 4.0  # radii of a tract: as much of its path is near the surface where it goes in and out at 30° or more
@@ -162,6 +163,20 @@ KINDS = (
         f"`layer_work` beyond {LAYERED:.0%} of the run's energy, of either sign, at any time",
         "on spans as long as that the length on which the thread turns at a hole is left out, so no one's work is this "
         "energy",
+    ),
+    Kind(
+        "would-not-stay",
+        "unsupported",
+        "at the end of a run at rest, a motion of the thread in its holes that lowers its potential",
+        "Newton's method follows equilibria beyond the point where a thread buckles, snaps or rolls over; it would "
+        "leave this one at the least disturbance",
+    ),
+    Kind(
+        "bending-length",
+        "unsupported",
+        f"at the end of a run at rest, √(EI/T) at a hole more than {UNSETTLED:.0%} from that which it was solved with",
+        "the equilibrium is solved again with the tension that it ends with until both agree, twenty times at most; "
+        "here they did not, and the thread bends at the hole as under another tension",
     ),
     Kind(
         "not-at-rest",

@@ -8,6 +8,7 @@ import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -54,10 +55,16 @@ def reference() -> dict[str, str]:
 def unit_of(key: str) -> str:
     """Return the unit of a dotted key as a sweep names it, entries of lists included (``piercing.exit.footprint``,
     ``thread.end.force.2``); empty for one that has none."""
-    whole, parts = schema(), key.split(".")
-    known = [each for name, tables in key_tables(whole) for each in table_keys(name, tables, whole)]
-    fitting = [each for each in known if _is_within(each.name.split("."), parts)]
+    parts = key.split(".")
+    fitting = [each for each in known_keys() if _is_within(each.name.split("."), parts)]
     return max(fitting, key=lambda each: len(each.name)).unit if fitting else ""
+
+
+@cache
+def known_keys() -> tuple[Key, ...]:
+    """Return the keys of all tables; to make the schema takes a second."""
+    whole = schema()
+    return tuple(each for name, tables in key_tables(whole) for each in table_keys(name, tables, whole))
 
 
 def _is_within(some: list[str], parts: list[str]) -> bool:

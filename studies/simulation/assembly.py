@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import skfem
@@ -24,7 +24,7 @@ from studies.simulation.law import hyperelasticity_of
 from studies.simulation.meshing import check_loaded, material_of, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_draws, check_pieces
 from studies.simulation.places import with_places
-from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key, reduction_key
+from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key, reduction_key, thread_key
 from studies.simulation.tracts import Ball, check_balls, with_balls
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
@@ -46,8 +46,9 @@ CHANNEL_DIAMETERS = 10.0  # of the thread, where there is no footprint to go by:
 @dataclass(frozen=True)
 class Assembly:
     """A scenario made ready: the scenario with every default known, the system, what lays the thread, `recovery`, which
-    makes stress from displacement, None without an organ, and what was handed over from Python. `holes` are its
-    piercings and, in between, the balls of its tracts, at the abscissae `s` (p,) [m] on the thread."""
+    makes stress from displacement, None without an organ, `depths`, which tells how deep points lie in it (k,) [m], and
+    what was handed over from Python. `holes` are its piercings and, in between, the balls of its tracts, at the
+    abscissae `s` (p,) [m] on the thread."""
 
     scenario: Scenario
     holes: tuple[model.Piercing, ...]
@@ -58,6 +59,7 @@ class Assembly:
     body: tissue.Elasticity | None
     resolution: Resolution | None
     recovery: Callable[[], tissue.StressRecovery | None]
+    depths: Callable[[Array], Array]
     given: Given = NOTHING
 
     @property
@@ -93,7 +95,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, holes, body, given, store))
     check_cuts(scenario.thread.cuts, length)
     check_cuts([table.s for table in scenario.cut], length, "cut.s")
-    thread = thread_of(scenario, length, s)
+    thread = store.take("thread", thread_key(scenario, length, s), lambda: thread_of(scenario, length, s))
     check_pieces(scenario, thread.spline, [value for hole, value in zip(holes, s, strict=True) if is_known(hole)])
     check_draws(scenario.piercing, thread.spline, own)
     whole = resolved(scenario, length, own)
@@ -108,7 +110,8 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     )
     resolution = resolution_of(scenario.thread, length, s)
     recovery = partial(stored_recovery, scenario, body, store)
-    return Assembly(whole, holes, system, organ, path, np.array(s), body, resolution, recovery, given)
+    depths = partial(stored_depths, scenario, body, store)
+    return Assembly(whole, holes, system, organ, path, np.array(s), body, resolution, recovery, depths, given)
 
 
 def shareable(store: Store | None, given: Given) -> Store:
@@ -296,6 +299,21 @@ def stored_recovery(scenario: Scenario, body: tissue.Elasticity | None, store: S
     if body is None:
         return None
     return store.take("recovery", body_key(scenario), lambda: tissue.stress_recovery(body))
+
+
+def stored_depths(scenario: Scenario, body: tissue.Elasticity | None, store: Store, points: Array) -> Array:
+    """Return how deep points `(k, 3)` lie in the organ below its nearest surface, shape `(k,)` [m], of what the store
+    has of it; negative outside, and without an organ infinitely."""
+    if body is None:
+        return np.full(len(points), -np.inf)
+    mesh = body.mesh
+
+    def remembered() -> Callable[[bytes], Array]:
+        depths = tissue.depths(mesh)
+        return cache(lambda places: depths(np.frombuffer(places).reshape(-1, 3)))
+
+    known: Callable[[bytes], Array] = store.take("depths", body_key(scenario), remembered)
+    return known(np.ascontiguousarray(points, dtype=np.float64).tobytes())
 
 
 def body_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Elasticity:

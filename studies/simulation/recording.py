@@ -10,7 +10,9 @@ import tissue
 from coupling.adaptivity import span_ratio, spans_between
 from coupling.contact import ContactObservation, observe_contact
 from coupling.observation import PiercingObservation, largest_gap, largest_residual
+from coupling.stability import would_stay
 from coupling.system import State, System
+from coupling.tension import unsettled_layers
 from studies.arrays import Array
 from studies.output.records import (
     ContactRecord,
@@ -46,6 +48,8 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
         slide_speed=float(np.abs(state.s_dot[: len(system.piercings)]).max(initial=0.0)),
         spans=partial(span_ratio, system, state),
         apart=partial(spans_between, system, state),
+        unsettled=partial(unsettled_layers, *ends[-1][:2]),
+        stays=partial(would_stay_after, now),
         seconds=seconds,
         events=now.events,
         contact=contact_records(system, state),
@@ -55,6 +59,11 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
         ties=now.ties,
         kept=partial(memory_of, now),
     )
+
+
+def would_stay_after(now: OrganRun) -> bool:
+    """Tell whether the thread would stay in the equilibrium of the last load step, if there is one."""
+    return all(would_stay(step) for step in now.taken[-1:])
 
 
 def own_holes(holes: Sequence[PiercingObservation]) -> tuple[PiercingObservation, ...]:

@@ -34,6 +34,7 @@ from studies.output.remarks import (
     SMALL_ROTATION,
     SMALL_STRAIN,
     THREAD_STRAIN,
+    UNSETTLED,
     Remark,
     remark,
 )
@@ -123,6 +124,7 @@ def met(scenario: Scenario, ending: Ending, strengths: Sequence[float], springs:
         *overloaded(extremes, strength),
         *coarse_spans(step.span_ratio),
         *few_spans(step.spans_between),
+        *([] if dynamic else [*unsettled_bending(step.unsettled_layers), *unstable(step.would_stay)]),
         *(audited(step.energy.numerical_dissipation, extremes) if dynamic else []),
         *(
             unsettled(step.energy, step.slide_speed * step.time, section_of(scenario.thread).diameter)
@@ -330,6 +332,31 @@ def few_spans(number: float | None) -> list[Remark]:
     return [remark("spans-between", "thread.control_points", text)]
 
 
+def unsettled_bending(part: float) -> list[Remark]:
+    """Judge whether an equilibrium has the bending length at its holes that it was solved with; `part` is a step's
+    `unsettled_layers`."""
+    if part <= UNSETTLED:
+        return []
+    text = (
+        f"the length √(EI/T) that the thread bends over at a hole is {part:.2g} of itself from that which the "
+        f"equilibrium was solved with, and did not settle to {UNSETTLED:g}; raise thread.control_points or "
+        "solve.load_steps"
+    )
+    return [remark("bending-length", "thread.control_points", text)]
+
+
+def unstable(would_stay: bool) -> list[Remark]:
+    """Judge whether a thread at rest would stay there."""
+    if would_stay:
+        return []
+    text = (
+        "the thread would not stay in this equilibrium: a motion in its holes lowers its potential, by which it "
+        'buckles, snaps or rolls over; take solve.kind = "dynamic", in which it goes where it falls, or lay it out of '
+        "the plane that it is balanced in"
+    )
+    return [remark("would-not-stay", "solve", text)]
+
+
 def audited(numerical: float, extremes: Extremes) -> list[Remark]:
     """Judge what the steps in time did to the energy, `numerical` [J] being their dissipation at the end."""
     out, scale = [], extremes.energy
@@ -460,7 +487,7 @@ def along_path(assembly: Assembly) -> list[Remark]:
     path, body, scenario = assembly.path, assembly.body, assembly.scenario
     if body is None:
         return []
-    stretch, depths = path.length / assembly.system.thread.spline.end, tissue.depths(body.mesh)
+    stretch = path.length / assembly.system.thread.spline.end
     placed = [(hole, s * stretch) for hole, s in zip(assembly.holes, assembly.s, strict=True) if hole.from_ == 0.0]
     own = [(hole, at) for hole, at in placed if not isinstance(hole, Ball)]
     tracts = {tract.between: tract for tract in scenario.tract}
@@ -469,7 +496,7 @@ def along_path(assembly: Assembly) -> list[Remark]:
         tract = tracts.get((one.name, other.name))
         if tract is None:
             at = np.clip(np.linspace(first, last, LOOKS + 2)[1:-1], 0.0, path.length)
-            deepest = float(depths(path.position(at)).max())
+            deepest = float(assembly.depths(path.position(at)).max())
             out += without_tract(one.name, other.name, deepest, assembly.system.thread.section.diameter)
         else:
             balls = sum(hole.length for hole, _ in placed if isinstance(hole, Ball) and hole.tract == tract.name)

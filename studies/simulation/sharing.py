@@ -7,7 +7,7 @@ does to the thread alone. A key that is not listed, such as one that is added la
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from threading import RLock
 from typing import Any, Protocol, TypeVar
@@ -74,8 +74,21 @@ def reduction_key(scenario: Scenario) -> str:
 def start_key(scenario: Scenario) -> str:
     """Return the digest of all that the start is made from: the thread is laid on the organ before anything pulls."""
     plain = without(tables(scenario), ("title", "cut", "output"))
-    ends = {end: without(plain["thread"][end], OF_PULL) for end in ("start", "end") if end in plain["thread"]}
-    return digest(plain | {"thread": plain["thread"] | ends, "solve": without(plain["solve"], OF_LENGTH)}, scenario)
+    solve = without(plain["solve"], OF_LENGTH)
+    return digest(plain | {"thread": unpulled(plain["thread"]), "solve": solve}, scenario)
+
+
+def thread_key(scenario: Scenario, length: float, s: Sequence[float]) -> str:
+    """Return the digest of all that the thread is made from, with its rest length and the abscissae of holes [m]."""
+    laid = [length, *(float(at) for at in s)]
+    return digest(
+        {"thread": unpulled(tables(scenario)["thread"]), "laid": laid, "scheme": scenario.solve.scheme}, scenario
+    )
+
+
+def unpulled(thread: dict[str, Any]) -> dict[str, Any]:
+    """Return the table of a thread without what pulls its ends."""
+    return thread | {end: without(thread[end], OF_PULL) for end in ("start", "end") if end in thread}
 
 
 def body_key(scenario: Scenario) -> str:

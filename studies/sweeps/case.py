@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -12,11 +12,12 @@ from typing import Any
 
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
+from studies.output.records import OrganRecord, Snapshot, StepRecord
 from studies.output.tally import Tally
 from studies.output.version import ROOT, installed_version
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.toml import mesh_file, parsed, tables, with_mesh_file
-from studies.simulation.sharing import Shared
+from studies.simulation.sharing import Shared, start_key
 from studies.simulation.simulation import Simulation, prepare
 from studies.status import COMPLETED, FAILED, REFUSED
 from thread.errors import ThreadError
@@ -81,7 +82,7 @@ def run_start(data: Mapping[str, Any]) -> Result | None:
         tally = Tally(simulation.scenario, simulation.tissue_dofs, simulation.subgrid, simulation.remarks)
         tally.count(step)
         tally.last_step = step
-        tally.see(frame().organ)
+        tally.see(drawn(simulation, step, frame))
     return Result(COMPLETED, tally.summary("completed"), perf_counter() - began)
 
 
@@ -95,7 +96,7 @@ def simulate(simulation: Simulation) -> tuple[int, dict[str, Any], bool]:
             tally.count(step)
             tally.last_step, last = step, frame
             if step.step % simulation.scenario.output.every == 0:
-                tally.see(frame().organ)
+                tally.see(drawn(simulation, step, frame))
                 last = None
     except (*REFUSALS, *SHORTAGES, CouplingError) as raised:
         error = raised
@@ -104,6 +105,13 @@ def simulate(simulation: Simulation) -> tuple[int, dict[str, Any], bool]:
     if error is None:
         return COMPLETED, tally.summary("completed"), True
     return FAILED, tally.summary("failed", in_words(error)), not isinstance(error, SHORTAGES)
+
+
+def drawn(simulation: Simulation, step: StepRecord, frame: Callable[[], Snapshot]) -> OrganRecord | None:
+    """Return the organ of a frame, that of the start as the last case that started alike had it."""
+    if step.step:
+        return frame().organ
+    return KEPT.take("drawn", start_key(simulation.scenario), lambda: frame().organ)
 
 
 def in_words(error: BaseException) -> str:

@@ -205,6 +205,26 @@ def test_unbalanced_dead_loads_are_recognised_before_the_first_step(
             run.load(1.0, 1.0)
 
 
+@pytest.mark.parametrize("who", ["dead load", "hand at a hole", "tension"])
+def test_every_force_that_draws_on_the_thread_says_whether_spans_resolve_it(who: str) -> None:
+    """Independent check: √(EI/F) with F of a dead load, of a hand at the hole, or of the thread itself, which a driven
+    end has drawn taut; at either side of the span at the hole."""
+    span = LENGTH / 21
+    for share, resolved in ((0.99, True), (1.01, False)):
+        force = share * PP.EI / span**2
+        pull = np.array([[0.0, 0.0], [1.0, force]]) if who == "hand at a hole" else None
+        end = Pulled(force * X) if who == "dead load" else Driven(np.array([[0.0, *(LENGTH * X)]]))
+        system = without_organ(
+            uniform(LENGTH, 24), (Fixed(ORIGIN), end), (Piercing("hole", pull=pull),), ((0.5 * LENGTH * X, X),)
+        )
+        state = laid(system, [0.5 * LENGTH], line(ORIGIN, X))
+        if who == "tension":
+            state = replace(state, N=np.full_like(state.N, force))
+        answer = organ_answer(system, BackwardEuler(1.0), state)
+        problem = equilibrium.static_problem(system, state, 1.0, 1.0, 1.0, answer, state, 0.0)
+        assert equilibrium.is_resolved(problem, equilibrium.guess(problem, state, state.sigma)) == resolved
+
+
 def test_a_static_load_step_that_flips_is_halved(monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: an equilibrium behind a flip is looked for again in halves of the load step."""
     system, state = through_a_hole((Fixed(ORIGIN), Pulled(0.2 * X)))

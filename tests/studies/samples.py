@@ -186,6 +186,8 @@ def step(number: int, dt: float = 0.1) -> StepRecord:
         slide_speed=1e-3,
         spans=lambda: 0.3,
         apart=lambda: 4.0,
+        unsettled=lambda: 0.0,
+        stays=lambda: True,
         seconds=0.5,
     )
 

@@ -47,7 +47,9 @@ def test_bench_many(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypa
     assert all(row["vectors"] == 54 < row["tissue_unknowns"] for row in written["reduced"])
     assert all(row["bound_over_error"] > 1.0 and row["error"] > 0.0 for row in written["reduced"])
     assert [row["times_as_cheap"] for row in written["tensions"]] == [2.0, 2.0]
-    options = [read([verb, str(many.COUPLED), "--out", "out", *words]) for verb, *words in asked]
+    assert asked[6:] == [["run"], ["run", "--no-picture"]]
+    assert written["main_job_seconds"] == {"picture": 100.0, "plain": 100.0}
+    options = [read([verb, str(many.COUPLED), "--out", "out", *words]) for verb, *words in asked[:6]]
     sweeps = [cases_of(each) for each in options[::3]]
     assert [[len(cases), len(cases[0])] for cases in sweeps] == [[2, 1], [2, 2]]
     for cases, each, run in zip(sweeps, options[::3], options[1::3], strict=True):

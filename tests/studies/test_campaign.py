@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling.errors import ConstraintError, CouplingError, InversionError, StepError, UphillError
+from coupling.errors import ConstraintError, CouplingError, InversionError, StepError, TurnedHoleError, UphillError
 from studies.campaign import study
 from studies.campaign.generator import GENTLE, KINDS, SUTURES, cases
+from studies.campaign.quarter import forces_apart, lengths_apart, with_shorter_steps
 from studies.campaign.study import CAUSES, CREATED, Row, cause_of, figure, remarks, run, table
 from studies.scenario import parse
 from studies.study import AT_WORK
@@ -45,7 +46,7 @@ def test_every_case_is_a_scenario_and_the_gentle_ones_load_slowly() -> None:
         (FLIP, 1.0, 1.0, "flip"),
         (UphillError(0.0, 1e-3, "up"), 1.0, 1.0, "another branch"),
         (StepError(0.0, 1e-3, "no"), 1.0, 1.0, "no step found"),
-        (StepError(0.0, 1e-3, "no"), 1.0, 0.1, "hole turned beyond a linear organ"),
+        (TurnedHoleError(0.0, 1e-3, "no"), 1.0, 1.0, "hole turned beyond a linear organ"),
         (ConstraintError(0.0, "two"), 1.0, 1.0, "constraints"),
     ],
 )
@@ -89,3 +90,21 @@ def test_what_did_not_arrive_is_counted_and_listed() -> None:
     said = "\n".join(remarks(rows))
     assert "TOO FEW" in said and "MADE ENERGY" in said and f"case {case.number}" in said
     assert figure(rows).axes
+
+
+def test_a_case_agrees_with_itself_in_shorter_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: a case compared with itself is no way apart; one whose holes pull a tenth more, and one that
+    does not complete in shorter steps, are told by name, and without a remark that would tell so."""
+    (case,) = cases(1, 1, 22)
+    end = study.followed({**case.tables, "solve": {"dt": 1e-3, "duration": 3e-3}}, 1000)
+    assert end.cause == "completed" and end.tally is not None
+    now = end.tally.now
+    assert forces_apart(now, now) == lengths_apart(now, now) == 0.0
+    more = replace(now, state=replace(now.state, lam=1.1 * now.state.lam))
+    assert forces_apart(more, now) == pytest.approx(0.1)
+    assert with_shorter_steps(case.tables)["solve"]["dt"] == 0.25 * case.tables["solve"]["dt"]
+    found = study.row(case, replace(end, said=()))
+    monkeypatch.setattr(study, "followed", lambda tables, most: replace(end, cause="another branch"))
+    rows = [study.compared(case, found, end, 1000), replace(found, forces_apart=0.0, lengths_apart=0.0), found]
+    said = "\n".join(remarks(rows))
+    assert "1 of 2, 1 of the others WITHOUT A REMARK" in said and "forces by inf" in said and "says nothing" in said

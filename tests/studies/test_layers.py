@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from coupling import equilibrium
 from coupling.adaptivity import span_ratio, spans_between
+from studies.output.records import Ending, nothing_met
 from studies.scenario import parse
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
+from studies.simulation.recording import step_record
 from thread import catalogue
 
 LAYER = 0.03  # of forces, couples and friction's part of the pull
@@ -56,6 +59,17 @@ def test_a_thin_thread_turned_by_a_right_angle() -> None:
     simulation, now = turned("holes")
     assert span_ratio(now.system, now.state) <= 0.25
     assert now.system.thread.n <= 3 * simulation.scenario.thread.control_points
+
+
+@pytest.mark.parametrize(("passes", "said"), [(1, True), (equilibrium.TENSIONS, False)])
+def test_a_bending_length_that_did_not_settle_is_told(monkeypatch: pytest.MonkeyPatch, passes: int, said: bool) -> None:
+    """Independent check: one more equilibrium does not bring the tension of the first, that of a slack thread, to the
+    pull's; twenty do."""
+    monkeypatch.setattr(equilibrium, "TENSIONS", passes)
+    text = scene("4-0 nylon", 1.0, 5e-3, 1.5e-4, 3.0).replace("load_steps = 6", "load_steps = 1")
+    simulation, now = at_rest(text.replace("graded = 1.0", 'graded = 1.0\nresolution = "fixed"'))
+    remarks = simulation.remarks(Ending(step_record(now), nothing_met(1).after_step(step_record(now))))
+    assert ("bending-length" in {each.code for each in remarks}) == said
 
 
 def first_integral(T: float, turn: float, EI: float, EA: float) -> float:

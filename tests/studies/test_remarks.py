@@ -2,6 +2,7 @@
 
 import json
 import re
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +34,7 @@ from studies.output.remarks import (
     SMALL_ROTATION,
     SMALL_STRAIN,
     THREAD_STRAIN,
+    UNSETTLED,
     Remark,
     remark,
 )
@@ -44,6 +46,7 @@ from studies.simulation.simulation import Simulation
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED
 from tests.bounds import IDENTITY
 from tests.studies.samples import ANCHORED, CONTRACT, LINEAR, Stub, frame, framing, step
+from thread.catalogue import suture
 
 ROUND = 1e-9  # of a bound: what is said beyond it is said this far beyond, and not this far within
 STEPS = 12
@@ -98,6 +101,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "thread-strain": (THREAD_STRAIN, 1, lambda x: judging.overloaded(met(thread_strain=x), None)),
     "spans": (RESOLVED, 1, judging.coarse_spans),
     "spans-between": (BETWEEN, -1, judging.few_spans),
+    "bending-length": (UNSETTLED, 1, judging.unsettled_bending),
     "energy-created": (CREATED, 1, lambda x: judging.audited(0.0, met(energy=1.0, created=x))),
     "numerical-dissipation": (DISSIPATED, 1, lambda x: judging.audited(x, met(energy=1.0))),
     "layer-energy": (LAYERED, 1, lambda x: judging.audited(0.0, met(energy=1.0, layered=x))),
@@ -150,6 +154,28 @@ def test_a_pull_on_coarse_cells_that_stiffen_is_told() -> None:
         assert {each.code for each in found if "subgrid" in each.code} == said
 
 
+COLUMN = """
+[thread]
+suture = "2-0 polypropylene"
+path = [[0, 0, 0], [{length}, 0, 0]]
+start = {{ kind = "clamped" }}
+end = {{ kind = "pulled", force = [{force}, 0, 0] }}
+[solve]
+kind = "static"
+load_steps = 1
+"""
+
+
+def test_a_thread_that_is_balanced_is_told() -> None:
+    """Independent check: a straight thread that is clamped at one end and pressed at the other stays up to Euler's
+    load, π²EI/4L²; Newton's method finds it straight under any."""
+    length = 0.05
+    euler = suture("2-0 polypropylene").EI * (0.5 * np.pi / length) ** 2
+    for share, said in ((0.98, False), (1.02, True), (-2.0, False)):
+        simulation = prepare(parse(tomllib.loads(COLUMN.format(length=length, force=-share * euler))))
+        assert ("would-not-stay" in {each.code for each in simulation.remarks(ended(simulation))}) == said
+
+
 def test_what_is_judged_by_two_numbers() -> None:
     """Independent check: a run without motion that still slides; a share that tells local from wide; P2; a bare point,
     to which no cells are fine enough; a hole to which compliance is added."""
@@ -172,7 +198,7 @@ def test_the_catalogue_has_every_code_once_and_each_is_judged() -> None:
     assert all(re.fullmatch(r"[a-z]+(-[a-z]+)*", kind.code) and kind.bound and kind.reason for kind in KINDS)
     assert {kind.severity for kind in KINDS} == {"note", "unsupported"}
     assert CATALOGUE.keys() - JUDGED.keys() == {
-        "bare-point", "off-path", "frames-missing", "no-picture", "handed-over", "stress-of-e-nu"
+        "would-not-stay", "bare-point", "off-path", "frames-missing", "no-picture", "handed-over", "stress-of-e-nu"
     }  # fmt: skip
     with pytest.raises(KeyError):
         remark("no-such-code", "", "")

@@ -23,6 +23,7 @@ from studies.scenario import Scenario, ScenarioError, dump, parse
 from studies.scenario.toml import changed, parsed
 from studies.simulation import assembly, prepare
 from studies.simulation.sharing import Shared
+from studies.simulation.simulation import Simulation
 from studies.sweeps import sweep as sweeps
 from studies.sweeps.case import MODULES, PACKAGES, ROOMS, Result, run_case, source_files
 from studies.sweeps.grid import paired, parse_over, read_table
@@ -83,8 +84,8 @@ def test_scenarios_share_what_they_do_not_differ_in() -> None:
 
 
 def test_scenarios_that_pull_otherwise_are_laid_once() -> None:
-    """Consistency check: another force and another duration begin with the very start; another path, another place of
-    the hand and another organ with their own, which is not the first one's."""
+    """Consistency check: another force and another duration begin with the very start and thread; another path, another
+    place of the hand and another organ with their own start, which is not the first one's."""
     store = Shared()
 
     def start(**values: Any) -> State:
@@ -99,6 +100,9 @@ def test_scenarios_that_pull_otherwise_are_laid_once() -> None:
     ):
         assert start() is not start(**other)
         assert np.array_equal(start().q, first.q)
+    thread = organ_of(store).system.thread
+    assert organ_of(store, **{"thread.start.force": [-0.3, 0, 0]}).system.thread is thread
+    assert organ_of(store, **{"thread.damping": 3.0}).system.thread.damping == 3.0
 
 
 def summary_of(data: dict[str, Any]) -> dict[str, Any]:
@@ -187,7 +191,8 @@ def test_the_digest_of_a_case_has_the_source_that_it_hangs_on() -> None:
 
 def test_many_tensions_pay_for_one_organ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: a sweep over the pull makes one mesh, factorises its stiffness once, asks for the answers of
-    its holes once, and lays the thread once, however many cases there are."""
+    its holes once, makes and lays the thread once and draws its start once, however many cases there are; only their
+    ends are drawn for each."""
     counts: dict[str, int] = {}
 
     def count(where: Any, name: str) -> None:
@@ -202,14 +207,17 @@ def test_many_tensions_pay_for_one_organ(tmp_path: Path, monkeypatch: pytest.Mon
     for where, name in (
         (assembly, "organ_mesh"),
         (assembly, "start"),
+        (assembly, "thread_of"),
         (choice, "factorize"),
         (quasi_static, "compliance"),
+        (Simulation, "organ_record"),
     ):
         count(where, name)
     monkeypatch.setattr("studies.sweeps.case.KEPT", Shared())
     table = sweep(changed(ORGAN, {"solve": ONE_STEP}), {"thread.start.force.0": [-0.1, -0.15, -0.2]}, tmp_path)
     assert table["exit_status"].values == (0, 0, 0)
-    assert counts == {"organ_mesh": 1, "start": 1, "factorize": 1, "compliance": 1}
+    once = dict.fromkeys(("organ_mesh", "start", "thread_of", "factorize", "compliance"), 1)
+    assert counts == once | {"organ_record": 1 + 3}
 
 
 def test_failures_are_rows(tmp_path: Path) -> None:

@@ -651,5 +651,5 @@ class FiniteOrgan(MeshedOrgan):
             numerical += 0.5 * dV @ (self.M @ dV) + new.A @ (self.M @ dU) - momentum @ dV
         elastic = stored + 0.5 * new.f_y @ (springs @ new.f_y)
         load_work = float((self.load_under(new.shares) + self.pressing(new.shares, new.U)) @ dU)
-        stretched = self.law.energy_of_prestretch
-        return OrganEnergies(kinetic, float(elastic), load_work, viscous, float(numerical), friction, stretched)
+        kept = self.law.energy_of_prestretch
+        return OrganEnergies(kinetic, float(elastic), load_work, viscous, float(numerical), friction, kept)

@@ -100,8 +100,8 @@ class TimeScheme(Protocol):
 
 
 class OrganEnergies(NamedTuple):
-    """Energies at the end of a step and work done during it [J]; `friction` is what surfaces that rub take, and
-    `prestretch` what one stores in the reference shape."""
+    """Energies at the end of a step and work done during it [J]; `friction` is what surfaces that rub take,
+    `prestretch` what a prestretch stores in the reference shape, where the organ is not deformed."""
 
     kinetic: float
     elastic: float

@@ -170,12 +170,12 @@ def surface_force(offset: Array, nu: float) -> Array:
     """
     x, y, depth = offset[..., 0], offset[..., 1], np.maximum(-offset[..., 2], 0.0)
     rho = np.sqrt(x**2 + y**2 + depth**2)
-    k, b = 1.0 - 2.0 * nu, rho + depth
+    k, b, cube = 1.0 - 2.0 * nu, rho + depth, rho**3  # powers of whole fields take most of the time
     u = np.empty((*rho.shape, 3, 3))
     for j, (s, t) in enumerate(((x, y), (y, x))):
-        u[..., j, j] = 1.0 / rho + s**2 / rho**3 + k * (1.0 / b - s**2 / (rho * b**2))
-        u[..., 1 - j, j] = s * t / rho**3 - k * s * t / (rho * b**2)
-        u[..., 2, j] = -s * depth / rho**3 - k * s / (rho * b)
-        u[..., j, 2] = -s * depth / rho**3 + k * s / (rho * b)
-    u[..., 2, 2] = depth**2 / rho**3 + 2.0 * (1.0 - nu) / rho
+        u[..., j, j] = 1.0 / rho + s**2 / cube + k * (1.0 / b - s**2 / (rho * b**2))
+        u[..., 1 - j, j] = s * t / cube - k * s * t / (rho * b**2)
+        u[..., 2, j] = -s * depth / cube - k * s / (rho * b)
+        u[..., j, 2] = -s * depth / cube + k * s / (rho * b)
+    u[..., 2, 2] = depth**2 / cube + 2.0 * (1.0 - nu) / rho
     return (1.0 + nu) / (2.0 * np.pi) * u
