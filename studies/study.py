@@ -34,6 +34,7 @@ NAMES = (
     "running_suture",
     "suture_retention",
     "suture_tension",
+    "taut_skin",
     "wound_closure",
 )
 PRESETS = ("quick", "full")
