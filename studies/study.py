@@ -35,6 +35,7 @@ NAMES = (
     "stitch_patterns",
     "suture_retention",
     "suture_tension",
+    "taut_skin",
     "wound_closure",
 )
 PRESETS = ("quick", "full")

@@ -17,7 +17,7 @@ elements and of what they measured in vivo, Wen et al. (Appl. Math. Mech. 44, 20
 Et of the sheet is the one number that is fitted, to the first wound of each pair; the second is predicted.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -55,6 +55,7 @@ PLACES = 41  # along the wound at which gaps are recorded
 CROSSED = 1e-9  # of the width: lips may cross by no more
 CONVERGED = 0.05  # a check may change the force that is compared by no more
 MILLI = 1e-3
+NO_KEYS: Mapping[str, object] = {}
 VERDICTS = {True: "agrees", False: "DISAGREES"}
 
 
@@ -210,8 +211,10 @@ class Case:
         return np.asarray(self.width * np.sqrt(np.maximum(1.0 - (2.0 * y / self.length) ** 2, 0.0)))
 
 
-def scenario(case: Case) -> Scenario:
-    """Return the sheet and the stitches, laid to and fro as one thread and cut where it turns; nothing is drawn yet."""
+def scenario(case: Case, material: Mapping[str, object] = NO_KEYS) -> Scenario:
+    """Return the sheet and the stitches, laid to and fro as one thread and cut where it turns; nothing is drawn yet.
+    A wound without width is a slit. `material` are keys of the sheet's, none of a linear one."""
+    shape: dict[str, object] = {"shape": "ellipse", "width": case.width} if case.width else {"generator": "gmsh"}
     y, depth = case.places, -0.5 * THICKNESS
     half = 0.5 * case.opening(y) + case.bite
     reach = 1.5 * case.width + case.bite + TAIL
@@ -237,14 +240,14 @@ def scenario(case: Case) -> Scenario:
                 "contact": True,
                 "mesh": {
                     "kind": "wound",
-                    "shape": "ellipse",
+                    **shape,
                     "size": [case.sheet, case.sheet, THICKNESS],
                     "length": case.length,
-                    "width": case.width,
                     "depth": THICKNESS,
                     "h": case.far,
                     "h_site": case.size,
                 },
+                **material,
             },
             "thread": {
                 "suture": SUTURE,
