@@ -158,7 +158,7 @@ def assemble(problem: Problem[Body], z: Monolith, r: Residual) -> BlockSystem:
 
 def law_of_lips(problem: Problem[Body], z: Iterate) -> tuple[csr_array, csr_array]:
     """Return what the gaps and the forces of the pairs are multiplied by in the law of contact, shape `(k, k)` each."""
-    if problem.contact is not None and problem.contact.law is not None:
+    if problem.contact is not None and problem.contact.rubs:
         return rows_of(problem.contact.law, z.pressed, z.rubbing)
     pressed = z.pressed.astype(np.float64)
     return csr_array(diags_array(pressed)), csr_array(diags_array(1.0 - pressed))

@@ -53,10 +53,15 @@ class Contact(Generic[Body]):
     answer: Answer[Body]
     friction: Array = field(default_factory=lambda: NO_FORCES)
 
+    @property
+    def rubs(self) -> bool:
+        """Whether any pair has friction."""
+        return bool(self.friction.any())
+
     @cached_property
-    def law(self) -> Law | None:
-        """Coulomb's law of the pairs, None where none rubs."""
-        return law_of_pairs(self) if self.friction.any() else None
+    def law(self) -> Law:
+        """Coulomb's law of pairs that rub; as expensive as `C_cc`."""
+        return law_of_pairs(self)
 
     @property
     def stuck(self) -> Rubbing:
@@ -128,7 +133,7 @@ def first_of(flags: Flags) -> Flags:
 
 def condense(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, y_free: Array, C: Array) -> tuple[Array, Array]:
     """Close the pairs `pressed` in `y_free` (m, 9) and `C` (9m, 9m) of the organ, as they rub."""
-    if contact.law is not None:
+    if contact.rubs:
         given = np.column_stack([contact.C_cy, contact.g_free])
         P = forces_by_tangent(contact.law, pressed, rubbing, given)
         return y_free + (contact.C_cy.T @ P[:, -1]).reshape(y_free.shape), C + contact.C_cy.T @ P[:, :-1]
@@ -168,11 +173,14 @@ def first_sets(contact: Contact[Body] | None, system: System[Body], state: State
 def find_sets(contact: Contact[Body], f: Array, pressed: Flags, rubbing: Rubbing) -> tuple[Flags, Rubbing, Array]:
     """Find the pairs that are pressed under the site forces `f` (9m,), how they rub, and their forces (k,) [N],
     starting from `pressed` and `rubbing`. Raises `CouplingError`."""
-    if contact.law is None:
+    if not contact.rubs:
         pressed = find_pressed(contact, f, pressed)
         return pressed, rubbing, forces(contact, pressed, f)
+    open_gaps = contact.gaps_when_open(f)
+    if (open_gaps[: len(pressed)] >= 0.0).all():
+        return np.zeros_like(pressed), contact.stuck, np.zeros_like(open_gaps)
     try:
-        return find_forces(contact.law, contact.gaps_when_open(f), pressed, rubbing)
+        return find_forces(contact.law, open_gaps, pressed, rubbing)
     except np.linalg.LinAlgError as error:
         raise OrganError(NO_HOLD) from error
 
@@ -181,8 +189,10 @@ def closing_forces(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, f: 
     """Return what the pairs `pressed` and how they rub ask for under the site forces `f` (9m,), pulls too, which end
     the set, shape `(k,)` [N]."""
     open_gaps = contact.gaps_when_open(f)
-    if contact.law is None:
+    if not contact.rubs:
         return forces_and_gaps(contact, pressed, open_gaps)[0]
+    if not pressed.any():
+        return np.zeros_like(open_gaps)
     return forces_by_tangent(contact.law, pressed, rubbing, open_gaps)
 
 

@@ -1,5 +1,7 @@
 """What happens to piercings: they begin and end at their times, the thread leaves them, slips or sticks in them.
 
+Surfaces in contact slip where all of their pairs that press do, and stick again where the first of them sticks.
+
 A piercing begins (`coupling.impact`) and ends between two steps: at the first end of a step that reaches its time
 (`coupling.run`). All other events bear the time of the end of the step in which they were found, at most one step
 late. An end of a piercing changes neither positions nor velocities. What the compliance that the spline lacks there
@@ -13,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from coupling.interfaces import Body
+from coupling.interfaces import Body, Rubs
 from coupling.observation import bearing_pressures
 from coupling.stepping import Step
 from coupling.system import State, System
@@ -39,7 +41,8 @@ Kind = Literal[
 class Event:
     """One event.
 
-    `time` [s]; `piercing` or tie by name, empty for a halved step, tissue that snaps, a cut and other knots; `s` [m].
+    `time` [s]; `piercing`, tie or surfaces in contact by name, empty for a halved step, tissue that snaps, a cut and
+    other knots; `s` [m].
     Of a piercing that begins: `gap` [m] and `angle` [rad] that were closed, `work` [J] done in closing them, `loss` [J]
     of kinetic energy and `impulse` (3,) [N s] of the hole on the thread; of a tie that closes: `gap`. Of a cut and of
     other knots: `control_points` after it, `loss` and `impulse`, what the change cost of the thread's energy and
@@ -83,7 +86,7 @@ def changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Ev
         elif new.present[k] and system.rough[k] and (old.sigma[k] == 0.0) != (new.sigma[k] == 0.0):
             kind: Kind = "sticks" if new.sigma[k] == 0.0 else "slips"
             out.append(Event(new.time, kind, piercing.name, float(new.s[k])))
-    out += tie_changes(system, old, new)
+    out += tie_changes(system, old, new) + surface_changes(system, old, new)
     strengths = np.array([piercing.strength for piercing in system.piercings])
     if np.isinf(strengths).all():
         return out
@@ -101,6 +104,16 @@ def tie_changes(system: System[Body], old: State[Body], new: State[Body]) -> lis
         elif new.present[k] and tie.is_locked(old.time) and (old.sigma[k] == 0.0) != (new.sigma[k] == 0.0):
             out.append(Event(new.time, "sticks" if new.sigma[k] == 0.0 else "slips", tie.name, float(new.s[k])))
     return out
+
+
+def surface_changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Event]:
+    """Find the surfaces in contact that began to slip as a whole, or have pairs that stick again, between two
+    states."""
+    if not isinstance(system.organ, Rubs):
+        return []
+    before, now = (system.organ.slipping_surfaces(state.organ) for state in (old, new))
+    changed = [(name, slips) for name, slips in now.items() if slips != before.get(name, False)]
+    return [Event(new.time, "slips" if slips else "sticks", name) for name, slips in changed]
 
 
 def nearer_end(system: System[Body], s: float) -> float:

@@ -10,7 +10,7 @@ The state of an organ's body, of type `Body`, is the organ's own: the coupling k
 into it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from coupling.arrays import Array, Flags
@@ -131,6 +131,14 @@ class Creeping(Protocol):
 
     def holds(self, answer: Answer[Any]) -> bool:
         """Whether the organ would stay where an answer of its own stands, under dead forces."""
+
+
+@runtime_checkable
+class Rubs(Protocol):
+    """What an organ may say besides: how its surfaces rub on one another."""
+
+    def slipping_surfaces(self, state: Any) -> Mapping[str, bool]:
+        """Return by name the surfaces with friction that press on one another, and whether they slip as a whole."""
 
 
 @runtime_checkable

@@ -60,6 +60,7 @@ from tissue.errors import OrganError
 MAX_ITERATIONS = 25  # for one active set of friction and contact
 MAX_SETS = 20  # and one more for every pair of lips that may touch
 RETURNS = 2  # to one active set: the first asks for another way on, the second goes round again
+WAYS = 6  # digits in which the ways of pairs that slip are compared
 MARGIN = 4.0  # of the force tolerance: two solved sets differ by two of them
 FORCE_TOLERANCE = 1e-10  # of the largest force in the step
 GAP_TOLERANCE = 1e-11  # of the thread's diameter
@@ -375,6 +376,7 @@ def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body],
     """Solve one active set after another, as `solve` says. Raises `StepError`, and `OrganError` where the lips of a
     nonlinear organ have no answer."""
     z, iterations = replace(start, sigma=admissible_sigma(problem.law, start.sigma)), 0
+    rubs = problem.contact is not None and problem.contact.law is not None  # whose directions follow in the same set
     seen: Counter[bytes] = Counter()
     for _ in range(MAX_SETS + len(z.pressed)):
         solution = solve_set(replace(problem, closed=z.pressed, rubbing=z.rubbing), z, correct, patience)
@@ -385,7 +387,7 @@ def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body],
         fitting = with_next_sets(problem, z, r, seen)
         if fitting is z:
             return replace(solution, problem=problem, iterations=iterations, p=contact_forces(problem.contact, z, r))
-        if seen[sets_of(z)] > RETURNS:
+        if seen[sets_of(z)] > RETURNS and not rubs:
             break
         z = fitting
     what = "stick and slip of the friction" if problem.contact is None else "friction's or the lips' active sets"
@@ -393,8 +395,9 @@ def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body],
 
 
 def sets_of(z: Iterate) -> bytes:
-    """Return the active sets of an iterate as bytes, to recognise them."""
-    return z.sigma.tobytes() + z.pressed.tobytes() + z.rubbing.slips.tobytes()
+    """Return the active sets of an iterate as bytes, to recognise them; what slips another way is another one."""
+    ways = np.round(z.rubbing.along, WAYS) + 0.0  # no negative zeros
+    return z.sigma.tobytes() + z.pressed.tobytes() + z.rubbing.slips.tobytes() + ways.tobytes()
 
 
 def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: Container[bytes]) -> Iterate:
@@ -405,7 +408,7 @@ def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: Contai
     margin = MARGIN * force_tolerance(problem, r)
     sigma = next_sigma(problem.law, z.sigma, r.passage, z.s, z.lam, z.y, margin)
     contact = problem.contact
-    if contact is not None and contact.law is not None:
+    if contact is not None and contact.rubs:
         return with_rubbing_sets(problem, contact, z, r, sigma, seen)
     pressed = z.pressed if contact is None else find_pressed(contact, r.f_y.ravel(), z.pressed)
     fitting = replace(z, sigma=sigma, pressed=pressed)
@@ -445,7 +448,7 @@ def contact_forces(contact: Contact[Body] | None, z: Iterate, r: Residual) -> Ar
     """Return p of a solved iterate, shape `(k,)` [N]."""
     if contact is None:
         return NO_FORCES
-    if contact.law is not None:
+    if contact.rubs:
         return closing_forces(contact, z.pressed, z.rubbing, r.f_y.ravel())
     return forces(contact, z.pressed, r.f_y.ravel())
 

@@ -325,6 +325,11 @@ class System(Generic[Body]):
         """What `passage` made last."""
         return deque(maxlen=2)
 
+    @cached_property
+    def recent_layers(self) -> deque[tuple[Array, Array, Flags, Array]]:
+        """What `coupling.tension.layers_at` made last, with s, N and the holds that it was asked for."""
+        return deque(maxlen=2)
+
     def passage_of(self, state: "State[Body]") -> Passage:
         """Evaluate the thread of a state at its holds."""
         return self.passage(state.q, state.s, layers=state.layers)

@@ -28,11 +28,22 @@ def layers_at(system: System[Body], s: Array, N: Array, present: Flags) -> Array
     """Return √(EI/T) of every hold, shape `(m,)` [m], None of a thread that does not bend.
 
     Each strand resists the turn of a hole with √(EI T), so √T counts with its mean. Of T counts what is beyond that
-    which spans of FINE √(EI/T) have: on shorter ones the compliance is that without tension.
+    which spans of FINE √(EI/T) have: on shorter ones the compliance is that without tension. The answer to what was
+    asked last is remembered: the end of a step is the start of the next.
     """
-    thread, spline = system.thread, system.thread.spline
-    if thread.EI == 0.0 or not thread.hole_compliance or not system.holds:
+    if system.thread.EI == 0.0 or not system.thread.hole_compliance or not system.holds:
         return None
+    for known_s, known_N, known_present, known in tuple(system.recent_layers):
+        if known_s is s and known_N is N and np.array_equal(known_present, present):
+            return known
+    made = bending_lengths(system, s, N, present)
+    system.recent_layers.append((s, N, present, made))
+    return made
+
+
+def bending_lengths(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
+    """Return √(EI/T) of every hold of a thread that bends, shape `(m,)` [m]: see `layers_at`."""
+    thread, spline = system.thread, system.thread.spline
     T = np.maximum(strand_tensions(system, s, N, present), REST * thread.EA)
     spans = np.diff(spline.breaks)[spline.spans_of(s)]
     ratio = spans * np.sqrt(T).mean(axis=1) / np.sqrt(thread.EI)

@@ -185,14 +185,15 @@ EVENT: tuple[Column[Event], ...] = (
     text(
         "event",
         "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing, `tears` where the tissue's strength is exceeded; "
-        "`closes`, `tied`, `slips`, `sticks`, `unties` of a tie; `cut`: the thread was; `halved`: the step was; "
+        "`closes`, `tied`, `slips`, `sticks`, `unties` of a tie; `slips`, `sticks` of surfaces in contact, as a whole "
+        "or no more; `cut`: the thread was; `halved`: the step was; "
         "`snaps`: the tissue went to an equilibrium that was not near; "
         "`knots`: they changed",
         lambda event: event.kind,
     ),
     text(
         "piercing",
-        "name of the piercing or tie; empty for `cut`, `halved`, `snaps` and `knots`",
+        "name of the piercing, tie or pair of surfaces; empty for `cut`, `halved`, `snaps` and `knots`",
         lambda event: event.piercing,
     ),
     Column("s", "m", "abscissa of the thread in the hole, or of the cut", lambda event: event.s),

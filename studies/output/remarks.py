@@ -22,6 +22,7 @@ LAYERED = 0.05  # of a run's energy: as much as the steps may take
 UNSETTLED = 0.01  # of √(EI/T): ten passes leave 1e-6 of it, and a hole's forces go with it by a part
 CROSSED = 0.01  # of the lips' extent: nearer, they are as good as closed
 SLID = 1.0  # diameters that a thread may still slide in as long as the run took, and be at rest
+STEEP = 1.0  # friction along a surface over the force across it
 BARE = 4.0  # radii of a tract: as much of its path is near the surface where it goes in and out at 30° or more
 IN_TISSUE = 1.0  # diameters of the thread: deeper, it lies in tissue and not on it
 MOVED = 2.0  # footprints: as far as a hole may be moved and still touch where it would have been
@@ -232,6 +233,13 @@ KINDS = (
         "note",
         f"more than {BARE:g} radii of a tract's path outside the organ or nearer to a surface than its radius",
         "no ball of tissue has room there, and the thread bears on none",
+    ),
+    Kind(
+        "contact-rough",
+        "note",
+        f"a `[[contact]]` with a coefficient of friction above {STEEP:g}",
+        "with much friction surfaces may stick or slip under the very same loads, or have no answer at all (Klarbring, "
+        "Ingenieur-Archiv 60, 1990): what is found is one answer, and depends on the steps",
     ),
     Kind(
         "handed-over",

@@ -93,7 +93,7 @@ def contact_record(part: tissue.Part, lips: ContactObservation, extent: float) -
     """Return one pair of surfaces; the gap of a node that faces nothing is their `extent` [m]."""
     pressure = part.vertex_pressure(lips.force)
     return ContactRecord(
-        pair=" - ".join(part.between),
+        pair=part.name,
         pairs=len(lips.gap),
         pressed=lips.pressed,
         smallest_gap=float(lips.gap.min()),

@@ -33,6 +33,7 @@ from studies.output.remarks import (
     SLID,
     SMALL_ROTATION,
     SMALL_STRAIN,
+    STEEP,
     THREAD_STRAIN,
     UNSETTLED,
     Remark,
@@ -76,6 +77,7 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]]) -> li
         *outside_subgrid(subgrid),
         *near_holes(scenario.piercing),
         *moved_holes(scenario.piercing),
+        *steep_friction(scenario.contact),
         *along_path(assembly),
     ]
 
@@ -461,6 +463,20 @@ def near_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
             )
             out.append(remark("holes-near", one.name, text))
     return out
+
+
+def steep_friction(contacts: Sequence[model.Contact]) -> list[Remark]:
+    """Judge how rough surfaces are that press on one another."""
+    return [
+        remark(
+            "contact-rough",
+            " - ".join(pair.between),
+            f"the friction of {pair.between[0]!r} and {pair.between[1]!r} is {pair.friction:.3g}, more than {STEEP:g}: "
+            "under the same loads they may stick or slip; see whether shorter steps find another answer",
+        )
+        for pair in contacts
+        if pair.friction > STEEP
+    ]
 
 
 def off_path(assembly: Assembly) -> list[Remark]:

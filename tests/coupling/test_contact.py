@@ -410,7 +410,11 @@ every = 60
 @pytest.fixture(scope="module")
 def bodies(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A scenario of a block that hangs 0.1 mm above another one, which is held, in one file."""
-    folder = tmp_path_factory.mktemp("bodies")
+    return written_bodies(tmp_path_factory.mktemp("bodies"))
+
+
+def written_bodies(folder: Path) -> Path:
+    """The scenario file of two blocks in a folder, beside their mesh."""
     lower, upper = block((0.01, 0.01, 0.01), 5e-3), block((0.006, 0.006, 0.006), 3e-3)
     points = np.vstack([lower.p.T, upper.p.T + np.array([0.0, 0.0, 0.0061])])
     cells = np.vstack([lower.t.T, upper.t.T + lower.nvertices])

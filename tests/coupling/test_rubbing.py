@@ -24,7 +24,7 @@ from studies.scenario import ScenarioError, load
 from studies.simulation import prepare
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.coupling import test_contact, test_finite_contact
-from tests.coupling.test_contact import DT, SCENARIO, STEPS, assert_lips, scale_of, start
+from tests.coupling.test_contact import DT, SCENARIO, STEPS, assert_lips, scale_of, start, written_bodies
 from tests.thread.threads import run, taken
 
 MU = 0.3
@@ -211,9 +211,26 @@ def test_a_resumed_run_rubs_on(rubbed: Path) -> None:
         assert (out / name).read_bytes() == (whole / name).read_bytes(), name
 
 
+def test_a_block_falls_on_a_slope(tmp_path: Path) -> None:
+    """Independent check: a body that lands on another slips, then sticks for good where the slope is below μ, and goes
+    on slipping where it is above; the events tell, and friction is what the slope asks for, or μ N."""
+    file = written_bodies(tmp_path)
+    for slope in (0.2, 0.4):
+        gravity = 9.81 * np.array([np.sin(np.arctan(slope)), 0.0, -np.cos(np.arctan(slope))])
+        rubs = 'contact=[{between=["upper","lower"],friction=0.3}]'
+        steps = [f"solve.gravity={gravity.tolist()}", "solve.dt=5e-3", "solve.duration=0.06"]
+        records = [step for step, _ in prepare(load(file, [rubs, *steps])).advance()]
+        events = [event for step in records for event in step.events]
+        last = records[-1].contact[0]
+        assert {event.piercing for event in events} == {"upper - lower"} and events[0].kind == "slips"
+        assert last.friction / last.force == pytest.approx(min(slope, MU), rel=2e-3)
+        assert [events[-1].kind, last.slipping] == (["sticks", 0] if slope < MU else ["slips", last.pressed])
+
+
 def test_a_coefficient_is_zero_or_more(rubbed: Path) -> None:
-    """A coefficient that is negative is refused, and zero is none."""
+    """A coefficient that is negative is refused, zero is none, and more than one is remarked on before the run."""
     override = 'contact=[{between=["lip_left","lip_right"],friction=%s}]'
     assert load(rubbed, [override % "0.0"]).contact[0].friction == 0.0
+    assert "contact-rough" in [remark.code for remark in prepare(load(rubbed, [override % "1.5"])).remarks()]
     with pytest.raises(ScenarioError, match=r"contact\.0\.friction"):
         load(rubbed, [override % "-0.1"])

@@ -33,12 +33,13 @@ from studies.output.remarks import (
     SLID,
     SMALL_ROTATION,
     SMALL_STRAIN,
+    STEEP,
     THREAD_STRAIN,
     UNSETTLED,
     Remark,
     remark,
 )
-from studies.scenario import Scenario, load, parse
+from studies.scenario import Contact, Scenario, load, parse
 from studies.scenario.toml import tables
 from studies.simulation import prepare
 from studies.simulation import remarks as judging
@@ -111,6 +112,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "no-tract": (IN_TISSUE * 3e-4, 1, lambda x: judging.without_tract("a", "b", x, 3e-4)),
     "tract-bare": (BARE * 1e-3, 1, lambda x: judging.bare_tract("a-b", x, 0.02, 1e-3)),
     "holes-near": (NEAR * 2e-3, -1, lambda x: judging.near_holes([hole(), hole(name="b", at=[x, 0, 0])])),
+    "contact-rough": (STEEP, 1, lambda x: judging.steep_friction([Contact(between=("a", "b"), friction=x)])),
     "moved": (MOVED * 1e-3, 1, lambda x: judging.moved_holes([hole(near=[x, 0, 0])])),
     "units": (1e2, -1, lambda x: judging.unlike_units({"tissue.youngs_modulus": np.array([1e5, x])})),
 }

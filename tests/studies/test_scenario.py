@@ -35,7 +35,7 @@ WOUND = (
 REFUSED = [
     ("contact=[{between=['top','tpo']}]", ["contact.0.between", "tpo", "no such boundary", 'nearest is "top"']),
     ("contact=[{between=['top','top']}]", ["contact.0.between", "not in contact with itself", "name two"]),
-    ("contact=[{between=['top','left'],friction=0.2}]", ["contact.0.friction = 0.2", "no friction; take 0"]),
+    ("contact=[{between=['top','left'],friction=-0.2}]", ["contact.0.friction = -0.2", "greater than or equal to 0"]),
     (
         "contact=[{between=['top','left']},{between=['left','top']}]",
         ["contact.1.between", "in contact already", "leave one out"],

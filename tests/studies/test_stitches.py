@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from studies import load, prepare
-from tests.bounds import TWO_SOLVERS
+from tests.bounds import IDENTITY, TWO_SOLVERS
 from tests.meshes.samples import NEEDS_GMSH
 from tests.thread.threads import Array
 
@@ -33,10 +33,11 @@ def test_a_pulley_closes_with_the_strands_that_cross() -> None:
     assert (strands[1:3] / strands[:2] >= np.exp(-0.1 * np.pi)).all()
 
 
-RADIAL = 0.04  # of a tube's radial displacement: cells of a third of the radius, and ends four decay lengths away
+RADIAL = 0.02  # of a tube's radial displacement: cells of a third of the radius, and ends four decay lengths away
+HOLES = [f"{side}{k}" for k in range(1, 7) for side in ("right", "left")]
 FEW = [
     *("tract=[]", "thread.control_points=360", "tissue.mesh.h_site=2e-3", "solve.load_steps=4"),
-    *(f"piercing.{side}{k}.subgrid=false" for side in ("right", "left") for k in range(1, 7)),
+    *(f"piercing.{hole}.subgrid=false" for hole in HOLES),
 ]
 
 
@@ -93,3 +94,22 @@ def test_a_stump_widens_as_a_thick_tube() -> None:
     ring = (across > b - 1e-6) & (np.abs(np.abs(points[:, 0]) - 0.25 * mesh.length) < 0.06 * mesh.length)
     widened = float(np.mean(np.sum(U[ring, 1:] * points[ring, 1:], axis=1) / b))
     assert widened == pytest.approx(alone - tissue.poisson_ratio * stress * b / E, abs=RADIAL * alone)
+
+
+@NEEDS_GMSH
+def test_stitches_close_a_laceration_from_a_surface_file() -> None:
+    """Independent check: the faces of the wound come together and press on one another, none goes through the other,
+    and each stitch draws its two sides towards one another with the same force."""
+    few = ["tract=[]", "thread.control_points=240", "tissue.mesh.h=8e-3", "tissue.mesh.h_site=2.5e-3"]
+    few += [
+        f"piercing.{hole}.{key}" for hole in HOLES[:6] for key in ("subgrid=false", "friction={static=0,kinetic=0}")
+    ]
+    records = [record for record, _ in prepare(load("laceration", few)).advance()]
+    open_, closed = (record.contact[0] for record in (records[0], records[-1]))
+    width = open_.largest_gap
+    assert open_.pressed == 0 and open_.smallest_gap > 0.05 * width
+    assert closed.pressed > 0 and closed.largest_gap < 0.7 * width and closed.smallest_gap >= -IDENTITY * width
+    assert [tie.state for tie in records[-1].ties] == ["tied"] * 3
+    holes = records[-1].piercings
+    for right, left in zip(holes[::2], holes[1::2], strict=True):
+        assert right.force[0] > 0.3 and right.force[0] == pytest.approx(-left.force[0], rel=0.1)

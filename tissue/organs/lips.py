@@ -67,6 +67,11 @@ class Part:
     areas: Array
     friction: float = 0.0
 
+    @property
+    def name(self) -> str:
+        """The names of both surfaces."""
+        return " - ".join(self.between)
+
     def faced(self, points: Array, turns: bool = False) -> Array:
         """Return what each left node faces with all nodes at `points` `(n, 3)` [m], shape `(k, 7)`: along `along`, or
         the nearest point where the surface `turns`."""

@@ -397,6 +397,16 @@ class MeshedOrgan:
         bound = self.friction(state.facing) * p[: self.pairs]
         return out, (bound > 0.0) & (np.linalg.norm(out, axis=1) >= SLIPPING * bound)
 
+    def slipping_surfaces(self, state: OrganState) -> dict[str, bool]:
+        """Return by name the surfaces with friction that press on one another, and whether they slip as a whole: with
+        all of their pairs that press."""
+        if self.gaps is None or not self.gaps.rough.size:
+            return {}
+        pressed, slips = self.contact_forces(state)[: self.pairs] > 0.0, self.rubbing(state)[1]
+        own = zip(self.gaps.parts, self.gaps.slices, strict=True)
+        there = [(part.name, at) for part, at in own if part.friction and pressed[at].any()]
+        return {name: bool(slips[at][pressed[at]].all()) for name, at in there}
+
     def contact_works(self, p: Array, ways: Array) -> tuple[float, float]:
         """Return what the forces `(k,)` take along `ways` of the gaps and slips `(k,)` [m]: the pushes −p·Δg, which are
         the integrator's, and friction [J]."""
