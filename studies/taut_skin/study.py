@@ -21,6 +21,7 @@ from functools import cached_property, partial
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 from threadpoolctl import threadpool_limits
 
@@ -196,7 +197,7 @@ class TautHands(Hands):
         return self.draw(gaping.start(), np.zeros(len(apart)))
 
     @cached_property
-    def pairs(self) -> tuple[Array, Array]:
+    def pairs(self) -> tuple[NDArray[np.intp], Array]:
         """Nodes of the lips on the sheet's upper side that lay across from one another, `(k, 2)`, and their places
         along the wound [m]."""
         gaps, at = self.finite.gaps, self.finite.elasticity.points
@@ -227,7 +228,7 @@ def close_skin(hands: TautHands, skin: Skin, answer: Array) -> Row:
             if np.abs(missing).max() <= limit:
                 break
             step = np.linalg.solve(answer, -missing)
-            state = hands.draw(state, step)
+            state = hands.draw(state, np.asarray(step))
             before, missing = missing, hands.gaps(state, case.places) - goal
             answer = answer + np.outer(missing - before - answer @ step, step) / (step @ step)
     return Row(
