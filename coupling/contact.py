@@ -135,7 +135,7 @@ def condense(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, y_free: A
     """Close the pairs `pressed` in `y_free` (m, 9) and `C` (9m, 9m) of the organ, as they rub."""
     if contact.rubs:
         given = np.column_stack([contact.C_cy, contact.g_free])
-        P = forces_by_tangent(contact.law, pressed, rubbing, given)
+        P = forces_that_fit(contact.law, pressed, rubbing, given)
         return y_free + (contact.C_cy.T @ P[:, -1]).reshape(y_free.shape), C + contact.C_cy.T @ P[:, :-1]
     factor = factorize_pressed(contact, pressed, np.linalg.cholesky)
     closing = np.column_stack([contact.C_cy[pressed], contact.g_free[pressed]])
@@ -157,22 +157,25 @@ def contact_of(system: System[Body], answer: Answer[Body]) -> Contact[Body] | No
 
 def first_sets(contact: Contact[Body] | None, system: System[Body], state: State[Body]) -> tuple[Flags, Rubbing]:
     """Return the pairs that the site forces of a state press in the step of a contact, shape `(k,)`, and how they rub;
-    those of the state, sticking, where an organ that is nonlinear cannot tell before the step is solved."""
+    those of the state, sticking, where an organ that is nonlinear, or surfaces that rub, cannot tell before the step is
+    solved."""
     if contact is None:
         return np.zeros(0, dtype=bool), Rubbing()
     f = site_force(system.passage_of(state), state.lam, state.y).ravel()
     before = system.organ.lips(state.organ)[1] > 0.0
+    if before.any():  # what has slid off the other surface since faces nothing that could press
+        before &= np.diag(contact.C_cc)[: len(before)] > 0.0
     try:
         return find_sets(contact, f, before, contact.stuck)[:2]
     except (CouplingError, OrganError):
-        if contact.answer.linear:
+        if contact.answer.linear and not contact.rubs:
             raise
         return before, contact.stuck
 
 
 def find_sets(contact: Contact[Body], f: Array, pressed: Flags, rubbing: Rubbing) -> tuple[Flags, Rubbing, Array]:
     """Find the pairs that are pressed under the site forces `f` (9m,), how they rub, and their forces (k,) [N],
-    starting from `pressed` and `rubbing`. Raises `CouplingError`."""
+    starting from `pressed` and `rubbing`. Raises `CouplingError`, and `OrganError` of surfaces that rub."""
     if not contact.rubs:
         pressed = find_pressed(contact, f, pressed)
         return pressed, rubbing, forces(contact, pressed, f)
@@ -193,7 +196,15 @@ def closing_forces(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, f: 
         return forces_and_gaps(contact, pressed, open_gaps)[0]
     if not pressed.any():
         return np.zeros_like(open_gaps)
-    return forces_by_tangent(contact.law, pressed, rubbing, open_gaps)
+    return forces_that_fit(contact.law, pressed, rubbing, open_gaps)
+
+
+def forces_that_fit(law: Law, pressed: Flags, rubbing: Rubbing, c_open: Array) -> Array:
+    """Return the forces of `forces_by_tangent`. Raises `OrganError`."""
+    try:
+        return forces_by_tangent(law, pressed, rubbing, c_open)
+    except np.linalg.LinAlgError as error:
+        raise OrganError(NO_HOLD) from error
 
 
 def solve_contact(system: System[Body], f_y: Array, answer: Answer[Body]) -> Array:

@@ -101,11 +101,14 @@ def static_problem(
 
 def loose_points(system: System[Body], state: State[Body]) -> Flags:
     """Return the control points of the pieces of a cut thread that nothing holds, shape `(n,)`: no load on them is
-    borne by anything."""
+    borne by anything. A thread in one piece has none, and what nothing holds of it has no equilibrium."""
     spline = system.thread.spline
+    if spline.pieces == 1:
+        return np.zeros(spline.n, dtype=bool)
     held = np.zeros(spline.pieces, dtype=bool)
     held[spline.piece_of(state.s[state.present])] = True
-    held[[0, -1]] |= [end.position(0.0) is not None for end in system.ends]
+    for piece, end in zip((0, -1), system.ends, strict=True):
+        held[piece] |= end.position(0.0) is not None
     starts = np.searchsorted(spline.knots, spline.cuts)
     return np.repeat(~held, np.diff([0, *starts, spline.n]))
 

@@ -376,7 +376,7 @@ def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body],
     """Solve one active set after another, as `solve` says. Raises `StepError`, and `OrganError` where the lips of a
     nonlinear organ have no answer."""
     z, iterations = replace(start, sigma=admissible_sigma(problem.law, start.sigma)), 0
-    rubs = problem.contact is not None and problem.contact.law is not None  # whose directions follow in the same set
+    rubs = problem.contact is not None and problem.contact.rubs  # whose directions follow in the same set
     seen: Counter[bytes] = Counter()
     for _ in range(MAX_SETS + len(z.pressed)):
         solution = solve_set(replace(problem, closed=z.pressed, rubbing=z.rubbing), z, correct, patience)

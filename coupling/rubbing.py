@@ -25,7 +25,7 @@ import numpy as np
 from scipy.sparse import block_diag, bsr_array, coo_array, csr_array, diags_array
 
 from coupling.arrays import Array, Flags, Indices
-from coupling.errors import CouplingError
+from tissue.errors import OrganError
 
 NO_PAIRS = np.zeros(0, dtype=bool)
 LAW = 1e-10  # of the largest contact force: what the law may be broken by, where corrections do not better it any more
@@ -160,7 +160,8 @@ def breach(law: Law, P: Array, c: Array) -> float:
 
 def find_forces(law: Law, c_open: Array, pressed: Flags, rubbing: Rubbing) -> tuple[Flags, Rubbing, Array]:
     """Solve the law where the pairs would be at `c_open` (k + 2m,) [m] without forces, starting from an active set:
-    the pairs pressed, how they rub, and P (k + 2m,) [N]. Raises `CouplingError`."""
+    the pairs pressed, how they rub, and P (k + 2m,) [N]. Raises `OrganError`, for the step to be taken again in halves,
+    and `LinAlgError`."""
     for _ in range(TRIES):
         last = np.inf
         for _ in range(CORRECTIONS):
@@ -171,9 +172,7 @@ def find_forces(law: Law, c_open: Array, pressed: Flags, rubbing: Rubbing) -> tu
                 return pressed, rubbing, P
             (pressed, rubbing), last = active_sets(law, P, c), off
         pressed, rubbing = active_sets(law, *swept(law, c_open, projected(law, P, c)))
-    raise CouplingError(
-        f"contact of {law.k} pairs with friction: no forces obey Coulomb's law; take shorter steps, or less friction"
-    )
+    raise OrganError(f"no forces of {law.k} pairs in contact obey Coulomb's law; take shorter steps, or less friction")
 
 
 def swept(law: Law, c_open: Array, P: Array) -> tuple[Array, Array]:

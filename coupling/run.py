@@ -116,7 +116,7 @@ class Run(Generic[Body]):
             first = first.refitted(0.0, True)
         run = first._audited(load_step(first.system, first.state, share, duration))
         for _ in range(EQUILIBRIA):
-            knots = first.refined_for(run) if run.system.rough.any() else run.refitted(0.0, True)
+            knots = first.refined_for(run) if run.rubs else run.refitted(0.0, True)
             if knots is first or knots is run:
                 break
             first = knots
@@ -125,6 +125,12 @@ class Run(Generic[Body]):
         if not any(event.kind == "cut" for event in run.events):
             return run
         return run._audited(load_step(run.system, run.state, share, duration))
+
+    @property
+    def rubs(self) -> bool:
+        """Whether the last load step depends on the way that it took: holes have friction, or surfaces in contact."""
+        contact = self.taken[-1].solution.problem.contact
+        return bool(self.system.rough.any()) or (contact is not None and bool(contact.friction.any()))
 
     def _audited(self, taken: Sequence[Step[Body]]) -> "Run[Body]":
         """Return the run after the steps `taken`, with their audit and events."""

@@ -107,6 +107,19 @@ def test_the_law_of_contact_at_every_step(name: str) -> None:
     assert pressed[-1] > 0 and len(system.organ.lips(start.organ)[0]) >= 4
 
 
+def test_a_node_that_slides_off_while_it_is_pressed_lets_go() -> None:
+    """Independent check: in one load step of five times the force a lip slides so far past the other that a node which
+    was pressed faces nothing any more; the load step ends with lips that obey the law of contact."""
+    system, state = scene("slit quasi-static P1")
+    harder = replace(system, ends=(system.ends[0], Pulled(5.0 * DRAWN[1].load, STEPS * DT)))
+    steps = load_step(harder, state, 1.0, STEPS * DT)
+    lips = [harder.organ.lips(step.new.organ) for step in steps]
+    off = [now.gap >= harder.organ.gaps.extent for now in lips]
+    assert any((before.force[gone] > 0.0).any() for before, gone in zip(lips, off[1:], strict=False))
+    assert not any(now.force[gone].any() for now, gone in zip(lips, off, strict=True))
+    assert_lips(harder, steps[-1].new)
+
+
 def test_without_contact_the_same_lips_cross() -> None:
     """Independent check: what the tests above find is the contact's doing."""
     name = "slit quasi-static P1"

@@ -20,7 +20,7 @@ from coupling.run import schedule_piercings
 from coupling.stepping import Step, bdf2_step, dynamic_problem, find_solution, organ_answer, predict
 from coupling.system import Piercing, State, System
 from studies.output.folder import Recorder
-from studies.scenario import ScenarioError, load
+from studies.scenario import ScenarioError, load, parse
 from studies.simulation import prepare
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.coupling import test_contact, test_finite_contact
@@ -234,3 +234,38 @@ def test_a_coefficient_is_zero_or_more(rubbed: Path) -> None:
     assert "contact-rough" in [remark.code for remark in prepare(load(rubbed, [override % "1.5"])).remarks()]
     with pytest.raises(ScenarioError, match=r"contact\.0\.friction"):
         load(rubbed, [override % "-0.1"])
+
+
+def test_on_other_knots_lips_rub_from_the_start_of_the_load_step() -> None:
+    """Independent check: where statics finds an equilibrium again on finer knots, through holes without friction, every
+    pair that has moved since the load step began bears all the friction that there can be, and is said to slip."""
+    table = {
+        "tissue": {
+            "youngs_modulus": 1e5,
+            "poisson_ratio": 0.45,
+            "density": 1070.0,
+            "inertia": False,
+            "clamp": ["bottom"],
+            "mesh": {"kind": "wound", "size": [0.03, 0.02, 0.01], "h": 5e-3, "length": 0.012, "depth": 0.005},
+        },
+        "contact": [{"between": ["lip_left", "lip_right"], "friction": 0.02}],
+        "thread": {
+            "suture": "2-0 polypropylene",
+            "control_points": 12,
+            "path": [[-0.012, 0.001, 0.003], [-0.006, 0, 0], [0.006, 0.001, 0], [0.012, 0, 0.003]],
+        },
+        "piercing": [
+            {"name": "left", "at": [-0.006, 0, 0], "kind": "anchored"},
+            {"name": "right", "at": [0.006, 0.001, 0], "kind": "anchored", "draw": [[0.0, 0.0], [1.0, 2e-3]]},
+        ],
+        "solve": {"kind": "static", "load_steps": 2},
+    }
+    first = prepare(parse(table)).beginning()
+    now = first.load(0.5, 1.0)
+    organ: Any = now.system.organ
+    assert "knots" in {event.kind for event in now.events}
+    k, dU = organ.pairs, organ.field(now.state.organ) - organ.field(first.state.organ)
+    w = (organ.pairing(now.state.organ.facing).G @ dU)[k:].reshape(-1, 2)
+    lips = observe_contact(now.system, now.state)
+    assert (np.linalg.norm(w, axis=1) > 1e-6).all() and lips.slips.all()
+    assert np.linalg.norm(lips.friction, axis=1) == pytest.approx(0.02 * lips.force, rel=TWO_SOLVERS)

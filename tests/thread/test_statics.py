@@ -44,6 +44,17 @@ def tip_error(state: State, k: int, length: float = 0.1) -> float:
     return float(np.hypot(state.q[-1, 2] / length - w, 1.0 - state.q[-1, 0] / length - u))
 
 
+@pytest.mark.parametrize("held", [0, 1])
+def test_a_thread_held_at_one_end_alone_bears_what_draws_on_the_other(held: int) -> None:
+    """Independent check: without any hole or clamp too, the strain is P/EA and the holder bears P."""
+    P, L = 1e-3 * PP.EA, 0.1
+    ends: list[End] = [Fixed(ORIGIN), Pulled(P * X)] if held == 0 else [Pulled(-P * X), Fixed(L * X)]
+    state = equilibrium(without_organ(uniform(L, 10, PP), (ends[0], ends[1])), ALONG_X)
+    length = float(np.linalg.norm(state.q[-1] - state.q[0]))
+    assert length / L - 1.0 == pytest.approx(P / PP.EA, rel=1e-2)  # of Green's strain by small ones
+    assert np.linalg.norm(state.reaction[held]) == pytest.approx(P, rel=TWO_SOLVERS)
+
+
 @pytest.mark.parametrize("k", ELASTICA)
 @pytest.mark.parametrize(("n", "bound"), [(20, ELASTICA_COARSE), (60, ELASTICA_FINE)])
 def test_elastica(n: int, k: int, bound: float) -> None:
