@@ -157,7 +157,10 @@ def relax_ties(
         first = guess(problem, now, state.sigma if hold else now.sigma)
         held = hold and tie == 0.0 and now is not state
         try:
-            solution = let_go(problem, first) if held else follow_ties(problem, first) if tie else solve(problem, first)
+            if tie and not held:
+                solution = follow_ties(problem, first, state)
+            else:
+                solution = let_go(problem, first) if held else solve(problem, first)
             solution = solution if tie else let_lie(settle_layers(solution, let_go, AT_REST, TENSIONS))
         except StepError as error:
             failed, failures = error, failures - 1
@@ -173,15 +176,15 @@ def relax_ties(
     raise EquilibriumError(state.time, share * duration - state.time, cause, piercing, share)
 
 
-def follow_ties(problem: Problem[Body], first: Iterate) -> Solution[Body]:
-    """Solve for the equilibrium of a thread that is tied; where it may slide through holes that its spans resolve, its
-    abscissae are led downhill. Raises `StepError`.
+def follow_ties(problem: Problem[Body], first: Iterate, state: State[Body]) -> Solution[Body]:
+    """Solve for the equilibrium of a thread that is tied; where it may slide through holes that its spans resolve in
+    the `state` before, its abscissae are led downhill. Raises `StepError`.
 
     A tie holds the points and no abscissa: where the thread has a long way to slide, plain Newton throws the abscissae
     over many spans and back, and ends at a saddle or nowhere. On spans that are too coarse the potential has a trap
     between two knots, in which a thread that is led would stay.
     """
-    if not problem.law.may_slide.any() or not is_resolved(problem, first):
+    if not problem.law.may_slide.any() or not is_resolved(problem, state):
         return solve(problem, first)
     return solve(problem, first, partial(correct_downhill, spans=A_SPAN), PATIENCE)
 
@@ -195,18 +198,19 @@ def let_lie(solution: Solution[Body]) -> Solution[Body]:
     return replace(again, iterations=solution.iterations + again.iterations)
 
 
-def is_resolved(problem: Problem[Body], first: Iterate) -> bool:
+def is_resolved(problem: Problem[Body], state: State[Body]) -> bool:
     """Tell whether no span at a hole is longer than √(EI/F), F the largest force that draws on the thread."""
-    thread, force = problem.system.thread, drawing_force(problem, first)
-    spans = np.diff(thread.spline.breaks)[thread.spline.spans_of(first.s)]
+    thread, force = problem.system.thread, drawing_force(problem, state)
+    spans = np.diff(thread.spline.breaks)[thread.spline.spans_of(state.s)]
     return bool((force * spans**2 <= thread.EI).all())
 
 
-def drawing_force(problem: Problem[Body], first: Iterate) -> float:
+def drawing_force(problem: Problem[Body], state: State[Body]) -> float:
     """Return the largest force that draws on the thread [N]: of dead loads, of hands at holes and ties, and the tension
-    that it is under where Newton starts, which held and driven ends make."""
+    that it is under in a state, which held and driven ends make. Ties draw a thread tighter for a while than it is in
+    the end, so that it is asked where they are not yet."""
     dead = np.linalg.norm(problem.load[:, :3], axis=1).max()
-    tension = strand_tensions(problem.system, first.s, first.N, problem.rows[:, 0]).max(initial=0.0)
+    tension = strand_tensions(problem.system, state.s, state.N, problem.rows[:, 0]).max(initial=0.0)
     return float(max(dead, np.abs(problem.law.injected).max(initial=0.0), tension))
 
 
