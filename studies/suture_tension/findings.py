@@ -1,6 +1,7 @@
 """The findings: table, verdicts, ranges, and what the rows do not support."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -33,11 +34,19 @@ def rows_of_sweep(rows: Sequence[Row], sweep: str) -> list[Row]:
 
 def runs_by_tissue(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """Return the load steps of the tensions by tissue, by load; the last may be one that failed."""
-    runs = sorted(rows_of_sweep(rows, "tension"), key=lambda row: (row.load, bool(row.failed)))
-    return {
-        name: [row for row in runs if row.name == name]
-        for name in dict.fromkeys(x.name for x in rows_of_sweep(rows, "tension"))
-    }
+    runs = rows_of_sweep(rows, "tension")
+    by_name = {name: reached([row for row in runs if row.name == name]) for name in dict.fromkeys(x.name for x in runs)}
+    return {name: steps for name, steps in by_name.items() if steps}
+
+
+def reached(runs: Sequence[Row]) -> list[Row]:
+    """Return load steps by load. What failed before its first one, the larger steps of a larger tension, has no numbers
+    of its own: it is said of the last that was reached."""
+    loaded = sorted((row for row in runs if row.load > 0.0), key=lambda row: (row.load, bool(row.failed)))
+    failed = [row.failed for row in runs if row.load == 0.0]
+    if loaded and failed and not loaded[-1].failed:
+        loaded.append(replace(loaded[-1], failed=failed[0]))
+    return loaded
 
 
 def table(rows: Sequence[Row]) -> Table:
