@@ -188,6 +188,16 @@ def test_a_run_that_fails_is_a_row_with_its_error(monkeypatch: pytest.MonkeyPatc
     assert any("MODEL ENDS" in text for text in STUDY.remarks([*rows(), replace(last, approach=9.5e-3)]))
 
 
+def test_a_tension_that_finds_no_first_load_step_is_said_of_the_last_that_was_reached() -> None:
+    """Consistency check: what failed unloaded has no numbers, and takes none away from the steps before."""
+    runs = findings.runs_by_tissue(rows())["skin"]
+    lost = replace(runs[-1], tension=2.0, load=0.0, exit_along=0.0, failed="EquilibriumError: none")
+    said = findings.runs_by_tissue([*rows(), lost])["skin"]
+    assert said == [*runs, replace(runs[-1], failed=lost.failed)]
+    assert limits(said) == limits(runs)
+    assert any("FAILED" in text for text in STUDY.remarks([*rows(), lost]))
+
+
 def test_what_is_not_supported_is_said() -> None:
     base = rows_of_sweep(rows(), "distance")[0]
     assert base.is_linear and base.bearing < 0.1
