@@ -30,7 +30,7 @@ from coupling.bordered import NINE
 from coupling.constraints import site_force
 from coupling.errors import CouplingError
 from coupling.interfaces import Answer, Body
-from coupling.rubbing import Law, Rubbing, find_forces, forces_by_tangent, law_of_pairs, stuck
+from coupling.rubbing import NO_HOLD, Law, Rubbing, find_forces, forces_by_tangent, law_of_pairs, stuck
 from coupling.system import State, System
 from tissue.errors import OrganError
 
@@ -40,7 +40,6 @@ ROUND_OFF = 1e-12  # of the largest gap without contact: a compliance of conditi
 CHANCES = 3  # exchanges of all wrong pairs that may pass without fewer being wrong
 EXCHANGES = 20  # per pair, at most; some ten in all are the rule
 NO_FORCES = np.zeros(0)
-NO_HOLD = "lips that press on one another do not hold one another apart, as where tissue snaps"
 
 
 @dataclass(frozen=True)
@@ -135,7 +134,7 @@ def condense(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, y_free: A
     """Close the pairs `pressed` in `y_free` (m, 9) and `C` (9m, 9m) of the organ, as they rub."""
     if contact.rubs:
         given = np.column_stack([contact.C_cy, contact.g_free])
-        P = forces_that_fit(contact.law, pressed, rubbing, given)
+        P = forces_by_tangent(contact.law, pressed, rubbing, given)
         return y_free + (contact.C_cy.T @ P[:, -1]).reshape(y_free.shape), C + contact.C_cy.T @ P[:, :-1]
     factor = factorize_pressed(contact, pressed, np.linalg.cholesky)
     closing = np.column_stack([contact.C_cy[pressed], contact.g_free[pressed]])
@@ -182,10 +181,7 @@ def find_sets(contact: Contact[Body], f: Array, pressed: Flags, rubbing: Rubbing
     open_gaps = contact.gaps_when_open(f)
     if (open_gaps[: len(pressed)] >= 0.0).all():
         return np.zeros_like(pressed), contact.stuck, np.zeros_like(open_gaps)
-    try:
-        return find_forces(contact.law, open_gaps, pressed, rubbing)
-    except np.linalg.LinAlgError as error:
-        raise OrganError(NO_HOLD) from error
+    return find_forces(contact.law, open_gaps, pressed, rubbing)
 
 
 def closing_forces(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, f: Array) -> Array:
@@ -196,15 +192,7 @@ def closing_forces(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, f: 
         return forces_and_gaps(contact, pressed, open_gaps)[0]
     if not pressed.any():
         return np.zeros_like(open_gaps)
-    return forces_that_fit(contact.law, pressed, rubbing, open_gaps)
-
-
-def forces_that_fit(law: Law, pressed: Flags, rubbing: Rubbing, c_open: Array) -> Array:
-    """Return the forces of `forces_by_tangent`. Raises `OrganError`."""
-    try:
-        return forces_by_tangent(law, pressed, rubbing, c_open)
-    except np.linalg.LinAlgError as error:
-        raise OrganError(NO_HOLD) from error
+    return forces_by_tangent(contact.law, pressed, rubbing, open_gaps)
 
 
 def solve_contact(system: System[Body], f_y: Array, answer: Answer[Body]) -> Array:

@@ -157,11 +157,11 @@ def relax_ties(
         first = guess(problem, now, state.sigma if hold else now.sigma)
         held = hold and tie == 0.0 and now is not state
         try:
-            if tie and not held:
+            if tie > 0.0:
                 solution = follow_ties(problem, first, state)
             else:
                 solution = let_go(problem, first) if held else solve(problem, first)
-            solution = solution if tie else let_lie(settle_layers(solution, let_go, AT_REST, TENSIONS))
+                solution = let_lie(settle_layers(solution, let_go, AT_REST, TENSIONS))
         except StepError as error:
             failed, failures = error, failures - 1
             if held or failures == 0:

@@ -35,6 +35,7 @@ CORRECTIONS = 40
 SWEEPS = 60  # rounds from pair to pair, between two tries
 TRIES = 8
 TINY = np.finfo(float).tiny
+NO_HOLD = "lips that press on one another do not hold one another apart, as where tissue snaps"
 
 
 @dataclass(frozen=True)
@@ -116,13 +117,16 @@ def on_diagonal(blocks: Array) -> bsr_array:
 
 def forces_by_tangent(law: Law, pressed: Flags, rubbing: Rubbing, c_open: Array) -> Array:
     """Return P by the tangent of the law where the pairs would be at `c_open` without forces; `c_open` and P of shape
-    `(k + 2m, …)`, so that several columns may be given. Raises `LinAlgError`."""
+    `(k + 2m, …)`, so that several columns may be given. Raises `OrganError`."""
     L_c, L_P = rows_of(law, pressed, rubbing)
     acts = np.concatenate([pressed, np.repeat(pressed[law.rough], 2)])
     P = np.zeros_like(c_open)
     if acts.any():
         matrix = (L_c[acts] @ law.C[:, acts]) + L_P[acts][:, acts].toarray()
-        P[acts] = np.linalg.solve(matrix, -(L_c[acts] @ c_open))
+        try:
+            P[acts] = np.linalg.solve(matrix, -(L_c[acts] @ c_open))
+        except np.linalg.LinAlgError as error:
+            raise OrganError(NO_HOLD) from error
     return P
 
 
@@ -160,8 +164,8 @@ def breach(law: Law, P: Array, c: Array) -> float:
 
 def find_forces(law: Law, c_open: Array, pressed: Flags, rubbing: Rubbing) -> tuple[Flags, Rubbing, Array]:
     """Solve the law where the pairs would be at `c_open` (k + 2m,) [m] without forces, starting from an active set:
-    the pairs pressed, how they rub, and P (k + 2m,) [N]. Raises `OrganError`, for the step to be taken again in halves,
-    and `LinAlgError`."""
+    the pairs pressed, how they rub, and P (k + 2m,) [N]. Raises `OrganError`, for the step to be taken again in
+    halves."""
     for _ in range(TRIES):
         last = np.inf
         for _ in range(CORRECTIONS):

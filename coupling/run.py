@@ -130,7 +130,7 @@ class Run(Generic[Body]):
     def rubs(self) -> bool:
         """Whether the last load step depends on the way that it took: holes have friction, or surfaces in contact."""
         contact = self.taken[-1].solution.problem.contact
-        return bool(self.system.rough.any()) or (contact is not None and bool(contact.friction.any()))
+        return bool(self.system.rough.any()) or (contact is not None and contact.rubs)
 
     def _audited(self, taken: Sequence[Step[Body]]) -> "Run[Body]":
         """Return the run after the steps `taken`, with their audit and events."""

@@ -29,6 +29,7 @@ from coupling.system import Friction, Piercing, State, System
 from meshes.block import block
 from studies.command import command
 from studies.output.folder import Recorder
+from studies.output.records import StepRecord
 from studies.scenario import ScenarioError, load
 from studies.simulation import prepare
 from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
@@ -355,19 +356,26 @@ def test_what_a_run_says_of_its_lips(closed: Path, capsys: pytest.CaptureFixture
     assert "contact    lip_left - lip_right: 0 of" in printed and "events.csv, contact.csv" in printed
 
 
-def test_a_resumed_run_has_the_same_lips(closed: Path) -> None:
-    """Consistency check: a run that was interrupted goes on to the same bits."""
-    out, whole = closed.parent / "interrupted", closed.parent / "whole"
-    simulation = prepare(load(closed))
+def resumed(file: Path, last: int) -> StepRecord:
+    """Interrupt a run after a step and go on with it, to the bytes of the one in `whole`; the record of that step."""
+    out, whole = file.parent / "interrupted", file.parent / "whole"
+    simulation, seen = prepare(load(file)), []
     recorder = Recorder(out, simulation.scenario, simulation.topology, simulation.tissue_dofs, None, simulation.subgrid)
     with pytest.raises(KeyboardInterrupt), recorder:
         for step, frame in simulation.advance():
             recorder.record(step, frame)
-            if step.step == 19:
+            seen.append(step)
+            if step.step == last:
                 raise KeyboardInterrupt
-    assert start(closed, out, "--resume", "--quiet") == 0
+    assert start(file, out, "--resume", "--quiet") == 0
     for name in ("contact.csv", "energy.csv", "piercings.csv", "frames/organ_000030.vtu"):
         assert (out / name).read_bytes() == (whole / name).read_bytes(), name
+    return seen[-1]
+
+
+def test_a_resumed_run_has_the_same_lips(closed: Path) -> None:
+    """Consistency check: a run that was interrupted goes on to the same bits."""
+    resumed(closed, 19)
 
 
 @pytest.mark.parametrize(
