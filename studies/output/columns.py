@@ -185,15 +185,15 @@ EVENT: tuple[Column[Event], ...] = (
     text(
         "event",
         "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing, `tears` where the tissue's strength is exceeded; "
-        "`closes`, `tied`, `slips`, `sticks`, `unties` of a tie; `slips`, `sticks` of surfaces in contact, as a whole "
-        "or no more; `cut`: the thread was; `halved`: the step was; "
+        "`closes`, `tied`, `slips`, `sticks`, `unties` of a tie; `slips`, `sticks` of surfaces in contact, and "
+        "along a tract, as a whole or no more; `cut`: the thread was; `halved`: the step was; "
         "`snaps`: the tissue went to an equilibrium that was not near; "
         "`knots`: they changed",
         lambda event: event.kind,
     ),
     text(
         "piercing",
-        "name of the piercing, tie or pair of surfaces; empty for `cut`, `halved`, `snaps` and `knots`",
+        "name of the piercing, tie, tract or pair of surfaces; empty for `cut`, `halved`, `snaps` and `knots`",
         lambda event: event.piercing,
     ),
     Column("s", "m", "abscissa of the thread in the hole, or of the cut", lambda event: event.s),
@@ -400,7 +400,7 @@ TIE_STATE: Column[TieRecord] = text(
 )
 TIE_NUMBERS: tuple[Column[TieRecord], ...] = (
     Column("force", "N", "tension of the strands where the tie holds them", lambda tie: tie.force),
-    Column("length", "m", "of the thread in the loop, unstrained", lambda tie: tie.length),
+    Column("length", "m", "of the thread in the loop, unstrained; none of a loop that is cut", lambda tie: tie.length),
     Column("gap", "m", "left between the strands, which hands bring together", lambda tie: tie.gap),
     Column("work", "J", "of the hands on the tie", lambda tie: tie.work),
     Column("s_first", "m", "abscissa of the strand at lower `s`", lambda tie: tie.s_first),
