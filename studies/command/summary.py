@@ -101,7 +101,8 @@ def contact_line(contact: ContactRecord) -> str:
     return (
         f"contact    {contact.pair}: {contact.pressed} of {contact.pairs} pairs of nodes press on one another, "
         f"{contact.largest_pressure:.3g} Pa at most, {contact.force:.3g} N in all{rubs}; the smallest gap is "
-        f"{contact.smallest_gap / MILLI:.3g} mm"
+        f"{contact.smallest_gap / MILLI:.3g} mm, the largest {contact.largest_gap / MILLI:.3g} mm, and "
+        f"{contact.open_area / MILLI**2:.3g} mm² are open"
     )
 
 

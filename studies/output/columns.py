@@ -17,6 +17,7 @@ from coupling.events import Event
 from studies.manual import with_blocks
 from studies.output import remarks
 from studies.output.records import (
+    APART,
     ContactRecord,
     EnergyRecord,
     Extremes,
@@ -344,6 +345,18 @@ CONTACT: tuple[Column[ContactRecord], ...] = (
         "m",
         "of the pairs that face one another: where most leaks; zero where none does",
         lambda lips: lips.largest_gap,
+    ),
+    Column(
+        "open_area",
+        "m²",
+        f"of the pairs that face one another, where they are more than {APART:g} m apart: shares of the nodes",
+        lambda lips: lips.open_area,
+    ),
+    Column(
+        "gap_volume",
+        "m³",
+        "between them: the integral of the gap; over the length of a leak's way it is the mean area of its passage",
+        lambda lips: lips.gap_volume,
     ),
     Column("slide", "m", "largest, of a pair past one another along the surfaces", lambda lips: lips.slide),
     Column("largest_pressure", "Pa", "of all pairs", lambda lips: lips.largest_pressure),
