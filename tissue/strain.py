@@ -41,6 +41,29 @@ def volume_ratio(elasticity: Elasticity, U: Array) -> Array:
     return np.asarray(now_volume / volume)
 
 
+def nodal_volume_ratio(elasticity: Elasticity, U: Array) -> Array:
+    """Return J averaged at the vertices by their hat functions ψ, ∫ ψ J dX / ∫ ψ dX, and midway along edges the mean of
+    both ends, shape `(nodes,)` [-]; `U` [m] is a field over all unknowns `(N,)`.
+
+    It is what the law of nearly incompressible tissue acts on (Bonet and Burton, Commun. Numer. Meth. Engng. 14, 1998):
+    the J of single cells alternates where this one is smooth.
+    """
+    element, corners, mesh = ELEMENTS[elasticity.element](), ElementTetP1(), elasticity.mesh
+    places, weights = get_quadrature(element, max(1, 2 * (element.maxdeg - 1)))  # the law's
+    slope = np.einsum(
+        "cni,canj->caij", elasticity.nodal(U)[elasticity.cells], shape_gradients(elasticity, places.T), optimize=True
+    )
+    J = np.linalg.det(np.eye(3) + slope)
+    hats = weights * np.array([corners.lbasis(places, n)[0] for n in range(VERTICES)])
+    volume = np.abs(elasticity.six_volumes)
+    shares = volume * (hats @ J.T), volume * hats.sum(axis=1)[:, None]
+    now, before = (np.bincount(mesh.t.ravel(), each.ravel(), mesh.nvertices) for each in shares)
+    between = np.array([corners.lbasis(np.asarray(element.doflocs).T, n)[0] for n in range(VERTICES)])
+    out = np.ones(len(elasticity.points))
+    out[elasticity.cells] = (now / before)[mesh.t.T] @ between
+    return out
+
+
 def energy_density(elasticity: Elasticity, U: Array) -> Array:
     """Return the strain energy per volume of each cell, on its mean, shape `(c,)` [J/m³]: λ/2 (div U)² + μ ε : ε, and
     half of pressure times dilatation for what is averaged at the vertices. `U` [m] is a field over all unknowns `(N,)`.

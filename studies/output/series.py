@@ -46,7 +46,7 @@ WORDS = {"lc": 0, "lp": 2, "pb": 2}  # numbers of four bytes
 # What is derived from the displacement keeps 13 of the 23 bits behind the point, 6e-5: a linear element's stress and
 # strain are wrong by far more, and the rest is noise that does not shrink.
 DERIVED = frozenset({"stress", "von_mises", "principal_stress", "first_direction", "third_direction"})
-DERIVED |= {"strain", "rotation", "energy_density", "volume_ratio"}
+DERIVED |= {"strain", "rotation", "energy_density", "volume_ratio", "nodal_volume_ratio"}
 BITS_LEFT_OUT = 10
 
 
