@@ -217,6 +217,12 @@ KINDS = (
         "the thread is bent to it at the start, and the energy of that goes where the damping takes it",
     ),
     Kind(
+        "after-end",
+        "note",
+        "a cut, a tie or a piercing that begins, after `solve.duration`",
+        "it does not happen in this run; it may in one that goes on from it",
+    ),
+    Kind(
         "moved",
         "note",
         f"a piercing with `near` farther from it than {MOVED:g} times its footprint",
@@ -231,7 +237,8 @@ KINDS = (
     Kind(
         "tract-bare",
         "note",
-        f"more than {BARE:g} radii of a tract's path outside the organ or nearer to a surface than its radius",
+        f"more than {BARE:g} radii of a tract's path outside the organ or nearer to a surface than its radius, besides "
+        "what leads across a wound or from one surface in contact to the other",
         "no ball of tissue has room there, and the thread bears on none",
     ),
     Kind(
