@@ -257,7 +257,7 @@ def slope_matrix(elasticity: Elasticity, places: Array) -> csr_matrix:
     slopes = shape_gradients(elasticity, places).transpose(3, 1, 0, 2)
     cells = elasticity.cells
     columns = np.broadcast_to(cells.astype(np.int32), slopes.shape).ravel()
-    starts = np.arange(0, columns.size + 1, cells.shape[1]).astype(np.int32 if columns.size < 2**31 else np.int64)
+    starts = np.arange(0, columns.size + 1, cells.shape[1])
     return csr_matrix((slopes.ravel(), columns, starts), shape=(len(starts) - 1, len(elasticity.nodes)))
 
 
