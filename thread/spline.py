@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BSpline
 
 from thread.arrays import Array, Indices
 from thread.errors import ThreadError
@@ -13,6 +14,7 @@ DEGREE = 3
 ORDERS = 4  # b, b', b'', b''' : everything a cubic has
 
 # d^k/dx^k x^r = FALLING[k, r] x^(r-k); POWER holds the exponent where the factor is not zero.
+AT_A_TIME = 256  # spans on which all functions are evaluated together: on all of 5000 at once they fill a gigabyte
 _R = np.arange(ORDERS)
 FALLING = np.array([[float(np.prod(np.arange(r - k + 1, r + 1))) if r >= k else 0.0 for r in _R] for k in _R])
 POWER = np.maximum(_R[None, :] - _R[:, None], 0)
@@ -100,7 +102,15 @@ class Spline:
     @cached_property
     def polynomials(self) -> Array:
         """Local power coefficients, shape `(spans, 4, 4)`: function i of a span is Σ_r [:, r, i] (s − left)^r."""
-        return local_polynomials(self.knots, DEGREE, self.first + DEGREE)
+        functions = BSpline(self.knots, np.eye(self.n), DEGREE)
+        parts = np.array_split(np.arange(self.first.size), -(-self.first.size // AT_A_TIME))
+        return np.concatenate([self._polynomials_on(functions, part) for part in parts])
+
+    def _polynomials_on(self, functions: BSpline, spans: Indices) -> Array:
+        """Expand the functions on some of the spans, of whose values most are zero."""
+        local = self.first[spans, None] + _R
+        taylor = [functions(self.breaks[spans], nu=r) / FALLING[r, r] for r in range(ORDERS)]
+        return np.array([np.take_along_axis(x, local, axis=1) for x in taylor]).swapaxes(0, 1)
 
     def spans_of(self, s: Array, home: Array | None = None) -> Indices:
         """Return the index of the span that holds each abscissa; the outer spans hold abscissae beyond the ends.
@@ -133,24 +143,3 @@ class Spline:
         """
         first, b = self.basis(s, home)
         return np.asarray(b @ q[first[:, None] + _R])
-
-
-def local_polynomials(knots: Array, degree: int, spans: Indices) -> Array:
-    """Return the functions of some degree on spans that are not empty, by the knots at which these begin `(m,)`, shape
-    `(m, degree + 1, degree + 1)`: the i-th of them that live there is Σ_r [:, r, i] (s − left)^r.
-
-    By the recursion of Cox and de Boor, N_j = (s − t_j) / (t_j+p − t_j) N_j⁻ + (t_j+p+1 − s) / (t_j+p+1 − t_j+1) N_j+1⁻
-    of the functions N⁻ that are lower by a degree, carried out on their coefficients. It spares scipy.interpolate,
-    which takes longer to load than all the rest of a thread.
-    """
-    left, functions = knots[spans], np.ones((spans.size, 1, 1))
-    for p in range(1, degree + 1):
-        lower, functions = functions, np.zeros((spans.size, p + 1, p + 1))
-        for j in range(p):
-            begin, end = knots[spans - p + 1 + j], knots[spans + 1 + j]
-            share = lower[:, :, j] / (end - begin)[:, None]
-            functions[:, 1:, j + 1] += share
-            functions[:, :-1, j + 1] += (left - begin)[:, None] * share
-            functions[:, 1:, j] -= share
-            functions[:, :-1, j] += (end - left)[:, None] * share
-    return functions

@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
+from scipy.interpolate import BSpline
 from scipy.linalg.blas import dsbmv
 from scipy.sparse import csr_matrix, diags_array
 
@@ -33,7 +34,7 @@ from thread.frames import (
     untwisted_frame,
 )
 from thread.quadrature import GaussRule, gauss_rule
-from thread.spline import Spline, local_polynomials
+from thread.spline import Spline
 
 LOCAL = 4  # functions of a cubic on one span
 POSITION = 3  # coordinates of a place
@@ -82,13 +83,8 @@ def exact_weights(spline: Spline, s: Array) -> Array:
         raise ThreadError("knots: repeated knots at both ends of a span; put a span between them")
     t = spline.knots[1:-1]
     length = t[3:] - t[:-3]  # of each function's support; none where the spline is cut
-    first = spline.first[spline.spans_of(s)]  # of the functions that live at each point
-    values = ((s - t[first + 2])[:, None, None] ** np.arange(3)[:, None] * local_polynomials(t, 2, first + 2)).sum(
-        axis=1
-    )
-    functions = np.zeros((s.size, spline.n - 1))
-    np.put_along_axis(functions, first[:, None] + np.arange(3), values, axis=1)
-    w = np.linalg.solve(functions[:, length > 0.0].T, length[length > 0.0] / 3.0)
+    functions = BSpline(t, np.eye(spline.n - 1), 2)(s)[:, length > 0.0]
+    w = np.linalg.solve(functions.T, length[length > 0.0] / 3.0)
     if not np.all(w > 0.0):
         raise ThreadError("knots: neighbouring spans differ too much for a positive rule; grade them more gently")
     return np.asarray(w, dtype=np.float64)
