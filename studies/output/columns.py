@@ -445,6 +445,13 @@ ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
     vector("first_direction", "-", "unit vector of the first of them, of either sense", lambda o: o.first_direction),
     vector("third_direction", "-", "unit vector of the third, of either sense", lambda o: o.third_direction),
     Column(
+        "nodal_volume_ratio",
+        "-",
+        "J averaged at the vertices by their hat functions, as nearly incompressible tissue is held to it; midway "
+        "along edges the mean of both ends",
+        lambda organ: organ.nodal_volume_ratio,
+    ),
+    Column(
         "contact_pressure",
         "Pa",
         "on surfaces that may touch, zero off them; with contact",

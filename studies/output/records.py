@@ -61,6 +61,7 @@ class OrganRecord:
     rotation: Array  # (cells,) largest |½ curl U| in each cell [rad]
     energy_density: Array  # (cells,) mean strain energy per volume in each cell [Pa]
     volume_ratio: Array  # (cells,) volume between the corners of each cell over that of the reference shape [-]
+    nodal_volume_ratio: Array  # (nodes,) J averaged at the vertices, between them the mean of both ends [-]
     strained: float  # share of the strain energy in cells strained beyond what is small [-]
     rotated: float  # the same in cells rotated beyond [-]
     pressed_turn: float = 0.0  # largest angle between a normal under a pressure and that of the reference [rad]

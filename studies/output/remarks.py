@@ -286,6 +286,12 @@ KINDS = (
         "at a resume, frames that `results.pvd` names and that are not there",
         "they are left out of it",
     ),
+    Kind(
+        "remedy",
+        "note",
+        "a run that failed: what helped on a copy of it, or that nothing did",
+        "shorter steps, a finer thread and the like are tried before they are named; `--no-remedies` leaves that out",
+    ),
     Kind("no-picture", "note", "a picture that could not be drawn", "the message has the cause"),
 )
 CATALOGUE = {kind.code: kind for kind in KINDS}
