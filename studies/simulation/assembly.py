@@ -108,6 +108,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
         gravity=np.array(scenario.solve.gravity),
         epsilon=scenario.solve.epsilon,
         ties=tuple(tie_of(table, holes) for table in scenario.tie),
+        compiled=scenario.solve.newton == "compiled",
     )
     resolution = resolution_of(scenario.thread, length, s)
     recovery = partial(stored_recovery, scenario, body, store)
