@@ -5,6 +5,7 @@ import os
 from typing import Any
 
 from coupling import newton
+from coupling.calls import ask_before_correction
 from coupling.configuration import evaluate_thread
 from coupling.interfaces import Body
 from coupling.newton import Iterate, Problem, Residual, Solution
@@ -18,6 +19,7 @@ def solve(problem: Problem[Body], start: Iterate) -> Solution[Body]:
     loops where they are switched on, cover the problem and come to its end, else by `coupling.newton`. Raises
     `StepError`."""
     if SWITCHED_ON and is_covered(problem):
+        ask_before_correction()
         solution = solve_compiled(problem, start)
         if solution is not None:
             return solution
