@@ -18,7 +18,7 @@ import numpy as np
 from coupling.arrays import Array, Flags
 from coupling.calls import asked_before_corrections
 from coupling.contact import first_sets
-from coupling.diagnosis import hold_names, refuse_crossing, refuse_drawn_out, refuse_held_end
+from coupling.diagnosis import refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.errors import EquilibriumError, InversionError, LeavingError, SpentError, StepError
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping
@@ -186,13 +186,14 @@ def relax_ties(
 
 def refuse_leaving(system: System[Body], old: State[Body], new: State[Body]) -> None:
     """Raise `LeavingError` where a thread that is tied has run out of a hole, over an end that nothing holds: without
-    the ties it goes further."""
+    the ties it goes further. One that is held at that end may come back."""
     gone = emptied_holds(system, old, new)
-    if not gone.any():
+    try:
+        refuse_held_end(system, old, new, gone)
+    except StepError:
         return
-    refuse_held_end(system, old, new, gone)
-    k = int(np.argmax(gone))
-    raise LeavingError(old.time, new.time - old.time, "the thread runs out", hold_names(system)[k], gone)
+    if gone.any():
+        raise LeavingError(old.time, new.time - old.time, "the thread runs out of a hole", gone=gone)
 
 
 def follow_ties(problem: Problem[Body], first: Iterate, state: State[Body]) -> Solution[Body]:
