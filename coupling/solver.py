@@ -42,9 +42,9 @@ def is_covered(problem: Problem[Body]) -> bool:
 
 def solve_compiled(problem: Problem[Body], start: Iterate) -> Solution[Body] | None:
     """Return the solution by the loops; None where they come to none, and numpy is to say why."""
-    from coupling.tables import run
+    from coupling.tables import run, tables_of
 
-    iterations, z, found, scale = run(problem.system.tables, problem, start)
+    iterations, z, found, scale = run(tables_of(problem.system.thread), problem, start)
     if iterations < 0:
         return None
     return Solution(problem, z, residual_of(problem, z, found, scale), iterations)

@@ -14,10 +14,10 @@ from tissue.organs.meshed import Equation, LinearAnswer, Lips, OrganEnergies, Or
 from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.organs.reduced import ReducedOrgan, ReducedState, Reduction, reduce_organ
 from tissue.sites.site import Site, Sites, build_sites
-from tissue.sites.surface import depths, landing
+from tissue.sites.surface import depths, distances, landing
 from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
-from tissue.strain import cell_strain, energy_density, energy_share, volume_ratio
+from tissue.strain import cell_strain, energy_density, energy_share, nodal_volume_ratio, volume_ratio
 from tissue.stress import StressRecovery, interpolation, principal, stress_recovery, von_mises
 from tissue.supports import held_components, holds_still, motions_in_words, rigid_motions
 
@@ -60,6 +60,7 @@ __all__ = [
     "cell_stretch",
     "conjugate_gradients",
     "depths",
+    "distances",
     "elasticity",
     "energy_density",
     "energy_share",
@@ -70,6 +71,7 @@ __all__ = [
     "interpolation",
     "landing",
     "motions_in_words",
+    "nodal_volume_ratio",
     "principal",
     "reduce_organ",
     "rigid_motions",

@@ -14,6 +14,8 @@ from coupling.observation import PiercingObservation
 from coupling.tying import TieObservation
 from studies.arrays import Array
 
+APART = 1e-6  # m: surfaces nearer are closed; a fluid of the body hardly passes, and tissue is rougher
+
 PiercingRecord = PiercingObservation
 EnergyRecord = Energies
 TieRecord = TieObservation
@@ -59,6 +61,7 @@ class OrganRecord:
     rotation: Array  # (cells,) largest |½ curl U| in each cell [rad]
     energy_density: Array  # (cells,) mean strain energy per volume in each cell [Pa]
     volume_ratio: Array  # (cells,) volume between the corners of each cell over that of the reference shape [-]
+    nodal_volume_ratio: Array  # (nodes,) J averaged at the vertices, between them the mean of both ends [-]
     strained: float  # share of the strain energy in cells strained beyond what is small [-]
     rotated: float  # the same in cells rotated beyond [-]
     pressed_turn: float = 0.0  # largest angle between a normal under a pressure and that of the reference [rad]
@@ -82,6 +85,8 @@ class ContactRecord:
     force: float  # that pushes them apart, in all [N]
     complementarity: float  # largest |force times gap| of a pair [J]
     largest_gap: float = 0.0  # of pairs that face one another [m]
+    open_area: float = 0.0  # of them, where they are apart [m²]
+    gap_volume: float = 0.0  # between them [m³]
     slipping: int = 0  # of the pressed pairs, with all the friction that there can be
     friction: float = 0.0  # along the surfaces, the magnitude of the resultant [N]
 

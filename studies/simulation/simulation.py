@@ -213,7 +213,7 @@ class Simulation:
         values, directions = tissue.principal(stress)
         at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
         numbers = *at_nodes, strain, rotation, tissue.energy_density(body, U)
-        shares = tissue.volume_ratio(body, U), strained, rotated
+        shares = tissue.volume_ratio(body, U), tissue.nodal_volume_ratio(body, U), strained, rotated
         turns = organ.surface.turns(body.nodal(U))
         return OrganRecord(body.nodal(U), *numbers, *shares, float(turns.max(initial=0.0)), *lips)
 
@@ -242,6 +242,7 @@ def finite_record(
         rotation,
         energy,
         tissue.volume_ratio(hyper.body, U),
+        tissue.nodal_volume_ratio(hyper.body, U),
         strained=0.0,
         rotated=0.0,
         contact_pressure=pressure,

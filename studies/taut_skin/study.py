@@ -1,9 +1,14 @@
 """A wound in skin that is stretched and stiffens: how far does it gape by itself, and which forces close it?
 
-The sheet of `studies.wound_closure`, on coarser cells, at finite strain: exponential, with a stretch in its plane that
-it has before it is cut, and the thickness that goes with it where nothing presses on it. Cut, the wound gapes; one
-stitch a pitch, all drawn at once, then brings the lips together, which touch. Every wound is closed in the linear sheet
-of the same cells too.
+The sheet of `studies.wound_closure`, on coarser cells, at finite strain: exponential, with a tension in its plane that
+it has before it is cut, and the stretch and thickness that go with it where nothing presses on it. Cut, the wound
+gapes; one stitch a pitch, all drawn at once, then brings the lips together, which touch. Every wound is closed in the
+linear sheet of the same cells too.
+
+*Tension.* Natural tension of skin is published as 4 to 24 N/m (Alexander and Cook, J. Invest. Dermatol. 69 (1977) 310,
+cited from memory) and as a stress of 28 to 92 kPa, found by inverse finite elements of the forearm and the upper arm
+(Flynn, Taberner and Nielsen, Ann. Biomed. Eng. 39 (2011) 1935, its abstract), 42 to 138 N/m at the thickness of this
+sheet: the most of the one and the middle of the other are run.
 
 *Theory.* A slit has no width of its own. Closed again it leaves the sheet as it was, so its stitches bear in all what
 the lips had borne, σ₀ t L, whatever the law: σ₀ is the stress of the stretched sheet, t its thickness, L the length.
@@ -26,58 +31,78 @@ from scipy.optimize import brentq
 from threadpoolctl import threadpool_limits
 
 import tissue
+from coupling.errors import EquilibriumError
 from coupling.system import State
 from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, panels
 from studies.simulation.assembly import assemble
 from studies.study import Job, Study, StudyError, Table, each, unit_field
-from studies.wound_closure.study import MILLI, MOVES, NEAR, NU, PRECISE, SOURCES, THICKNESS, Case, E, Hands, scenario
+from studies.wound_closure.study import (
+    MILLI,
+    MOVES,
+    NEAR,
+    NU,
+    PRECISE,
+    SOURCES,
+    THICKNESS,
+    WOUNDS,
+    Case,
+    E,
+    Hands,
+    scenario,
+)
 from tissue.materials.density import Sum
 from tissue.materials.isotropic import Exponential, Volumetric
 
-SHEET, SIZE, FAR, PITCH, BITE = 0.12, 3e-3, 20e-3, 5e-3, 4e-3  # of the sheet, its cells and its stitches [m]
+SHEET, SIZE, FAR, PITCH, BITE = 0.12, 4e-3, 20e-3, 5e-3, 4e-3  # of the sheet, its cells and its stitches [m]
 APPROACH = 2.5e-3  # by which lips are drawn together at a time, at most [m]
+TENSIONS = (0.0, 24.0, 90.0)  # of the uncut sheet [N/m]
+TAUT = 500.0  # [N/m]: beyond what is published of skin at rest by far
 SLIT = (0.030, 0.0)  # length and width [m]
 POUND = 4.4482216  # pound-force [N]
 STRIPS = {10: 0.90, 11: 2.693, 12: 2.445, 13: 2.545, 14: 2.701, 15: 3.063}  # width [mm]: pull [lbf], Ahmad 2019
 LINEAR_SHEET = "linear sheet"
-IN_VIVO = next(source for source in SOURCES if source.name.endswith("in vivo"))  # the pair that the linear sheet misses
 
 
 @dataclass(frozen=True)
 class Skin:
-    """Exponential skin of `wound_closure`'s E and ν, with a stiffening b and a stretch in its plane [-]."""
+    """Exponential skin of `wound_closure`'s E and ν, with a stiffening b [-] and a tension σ₀ t in its plane [N/m]."""
 
     stiffening: float
-    stretch: float
+    tension: float
 
     @property
     def name(self) -> str:
         """In words."""
-        return f"b = {self.stiffening:g}" + (f", stretched {self.stretch - 1.0:.0%}" if self.stretch != 1.0 else "")
+        return f"b = {self.stiffening:g}" + (f", {self.tension:g} N/m" if self.tension else "")
 
-    def stress(self, thinned: float) -> Array:
-        """Return the first Piola stress of the uncut sheet from where it bears nothing `(3, 3)` [Pa], at a stretch
-        across its thickness."""
+    def stress(self, stretch: float, thinned: float) -> Array:
+        """Return the first Piola stress of the uncut sheet from where it bears nothing `(3, 3)` [Pa], at a stretch in
+        its plane and one across its thickness."""
         material = tissue.Material(E, NU, 1.0)
         kappa = material.lame_lambda + 2.0 / 3.0 * material.lame_mu
         density = Sum([Exponential(material.lame_mu, self.stiffening), Volumetric(kappa)])
-        return np.asarray(density.stress(np.diag([self.stretch, self.stretch, thinned])[:, :, None])[:, :, 0])
+        return np.asarray(density.stress(np.diag([stretch, stretch, thinned])[:, :, None])[:, :, 0])
+
+    def thinned(self, stretch: float) -> float:
+        """Return the stretch across the thickness at which nothing presses on the sheet [-]."""
+        return float(brentq(lambda x: float(self.stress(stretch, x)[2, 2]), 0.5 / stretch**2, 1.5))
+
+    def tension_at(self, stretch: float) -> float:
+        """Return σ₀ t of the uncut sheet at a stretch in its plane [N/m]."""
+        thinned = self.thinned(stretch)
+        return float(self.stress(stretch, thinned)[0, 0]) / (stretch * thinned) * THICKNESS
 
     @cached_property
-    def thinned(self) -> float:
-        """Stretch across the thickness at which nothing presses on the sheet [-]."""
-        return float(brentq(lambda x: float(self.stress(x)[2, 2]), 0.5 / self.stretch**2, 1.5))
-
-    @property
-    def tension(self) -> float:
-        """σ₀ t of the uncut sheet [N/m]."""
-        return float(self.stress(self.thinned)[0, 0]) / (self.stretch * self.thinned) * THICKNESS
+    def stretch(self) -> float:
+        """That in the plane at which the sheet bears its tension [-]."""
+        return float(brentq(lambda x: self.tension_at(x) - self.tension, 1.0, 2.0)) if self.tension else 1.0
 
     @property
     def keys(self) -> Mapping[str, object]:
         """Those of the scenario."""
-        stretched = {"prestretch": [self.stretch, self.stretch, self.thinned]} if self.stretch != 1.0 else {}
+        in_plane = self.stretch
+        stretched = {"prestretch": [in_plane, in_plane, self.thinned(in_plane)]} if self.tension else {}
         return {"material": "exponential", "stiffening": self.stiffening, "inertia": False, **stretched}
 
 
@@ -122,14 +147,14 @@ class Row:
 
 
 def main(
-    wounds: Sequence[tuple[float, float]] = (SLIT, *IN_VIVO.wounds),
-    stretches: Sequence[float] = (1.0, 1.05),
+    wounds: Sequence[tuple[float, float]] = (SLIT, *WOUNDS),
+    tensions: Sequence[float] = TENSIONS,
     stiffening: float = 5.0,
     sheet: float = SHEET,
     size: float = SIZE,
     far: float = FAR,
 ) -> Iterator[Row]:
-    """Yield every wound in the linear sheet and in skin of every stretch; a slit in skin that is stretched alone.
+    """Yield every wound in the linear sheet and in skin of every tension; a slit in skin that is taut alone.
 
     Raises `StudyError` for wounds that do not fit, and for skin that is pressed together.
     """
@@ -137,13 +162,13 @@ def main(
         if not (0.0 <= width <= length < 0.5 * sheet) or length < PITCH:
             reason = "a width up to the length, 0 for a slit, and a length from 5e-3 m to half the sheet's edge"
             raise StudyError(f"wounds: {length} × {width} m in a sheet of {sheet} m; give {reason}")
-    if min(stretches) < 1.0 or max(stretches) > 1.5:
+    if min(tensions) < 0.0 or max(tensions) > TAUT:
         raise StudyError(
-            f"stretches = {list(stretches)} is refused: give 1 for none to 1.5; skin is not pressed together"
+            f"tensions = {list(tensions)} N/m is refused: give 0 for none to {TAUT:g}; skin is not pressed together"
         )
     if stiffening <= 0.0:
         raise StudyError(f"stiffening = {stiffening} is refused: give a number above 0; soft tissue has about 5")
-    skins = [Skin(stiffening, stretch) for stretch in stretches]
+    skins = [Skin(stiffening, tension) for tension in tensions]
     cases = [Case(length, width, sheet, size, far, PITCH, BITE) for length, width in wounds]
     with threadpool_limits(limits=1, user_api="blas"):
         jobs: list[Job] = [partial(close_wound, case, skins) for case in cases]
@@ -228,9 +253,19 @@ def close_skin(hands: TautHands, skin: Skin, answer: Array) -> Row:
             if np.abs(missing).max() <= limit:
                 break
             step = np.linalg.solve(answer, -missing)
-            state = hands.draw(state, np.asarray(step))
+            try:
+                state = hands.draw(state, np.asarray(step))
+            except EquilibriumError:
+                return closed_skin(hands, skin, state, opened, False)
             before, missing = missing, hands.gaps(state, case.places) - goal
             answer = answer + np.outer(missing - before - answer @ step, step) / (step @ step)
+    return closed_skin(hands, skin, state, opened, bool(np.abs(missing).max() <= limit))
+
+
+def closed_skin(hands: TautHands, skin: Skin, state: State, opened: Array, closed: bool) -> Row:
+    """Return what there is to know of a wound that is `closed`, or was drawn together so far; `opened` is how far it
+    was open at the stitches [m]."""
+    case = hands.case
     return Row(
         length=case.length,
         width=case.width,
@@ -244,7 +279,7 @@ def close_skin(hands: TautHands, skin: Skin, answer: Array) -> Row:
         forces=tuple(hands.forces(state).tolist()),
         widest=float(hands.gaps(state, case.places).max()),
         contact_force=float(hands.finite.contact_forces(state.organ).sum()),
-        closed=bool(np.abs(missing).max() <= limit),
+        closed=closed,
     )
 
 
@@ -406,5 +441,5 @@ STUDY = Study(
     table=table,
     figure=figure,
     remarks=remarks,
-    quick={"wounds": (SLIT,), "stretches": (1.05,), "size": 4e-3},
+    quick={"wounds": (SLIT,), "tensions": (90.0,)},
 )

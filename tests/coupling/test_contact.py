@@ -29,9 +29,10 @@ from coupling.system import Friction, Piercing, State, System
 from meshes.block import block
 from studies.command import command
 from studies.output.folder import Recorder
-from studies.output.records import StepRecord
+from studies.output.records import APART, StepRecord
 from studies.scenario import ScenarioError, load
 from studies.simulation import prepare
+from studies.simulation.recording import contact_record, contact_records
 from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, Z, hairpin, hairpin_system, laid, run, taken
 from tests.tissue.wounds import wounded_organ
@@ -454,6 +455,27 @@ def test_a_body_that_falls_on_another_comes_to_rest_on_it(bodies: Path) -> None:
     assert found["force"] == pytest.approx(0.006**3 * 1000.0 * 9.81, rel=0.01)
     assert 0.0 < found["area"] <= 0.006**2 * (1.0 + IDENTITY) and found["smallest_gap"] >= -IDENTITY * 0.01
     assert found["smallest_gap"] <= found["largest_gap"] < 1e-5 and found["slide"] < 1e-4
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_what_is_open_between_two_surfaces(bodies: Path, element: str) -> None:
+    """Independent check: the whole side of the upper body, 0.1 mm above the lower one, is open, and between them is
+    that times the side; where some of it is nearer than the tolerance this is not open, whatever it is by."""
+    simulation = prepare(load(bodies, [f'tissue.element="{element}"']))
+    side, above = 0.006**2, 1e-4
+    now = simulation.beginning()
+    (found,), organ = contact_records(now.system, now.state), simulation.assembly.organ
+    assert found.open_area == pytest.approx(side, rel=RESIDUAL)
+    assert found.gap_volume == pytest.approx(side * above, rel=RESIDUAL)
+    lips, (part,), left = observe_contact(now.system, now.state), organ.gaps.parts, organ.gaps.left
+    assert lips is not None
+    near = organ.elasticity.points[left, 0] < -1e-9
+    touching = replace(lips, gap=np.where(near, 0.5 * APART, lips.gap))
+    share = float(part.pair_areas[~near].sum())
+    assert 0.4 * side < share < side
+    found = contact_record(part, touching, organ.gaps.extent)
+    assert found.open_area == pytest.approx(share, rel=RESIDUAL)
+    assert found.gap_volume == pytest.approx(share * above + (side - share) * 0.5 * APART, rel=RESIDUAL)
 
 
 def test_a_body_that_can_move_is_refused_at_rest(bodies: Path) -> None:

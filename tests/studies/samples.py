@@ -128,9 +128,8 @@ def organ(topology: OrganTopology, time: float) -> OrganRecord:
     stress = np.arange(6.0 * nodes).reshape(nodes, 6)
     strain = np.linspace(0.0, time, len(topology.cells))
     at_nodes = stress, np.arange(1.0, nodes + 1), stress[:, 2::-1], np.ones((nodes, 3)), -np.ones((nodes, 3))
-    return OrganRecord(
-        time * topology.points, *at_nodes, strain, 0.5 * strain, 30.0 * strain, 1.0 + strain, 0.25, 0.125
-    )
+    in_cells = strain, 0.5 * strain, 30.0 * strain, 1.0 + strain
+    return OrganRecord(time * topology.points, *at_nodes, *in_cells, np.linspace(1.0, 1.0 + time, nodes), 0.25, 0.125)
 
 
 def piercing(name: str, time: float) -> PiercingRecord:

@@ -39,7 +39,7 @@ def stub(monkeypatch: pytest.MonkeyPatch) -> Prepare:
     """Runs are made by a stub; call it to make them fail."""
 
     def prepare(fail: Exception | Callable[[], None] | None = None, topology: object = None) -> None:
-        def prepared(scenario: Scenario) -> Stub:
+        def prepared(scenario: Scenario, store: object = None) -> Stub:
             return replace(Stub(scenario, fail), topology=topology)  # type: ignore[arg-type]
 
         monkeypatch.setattr(command, "_prepare", prepared)

@@ -8,8 +8,9 @@ from skfem import MeshTet
 
 import tissue
 from tests.bounds import TWO_SOLVERS
-from tissue.solvers.direct import LIBRARIES, is_installed, ordering
-from tissue.solvers.factor import METHODS
+from tissue.solvers import direct
+from tissue.solvers.direct import LIBRARIES, Pattern, is_installed, ordering
+from tissue.solvers.factor import METHODS, factorize_indefinite
 from tissue.solvers.ordering import dissection, node_graph
 
 DIRECT = [
@@ -42,6 +43,36 @@ def test_every_direct_solver_gives_the_answer_of_a_dense_solve(method: str) -> N
         assert np.abs(x - dense).max() <= TWO_SOLVERS * np.abs(dense).max()
         assert np.abs(factor.solve(b[:, 1]) - dense[:, 1]).max() <= TWO_SOLVERS * np.abs(dense).max()
         assert np.array_equal(tissue.factorize(A, places, method).solve(b), x)
+
+
+@pytest.mark.parametrize("method", DIRECT)
+def test_what_matrices_of_one_pattern_share_is_theirs_alone(method: str) -> None:
+    """Consistency check: tangents one after another, with other numbers and with other entries, each as if alone; an
+    earlier factor goes on solving its own."""
+    body, pattern = block(("bottom",)), Pattern()
+    A, places = csr_matrix(body.K[body.free][:, body.free]), body.basis.doflocs[:, body.free].T
+    b = np.random.default_rng(0).standard_normal((A.shape[0], 3))
+    grown = csr_matrix(A + 1e-2 * diags(A.diagonal() * np.linspace(0.0, 1.0, A.shape[0])))
+    bare = csr_matrix(diags(A.diagonal()))
+    made = [tissue.factorize(each, places, method, True, pattern) for each in (A, grown, bare, A)]
+    for factor in made:
+        alone = np.linalg.solve(factor.A.toarray(), b)
+        assert np.abs(factor.solve(b) - alone).max() <= TWO_SOLVERS * np.abs(alone).max()
+
+
+@pytest.mark.parametrize("library", ["pardiso", "superlu"])
+def test_what_is_not_definite_is_solved_by_exchanges(library: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: against a dense solve, by what is installed and by SuperLU."""
+    if library == "superlu":
+        monkeypatch.setattr(direct, "is_installed", lambda method: method == library)
+    body = block(("bottom",))
+    A = csr_matrix(body.K[body.free][:, body.free])
+    A = csr_matrix(A - 0.1 * A.diagonal().mean() * identity(A.shape[0]))
+    values = np.linalg.eigvalsh(A.toarray())
+    assert values[0] < 0.0 < values[-1]
+    b = np.random.default_rng(0).standard_normal((A.shape[0], 3))
+    dense = np.linalg.solve(A.toarray(), b)
+    assert np.abs(factorize_indefinite(A).solve(b) - dense).max() <= TWO_SOLVERS * np.abs(dense).max()
 
 
 def lower_entries(graph: csr_matrix, order: np.ndarray) -> int:

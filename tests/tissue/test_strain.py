@@ -5,12 +5,12 @@ import pytest
 from skfem import MeshTet
 
 import tissue
-from tests.bounds import IDENTITY
+from tests.bounds import IDENTITY, TWO_SOLVERS
 
 
-def body_of(element: str) -> tissue.Elasticity:
+def body_of(element: str, nu: float = 0.3) -> tissue.Elasticity:
     mesh = MeshTet.init_tensor(*(np.linspace(-0.02, 0.02, n) for n in (3, 4, 3)))
-    return tissue.elasticity(mesh, tissue.Material(1.0e5, 0.3, 1000.0), element)
+    return tissue.elasticity(mesh, tissue.Material(1.0e5, nu, 1000.0), element)
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
@@ -73,5 +73,21 @@ def test_a_uniform_deformation_has_its_determinant(element: str) -> None:
     """Independent check: J = det F of a body that is stretched, sheared and turned."""
     body = body_of(element)
     F = np.array([[1.4, 0.3, 0.0], [-0.2, 0.9, 0.1], [0.0, -0.4, 1.1]])
-    J = tissue.volume_ratio(body, body.flat(body.points @ (F - np.eye(3)).T))
-    assert np.abs(J / np.linalg.det(F) - 1.0).max() < IDENTITY
+    U = body.flat(body.points @ (F - np.eye(3)).T)
+    for J in (tissue.volume_ratio(body, U), tissue.nodal_volume_ratio(body, U)):
+        assert np.abs(J / np.linalg.det(F) - 1.0).max() < IDENTITY
+    assert tissue.nodal_volume_ratio(body, U).shape == (len(body.points),)
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_the_averaged_volume_ratio_is_what_the_law_acts_on(element: str) -> None:
+    """Consistency check: in tissue of one stiffness the law's pressure at the vertices goes as J − 1 there, with a
+    deformation that differs from cell to cell."""
+    body = body_of(element, 0.4999)
+    rng = np.random.default_rng(0)
+    U = body.flat(1e-4 * rng.standard_normal(body.points.shape))
+    hyper = tissue.Hyperelasticity(body)
+    vertices = body.mesh.nvertices
+    J, pressure = tissue.nodal_volume_ratio(body, U)[:vertices], hyper.pressure(U)
+    assert np.abs(J - 1.0).max() > 1e-3
+    assert pressure / pressure[0] == pytest.approx((J - 1.0) / (J[0] - 1.0), rel=TWO_SOLVERS)

@@ -45,6 +45,7 @@ from tissue.organs.meshed import (
 )
 from tissue.sites.finite import SiteMap
 from tissue.solvers.choice import Solver, mass_solver, solver
+from tissue.solvers.direct import Pattern
 from tissue.solvers.factor import factorize_indefinite
 from tissue.supports import holds_still
 
@@ -285,6 +286,7 @@ class FiniteOrgan(MeshedOrgan):
     keep: float = KEEP
     M: csr_matrix = field(init=False, repr=False)
     _tangents: OrderedDict[tuple[float, float, int, bytes], Tangent] = field(init=False, repr=False)
+    _pattern: Pattern = field(init=False, repr=False)
     _recalled: deque[tuple[Array, float, Array]] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -309,6 +311,7 @@ class FiniteOrgan(MeshedOrgan):
         object.__setattr__(self, "surface_load", self.surface_load[: free.size] * dead)
         object.__setattr__(self, "M", csr_matrix(body.M[free][:, free]))
         object.__setattr__(self, "_tangents", OrderedDict())
+        object.__setattr__(self, "_pattern", Pattern())
         object.__setattr__(self, "_recalled", deque(maxlen=3))
 
     # --- the organ's own numbers ------------------------------------------------------------------------------
@@ -445,7 +448,7 @@ class FiniteOrgan(MeshedOrgan):
         """Return A factorised, by LU where it is not definite, which it `must` be or not: beyond a bifurcation; and
         whether it is. Raises `OrganError`."""
         try:
-            return solver(A, self.places, self.choice.name, one_of_many=bool(self._tangents)), True
+            return solver(A, self.places, self.choice.name, bool(self._tangents), self._pattern), True
         except FactorError as indefinite:
             if must:
                 raise unsolved(indefinite) from indefinite

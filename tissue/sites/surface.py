@@ -165,6 +165,18 @@ def depths(mesh: MeshTet) -> Callable[[Array], Array]:
     return outer_surface(mesh).depths
 
 
+def distances(mesh: MeshTet, boundary: str) -> Callable[[Array], Array]:
+    """Return what tells how far points `(k, 3)` are from a boundary of a mesh by its name, shape `(k,)` [m]."""
+    triangles = mesh.p.T[mesh.facets[:, mesh.boundaries[boundary]].T]
+
+    def away(points: Array) -> Array:
+        return np.array(
+            [np.linalg.norm(closest_on_triangles(point, triangles) - point, axis=1).min() for point in points]
+        )
+
+    return away
+
+
 def landing(mesh: MeshTet) -> Callable[[ArrayLike, ArrayLike | None], Array | None]:
     """Return what finds the place `(3,)` [m] nearest to a point at which a line through it, along a vector of any
     length, meets the surface of a mesh, None where it does not; without a vector the nearest of the whole surface."""

@@ -19,7 +19,7 @@ from scipy.sparse import csr_matrix
 
 from tissue.arrays import Array
 from tissue.errors import TissueError
-from tissue.solvers.direct import BYTES, LIBRARIES, is_installed
+from tissue.solvers.direct import BYTES, LIBRARIES, Pattern, is_installed
 from tissue.solvers.factor import factorize
 from tissue.solvers.iterative import conjugate_gradients
 from tissue.solvers.memory import free_memory
@@ -61,12 +61,14 @@ class Solver(Protocol):
         """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; an iterative solver calls `guess`, None means zero."""
 
 
-def solver(A: csr_matrix, places: Array, name: str, one_of_many: bool = False) -> Solver:
+def solver(
+    A: csr_matrix, places: Array, name: str, one_of_many: bool = False, pattern: Pattern | None = None
+) -> Solver:
     """Return a solver, of a name that `choose_solver` gave, for a stiffness matrix over unknowns at `places`
-    `(n, 3)`; `one_of_many` as in `tissue.solvers.factor.factorize`.
+    `(n, 3)`; `one_of_many` and `pattern` as in `tissue.solvers.factor.factorize`.
     """
     log.info("factoring the organ: %d unknowns, by %s", A.shape[0], name)
-    return conjugate_gradients(A, places) if name == MULTIGRID else factorize(A, places, name, one_of_many)
+    return conjugate_gradients(A, places) if name == MULTIGRID else factorize(A, places, name, one_of_many, pattern)
 
 
 def mass_solver(M: csr_matrix, places: Array, name: str) -> Solver:

@@ -3,16 +3,18 @@
 - SuperLU comes with scipy: LU in symmetric mode, twice the entries and a tenth of the speed of the other two.
 - CHOLMOD comes with cvxopt, whose wheels bring SuiteSparse and a BLAS (Chen, Davis, Hager and Rajamanickam, ACM TOMS
   35, 2008); scikit-sparse has no wheels and is built against whatever BLAS is there.
-- Pardiso comes with MKL and pypardiso, on x86-64; here in its symmetric positive definite mode, on the upper triangle.
+- Pardiso comes with MKL and pypardiso, on x86-64; here in its symmetric modes, on the upper triangle. That for what is
+  not definite exchanges rows within supernodes alone, in a third of the time of SuperLU's exchanges.
 """
 
 import weakref
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix, tril, triu
+from scipy.sparse import csc_matrix, csr_matrix, triu
 from scipy.sparse.linalg import SuperLU, splu
 
 from tissue.arrays import Array, Indices
@@ -24,7 +26,7 @@ BackSubstitution = Callable[[Array], Array]
 LIBRARIES = {"cholmod": "cvxopt", "pardiso": "pypardiso", "superlu": "scipy"}  # the fastest first
 BYTES = {"cholmod": 10.0, "pardiso": 8.0, "superlu": 24.0}  # of memory per entry of the Cholesky factor, as measured
 DISSECT_BEYOND = 100_000  # unknowns beyond which CHOLMOD is faster on dissection than on minimum degree
-PARDISO_SPD = 2  # matrix type: real, symmetric, positive definite
+PARDISO_SPD, PARDISO_INDEFINITE = 2, -2  # matrix types: real, symmetric, positive definite or not
 METIS = 2
 SOLVE = 33  # Pardiso's phase: back-substitution
 NOT_DEFINITE = -4  # Pardiso's error: a zero or negative pivot
@@ -42,12 +44,31 @@ def is_installed(method: str) -> bool:
     return True
 
 
-def superlu(A: csr_matrix, places: Array | None) -> BackSubstitution:
+@dataclass(eq=False)
+class Pattern:
+    """What is found once for matrices whose entries stand at the same places; that of the last such matrix is kept."""
+
+    _rows: list[Any] = field(default_factory=list, repr=False)
+    _found: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    def once(self, what: str, A: csr_matrix, find: Callable[[], Any]) -> Any:
+        """Return what `find` returns, or returned for an earlier matrix with the entries of A."""
+        rows = [A.indptr, A.indices]
+        if not self._rows or not all(map(np.array_equal, self._rows, rows)):
+            self._rows, self._found = rows, {}
+        if what not in self._found:
+            self._found[what] = find()
+        return self._found[what]
+
+
+def superlu(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
     """Factorise by SuperLU in symmetric mode, no pivot off the diagonal.
 
-    The unknowns are ordered by their `places`; None leaves the ordering to SuperLU. Raises `FactorError`.
+    The unknowns are ordered by their `places`, once a pattern; None leaves the ordering to SuperLU. Raises
+    `FactorError`.
     """
-    order = np.arange(A.shape[0]) if places is None else ordering(A, places)
+    n = A.shape[0]
+    order = np.arange(n) if places is None else pattern.once("order", A, lambda: ordering(A, places))
     spec: Literal["MMD_AT_PLUS_A", "NATURAL"] = "MMD_AT_PLUS_A" if places is None else "NATURAL"
     try:
         lu = splu(
@@ -69,8 +90,13 @@ def superlu(A: csr_matrix, places: Array | None) -> BackSubstitution:
     return back_substitute
 
 
-def exchanging_lu(A: csr_matrix) -> BackSubstitution:
-    """Factorise by SuperLU with row exchanges, for what is not definite. Raises `FactorError` where it is singular."""
+def indefinite(A: csr_matrix) -> BackSubstitution:
+    """Factorise what is not definite: by Pardiso's LDLᵀ where it is installed, else by SuperLU with row exchanges.
+
+    Raises `FactorError` where a pivot is zero; one that Pardiso made larger instead shows in the residual.
+    """
+    if is_installed("pardiso"):
+        return _pardiso(A, PARDISO_INDEFINITE)
     try:
         return splu(csc_matrix(A)).solve
     except RuntimeError as error:
@@ -109,7 +135,7 @@ def _trial(graph: csr_matrix, spec: Literal["MMD_AT_PLUS_A", "NATURAL"]) -> Supe
     return splu(laplacian, permc_spec=spec, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
-def cholmod(A: csr_matrix, places: Array | None) -> BackSubstitution:
+def cholmod(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
     """Factorise by CHOLMOD's supernodal Cholesky, ordered by approximate minimum degree or, where large, by dissection.
 
     `places` of None means minimum degree. Raises `FactorError`.
@@ -117,8 +143,15 @@ def cholmod(A: csr_matrix, places: Array | None) -> BackSubstitution:
     from cvxopt import cholmod as library
     from cvxopt import matrix, spmatrix
 
-    lower = tril(A, format="coo")
-    packed = spmatrix(lower.data, lower.row.astype(np.int64), lower.col.astype(np.int64), A.shape)
+    columns = triu(A, format="csr")  # the rows of the upper triangle are the columns of the lower one
+    columns.sort_indices()
+
+    def pack() -> Any:
+        entries = columns.tocoo()
+        return spmatrix(entries.data, entries.col.astype(np.int64), entries.row.astype(np.int64), A.shape)
+
+    packed = pattern.once("packed", columns, pack)  # which takes longer than to factorise it
+    packed.V = matrix(columns.data)
     order = [] if places is None or A.shape[0] < DISSECT_BEYOND else [matrix(dissect(A, places).tolist(), tc="i")]
     factor = library.symbolic(packed, *order)
     try:
@@ -134,14 +167,19 @@ def cholmod(A: csr_matrix, places: Array | None) -> BackSubstitution:
     return back_substitute
 
 
-def pardiso(A: csr_matrix, places: Array | None) -> BackSubstitution:
+def pardiso(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
     """Factorise by the Cholesky of MKL's Pardiso, ordered by METIS. Raises `FactorError`."""
+    return _pardiso(A, PARDISO_SPD)
+
+
+def _pardiso(A: csr_matrix, kind: int) -> BackSubstitution:
+    """Factorise by MKL's Pardiso a symmetric matrix of a kind of its own. Raises `FactorError`."""
     from pypardiso import PyPardisoSolver
     from pypardiso.pardiso_wrapper import PyPardisoError
 
     upper = triu(A, format="csr")
     upper.sort_indices()
-    library = PyPardisoSolver(mtype=PARDISO_SPD)
+    library = PyPardisoSolver(mtype=kind)
     library.set_iparm(1, 1)  # nothing by default: its two steps of refinement cost a second solve
     library.set_iparm(2, METIS)
     try:

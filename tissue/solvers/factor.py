@@ -16,7 +16,7 @@ from tissue.arrays import Array
 from tissue.errors import FactorError
 from tissue.solvers import direct
 
-Direct = Callable[[csr_matrix, Array | None], direct.BackSubstitution]
+Direct = Callable[[csr_matrix, Array | None, direct.Pattern], direct.BackSubstitution]
 
 METHODS: dict[str, Direct] = {"superlu": direct.superlu, "cholmod": direct.cholmod, "pardiso": direct.pardiso}
 RESIDUAL = 1e-10  # ‖Ax − b‖ / (‖A‖‖x‖ + ‖b‖): the bound on every solver here
@@ -55,12 +55,19 @@ class Factor:
         return Z, np.ascontiguousarray((self.A @ Z.T).T)
 
 
-def factorize(A: csr_matrix, places: Array | None = None, method: str = "superlu", one_of_many: bool = False) -> Factor:
+def factorize(
+    A: csr_matrix,
+    places: Array | None = None,
+    method: str = "superlu",
+    one_of_many: bool = False,
+    pattern: direct.Pattern | None = None,
+) -> Factor:
     """Factorise `A`; `places` `(n, 3)` of its unknowns allow a better ordering.
 
     `method` "cholmod" needs cvxopt, "pardiso" pypardiso. Of `one_of_many` tangents of an organ that is held, positive
-    pivots are proof enough: the search for an eigenvalue next to zero takes a dozen back-substitutions. Raises
-    `FactorError` when A is not symmetric, singular or not definite.
+    pivots are proof enough: the search for an eigenvalue next to zero takes a dozen back-substitutions. Their `pattern`
+    keeps what they share, None for a matrix that is alone. Raises `FactorError` when A is not symmetric, singular or
+    not definite.
     """
     if method not in METHODS:
         raise FactorError(f"method = {method!r}: allowed are {', '.join(map(repr, METHODS))}")
@@ -70,19 +77,19 @@ def factorize(A: csr_matrix, places: Array | None = None, method: str = "superlu
     norm = checked_norm(A)
     if not A.shape[0]:
         return Factor(A, norm, np.copy)
-    factor = Factor(A, norm, METHODS[method](A, places))
+    factor = Factor(A, norm, METHODS[method](A, places, pattern or direct.Pattern()))
     if not (one_of_many and method in PROVING):
         _check_definite(factor)
     return factor
 
 
 def factorize_indefinite(A: csr_matrix) -> Factor:
-    """Factorise a symmetric matrix by LU with row exchanges, whatever the signs of its eigenvalues.
+    """Factorise a symmetric matrix by LDLᵀ or LU with row exchanges, whatever the signs of its eigenvalues.
 
     Raises `FactorError` where it is singular.
     """
     A = csr_matrix(A)
-    return Factor(A, float(np.max(abs(A) @ np.ones(A.shape[0]), initial=0.0)), direct.exchanging_lu(A))
+    return Factor(A, float(np.max(abs(A) @ np.ones(A.shape[0]), initial=0.0)), direct.indefinite(A))
 
 
 def check_residual(A: csr_matrix, norm: float, x: Array, b: Array) -> None:
