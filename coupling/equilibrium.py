@@ -19,7 +19,7 @@ from coupling.arrays import Array, Flags
 from coupling.calls import asked_before_corrections
 from coupling.contact import first_sets
 from coupling.diagnosis import refuse_crossing, refuse_drawn_out, refuse_held_end
-from coupling.errors import EquilibriumError, InversionError, LeavingError, SpentError, StepError
+from coupling.errors import CouplingError, EquilibriumError, InversionError, LeavingError, SpentError, StepError
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping
 from coupling.motion import what_it_does
@@ -404,9 +404,9 @@ def go_on(system: System[Body], state: State[Body], share: float, duration: floa
         refuse_held_end(system, step.old, step.new, gone)
     except LeavingError as error:
         gone = error.gone
-    except (StepError, InversionError):
+    except (StepError, InversionError) as error:
         if depth == DEEPEST or share * duration <= state.time:  # after a cut the loads stay what they are
-            raise
+            raise without_equilibrium(error, share) from error
         middle = 0.5 * (state.time / duration + share)
         first = go_on(system, state, middle, duration, depth + 1)
         return first + go_on(system, first[-1].new, share, duration, depth + 1)
@@ -415,6 +415,13 @@ def go_on(system: System[Body], state: State[Body], share: float, duration: floa
         refuse_loose(system, left, share, duration)
         return go_on(system, left, share, duration, depth)
     return [step, *pair_lips(system, step, share, duration)]
+
+
+def without_equilibrium(error: StepError | InversionError, share: float) -> CouplingError:
+    """Return the error of a load step, which has no length in time to be told, but a `share` of the loads."""
+    if isinstance(error, InversionError | EquilibriumError):
+        return error
+    return EquilibriumError(error.time, error.dt, error.cause, error.piercing, share)
 
 
 def refuse_loose(system: System[Body], state: State[Body], share: float, duration: float) -> None:

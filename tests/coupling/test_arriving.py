@@ -250,6 +250,15 @@ def test_a_thread_that_nothing_holds_back_runs_out_at_rest() -> None:
         equilibrium.load_step(system, state, 1.0, 1.0)
 
 
+def test_a_load_step_that_comes_over_a_held_end_tells_its_loads() -> None:
+    """Independent check: a load step lasts no time of its own, so that its error says under which loads it came to a
+    held end, not from when and how long."""
+    refused = StepError(0.5, 0.0, "the thread runs out: its start is held", "hole")
+    error = equilibrium.without_equilibrium(refused, 0.5)
+    assert "no equilibrium was found under 50 % of the loads (the thread runs out" in str(error)
+    assert "dt" not in str(error)
+
+
 def test_a_load_step_that_goes_on_for_ever_ends_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: the corrections of all its parts are counted together, and the error says where the thread
     was and what to do."""
