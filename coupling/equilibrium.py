@@ -6,6 +6,9 @@ stiffness that is weakened until it can be dropped (pseudo-transient continuatio
 A nonlinear organ may have no equilibrium near: beyond a limit point it snaps. Where load steps halve to nothing, it
 creeps downhill from where it is, dragged back less and less, to the next equilibrium that holds.
 
+A body of the organ that nothing but thread and contact holds is dragged too (`tissue.organs.floating`): the equilibrium
+is found again from the last one until it is not any more.
+
 A thread that runs out of a hole on its way there has left it: the load step is taken again without that hole.
 """
 
@@ -21,7 +24,7 @@ from coupling.contact import first_sets
 from coupling.diagnosis import refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.errors import CouplingError, EquilibriumError, InversionError, LeavingError, SpentError, StepError
 from coupling.integrators import Equilibrium
-from coupling.interfaces import Answer, Body, Creeping
+from coupling.interfaces import Answer, Body, Creeping, Floats
 from coupling.motion import what_it_does
 from coupling.newton import Iterate, Problem, Solution, correct_downhill, evaluate, solve
 from coupling.sliding import admissible_sigma, force_along_thread, law_of, prescribed, static_bound
@@ -50,6 +53,8 @@ AT_REST = 1.0 + 1e-6  # ratio of √(EI/T) at rest to that which the equilibrium
 TENSIONS = 20  # equilibria with another √(EI/T) at most
 PAIRINGS = 8  # equilibria of a load step at most, further ones, until lips that slide face what they faced before
 PAIRED = 1e-4  # of the thread's diameter: lips that slide no further face what they faced before
+DRIFTS = 30  # equilibria of a load step at most, further ones, until a body that floats has come to rest
+DRAGGED = 1e-10  # of the forces on it: what may still drag it
 ATTEMPTS = 60
 FAILURES = 6  # among them with a nonlinear organ: no tie of the thread brings tissue past a point where it snaps
 MOST_CORRECTIONS = 4000  # of a load step with all its parts: eight times what one of the scene "pulley" takes
@@ -434,15 +439,27 @@ def refuse_loose(system: System[Body], state: State[Body], share: float, duratio
 
 def pair_lips(system: System[Body], step: Step[Body], share: float, duration: float) -> list[Step[Body]]:
     """Find the equilibrium again while the lips, which a step pairs as they were at its start, slide on its way, or
-    their gaps change where an organ at finite strain turns them; with friction they rub along the way from the start of
-    the load step. Raises `StepError`."""
+    their gaps change where an organ at finite strain turns them, and while a body that nothing but thread and contact
+    holds is dragged; with friction they rub along the way from the start of the load step. Raises `StepError`."""
     out = [step]
-    seen = slice(2, 3) if step.solution.problem.answer.linear else slice(0, 3, 2)
-    while len(out) <= PAIRINGS:
-        before, after = (system.organ.lips(state.organ) for state in (out[-1].old, out[-1].new))
-        way = max(np.abs(b - a).max(initial=0.0) for a, b in zip(before[seen], after[seen], strict=True))
-        if way <= PAIRED * system.thread.section.diameter or not after[1].any():
-            break
+    while (len(out) <= PAIRINGS and has_slid(system, out[-1])) or (len(out) <= DRIFTS and is_dragged(system, out[-1])):
         given = ask_organ(system, Equilibrium(), [out[-1].new, step.old], duration, share)
         out.append(settle(system, out[-1].new, share, duration, given, step.old.time))
+    if is_dragged(system, out[-1]):
+        cause = "a body of the organ that no clamp holds drifts on, since neither thread nor contact stops it"
+        raise EquilibriumError(step.old.time, share * duration - step.old.time, cause, "", share)
     return out[1:]
+
+
+def has_slid(system: System[Body], step: Step[Body]) -> bool:
+    """Tell whether lips that press on one another face something else after a step than in it."""
+    seen = slice(2, 3) if step.solution.problem.answer.linear else slice(0, 3, 2)
+    before, after = (system.organ.lips(state.organ) for state in (step.old, step.new))
+    way = max(np.abs(b - a).max(initial=0.0) for a, b in zip(before[seen], after[seen], strict=True))
+    return bool(way > PAIRED * system.thread.section.diameter and after[1].any())
+
+
+def is_dragged(system: System[Body], step: Step[Body]) -> bool:
+    """Tell whether a body of the organ that nothing but thread and contact holds has not come to rest in a step."""
+    organ = system.organ
+    return isinstance(organ, Floats) and organ.dragged(step.new.organ) > DRAGGED

@@ -176,7 +176,8 @@ class System(Generic[Body]):
     """Everything that does not change from step to step.
 
     `piercings` are in the order of the organ's sites. `gravity` (3,) [m/s²] acts on the thread here (the organ
-    carries its own). `epsilon` is ε of eq. 7, zero for eq. 6. `ties` close loops of the thread.
+    carries its own). `epsilon` is ε of eq. 7, zero for eq. 6. `ties` close loops of the thread. `compiled`: steps that
+    the compiled loops cover are solved by them (`coupling.solver`).
     """
 
     thread: Thread
@@ -186,6 +187,7 @@ class System(Generic[Body]):
     gravity: Array = field(default_factory=lambda: np.zeros(3))
     epsilon: float = 0.0
     ties: tuple[Tie, ...] = ()
+    compiled: bool = False
 
     def __post_init__(self) -> None:
         if self.ties and self.epsilon > 0.0:

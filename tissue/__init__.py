@@ -9,6 +9,7 @@ from tissue.material import Material
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.finite import FiniteOrgan
 from tissue.organs.fixed import FixedSites, fixed_sites
+from tissue.organs.floating import FloatingOrgan
 from tissue.organs.lips import Gaps, Part, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, Lips, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
@@ -30,6 +31,7 @@ __all__ = [
     "FactorError",
     "FiniteOrgan",
     "FixedSites",
+    "FloatingOrgan",
     "Gaps",
     "Hyperelasticity",
     "LinearAnswer",

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from skfem import ElementTetP1
+from skfem.quadrature import get_quadrature
 
 from tissue.arrays import Array
-from tissue.elasticity import VERTICES, Elasticity, cellwise_lambda
+from tissue.elasticity import ELEMENTS, VERTICES, Elasticity, cellwise_lambda, shape_gradients
 from tissue.spectrum import largest
 
 Flags = NDArray[np.bool_]

@@ -137,8 +137,10 @@ class Scenario(ScenarioTable):
     @property
     def floats(self) -> bool:
         """Whether a body of the organ may be held by nothing but contact and stitches."""
-        inertia = self.tissue is not None and self.tissue.inertia and self.solve.kind == "dynamic"
-        return inertia and bool(self.touching)
+        if self.tissue is None or not self.touching:
+            return False
+        at_rest = self.solve.kind == "static" and self.tissue.material == "linear"
+        return at_rest or (self.solve.kind == "dynamic" and self.tissue.inertia)
 
     @model_validator(mode="after")
     def _check_contact(self) -> Self:

@@ -426,6 +426,22 @@ def test_a_resumed_run_says_what_the_whole_one_would(scene: Path, tmp_path: Path
     assert (parts["remarks"], parts["range"]) == (whole["remarks"], whole["range"])
 
 
+@pytest.mark.parametrize(
+    ("asked", "found"),
+    [
+        (["solve.newton=compiled"], "compiled"),
+        ([], "numpy"),
+        (["solve.newton=compiled", "solve.kind=static"], "numpy"),
+        (["solve.newton=compiled", "thread.twist=true"], "numpy"),
+    ],
+)
+def test_compiled_loops_are_used_where_they_are_asked_for_and_cover_the_run(asked: list[str], found: str) -> None:
+    """Consistency check: the system is told what the scenario asks for, and the methods name what solves its steps."""
+    simulation = prepare(load("paper_figure_1", asked))
+    assert simulation.assembly.system.compiled == bool(asked)
+    assert simulation.methods["newton"] == found
+
+
 def test_the_provenance_names_the_methods(scene: Path, tmp_path: Path) -> None:
     """Independent check: the solver is one that was chosen, not "auto", and every package asked for is named."""
     run = ["run", str(scene), "--out", str(tmp_path / "out"), "--no-picture", "--quiet"]
