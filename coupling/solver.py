@@ -4,6 +4,7 @@ and they cover it."""
 from typing import Any
 
 from coupling import newton
+from coupling.calls import ask_before_correction
 from coupling.configuration import evaluate_thread
 from coupling.interfaces import Body
 from coupling.newton import Iterate, Problem, Residual, Solution
@@ -15,6 +16,7 @@ def solve(problem: Problem[Body], start: Iterate) -> Solution[Body]:
     loops where the system asks for them and they cover the problem and come to its end, else by `coupling.newton`.
     Raises `StepError`."""
     if problem.system.compiled and is_covered(problem):
+        ask_before_correction()
         solution = solve_compiled(problem, start)
         if solution is not None:
             return solution

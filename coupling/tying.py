@@ -15,6 +15,7 @@ from coupling.arrays import Array
 from coupling.errors import FormingError
 from coupling.events import Event
 from coupling.interfaces import Body
+from coupling.stepping import release
 from coupling.system import State, System, forgetful
 from coupling.ties import Tie
 from thread.spline import Spline
@@ -122,6 +123,19 @@ def lock_tie(system: System[Body], state: State[Body], k: int) -> tuple[State[Bo
     sigma, s_dot = (with_strands(values, strands, 0.0) for values in (state.sigma, state.s_dot))
     event = Event(state.time, "tied", system.ties[k].name, float(state.s[strands[0]]))
     return replace(forgetful(state), sigma=sigma, s_dot=s_dot), event
+
+
+def let_go_of_cut(system: System[Body], state: State[Body]) -> tuple[State[Body], list[Event]]:
+    """Let go of the loops that are cut while hands draw or hold them: the state, and the events. What they draw no
+    longer goes round anything, and at rest they would draw it out without end; a locked knot stays where it is."""
+    piece = system.thread.spline.piece_of(state.s[system.strands])
+    drawn = np.array([not tie.is_locked(state.time) for tie in system.ties], dtype=bool)
+    cut = state.present[system.strands[:, 0]] & drawn & (piece[:, 0] != piece[:, 1])
+    events = [
+        Event(state.time, "unties", system.ties[k].name, float(state.s[system.strands[k, 0]]))
+        for k in np.flatnonzero(cut)
+    ]
+    return release(state, np.isin(np.arange(system.holds), system.strands[cut])), events
 
 
 def strand_ranges(system: System[Body], state: State[Body], k: int) -> tuple[tuple[float, float], tuple[float, float]]:

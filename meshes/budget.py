@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from meshes.grading import Grading
 
@@ -48,8 +49,6 @@ def expected_tets(volume: float, grading: Grading, sites: Array, inside: Callabl
 
 def _added(grading: Grading, sites: Array, inside: Callable[[Array], NDArray[np.bool_]]) -> float:
     """Return ∫ (1/size³ − 1/h³) dV about the sites."""
-    from scipy.spatial import cKDTree
-
     if not len(sites) or grading.h_site == grading.h:
         return 0.0
     # Shells of equal numbers of elements resolve the fine zone as well as the coarse.

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from meshes.errors import MeshError
 from meshes.facets import tet_facet_keys
@@ -107,8 +108,6 @@ def _check_used(points: Array, tets: Tets) -> None:
 
 def _check_distinct(points: Array, twins: Tets, bodies: NDArray[np.integer] | None) -> None:
     """Refuse nodes at one place, but for the `twins` and those of different `bodies` `(n,)`."""
-    from scipy.spatial import cKDTree
-
     reach = COINCIDENT * float(np.linalg.norm(np.ptp(points, axis=0)))
     pairs = cKDTree(points).query_pairs(reach)
     pairs -= {(int(min(pair)), int(max(pair))) for pair in twins}

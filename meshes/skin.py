@@ -13,6 +13,7 @@ import skfem
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.spatial import cKDTree
 
 from meshes.checks import check_span
 from meshes.errors import MeshError
@@ -83,8 +84,6 @@ def fill(skin: Skin, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
 
 def welded(points: Array, triangles: Indices) -> tuple[Array, Indices]:
     """Return the triangles with nodes at one place joined; triangles that lose a corner by joining are left out."""
-    from scipy.spatial import cKDTree
-
     reach = WELD * float(np.linalg.norm(np.ptp(points, axis=0)))
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
     same = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
@@ -185,8 +184,6 @@ def _near_pairs(points: Array, triangles: Indices) -> Indices:
 
     Each triangle is asked for those no larger than itself, so the search stays local on graded surfaces too.
     """
-    from scipy.spatial import cKDTree
-
     corners = points[triangles]
     centres = corners.mean(axis=1)
     radius = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import skfem
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
 from meshes.block import (
     NO_PLANES,
@@ -142,8 +143,6 @@ def lips(mesh: skfem.MeshTet, wound: Wound) -> Lips:
 
     Raises `MeshError` for any other mesh.
     """
-    from scipy.spatial import cKDTree
-
     left, right = (np.asarray(mesh.boundaries[name], dtype=np.int64) for name in LIPS)
     nodes = [np.unique(mesh.facets[:, facets]) for facets in (left, right)]
     mirror = np.ones(3)

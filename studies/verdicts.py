@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
 SAFETY, UNSURE = 1.25, 3.0  # Roache's factors: three grids that agree with the theory, and anything less
 STEEPEST = 12.0  # orders that are looked for
@@ -59,8 +60,6 @@ def observed_order(h: Sequence[float], f: Sequence[float]) -> float:
     That is Celik's equation for any ratio of the grids, with its sign: p ≤ 0 where the changes do not fall. NaN where
     the number swings, or does not change.
     """
-    from scipy.optimize import brentq
-
     (h1, h2, h3), (f1, f2, f3) = h, f
     if (f3 - f2) * (f2 - f1) <= 0.0:
         return float("nan")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import BSpline
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import splu
 
@@ -29,8 +30,6 @@ def spline_on(tree: Tree, index: Indices) -> Spline:
 
 def insert_knots(spline: Spline, knots: Array, fields: Sequence[Array]) -> tuple[Spline, list[Array]]:
     """Return the spline with further simple `knots` [m], and `fields` (n, c) on it: the same functions (Boehm 1980)."""
-    from scipy.interpolate import BSpline  # takes half a second to load, for knots that follow and cuts
-
     width = [field.shape[1] for field in fields]
     curve = BSpline(spline.knots, np.concatenate(fields, axis=1), DEGREE)
     for knot in knots:

@@ -19,6 +19,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from coupling.calls import asked_before_corrections
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.command.lines import complain, print_lines
@@ -310,7 +311,8 @@ def _prepare(scenario: Scenario, store: Store | None = None) -> AnySimulation:
 
 @contextmanager
 def _signals() -> Iterator[list[int]]:
-    """Gather the signals that ask for an end, to be heeded between two steps; a second one ends at once."""
+    """Gather the signals that ask for an end, to be heeded between two steps, or two corrections within one; a second
+    one ends at once."""
     received: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield received
@@ -321,9 +323,14 @@ def _signals() -> Iterator[list[int]]:
             raise KeyboardInterrupt
         received.append(number)
 
+    def heed() -> None:
+        if received:
+            raise KeyboardInterrupt
+
     earlier = {number: signal.signal(number, receive) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield received
+        with asked_before_corrections(heed):
+            yield received
     finally:
         for number, handler in earlier.items():
             signal.signal(number, handler)

@@ -42,7 +42,7 @@ FAR, GROWTH = 4e-3, 2.0  # cells far from the hole [m], and how they grow
 NEAR = 2.0  # footprints around the hole, in which the largest stretch is looked for
 MIDDLE = 0.15  # of the strip's length: its middle part, which is drawn as in a uniaxial test
 MILLI, KILO, MEGA = 1e-3, 1e3, 1e6
-LINEAR, FINER = "linear organ", "finer cells"
+LINEAR, COARSER = "linear organ", "coarser cells"
 
 
 @dataclass(frozen=True)
@@ -152,21 +152,21 @@ def main(
     footprints: Sequence[float] = (0.6e-3, 0.9e-3),
     load_steps: int = 20,
     size: float = 0.75e-3,
-    variants: Sequence[str] = (LINEAR, FINER),
+    variants: Sequence[str] = (LINEAR, COARSER),
 ) -> Iterator[Row]:
     """Yield every load step of each tissue and footprint, and of the last footprint with a linear organ of the same E
-    and on finer cells. Raises `StudyError`."""
+    and on coarser cells. Raises `StudyError`."""
     if unknown := [name for name in tissues if name not in TISSUES]:
         raise StudyError(f"tissues: {unknown[0]!r} is refused; those known are {', '.join(TISSUES)}")
-    if unknown := [name for name in variants if name not in (LINEAR, FINER)]:
-        raise StudyError(f"variants: {unknown[0]!r} is refused; allowed are {LINEAR!r} and {FINER!r}")
+    if unknown := [name for name in variants if name not in (LINEAR, COARSER)]:
+        raise StudyError(f"variants: {unknown[0]!r} is refused; allowed are {LINEAR!r} and {COARSER!r}")
     if min(footprints) <= 0.0 or max(footprints) >= 0.5 * min(TISSUES[name].thickness for name in tissues):
         raise StudyError(f"footprints = {list(footprints)} is refused: give numbers above 0 to below 1e-3 [m]")
     if load_steps < 1 or size <= 0.0:
         raise StudyError(f"load_steps = {load_steps}, size = {size} is refused: give numbers above 0")
     cases = [Case(name=name, footprint=a, size=size, load_steps=load_steps) for name in tissues for a in footprints]
     for case in [case for case in cases if case.footprint == footprints[-1]]:
-        changed = {LINEAR: replace(case, variant=LINEAR), FINER: replace(case, variant=FINER, size=size / 1.5)}
+        changed = {LINEAR: replace(case, variant=LINEAR), COARSER: replace(case, variant=COARSER, size=1.5 * size)}
         cases += [changed[variant] for variant in variants]
     jobs: list[Job] = [partial(run, case) for case in cases]
     yield from each(jobs)
@@ -341,10 +341,10 @@ def remarks(rows: Sequence[Row]) -> list[str]:
         if runs and not variant:
             out.append(prediction(name, footprint, runs))
         reference = found.get((name, footprint, ""), [])
-        if runs and variant == FINER and reference:
+        if runs and variant == COARSER and reference:
             off = [getattr(reference[-1], key) / getattr(runs[-1], key) - 1.0 for key in ("force", "stretch", "energy")]
             text = ", ".join(f"{word} {x:+.1%}" for word, x in zip(("force", "stretch", "energy"), off, strict=True))
-            out.append(f"{name}: against cells 1.5 times finer, at the end: {text}")
+            out.append(f"{name}: against cells 1.5 times coarser, at the end: {text}")
     swelling = max((row.swelling for row in rows if not row.variant), default=1.0)
     out.append(f"tissue at the hole swells to up to {swelling:.3g} of its volume, which real tissue hardly does")
     balance = max((abs(row.clamp - row.force) / row.force for row in rows if row.force > 0.0), default=0.0)
@@ -392,7 +392,7 @@ def figure(rows: Sequence[Row]) -> Figure:
 def over_draw(axes: Axes, rows: Sequence[Row], key: str, unit: float, label: str) -> None:
     """Draw a quantity over the way of the hands; dash-dotted what is published."""
     names = list(dict.fromkeys(row.name for row in rows))
-    styles = {"": "-", LINEAR: ":", FINER: "--"}
+    styles = {"": "-", LINEAR: ":", COARSER: "--"}
     for (name, footprint, variant), runs in runs_of(rows).items():
         colour, wide = COLOURS[names.index(name)], footprint == max(row.footprint for row in rows)
         label_of = f"{name}, {footprint / MILLI:g} mm{', ' + variant if variant else ''}"
@@ -432,7 +432,7 @@ STUDY = Study(
     "that break, and is that where sutures tear out?",
     independent="the middle of the strip against the closed form of a uniaxial test, the force that published sutures "
     "gave way at; the clamp bears the force on the hole",
-    consistency="a linear organ of the same E; finer cells; two footprints",
+    consistency="a linear organ of the same E; coarser cells; two footprints",
     table=table,
     figure=figure,
     remarks=remarks,

@@ -6,6 +6,7 @@ around it is still over the surface, and nothing beyond.
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from tissue.arrays import Array, Indices
 
@@ -85,8 +86,6 @@ def open_sides(triangles: Indices) -> Mask:
 def _nearest(at: Array, corners: Array) -> tuple[Indices, Array, Array]:
     """Return the triangles of `corners` `(m, 3, d)` nearest to points `(k, d)`, the barycentric coordinates of the
     nearest points, `(k, 3)`, and their distances, `(k,)`."""
-    from scipy.spatial import cKDTree
-
     near = cKDTree(corners.mean(axis=1)).query(at, min(NEAREST, len(corners)))[1].reshape(len(at), -1)
     inside = _barycentric(at[:, None], corners[near])
     held = np.stack([_held_inside(at, corners[near[:, j]], inside[:, j]) for j in range(near.shape[1])], axis=1)

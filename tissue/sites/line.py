@@ -15,6 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
+from scipy.special import spherical_jn
 
 from tissue.arrays import Array
 from tissue.elasticity import Elasticity, elasticity
@@ -60,8 +61,6 @@ def overlapping(offset: Array, one: Array, other: Array, weight: str, nu: float)
     Kelvin's solution at wave vector k, (I − kkᵀ/2(1−ν)k²)/μk², times the weights' transforms; over the directions of k
     exp(ik·d) averages to j₀(kd), and k̂k̂ exp(ik·d) to I j₁(kd)/kd − d̂d̂ j₂(kd).
     """
-    from scipy.special import spherical_jn
-
     mu, away = 1.0 / (2.0 * (1.0 + nu)), np.linalg.norm(offset, axis=1)
     unit = offset / np.where(away > 0.0, away, 1.0)[:, None]
     x, dx = panels(LARGEST, PANELS, 12)  # wave number times the smaller radius
@@ -76,8 +75,6 @@ def overlapping(offset: Array, one: Array, other: Array, weight: str, nu: float)
 
 def transform(weight: str, x: Array) -> Array:
     """Return the Fourier transform of a ball's weight at wave number times radius."""
-    from scipy.special import spherical_jn
-
     return np.asarray(15.0 * spherical_jn(2, x) / x**2 if weight == "parabolic" else 3.0 * spherical_jn(1, x) / x)
 
 

@@ -14,6 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import jv
 
 from tissue.arrays import Array
 
@@ -108,8 +109,6 @@ def depth_answers(k: Array, weight: str, nu: float) -> NDArray[np.complex128]:
     minimised over polynomials on intervals of the depth of the ball, graded toward the surface; the half-space
     below holds them by its own stiffness.
     """
-    from scipy.special import jv
-
     mu, lam = 1.0 / (2.0 * (1.0 + nu)), nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
     z, dz, N, D = line_elements(np.array([-1.0, -0.75, -0.5, -0.3, -0.18, -0.1, -0.05, -0.025, -0.01, -0.003, 0.0]), 5)
     A, B, C = ((X * dz[:, None]).T @ Y for X, Y in ((N, N), (D, D), (N, D)))
