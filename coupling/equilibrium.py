@@ -5,6 +5,11 @@ stiffness that is weakened until it can be dropped (pseudo-transient continuatio
 
 A nonlinear organ may have no equilibrium near: beyond a limit point it snaps. Where load steps halve to nothing, it
 creeps downhill from where it is, dragged back less and less, to the next equilibrium that holds.
+
+A body of the organ that nothing but thread and contact holds is dragged too (`tissue.organs.floating`): the equilibrium
+is found again from the last one until it is not any more.
+
+A thread that runs out of a hole on its way there has left it: the load step is taken again without that hole.
 """
 
 import logging
@@ -14,11 +19,13 @@ from functools import partial
 import numpy as np
 
 from coupling.arrays import Array, Flags
+from coupling.calls import asked_before_corrections
 from coupling.contact import first_sets
 from coupling.diagnosis import refuse_crossing, refuse_drawn_out, refuse_held_end
-from coupling.errors import EquilibriumError, InversionError, StepError
+from coupling.errors import CouplingError, EquilibriumError, InversionError, LeavingError, SpentError, StepError
 from coupling.integrators import Equilibrium
-from coupling.interfaces import Answer, Body, Creeping
+from coupling.interfaces import Answer, Body, Creeping, Floats
+from coupling.motion import what_it_does
 from coupling.newton import Iterate, Problem, Solution, correct_downhill, evaluate, solve
 from coupling.sliding import admissible_sigma, force_along_thread, law_of, prescribed, static_bound
 from coupling.stepping import (
@@ -46,9 +53,13 @@ AT_REST = 1.0 + 1e-6  # ratio of √(EI/T) at rest to that which the equilibrium
 TENSIONS = 20  # equilibria with another √(EI/T) at most
 PAIRINGS = 8  # equilibria of a load step at most, further ones, until lips that slide face what they faced before
 PAIRED = 1e-4  # of the thread's diameter: lips that slide no further face what they faced before
+DRIFTS = 30  # equilibria of a load step at most, further ones, until a body that floats has come to rest
+DRAGGED = 1e-10  # of the forces on it: what may still drag it
 ATTEMPTS = 60
 FAILURES = 6  # among them with a nonlinear organ: no tie of the thread brings tissue past a point where it snaps
+MOST_CORRECTIONS = 4000  # of a load step with all its parts: eight times what one of the scene "pulley" takes
 LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
+FIRMEST = 0.99  # of itself: friction that cannot fall to this has come to where the thread runs through
 A_SPAN = 1.0  # the most that a correction of a tied thread moves an abscissa: the curve beyond is another polynomial
 PATIENCE = 4  # times the corrections of a plain solve: LONGEST_MOVE takes a hundred to go along the whole thread
 LONG_END = 10.0  # √(EI/F) of an end beyond which the tension in it is the dead load on it, to 1e-8
@@ -168,12 +179,26 @@ def relax_ties(
                 break
             tie = first_tie(system, now) if tie == 0.0 else tie * np.sqrt(WEAKER)
             continue
-        now, answer = equilibrium_state(now, solution), solution.problem.answer
+        new = equilibrium_state(now, solution)
         if tie == 0.0:
-            return Step(state, now, problem.dt, solution, end_configuration(now, solution))
+            return Step(state, new, problem.dt, solution, end_configuration(new, solution))
+        refuse_leaving(system, state, new)
+        now, answer = new, solution.problem.answer
         tie = 0.0 if tie < 1e-9 * first_tie(system, now) else tie / WEAKER
     cause, piercing = (failed.cause, failed.piercing) if failed else ("the ties could not be dropped", "")
     raise EquilibriumError(state.time, share * duration - state.time, cause, piercing, share)
+
+
+def refuse_leaving(system: System[Body], old: State[Body], new: State[Body]) -> None:
+    """Raise `LeavingError` where a thread that is tied has run out of a hole, over an end that nothing holds: without
+    the ties it goes further. One that is held at that end may come back."""
+    gone = emptied_holds(system, old, new)
+    try:
+        refuse_held_end(system, old, new, gone)
+    except StepError:
+        return
+    if gone.any():
+        raise LeavingError(old.time, new.time - old.time, "the thread runs out of a hole", gone=gone)
 
 
 def follow_ties(problem: Problem[Body], first: Iterate, state: State[Body]) -> Solution[Body]:
@@ -244,6 +269,8 @@ def let_down_friction(problem: Problem[Body], held: Iterate) -> Solution[Body]:
             solution = solve(with_friction(here, factor), z)
         except StepError as error:
             failed, ratio = error, np.sqrt(ratio)
+            if ratio > FIRMEST:
+                break
             continue
         z, firm, ratio = solution.iterate, factor, max(LOOSER, ratio**2)
         iterations += solution.iterations
@@ -358,9 +385,20 @@ def creep(system: System[Body], organ: Creeping, state: State[Body], share: floa
     raise failed
 
 
-def load_step(
-    system: System[Body], state: State[Body], share: float, duration: float, depth: int = 0
-) -> list[Step[Body]]:
+def load_step(system: System[Body], state: State[Body], share: float, duration: float) -> list[Step[Body]]:
+    """Go on to the part `share` of the loads, in parts where that fails. Raises as `go_on` does, and `SpentError` after
+    MOST_CORRECTIONS."""
+    left = iter(range(MOST_CORRECTIONS))
+
+    def count() -> None:
+        if next(left, None) is None:
+            raise SpentError(state.time, share, MOST_CORRECTIONS, *what_it_does(system, state))
+
+    with asked_before_corrections(count):
+        return go_on(system, state, share, duration)
+
+
+def go_on(system: System[Body], state: State[Body], share: float, duration: float, depth: int = 0) -> list[Step[Body]]:
     """Go on to the part `share` of the loads, in halves of the increment where it fails or the thread flips through a
     hole. Raises `StepError`, `InversionError`, `ConstraintError` where a hand has drawn the thread out."""
     try:
@@ -369,28 +407,59 @@ def load_step(
         refuse_crossing(system, step.old, step.new)
         gone = emptied_holds(system, step.old, step.new)
         refuse_held_end(system, step.old, step.new, gone)
-    except (StepError, InversionError):
-        if depth == DEEPEST or duration == 0.0:
-            raise
+    except LeavingError as error:
+        gone = error.gone
+    except (StepError, InversionError) as error:
+        if depth == DEEPEST or share * duration <= state.time:  # after a cut the loads stay what they are
+            raise without_equilibrium(error, share) from error
         middle = 0.5 * (state.time / duration + share)
-        first = load_step(system, state, middle, duration, depth + 1)
-        return first + load_step(system, first[-1].new, share, duration, depth + 1)
+        first = go_on(system, state, middle, duration, depth + 1)
+        return first + go_on(system, first[-1].new, share, duration, depth + 1)
     if gone.any():
-        return load_step(system, release(state, gone), share, duration, depth)
+        left = release(state, gone)
+        refuse_loose(system, left, share, duration)
+        return go_on(system, left, share, duration, depth)
     return [step, *pair_lips(system, step, share, duration)]
+
+
+def without_equilibrium(error: StepError | InversionError, share: float) -> CouplingError:
+    """Return the error of a load step, which has no length in time to be told, but a `share` of the loads."""
+    if isinstance(error, InversionError | EquilibriumError):
+        return error
+    return EquilibriumError(error.time, error.dt, error.cause, error.piercing, share)
+
+
+def refuse_loose(system: System[Body], state: State[Body], share: float, duration: float) -> None:
+    """Raise `EquilibriumError` where a thread in one piece has left its last hole and no end of it is held."""
+    held = any(end.position(0.0) is not None for end in system.ends)
+    if not (held or state.present.any() or system.thread.spline.pieces > 1):
+        cause = "the thread runs out of its last hole"
+        raise EquilibriumError(state.time, share * duration - state.time, cause, share=share)
 
 
 def pair_lips(system: System[Body], step: Step[Body], share: float, duration: float) -> list[Step[Body]]:
     """Find the equilibrium again while the lips, which a step pairs as they were at its start, slide on its way, or
-    their gaps change where an organ at finite strain turns them; with friction they rub along the way from the start of
-    the load step. Raises `StepError`."""
+    their gaps change where an organ at finite strain turns them, and while a body that nothing but thread and contact
+    holds is dragged; with friction they rub along the way from the start of the load step. Raises `StepError`."""
     out = [step]
-    seen = slice(2, 3) if step.solution.problem.answer.linear else slice(0, 3, 2)
-    while len(out) <= PAIRINGS:
-        before, after = (system.organ.lips(state.organ) for state in (out[-1].old, out[-1].new))
-        way = max(np.abs(b - a).max(initial=0.0) for a, b in zip(before[seen], after[seen], strict=True))
-        if way <= PAIRED * system.thread.section.diameter or not after[1].any():
-            break
+    while (len(out) <= PAIRINGS and has_slid(system, out[-1])) or (len(out) <= DRIFTS and is_dragged(system, out[-1])):
         given = ask_organ(system, Equilibrium(), [out[-1].new, step.old], duration, share)
         out.append(settle(system, out[-1].new, share, duration, given, step.old.time))
+    if is_dragged(system, out[-1]):
+        cause = "a body of the organ that no clamp holds drifts on, since neither thread nor contact stops it"
+        raise EquilibriumError(step.old.time, share * duration - step.old.time, cause, "", share)
     return out[1:]
+
+
+def has_slid(system: System[Body], step: Step[Body]) -> bool:
+    """Tell whether lips that press on one another face something else after a step than in it."""
+    seen = slice(2, 3) if step.solution.problem.answer.linear else slice(0, 3, 2)
+    before, after = (system.organ.lips(state.organ) for state in (step.old, step.new))
+    way = max(np.abs(b - a).max(initial=0.0) for a, b in zip(before[seen], after[seen], strict=True))
+    return bool(way > PAIRED * system.thread.section.diameter and after[1].any())
+
+
+def is_dragged(system: System[Body], step: Step[Body]) -> bool:
+    """Tell whether a body of the organ that nothing but thread and contact holds has not come to rest in a step."""
+    organ = system.organ
+    return isinstance(organ, Floats) and organ.dragged(step.new.organ) > DRAGGED

@@ -1,6 +1,10 @@
 """Named failures of the coupled solve."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from coupling.arrays import Flags
 
 
 class CouplingError(RuntimeError):
@@ -92,6 +96,35 @@ class EquilibriumError(StepError):
             f"no equilibrium was found under {100 * self.share:.4g} % of the loads ({self.cause}{place}); a thread "
             "that can be drawn out of its holes has none: hold an end, add friction or an anchor; else raise "
             "solve.load_steps"
+        )
+
+
+@dataclass
+class LeavingError(StepError):
+    """A load step on the way to whose equilibrium the thread runs out of holes, `gone` (holes,)."""
+
+    gone: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
+
+
+@dataclass
+class SpentError(CouplingError):
+    """A load step that took all the corrections that it may, and found no equilibrium.
+
+    `time` [s] where it began; `share` of the final loads; what the thread is `doing`, at `piercing`.
+    """
+
+    time: float
+    share: float
+    corrections: int
+    doing: str
+    piercing: str = ""
+
+    def __str__(self) -> str:
+        place = f" at piercing {self.piercing!r}" if self.piercing else ""
+        return (
+            f"no equilibrium was found under {100 * self.share:.4g} % of the loads in {self.corrections} corrections, "
+            f"from t = {self.time:.6g} s on, where {self.doing}{place}; hold an end, add friction or an anchor, lay "
+            "the path taut, raise solve.load_steps or thread.control_points, or run it in time (solve.kind)"
         )
 
 

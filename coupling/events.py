@@ -1,6 +1,7 @@
 """What happens to piercings: they begin and end at their times, the thread leaves them, slips or sticks in them.
 
-Surfaces in contact slip where all of their pairs that press do, and stick again where the first of them sticks.
+Surfaces in contact slip where all of their pairs that press do, and stick again where the first of them sticks; so does
+a thread along a tract, by the balls of it.
 
 A piercing begins (`coupling.impact`) and ends between two steps: at the first end of a step that reaches its time
 (`coupling.run`). All other events bear the time of the end of the step in which they were found, at most one step
@@ -41,8 +42,8 @@ Kind = Literal[
 class Event:
     """One event.
 
-    `time` [s]; `piercing`, tie or surfaces in contact by name, empty for a halved step, tissue that snaps, a cut and
-    other knots; `s` [m].
+    `time` [s]; `piercing`, tie, tract or surfaces in contact by name, empty for a halved step, tissue that snaps, a cut
+    and other knots; `s` [m].
     Of a piercing that begins: `gap` [m] and `angle` [rad] that were closed, `work` [J] done in closing them, `loss` [J]
     of kinetic energy and `impulse` (3,) [N s] of the hole on the thread; of a tie that closes: `gap`. Of a cut and of
     other knots: `control_points` after it, `loss` and `impulse`, what the change cost of the thread's energy and
@@ -81,12 +82,13 @@ def changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Ev
     between two states."""
     out = []
     for k, piercing in enumerate(system.piercings):
+        turned = new.present[k] and system.rough[k] and (old.sigma[k] == 0.0) != (new.sigma[k] == 0.0)
         if old.present[k] and not new.present[k]:
             out.append(Event(new.time, "leaves", piercing.name, nearer_end(system, float(new.s[k]))))
-        elif new.present[k] and system.rough[k] and (old.sigma[k] == 0.0) != (new.sigma[k] == 0.0):
+        elif turned and not piercing.tract:
             kind: Kind = "sticks" if new.sigma[k] == 0.0 else "slips"
             out.append(Event(new.time, kind, piercing.name, float(new.s[k])))
-    out += tie_changes(system, old, new) + surface_changes(system, old, new)
+    out += tie_changes(system, old, new) + tract_changes(system, old, new) + surface_changes(system, old, new)
     strengths = np.array([piercing.strength for piercing in system.piercings])
     if np.isinf(strengths).all():
         return out
@@ -103,6 +105,19 @@ def tie_changes(system: System[Body], old: State[Body], new: State[Body]) -> lis
             out.append(Event(new.time, "unties", tie.name, float(new.s[k])))
         elif new.present[k] and tie.is_locked(old.time) and (old.sigma[k] == 0.0) != (new.sigma[k] == 0.0):
             out.append(Event(new.time, "sticks" if new.sigma[k] == 0.0 else "slips", tie.name, float(new.s[k])))
+    return out
+
+
+def tract_changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Event]:
+    """Find the tracts along which the thread began to slip as a whole, or sticks again somewhere, between two
+    states."""
+    out = []
+    for name in dict.fromkeys(piercing.tract for piercing in system.piercings if piercing.tract):
+        balls = np.flatnonzero([piercing.tract == name for piercing in system.piercings])
+        balls = balls[system.rough[balls] & new.present[balls]]
+        before, now = (bool(balls.size and (state.sigma[balls] != 0.0).all()) for state in (old, new))
+        if before != now:
+            out.append(Event(new.time, "slips" if now else "sticks", name))
     return out
 
 

@@ -134,6 +134,15 @@ class Creeping(Protocol):
 
 
 @runtime_checkable
+class Floats(Protocol):
+    """What an organ may say besides at rest: a body of it may be held by nothing but thread and contact."""
+
+    def dragged(self, state: Any) -> float:
+        """Return by how much of the forces on it the organ is still dragged towards where it was; zero in
+        equilibrium."""
+
+
+@runtime_checkable
 class Rubs(Protocol):
     """What an organ may say besides: how its surfaces rub on one another."""
 

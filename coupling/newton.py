@@ -33,6 +33,7 @@ from coupling.bordered import (
     newton_direction,
     own_stiffness,
 )
+from coupling.calls import ask_before_correction
 from coupling.configuration import Configuration, evaluate_thread
 from coupling.constraints import Passage, phi, site_force, spread, thread_force
 from coupling.contact import (
@@ -464,6 +465,7 @@ def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body], pati
             if problem.system.thread.turns_too_far(problem.frame, z.q):
                 raise failure(problem, r, "a tangent turned by more than 120°, further than the twist can follow")
             return Solution(problem, z, r, iteration)
+        ask_before_correction()
         try:
             z = correct(problem, z, r)
         except SingularError as error:

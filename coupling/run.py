@@ -28,7 +28,7 @@ from coupling.interfaces import Body
 from coupling.observation import PiercingObservation, observe
 from coupling.stepping import HALVINGS, Step, Take, advance, release, try_step
 from coupling.system import State, System
-from coupling.tying import TieObservation, begin_tie, lock_tie, observe_ties
+from coupling.tying import TieObservation, begin_tie, let_go_of_cut, lock_tie, observe_ties
 from coupling.watch import Watch
 
 EQUILIBRIA = 4  # further ones of a load step at most, on knots that fit the one before
@@ -192,11 +192,10 @@ class Run(Generic[Body]):
         for cut in self.cuts:
             if is_due(cut.time, earlier, self.state.time, dt):
                 system, state, event = cut_thread(run.system, run.state, cut.s)
+                state, loops = let_go_of_cut(system, state)
                 energies = book_events(system, run.energies, state, [event])
-                now = configuration_of(system, state)
-                run = replace(
-                    run, system=system, state=state, energies=energies, configuration=now, events=(*run.events, event)
-                )
+                now, events = configuration_of(system, state), (*run.events, event, *loops)
+                run = replace(run, system=system, state=state, energies=energies, configuration=now, events=events)
         return run
 
     def held_together(self) -> "Run[Body]":

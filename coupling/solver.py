@@ -1,23 +1,22 @@
-"""A step solved in numpy (`coupling.newton`), or by compiled loops (`coupling.compiled`) where they are switched on and
-cover it."""
+"""A step solved in numpy (`coupling.newton`), or by compiled loops (`coupling.compiled`) where the system asks for them
+and they cover it."""
 
-import os
 from typing import Any
 
 from coupling import newton
+from coupling.calls import ask_before_correction
 from coupling.configuration import evaluate_thread
 from coupling.interfaces import Body
 from coupling.newton import Iterate, Problem, Residual, Solution
 from coupling.system import System
 
-SWITCHED_ON = os.environ.get("SUTUREFEM_COMPILED") == "1"  # asked for: to compile takes longer than most runs
-
 
 def solve(problem: Problem[Body], start: Iterate) -> Solution[Body]:
     """Iterate from `start` until every equation holds, and stick and slip, touch and open fit the answer: by compiled
-    loops where they are switched on, cover the problem and come to its end, else by `coupling.newton`. Raises
-    `StepError`."""
-    if SWITCHED_ON and is_covered(problem):
+    loops where the system asks for them and they cover the problem and come to its end, else by `coupling.newton`.
+    Raises `StepError`."""
+    if problem.system.compiled and is_covered(problem):
+        ask_before_correction()
         solution = solve_compiled(problem, start)
         if solution is not None:
             return solution
@@ -40,9 +39,9 @@ def is_covered(problem: Problem[Body]) -> bool:
 
 def solve_compiled(problem: Problem[Body], start: Iterate) -> Solution[Body] | None:
     """Return the solution by the loops; None where they come to none, and numpy is to say why."""
-    from coupling.tables import run
+    from coupling.tables import run, tables_of
 
-    iterations, z, found, scale = run(problem.system.tables, problem, start)
+    iterations, z, found, scale = run(tables_of(problem.system.thread), problem, start)
     if iterations < 0:
         return None
     return Solution(problem, z, residual_of(problem, z, found, scale), iterations)

@@ -1,10 +1,9 @@
 """The coupled system: a thread, its ends, an organ, and the piercings that join them."""
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Generic
+from typing import Generic
 
 import numpy as np
 
@@ -12,15 +11,13 @@ from coupling.arrays import Array, Flags, Indices
 from coupling.constraints import Passage, passage
 from coupling.errors import CouplingError
 from coupling.interfaces import Body, FrictionLaw, KnowsDirections, Organ
+from coupling.recent import Recent
 from coupling.ties import ON_TIME, Tie
 from thread.banded import diagonal_of
 from thread.ends import Clamped, End
 from thread.frames import Frame
 from thread.thread import Thread
 from thread.vectors import cross, unit_vector
-
-if TYPE_CHECKING:
-    from coupling.tables import Tables
 
 PRESSED = (1e-3, 1e-2, 1e-1, 1.0, 10.0)  # N, at which a law of one's own is looked at: what sutures bear is among them
 STEP = 1e-5  # of N, of the difference that its slope is compared with: the error of this is some 1e-10
@@ -179,7 +176,8 @@ class System(Generic[Body]):
     """Everything that does not change from step to step.
 
     `piercings` are in the order of the organ's sites. `gravity` (3,) [m/s²] acts on the thread here (the organ
-    carries its own). `epsilon` is ε of eq. 7, zero for eq. 6. `ties` close loops of the thread.
+    carries its own). `epsilon` is ε of eq. 7, zero for eq. 6. `ties` close loops of the thread. `compiled`: steps that
+    the compiled loops cover are solved by them (`coupling.solver`).
     """
 
     thread: Thread
@@ -189,6 +187,7 @@ class System(Generic[Body]):
     gravity: Array = field(default_factory=lambda: np.zeros(3))
     epsilon: float = 0.0
     ties: tuple[Tie, ...] = ()
+    compiled: bool = False
 
     def __post_init__(self) -> None:
         if self.ties and self.epsilon > 0.0:
@@ -232,13 +231,6 @@ class System(Generic[Body]):
         held = np.zeros(self.thread.coordinates * self.thread.n, dtype=bool)
         held[self.held] = True
         return held.reshape(self.thread.n, -1)
-
-    @cached_property
-    def tables(self) -> "Tables":
-        """The thread as the compiled loops read it."""
-        from coupling.tables import tables_of
-
-        return tables_of(self.thread)
 
     @cached_property
     def held_entries(self) -> Indices:
@@ -312,23 +304,23 @@ class System(Generic[Body]):
         """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (holds,) of its holds; `home` and
         `layers` as for `coupling.constraints.passage`. That of the arrays asked last is remembered: the end of a step
         is the start of the next."""
-        for known_q, known_s, known_layers, known in tuple(self._passages):
-            if known_q is q and known_s is s and known_layers is layers:
-                return known
-        made = passage(self.thread, q, s, self.rows[:, 3], home, layers)
-        if not self.thread.spline.cuts.size:  # of a thread in one piece `home` says nothing
-            self._passages.append((q, s, layers, made))
-        return made
+
+        def make() -> Passage:
+            return passage(self.thread, q, s, self.rows[:, 3], home, layers)
+
+        if self.thread.spline.cuts.size:  # the pieces that `home` says are no part of what is remembered
+            return make()
+        return self._passages.of((q, s, layers), make)
 
     @cached_property
-    def _passages(self) -> deque[tuple[Array, Array, Array | None, Passage]]:
+    def _passages(self) -> Recent[Passage]:
         """What `passage` made last."""
-        return deque(maxlen=2)
+        return Recent()
 
     @cached_property
-    def recent_layers(self) -> deque[tuple[Array, Array, Flags, Array]]:
-        """What `coupling.tension.layers_at` made last, with s, N and the holds that it was asked for."""
-        return deque(maxlen=2)
+    def recent_layers(self) -> Recent[Array]:
+        """What `coupling.tension.layers_at` made last, of s, N and the holds that are there."""
+        return Recent()
 
     def passage_of(self, state: "State[Body]") -> Passage:
         """Evaluate the thread of a state at its holds."""

@@ -1,7 +1,6 @@
 """What the compiled loops read of a thread, made once, and what one step adds to it."""
 
 import logging
-from collections import deque
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -16,6 +15,7 @@ from coupling.compiled.curve import Curve
 from coupling.compiled.friction import Law
 from coupling.compiled.iteration import Bounds, Found, Given, Knots, Unknowns
 from coupling.newton import Iterate, Problem
+from coupling.recent import Recent
 from thread.compliance import POWERS
 from thread.spline import ORDERS
 from thread.thread import Thread
@@ -80,16 +80,12 @@ def learn(lack: Array, problem: Problem, s: Array) -> bool:
     return bool(unknown)
 
 
-RECENT: deque[Tables] = deque(maxlen=2)  # a host program that moves an end makes another system in every step
+RECENT: Recent[Tables] = Recent()  # a host program that moves an end makes another system in every step
 
 
 def tables_of(thread: Thread) -> Tables:
     """Return the tables of a thread, where they are among the last that were made those."""
-    for known in tuple(RECENT):
-        if known.thread is thread:
-            return known
-    RECENT.append(made := Tables(thread))
-    return made
+    return RECENT.of((thread,), lambda: Tables(thread))
 
 
 def plain(x: Array) -> Array:

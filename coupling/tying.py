@@ -15,8 +15,10 @@ from coupling.arrays import Array
 from coupling.errors import FormingError
 from coupling.events import Event
 from coupling.interfaces import Body
+from coupling.stepping import release
 from coupling.system import State, System, forgetful
 from coupling.ties import Tie
+from thread.spline import Spline
 
 SAMPLES = 400  # places on each strand at which the search for the nearest two begins
 CORRECTIONS = 50  # of that search, at most
@@ -29,7 +31,8 @@ TieState = Literal["open", "held", "drawn", "tied", "slips"]
 class TieObservation:
     """One tie at one time.
 
-    `s_first`, `s_second` [m] of its strands; `length` [m] of the thread in its loop, unstrained; `force` [N],
+    `s_first`, `s_second` [m] of its strands; `length` [m] of the thread in its loop, unstrained, of which a loop that
+    is cut has none; `force` [N],
     the tension of the strands that it holds; `x` (3,) [m]; `gap` [m] left between the strands; `work` [J] that hands
     have done on it; `state`: "open" before it begins and once it has come undone, "held" at rest before it is drawn,
     "drawn", "tied" or "slips".
@@ -49,18 +52,20 @@ class TieObservation:
 def observe_ties(system: System[Body], state: State[Body], works: Array) -> tuple[TieObservation, ...]:
     """Return all ties of a state; `works` (t,) [J] of the hands so far."""
     each = zip(system.ties, system.strands.tolist(), works.tolist(), strict=True)
-    return tuple(observe_tie(state, tie, strands, work) for tie, strands, work in each)
+    spline = system.thread.spline
+    return tuple(observe_tie(spline, state, tie, strands, work) for tie, strands, work in each)
 
 
-def observe_tie(state: State[Body], tie: Tie, strands: Sequence[int], work: float) -> TieObservation:
-    """Return one tie of a state, which has no place and no loop while it is open."""
+def observe_tie(spline: Spline, state: State[Body], tie: Tie, strands: Sequence[int], work: float) -> TieObservation:
+    """Return one tie of a state, which has no place and no loop while it is open, and no loop where that is cut."""
     s, places, here = state.s[strands], state.y[strands, :3], bool(state.present[strands[0]])
+    first, last = spline.piece_of(s)
     nowhere = np.full(3, np.nan)
     return TieObservation(
         name=tie.name,
         s_first=float(s[0]) if here else np.nan,
         s_second=float(s[1]) if here else np.nan,
-        length=float(s[1] - s[0]) if here else np.nan,
+        length=float(s[1] - s[0]) if here and first == last else np.nan,
         force=float(np.linalg.norm(state.lam[strands[0], :3])),
         x=places.mean(axis=0) if here else nowhere,
         gap=float(np.linalg.norm(places[0] - places[1])) if here else np.nan,
@@ -118,6 +123,19 @@ def lock_tie(system: System[Body], state: State[Body], k: int) -> tuple[State[Bo
     sigma, s_dot = (with_strands(values, strands, 0.0) for values in (state.sigma, state.s_dot))
     event = Event(state.time, "tied", system.ties[k].name, float(state.s[strands[0]]))
     return replace(forgetful(state), sigma=sigma, s_dot=s_dot), event
+
+
+def let_go_of_cut(system: System[Body], state: State[Body]) -> tuple[State[Body], list[Event]]:
+    """Let go of the loops that are cut while hands draw or hold them: the state, and the events. What they draw no
+    longer goes round anything, and at rest they would draw it out without end; a locked knot stays where it is."""
+    piece = system.thread.spline.piece_of(state.s[system.strands])
+    drawn = np.array([not tie.is_locked(state.time) for tie in system.ties], dtype=bool)
+    cut = state.present[system.strands[:, 0]] & drawn & (piece[:, 0] != piece[:, 1])
+    events = [
+        Event(state.time, "unties", system.ties[k].name, float(state.s[system.strands[k, 0]]))
+        for k in np.flatnonzero(cut)
+    ]
+    return release(state, np.isin(np.arange(system.holds), system.strands[cut])), events
 
 
 def strand_ranges(system: System[Body], state: State[Body], k: int) -> tuple[tuple[float, float], tuple[float, float]]:

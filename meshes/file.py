@@ -14,7 +14,6 @@ from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
-import meshio
 import numpy as np
 import skfem
 from numpy.typing import NDArray
@@ -81,6 +80,8 @@ def meshio_data(path: Path) -> Any:
 
     On a file it cannot read, meshio prints and ends the interpreter (meshio 5.3): both are contained here.
     """
+    import meshio
+
     said = io.StringIO()
     try:
         # Its test for binary STL multiplies text as if it were a count: numpy warns of the overflow.

@@ -4,6 +4,7 @@ scikit-fem, studies may use all, and nothing below imports studies or the tests.
 import ast
 import tomllib
 from fnmatch import fnmatchcase
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,33 @@ def test_no_import_against_the_arrows(path: Path) -> None:
     """Independent check: the text of every module."""
     package = path.relative_to(ROOT).parts[0]
     assert against(imported(path.read_text(encoding="utf-8"), package), package) == set()
+
+
+def modules_of(path: Path) -> set[str]:
+    """Modules of this house that a module imports anywhere in it, in a function too, each by its whole name."""
+    out = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            out |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            out |= {str(node.module), *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return out
+
+
+def name_of(path: Path) -> str:
+    """Name of a module, as others import it."""
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts)
+
+
+def test_no_circle_of_imports() -> None:
+    """Independent check: the text of every module. A package's own door may name what is in its room."""
+    names = {name_of(path): path for path in FILES if path.name != "__init__.py"}
+    TopologicalSorter({name: modules_of(path) & set(names) - {name} for name, path in names.items()}).prepare()
+
+
+def test_imports_of_modules_are_seen_in_functions_too() -> None:
+    """Independent check: the solver of a step imports the compiled loops' tables when it first needs them."""
+    assert "coupling.tables" in modules_of(ROOT / "coupling/solver.py")
 
 
 def test_the_check_sees_what_it_should() -> None:

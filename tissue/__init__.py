@@ -9,12 +9,13 @@ from tissue.material import Material
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.finite import FiniteOrgan
 from tissue.organs.fixed import FixedSites, fixed_sites
+from tissue.organs.floating import FloatingOrgan
 from tissue.organs.lips import Gaps, Part, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, Lips, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.organs.reduced import ReducedOrgan, ReducedState, Reduction, reduce_organ
 from tissue.sites.site import Site, Sites, build_sites
-from tissue.sites.surface import depths, landing
+from tissue.sites.surface import depths, distances, landing
 from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
 from tissue.strain import cell_strain, energy_density, energy_share, nodal_volume_ratio, volume_ratio
@@ -30,6 +31,7 @@ __all__ = [
     "FactorError",
     "FiniteOrgan",
     "FixedSites",
+    "FloatingOrgan",
     "Gaps",
     "Hyperelasticity",
     "LinearAnswer",
@@ -60,6 +62,7 @@ __all__ = [
     "cell_stretch",
     "conjugate_gradients",
     "depths",
+    "distances",
     "elasticity",
     "energy_density",
     "energy_share",

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array, kron
 from skfem import Basis, BilinearForm, ElementTetP1, ElementTetP2, ElementVector, LinearForm, MeshTet
 from skfem.helpers import ddot, div, sym_grad
+from skfem.quadrature import get_quadrature
 
 from tissue.arrays import Array, Indices
 from tissue.errors import TissueError
@@ -34,6 +35,7 @@ DILATATIONS = ("auto", "cell", "nodal")
 # ν beyond which "auto" averages: a P1 layer is 1.7 times as wrong there as at 0.3, and 3.6 times at 0.49
 NU_LOCKING = 0.45
 NU_CELLWISE = 0.3  # ν whose λ stays with the cells
+VERTICES = 4  # of a tetrahedron: a gradient that is linear in a cell is largest at one of them
 NO_POINTS = (np.zeros((3, 0)), np.zeros(0))  # the body's basis numbers unknowns; shape functions are made where needed
 
 # Entries of the local matrices beyond which scikit-fem takes longer than it takes to load Numba: 20 000 P1 cells, 1 s
@@ -95,15 +97,36 @@ class Elasticity:
         corners = self.mesh.p.T[self.mesh.t.T]
         return np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
 
-    @cached_property
+    @property
     def inverse_edges(self) -> Array:
-        """∂ξ/∂x in each cell, shape `(c, 3, 3)` [1/m]: every frame asks for them."""
+        """∂ξ/∂x in each cell, shape `(c, 3, 3)` [1/m]."""
         return np.asarray(np.linalg.inv(self.cell_edges))
+
+    @cached_property
+    def corner_slopes(self) -> csr_matrix:
+        """∂/∂x_j of a nodal field `(m,)` where it is largest in a cell: at the corners, at one of them where it is the
+        same at all, shape `(3 a c, m)` [1/m], a row for each j, corner and cell. Every frame asks for it."""
+        corners = np.asarray(ELEMENTS[self.element]().doflocs)[:VERTICES]
+        return slope_matrix(self, corners if self.element == "P2" else corners[:1])
+
+    @cached_property
+    def mean_slopes(self) -> tuple[csr_matrix, Array, Array]:
+        """∂/∂x_j as in `corner_slopes`, at the points of a rule that is exact for the square of a strain, with these
+        points of the reference cell `(a, 3)` and their weights, which sum to 1, `(a,)`."""
+        element = ELEMENTS[self.element]()
+        places, weights = get_quadrature(element, max(1, 2 * element.maxdeg - 2))
+        slopes = self.corner_slopes if self.element == "P1" else slope_matrix(self, places.T)
+        return slopes, places.T, weights / weights.sum()
+
+    @cached_property
+    def signed_six_volumes(self) -> Array:
+        """Determinant of ∂x/∂ξ in each cell, shape `(c,)` [m³]."""
+        return np.asarray(np.linalg.det(self.cell_edges))
 
     @cached_property
     def six_volumes(self) -> Array:
         """Determinant of ∂x/∂ξ in each cell, without its sign, shape `(c,)` [m³]."""
-        return np.abs(np.linalg.det(self.cell_edges))
+        return np.abs(self.signed_six_volumes)
 
     def edge_numbers(self, edges: Indices) -> Indices:
         """Return the numbers in the mesh of edges given by their two vertices `(k, 2)`, shape `(k,)`."""
@@ -226,6 +249,30 @@ def assembled_by_loops(basis: Basis, lam: PerCell, mu: PerCell, rho: PerCell, ex
     D.eliminate_zeros()
     volume = np.bincount(mesh.t.ravel(), np.tile(0.25 * volumes * softness, 4), mesh.nvertices).astype(float)
     return Assembled(K, M, (D, _pressure(D, volume)))
+
+
+def slope_matrix(elasticity: Elasticity, places: Array) -> csr_matrix:
+    """Return the matrix `(3 a c, m)` [1/m] from a nodal field to its ∂/∂x_j at places of the reference cell `(a, 3)`,
+    with a row for each j, place and cell."""
+    slopes = shape_gradients(elasticity, places).transpose(3, 1, 0, 2)
+    cells = elasticity.cells
+    columns = np.broadcast_to(cells.astype(np.int32), slopes.shape).ravel()
+    starts = np.arange(0, columns.size + 1, cells.shape[1])
+    return csr_matrix((slopes.ravel(), columns, starts), shape=(len(starts) - 1, len(elasticity.nodes)))
+
+
+def shape_gradients(elasticity: Elasticity, places: Array) -> Array:
+    """Return ∂φ_n/∂x_j at places of the reference cell `(a, 3)`, in each cell, shape `(c, a, n, 3)` [1/m]."""
+    slopes = reference_slopes(elasticity.element, places)
+    return np.einsum("nka,ckj->canj", slopes, elasticity.inverse_edges, optimize=True)
+
+
+def reference_slopes(name: str, places: Array) -> Array:
+    """Return ∂φ_n/∂ξ_k of the shape functions of an element at places of the reference cell `(a, 3)`, shape
+    `(n, 3, a)`."""
+    element, count = ELEMENTS[name](), len(places)
+    each = [np.reshape(element.lbasis(places.T, n)[1], (3, -1)) for n in range(len(element.doflocs))]
+    return np.array([np.broadcast_to(slope, (3, count)) for slope in each])
 
 
 def cellwise_lambda(material: Material) -> PerCell:

@@ -16,13 +16,12 @@ from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
 from tissue.arrays import Array, Indices
-from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda
+from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda, shape_gradients
 from tissue.errors import TissueError
 from tissue.material import PerCell
 from tissue.materials.density import Density, Sum, cofactor, determinant, determinant_tangent
 from tissue.materials.isotropic import Exponential, Volumetric
 from tissue.materials.prestretch import Prestretched
-from tissue.strain import shape_gradients
 
 I3 = np.eye(3)
 NONE = (1.0, 1.0, 1.0)  # stretches that are none

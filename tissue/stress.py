@@ -10,11 +10,11 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
 from tissue.arrays import Array, Indices
-from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda
+from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda, shape_gradients
 from tissue.errors import TissueError
 from tissue.material import PerCell
 from tissue.sites.surface import outer_surface
-from tissue.strain import shape_gradients
+from tissue.spectrum import spectrum
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")  # VTK's order of a symmetric tensor
 
@@ -92,10 +92,8 @@ def von_mises(stress: Array) -> Array:
 def principal(stress: Array) -> tuple[Array, Array]:
     """Return the principal values of stress `(m, 6)`, falling, `(m, 3)` [Pa], and their unit directions, rows of
     `(m, 3, 3)`."""
-    xx, yy, zz, xy, yz, xz = stress.T
-    tensor = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
-    values, directions = np.linalg.eigh(tensor)
-    return values[:, ::-1], directions.swapaxes(1, 2)[:, ::-1]
+    values, directions = spectrum(stress.T)
+    return values.T, directions.transpose(2, 0, 1)
 
 
 def _nodal_pressure(elasticity: Elasticity) -> csr_matrix:

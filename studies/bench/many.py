@@ -25,7 +25,7 @@ from coupling.run import begin
 from coupling.stepping import bdf2_step
 from meshes.block import block
 from studies.arrays import Array
-from studies.bench.step import COUPLED, FIXED, MILLI, SIZES
+from studies.bench.step import COMPILED, COUPLED, FIXED, MILLI, SIZES
 from studies.output.files import read_json, write_json
 from studies.output.provenance import provenance
 from studies.scenario import load
@@ -119,8 +119,8 @@ def main(
     for case in CASES:
         many.append(measure_tensions(case, tensions))
         print(many_line(many[-1]), flush=True)
-    job = {"picture": time_command("run"), "plain": time_command("run", "--no-picture")}
-    print(f"\nthe main job by its command: {job['picture']:.1f} s to its picture, {job['plain']:.1f} s without one")
+    job = measure_main_job()
+    print("\nby the command: " + ", ".join(f"{seconds:.2f} s {name}" for name, seconds in job.items()))
     if json_path is not None:
         table = [asdict(row) | {"times_as_fast": row.times_as_fast} for row in rows]
         found = {"reduced": table, "tensions": [asdict(row) | row.ratios for row in many], "main_job_seconds": job}
@@ -208,6 +208,18 @@ def errors(
     return float(error.max() / way), float(difference.max() / way), float(bound.max() / way), least
 
 
+# -- the command ---------------------------------------------------------------------------------------------------
+
+
+def measure_main_job() -> dict[str, float]:
+    """Measure the main job from its command to its picture, without one, and to its picture by loops that were compiled
+    before; and what it takes to be told how to go on [s]."""
+    plain = {"to its picture": time_command("run"), "without one": time_command("run", "--no-picture")}
+    loops = f"--set={COMPILED}"
+    time_command("run", "--no-picture", loops, "--set=solve.duration=2e-3")
+    return plain | {"by compiled loops": time_command("run", loops), "for --help": time_words("--help")}
+
+
 # -- many tensions ---------------------------------------------------------------------------------------------------
 
 
@@ -234,10 +246,15 @@ def signed(force: list[float], key: str) -> list[float]:
 def time_command(verb: str, *words: str) -> float:
     """Measure the processor time of a command on the main job, from its start to its end [s]."""
     with TemporaryDirectory() as folder:
-        began = children_time()
-        command = [sys.executable, "-m", "studies.command.start", verb, str(COUPLED), "--out", str(Path(folder) / verb)]
-        subprocess.run([*command, *words], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        return children_time() - began
+        return time_words(verb, str(COUPLED), "--out", str(Path(folder) / verb), *words)
+
+
+def time_words(*words: str) -> float:
+    """Measure the processor time of a command, from its start to its end [s]."""
+    began = children_time()
+    command = [sys.executable, "-m", "studies.command.start", *words]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    return children_time() - began
 
 
 def children_time() -> float:

@@ -50,6 +50,7 @@ FIXED = [  # whatever the scene has: the sizes are those of these meshes
     "thread.control_points=60",
     *(f"piercing.{name}.footprint=1.5e-3" for name in ("entry", "exit")),
 ]
+COMPILED = 'solve.newton="compiled"'
 ROUGH = [f"piercing.{name}.friction={{static=0.2,kinetic=0.15}}" for name in ("entry", "exit")]
 THREADS = {
     "thread alone": [],
@@ -106,12 +107,12 @@ def measurements(
 ) -> Iterator[Row]:
     """Measure every case, smallest first, with a solver of the organ."""
     for name, overrides in THREADS.items():
-        yield measure_case(name, load(THREAD, overrides), rounds)
+        yield measure_case(name, load(THREAD, [*overrides, COMPILED]), rounds)
     for inertia in (True, False):
         name = "dynamic" if inertia else "quasi-static"
         for size, (h, h_site) in sizes.items():
             overrides = [f"tissue.mesh.h={h}", f"tissue.mesh.h_site={h_site}", f"tissue.inertia={str(inertia).lower()}"]
-            scenario = load(COUPLED, [*FIXED, *overrides, f'tissue.solver="{solver}"'])
+            scenario = load(COUPLED, [*FIXED, *overrides, COMPILED, f'tissue.solver="{solver}"'])
             yield measure_case(f"{name} {size}", scenario, rounds)
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from coupling.calls import asked_before_corrections
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.command.lines import complain, print_lines
@@ -40,6 +41,8 @@ from studies.scenario.reference import reference
 from studies.scenario.toml import scenario_file
 from studies.simulation.interface import AnySimulation, Moments
 from studies.simulation.recorded import begin
+from studies.simulation.remedies import try_remedies
+from studies.simulation.sharing import Shared, Store
 from studies.status import FAILED, INTERRUPTED, REFUSED, SIGNALLED, UNSUPPORTED
 from studies.study import NAMES, StudyError, arguments, carry_out, study
 from studies.study import check_folder as check_study_folder
@@ -107,7 +110,9 @@ def _run(options: argparse.Namespace, simulation: AnySimulation) -> int:
         return UNSUPPORTED if options.strict and doubt else 0
     recorder, moments = begun
     log = RunLog(options.out, " ".join(["suture", *options.words]))
-    status, outcome = _simulate(simulation, moments, recorder, options.quiet or options.json, log)
+    status, outcome, failure = _simulate(simulation, moments, recorder, options.quiet or options.json, log)
+    if failure is not None and not options.no_remedies:
+        _try_remedies(options, simulation, recorder, failure)
     picture = "" if options.no_picture else _draw(simulation, recorder)
     log.end(outcome, recorder.remarks)
     if options.json:
@@ -250,11 +255,23 @@ def _draw(simulation: AnySimulation, recorder: Recorder) -> str:
     return drawn.line
 
 
+def _try_remedies(
+    options: argparse.Namespace, simulation: AnySimulation, recorder: Recorder, failure: CouplingError
+) -> None:
+    """Leave a remark of what helps a run that failed, unless whoever waits for it interrupts that."""
+    made = Shared()
+    with stages(options.quiet or options.json), suppress(KeyboardInterrupt):
+        scenario, last = simulation.scenario, recorder.last_step
+        recorder.remark(try_remedies(scenario, failure, last, lambda copy: _prepare(copy, made)))
+
+
 def _simulate(
     simulation: AnySimulation, moments: Moments, recorder: Recorder, quiet: bool, log: RunLog
-) -> tuple[int, Status]:
-    """Record every step; a failure keeps what was written. Returns the exit status and what became of the run."""
+) -> tuple[int, Status, CouplingError | None]:
+    """Record every step; a failure keeps what was written. Returns the exit status, what became of the run, and the
+    failure of a step."""
     outcome: Status
+    failure: CouplingError | None = None
     progress = Progress(simulation.steps, quiet)
     with _signals() as received:
         try:
@@ -269,6 +286,7 @@ def _simulate(
             status, outcome, text = SIGNALLED + (received or [signal.SIGINT])[0], "interrupted", "interrupted"
         except FAILURES as error:
             status, outcome, text = FAILED, "failed", _where(recorder, error)
+            failure = error if isinstance(error, CouplingError) else None
         except BaseException:
             log.write(traceback.format_exc())
             raise
@@ -277,7 +295,7 @@ def _simulate(
     if text:
         log.write(text)
         complain(f"{text}; what was computed is in {recorder.folder}", status)
-    return status, outcome
+    return status, outcome, failure
 
 
 def _where(recorder: Recorder, error: BaseException) -> str:
@@ -286,14 +304,15 @@ def _where(recorder: Recorder, error: BaseException) -> str:
     return f"the run failed {place}: {error or type(error).__name__}"
 
 
-def _prepare(scenario: Scenario) -> AnySimulation:
-    prepared: AnySimulation = import_module("studies.simulation").prepare(scenario)
+def _prepare(scenario: Scenario, store: Store | None = None) -> AnySimulation:
+    prepared: AnySimulation = import_module("studies.simulation").prepare(scenario, store)
     return prepared
 
 
 @contextmanager
 def _signals() -> Iterator[list[int]]:
-    """Gather the signals that ask for an end, to be heeded between two steps; a second one ends at once."""
+    """Gather the signals that ask for an end, to be heeded between two steps, or two corrections within one; a second
+    one ends at once."""
     received: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield received
@@ -304,9 +323,14 @@ def _signals() -> Iterator[list[int]]:
             raise KeyboardInterrupt
         received.append(number)
 
+    def heed() -> None:
+        if received:
+            raise KeyboardInterrupt
+
     earlier = {number: signal.signal(number, receive) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield received
+        with asked_before_corrections(heed):
+            yield received
     finally:
         for number, handler in earlier.items():
             signal.signal(number, handler)

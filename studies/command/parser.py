@@ -105,6 +105,9 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     earlier.add_argument("--overwrite", action="store_true", help="replace the run in DIR; other files there are kept")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     parser.add_argument("--no-picture", action="store_true", help="draw no picture of the last frame")
+    parser.add_argument(
+        "--no-remedies", action="store_true", help="of a run that fails, do not try on copies what would help it"
+    )
 
 
 def _add_check(parser: argparse.ArgumentParser) -> None:

@@ -13,6 +13,7 @@ from studies.output.tally import Status
 from studies.scenario import Piercing, Scenario
 
 MILLI = 1e-3
+SEEN = 1e-6  # m: nearer, a hole is at the place that was meant
 
 
 def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
@@ -89,7 +90,8 @@ def place_lines(holes: Sequence[Piercing]) -> list[str]:
     for hole in holes:
         if hole.moved is not None:
             at = ", ".join(f"{value / MILLI:z.2f}" for value in hole.place)
-            lines.append(f"place      {hole.name}: on the surface at [{at}] mm, moved by {hole.moved / MILLI:.3g} mm")
+            moved = f", moved by {hole.moved / MILLI:.3g} mm" if hole.moved > SEEN else ""
+            lines.append(f"place      {hole.name}: on the surface at [{at}] mm{moved}")
     return lines
 
 
@@ -99,7 +101,8 @@ def contact_line(contact: ContactRecord) -> str:
     return (
         f"contact    {contact.pair}: {contact.pressed} of {contact.pairs} pairs of nodes press on one another, "
         f"{contact.largest_pressure:.3g} Pa at most, {contact.force:.3g} N in all{rubs}; the smallest gap is "
-        f"{contact.smallest_gap / MILLI:.3g} mm"
+        f"{contact.smallest_gap / MILLI:.3g} mm, the largest {contact.largest_gap / MILLI:.3g} mm, and "
+        f"{contact.open_area / MILLI**2:.3g} mm² are open"
     )
 
 

@@ -9,7 +9,8 @@ from time import monotonic
 from studies.command.lines import complain, print_lines
 from studies.command.progress import duration
 from studies.output.files import as_json
-from studies.refinement.refine import Refined, in_words, refine
+from studies.refinement.refine import in_words, refine
+from studies.refinement.refined import Refined
 from studies.scenario.toml import read
 from studies.status import COMPLETED, FAILED, INTERRUPTED, REFUSED, UNSUPPORTED
 from studies.sweeps.grid import Settings, grid, paired, parse_over, read_table

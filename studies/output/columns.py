@@ -17,6 +17,7 @@ from coupling.events import Event
 from studies.manual import with_blocks
 from studies.output import remarks
 from studies.output.records import (
+    APART,
     ContactRecord,
     EnergyRecord,
     Extremes,
@@ -185,15 +186,15 @@ EVENT: tuple[Column[Event], ...] = (
     text(
         "event",
         "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing, `tears` where the tissue's strength is exceeded; "
-        "`closes`, `tied`, `slips`, `sticks`, `unties` of a tie; `slips`, `sticks` of surfaces in contact, as a whole "
-        "or no more; `cut`: the thread was; `halved`: the step was; "
+        "`closes`, `tied`, `slips`, `sticks`, `unties` of a tie; `slips`, `sticks` of surfaces in contact, and "
+        "along a tract, as a whole or no more; `cut`: the thread was; `halved`: the step was; "
         "`snaps`: the tissue went to an equilibrium that was not near; "
         "`knots`: they changed",
         lambda event: event.kind,
     ),
     text(
         "piercing",
-        "name of the piercing, tie or pair of surfaces; empty for `cut`, `halved`, `snaps` and `knots`",
+        "name of the piercing, tie, tract or pair of surfaces; empty for `cut`, `halved`, `snaps` and `knots`",
         lambda event: event.piercing,
     ),
     Column("s", "m", "abscissa of the thread in the hole, or of the cut", lambda event: event.s),
@@ -345,6 +346,18 @@ CONTACT: tuple[Column[ContactRecord], ...] = (
         "of the pairs that face one another: where most leaks; zero where none does",
         lambda lips: lips.largest_gap,
     ),
+    Column(
+        "open_area",
+        "m²",
+        f"of the pairs that face one another, where they are more than {APART:g} m apart: shares of the nodes",
+        lambda lips: lips.open_area,
+    ),
+    Column(
+        "gap_volume",
+        "m³",
+        "between them: the integral of the gap; over the length of a leak's way it is the mean area of its passage",
+        lambda lips: lips.gap_volume,
+    ),
     Column("slide", "m", "largest, of a pair past one another along the surfaces", lambda lips: lips.slide),
     Column("largest_pressure", "Pa", "of all pairs", lambda lips: lips.largest_pressure),
     Column("area", "m²", "under pressure: shares of the nodes", lambda lips: lips.area),
@@ -400,7 +413,7 @@ TIE_STATE: Column[TieRecord] = text(
 )
 TIE_NUMBERS: tuple[Column[TieRecord], ...] = (
     Column("force", "N", "tension of the strands where the tie holds them", lambda tie: tie.force),
-    Column("length", "m", "of the thread in the loop, unstrained", lambda tie: tie.length),
+    Column("length", "m", "of the thread in the loop, unstrained; none of a loop that is cut", lambda tie: tie.length),
     Column("gap", "m", "left between the strands, which hands bring together", lambda tie: tie.gap),
     Column("work", "J", "of the hands on the tie", lambda tie: tie.work),
     Column("s_first", "m", "abscissa of the strand at lower `s`", lambda tie: tie.s_first),

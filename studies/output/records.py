@@ -14,6 +14,8 @@ from coupling.observation import PiercingObservation
 from coupling.tying import TieObservation
 from studies.arrays import Array
 
+APART = 1e-6  # m: surfaces nearer are closed; a fluid of the body hardly passes, and tissue is rougher
+
 PiercingRecord = PiercingObservation
 EnergyRecord = Energies
 TieRecord = TieObservation
@@ -83,6 +85,8 @@ class ContactRecord:
     force: float  # that pushes them apart, in all [N]
     complementarity: float  # largest |force times gap| of a pair [J]
     largest_gap: float = 0.0  # of pairs that face one another [m]
+    open_area: float = 0.0  # of them, where they are apart [m²]
+    gap_volume: float = 0.0  # between them [m³]
     slipping: int = 0  # of the pressed pairs, with all the friction that there can be
     friction: float = 0.0  # along the surfaces, the magnitude of the resultant [N]
 

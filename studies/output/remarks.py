@@ -217,6 +217,12 @@ KINDS = (
         "the thread is bent to it at the start, and the energy of that goes where the damping takes it",
     ),
     Kind(
+        "after-end",
+        "note",
+        "a cut, a tie or a piercing that begins, after `solve.duration`",
+        "it does not happen in this run; it may in one that goes on from it",
+    ),
+    Kind(
         "moved",
         "note",
         f"a piercing with `near` farther from it than {MOVED:g} times its footprint",
@@ -231,7 +237,8 @@ KINDS = (
     Kind(
         "tract-bare",
         "note",
-        f"more than {BARE:g} radii of a tract's path outside the organ or nearer to a surface than its radius",
+        f"more than {BARE:g} radii of a tract's path outside the organ or nearer to a surface than its radius, besides "
+        "what leads across a wound or from one surface in contact to the other",
         "no ball of tissue has room there, and the thread bears on none",
     ),
     Kind(
@@ -278,6 +285,12 @@ KINDS = (
         "note",
         "at a resume, frames that `results.pvd` names and that are not there",
         "they are left out of it",
+    ),
+    Kind(
+        "remedy",
+        "note",
+        "a run that failed: what helped on a copy of it, or that nothing did",
+        "shorter steps, a finer thread and the like are tried before they are named; `--no-remedies` leaves that out",
     ),
     Kind("no-picture", "note", "a picture that could not be drawn", "the message has the cause"),
 )

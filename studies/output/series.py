@@ -1,10 +1,11 @@
 """Time series for ParaView: ``results.pvd`` naming one file per frame of organ, thread, piercings and ties.
 
-VTK XML with inline base64 data, compressed by LZMA, float32 and int32: a form that VTK reads since 8.2, and so
-ParaView 5.11. It is written here rather than by VTK because the organ's mesh can then be encoded once, and no
-graphics package is needed to run. Rows of the mesh are like those before them: packed as differences, by a filter of
-the format that every reader knows, a structured mesh takes a fiftieth of its bytes. Points of the organ are those of
-the reference shape, with ``displacement`` beside them (Warp By Vector); thread and piercings are where they are.
+VTK XML with inline base64 data, float32 and int32: a form that VTK reads since 8.2, and so ParaView 5.11. The organ's
+are compressed by LZMA, the few others by zlib, done before LZMA has begun. It is written here rather than by VTK
+because the organ's mesh can then be encoded once, and no graphics package is needed to run. Rows of the mesh are like
+those before them: packed as differences, by a filter of the format that every reader knows, a structured mesh takes a
+fiftieth of its bytes. Points of the organ are those of the reference shape, with ``displacement`` beside them (Warp By
+Vector); thread and piercings are where they are.
 
 Which arrays there are is said in ``studies.output.columns``.
 """
@@ -13,7 +14,9 @@ import base64
 import lzma
 import re
 import sys
-from collections.abc import Mapping, Sequence
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -41,13 +44,32 @@ COMPONENTS = {6: ("XX", "YY", "ZZ", "XY", "YZ", "XZ")}  # VTK's order of a symme
 FRAME = re.compile(r"(?:organ|thread|piercings|ties)_(\d{6,})\.vt[pu]")
 PARTS = ("organ", "thread", "piercings", "ties")  # of a frame, each a file
 FILE = re.compile(r'file="([^"]*)"')
-FASTEST, SMALLEST = 0, 6  # LZMA's presets: fields hardly shrink further; the mesh does, and is encoded once
-WORDS = {"lc": 0, "lp": 2, "pb": 2}  # numbers of four bytes
-# What is derived from the displacement keeps 13 of the 23 bits behind the point, 6e-5: a linear element's stress and
-# strain are wrong by far more, and the rest is noise that does not shrink.
+COMPRESSORS = {"UnstructuredGrid": "vtkLZMADataCompressor", "PolyData": "vtkZLibDataCompressor"}
+WORDS = {"id": lzma.FILTER_LZMA2, "lc": 0, "lp": 2, "pb": 2}  # numbers of four bytes
+SMALLEST = {"preset": 6, **WORDS}  # of the mesh, which is encoded once
+FASTEST = {"preset": 0, "dict_size": 4096, "depth": 1, "nice_len": 4, **WORDS}  # of fields, which hardly repeat
+# What is derived from the displacement keeps 13 of the 23 bits behind the point, 6e-5, and none below 8e-6 of the
+# largest in its array: a linear element's stress is wrong by far more, and the rest is noise that does not shrink.
 DERIVED = frozenset({"stress", "von_mises", "principal_stress", "first_direction", "third_direction"})
 DERIVED |= {"strain", "rotation", "energy_density", "volume_ratio", "nodal_volume_ratio"}
-BITS_LEFT_OUT = 10
+BITS_LEFT_OUT, BITS_OF_LARGEST = 10, 17
+
+
+Pack = Callable[[bytes], bytes]
+
+
+def lzma_fastest(data: bytes) -> bytes:
+    """Return the data of a field of the organ, packed."""
+    return _lzma([FASTEST], data)
+
+
+def zlib_fastest(data: bytes) -> bytes:
+    """Return the data of what is no organ, packed."""
+    return zlib.compress(data, 1)
+
+
+def _lzma(filters: Sequence[dict[str, int]], data: bytes) -> bytes:
+    return lzma.compress(data, lzma.FORMAT_XZ, lzma.CHECK_CRC32, filters=filters)
 
 
 class Series:
@@ -135,15 +157,15 @@ def encode_mesh(topology: OrganTopology) -> str:
 
 def organ_text(mesh: str, organ: OrganRecord) -> str:
     """Write the organ of one frame as ``.vtu``."""
-    data = _point_data(values(ORGAN_ARRAYS, organ), 'Vectors="displacement"')
-    data += _arrays("CellData", values(ORGAN_CELLS, organ), 'Scalars="strain"')
+    data = _arrays("PointData", values(ORGAN_ARRAYS, organ), 'Vectors="displacement"', lzma_fastest)
+    data += _arrays("CellData", values(ORGAN_CELLS, organ), 'Scalars="strain"', lzma_fastest)
     return _file("UnstructuredGrid", f"<UnstructuredGrid>\n{mesh}{data}</Piece>\n</UnstructuredGrid>\n")
 
 
 def thread_text(thread: ThreadRecord) -> str:
     """Write the thread of one frame as a polyline in ``.vtp``; ``radius`` is for the Tube filter."""
     count = len(thread.points)
-    data = _point_data(values(THREAD_ARRAYS, thread), 'Scalars="tension"')
+    data = _arrays("PointData", values(THREAD_ARRAYS, thread), 'Scalars="tension"')
     return _poly_data(thread.points, "Lines", thread.pieces or ([count] if count else []), data)
 
 
@@ -161,13 +183,13 @@ def _vertices(items: Sequence[Any], columns: Sequence[Column[Any]], active: str)
     """Write what has a place each as vertices."""
     arrays = {column.name: np.array([column.of(item) for item in items]) for column in columns}
     points = np.array([item.x for item in items])
-    return _poly_data(points, "Verts", [1] * len(items), _point_data(arrays, active))
+    return _poly_data(points, "Verts", [1] * len(items), _arrays("PointData", arrays, active))
 
 
-def data_array(name: str, values: ArrayLike, kind: str, unit: str = "") -> str:
-    """Write a field, shape ``(n,)`` or ``(n, components)``, as an inline compressed ``DataArray`` with its unit."""
+def data_array(name: str, values: ArrayLike, kind: str, unit: str = "", pack: Pack = zlib_fastest) -> str:
+    """Write a field, shape `(n,)` or `(n, components)`, as an inline compressed ``DataArray`` with its unit."""
     array = np.ascontiguousarray(values, dtype=np.dtype(kind))
-    return _array(name, _encoded(array, FASTEST), kind, array.shape[1] if array.ndim == 2 else 1, unit)
+    return _array(name, _encoded(array, pack), kind, array.shape[1] if array.ndim == 2 else 1, unit)
 
 
 def _array(name: str, encoded: str, kind: str, components: int = 1, unit: str = "") -> str:
@@ -187,29 +209,31 @@ def _unit_key(unit: str) -> str:
 def _small(values: NDArray[Any], kind: str) -> str:
     """Encode an array of the mesh as it is or as differences between its rows, whichever is smaller."""
     array = np.ascontiguousarray(values, dtype=np.dtype(kind))
-    return min((_encoded(array, SMALLEST, step) for step in (0, array.strides[0])), key=len)
+    step = {"id": lzma.FILTER_DELTA, "dist": array.strides[0]}
+    return min((_encoded(array, partial(_lzma, filters)) for filters in ([SMALLEST], [step, SMALLEST])), key=len)
 
 
-def _encoded(array: NDArray[Any], preset: int, step: int = 0) -> str:
-    """Encode one compressed block after its header: blocks, their size, that of a partial last one, packed size.
-
-    With a ``step`` differences between bytes so far apart are packed.
-    """
+def _encoded(array: NDArray[Any], pack: Pack) -> str:
+    """Encode one compressed block after its header: blocks, their size, that of a partial last one, packed size."""
     data = array.tobytes()
     if not data:
         return base64.b64encode(np.zeros(1, dtype=np.uint32).tobytes()).decode()
-    filters: list[dict[str, int]] = [{"id": lzma.FILTER_DELTA, "dist": step}] if step else []
-    filters.append({"id": lzma.FILTER_LZMA2, "preset": preset, **WORDS})
-    packed = lzma.compress(data, lzma.FORMAT_XZ, lzma.CHECK_CRC32, filters=filters)
+    packed = pack(data)
     header = np.array([1, len(data), 0, len(packed)], dtype=np.uint32)
     return base64.b64encode(header.tobytes()).decode() + base64.b64encode(packed).decode()
 
 
 def _rounded(values: NDArray[Any]) -> NDArray[Any]:
     """Return numbers rounded to the bits that are kept of a derived field."""
-    bits = np.asarray(values, np.float32).view(np.uint32)
+    single = np.asarray(values, np.float32)
+    bits = single.view(np.uint32)
     half, mask = np.uint32(1 << (BITS_LEFT_OUT - 1)), np.uint32(~((1 << BITS_LEFT_OUT) - 1) & 0xFFFFFFFF)
-    return np.asarray(((bits + half) & mask).view(np.float32))
+    kept = np.asarray(((bits + half) & mask).view(np.float32))
+    largest = float(np.abs(single).max(initial=0.0))
+    if not 0.0 < largest < np.inf:
+        return kept
+    least = np.float32(2.0 ** (np.frexp(largest)[1] - BITS_OF_LARGEST))
+    return kept if least == 0.0 else np.rint(kept / least) * least
 
 
 def _poly_data(points: NDArray[np.float64], kind: str, counts: Sequence[int], data: str) -> str:
@@ -224,16 +248,12 @@ def _poly_data(points: NDArray[np.float64], kind: str, counts: Sequence[int], da
     )
 
 
-def _point_data(arrays: Mapping[str, Any], active: str) -> str:
-    return _arrays("PointData", arrays, active)
-
-
-def _arrays(kind: str, arrays: Mapping[str, Any], active: str) -> str:
+def _arrays(kind: str, arrays: Mapping[str, Any], active: str, pack: Pack = zlib_fastest) -> str:
     """Write fields by name, whole numbers as integers; those that are None are left out."""
     given = {name: np.asarray(values) for name, values in arrays.items() if values is not None}
     given |= {name: _rounded(given[name]) for name in DERIVED & given.keys()}
     text = "".join(
-        data_array(name, values, "i4" if values.dtype.kind == "i" else "f4", UNITS[name])
+        data_array(name, values, "i4" if values.dtype.kind == "i" else "f4", UNITS[name], pack)
         for name, values in given.items()
     )
     return f"<{kind} {active}>\n{text}</{kind}>\n"
@@ -248,6 +268,6 @@ def _entry(time: float, name: str) -> str:
 def _file(kind: str, body: str, version: str = "1.0") -> str:
     order = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
     attributes = f'type="{kind}" version="{version}" byte_order="{order}"'
-    if kind != "Collection":
-        attributes += ' header_type="UInt32" compressor="vtkLZMADataCompressor"'
+    if kind in COMPRESSORS:
+        attributes += f' header_type="UInt32" compressor="{COMPRESSORS[kind]}"'
     return f'<?xml version="1.0"?>\n<VTKFile {attributes}>\n{body}</VTKFile>\n'

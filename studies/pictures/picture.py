@@ -45,7 +45,9 @@ def draw_scene(scene: object, path: Path | str, space: str, section: str, patien
         source = Path(folder) / "scene.pickle"
         source.write_bytes(pickle.dumps(scene))
         for window in WINDOWS:
-            causes.append(draw_apart(space, source, Path(path), {"VTK_DEFAULT_OPENGL_WINDOW": window}, patience))
+            # what renders is found by drawing: pyvista's own look takes a window more
+            setting = {"VTK_DEFAULT_OPENGL_WINDOW": window, "ALLOW_PLOTTING": "true"}
+            causes.append(draw_apart(space, source, Path(path), setting, patience))
             if not causes[-1]:
                 return Drawn(f"{path}: 3-D picture (pyvista)")
         causes.append(draw_apart(section, source, Path(path), {"MPLCONFIGDIR": folder}, patience))

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from studies.figure import COLOURS, panels, render_figure
 from studies.refinement.ladder import KINDS, Ladder
-from studies.refinement.refine import Refined
+from studies.refinement.refined import Refined
 
 
 def pictures(found: Sequence[Refined], rungs: Ladder) -> dict[str, bytes]:

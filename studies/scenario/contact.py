@@ -1,11 +1,11 @@
 """Contact: two surfaces of the organ that press on one another where they meet."""
 
-from typing import Self
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
 from studies.scenario.refusal import as_toml
-from studies.scenario.table import NotNegative, ScenarioTable, Text
+from studies.scenario.table import NotNegative, ScenarioTable, Text, one_sentence
 
 
 class Contact(ScenarioTable):
@@ -15,7 +15,13 @@ class Contact(ScenarioTable):
         description="names of the two boundaries; nodes of the finer one press on facets of the other",
         examples=[["lip_left", "lip_right"]],
     )
-    friction: NotNegative = Field(
+    friction: Annotated[
+        NotNegative,
+        one_sentence(
+            "one number, zero or more: two surfaces have one coefficient, to stick by and to slip by, and no grip, for "
+            "example friction = 0.2"
+        ),
+    ] = Field(
         default=0.0,
         description="coefficient of Coulomb's friction between them [-]: they stick up to it, and slip with it",
     )

@@ -201,13 +201,14 @@ class Piercing(ScenarioTable):
                         f".pull = {as_toml(pull)} is refused: draw has the thread from {one[0][0]} to {one[-1][0]} s, "
                         "and a hand draws by a length or with a force; let one end before the other begins"
                     )
-        given = (("draw", draw), ("pull", pull))
-        short = next((key for key, rows in given if slides and any(len(grip) < 2 for grip in grips(rows or ()))), None)
-        if short is not None:
-            raise ValueError(
-                f'.{short} is refused: through a "sliding" hole a hand draws from the first row to the last; give two '
-                'rows, or set kind = "anchored"'
-            )
+        for key, rows in (("draw", draw or ()), ("pull", pull or ())):
+            single = next((grip[0] for grip in grips(rows) if len(grip) < 2), None) if slides else None
+            if single is not None:
+                raise ValueError(
+                    f'.{key}.{rows.index(single)} = {as_toml(single)} is refused: through a "sliding" hole a hand '
+                    "draws from the row in which it takes the thread to its last one, and here they are the same; "
+                    'give two rows, or set kind = "anchored"'
+                )
 
     def _check_letting_go(self, key: str, rows: Sequence[Turn | LetGo]) -> None:
         """Refuse rows of time alone through a hole that a hand always holds, and where no hand has the thread."""

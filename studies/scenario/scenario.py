@@ -137,8 +137,10 @@ class Scenario(ScenarioTable):
     @property
     def floats(self) -> bool:
         """Whether a body of the organ may be held by nothing but contact and stitches."""
-        inertia = self.tissue is not None and self.tissue.inertia and self.solve.kind == "dynamic"
-        return inertia and bool(self.touching)
+        if self.tissue is None or not self.touching:
+            return False
+        at_rest = self.solve.kind == "static" and self.tissue.material == "linear"
+        return at_rest or (self.solve.kind == "dynamic" and self.tissue.inertia)
 
     @model_validator(mode="after")
     def _check_contact(self) -> Self:
@@ -319,7 +321,7 @@ def check_within(hole: Piercing, s: float, length: float | None) -> None:
     last = inf if length is None else length
     if (hole.kind == "anchored" and 0.0 <= s <= last) or 0.0 < s < last:
         return
-    limit = "the thread's length" if length is None else f"the thread's length of {length} m"
+    limit = "the thread's length" if length is None else f"the thread's length of {length:.6g} m"
     reason = f"it must lie between 0 and {limit}; move the piercing, or let the path go on beyond it"
     at_end = s in (0.0, last) and ', or hold the end of the thread there: kind = "anchored"'
     raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "s"]), s, reason + (at_end or "")))
@@ -329,19 +331,22 @@ def check_cuts(cuts: Sequence[float], length: float, key: str = "thread.cuts") -
     """Refuse cuts, given by that `key`, that lie off the thread of that length [m]."""
     lost = next((s for s in cuts if s >= length), None)
     if lost is not None:
-        reason = f"it must lie between 0 and the thread's length of {length} m; move it"
+        reason = f"it must lie between 0 and the thread's length of {length:.6g} m; move it"
         raise ScenarioError(refusal(key, lost, reason))
 
 
-def check_spans(cuts: Sequence[float], ends: Sequence[float], breaks: Sequence[float]) -> None:
-    """Refuse cuts that leave a piece of a single span; `ends` of the pieces and of the spans, `breaks` [m]."""
+def check_spans(
+    cuts: Sequence[float], ends: Sequence[float], breaks: Sequence[float], key: str = "thread.cuts"
+) -> None:
+    """Refuse cuts, given by that `key`, that leave a piece of a single span; `ends` of the pieces and of the spans,
+    `breaks` [m]."""
     for before, after in pairwise(ends) if cuts else ():
         if sum(before <= s <= after for s in breaks) < 3:
             reason = (
                 f"the piece from {before:.6g} to {after:.6g} m is shorter than two spans of the thread; cut elsewhere, "
                 "or raise thread.control_points"
             )
-            raise ScenarioError(refusal("thread.cuts", cuts, reason))
+            raise ScenarioError(refusal(key, cuts, reason))
 
 
 def check_control_points(control_points: int, piercings: int) -> None:

@@ -23,6 +23,12 @@ class Solve(ScenarioTable):
     scheme: Literal["newton", "linear"] = Field(
         default="newton", description='time step: "newton", or "linear" (Baumgarte, one linear solve)'
     )
+    newton: Literal["numpy", "compiled"] = Field(
+        default="numpy",
+        description='how a step in time iterates: in "numpy", or by "compiled" loops, the same numbers but for '
+        "round-off in a third of the time, for long runs and many: they are compiled once, in 40 s, and kept; what "
+        "they do not cover is solved in numpy, and provenance.json says which it is",
+    )
     integrator: Literal["euler", "bdf2"] = Field(
         default="bdf2",
         description='integration in time: "bdf2" (order 2) or "euler" (backward, order 1; unless given, the way of '

@@ -21,8 +21,8 @@ from studies.scenario.refusal import refusal
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
 from studies.simulation.given import NOTHING, Given
 from studies.simulation.law import hyperelasticity_of
-from studies.simulation.meshing import check_loaded, material_of, organ_mesh, strength_at, wound_of
-from studies.simulation.pieces import check_draws, check_pieces
+from studies.simulation.meshing import check_loaded, material_of, motions_left, organ_mesh, strength_at, wound_of
+from studies.simulation.pieces import check_cutting, check_draws, check_pieces
 from studies.simulation.places import with_places
 from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key, reduction_key, thread_key
 from studies.simulation.tracts import Ball, check_balls, with_balls
@@ -97,6 +97,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     check_cuts([table.s for table in scenario.cut], length, "cut.s")
     thread = store.take("thread", thread_key(scenario, length, s), lambda: thread_of(scenario, length, s))
     check_pieces(scenario, thread.spline, [value for hole, value in zip(holes, s, strict=True) if is_known(hole)])
+    check_cutting(scenario.cut, thread.spline)
     check_draws(scenario.piercing, thread.spline, own)
     whole = resolved(scenario, length, own)
     system: System[tissue.OrganState] = System(
@@ -107,6 +108,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
         gravity=np.array(scenario.solve.gravity),
         epsilon=scenario.solve.epsilon,
         ties=tuple(tie_of(table, holes) for table in scenario.tie),
+        compiled=scenario.solve.newton == "compiled",
     )
     resolution = resolution_of(scenario.thread, length, s)
     recovery = partial(stored_recovery, scenario, body, store)
@@ -340,6 +342,9 @@ def organ_of(
     if inertia:
         full = tissue.DynamicOrgan(*known, rayleigh=scenario.tissue.rayleigh)
         return full if scenario.tissue.reduction is None else reduced(full, scenario, store)
+    held = (scenario.tissue.clamp, scenario.tissue.roller)
+    if scenario.floats and any(motions.size for motions in motions_left(body.mesh, *held)[1]):
+        return tissue.FloatingOrgan(*known)
     return tissue.QuasiStaticOrgan(*known)
 
 

@@ -205,21 +205,24 @@ def check_clear(shape: model.WoundMesh, holes: Sequence[model.Piercing]) -> None
             raise ScenarioError(place_refusal(hole, reason))
 
 
+def motions_left(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str]) -> tuple[Cells, list[Array]]:
+    """Return the body that each cell belongs to, shape `(cells,)`, and of each body the rigid motions that clamps and
+    rollers leave it, `(d, 6)`."""
+    part, held = parts(mesh.p.T, mesh.t.T), tissue.held_components(mesh, clamp, roller)
+    nodes = [np.unique(mesh.t[:, part == k]) for k in range(part.max() + 1)]
+    return part, [tissue.rigid_motions(mesh.p.T[those], held[those]) for those in nodes]
+
+
 def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] = ()) -> None:
     """Refuse several bodies of which one is held by no clamp, and not by rollers all round either."""
-    part = parts(mesh.p.T, mesh.t.T)
-    if part.max() == 0:
-        return
-    held = tissue.held_components(mesh, clamp, roller)
-    nodes = [np.unique(mesh.t[:, part == k]) for k in range(part.max() + 1)]
-    left = [tissue.rigid_motions(mesh.p.T[those], held[those]) for those in nodes]
+    part, left = motions_left(mesh, clamp, roller)
     loose = [k for k, motions in enumerate(left) if motions.size]
-    if loose:
+    if loose and len(left) > 1:
         centre = np.round(mesh.p[:, mesh.t[:, part == loose[0]]].mean(axis=(1, 2)), 4) + 0.0  # no −0.0
         reason = (
-            f"the organ is in {part.max() + 1} parts, and that about {centre.tolist()} m can still "
-            f"{tissue.motions_in_words(left[loose[0]])}; clamp a boundary of each part, or, with [[contact]] between "
-            'them, let tissue.inertia be true and solve.kind "dynamic"'
+            f"the organ is in {len(left)} parts, and that about {centre.tolist()} m can still "
+            f"{tissue.motions_in_words(left[loose[0]])}; clamp a boundary of each part, or give "
+            "[[contact]] between them, with tissue.inertia in a dynamic run, and in a static one with a linear material"
         )
         raise ScenarioError(refusal("tissue.clamp", list(clamp), reason))
 

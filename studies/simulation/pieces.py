@@ -10,6 +10,9 @@ from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.refusal import dotted_key, refusal
+from studies.scenario.scenario import check_spans
+from thread.errors import ThreadError
+from thread.refit import SLIVER, cut
 from thread.spline import Spline
 
 AT_CUT = 1e-9  # of the thread: a hole this near a cut is at it, on the one side or the other by round-off
@@ -34,6 +37,20 @@ def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None
         if scenario.solve.kind == "static" and not holes and not is_held_at_end(scenario.thread, k, spline.pieces):
             reason = f"solve.kind is static and {where} is in no hole; leave out one of its cuts, or pierce it"
             raise ScenarioError(refusal("thread.cuts", scenario.thread.cuts, reason))
+
+
+def check_cutting(cuts: Sequence[model.Cut], spline: Spline) -> None:
+    """Refuse cuts during the run at which the thread has an end already, and those that leave a piece of one span."""
+    for table in sorted(cuts, key=lambda table: table.time):
+        try:
+            spline, *_ = cut(spline, table.s, [np.zeros((spline.n, 1))])
+        except ThreadError:
+            reason = (
+                f"nearer than {SLIVER:g} spans to it the thread ends, or is cut; cut elsewhere, or raise "
+                "thread.control_points"
+            )
+            raise ScenarioError(refusal("cut.s", table.s, reason)) from None
+    check_spans([table.s for table in cuts], spline.piece_ends.tolist(), spline.breaks.tolist(), "cut.s")
 
 
 def is_held_at_end(thread: model.Thread, piece: int, pieces: int) -> bool:

@@ -1,15 +1,20 @@
 """A run into a folder, from Python and from the command."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+from coupling.errors import CouplingError
 from studies.output.budget import check_disk
 from studies.output.checkpoint import read_checkpoint
 from studies.output.folder import Recorder, can_resume, check_folder, completed_run
 from studies.output.lock import locked
 from studies.output.opened import OpenRun, open_run
 from studies.scenario import Scenario, ScenarioError
+from studies.simulation.given import Given
 from studies.simulation.interface import AnySimulation, Moments
+from studies.simulation.remedies import try_remedies
+from studies.simulation.sharing import Shared, Store
 from studies.simulation.simulation import OnStep, Simulation, prepare
 
 
@@ -20,12 +25,14 @@ def run(
     resume: bool = False,
     overwrite: bool = False,
     on_step: OnStep | None = None,
+    remedies: bool = True,
 ) -> OpenRun:
     """Run a scenario, or what `prepare` made of one, into a folder, and open it.
 
     `mesh` and `on_step` as in `prepare`, None leaves those of what is prepared. A folder that holds a run is refused,
     unless the run goes on (`resume`) or is replaced (`overwrite`); one with laws of one's own cannot go on, since no
-    file says whether they are the same. A step is recorded before `on_step` is called with it; an exception from it
+    file says whether they are the same. What helps a run that fails is tried on copies and said in a remark, unless
+    `remedies` is False. A step is recorded before `on_step` is called with it; an exception from it
     ends the run, whose folder then says so. Raises the errors of input that cannot be run, and of a run that fails.
     """
     folder, ready = Path(folder), scenario if isinstance(scenario, Simulation) else None
@@ -38,10 +45,29 @@ def run(
         begun = begin(replace(simulation, on_step=on_step or simulation.on_step), folder, resume)
         if begun is not None:
             recorder, moments = begun
-            with recorder:
-                for step, frame in moments:
-                    recorder.record(step, frame)
+            try:
+                with recorder:
+                    for step, frame in moments:
+                        recorder.record(step, frame)
+            except CouplingError as failure:
+                if remedies:
+                    copy = partial(prepare_copy, simulation.assembly.given, Shared())
+                    recorder.remark(try_remedies(simulation.scenario, failure, recorder.last_step, copy))
+                raise
     return open_run(folder)
+
+
+def prepare_copy(given: Given, store: Store, scenario: Scenario) -> Simulation:
+    """Prepare a scenario with what was `given` for another that differs in how it is solved alone."""
+    return prepare(
+        scenario,
+        store,
+        given.mesh,
+        basis=given.basis,
+        stiffness=given.stiffness,
+        friction=given.friction,
+        energy=given.energy,
+    )
 
 
 def check_prepared(simulation: Simulation, mesh: object, resume: bool) -> None:

@@ -15,6 +15,7 @@ from coupling.system import State, System
 from coupling.tension import unsettled_layers
 from studies.arrays import Array
 from studies.output.records import (
+    APART,
     ContactRecord,
     LoadRecord,
     ReductionRecord,
@@ -91,7 +92,8 @@ def contact_records(system: System, state: State) -> tuple[ContactRecord, ...]:
 
 def contact_record(part: tissue.Part, lips: ContactObservation, extent: float) -> ContactRecord:
     """Return one pair of surfaces; the gap of a node that faces nothing is their `extent` [m]."""
-    pressure = part.vertex_pressure(lips.force)
+    pressure, faces = part.vertex_pressure(lips.force), lips.gap < extent
+    apart = faces & (lips.gap > APART)
     return ContactRecord(
         pair=part.name,
         pairs=len(lips.gap),
@@ -102,7 +104,9 @@ def contact_record(part: tissue.Part, lips: ContactObservation, extent: float) -
         slide=float(lips.slide.max()),
         force=float(lips.force.sum()),
         complementarity=lips.complementarity,
-        largest_gap=float(lips.gap[lips.gap < extent].max(initial=0.0)),
+        largest_gap=float(lips.gap[faces].max(initial=0.0)),
+        open_area=float(part.pair_areas[apart].sum()),
+        gap_volume=float(part.pair_areas[faces] @ np.maximum(lips.gap[faces], 0.0)),
         slipping=int(np.count_nonzero(lips.slips)),
         friction=float(np.linalg.norm(lips.friction.sum(axis=0))),
     )

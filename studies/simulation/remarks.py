@@ -43,7 +43,7 @@ from studies.scenario import Scenario
 from studies.scenario.refusal import dotted_key
 from studies.simulation.assembly import Assembly, section_of
 from studies.simulation.given import Given, shear_moduli
-from studies.simulation.tracts import Ball, radius_of
+from studies.simulation.tracts import Ball, across_wounds, radius_of
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED, unrest
 from thread.catalogue import knot_pull
 
@@ -64,6 +64,7 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]]) -> li
     """Return what can be said before the first step."""
     scenario = assembly.scenario
     out = [*unlike_units(values_of(assembly)), *off_path(assembly), *handed_over(assembly.given, assembly.body)]
+    out += after_end(times_of(scenario), scenario.solve.duration)
     if assembly.body is None:
         return out
     sizes = [size_at(assembly.body.mesh, np.array(hole.place)) for hole in scenario.piercing]
@@ -79,6 +80,27 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]]) -> li
         *moved_holes(scenario.piercing),
         *steep_friction(scenario.contact),
         *along_path(assembly),
+    ]
+
+
+def times_of(scenario: Scenario) -> dict[str, float]:
+    """Return when what has a time happens [s], by its key."""
+    begins = {dotted_key(["piercing", hole.name, "from"]): hole.from_ for hole in scenario.piercing}
+    closes = {dotted_key(["tie", tie.name, "from"]): tie.from_ for tie in scenario.tie}
+    return begins | closes | {f"cut.{k}.time": table.time for k, table in enumerate(scenario.cut)}
+
+
+def after_end(times: Mapping[str, float], duration: float) -> list[Remark]:
+    """Judge what of a run of a `duration` [s] has a time beyond its end."""
+    return [
+        remark(
+            "after-end",
+            key,
+            f"{key} = {time:.6g} s is after the end of the run at {duration:.6g} s, and it does not happen; raise "
+            "solve.duration, or leave it out",
+        )
+        for key, time in times.items()
+        if time > duration
     ]
 
 
@@ -515,8 +537,9 @@ def along_path(assembly: Assembly) -> list[Remark]:
             deepest = float(assembly.depths(path.position(at)).max())
             out += without_tract(one.name, other.name, deepest, assembly.system.thread.section.diameter)
         else:
-            balls = sum(hole.length for hole, _ in placed if isinstance(hole, Ball) and hole.tract == tract.name)
-            out += bare_tract(tract.name, last - first - balls, last - first, radius_of(tract, scenario.piercing))
+            balls = [(hole, at) for hole, at in placed if isinstance(hole, Ball) and hole.tract == tract.name]
+            borne = sum(ball.length for ball, _ in balls) + across_wounds(scenario, body.mesh, balls)
+            out += bare_tract(tract.name, last - first - borne, last - first, radius_of(tract, scenario.piercing))
     return out
 
 
@@ -532,13 +555,14 @@ def without_tract(one: str, other: str, depth: float, diameter: float) -> list[R
 
 
 def bare_tract(name: str, bare: float, length: float, radius: float) -> list[Remark]:
-    """Judge how much of the path of a tract, `bare` of its `length` [m], has no room for balls of a `radius` [m]."""
+    """Judge how much of the path of a tract, `bare` of its `length` [m] and no part of the way across a wound, has no
+    room for balls of a `radius` [m]."""
     if bare <= BARE * radius:
         return []
     text = (
         f"{bare / MILLI:.3g} mm of the {length / MILLI:.3g} mm of the tract {name!r} lie outside the organ or nearer "
-        f"to a surface than its radius, {radius / MILLI:.2g} mm, and the thread does not bear on tissue there; lead "
-        "the path deeper or take a smaller radius"
+        f"to a surface than its radius, {radius / MILLI:.2g} mm, besides the way across a wound, and the thread "
+        "does not bear on tissue there; lead the path deeper or take a smaller radius"
     )
     return [remark("tract-bare", name, text)]
 

@@ -20,7 +20,7 @@ from coupling.paper.linear_step import checked, linear_step, linear_two_pass
 from coupling.paper.staggered import backward_euler, stagger
 from coupling.paper.two_pass import two_pass
 from coupling.run import begin
-from coupling.solver import SWITCHED_ON, covers
+from coupling.solver import covers
 from coupling.stepping import Take, try_step
 from coupling.system import State
 from studies.arrays import Array
@@ -102,11 +102,11 @@ class Simulation:
 
     @property
     def _newton(self) -> str:
-        """What steps are solved by where they can be: "compiled" loops that are switched on, or "numpy"."""
-        solve, organ = self.scenario.solve, self.assembly.organ
+        """What steps are solved by where they can be: "compiled" loops that are asked for, or "numpy"."""
+        solve, organ, system = self.scenario.solve, self.assembly.organ, self.assembly.system
         in_motion = (solve.kind, solve.scheme) == ("dynamic", "newton")
         linear = getattr(organ, "gaps", None) is None and not isinstance(organ, tissue.FiniteOrgan)
-        return "compiled" if SWITCHED_ON and in_motion and linear and covers(self.assembly.system) else "numpy"
+        return "compiled" if solve.newton == "compiled" and in_motion and linear and covers(system) else "numpy"
 
     @property
     def steps(self) -> int:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import skfem
@@ -10,20 +11,24 @@ import tissue
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Friction, Piercing, Scenario, ScenarioError, Tract
+from studies.scenario.organ import LIPS
 from studies.scenario.refusal import refusal
 from thread.path import RoundedPath
 
 LOOKS = 8  # per radius: places along a path at which it is asked how deep it lies
 MOST_LOOKS = 2000
 ROUND_OFF = 1e-9  # of a number of balls
+TOUCHED = 1.01  # radii from a ball to a surface that it touches: where it is a radius deep, but for HALVINGS
 HALVINGS = 20  # of the way between two of them, to where it is a radius deep
 
 
 class Ball(Piercing):
-    """A hole that is one ball of a tract: its name, and the length of path that it stands for [m]."""
+    """A hole that is one ball of a tract: its name, the length of path that it stands for [m], and the number of the
+    part of the path, of those that lie deep enough, that it is in."""
 
     tract: str
     length: float
+    part: int
 
 
 @dataclass(frozen=True)
@@ -34,11 +39,6 @@ class Way:
     first: float
     last: float
     deep: Array
-
-    @property
-    def bare(self) -> float:
-        """Length of it that is not so deep [m]."""
-        return float(self.last - self.first - np.sum(self.deep[:, 1] - self.deep[:, 0]))
 
 
 def with_balls(
@@ -99,15 +99,15 @@ def way_of(path: RoundedPath, ends: Sequence[float], radius: float, depths: Call
 def balls_of(tract: Tract, path: RoundedPath, way: Way, radius: float) -> list[tuple[float, Ball]]:
     """Return the balls of a tract and their abscissae on the path [m], evenly from end to end of what lies deep
     enough: the thread presses hardest at the ends, where a ball has to be on any spacing for this to converge fast."""
-    parts = []
-    for low, high in way.deep.tolist():
+    balls: list[tuple[float, float, int]] = []
+    for part, (low, high) in enumerate(way.deep.tolist()):
         count = int(np.ceil((high - low) / (tract.spacing or radius) * (1.0 - ROUND_OFF)))
         step = (high - low) / count
-        parts += [(low + k * step, step * (0.5 if k in (0, count) else 1.0)) for k in range(count + 1)]
+        balls += [(low + k * step, step * (0.5 if k in (0, count) else 1.0), part) for k in range(count + 1)]
     given, out = tract.friction, []
-    for k, (at, length) in enumerate(parts, start=1):
+    for k, (at, length, part) in enumerate(balls, start=1):
         x, y, z = path.position(at).tolist()
-        friction = given and Friction(static=given.static, kinetic=given.kinetic, grip=given.grip / len(parts))
+        friction = given and Friction(static=given.static, kinetic=given.kinetic, grip=given.grip / len(balls))
         name = f"{tract.name}.{k}"
         ball = Ball(
             name=name,
@@ -117,9 +117,27 @@ def balls_of(tract: Tract, path: RoundedPath, way: Way, radius: float) -> list[t
             subgrid=tract.subgrid,
             tract=tract.name,
             length=length,
+            part=part,
         )
         out.append((at, ball))
     return out
+
+
+def across_wounds(scenario: Scenario, mesh: skfem.MeshTet, balls: Sequence[tuple[Ball, float]]) -> float:
+    """Return the length of a tract's path on which it leaves tissue through one side of a wound, or of surfaces in
+    contact, and goes on behind the other [m]; `balls` with their abscissae on the path."""
+    given = scenario.tissue
+    wound = (LIPS,) if given is not None and isinstance(given.mesh, model.WoundMesh) else ()
+    pairs = dict.fromkeys((*wound, *scenario.touching))
+    gaps = [(one, other, high - low) for (one, low), (other, high) in pairwise(balls) if one.part != other.part]
+    return sum(length for one, other, length in gaps if any(are_beside(mesh, pair, one, other) for pair in pairs))
+
+
+def are_beside(mesh: skfem.MeshTet, sides: tuple[str, str], one: Ball, other: Ball) -> bool:
+    """Tell whether two balls touch one each of two surfaces of a mesh."""
+    first, second = (tissue.distances(mesh, side)(np.array([one.place, other.place])) for side in sides)
+    touched = TOUCHED * one.footprint
+    return bool(max(first[0], second[1]) <= touched or max(second[0], first[1]) <= touched)
 
 
 def check_balls(thread: model.Thread, holes: Sequence[Piercing]) -> None:

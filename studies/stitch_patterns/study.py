@@ -342,7 +342,8 @@ def table(rows: Sequence[Row]) -> Table:
 
 def remarks(rows: Sequence[Row]) -> list[str]:
     """Say what was fitted, what agrees, how far the capstan is off, and what is left open."""
-    out = [case_words(rows, case) for case in cases_of(rows)]
+    middle = middle_case(rows)
+    out = [*(case_words(rows, case) for case in cases_of(rows)), spread_words(rows, middle[0], middle[2])]
     out.append(
         "how far a throw turns its strands is ASSUMED, and so is that thread rubs on thread as it does on skin: with "
         "either of its own, μ would be one of two free numbers"
@@ -425,7 +426,7 @@ def against_published(axes: Axes, rows: Sequence[Row]) -> None:
         label = f"throw {throw:g}°, {rings} rings, fitted to {fitted:.3g} N"
         axes.plot(place, pulls, MARKERS[number % len(MARKERS)], color=colour, label=label)
     axes.set_xticks(places, [name.replace(" ", "\n") for name in names])
-    axes.set(ylabel="pull that closes 5 N [N]", title="one μ, fitted to the single stitch", ylim=(0.0, 13.0))
+    axes.set(ylabel="pull that closes 5 N [N]", title="one μ a throw, fitted to the single stitch", ylim=(0.0, 13.0))
     axes.legend(fontsize=6, loc="upper left")
 
 
@@ -447,15 +448,19 @@ def over_throw(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def over_pull(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw what the thread pulls a lip by over the pull of the hands; lines are a thread that bends."""
+    """Draw what the thread pulls a lip by over the pull of the hands, hollow where it has not slid in all rings yet;
+    lines are a thread that bends and slides."""
     case = middle_case(rows)
     for (name, loads), colour, marker in zip(loads_of(rows, case).items(), COLOURS, MARKERS, strict=False):
         pulls = [row.pull for row in loads]
         tensions = [row.tension for row in loads]
-        axes.plot(pulls, tensions, marker, color=colour, label=name, markersize=WIDE.get(name))
+        axes.plot(pulls, tensions, marker, color=colour, markerfacecolor="none", markersize=WIDE.get(name))
+        slid = [(pull, tension) for pull, tension, row in zip(pulls, tensions, loads, strict=True) if row.slides]
+        axes.plot(*np.reshape(slid, (-1, 2)).T, marker, color=colour, label=name, markersize=WIDE.get(name))
         closing = Way.of(PATTERNS[name], case[0], case[1]).closing(partial(bent_ratio, loads[0].mu))
         axes.plot([0.0, pulls[-1]], [0.0, closing * pulls[-1]], color=colour)
-    axes.plot([], [], color="black", label="a thread that bends")
+    axes.plot([], [], color="black", label="a thread that bends and slides")
+    axes.plot([], [], "o", color="black", markerfacecolor="none", label="sticks in a ring yet")
     axes.axhline(WOUND, color="black", linestyle=":")
     axes.set(xlabel="pull of each hand [N]", ylabel="wound's tension [N]", title=f"load steps, throw {case[0]:g}°")
     axes.legend(fontsize=7)

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from coupling import equilibrium
 from coupling.bordered import OWN, own_downhill, solve_own
 from coupling.continuation import solve_downhill
-from coupling.errors import EquilibriumError, InversionError, StepError
+from coupling.errors import EquilibriumError, InversionError, SpentError, StepError
 from coupling.integrators import BackwardEuler
 from coupling.motion import CROSSED, is_too_long, what_it_does
 from coupling.newton import solve
@@ -239,3 +239,30 @@ def test_a_static_load_step_that_flips_is_halved(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(equilibrium, "settle", flipping)
     steps = equilibrium.load_step(system, state, 1.0, 1.0)
     assert shares == [1.0, 0.5, 1.0] and abs(steps[-1].new.reaction[0] @ X / -0.2 - 1.0) <= IDENTITY**0.5
+
+
+def test_a_thread_that_nothing_holds_back_runs_out_at_rest() -> None:
+    """Independent check: a dead load above what a hole grips has no equilibrium. The thread runs out of its last hole,
+    and this ends the load step, not a search for what there is not."""
+    system, state = through_a_hole((Free(), Pulled(0.2 * X)), Friction(0.0, 0.0, grip=0.1))
+    assert abs(equilibrium.load_step(system, state, 0.45, 1.0)[-1].new.s[0] / state.s[0] - 1.0) < 0.01
+    with pytest.raises(EquilibriumError, match="runs out of its last hole"):
+        equilibrium.load_step(system, state, 1.0, 1.0)
+
+
+def test_a_load_step_that_comes_over_a_held_end_tells_its_loads() -> None:
+    """Independent check: a load step lasts no time of its own, so that its error says under which loads it came to a
+    held end, not from when and how long."""
+    refused = StepError(0.5, 0.0, "the thread runs out: its start is held", "hole")
+    error = equilibrium.without_equilibrium(refused, 0.5)
+    assert "no equilibrium was found under 50 % of the loads (the thread runs out" in str(error)
+    assert "dt" not in str(error)
+
+
+def test_a_load_step_that_goes_on_for_ever_ends_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: the corrections of all its parts are counted together, and the error says where the thread
+    was and what to do."""
+    system, state = through_a_hole((Fixed(ORIGIN), Pulled(0.2 * X)))
+    monkeypatch.setattr(equilibrium, "MOST_CORRECTIONS", 3)
+    with pytest.raises(SpentError, match=r"under 100 % of the loads in 3 corrections.*'hole'; .*solve.load_steps"):
+        equilibrium.load_step(system, state, 1.0, 1.0)

@@ -11,6 +11,7 @@ import pytest
 import coupling.stepping
 from coupling import newton, solver
 from coupling.newton import Iterate, Problem, Solution
+from coupling.tables import tables_of
 from studies.scenario import Scenario, load
 from studies.simulation import prepare
 from tests.bounds import AXIAL, RESIDUAL
@@ -107,8 +108,8 @@ def test_what_is_known_of_a_thread_stays_known_when_a_hand_takes_an_end() -> Non
     with another thread its own."""
     system = prepare(drawn()).assembly.system
     led = replace(system, ends=(Free(), Free()))
-    assert led.tables is system.tables
-    assert replace(system, thread=replace(system.thread, damping=1.0)).tables is not system.tables
+    assert tables_of(led.thread) is tables_of(system.thread)
+    assert tables_of(replace(system.thread, damping=1.0)) is not tables_of(system.thread)
 
 
 def scales(problem: Problem, solution: Solution) -> dict[str, float]:

@@ -17,7 +17,7 @@ from coupling.audit import Energies, audit_step, initial_energies, multiplier_im
 from coupling.constraints import phi
 from coupling.contact import observe_contact
 from coupling.equilibrium import load_step
-from coupling.errors import CouplingError
+from coupling.errors import CouplingError, EquilibriumError
 from coupling.integrators import BackwardEuler
 from coupling.newton import solve
 from coupling.paper.linear_step import linear_step
@@ -29,9 +29,10 @@ from coupling.system import Friction, Piercing, State, System
 from meshes.block import block
 from studies.command import command
 from studies.output.folder import Recorder
-from studies.output.records import StepRecord
+from studies.output.records import APART, StepRecord
 from studies.scenario import ScenarioError, load
 from studies.simulation import prepare
+from studies.simulation.recording import contact_record, contact_records
 from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, Z, hairpin, hairpin_system, laid, run, taken
 from tests.tissue.wounds import wounded_organ
@@ -456,9 +457,67 @@ def test_a_body_that_falls_on_another_comes_to_rest_on_it(bodies: Path) -> None:
     assert found["smallest_gap"] <= found["largest_gap"] < 1e-5 and found["slide"] < 1e-4
 
 
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_what_is_open_between_two_surfaces(bodies: Path, element: str) -> None:
+    """Independent check: the whole side of the upper body, 0.1 mm above the lower one, is open, and between them is
+    that times the side; where some of it is nearer than the tolerance this is not open, whatever it is by."""
+    simulation = prepare(load(bodies, [f'tissue.element="{element}"']))
+    side, above = 0.006**2, 1e-4
+    now = simulation.beginning()
+    (found,), organ = contact_records(now.system, now.state), simulation.assembly.organ
+    assert found.open_area == pytest.approx(side, rel=RESIDUAL)
+    assert found.gap_volume == pytest.approx(side * above, rel=RESIDUAL)
+    lips, (part,), left = observe_contact(now.system, now.state), organ.gaps.parts, organ.gaps.left
+    assert lips is not None
+    near = organ.elasticity.points[left, 0] < -1e-9
+    touching = replace(lips, gap=np.where(near, 0.5 * APART, lips.gap))
+    share = float(part.pair_areas[~near].sum())
+    assert 0.4 * side < share < side
+    found = contact_record(part, touching, organ.gaps.extent)
+    assert found.open_area == pytest.approx(share, rel=RESIDUAL)
+    assert found.gap_volume == pytest.approx(share * above + (side - share) * 0.5 * APART, rel=RESIDUAL)
+
+
 def test_a_body_that_can_move_is_refused_at_rest(bodies: Path) -> None:
-    """Independent check: statics says which body, and how it can move."""
+    """Independent check: where nothing may come to hold it, and of tissue at finite strain, a run at rest says which
+    body, and how it can move."""
     with pytest.raises(ScenarioError, match=r"in 2 parts, .* can still move along x, y, z and turn about .* x, y, z"):
-        prepare(load(bodies, ["solve.kind=static"]))
+        prepare(load(bodies, ["solve.kind=static", "tissue.material=neo-hookean", "tissue.rayleigh=[50.0, 0.0]"]))
+    with pytest.raises(ScenarioError, match=r"in 2 parts"):
+        prepare(load(bodies, ["solve.kind=static", "contact=[]"]))
     with pytest.raises(ScenarioError, match=r"in 2 parts"):
         prepare(load(bodies, ["contact=[]"]))
+
+
+WEIGHT = 0.006**3 * 1000.0 * 9.81  # of the upper body [N]
+AT_REST = ["solve.kind=static", "solve.load_steps=2", "output.every=1"]
+SLOPE = "solve.gravity=[1.962, 0, -9.81]"  # of 0.2
+
+
+@pytest.mark.parametrize("rough", [False, True])
+def test_a_body_that_nothing_holds_at_rest_lies_on_another(bodies: Path, rough: bool) -> None:
+    """Independent check: 0.1 mm above a plate, which is level, or rises by 0.2 with a coefficient of friction of 0.3,
+    it lies on it at rest; what the plate bears is its weight, and friction what draws it downhill. The balance of
+    energy closes, and the work of the weight is what the drag took. Consistency check: resumed, the same bits."""
+    friction = ['contact=[{between=["upper","lower"],friction=0.3}]', SLOPE] if rough else []
+    simulation = prepare(load(bodies, AT_REST + friction))
+    records = [record for record, _ in simulation.advance()]
+    (lies,), energy = records[-1].contact, records[-1].energy
+    assert lies.force == pytest.approx(WEIGHT, rel=TWO_SOLVERS)
+    assert lies.friction == pytest.approx(0.2 * WEIGHT if rough else 0.0, abs=TWO_SOLVERS * WEIGHT)
+    assert abs(lies.smallest_gap) <= IDENTITY * 0.006
+    assert abs(energy.balance_error) <= RESIDUAL * energy.external_work
+    assert energy.numerical_dissipation == pytest.approx(WEIGHT * 1e-4, rel=0.2)
+    again = [record for record, _ in simulation.advance(records[1].memory)]
+    assert again[-1].contact == records[-1].contact
+
+
+@pytest.mark.parametrize(
+    "drawn", [["solve.gravity=[0, 0, 9.81]"], ['contact=[{between=["upper","lower"],friction=0.19}]', SLOPE]]
+)
+def test_a_body_that_nothing_comes_to_hold_is_said_to_drift(bodies: Path, drawn: list[str]) -> None:
+    """Independent check: drawn away from the plate, and on a slope that is steeper than its friction, it has no
+    equilibrium, and the run ends with that sentence."""
+    simulation = prepare(load(bodies, AT_REST + drawn))
+    with pytest.raises(EquilibriumError, match="that no clamp holds drifts on"):
+        simulation.next(simulation.beginning())

@@ -157,6 +157,28 @@ def test_at_rest_the_holes_keep_what_they_grip(end: dict[str, Any]) -> None:
     assert [hole.tension_before for hole in last.piercings] == [hole.tension_before for hole in whole[4].piercings]
 
 
+def test_a_piece_that_nothing_holds_back_runs_out_of_its_hole() -> None:
+    """Independent check: once the thread is cut at its holder, a dead load of five times the grip draws the piece out
+    of its hole. It has left it then, nothing bears the load, and the balance closes."""
+    table = {
+        "thread": STRING["thread"]
+        | {"path": [[0, 0, 0], [0.03, 0, 0]], "control_points": 20, "end": {"kind": "pulled", "force": [0.5, 0, 0]}}
+        | {"length": 0.03},
+        "piercing": [
+            {"name": "hole", "at": [0.02, 0, 0], "friction": {"static": 0.0, "kinetic": 0.0, "grip": GRIP}},
+        ],
+        "cut": [{"s": 0.01, "time": 0.5}],
+        "solve": {"kind": "static", "load_steps": 2},
+    }
+    _, now, last = states(table)
+    assert [(event.kind, event.piercing) for event in now.events if event.kind in ("cut", "leaves")] == [
+        ("cut", ""),
+        ("leaves", "hole"),
+    ]
+    assert np.abs(last.state.reaction[1]).max() <= GRIPPED * GRIP
+    assert abs(last.energies.balance_error) <= AUDIT * last.energies.at_stake
+
+
 def test_a_stitch_that_is_cut_at_rest_lets_the_tissue_go_back() -> None:
     """Independent check: two holes that a strand has drawn together are where they were once it is cut, and nothing is
     stored in tissue that had borne it."""
@@ -199,7 +221,10 @@ def test_a_stitch_that_is_cut_at_rest_lets_the_tissue_go_back() -> None:
         ),
         ({"solve": {"scheme": "linear"}}, "solve.scheme.*not cut during such a run"),
         ({"cut": [{"s": 0.01, "time": 1.0}] * 2}, "cut.s.*cut there already"),
-        ({"cut": [{"s": 0.1, "time": 1.0}]}, "cut.s.*between 0 and the thread's length"),
+        ({"cut": [{"s": 0.1, "time": 1.0}]}, r"cut.s.*between 0 and the thread's length of [0-9.]{3,8} m"),
+        ({"cut": [{"s": 1e-6, "time": 1e-5}]}, "cut.s = 1e-06 is refused: nearer than 0.1 spans to it the thread ends"),
+        ({"cut": [{"s": s, "time": 1e-5} for s in (0.01, 0.010001)]}, "cut.s = 0.010001.*the thread ends, or is cut"),
+        ({"cut": [{"s": 2e-4, "time": 1e-5}]}, "cut.s.*shorter than two spans"),
         ({"cut": [{"s": 0.01, "time": 0.0}]}, "cut.0.time"),
     ],
 )

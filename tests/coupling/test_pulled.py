@@ -112,7 +112,10 @@ def test_a_hole_that_ends_lets_go() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"kind": "sliding", "pull": [[0, 0.1]]}, r'right\.pull is refused.*give two rows, or set kind = "anchored"'),
+        (
+            {"kind": "sliding", "pull": [[0, 0.1]]},
+            r'right\.pull\.0 = \[0.0, 0.1\] is.*give two rows, or set kind = "anchored"',
+        ),
         (
             {"kind": "sliding", "draw": [[0.5, 0], [2, 1e-3]]},
             r"right\.pull = .*draw has the thread from 0\.5 to 2\.0 s",
@@ -121,7 +124,10 @@ def test_a_hole_that_ends_lets_go() -> None:
         ({"pull": [[0, 0.1], [0.5], [1, 0.1]]}, r"right\.pull\.1 = \[0\.5\].*a hand always has an anchored thread"),
         ({"kind": "sliding", "pull": [[0.5], [1, 0.1]]}, r"right\.pull\.0 = \[0\.5\].*no hand has the thread"),
         ({"kind": "sliding", "pull": [[0, 1.0], [0.5], [0.6], [1, 0.1]]}, r"right\.pull\.2.*no hand has the thread"),
-        ({"kind": "sliding", "pull": [[0, 1.0], [0.5], [1, 0.1]]}, r"right\.pull is refused.*give two rows"),
+        (
+            {"kind": "sliding", "pull": [[0, 1.0], [0.5], [1, 0.1]]},
+            r"right\.pull\.2 = \[1.0, 0.1\] is refused.*two rows",
+        ),
         (
             {"kind": "sliding", "pull": [[0, 1.0], [0.5], [1, 0], [2, 1]], "draw": [[0.5, 0], [1.5, 1e-3]]},
             r"right\.pull = .*draw has the thread from 0\.5 to 1\.5 s",

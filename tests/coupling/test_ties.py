@@ -13,6 +13,7 @@ import pytest
 from coupling import run
 from coupling.assembled import Monolith, equation_of, monolithic_solve
 from coupling.audit import multiplier_imbalance
+from coupling.cutting import Cut, cut_thread
 from coupling.diagnosis import refuse_held_end
 from coupling.equilibrium import settle
 from coupling.errors import CouplingError, FormingError, StepError
@@ -23,7 +24,7 @@ from coupling.sliding import force_along_thread, next_sigma
 from coupling.stepping import dynamic_problem, organ_answer, predict
 from coupling.system import Piercing, State, System
 from coupling.ties import Tie, gap_left
-from coupling.tying import begin_tie, with_strands
+from coupling.tying import begin_tie, observe_ties, with_strands
 from studies.output.records import StepRecord
 from studies.scenario import ScenarioError, parse
 from studies.simulation import Simulation, prepare
@@ -40,6 +41,7 @@ from tissue.organs.meshed import NO_LIPS, Lips, OrganEnergies
 
 SUTURE = suture("2-0 polypropylene")
 CLOSED_FORM = 5e-3  # of a tension or a length: what bends that do not die out between two holes leave of the sum
+BORNE = 0.02  # of the force: the bend of a cut loop is worth EI/R² = 0.015 N
 FORCE, RADIUS = 1.0, 0.01  # N, m
 NOTHING = np.zeros(0)
 
@@ -113,6 +115,34 @@ def ring(corners: int, give: float, **tie: Any) -> tuple[System[Array], State[Ar
     places = RADIUS * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
     crossing = 0.5 * (places[0] + places[-1])
     return loop(np.stack([crossing, *places, crossing]), give, **tie)
+
+
+def test_a_loop_that_is_cut_has_no_length() -> None:
+    """Independent check: a loop that was cut is none any more, and one cut in a tail beyond its tie is what it was."""
+    now = run.begin(*ring(6, 5e-4)).load(1.0, 0.12)
+    (whole,), spline = now.ties, now.system.thread.spline
+    for s, length in ((whole.s_first + 0.5 * whole.length, np.nan), (0.5 * whole.s_first, whole.length)):
+        system, state, _ = cut_thread(now.system, now.state, s)
+        (tie,) = observe_ties(system, state, now.tie_works)
+        assert system.thread.spline.pieces == spline.pieces + 1 and tie.state == whole.state
+        assert tie.length == pytest.approx(length, rel=IDENTITY, nan_ok=True)
+
+
+@pytest.mark.parametrize("share", [0.25, 1.0])
+def test_a_loop_that_is_cut_at_rest_bears_nothing(share: float) -> None:
+    """Independent check: hands that draw a loop let go where it is cut, for it would come out without end; a knot that
+    is locked stays, and bears nothing either."""
+    now = run.begin(*ring(6, 5e-4))
+    (closed,) = now.load(share, 0.12).ties
+    s = closed.s_first + 0.45 * closed.length
+    after = replace(now, cuts=(Cut(s, share * 0.12),)).load(share, 0.12)
+    (tie,) = after.ties
+    assert [event.kind for event in after.events if event.kind in ("cut", "unties")] == ["cut", "unties"][
+        : 1 + (share < 0.5)
+    ]
+    assert tie.state == ("open" if share < 0.5 else "tied")
+    assert closed.force > 0.4 * FORCE and tie.force < BORNE * FORCE
+    assert max(abs(hole.tension_after) for hole in after.piercings) < BORNE * FORCE
 
 
 def length_around(corners: int, side: float, tension: float) -> float:

@@ -1,6 +1,8 @@
 """A thread that bears on the tissue between two holes: against a beam, in depth, with friction, refused in words."""
 
 import tomllib
+from copy import deepcopy
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -8,13 +10,17 @@ import numpy as np
 import pytest
 
 import tissue
+from coupling.events import changes
 from coupling.observation import site_compliance
 from studies.scenario import ScenarioError, parse
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
+from studies.simulation.remarks import foreseen
+from studies.simulation.tracts import Ball, across_wounds
 from tests.bounds import RESIDUAL
 
+BORDER = 1e-6  # of the way across: where a path is deep enough is found by twenty halvings
 FOUNDATION = 2e-3  # of the deflection of the tip: the spline's 160 points, and the beam's own theory at these loads
 SPACING = 0.02  # of the gap at the skin, when the balls are twice as close
 TIP, PULL = 0.014, 1e-5  # where the thread ends [m], and the force across it there [N]
@@ -154,7 +160,8 @@ def test_the_depth_of_a_bite_matters_and_the_spacing_does_not() -> None:
 
 def test_the_grip_of_a_tract_is_taken_from_the_pull() -> None:
     """Independent check: nothing presses along a straight tract, so that a thread which is drawn through needs its grip
-    more behind it than before; the friction is counted."""
+    more behind it than before; the friction is counted. That it slips is one event, however many balls there are, and
+    where some stick it sticks."""
     text = f"""
 {BLOCK}{STRAIGHT.format(kind="sliding")}
 friction = {{ static = 0.0, kinetic = 0.0, grip = {GRIP} }}
@@ -165,7 +172,12 @@ end = {{ kind = "driven", waypoints = [[0, {TIP}, 0, -0.006], [1, {TIP + 1e-3}, 
 """
     _, now = at_rest(text)
     (tract,) = step_record(now).tracts
+    assert [(event.kind, event.piercing) for event in now.events] == [("slips", "in-out")]
     assert tract.slipping == len(tract.balls)
+    some = replace(now.state, sigma=np.where(np.arange(now.system.holds) == 3, 0.0, now.state.sigma))
+    assert [(each.kind, each.piercing) for each in changes(now.system, now.state, some)] == [("sticks", "in-out")]
+    none = replace(now.state, sigma=np.zeros_like(some.sigma))
+    assert changes(now.system, some, none) == []
     assert abs(tract.balls[0].tension_before - TAUT) <= GRIPPED * TAUT
     assert abs(tract.balls[-1].tension_after - TAUT - GRIP) <= GRIPPED * TAUT
     assert abs(tract.friction + GRIP) <= GRIPPED * GRIP
@@ -199,6 +211,21 @@ def test_a_tract_that_cannot_be_is_refused_in_words() -> None:
     ):
         with pytest.raises(ScenarioError, match=said):
             prepare(parse(tables))
+
+
+def test_the_way_across_a_wound_is_no_fault_of_a_tract() -> None:
+    """Independent check: a bite through both lips of a slit is bare for two radii there, where it passes from lip to
+    lip, and that is not held against it; of as much beneath a surface that is no wound is."""
+    deep = tomllib.loads(STITCH.format(thread=THREAD, depth=6e-3, spacing=1.5e-3))
+    near = deepcopy(deep)
+    near["thread"]["path"][1:3] = [[-0.006, 0, -6e-3], [-0.0014, 0, -1e-3], [0.0014, 0, -1e-3], [0.006, 0, -6e-3]]
+    for tables, codes in ((deep, []), (near, ["tract-bare"])):
+        assembly = prepare(parse(tables)).assembly
+        balls = [(hole, float(s)) for hole, s in zip(assembly.holes, assembly.s, strict=True) if isinstance(hole, Ball)]
+        assert {ball.part for ball, _ in balls} == {0, 1} and assembly.body is not None
+        across = across_wounds(assembly.scenario, assembly.body.mesh, balls)
+        assert across == pytest.approx(0.0 if codes else 3e-3, rel=BORDER)
+        assert [each.code for each in foreseen(assembly, {}) if each.code == "tract-bare"] == codes
 
 
 def test_thread_in_tissue_without_a_tract_is_told() -> None:

@@ -47,8 +47,12 @@ def test_bench_many(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypa
     assert all(row["vectors"] == 54 < row["tissue_unknowns"] for row in written["reduced"])
     assert all(row["bound_over_error"] > 1.0 and row["error"] > 0.0 for row in written["reduced"])
     assert [row["times_as_cheap"] for row in written["tensions"]] == [2.0, 2.0]
-    assert asked[6:] == [["run"], ["run", "--no-picture"]]
-    assert written["main_job_seconds"] == {"picture": 100.0, "plain": 100.0}
+    loops = f"--set={many.COMPILED}"
+    short = ["run", "--no-picture", loops, "--set=solve.duration=2e-3"]
+    assert asked[6:] == [["run"], ["run", "--no-picture"], short, ["run", loops]]
+    job = written["main_job_seconds"]
+    assert (job["to its picture"], job["without one"], job["by compiled loops"]) == (100.0, 100.0, 100.0)
+    assert 0.0 < job["for --help"] < 100.0
     options = [read([verb, str(many.COUPLED), "--out", "out", *words]) for verb, *words in asked[:6]]
     sweeps = [cases_of(each) for each in options[::3]]
     assert [[len(cases), len(cases[0])] for cases in sweeps] == [[2, 1], [2, 2]]

@@ -53,7 +53,7 @@ from studies.output.records import (
 from studies.output.tables import CsvFile
 from tests.studies.samples import frame, step
 
-UNITS = {"-", "s", "m", "m/s", "1/m", "rad", "N", "N m", "N/m", "N s", "J", "Pa", "m²"}
+UNITS = {"-", "s", "m", "m/s", "1/m", "rad", "N", "N m", "N/m", "N s", "J", "Pa", "m²", "m³"}
 PARTS = ("organ", "thread", "piercings")
 GROUPS: dict[str, Sequence[Column[Any]]] = {
     **{layout.name: layout.columns for layout in TABLES},

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from coupling.calls import ask_before_correction
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.command import command, help
@@ -38,7 +39,7 @@ def stub(monkeypatch: pytest.MonkeyPatch) -> Prepare:
     """Runs are made by a stub; call it to make them fail."""
 
     def prepare(fail: Exception | Callable[[], None] | None = None, topology: object = None) -> None:
-        def prepared(scenario: Scenario) -> Stub:
+        def prepared(scenario: Scenario, store: object = None) -> Stub:
             return replace(Stub(scenario, fail), topology=topology)  # type: ignore[arg-type]
 
         monkeypatch.setattr(command, "_prepare", prepared)
@@ -149,6 +150,26 @@ def test_a_run_that_is_interrupted(
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["status"], summary["steps"]) == ("interrupted", 4)  # the step is finished first
     assert signal.getsignal(number) is before
+
+
+def test_a_signal_within_a_long_step_ends_it_between_two_corrections(
+    contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Independent check: a step that would correct for ever stops where the signal comes, at what was recorded."""
+
+    def corrects_for_ever() -> None:
+        for number in range(1000):
+            if number == 2:
+                os.kill(os.getpid(), signal.SIGTERM)
+            ask_before_correction()
+        pytest.fail("the signal was not heeded")
+
+    stub(corrects_for_ever)
+    out = tmp_path / "out"
+    assert command.main(["run", contract, "--out", str(out), "--no-picture"]) == 128 + signal.SIGTERM
+    assert "interrupted" in capsys.readouterr().err
+    assert json.loads((out / "summary.json").read_text())["status"] == "interrupted"
+    ask_before_correction()
 
 
 def test_a_defect_of_the_code_is_not_hidden(contract: str, stub: Prepare, tmp_path: Path) -> None:

@@ -11,7 +11,8 @@ import skfem
 
 import tissue
 from studies.command import command
-from studies.scenario import Scenario, ScenarioError, load, parse
+from studies.command.summary import place_lines
+from studies.scenario import Piercing, Scenario, ScenarioError, load, parse
 from studies.scenario.scenario import check_apart
 from studies.scenario.toml import dump
 from studies.simulation import prepare
@@ -113,6 +114,13 @@ def test_a_place_on_a_surface_file_makes_a_hole(tmp_path: Path) -> None:
 RUN = ANCHORED.replace("h = 5.0e-3", "h = 5.0e-3\nh_site = 2.5e-3").replace(
     "at = [0, 0, 0]", 'at = "surface"\nnear = [0.0, 0.0, 0.006]'
 )
+
+
+@pytest.mark.parametrize(("off", "told"), [(6e-18, ""), (2e-5, ", moved by 0.02 mm")])
+def test_a_hole_at_its_place_is_not_said_to_have_moved(off: float, told: str) -> None:
+    """Independent check: what rounding leaves of a way is none; a fiftieth of a millimetre is said."""
+    hole = Piercing(name="a", at=(0.0, 0.0, 0.0), near=(0.0, 0.0, off))
+    assert place_lines([hole]) == [f"place      a: on the surface at [0.00, 0.00, 0.00] mm{told}"]
 
 
 def test_a_run_says_by_how_much_a_hole_was_moved_and_runs_again(

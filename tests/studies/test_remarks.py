@@ -113,6 +113,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "tract-bare": (BARE * 1e-3, 1, lambda x: judging.bare_tract("a-b", x, 0.02, 1e-3)),
     "holes-near": (NEAR * 2e-3, -1, lambda x: judging.near_holes([hole(), hole(name="b", at=[x, 0, 0])])),
     "contact-rough": (STEEP, 1, lambda x: judging.steep_friction([Contact(between=("a", "b"), friction=x)])),
+    "after-end": (2.0, 1, lambda x: judging.after_end({"cut.0.time": x}, 2.0)),
     "moved": (MOVED * 1e-3, 1, lambda x: judging.moved_holes([hole(near=[x, 0, 0])])),
     "units": (1e2, -1, lambda x: judging.unlike_units({"tissue.youngs_modulus": np.array([1e5, x])})),
 }
@@ -200,7 +201,8 @@ def test_the_catalogue_has_every_code_once_and_each_is_judged() -> None:
     assert all(re.fullmatch(r"[a-z]+(-[a-z]+)*", kind.code) and kind.bound and kind.reason for kind in KINDS)
     assert {kind.severity for kind in KINDS} == {"note", "unsupported"}
     assert CATALOGUE.keys() - JUDGED.keys() == {
-        "would-not-stay", "bare-point", "off-path", "frames-missing", "no-picture", "handed-over", "stress-of-e-nu"
+        "would-not-stay", "bare-point", "off-path", "frames-missing", "no-picture", "handed-over", "remedy",
+        "stress-of-e-nu"
     }  # fmt: skip
     with pytest.raises(KeyError):
         remark("no-such-code", "", "")
@@ -422,6 +424,22 @@ def test_a_resumed_run_says_what_the_whole_one_would(scene: Path, tmp_path: Path
     whole, parts = (json.loads((tmp_path / name / "summary.json").read_text()) for name in ("whole", "parts"))
     assert whole["remarks"] and whole["range"]["piercings"]["anchor"]["turn"] > SMALL_ROTATION
     assert (parts["remarks"], parts["range"]) == (whole["remarks"], whole["range"])
+
+
+@pytest.mark.parametrize(
+    ("asked", "found"),
+    [
+        (["solve.newton=compiled"], "compiled"),
+        ([], "numpy"),
+        (["solve.newton=compiled", "solve.kind=static"], "numpy"),
+        (["solve.newton=compiled", "thread.twist=true"], "numpy"),
+    ],
+)
+def test_compiled_loops_are_used_where_they_are_asked_for_and_cover_the_run(asked: list[str], found: str) -> None:
+    """Consistency check: the system is told what the scenario asks for, and the methods name what solves its steps."""
+    simulation = prepare(load("paper_figure_1", asked))
+    assert simulation.assembly.system.compiled == bool(asked)
+    assert simulation.methods["newton"] == found
 
 
 def test_the_provenance_names_the_methods(scene: Path, tmp_path: Path) -> None:

@@ -35,7 +35,11 @@ WOUND = (
 REFUSED = [
     ("contact=[{between=['top','tpo']}]", ["contact.0.between", "tpo", "no such boundary", 'nearest is "top"']),
     ("contact=[{between=['top','top']}]", ["contact.0.between", "not in contact with itself", "name two"]),
-    ("contact=[{between=['top','left'],friction=-0.2}]", ["contact.0.friction = -0.2", "greater than or equal to 0"]),
+    ("contact=[{between=['top','left'],friction=-0.2}]", ["contact.0.friction = -0.2", "zero or more"]),
+    (
+        "contact=[{between=['top','left'],friction={static=0.2,kinetic=0.1}}]",
+        ["contact.0.friction = { static = 0.2", "one coefficient", "friction = 0.2"],
+    ),
     (
         "contact=[{between=['top','left']},{between=['left','top']}]",
         ["contact.1.between", "in contact already", "leave one out"],

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from studies import load, prepare
+from studies.simulation.recording import step_record
 from tests.bounds import IDENTITY, TWO_SOLVERS
 from tests.meshes.samples import NEEDS_GMSH
 from tests.thread.threads import Array
@@ -94,6 +95,34 @@ def test_a_stump_widens_as_a_thick_tube() -> None:
     ring = (across > b - 1e-6) & (np.abs(np.abs(points[:, 0]) - 0.25 * mesh.length) < 0.06 * mesh.length)
     widened = float(np.mean(np.sum(U[ring, 1:] * points[ring, 1:], axis=1) / b))
     assert widened == pytest.approx(alone - tissue.poisson_ratio * stress * b / E, abs=RADIAL * alone)
+
+
+@NEEDS_GMSH
+def test_stitches_bear_the_thrust_of_a_closed_end() -> None:
+    """Independent check: a stump that nothing else holds, and whose end is closed, hangs on the stitches as on bolts
+    that are tightened before: where the stumps press on one another the threads bear the thrust pπa² and what presses,
+    which is what they were tied with; beyond, the line is open all round and they bear the thrust alone, with the two
+    strands of each between them."""
+    mesh: Any = load("anastomosis").tissue.mesh
+    b, a, p = mesh.radius, mesh.radius - mesh.wall, 6e4
+    closed = f'{{boundary="inner",pressure={p}}},{{boundary="right",traction=[{p * a**2 / (b**2 - a**2)},0,0]}}'
+    smooth = [f"piercing.{hole}.friction={{static=0,kinetic=0}}" for hole in HOLES]
+    given = [*FEW, *smooth, "solve.load_steps=2", 'tissue.clamp=["left"]', f"tissue.load=[{closed}]"]
+    simulation = prepare(load("anastomosis", given))
+    organ, runs = simulation.assembly.system.organ, [simulation.beginning()]
+    while runs[-1].number < simulation.steps:
+        runs.append(simulation.next(runs[-1]))
+    each = [forces_on_stumps(organ, run.state.organ) for run in runs[1:]]
+    for forces, share in zip(each, (0.5, 1.0), strict=True):
+        scale = np.abs(forces["threads"]).max()
+        assert np.abs(sum(forces.values())).max() <= TWO_SOLVERS * scale and not forces["holder"][1].any()
+        assert forces["pressure"][1, 0] == pytest.approx(share * p * np.pi * a**2, rel=RADIAL)
+    tied, parted = (step_record(run) for run in runs[1:])
+    assert tied.contact[0].pressed and each[0]["contact"][1, 0] > 0.1 * each[0]["pressure"][1, 0]
+    assert parted.contact[0].pressed == 0 and not each[1]["contact"].any()
+    assert parted.contact[0].open_area == pytest.approx(np.pi * (b**2 - a**2), rel=2.0 * RADIAL)
+    strands = 0.5 * sum(hole.tension_before + hole.tension_after for hole in parted.piercings)
+    assert strands == pytest.approx(each[1]["pressure"][1, 0], rel=ACROSS)
 
 
 @NEEDS_GMSH

@@ -1,5 +1,6 @@
 """The nine-number interface: compliance, steps, energies and the three organs."""
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,11 +10,12 @@ from skfem import MeshTet
 
 import tissue
 from coupling.integrators import BDF2, BackwardEuler, Equilibrium
-from tests.bounds import IDENTITY
+from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tissue.organs.dynamic import KEPT_OPERATORS
 
 Array = NDArray[np.float64]
 DT = 1.0e-3
+NONE = np.zeros(0)
 PIERCINGS = [
     tissue.Site([-0.01, 0.0, 0.0], 3e-3, "parabolic", "normal"),
     tissue.Site([0.01, 0.0, 0.0], 2e-3, "uniform", [1.0, 0.0, 0.5]),
@@ -250,3 +252,21 @@ def test_impossible_organs_are_refused() -> None:
         tissue.DynamicOrgan(floating, sites)
     with pytest.raises(tissue.TissueError, match="positive time step"):
         tissue.DynamicOrgan(held, sites).operator(0.0, 1.0)
+
+
+def test_an_organ_that_may_float_and_is_held_is_the_one_at_rest() -> None:
+    """Consistency check: step by step it comes to the equilibrium of the quasi-static organ under weight and site
+    forces, with its energy; what the drag leaves falls in each."""
+    body, f_y = body_of(), site_forces(3)
+    held = quasi_static(body)
+    organ = tissue.FloatingOrgan(body, held.sites, (0.5, 0.0, -9.81))
+    rest = held.answer(Equilibrium(), [held.start()]).accept(f_y, NONE)
+    past = [organ.start()]
+    for _ in range(7):
+        past.insert(0, organ.answer(Equilibrium(), [past[0], past[-1]][: len(past)]).accept(f_y, NONE))
+    dragged = [organ.dragged(state) for state in past[:-1]]
+    assert dragged[0] <= RESIDUAL and all(after < 0.5 * before for after, before in pairwise(dragged[2:]))
+    way = held.site_variables(rest) - held.y0
+    assert np.abs(organ.site_variables(past[0]) - held.y0 - way).max() <= TWO_SOLVERS * np.abs(way).max()
+    energies = [each.energies(each.start(), state).elastic for each, state in ((organ, past[0]), (held, rest))]
+    assert energies[0] == pytest.approx(energies[1], rel=TWO_SOLVERS)

@@ -5,6 +5,7 @@ import pytest
 from skfem import MeshTet
 
 import tissue
+from tests.bounds import IDENTITY
 
 
 def body_of(element: str) -> tissue.Elasticity:
@@ -76,3 +77,19 @@ def test_principal_stresses_and_directions_make_the_stress_again() -> None:
     again = np.einsum("mk,mki,mkj->mij", values, directions, directions)
     found = np.stack([again[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))], axis=1)
     assert np.abs(found - stress).max() <= 1e-12 * np.abs(stress).max()
+
+
+@pytest.mark.parametrize(
+    "values", [(1, 1, 0), (1, 0, 0), (2, 2, 2), (0, 0, 0), (1, 1, -1), (1, 1 + 1e-9, -1), (1, 1e-12, 0)]
+)
+def test_principal_stresses_that_meet_have_directions_across_one_another(values: tuple[float, float, float]) -> None:
+    """Independent check: of tensors with two or three principal values that are equal, or nearly so, along axes turned
+    at random and along x, y and z, the values are found to round-off, and Σ σ n nᵀ is the tensor."""
+    turned = np.linalg.qr(np.random.default_rng(4).standard_normal((50, 3, 3)))[0]
+    axes = np.concatenate([turned, np.eye(3)[[[0, 1, 2], [1, 2, 0], [2, 0, 1]]]])
+    tensor = axes @ np.diag(values) @ axes.swapaxes(1, 2)
+    stress = np.stack([tensor[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))], axis=1)
+    found, directions = tissue.principal(stress)
+    assert np.abs(found - np.sort(values)[::-1]).max() <= IDENTITY
+    assert np.abs(np.einsum("mk,mki,mkj->mij", found, directions, directions) - tensor).max() <= IDENTITY
+    assert np.abs(directions @ directions.swapaxes(1, 2) - np.eye(3)).max() <= IDENTITY

@@ -194,3 +194,14 @@ def test_contact_of_named_surfaces_refuses() -> None:
     held = tissue.elasticity(body.mesh, SOFT, "P1", [*FAR, *MEETING])
     with pytest.raises(tissue.TissueError, match="no pair of nodes that can move"):
         tissue.surface_gaps(held, [MEETING])
+
+
+def test_how_deep_points_lie_in_a_box() -> None:
+    """Independent check: the distance to the nearest side, and outside, negative, to the box, on graded cells too."""
+    size = np.array([0.03, 0.02, 0.01])
+    lines = [half * np.linspace(-1.0, 1.0, 9) ** 3 for half in 0.5 * size]
+    points = np.random.default_rng(4).uniform(-1.0, 1.0, (300, 3)) * size
+    beyond = np.abs(points) - 0.5 * size
+    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
+    exact = np.where(outside > 0.0, -outside, -beyond.max(axis=1))
+    assert np.abs(tissue.depths(skfem.MeshTet.init_tensor(*lines))(points) - exact).max() <= IDENTITY * size.max()

@@ -191,10 +191,16 @@ class DynamicOrgan(MeshedOrgan):
     ) -> LinearAnswer:
         """Return the answer of a step of `scheme` from the states `past`, the newest first, under `share` of the loads
         at `time` [s]: one solve."""
+        return self.answer_paired(scheme, past, self.paired_anew(past[0].U), time, share)
+
+    def answer_paired(
+        self, scheme: TimeScheme, past: Sequence[OrganState], pairing: Pairing, time: float, share: float
+    ) -> LinearAnswer:
+        """Return the answer of a step as above, in which what faces what is known."""
         operator, history = self.operator(scheme.a, scheme.d), self.history(scheme, past)
         shares = self.shares_at(time, share)
         load = self.load_under(shares)
-        U_free, pairing = operator.predict(past[0], history, load), self.paired_anew(past[0].U)
+        U_free = operator.predict(past[0], history, load)
 
         def complete(f_y: Array, p: Array) -> OrganState:
             """Return the state of U⁺ = U_free + W f_y + A⁻¹Gᵀ p."""

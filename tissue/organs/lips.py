@@ -72,6 +72,11 @@ class Part:
         """The names of both surfaces."""
         return " - ".join(self.between)
 
+    @cached_property
+    def pair_areas(self) -> Array:
+        """The area that each pair stands for, shape `(k,)` [m²]: its shares of those of the vertices."""
+        return np.asarray(self.hats.T @ (self.areas / np.asarray(self.hats.sum(axis=1)).ravel()))
+
     def faced(self, points: Array, turns: bool = False) -> Array:
         """Return what each left node faces with all nodes at `points` `(n, 3)` [m], shape `(k, 7)`: along `along`, or
         the nearest point where the surface `turns`."""

@@ -27,7 +27,7 @@ from tissue.sites.unbounded import (
 from tissue.solvers.factor import factorize
 
 FACING = 0.9  # cosine of the turn of the normal up to which a facet belongs to the site's own surface
-BLOCK = 2_000_000  # pairs of footprint points and rim nodes at a time, to bound memory
+BLOCK = 50_000  # pairs of footprint points and rim nodes at a time, which fit near the processor
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def summed(kernel, offset: Array, places: Array, weights: Array, nu: float) -> A
     """Σ_q kernel(offset − places_q) weights_q, shape `(k, 3, 3, w)`."""
     step = max(1, BLOCK // len(places))
     parts = [
-        np.einsum("kqij,qw->kijw", kernel(offset[i : i + step, None] - places, nu), weights, optimize=True)
+        np.moveaxis(np.moveaxis(kernel(offset[i : i + step, None] - places, nu), (-2, -1), (0, 1)) @ weights, 2, 0)
         for i in range(0, len(offset), step)
     ]
     return np.concatenate(parts) if parts else np.zeros((0, 3, 3, weights.shape[1]))

@@ -13,13 +13,12 @@ from scipy.sparse import bsr_matrix, csr_matrix
 from skfem import Basis, ElementTetP2, ElementVector, MeshTet
 
 from tissue.arrays import Array, Indices
-from tissue.elasticity import NO_POINTS, Elasticity, cellwise_lambda
+from tissue.elasticity import NO_POINTS, Elasticity, cellwise_lambda, reference_slopes
 from tissue.material import Material, PerCell
 from tissue.sites.bisection import Bisected, bisect
 from tissue.sites.surface import Surface, outer_surface
 from tissue.solvers.direct import LIBRARIES, is_installed
 from tissue.solvers.factor import factorize
-from tissue.strain import reference_slopes
 
 Mask = NDArray[np.bool_]
 

@@ -5,6 +5,7 @@ cells.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -117,8 +118,30 @@ class Surface:
     def depths(self, points: Array) -> Array:
         """Return how deep points `(k, 3)` lie below the nearest surface, shape `(k,)` [m]; negative outside."""
         inside = self.containing(points) >= 0
-        away = [np.linalg.norm(closest_on_triangles(point, self.triangles) - point, axis=1).min() for point in points]
-        return np.where(inside, 1.0, -1.0) * np.array(away)
+        return np.where(inside, 1.0, -1.0) * self.away(points)
+
+    def away(self, points: Array) -> Array:
+        """Return how far points `(k, 3)` are from the nearest triangle, shape `(k,)` [m].
+
+        That one is no further with its middle than the nearest middle and the largest radius of a triangle.
+        """
+        middles, largest = self._middles
+        nearest, _ = middles.query(points)
+        return np.array(
+            [
+                np.linalg.norm(closest_on_triangles(point, self.triangles[near]) - point, axis=1).min()
+                for point, near in zip(points, middles.query_ball_point(points, nearest + largest), strict=True)
+            ]
+        )
+
+    @cached_property
+    def _middles(self) -> tuple[Any, float]:
+        """The triangles' middles as a tree, and the largest distance of a corner from one [m], with room for its
+        rounding."""
+        from scipy.spatial import cKDTree
+
+        middles = self.triangles.mean(axis=1)
+        return cKDTree(middles), (1.0 + INSIDE) * float(np.linalg.norm(self.triangles - middles[:, None], axis=2).max())
 
     def sharing(self, point: Array) -> Indices:
         """Return every cell that holds `point`, faces and corners included."""
@@ -163,6 +186,18 @@ def depths(mesh: MeshTet) -> Callable[[Array], Array]:
     """Return what tells how deep points `(k, 3)` lie in a mesh below its nearest surface, shape `(k,)` [m], negative
     outside."""
     return outer_surface(mesh).depths
+
+
+def distances(mesh: MeshTet, boundary: str) -> Callable[[Array], Array]:
+    """Return what tells how far points `(k, 3)` are from a boundary of a mesh by its name, shape `(k,)` [m]."""
+    triangles = mesh.p.T[mesh.facets[:, mesh.boundaries[boundary]].T]
+
+    def away(points: Array) -> Array:
+        return np.array(
+            [np.linalg.norm(closest_on_triangles(point, triangles) - point, axis=1).min() for point in points]
+        )
+
+    return away
 
 
 def landing(mesh: MeshTet) -> Callable[[ArrayLike, ArrayLike | None], Array | None]:

@@ -1,0 +1,57 @@
+"""What a number does under refinement."""
+
+from dataclasses import asdict, dataclass
+from math import isfinite, isnan, nan
+from typing import Any
+
+from studies.verdicts import Verdict
+
+NO_VERDICT = "no verdict"
+
+
+@dataclass(frozen=True)
+class Refined:
+    """What a quantity does under refinement: its `numbers` from the coarsest level, NaN of one that was not completed,
+    `factors` by which the levels are finer, the order of theory, and the verdict, None with fewer than three numbers.
+    """
+
+    quantity: str
+    unit: str
+    factors: tuple[float, ...]
+    numbers: tuple[float, ...]
+    theory: float
+    verdict: Verdict | None
+    why_not: str = ""
+
+    def __repr__(self) -> str:
+        return f"Refined({self.quantity} [{self.unit}]: {self.text})"
+
+    @property
+    def finest(self) -> float:
+        """The number of the finest level that was completed, NaN without any."""
+        return next((number for number in reversed(self.numbers) if not isnan(number)), nan)
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The interval of the grid-convergence index about the finest number, None where there is none."""
+        if self.verdict is None or not isfinite(self.verdict.index):
+            return None
+        half = self.verdict.index * abs(self.finest)
+        return self.finest - half, self.finest + half
+
+    @property
+    def converged(self) -> bool:
+        """Whether the number is called converged."""
+        return self.verdict is not None and self.verdict.kind == "converged"
+
+    @property
+    def text(self) -> str:
+        """The verdict in words."""
+        return f"{NO_VERDICT}: {self.why_not}" if self.verdict is None else self.verdict.text
+
+    def record(self) -> dict[str, Any]:
+        """Return it as ``verdict.json`` has it."""
+        said = {"order": None, "limit": None, "index": None, "kind": NO_VERDICT}
+        said |= asdict(self.verdict) if self.verdict else {}
+        plain = {"quantity": self.quantity, "unit": self.unit, "factors": self.factors, "numbers": self.numbers}
+        return {**plain, "order_of_theory": self.theory, **said, "interval": self.interval, "verdict": self.text}

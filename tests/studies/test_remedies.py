@@ -1,0 +1,119 @@
+"""What helps a run that failed, tried on copies of it."""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import studies
+from coupling.errors import CouplingError, CreatedEnergyError, TurnedHoleError
+from studies import load
+from studies.command import command
+from studies.output.records import Snapshot, StepRecord
+from studies.scenario import Scenario
+from studies.scenario.scenario import parse
+from studies.simulation.remedies import MOST, PAST, remedies, try_remedies
+from tests.studies.samples import Stub, framing, step
+
+FAILURE = CouplingError("no convergence")
+TURNED = TurnedHoleError(0.0, 1e-3, "no convergence")
+LINEAR = ["solve.scheme='linear'", "solve.duration=0.05", "output.every=50"]
+
+
+def scenario_of(**solve: Any) -> Scenario:
+    """Return a thread through a ring in 100 steps, unless `solve` says otherwise."""
+    thread = {"suture": "4-0 nylon", "control_points": 20, "path": [[0, 0, 0], [0.05, 0, 0]]}
+    ring = {"name": "ring", "at": [0.02, 0.0, 0.0], "direction": "free"}
+    return parse({"thread": thread, "piercing": [ring], "solve": {"dt": 1e-3, "duration": 0.1} | solve})
+
+
+@dataclass(frozen=True)
+class Copy(Stub):
+    """Steps of a millisecond without physics, each of so many `corrections`; fails after `ends` of them."""
+
+    ends: int = 100
+    corrections: int = 3
+
+    def advance(self, memory: object = None) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
+        for number in range(self.steps + 1):
+            if number > self.ends:
+                raise FAILURE
+            time = number * self.scenario.solve.duration / self.steps
+            yield replace(step(number), time=time, newton_iterations=self.corrections), framing(time)
+
+
+def said_of(ways: dict[str, dict[str, int]], failed: int = 30) -> tuple[str, list[Scenario]]:
+    """Return what is said of a run of 100 steps that failed after some, and the copies that were made; `ways` says by
+    a setting what such a copy does, any other fails where the run did."""
+    made: list[Scenario] = []
+
+    def make(copy: Scenario) -> Copy:
+        made.append(copy)
+        keys = {"dt": copy.solve.dt < 1e-3, "points": copy.thread.control_points > 20}
+        way = next((ways[key] for key, there in keys.items() if there and key in ways), {})
+        ends, corrections = way.get("ends", failed), way.get("corrections", 3)
+        return Copy(copy, steps=copy.solve.steps, ends=ends, corrections=corrections)
+
+    last = replace(step(failed), time=failed * 1e-3)
+    return try_remedies(scenario_of(), FAILURE, last, make).message, made
+
+
+def test_the_first_remedy_that_helps_is_named_with_those_that_do_not() -> None:
+    """Independent check: copies of which that with the finer thread alone gets past the step that failed."""
+    said, made = said_of({"points": {"ends": 1000}})
+    assert "with thread.control_points = 40 the run gets past t = 0.03 s" in said
+    assert "in vain: solve.dt = 0.00025" in said and len(made) == 3
+    said, made = said_of({"dt": {"ends": 1000}})
+    assert "with solve.dt = 0.00025 the run gets past" in said and "vain" not in said and len(made) == 1
+
+
+def test_where_nothing_helps_it_says_so() -> None:
+    """Independent check: copies that fail, and one that fails before it is well past, or would take too long."""
+    told = "none of these helped: solve.dt = 0.00025; "
+    assert told in said_of({})[0]
+    assert told in said_of({"dt": {"ends": 4 * (30 + PAST) - 1}})[0]
+    slow = MOST // 100
+    assert told in said_of({"dt": {"ends": 1000, "corrections": slow}})[0]
+    assert "helped" not in said_of({"dt": {"ends": 1000, "corrections": slow // 2}})[0]
+
+
+def test_a_copy_that_comes_to_its_end() -> None:
+    """Independent check: a run that failed near its end."""
+    assert "with solve.dt = 0.00025 the run comes to its end" in said_of({"dt": {"ends": 1000}}, failed=98)[0]
+
+
+def test_what_is_tried_goes_by_scenario_and_failure() -> None:
+    """Independent check: the paper's schemes are tried without, loads in smaller steps, tissue that turned a hole at
+    finite strain; knots that follow already are not tried."""
+    tried = [key for each in remedies(scenario_of(), FAILURE) for key in each]
+    assert tried == ["solve.dt", "thread.resolution", "thread.control_points"]
+    assert next(remedies(scenario_of(kind="static"), FAILURE)) == {"solve.load_steps": 40}
+    assert next(remedies(load("paper_figure_1", LINEAR), FAILURE))["solve.scheme"] == "newton"
+    scene = load("two_piercings")
+    assert next(remedies(scene, TURNED)) == {"tissue.material": "neo-hookean"}
+    assert "tissue.material" not in next(remedies(scene, FAILURE))
+    follows = load("two_piercings", ["thread.resolution=adaptive"])
+    assert "thread.resolution" not in [key for each in remedies(follows, FAILURE) for key in each]
+
+
+def test_a_run_that_fails_leaves_what_helps(tmp_path: Path) -> None:
+    """Independent check: the paper's linear scheme creates energy at 1 ms, Newton's at the same step does not. From
+    Python and by the command the summary says the same; who asks for none gets none."""
+    with pytest.raises(CreatedEnergyError):
+        studies.run(load("paper_figure_1", LINEAR), tmp_path / "python")
+    words = ["run", "paper_figure_1", *(word for pair in LINEAR for word in ("--set", pair)), "--quiet", "--no-picture"]
+    assert command.main([*words, "--out", str(tmp_path / "command")]) == 1
+    said = [remedy_in(tmp_path / way) for way in ("python", "command")]
+    assert said[0] == said[1] != []
+    assert 'with solve.scheme = "newton", solve.integrator = "bdf2" the run' in said[0][0]
+    assert command.main([*words, "--no-remedies", "--out", str(tmp_path / "none")]) == 1
+    assert remedy_in(tmp_path / "none") == []
+
+
+def remedy_in(folder: Path) -> list[str]:
+    """Return what the summary of a folder says of remedies."""
+    remarks = json.loads((folder / "summary.json").read_text(encoding="utf-8"))["remarks"]
+    return [each["message"] for each in remarks if each["code"] == "remedy"]
