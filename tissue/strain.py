@@ -4,6 +4,8 @@ Linear elasticity reads strain and rotation off one gradient, ε = sym ∇U and 
 second order in either, and no displacement tells how much that is: a body may go far without straining.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
@@ -11,7 +13,6 @@ from skfem import ElementTetP1
 
 from tissue.arrays import Array
 from tissue.elasticity import ELEMENTS, VERTICES, Elasticity, cellwise_lambda
-from tissue.spectrum import largest
 
 Flags = NDArray[np.bool_]
 
@@ -24,10 +25,17 @@ def cell_strain(elasticity: Elasticity, U: Array) -> tuple[Array, Array]:
     """
     slope = gradient(elasticity, elasticity.corner_slopes, U)
     shear = [0.5 * (slope[i, j] + slope[j, i]) for i, j in PAIRS]
-    strain = largest(np.array([slope[0, 0], slope[1, 1], slope[2, 2], *shear]))
+    strain = np.linalg.eigvalsh(symmetric([slope[0, 0], slope[1, 1], slope[2, 2], *shear]))
+    strain = np.maximum(strain[:, 2], -strain[:, 0])
     turn = sum(np.square(slope[i, j] - slope[j, i]) for i, j in PAIRS)
     places = strain.size // len(elasticity.cells), -1
     return strain.reshape(places).max(axis=0), 0.5 * np.sqrt(turn).reshape(places).max(axis=0)
+
+
+def symmetric(parts: Sequence[Array] | Array) -> Array:
+    """Return symmetric tensors, shape `(m, 3, 3)`, of their parts xx, yy, zz, xy, yz, xz `(6, m)`."""
+    xx, yy, zz, xy, yz, xz = parts
+    return np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
 
 
 def gradient(elasticity: Elasticity, slopes: csr_matrix, U: Array) -> Array:

@@ -14,7 +14,7 @@ from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda, shape_gradi
 from tissue.errors import TissueError
 from tissue.material import PerCell
 from tissue.sites.surface import outer_surface
-from tissue.spectrum import spectrum
+from tissue.strain import symmetric
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")  # VTK's order of a symmetric tensor
 
@@ -92,8 +92,8 @@ def von_mises(stress: Array) -> Array:
 def principal(stress: Array) -> tuple[Array, Array]:
     """Return the principal values of stress `(m, 6)`, falling, `(m, 3)` [Pa], and their unit directions, rows of
     `(m, 3, 3)`."""
-    values, directions = spectrum(stress.T)
-    return values.T, directions.transpose(2, 0, 1)
+    values, directions = np.linalg.eigh(symmetric(stress.T))
+    return values[:, ::-1], directions.swapaxes(1, 2)[:, ::-1]
 
 
 def _nodal_pressure(elasticity: Elasticity) -> csr_matrix:
