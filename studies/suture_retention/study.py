@@ -436,5 +436,5 @@ STUDY = Study(
     table=table,
     figure=figure,
     remarks=remarks,
-    quick={"footprints": (0.9e-3,), "load_steps": 10, "size": 0.9e-3, "variants": (LINEAR,)},
+    quick={"tissues": ("skin",), "footprints": (0.9e-3,), "size": 2e-3, "variants": (LINEAR,)},
 )

@@ -59,6 +59,7 @@ TENSIONS = (0.0, 24.0, 90.0)  # of the uncut sheet [N/m]
 TAUT = 500.0  # [N/m]: beyond what is published of skin at rest by far
 MEASURED = SOURCES[1:]  # pairs; those of finite elements go with the linear sheet, and 30 × 15 mm is not closed here
 SLIT = (0.030, 0.0)  # length and width [m]
+WOUNDS = (SLIT, *(wound for source in MEASURED for wound in source.wounds))
 POUND = 4.4482216  # pound-force [N]
 STRIPS = {10: 0.90, 11: 2.693, 12: 2.445, 13: 2.545, 14: 2.701, 15: 3.063}  # width [mm]: pull [lbf], Ahmad 2019
 LINEAR_SHEET = "linear sheet"
@@ -147,7 +148,7 @@ class Row:
 
 
 def main(
-    wounds: Sequence[tuple[float, float]] = (SLIT, *(wound for source in MEASURED for wound in source.wounds)),
+    wounds: Sequence[tuple[float, float]] = WOUNDS,
     tensions: Sequence[float] = TENSIONS,
     stiffening: float = 5.0,
     sheet: float = SHEET,
