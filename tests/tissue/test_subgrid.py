@@ -9,7 +9,7 @@ import tissue
 from coupling.integrators import Equilibrium
 from meshes.block import block, graded_block_structured
 from meshes.grading import Grading
-from tests.bounds import IDENTITY, RESIDUAL, SUBGRID
+from tests.bounds import IDENTITY, RESIDUAL, SUBGRID, TWO_SOLVERS
 from tests.tissue.layers import layer_compliance, stack_compliance
 from tissue.sites import footprint, unbounded
 from tissue.sites.site import frame
@@ -227,6 +227,20 @@ def test_two_holes_at_an_edge_answer_as_on_a_fine_mesh() -> None:
     exact = organ(fine, "P2", bare).operator(0.0, 0.0).C
     got = organ(block(size, 2.0 * R), "P1", [hole(centre) for centre in centres]).operator(0.0, 0.0).C
     assert mismatch(got, exact) <= SUBGRID
+
+
+def test_a_small_body_that_nothing_holds_is_looked_at_as_if_it_were_alone() -> None:
+    """Consistency check: beside another body, which is held, a small one gets the springs that it gets by itself."""
+    one, other = block((6 * R, 6 * R, 6 * R), 3 * R), block((10 * R, 10 * R, 10 * R), 5 * R)
+    away = np.array([[20 * R], [0.0], [0.0]])
+    both = MeshTet(np.hstack([other.p + away, one.p]), np.hstack([other.t, one.t + other.nvertices]))
+    both = both.with_boundaries({"floor": lambda x: (x[0] > 10 * R) & (x[2] < other.p[2].min() + IDENTITY)})
+    material, at = tissue.Material(E, NU, 1000.0), [hole([0.0, 0.0, float(one.p[2].max())])]
+    bodies = [tissue.elasticity(one, material, "P1", []), tissue.elasticity(both, material, "P1", ["floor"])]
+    alone, beside = (tissue.build_sites(body, at).missing[0] for body in bodies)
+    assert alone is not None and beside is not None and alone.by == "patch"
+    B, found = alone.springs, beside.springs
+    assert B.size and np.abs(found @ found.T - B @ B.T).max() <= TWO_SOLVERS * np.abs(B @ B.T).max()
 
 
 def test_the_frame_of_the_kernels_is_that_of_the_site() -> None:

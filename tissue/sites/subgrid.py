@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 from scipy.sparse.csgraph import connected_components
 
-from tissue.arrays import Array
+from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
 from tissue.sites.bisection import PAIRS
 from tissue.sites.closed_form import Footprint, answer, foreign, moduli, unbounded
@@ -288,18 +288,33 @@ class Patches:
         return max(asked)
 
     def patch(self, factor: float) -> Patch:
-        """The cells within `factor` of the reach that hang together with the holes; a patch that nothing holds loses
-        its farthest corner."""
+        """The cells within `factor` of the reach that hang together with the holes; of bodies that nothing holds
+        `held`."""
         body, chosen = self.body, self.distances <= factor
         left, right = body.mesh.f2t[:, (body.mesh.f2t[1] >= 0) & chosen[body.mesh.f2t].all(axis=0)]
         links = csr_matrix((np.ones(left.size), (left, right)), shape=(chosen.size, chosen.size))
         _, label = connected_components(links, directed=False)
-        seen = np.asarray(np.isin(body.nodes, self.rows.indices).any(axis=1))[body.cells].all(axis=1)
-        cells = np.flatnonzero(chosen & np.isin(label, label[seen]))
-        if cells.size == chosen.size and not holds_still(body.points, np.isin(body.nodes, body.clamped)):
-            away = np.linalg.norm(body.mesh.p.T - self.holes[0].seen.centre, axis=1).argmax()
-            cells = np.flatnonzero((body.mesh.t != away).all(axis=0))
-        return Patch(body, cells)
+        parts = {int(one): hole for hole in reversed(self.holes) for one in np.unique(label[self.beside(hole)])}
+        cells = [self.held(np.flatnonzero(chosen & (label == one)), hole) for one, hole in parts.items()]
+        return Patch(body, np.sort(np.concatenate(cells)))
+
+    def beside(self, hole: Hole) -> NDArray[np.bool_]:
+        """Tell of each cell whether a hole acts on all of its nodes, `(c,)`."""
+        touched = np.asarray(np.isin(self.body.nodes, hole.rows.indices).any(axis=1))
+        return np.asarray(touched[self.body.cells].all(axis=1))
+
+    def held(self, cells: Indices, hole: Hole) -> Indices:
+        """Return `cells` that hang together around a hole, without the corner farthest from it where they are a whole
+        body that nothing holds."""
+        body, own = self.body, np.zeros(self.body.mesh.nelements, dtype=bool)
+        own[cells] = True
+        nodes, beside = np.unique(body.cells[cells]), body.mesh.f2t[:, body.mesh.f2t[1] >= 0]
+        is_cut = bool((own[beside[0]] != own[beside[1]]).any())
+        if is_cut or holds_still(body.points[nodes], np.isin(body.nodes[nodes], body.clamped)):
+            return cells
+        corners = np.unique(body.mesh.t[:, cells])
+        away = corners[np.linalg.norm(body.mesh.p.T[corners] - hole.seen.centre, axis=1).argmax()]
+        return cells[(body.mesh.t[:, cells] != away).all(axis=0)]
 
     def gap(self) -> tuple[Array, Array, bool]:
         """ΔC `(9p, 9p)`, the compliance with it in the widest patch, and whether what linear cells owe is settled."""
