@@ -109,9 +109,10 @@ def attempt(scenario: Scenario, settings: Settings, time: float, make: Make) -> 
 
 def remark_of(trials: Sequence[Trial], time: float) -> Remark:
     """Return what to say of the `trials` on copies of a run whose last step ended at `time` [s]."""
-    vain = "; ".join(trial.text for trial in trials if not trial.helps)
+    vain = "; ".join(trial.text for trial in trials if trial.outcome in ("fails", "slow"))
     if not trials[-1].helps:
-        return remark("remedy", "solve", f"tried on copies, and none of these helped: {vain}")
+        text = f"tried on copies, and none of these helped: {vain}" if vain else "no copy could be prepared"
+        return remark("remedy", "solve", text)
     reached = f"gets past t = {time:.4g} s; it was followed to {trials[-1].time:.4g} s"
     ways = {"ends": "comes to its end", "past": reached}
     other = f" (tried before, in vain: {vain})" if vain else ""

@@ -13,7 +13,7 @@ from coupling.errors import CouplingError, CreatedEnergyError, TurnedHoleError
 from studies import load
 from studies.command import command
 from studies.output.records import Snapshot, StepRecord
-from studies.scenario import Scenario
+from studies.scenario import Scenario, ScenarioError
 from studies.scenario.scenario import parse
 from studies.simulation.remedies import MOST, PAST, remedies, try_remedies
 from tests.studies.samples import Stub, framing, step
@@ -78,6 +78,18 @@ def test_where_nothing_helps_it_says_so() -> None:
     slow = MOST // 100
     assert told in said_of({"dt": {"ends": 1000, "corrections": slow}})[0]
     assert "helped" not in said_of({"dt": {"ends": 1000, "corrections": slow // 2}})[0]
+
+
+def test_what_the_scenario_refuses_is_not_said_to_have_been_tried() -> None:
+    """Independent check: copies with other knots are refused; none but that with shorter steps was tried."""
+
+    def make(copy: Scenario) -> Copy:
+        if copy.solve.dt == scenario_of().solve.dt:
+            raise ScenarioError("refused")
+        return Copy(copy, steps=copy.solve.steps, ends=0)
+
+    said = try_remedies(scenario_of(), FAILURE, None, make).message
+    assert said == "tried on copies, and none of these helped: solve.dt = 0.00025"
 
 
 def test_a_copy_that_comes_to_its_end() -> None:
