@@ -67,6 +67,17 @@ def test_fields_read_back(reader: pv.PVDReader) -> None:
     assert holes["state"].dtype == np.int32
 
 
+def test_volume_ratios_keep_what_nearly_incompressible_tissue_leaves_of_them(tmp_path: Path) -> None:
+    """Independent check: J that is off 1 by 1e-5, as under a kilopascal, is read back with it."""
+    written, series = frame(0.0), Series(tmp_path, LINEAR)
+    assert written.organ is not None
+    cell, node = (1.0 + 1e-5 * np.linspace(-1.0, 1.0, n) for n in (2, len(LINEAR.points)))
+    series.write(0, replace(written, organ=replace(written.organ, volume_ratio=cell, nodal_volume_ratio=node)))
+    solid = pv.PVDReader(str(tmp_path / "results.pvd")).read()[0]
+    same(solid.cell_data["volume_ratio"], cell)
+    same(solid["nodal_volume_ratio"], node)
+
+
 def test_frames_have_the_arrays_of_their_columns(tmp_path: Path) -> None:
     """Independent check: VTK reads one array for each column that has a value, under its name, with as many components
     as the column has parts."""
