@@ -229,6 +229,23 @@ def test_two_holes_at_an_edge_answer_as_on_a_fine_mesh() -> None:
     assert mismatch(got, exact) <= SUBGRID
 
 
+def test_a_whole_body_that_nothing_holds_is_made_up_for_as_if_it_were_alone() -> None:
+    """Consistency check: beside a body that is clamped, as a stump that hangs on its stitches is, the patch of a hole
+    is the whole of its own, and singular unless something of it is held."""
+    free = block((8.0 * R, 8.0 * R, 6.0 * R), 2.0 * R)
+    p, t = np.hstack([free.p, free.p + [[20.0 * R], [0.0], [0.0]]]), np.hstack([free.t, free.t + free.nvertices])
+    both = MeshTet(p, t).with_boundaries({"bottom": lambda x: (x[0] > 10.0 * R) & (x[2] < -5.9 * R)})
+    material, at = tissue.Material(E, NU, 1000.0), hole([2.9 * R, 0.3 * R, 0.0])
+    alone, beside = (
+        tissue.build_sites(tissue.elasticity(mesh, material, "P1", clamp), [at]).missing[0]
+        for mesh, clamp in ((free, []), (both, ["bottom"]))
+    )
+    assert alone is not None and beside is not None and alone.by == beside.by == "patch"
+    gap = alone.springs @ alone.springs.T
+    assert np.abs(gap).max() > 0.0
+    assert mismatch(beside.springs @ beside.springs.T, gap) <= RESIDUAL
+
+
 def test_the_frame_of_the_kernels_is_that_of_the_site() -> None:
     """A hole on a side face: the same block turned gives the same compliance, turned."""
     mesh = block((0.03, 0.03, 0.03), 6e-3)

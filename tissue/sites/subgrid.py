@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 from scipy.sparse.csgraph import connected_components
 
-from tissue.arrays import Array
+from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
 from tissue.sites.bisection import PAIRS
 from tissue.sites.closed_form import Footprint, answer, foreign, moduli, unbounded
@@ -288,18 +288,30 @@ class Patches:
         return max(asked)
 
     def patch(self, factor: float) -> Patch:
-        """The cells within `factor` of the reach that hang together with the holes; a patch that nothing holds loses
-        its farthest corner."""
+        """The cells within `factor` of the reach that hang together with the holes; a whole body that nothing holds
+        loses the corner farthest from them."""
         body, chosen = self.body, self.distances <= factor
         left, right = body.mesh.f2t[:, (body.mesh.f2t[1] >= 0) & chosen[body.mesh.f2t].all(axis=0)]
         links = csr_matrix((np.ones(left.size), (left, right)), shape=(chosen.size, chosen.size))
         _, label = connected_components(links, directed=False)
         seen = np.asarray(np.isin(body.nodes, self.rows.indices).any(axis=1))[body.cells].all(axis=1)
-        cells = np.flatnonzero(chosen & np.isin(label, label[seen]))
-        if cells.size == chosen.size and not holds_still(body.points, np.isin(body.nodes, body.clamped)):
-            away = np.linalg.norm(body.mesh.p.T - self.holes[0].seen.centre, axis=1).argmax()
-            cells = np.flatnonzero((body.mesh.t != away).all(axis=0))
-        return Patch(body, cells)
+        pieces = [np.flatnonzero(chosen & (label == own)) for own in np.unique(label[seen & chosen])]
+        return Patch(body, np.sort(np.concatenate([self._held(cells) for cells in pieces])))
+
+    def _held(self, cells: Indices) -> Indices:
+        """Some `cells` `(c,)` that hang together, without a corner where they are a whole body that can move."""
+        body = self.body
+        others = np.delete(np.arange(self.distances.size), cells)
+        nodes, corners = np.unique(body.cells[cells]), body.mesh.t[:, cells]
+        is_cut = bool(np.isin(nodes, body.cells[others]).any())
+        if is_cut or holds_still(body.points[nodes], np.isin(body.nodes[nodes], body.clamped)):
+            return cells
+        return np.asarray(cells[(corners != corners.flat[self.away[corners].argmax()]).all(axis=0)])
+
+    @cached_property
+    def away(self) -> Array:
+        """Distance of each vertex from the centre of the first hole, `(v,)` [m]."""
+        return np.asarray(np.linalg.norm(self.body.mesh.p.T - self.holes[0].seen.centre, axis=1))
 
     def gap(self) -> tuple[Array, Array, bool]:
         """ΔC `(9p, 9p)`, the compliance with it in the widest patch, and whether what linear cells owe is settled."""
