@@ -233,7 +233,7 @@ def test_a_whole_body_that_nothing_holds_is_made_up_for_as_if_it_were_alone() ->
     """Consistency check: beside a body that is clamped, as a stump that hangs on its stitches is, the patch of a hole
     is the whole of its own, and singular unless something of it is held."""
     free = block((8.0 * R, 8.0 * R, 6.0 * R), 2.0 * R)
-    p, t = np.hstack([free.p, free.p + [[20.0 * R], [0.0], [0.0]]]), np.hstack([free.t, free.t + free.nvertices])
+    p, t = np.hstack([free.p, free.translated((20.0 * R, 0.0, 0.0)).p]), np.hstack([free.t, free.t + free.nvertices])
     both = MeshTet(p, t).with_boundaries({"bottom": lambda x: (x[0] > 10.0 * R) & (x[2] < -5.9 * R)})
     material, at = tissue.Material(E, NU, 1000.0), hole([2.9 * R, 0.3 * R, 0.0])
     alone, beside = (
