@@ -131,20 +131,24 @@ def settle(
     duration: float,
     given: Answer[Body] | None = None,
     began: float | None = None,
+    loose: bool = False,
 ) -> Step[Body]:
     """Solve for equilibrium at the part `share` of the final loads; `given` is the organ's answer, None: that at rest;
     `began` [s], the start of the load step where the state is one on its way, which hands have not let go of yet.
     Raises `EquilibriumError`.
 
-    Rough holes hold the thread while it is tied; where it has a long way to slide, they let it slide on the way too.
+    Rough holes hold the thread while it is tied; where it has a long way to slide, they let it slide on the way too. A
+    load step that was found so on other knots is sought so first (`loose`).
     """
     began = state.time if began is None else began
+    rough = bool(system.rough.any())
+    loose = loose and rough
     try:
-        return relax_ties(system, state, share, duration, True, given, began)
+        return replace(relax_ties(system, state, share, duration, not loose, given, began), loose=loose)
     except EquilibriumError:
-        if not system.rough.any():
+        if not rough:
             raise
-    return relax_ties(system, state, share, duration, False, given, began)
+    return replace(relax_ties(system, state, share, duration, loose, given, began), loose=not loose)
 
 
 def relax_ties(
@@ -346,12 +350,14 @@ def refuse_unbalanced(system: System[Body], state: State[Body], duration: float)
     raise EquilibriumError(state.time, duration - state.time, cause)
 
 
-def settle_or_snap(system: System[Body], state: State[Body], share: float, duration: float, snap: bool) -> Step[Body]:
+def settle_or_snap(
+    system: System[Body], state: State[Body], share: float, duration: float, loose: bool, snap: bool
+) -> Step[Body]:
     """Solve for equilibrium as `settle` does; where there is none near, and the tissue may `snap`, or none that holds,
     for that which a nonlinear organ creeps to. Raises `EquilibriumError`."""
     organ = system.organ
     try:
-        step = settle(system, state, share, duration)
+        step = settle(system, state, share, duration, loose=loose)
     except EquilibriumError:
         if not (snap and isinstance(organ, Creeping)):
             raise
@@ -385,9 +391,11 @@ def creep(system: System[Body], organ: Creeping, state: State[Body], share: floa
     raise failed
 
 
-def load_step(system: System[Body], state: State[Body], share: float, duration: float) -> list[Step[Body]]:
-    """Go on to the part `share` of the loads, in parts where that fails. Raises as `go_on` does, and `SpentError` after
-    MOST_CORRECTIONS."""
+def load_step(
+    system: System[Body], state: State[Body], share: float, duration: float, loose: bool = False
+) -> list[Step[Body]]:
+    """Go on to the part `share` of the loads, in parts where that fails; `loose` as for `settle`. Raises as `go_on`
+    does, and `SpentError` after MOST_CORRECTIONS."""
     left = iter(range(MOST_CORRECTIONS))
 
     def count() -> None:
@@ -395,14 +403,16 @@ def load_step(system: System[Body], state: State[Body], share: float, duration: 
             raise SpentError(state.time, share, MOST_CORRECTIONS, *what_it_does(system, state))
 
     with asked_before_corrections(count):
-        return go_on(system, state, share, duration)
+        return go_on(system, state, share, duration, loose)
 
 
-def go_on(system: System[Body], state: State[Body], share: float, duration: float, depth: int = 0) -> list[Step[Body]]:
+def go_on(
+    system: System[Body], state: State[Body], share: float, duration: float, loose: bool, depth: int = 0
+) -> list[Step[Body]]:
     """Go on to the part `share` of the loads, in halves of the increment where it fails or the thread flips through a
     hole. Raises `StepError`, `InversionError`, `ConstraintError` where a hand has drawn the thread out."""
     try:
-        step = settle_or_snap(system, state, share, duration, depth >= SNAPS)
+        step = settle_or_snap(system, state, share, duration, loose, depth >= SNAPS)
         refuse_drawn_out(system, step.old, step.new)
         refuse_crossing(system, step.old, step.new)
         gone = emptied_holds(system, step.old, step.new)
@@ -413,12 +423,12 @@ def go_on(system: System[Body], state: State[Body], share: float, duration: floa
         if depth == DEEPEST or share * duration <= state.time:  # after a cut the loads stay what they are
             raise without_equilibrium(error, share) from error
         middle = 0.5 * (state.time / duration + share)
-        first = go_on(system, state, middle, duration, depth + 1)
-        return first + go_on(system, first[-1].new, share, duration, depth + 1)
+        first = go_on(system, state, middle, duration, loose, depth + 1)
+        return first + go_on(system, first[-1].new, share, duration, loose, depth + 1)
     if gone.any():
         left = release(state, gone)
         refuse_loose(system, left, share, duration)
-        return go_on(system, left, share, duration, depth)
+        return go_on(system, left, share, duration, loose, depth)
     return [step, *pair_lips(system, step, share, duration)]
 
 
@@ -444,7 +454,7 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
     out = [step]
     while (len(out) <= PAIRINGS and has_slid(system, out[-1])) or (len(out) <= DRIFTS and is_dragged(system, out[-1])):
         given = ask_organ(system, Equilibrium(), [out[-1].new, step.old], duration, share)
-        out.append(settle(system, out[-1].new, share, duration, given, step.old.time))
+        out.append(settle(system, out[-1].new, share, duration, given, step.old.time, out[-1].loose))
     if is_dragged(system, out[-1]):
         cause = "a body of the organ that no clamp holds drifts on, since neither thread nor contact stops it"
         raise EquilibriumError(step.old.time, share * duration - step.old.time, cause, "", share)

@@ -119,8 +119,8 @@ class Run(Generic[Body]):
             knots = first.refined_for(run) if run.rubs else run.refitted(0.0, True)
             if knots is first or knots is run:
                 break
-            first = knots
-            run = knots._audited(load_step(knots.system, knots.state, share, duration))
+            first, loose = knots, any(step.loose for step in run.taken)
+            run = knots._audited(load_step(knots.system, knots.state, share, duration, loose))
         run = run._scheduled(self.state.time, share * duration - self.state.time)
         if not any(event.kind == "cut" for event in run.events):
             return run

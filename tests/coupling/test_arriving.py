@@ -230,7 +230,7 @@ def test_a_static_load_step_that_flips_is_halved(monkeypatch: pytest.MonkeyPatch
     system, state = through_a_hole((Fixed(ORIGIN), Pulled(0.2 * X)))
     settle, shares = equilibrium.settle, []
 
-    def flipping(system: System, state: State, share: float, duration: float) -> Step:
+    def flipping(system: System, state: State, share: float, duration: float, **ways: bool) -> Step:
         shares.append(share)
         if share - state.time / duration > 0.6:
             raise InversionError(state.time, "hole")
@@ -239,6 +239,31 @@ def test_a_static_load_step_that_flips_is_halved(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(equilibrium, "settle", flipping)
     steps = equilibrium.load_step(system, state, 1.0, 1.0)
     assert shares == [1.0, 0.5, 1.0] and abs(steps[-1].new.reaction[0] @ X / -0.2 - 1.0) <= IDENTITY**0.5
+
+
+@pytest.mark.parametrize(
+    ("fails", "loose", "ways"), [(True, False, [True, False]), (False, True, [False, True]), (None, True, [False])]
+)
+def test_what_was_found_sliding_is_sought_so_first_on_other_knots(
+    monkeypatch: pytest.MonkeyPatch, fails: bool | None, loose: bool, ways: list[bool]
+) -> None:
+    """Independent check: where the thread cannot be let go from rough holes that hold it, it slides on the way; the
+    same load step on other knots begins so, and falls back on holes that hold. Without friction there is one way."""
+    rough, state = through_a_hole((Fixed(ORIGIN), Pulled(0.2 * X)), Friction(0.1, 0.1))
+    smooth, _ = through_a_hole(rough.ends)
+    found, tried = equilibrium.relax_ties(smooth, state, 0.5, 1.0, True, None, 0.0), list[bool]()
+
+    def relax(system: System, state: State, share: float, duration: float, hold: bool, *given: object) -> Step:
+        tried.append(hold)
+        if hold == fails:
+            raise EquilibriumError(0.0, 0.5, "no convergence", "hole", share)
+        return found
+
+    monkeypatch.setattr(equilibrium, "relax_ties", relax)
+    assert equilibrium.settle(rough, state, 0.5, 1.0, loose=loose).loose == (not ways[-1])
+    assert tried == ways
+    if fails is None:
+        assert not equilibrium.settle(smooth, state, 0.5, 1.0, loose=True).loose and tried == [*ways, True]
 
 
 def test_a_thread_that_nothing_holds_back_runs_out_at_rest() -> None:
