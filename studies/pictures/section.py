@@ -107,7 +107,7 @@ def _section_piercings(axes: Axes, frame: Snapshot, scale: Scale) -> None:
     for hole, tip in zip(frame.piercings, scale.tips(frame) / MILLI, strict=True):
         x, _, z = hole.x / MILLI
         axes.plot(x, z, "o", color=MARKER, markersize=8, zorder=4)
-        if float(np.linalg.norm(hole.force)) > 1e-3 * scale.force:
+        if scale.shows(float(np.linalg.norm(hole.force))):
             axes.annotate("", (tip[0], tip[2]), (x, z), arrowprops=style, zorder=5)
 
 

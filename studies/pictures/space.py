@@ -128,7 +128,7 @@ def _add_piercings(plotter: Any, frame: Snapshot, scale: Scale) -> None:
     for hole in frame.piercings:
         plotter.add_mesh(pv.Sphere(radius=0.008 * scale.width, center=hole.x), color=MARKER, smooth_shading=True)
         force = float(np.linalg.norm(hole.force))
-        if force > 1e-3 * scale.force:
+        if scale.shows(force):
             arrow = pv.Arrow(
                 start=hole.x, direction=hole.force, scale=scale.reach * force / scale.force,
                 shaft_radius=0.018, tip_radius=0.05, tip_length=0.2,

@@ -20,6 +20,7 @@ THREAD, MARKER, ARROW = "#1f3a93", "#c0392b", "#222222"
 TISSUE = ("#f7e6da", "#f0bd9f", "#dc7356", "#8e1b2c")
 TENSION = ("#a6cee3", "#3b76b8", "#0b1a5e")
 LEFT = "left"  # the state of a hole that the thread is not in
+UNFELT = 1e-9  # N: less than a millimetre of the thinnest suture weighs, and what round-off leaves of a slack thread
 REACH = 0.16  # of the longest arrow, of the diagonal of what is seen
 KILO, MILLI = 1e3, 1e-3
 
@@ -45,7 +46,7 @@ def surface(topology: OrganTopology) -> Indices:
 @dataclass(frozen=True)
 class Scale:
     """What the pictures of one or several frames are drawn to: corners of the box of threads and holes [m], ranges of
-    the colours of stress [Pa] and tension [N], and the largest force of a hole [N], zero without holes."""
+    the colours of stress [Pa] and tension [N], and the largest force of a hole [N], zero without any."""
 
     low: Array  # (3,)
     high: Array  # (3,)
@@ -63,6 +64,10 @@ class Scale:
         """The length of the longest arrow [m]."""
         return REACH * self.width
 
+    def shows(self, force: float) -> bool:
+        """Return whether a force [N] is large enough for an arrow."""
+        return force > 1e-3 * self.force > 0.0
+
     def tips(self, frame: Snapshot) -> Array:
         """Return where the arrows of the holes' forces end, shape `(p, 3)` [m]."""
         return np.asarray(places_of(frame) + self.reach / (self.force or 1.0) * forces_of(frame))
@@ -77,8 +82,8 @@ def scale_of(frames: Sequence[Snapshot]) -> Scale:
         points.min(axis=0),
         points.max(axis=0),
         limits(np.concatenate(stresses)) if stresses else (0.0, 1.0),
-        limits(np.concatenate([frame.thread.tension for frame in frames])),
-        force,
+        limits(np.concatenate([frame.thread.tension for frame in frames]), UNFELT),
+        force if force > UNFELT else 0.0,
     )
 
 
@@ -92,9 +97,10 @@ def forces_of(frame: Snapshot) -> Array:
     return np.array([hole.force for hole in frame.piercings], dtype=np.float64).reshape(-1, 3)
 
 
-def limits(values: Array) -> tuple[float, float]:
-    """Choose the range of the colours, zero in it; the highest hundredth, at the holes, is not to drown the rest."""
-    low, high = np.quantile(values, [0.005, 0.995])
+def limits(values: Array, least: float = 0.0) -> tuple[float, float]:
+    """Choose the range of the colours, zero in it; the highest hundredth, at the holes, is not to drown the rest, and
+    what is `least` or less is nothing."""
+    low, high = (value if abs(value) > least else 0.0 for value in np.quantile(values, [0.005, 0.995]))
     return min(0.0, float(low)), max(0.0, float(high)) or 1.0
 
 
@@ -105,7 +111,8 @@ def label(name: str, force: float) -> str:
 
 def force_text(force: float) -> str:
     """Write a force [N] in the unit that one would say it in."""
-    return f"{force * KILO:.3g} mN" if force < 1.0 else f"{force:.3g} N"
+    felt = force if force > UNFELT else 0.0
+    return f"{felt * KILO:.3g} mN" if felt < 1.0 else f"{felt:.3g} N"
 
 
 def legend(scale: Scale) -> str:

@@ -75,8 +75,9 @@ def remedies(scenario: Scenario, failure: CouplingError) -> Iterator[Settings]:
         yield {"tissue.material": "neo-hookean"}
     if solve.coupling == "staggered":
         yield {"solve.coupling": "monolithic"}
-    if solve.scheme == "linear":
-        yield {"solve.scheme": "newton", "solve.integrator": "bdf2"}
+    if solve.scheme == "linear" or solve.friction == "two-pass":
+        exact = {"scheme": "newton", "friction": "implicit", "integrator": "bdf2"}
+        yield {f"solve.{key}": value for key, value in exact.items() if getattr(solve, key) != value}
     if solve.kind == "static":
         yield {"solve.load_steps": FINER * solve.load_steps}
     else:

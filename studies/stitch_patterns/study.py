@@ -345,17 +345,18 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     middle = middle_case(rows)
     out = [*(case_words(rows, case) for case in cases_of(rows)), spread_words(rows, middle[0], middle[2])]
     out.append(
-        "how far a throw turns its strands is ASSUMED, and so is that thread rubs on thread as it does on skin: with "
-        "either of its own, μ would be one of two free numbers"
+        "how far a throw turns its strands is ASSUMED, and so is that thread rubs on thread as it does on neoprene: "
+        "with either of its own, μ would be one of two free numbers"
     )
     pulleys = [closing_pull(loads["pulley"]) for case in cases_of(rows) if "pulley" in (loads := loads_of(rows, case))]
     if pulleys:
         value, spread = MODIFIED
+        here = " to ".join(dict.fromkeys(f"{pull:.3g}" for pull in (min(pulleys), max(pulleys))))
         out.append(
             f"modified pulley: LEFT OPEN, published {value:g} ± {spread:g} N; the abstract does not say how it was "
             "laid. A closed loop crosses the wound two, four or six times, and by the capstan a loop that crosses four "
             "times, its throw over the wound, needs what the pulley does, "
-            f"{min(pulleys):.3g} to {max(pulleys):.3g} N here, in whatever order it passes its holes"
+            f"{here} N here, in whatever order it passes its holes"
         )
     out.append(
         "mattress stitches: the throw lies over one lip, as these stitches are tied; what exactly was pulled, and "

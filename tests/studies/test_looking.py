@@ -21,7 +21,7 @@ from studies.output.tables import CsvFile
 from studies.pictures import film_section, looking
 from studies.pictures.camera import CLEAR, camera_on, label_places, scale_bar
 from studies.pictures.plotting import columns_of, line_of
-from studies.pictures.view import scale_of
+from studies.pictures.view import force_text, legend, scale_of
 from studies.report.charts import series_of
 from tests.studies.samples import LINEAR, frame, step
 from tests.studies.test_report import record_run
@@ -133,6 +133,21 @@ def test_an_animation_has_a_picture_for_each_frame_to_one_scale(run: Path, tmp_p
     scale = scale_of(frames)
     for one in frames:
         assert np.all(one.thread.points >= scale.low) and np.all(one.thread.points <= scale.high)
+
+
+def test_what_round_off_leaves_of_a_slack_thread_is_not_drawn() -> None:
+    """Independent check: forces of a piconewton have neither arrow nor colour nor name, those of a millinewton have."""
+    felt = frame(1.0)
+    holes = tuple(replace(hole, force=np.array([0.0, 1e-3, 0.0])) for hole in felt.piercings)
+    felt = replace(felt, thread=replace(felt.thread, tension=0 * felt.thread.tension + 1e-3), piercings=holes)
+    slack = replace(
+        felt,
+        thread=replace(felt.thread, tension=1e-9 * felt.thread.tension),
+        piercings=tuple(replace(hole, force=1e-9 * hole.force) for hole in holes),
+    )
+    scale, none = scale_of([felt]), scale_of([slack])
+    assert scale.shows(1e-3) and scale.tension == (0.0, 1e-3) and force_text(1e-3) == "1 mN"
+    assert not none.shows(1e-12) and none.tension == (0.0, 1.0) and legend(none) == "" and force_text(1e-12) == "0 mN"
 
 
 def test_a_picture_of_a_time_is_that_of_the_nearest_frame(run: Path) -> None:

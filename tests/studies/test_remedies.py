@@ -15,6 +15,7 @@ from studies.command import command
 from studies.output.records import Snapshot, StepRecord
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.scenario import parse
+from studies.scenario.toml import changed, parsed, tables
 from studies.simulation.remedies import MOST, PAST, remedies, try_remedies
 from tests.studies.samples import Stub, framing, step
 
@@ -68,6 +69,16 @@ def test_the_first_remedy_that_helps_is_named_with_those_that_do_not() -> None:
     assert "in vain: solve.dt = 0.00025" in said and len(made) == 3
     said, made = said_of({"dt": {"ends": 1000}})
     assert "with solve.dt = 0.00025 the run gets past" in said and "vain" not in said and len(made) == 1
+
+
+@pytest.mark.parametrize(
+    "solve", [{"scheme": "linear"}, {"scheme": "linear", "friction": "two-pass"}, {"friction": "two-pass"}]
+)
+def test_the_papers_options_are_replaced_together_by_what_is_exact(solve: dict[str, str]) -> None:
+    """Independent check: the scenario with the first remedy is not refused, as one of them without the others is."""
+    paper = scenario_of(**solve)
+    exact = parsed(changed(tables(paper), next(remedies(paper, FAILURE)))).solve
+    assert (exact.scheme, exact.friction, exact.integrator) == ("newton", "implicit", "bdf2")
 
 
 def test_where_nothing_helps_it_says_so() -> None:

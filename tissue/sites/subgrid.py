@@ -294,7 +294,9 @@ class Patches:
         left, right = body.mesh.f2t[:, (body.mesh.f2t[1] >= 0) & chosen[body.mesh.f2t].all(axis=0)]
         links = csr_matrix((np.ones(left.size), (left, right)), shape=(chosen.size, chosen.size))
         _, label = connected_components(links, directed=False)
-        parts = {int(one): hole for hole in reversed(self.holes) for one in np.unique(label[self.beside(hole)])}
+        parts = {
+            int(one): hole for hole in reversed(self.holes) for one in np.unique(label[self.beside(hole) & chosen])
+        }
         cells = [self.held(np.flatnonzero(chosen & (label == one)), hole) for one, hole in parts.items()]
         return Patch(body, np.sort(np.concatenate(cells)))
 
