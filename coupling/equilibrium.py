@@ -457,7 +457,8 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
         out.append(settle(system, out[-1].new, share, duration, given, step.old.time, out[-1].loose))
     if is_dragged(system, out[-1]):
         cause = "a body of the organ that no clamp holds drifts on, since neither thread nor contact stops it"
-        raise EquilibriumError(step.old.time, share * duration - step.old.time, cause, "", share)
+        remedy = "clamp it, stitch it, or let a contact stop it"
+        raise EquilibriumError(step.old.time, share * duration - step.old.time, cause, "", share, remedy)
     return out[1:]
 
 

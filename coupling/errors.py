@@ -84,18 +84,23 @@ class CreatedEnergyError(CouplingError):
         )
 
 
+DRAWN_OUT = (
+    "a thread that can be drawn out of its holes has none: hold an end, add friction or an anchor; else raise "
+    "solve.load_steps"
+)
+
+
 @dataclass
 class EquilibriumError(StepError):
-    """A load step without an equilibrium; `share` is the part of the final loads."""
+    """A load step without an equilibrium; `share` is the part of the final loads, `remedy` what may help."""
 
     share: float = 1.0
+    remedy: str = DRAWN_OUT
 
     def __str__(self) -> str:
         place = f", worst at piercing {self.piercing!r}" if self.piercing else ""
         return (
-            f"no equilibrium was found under {100 * self.share:.4g} % of the loads ({self.cause}{place}); a thread "
-            "that can be drawn out of its holes has none: hold an end, add friction or an anchor; else raise "
-            "solve.load_steps"
+            f"no equilibrium was found under {100 * self.share:.4g} % of the loads ({self.cause}{place}); {self.remedy}"
         )
 
 

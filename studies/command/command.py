@@ -111,9 +111,9 @@ def _run(options: argparse.Namespace, simulation: AnySimulation) -> int:
     recorder, moments = begun
     log = RunLog(options.out, " ".join(["suture", *options.words]))
     status, outcome, failure = _simulate(simulation, moments, recorder, options.quiet or options.json, log)
+    picture = "" if options.no_picture else _draw(simulation, recorder)
     if failure is not None and not options.no_remedies:
         _try_remedies(options, simulation, recorder, failure)
-    picture = "" if options.no_picture else _draw(simulation, recorder)
     log.end(outcome, recorder.remarks)
     if options.json:
         print(as_json(recorder.summary(outcome)), end="")

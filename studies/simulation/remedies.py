@@ -110,12 +110,14 @@ def attempt(scenario: Scenario, settings: Settings, time: float, make: Make) -> 
 
 def remark_of(trials: Sequence[Trial], time: float) -> Remark:
     """Return what to say of the `trials` on copies of a run whose last step ended at `time` [s]."""
-    vain = "; ".join(trial.text for trial in trials if trial.outcome in ("fails", "slow"))
+    vain = "; ".join(trial.text for trial in trials if trial.outcome == "fails")
+    slow = "; ".join(trial.text for trial in trials if trial.outcome == "slow")
+    other = [f"in vain: {vain}"] * bool(vain) + [f"given up after {MOST} corrections: {slow}"] * bool(slow)
     if not trials[-1].helps:
-        text = f"tried on copies, and none of these helped: {vain}" if vain else "no copy could be prepared"
+        text = f"tried on copies, and nothing helped; {', '.join(other)}" if other else "no copy could be prepared"
         return remark("remedy", "solve", text)
     reached = f"gets past t = {time:.4g} s; it was followed to {trials[-1].time:.4g} s"
     ways = {"ends": "comes to its end", "past": reached}
-    other = f" (tried before, in vain: {vain})" if vain else ""
-    text = f"tried on a copy: with {trials[-1].text} the run {ways[trials[-1].outcome]}{other}"
+    before = f" (tried before, {', '.join(other)})" if other else ""
+    text = f"tried on a copy: with {trials[-1].text} the run {ways[trials[-1].outcome]}{before}"
     return remark("remedy", "solve", text)
