@@ -3,8 +3,9 @@
 - SuperLU comes with scipy: LU in symmetric mode, twice the entries and a tenth of the speed of the other two.
 - CHOLMOD comes with cvxopt, whose wheels bring SuiteSparse and a BLAS (Chen, Davis, Hager and Rajamanickam, ACM TOMS
   35, 2008); scikit-sparse has no wheels and is built against whatever BLAS is there.
-- Pardiso comes with MKL and pypardiso, on x86-64; here in its symmetric modes, on the upper triangle. That for what is
-  not definite exchanges rows within supernodes alone, in a third of the time of SuperLU's exchanges.
+- Pardiso comes with MKL and pypardiso, on x86-64; here in its symmetric positive definite mode, on the upper triangle.
+  MKL in a process changes the last bits of what other libraries compute there, and so is loaded where it is asked for
+  alone.
 """
 
 import weakref
@@ -26,7 +27,7 @@ BackSubstitution = Callable[[Array], Array]
 LIBRARIES = {"cholmod": "cvxopt", "pardiso": "pypardiso", "superlu": "scipy"}  # the fastest first
 BYTES = {"cholmod": 10.0, "pardiso": 8.0, "superlu": 24.0}  # of memory per entry of the Cholesky factor, as measured
 DISSECT_BEYOND = 100_000  # unknowns beyond which CHOLMOD is faster on dissection than on minimum degree
-PARDISO_SPD, PARDISO_INDEFINITE = 2, -2  # matrix types: real, symmetric, positive definite or not
+PARDISO_SPD = 2  # matrix type: real, symmetric, positive definite
 METIS = 2
 SOLVE = 33  # Pardiso's phase: back-substitution
 NOT_DEFINITE = -4  # Pardiso's error: a zero or negative pivot
@@ -91,12 +92,7 @@ def superlu(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubsti
 
 
 def indefinite(A: csr_matrix) -> BackSubstitution:
-    """Factorise what is not definite: by Pardiso's LDLᵀ where it is installed, else by SuperLU with row exchanges.
-
-    Raises `FactorError` where a pivot is zero; one that Pardiso made larger instead shows in the residual.
-    """
-    if is_installed("pardiso"):
-        return _pardiso(A, PARDISO_INDEFINITE)
+    """Factorise by SuperLU with row exchanges, for what is not definite. Raises `FactorError` where it is singular."""
     try:
         return splu(csc_matrix(A)).solve
     except RuntimeError as error:
@@ -169,17 +165,12 @@ def cholmod(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubsti
 
 def pardiso(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
     """Factorise by the Cholesky of MKL's Pardiso, ordered by METIS. Raises `FactorError`."""
-    return _pardiso(A, PARDISO_SPD)
-
-
-def _pardiso(A: csr_matrix, kind: int) -> BackSubstitution:
-    """Factorise by MKL's Pardiso a symmetric matrix of a kind of its own. Raises `FactorError`."""
     from pypardiso import PyPardisoSolver
     from pypardiso.pardiso_wrapper import PyPardisoError
 
     upper = triu(A, format="csr")
     upper.sort_indices()
-    library = PyPardisoSolver(mtype=kind)
+    library = PyPardisoSolver(mtype=PARDISO_SPD)
     library.set_iparm(1, 1)  # nothing by default: its two steps of refinement cost a second solve
     library.set_iparm(2, METIS)
     try:

@@ -84,7 +84,7 @@ def factorize(
 
 
 def factorize_indefinite(A: csr_matrix) -> Factor:
-    """Factorise a symmetric matrix by LDLᵀ or LU with row exchanges, whatever the signs of its eigenvalues.
+    """Factorise a symmetric matrix by LU with row exchanges, whatever the signs of its eigenvalues.
 
     Raises `FactorError` where it is singular.
     """
