@@ -38,6 +38,11 @@ class Material:
         """μ = E / (2(1+ν)) [Pa]."""
         return self.youngs_modulus / (2.0 * (1.0 + self.poisson_ratio))
 
+    @property
+    def bulk_modulus(self) -> PerCell:
+        """κ = λ + 2μ/3 [Pa]."""
+        return self.lame_lambda + 2.0 / 3.0 * self.lame_mu
+
 
 def _require(name: str, value: PerCell, low: float, high: float, unit: str, remedy: str) -> None:
     values = np.atleast_1d(np.asarray(value, dtype=float))

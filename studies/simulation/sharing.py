@@ -18,7 +18,7 @@ from studies.scenario.toml import mesh_file, tables
 Made = TypeVar("Made")
 
 NOT_OF_ORGAN = ("title", "thread", "cut", "tie", "output")
-OF_STEPS = ("dt", "duration", "load_steps", "scheme", "integrator", "coupling", "friction", "epsilon")
+OF_STEPS = ("dt", "duration", "load_steps", "scheme", "newton", "integrator", "coupling", "friction", "epsilon")
 OF_THREAD = ("kind", "s", "friction", "from", "until", "draw", "pull", "channel")  # of a piercing
 # of the organ, beside its mesh and stiffness
 OF_MOTION = ("inertia", "rayleigh", "solver", "contact", "load", "reduction")

@@ -15,6 +15,8 @@ from studies.scenario.organ import LIPS
 from studies.scenario.refusal import refusal
 from thread.path import RoundedPath
 
+Distances = Callable[[Array], Array]
+
 LOOKS = 8  # per radius: places along a path at which it is asked how deep it lies
 MOST_LOOKS = 2000
 ROUND_OFF = 1e-9  # of a number of balls
@@ -129,15 +131,16 @@ def across_wounds(scenario: Scenario, mesh: skfem.MeshTet, balls: Sequence[tuple
     given = scenario.tissue
     wound = (LIPS,) if given is not None and isinstance(given.mesh, model.WoundMesh) else ()
     pairs = dict.fromkeys((*wound, *scenario.touching))
+    away = [(tissue.distances(mesh, one), tissue.distances(mesh, other)) for one, other in pairs]
     gaps = [(one, other, high - low) for (one, low), (other, high) in pairwise(balls) if one.part != other.part]
-    return sum(length for one, other, length in gaps if any(are_beside(mesh, pair, one, other) for pair in pairs))
+    return sum(length for one, other, length in gaps if any(are_beside(*sides, one, other) for sides in away))
 
 
-def are_beside(mesh: skfem.MeshTet, sides: tuple[str, str], one: Ball, other: Ball) -> bool:
-    """Tell whether two balls touch one each of two surfaces of a mesh."""
-    first, second = (tissue.distances(mesh, side)(np.array([one.place, other.place])) for side in sides)
-    touched = TOUCHED * one.footprint
-    return bool(max(first[0], second[1]) <= touched or max(second[0], first[1]) <= touched)
+def are_beside(first: Distances, second: Distances, one: Ball, other: Ball) -> bool:
+    """Tell whether two balls touch one each of two surfaces, of which it is known how far points are from them."""
+    places, touched = np.array([one.place, other.place]), TOUCHED * one.footprint
+    a, b = first(places), second(places)
+    return bool(max(a[0], b[1]) <= touched or max(b[0], a[1]) <= touched)
 
 
 def check_balls(thread: model.Thread, holes: Sequence[Piercing]) -> None:

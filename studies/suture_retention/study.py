@@ -87,8 +87,7 @@ class Tissue:
 def uniaxial(slope: float, stiffening: float, stretch: float) -> tuple[float, float]:
     """Return the nominal stress [Pa] and J of a strip of Poisson's ratio POISSON at a stretch, free at its sides."""
     material = tissue.Material(slope, POISSON, 1.0)
-    kappa = material.lame_lambda + 2.0 / 3.0 * material.lame_mu
-    density = Sum([Exponential(material.lame_mu, stiffening), Volumetric(kappa)])
+    density = Sum([Exponential(material.lame_mu, stiffening), Volumetric(material.bulk_modulus)])
 
     def stress(side: float) -> Array:
         return density.stress(np.diag([stretch, side, side])[:, :, None])[:, :, 0]

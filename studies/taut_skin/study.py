@@ -81,8 +81,7 @@ class Skin:
         """Return the first Piola stress of the uncut sheet from where it bears nothing `(3, 3)` [Pa], at a stretch in
         its plane and one across its thickness."""
         material = tissue.Material(E, NU, 1.0)
-        kappa = material.lame_lambda + 2.0 / 3.0 * material.lame_mu
-        density = Sum([Exponential(material.lame_mu, self.stiffening), Volumetric(kappa)])
+        density = Sum([Exponential(material.lame_mu, self.stiffening), Volumetric(material.bulk_modulus)])
         return np.asarray(density.stress(np.diag([stretch, stretch, thinned])[:, :, None])[:, :, 0])
 
     def thinned(self, stretch: float) -> float:

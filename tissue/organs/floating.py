@@ -21,10 +21,8 @@ from tissue.arrays import Array
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.meshed import LinearAnswer, OrganState, TimeScheme
 
-FIRST, LATER = (
-    1e-2,
-    1e-4,
-)  # of the stiffness of a cube of its tissue as large: its drag where a load step begins, and on
+FIRST = 1e-2  # of the stiffness of a cube of its tissue as large: its drag where a load step begins
+LATER = 1e-4  # of that stiffness: its drag from then on
 SCALE = np.finfo(float).tiny
 
 

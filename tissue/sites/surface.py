@@ -5,7 +5,6 @@ cells.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -120,28 +119,10 @@ class Surface:
         inside = self.containing(points) >= 0
         return np.where(inside, 1.0, -1.0) * self.away(points)
 
-    def away(self, points: Array) -> Array:
-        """Return how far points `(k, 3)` are from the nearest triangle, shape `(k,)` [m].
-
-        That one is no further with its middle than the nearest middle and the largest radius of a triangle.
-        """
-        middles, largest = self._middles
-        nearest, _ = middles.query(points)
-        return np.array(
-            [
-                np.linalg.norm(closest_on_triangles(point, self.triangles[near]) - point, axis=1).min()
-                for point, near in zip(points, middles.query_ball_point(points, nearest + largest), strict=True)
-            ]
-        )
-
     @cached_property
-    def _middles(self) -> tuple[Any, float]:
-        """The triangles' middles as a tree, and the largest distance of a corner from one [m], with room for its
-        rounding."""
-        from scipy.spatial import cKDTree
-
-        middles = self.triangles.mean(axis=1)
-        return cKDTree(middles), (1.0 + INSIDE) * float(np.linalg.norm(self.triangles - middles[:, None], axis=2).max())
+    def away(self) -> Callable[[Array], Array]:
+        """What tells how far points `(k, 3)` are from the surface, shape `(k,)` [m]."""
+        return distances_from(self.triangles)
 
     def sharing(self, point: Array) -> Indices:
         """Return every cell that holds `point`, faces and corners included."""
@@ -190,11 +171,26 @@ def depths(mesh: MeshTet) -> Callable[[Array], Array]:
 
 def distances(mesh: MeshTet, boundary: str) -> Callable[[Array], Array]:
     """Return what tells how far points `(k, 3)` are from a boundary of a mesh by its name, shape `(k,)` [m]."""
-    triangles = mesh.p.T[mesh.facets[:, mesh.boundaries[boundary]].T]
+    return distances_from(mesh.p.T[mesh.facets[:, mesh.boundaries[boundary]].T])
+
+
+def distances_from(triangles: Array) -> Callable[[Array], Array]:
+    """Return what tells how far points `(k, 3)` are from the nearest of some triangles `(t, 3, 3)`, shape `(k,)` [m].
+
+    That one is no further with its middle than the nearest middle and the largest radius of a triangle, with room for
+    its rounding.
+    """
+    from scipy.spatial import cKDTree
+
+    middles = triangles.mean(axis=1)
+    tree = cKDTree(middles)
+    largest = (1.0 + INSIDE) * float(np.linalg.norm(triangles - middles[:, None], axis=2).max())
 
     def away(points: Array) -> Array:
+        near = tree.query_ball_point(points, tree.query(points)[0] + largest)
+        each = zip(points, near, strict=True)
         return np.array(
-            [np.linalg.norm(closest_on_triangles(point, triangles) - point, axis=1).min() for point in points]
+            [np.linalg.norm(closest_on_triangles(p, triangles[those]) - p, axis=1).min() for p, those in each]
         )
 
     return away
