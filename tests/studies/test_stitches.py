@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from studies import load, prepare
-from studies.simulation.recording import step_record
-from tests.bounds import IDENTITY, TWO_SOLVERS
+from studies.simulation.recording import contact_records, gap_profile, step_record
+from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.meshes.samples import NEEDS_GMSH
 from tests.thread.threads import Array
 
@@ -34,6 +34,7 @@ def test_a_pulley_closes_with_the_strands_that_cross() -> None:
     assert (strands[1:3] / strands[:2] >= np.exp(-0.1 * np.pi)).all()
 
 
+ALIKE = 0.02  # of a stitch's force: the mesh is not the same at all six
 RADIAL = 0.02  # of a tube's radial displacement: cells of a third of the radius, and ends four decay lengths away
 HOLES = [f"{side}{k}" for k in range(1, 7) for side in ("right", "left")]
 FEW = [
@@ -43,14 +44,19 @@ FEW = [
 
 
 @cache
-def joined() -> tuple[Any, Any]:
-    """The organ of the anastomosis, coarsely and without tracts, and its last state."""
+def sewn() -> Any:
+    """The anastomosis, coarsely and without tracts, after its last step."""
     simulation = prepare(load("anastomosis", FEW))
     now = simulation.beginning()
     while now.number < simulation.steps:
         now = simulation.next(now)
     assert [tie.state for tie in now.ties] == ["tied"] * 6
-    return simulation.assembly.system.organ, now.state.organ
+    return now
+
+
+def joined() -> tuple[Any, Any]:
+    """The organ of the anastomosis, and its last state."""
+    return sewn().system.organ, sewn().state.organ
 
 
 def forces_on_stumps(organ: Any, state: Any) -> dict[str, Array]:
@@ -77,6 +83,28 @@ def test_the_forces_on_a_stump_balance() -> None:
     assert np.abs(sum(forces.values())).max() <= TWO_SOLVERS * scale
     threads, contact, holder = (forces[name][0, 0] for name in ("threads", "contact", "holder"))
     assert threads > 1.0 and contact < 0.0 and holder < 0.0
+
+
+@NEEDS_GMSH
+def test_what_closes_an_anastomosis() -> None:
+    """Independent check: what closes the line is what the threads do to a stump along it; six stitches alike all round
+    bear a sixth each, and draw both sides with the same force. What is closed and what is open is all of the line, and
+    the way round it is 2πb less what a polygon cuts off."""
+    (found,), rim = contact_records(sewn()), gap_profile(sewn())
+    mesh: Any = load("anastomosis").tissue.mesh  # type: ignore[union-attr]
+    along = forces_on_stumps(*joined())["threads"][:, 0]
+    assert found.closure_force == pytest.approx(0.5 * (along[0] - along[1]), rel=RESIDUAL)
+    assert [stitch.stitch for stitch in found.stitches] == [f"knot{k}" for k in range(1, 7)]
+    assert sum(stitch.load_share for stitch in found.stitches) == pytest.approx(1.0, rel=IDENTITY)
+    for stitch in found.stitches:
+        assert stitch.load_share == pytest.approx(1.0 / 6.0, rel=ALIKE)
+        assert stitch.left_force == pytest.approx(stitch.right_force, rel=ALIKE)
+    area = found.open_area / (1.0 - found.approximation)
+    assert area == pytest.approx(np.pi * (mesh.radius**2 - (mesh.radius - mesh.wall) ** 2), rel=RADIAL)
+    ways, gaps = np.array([gap.way for gap in rim]), [gap.largest_gap for gap in rim]
+    assert (np.diff(ways) > 0.0).all() and max(gaps) == found.largest_gap
+    assert ways[-1] + ways[1] == pytest.approx(2.0 * np.pi * mesh.radius, rel=0.05)
+    assert all(abs(np.hypot(*gap.x[1:]) - mesh.radius) < 0.1 * mesh.wall for gap in rim)
 
 
 @NEEDS_GMSH
