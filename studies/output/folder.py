@@ -3,12 +3,12 @@
 ``Recorder`` takes the plain arrays of ``studies.output.records`` and writes
 
 - ``provenance.json``, ``scenario.toml`` (and ``mesh/``, a copy of the mesh file) before the first step,
-- ``piercings.csv``, ``energy.csv``, ``steps.csv``, ``events.csv``, ``contact.csv`` and ``stitches.csv`` of surfaces
-  that may touch, ``loads.csv`` of an organ under loads, ``tracts.csv`` of a thread that bears on tissue between holes
-  and ``ties.csv`` of a thread that is tied: whole lines, after every step,
+- ``piercings.csv``, ``energy.csv``, ``steps.csv``, ``events.csv``, ``contact.csv`` and ``stitches.csv`` of wounds and
+  surfaces that may touch, ``loads.csv`` of an organ under loads, ``tracts.csv`` of a thread that bears on tissue
+  between holes and ``ties.csv`` of a thread that is tied: whole lines, after every step,
 - ``results.pvd`` and ``frames/``: every ``output.every`` steps, the first and the last,
 - ``checkpoint.npz`` after every frame that was due, from which ``--resume`` goes on,
-- ``gap_profile.csv`` of surfaces that may touch, and
+- ``gap_profile.csv`` of these, and
   ``summary.json``, at the end, also of a failed or an interrupted run.
 
 Files are written under a temporary name and renamed: a killed run leaves every finished frame readable.
@@ -73,7 +73,7 @@ class Recorder:
         self._outcome: tuple[Status, str] | None = None
         self.last_frame: Snapshot | None = None
         self._every = scenario.output.every
-        self._wounds = bool(scenario.touching)
+        self._wounds = bool(scenario.wounds)
         self._pending: Callable[[], Snapshot] | None = None
         self._recorded = -1 if checkpoint is None else int(checkpoint["step"])  # last step in the tables
         if checkpoint is None:

@@ -38,7 +38,7 @@ FILES = (
 def files_of(scenario: Scenario) -> list[str]:
     """List the files that a run of the scenario writes, without its frames."""
     absent = {f"{layout.name}.csv" for layout in TABLES} - {f"{layout.name}.csv" for layout in tables_of(scenario)}
-    absent |= set() if scenario.touching else {PROFILE}
+    absent |= set() if scenario.wounds else {PROFILE}
     mesh = mesh_file(scenario)
     return [name for name in FILES if name not in absent] + ([] if mesh is None else [f"mesh/{mesh.name}"])
 

@@ -100,5 +100,5 @@ def tables_of(scenario: Scenario) -> list[Layout[Any]]:
     """List the tables that a run of the scenario writes."""
     organ = scenario.tissue
     absent = {"ties": not scenario.tie, "loads": organ is None or not organ.load, "tracts": not scenario.tract}
-    absent |= dict.fromkeys(("contact", "stitches"), not scenario.touching)
+    absent |= dict.fromkeys(("contact", "stitches"), not scenario.wounds)
     return [layout for layout in TABLES if not absent.get(layout.name)]

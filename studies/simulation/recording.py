@@ -31,8 +31,8 @@ from thread.spline import Spline
 SAMPLES = 6  # points drawn on each span of the thread
 
 
-def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
-    """Return what is written of a step."""
+def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | None = None) -> StepRecord:
+    """Return what is written of a step; `open_lips` are those of a wound that do not press on one another."""
     system, state = now.system, now.state
     ends = [(step.solution.problem.system, step.new, step.end.at) for step in now.taken]
     ends = ends or [(system, state, now.configuration.at)]
@@ -55,12 +55,12 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
         stays=partial(would_stay_after, now),
         seconds=seconds,
         events=now.events,
-        contact=contact_records(now),
+        contact=contact_records(now, open_lips),
         loads=load_records(system, state),
         tracts=tract_records(now.piercings),
         reduction=reduction_record(system, state),
         ties=now.ties,
-        profile=partial(gap_profile, now),
+        profile=partial(gap_profile, now, open_lips),
         kept=partial(memory_of, now),
     )
 
@@ -81,27 +81,34 @@ def tract_records(holes: Sequence[PiercingObservation]) -> tuple[TractRecord, ..
     return tuple(TractRecord(name, tuple(hole for hole in holes if hole.tract == name)) for name in names)
 
 
-def observed_wounds(now: OrganRun) -> Iterator[tuple[Wound, ContactObservation, Array]]:
-    """Yield the surfaces that may touch, pair by pair, with what they do and the places of all nodes of the organ,
-    `(n, 3)` [m]."""
-    lips = observe_contact(now.system, now.state)
-    if lips is None:
-        return
+def observed_wounds(now: OrganRun, open_lips: tissue.Gaps | None) -> Iterator[tuple[Wound, ContactObservation, Array]]:
+    """Yield the surfaces that a wound lies between, pair by pair, with what they do and the places of all nodes of the
+    organ, `(n, 3)` [m]."""
     organ: Any = now.system.organ
-    gaps: tissue.Gaps = organ.gaps
-    points = gaps.body.points + gaps.body.nodal(organ.displacement(now.state.organ))
-    for wound, own in zip(wounds_of(now.system, gaps, now.piercings), gaps.slices, strict=True):
-        yield wound, lips.of(own), points
+    touching = observe_contact(now.system, now.state)
+    for gaps, pressed in ((open_lips, None), (organ.gaps if touching else None, touching)):
+        if gaps is not None:
+            points = gaps.body.points + gaps.body.nodal(organ.displacement(now.state.organ))
+            lips = pressed or observe_apart(gaps, points)
+            for wound, own in zip(wounds_of(now.system, gaps, now.piercings), gaps.slices, strict=True):
+                yield wound, lips.of(own), points
 
 
-def contact_records(now: OrganRun) -> tuple[ContactRecord, ...]:
-    """Return the surfaces of a state that may touch, pair by pair."""
-    return tuple(contact_record(*observed) for observed in observed_wounds(now))
+def observe_apart(gaps: tissue.Gaps, points: Array) -> ContactObservation:
+    """Observe surfaces that do not press on one another, with all nodes of the organ at `points` `(n, 3)` [m]."""
+    displacement, k = points - gaps.body.points, len(gaps.left)
+    none, slips = np.zeros(k), np.zeros(k, dtype=bool)
+    return ContactObservation(gaps.apart(displacement), none, gaps.slides(displacement), np.zeros((k, 3)), slips)
 
 
-def gap_profile(now: OrganRun) -> tuple[GapRecord, ...]:
-    """Return how the surfaces that may touch gape along their rims."""
-    return tuple(gap for wound, lips, points in observed_wounds(now) for gap in wound.profile(lips, points))
+def contact_records(now: OrganRun, open_lips: tissue.Gaps | None = None) -> tuple[ContactRecord, ...]:
+    """Return the surfaces that a wound lies between, pair by pair."""
+    return tuple(contact_record(*observed) for observed in observed_wounds(now, open_lips))
+
+
+def gap_profile(now: OrganRun, open_lips: tissue.Gaps | None = None) -> tuple[GapRecord, ...]:
+    """Return how the surfaces that a wound lies between gape along their rims."""
+    return tuple(gap for wound, lips, points in observed_wounds(now, open_lips) for gap in wound.profile(lips, points))
 
 
 def contact_record(wound: Wound, lips: ContactObservation, points: Array) -> ContactRecord:

@@ -472,7 +472,7 @@ def test_what_is_open_between_two_surfaces(bodies: Path, element: str) -> None:
     (found,) = contact_records(now)
     assert found.open_area == pytest.approx(side, rel=RESIDUAL)
     assert found.gap_volume == pytest.approx(side * above, rel=RESIDUAL)
-    ((wound, lips, points),) = observed_wounds(now)
+    ((wound, lips, points),) = observed_wounds(now, None)
     (part,) = wound.gaps.parts
     near = wound.gaps.body.points[part.left, 0] < -1e-9
     touching = replace(lips, gap=np.where(near, 0.5 * APART, lips.gap))

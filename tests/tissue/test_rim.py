@@ -47,6 +47,8 @@ def test_a_rim_goes_round_a_side_and_is_parted_by_folds() -> None:
         assert way[-1] == pytest.approx(SIZE[1], rel=IDENTITY) and len(vertices) == len(top.edges) + 1
         y = two_blocks().p[1, vertices]
         assert np.allclose(np.abs(y - y[0]), way, atol=IDENTITY * SIZE[1])
+        below = np.array([[x, 0.0, -SIZE[2]]])
+        assert np.allclose(rim.near(np.vstack([below, top.middles[:1]])).normal, [0, 0, -1])
         assert rim.near(np.zeros((0, 3))).lengths.sum() == pytest.approx(SIZE[1], rel=IDENTITY)
 
 

@@ -219,11 +219,15 @@ class Gaps:
     def crossed(self, U: Array) -> float:
         """Return how far nodes are beyond what they face under a displacement of all unknowns (N,) [m], at most, over
         the extent of the surfaces [-]."""
-        body = self.body
-        facing = self.facing(body.points, body.nodal(U), turns=True)
-        at = self.start if facing is None else facing
-        gaps = self.rest(at) + self.sums(at) @ (self.rows @ U[body.free])
+        gaps = self.apart(self.body.nodal(U), turns=True)
         return max(0.0, -float(gaps.min(initial=0.0))) / self.extent
+
+    def apart(self, displacement: Array, turns: bool = False) -> Array:
+        """Return the gaps between what faces what under a `displacement` of all nodes `(n, 3)` [m], shape `(k,)` [m],
+        along `along`, or to the nearest point where surfaces turn."""
+        facing = self.facing(self.body.points, displacement, turns)
+        at = self.start if facing is None else facing
+        return np.asarray(self.rest(at) + self.sums(at) @ displacement[self.lip_nodes].ravel())
 
     def weights(self, facing: Array) -> tuple[Indices, Array]:
         """Return the nodes that make the point each left node faces, and their weights, shape `(k, 3)`, with P2

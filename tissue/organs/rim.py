@@ -41,13 +41,14 @@ class Rim:
         return Rim(self.edges[chosen], self.facets[chosen], *own)
 
     def near(self, points: Array) -> "Rim":
-        """Return the part of it that most of the `points` `(m, 3)` [m] are nearest to, without a point the longest: the
-        edges that go on in one another without a fold of the outer surface."""
+        """Return the part of it that most of the `points` `(m, 3)` [m] are nearest to, of two the one with the first of
+        them, without a point the longest: the edges that go on in one another without a fold of the outer surface."""
         if not len(self.edges):
             return self
-        votes = self._parts[cKDTree(self.middles).query(points)[1]] if len(points) else self._parts
-        weights = None if len(points) else self.lengths
-        return self.of(self._parts == np.bincount(votes, weights).argmax())
+        if not len(points):
+            return self.of(self._parts == np.bincount(self._parts, self.lengths).argmax())
+        votes = self._parts[cKDTree(self.middles).query(points)[1]].tolist()
+        return self.of(self._parts == max(dict.fromkeys(votes), key=votes.count))
 
     def turn(self, points: Array) -> float:
         """Return by how much the outer facets rise towards their edges with all nodes at `points` `(n, 3)` [m], in the
