@@ -73,12 +73,9 @@ class Wound:
 
     @cached_property
     def rims(self) -> tuple[tissue.Rim, ...]:
-        """Where the left and the right side end on the outer surface, as far as the openings are there."""
-        return tuple(rim.near(self._openings(side)) for rim, side in zip(self.gaps.rims[self.part], SIDES, strict=True))
-
-    def _openings(self, right: bool) -> Array:
-        """Return the openings on one side in the reference shape, shape `(m, 3)` [m]."""
-        return np.array([bite.place for bite in self.bites if not bite.ball and bite.right is right]).reshape(-1, 3)
+        """Where the left and the right side end on the outer surface, as far as the openings of both are there."""
+        openings = np.array([bite.place for bite in self.bites if not bite.ball]).reshape(-1, 3)
+        return tuple(rim.near(openings) for rim in self.gaps.rims[self.part])
 
     def eversion(self, points: Array) -> float:
         """Return by how much the outer surface on both sides has risen towards the edges, together [rad], with all

@@ -8,6 +8,7 @@ import pytest
 
 from studies import load, prepare
 from studies.simulation.recording import contact_records, gap_profile, step_record
+from studies.simulation.wound import wounds_of
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.meshes.samples import NEEDS_GMSH
 from tests.thread.threads import Array
@@ -109,6 +110,19 @@ def test_what_closes_an_anastomosis() -> None:
     assert (np.diff(ways) > 0.0).all() and max(gaps) == found.largest_gap
     assert ways[-1] + ways[1] == pytest.approx(2.0 * np.pi * mesh.radius, rel=0.01)
     assert all(abs(np.hypot(*gap.x[1:]) - mesh.radius) < 0.1 * mesh.wall for gap in rim)
+
+
+@NEEDS_GMSH
+def test_a_wound_through_a_wall_is_judged_where_its_stitches_begin() -> None:
+    """Independent check: stitches that go in above and below have as many openings on either side of the wall; both
+    sides of the wound are judged along the same rim, that of the first hole, at z = 0."""
+    simulation = prepare(load("abdominal_wall", [*COARSE, "tract=[]"]))
+    now, lips = simulation.beginning(), simulation.open_lips
+    assert lips is not None
+    (wound,), openings = wounds_of(now.system, lips, now.piercings), [hole.x[2] for hole in now.piercings]
+    assert sum(z > -1e-3 for z in openings) == sum(z < -1e-3 for z in openings) and openings[0] > -1e-3
+    for rim in wound.rims:
+        assert np.allclose(rim.middles[:, 2], 0.0, atol=IDENTITY) and np.allclose(rim.normal, [0, 0, 1])
 
 
 @NEEDS_GMSH
