@@ -52,6 +52,7 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
         unsettled=partial(unsettled_layers, *ends[-1][:2]),
         stays=partial(would_stay_after, now),
         seconds=seconds,
+        fallen=now.fallen,
         events=now.events,
         contact=contact_records(system, state),
         loads=load_records(system, state),
