@@ -191,12 +191,13 @@ EVENT: tuple[Column[Event], ...] = (
         "`closes`, `tied`, `slips`, `sticks`, `unties` of a tie; `slips`, `sticks` of surfaces in contact, and "
         "along a tract, as a whole or no more; `cut`: the thread was; `halved`: the step was; "
         "`snaps`: the tissue went to an equilibrium that was not near; "
+        "`branch`: load steps failed, and the equilibrium was followed along its branch by arc length; "
         "`knots`: they changed",
         lambda event: event.kind,
     ),
     text(
         "piercing",
-        "name of the piercing, tie, tract or pair of surfaces; empty for `cut`, `halved`, `snaps` and `knots`",
+        "name of the piercing, tie, tract or pair of surfaces; empty for `cut`, `halved`, `snaps`, `branch`, `knots`",
         lambda event: event.piercing,
     ),
     Column("s", "m", "abscissa of the thread in the hole, or of the cut", lambda event: event.s),

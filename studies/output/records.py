@@ -206,6 +206,7 @@ class StepRecord:
     unsettled: Callable[[], float]  # makes `unsettled_layers`, likewise
     stays: Callable[[], bool]  # makes `would_stay`, likewise
     seconds: float  # wall-clock time of this step [s]
+    fallen: float | None = None  # of the loads along a branch that was followed [s of their clock], None without one
     events: tuple[Event, ...] = ()
     contact: tuple[ContactRecord, ...] = ()  # of all surfaces that may touch
     loads: tuple[LoadRecord, ...] = ()
@@ -281,6 +282,8 @@ class Extremes:
     rotated: float = 0.0  # the same in cells rotated beyond [-]
     pressed_turn: float = 0.0  # of a surface under a pressure [rad]
     crossed: float = 0.0  # of lips that do not touch, through one another, over their extent [-]
+    branches: float = 0.0  # load steps that followed one by arc length
+    fallen: float = 0.0  # of the loads along one [s of their clock]
 
     def after_step(self, step: StepRecord) -> "Extremes":
         """Return the extremes with a step more."""
@@ -299,6 +302,8 @@ class Extremes:
             energy=max(self.energy, energy.kinetic + energy.of_deformation, abs(energy.external_work)),
             created=max(self.created, -energy.numerical_dissipation),
             layered=max(self.layered, abs(energy.layer_work)),
+            branches=self.branches + (step.fallen is not None),
+            fallen=max(self.fallen, step.fallen or 0.0),
         )
 
     def after_frame(self, organ: OrganRecord | None) -> "Extremes":

@@ -54,6 +54,7 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
         unsettled=partial(unsettled_layers, *ends[-1][:2]),
         stays=partial(would_stay_after, now),
         seconds=seconds,
+        fallen=now.fallen,
         events=now.events,
         contact=contact_records(now, open_lips),
         loads=load_records(system, state),

@@ -64,7 +64,7 @@ MOST_CORRECTIONS = 50  # of the equilibrium without site forces
 class Motion:
     """What inertia does in a step: factors `a` [1/s²], `d` [1/s] and the fields U_a, U_d, `(N,)` [m]; the dead `load`
     of the step, `(N,)` [N], and the parts of the loads that act, as a state keeps them. Where the organ `creeps`, a is
-    no inertia but drags it back to U_a."""
+    no inertia but drags it back to U_a; where it is `led` along a branch, its potential need not fall."""
 
     a: float
     d: float
@@ -73,6 +73,7 @@ class Motion:
     load: Array
     shares: Array | None
     creeps: bool = False
+    led: bool = False
 
 
 @dataclass(frozen=True)
@@ -400,8 +401,8 @@ class FiniteOrgan(MeshedOrgan):
         return out
 
     def go(self, motion: Motion, start: Point, U: Array, forces: Forces, before: float) -> tuple[Point, float]:
-        """Go from `start` to U, or a part of the way: where no cell is inverted and either the residual, `before` at
-        the start, or the potential falls. Returns where, and the part. Raises `OrganError`."""
+        """Go from `start` to U, or a part of the way: where no cell is inverted and, but where the organ is led, the
+        residual, `before` at the start, or the potential falls. Returns where, and the part. Raises `OrganError`."""
         share, way, first, inverted = 1.0, U - start.U, None, np.inf
         while share >= SHORTEST:
             there = start.U + share * way if share < 1.0 else U
@@ -409,7 +410,7 @@ class FiniteOrgan(MeshedOrgan):
             if self.law.is_possible(F):
                 with np.errstate(over="ignore", invalid="ignore"):  # no forces are finite there: a part of the way is
                     point = self.point(motion, there, F)
-                if self.off_balance(point, forces) <= max(before, self.tolerance(motion, point)):
+                if motion.led or self.off_balance(point, forces) <= max(before, self.tolerance(motion, point)):
                     return point, share
                 first = self.potential(motion, start.U, start.U, start.F, forces) if first is None else first
                 if self.potential(motion, start.U, there, F, forces) <= first + RISE * abs(first):
@@ -527,6 +528,13 @@ class FiniteOrgan(MeshedOrgan):
         return FiniteAnswer(
             self, motion, point, self.tangent(motion, state.U, point.F), state.f_y, self.paired_anew(state.U)
         )
+
+    def under(self, answer: FiniteAnswer, time: float, share: float) -> FiniteAnswer:
+        """Return an answer at rest under another `share` of the loads at `time` [s], where it is. From there it is led:
+        an equilibrium that does not hold is no valley of its potential."""
+        shares = self.shares_at(time, share)
+        motion = replace(answer.motion, load=self.load_under(shares), shares=shares, led=True)
+        return replace(answer, motion=motion, point=self.point(motion, answer.point.U, answer.point.F))
 
     def holds(self, answer: FiniteAnswer) -> bool:
         """Whether the organ would stay where its answer stands, under dead forces: its tangent is definite."""
