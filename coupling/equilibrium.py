@@ -120,8 +120,7 @@ def loose_points(system: System[Body], state: State[Body]) -> Flags:
     held[spline.piece_of(state.s[state.present])] = True
     for piece, end in zip((0, -1), system.ends, strict=True):
         held[piece] |= end.position(0.0) is not None
-    starts = np.searchsorted(spline.knots, spline.cuts)
-    return np.repeat(~held, np.diff([0, *starts, spline.n]))
+    return np.repeat(~held, np.diff([*spline.piece_starts, spline.n]))
 
 
 def settle(

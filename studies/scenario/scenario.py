@@ -67,7 +67,6 @@ class Scenario(ScenarioTable):
         if not (isinstance(thread, dict) and isinstance(solve, dict)) or solve.get("kind") != "static":
             return table
         unable = thread.get("cuts") or thread.get("energy") == "springs" or thread.get("bending") is False
-        unable = unable or table.get("cut")
         return table if unable else table | {"thread": {"resolution": "holes"} | thread}
 
     @model_validator(mode="after")
@@ -213,19 +212,9 @@ class Scenario(ScenarioTable):
 
     @model_validator(mode="after")
     def _check_cutting(self) -> Self:
-        given = {"solve.scheme": self.solve.scheme} | {
-            f"thread.{key}": getattr(self.thread, key) for key in ("resolution", "energy", "twist")
-        }
-        able = {
-            "solve.scheme": "newton",
-            "thread.resolution": "fixed",
-            "thread.energy": "continuous",
-            "thread.twist": False,
-        }
-        lost = next((key for key, value in able.items() if given[key] != value), None)
-        if self.cut and lost is not None:
-            reason = f"the thread is not cut during such a run; set it to {as_toml(able[lost])}, or leave out [[cut]]"
-            raise ValueError(refusal(lost, given[lost], reason))
+        if self.cut and self.solve.scheme != "newton":
+            reason = 'the thread is not cut during such a run; set it to "newton", or leave out [[cut]]'
+            raise ValueError(refusal("solve.scheme", self.solve.scheme, reason))
         places = [cut.s for cut in self.cut]
         twice = next((s for k, s in enumerate(places) if s in (*places[:k], *self.thread.cuts)), None)
         if twice is not None:

@@ -26,7 +26,6 @@ from studies.output.records import (
 )
 from studies.simulation.memory import OrganRun, memory_of
 from studies.simulation.wound import Wound, wounds_of
-from thread.spline import Spline
 
 SAMPLES = 6  # points drawn on each span of the thread
 
@@ -191,16 +190,16 @@ def thread_record(now: OrganRun) -> ThreadRecord:
     home = np.repeat(spline.piece_ends[:-1], pieces)
     P, T, K, _ = spline.curve(state.q[:, :3], s, home).swapaxes(0, 1)
     speed = np.linalg.norm(T, axis=1)
-    strain = now.configuration.points.strain.ravel()
+    strain = now.configuration.points.strain
     tension = thread.EA * strain * np.sqrt(1.0 + 2.0 * strain)
     return ThreadRecord(
         points=P,
         s=s,
-        tension=interpolate_piecewise(spline, s, home, thread.axial.s.ravel(), tension),
+        tension=spline.interpolate(s, home, thread.axial.s, thread.axial.home, tension),
         curvature=np.linalg.norm(np.cross(T, K), axis=1) / speed**3,
         radius=0.5 * thread.section.diameter,
         pieces=pieces if spline.cuts.size else (),
-        torque=None if state.frame is None else thread.torque_at(s, state.q, state.frame),
+        torque=None if state.frame is None else thread.torque_at(s, home, state.q, state.frame),
         bearing=bearing_along(now.piercings, s),
     )
 
@@ -215,10 +214,3 @@ def bearing_along(holes: Sequence[PiercingObservation], s: Array) -> Array | Non
     for ball, length in balls:
         out[np.abs(s - ball.s) <= 0.5 * length] = ball.force / length
     return out
-
-
-def interpolate_piecewise(spline: Spline, s: Array, home: Array, at: Array, values: Array) -> Array:
-    """Return the values known at abscissae `at`, interpolated at `s` within the piece of the thread that holds
-    `home`."""
-    piece, own = spline.piece_of(home), spline.piece_of(at)
-    return np.concatenate([np.interp(s[piece == k], at[own == k], values[own == k]) for k in range(spline.pieces)])
