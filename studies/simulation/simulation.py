@@ -72,6 +72,11 @@ class Simulation:
         return self.assembly.organ.size
 
     @property
+    def balls(self) -> int:
+        """Balls of all tracts."""
+        return len(self.assembly.holes) - len(self.scenario.piercing)
+
+    @property
     def subgrid(self) -> dict[str, dict[str, Any]]:
         """By piercing, and by tract of the ball that most is added to, what the organ's mesh is too coarse for
         (`tissue.sites.subgrid.Missing`), where that is added.

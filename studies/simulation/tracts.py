@@ -53,6 +53,10 @@ def with_balls(
     depths = tissue.depths(mesh)
     for number, tract in enumerate(scenario.tract):
         ends = [next(k for k, hole in enumerate(holes) if hole.name == name) for name in tract.between]
+        cut = next((cut for cut in scenario.thread.cuts if places[ends[0]] < cut < places[ends[1]]), None)
+        if cut is not None:
+            reason = f"thread.cuts cuts the thread between them, at {cut:.6g} m; name two holes of one piece"
+            raise ScenarioError(refusal(f"tract.{number}.between", tract.between, reason))
         way = way_of(path, [places[k] * path.length / length for k in ends], radius_of(tract, holes), depths)
         if not len(way.deep):
             reason = (
