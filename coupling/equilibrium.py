@@ -14,7 +14,6 @@ A thread that runs out of a hole on its way there has left it: the load step is 
 
 import logging
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -26,8 +25,9 @@ from coupling.errors import CouplingError, EquilibriumError, InversionError, Lea
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
 from coupling.motion import what_it_does
-from coupling.newton import Iterate, Problem, Solution, correct_downhill, evaluate, solve
+from coupling.newton import Iterate, Problem, Solution, evaluate
 from coupling.sliding import admissible_sigma, force_along_thread, law_of, prescribed, static_bound
+from coupling.solver import solve
 from coupling.stepping import (
     Step,
     accept_organ,
@@ -214,7 +214,7 @@ def follow_ties(problem: Problem[Body], first: Iterate, state: State[Body]) -> S
     """
     if not problem.law.may_slide.any() or not is_resolved(problem, state):
         return solve(problem, first)
-    return solve(problem, first, partial(correct_downhill, spans=A_SPAN), PATIENCE)
+    return solve(problem, first, A_SPAN, PATIENCE)
 
 
 def let_lie(solution: Solution[Body]) -> Solution[Body]:

@@ -110,9 +110,9 @@ class Simulation:
     def _newton(self) -> str:
         """What steps are solved by where they can be: "compiled" loops that are asked for, or "numpy"."""
         solve, organ, system = self.scenario.solve, self.assembly.organ, self.assembly.system
-        in_motion = (solve.kind, solve.scheme) == ("dynamic", "newton")
+        iterates = solve.kind == "static" or solve.scheme == "newton"
         linear = getattr(organ, "gaps", None) is None and not isinstance(organ, tissue.FiniteOrgan)
-        return "compiled" if solve.newton == "compiled" and in_motion and linear and covers(system) else "numpy"
+        return "compiled" if solve.newton == "compiled" and iterates and linear and covers(system) else "numpy"
 
     @property
     def steps(self) -> int:
