@@ -257,6 +257,6 @@ def test_thread_in_tissue_without_a_tract_is_told() -> None:
 
 
 def test_holes_without_a_tract_are_told_together() -> None:
-    """Independent check: two pairs of holes with thread deep between them are one remark, of the first and the deepest."""
+    """Independent check: two pairs of holes with thread deep between them are one remark, with the deepest."""
     (said,) = without_tract({("a", "b"): 1e-3, ("b", "c"): 0.0, ("c", "d"): 4e-3}, 3e-4)
     assert said.where == "a" and "1 other pair of holes" in said.message and "4 mm deep" in said.message
