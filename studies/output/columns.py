@@ -435,6 +435,7 @@ TRACT_NAME: Column[TractRecord] = text("tract", "names of the two holes it is be
 TRACT: tuple[Column[TractRecord], ...] = (
     count("balls", "of tissue in a row along the thread's path", lambda tract: len(tract.balls)),
     Column("length", "m", "of the path on which the thread bears: deep enough in the tissue", lambda t: t.length),
+    Column("spacing", "m", "of the balls along it, at most", lambda tract: tract.spacing),
     vector("force", "N", "of the tissue on the thread along the tract, in all", lambda tract: tract.force),
     Column("normal_force", "N", "sum over the balls of the forces across the thread", lambda tract: tract.normal_force),
     Column("friction", "N", "sum of the forces along the thread, towards rising `s`", lambda tract: tract.friction),

@@ -141,6 +141,23 @@ class TractRecord:
         return sum(ball.bearing or 0.0 for ball in self.balls)
 
     @property
+    def spacing(self) -> float:
+        """Largest length of path that a ball stands for, from each to the next [m]."""
+        return max(ball.bearing or 0.0 for ball in self.balls)
+
+    @property
+    def turn(self) -> float:
+        """Largest turn of the thread from a ball to the next, or on as much of its way across a wound [rad]."""
+        tangents, s = (np.array([getattr(ball, name) for ball in self.balls]) for name in ("tangent", "s"))
+        angles = np.arccos(np.clip(np.vecdot(tangents[1:], tangents[:-1]), -1.0, 1.0))
+        return float(np.max(angles * self.spacing / np.maximum(np.diff(s), self.spacing), initial=0.0))
+
+    @property
+    def tension(self) -> float:
+        """Largest tension of the thread at a ball [N], 0 where it is slack."""
+        return max(0.0, *(max(ball.tension_before, ball.tension_after) for ball in self.balls))
+
+    @property
     def bearing(self) -> float:
         """Largest force across the thread per length [N/m]."""
         return max(ball.normal_force / (ball.bearing or np.inf) for ball in self.balls)
