@@ -22,6 +22,7 @@ from studies.output.remarks import (
     CREATED,
     CROSSED,
     DISSIPATED,
+    FALLEN,
     IN_TISSUE,
     LAYERED,
     MOVED,
@@ -149,6 +150,8 @@ def met(scenario: Scenario, ending: Ending, strengths: Sequence[float], springs:
         *coarse_spans(step.span_ratio),
         *few_spans(step.spans_between),
         *([] if dynamic else [*unsettled_bending(step.unsettled_layers), *unstable(step.would_stay)]),
+        *followed(extremes.branches),
+        *past_limit(extremes.fallen / scenario.solve.duration),
         *(audited(step.energy.numerical_dissipation, extremes) if dynamic else []),
         *(
             unsettled(step.energy, step.slide_speed * step.time, section_of(scenario.thread).diameter)
@@ -367,6 +370,28 @@ def unsettled_bending(part: float) -> list[Remark]:
         "solve.load_steps"
     )
     return [remark("bending-length", "thread.control_points", text)]
+
+
+def followed(branches: float) -> list[Remark]:
+    """Judge in how many load steps an equilibrium was followed along its branch by arc length."""
+    if branches < 1.0:
+        return []
+    text = (
+        f"load steps failed, and {branches:.0f} of them followed the equilibrium along its branch by arc length; "
+        "whether it holds was not asked on the way; raise solve.load_steps to see it piece by piece"
+    )
+    return [remark("branch", "solve", text)]
+
+
+def past_limit(fallen: float) -> list[Remark]:
+    """Judge by what part of themselves the loads have `fallen` along a branch that was followed."""
+    if fallen <= FALLEN:
+        return []
+    text = (
+        f"along a branch that was followed the loads fell by {fallen:.2g} of themselves: under loads that only rise, "
+        'thread or tissue jump there, perhaps to another branch; take solve.kind = "dynamic" to see where to'
+    )
+    return [remark("limit-point", "solve", text)]
 
 
 def unstable(would_stay: bool) -> list[Remark]:

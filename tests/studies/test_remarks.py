@@ -21,6 +21,7 @@ from studies.output.remarks import (
     CREATED,
     CROSSED,
     DISSIPATED,
+    FALLEN,
     IN_TISSUE,
     KINDS,
     LAYERED,
@@ -106,6 +107,8 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "energy-created": (CREATED, 1, lambda x: judging.audited(0.0, met(energy=1.0, created=x))),
     "numerical-dissipation": (DISSIPATED, 1, lambda x: judging.audited(x, met(energy=1.0))),
     "layer-energy": (LAYERED, 1, lambda x: judging.audited(0.0, met(energy=1.0, layered=x))),
+    "branch": (1.0, 1, lambda x: judging.followed(np.floor(x))),
+    "limit-point": (FALLEN, 1, judging.past_limit),
     "not-at-rest": (SETTLED, 1, lambda x: judging.unsettled(energy(x, 1.0), 0.0, 3e-4)),
     "subgrid": (1e-3, -1, lambda x: judging.outside_subgrid(gap(x))),
     "cells": (COARSE["P1"] * 1e-3, 1, lambda x: judging.coarse_cells(hole(), x, "P1")),
@@ -431,7 +434,8 @@ def test_a_resumed_run_says_what_the_whole_one_would(scene: Path, tmp_path: Path
     [
         (["solve.newton=compiled"], "compiled"),
         ([], "numpy"),
-        (["solve.newton=compiled", "solve.kind=static"], "numpy"),
+        (["solve.newton=compiled", "solve.kind=static"], "compiled"),
+        (["solve.newton=compiled", "solve.scheme=linear"], "numpy"),
         (["solve.newton=compiled", "thread.twist=true"], "numpy"),
     ],
 )

@@ -8,8 +8,9 @@ import pytest
 
 from studies import load, prepare
 from studies.scenario.toml import parsed
-from studies.simulation.recording import step_record
-from tests.bounds import IDENTITY, TWO_SOLVERS
+from studies.simulation.recording import contact_records, gap_profile, step_record
+from studies.simulation.wound import wounds_of
+from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.meshes.samples import NEEDS_GMSH
 from tests.thread.threads import Array
 
@@ -39,10 +40,15 @@ def test_a_pulley_closes_with_the_strands_that_cross() -> None:
     closing = sum(hole.force[0] for hole in holes if hole.x[0] > 0.0)
     assert closing == pytest.approx(pull_across(holes), rel=ACROSS)
     assert closing == pytest.approx(-sum(hole.force[0] for hole in holes if hole.x[0] < 0.0), rel=1e-3)
+    (lips,) = record.contact  # of a wound whose lips do not press on one another
+    assert lips.closure_force == pytest.approx(closing, rel=1e-3) and (lips.pressed, lips.force) == (0, 0.0)
+    assert [(stitch.stitch, stitch.load_share) for stitch in lips.stitches] == [("knot", pytest.approx(1.0))]
+    assert max(gap.largest_gap or 0.0 for gap in record.profile()) == lips.largest_gap
     assert strands[0] > strands[1] > strands[2] and strands[1] == pytest.approx(strands[3], rel=1e-3)
     assert (strands[1:3] / strands[:2] >= np.exp(-0.1 * np.pi)).all()
 
 
+ALIKE = 0.02  # of a stitch's force: the mesh is not the same at all six
 RADIAL = 0.02  # of a tube's radial displacement: cells of a third of the radius, and ends four decay lengths away
 HOLES = [f"{side}{k}" for k in range(1, 7) for side in ("right", "left")]
 FEW = [
@@ -52,14 +58,19 @@ FEW = [
 
 
 @cache
-def joined() -> tuple[Any, Any]:
-    """The organ of the anastomosis, coarsely and without tracts, and its last state."""
+def sewn() -> Any:
+    """The anastomosis, coarsely and without tracts, after its last step."""
     simulation = prepare(load("anastomosis", FEW))
     now = simulation.beginning()
     while now.number < simulation.steps:
         now = simulation.next(now)
     assert [tie.state for tie in now.ties] == ["tied"] * 6
-    return simulation.assembly.system.organ, now.state.organ
+    return now
+
+
+def joined() -> tuple[Any, Any]:
+    """The organ of the anastomosis, and its last state."""
+    return sewn().system.organ, sewn().state.organ
 
 
 def forces_on_stumps(organ: Any, state: Any) -> dict[str, Array]:
@@ -86,6 +97,41 @@ def test_the_forces_on_a_stump_balance() -> None:
     assert np.abs(sum(forces.values())).max() <= TWO_SOLVERS * scale
     threads, contact, holder = (forces[name][0, 0] for name in ("threads", "contact", "holder"))
     assert threads > 1.0 and contact < 0.0 and holder < 0.0
+
+
+@NEEDS_GMSH
+def test_what_closes_an_anastomosis() -> None:
+    """Independent check: what closes the line is what the threads do to a stump along it; six stitches alike all round
+    bear a sixth each, and draw both sides with the same force. What is closed and what is open is all of the line, and
+    the way round it is 2πb less what a polygon cuts off."""
+    (found,), rim = contact_records(sewn()), gap_profile(sewn())
+    mesh: Any = load("anastomosis").tissue.mesh  # type: ignore[union-attr]
+    along = forces_on_stumps(*joined())["threads"][:, 0]
+    assert found.closure_force == pytest.approx(0.5 * (along[0] - along[1]), rel=RESIDUAL)
+    assert [stitch.stitch for stitch in found.stitches] == [f"knot{k}" for k in range(1, 7)]
+    assert sum(stitch.load_share for stitch in found.stitches) == pytest.approx(1.0, rel=IDENTITY)
+    for stitch in found.stitches:
+        assert stitch.load_share == pytest.approx(1.0 / 6.0, rel=ALIKE)
+        assert stitch.left_force == pytest.approx(stitch.right_force, rel=ALIKE)
+    area = found.open_area / (1.0 - found.approximation)
+    assert area == pytest.approx(np.pi * (mesh.radius**2 - (mesh.radius - mesh.wall) ** 2), rel=RADIAL)
+    ways, gaps = np.array([gap.way for gap in rim]), [gap.largest_gap for gap in rim]
+    assert (np.diff(ways) > 0.0).all() and max(gaps) == found.largest_gap
+    assert ways[-1] + ways[1] == pytest.approx(2.0 * np.pi * mesh.radius, rel=0.01)
+    assert all(abs(np.hypot(*gap.x[1:]) - mesh.radius) < 0.1 * mesh.wall for gap in rim)
+
+
+@NEEDS_GMSH
+def test_a_wound_through_a_wall_is_judged_where_its_stitches_begin() -> None:
+    """Independent check: stitches that go in above and below have as many openings on either side of the wall; both
+    sides of the wound are judged along the same rim, that of the first hole, at z = 0."""
+    simulation = prepare(load("abdominal_wall", [*COARSE, "tract=[]"]))
+    now, lips = simulation.beginning(), simulation.open_lips
+    assert lips is not None
+    (wound,), openings = wounds_of(now.system, lips, now.piercings), [hole.x[2] for hole in now.piercings]
+    assert sum(z > -1e-3 for z in openings) == sum(z < -1e-3 for z in openings) and openings[0] > -1e-3
+    for rim in wound.rims:
+        assert np.allclose(rim.middles[:, 2], 0.0, atol=IDENTITY) and np.allclose(rim.normal, [0, 0, 1])
 
 
 @NEEDS_GMSH
