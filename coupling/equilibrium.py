@@ -14,7 +14,6 @@ A thread that runs out of a hole on its way there has left it: the load step is 
 
 import logging
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -26,8 +25,9 @@ from coupling.errors import CouplingError, EquilibriumError, InversionError, Lea
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
 from coupling.motion import what_it_does
-from coupling.newton import Iterate, Problem, Solution, correct_downhill, evaluate, solve
+from coupling.newton import Iterate, Problem, Solution, evaluate
 from coupling.sliding import admissible_sigma, force_along_thread, law_of, prescribed, static_bound
+from coupling.solver import solve
 from coupling.stepping import (
     Step,
     accept_organ,
@@ -120,8 +120,7 @@ def loose_points(system: System[Body], state: State[Body]) -> Flags:
     held[spline.piece_of(state.s[state.present])] = True
     for piece, end in zip((0, -1), system.ends, strict=True):
         held[piece] |= end.position(0.0) is not None
-    starts = np.searchsorted(spline.knots, spline.cuts)
-    return np.repeat(~held, np.diff([0, *starts, spline.n]))
+    return np.repeat(~held, np.diff([*spline.piece_starts, spline.n]))
 
 
 def settle(
@@ -215,7 +214,7 @@ def follow_ties(problem: Problem[Body], first: Iterate, state: State[Body]) -> S
     """
     if not problem.law.may_slide.any() or not is_resolved(problem, state):
         return solve(problem, first)
-    return solve(problem, first, partial(correct_downhill, spans=A_SPAN), PATIENCE)
+    return solve(problem, first, A_SPAN, PATIENCE)
 
 
 def let_lie(solution: Solution[Body]) -> Solution[Body]:

@@ -77,6 +77,17 @@ class OrganRecord:
 
 
 @dataclass(frozen=True)
+class StitchRecord:
+    """What one stitch bears of a wound at one time."""
+
+    stitch: str  # name of its tie, its tract or its only hole
+    pair: str  # of surfaces that it draws together
+    left_force: float  # that draws the first of them to the other one [N]
+    right_force: float  # that draws the other one [N]
+    load_share: float | None  # of what all stitches draw them by [-], None where that is nothing
+
+
+@dataclass(frozen=True)
 class ContactRecord:
     """Two surfaces that may touch at one time, those of a wound's lips or others."""
 
@@ -94,6 +105,22 @@ class ContactRecord:
     gap_volume: float = 0.0  # between them [m³]
     slipping: int = 0  # of the pressed pairs, with all the friction that there can be
     friction: float = 0.0  # along the surfaces, the magnitude of the resultant [N]
+    approximation: float = 0.0  # share of their area where they are no farther apart than APART [-]
+    closure_force: float = 0.0  # that the thread draws them together with [N]
+    eversion: float = 0.0  # by how much the outer surface rises towards both their edges [rad]
+    stitches: tuple[StitchRecord, ...] = ()  # that draw them together
+
+
+@dataclass(frozen=True)
+class GapRecord:
+    """A place on the rim of the first of two surfaces that may touch, at one time."""
+
+    pair: str
+    way: float  # along the rim in the reference shape [m]
+    x: Array  # (3,) place [m]
+    edge_gap: float | None  # of the rim there [m], None where it faces nothing
+    largest_gap: float | None  # of the surface behind it [m], likewise
+    largest_pressure: float  # there [Pa]
 
 
 @dataclass(frozen=True)
@@ -191,6 +218,7 @@ class StepRecord:
     tracts: tuple[TractRecord, ...] = ()
     reduction: ReductionRecord | None = None  # of an organ in a small basis
     ties: tuple[TieRecord, ...] = ()
+    profile: Callable[[], tuple[GapRecord, ...]] = tuple  # makes the gaps along all rims, of the last step alone
     torques: tuple[float, float] | None = None  # of the holders of start and end about the tangent [N m], with twist
     kept: Callable[[], Mapping[str, NDArray[Any]]] | None = None  # makes `memory`, asked for at a checkpoint
 

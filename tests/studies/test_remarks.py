@@ -435,7 +435,8 @@ def test_a_resumed_run_says_what_the_whole_one_would(scene: Path, tmp_path: Path
     [
         (["solve.newton=compiled"], "compiled"),
         ([], "numpy"),
-        (["solve.newton=compiled", "solve.kind=static"], "numpy"),
+        (["solve.newton=compiled", "solve.kind=static"], "compiled"),
+        (["solve.newton=compiled", "solve.scheme=linear"], "numpy"),
         (["solve.newton=compiled", "thread.twist=true"], "numpy"),
     ],
 )
