@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from studies.scenario.contact import Contact
 from studies.scenario.names import name_faults
-from studies.scenario.organ import LIPS, GivenMesh, Tissue, boundaries_of, unknown_clamp
+from studies.scenario.organ import LIPS, GivenMesh, Tissue, WoundMesh, boundaries_of, unknown_clamp
 from studies.scenario.piercing import Piercing, grips, place_refusal
 from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
 from studies.scenario.solve import WHOLE, Output, Solve
@@ -132,6 +132,14 @@ class Scenario(ScenarioTable):
         """Names of the surfaces that press on one another, by pairs."""
         lips = (LIPS,) if self.tissue is not None and self.tissue.contact else ()
         return (*lips, *(pair.between for pair in self.contact))
+
+    @property
+    def wounds(self) -> tuple[tuple[str, str], ...]:
+        """Names of the surfaces that a wound lies between, by pairs: those that press on one another, and lips that do
+        not."""
+        cut = self.tissue is not None and isinstance(self.tissue.mesh, WoundMesh)
+        lips = (LIPS,) if cut and not any(set(pair) == set(LIPS) for pair in self.touching) else ()
+        return (*lips, *self.touching)
 
     @property
     def floats(self) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import skfem
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 import tissue
@@ -28,6 +29,7 @@ from studies.output.checkpoint import Arrays
 from studies.output.records import Ending, OrganRecord, OrganTopology, Snapshot, StepRecord
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
 from studies.scenario import Scenario, ScenarioError, Solve, WoundMesh
+from studies.scenario.organ import LIPS
 from studies.scenario.solve import WHOLE
 from studies.simulation.assembly import Assembly, assemble, lip_gaps, shareable
 from studies.simulation.given import Energy, Given, Stiffness
@@ -109,9 +111,9 @@ class Simulation:
     def _newton(self) -> str:
         """What steps are solved by where they can be: "compiled" loops that are asked for, or "numpy"."""
         solve, organ, system = self.scenario.solve, self.assembly.organ, self.assembly.system
-        in_motion = (solve.kind, solve.scheme) == ("dynamic", "newton")
+        iterates = solve.kind == "static" or solve.scheme == "newton"
         linear = getattr(organ, "gaps", None) is None and not isinstance(organ, tissue.FiniteOrgan)
-        return "compiled" if solve.newton == "compiled" and in_motion and linear and covers(system) else "numpy"
+        return "compiled" if solve.newton == "compiled" and iterates and linear and covers(system) else "numpy"
 
     @property
     def steps(self) -> int:
@@ -120,11 +122,16 @@ class Simulation:
 
     @cached_property
     def open_lips(self) -> tissue.Gaps | None:
-        """The lips of a wound that do not touch, None without any."""
+        """The lips of a wound that do not press on one another, None without any."""
         body, table = self.assembly.body, self.scenario.tissue
-        if body is None or table is None or table.contact or not isinstance(table.mesh, WoundMesh):
+        apart = LIPS in self.scenario.wounds and LIPS not in self.scenario.touching
+        if body is None or table is None or not apart or not isinstance(table.mesh, WoundMesh):
             return None
         return lip_gaps(table.mesh, body)
+
+    def record(self, now: OrganRun, seconds: float = 0.0) -> StepRecord:
+        """Return what is written of a step that took some `seconds`."""
+        return step_record(now, seconds, self.open_lips)
 
     @cached_property
     def recovery(self) -> tissue.StressRecovery | None:
@@ -142,11 +149,11 @@ class Simulation:
     def _from(self, now: OrganRun) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
         """Keep BLAS to one thread while stepping: two of them on busy cores cost more than they bring."""
         with threadpool_limits(limits=1, user_api="blas"):
-            yield from self._told(step_record(now), now)
+            yield from self._told(self.record(now), now)
             while now.number < self.steps:
                 began = perf_counter()
                 now = self.next(now)
-                record = step_record(now, perf_counter() - began)
+                record = self.record(now, perf_counter() - began)
                 yield from self._told(record if self.is_on_grid(now) else replace(record, kept=None), now)
 
     def _told(self, record: StepRecord, now: OrganRun) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
@@ -195,8 +202,26 @@ class Simulation:
         holes = own_holes(now.piercings)
         return Snapshot(now.state.time, thread_record(now), holes, self.organ_record(now.state), now.ties)
 
+    @cached_property
+    def _cells_at_holes(self) -> tuple[NDArray[np.intp], ...]:
+        """The cells on which each hole that is no ball of a tract bears."""
+        organ: Any = self.assembly.organ
+        each = zip(self.assembly.holes, tissue.cells_at(organ.elasticity, organ.sites), strict=True)
+        return tuple(cells for hole, cells in each if not isinstance(hole, Ball))
+
     def organ_record(self, state: State) -> OrganRecord | None:
         """Return the displacement, stress and strain of the organ, None without one."""
+        organ = self._organ_record(state)
+        if organ is None:
+            return None
+        strain, energy = (
+            np.array([field[cells].max(initial=0.0) for cells in self._cells_at_holes])
+            for field in (organ.strain, organ.energy_density)
+        )
+        return replace(organ, hole_strain=strain, hole_energy=energy)
+
+    def _organ_record(self, state: State) -> OrganRecord | None:
+        """Return what the organ is like, but for its holes."""
         body, organ = self.assembly.body, self.assembly.organ
         if body is not None and isinstance(organ, tissue.FiniteOrgan):
             wide = np.array([max(hole.footprint, np.finfo(float).tiny) for hole in self.assembly.holes])
@@ -234,7 +259,7 @@ def finite_record(
     is how far its springs are drawn out, over the footprints, `crossed` how far lips are through one another, over
     their extent, and `lips` their pressure and gap. Nothing else is beyond what its model holds for."""
     stress = tissue.cauchy_stress(hyper, U)
-    stretch, rotation = tissue.cell_stretch(hyper, U)
+    stretch, rotation, along = tissue.principal_stretch(hyper, U)
     strain = np.abs(stretch - 1.0).max(axis=1)
     values, directions = tissue.principal(stress)
     at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
@@ -254,6 +279,9 @@ def finite_record(
         lip_gap=gap,
         crossed=crossed,
         sprung=sprung,
+        principal_stretch=stretch,
+        first_stretch=along[:, 0],
+        third_stretch=along[:, 2],
     )
 
 

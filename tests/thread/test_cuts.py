@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studies.output.series import thread_text
+from studies.output.series import thread_file
 from studies.scenario import Scenario, ScenarioError
 from studies.simulation import prepare
 from studies.simulation.assembly import assemble
@@ -153,7 +153,7 @@ def test_a_cut_thread_is_two_threads(
         total = sum(getattr(part.energy, name) for part in parts)
         assert getattr(whole.energy, name) == pytest.approx(total, rel=1e-6)
     assert frames[0].pieces == (len(frames[1].points), len(frames[2].points))
-    assert 'NumberOfLines="2"' in thread_text(frames[0]) and 'NumberOfLines="1"' in thread_text(frames[1])
+    assert b'NumberOfLines="2"' in thread_file(frames[0]) and b'NumberOfLines="1"' in thread_file(frames[1])
 
 
 def test_a_hole_is_left_at_a_cut() -> None:
