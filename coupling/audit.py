@@ -155,7 +155,7 @@ def layer_work(step: Step[Body]) -> float:
     there = before.c[:, 0] - lack_at(system, old.s, layers)
     here = lack_at(system, new.s, old.layers) - after.c[:, 0]
     c = 0.5 * (there + here)
-    across = parts(before, old.lam, old.y).across, parts(after, new.lam, y).across
+    across = parts(before, old.lam).across, parts(after, new.lam).across
     m = force_on_tangent(old.lam, old.y), force_on_tangent(new.lam, y)
     mixed = dot(old.lam[:, :3], m[1]) + dot(new.lam[:, :3], m[0])
     return float(0.5 * np.sum(c[:, 0] * dot(*across) + c[:, 1] * mixed + c[:, 2] * dot(*m)))

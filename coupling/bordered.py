@@ -22,7 +22,6 @@ from coupling.constraints import (
     effective_place,
     force_by_axis,
     force_on_tangent,
-    own_axis,
     parts,
 )
 from thread.banded import half_band_of
@@ -161,8 +160,8 @@ def linearise(thread: Passage, lam: Array, y: Array) -> Border:
 
 
 def add_compliance(border: Border, thread: Passage, lam: Array, y: Array) -> None:
-    """Add what Φ and the forces owe to the missing compliance, into a border under construction; the stiffness of a
-    free thread's own axis is left to the thread's band (`own_stiffness`)."""
+    """Add what Φ and the forces owe to the missing compliance, into a border under construction; the stiffness of the
+    thread's own axis is left to the thread's band (`own_stiffness`)."""
     u, v = y[:, 3:6, None], y[:, 6:, None]
     dP, dT = derivatives_by_multipliers(thread, lam, y)
     border.D[:, LAM] += dP
@@ -170,75 +169,41 @@ def add_compliance(border: Border, thread: Passage, lam: Array, y: Array) -> Non
     border.D[:, MU_V] += (v * dT).sum(axis=1)
     border.F[:, 3:6] += lam[:, 3:4, None] * dT
     border.F[:, 6:9] += lam[:, 4:5, None] * dT
-    add_frame_turning(border.F, thread, lam, y)
-    add_own_turning(border, thread, lam, y)
+    add_own_turning(border, thread, lam)
 
 
 def derivatives_by_multipliers(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
     """Return the derivatives of P̂ and T̂ by a hold's multipliers and frame, each `(m, 3, 15)`."""
     c0, c1, c2 = thread.c[:, 0].T[:, :, None, None]
-    unit = parts(thread, lam, y).unit
+    unit = parts(thread, lam).unit
     dm = np.zeros((len(lam), 3, BORDER))
     dm[:, :, MU_U], dm[:, :, MU_V] = y[:, 3:6], y[:, 6:]
     dm[:, :, U], dm[:, :, V] = lam[:, 3:4, None] * I3, lam[:, 4:5, None] * I3
     dP, dT = c1 * dm, c2 * dm
     dP[:, :, LAM] += c0 * (I3 - unit[:, :, None] * unit[:, None])
     dT[:, :, LAM] += c1 * I3
-    return dP + force_by_axis(thread, lam, y) @ axis_by_frame(thread, y), dT
+    return dP, dT
 
 
-def axis_by_frame(thread: Passage, y: Array) -> Array:
-    """Return the derivative of the axis a = u × v by a hold's frame, shape `(m, 3, 15)`; zero where the axis is
-    the thread's own."""
-    da = np.zeros((len(y), 3, BORDER))
-    da[:, :, U], da[:, :, V] = -skew(y[:, 6:]), skew(y[:, 3:6])
-    return da * thread.directed[:, None, None]
-
-
-def skew(a: Array) -> Array:
-    """Return the matrices of b ↦ a × b, shape `(m, 3, 3)`."""
-    out = np.zeros((len(a), 3, 3))
-    out[:, [2, 0, 1], [1, 2, 0]] = a
-    out[:, [1, 2, 0], [2, 0, 1]] = -a
-    return out
-
-
-def add_frame_turning(F: Array, thread: Passage, lam: Array, y: Array) -> None:
-    """Add the derivative of (v × w, w × u), the turning of a hole by the force along the thread."""
-    part, da = parts(thread, lam, y), axis_by_frame(thread, y)
-    dw = axis_stiffness(thread, lam, y) @ da
-    dw[:, :, LAM] += force_by_axis(thread, lam, y).swapaxes(1, 2)
-    dw[:, :, S] += axis_force(thread, part, 1)
-    w = skew(axis_force(thread, part)) * thread.directed[:, None, None]
-    F[:, 3:6] += da[:, :, U].swapaxes(1, 2) @ dw
-    F[:, 6:9] += da[:, :, V].swapaxes(1, 2) @ dw
-    F[:, 3:6, V] -= w
-    F[:, 6:9, U] += w
-
-
-def add_own_turning(border: Border, thread: Passage, lam: Array, y: Array) -> None:
-    """Add what the axis of a free hole, the thread's own tangent, brings into P̂ and the force on the thread."""
-    part, free = parts(thread, lam, y), ~thread.directed[:, None, None]
-    by_axis = force_by_axis(thread, lam, y) * free
+def add_own_turning(border: Border, thread: Passage, lam: Array) -> None:
+    """Add what the thread's own axis brings into P̂ and the force on the thread."""
+    by_axis = force_by_axis(thread, lam)
     border.B[:, LAM, AT_T] += by_axis
     border.E[:, AT_T, LAM] -= by_axis.swapaxes(1, 2)
-    border.E[:, AT_T, S] -= own_axis_rate(thread, lam, y)
-    border.E[:, AT_K, S] -= own_axis(thread, axis_force(thread, part))
+    border.E[:, AT_T, S] -= own_axis_rate(thread, lam)
+    border.E[:, AT_K, S] -= axis_force(thread, parts(thread, lam))
 
 
-def own_axis_rate(thread: Passage, lam: Array, y: Array) -> Array:
-    """Return dw/ds along a free thread, whose tangent turns with its curvature; zero elsewhere, shape `(m, 3)`
-    [N]."""
-    turned = np.matvec(axis_stiffness(thread, lam, y), thread.K)
-    return own_axis(thread, axis_force(thread, parts(thread, lam, y), 1) + turned)
+def own_axis_rate(thread: Passage, lam: Array) -> Array:
+    """Return dw/ds along the thread, whose tangent turns with its curvature, shape `(m, 3)` [N]."""
+    return axis_force(thread, parts(thread, lam), 1) + np.matvec(axis_stiffness(thread, lam), thread.K)
 
 
-def own_stiffness(thread: Passage, lam: Array, y: Array) -> Array:
-    """Return what the axis of a free hole adds to the thread's own matrix, −b' b'ᵀ ∂w/∂a on its four points, shape
+def own_stiffness(thread: Passage, lam: Array) -> Array:
+    """Return what the thread's own axis at a hole adds to its matrix, −b' b'ᵀ ∂w/∂a on its four points, shape
     `(m, 4, 4, 3, 3)` [N/m]."""
     slope = thread.b[:, 1]
-    turn = -axis_stiffness(thread, lam, y) * ~thread.directed[:, None, None]
-    return np.asarray(np.einsum("ma,mb,mij->mabij", slope, slope, turn))
+    return np.asarray(np.einsum("ma,mb,mij->mabij", slope, slope, -axis_stiffness(thread, lam)))
 
 
 def drop_constraints(border: Border, absent: NDArray[np.bool_]) -> Border:

@@ -7,9 +7,8 @@ and never see the global matrix:
     g = P(s) − x,   c₁ = T·u,   c₂ = T·v
 
 The spline lacks compliance where a force λ and m = μ_u u + μ_v v, the force conjugate to T, act on it
-(`thread.compliance`): c₀ by the force across the thread, c₁, c₂ by m. Along itself it lacks next to nothing. The axis
-a is u × v where a direction is imposed, else the thread's own T. With â = a/|a| and τ = λ·â the hole acts on the thread
-at
+(`thread.compliance`): c₀ by the force across the thread, c₁, c₂ by m. Along itself it lacks next to nothing. With the
+axis a = T, â = a/|a| and τ = λ·â the hole acts on the thread at
 
     P̂ = P + c₀ (λ − τâ) + c₁ m,   T̂ = T + c₁ λ + c₂ m,
 
@@ -18,8 +17,9 @@ which stand for P, T in Φ. They are the slopes by λ and m of one potential,
     λ·(P − x) + m·T + ½c₀(λ² − τ²) + c₁ λ·m + ½c₂ m²,
 
 whose slopes by q, s and y are the forces on thread and abscissa and on the organ. It does not change when all turn
-together: λ along the thread, which acts at P̂ and not at P, turns the hole, or a free thread's tangent, by the force
-conjugate to a, w = −c₀ τ (λ − τâ)/|a|.
+together: λ along the thread, which acts at P̂ and not at P, turns the thread's tangent by the force conjugate to a,
+w = −c₀ τ (λ − τâ)/|a|. It does not turn the hole: the strands on both sides of it go through the hole, and not through
+P, which is the further from it the longer the spans.
 """
 
 from dataclasses import dataclass, replace
@@ -40,7 +40,7 @@ class Passage:
 
     `first` (p,) and `b` (p, 4, 4): the basis there; `P` [m], `T` [-], `K` = T' [1/m], `J` = T'' [1/m²], each (p, 3);
     `c` (p, 3 derivatives by s, 3): the missing compliances c₀, c₁, c₂ [m/N, 1/N, 1/(N m)]; `directed` (p,): where the
-    hole's frame tells what is across the thread, and not the thread itself.
+    hole's frame tells where the thread goes at the hole, and not the thread itself.
     """
 
     first: Indices
@@ -58,7 +58,7 @@ class Passage:
         return not self.c.any()
 
     @cached_property
-    def _split(self) -> list[tuple[Array, Array, "Parts"]]:
+    def _split(self) -> list[tuple[Array, "Parts"]]:
         """What `parts` made last: a residual and its tangent ask a dozen times for the same."""
         return []
 
@@ -107,28 +107,22 @@ class Parts:
     across: Array
 
 
-def parts(thread: Passage, lam: Array, y: Array) -> Parts:
-    """Split the force of each hole into its parts along and across the axis, remembered for the arrays asked last."""
-    for known_lam, known_y, known in thread._split:
-        if known_lam is lam and known_y is y:
+def parts(thread: Passage, lam: Array) -> Parts:
+    """Split the force of each hole into its parts along and across the thread, remembered for the array asked last."""
+    for known_lam, known in thread._split:
+        if known_lam is lam:
             return known
-    a = np.where(thread.directed[:, None], cross(y[:, 3:6], y[:, 6:]), thread.T)
-    size = np.linalg.norm(a, axis=1)
-    unit = a / size[:, None]
+    size = np.linalg.norm(thread.T, axis=1)
+    unit = thread.T / size[:, None]
     along = dot(lam[:, :3], unit)
     part = Parts(unit, size, along, lam[:, :3] - along[:, None] * unit)
-    thread._split[:] = [(lam, y, part)]
+    thread._split[:] = [(lam, part)]
     return part
 
 
 def axis_force(thread: Passage, part: Parts, derivative: int = 0) -> Array:
     """Return w = −c₀ τ (λ − τâ)/|a| conjugate to a, or its derivative by s with a held, shape `(p, 3)` [N m]."""
     return -(thread.c[:, derivative, 0] * part.along / part.size)[:, None] * part.across
-
-
-def own_axis(thread: Passage, vector: Array) -> Array:
-    """Keep vectors (p, 3) where the axis is the thread's own tangent; zero elsewhere."""
-    return vector * ~thread.directed[:, None]
 
 
 def tilt(part: Parts, da: Array) -> Array:
@@ -144,17 +138,17 @@ def effective_place(thread: Passage, lam: Array, y: Array, derivative: int = 0) 
     P, T = (thread.P, thread.T, thread.K)[derivative : derivative + 2]
     if thread.bare:
         return P, T
-    c, m, part = thread.c[:, derivative, :, None], force_on_tangent(lam, y), parts(thread, lam, y)
+    c, m, part = thread.c[:, derivative, :, None], force_on_tangent(lam, y), parts(thread, lam)
     P_met = P + c[:, 0] * part.across + c[:, 1] * m
     if derivative:
-        P_met -= thread.c[:, 0, :1] * tilt(part, own_axis(thread, thread.K))
+        P_met -= thread.c[:, 0, :1] * tilt(part, thread.K)
     return P_met, T + c[:, 1] * lam[:, :3] + c[:, 2] * m
 
 
 def held_energy(thread: Passage, lam: Array, y: Array, derivative: int = 0) -> Array:
     """Return what the missing compliance stores, ½c₀(λ² − τ²) + c₁λ·m + ½c₂m², or its derivative by s with the axis
     held, shape `(p,)` [J]."""
-    c, m, across = thread.c[:, derivative], force_on_tangent(lam, y), parts(thread, lam, y).across
+    c, m, across = thread.c[:, derivative], force_on_tangent(lam, y), parts(thread, lam).across
     return 0.5 * (c[:, 0] * dot(across, across) + c[:, 2] * dot(m, m)) + c[:, 1] * dot(lam[:, :3], m)
 
 
@@ -170,8 +164,9 @@ def tangent(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
     the curve through P̂, so that Φ_sᵀλ = λ·T̂."""
     T = thread.T
     if not thread.bare:
-        part = parts(thread, lam, y)
-        in_frame = (np.linalg.norm(T, axis=1) * np.sign(dot(T, part.unit)))[:, None] * part.unit
+        part = parts(thread, lam)
+        normal = unit_or_zero(cross(y[:, 3:6], y[:, 6:]))
+        in_frame = (part.size * np.sign(dot(T, normal)))[:, None] * normal
         at_P_hat = shrinkage(thread, part)[:, None] * T + thread.c[:, 0, 1:2] * part.across
         T = np.where(thread.directed[:, None], in_frame, at_P_hat)
     size = np.linalg.norm(T, axis=1)
@@ -204,8 +199,7 @@ def driving_force(thread: Passage, lam: Array, y: Array) -> Array:
     plain = dot(lam[:, :3], thread.T) + dot(force_on_tangent(lam, y), thread.K)
     if thread.bare:
         return plain
-    turn = own_axis(thread, axis_force(thread, parts(thread, lam, y)))
-    return plain + held_energy(thread, lam, y, 1) + dot(turn, thread.K)
+    return plain + held_energy(thread, lam, y, 1) + dot(axis_force(thread, parts(thread, lam)), thread.K)
 
 
 def thread_force(thread: Passage, lam: Array, y: Array) -> Array:
@@ -213,20 +207,15 @@ def thread_force(thread: Passage, lam: Array, y: Array) -> Array:
     out = np.empty((len(lam), 2, 3))
     out[:, 0], out[:, 1] = lam[:, :3], force_on_tangent(lam, y)
     if not thread.bare:
-        out[:, 1] += own_axis(thread, axis_force(thread, parts(thread, lam, y)))
+        out[:, 1] += axis_force(thread, parts(thread, lam))
     return out
 
 
 def site_force(thread: Passage, lam: Array, y: Array) -> Array:
-    """Return Φ_yᵀλ = (−λ, μ_u T̂ + v × w, μ_v T̂ + w × u), the force on the organ conjugate to y, shape `(p, 9)` [N,
-    N m]. The terms in w are those of holes that impose a direction."""
+    """Return Φ_yᵀλ = (−λ, μ_u T̂, μ_v T̂), the force on the organ conjugate to y, shape `(p, 9)` [N, N m]."""
     T = effective_place(thread, lam, y)[1]
     out = np.empty((len(lam), 9))
     out[:, :3], out[:, 3:6], out[:, 6:] = -lam[:, :3], lam[:, 3:4] * T, lam[:, 4:5] * T
-    if not thread.bare:
-        w = axis_force(thread, parts(thread, lam, y)) * thread.directed[:, None]
-        out[:, 3:6] += cross(y[:, 6:], w)
-        out[:, 6:] += cross(w, y[:, 3:6])
     return out
 
 
@@ -237,9 +226,9 @@ def couple_on_thread(thread: Passage, lam: Array, y: Array) -> Array:
     return cross(thread.P - effective_place(thread, lam, y)[0], force[:, 0]) + cross(thread.T, force[:, 1])
 
 
-def axis_stiffness(thread: Passage, lam: Array, y: Array) -> Array:
+def axis_stiffness(thread: Passage, lam: Array) -> Array:
     """Return ∂w/∂a = −c₀ [λ_⊥λ_⊥ᵀ − τ(âλ_⊥ᵀ + λ_⊥âᵀ) − τ²(1 − ââᵀ)]/|a|², symmetric, shape `(p, 3, 3)` [N m]."""
-    part = parts(thread, lam, y)
+    part = parts(thread, lam)
     unit, across, tau = part.unit[:, :, None], part.across[:, :, None], part.along[:, None, None]
     T = lambda x: x.swapaxes(1, 2)  # noqa: E731
     mixed = unit * T(across)
@@ -247,9 +236,9 @@ def axis_stiffness(thread: Passage, lam: Array, y: Array) -> Array:
     return np.asarray(-(thread.c[:, 0, 0] / part.size**2)[:, None, None] * inner)
 
 
-def force_by_axis(thread: Passage, lam: Array, y: Array) -> Array:
+def force_by_axis(thread: Passage, lam: Array) -> Array:
     """Return ∂P̂/∂a = (∂w/∂λ)ᵀ = −c₀ ∂(τâ)/∂a, shape `(p, 3, 3)` [m]."""
-    part = parts(thread, lam, y)
+    part = parts(thread, lam)
     unit, across = part.unit[:, :, None], part.across[:, None, :]
     turn = unit * across + part.along[:, None, None] * (np.eye(3) - unit * unit.swapaxes(1, 2))
     return np.asarray(-(thread.c[:, 0, 0] / part.size)[:, None, None] * turn)
@@ -260,3 +249,8 @@ def spread(forces: Array, thread: Passage, n: int) -> Array:
     local = thread.b[:, :2].swapaxes(1, 2) @ forces
     index = 3 * thread.first[:, None, None] + LOCAL_UNKNOWNS
     return np.bincount(index.ravel(), local.ravel(), 3 * n).astype(np.float64, copy=False).reshape(n, 3)
+
+
+def unit_or_zero(a: Array) -> Array:
+    """Divide vectors along the last axis by their lengths; one of zero length stays zero."""
+    return np.asarray(a / np.maximum(np.linalg.norm(a, axis=-1, keepdims=True), np.finfo(float).tiny))

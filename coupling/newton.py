@@ -323,13 +323,13 @@ def allowed_share(problem: Problem[Body], dq: Array) -> float:
 
 
 def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
-    """Return the thread's own matrix, banded: inertia, stiffness, and what a force along it does at a hole without
-    direction (`coupling.bordered.own_stiffness`)."""
+    """Return the thread's own matrix, banded: inertia, stiffness, and what a force along it does at a hole
+    (`coupling.bordered.own_stiffness`)."""
     at, thread = r.passage, problem.system.thread
     A = thread.tangent(r.points, z.N)
     A += problem.inertia
-    if not (at.bare or at.directed.all()):
-        A += thread.band_at(at.first, own_stiffness(at, z.lam, z.y))
+    if not at.bare:
+        A += thread.band_at(at.first, own_stiffness(at, z.lam))
     return A
 
 

@@ -45,11 +45,11 @@ from coupling.constraints import (
     effective_place,
     force_on_tangent,
     held_energy,
-    own_axis,
     parts,
     phi_s,
     shrinkage,
     tangent,
+    unit_or_zero,
 )
 from coupling.interfaces import Body, FrictionLaw
 from coupling.system import System
@@ -274,7 +274,7 @@ def linearise_law(border: Border, law: Law, sigma: Array, thread: Passage, lam: 
     row[:, U], row[:, V] = lam[:, 3:4] * T_s, lam[:, 4:5] * T_s
     row[:, S] = dot(row_T, thread.K) + dot(row_K, thread.J) + held_energy(thread, lam, y, 2) - law.inertia
     if not thread.bare:
-        turn = add_turning(row, thread, lam, y)
+        turn = add_turning(row, thread, lam)
         row_T, row_K = row_T + turn[0], row_K + turn[1]
     if not law.ideal:
         friction = add_friction(row, law, sigma, thread, lam, y)
@@ -286,16 +286,13 @@ def linearise_law(border: Border, law: Law, sigma: Array, thread: Passage, lam: 
     border.D[:, S] = np.where(sliding, row, held)
 
 
-def add_turning(row: Array, thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
+def add_turning(row: Array, thread: Passage, lam: Array) -> tuple[Array, Array]:
     """Add the slope of the missing compliance's share in the driving force by the axis that it acts across; its parts
     by T and T', each `(m, 3)`, are returned."""
-    part, K = parts(thread, lam, y), thread.K
-    rate, own = axis_force(thread, part, 1), own_axis(thread, axis_force(thread, part))
-    on_frame, of_own = rate * thread.directed[:, None], own_axis_rate(thread, lam, y)
-    row[:, U] += cross(y[:, 6:], on_frame)
-    row[:, V] += cross(on_frame, y[:, 3:6])
-    row[:, S] += dot(of_own + own_axis(thread, rate), K) + dot(own, thread.J)
-    return of_own, own
+    part = parts(thread, lam)
+    by_T, by_K = own_axis_rate(thread, lam), axis_force(thread, part)
+    row[:, S] += dot(by_T + axis_force(thread, part, 1), thread.K) + dot(by_K, thread.J)
+    return by_T, by_K
 
 
 def add_friction(row: Array, law: Law, sigma: Array, thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
@@ -324,12 +321,12 @@ def add_tangent(row: Array, thread: Passage, lam: Array, y: Array, by_size: Arra
     size, t = tangent(thread, lam, y)
     by_T, by_K = by_size[:, None] * t + by_t / size[:, None], np.zeros_like(t)
     if not thread.bare:
-        part, directed = parts(thread, lam, y), thread.directed[:, None]
-        sign = np.sign(dot(part.unit, t))[:, None]
-        by_axis = sign * by_t / part.size[:, None] * directed
+        normal, directed = cross(y[:, 3:6], y[:, 6:]), thread.directed[:, None]
+        area = np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
+        by_axis = np.sign(dot(normal, t))[:, None] * by_t / area * directed
         row[:, U] += cross(y[:, 6:], by_axis)
         row[:, V] += cross(by_axis, y[:, 3:6])
-        of_free, by_K = add_effective_tangent(row, thread, part, own_axis(thread, by_T))
+        of_free, by_K = add_effective_tangent(row, thread, parts(thread, lam), by_T * ~directed)
         by_T = np.where(directed, (by_size / size)[:, None] * thread.T, of_free)
     row[:, S] += dot(by_T, thread.K) + dot(by_K, thread.J)
     return by_T, by_K
@@ -350,8 +347,3 @@ def add_effective_tangent(row: Array, thread: Passage, part: Parts, by: Array) -
     stretched = (2.0 * c0[:, 0] * bend / dot(T, T))[:, None] * T
     by_K = -(c0[:, 0] * per_square)[:, None] * part.across
     return shrinkage(thread, part)[:, None] * by + stretched - turned, by_K
-
-
-def unit_or_zero(a: Array) -> Array:
-    """Divide vectors along the last axis by their lengths; one of zero length stays zero."""
-    return np.asarray(a / np.maximum(np.linalg.norm(a, axis=-1, keepdims=True), np.finfo(float).tiny))

@@ -20,7 +20,6 @@ from coupling.compiled.holes import (
 )
 from coupling.compiled.loops import loop, numbers, part
 from coupling.compiled.vectors import (
-    Matrix,
     Vector,
     add_column,
     add_matrix,
@@ -29,9 +28,6 @@ from coupling.compiled.vectors import (
     diagonal,
     dot,
     plus,
-    product,
-    scaled,
-    skew,
     transposed,
 )
 
@@ -84,8 +80,6 @@ def linearise(h: Hold, border: Border) -> None:
 
     add_column(-1.0, h.lam, E, AT_T, S)
     add_column(-1.0, h.m, E, AT_K, S)
-    if not h.directed:
-        add_column(-1.0, axis_force(h), E, AT_K, S)
     add_matrix(-1.0, one, E, AT_P, LAM)
     add_column(-1.0, h.u, E, AT_T, MU_U)
     add_column(-1.0, h.v, E, AT_T, MU_V)
@@ -108,20 +102,13 @@ def linearise(h: Hold, border: Border) -> None:
 def add_compliance(h: Hold, border: Border) -> None:
     """Add what Φ and the forces owe to the missing compliance."""
     E, B, D, F, _ = border
-    by_axis = force_by_axis(h)
     add_matrix(h.c0[0], without(h.unit), D, G, LAM)
     add_moment(h.c1[0], h, D, G)
-    if h.directed:
-        add_matrix(-1.0, product(by_axis, skew(h.v)), D, G, U)
-        add_matrix(1.0, product(by_axis, skew(h.u)), D, G, V)
     add_tangent_along(1.0, h.u, h, D, C1)
     add_tangent_along(1.0, h.v, h, D, C2)
     add_tangent(h.mu_u, h, F, OF_U)
     add_tangent(h.mu_v, h, F, OF_V)
-    if h.directed:
-        add_frame_turning(h, F)
-    else:
-        add_own_turning(h, by_axis, E, B)
+    add_own_turning(h, E, B)
 
 
 @loop
@@ -151,36 +138,14 @@ def add_tangent_along(x: float, a: Vector, h: Hold, M: Array, i: int) -> None:
 
 
 @loop
-def add_frame_turning(h: Hold, F: Array) -> None:
-    """Add the derivative of (v × w, w × u), the turning of a hole by the force along the thread."""
-    by_u, by_v = scaled(-1.0, skew(h.v)), skew(h.u)  # of the axis u × v
-    stiffness, by_force, rate = axis_stiffness(h), transposed(force_by_axis(h)), axis_force_rate(h)
-    add_turned(transposed(by_u), stiffness, by_force, rate, by_u, by_v, F, OF_U)
-    add_turned(transposed(by_v), stiffness, by_force, rate, by_u, by_v, F, OF_V)
-    w = skew(axis_force(h))
-    add_matrix(-1.0, w, F, OF_U, V)
-    add_matrix(1.0, w, F, OF_V, U)
-
-
-@loop
-def add_turned(
-    left: Matrix, stiffness: Matrix, by_force: Matrix, rate: Vector, by_u: Matrix, by_v: Matrix, F: Array, i: int
-) -> None:
-    """Add `left` times the derivative of w to the rows from i on."""
-    add_column(1.0, applied(left, rate), F, i, S)
-    add_matrix(1.0, product(left, by_force), F, i, LAM)
-    turned = product(left, stiffness)
-    add_matrix(1.0, product(turned, by_u), F, i, U)
-    add_matrix(1.0, product(turned, by_v), F, i, V)
-
-
-@loop
-def add_own_turning(h: Hold, by_axis: Matrix, E: Array, B: Array) -> None:
-    """Add what the axis of a free hole, the thread's own tangent, brings into P̂ and the force on the thread; the
-    stiffness of the axis is left to the thread's band."""
+def add_own_turning(h: Hold, E: Array, B: Array) -> None:
+    """Add what the thread's own axis brings into P̂ and the force on the thread; the stiffness of the axis is left to
+    the thread's band."""
+    by_axis = force_by_axis(h)
     add_matrix(1.0, by_axis, B, G, AT_T)
     add_matrix(-1.0, transposed(by_axis), E, AT_T, LAM)
     add_column(-1.0, plus(axis_force_rate(h), applied(axis_stiffness(h), h.K)), E, AT_T, S)
+    add_column(-1.0, axis_force(h), E, AT_K, S)
 
 
 @loop

@@ -150,10 +150,6 @@ def linearise_law(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) -
 def add_turning(h: Hold, B: Array, D: Array) -> None:
     """Add the slope of the missing compliance's share in the driving force by the axis that it acts across."""
     rate = axis_force_rate(h)
-    if h.directed:
-        add_row(1.0, cross(h.v, rate), D, LAW, U)
-        add_row(1.0, cross(rate, h.u), D, LAW, V)
-        return
     own = plus(rate, applied(axis_stiffness(h), h.K))
     D[LAW, S] += dot(plus(own, rate), h.K) + dot(axis_force(h), h.J)
     add_row(1.0, own, B, LAW, AT_T)
@@ -192,8 +188,8 @@ def add_tangent(h: Hold, size: float, t: Vector, by_size: float, by_t: Vector, B
     """Add `by_size` times the derivative of |T̂| and `by_t`, across t, times that of t."""
     by_T, by_K = sum_of(by_size, t, 1.0 / size, by_t), ZERO
     if h.directed and not h.bare:
-        sign = 1.0 if dot(h.unit, t) > 0.0 else -1.0
-        by_axis = times(sign / h.size, by_t)
+        normal = cross(h.u, h.v)
+        by_axis = times((1.0 if dot(normal, t) > 0.0 else -1.0) / norm(normal), by_t)
         add_row(1.0, cross(h.v, by_axis), D, LAW, U)
         add_row(1.0, cross(by_axis, h.u), D, LAW, V)
         by_T = times(by_size / size, h.T)

@@ -5,7 +5,6 @@ from typing import NamedTuple
 from coupling.arrays import Array
 from coupling.compiled.loops import loop, numbers
 from coupling.compiled.vectors import (
-    ZERO,
     Matrix,
     Vector,
     added,
@@ -31,9 +30,9 @@ class Hold(NamedTuple):
     """One hold at an iterate.
 
     Of the thread P [m], T, K = T' [1/m], J = T'' [1/m²] and c₀, c₁, c₂ of the missing compliance, each with two
-    derivatives by s; λ [N], μ_u, μ_v [N m]; of the organ x [m], u, v. `m` = μ_u u + μ_v v [N m]. The axis a is u × v
-    where `directed`, else T: its `unit` vector and `size`, and λ `along` and `across` it [N]. `bare`: no hold of the
-    thread lacks compliance.
+    derivatives by s; λ [N], μ_u, μ_v [N m]; of the organ x [m], u, v. `m` = μ_u u + μ_v v [N m]. The axis a is T: its
+    `unit` vector and `size`, and λ `along` and `across` it [N]. `directed`: the frame tells where the thread goes.
+    `bare`: no hold of the thread lacks compliance.
     """
 
     P: Vector
@@ -62,9 +61,8 @@ class Hold(NamedTuple):
 def hold_at(D: Array, c: Array, directed: bool, bare: bool, lam: Array, y: Array) -> Hold:
     """Return a hold from P to T'', `D` (4, 3), c `(3 derivatives, 3)`, `lam` (5,) and `y` (9,)."""
     T, force, u, v = vector(D[1], FIRST), vector(lam, FIRST), vector(y, AT_U), vector(y, AT_V)
-    axis = cross(u, v) if directed else T
-    size = norm(axis)
-    unit = times(1.0 / size, axis)
+    size = norm(T)
+    unit = times(1.0 / size, T)
     along = dot(force, unit)
     return Hold(
         vector(D[0], FIRST),
@@ -103,12 +101,6 @@ def axis_force_rate(h: Hold) -> Vector:
 
 
 @loop
-def own_axis_force(h: Hold) -> Vector:
-    """Return w where the axis is the thread's own tangent, else zero [N m]."""
-    return ZERO if h.directed else axis_force(h)
-
-
-@loop
 def tilt(h: Hold, da: Vector) -> Vector:
     """Return the change of τâ as the axis changes by `da` [N]."""
     turned = sum_of(dot(h.across, da), h.unit, h.along, sum_of(1.0, da, -dot(h.unit, da), h.unit))
@@ -131,7 +123,7 @@ def effective_tangent(h: Hold) -> Vector:
 def place_rate(h: Hold) -> Vector:
     """Return ∂P̂/∂s at constant multipliers."""
     rate = plus(h.T, sum_of(h.c0[1], h.across, h.c1[1], h.m))
-    return rate if h.directed else sum_of(1.0, rate, -h.c0[0], tilt(h, h.K))
+    return sum_of(1.0, rate, -h.c0[0], tilt(h, h.K))
 
 
 @loop
@@ -158,28 +150,28 @@ def tangent(h: Hold) -> Vector:
     if h.bare:
         return h.T
     if h.directed:
-        return times(norm(h.T) if dot(h.T, h.unit) > 0.0 else -norm(h.T), h.unit)
+        normal = cross(h.u, h.v)
+        return times((h.size if dot(h.T, normal) > 0.0 else -h.size) / norm(normal), normal)
     return sum_of(shrinkage(h), h.T, h.c1[0], h.across)
 
 
 @loop
 def driving_force(h: Hold) -> float:
     """Return Φ_sᵀλ [N]."""
-    return dot(h.lam, h.T) + dot(h.m, h.K) + held_energy(h, h.c0[1], h.c1[1], h.c2[1]) + dot(own_axis_force(h), h.K)
+    return dot(h.lam, h.T) + dot(h.m, h.K) + held_energy(h, h.c0[1], h.c1[1], h.c2[1]) + dot(axis_force(h), h.K)
 
 
 @loop
 def force_on_tangent(h: Hold) -> Vector:
     """Return Φ_qᵀλ conjugate to T [N m]; that conjugate to P is λ."""
-    return plus(h.m, own_axis_force(h))
+    return plus(h.m, axis_force(h))
 
 
 @loop
 def site_force(h: Hold) -> tuple[Vector, Vector, Vector]:
     """Return Φ_yᵀλ conjugate to x, u and v."""
     T = effective_tangent(h)
-    w = axis_force(h) if h.directed else ZERO
-    return times(-1.0, h.lam), sum_of(h.mu_u, T, 1.0, cross(h.v, w)), sum_of(h.mu_v, T, 1.0, cross(w, h.u))
+    return times(-1.0, h.lam), times(h.mu_u, T), times(h.mu_v, T)
 
 
 @loop

@@ -304,7 +304,7 @@ def border_of(law: Law, given: Given, z: Unknowns, r: Found, bare: bool) -> Bord
 
 @part
 def thread_matrix(curve: Curve, knots: Knots, given: Given, z: Unknowns, r: Found, bare: bool) -> Array:
-    """Return the thread's own matrix as a block band: inertia, stiffness, and that of the axes of free holes."""
+    """Return the thread's own matrix as a block band: inertia, stiffness, and that of the axes at the holes."""
     n = len(z.q)
     A = np.zeros((n + REACH, 3, 3 * (REACH + 1)))
     for i in range(n):
@@ -313,7 +313,7 @@ def thread_matrix(curve: Curve, knots: Knots, given: Given, z: Unknowns, r: Foun
                 A[i, x, 3 * k + x] = given.mass_factor * knots.mass[i, k]
     on_curve.add_tangent(curve, Stretched(r.T, r.K, r.T_axial, r.strain), z.N, A)
     for k in range(len(z.s)):
-        if not (bare or given.directed[k]):
+        if not bare:
             slope, turn = r.b[k, 1], axis_stiffness(hold_of(given, z, r, k, bare))
             for i in range(4):
                 for j in range(i, 4):

@@ -70,12 +70,6 @@ def diagonal(x: float) -> Matrix:
 
 
 @loop
-def skew(a: Vector) -> Matrix:
-    """Return the matrix of b ↦ a × b."""
-    return (0.0, -a[2], a[1]), (a[2], 0.0, -a[0]), (-a[1], a[0], 0.0)
-
-
-@loop
 def added(A: Matrix, B: Matrix) -> Matrix:
     """Return A + B."""
     return plus(A[0], B[0]), plus(A[1], B[1]), plus(A[2], B[2])
@@ -103,13 +97,6 @@ def transposed(A: Matrix) -> Matrix:
 def applied(A: Matrix, b: Vector) -> Vector:
     """Return A b."""
     return dot(A[0], b), dot(A[1], b), dot(A[2], b)
-
-
-@loop
-def product(A: Matrix, B: Matrix) -> Matrix:
-    """Return A B."""
-    B_T = transposed(B)
-    return applied(B_T, A[0]), applied(B_T, A[1]), applied(B_T, A[2])
 
 
 @loop
