@@ -26,6 +26,7 @@ SLID = 1.0  # diameters that a thread may still slide in as long as the run took
 STEEP = 1.0  # friction along a surface over the force across it
 BARE = 4.0  # radii of a tract: as much of its path is near the surface where it goes in and out at 30° or more
 STIFF = 1.0  # EI times the turn from a ball to the next, over T r²: 2 % of what a bite of two or four radii closes
+SLIGHT = 0.05  # rad from a ball to the next: a slack thread that bends less lies straight in its tract
 IN_TISSUE = 1.0  # diameters of the thread: deeper, it lies in tissue and not on it
 MOVED = 2.0  # footprints: as far as a hole may be moved and still touch where it would have been
 NEAR = 2.0  # of the footprints of two holes together: there a hole moves its neighbour by a quarter of its own way
@@ -260,7 +261,7 @@ KINDS = (
         "tract-stiff",
         "note",
         f"EI times the turn of the thread from one ball of a tract to the next above {STIFF:g} T r², at the end of the "
-        "run; T is its tension, r the balls' radius",
+        f"run, and that turn above {SLIGHT:g} rad; T is its tension, r the balls' radius",
         "where the thread's stiffness presses on the tissue as its pull does, half the spacing changes what a bite "
         "closes by more than 2 %, and the force on a ball at a sharp bend has no limit",
     ),

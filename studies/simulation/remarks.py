@@ -32,6 +32,7 @@ from studies.output.remarks import (
     RESOLVED_SHARE,
     SHARE,
     SLID,
+    SLIGHT,
     SMALL_ROTATION,
     SMALL_STRAIN,
     STEEP,
@@ -607,7 +608,7 @@ def stiff_in_tract(scenario: Scenario, tract: TractRecord) -> list[Remark]:
 def stiffer_than_taut(name: str, push: float, turn: float, tension: float, spacing: float) -> list[Remark]:
     """Judge the force `push` [N] by which a thread that makes a `turn` [rad] from one ball of a tract to the next, a
     `spacing` [m] on, presses on them against its `tension` [N]."""
-    if push <= STIFF * tension:
+    if not (turn > SLIGHT and push > STIFF * tension):
         return []
     text = (
         f"along the tract {name!r} the thread turns by {turn:.2g} rad from one ball to the next and presses on them "
