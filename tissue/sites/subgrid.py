@@ -18,8 +18,8 @@ solved with the true materials:
 
 Cells of second order, as they are, come between: what they owe to the size of the cells is as local as the footprint,
 what linear cells owe to their order is not, a stiff skin on soft tissue least of all. So the second patch grows until
-its part is settled. Where it does not settle, the mesh is too coarse all around the hole, and no springs are added. The
-cross compliance of holes that share a patch comes with it.
+its part is settled, or is the whole body, which all holes there share. Where it does not settle, the mesh is too coarse
+all around the hole, and no springs are added. The cross compliance of holes that share a patch comes with it.
 
 A couple in a normal frame has no limit with a uniform weight (`tissue.sites.site`); there forces alone are made up for.
 A bare point has none at all.
