@@ -554,27 +554,30 @@ def along_path(assembly: Assembly) -> list[Remark]:
     placed = [(hole, s * stretch) for hole, s in zip(assembly.holes, assembly.s, strict=True) if hole.from_ == 0.0]
     own = [(hole, at) for hole, at in placed if not isinstance(hole, Ball)]
     tracts = {tract.between: tract for tract in scenario.tract}
-    out = []
+    out, depths = [], {}
     for (one, first), (other, last) in pairwise(own):
         tract = tracts.get((one.name, other.name))
         if tract is None:
             at = np.clip(np.linspace(first, last, LOOKS + 2)[1:-1], 0.0, path.length)
-            deepest = float(assembly.depths(path.position(at)).max())
-            out += without_tract(one.name, other.name, deepest, assembly.system.thread.section.diameter)
+            depths[one.name, other.name] = float(assembly.depths(path.position(at)).max())
         else:
             balls = [(hole, at) for hole, at in placed if isinstance(hole, Ball) and hole.tract == tract.name]
             borne = sum(ball.length for ball, _ in balls) + across_wounds(scenario, body.mesh, balls)
             out += bare_tract(tract.name, last - first - borne, last - first, radius_of(tract, scenario.piercing))
-    return out
+    return [*without_tract(depths, assembly.system.thread.section.diameter), *out]
 
 
-def without_tract(one: str, other: str, depth: float, diameter: float) -> list[Remark]:
-    """Judge how deep [m] the thread lies in tissue between two holes without a tract."""
-    if depth <= IN_TISSUE * diameter:
+def without_tract(depths: Mapping[tuple[str, str], float], diameter: float) -> list[Remark]:
+    """Judge how deep [m] the thread lies in tissue between two holes without a tract, by the names of the holes."""
+    deep = {holes: depth for holes, depth in depths.items() if depth > IN_TISSUE * diameter}
+    if not deep:
         return []
+    (one, other), others = next(iter(deep)), len(deep) - 1
+    also = f", and likewise between {others} other pair{'s' * (others > 1)} of holes" if others else ""
     text = (
-        f"between {one!r} and {other!r} the thread lies up to {depth / MILLI:.2g} mm deep in the tissue, and bears on "
-        f'it at these two alone; add [[tract]] between = ["{one}", "{other}"] where the depth of the bite matters'
+        f"between {one!r} and {other!r}{also}, the thread lies up to {max(deep.values()) / MILLI:.2g} mm deep in the "
+        f'tissue, and bears on it at the holes alone; add [[tract]] between = ["{one}", "{other}"] where the depth of '
+        "the bite matters"
     )
     return [remark("no-tract", one, text)]
 

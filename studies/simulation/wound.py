@@ -4,7 +4,8 @@ its edges stand, and where along them it gapes.
 A hole belongs to the surfaces that are nearest to it in the reference shape, and lies on the left side of them or on
 the right. With d their normal there, from left to right, the thread draws the hole to the other side by f·d on the left
 and by −f·d on the right, f its force on the tissue. Of a loop that is tied all holes and balls of tracts are one
-stitch, of another tract its balls are, and any other hole is one alone.
+stitch, unless it goes to the other side more often than a pulley does and is a running suture. Of another tract its
+balls are one, and any other hole is one alone.
 """
 
 from collections.abc import Sequence
@@ -15,12 +16,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import tissue
+from coupling.arrays import Flags
 from coupling.contact import ContactObservation
 from coupling.observation import PiercingObservation
 from coupling.system import System
 from studies.arrays import Array
 from studies.output.records import GapRecord, StitchRecord
 
+CROSSINGS = 3  # of a pulley, whose thread goes to the other side most often of all single stitches
 BALANCED = 1e-9  # of the holes' forces: what draws a wound together by less is their round-off
 SIDES = (False, True)  # on the right: the left side first
 
@@ -108,17 +111,19 @@ def wounds_of(system: System, gaps: tissue.Gaps, holes: Sequence[PiercingObserva
     right = np.vecdot(places - gaps.body.points[gaps.left[pairs]], d) > 0.0
     drawn = np.where(right, 1.0, -1.0) * np.vecdot(np.array([hole.force for hole in holes]), d)
     part = np.searchsorted([own.stop for own in gaps.slices], pairs, side="right")
-    balls = [bool(hole.tract) for hole in holes]
-    each = zip(stitches_of(system, holes), right.tolist(), places, drawn.tolist(), balls, strict=True)
-    every = [Bite(*bite) for bite in each]
     order = np.argsort([hole.s for hole in holes], kind="stable")
+    balls = [bool(hole.tract) for hole in holes]
+    each = zip(stitches_of(system, holes, right), right.tolist(), places, drawn.tolist(), balls, strict=True)
+    every = [Bite(*bite) for bite in each]
     return tuple(Wound(gaps, k, tuple(every[j] for j in order if part[j] == k)) for k in range(len(gaps.parts)))
 
 
-def stitches_of(system: System, holes: Sequence[PiercingObservation]) -> list[str]:
-    """Name the stitch that each hole belongs to: by its tie, its tract or itself."""
-    names = [hole.tract or hole.name for hole in holes]
+def stitches_of(system: System, holes: Sequence[PiercingObservation], right: Flags) -> list[str]:
+    """Name the stitch that each hole belongs to: by its tie, its tract or itself; `right` (p,) tells its side."""
+    names, s = [hole.tract or hole.name for hole in holes], np.array([hole.s for hole in holes])
     for tie in system.ties:
-        first, last = (holes[end].s for end in tie.between)
-        names = [tie.name if first <= hole.s <= last else name for hole, name in zip(holes, names, strict=True)]
+        inside = (s >= s[tie.between[0]]) & (s <= s[tie.between[1]])
+        sides = right[inside][np.argsort(s[inside], kind="stable")]
+        if np.count_nonzero(sides[1:] != sides[:-1]) <= CROSSINGS:
+            names = [tie.name if own else name for own, name in zip(inside.tolist(), names, strict=True)]
     return names

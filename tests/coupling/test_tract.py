@@ -16,7 +16,7 @@ from studies.scenario import ScenarioError, parse
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
-from studies.simulation.remarks import foreseen
+from studies.simulation.remarks import foreseen, without_tract
 from studies.simulation.tracts import Ball, across_wounds
 from tests.bounds import RESIDUAL
 
@@ -254,3 +254,9 @@ def test_thread_in_tissue_without_a_tract_is_told() -> None:
     del tables["tract"]
     said = [remark for remark in prepare(parse(tables)).remarks() if remark.code == "no-tract"]
     assert len(said) == 1 and "6 mm deep" in said[0].message
+
+
+def test_holes_without_a_tract_are_told_together() -> None:
+    """Independent check: two pairs of holes with thread deep between them are one remark, with the deepest."""
+    (said,) = without_tract({("a", "b"): 1e-3, ("b", "c"): 0.0, ("c", "d"): 4e-3}, 3e-4)
+    assert said.where == "a" and "1 other pair of holes" in said.message and "4 mm deep" in said.message

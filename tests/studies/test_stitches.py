@@ -262,6 +262,10 @@ def test_a_running_suture_draws_two_stumps_together_through_their_walls() -> Non
     tensions = [T for hole in record.piercings for T in (hole.tension_before, hole.tension_after)]
     assert max(tensions) == pytest.approx(min(tensions), rel=ACROSS)
     assert threads[0, 0] == pytest.approx(pull_across(record.piercings), rel=ACROSS)
+    (wound,) = record.contact
+    assert [stitch.stitch for stitch in wound.stitches] == holes  # a running suture is told hole by hole
+    assert wound.closure_force == pytest.approx(threads[0, 0], rel=RESIDUAL)
+    assert sum(stitch.load_share for stitch in wound.stitches) == pytest.approx(1.0, rel=IDENTITY)
 
 
 @NEEDS_GMSH
