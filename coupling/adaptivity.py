@@ -3,10 +3,12 @@
 Next to a hole the thread bends over √(EI/T), and its spans there must be a part of that. As s moves, knots are inserted
 ahead of the hole, exactly, and taken out behind it by a projection that keeps the thread's momentum and where and how
 it passes the holes (`thread.refit`). Neither organ nor abscissae nor multipliers are touched. What this changes of
-the energy is told in the event, and counts as numerical dissipation, of either sign.
+the energy is told in the event, and counts as numerical dissipation, of either sign. On a thread that is cut each piece
+has its own knots: its holes ask for none on another.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -15,10 +17,12 @@ from coupling.audit import initial_energies
 from coupling.diagnosis import holds_in_force
 from coupling.events import Event
 from coupling.interfaces import Body
+from coupling.recent import Recent
 from coupling.system import State, System
 from coupling.tension import REST, layers_at, strand_tensions
 from thread.knots import Tree, spans_at_holes, spans_by_curvature
 from thread.refit import Refit, refit
+from thread.spline import Spline
 from thread.thread import Thread
 
 KEPT = 0.6  # a knot goes when a span this much smaller than the largest allowed would still not need it
@@ -43,6 +47,14 @@ class Resolution:
     tolerance: float
     everywhere: bool = True
 
+    def tree_of(self, spline: Spline) -> Tree:
+        """Return the tree of a spline, with what the spline is cut at among its coarse breaks."""
+        return self._recent.of((self.tree,), lambda: self.tree.cut(spline.cuts), tuple(spline.cuts.tolist()))
+
+    @cached_property
+    def _recent(self) -> Recent[Tree]:
+        return Recent()
+
     @property
     def ratio_at_hole(self) -> float:
         """Span at a hole over √(EI/T). What the missing compliance leaves of the lattice is of second order in it."""
@@ -55,12 +67,15 @@ class Resolution:
 
     def largest_spans(self, system: System[Body], state: State[Body], ahead: float) -> Array:
         """Return the largest span allowed on each finest cell of the tree [m], for the next `ahead` [s]."""
-        here = holds_in_force(system, state)
+        here, spline = holds_in_force(system, state), system.thread.spline
         holes, layers = state.s[here], self.layers_to_resolve(system, state)
         way = np.stack([holes, holes + ahead * state.s_dot[here]], axis=1)
-        between = gaps(holes) / (ACROSS * self.ratio_next_to_hole)
+        between = gaps(spline, holes) / (ACROSS * self.ratio_next_to_hole)
         layers = np.where(np.isfinite(layers), np.minimum(layers, between), np.inf)
-        wanted = spans_at_holes(self.tree.middles, way, layers, self.ratio_at_hole, self.ratio_next_to_hole)
+        cells, ratios = self.tree_of(spline).middles, (self.ratio_at_hole, self.ratio_next_to_hole)
+        of_cells, of_holes = spline.piece_of(cells), spline.piece_of(holes)
+        pieces = [(cells[of_cells == k], of_holes == k) for k in range(spline.pieces)]
+        wanted = np.concatenate([spans_at_holes(own, way[its], layers[its], *ratios) for own, its in pieces])
         return np.minimum(wanted, self.spans_of_curve(system.thread, state.q, holes)) if self.everywhere else wanted
 
     def spans_of_curve(self, thread: Thread, q: Array, holes: Array) -> Array:
@@ -68,11 +83,12 @@ class Resolution:
         the tree [m]."""
         own = spans_by_curvature(thread.spline, q, self.ratio_next_to_hole**3)
         own[spans_near_holes(thread, holes)] = np.inf
-        return own[thread.spline.spans_of(self.tree.middles)]
+        return own[thread.spline.spans_of(self.tree_of(thread.spline).middles)]
 
     def is_content(self, system: System[Body], state: State[Body]) -> bool:
         """Whether the thread is on the coarse spans, and no hold asks for others."""
-        coarse = len(system.thread.spline.breaks) == len(self.tree.coarse) and not self.everywhere
+        spline = system.thread.spline
+        coarse = len(spline.breaks) == len(self.tree_of(spline).coarse) and not self.everywhere
         return coarse and not np.isfinite(self.layers_to_resolve(system, state)).any()
 
     def layers_to_resolve(self, system: System[Body], state: State[Body]) -> Array:
@@ -82,17 +98,19 @@ class Resolution:
         s, layers = state.s[here], bending_layers(system, state)[here]
         if self.everywhere:
             return layers
-        spline, root = system.thread.spline, self.tree.root_at(s)
+        spline = system.thread.spline
+        root = self.tree_of(spline).root_at(s)
         halved = np.diff(spline.breaks)[spline.spans_of(s)] < 0.75 * root
         share = np.where(halved, KEPT, 1.0)
-        resolved = (root <= share * COARSE * layers) & (BETWEEN * root <= share * gaps(s))
+        resolved = (root <= share * COARSE * layers) & (BETWEEN * root <= share * gaps(spline, s))
         return np.where(resolved, np.inf, layers)
 
 
-def gaps(s: Array) -> Array:
-    """Return the way along the thread from each hole at `s` (m,) [m] to the next [m]."""
-    apart = np.abs(s[:, None] - s) + np.where(np.eye(len(s), dtype=bool), np.inf, 0.0)
-    return np.asarray(apart.min(axis=1, initial=np.inf))
+def gaps(spline: Spline, s: Array) -> Array:
+    """Return the way along the thread from each hole at `s` (m,) [m] to the next on its piece [m]."""
+    piece = spline.piece_of(s)
+    none = np.eye(len(s), dtype=bool) | (piece[:, None] != piece)
+    return np.asarray((np.abs(s[:, None] - s) + np.where(none, np.inf, 0.0)).min(axis=1, initial=np.inf))
 
 
 def spans_near_holes(thread: Thread, s: Array) -> Array:
@@ -120,11 +138,12 @@ def span_ratio(system: System[Body], state: State[Body]) -> float:
 
 
 def spans_between(system: System[Body], state: State[Body]) -> float:
-    """Return the number of spans between the two holds that are nearest to one another along the thread [-]; infinite
-    where there are no two."""
-    here, breaks = holds_in_force(system, state), system.thread.spline.breaks
-    places = np.interp(np.sort(state.s[here]), breaks, np.arange(len(breaks)))
-    return float(np.min(np.diff(places), initial=np.inf))
+    """Return the number of spans between the two holds that are nearest to one another along a piece of the thread
+    [-]; infinite where there are no two."""
+    here, spline = holds_in_force(system, state), system.thread.spline
+    s = np.sort(state.s[here])
+    places, piece = np.interp(s, spline.breaks, np.arange(len(spline.breaks))), spline.piece_of(s)
+    return float(np.min(np.diff(places), where=np.diff(piece) == 0, initial=np.inf))
 
 
 def is_too_coarse(resolution: Resolution, system: System[Body], state: State[Body], beyond: float = 1.5) -> bool:
@@ -149,19 +168,18 @@ def adapt(
 ) -> tuple[System[Body], State[Body], list[Event]]:
     """Exchange the knots for those that the state asks for, and the way of the holes in the next `ahead` [s]. Returns
     system and state, the same ones where no knot changes, and the event that says what the change cost."""
-    tree, spline = resolution.tree, system.thread.spline
+    spline = system.thread.spline
+    tree = resolution.tree_of(spline)
     if resolution.is_content(system, state):
         return system, state, []
     wanted = resolution.largest_spans(system, state, ahead)
-    present = tree.index(spline.breaks)
-    kept = np.intersect1d(present, tree.breaks(KEPT * wanted))
-    due = np.union1d(tree.breaks(wanted), kept)
-    if np.array_equal(due, present):
+    kept = np.intersect1d(spline.breaks, tree.places[tree.breaks(KEPT * wanted)])
+    due = np.union1d(tree.places[tree.breaks(wanted)], kept)
+    if np.array_equal(due, spline.breaks):
         return system, state, []
     before = [] if state.before is None else [state.before.q, state.before.v]
-    inside = (state.s > spline.start) & (state.s < spline.end) & state.present
-    held = np.concatenate([[spline.start], state.s[inside], [spline.end]])
-    new = refit(tree, spline, due, [state.q, state.v, *before], held, TURN * resolution.tolerance)
+    held = state.s[(state.s > spline.start) & (state.s < spline.end) & state.present]
+    new = refit(spline, due, [state.q, state.v, *before], held, TURN * resolution.tolerance)
     if np.array_equal(new.spline.breaks, spline.breaks):
         return system, state, []
     return exchange_spline(system, state, new)
@@ -174,26 +192,25 @@ def refine_for(
     at the holes are short enough."""
     if not is_too_coarse(resolution, *later, beyond=AGAIN):
         return system, state, []
-    tree, present = resolution.tree, resolution.tree.index(system.thread.spline.breaks)
-    due = np.union1d(present, tree.breaks(resolution.largest_spans(*later, 0.0)))
-    if np.array_equal(due, present):
+    spline = system.thread.spline
+    tree = resolution.tree_of(spline)
+    due = np.union1d(spline.breaks, tree.places[tree.breaks(resolution.largest_spans(*later, 0.0))])
+    if np.array_equal(due, spline.breaks):
         return system, state, []
     before = [] if state.before is None else [state.before.q, state.before.v]
-    none = np.zeros(0)
-    return exchange_spline(
-        system, state, refit(tree, system.thread.spline, due, [state.q, state.v, *before], none, 0.0)
-    )
+    return exchange_spline(system, state, refit(spline, due, [state.q, state.v, *before], np.zeros(0), 0.0))
 
 
 def exchange_spline(
     system: System[Body], state: State[Body], new: Refit
 ) -> tuple[System[Body], State[Body], list[Event]]:
-    """Put system and state on another spline, and return them with the event of it."""
-    thread = replace(system.thread, spline=new.spline)
+    """Put system and state on another spline, which may be cut where theirs is not, and return them with the event of
+    it."""
+    thread, known = system.thread.with_spline(new.spline), system.thread.axial
     other = replace(system, thread=thread)
     q, v, *before = new.fields
-    N = np.interp(thread.axial.s, system.thread.axial.s.ravel(), state.N.ravel())
-    frame = None if state.frame is None else thread.interpolate_frame(state.frame, system.thread.stations, q)
+    N = system.thread.spline.interpolate(thread.axial.s, thread.axial.home, known.s, known.home, state.N)
+    frame = None if state.frame is None else thread.interpolate_frame(state.frame, system.thread, q)
     earlier = None if state.before is None else replace(state.before, q=before[0], v=before[1])
     layers = None if state.layers is None else layers_at(other, state.s, N, state.present)
     moved = replace(state, q=q, v=v, N=N, before=earlier, frame=frame, layers=layers)

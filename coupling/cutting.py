@@ -1,10 +1,11 @@
 """A thread that is cut during a run: at its place the spline gets a knot of multiplicity four, and nothing goes across.
 
-Curve and velocity are the same functions on the other knots (`thread.refit.cut`), so that momentum and energy stay what
-they are; the tension that was there drives the new ends apart in the steps that follow, which remember nothing of those
-before. At rest they find another equilibrium at once (`coupling.run.Run.load`). Where the cut falls into a span that
-holds a hole, the compliance that the spline lacks there changes, and what that stored with it: this loss is in the
-event.
+Curve, angle of the section and velocity are the same functions on the other knots (`thread.refit.cut`), so that
+momentum and energy stay what they are; the tension that was there drives the new ends apart in the steps that follow,
+which remember nothing of those before. At rest they find another equilibrium at once (`coupling.run.Run.load`). Where
+the cut falls into a span that holds a hole, the compliance that the spline lacks there changes, and what that stored
+with it: this loss is in the event. So is what springs store more or less, which are spread anew on both pieces. Knots
+that follow do so on either piece from then on (`coupling.adaptivity.Resolution.tree_of`).
 """
 
 from dataclasses import dataclass, replace
@@ -32,8 +33,6 @@ def cut_thread(system: System[Body], state: State[Body], s: float) -> tuple[Syst
     Raises `CouplingError` where the thread cannot be cut there.
     """
     thread, state = system.thread, forgetful(state)
-    if thread.twist or thread.springs is not None:
-        raise CouplingError("a thread with twist or springs is not cut during a run; leave out the cut")
     try:
         spline, place, fields = cut(thread.spline, s, [state.q, state.v])
     except ThreadError as error:

@@ -14,7 +14,6 @@ A thread that runs out of a hole on its way there has left it: the load step is 
 
 import logging
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -26,8 +25,9 @@ from coupling.errors import CouplingError, EquilibriumError, InversionError, Lea
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
 from coupling.motion import what_it_does
-from coupling.newton import Iterate, Problem, Solution, correct_downhill, evaluate, solve
+from coupling.newton import Iterate, Problem, Solution, evaluate
 from coupling.sliding import admissible_sigma, force_along_thread, law_of, prescribed, static_bound
+from coupling.solver import solve
 from coupling.stepping import (
     Step,
     accept_organ,
@@ -120,8 +120,7 @@ def loose_points(system: System[Body], state: State[Body]) -> Flags:
     held[spline.piece_of(state.s[state.present])] = True
     for piece, end in zip((0, -1), system.ends, strict=True):
         held[piece] |= end.position(0.0) is not None
-    starts = np.searchsorted(spline.knots, spline.cuts)
-    return np.repeat(~held, np.diff([0, *starts, spline.n]))
+    return np.repeat(~held, np.diff([*spline.piece_starts, spline.n]))
 
 
 def settle(
@@ -215,7 +214,7 @@ def follow_ties(problem: Problem[Body], first: Iterate, state: State[Body]) -> S
     """
     if not problem.law.may_slide.any() or not is_resolved(problem, state):
         return solve(problem, first)
-    return solve(problem, first, partial(correct_downhill, spans=A_SPAN), PATIENCE)
+    return solve(problem, first, A_SPAN, PATIENCE)
 
 
 def let_lie(solution: Solution[Body]) -> Solution[Body]:
@@ -392,10 +391,17 @@ def creep(system: System[Body], organ: Creeping, state: State[Body], share: floa
 
 
 def load_step(
-    system: System[Body], state: State[Body], share: float, duration: float, loose: bool = False
+    system: System[Body],
+    state: State[Body],
+    share: float,
+    duration: float,
+    loose: bool = False,
+    taken: list[Step[Body]] | None = None,
 ) -> list[Step[Body]]:
-    """Go on to the part `share` of the loads, in parts where that fails; `loose` as for `settle`. Raises as `go_on`
-    does, and `SpentError` after MOST_CORRECTIONS."""
+    """Go on to the part `share` of the loads, in parts where that fails; `loose` as for `settle`. The steps are added
+    to `taken` as they are made, so that those before a failure are known. Raises as `go_on` does, and `SpentError`
+    after MOST_CORRECTIONS."""
+    taken = [] if taken is None else taken
     left = iter(range(MOST_CORRECTIONS))
 
     def count() -> None:
@@ -403,14 +409,22 @@ def load_step(
             raise SpentError(state.time, share, MOST_CORRECTIONS, *what_it_does(system, state))
 
     with asked_before_corrections(count):
-        return go_on(system, state, share, duration, loose)
+        go_on(system, state, share, duration, loose, taken)
+    return taken
 
 
 def go_on(
-    system: System[Body], state: State[Body], share: float, duration: float, loose: bool, depth: int = 0
-) -> list[Step[Body]]:
+    system: System[Body],
+    state: State[Body],
+    share: float,
+    duration: float,
+    loose: bool,
+    taken: list[Step[Body]],
+    depth: int = 0,
+) -> None:
     """Go on to the part `share` of the loads, in halves of the increment where it fails or the thread flips through a
-    hole. Raises `StepError`, `InversionError`, `ConstraintError` where a hand has drawn the thread out."""
+    hole; the steps are added to `taken`. Raises `StepError`, `InversionError`, `ConstraintError` where a hand has drawn
+    the thread out."""
     try:
         step = settle_or_snap(system, state, share, duration, loose, depth >= SNAPS)
         refuse_drawn_out(system, step.old, step.new)
@@ -423,13 +437,14 @@ def go_on(
         if depth == DEEPEST or share * duration <= state.time:  # after a cut the loads stay what they are
             raise without_equilibrium(error, share) from error
         middle = 0.5 * (state.time / duration + share)
-        first = go_on(system, state, middle, duration, loose, depth + 1)
-        return first + go_on(system, first[-1].new, share, duration, loose, depth + 1)
+        go_on(system, state, middle, duration, loose, taken, depth + 1)
+        return go_on(system, taken[-1].new, share, duration, loose, taken, depth + 1)
     if gone.any():
         left = release(state, gone)
         refuse_loose(system, left, share, duration)
-        return go_on(system, left, share, duration, loose, depth)
-    return [step, *pair_lips(system, step, share, duration)]
+        return go_on(system, left, share, duration, loose, taken, depth)
+    taken += [step, *pair_lips(system, step, share, duration)]
+    return None
 
 
 def without_equilibrium(error: StepError | InversionError, share: float) -> CouplingError:

@@ -105,6 +105,18 @@ class EquilibriumError(StepError):
 
 
 @dataclass
+class BranchError(CouplingError):
+    """A branch of equilibria that was lost before it led to the loads asked for: `cause` says how far it was followed
+    from `time` [s] on, and why not further."""
+
+    time: float
+    cause: str
+
+    def __str__(self) -> str:
+        return f"from t = {self.time:.6g} s on {self.cause}"
+
+
+@dataclass
 class LeavingError(StepError):
     """A load step on the way to whose equilibrium the thread runs out of holes, `gone` (holes,)."""
 

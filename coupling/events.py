@@ -34,6 +34,7 @@ Kind = Literal[
     "cut",
     "halved",
     "snaps",
+    "branch",
     "knots",
 ]
 
@@ -42,8 +43,8 @@ Kind = Literal[
 class Event:
     """One event.
 
-    `time` [s]; `piercing`, tie, tract or surfaces in contact by name, empty for a halved step, tissue that snaps, a cut
-    and other knots; `s` [m].
+    `time` [s]; `piercing`, tie, tract or surfaces in contact by name, empty for a halved step, tissue that snaps, a
+    branch that was followed, a cut and other knots; `s` [m].
     Of a piercing that begins: `gap` [m] and `angle` [rad] that were closed, `work` [J] done in closing them, `loss` [J]
     of kinetic energy and `impulse` (3,) [N s] of the hole on the thread; of a tie that closes: `gap`. Of a cut and of
     other knots: `control_points` after it, `loss` and `impulse`, what the change cost of the thread's energy and
@@ -72,6 +73,7 @@ def find_events(system: System[Body], old: State[Body], taken: Sequence[Step[Bod
     states = [old, *(step.new for step in taken)]
     out = [event for before, after in pairwise(states) for event in changes(system, before, after)]
     out += [Event(step.new.time, "snaps") for step in taken if step.snapped]
+    out += [Event(step.new.time, "branch") for step in [each for each in taken if each.along][-1:]]
     if len(taken) > 1:
         out.append(Event(taken[-1].new.time, "halved"))
     return out

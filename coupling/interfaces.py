@@ -129,6 +129,9 @@ class Creeping(Protocol):
         `share` of the loads at `time` [s]: by a `pace` of 1 hardly lets it go, 0 does not hold it. Raises
         `tissue.OrganError`."""
 
+    def under(self, answer: Answer[Any], time: float, share: float) -> Answer[Any]:
+        """Return an answer of its own under another `share` of the loads at `time` [s], where it is."""
+
     def holds(self, answer: Answer[Any]) -> bool:
         """Whether the organ would stay where an answer of its own stands, under dead forces."""
 

@@ -11,7 +11,7 @@ from typing import Generic
 
 import numpy as np
 
-from coupling.answer import Held, all_holds
+from coupling.answer import all_holds, hold_still
 from coupling.arrays import Array, Flags
 from coupling.contact import solve_contact
 from coupling.errors import StepError
@@ -24,6 +24,7 @@ from coupling.system import State, System
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import Thread
+from tissue.organs.meshed import SiteAnswer
 
 log = logging.getLogger(__name__)
 
@@ -72,7 +73,7 @@ class Laying(Generic[Body]):
     """Where the thread is to lie: the `answer` of an organ that is held, the `path` (spans, g, 3) [m] at its mass rule,
     and `stretch`, the path's length over the thread's rest length."""
 
-    answer: Held[Body]
+    answer: SiteAnswer[Body]
     path: Array
     stretch: float
 
@@ -116,7 +117,9 @@ def with_laid_thread(system: System[Body], laying: Laying[Body], axial: float) -
     return replace(system, thread=laid_thread(system.thread, laying.stretch, axial), epsilon=0.0)
 
 
-def bed_problem(system: System[Body], on_path: Array, answer: Held[Body], s: Array, loose: Flags) -> Problem[Body]:
+def bed_problem(
+    system: System[Body], on_path: Array, answer: SiteAnswer[Body], s: Array, loose: Flags
+) -> Problem[Body]:
     """Return the problem of a thread on an elastic bed along `on_path` (n, 3), its abscissae held but for those that
     are `loose`. Springs hold these back, so that they go the way the thread pulls them and not to some balance
     beyond.
@@ -161,7 +164,7 @@ def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[
     organ = resting_organ(system)
     y = all_holds(system, system.organ.site_variables(organ))
     s = np.concatenate([s, system.clamp_abscissae, np.full(2 * len(system.ties), system.thread.spline.start)])
-    q, s = lay(system, Laying(Held(system.organ.site_variables(organ), organ), path, stretch), s)
+    q, s = lay(system, Laying(hold_still(system.organ, organ), path, stretch), s)
     m, thread = system.holds, system.thread
     q = np.pad(q, ((0, 0), (0, thread.coordinates - 3)))
     frame = thread.untwisted_frame(q)

@@ -82,7 +82,9 @@ class Problem(Generic[Body]):
     force; `stiffen`: add the constraints' own stiffness to the thread's band, needed where there is no inertia (an
     exact row operation); `frame`, that of the start of the step, of a thread with twist; `layers` (m,) [m], √(EI/T)
     that the thread bends over at its holes, None without tension; `closed` (k,), the pairs of lips that are held
-    closed, whatever their force, and how they are `rubbing`; `gaps` (t, 3) [m], between the strands of every tie.
+    closed, whatever their force, and how they are `rubbing`; `gaps` (t, 3) [m], between the strands of every tie;
+    `along` makes a correction where the loads are unknown too, and returns the problem under others with it, None
+    where they are given (`coupling.branch`).
     """
 
     system: System[Body]
@@ -100,6 +102,7 @@ class Problem(Generic[Body]):
     closed: Flags = field(default_factory=lambda: NO_PAIRS)
     rubbing: Rubbing = field(default_factory=Rubbing)
     gaps: Array = field(default_factory=lambda: NO_GAPS)
+    along: "Callable[[Problem[Body], Iterate, Residual], tuple[Problem[Body], Iterate]] | None" = None
 
     @cached_property
     def inertia(self) -> Array:
@@ -330,20 +333,29 @@ def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
     return A
 
 
-def correct(problem: Problem[Body], z: Iterate, r: Residual, reach: Array | None = None) -> Iterate:
-    """Make one Newton correction; `reach` as for `coupling.bordered.newton_direction`. Raises `SingularError`."""
-    thread = problem.system.thread
+def direction(problem: Problem[Body], z: Iterate, r: Residual, reach: Array | None = None) -> tuple[Array, Array]:
+    """Return Newton's direction dq (n, c), dz (m, 15) at an iterate, the whole of it; `reach` as for
+    `coupling.bordered.newton_direction`. Raises `SingularError`."""
     A = thread_matrix(problem, z, r)
     border, r_q = border_of(problem, z, r.passage), r.thread
     if problem.stiffen:
         A, border, r_q = add_constraint_stiffness(problem, A, border, r)
     A, joints = problem.system.hold_still(A), problem.joints(z.sigma)
     residuals = r_q, r.holds, r.site
-    dq, dz = newton_direction(A, problem.system.held, border, problem.C, r.passage, *residuals, joints, reach)
-    share = allowed_share(problem, dq)
-    dq, dz = share * dq, share * dz
-    N = thread.next_axial_force(r.points, dq)
+    return newton_direction(A, problem.system.held, border, problem.C, r.passage, *residuals, joints, reach)
+
+
+def moved(problem: Problem[Body], z: Iterate, r: Residual, dq: Array, dz: Array) -> Iterate:
+    """Return an iterate moved by dq (n, c) and dz (m, 15)."""
+    N = problem.system.thread.next_axial_force(r.points, dq)
     return replace(z, q=z.q + dq, N=N, s=z.s + dz[:, S], lam=z.lam + dz[:, PHI], y=z.y + dz[:, Y])
+
+
+def correct(problem: Problem[Body], z: Iterate, r: Residual, reach: Array | None = None) -> Iterate:
+    """Make one Newton correction; `reach` as for `coupling.bordered.newton_direction`. Raises `SingularError`."""
+    dq, dz = direction(problem, z, r, reach)
+    share = allowed_share(problem, dq)
+    return moved(problem, z, r, share * dq, share * dz)
 
 
 def correct_downhill(problem: Problem[Body], z: Iterate, r: Residual, spans: float = REACH) -> Iterate:
@@ -383,7 +395,7 @@ def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body],
         solution = solve_set(replace(problem, closed=z.pressed, rubbing=z.rubbing), z, correct, patience)
         iterations += solution.iterations
         z, r = solution.iterate, solution.residual
-        problem = replace(problem, answer=solution.problem.answer)
+        problem = replace(solution.problem, closed=problem.closed, rubbing=problem.rubbing)
         seen[sets_of(z)] += 1
         fitting = with_next_sets(problem, z, r, seen)
         if fitting is z:
@@ -467,7 +479,7 @@ def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body], pati
             return Solution(problem, z, r, iteration)
         ask_before_correction()
         try:
-            z = correct(problem, z, r)
+            problem, z = problem.along(problem, z, r) if problem.along else (problem, correct(problem, z, r))
         except SingularError as error:
             raise failure(problem, r, str(error)) from error
         r = evaluate(problem, z)

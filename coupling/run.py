@@ -18,10 +18,11 @@ import numpy as np
 from coupling.adaptivity import INTERVAL, Resolution, adapt_when_due, refine_for
 from coupling.arrays import Array
 from coupling.audit import Energies, audit_step, closing_works, drawing_works, initial_energies
+from coupling.branch import reach
 from coupling.configuration import Configuration, configuration_of
 from coupling.constraints import held_energy
 from coupling.cutting import Cut, cut_thread
-from coupling.equilibrium import load_step, refuse_unbalanced
+from coupling.equilibrium import refuse_unbalanced
 from coupling.events import Event, find_events
 from coupling.impact import begin_piercing
 from coupling.interfaces import Body
@@ -114,17 +115,24 @@ class Run(Generic[Body]):
             first = first.held_together()
         else:
             first = first.refitted(0.0, True)
-        run = first._audited(load_step(first.system, first.state, share, duration))
+        run = first._audited(reach(first.system, first.state, share, duration))
         for _ in range(EQUILIBRIA):
             knots = first.refined_for(run) if run.rubs else run.refitted(0.0, True)
             if knots is first or knots is run:
                 break
             first, loose = knots, any(step.loose for step in run.taken)
-            run = knots._audited(load_step(knots.system, knots.state, share, duration, loose))
+            run = knots._audited(reach(knots.system, knots.state, share, duration, loose))
         run = run._scheduled(self.state.time, share * duration - self.state.time)
         if not any(event.kind == "cut" for event in run.events):
             return run
-        return run._audited(load_step(run.system, run.state, share, duration))
+        return run._audited(reach(run.system, run.state, share, duration))
+
+    @property
+    def fallen(self) -> float | None:
+        """How far the loads fell on a branch that the last load step followed, as a part of their clock [s]; None where
+        it followed none."""
+        times = [time for step in self.taken if step.along for time in (step.old.time, step.new.time)]
+        return float(np.max(np.maximum.accumulate(times) - times)) if times else None
 
     @property
     def rubs(self) -> bool:

@@ -1,6 +1,7 @@
 """A step solved in numpy (`coupling.newton`), or by compiled loops (`coupling.compiled`) where the system asks for them
 and they cover it."""
 
+from functools import partial
 from typing import Any
 
 from coupling import newton
@@ -11,16 +12,20 @@ from coupling.newton import Iterate, Problem, Residual, Solution
 from coupling.system import System
 
 
-def solve(problem: Problem[Body], start: Iterate) -> Solution[Body]:
+def solve(problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: int = 1) -> Solution[Body]:
     """Iterate from `start` until every equation holds, and stick and slip, touch and open fit the answer: by compiled
     loops where the system asks for them and they cover the problem and come to its end, else by `coupling.newton`.
-    Raises `StepError`."""
+    Raises `StepError`.
+
+    No abscissa goes uphill, nor further than so many `spans` in a correction, where they are given; there may be
+    `patience` times the corrections of a plain solve."""
     if problem.system.compiled and is_covered(problem):
         ask_before_correction()
-        solution = solve_compiled(problem, start)
+        solution = solve_compiled(problem, start, spans, patience)
         if solution is not None:
             return solution
-    return newton.solve(problem, start)
+    correct = partial(newton.correct_downhill, spans=spans) if spans else newton.correct
+    return newton.solve(problem, start, correct, patience)
 
 
 def covers(system: System[Body]) -> bool:
@@ -32,16 +37,18 @@ def covers(system: System[Body]) -> bool:
 
 def is_covered(problem: Problem[Body]) -> bool:
     """Whether the loops know all of a problem: besides the thread a linear organ none of whose surfaces may touch, and
-    holes, but no ties, in a step that needs no stiffness of the constraints."""
-    simple = not (problem.stiffen or problem.law.strands.size)
-    return simple and covers(problem.system) and problem.answer.linear and problem.contact is None
+    holes, but no ties."""
+    linear = problem.answer.linear and problem.contact is None
+    return linear and not problem.law.strands.size and covers(problem.system)
 
 
-def solve_compiled(problem: Problem[Body], start: Iterate) -> Solution[Body] | None:
+def solve_compiled(
+    problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: int = 1
+) -> Solution[Body] | None:
     """Return the solution by the loops; None where they come to none, and numpy is to say why."""
     from coupling.tables import run, tables_of
 
-    iterations, z, found, scale = run(tables_of(problem.system.thread), problem, start)
+    iterations, z, found, scale = run(tables_of(problem.system.thread), problem, start, spans, patience)
     if iterations < 0:
         return None
     return Solution(problem, z, residual_of(problem, z, found, scale), iterations)

@@ -40,7 +40,7 @@ GROWTH = 2.0  # largest ratio of a step to the one before; zero-stability ends a
 class Step(Generic[Body]):
     """One accepted step from `old` to `new` over `dt` [s], its solution, and the thread's configuration at its end;
     whether the tissue `snapped` to an equilibrium that was not near, and whether a load step was found with rough holes
-    that let the thread slide while it was tied (`loose`)."""
+    that let the thread slide while it was tied (`loose`), or `along` its branch (`coupling.branch`)."""
 
     old: State[Body]
     new: State[Body]
@@ -49,6 +49,7 @@ class Step(Generic[Body]):
     end: Configuration
     snapped: bool = False
     loose: bool = False
+    along: bool = False
 
 
 def end_load(system: System[Body], time: float) -> Array:

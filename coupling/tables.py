@@ -109,6 +109,7 @@ def given_of(problem: Problem) -> Given:
         piece,
         empty_lack(system.thread, system.holds),
         float(problem.mass_factor),
+        problem.stiffen,
     )
 
 
@@ -145,8 +146,8 @@ def law_of(problem: Problem) -> Law:
     )
 
 
-def bounds_of(problem: Problem) -> Bounds:
-    """Return what counts as solved."""
+def bounds_of(problem: Problem, spans: float, patience: int) -> Bounds:
+    """Return what counts as solved, and how far a correction goes."""
     thread, spline = problem.system.thread, problem.system.thread.spline
     return Bounds(
         newton.FORCE_TOLERANCE,
@@ -156,8 +157,9 @@ def bounds_of(problem: Problem) -> Bounds:
         newton.DIRECTION_TOLERANCE,
         newton.LONGEST_MOVE * (spline.end - spline.start),
         newton.MARGIN,
-        newton.MAX_ITERATIONS,
+        patience * newton.MAX_ITERATIONS,
         newton.MAX_SETS,
+        spans,
     )
 
 
@@ -200,11 +202,13 @@ def say_what_takes_long() -> None:
         log.info("compiling the step, once")
 
 
-def run(tables: Tables, problem: Problem, start: Iterate) -> tuple[int, Iterate, Found, float]:
+def run(
+    tables: Tables, problem: Problem, start: Iterate, spans: float = 0.0, patience: int = 1
+) -> tuple[int, Iterate, Found, float]:
     """Run the loops from an iterate: the Newton iterations, −1 where they come to no end, the iterate, the residual
     there and its largest force [N]."""
     say_what_takes_long()
-    given, law, bounds = given_of(problem), law_of(problem), bounds_of(problem)
+    given, law, bounds = given_of(problem), law_of(problem), bounds_of(problem, spans, patience)
     learn(given.lack, problem, start.s)
     while True:
         arrays = (np.array(x, dtype=float) for x in (start.q, start.N, start.s, start.lam, start.y, start.sigma))

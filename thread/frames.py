@@ -18,6 +18,7 @@ With T = ∂P/∂s, r = |T|, D = r + t_o·T, c = t_o × t_o', e = T' × t_o:   �
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -59,12 +60,13 @@ class Frame:
 class Stations:
     """Places where the twist is evaluated: `reach` control points each group from `first` (m,) on.
 
-    `s` (m, g) [m]; weights `w` (m, g) [m]; rows `T`, `K`, `theta`, `theta_s`, each (m, g, reach), give T, T', θ
-    and the twist of θ.
+    `s` (m, g) [m], and `home` (m, g) [m], which tells their pieces of a cut thread; weights `w` (m, g) [m]; rows `T`,
+    `K`, `theta`, `theta_s`, each (m, g, reach), give T, T', θ and the twist of θ.
     """
 
     first: Indices
     s: Array
+    home: Array
     w: Array
     T: Array
     K: Array
@@ -94,7 +96,8 @@ class Stations:
 
 def gauss_stations(spline: Spline, rule: GaussRule) -> Stations:
     """Return the stations at the points of a quadrature rule."""
-    return Stations(spline.first, rule.s, rule.w, rule.b[:, :, 1], rule.b[:, :, 2], rule.b[:, :, 0], rule.b[:, :, 1])
+    b = rule.b
+    return Stations(spline.first, rule.s, rule.s, rule.w, b[:, :, 1], b[:, :, 2], b[:, :, 0], b[:, :, 1])
 
 
 # -- the frame ---------------------------------------------------------------------------------------------------------
@@ -108,13 +111,30 @@ def turned(x: Array, t_o: Array, t: Array) -> Array:
 def untwisted_frame(spline: Spline, stations: Stations, q: Array, towards: Array) -> Frame:
     """Return the frame without twist of a thread at rest, transported along the curve from its start (Bishop's frame).
 
-    At the start a₁ points as nearly as possible `towards` (3,). The transport along s is by double reflection
-    (Wang, Jüttler, Zheng & Liu 2008), of fourth order. Raises `ThreadError` where `towards` is along the
-    thread.
+    At the start a₁ points as nearly as possible `towards` (3,), on a piece of a cut thread as at the end of the piece
+    before it. Raises `ThreadError` where `towards` is along the thread.
     """
     inner = (spline.breaks[:-1, None] + np.diff(spline.breaks)[:, None] * np.arange(SUBSTEPS) / SUBSTEPS).ravel()
-    s = np.union1d(np.append(inner, spline.end), stations.s)
-    P, T = spline.curve(q, s)[..., :3].swapaxes(0, 1)[:2]
+    a, piece = np.empty((*stations.s.shape, 3)), spline.piece_of(stations.home)
+    for k, (start, end) in enumerate(pairwise(spline.piece_ends)):
+        s = np.union1d(np.append(inner[(inner >= start) & (inner < end)], end), stations.s[piece == k])
+        along = transported(spline, q, s, start, towards)
+        a[piece == k] = along[np.searchsorted(s, stations.s[piece == k])]
+        towards = along[-1]
+    T, K = stations.curve(q)
+    t = unit_vector(T)
+    a_1 = unit_vector(transverse_part(a, t))
+    return Frame(t, tangent_rate(T, K), np.zeros(stations.s.shape), a_1)
+
+
+def transported(spline: Spline, q: Array, s: Array, home: float, towards: Array) -> Array:
+    """Return a direction across the thread at abscissae `s` (m,) [m], on the piece that holds `home` [m], transported
+    without twist from the first, where it points as nearly as possible `towards` (3,); shape `(m, 3)`.
+
+    The transport is by double reflection (Wang, Jüttler, Zheng & Liu 2008), of fourth order. Raises `ThreadError` where
+    `towards` is along the thread.
+    """
+    P, T = spline.curve(q, s, np.full(s.shape, home))[..., :3].swapaxes(0, 1)[:2]
     t = unit_vector(T)
     first = towards - dot(towards, t[0]) * t[0]
     if np.linalg.norm(first) < 1e-6 * np.linalg.norm(towards):
@@ -123,10 +143,7 @@ def untwisted_frame(spline: Spline, stations: Stations, q: Array, towards: Array
     a[0] = unit_vector(first)
     for k in range(len(s) - 1):
         a[k + 1] = double_reflection(P[k + 1] - P[k], t[k], t[k + 1], a[k])
-    T, K = stations.curve(q)
-    t = unit_vector(T)
-    a_1 = unit_vector(transverse_part(a[np.searchsorted(s, stations.s)], t))
-    return Frame(t, tangent_rate(T, K), np.zeros(stations.s.shape), a_1)
+    return a
 
 
 def double_reflection(chord: Array, t: Array, t_next: Array, a: Array) -> Array:
@@ -149,12 +166,12 @@ def transport_frame(stations: Stations, frame: Frame, q: Array) -> Frame:
     return Frame(t, tangent_rate(T, K), reference_twist(T, K, frame), a_1)
 
 
-def interpolate_frame(frame: Frame, known: Stations, stations: Stations, q: Array) -> Frame:
-    """Return the frame, known at the stations `known`, at other `stations` of the curve `q`.
+def interpolate_frame(spline: Spline, frame: Frame, known: Stations, stations: Stations, q: Array) -> Frame:
+    """Return the frame, known at the stations `known` of a `spline`, at other `stations` of the curve `q`.
 
-    Its twist and its first direction are interpolated along s.
+    Its twist and its first direction are interpolated along s, on each piece of the spline.
     """
-    at = lambda values: np.interp(stations.s, known.s.ravel(), values.ravel())  # noqa: E731
+    at = lambda values: spline.interpolate(stations.s, stations.home, known.s, known.home, values)  # noqa: E731
     T, K = stations.curve(q)
     t = unit_vector(T)
     a_1 = np.stack([at(component) for component in np.moveaxis(frame.a_1, -1, 0)], axis=-1)

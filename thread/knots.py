@@ -7,6 +7,7 @@ span is smaller: next to the holes, and where the curvature changes.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +17,7 @@ from thread.errors import ThreadError
 from thread.spline import DEGREE, ORDERS, Spline
 
 LEVELS = 9  # halvings of a coarse span at most
+SLIVER = 0.25  # of a coarse span: what a cut leaves of one is no shorter, since neighbours differ too much then
 SLOPE = 0.5  # growth of the wanted span with the distance from a hole, at most
 LAYER = 3.0  # κ falls like exp(−x/ℓ) from a hole on, so the wanted span may grow like exp(x/3ℓ)
 
@@ -34,6 +36,13 @@ def piecewise_knots(pieces: Sequence[Array]) -> Array:
     """Return the clamped knots of pieces that follow one another, given by their span ends [m], cut between pieces."""
     knots = [clamped_knots(breaks) for breaks in pieces]
     return np.concatenate([knots[0], *(piece[ORDERS:] for piece in knots[1:])])
+
+
+def knots_at(breaks: Array, cuts: Array) -> Array:
+    """Return the clamped knots on the given span ends, shape `(spans + 1,)` [m], cut at those among them that are in
+    `cuts`."""
+    ends = [breaks[0], *cuts, breaks[-1]]
+    return piecewise_knots([breaks[(breaks >= low) & (breaks <= high)] for low, high in pairwise(ends)])
 
 
 def apportion(spans: int, shares: Array) -> Indices:
@@ -110,6 +119,14 @@ class Tree:
         """Length of each coarse span, shape `(roots,)` [m]."""
         return np.diff(self.coarse)
 
+    def cut(self, places: Array) -> "Tree":
+        """Return the tree of a curve that is cut at `places` (k,) [m], its coarse breaks: of the others those go that
+        would leave a coarse span shorter than SLIVER of the one that is cut."""
+        if not places.size:
+            return self
+        near = np.abs(self.coarse[1:-1, None] - places) < SLIVER * self.root_at(places)
+        return Tree(np.union1d(self.coarse[np.concatenate([[True], ~near.any(axis=1), [True]])], places))
+
     def root_at(self, s: Array) -> Array:
         """Return the length of the coarse span that holds each abscissa `s` (k,) [m], shape `(k,)` [m]."""
         return self.root[np.clip(np.searchsorted(self.coarse, s, side="right") - 1, 0, self.roots - 1)]
@@ -139,10 +156,6 @@ class Tree:
             split = np.repeat(split, 2)
         return np.flatnonzero(present)
 
-    def index(self, breaks: Array) -> Indices:
-        """Return the indices into `places` of the given breaks."""
-        return np.searchsorted(self.places, breaks)
-
 
 def spans_at_holes(s: Array, holes: Array, layers: Array, at: float, beside: float) -> Array:
     """Return the span length wanted at the abscissae `s` (k,) [m] because of the holes.
@@ -169,6 +182,6 @@ def spans_by_curvature(spline: Spline, q: Array, angle: float) -> Array:
     """
     h = np.diff(spline.breaks)
     D = spline.curve(q[:, :3], 0.5 * (spline.breaks[:-1] + spline.breaks[1:]))
-    jumps = np.linalg.norm(np.diff(D[:, 3], axis=0), axis=1)
+    jumps = np.where(np.isin(spline.interior, spline.cuts), 0.0, np.linalg.norm(np.diff(D[:, 3], axis=0), axis=1))
     missed = h**2 * np.maximum(np.append(jumps, 0.0), np.insert(jumps, 0, 0.0))
     return np.asarray(h * np.cbrt(np.clip(angle / np.maximum(missed, np.finfo(float).tiny), 4.0**-3, 4.0**3)))

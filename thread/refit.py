@@ -7,25 +7,21 @@ least-squares projection that keeps the total momentum, and P and T at given abs
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import splu
 
-from thread.arrays import Array, Indices
+from thread.arrays import Array
 from thread.errors import ThreadError
-from thread.knots import Tree, clamped_knots
+from thread.knots import clamped_knots, piecewise_knots
 from thread.quadrature import gauss_rule
 from thread.spline import DEGREE, Spline
 
 SLIVER = 0.1  # of a span: a cut nearer to a knot is at the knot
 PROJECTION_POINTS = 4  # a span: exact for the product of two cubics
-
-
-def spline_on(tree: Tree, index: Indices) -> Spline:
-    """Return the cubic spline with simple knots at the breaks of `index` in the tree."""
-    return Spline(clamped_knots(tree.places[index]))
 
 
 def insert_knots(spline: Spline, knots: Array, fields: Sequence[Array]) -> tuple[Spline, list[Array]]:
@@ -122,23 +118,39 @@ class Refit:
     fields: list[Array]
 
 
-def refit(tree: Tree, spline: Spline, wanted: Indices, fields: Sequence[Array], kept: Array, bound: float) -> Refit:
-    """Return the fields (n, c), the first of them the curve, on the breaks `wanted` of the tree.
+def refit(spline: Spline, wanted: Array, fields: Sequence[Array], kept: Array, bound: float) -> Refit:
+    """Return the fields (n, c), the first of them the curve, on the breaks `wanted` [m], which the cuts are among.
 
-    Missing knots are inserted, surplus ones are removed. A knot whose removal would turn the tangent by more
-    than `bound` [-] on a span next to the knot stays.
+    Missing knots are inserted, surplus ones are removed, on every piece of a cut curve by itself. A knot whose removal
+    would turn the tangent by more than `bound` [-] on a span next to the knot stays. Value and slope stay at the ends
+    of the pieces and at the abscissae `kept` (k,) [m].
     """
-    present = tree.index(spline.breaks)
-    fine, fields = insert_knots(spline, tree.places[np.setdiff1d(wanted, present)], fields)
+    if spline.pieces == 1:
+        return refit_piece(spline, wanted, fields, kept, bound)
+    starts, home, parts = spline.piece_starts[1:], spline.piece_of(kept), []
+    by_piece = zip(*(np.split(field, starts) for field in fields), strict=True)
+    for k, (own, (low, high)) in enumerate(zip(by_piece, pairwise(spline.piece_ends), strict=True)):
+        breaks = spline.breaks[(spline.breaks >= low) & (spline.breaks <= high)]
+        there = wanted[(wanted >= low) & (wanted <= high)]
+        parts.append(refit_piece(Spline(clamped_knots(breaks)), there, own, kept[home == k], bound))
+    knots = piecewise_knots([part.spline.breaks for part in parts])
+    return Refit(Spline(knots), [np.concatenate(each) for each in zip(*(part.fields for part in parts), strict=True)])
+
+
+def refit_piece(spline: Spline, wanted: Array, fields: Sequence[Array], kept: Array, bound: float) -> Refit:
+    """Return the same of a curve in one piece."""
+    present = spline.breaks
+    fine, fields = insert_knots(spline, np.setdiff1d(wanted, present), fields)
     going = np.setdiff1d(present, wanted)
     while going.size:
-        staying = np.setdiff1d(tree.index(fine.breaks), going)
-        projection = Projection(fine, spline_on(tree, staying), kept)
+        staying = np.setdiff1d(fine.breaks, going)
+        ends = np.concatenate([[spline.start], kept, [spline.end]])
+        projection = Projection(fine, Spline(clamped_knots(staying)), ends)
         curve = projection.project(fields[0])
         bad = np.flatnonzero(projection.tangent_change(fields[0][:, :3], curve[:, :3]) > bound)
         if bad.size == 0:
             return Refit(projection.coarse, [curve, *(projection.project(field) for field in fields[1:])])
-        at = np.searchsorted(tree.index(fine.breaks), going)
+        at = np.searchsorted(fine.breaks, going)
         near = np.abs(at[:, None] - (bad + 0.5)).min(axis=1) <= 1.5
         going = going[~near] if near.any() else going[:0]
-    return Refit(fine, fields)
+    return Refit(fine, list(fields))

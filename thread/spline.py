@@ -85,6 +85,11 @@ class Spline:
         """Ends of the pieces, shape `(pieces + 1,)` [m]."""
         return np.concatenate([[self.start], self.cuts, [self.end]])
 
+    @cached_property
+    def piece_starts(self) -> Indices:
+        """First control point of each piece, shape `(pieces,)`."""
+        return np.append(0, np.searchsorted(self.knots, self.cuts)).astype(np.intp, copy=False)
+
     def piece_of(self, s: ArrayLike) -> Indices:
         """Return the index of the piece that holds each abscissa; at a cut the one that begins there."""
         return np.asarray(np.searchsorted(self.cuts, s, side="right"), dtype=np.intp)
@@ -123,6 +128,19 @@ class Spline:
             return span
         ends, piece = np.searchsorted(self.breaks, self.piece_ends), self.piece_of(home)
         return np.clip(span, ends[piece], ends[piece + 1] - 1)
+
+    def interpolate(self, s: Array, home: Array, at: Array, at_home: Array, values: Array) -> Array:
+        """Interpolate `values` known at rising abscissae `at` at the abscissae `s`, each on its own piece of the curve.
+
+        `home` and `at_home` [m] name the pieces of `s` and of `at`, whose shapes they have; `values` have that of `at`.
+        """
+        if self.pieces == 1:
+            return np.interp(s, at.ravel(), values.ravel())
+        piece, own = self.piece_of(home), self.piece_of(at_home)
+        out = np.empty(s.shape)
+        for k in range(self.pieces):
+            out[piece == k] = np.interp(s[piece == k], at[own == k], values[own == k])
+        return out
 
     def basis(self, s: ArrayLike, home: Array | None = None) -> tuple[Indices, Array]:
         """Evaluate the basis functions and their derivatives at abscissae `s`, shape `(m,)` [m], `home` as for

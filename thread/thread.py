@@ -6,7 +6,7 @@ i. The c coordinates of a point are x, y, z [m] and, with twist, the angle θ [r
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -135,12 +135,16 @@ class Thread:
             raise ThreadError("twist: a twisted thread without bending stiffness collapses; give it bending")
         if self.coil and not self.twist:
             raise ThreadError("coil: the side to which a thread coils turns with its section; give it twist")
-        if self.spline.cuts.size and (self.twist or self.springs is not None):
-            raise ThreadError("cuts: twist and springs go through them; take continuous energies without twist")
-        if self.springs is not None and self.springs < self.n - 1:
+        fewest = self.n - self.spline.pieces
+        if self.springs is not None and self.springs < fewest:
             raise ThreadError(
-                f"springs: {self.springs}; {self.n} control points need at least {self.n - 1}, else they move unseen"
+                f"springs: {self.springs}; {self.n} control points need at least {fewest}, else they move unseen"
             )
+
+    def with_spline(self, spline: Spline) -> "Thread":
+        """Return the thread on another spline: with springs, as many more as the spline has functions of T more."""
+        more = spline.n - spline.pieces - (self.n - self.spline.pieces)
+        return replace(self, spline=spline, springs=None if self.springs is None else self.springs + more)
 
     @property
     def coordinates(self) -> int:
@@ -412,9 +416,10 @@ class Thread:
         """Return the frame after the thread has moved to `q`; None for a thread without twist."""
         return None if frame is None else transport_frame(self.stations, frame, q)
 
-    def interpolate_frame(self, frame: Frame, stations: Stations, q: Array) -> Frame:
-        """Return the frame, known at other `stations`, at the stations of this thread on the curve `q`."""
-        return interpolate_frame(frame, stations, self.stations, q)
+    def interpolate_frame(self, frame: Frame, other: "Thread", q: Array) -> Frame:
+        """Return the frame, known at the stations of an `other` thread, at those of this thread on the curve `q`. This
+        one may be cut where the other is not."""
+        return interpolate_frame(other.spline, frame, other.stations, self.stations, q)
 
     def turns_too_far(self, frame: Frame | None, q: Array) -> bool:
         """Return whether a tangent has turned too far for the frame to follow."""
@@ -424,11 +429,12 @@ class Thread:
         """Return GJ ω about the tangent at the stations, positive where it twists the thread right-handed [N m]."""
         return self.section.GJ * evaluate(self.stations, q, frame).omega
 
-    def torque_at(self, s: Array, q: Array, frame: Frame) -> Array:
-        """Return the torque at abscissae `s` (m,), interpolated between the stations, where it is most accurate
-        [N m].
+    def torque_at(self, s: Array, home: Array, q: Array, frame: Frame) -> Array:
+        """Return the torque at abscissae `s` (m,) on the pieces that hold `home`, interpolated between the stations,
+        where it is most accurate [N m].
         """
-        return np.interp(s, self.stations.s.ravel(), self.torque(q, frame).ravel())
+        stations = self.stations
+        return self.spline.interpolate(s, home, stations.s, stations.home, self.torque(q, frame))
 
 
 def total(parts: list[Array]) -> Array:

@@ -14,6 +14,7 @@ from tissue.organs.lips import Gaps, Part, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, Lips, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.organs.reduced import ReducedOrgan, ReducedState, Reduction, reduce_organ
+from tissue.organs.rim import Rim
 from tissue.sites.site import Site, Sites, build_sites
 from tissue.sites.surface import depths, distances, landing
 from tissue.solvers.factor import Factor, factorize
@@ -46,6 +47,7 @@ __all__ = [
     "ReducedOrgan",
     "ReducedState",
     "Reduction",
+    "Rim",
     "Site",
     "SiteAnswer",
     "Sites",

@@ -168,9 +168,9 @@ def solve_band(A: Array, X: Array, first: int) -> bool:
 
 @loop
 def solve_dense(M: Array) -> bool:
-    """Solve for the right-hand side that is the last column of `M` (k, k + 1), in place, by exchanges of rows. False
+    """Solve for the right-hand sides that are the last columns of `M` (k, k + …), in place, by exchanges of rows. False
     where the matrix is singular."""
-    k = len(M)
+    k, width = M.shape
     for j in range(k):
         best = j
         for i in range(j + 1, k):
@@ -179,15 +179,16 @@ def solve_dense(M: Array) -> bool:
         if M[best, j] == 0.0:
             return False
         if best != j:
-            for c in range(j, k + 1):
+            for c in range(j, width):
                 M[j, c], M[best, c] = M[best, c], M[j, c]
         for i in range(j + 1, k):
             factor = M[i, j] / M[j, j]
             if factor != 0.0:
-                for c in range(j + 1, k + 1):
+                for c in range(j + 1, width):
                     M[i, c] -= factor * M[j, c]
     for j in range(k - 1, -1, -1):
-        for c in range(j + 1, k):
-            M[j, k] -= M[j, c] * M[c, k]
-        M[j, k] /= M[j, j]
+        for z in range(k, width):
+            for c in range(j + 1, k):
+                M[j, z] -= M[j, c] * M[c, z]
+            M[j, z] /= M[j, j]
     return True

@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coupling.arrays import Array
+from coupling.arrays import Array, Indices
+from coupling.bordered import FLAT
 from coupling.compiled.band import REACH, solve_dense
 from coupling.compiled.holes import (
     Hold,
@@ -35,6 +36,7 @@ G, C1, C2 = numbers(1, 4, 5)  # rows of B and D: after the law of sliding
 AT_P, AT_T, AT_K = numbers(0, 3, 6)  # the thread's nine numbers
 OF_X, OF_U, OF_V = numbers(0, 3, 6)  # the organ's
 NINE, OWN, BORDER = 9, 6, 15
+TINY = 2.2250738585072014e-308
 LARGEST = 1e300  # where sums are reordered, x − x is zero although x is no number: so compare
 
 
@@ -180,9 +182,10 @@ def values_at_hold(first: int, b: Array, X: Array, out: Array, at: int) -> None:
 
 
 @part
-def solve_holds(border: Border, C: Array, G: Array, r: Array, r_y: Array, rigid: bool, dz: Array) -> bool:
+def solve_holds(border: Border, C: Array, G: Array, r: Array, r_y: Array, rigid: bool, reach: Array, dz: Array) -> bool:
     """Solve the border once the thread is eliminated, Vᵀdq = w − G E dz, for `dz` (m, 15). The first column of `G`
-    (9m, 1 + 9m) is w. `rigid`: no site gives way and each is in its place. False where the matrix is singular."""
+    (9m, 1 + 9m) is w. `rigid`: no site gives way and each is in its place. The abscissae are led by `reach` (m,) [m],
+    unless there is none, `(0,)`. False where the matrix is singular."""
     m = len(r)
     own = OWN if rigid else BORDER
     M = np.zeros((own * m, own * m + 1))
@@ -191,11 +194,89 @@ def solve_holds(border: Border, C: Array, G: Array, r: Array, r_y: Array, rigid:
         add_own_equations(border, k, G, GE, r, M, own)
     if not rigid:
         add_site_equations(border, C, G, GE, r_y, M)
-    if not solve_dense(M):
+    if not (own_downhill(M, own, reach) if len(reach) else solve_dense(M)):
         return False
     for k in range(m):
         for j in range(BORDER):
             dz[k, j] = M[own * k + j, own * m] if j < own else 0.0
+    return True
+
+
+@loop
+def own_downhill(M: Array, own: int, reach: Array) -> bool:
+    """Solve the border's own system with the abscissae led, its solution in place of the last column of `M`
+    (k, k + 1): see `coupling.bordered.own_downhill`. `own` unknowns a hold. False where a matrix is singular."""
+    size, driven = len(M), driven_holds(M, own, len(reach))
+    d = len(driven)
+    whole, H = np.zeros((size, size + 1 + d)), np.zeros((d, d + 1))
+    for i in range(size):
+        for c in range(size + 1):
+            whole[i, c] = M[i, c]
+    for j in range(d):
+        row = whole[OWN * driven[j]]
+        for c in range(size + 1):
+            row[c] = 0.0
+        row[own * driven[j]] = row[size + 1 + j] = 1.0
+    if not solve_dense(whole):
+        return False
+    for i in range(d):
+        law = M[OWN * driven[i]]
+        H[i, d] = -law[size]
+        for c in range(size):
+            H[i, d] += law[c] * whole[c, size]
+            for j in range(d):
+                H[i, j] -= law[c] * whole[c, size + 1 + j]
+    if d > 0 and not step_downhill(H):
+        return False
+    share = 1.0
+    for j in range(d):
+        share = min(share, reach[driven[j]] / max(abs(H[j, d]), TINY))
+    for i in range(size):
+        M[i, size] = whole[i, size]
+        for j in range(d):
+            M[i, size] += whole[i, size + 1 + j] * share * H[j, d]
+    return True
+
+
+@loop
+def driven_holds(M: Array, own: int, m: int) -> Indices:
+    """Return the holds whose law of sliding speaks of more than abscissae."""
+    found, count = np.zeros(m, np.int64), 0
+    for k in range(m):
+        driven = False
+        for c in range(len(M)):
+            driven |= M[OWN * k, c] != 0.0 and not (c < own * m and c % own == 0)
+        if driven:
+            found[count] = k
+            count += 1
+    return found[:count]
+
+
+@loop
+def step_downhill(H: Array) -> bool:
+    """Solve H ds = f, or with the sizes of the eigenvalues where one is not positive, for ds in place of f, the last
+    column of `H` (d, d + 1). False where H is singular."""
+    d = len(H)
+    even = np.zeros((d, d))
+    for i in range(d):
+        for j in range(d):
+            even[i, j] = 0.5 * (H[i, j] + H[j, i])
+            if not abs(even[i, j]) < LARGEST:
+                return False
+    sizes, axes = np.linalg.eigh(even)
+    if sizes[0] > 0.0:
+        return solve_dense(H)
+    least = max(FLAT * max(abs(sizes[0]), abs(sizes[d - 1])), TINY)
+    ds = np.zeros(d)
+    for j in range(d):
+        along = 0.0
+        for i in range(d):
+            along += axes[i, j] * H[i, d]
+        along /= max(abs(sizes[j]), least)
+        for i in range(d):
+            ds[i] += axes[i, j] * along
+    for i in range(d):
+        H[i, d] = ds[i]
     return True
 
 

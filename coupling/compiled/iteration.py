@@ -53,7 +53,7 @@ class Given(NamedTuple):
     """What one step is solved under: `q_ref`, `load` (n, 3) and the unknowns `held` (n, 3) of the thread; `y_free`
     (m, 9), `C` (9m, 9m); constraints in force, `rows` (m, 5), and `directed` (m,); the piece of each hold: its outer
     `spans` (m, 2) and its ends, `piece` (m, 2) [m]; what the spline lacks on each span for each hold, `lack`
-    (m, spans, 3 derivatives, 3, 7 powers)."""
+    (m, spans, 3 derivatives, 3, 7 powers); whether the constraints `stiffen` the thread's band."""
 
     q_ref: Array
     load: Array
@@ -66,11 +66,13 @@ class Given(NamedTuple):
     piece: Array
     lack: Array
     mass_factor: float
+    stiffen: bool
 
 
 class Bounds(NamedTuple):
     """What counts as solved and how far a correction goes: `force` of the largest force, and `rounded` [N] beside it;
-    the `least` largest force [N]; `gap` [m], `direction`; `longest` move [m]; margin between two solved sets."""
+    the `least` largest force [N]; `gap` [m], `direction`; `longest` move [m]; margin between two solved sets; `spans`
+    that a correction moves an abscissa at most, downhill, zero where it is not led."""
 
     force: float
     rounded: float
@@ -81,6 +83,7 @@ class Bounds(NamedTuple):
     margin: float
     iterations: int
     sets: int
+    spans: float
 
 
 class Unknowns(NamedTuple):
@@ -315,8 +318,61 @@ def thread_matrix(curve: Curve, knots: Knots, given: Given, z: Unknowns, r: Foun
             for i in range(4):
                 for j in range(i, 4):
                     add_block(A, r.first[k] + i, r.first[k] + j, -slope[i] * slope[j], turn)
-    hold_still(A, given.held)
     return A
+
+
+@loop
+def largest_entry(A: Array) -> float:
+    """Return the size of the largest entry of a block band."""
+    largest = 0.0
+    for i in range(len(A)):
+        for x in range(3):
+            for c in range(A.shape[2]):
+                largest = max(largest, abs(A[i, x, c]))
+    return largest
+
+
+@part
+def add_constraint_stiffness(A: Array, border: Border, given: Given, r: Found) -> None:
+    """Add Φ_qᵀ Γ (Φ_q dq + … + Φ) to the thread's equations: see `coupling.newton.add_constraint_stiffness`."""
+    scale = largest_entry(A)
+    for k in range(len(r.holds)):
+        b, gamma = r.b[k], np.zeros(5)
+        square = 0.0
+        for i in range(4):
+            square += b[0, i] ** 2 + b[1, i] ** 2
+        for j in range(5):
+            gamma[j] = (scale if j < 3 else scale / square) if given.rows[k, j] else 0.0
+        stiffen_at_hold(A, border.E[k], border.B[k], border.D[k], gamma, b, r.first[k], r.holds[k], r.balance)
+
+
+@loop
+def stiffen_at_hold(
+    A: Array, E: Array, B: Array, D: Array, gamma: Array, b: Array, first: int, holds: Array, balance: Array
+) -> None:
+    """Add the stiffness of the constraints of one hold, `gamma` (5,) [N/m, N m]: to the block band, to `E` (9, 15), and
+    what they are off by to the `balance` (n, 3)."""
+    K = np.zeros((NINE, NINE))
+    for c in range(5):
+        row, by_hold, off = B[1 + c], D[1 + c], holds[1 + c]
+        for i in range(NINE):
+            weighted = gamma[c] * row[i]
+            if weighted != 0.0:
+                for j in range(BORDER):
+                    E[i, j] += weighted * by_hold[j]
+                for j in range(NINE):
+                    K[i, j] += weighted * row[j]
+                for j in range(4):
+                    balance[first + j, i % 3] += b[i // 3, j] * weighted * off
+    for i in range(4):
+        for j in range(i, 4):
+            for x in range(3):
+                for y in range(3):
+                    stiff = 0.0
+                    for one in range(3):
+                        for other in range(3):
+                            stiff += b[one, i] * K[3 * one + x, 3 * other + y] * b[other, j]
+                    A[first + i, x, 3 * (j - i) + y] += stiff
 
 
 @loop
@@ -330,9 +386,9 @@ def has_any(M: Array) -> bool:
 
 
 @part
-def newton_direction(A: Array, border: Border, given: Given, r: Found, dq: Array, dz: Array) -> float:
-    """Solve for the direction `dq` (n, 3), `dz` (m, 15); returns the longest entry of dq [m], −1 where a matrix is
-    singular."""
+def newton_direction(A: Array, border: Border, given: Given, r: Found, reach: Array, dq: Array, dz: Array) -> float:
+    """Solve for the direction `dq` (n, 3), `dz` (m, 15), led by `reach` as in `solve_holds`; returns the longest entry
+    of dq [m], −1 where a matrix is singular."""
     n, m = len(r.balance), len(r.holds)
     X, first = np.zeros((n + REACH, 3, 1 + NINE * m)), n
     for k in range(m):
@@ -350,7 +406,7 @@ def newton_direction(A: Array, border: Border, given: Given, r: Found, dq: Array
     for k in range(m):
         values_at_hold(r.first[k], r.b[k], X, G, NINE * k)
     rigid = not (has_any(given.C) or has_any(r.site))
-    if not solve_holds(border, given.C, G, r.holds, r.site, rigid, dz):
+    if not solve_holds(border, given.C, G, r.holds, r.site, rigid, reach, dz):
         return -1.0
     return thread_direction(border.E, dz, X, dq)
 
@@ -378,6 +434,7 @@ def solve_set(
     """Iterate by Newton with the active set; returns the iterations, −1 where it is not solved, the largest force [N]
     and whether the spline lacks nothing."""
     dq, dz = np.zeros((len(z.q), 3)), np.zeros((len(z.s), BORDER))
+    reach = np.zeros(len(z.s) if bounds.spans > 0.0 else 0)
     for iteration in range(bounds.iterations):
         scale, bare = evaluate(curve, knots, law, given, z, r)
         scale = max(scale, bounds.least)
@@ -386,7 +443,13 @@ def solve_set(
         if is_converged(given, bounds, bounds.force * scale + bounds.rounded, z, r):
             return iteration, scale, bare
         A, border = thread_matrix(curve, knots, given, z, r, bare), border_of(law, given, z, r, bare)
-        longest = newton_direction(A, border, given, r, dq, dz)
+        if given.stiffen:
+            add_constraint_stiffness(A, border, given, r)
+        hold_still(A, given.held)
+        for k in range(len(reach)):
+            span = span_of(knots.breaks, z.s[k], given.spans[k, 0], given.spans[k, 1])
+            reach[k] = bounds.spans * (knots.breaks[span + 1] - knots.breaks[span])
+        longest = newton_direction(A, border, given, r, reach, dq, dz)
         if longest < 0.0:
             return -1, scale, bare
         add_correction(bounds, z, dq, longest, dz)

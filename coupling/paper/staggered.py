@@ -16,7 +16,7 @@ from typing import Generic
 
 import numpy as np
 
-from coupling.answer import Held, all_holds
+from coupling.answer import all_holds, hold_still
 from coupling.arrays import Array
 from coupling.constraints import site_force
 from coupling.contact import NO_FORCES, solve_contact
@@ -25,6 +25,7 @@ from coupling.integrators import BackwardEuler, Scheme
 from coupling.interfaces import Answer, Body, Lips, Organ, OrganEnergies
 from coupling.stepping import Step, Take, organ_answer, try_step, with_sense
 from coupling.system import State, System
+from tissue.organs.meshed import SiteAnswer
 
 FARTHEST = 0.1  # of the thread's length: a hole that moved further in one step has run away
 
@@ -44,9 +45,9 @@ class HeldOrgan(Generic[Body]):
         """Return the organ's start."""
         return self.organ.start()
 
-    def answer(self, scheme: Scheme, past: Sequence[Body], time: float, share: float = 1.0) -> Held[Body]:
+    def answer(self, scheme: Scheme, past: Sequence[Body], time: float, share: float = 1.0) -> SiteAnswer[Body]:
         """Return the answer of the organ where it is."""
-        return Held(self.organ.site_variables(past[0]), past[0])
+        return hold_still(self.organ, past[0])
 
     def site_variables(self, state: Body) -> Array:
         """Return y of the organ, shape `(9p,)`."""
@@ -64,9 +65,9 @@ class HeldOrgan(Generic[Body]):
         """Return the organ's answer to an impulse."""
         return self.organ.impulse(state)
 
-    def displace(self, scheme: Scheme, state: Body, y: Array, f_y: Array) -> Held[Body]:
+    def displace(self, scheme: Scheme, state: Body, y: Array, f_y: Array) -> SiteAnswer[Body]:
         """Return the answer of the organ where it is."""
-        return Held(self.organ.site_variables(state), state)
+        return hold_still(self.organ, state)
 
 
 SchemeOf = Callable[[State[Body], float], Scheme]

@@ -6,6 +6,7 @@ once more for a soft block without damping, pulled within 2 ms, where it is hard
 on one thread, in turn: other work on the machine does not count.
 """
 
+import os
 import resource
 import subprocess
 import sys
@@ -46,9 +47,11 @@ TENSIONS = 64
 LEAST, MOST = 0.1, 0.2  # N
 ALONG = np.array([0.832, 0.0, 0.555])  # that the end is pulled along; the start the other way in x
 AT_REST = ("--set=solve.kind=static", "--set=solve.load_steps=1")
+BOTH = '--set=thread.end={ kind = "pulled", force = [0.1, 0, 0.1] }'
 CASES = {  # what else is set
     "one end, the other driven": [],  # 16 mm of thread are drawn through
-    "both ends": ['--set=thread.end={ kind = "pulled", force = [0.1, 0, 0.1] }'],
+    "both ends": [BOTH],
+    "both ends, by compiled loops": [BOTH, f"--set={COMPILED}"],
 }
 
 
@@ -114,13 +117,13 @@ def main(
         for row in measurements(meshes):
             rows.append(row)
             print(line(row), flush=True)
+    job = measure_main_job()
+    print("\nby the command: " + ", ".join(f"{seconds:.2f} s {name}" for name, seconds in job.items()))
     print(MANY_HEAD)
     many = []
     for case in CASES:
         many.append(measure_tensions(case, tensions))
         print(many_line(many[-1]), flush=True)
-    job = measure_main_job()
-    print("\nby the command: " + ", ".join(f"{seconds:.2f} s {name}" for name, seconds in job.items()))
     if json_path is not None:
         table = [asdict(row) | {"times_as_fast": row.times_as_fast} for row in rows]
         found = {"reduced": table, "tensions": [asdict(row) | row.ratios for row in many], "main_job_seconds": job}
@@ -213,11 +216,16 @@ def errors(
 
 def measure_main_job() -> dict[str, float]:
     """Measure the main job from its command to its picture, without one, and to its picture by loops that were compiled
-    before; and what it takes to be told how to go on [s]."""
+    before, with the whole organ and in a small basis; to compile the loops; and to be told how to go on [s]."""
     plain = {"to its picture": time_command("run"), "without one": time_command("run", "--no-picture")}
-    loops = f"--set={COMPILED}"
-    time_command("run", "--no-picture", loops, "--set=solve.duration=2e-3")
-    return plain | {"by compiled loops": time_command("run", loops), "for --help": time_words("--help")}
+    loops, short = f"--set={COMPILED}", ["--no-picture", f"--set={COMPILED}", "--set=solve.duration=2e-3"]
+    time_command("run", *short)
+    with TemporaryDirectory() as kept:
+        first = time_command("run", *short, kept=kept)
+        compiling = first - time_command("run", *short, kept=kept)
+    whole, small = time_command("run", loops), time_command("run", loops, f"--set={SMALL}")
+    fast = {"by compiled loops": whole, "by them in a small basis": small, "to compile them": compiling}
+    return plain | fast | {"for --help": time_words("--help")}
 
 
 # -- many tensions ---------------------------------------------------------------------------------------------------
@@ -243,17 +251,19 @@ def signed(force: list[float], key: str) -> list[float]:
     return [-force[0], *force[1:]] if key.startswith("thread.start") else force
 
 
-def time_command(verb: str, *words: str) -> float:
-    """Measure the processor time of a command on the main job, from its start to its end [s]."""
+def time_command(verb: str, *words: str, kept: str = "") -> float:
+    """Measure the processor time of a command on the main job, from its start to its end [s]; compiled loops are `kept`
+    in a folder, empty: where they always are."""
     with TemporaryDirectory() as folder:
-        return time_words(verb, str(COUPLED), "--out", str(Path(folder) / verb), *words)
+        return time_words(verb, str(COUPLED), "--out", str(Path(folder) / verb), *words, kept=kept)
 
 
-def time_words(*words: str) -> float:
-    """Measure the processor time of a command, from its start to its end [s]."""
+def time_words(*words: str, kept: str = "") -> float:
+    """Measure the processor time of a command, from its start to its end [s]; `kept` as for `time_command`."""
     began = children_time()
     command = [sys.executable, "-m", "studies.command.start", *words]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    where = os.environ | ({"NUMBA_CACHE_DIR": kept} if kept else {})
+    subprocess.run(command, check=True, env=where, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     return children_time() - began
 
 

@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
@@ -133,20 +133,32 @@ def check(options: argparse.Namespace) -> int:
         print(as_json(told), end="")
         return strict_status(options.strict, remarks)
     counts = counts_of(simulation)
-    organ = f"{counts['tissue_dofs']} tissue unknowns" if simulation.scenario.tissue else "no organ"
-    parts = f"{counts['piercings']} piercings, {counts['control_points']} control points, {organ}"
-    size = counts["bytes"] / GIGA
-    size_line = f"{options.file} can be run: {parts}, {counts['steps']} steps, about {size:.2g} GB of results"
+    size = f"{counts['steps']} steps, about {counts['bytes'] / GIGA:.2g} GB of results"
+    size_line = f"{options.file} can be run: {parts_of(simulation.scenario, counts)}, {size}"
     places = place_lines(simulation.scenario.piercing)
     print_lines([size_line, *places, *remark_lines(remarks), *([f"picture    {picture}"] if picture else [])])
     return strict_status(options.strict, remarks)
 
 
+def parts_of(scenario: Scenario, counts: Mapping[str, Any]) -> str:
+    """Return in words what a run is of: every stitch's holes, what the thread bears on between them, and the rest."""
+    organ = f"{counts['tissue_dofs']} tissue unknowns" if scenario.tissue else "no organ"
+    tracts = f"{counts['tracts']} tracts of {counts['balls']} balls in all" if counts["tracts"] else ""
+    more = {"ties": counts["ties"], "pieces of thread": counts["pieces"] if counts["pieces"] > 1 else 0}
+    few = [f"{number} {name}" for name, number in more.items() if number]
+    parts = [f"{counts['piercings']} piercings", tracts, *few, f"{counts['control_points']} control points", organ]
+    return ", ".join(filter(None, parts))
+
+
 def counts_of(simulation: AnySimulation) -> dict[str, Any]:
-    """Return what a run will take: steps, unknowns, and bytes of results."""
+    """Return what a run will take: holes, balls of tracts, ties, steps, unknowns, and bytes of results."""
     scenario = simulation.scenario
     return {
         "piercings": len(scenario.piercing),
+        "tracts": len(scenario.tract),
+        "balls": simulation.balls,
+        "ties": len(scenario.tie),
+        "pieces": len(scenario.thread.cuts) + 1,
         "control_points": scenario.thread.control_points,
         "tissue_dofs": simulation.tissue_dofs,
         "steps": simulation.steps,

@@ -106,6 +106,20 @@ def contact_line(contact: ContactRecord) -> str:
     )
 
 
+def wound_lines(contact: ContactRecord) -> list[str]:
+    """Tell how a wound is closed, if by a thread: by what force, how well, and how its edges stand."""
+    if not contact.stitches:
+        return []
+    shares = [(one.load_share, one.stitch) for one in contact.stitches if one.load_share is not None]
+    most = f"; {max(shares)[1]} bears {100 * max(shares)[0]:.3g} % of it" if len(shares) > 1 else ""
+    turned = "in" if contact.eversion < 0.0 else "out"
+    return [
+        f"wound      {contact.pair}: drawn together with {contact.closure_force:.3g} N{most}; "
+        f"{100 * contact.approximation:.3g} % of its area is closed, and its edges are turned {turned} by "
+        f"{abs(np.degrees(contact.eversion)):.2g}°"
+    ]
+
+
 def _strain(summary: dict[str, Any]) -> str:
     return f"{100 * summary['thread']['max_strain']:.3g} %"
 
@@ -130,14 +144,14 @@ def print_summary(scenario: Scenario, recorder: Recorder, status: Status, pictur
     if step:
         lines += [range_line(summary["range"])] if "range" in summary else []
         lines += [line for line in (subgrid_line(recorder.subgrid),) if line]
-        lines += [contact_line(pair) for pair in step.contact]
+        lines += [line for pair in step.contact for line in (contact_line(pair), *wound_lines(pair))]
     lines += place_lines(scenario.piercing)
     tables = [
         "piercings.csv",
         "energy.csv",
         "steps.csv",
         "events.csv",
-        *(["contact.csv"] if step and step.contact else []),
+        *(["contact.csv", "stitches.csv", "gap_profile.csv"] if step and step.contact else []),
     ]
     lines += [
         "",

@@ -21,12 +21,14 @@ from studies.output.records import (
     ContactRecord,
     EnergyRecord,
     Extremes,
+    GapRecord,
     LoadRecord,
     OrganRecord,
     PiercingRecord,
     ReductionRecord,
     RunRecord,
     StepRecord,
+    StitchRecord,
     ThreadRecord,
     TieRecord,
     TractRecord,
@@ -189,12 +191,13 @@ EVENT: tuple[Column[Event], ...] = (
         "`closes`, `tied`, `slips`, `sticks`, `unties` of a tie; `slips`, `sticks` of surfaces in contact, and "
         "along a tract, as a whole or no more; `cut`: the thread was; `halved`: the step was; "
         "`snaps`: the tissue went to an equilibrium that was not near; "
+        "`branch`: load steps failed, and the equilibrium was followed along its branch by arc length; "
         "`knots`: they changed",
         lambda event: event.kind,
     ),
     text(
         "piercing",
-        "name of the piercing, tie, tract or pair of surfaces; empty for `cut`, `halved`, `snaps` and `knots`",
+        "name of the piercing, tie, tract or pair of surfaces; empty for `cut`, `halved`, `snaps`, `branch`, `knots`",
         lambda event: event.piercing,
     ),
     Column("s", "m", "abscissa of the thread in the hole, or of the cut", lambda event: event.s),
@@ -374,6 +377,58 @@ CONTACT: tuple[Column[ContactRecord], ...] = (
         "of the two on one another along the surfaces: the magnitude of its resultant",
         lambda lips: lips.friction,
     ),
+    Column(
+        "approximation",
+        "-",
+        f"share of the area that faces the other one where the two are no more than {APART:g} m apart",
+        lambda lips: lips.approximation,
+    ),
+    Column(
+        "closure_force",
+        "N",
+        "that the thread draws the two together with across them: the mean of what it draws either by",
+        lambda lips: lips.closure_force,
+    ),
+    Column(
+        "eversion",
+        "rad",
+        "by how much the outer surface on both sides rises towards the edges where the stitches are, together and in "
+        "the mean along them; negative: it is turned in",
+        lambda lips: lips.eversion,
+    ),
+)
+
+STITCH_NAME: Column[StitchRecord] = text("stitch", "its tie, its tract or its only hole", lambda stitch: stitch.stitch)
+STITCH_PAIR: Column[StitchRecord] = text("pair", "names of the two surfaces that it draws together", lambda s: s.pair)
+STITCH: tuple[Column[StitchRecord], ...] = (
+    Column(
+        "left_force",
+        "N",
+        "of the thread on the tissue on one side of them, towards the other side, across the surfaces as they were at "
+        "first",
+        lambda stitch: stitch.left_force,
+    ),
+    Column("right_force", "N", "likewise on the other side", lambda stitch: stitch.right_force),
+    Column(
+        "load_share",
+        "-",
+        "of what all stitches draw the two surfaces by; empty where that is nothing",
+        lambda stitch: stitch.load_share,
+    ),
+)
+
+GAP_PROFILE: tuple[Column[GapRecord], ...] = (
+    text("pair", "names of the two surfaces", lambda gap: gap.pair),
+    Column("way", "m", "along the rim in the shape at rest", lambda gap: gap.way),
+    Column("x", "m", "place", lambda gap: gap.x, parts=AXES),
+    Column("edge_gap", "m", "of the rim; empty where it faces nothing", lambda gap: gap.edge_gap),
+    Column(
+        "largest_gap",
+        "m",
+        "of the part of the surface that is nearest to this place of its rim; empty where it faces nothing",
+        lambda gap: gap.largest_gap,
+    ),
+    Column("largest_pressure", "Pa", "of that part", lambda gap: gap.largest_pressure),
 )
 
 TRACT_NAME: Column[TractRecord] = text("tract", "names of the two holes it is between", lambda tract: tract.tract)
@@ -654,8 +709,14 @@ TIES: Layout[StepItem[TieRecord]] = Layout(
     lambda step: [(step, tie) for tie in step.ties],
     every_step=False,
 )
+STITCHES: Layout[StepItem[StitchRecord]] = Layout(
+    "stitches",
+    (*step_columns(TIME, STEP), *item_columns(STITCH_NAME, STITCH_PAIR, *STITCH)),
+    lambda step: [(step, stitch) for pair in step.contact for stitch in pair.stitches],
+    every_step=False,
+)
 # In the order in which they are written: where a table with a row for every step has a step, those before it have too.
-TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, TRACTS, ENERGIES, STEPS, CONTACTS, TIES)
+TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, TRACTS, ENERGIES, STEPS, CONTACTS, STITCHES, TIES)
 
 
 # -- the summary -----------------------------------------------------------------------------------------------------
@@ -665,7 +726,7 @@ def state_summary(step: StepRecord, holes: Iterable[Piercing] = ()) -> dict[str,
     """Take from a step what ``summary.json`` says of energy, thread, piercings, lips and ties, and from the scenario's
     `holes` by how much they were moved."""
     found = {hole.name: values((MOVED,), hole) for hole in holes if hole.moved is not None}
-    contact = {"contact": {pair.pair: values(CONTACT, pair) for pair in step.contact}} if step.contact else {}
+    contact = {"contact": {pair.pair: _contact_summary(pair) for pair in step.contact}} if step.contact else {}
     ties = {"ties": {tie.name: values(TIE, tie) for tie in step.ties}} if step.ties else {}
     loads = {"loads": [values(LOAD, load) for load in step.loads]} if step.loads else {}
     tracts = {"tracts": {tract.tract: values(TRACT, tract) for tract in step.tracts}} if step.tracts else {}
@@ -681,6 +742,11 @@ def state_summary(step: StepRecord, holes: Iterable[Piercing] = ()) -> dict[str,
         | loads
         | tracts
     )
+
+
+def _contact_summary(pair: ContactRecord) -> dict[str, Any]:
+    """Take what two surfaces do from their record, and by name what each stitch bears of them."""
+    return {**values(CONTACT, pair), "stitches": {one.stitch: values(STITCH, one) for one in pair.stitches}}
 
 
 def range_summary(names: Iterable[str], extremes: Extremes) -> dict[str, Any]:
@@ -734,6 +800,7 @@ def manual_tables() -> dict[str, str]:
         "summary.json": markdown([*RUN, *ends, *sums, *holes, *ranges, *small], "key"),
         "remarks": remarks.markdown(),
         **{f"{layout.name}.csv": markdown(layout.columns, "column") for layout in TABLES},
+        "gap_profile.csv": markdown(GAP_PROFILE, "column"),
         "organ": markdown(ORGAN_ARRAYS, "array"),
         "organ_cells": markdown(ORGAN_CELLS, "array"),
         "thread": markdown(THREAD_ARRAYS, "array"),

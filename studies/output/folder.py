@@ -3,12 +3,13 @@
 ``Recorder`` takes the plain arrays of ``studies.output.records`` and writes
 
 - ``provenance.json``, ``scenario.toml`` (and ``mesh/``, a copy of the mesh file) before the first step,
-- ``piercings.csv``, ``energy.csv``, ``steps.csv``, ``events.csv``, ``contact.csv`` of surfaces that may touch,
-  ``loads.csv`` of an organ under loads, ``tracts.csv`` of a thread that bears on tissue between holes and ``ties.csv``
-  of a thread that is tied: whole lines, after every step,
+- ``piercings.csv``, ``energy.csv``, ``steps.csv``, ``events.csv``, ``contact.csv`` and ``stitches.csv`` of wounds and
+  surfaces that may touch, ``loads.csv`` of an organ under loads, ``tracts.csv`` of a thread that bears on tissue
+  between holes and ``ties.csv`` of a thread that is tied: whole lines, after every step,
 - ``results.pvd`` and ``frames/``: every ``output.every`` steps, the first and the last,
 - ``checkpoint.npz`` after every frame that was due, from which ``--resume`` goes on,
-- ``summary.json`` at the end, also of a failed or an interrupted run.
+- ``gap_profile.csv`` of these, and
+  ``summary.json``, at the end, also of a failed or an interrupted run.
 
 Files are written under a temporary name and renamed: a killed run leaves every finished frame readable.
 """
@@ -22,11 +23,12 @@ from types import TracebackType
 from typing import Any, Self
 
 from studies.output.checkpoint import ANEW, Arrays, changes, first_in_words, write_checkpoint
-from studies.output.columns import Layout
+from studies.output.columns import GAP_PROFILE, Layout
 from studies.output.files import write_bytes, write_json, write_text
 from studies.output.lock import LOCK
 from studies.output.manifest import (
     MARK,
+    PROFILE,
     SCENARIO,
     clear,
     files_of,
@@ -39,7 +41,7 @@ from studies.output.provenance import provenance
 from studies.output.records import OrganTopology, Snapshot, StepRecord
 from studies.output.remarks import Remark, remark
 from studies.output.series import Series, steps_in
-from studies.output.tables import CsvFile, head_of, rows_until, tables_of
+from studies.output.tables import CsvFile, head_of, rows_until, tables_of, whole_table
 from studies.output.tally import Judge, Status, Tally, nothing_to_say
 from studies.scenario import Scenario, ScenarioError, dump
 from studies.scenario.toml import mesh_file, with_mesh_file
@@ -71,6 +73,7 @@ class Recorder:
         self._outcome: tuple[Status, str] | None = None
         self.last_frame: Snapshot | None = None
         self._every = scenario.output.every
+        self._wounds = bool(scenario.wounds)
         self._pending: Callable[[], Snapshot] | None = None
         self._recorded = -1 if checkpoint is None else int(checkpoint["step"])  # last step in the tables
         if checkpoint is None:
@@ -135,7 +138,13 @@ class Recorder:
             for _, table in self._tables:
                 table.close()
             self._outcome = status, error
+            self._write_profile()
             write_json(self.folder / "summary.json", self.summary(status, error))
+
+    def _write_profile(self) -> None:
+        """Write how wounds gape along their rims as of the last recorded step."""
+        if self._wounds and self.last_step is not None:
+            write_bytes(self.folder / PROFILE, whole_table(GAP_PROFILE, self.last_step.profile()))
 
     @property
     def last_step(self) -> StepRecord | None:

@@ -21,11 +21,13 @@ from studies.scenario.toml import mesh_file
 
 MARK = "provenance.json"  # the first file written
 SCENARIO = "scenario.toml"
+PROFILE = "gap_profile.csv"
 FILES = (
     MARK,
     SCENARIO,
     "summary.json",
     *(f"{layout.name}.csv" for layout in TABLES),
+    PROFILE,
     "checkpoint.npz",
     "results.pvd",
     "picture.png",
@@ -35,9 +37,10 @@ FILES = (
 
 def files_of(scenario: Scenario) -> list[str]:
     """List the files that a run of the scenario writes, without its frames."""
-    tables = {f"{layout.name}.csv" for layout in TABLES} - {f"{layout.name}.csv" for layout in tables_of(scenario)}
+    absent = {f"{layout.name}.csv" for layout in TABLES} - {f"{layout.name}.csv" for layout in tables_of(scenario)}
+    absent |= set() if scenario.wounds else {PROFILE}
     mesh = mesh_file(scenario)
-    return [name for name in FILES if name not in tables] + ([] if mesh is None else [f"mesh/{mesh.name}"])
+    return [name for name in FILES if name not in absent] + ([] if mesh is None else [f"mesh/{mesh.name}"])
 
 
 def manifest(folder: Path) -> dict[str, Any] | None:

@@ -23,6 +23,7 @@ from studies.output.columns import (
     RUN,
     SPAN_RATIO,
     SPANS_BETWEEN,
+    STITCH,
     TIE,
     Column,
 )
@@ -113,6 +114,7 @@ COLUMNS: dict[tuple[str, ...], tuple[Column[Any], ...]] = {
     **{("thread", end): at_end(end) for end in ENDS},
     ("piercings", ANY): (*HOLE_SUMMARY, MOVED),
     ("contact", ANY): CONTACT,
+    ("contact", ANY, "stitches", ANY): STITCH,
     ("ties", ANY): TIE,
     ("loads", ANY): LOAD,
     ("range",): RANGE,

@@ -72,6 +72,17 @@ class OrganRecord:
 
 
 @dataclass(frozen=True)
+class StitchRecord:
+    """What one stitch bears of a wound at one time."""
+
+    stitch: str  # name of its tie, its tract or its only hole
+    pair: str  # of surfaces that it draws together
+    left_force: float  # that draws the first of them to the other one [N]
+    right_force: float  # that draws the other one [N]
+    load_share: float | None  # of what all stitches draw them by [-], None where that is nothing
+
+
+@dataclass(frozen=True)
 class ContactRecord:
     """Two surfaces that may touch at one time, those of a wound's lips or others."""
 
@@ -89,6 +100,22 @@ class ContactRecord:
     gap_volume: float = 0.0  # between them [m³]
     slipping: int = 0  # of the pressed pairs, with all the friction that there can be
     friction: float = 0.0  # along the surfaces, the magnitude of the resultant [N]
+    approximation: float = 0.0  # share of their area where they are no farther apart than APART [-]
+    closure_force: float = 0.0  # that the thread draws them together with [N]
+    eversion: float = 0.0  # by how much the outer surface rises towards both their edges [rad]
+    stitches: tuple[StitchRecord, ...] = ()  # that draw them together
+
+
+@dataclass(frozen=True)
+class GapRecord:
+    """A place on the rim of the first of two surfaces that may touch, at one time."""
+
+    pair: str
+    way: float  # along the rim in the reference shape [m]
+    x: Array  # (3,) place [m]
+    edge_gap: float | None  # of the rim there [m], None where it faces nothing
+    largest_gap: float | None  # of the surface behind it [m], likewise
+    largest_pressure: float  # there [Pa]
 
 
 @dataclass(frozen=True)
@@ -179,12 +206,14 @@ class StepRecord:
     unsettled: Callable[[], float]  # makes `unsettled_layers`, likewise
     stays: Callable[[], bool]  # makes `would_stay`, likewise
     seconds: float  # wall-clock time of this step [s]
+    fallen: float | None = None  # of the loads along a branch that was followed [s of their clock], None without one
     events: tuple[Event, ...] = ()
     contact: tuple[ContactRecord, ...] = ()  # of all surfaces that may touch
     loads: tuple[LoadRecord, ...] = ()
     tracts: tuple[TractRecord, ...] = ()
     reduction: ReductionRecord | None = None  # of an organ in a small basis
     ties: tuple[TieRecord, ...] = ()
+    profile: Callable[[], tuple[GapRecord, ...]] = tuple  # makes the gaps along all rims, of the last step alone
     torques: tuple[float, float] | None = None  # of the holders of start and end about the tangent [N m], with twist
     kept: Callable[[], Mapping[str, NDArray[Any]]] | None = None  # makes `memory`, asked for at a checkpoint
 
@@ -253,6 +282,8 @@ class Extremes:
     rotated: float = 0.0  # the same in cells rotated beyond [-]
     pressed_turn: float = 0.0  # of a surface under a pressure [rad]
     crossed: float = 0.0  # of lips that do not touch, through one another, over their extent [-]
+    branches: float = 0.0  # load steps that followed one by arc length
+    fallen: float = 0.0  # of the loads along one [s of their clock]
 
     def after_step(self, step: StepRecord) -> "Extremes":
         """Return the extremes with a step more."""
@@ -271,6 +302,8 @@ class Extremes:
             energy=max(self.energy, energy.kinetic + energy.of_deformation, abs(energy.external_work)),
             created=max(self.created, -energy.numerical_dissipation),
             layered=max(self.layered, abs(energy.layer_work)),
+            branches=self.branches + (step.fallen is not None),
+            fallen=max(self.fallen, step.fallen or 0.0),
         )
 
     def after_frame(self, organ: OrganRecord | None) -> "Extremes":

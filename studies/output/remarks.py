@@ -20,6 +20,7 @@ CREATED = 1e-4  # of a run's energy: round-off is 1e-9 of it, and the shipped sc
 DISSIPATED = 0.05  # of a run's energy
 LAYERED = 0.05  # of a run's energy: as much as the steps may take
 UNSETTLED = 0.01  # of √(EI/T): ten passes leave 1e-6 of it, and a hole's forces go with it by a part
+FALLEN = 1e-6  # of the loads: round-off is less
 CROSSED = 0.01  # of the lips' extent: nearer, they are as good as closed
 SLID = 1.0  # diameters that a thread may still slide in as long as the run took, and be at rest
 STEEP = 1.0  # friction along a surface over the force across it
@@ -171,6 +172,19 @@ KINDS = (
         "at the end of a run at rest, a motion of the thread in its holes that lowers its potential",
         "Newton's method follows equilibria beyond the point where a thread buckles, snaps or rolls over; it would "
         "leave this one at the least disturbance",
+    ),
+    Kind(
+        "branch",
+        "note",
+        "load steps failed, and the equilibrium was followed along its branch by arc length",
+        "each equilibrium on the way is one, but whether it holds is not asked on the way",
+    ),
+    Kind(
+        "limit-point",
+        "unsupported",
+        f"on a branch that was followed by arc length the loads fell by more than {FALLEN:g} of themselves",
+        "beyond a limit point the branch goes on under less load: under loads that only rise, thread or tissue jump "
+        "there, and may come to rest on another branch",
     ),
     Kind(
         "bending-length",

@@ -18,7 +18,7 @@ class CsvFile(Generic[Row]):
 
     def __init__(self, path: Path, columns: Sequence[Column[Row]], last_step: int = -1) -> None:
         """``last_step``: rows up to this step are kept, as a run that is resumed wants it."""
-        self._cells = [(column.of, writer_of(column)) for column in columns]
+        self._line = line_writer(columns)
         self._end = len(b"".join(rows_until(path, last_step))) if last_step >= 0 else 0
         self._file = path.open("r+b" if self._end else "wb", buffering=0)
         self._file.truncate(self._end)
@@ -35,9 +35,6 @@ class CsvFile(Generic[Row]):
     def close(self) -> None:
         self._file.close()
 
-    def _line(self, row: Row) -> str:
-        return ",".join([write(of(row)) for of, write in self._cells]) + "\n"
-
     def _write(self, data: bytes) -> None:
         try:
             if self._file.write(data) != len(data):
@@ -47,6 +44,17 @@ class CsvFile(Generic[Row]):
             self._file.seek(self._end)
             raise
         self._end += len(data)
+
+
+def line_writer(columns: Sequence[Column[Row]]) -> Callable[[Row], str]:
+    """Return a function that writes a row as a line."""
+    cells = [(column.of, writer_of(column)) for column in columns]
+    return lambda row: ",".join([write(of(row)) for of, write in cells]) + "\n"
+
+
+def whole_table(columns: Sequence[Column[Row]], rows: Iterable[Row]) -> bytes:
+    """Write a table that does not grow."""
+    return head_of(columns) + "".join(map(line_writer(columns), rows)).encode()
 
 
 def writer_of(column: Column[Any]) -> Callable[[Any], str]:
@@ -91,6 +99,6 @@ def rows_until(path: Path, step: int) -> list[bytes]:
 def tables_of(scenario: Scenario) -> list[Layout[Any]]:
     """List the tables that a run of the scenario writes."""
     organ = scenario.tissue
-    absent = {"ties": not scenario.tie, "contact": not scenario.touching, "loads": organ is None or not organ.load}
-    absent |= {"tracts": not scenario.tract}
+    absent = {"ties": not scenario.tie, "loads": organ is None or not organ.load, "tracts": not scenario.tract}
+    absent |= dict.fromkeys(("contact", "stitches"), not scenario.wounds)
     return [layout for layout in TABLES if not absent.get(layout.name)]

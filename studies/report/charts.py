@@ -16,7 +16,8 @@ CHARTS = (  # title, and the columns that it shows
     ("Tension of the thread at each hole", (("piercings", "tension_before"), ("piercings", "tension_after"))),
     ("Thread drawn through each hole", (("piercings", "slip"),)),
     ("Force of each hole on the thread", (("piercings", "force"),)),
-    ("Smallest gap of each pair of surfaces", (("contact", "smallest_gap"),)),
+    ("Smallest and largest gap of each pair of surfaces", (("contact", "smallest_gap"), ("contact", "largest_gap"))),
+    ("What draws each wound together", (("contact", "closure_force"),)),
     ("Force of the holders on the thread", (("steps", "start_reaction"), ("steps", "end_reaction"))),
     ("Energy", (("energy", "kinetic"), ("energy", "elastic_thread"), ("energy", "elastic_tissue"))),
 )

@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from studies.scenario.contact import Contact
 from studies.scenario.names import name_faults
-from studies.scenario.organ import LIPS, GivenMesh, Tissue, boundaries_of, unknown_clamp
+from studies.scenario.organ import LIPS, GivenMesh, Tissue, WoundMesh, boundaries_of, unknown_clamp
 from studies.scenario.piercing import Piercing, grips, place_refusal
 from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
 from studies.scenario.solve import WHOLE, Output, Solve
@@ -67,7 +67,6 @@ class Scenario(ScenarioTable):
         if not (isinstance(thread, dict) and isinstance(solve, dict)) or solve.get("kind") != "static":
             return table
         unable = thread.get("cuts") or thread.get("energy") == "springs" or thread.get("bending") is False
-        unable = unable or table.get("cut")
         return table if unable else table | {"thread": {"resolution": "holes"} | thread}
 
     @model_validator(mode="after")
@@ -133,6 +132,14 @@ class Scenario(ScenarioTable):
         """Names of the surfaces that press on one another, by pairs."""
         lips = (LIPS,) if self.tissue is not None and self.tissue.contact else ()
         return (*lips, *(pair.between for pair in self.contact))
+
+    @property
+    def wounds(self) -> tuple[tuple[str, str], ...]:
+        """Names of the surfaces that a wound lies between, by pairs: those that press on one another, and lips that do
+        not."""
+        cut = self.tissue is not None and isinstance(self.tissue.mesh, WoundMesh)
+        lips = (LIPS,) if cut and not any(set(pair) == set(LIPS) for pair in self.touching) else ()
+        return (*lips, *self.touching)
 
     @property
     def floats(self) -> bool:
@@ -205,19 +212,9 @@ class Scenario(ScenarioTable):
 
     @model_validator(mode="after")
     def _check_cutting(self) -> Self:
-        given = {"solve.scheme": self.solve.scheme} | {
-            f"thread.{key}": getattr(self.thread, key) for key in ("resolution", "energy", "twist")
-        }
-        able = {
-            "solve.scheme": "newton",
-            "thread.resolution": "fixed",
-            "thread.energy": "continuous",
-            "thread.twist": False,
-        }
-        lost = next((key for key, value in able.items() if given[key] != value), None)
-        if self.cut and lost is not None:
-            reason = f"the thread is not cut during such a run; set it to {as_toml(able[lost])}, or leave out [[cut]]"
-            raise ValueError(refusal(lost, given[lost], reason))
+        if self.cut and self.solve.scheme != "newton":
+            reason = 'the thread is not cut during such a run; set it to "newton", or leave out [[cut]]'
+            raise ValueError(refusal("solve.scheme", self.solve.scheme, reason))
         places = [cut.s for cut in self.cut]
         twice = next((s for k, s in enumerate(places) if s in (*places[:k], *self.thread.cuts)), None)
         if twice is not None:

@@ -25,8 +25,8 @@ class Solve(ScenarioTable):
     )
     newton: Literal["numpy", "compiled"] = Field(
         default="numpy",
-        description='how a step in time iterates: in "numpy", or by "compiled" loops, the same numbers but for '
-        "round-off in a third of the time, for long runs and many: they are compiled once, in 40 s, and kept; what "
+        description='how a step iterates: in "numpy", or by "compiled" loops, the same numbers but for '
+        "round-off in a third of the time, for long runs and many: they are compiled once, in 30 s, and kept; what "
         "they do not cover is solved in numpy, and provenance.json says which it is",
     )
     integrator: Literal["euler", "bdf2"] = Field(

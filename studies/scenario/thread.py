@@ -163,9 +163,9 @@ class Thread(ScenarioTable):
     resolution: Literal["fixed", "holes", "adaptive"] = Field(
         default="fixed",
         description='where the spline of control_points is refined as the thread slides: "fixed", nowhere; "holes" '
-        "(unless given, the way of statics, but of cuts, springs and a thread without bending), at a piercing whose "
-        "spans are longer than a quarter of the length that the thread bends over there, or fewer than two to the "
-        'next; "adaptive", to thread.tolerance at the piercings and wherever the thread bends, from equal spans',
+        "(unless given, the way of statics, but with thread.cuts, springs or a thread without bending), at a piercing "
+        "whose spans are longer than a quarter of the length that the thread bends over there, or fewer than two to "
+        'the next; "adaptive", to thread.tolerance at the piercings and wherever the thread bends, from equal spans',
     )
     tolerance: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=0.1)] = Field(
         default=0.01, description="relative error of the piercings' forces that adaptive knots aim at [-], up to 0.1"
@@ -254,23 +254,17 @@ class Thread(ScenarioTable):
     def _check_cuts(self) -> Self:
         if any(after <= before for before, after in pairwise(self.cuts)):
             raise ValueError(f".cuts = {as_toml(self.cuts)} is refused: they must rise; sort them and drop repeats")
-        kept = {"resolution": "fixed", "energy": "continuous", "twist": False}
-        lost = next((key for key, value in kept.items() if getattr(self, key) != value), None)
-        if self.cuts and lost is not None:
-            raise ValueError(
-                f".cuts = {as_toml(self.cuts)} is refused: thread.{lost} = {as_toml(getattr(self, lost))} goes through "
-                f"cuts; set it to {as_toml(kept[lost])}"
-            )
         return self
 
     @model_validator(mode="after")
     def _check_springs(self) -> Self:
         if self.springs is not None and self.energy != "springs":
             raise ValueError(f'.springs = {self.springs} is refused: thread.energy is continuous; set it to "springs"')
-        if self.springs is not None and self.springs < self.control_points - 1:
+        least = self.control_points - 1 - len(self.cuts)
+        if self.springs is not None and self.springs < least:
             raise ValueError(
                 f".springs = {self.springs} is refused: {self.control_points} control points need at least "
-                f"{self.control_points - 1}, else the thread could stretch unseen; raise it"
+                f"{least}, else the thread could stretch unseen; raise it"
             )
         return self
 

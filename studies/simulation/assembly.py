@@ -28,7 +28,7 @@ from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, orga
 from studies.simulation.tracts import Ball, check_balls, with_balls
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
-from thread.knots import Tree, clamped_knots, graded_knots
+from thread.knots import Tree, graded_knots, knots_at
 from thread.path import RoundedPath, rounded_path
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
@@ -97,7 +97,8 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     check_cuts([table.s for table in scenario.cut], length, "cut.s")
     thread = store.take("thread", thread_key(scenario, length, s), lambda: thread_of(scenario, length, s))
     check_pieces(scenario, thread.spline, [value for hole, value in zip(holes, s, strict=True) if is_known(hole)])
-    check_cutting(scenario.cut, thread.spline)
+    resolution = resolution_of(scenario.thread, length, s)
+    check_cutting(scenario.cut, thread.spline, resolution)
     check_draws(scenario.piercing, thread.spline, own)
     whole = resolved(scenario, length, own)
     system: System[tissue.OrganState] = System(
@@ -110,7 +111,6 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
         ties=tuple(tie_of(table, holes) for table in scenario.tie),
         compiled=scenario.solve.newton == "compiled",
     )
-    resolution = resolution_of(scenario.thread, length, s)
     recovery = partial(stored_recovery, scenario, body, store)
     depths = partial(stored_depths, scenario, body, store)
     return Assembly(whole, holes, system, organ, path, np.array(s), body, resolution, recovery, depths, given)
@@ -171,10 +171,13 @@ def graded_spline(table: model.Thread, length: float, s: Sequence[float]) -> Spl
 def spline_of(table: model.Thread, length: float, s: Sequence[float]) -> Spline:
     """Return the spline at the start."""
     if table.resolution == "adaptive":
-        tree = coarse_tree(0.0, length, table.control_points)
-        return Spline(clamped_knots(first_breaks(tree, np.array(s), table.graded)))
-    spline = graded_spline(table, length, s)
-    check_spans(table.cuts, spline.piece_ends.tolist(), spline.breaks.tolist())
+        tree = coarse_tree(0.0, length, table.control_points).cut(np.array(table.cuts))
+        spline = Spline(knots_at(first_breaks(tree, np.array(s), table.graded), np.array(table.cuts)))
+        breaks = tree.coarse
+    else:
+        spline = graded_spline(table, length, s)
+        breaks = spline.breaks
+    check_spans(table.cuts, spline.piece_ends.tolist(), breaks.tolist())
     return spline
 
 
@@ -188,7 +191,7 @@ def thread_of(scenario: Scenario, length: float, s: Sequence[float]) -> Thread:
         twist=table.twist,
         coil=0.0 if table.coil_radius is None else 1.0 / table.coil_radius,
         coil_towards=None if table.coil_towards is None else np.array(table.coil_towards),
-        springs=None if table.energy == "continuous" else table.springs or table.control_points - 1,
+        springs=None if table.energy == "continuous" else table.springs or table.control_points - 1 - len(table.cuts),
         damping=table.damping,
         point_masses=(table.start.mass, table.end.mass),
         hole_compliance=scenario.solve.scheme != "linear",

@@ -27,6 +27,10 @@ class AnySimulation(Protocol):
         """Unknowns of the organ that are not held."""
 
     @property
+    def balls(self) -> int:
+        """Balls of all tracts."""
+
+    @property
     def subgrid(self) -> dict[str, dict[str, Any]]:
         """By piercing, what the organ's mesh is too coarse for, where that is added."""
 

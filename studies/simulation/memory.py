@@ -18,7 +18,7 @@ OrganRun = Run[tissue.OrganState]
 
 def on_knots(system: System, knots: Array) -> System:
     """Return the system with its thread on other knots."""
-    return replace(system, thread=replace(system.thread, spline=Spline(knots)))
+    return replace(system, thread=system.thread.with_spline(Spline(knots)))
 
 
 def memory_of(now: OrganRun) -> Arrays:

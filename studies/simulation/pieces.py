@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from coupling.adaptivity import Resolution
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
@@ -39,8 +40,9 @@ def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None
             raise ScenarioError(refusal("thread.cuts", scenario.thread.cuts, reason))
 
 
-def check_cutting(cuts: Sequence[model.Cut], spline: Spline) -> None:
-    """Refuse cuts during the run at which the thread has an end already, and those that leave a piece of one span."""
+def check_cutting(cuts: Sequence[model.Cut], spline: Spline, resolution: Resolution | None) -> None:
+    """Refuse cuts during the run at which the thread has an end already, and those that leave a piece of one span, or
+    of one coarse span where the knots follow the thread."""
     for table in sorted(cuts, key=lambda table: table.time):
         try:
             spline, *_ = cut(spline, table.s, [np.zeros((spline.n, 1))])
@@ -50,7 +52,8 @@ def check_cutting(cuts: Sequence[model.Cut], spline: Spline) -> None:
                 "thread.control_points"
             )
             raise ScenarioError(refusal("cut.s", table.s, reason)) from None
-    check_spans([table.s for table in cuts], spline.piece_ends.tolist(), spline.breaks.tolist(), "cut.s")
+    breaks = spline.breaks if resolution is None else resolution.tree_of(spline).coarse
+    check_spans([table.s for table in cuts], spline.piece_ends.tolist(), breaks.tolist(), "cut.s")
 
 
 def is_held_at_end(thread: model.Thread, piece: int, pieces: int) -> bool:

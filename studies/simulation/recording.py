@@ -1,6 +1,6 @@
 """What is recorded of a step, and what is drawn of a state."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -17,6 +17,7 @@ from studies.arrays import Array
 from studies.output.records import (
     APART,
     ContactRecord,
+    GapRecord,
     LoadRecord,
     ReductionRecord,
     StepRecord,
@@ -24,13 +25,13 @@ from studies.output.records import (
     TractRecord,
 )
 from studies.simulation.memory import OrganRun, memory_of
-from thread.spline import Spline
+from studies.simulation.wound import Wound, wounds_of
 
 SAMPLES = 6  # points drawn on each span of the thread
 
 
-def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
-    """Return what is written of a step."""
+def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | None = None) -> StepRecord:
+    """Return what is written of a step; `open_lips` are those of a wound that do not press on one another."""
     system, state = now.system, now.state
     ends = [(step.solution.problem.system, step.new, step.end.at) for step in now.taken]
     ends = ends or [(system, state, now.configuration.at)]
@@ -52,12 +53,14 @@ def step_record(now: OrganRun, seconds: float = 0.0) -> StepRecord:
         unsettled=partial(unsettled_layers, *ends[-1][:2]),
         stays=partial(would_stay_after, now),
         seconds=seconds,
+        fallen=now.fallen,
         events=now.events,
-        contact=contact_records(system, state),
+        contact=contact_records(now, open_lips),
         loads=load_records(system, state),
         tracts=tract_records(now.piercings),
         reduction=reduction_record(system, state),
         ties=now.ties,
+        profile=partial(gap_profile, now, open_lips),
         kept=partial(memory_of, now),
     )
 
@@ -78,21 +81,40 @@ def tract_records(holes: Sequence[PiercingObservation]) -> tuple[TractRecord, ..
     return tuple(TractRecord(name, tuple(hole for hole in holes if hole.tract == name)) for name in names)
 
 
-def contact_records(system: System, state: State) -> tuple[ContactRecord, ...]:
-    """Return the surfaces of a state that may touch, pair by pair."""
-    lips = observe_contact(system, state)
-    if lips is None:
-        return ()
-    organ: Any = system.organ
-    return tuple(
-        contact_record(part, lips.of(own), organ.gaps.extent)
-        for part, own in zip(organ.gaps.parts, organ.gaps.slices, strict=True)
-    )
+def observed_wounds(now: OrganRun, open_lips: tissue.Gaps | None) -> Iterator[tuple[Wound, ContactObservation, Array]]:
+    """Yield the surfaces that a wound lies between, pair by pair, with what they do and the places of all nodes of the
+    organ, `(n, 3)` [m]."""
+    organ: Any = now.system.organ
+    touching = observe_contact(now.system, now.state)
+    for gaps, pressed in ((open_lips, None), (organ.gaps if touching else None, touching)):
+        if gaps is not None:
+            points = gaps.body.points + gaps.body.nodal(organ.displacement(now.state.organ))
+            lips = pressed or observe_apart(gaps, points)
+            for wound, own in zip(wounds_of(now.system, gaps, now.piercings), gaps.slices, strict=True):
+                yield wound, lips.of(own), points
 
 
-def contact_record(part: tissue.Part, lips: ContactObservation, extent: float) -> ContactRecord:
-    """Return one pair of surfaces; the gap of a node that faces nothing is their `extent` [m]."""
-    pressure, faces = part.vertex_pressure(lips.force), lips.gap < extent
+def observe_apart(gaps: tissue.Gaps, points: Array) -> ContactObservation:
+    """Observe surfaces that do not press on one another, with all nodes of the organ at `points` `(n, 3)` [m]."""
+    displacement, k = points - gaps.body.points, len(gaps.left)
+    none, slips = np.zeros(k), np.zeros(k, dtype=bool)
+    return ContactObservation(gaps.apart(displacement), none, gaps.slides(displacement), np.zeros((k, 3)), slips)
+
+
+def contact_records(now: OrganRun, open_lips: tissue.Gaps | None = None) -> tuple[ContactRecord, ...]:
+    """Return the surfaces that a wound lies between, pair by pair."""
+    return tuple(contact_record(*observed) for observed in observed_wounds(now, open_lips))
+
+
+def gap_profile(now: OrganRun, open_lips: tissue.Gaps | None = None) -> tuple[GapRecord, ...]:
+    """Return how the surfaces that a wound lies between gape along their rims."""
+    return tuple(gap for wound, lips, points in observed_wounds(now, open_lips) for gap in wound.profile(lips, points))
+
+
+def contact_record(wound: Wound, lips: ContactObservation, points: Array) -> ContactRecord:
+    """Return one pair of surfaces; the gap of a node that faces nothing is their extent."""
+    part = wound.gaps.parts[wound.part]
+    pressure, faces = part.vertex_pressure(lips.force), lips.gap < wound.gaps.extent
     apart = faces & (lips.gap > APART)
     return ContactRecord(
         pair=part.name,
@@ -109,6 +131,10 @@ def contact_record(part: tissue.Part, lips: ContactObservation, extent: float) -
         gap_volume=float(part.pair_areas[faces] @ np.maximum(lips.gap[faces], 0.0)),
         slipping=int(np.count_nonzero(lips.slips)),
         friction=float(np.linalg.norm(lips.friction.sum(axis=0))),
+        approximation=float(part.pair_areas[faces & ~apart].sum() / part.pair_areas.sum()),
+        closure_force=wound.closure_force,
+        eversion=wound.eversion(points),
+        stitches=wound.stitches,
     )
 
 
@@ -164,16 +190,16 @@ def thread_record(now: OrganRun) -> ThreadRecord:
     home = np.repeat(spline.piece_ends[:-1], pieces)
     P, T, K, _ = spline.curve(state.q[:, :3], s, home).swapaxes(0, 1)
     speed = np.linalg.norm(T, axis=1)
-    strain = now.configuration.points.strain.ravel()
+    strain = now.configuration.points.strain
     tension = thread.EA * strain * np.sqrt(1.0 + 2.0 * strain)
     return ThreadRecord(
         points=P,
         s=s,
-        tension=interpolate_piecewise(spline, s, home, thread.axial.s.ravel(), tension),
+        tension=spline.interpolate(s, home, thread.axial.s, thread.axial.home, tension),
         curvature=np.linalg.norm(np.cross(T, K), axis=1) / speed**3,
         radius=0.5 * thread.section.diameter,
         pieces=pieces if spline.cuts.size else (),
-        torque=None if state.frame is None else thread.torque_at(s, state.q, state.frame),
+        torque=None if state.frame is None else thread.torque_at(s, home, state.q, state.frame),
         bearing=bearing_along(now.piercings, s),
     )
 
@@ -188,10 +214,3 @@ def bearing_along(holes: Sequence[PiercingObservation], s: Array) -> Array | Non
     for ball, length in balls:
         out[np.abs(s - ball.s) <= 0.5 * length] = ball.force / length
     return out
-
-
-def interpolate_piecewise(spline: Spline, s: Array, home: Array, at: Array, values: Array) -> Array:
-    """Return the values known at abscissae `at`, interpolated at `s` within the piece of the thread that holds
-    `home`."""
-    piece, own = spline.piece_of(home), spline.piece_of(at)
-    return np.concatenate([np.interp(s[piece == k], at[own == k], values[own == k]) for k in range(spline.pieces)])

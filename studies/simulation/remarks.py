@@ -22,6 +22,7 @@ from studies.output.remarks import (
     CREATED,
     CROSSED,
     DISSIPATED,
+    FALLEN,
     IN_TISSUE,
     LAYERED,
     MOVED,
@@ -149,6 +150,8 @@ def met(scenario: Scenario, ending: Ending, strengths: Sequence[float], springs:
         *coarse_spans(step.span_ratio),
         *few_spans(step.spans_between),
         *([] if dynamic else [*unsettled_bending(step.unsettled_layers), *unstable(step.would_stay)]),
+        *followed(extremes.branches),
+        *past_limit(extremes.fallen / scenario.solve.duration),
         *(audited(step.energy.numerical_dissipation, extremes) if dynamic else []),
         *(
             unsettled(step.energy, step.slide_speed * step.time, section_of(scenario.thread).diameter)
@@ -369,6 +372,28 @@ def unsettled_bending(part: float) -> list[Remark]:
     return [remark("bending-length", "thread.control_points", text)]
 
 
+def followed(branches: float) -> list[Remark]:
+    """Judge in how many load steps an equilibrium was followed along its branch by arc length."""
+    if branches < 1.0:
+        return []
+    text = (
+        f"load steps failed, and {branches:.0f} of them followed the equilibrium along its branch by arc length; "
+        "whether it holds was not asked on the way; raise solve.load_steps to see it piece by piece"
+    )
+    return [remark("branch", "solve", text)]
+
+
+def past_limit(fallen: float) -> list[Remark]:
+    """Judge by what part of themselves the loads have `fallen` along a branch that was followed."""
+    if fallen <= FALLEN:
+        return []
+    text = (
+        f"along a branch that was followed the loads fell by {fallen:.2g} of themselves: under loads that only rise, "
+        'thread or tissue jump there, perhaps to another branch; take solve.kind = "dynamic" to see where to'
+    )
+    return [remark("limit-point", "solve", text)]
+
+
 def unstable(would_stay: bool) -> list[Remark]:
     """Judge whether a thread at rest would stay there."""
     if would_stay:
@@ -529,27 +554,30 @@ def along_path(assembly: Assembly) -> list[Remark]:
     placed = [(hole, s * stretch) for hole, s in zip(assembly.holes, assembly.s, strict=True) if hole.from_ == 0.0]
     own = [(hole, at) for hole, at in placed if not isinstance(hole, Ball)]
     tracts = {tract.between: tract for tract in scenario.tract}
-    out = []
+    out, depths = [], {}
     for (one, first), (other, last) in pairwise(own):
         tract = tracts.get((one.name, other.name))
         if tract is None:
             at = np.clip(np.linspace(first, last, LOOKS + 2)[1:-1], 0.0, path.length)
-            deepest = float(assembly.depths(path.position(at)).max())
-            out += without_tract(one.name, other.name, deepest, assembly.system.thread.section.diameter)
+            depths[one.name, other.name] = float(assembly.depths(path.position(at)).max())
         else:
             balls = [(hole, at) for hole, at in placed if isinstance(hole, Ball) and hole.tract == tract.name]
             borne = sum(ball.length for ball, _ in balls) + across_wounds(scenario, body.mesh, balls)
             out += bare_tract(tract.name, last - first - borne, last - first, radius_of(tract, scenario.piercing))
-    return out
+    return [*without_tract(depths, assembly.system.thread.section.diameter), *out]
 
 
-def without_tract(one: str, other: str, depth: float, diameter: float) -> list[Remark]:
-    """Judge how deep [m] the thread lies in tissue between two holes without a tract."""
-    if depth <= IN_TISSUE * diameter:
+def without_tract(depths: Mapping[tuple[str, str], float], diameter: float) -> list[Remark]:
+    """Judge how deep [m] the thread lies in tissue between two holes without a tract, by the names of the holes."""
+    deep = {holes: depth for holes, depth in depths.items() if depth > IN_TISSUE * diameter}
+    if not deep:
         return []
+    (one, other), others = next(iter(deep)), len(deep) - 1
+    also = f", and likewise between {others} other pair{'s' * (others > 1)} of holes" if others else ""
     text = (
-        f"between {one!r} and {other!r} the thread lies up to {depth / MILLI:.2g} mm deep in the tissue, and bears on "
-        f'it at these two alone; add [[tract]] between = ["{one}", "{other}"] where the depth of the bite matters'
+        f"between {one!r} and {other!r}{also}, the thread lies up to {max(deep.values()) / MILLI:.2g} mm deep in the "
+        f'tissue, and bears on it at the holes alone; add [[tract]] between = ["{one}", "{other}"] where the depth of '
+        "the bite matters"
     )
     return [remark("no-tract", one, text)]
 

@@ -28,6 +28,7 @@ from studies.output.checkpoint import Arrays
 from studies.output.records import Ending, OrganRecord, OrganTopology, Snapshot, StepRecord
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
 from studies.scenario import Scenario, ScenarioError, Solve, WoundMesh
+from studies.scenario.organ import LIPS
 from studies.scenario.solve import WHOLE
 from studies.simulation.assembly import Assembly, assemble, lip_gaps, shareable
 from studies.simulation.given import Energy, Given, Stiffness
@@ -71,6 +72,11 @@ class Simulation:
         return self.assembly.organ.size
 
     @property
+    def balls(self) -> int:
+        """Balls of all tracts."""
+        return len(self.assembly.holes) - len(self.scenario.piercing)
+
+    @property
     def subgrid(self) -> dict[str, dict[str, Any]]:
         """By piercing, and by tract of the ball that most is added to, what the organ's mesh is too coarse for
         (`tissue.sites.subgrid.Missing`), where that is added.
@@ -104,9 +110,9 @@ class Simulation:
     def _newton(self) -> str:
         """What steps are solved by where they can be: "compiled" loops that are asked for, or "numpy"."""
         solve, organ, system = self.scenario.solve, self.assembly.organ, self.assembly.system
-        in_motion = (solve.kind, solve.scheme) == ("dynamic", "newton")
+        iterates = solve.kind == "static" or solve.scheme == "newton"
         linear = getattr(organ, "gaps", None) is None and not isinstance(organ, tissue.FiniteOrgan)
-        return "compiled" if solve.newton == "compiled" and in_motion and linear and covers(system) else "numpy"
+        return "compiled" if solve.newton == "compiled" and iterates and linear and covers(system) else "numpy"
 
     @property
     def steps(self) -> int:
@@ -115,11 +121,16 @@ class Simulation:
 
     @cached_property
     def open_lips(self) -> tissue.Gaps | None:
-        """The lips of a wound that do not touch, None without any."""
+        """The lips of a wound that do not press on one another, None without any."""
         body, table = self.assembly.body, self.scenario.tissue
-        if body is None or table is None or table.contact or not isinstance(table.mesh, WoundMesh):
+        apart = LIPS in self.scenario.wounds and LIPS not in self.scenario.touching
+        if body is None or table is None or not apart or not isinstance(table.mesh, WoundMesh):
             return None
         return lip_gaps(table.mesh, body)
+
+    def record(self, now: OrganRun, seconds: float = 0.0) -> StepRecord:
+        """Return what is written of a step that took some `seconds`."""
+        return step_record(now, seconds, self.open_lips)
 
     @cached_property
     def recovery(self) -> tissue.StressRecovery | None:
@@ -137,11 +148,11 @@ class Simulation:
     def _from(self, now: OrganRun) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
         """Keep BLAS to one thread while stepping: two of them on busy cores cost more than they bring."""
         with threadpool_limits(limits=1, user_api="blas"):
-            yield from self._told(step_record(now), now)
+            yield from self._told(self.record(now), now)
             while now.number < self.steps:
                 began = perf_counter()
                 now = self.next(now)
-                record = step_record(now, perf_counter() - began)
+                record = self.record(now, perf_counter() - began)
                 yield from self._told(record if self.is_on_grid(now) else replace(record, kept=None), now)
 
     def _told(self, record: StepRecord, now: OrganRun) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:

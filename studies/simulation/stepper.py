@@ -20,7 +20,6 @@ from studies.output.records import Snapshot, StepRecord
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.refusal import refusal
 from studies.simulation.memory import OrganRun
-from studies.simulation.recording import step_record
 from thread.ends import Clamped, Driven, End, Fixed
 
 
@@ -33,6 +32,9 @@ class Stepped(Protocol):
 
     def beginning(self) -> OrganRun:
         """Return the run before the first step."""
+
+    def record(self, now: OrganRun, seconds: float = 0.0) -> StepRecord:
+        """Return what is written of a step that took some `seconds`."""
 
     def snapshot(self, now: OrganRun) -> Snapshot:
         """Return what is drawn of a state."""
@@ -105,7 +107,7 @@ class Stepper:
     @property
     def record(self) -> StepRecord:
         """What a run writes of its last step."""
-        return step_record(self._now, self._seconds[-1] if self._seconds else 0.0)
+        return self._simulation.record(self._now, self._seconds[-1] if self._seconds else 0.0)
 
     def frame(self) -> Snapshot:
         """Return what is drawn of the state."""

@@ -11,7 +11,6 @@ import tissue
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Friction, Piercing, Scenario, ScenarioError, Tract
-from studies.scenario.organ import LIPS
 from studies.scenario.refusal import refusal
 from thread.path import RoundedPath
 
@@ -54,6 +53,10 @@ def with_balls(
     depths = tissue.depths(mesh)
     for number, tract in enumerate(scenario.tract):
         ends = [next(k for k, hole in enumerate(holes) if hole.name == name) for name in tract.between]
+        cut = next((cut for cut in scenario.thread.cuts if places[ends[0]] < cut < places[ends[1]]), None)
+        if cut is not None:
+            reason = f"thread.cuts cuts the thread between them, at {cut:.6g} m; name two holes of one piece"
+            raise ScenarioError(refusal(f"tract.{number}.between", tract.between, reason))
         way = way_of(path, [places[k] * path.length / length for k in ends], radius_of(tract, holes), depths)
         if not len(way.deep):
             reason = (
@@ -128,10 +131,7 @@ def balls_of(tract: Tract, path: RoundedPath, way: Way, radius: float) -> list[t
 def across_wounds(scenario: Scenario, mesh: skfem.MeshTet, balls: Sequence[tuple[Ball, float]]) -> float:
     """Return the length of a tract's path on which it leaves tissue through one side of a wound, or of surfaces in
     contact, and goes on behind the other [m]; `balls` with their abscissae on the path."""
-    given = scenario.tissue
-    wound = (LIPS,) if given is not None and isinstance(given.mesh, model.WoundMesh) else ()
-    pairs = dict.fromkeys((*wound, *scenario.touching))
-    away = [(tissue.distances(mesh, one), tissue.distances(mesh, other)) for one, other in pairs]
+    away = [(tissue.distances(mesh, one), tissue.distances(mesh, other)) for one, other in scenario.wounds]
     gaps = [(one, other, high - low) for (one, low), (other, high) in pairwise(balls) if one.part != other.part]
     return sum(length for one, other, length in gaps if any(are_beside(*sides, one, other) for sides in away))
 

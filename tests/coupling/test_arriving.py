@@ -196,7 +196,7 @@ def test_unbalanced_dead_loads_are_recognised_before_the_first_step(
     def tried(*given: Any) -> Any:
         raise StepError(0.0, 0.0, "tried")
 
-    monkeypatch.setattr("coupling.run.load_step", tried)
+    monkeypatch.setattr("coupling.run.reach", tried)
     if refused:
         with pytest.raises(EquilibriumError, match="unbalanced"):
             run.load(1.0, 1.0)

@@ -2,12 +2,14 @@
 
 from collections.abc import Iterator
 from copy import deepcopy
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
+import coupling.equilibrium
 import coupling.stepping
 from coupling import newton, solver
 from coupling.newton import Iterate, Problem, Solution
@@ -56,6 +58,12 @@ def pulled_through() -> Scenario:
     return Scenario.model_validate(scene)
 
 
+AT_REST = ["solve.kind=static"]
+PULLED = [
+    "solve.load_steps=1",
+    "thread.start.force=[-0.125, 0, 0.083]",
+    'thread.end={ kind = "pulled", force = [0.125, 0, 0.083] }',
+]
 SCENES = {
     "figure 1": (lambda: load("paper_figure_1", [f"piercing.{hole}.{ROUGH}" for hole in ("entry", "exit")]), 10),
     "organ": (lambda: load("two_piercings", ["tissue.mesh.h=8e-3", "tissue.mesh.h_site=4e-3"]), 8),
@@ -65,34 +73,53 @@ SCENES = {
     "limp": (lambda: drawn({"friction": None}, bending=False), 4),
     "pulled": (pulled_through, 8),
     "stitch": (lambda: load("running_stitch", ["tissue.mesh.h=8e-3"]), 3),
+    "rings at rest": (lambda: load("paper_figure_1", [*AT_REST, "solve.load_steps=2"]), 2),
+    "organ at rest": (lambda: load("two_piercings", [*AT_REST, *PULLED, "tissue.mesh.h=8e-3"]), 1),
+    "friction at rest": (lambda: load("paper_figure_1", [*AT_REST, f"piercing.exit.{ROUGH}", "solve.load_steps=1"]), 1),
 }
+LED = {"rings at rest", "organ at rest", "friction at rest"}  # scenes whose abscissae are led downhill on the way
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of the solver, and what numpy answers."""
+
+    problem: Problem
+    start: Iterate
+    spans: float
+    patience: int
+    found: Solution
 
 
 @pytest.fixture
-def solved(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[Problem, Iterate, Solution]]]:
-    """What is asked of the solver and what numpy answers, in their order."""
-    asked: list[tuple[Problem, Iterate, Solution]] = []
+def solved(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Asked]]:
+    """All that is asked of the solver, in its order."""
+    asked: list[Asked] = []
 
-    def solve(problem: Problem, start: Iterate) -> Solution:
-        found = newton.solve(problem, start)
-        asked.append((problem, start, found))
+    def solve(problem: Problem, start: Iterate, spans: float = 0.0, patience: int = 1) -> Solution:
+        correct = partial(newton.correct_downhill, spans=spans) if spans else newton.correct
+        found = newton.solve(problem, start, correct, patience)
+        asked.append(Asked(problem, start, spans, patience, found))
         return found
 
     monkeypatch.setattr(coupling.stepping, "solve", solve)
+    monkeypatch.setattr(coupling.equilibrium, "solve", solve)
     yield asked
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_both_ways_agree(name: str, solved: list[tuple[Problem, Iterate, Solution]]) -> None:
+def test_both_ways_agree(name: str, solved: list[Asked]) -> None:
     """Consistency check: the same number of iterations and of them all unknowns, constraint forces and residuals, each
     relative to its own scale."""
     scene, steps = SCENES[name]
     for _, _ in zip(range(steps + 1), prepare(scene()).advance(), strict=False):
         pass
     assert len(solved) >= steps
-    for problem, start, by_numpy in solved:
+    assert any(asked.spans for asked in solved) == (name in LED)
+    for asked in solved:
+        problem, by_numpy = asked.problem, asked.found
         assert solver.is_covered(problem)
-        by_loops = solver.solve_compiled(problem, start)
+        by_loops = solver.solve_compiled(problem, asked.start, asked.spans, asked.patience)
         assert by_loops is not None
         assert by_loops.iterations == by_numpy.iterations
         for unknown, scale in scales(problem, by_numpy).items():

@@ -32,7 +32,7 @@ from studies.output.folder import Recorder
 from studies.output.records import APART, StepRecord
 from studies.scenario import ScenarioError, load
 from studies.simulation import prepare
-from studies.simulation.recording import contact_record, contact_records
+from studies.simulation.recording import contact_record, contact_records, observed_wounds
 from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, Z, hairpin, hairpin_system, laid, run, taken
 from tests.tissue.wounds import wounded_organ
@@ -338,7 +338,12 @@ def test_what_a_run_says_of_its_lips(closed: Path, capsys: pytest.CaptureFixture
         assert (row["force"] > 0.0) == (row["pressed"] > 0)
     summary = json.loads((out / "summary.json").read_text())
     last = {key: value for key, value in rows[-1].items() if key not in ("time", "step")}
-    assert summary["contact"] == {"lip_left - lip_right": last} and last["area"] > 0.0
+    assert summary["contact"].keys() == {"lip_left - lip_right"} and last["area"] > 0.0
+    told = dict(summary["contact"]["lip_left - lip_right"])
+    assert told.pop("stitches").keys() == {hole.name for hole in load(closed).piercing} and told == last
+    with (out / "gap_profile.csv").open() as file:
+        rim = list(csv.DictReader(file))
+    assert max(float(row["largest_gap [m]"] or 0.0) for row in rim) == last["largest_gap"]
     simulation = prepare(load(closed))
     for step, frame in simulation.advance():
         organ = frame().organ if step.step == 12 else None
@@ -464,18 +469,19 @@ def test_what_is_open_between_two_surfaces(bodies: Path, element: str) -> None:
     simulation = prepare(load(bodies, [f'tissue.element="{element}"']))
     side, above = 0.006**2, 1e-4
     now = simulation.beginning()
-    (found,), organ = contact_records(now.system, now.state), simulation.assembly.organ
+    (found,) = contact_records(now)
     assert found.open_area == pytest.approx(side, rel=RESIDUAL)
     assert found.gap_volume == pytest.approx(side * above, rel=RESIDUAL)
-    lips, (part,), left = observe_contact(now.system, now.state), organ.gaps.parts, organ.gaps.left
-    assert lips is not None
-    near = organ.elasticity.points[left, 0] < -1e-9
+    ((wound, lips, points),) = observed_wounds(now, None)
+    (part,) = wound.gaps.parts
+    near = wound.gaps.body.points[part.left, 0] < -1e-9
     touching = replace(lips, gap=np.where(near, 0.5 * APART, lips.gap))
     share = float(part.pair_areas[~near].sum())
     assert 0.4 * side < share < side
-    found = contact_record(part, touching, organ.gaps.extent)
+    found = contact_record(wound, touching, points)
     assert found.open_area == pytest.approx(share, rel=RESIDUAL)
     assert found.gap_volume == pytest.approx(share * above + (side - share) * 0.5 * APART, rel=RESIDUAL)
+    assert found.approximation == pytest.approx(1.0 - share / side, rel=RESIDUAL)
 
 
 def test_a_body_that_can_move_is_refused_at_rest(bodies: Path) -> None:

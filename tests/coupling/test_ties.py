@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from coupling import run
+from coupling.adaptivity import Resolution
 from coupling.assembled import Monolith, equation_of, monolithic_solve
 from coupling.audit import multiplier_imbalance
 from coupling.cutting import Cut, cut_thread
@@ -32,7 +33,7 @@ from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import Array
 from thread.catalogue import suture
 from thread.ends import Fixed, Free
-from thread.knots import graded_knots
+from thread.knots import Tree, graded_knots
 from thread.path import rounded_path
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
@@ -128,11 +129,14 @@ def test_a_loop_that_is_cut_has_no_length() -> None:
         assert tie.length == pytest.approx(length, rel=IDENTITY, nan_ok=True)
 
 
+@pytest.mark.parametrize("follows", [False, True])
 @pytest.mark.parametrize("share", [0.25, 1.0])
-def test_a_loop_that_is_cut_at_rest_bears_nothing(share: float) -> None:
+def test_a_loop_that_is_cut_at_rest_bears_nothing(share: float, follows: bool) -> None:
     """Independent check: hands that draw a loop let go where it is cut, for it would come out without end; a knot that
-    is locked stays, and bears nothing either."""
-    now = run.begin(*ring(6, 5e-4))
+    is locked stays, and bears nothing either; on knots that follow too."""
+    system, state = ring(6, 5e-4)
+    knots = Resolution(Tree(system.thread.spline.breaks), 0.04, everywhere=False)
+    now = run.begin(system, state, resolution=knots if follows else None)
     (closed,) = now.load(share, 0.12).ties
     s = closed.s_first + 0.45 * closed.length
     after = replace(now, cuts=(Cut(s, share * 0.12),)).load(share, 0.12)

@@ -16,7 +16,7 @@ from studies.scenario import ScenarioError, parse
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
-from studies.simulation.remarks import foreseen
+from studies.simulation.remarks import foreseen, without_tract
 from studies.simulation.tracts import Ball, across_wounds
 from tests.bounds import RESIDUAL
 
@@ -201,11 +201,14 @@ def test_a_tract_that_cannot_be_is_refused_in_words() -> None:
     free["piercing"][0]["footprint"] = free["piercing"][1]["footprint"] = 0.0
     bare = changed()
     bare["piercing"][1]["footprint"] = 0.0
+    cut = changed()
+    cut["thread"]["cuts"] = [0.01]
     for tables, said in (
         (changed(between=["out", "in"]), "does not pass 'in' right after 'out'"),
         (changed(between=["in", "exit"]), "there is no piercing 'exit'"),
         (free, "without \\[tissue\\]"),
         (bare, "a tract's balls need a radius"),
+        (cut, "cuts the thread between them, at 0.01 m"),
         (changed(spacing=1e-4), "need at least .* raise it, or take a larger tract.spacing"),
         (shallow, "nowhere a radius, 0.0015 m, deep in the organ"),
     ):
@@ -228,9 +231,32 @@ def test_the_way_across_a_wound_is_no_fault_of_a_tract() -> None:
         assert [each.code for each in foreseen(assembly, {}) if each.code == "tract-bare"] == codes
 
 
+def test_a_thread_is_cut_in_its_tract() -> None:
+    """Independent check: cut within the tissue while it is drawn, the piece behind the cut stays in its balls and bears
+    on the hole no more."""
+    tables = changed()
+    for hole in tables["piercing"]:
+        hole["kind"] = "sliding"
+    tables["piercing"][0]["kind"] = "anchored"
+    tables["thread"] |= {"end": {"kind": "driven", "waypoints": [[0, TIP, 0, -0.006], [0.4, TIP + 1e-4, 0, -0.006]]}}
+    tables |= {"cut": [{"s": 0.011, "time": 0.9}], "solve": {"kind": "static", "load_steps": 2}}
+    simulation = prepare(parse(tables))
+    before = simulation.next(simulation.beginning())
+    now = simulation.next(before)
+    assert before.piercings[0].tension_after > 0.01
+    assert abs(now.piercings[0].tension_after) <= GRIPPED * before.piercings[0].tension_after
+    assert now.state.present.all() and "cut" in {event.kind for event in now.events}
+
+
 def test_thread_in_tissue_without_a_tract_is_told() -> None:
     """Independent check: the straight thread lies 6 mm deep, and without its tract the remark says so."""
     tables = changed()
     del tables["tract"]
     said = [remark for remark in prepare(parse(tables)).remarks() if remark.code == "no-tract"]
     assert len(said) == 1 and "6 mm deep" in said[0].message
+
+
+def test_holes_without_a_tract_are_told_together() -> None:
+    """Independent check: two pairs of holes with thread deep between them are one remark, of the first and the deepest."""
+    (said,) = without_tract({("a", "b"): 1e-3, ("b", "c"): 0.0, ("c", "d"): 4e-3}, 3e-4)
+    assert said.where == "a" and "1 other pair of holes" in said.message and "4 mm deep" in said.message

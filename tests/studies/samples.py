@@ -200,6 +200,7 @@ class Stub:
     steps: int = 7
     topology: OrganTopology | None = LINEAR
     tissue_dofs: int = 12
+    balls: int = 0
     subgrid: dict[str, dict[str, Any]] = field(default_factory=dict)
     methods: dict[str, str | None] = field(default_factory=dict)
     said: tuple[Remark, ...] = ()

@@ -40,22 +40,22 @@ def test_bench_many(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypa
     monkeypatch.setattr(many, "FIXED", [*many.FIXED, *(f"piercing.{name}.subgrid=false" for name in ("entry", "exit"))])
     monkeypatch.setattr(many, "SOFT_STEPS", 30)
     asked: list[list[str]] = []
-    monkeypatch.setattr(many, "time_command", lambda verb, *words: asked.append([verb, *words]) or 100.0)
+    monkeypatch.setattr(many, "time_command", lambda verb, *words, kept="": asked.append([verb, *words]) or 100.0)
     assert many.main(path, 2, {"coarse": (6e-3, 3e-3)}) == 0
     written = json.loads(path.read_text())
     assert [row["case"] for row in written["reduced"]] == ["main job coarse", "40 kPa in 2 ms"]
     assert all(row["vectors"] == 54 < row["tissue_unknowns"] for row in written["reduced"])
     assert all(row["bound_over_error"] > 1.0 and row["error"] > 0.0 for row in written["reduced"])
-    assert [row["times_as_cheap"] for row in written["tensions"]] == [2.0, 2.0]
+    assert [row["times_as_cheap"] for row in written["tensions"]] == [2.0, 2.0, 2.0]
     loops = f"--set={many.COMPILED}"
-    short = ["run", "--no-picture", loops, "--set=solve.duration=2e-3"]
-    assert asked[6:] == [["run"], ["run", "--no-picture"], short, ["run", loops]]
+    short, small = ["run", "--no-picture", loops, "--set=solve.duration=2e-3"], ["run", loops, f"--set={many.SMALL}"]
+    assert asked[:7] == [["run"], ["run", "--no-picture"], short, short, short, ["run", loops], small]
     job = written["main_job_seconds"]
     assert (job["to its picture"], job["without one"], job["by compiled loops"]) == (100.0, 100.0, 100.0)
-    assert 0.0 < job["for --help"] < 100.0
-    options = [read([verb, str(many.COUPLED), "--out", "out", *words]) for verb, *words in asked[:6]]
+    assert 0.0 < job["for --help"] < 100.0 and job["to compile them"] == 0.0
+    options = [read([verb, str(many.COUPLED), "--out", "out", *words]) for verb, *words in asked[7:]]
     sweeps = [cases_of(each) for each in options[::3]]
-    assert [[len(cases), len(cases[0])] for cases in sweeps] == [[2, 1], [2, 2]]
+    assert [[len(cases), len(cases[0])] for cases in sweeps] == [[2, 1], [2, 2], [2, 2]]
     for cases, each, run in zip(sweeps, options[::3], options[1::3], strict=True):
         last = parse(changed(tables_of(each.file, each.set), cases[-1]))
         assert last == parse(tables_of(run.file, run.set)) and last.solve.kind == "static"

@@ -16,6 +16,7 @@ from coupling.events import Event
 from studies.output.columns import (
     CONTACT,
     ENERGY,
+    GAP_PROFILE,
     HOLE_RANGE,
     HOLE_REDUCTION,
     HOLE_SUMMARY,
@@ -27,6 +28,7 @@ from studies.output.columns import (
     REDUCTION,
     RUN,
     STATE_CODES,
+    STITCH,
     TABLES,
     THREAD_ARRAYS,
     Column,
@@ -41,11 +43,13 @@ from studies.output.files import write_json
 from studies.output.records import (
     ContactRecord,
     EnergyRecord,
+    GapRecord,
     LoadRecord,
     OrganRecord,
     PiercingRecord,
     RunRecord,
     StepRecord,
+    StitchRecord,
     ThreadRecord,
     TieRecord,
     TractRecord,
@@ -64,15 +68,17 @@ GROUPS: dict[str, Sequence[Column[Any]]] = {
     "reduction": (REDUCTION,),
     "reduction of a piercing": HOLE_REDUCTION,
     "cells": ORGAN_CELLS,
+    "gap profile": GAP_PROFILE,
 }
 BEGINS = Event(0.1, "begins", 'a "b", c', 0.02, 1e-4, 0.1, 2e-6, 1e-6, (0.0, 1 / 3, -0.0))
-ONE_ROW = ("contact", "ties", "tracts")
+STITCHED = StitchRecord("knot", "a - b", 1 / 3, 0.25, None)
+ONE_ROW = ("contact", "stitches", "ties", "tracts")
 FULL = replace(
     step(1),
     events=(BEGINS, Event(0.05, "halved"), Event(0.1, "knots", control_points=31)),
     ties=(TieRecord("knot", 0.01, 0.03, 0.02, 1.0, np.ones(3), 0.0, 1e-3, "tied"),),
     loads=(LoadRecord("top", 0.5, 1e-4, np.array([0.0, 1 / 3, -1.0])), LoadRecord("left", 1.0, 2e-4, np.ones(3))),
-    contact=(ContactRecord("a - b", 6, 2, -0.0, 120.0, 1e-6, 2e-4, 1 / 3, 1e-22),),
+    contact=(ContactRecord("a - b", 6, 2, -0.0, 120.0, 1e-6, 2e-4, 1 / 3, 1e-22, stitches=(STITCHED,)),),
     tracts=(TractRecord("a-b", tuple(replace(hole, tract="a-b", bearing=1e-3) for hole in step(1).piercings)),),
     torques=(1e-6, -2e-6),
 )
@@ -134,7 +140,9 @@ def test_cells_are_what_the_records_say(tmp_path: Path) -> None:
     ("columns", "record", "elsewhere"),
     [
         (ENERGY, EnergyRecord, set()),
-        (CONTACT, ContactRecord, {"pair"}),
+        (CONTACT, ContactRecord, {"pair", "stitches"}),
+        (STITCH, StitchRecord, {"stitch", "pair"}),
+        (GAP_PROFILE, GapRecord, set()),
         (PIERCING_ARRAYS, PiercingRecord, {"name", "x", "channel", "tract", "bearing"}),
         (HOLE_SUMMARY, PiercingRecord, {"name", "u", "v", "tract", "bearing"}),
         ((*ORGAN_ARRAYS, *ORGAN_CELLS), OrganRecord, {"strained", "rotated", "pressed_turn", "sprung", "crossed"}),
@@ -184,6 +192,9 @@ def test_the_summary_has_the_names_users_rely_on(tmp_path: Path) -> None:
         *("tension_before", "tension_after", "state", "tangent"),
     }
     assert all(len(entry[name]) == 3 for name in ("x", "displacement", "force", "couple", "tangent"))
+    assert found["contact"]["a - b"]["stitches"] == {
+        "knot": {"left_force": 1 / 3, "right_force": 0.25, "load_share": None}
+    }
     assert (found["seconds_per_step"], found["contact"]["a - b"]["pressed"]) == (2.0, 2)
 
 

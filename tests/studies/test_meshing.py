@@ -266,10 +266,13 @@ def test_a_file_too_large_for_the_memory_is_refused(tmp_path: Path, monkeypatch:
 
 
 @NEEDS_GMSH
-@pytest.mark.parametrize("name", ["running_stitch", "interrupted_stitches"])
-def test_the_stitched_wounds_can_be_run(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("name", "counted"),
+    [("running_stitch", "6 piercings, "), ("interrupted_stitches", "6 piercings, 3 pieces of thread, ")],
+)
+def test_the_stitched_wounds_can_be_run(name: str, counted: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert command.main(["check", str(Path(command.__file__).parents[1] / "scenario" / "scenes" / f"{name}.toml")]) == 0
-    assert "can be run" in capsys.readouterr().out
+    assert f"can be run: {counted}" in capsys.readouterr().out
 
 
 def test_suture_mesh_writes_the_mesh_its_quality_and_a_picture(

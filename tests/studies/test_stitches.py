@@ -7,13 +7,25 @@ import numpy as np
 import pytest
 
 from studies import load, prepare
-from studies.simulation.recording import step_record
-from tests.bounds import IDENTITY, TWO_SOLVERS
+from studies.scenario.toml import parsed
+from studies.simulation.recording import contact_records, gap_profile, step_record
+from studies.simulation.wound import wounds_of
+from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.meshes.samples import NEEDS_GMSH
 from tests.thread.threads import Array
 
 COARSE = ["tissue.mesh.h=6e-3", "tissue.mesh.h_site=2e-3", "thread.control_points=80", "solve.load_steps=4"]
 ACROSS = 0.02  # of a closing force: strands bend at their holes, and are not quite the chords between these
+
+
+def pull_across(holes: Any) -> float:
+    """What the strands of a loop that crosses the plane x = 0 pull across it along the ways between its holes [N]."""
+    pull = 0.0
+    for before, after in zip([holes[-1], *holes[:-1]], holes, strict=True):  # the first strand is the knot's
+        way = after.x - before.x
+        if before.x[0] * after.x[0] < 0.0:
+            pull += before.tension_after * abs(way[0]) / float(np.linalg.norm(way))
+    return pull
 
 
 def test_a_pulley_closes_with_the_strands_that_cross() -> None:
@@ -25,15 +37,18 @@ def test_a_pulley_closes_with_the_strands_that_cross() -> None:
     (knot,), holes = record.ties, record.piercings
     assert knot.state == "tied" and knot.force == pytest.approx(scenario.tie[0].force, rel=0.01)
     strands = np.array([holes[-1].tension_after, *(hole.tension_after for hole in holes)])  # the first is the knot's
-    ways = [b.x - a.x for a, b in zip([holes[-1], *holes[:-1]], holes, strict=True)]
-    crossing = sum(T * abs(way[0]) / np.linalg.norm(way) for T, way in zip(strands[:-1], ways, strict=True))
     closing = sum(hole.force[0] for hole in holes if hole.x[0] > 0.0)
-    assert closing == pytest.approx(crossing, rel=ACROSS)
+    assert closing == pytest.approx(pull_across(holes), rel=ACROSS)
     assert closing == pytest.approx(-sum(hole.force[0] for hole in holes if hole.x[0] < 0.0), rel=1e-3)
+    (lips,) = record.contact  # of a wound whose lips do not press on one another
+    assert lips.closure_force == pytest.approx(closing, rel=1e-3) and (lips.pressed, lips.force) == (0, 0.0)
+    assert [(stitch.stitch, stitch.load_share) for stitch in lips.stitches] == [("knot", pytest.approx(1.0))]
+    assert max(gap.largest_gap or 0.0 for gap in record.profile()) == lips.largest_gap
     assert strands[0] > strands[1] > strands[2] and strands[1] == pytest.approx(strands[3], rel=1e-3)
     assert (strands[1:3] / strands[:2] >= np.exp(-0.1 * np.pi)).all()
 
 
+ALIKE = 0.02  # of a stitch's force: the mesh is not the same at all six
 RADIAL = 0.02  # of a tube's radial displacement: cells of a third of the radius, and ends four decay lengths away
 HOLES = [f"{side}{k}" for k in range(1, 7) for side in ("right", "left")]
 FEW = [
@@ -43,14 +58,19 @@ FEW = [
 
 
 @cache
-def joined() -> tuple[Any, Any]:
-    """The organ of the anastomosis, coarsely and without tracts, and its last state."""
+def sewn() -> Any:
+    """The anastomosis, coarsely and without tracts, after its last step."""
     simulation = prepare(load("anastomosis", FEW))
     now = simulation.beginning()
     while now.number < simulation.steps:
         now = simulation.next(now)
     assert [tie.state for tie in now.ties] == ["tied"] * 6
-    return simulation.assembly.system.organ, now.state.organ
+    return now
+
+
+def joined() -> tuple[Any, Any]:
+    """The organ of the anastomosis, and its last state."""
+    return sewn().system.organ, sewn().state.organ
 
 
 def forces_on_stumps(organ: Any, state: Any) -> dict[str, Array]:
@@ -77,6 +97,41 @@ def test_the_forces_on_a_stump_balance() -> None:
     assert np.abs(sum(forces.values())).max() <= TWO_SOLVERS * scale
     threads, contact, holder = (forces[name][0, 0] for name in ("threads", "contact", "holder"))
     assert threads > 1.0 and contact < 0.0 and holder < 0.0
+
+
+@NEEDS_GMSH
+def test_what_closes_an_anastomosis() -> None:
+    """Independent check: what closes the line is what the threads do to a stump along it; six stitches alike all round
+    bear a sixth each, and draw both sides with the same force. What is closed and what is open is all of the line, and
+    the way round it is 2πb less what a polygon cuts off."""
+    (found,), rim = contact_records(sewn()), gap_profile(sewn())
+    mesh: Any = load("anastomosis").tissue.mesh  # type: ignore[union-attr]
+    along = forces_on_stumps(*joined())["threads"][:, 0]
+    assert found.closure_force == pytest.approx(0.5 * (along[0] - along[1]), rel=RESIDUAL)
+    assert [stitch.stitch for stitch in found.stitches] == [f"knot{k}" for k in range(1, 7)]
+    assert sum(stitch.load_share for stitch in found.stitches) == pytest.approx(1.0, rel=IDENTITY)
+    for stitch in found.stitches:
+        assert stitch.load_share == pytest.approx(1.0 / 6.0, rel=ALIKE)
+        assert stitch.left_force == pytest.approx(stitch.right_force, rel=ALIKE)
+    area = found.open_area / (1.0 - found.approximation)
+    assert area == pytest.approx(np.pi * (mesh.radius**2 - (mesh.radius - mesh.wall) ** 2), rel=RADIAL)
+    ways, gaps = np.array([gap.way for gap in rim]), [gap.largest_gap for gap in rim]
+    assert (np.diff(ways) > 0.0).all() and max(gaps) == found.largest_gap
+    assert ways[-1] + ways[1] == pytest.approx(2.0 * np.pi * mesh.radius, rel=0.01)
+    assert all(abs(np.hypot(*gap.x[1:]) - mesh.radius) < 0.1 * mesh.wall for gap in rim)
+
+
+@NEEDS_GMSH
+def test_a_wound_through_a_wall_is_judged_where_its_stitches_begin() -> None:
+    """Independent check: stitches that go in above and below have as many openings on either side of the wall; both
+    sides of the wound are judged along the same rim, that of the first hole, at z = 0."""
+    simulation = prepare(load("abdominal_wall", [*COARSE, "tract=[]"]))
+    now, lips = simulation.beginning(), simulation.open_lips
+    assert lips is not None
+    (wound,), openings = wounds_of(now.system, lips, now.piercings), [hole.x[2] for hole in now.piercings]
+    assert sum(z > -1e-3 for z in openings) == sum(z < -1e-3 for z in openings) and openings[0] > -1e-3
+    for rim in wound.rims:
+        assert np.allclose(rim.middles[:, 2], 0.0, atol=IDENTITY) and np.allclose(rim.normal, [0, 0, 1])
 
 
 @NEEDS_GMSH
@@ -123,6 +178,94 @@ def test_stitches_bear_the_thrust_of_a_closed_end() -> None:
     assert parted.contact[0].open_area == pytest.approx(np.pi * (b**2 - a**2), rel=2.0 * RADIAL)
     strands = 0.5 * sum(hole.tension_before + hole.tension_after for hole in parted.piercings)
     assert strands == pytest.approx(each[1]["pressure"][1, 0], rel=ACROSS)
+
+
+def around_a_tube(radius: float, wall: float, holes: int) -> dict[str, Any]:
+    """The tables of a scenario in which a loop of thread through holes all around a tube is drawn and tied."""
+
+    def at(x: float, r: float, angle: float) -> list[float]:
+        return [x, -r * float(np.sin(angle)), r * float(np.cos(angle))]
+
+    ring = [at(0.0, radius, (k + 0.5) * 2.0 * np.pi / holes) for k in range(holes)]
+    tails = [at(-2e-3, radius + 5e-3, -0.45), at(0.0, radius + 3e-3, 0.0)], [at(0.0, radius + 3e-3, 0.0)]
+    path = [*tails[0], *ring, *tails[1], at(2e-3, radius + 5e-3, 0.45)]
+    free = {"at": "surface", "direction": "free", "footprint": 0.8e-3, "subgrid": False}
+    mesh = {"kind": "tube", "radius": radius, "wall": wall, "length": 0.024, "h": 1.4e-3}
+    return {
+        "tissue": {
+            **{"youngs_modulus": 1.5e6, "poisson_ratio": 0.3, "density": 1070.0, "element": "P2"},
+            **{"clamp": ["left", "right"], "mesh": mesh},
+        },
+        "thread": {"suture": "4-0 polypropylene", "control_points": 200, "path": path},
+        "solve": {"kind": "static", "load_steps": 1},
+        "piercing": [{"name": f"hole{k}", "near": place, **free} for k, place in enumerate(ring)],
+        "tie": [{"name": "knot", "between": ["hole0", f"hole{holes - 1}"], "force": 0.05, "until": 0.9, "ramp": 0.9}],
+    }
+
+
+@NEEDS_GMSH
+def test_a_suture_around_a_tube_narrows_it_as_a_ring_load_does_a_shell() -> None:
+    """Independent check: a loop of tension T through n holes presses inwards by 2 n T sin(π/n), and what the tube
+    narrows by in the mean around it is that of a long thin shell under a ring load P per length (Timoshenko and
+    Woinowsky-Krieger, Theory of Plates and Shells, 1959, §115), P a² β/(2 E t) e^(−βx) (cos βx + sin βx) with
+    β⁴ = 3 (1 − ν²)/(a t)², but for what a wall t over a radius a leaves out, half of that ratio."""
+    b, t, n = 0.0105, 1e-3, 12
+    simulation = prepare(parsed(around_a_tube(b, t, n)))
+    run = simulation.next(simulation.beginning())
+    organ, tissue = simulation.assembly.system.organ, simulation.scenario.tissue
+    assert tissue is not None
+    T = np.mean([hole.tension_after for hole in step_record(run).piercings])
+    sites = organ.y0.reshape(-1, 9)[:, 1:3]
+    inwards = -np.sum(run.state.organ.f_y.reshape(-1, 9)[:, 1:3] * sites) / b
+    assert inwards == pytest.approx(2.0 * n * T * np.sin(np.pi / n), rel=ACROSS)
+    a, E, nu = b - 0.5 * t, tissue.youngs_modulus, tissue.poisson_ratio
+    beta = (3.0 * (1.0 - nu**2)) ** 0.25 / np.sqrt(a * t)
+    under = inwards / (2.0 * np.pi * a) * a**2 * beta / (2.0 * E * t)
+    points, U = organ.elasticity.points, organ.elasticity.nodal(organ.displacement(run.state.organ))
+    narrowed = -np.sum(U[:, 1:] * points[:, 1:], axis=1) / np.hypot(points[:, 1], points[:, 2])
+    for x in np.arange(1.0, 8.0) * 1e-3:
+        near = np.abs(np.abs(points[:, 0]) - x) < 0.4e-3
+        shell = under * np.exp(-beta * x) * (np.cos(beta * x) + np.sin(beta * x))
+        assert narrowed[near].mean() == pytest.approx(shell, abs=0.5 * t / a * under)
+
+
+def through_the_wall(bites: int) -> list[str]:
+    """The holes of a running suture of so many bites, in its order."""
+    return [
+        f"{side}{(k + (side == 'left')) % bites + 1}_{end}"
+        for k in range(bites)
+        for side, ends in (("right", ("out", "in")), ("left", ("in", "out")))
+        for end in ends
+    ]
+
+
+@NEEDS_GMSH
+def test_a_running_suture_draws_two_stumps_together_through_their_walls() -> None:
+    """Independent check: one thread that goes round through both walls without friction has one tension, with which
+    its strands, over the line and in the lumen, draw either stump to the other; threads, the other stump, pressure and
+    holder have no resultant on either; its holes open outwards and into the lumen by turns."""
+    holes = through_the_wall(6)
+    few = ["thread.suture='5-0 polypropylene'", "thread.control_points=360", "tissue.mesh.h_site=2e-3"]
+    few += ["solve.load_steps=3", *(f"piercing.{hole}.subgrid=false" for hole in holes)]
+    simulation = prepare(load("running_anastomosis", few))
+    organ, run = simulation.assembly.system.organ, simulation.beginning()
+    while run.number < simulation.steps:
+        run = simulation.next(run)
+    record = step_record(run)
+    assert [hole.name for hole in record.piercings] == holes and [tie.state for tie in run.ties] == ["tied"]
+    radial = organ.sites.points * [0.0, 1.0, 1.0]
+    outward = np.sum(organ.sites.normals * radial, axis=1) / np.linalg.norm(radial, axis=1)
+    assert outward == pytest.approx([1.0 if hole.endswith("out") else -1.0 for hole in holes], rel=ACROSS)
+    forces = forces_on_stumps(organ, run.state.organ)
+    threads = forces["threads"]
+    assert np.abs(sum(forces.values())).max() <= TWO_SOLVERS * np.abs(threads).max()
+    tensions = [T for hole in record.piercings for T in (hole.tension_before, hole.tension_after)]
+    assert max(tensions) == pytest.approx(min(tensions), rel=ACROSS)
+    assert threads[0, 0] == pytest.approx(pull_across(record.piercings), rel=ACROSS)
+    (wound,) = record.contact
+    assert [stitch.stitch for stitch in wound.stitches] == holes  # a running suture is told hole by hole
+    assert wound.closure_force == pytest.approx(threads[0, 0], rel=RESIDUAL)
+    assert sum(stitch.load_share for stitch in wound.stitches) == pytest.approx(1.0, rel=IDENTITY)
 
 
 @NEEDS_GMSH

@@ -10,9 +10,9 @@ from tests.bounds import IDENTITY, ORDER
 from tests.thread.threads import bent
 from thread.arrays import Array
 from thread.errors import ThreadError
-from thread.knots import Tree, spans_at_holes, spans_by_curvature, uniform_knots
+from thread.knots import Tree, clamped_knots, spans_at_holes, spans_by_curvature, uniform_knots
 from thread.quadrature import gauss_rule
-from thread.refit import Projection, insert_knots, refit, spline_on
+from thread.refit import Projection, insert_knots, refit
 from thread.spline import Spline
 
 TREE = Tree(np.linspace(0.0, 0.1, 11))
@@ -23,6 +23,11 @@ UNBOUNDED = np.inf
 def by_hole(hole: float, at: float = 5e-4) -> Array:
     """Breaks that are fine about a hole."""
     return TREE.breaks(at + 0.5 * np.abs(TREE.middles - hole))
+
+
+def spline_on(index: Array) -> Spline:
+    """The spline with simple knots at breaks of the tree."""
+    return Spline(clamped_knots(TREE.places[index]))
 
 
 def everywhere(spline: Spline) -> Array:
@@ -68,7 +73,7 @@ def test_insertion_changes_nothing() -> None:
 def test_what_a_projection_keeps() -> None:
     """Independent check: ∫ ds (momentum), and the value and slope at the abscissae kept; a curve of the coarse space
     comes back."""
-    coarse, union = spline_on(TREE, by_hole(0.04)), spline_on(TREE, np.union1d(by_hole(0.03), by_hole(0.04)))
+    coarse, union = spline_on(by_hole(0.04)), spline_on(np.union1d(by_hole(0.03), by_hole(0.04)))
     kept = np.array([0.0, 0.0412, 0.1])
     projection = Projection(union, coarse, kept)
     q = bent(union)
@@ -98,17 +103,17 @@ def test_taking_out_knots_is_of_fourth_order() -> None:
 
 def test_a_knot_that_is_needed_stays() -> None:
     """Independent check: the tangent turns by no more than the bound, whatever is asked to go."""
-    fine = spline_on(TREE, by_hole(0.05, 2e-4))
+    fine = spline_on(by_hole(0.05, 2e-4))
     q = bent(fine)
-    roots = TREE.index(TREE.places[::512])
+    roots = TREE.places[::512]
     s = everywhere(fine)
     for bound in (1e-6, 1e-2):
-        new = refit(TREE, fine, roots, [q, q], np.array([0.0, 0.1]), bound)
+        new = refit(fine, roots, [q, q], np.zeros(0), bound)
         turned = np.linalg.norm(fine.curve(q, s)[:, 1] - new.spline.curve(new.fields[0], s)[:, 1], axis=1)
         assert turned.max() <= 2.0 * bound
-        assert np.isin(TREE.places[roots], new.spline.breaks).all()
+        assert np.isin(roots, new.spline.breaks).all()
         assert np.array_equal(new.fields[0], new.fields[1])
-    all_out = refit(TREE, fine, roots, [q], np.array([0.0, 0.1]), UNBOUNDED)
+    all_out = refit(fine, roots, [q], np.zeros(0), UNBOUNDED)
     assert all_out.spline.n == TREE.roots + 3
 
 

@@ -11,7 +11,7 @@ from meshes.block import block, graded_block_structured
 from meshes.grading import Grading
 from tests.bounds import IDENTITY, RESIDUAL, SUBGRID, TWO_SOLVERS
 from tests.tissue.layers import layer_compliance, stack_compliance
-from tissue.sites import footprint, unbounded
+from tissue.sites import footprint, subgrid, unbounded
 from tissue.sites.site import frame
 
 Array = NDArray[np.float64]
@@ -241,6 +241,29 @@ def test_a_small_body_that_nothing_holds_is_looked_at_as_if_it_were_alone() -> N
     assert alone is not None and beside is not None and alone.by == "patch"
     B, found = alone.springs, beside.springs
     assert B.size and np.abs(found @ found.T - B @ B.T).max() <= TWO_SOLVERS * np.abs(B @ B.T).max()
+
+
+def test_holes_that_share_the_whole_body_answer_as_each_alone() -> None:
+    """Consistency check: two holes at either edge of a small body, whose patches come to be all of it, once for both,
+    have the springs of each by itself."""
+    mesh, centres = block((12.0 * R, 8.0 * R, 4.0 * R), 2.0 * R), [[-4.75 * R, 0.0, 0.0], [4.75 * R, 0.5 * R, 0.0]]
+    both = organ(mesh, "P1", [hole(centre) for centre in centres]).sites.missing
+    for centre, found in zip(centres, both, strict=True):
+        (alone,) = organ(mesh, "P1", [hole(centre)]).sites.missing
+        assert alone is not None and found is not None and found.by == alone.by == "patch"
+        B, C = alone.springs, found.springs
+        assert B.size and np.abs(C @ C.T - B @ B.T).max() <= TWO_SOLVERS * np.abs(B @ B.T).max()
+
+
+def test_a_patch_that_is_soon_the_whole_body_grows_to_what_it_grew_to_step_by_step(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Consistency check: taking the whole body at once where a patch would hold most of it changes a hole's compliance
+    by less than what the steps to it leave to come."""
+    mesh, holes = block((20.0 * R, 12.0 * R, 4.0 * R), 2.0 * R), [hole([-8.75 * R, 0.0, 0.0])]
+    at_once = compliance(mesh, "P1", holes)[0]
+    monkeypatch.setattr(subgrid, "MOSTLY", 1.0)
+    assert mismatch(compliance(mesh, "P1", holes)[0], at_once) <= subgrid.TO_COME
 
 
 def test_the_frame_of_the_kernels_is_that_of_the_site() -> None:

@@ -60,6 +60,11 @@ class Continuous:
         """Abscissae at which the strain is known, shape `(spans, a)` [m]."""
         return self.stretch.s
 
+    @property
+    def home(self) -> Array:
+        """Abscissae that tell the pieces of those of the strain: the same, shape `(spans, a)` [m]."""
+        return self.stretch.s
+
     @cached_property
     def _points(self) -> Indices:
         return self.first[:, None] + np.arange(ORDERS)

@@ -50,5 +50,9 @@ class AxialEnergy(Energy, Protocol):
     def s(self) -> Array:
         """Abscissae at which the strain is known [m]."""
 
+    @property
+    def home(self) -> Array:
+        """Abscissae on the pieces of a cut thread that those of the strain are on, of the same shape [m]."""
+
     def next_axial_force(self, at: Any, dq: Array) -> Array:
         """Return N of the next iterate [N]: the solution of the linearised equation N/EA = ε(q)."""

@@ -26,24 +26,26 @@ from thread.arrays import Array, Indices
 from thread.energies.densities import axial_stiffness, axial_strain
 from thread.errors import ThreadError
 from thread.frames import Stations
+from thread.knots import apportion
 from thread.spline import ORDERS, Spline
 from thread.vectors import IDENTITY, dot, outer, unit_vector
 
 
 @dataclass(frozen=True)
 class SpringLayout:
-    """Springs on a spline: abscissae `s` (m + 1,) of their ends [m]."""
+    """Springs on a spline: abscissae `s` (m + 1,) of their ends [m]. Where the spline is cut two ends stand, one of
+    either piece, with no spring between them."""
 
     spline: Spline
     s: Array
 
     def __post_init__(self) -> None:
-        if self.s.size < 2 or np.any(np.diff(self.s) <= 0.0):
+        if self.s.size < 2 or np.any(self.length < 0.0) or np.sum(self.length == 0.0) != self.spline.pieces - 1:
             raise ThreadError(f"springs: {self.s.size - 1} springs with ends that do not rise; give at least one")
 
     @cached_property
     def length(self) -> Array:
-        """Rest lengths ℓ_k, shape `(m,)` [m]."""
+        """Rest lengths ℓ_k, zero across a cut, shape `(m,)` [m]."""
         return np.diff(self.s)
 
     @cached_property
@@ -57,9 +59,15 @@ class SpringLayout:
         return np.append(self.s[0], self.s[:-1]), np.append(self.s[1:], self.s[-1])
 
     @cached_property
+    def home(self) -> Array:
+        """Middle of the length of thread that each point stands for, which tells its piece, shape `(m + 1,)` [m]."""
+        before, after = self.neighbours
+        return 0.25 * (before + after) + 0.5 * self.s
+
+    @cached_property
     def window(self) -> tuple[Indices, int]:
         """First control point that each P_k and its neighbours depend on, and how many do at most."""
-        first, last = (self.spline.basis(s)[0] for s in self.neighbours)
+        first, last = (self.spline.basis(s, self.home)[0] for s in self.neighbours)
         reach = int(np.max(last - first)) + ORDERS
         return np.minimum(first, self.spline.n - reach), reach
 
@@ -68,7 +76,7 @@ class SpringLayout:
         `(m + 1, reach)`.
         """
         window, reach = self.window
-        first, b = self.spline.basis(s)
+        first, b = self.spline.basis(s, self.home)
         out = np.zeros((len(s), reach))
         np.put_along_axis(out, (first - window)[:, None] + np.arange(ORDERS), b[:, order], axis=1)
         return out
@@ -78,9 +86,9 @@ class SpringLayout:
         """Rows of the directions before and after each point, shape `(m + 1, 2, reach)`."""
         before, after = self.neighbours
         P, T = self.rows(self.s), self.rows(self.s, 1)
-        lengths = np.append(np.inf, self.length), np.append(self.length, np.inf)
-        chords = [(P - self.rows(before)) / lengths[0][:, None], (self.rows(after) - P) / lengths[1][:, None]]
-        chords[0][0], chords[1][-1] = T[0], T[-1]
+        lengths = np.append(0.0, self.length)[:, None], np.append(self.length, 0.0)[:, None]
+        steps = P - self.rows(before), self.rows(after) - P
+        chords = [np.divide(d, h, out=T.copy(), where=h > 0.0) for d, h in zip(steps, lengths, strict=True)]
         return np.stack(chords, axis=1)
 
     @cached_property
@@ -89,18 +97,24 @@ class SpringLayout:
         before, after = (self.rows(0.5 * (self.s + other)) for other in self.neighbours)
         rows = (self.rows(self.s, 1), self.rows(self.s, 2), self.rows(self.s), (after - before) / self.share[:, None])
         T, K, theta, theta_s = (x[:, None] for x in rows)
-        return Stations(self.window[0], self.s[:, None], self.share[:, None], T, K, theta, theta_s)
+        return Stations(self.window[0], self.s[:, None], self.home[:, None], self.share[:, None], T, K, theta, theta_s)
 
 
 def spread_springs(spline: Spline, count: int) -> SpringLayout:
-    """Place `count` springs from end to end of a spline.
+    """Place `count` springs from end to end of the pieces of a spline.
 
-    n − 1 springs join the Greville abscissae; more or fewer are spread as these are: finer where the control
-    points are.
+    n − 1 springs join the Greville abscissae of a piece; what there is more of them is divided among the pieces, and
+    spread as these are: finer where the control points are.
     """
     t = spline.knots
-    greville = (t[1:-3] + t[2:-2] + t[3:-1]) / 3.0
-    return SpringLayout(spline, np.interp(np.linspace(0.0, spline.n - 1.0, count + 1), np.arange(spline.n), greville))
+    greville = np.split((t[1:-3] + t[2:-2] + t[3:-1]) / 3.0, spline.piece_starts[1:])
+    fewest = np.array([len(points) - 1 for points in greville])
+    counts = fewest + apportion(count - fewest.sum() + len(fewest), fewest) - 1
+    places = [
+        np.interp(np.linspace(0.0, len(points) - 1.0, number + 1), np.arange(len(points)), points)
+        for points, number in zip(greville, counts.tolist(), strict=True)
+    ]
+    return SpringLayout(spline, np.concatenate(places))
 
 
 def bend(a: Array, b: Array) -> Array:
@@ -176,6 +190,11 @@ class Springs:
         """Middle of each spring, and the end: where the strain is known, shape `(m + 1,)` [m]."""
         s = self.layout.s
         return np.append(0.5 * (s[1:] + s[:-1]), s[-1])
+
+    @property
+    def home(self) -> Array:
+        """Abscissae on the pieces of a cut thread that those of the strain are on, shape `(m + 1,)` [m]."""
+        return self.layout.home
 
     @cached_property
     def _points(self) -> Indices:

@@ -15,6 +15,7 @@ Mask = NDArray[np.bool_]
 NEAREST = 24  # triangles, by their centres, among which that in front of a point is sought
 EDGE = 0.5  # of a triangle's size: how far past the surface's edge a point still faces it
 UPRIGHT = 0.2  # cosine of the slope to the direction along which one faces: steeper, that direction is the normal
+OPPOSITE = np.array([[1, 2], [0, 2], [0, 1]])  # sides of a triangle, each opposite a corner
 
 
 def face(at: Array, points: Array, triangles: Indices, ends: Mask, along: Array | None) -> Array:
@@ -78,7 +79,7 @@ def _area_normals(corners: Array) -> Array:
 def open_sides(triangles: Indices) -> Mask:
     """Return which sides 12, 02, 01 of triangles of nodes `(m, 3)`, each opposite a corner, no other one shares,
     `(m, 3)`."""
-    sides = np.sort(triangles[:, [[1, 2], [0, 2], [0, 1]]].reshape(-1, 2), axis=1)
+    sides = np.sort(triangles[:, OPPOSITE].reshape(-1, 2), axis=1)
     _, side, count = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
     return np.asarray(count[side.ravel()].reshape(-1, 3) == 1)
 

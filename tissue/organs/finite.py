@@ -64,7 +64,7 @@ MOST_CORRECTIONS = 50  # of the equilibrium without site forces
 class Motion:
     """What inertia does in a step: factors `a` [1/s²], `d` [1/s] and the fields U_a, U_d, `(N,)` [m]; the dead `load`
     of the step, `(N,)` [N], and the parts of the loads that act, as a state keeps them. Where the organ `creeps`, a is
-    no inertia but drags it back to U_a."""
+    no inertia but drags it back to U_a; where it is `led` along a branch, its potential need not fall."""
 
     a: float
     d: float
@@ -73,6 +73,7 @@ class Motion:
     load: Array
     shares: Array | None
     creeps: bool = False
+    led: bool = False
 
 
 @dataclass(frozen=True)
@@ -146,7 +147,8 @@ class Forces:
 @dataclass(frozen=True)
 class FiniteAnswer:
     """The answer linearised at a `point` with the springs' ends at `f_y` (9p,), by a `tangent` made there or before;
-    `pairing` is what faces what on the lips."""
+    `pairing` is what faces what on the lips; `ahead` (N,) [m] is how much further than by that tangent it goes, None:
+    no further."""
 
     organ: "FiniteOrgan"
     motion: Motion
@@ -154,6 +156,7 @@ class FiniteAnswer:
     tangent: Tangent
     f_y: Array
     pairing: Pairing
+    ahead: Array | None = None
 
     @property
     def linear(self) -> bool:
@@ -191,8 +194,9 @@ class FiniteAnswer:
 
     @cached_property
     def _U_r(self) -> Array:
-        """−A⁻¹ r, shape `(N,)` [m]."""
-        return -solved(self.tangent.factor, self.point.r)
+        """−A⁻¹ r, and what it goes ahead, shape `(N,)` [m]."""
+        U_r = -solved(self.tangent.factor, self.point.r)
+        return U_r if self.ahead is None else U_r + self.ahead
 
     @cached_property
     def J(self) -> Array:
@@ -247,8 +251,21 @@ class FiniteAnswer:
         after = organ.off_balance(point, forces)
         if share == 1.0 and after <= organ.tolerance(self.motion, point) and self._fits(point, f_y, p):
             return self
-        tangent = self.tangent if after <= organ.keep * before else organ.tangent(self.motion, point.U, point.F)
-        return FiniteAnswer(organ, self.motion, point, tangent, f_y, self.pairing)
+        if after > organ.keep * before:
+            tangent = organ.tangent(self.motion, point.U, point.F)
+            return FiniteAnswer(organ, self.motion, point, tangent, f_y, self.pairing)
+        kept = FiniteAnswer(organ, self.motion, point, self.tangent, f_y, self.pairing)
+        return kept.after(self, forces) if share == 1.0 and self.motion.a and not forces.push.any() else kept
+
+    def after(self, last: "FiniteAnswer", forces: Forces) -> "FiniteAnswer":
+        """Return the answer that goes as far ahead as the last two corrections by one tangent say, without a solve
+        more: an old tangent leaves much the same part of each, in much the same direction (Anderson, J. ACM 12, 1965,
+        with one correction remembered: of more the last few steps need hardly fewer)."""
+        way = self.point.U - last.point.U
+        left = self.moved(forces) - self.point.U
+        change = left - (way if last.ahead is None else way - last.ahead)
+        part = float(left @ change) / max(float(change @ change), np.finfo(float).tiny)
+        return replace(self, ahead=-part * (way + change))
 
     def _fits(self, point: Point, f_y: Array, p: Array) -> bool:
         """Whether the sites are where their linearisation says."""
@@ -265,6 +282,7 @@ class FiniteAnswer:
         A = csr_matrix(self.tangent.A - Z.T @ csr_matrix(self._S) @ Z)
         Y = csr_matrix(csr_matrix(self.J) @ Z)
         b = A @ self.point.U - self.point.r
+        b = b if self.ahead is None else b + self.tangent.A @ self.ahead
         y0 = organ.map.y(self.point.z) - Y @ self.point.U
         springs = organ.sites.springs
         if springs.shape[1]:
@@ -288,6 +306,7 @@ class FiniteOrgan(MeshedOrgan):
     _tangents: OrderedDict[tuple[float, float, int, bytes], Tangent] = field(init=False, repr=False)
     _pattern: Pattern = field(init=False, repr=False)
     _recalled: deque[tuple[Array, float, Array]] = field(init=False, repr=False)
+    _met: deque[tuple[Array, Array, Array]] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -313,6 +332,7 @@ class FiniteOrgan(MeshedOrgan):
         object.__setattr__(self, "_tangents", OrderedDict())
         object.__setattr__(self, "_pattern", Pattern())
         object.__setattr__(self, "_recalled", deque(maxlen=3))
+        object.__setattr__(self, "_met", deque(maxlen=2))
 
     # --- the organ's own numbers ------------------------------------------------------------------------------
 
@@ -358,6 +378,7 @@ class FiniteOrgan(MeshedOrgan):
         """Return the organ at U, with its deformation gradients `F` where they are known."""
         F = self.law.gradient(self.whole(U)) if F is None else F
         forces, scale = self.law.forces(F)
+        self._met.append((U, F, forces[self.elasticity.free]))
         r = forces[self.elasticity.free] - motion.load - self.pressing(motion.shares, U)
         if motion.a:
             r = r + self.M @ (motion.a * (U - motion.inertia) + self.damping * motion.d * (U - motion.damping))
@@ -400,8 +421,8 @@ class FiniteOrgan(MeshedOrgan):
         return out
 
     def go(self, motion: Motion, start: Point, U: Array, forces: Forces, before: float) -> tuple[Point, float]:
-        """Go from `start` to U, or a part of the way: where no cell is inverted and either the residual, `before` at
-        the start, or the potential falls. Returns where, and the part. Raises `OrganError`."""
+        """Go from `start` to U, or a part of the way: where no cell is inverted and, but where the organ is led, the
+        residual, `before` at the start, or the potential falls. Returns where, and the part. Raises `OrganError`."""
         share, way, first, inverted = 1.0, U - start.U, None, np.inf
         while share >= SHORTEST:
             there = start.U + share * way if share < 1.0 else U
@@ -409,7 +430,7 @@ class FiniteOrgan(MeshedOrgan):
             if self.law.is_possible(F):
                 with np.errstate(over="ignore", invalid="ignore"):  # no forces are finite there: a part of the way is
                     point = self.point(motion, there, F)
-                if self.off_balance(point, forces) <= max(before, self.tolerance(motion, point)):
+                if motion.led or self.off_balance(point, forces) <= max(before, self.tolerance(motion, point)):
                     return point, share
                 first = self.potential(motion, start.U, start.U, start.F, forces) if first is None else first
                 if self.potential(motion, start.U, there, F, forces) <= first + RISE * abs(first):
@@ -528,6 +549,13 @@ class FiniteOrgan(MeshedOrgan):
             self, motion, point, self.tangent(motion, state.U, point.F), state.f_y, self.paired_anew(state.U)
         )
 
+    def under(self, answer: FiniteAnswer, time: float, share: float) -> FiniteAnswer:
+        """Return an answer at rest under another `share` of the loads at `time` [s], where it is. From there it is led:
+        an equilibrium that does not hold is no valley of its potential."""
+        shares = self.shares_at(time, share)
+        motion = replace(answer.motion, load=self.load_under(shares), shares=shares, led=True)
+        return replace(answer, motion=motion, point=self.point(motion, answer.point.U, answer.point.F))
+
     def holds(self, answer: FiniteAnswer) -> bool:
         """Whether the organ would stay where its answer stands, under dead forces: its tangent is definite."""
         return answer.tangent.definite
@@ -624,9 +652,17 @@ class FiniteOrgan(MeshedOrgan):
         for known, energy, force in self._recalled:
             if known is U:
                 return energy, force
-        F = self.law.gradient(self.whole(U))
-        self._recalled.append((U, self.law.energy(F), self.law.forces(F)[0][self.elasticity.free]))
+        F, force = self._forces_at(U)
+        self._recalled.append((U, self.law.energy(F), force))
         return self._recalled[-1][1:]
+
+    def _forces_at(self, U: Array) -> tuple[Array, Array]:
+        """Return F at the cells and the force of the stored energy (N,) [N], those of the last points if they are."""
+        for known, F, force in self._met:
+            if np.array_equal(known, U):
+                return F, force
+        F = self.law.gradient(self.whole(U))
+        return F, self.law.forces(F)[0][self.elasticity.free]
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """Return the energies at `new`, and what was done on the way from `old` [J].

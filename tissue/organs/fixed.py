@@ -12,7 +12,7 @@ from tissue.sites.site import Site, space_frames
 
 
 @dataclass(frozen=True)
-class FixedAnswer(SiteAnswer):
+class FixedAnswer(SiteAnswer[OrganState]):
     """The answer of sites fixed in space, whose rows of the assembled matrix are empty."""
 
     @property

@@ -29,11 +29,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, csr_matrix
+from scipy.spatial import cKDTree
 
 from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
 from tissue.organs.facing import Mask, face, facet_normals, open_sides, triangle_sizes
+from tissue.organs.rim import Rim, rim_of
 from tissue.supports import facets_of
 
 SLID = 0.01  # of the smallest facet of the right side: nearer, what lies in front of a node is its pair
@@ -49,14 +51,16 @@ MIDDLES = np.array([[0, 1], [1, 2], [0, 2]])  # of a facet's sides, as they come
 class Part:
     """The pairs of two surfaces, `between` them by name.
 
-    The nodes on the `left` `(k,)`, the right side's `facets` `(m, 3)`, with P2 `(m, 6)`, which turn so that their
-    normals point away from the left one, and their open sides, the `ends`; `along` as in `tissue.organs.facing.face`.
-    `start` `(k, 7)` is what each node faces in the reference shape, and `sunk` `(k,)` [m] how far beyond it is, which
-    counts as touching. `hats` `(v, k)` are the P1 functions of the left vertices at the pairs, `areas` `(v,)` [m²]
-    their integrals. `friction` is Coulomb's coefficient [-].
+    The vertices of the left side's `triangles` `(t, 3)` and the nodes on it that can meet, `left` `(k,)`, the right
+    side's `facets` `(m, 3)`, with P2 `(m, 6)`, which turn so that their normals point away from the left one, and their
+    open sides, the `ends`; `along` as in `tissue.organs.facing.face`. `start` `(k, 7)` is what each node faces in the
+    reference shape, and `sunk` `(k,)` [m] how far beyond it is, which counts as touching. `hats` `(v, k)` are the P1
+    functions of the left vertices at the pairs, `areas` `(v,)` [m²] their integrals. `friction` is Coulomb's
+    coefficient [-].
     """
 
     between: tuple[str, str]
+    triangles: Indices
     left: Indices
     facets: Indices
     ends: Mask
@@ -145,6 +149,20 @@ class Gaps:
         return tuple(slice(first, last) for first, last in pairwise(ends))
 
     @cached_property
+    def rims(self) -> tuple[tuple[Rim, Rim], ...]:
+        """Where the left and the right side of each part end on the outer surface of the organ."""
+        each = [(part.triangles, part.facets[:, :3]) for part in self.parts]
+        return tuple((rim_of(self.body.mesh, *sides), rim_of(self.body.mesh, *sides[::-1])) for sides in each)
+
+    def nearest(self, points: Array) -> Indices:
+        """Return the pair whose left node is nearest to each of the `points` `(m, 3)` [m] in the reference shape."""
+        return np.asarray(self._tree.query(points)[1], dtype=np.intp)
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.body.points[self.left])
+
+    @cached_property
     def extent(self) -> float:
         """How long the sides are [m]: so far away is said to be what faces nothing."""
         return float(np.ptp(self.body.points[self.lip_nodes], axis=0).max())
@@ -201,11 +219,15 @@ class Gaps:
     def crossed(self, U: Array) -> float:
         """Return how far nodes are beyond what they face under a displacement of all unknowns (N,) [m], at most, over
         the extent of the surfaces [-]."""
-        body = self.body
-        facing = self.facing(body.points, body.nodal(U), turns=True)
-        at = self.start if facing is None else facing
-        gaps = self.rest(at) + self.sums(at) @ (self.rows @ U[body.free])
+        gaps = self.apart(self.body.nodal(U), turns=True)
         return max(0.0, -float(gaps.min(initial=0.0))) / self.extent
+
+    def apart(self, displacement: Array, turns: bool = False) -> Array:
+        """Return the gaps between what faces what under a `displacement` of all nodes `(n, 3)` [m], shape `(k,)` [m],
+        along `along`, or to the nearest point where surfaces turn."""
+        facing = self.facing(self.body.points, displacement, turns)
+        at = self.start if facing is None else facing
+        return np.asarray(self.rest(at) + self.sums(at) @ displacement[self.lip_nodes].ravel())
 
     def weights(self, facing: Array) -> tuple[Indices, Array]:
         """Return the nodes that make the point each left node faces, and their weights, shape `(k, 3)`, with P2
@@ -344,7 +366,8 @@ def _part(
     gap = np.where(start[:, 0] < 0.0, 0.0, np.vecdot(across, start[:, 4:]))[kept]
     hats, areas = _hats(body, triangles, corners[kept], along)
     sunk = np.maximum(-gap, 0.0)
-    return Part(between, left[kept], right, open_sides(right[:, :3]), along, start[kept], sunk, hats, areas), sunk
+    ends = open_sides(right[:, :3])
+    return Part(between, triangles, left[kept], right, ends, along, start[kept], sunk, hats, areas), sunk
 
 
 def _weights(facets: Indices, facing: Array) -> tuple[Indices, Array]:

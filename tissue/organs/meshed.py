@@ -22,7 +22,7 @@ needs no further solve.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -138,16 +138,19 @@ class Equation(NamedTuple):
     G: csr_matrix
 
 
+Body = TypeVar("Body")
+
+
 @dataclass(frozen=True)
-class SiteAnswer:
+class SiteAnswer(Generic[Body]):
     """An answer of sites alone, y = y_free + C f_y with C (9p, 9p) of `compliance`, made when first asked for.
 
-    `accepted` makes the state at the end of the step of f_y and p.
+    `accepted` makes the organ's state at the end of the step of f_y and p.
     """
 
     y_free: Array
     compliance: Callable[[], Array]
-    accepted: Callable[[Array, Array], OrganState]
+    accepted: Callable[[Array, Array], Body]
 
     @property
     def linear(self) -> bool:
@@ -179,11 +182,11 @@ class SiteAnswer:
         """No pairs, shape `(0,)`."""
         return EMPTY
 
-    def accept(self, f_y: Array, p: Array = EMPTY) -> OrganState:
+    def accept(self, f_y: Array, p: Array = EMPTY) -> Body:
         """Return the state at the end of the step."""
         return self.accepted(f_y, p)
 
-    def again(self, f_y: Array, p: Array) -> "SiteAnswer":
+    def again(self, f_y: Array, p: Array) -> "SiteAnswer[Body]":
         """Return itself: the answer is linear."""
         return self
 

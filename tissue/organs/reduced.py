@@ -233,7 +233,7 @@ class ReducedOrgan:
 
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
-    ) -> SiteAnswer:
+    ) -> SiteAnswer[OrganState]:
         """Return the answer of a step of `scheme` from the states `past`, the newest first, under `share` of the loads
         at `time` [s]."""
         operator, shares = self.operator(scheme.a, scheme.d), self.full.shares_at(time, share)
@@ -306,7 +306,7 @@ class ReducedOrgan:
             numerical=float(0.5 * dU @ dU + 0.5 * dV @ (mu * dV) + (mu * A) @ dU - (mu * V) @ dV),
         )
 
-    def impulse(self, state: OrganState) -> SiteAnswer:
+    def impulse(self, state: OrganState) -> SiteAnswer[OrganState]:
         """Return the answer to an impulse on the sites, dy/dt = Y η̇, by the masses of the basis: a hole is heavier than
         in the mesh, whose nodes alone take an impulse."""
         own = self.reduction.size
@@ -327,7 +327,7 @@ class ReducedOrgan:
         inverse = np.divide(1.0, mu, out=np.zeros_like(mu), where=np.greater(mu, 0.0))
         return np.asarray(inverse[:, None] * self.reduction.Y.T)
 
-    def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> SiteAnswer:
+    def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> SiteAnswer[OrganState]:
         """Return the answer of a step in which nothing moves from `y` (9p,) while the forces stay the same; V is
         kept."""
         operator = self.operator(scheme.a, scheme.d)

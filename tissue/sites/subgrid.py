@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import cdist
 
 from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
@@ -54,6 +55,7 @@ THIN = 2.0 / 3.0  # of that where stiffer tissue begins within a radius: couples
 SLOPE = 0.6  # growth of that size with the distance from disc or ball
 REACH, CELLS = 1.0, 1.5  # radii, and longest edges, from the rim of a hole to that of its patch, whichever is more
 WIDER = 1.5  # of the reach, each time that the second patch grows
+MOSTLY = 0.5  # of the bodies' cells: a patch that would hold more of them is all of them, once for all holes there
 MOST = 4000  # cells in a patch, for each of its holes: some 20,000 unknowns, a second
 LEAST = 0.75  # of the reach that the most cells must allow: below, the mesh is as fine as the patch would be
 SMALL, TO_COME = 0.012, 0.025  # change of the compliance by the last growth, and sum of those to come, that are allowed
@@ -147,11 +149,17 @@ def missing_of_each(
     near = between < NEAR * coarser
     patched = np.array([k for k in asked if near[k].any() or not around[k].unbounded], np.intp)
     found = {k: replace(by_closed_form(body, asked[k], around[k]), group=k) for k in asked if k not in patched}
-    _, label = connected_components(csr_matrix((near | same)[np.ix_(patched, patched)]), directed=False)
-    for group in np.unique(label):
-        members = patched[label == group].tolist()
-        gaps = by_patch(body, [asked[k] for k in members], [around[k] for k in members])
-        found |= {k: replace(gap, group=members[0]) for k, gap in zip(members, gaps, strict=True)}
+    patches = patches_of(body, [asked[k] for k in patched], [around[k] for k in patched])
+    count, label = connected_components(csr_matrix((near | same)[np.ix_(patched, patched)]), directed=False)
+    groups = [np.flatnonzero(label == group) for group in range(count)]
+    bodies = [tuple(np.unique(patches.bodies[group])) for group in groups]
+    for one in dict.fromkeys(bodies):
+        alike = [group for group, own in zip(groups, bodies, strict=True) if own == one]
+        every = patches.among(np.concatenate(alike))
+        for group in alike:
+            members = patched[group].tolist()
+            gaps = by_patch(patches.among(group, every), [around[k] for k in members])
+            found |= {k: replace(gap, group=members[0]) for k, gap in zip(members, gaps, strict=True)}
     return tuple(found.get(k) for k in range(len(holes)))
 
 
@@ -213,15 +221,13 @@ def by_line(body: Elasticity, surface: Surface, balls: Sequence[Hole]) -> list[M
     ]
 
 
-def by_patch(body: Elasticity, holes: Sequence[Hole], around: Sequence[Around]) -> list[Missing]:
+def by_patch(patches: "Patches", around: Sequence[Around]) -> list[Missing]:
     """What the mesh misses of holes on one patch, by cells that are finer and of second order.
 
     Nothing is added where the mesh is too fine for that, which holds where it needs nothing, or where the part of the
     linear cells does not settle.
     """
-    reach = [max(REACH * hole.seen.radius, CELLS * here.longest) for hole, here in zip(holes, around, strict=True)]
-    stiff = [moduli(body, here.touched)[0] for here in around]
-    patches = Patches(body, holes, np.array(reach), np.array(stiff))
+    body, holes = patches.body, patches.holes
     if patches.widest < LEAST:
         small = [by_closed_form(body, hole, here).share <= RESOLVED for hole, here in zip(holes, around, strict=True)]
         return [nothing(here, good) for here, good in zip(around, small, strict=True)]
@@ -244,15 +250,50 @@ def nothing(here: Around, holds: bool) -> Missing:
     return Missing(np.zeros((9, 0)), 0.0, here.size, here.clear, "nothing", holds)
 
 
+def patches_of(body: Elasticity, holes: Sequence[Hole], around: Sequence[Around]) -> "Patches":
+    """The patches of all holes at once."""
+    reach = [max(REACH * hole.seen.radius, CELLS * here.longest) for hole, here in zip(holes, around, strict=True)]
+    stiff = [moduli(body, here.touched)[0] for here in around]
+    return Patches(body, holes, np.array(reach), np.array(stiff))
+
+
 @dataclass(frozen=True)
 class Patches:
     """Patches of a body around `holes` that share them; `reach` `(p,)` [m] from the rims is that of the first, `stiff`
-    `(p,)` [Pa] is E at the holes."""
+    `(p,)` [Pa] is E at the holes. These may be some of `every` hole in the same bodies."""
 
     body: Elasticity
     holes: Sequence[Hole]
     reach: Array
     stiff: Array
+    every: "Patches | None" = None
+
+    def among(self, members: Indices, every: "Patches | None" = None) -> "Patches":
+        """The patches around those of the holes that are `members` `(k,)`, which are among `every` one in the same
+        bodies."""
+        return Patches(self.body, [self.holes[k] for k in members], self.reach[members], self.stiff[members], every)
+
+    @cached_property
+    def whole(self) -> tuple[Array, Array]:
+        """The compliances in the whole of their bodies, as `compliances`; once for `every` hole in the same ones."""
+        if self.every is None:
+            patch = self.patch(np.inf)
+            return patch.compliance(self.rows), patch.refined_compliance(unlimited, self.on)
+        own, second = self.every.whole
+        rows = [
+            9 * k + i for hole in self.holes for k, one in enumerate(self.every.holes) if one is hole for i in range(9)
+        ]
+        return own[np.ix_(rows, rows)], second[np.ix_(rows, rows)]
+
+    @cached_property
+    def label(self) -> Indices:
+        """The body that each cell belongs to, `(c,)`: cells of one body hang together."""
+        return self.labels(np.ones(self.body.mesh.nelements, dtype=bool))
+
+    @cached_property
+    def bodies(self) -> Indices:
+        """The body that each hole is in, `(p,)`."""
+        return np.array([self.label[self.beside(hole)][0] for hole in self.holes], np.intp)
 
     @cached_property
     def distances(self) -> Array:
@@ -287,17 +328,20 @@ class Patches:
                 asked.append(SPREAD * t * float(np.cbrt(own / E[softer].min() / 6.0)) / reach)
         return max(asked)
 
+    def labels(self, chosen: NDArray[np.bool_]) -> Indices:
+        """Of all cells `(c,)` the number of the part that each belongs to, where the `chosen` ones hang together."""
+        beside = self.body.mesh.f2t
+        left, right = beside[:, (beside[1] >= 0) & chosen[beside].all(axis=0)]
+        links = csr_matrix((np.ones(left.size), (left, right)), shape=(chosen.size, chosen.size))
+        return np.asarray(connected_components(links, directed=False)[1], np.intp)
+
     def patch(self, factor: float) -> Patch:
         """The cells within `factor` of the reach that hang together with the holes; of bodies that nothing holds
         `held`."""
         body, chosen = self.body, self.distances <= factor
-        left, right = body.mesh.f2t[:, (body.mesh.f2t[1] >= 0) & chosen[body.mesh.f2t].all(axis=0)]
-        links = csr_matrix((np.ones(left.size), (left, right)), shape=(chosen.size, chosen.size))
-        _, label = connected_components(links, directed=False)
-        parts = {
-            int(one): hole for hole in reversed(self.holes) for one in np.unique(label[self.beside(hole) & chosen])
-        }
-        cells = [self.held(np.flatnonzero(chosen & (label == one)), hole) for one, hole in parts.items()]
+        label = self.labels(chosen)
+        parts = np.unique(np.concatenate([label[self.beside(hole) & chosen] for hole in self.holes]))
+        cells = [self.held(np.flatnonzero(chosen & (label == one))) for one in parts]
         return Patch(body, np.sort(np.concatenate(cells)))
 
     def beside(self, hole: Hole) -> NDArray[np.bool_]:
@@ -305,9 +349,9 @@ class Patches:
         touched = np.asarray(np.isin(self.body.nodes, hole.rows.indices).any(axis=1))
         return np.asarray(touched[self.body.cells].all(axis=1))
 
-    def held(self, cells: Indices, hole: Hole) -> Indices:
-        """Return `cells` that hang together around a hole, without the corner farthest from it where they are a whole
-        body that nothing holds."""
+    def held(self, cells: Indices) -> Indices:
+        """Return `cells` that hang together, without the corner farthest from the holes where they are a whole body
+        that nothing holds."""
         body, own = self.body, np.zeros(self.body.mesh.nelements, dtype=bool)
         own[cells] = True
         nodes, beside = np.unique(body.cells[cells]), body.mesh.f2t[:, body.mesh.f2t[1] >= 0]
@@ -315,7 +359,8 @@ class Patches:
         if is_cut or holds_still(body.points[nodes], np.isin(body.nodes[nodes], body.clamped)):
             return cells
         corners = np.unique(body.mesh.t[:, cells])
-        away = corners[np.linalg.norm(body.mesh.p.T[corners] - hole.seen.centre, axis=1).argmax()]
+        centres = np.array([hole.seen.centre for hole in self.holes])
+        away = corners[cdist(body.mesh.p.T[corners], centres).min(axis=1).argmax()]
         return cells[(body.mesh.t[:, cells] != away).all(axis=0)]
 
     def gap(self) -> tuple[Array, Array, bool]:
@@ -329,18 +374,27 @@ class Patches:
 
     def widened(self, local: Array, order: Array, whole: Array) -> tuple[Array, Array, bool]:
         """`gap` from the part of the size of cells, and that of their order on the first patch."""
-        factor, end = min(1.0, self.widest), float(self.distances.max())
+        inside = np.isin(self.label, self.bodies)
+        factor, end = min(1.0, self.widest), float(self.distances[inside].max())
         changes: list[float] = []
         while factor < end and not (factor >= self.spread and is_settled(changes)):
             factor *= WIDER
             if factor > self.widest:
                 return local + order, whole, False
-            patch = self.patch(factor)
-            own, second = patch.compliance(self.rows), patch.refined_compliance(unlimited, self.on)
+            if np.mean(self.distances[inside] <= factor) > MOSTLY:
+                factor = np.inf
+            own, second = self.compliances(factor)
             whole = local + second
             changes.append(float(np.max(np.abs(np.diag(second - own - order)) / np.diag(whole))))
             order = second - own
         return local + order, whole, True
+
+    def compliances(self, factor: float) -> tuple[Array, Array]:
+        """Those of the cells within `factor` of the reach, as they are and quadratic, `(9p, 9p)` each."""
+        if factor == np.inf:
+            return self.whole
+        patch = self.patch(factor)
+        return patch.compliance(self.rows), patch.refined_compliance(unlimited, self.on)
 
     def size(self, corners: Array) -> Array:
         """Size wanted of cells with these corners `(c, 4, 3)`, shape `(c,)` [m]."""

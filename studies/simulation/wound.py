@@ -1,0 +1,129 @@
+"""A wound between two surfaces that may touch, as one judges it who has closed it: what draws its sides together, how
+its edges stand, and where along them it gapes.
+
+A hole belongs to the surfaces that are nearest to it in the reference shape, and lies on the left side of them or on
+the right. With d their normal there, from left to right, the thread draws the hole to the other side by f·d on the left
+and by −f·d on the right, f its force on the tissue. Of a loop that is tied all holes and balls of tracts are one
+stitch, unless it goes to the other side more often than a pulley does and is a running suture. Of another tract its
+balls are one, and any other hole is one alone.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+import tissue
+from coupling.arrays import Flags
+from coupling.contact import ContactObservation
+from coupling.observation import PiercingObservation
+from coupling.system import System
+from studies.arrays import Array
+from studies.output.records import GapRecord, StitchRecord
+
+CROSSINGS = 3  # of a pulley, whose thread goes to the other side most often of all single stitches
+BALANCED = 1e-9  # of the holes' forces: what draws a wound together by less is their round-off
+SIDES = (False, True)  # on the right: the left side first
+
+
+@dataclass(frozen=True)
+class Bite:
+    """A hole beside a wound: of which `stitch`, whether on the `right`, where it was in the reference shape, `place`
+    (3,) [m], and the force that draws it to the other side, `drawn` [N]; a `ball` of a tract, or an opening."""
+
+    stitch: str
+    right: bool
+    place: Array
+    drawn: float
+    ball: bool
+
+
+@dataclass(frozen=True)
+class Wound:
+    """Two of the surfaces that may touch, number `part` of `gaps`, and the `bites` beside them in the order of the
+    thread."""
+
+    gaps: tissue.Gaps
+    part: int
+    bites: tuple[Bite, ...]
+
+    @property
+    def pair(self) -> str:
+        """Names of the two surfaces."""
+        return self.gaps.parts[self.part].name
+
+    @property
+    def closure_force(self) -> float:
+        """What the thread draws the two sides together with [N]: the mean of what either is drawn by."""
+        return 0.5 * sum(bite.drawn for bite in self.bites)
+
+    @property
+    def stitches(self) -> tuple[StitchRecord, ...]:
+        """What each stitch bears of that."""
+        total, size = 2.0 * self.closure_force, sum(abs(bite.drawn) for bite in self.bites)
+        out = []
+        for stitch in dict.fromkeys(bite.stitch for bite in self.bites):
+            left, right = (self._drawn(stitch, side) for side in SIDES)
+            share = (left + right) / total if total > BALANCED * size else None
+            out.append(StitchRecord(stitch, self.pair, left, right, share))
+        return tuple(out)
+
+    def _drawn(self, stitch: str, right: bool) -> float:
+        """Return what a stitch draws one side by [N]."""
+        return sum(bite.drawn for bite in self.bites if bite.stitch == stitch and bite.right is right)
+
+    @cached_property
+    def rims(self) -> tuple[tissue.Rim, ...]:
+        """Where the left and the right side end on the outer surface, as far as the openings of both are there."""
+        openings = np.array([bite.place for bite in self.bites if not bite.ball]).reshape(-1, 3)
+        return tuple(rim.near(openings) for rim in self.gaps.rims[self.part])
+
+    def eversion(self, points: Array) -> float:
+        """Return by how much the outer surface on both sides has risen towards the edges, together [rad], with all
+        nodes of the organ at `points` `(n, 3)` [m]."""
+        return sum(rim.turn(points) for rim in self.rims)
+
+    def profile(self, lips: ContactObservation, points: Array) -> tuple[GapRecord, ...]:
+        """Return the gaps along the left rim by its own `lips`, with all nodes at `points` `(n, 3)` [m]."""
+        part, (vertices, way) = self.gaps.parts[self.part], self.rims[0].way
+        faces, pressure = lips.gap < self.gaps.extent, part.hats.T @ part.vertex_pressure(lips.force)
+        if not vertices.size:
+            return ()
+        below = cKDTree(self.gaps.body.points[vertices]).query(self.gaps.body.points[part.left])[1]
+        out = []
+        for k, (vertex, far) in enumerate(zip(vertices.tolist(), way.tolist(), strict=True)):
+            own, here = lips.gap[(part.left == vertex) & faces], (below == k) & faces
+            edge = float(own[0]) if own.size else None
+            deep = float(lips.gap[here].max()) if here.any() else None
+            out.append(GapRecord(self.pair, far, points[vertex], edge, deep, float(pressure[here].max(initial=0.0))))
+        return tuple(out)
+
+
+def wounds_of(system: System, gaps: tissue.Gaps, holes: Sequence[PiercingObservation]) -> tuple[Wound, ...]:
+    """Return the surfaces that may touch with the `holes` of a step, balls of tracts among them, beside them."""
+    if not holes:
+        return tuple(Wound(gaps, part, ()) for part in range(len(gaps.parts)))
+    places = np.array([hole.x - hole.displacement for hole in holes])
+    pairs = gaps.nearest(places)
+    d = gaps.start[pairs, 4:] / np.linalg.norm(gaps.start[pairs, 4:], axis=1)[:, None]
+    right = np.vecdot(places - gaps.body.points[gaps.left[pairs]], d) > 0.0
+    drawn = np.where(right, 1.0, -1.0) * np.vecdot(np.array([hole.force for hole in holes]), d)
+    part = np.searchsorted([own.stop for own in gaps.slices], pairs, side="right")
+    order = np.argsort([hole.s for hole in holes], kind="stable")
+    balls = [bool(hole.tract) for hole in holes]
+    each = zip(stitches_of(system, holes, right), right.tolist(), places, drawn.tolist(), balls, strict=True)
+    every = [Bite(*bite) for bite in each]
+    return tuple(Wound(gaps, k, tuple(every[j] for j in order if part[j] == k)) for k in range(len(gaps.parts)))
+
+
+def stitches_of(system: System, holes: Sequence[PiercingObservation], right: Flags) -> list[str]:
+    """Name the stitch that each hole belongs to: by its tie, its tract or itself; `right` (p,) tells its side."""
+    names, s = [hole.tract or hole.name for hole in holes], np.array([hole.s for hole in holes])
+    for tie in system.ties:
+        inside = (s >= s[tie.between[0]]) & (s <= s[tie.between[1]])
+        sides = right[inside][np.argsort(s[inside], kind="stable")]
+        if np.count_nonzero(sides[1:] != sides[:-1]) <= CROSSINGS:
+            names = [tie.name if own else name for own, name in zip(inside.tolist(), names, strict=True)]
+    return names

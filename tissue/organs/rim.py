@@ -1,0 +1,118 @@
+"""Where a surface that may touch another ends on the outer surface of the organ: the rim of a wound's side.
+
+Beside each edge of a rim lies a facet of the outer surface. Where it turns so that it rises towards the edge, the edge
+is everted by that angle. An organ that turns as a whole everts one side of a wound by what it takes from the other.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_array, csr_matrix
+from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.spatial import cKDTree
+from skfem import MeshTet
+
+from tissue.arrays import Array, Indices
+from tissue.organs.facing import OPPOSITE, Mask, facet_normals, open_sides
+
+SMOOTH = 0.5  # cosine of 60°: the outer surface of one rim turns by less from edge to edge
+
+
+@dataclass(frozen=True)
+class Rim:
+    """The edges of a surface on the outer surface of the organ.
+
+    Their vertices `edges` `(e, 2)` and the vertices `facets` `(e, 3)` of the outer facet beside each, in the order in
+    which its normal points out of the organ; of the reference shape that `normal` `(e, 3)`, the unit vector `rising`
+    `(e, 3)` in the facet across the edge and towards it, `middles` `(e, 3)` [m] and `lengths` `(e,)` [m].
+    """
+
+    edges: Indices
+    facets: Indices
+    normal: Array
+    rising: Array
+    middles: Array
+    lengths: Array
+
+    def of(self, chosen: Mask) -> "Rim":
+        """Return the `chosen` `(e,)` edges of it."""
+        own = self.normal[chosen], self.rising[chosen], self.middles[chosen], self.lengths[chosen]
+        return Rim(self.edges[chosen], self.facets[chosen], *own)
+
+    def near(self, points: Array) -> "Rim":
+        """Return the part of it that most of the `points` `(m, 3)` [m] are nearest to, of two the one with the first of
+        them, without a point the longest: the edges that go on in one another without a fold of the outer surface."""
+        if not len(self.edges):
+            return self
+        if not len(points):
+            return self.of(self._parts == np.bincount(self._parts, self.lengths).argmax())
+        votes = self._parts[cKDTree(self.middles).query(points)[1]].tolist()
+        return self.of(self._parts == max(dict.fromkeys(votes), key=votes.count))
+
+    def turn(self, points: Array) -> float:
+        """Return by how much the outer facets rise towards their edges with all nodes at `points` `(n, 3)` [m], in the
+        mean along the rim [rad], against the reference shape."""
+        normal = facet_normals(points[self.facets])
+        angles = np.arctan2(-np.vecdot(normal, self.rising), np.vecdot(normal, self.normal))
+        return float(self.lengths @ angles / self.lengths.sum()) if len(angles) else 0.0
+
+    @cached_property
+    def way(self) -> tuple[Indices, Array]:
+        """Its vertices in the order in which one comes along it, `(v,)`, and how far that is, `(v,)` [m]; a closed one
+        begins at its vertex of the lowest number."""
+        vertices, ends = np.unique(self.edges, return_inverse=True)
+        ends = ends.reshape(-1, 2)
+        lone = np.bincount(ends.ravel(), minlength=len(vertices)) == 1
+        kept = np.ones(len(ends), dtype=bool)
+        if len(ends) and not lone.any():  # a ring is opened at its first vertex
+            kept[np.flatnonzero((ends == 0).any(axis=1))[0]] = False
+        graph = csr_matrix((self.lengths[kept], ends[kept].T), shape=(len(vertices),) * 2)
+        far = dijkstra(graph, directed=False, indices=[int(lone.argmax())])[0] if len(ends) else np.zeros(0)
+        order = np.argsort(far, kind="stable")
+        return vertices[order], far[order]
+
+    @cached_property
+    def _parts(self) -> Indices:
+        """The part each edge belongs to, shape `(e,)`."""
+        e = len(self.edges)
+        at = coo_array((np.ones(2 * e), (np.repeat(np.arange(e), 2), self.edges.ravel())))
+        touching = coo_array(at @ at.T)
+        one, other = touching.coords
+        on = np.vecdot(self.normal[one], self.normal[other]) > SMOOTH
+        return np.asarray(connected_components(coo_array((np.ones(on.sum()), (one[on], other[on])), shape=(e, e)))[1])
+
+
+def rim_of(mesh: MeshTet, triangles: Indices, other: Indices) -> Rim:
+    """Return the rim of the surface of `triangles` `(t, 3)`, which faces that of `other` `(m, 3)`: neither is outer."""
+    outer, normals = _outer_facets(mesh, np.vstack([triangles, other]))
+    open_edges = _numbered(mesh, triangles[:, OPPOSITE][open_sides(triangles)])
+    sides = outer[:, OPPOSITE]
+    facet, side = np.nonzero(np.isin(_numbered(mesh, sides.reshape(-1, 2)), open_edges).reshape(-1, 3))
+    edges, points = sides[facet, side], mesh.p.T
+    ends = points[edges]
+    middles, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
+    lengths = np.linalg.norm(along, axis=1)
+    rising = np.cross(normals[facet], along / lengths[:, None])
+    away = np.vecdot(rising, middles - points[outer[facet, side]]) < 0.0
+    return Rim(edges, outer[facet], normals[facet], np.where(away[:, None], -rising, rising), middles, lengths)
+
+
+def _outer_facets(mesh: MeshTet, inner: Indices) -> tuple[Indices, Array]:
+    """Return the facets of the organ's surface but for those `inner` ones, `(f, 3)`, in the order in which their unit
+    normals `(f, 3)` point out of the organ."""
+    found = mesh.boundary_facets()
+    triangles = mesh.facets[:, found].T.astype(np.intp)
+    outer = ~np.isin(_numbered(mesh, triangles), _numbered(mesh, inner))
+    triangles, points = triangles[outer], mesh.p.T
+    behind = points[mesh.t[:, mesh.f2t[0, found[outer]]]].mean(axis=0)
+    normals = facet_normals(points[triangles])
+    inwards = np.vecdot(normals, points[triangles[:, 0]] - behind) < 0.0
+    turned = np.where(inwards[:, None], triangles[:, [0, 2, 1]], triangles)
+    return turned, np.where(inwards[:, None], -normals, normals)
+
+
+def _numbered(mesh: MeshTet, corners: Indices) -> Indices:
+    """Return one number for each edge `(m, 2)` or triangle `(m, 3)` of vertices, whichever way round it is given."""
+    numbers = np.sort(corners, axis=1).T
+    return np.asarray(np.ravel_multi_index(tuple(numbers), (mesh.nvertices,) * len(numbers)))
