@@ -1,6 +1,6 @@
 """The organ: small-strain linear elasticity on tetrahedra, and its nine site variables per piercing."""
 
-from tissue.deformation import cauchy_stress, cell_deformation, cell_energy, cell_stretch
+from tissue.deformation import cauchy_stress, cell_deformation, cell_energy, cell_stretch, principal_stretch
 from tissue.elasticity import Elasticity, elasticity
 from tissue.errors import FactorError, OrganError, TissueError
 from tissue.hyperelasticity import Hyperelasticity
@@ -15,7 +15,7 @@ from tissue.organs.meshed import Equation, LinearAnswer, Lips, OrganEnergies, Or
 from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.organs.reduced import ReducedOrgan, ReducedState, Reduction, reduce_organ
 from tissue.organs.rim import Rim
-from tissue.sites.site import Site, Sites, build_sites
+from tissue.sites.site import Site, Sites, build_sites, cells_at
 from tissue.sites.surface import depths, distances, landing
 from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
@@ -62,6 +62,7 @@ __all__ = [
     "cell_energy",
     "cell_strain",
     "cell_stretch",
+    "cells_at",
     "conjugate_gradients",
     "depths",
     "distances",
@@ -77,6 +78,7 @@ __all__ = [
     "motions_in_words",
     "nodal_volume_ratio",
     "principal",
+    "principal_stretch",
     "reduce_organ",
     "rigid_motions",
     "stress_recovery",

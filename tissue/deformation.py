@@ -16,10 +16,16 @@ def cell_stretch(hyper: Hyperelasticity, U: Array) -> tuple[Array, Array]:
 
     Both are measured from the reference shape, a prestretch left out.
     """
+    return principal_stretch(hyper, U)[:2]
+
+
+def principal_stretch(hyper: Hyperelasticity, U: Array) -> tuple[Array, Array, Array]:
+    """Return stretches and rotation of each cell as `cell_stretch` does, and along which unit vectors, of either sense,
+    the deformed tissue is stretched so, as rows `(c, 3, 3)` [-]."""
     left, stretch, right = np.linalg.svd(cell_deformation(hyper, U))
     R = left @ right
     sine = np.linalg.norm(R - R.swapaxes(1, 2), axis=(1, 2)) / np.sqrt(8.0)
-    return stretch, np.arctan2(sine, 0.5 * (np.trace(R, axis1=1, axis2=2) - 1.0))
+    return stretch, np.arctan2(sine, 0.5 * (np.trace(R, axis1=1, axis2=2) - 1.0)), left.swapaxes(1, 2)
 
 
 def cell_energy(hyper: Hyperelasticity, U: Array) -> Array:

@@ -435,6 +435,7 @@ TRACT_NAME: Column[TractRecord] = text("tract", "names of the two holes it is be
 TRACT: tuple[Column[TractRecord], ...] = (
     count("balls", "of tissue in a row along the thread's path", lambda tract: len(tract.balls)),
     Column("length", "m", "of the path on which the thread bears: deep enough in the tissue", lambda t: t.length),
+    Column("spacing", "m", "of the balls along it, at most", lambda tract: tract.spacing),
     vector("force", "N", "of the tissue on the thread along the tract, in all", lambda tract: tract.force),
     Column("normal_force", "N", "sum over the balls of the forces across the thread", lambda tract: tract.normal_force),
     Column("friction", "N", "sum of the forces along the thread, towards rising `s`", lambda tract: tract.friction),
@@ -534,6 +535,20 @@ ORGAN_CELLS: tuple[Column[OrganRecord], ...] = (
         "J: volume between the corners of the cell over that before, 1 where tissue keeps its volume",
         lambda organ: organ.volume_ratio,
     ),
+    Column(
+        "principal_stretch",
+        "-",
+        "principal stretches of the mean of the cell, falling; at finite strain",
+        lambda organ: organ.principal_stretch,
+        parts=("stretch_first", "stretch_second", "stretch_third"),
+    ),
+    vector(
+        "first_stretch",
+        "-",
+        "unit vector of the first of them as tissue lies; at finite strain",
+        lambda o: o.first_stretch,
+    ),
+    vector("third_stretch", "-", "unit vector of the third, likewise", lambda o: o.third_stretch),
 )
 THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
     Column("s", "m", "abscissa: rest arc length from the start of the path", lambda thread: thread.s),
@@ -575,10 +590,18 @@ RANGE: tuple[Column[Extremes], ...] = (
         lambda met: met.pressed_turn,
     ),
 )
-HOLE_RANGE: tuple[Column[tuple[float, float, float]], ...] = (
+HOLE_RANGE: tuple[Column[Sequence[float]], ...] = (
     Column("mean_strain", "-", "largest `mean_strain` of the piercing, over all steps", lambda met: met[0]),
     Column("turn", "rad", "largest `turn` of the piercing, over all steps", lambda met: met[1]),
     Column("bearing_pressure", "Pa", "largest `bearing_pressure`, over all steps", lambda met: met[2]),
+    Column(
+        "cell_strain",
+        "-",
+        "largest `strain` of the cells on which the hole bears, over all frames; at finite strain the stretch that is "
+        "farthest from one, less one",
+        lambda met: met[3],
+    ),
+    Column("cell_energy", "Pa", "largest `energy_density` of them, over all frames", lambda met: met[4]),
 )
 
 REDUCTION: Column[ReductionRecord] = count("vectors", "of the basis", lambda small: small.vectors)
@@ -751,9 +774,10 @@ def _contact_summary(pair: ContactRecord) -> dict[str, Any]:
 
 def range_summary(names: Iterable[str], extremes: Extremes) -> dict[str, Any]:
     """Make what ``summary.json`` says of how far the tissue of a run was strained and turned."""
-    largest = extremes.mean_strain, extremes.turn, extremes.bearing_pressure
-    each = zip(names, *(of_holes.tolist() for of_holes in largest), strict=True)
-    holes = {name: values(HOLE_RANGE, (strain, turn, pressure)) for name, strain, turn, pressure in each}
+    steps = extremes.mean_strain, extremes.turn, extremes.bearing_pressure
+    frames = extremes.cell_strain, extremes.cell_energy
+    each = zip(names, zip(*(of_holes.tolist() for of_holes in (*steps, *frames)), strict=True), strict=True)
+    holes = {name: values(HOLE_RANGE, largest) for name, largest in each}
     return {**values(RANGE, extremes), "piercings": holes}
 
 

@@ -68,6 +68,11 @@ class OrganRecord:
     contact_pressure: Array | None = None  # (nodes,) [Pa], zero off the lips; None without contact
     lip_gap: Array | None = None  # (nodes,) [m], not a number off the lips
     crossed: float = 0.0  # how far lips that do not touch are through one another, over their extent [-]
+    principal_stretch: Array | None = None  # (cells, 3) falling [-]; None of a linear organ
+    first_stretch: Array | None = None  # (cells, 3) direction of the largest of them in the deformed shape, unit
+    third_stretch: Array | None = None  # (cells, 3) of the smallest, unit
+    hole_strain: Array | None = None  # (p,) largest `strain` of the cells on which each hole bears [-]
+    hole_energy: Array | None = None  # (p,) largest `energy_density` of them [Pa]
     sprung: Array | None = None  # (p,) way of the springs at each hole over its footprint [-]; None of a linear organ
 
 
@@ -134,6 +139,23 @@ class TractRecord:
     def length(self) -> float:
         """Length of the path on which the thread bears [m]."""
         return sum(ball.bearing or 0.0 for ball in self.balls)
+
+    @property
+    def spacing(self) -> float:
+        """Largest length of path that a ball stands for, from each to the next [m]."""
+        return max(ball.bearing or 0.0 for ball in self.balls)
+
+    @property
+    def turn(self) -> float:
+        """Largest turn of the thread from a ball to the next, or on as much of its way across a wound [rad]."""
+        tangents, s = (np.array([getattr(ball, name) for ball in self.balls]) for name in ("tangent", "s"))
+        angles = np.arccos(np.clip(np.vecdot(tangents[1:], tangents[:-1]), -1.0, 1.0))
+        return float(np.max(angles * self.spacing / np.maximum(np.diff(s), self.spacing), initial=0.0))
+
+    @property
+    def tension(self) -> float:
+        """Largest tension of the thread at a ball [N], 0 where it is slack."""
+        return max(0.0, *(max(ball.tension_before, ball.tension_after) for ball in self.balls))
 
     @property
     def bearing(self) -> float:
@@ -271,6 +293,8 @@ class Extremes:
     way: Array  # (p,) of each hole from its place in the reference shape [m]
     difference: Array  # (p,) between a small basis and one with a block more [m]
     bound: Array  # (p,) of the distance to the whole organ [m]
+    cell_strain: Array  # (p,) of the cells on which each hole bears [-]
+    cell_energy: Array  # (p,) strain energy per volume of them [Pa]
     tension: float = 0.0  # of the thread at its holes and ends [N]
     thread_strain: float = 0.0  # [-]
     energy: float = 0.0  # kinetic and elastic, or work of whatever is outside [J]
@@ -312,7 +336,9 @@ class Extremes:
             return self
         return replace(
             self,
-            sprung=self.sprung if organ.sprung is None else np.maximum(self.sprung, organ.sprung),
+            sprung=at_least(self.sprung, organ.sprung),
+            cell_strain=at_least(self.cell_strain, organ.hole_strain),
+            cell_energy=at_least(self.cell_energy, organ.hole_energy),
             strain=max(self.strain, float(organ.strain.max())),
             rotation=max(self.rotation, float(organ.rotation.max())),
             strained=max(self.strained, organ.strained),
@@ -322,9 +348,14 @@ class Extremes:
         )
 
 
+def at_least(met: Array, now: Array | None) -> Array:
+    """Return what was met, shape `(p,)`, or now is where it is larger; None: nothing is known now."""
+    return met if now is None else np.asarray(np.maximum(met, now))
+
+
 def nothing_met(piercings: int) -> Extremes:
     """Return the extremes of a run with so many piercings before its start."""
-    return Extremes(*np.zeros((7, piercings)))
+    return Extremes(*np.zeros((9, piercings)))
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ CROSSED = 0.01  # of the lips' extent: nearer, they are as good as closed
 SLID = 1.0  # diameters that a thread may still slide in as long as the run took, and be at rest
 STEEP = 1.0  # friction along a surface over the force across it
 BARE = 4.0  # radii of a tract: as much of its path is near the surface where it goes in and out at 30° or more
+STIFF = 1.0  # EI times the turn from a ball to the next, over T r²: 2 % of what a bite of two or four radii closes
 IN_TISSUE = 1.0  # diameters of the thread: deeper, it lies in tissue and not on it
 MOVED = 2.0  # footprints: as far as a hole may be moved and still touch where it would have been
 NEAR = 2.0  # of the footprints of two holes together: there a hole moves its neighbour by a quarter of its own way
@@ -254,6 +255,14 @@ KINDS = (
         f"more than {BARE:g} radii of a tract's path outside the organ or nearer to a surface than its radius, besides "
         "what leads across a wound or from one surface in contact to the other",
         "no ball of tissue has room there, and the thread bears on none",
+    ),
+    Kind(
+        "tract-stiff",
+        "note",
+        f"EI times the turn of the thread from one ball of a tract to the next above {STIFF:g} T r², at the end of the "
+        "run; T is its tension, r the balls' radius",
+        "where the thread's stiffness presses on the tissue as its pull does, half the spacing changes what a bite "
+        "closes by more than 2 %, and the force on a ball at a sharp bend has no limit",
     ),
     Kind(
         "contact-rough",

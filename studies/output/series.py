@@ -52,7 +52,8 @@ SMALLEST = {"preset": 6, **WORDS}  # of the mesh, which is encoded once
 FASTEST = {"preset": 0, "dict_size": 4096, "depth": 1, "nice_len": 4, **WORDS}  # of fields, which hardly repeat
 # What is derived from the displacement keeps 13 of the 23 bits behind the point, 6e-5, and none below 8e-6 of the
 # largest in its array: a linear element's stress is wrong by far more, and the rest is noise that does not shrink.
-DERIVED = frozenset({"stress", "von_mises", "principal_stress", "first_direction", "third_direction"})
+DIRECTIONS = "first_direction", "third_direction", "first_stretch", "third_stretch"
+DERIVED = frozenset({"stress", "von_mises", "principal_stress", *DIRECTIONS})
 DERIVED |= {"strain", "rotation", "energy_density"}  # not J: of nearly incompressible tissue J − 1 is as small
 BITS_LEFT_OUT, BITS_OF_LARGEST = 10, 17
 

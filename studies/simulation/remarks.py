@@ -15,7 +15,7 @@ import tissue
 from meshes.quality import size_at
 from studies import scenario as model
 from studies.arrays import Array
-from studies.output.records import Ending, EnergyRecord, Extremes
+from studies.output.records import Ending, EnergyRecord, Extremes, TractRecord
 from studies.output.remarks import (
     BARE,
     COARSE,
@@ -35,6 +35,7 @@ from studies.output.remarks import (
     SMALL_ROTATION,
     SMALL_STRAIN,
     STEEP,
+    STIFF,
     THREAD_STRAIN,
     UNSETTLED,
     Remark,
@@ -147,6 +148,7 @@ def met(scenario: Scenario, ending: Ending, strengths: Sequence[float], springs:
         *turned_pressure(extremes),
         *crossed_lips(extremes),
         *overloaded(extremes, strength),
+        *(said for tract in step.tracts for said in stiff_in_tract(scenario, tract)),
         *coarse_spans(step.span_ratio),
         *few_spans(step.spans_between),
         *([] if dynamic else [*unsettled_bending(step.unsettled_layers), *unstable(step.would_stay)]),
@@ -593,6 +595,27 @@ def bare_tract(name: str, bare: float, length: float, radius: float) -> list[Rem
         "does not bear on tissue there; lead the path deeper or take a smaller radius"
     )
     return [remark("tract-bare", name, text)]
+
+
+def stiff_in_tract(scenario: Scenario, tract: TractRecord) -> list[Remark]:
+    """Judge the stiffness of the thread along a tract."""
+    radius = next(radius_of(each, scenario.piercing) for each in scenario.tract if each.name == tract.tract)
+    EI = section_of(scenario.thread).EI if scenario.thread.bending else 0.0
+    return stiffer_than_taut(tract.tract, EI * tract.turn / radius**2, tract.turn, tract.tension, tract.spacing)
+
+
+def stiffer_than_taut(name: str, push: float, turn: float, tension: float, spacing: float) -> list[Remark]:
+    """Judge the force `push` [N] by which a thread that makes a `turn` [rad] from one ball of a tract to the next, a
+    `spacing` [m] on, presses on them against its `tension` [N]."""
+    if push <= STIFF * tension:
+        return []
+    text = (
+        f"along the tract {name!r} the thread turns by {turn:.2g} rad from one ball to the next and presses on them "
+        f"with {push:.2g} N by its stiffness, under a tension of {tension:.2g} N: what it closes depends on the "
+        f"spacing, {spacing / MILLI:.2g} mm, by more than 2 %; let thread.path bend less there, take a thinner or "
+        "limper suture, or compare half the spacing"
+    )
+    return [remark("tract-stiff", name, text)]
 
 
 def values_of(assembly: Assembly) -> dict[str, Array]:

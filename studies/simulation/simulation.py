@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import skfem
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 import tissue
@@ -201,8 +202,26 @@ class Simulation:
         holes = own_holes(now.piercings)
         return Snapshot(now.state.time, thread_record(now), holes, self.organ_record(now.state), now.ties)
 
+    @cached_property
+    def _cells_at_holes(self) -> tuple[NDArray[np.intp], ...]:
+        """The cells on which each hole that is no ball of a tract bears."""
+        organ: Any = self.assembly.organ
+        each = zip(self.assembly.holes, tissue.cells_at(organ.elasticity, organ.sites), strict=True)
+        return tuple(cells for hole, cells in each if not isinstance(hole, Ball))
+
     def organ_record(self, state: State) -> OrganRecord | None:
         """Return the displacement, stress and strain of the organ, None without one."""
+        organ = self._organ_record(state)
+        if organ is None:
+            return None
+        strain, energy = (
+            np.array([field[cells].max(initial=0.0) for cells in self._cells_at_holes])
+            for field in (organ.strain, organ.energy_density)
+        )
+        return replace(organ, hole_strain=strain, hole_energy=energy)
+
+    def _organ_record(self, state: State) -> OrganRecord | None:
+        """Return what the organ is like, but for its holes."""
         body, organ = self.assembly.body, self.assembly.organ
         if body is not None and isinstance(organ, tissue.FiniteOrgan):
             wide = np.array([max(hole.footprint, np.finfo(float).tiny) for hole in self.assembly.holes])
@@ -240,7 +259,7 @@ def finite_record(
     is how far its springs are drawn out, over the footprints, `crossed` how far lips are through one another, over
     their extent, and `lips` their pressure and gap. Nothing else is beyond what its model holds for."""
     stress = tissue.cauchy_stress(hyper, U)
-    stretch, rotation = tissue.cell_stretch(hyper, U)
+    stretch, rotation, along = tissue.principal_stretch(hyper, U)
     strain = np.abs(stretch - 1.0).max(axis=1)
     values, directions = tissue.principal(stress)
     at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
@@ -260,6 +279,9 @@ def finite_record(
         lip_gap=gap,
         crossed=crossed,
         sprung=sprung,
+        principal_stretch=stretch,
+        first_stretch=along[:, 0],
+        third_stretch=along[:, 2],
     )
 
 

@@ -11,18 +11,22 @@ import pytest
 
 import tissue
 from coupling.events import changes
+from coupling.integrators import Equilibrium
 from coupling.observation import site_compliance
+from coupling.stepping import ask_organ
 from studies.scenario import ScenarioError, parse
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
-from studies.simulation.remarks import foreseen, without_tract
+from studies.simulation.remarks import foreseen, stiff_in_tract, without_tract
 from studies.simulation.tracts import Ball, across_wounds
 from tests.bounds import RESIDUAL
 
 BORDER = 1e-6  # of the way across: where a path is deep enough is found by twenty halvings
 FOUNDATION = 2e-3  # of the deflection of the tip: the spline's 160 points, and the beam's own theory at these loads
-SPACING = 0.02  # of the gap at the skin, when the balls are twice as close
+SPACING = 0.02  # of a gap, or of what a stitch closes of it, when the balls are twice as close
+CLOSE = 1e-7  # of the energy at stake: balls half a radius apart press against one another with up to 40 times the pull
+NONE = np.zeros(0)
 TIP, PULL = 0.014, 1e-5  # where the thread ends [m], and the force across it there [N]
 GRIPPED = 1e-3  # of a pull: friction moves the balls, and what the thread turns by there presses
 GRIP, TAUT = 0.02, 0.05  # of a whole tract, and the pull on the thread through it [N]
@@ -137,25 +141,62 @@ def test_a_straight_thread_drawn_sideways_is_a_beam_on_the_tract() -> None:
     assert [remark.code for remark in simulation.remarks() if remark.code.endswith("tract")] == []
 
 
+LIPS = ("lip_left", "lip_right")
+LAYERS = (0.0, -6e-3)  # of the skin and of the fascia, where gaps are looked at [m]
+
+
+def gaps(simulation: Simulation, U: np.ndarray) -> np.ndarray:
+    """How far a slit that is pulled apart opens at the skin and at the fascia [m]."""
+    body = simulation.assembly.body
+    assert body is not None
+    moved, points = body.nodal(U)[:, 0], body.points
+    sides = [np.unique(body.mesh.facets[:, body.mesh.boundaries[name]]) for name in LIPS]
+    nearest = [[side[np.linalg.norm(points[side] - [0, 0, z], axis=1).argmin()] for side in sides] for z in LAYERS]
+    return np.array([moved[right] - moved[left] for left, right in nearest])
+
+
 @cache
-def gap_at_the_skin(depth: float, spacing: float) -> float:
-    """How far a slit that is pulled apart opens at the skin, held by a stitch `depth` [m] deep."""
-    simulation, now = at_rest(STITCH.format(thread=THREAD, depth=depth, spacing=spacing))
-    body, organ = simulation.assembly.body, simulation.assembly.organ
-    assert body is not None and isinstance(organ, tissue.QuasiStaticOrgan)
-    U = body.nodal(organ.displacement(now.state.organ))
-    sides = [np.unique(body.mesh.facets[:, body.mesh.boundaries[name]]) for name in ("lip_left", "lip_right")]
-    left, right = (side[np.linalg.norm(body.points[side], axis=1).argmin()] for side in sides)
-    assert abs(now.energies.balance_error) <= RESIDUAL * max(now.energies.elastic, 1e-3)
-    return float(U[right, 0] - U[left, 0])
+def closing(depth: float, share: float, drawn: float = 0.0) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """The gaps that a stitch `depth` [m] deep leaves, balls a `share` of the default apart, with so much thread `drawn`
+    through [m]; what it closes of them; and the remarks on its tract."""
+    text = STITCH.format(thread=THREAD, depth=depth, spacing=share * 1.5e-3)
+    if share == 1.0:
+        text = text.replace("spacing = 0.0015\n", "")
+    hand = f'name = "right"\ndraw = [[0.0, 0.0], [1.0, {drawn}]]'
+    simulation, now = at_rest(text.replace('name = "right"\nat', f"{hand}\nat"))
+    organ = simulation.assembly.organ
+    assert isinstance(organ, tissue.QuasiStaticOrgan)
+    error = abs(now.energies.balance_error) / now.energies.at_stake
+    assert error <= (RESIDUAL if share == 1.0 else CLOSE)
+    alone = ask_organ(now.system, Equilibrium(), [now.state], 1.0, 1.0).accept(np.zeros(9 * len(now.piercings)), NONE)
+    left, whole = (gaps(simulation, organ.displacement(state)) for state in (now.state.organ, alone))
+    said = [found for tract in step_record(now).tracts for found in stiff_in_tract(simulation.scenario, tract)]
+    return left, whole - left, [remark.code for remark in said]
+
+
+@pytest.mark.parametrize("radii", [2, 4, 6, 8])
+def test_half_the_spacing_closes_a_wound_alike(radii: int) -> None:
+    """Independent check: what a stitch of half a newton closes of the gap at the skin and at the fascia, and with balls
+    half as far apart as they are by default."""
+    (_, closed, _), (_, finer, _) = (closing(radii * 1.5e-3, share, 2e-3) for share in (1.0, 0.5))
+    assert closed[1] > 0.0 and np.abs(finer - closed).max() <= SPACING * np.abs(finer).max()
 
 
 def test_the_depth_of_a_bite_matters_and_the_spacing_does_not() -> None:
     """Independent check: a stitch of 3 mm holds the skin better together than one of 6 mm, and the gap at the skin does
     not depend on how close the balls are."""
-    deep = gap_at_the_skin(6e-3, 1.5e-3)
-    assert abs(gap_at_the_skin(6e-3, 0.75e-3) - deep) <= SPACING * deep
-    assert 0.0 < gap_at_the_skin(3e-3, 1.5e-3) < 0.6 * deep
+    (deep, _, _), (finer, _, _), (flat, _, _) = closing(6e-3, 1.0), closing(6e-3, 0.5), closing(3e-3, 1.0)
+    assert abs(finer[0] - deep[0]) <= SPACING * deep[0]
+    assert 0.0 < flat[0] < 0.6 * deep[0]
+
+
+@pytest.mark.parametrize(("depth", "drawn"), [(3e-3, 4e-4), (6e-3, 7e-4), (3e-3, 0.0)])
+def test_a_stiff_thread_that_pulls_little_is_told(depth: float, drawn: float) -> None:
+    """Independent check: round a bend of 3 mm a 2-0 thread under 0.1 N and less presses by its stiffness; half the
+    spacing changes what it closes by more than 2 %, and the remark says so. Drawn by 0.4 N it is not said."""
+    (_, closed, said), (_, finer, _) = closing(depth, 1.0, drawn), closing(depth, 0.5, drawn)
+    assert np.abs(finer - closed).max() > SPACING * np.abs(finer).max() and said == ["tract-stiff"]
+    assert closing(depth, 1.0, 2e-3)[2] == []
 
 
 def test_the_grip_of_a_tract_is_taken_from_the_pull() -> None:
@@ -257,6 +298,6 @@ def test_thread_in_tissue_without_a_tract_is_told() -> None:
 
 
 def test_holes_without_a_tract_are_told_together() -> None:
-    """Independent check: two pairs of holes with thread deep between them are one remark, of the first and the deepest."""
+    """Independent check: two pairs of holes with thread deep between them are one remark, with the deepest."""
     (said,) = without_tract({("a", "b"): 1e-3, ("b", "c"): 0.0, ("c", "d"): 4e-3}, 3e-4)
     assert said.where == "a" and "1 other pair of holes" in said.message and "4 mm deep" in said.message

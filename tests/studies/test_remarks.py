@@ -35,6 +35,7 @@ from studies.output.remarks import (
     SMALL_ROTATION,
     SMALL_STRAIN,
     STEEP,
+    STIFF,
     THREAD_STRAIN,
     UNSETTLED,
     Remark,
@@ -113,6 +114,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "subgrid": (1e-3, -1, lambda x: judging.outside_subgrid(gap(x))),
     "cells": (COARSE["P1"] * 1e-3, 1, lambda x: judging.coarse_cells(hole(), x, "P1")),
     "no-tract": (IN_TISSUE * 3e-4, 1, lambda x: judging.without_tract({("a", "b"): x}, 3e-4)),
+    "tract-stiff": (STIFF * 0.3, 1, lambda x: judging.stiffer_than_taut("a-b", x, 0.2, 0.3, 1e-3)),
     "tract-bare": (BARE * 1e-3, 1, lambda x: judging.bare_tract("a-b", x, 0.02, 1e-3)),
     "holes-near": (NEAR * 2e-3, -1, lambda x: judging.near_holes([hole(), hole(name="b", at=[x, 0, 0])])),
     "contact-rough": (STEEP, 1, lambda x: judging.steep_friction([Contact(between=("a", "b"), friction=x)])),
@@ -348,7 +350,8 @@ def test_the_summary_has_the_extremes_of_the_whole_run(tmp_path: Path) -> None:
     summary = recorded(tmp_path, judge, [step(0), step(1), peak, work, step(5)])
     assert summary["remarks"] == []
     for name in ("entry", "exit"):
-        assert summary["range"]["piercings"][name] == {"mean_strain": 0.7, "turn": 0.9, "bearing_pressure": 3e5}
+        largest = {"mean_strain": 0.7, "turn": 0.9, "bearing_pressure": 3e5, "cell_strain": 0.0, "cell_energy": 0.0}
+        assert summary["range"]["piercings"][name] == largest
         assert summary["piercings"][name]["turn"] == pytest.approx(step(5).time / 30, rel=IDENTITY)
     organ = frame(step(5).time).organ
     assert organ is not None

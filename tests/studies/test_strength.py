@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studies.scenario import parse
+from studies.output.columns import range_summary
+from studies.output.records import nothing_met
+from studies.scenario import load, parse
 from studies.simulation import prepare
 from studies.simulation.assembly import assemble
 from tests.bounds import IDENTITY
@@ -66,3 +68,21 @@ def test_the_length_is_the_channels_or_of_the_footprint(hole: dict[str, Any], le
     assert assemble(parse(table)).system.piercings[0].strength == 1.0
     del table["tissue"]["strength"]
     assert assemble(parse(table)).system.piercings[0].strength == np.inf
+
+
+def test_the_cells_at_a_hole_are_told_with_their_stretch() -> None:
+    """Independent check: of tissue at finite strain that a thread pulls on, the cells on which the holes bear are
+    stretched most and store most, and no more than that is told of them; the directions of the largest and the
+    smallest stretch stand across one another."""
+    block = ['tissue.element="P1"', "tissue.mesh.h_site=1.8e-3", "tissue.mesh.size=[0.03, 0.014, 0.01]"]
+    simulation = prepare(load("skin", [*block, "thread.control_points=80", "solve.load_steps=1"]))
+    *_, (last, drawn) = simulation.advance()
+    organ = drawn().organ
+    assert organ is not None and organ.hole_strain is not None and organ.principal_stretch is not None
+    assert organ.hole_strain.max() == organ.strain.max() == np.abs(organ.principal_stretch - 1.0).max()
+    met = nothing_met(2).after_step(last).after_frame(organ)
+    told = range_summary(["entry", "exit"], met)["piercings"]
+    assert [told[name]["cell_strain"] for name in ("entry", "exit")] == organ.hole_strain.tolist()
+    assert max(told[name]["cell_energy"] for name in ("entry", "exit")) == organ.energy_density.max()
+    across = np.einsum("ci,ci->c", organ.first_stretch, organ.third_stretch)
+    assert np.abs(across).max() <= IDENTITY

@@ -411,3 +411,19 @@ def test_a_footprint_has_a_limit_under_refinement_and_a_bare_point_has_none() ->
     assert growth[0, [5, 8]].min() > 2.7
     assert growth[1:, :3].max() < 1.03
     assert growth[1:, [5, 8]].max() < 1.1
+
+
+def test_a_site_bears_on_the_cells_behind_its_footprint() -> None:
+    """Independent check: of a block of cubes a disc over the corner of four bears on cells of their surface; a ball
+    inside on the cells that its centre touches, and no further than a face beyond the eight cubes around it."""
+    lines = np.linspace(0.0, 4.0, 5)
+    body = tissue.elasticity(MeshTet.init_tensor(lines, lines, lines), tissue.Material(1.0, 0.3, 1.0), "P1")
+    places = [(2.0, 2.0, 4.0), (2.0, 2.0, 2.0)]
+    sites = tissue.build_sites(body, [tissue.Site(at, 0.5, subgrid=False) for at in places])
+    above, inside = tissue.cells_at(body, sites)
+    centres = body.points[body.cells].mean(axis=1)
+    assert above.size and (np.abs(centres[above] - places[0]) < 1.0).all()
+    assert ((body.points[body.cells[above]][:, :, 2] == places[0][2]).sum(axis=1) == 3).all()
+    assert (np.abs(centres[inside] - places[1]) < 1.5).all()
+    touching = np.flatnonzero((body.points[body.cells] == np.array(places[1])).all(axis=2).any(axis=1))
+    assert set(touching) <= set(inside)

@@ -44,6 +44,8 @@ log = logging.getLogger(__name__)
 Direction = Literal["normal"] | ArrayLike | None
 
 AXIS = np.array([0.0, 0.0, 1.0])  # frame axis of an interior site without a direction: any will do
+OF_A_FACE = 3  # nodes
+WEIGHTLESS = 1e-9  # of the largest weight in an average: round-off
 EDGE_ON = 1e-3  # cosine of a facet's tilt below which its plane is too steep to be reckoned with beside it
 COVERED = 1e-9  # of a disc: facets that cover as much of it too much or too little do so by round-off
 
@@ -101,7 +103,8 @@ class Sites:
     `normals` `(p, 3)` the outward normals (not a number for interior sites). Frames are orthonormal and
     right-handed. `missing` has per site what the mesh is too coarse for, None where that is not asked for.
     `directed` tells of each site whether a direction was given; nothing is known of sites where it is empty.
-    `slopes` has the rows of ⟨∂U_i/∂x_j⟩ of each site that the needle cut, `(9, N)` [1/m], None of any other.
+    `slopes` has the rows of ⟨∂U_i/∂x_j⟩, `(9, N)` [1/m], of each site that the needle cut and of those inside that are
+    free, None of any other.
     """
 
     y0: Array
@@ -173,6 +176,20 @@ def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
     return Sites(y0, Y, points, directions, normals, gaps, directed, tuple(b[6] for b in built))
 
 
+def cells_at(elasticity: Elasticity, sites: Sites) -> tuple[Indices, ...]:
+    """Return the cells on which each site bears: those with a face or more of nodes whose displacement it averages."""
+    number = np.empty(elasticity.N, dtype=np.intp)
+    number[elasticity.nodes] = np.arange(len(elasticity.nodes))[:, None]
+    averages = [sites.Y[9 * k : 9 * k + 3] for k in range(len(sites.points))]
+    bearing = [abs(rows) > WEIGHTLESS * abs(rows).max() for rows in averages]
+    return tuple(_cells_of(elasticity, number[elasticity.free[rows.indices]]) for rows in bearing)
+
+
+def _cells_of(elasticity: Elasticity, nodes: Indices) -> Indices:
+    """Return the cells that have a face or more of these nodes."""
+    return np.flatnonzero(np.isin(elasticity.cells, nodes).sum(axis=1) >= OF_A_FACE)
+
+
 def space_frames(sites: Sequence[Site]) -> Array:
     """y0 `(9p,)` of sites fixed in space, where no organ gives a normal."""
     for site in sites:
@@ -210,7 +227,8 @@ def _build(
             return csr_matrix(of_averages @ vstack(averages))
 
         hole = Hole(seen, rows, on)
-    cut = None if site.fibre is None else csr_matrix(gradient[:, elasticity.free])
+    turns = use_fibre and (site.fibre is not None or not site.line)  # across a direction, by more than a linear slope
+    cut = csr_matrix(gradient[:, elasticity.free]) if turns else None
     return np.concatenate([X, u0, v0]), csr_matrix(rows[:, elasticity.free]), X, t0, normal, hole, cut
 
 
