@@ -14,9 +14,11 @@ from coupling.constraints import Passage
 from coupling.errors import ConstraintError, CouplingError, StepError, TurnedHoleError
 from coupling.interfaces import Body
 from coupling.system import State, System
+from thread.vectors import cross, dot, unit_vector
 
 DEPENDENT = 1e-6  # of a row's length; multipliers go with the square of its inverse and keep fewer than 4 digits below
 NO_TANGENT = 1e-2  # |∂P/∂s| of a thread that is neither stretched nor compressed is 1
+FARTHEST_TURN = 0.25 * np.pi  # between two equilibria: the default load steps turn soft tissue by a fifth of that
 COLLAPSED = 0.2  # |u × v| of a hole's frame, 1 at rest: a linear organ has turned it by 78°
 TRANSVERSE = 4  # conditions across a span that leave its four control points nothing to bend
 
@@ -151,6 +153,17 @@ def holds_along_thread(system: System[Body], state: State[Body]) -> list[int]:
     """Return the holds in force along the thread."""
     here = np.flatnonzero(holds_in_force(system, state))
     return [int(k) for k in here[np.argsort(state.s[here], kind="stable")]]
+
+
+def refuse_turning(system: System[Body], old: State[Body], new: State[Body]) -> None:
+    """Raise `StepError` where tissue has turned a hole's normal by more than FARTHEST_TURN from one equilibrium to the
+    next: on its own branch it turns by less, the less the smaller the load step."""
+    before, after = (unit_vector(cross(state.y[:, 3:6], state.y[:, 6:])) for state in (old, new))
+    angles = np.arccos(np.clip(dot(before, after), -1.0, 1.0)) * (old.present & new.present & system.rows[:, 3])
+    for piercing, angle in zip(system.piercings, angles.tolist(), strict=False):  # clamped ends and ties come behind
+        if angle > FARTHEST_TURN:
+            cause = f"the tissue turned the hole by {np.degrees(angle):.3g}° at once: that is another branch"
+            raise StepError(old.time, new.time - old.time, cause, piercing.name)
 
 
 def refuse_crossing(system: System[Body], old: State[Body], new: State[Body]) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 from coupling.arrays import Array, Flags
 from coupling.calls import asked_before_corrections
 from coupling.contact import first_sets
-from coupling.diagnosis import refuse_crossing, refuse_drawn_out, refuse_held_end
+from coupling.diagnosis import refuse_crossing, refuse_drawn_out, refuse_held_end, refuse_turning
 from coupling.errors import CouplingError, EquilibriumError, InversionError, LeavingError, SpentError, StepError
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
@@ -422,13 +422,14 @@ def go_on(
     taken: list[Step[Body]],
     depth: int = 0,
 ) -> None:
-    """Go on to the part `share` of the loads, in halves of the increment where it fails or the thread flips through a
-    hole; the steps are added to `taken`. Raises `StepError`, `InversionError`, `ConstraintError` where a hand has drawn
-    the thread out."""
+    """Go on to the part `share` of the loads, in halves of the increment where it fails, where the thread flips through
+    a hole, and where tissue at finite strain turns one at once as only another branch does; the steps are added to
+    `taken`. Raises `StepError`, `InversionError`, `ConstraintError` where a hand has drawn the thread out."""
     try:
         step = settle_or_snap(system, state, share, duration, loose, depth >= SNAPS)
         refuse_drawn_out(system, step.old, step.new)
         refuse_crossing(system, step.old, step.new)
+        step = told_to_snap(system, step, depth)
         gone = emptied_holds(system, step.old, step.new)
         refuse_held_end(system, step.old, step.new, gone)
     except LeavingError as error:
@@ -445,6 +446,20 @@ def go_on(
         return go_on(system, left, share, duration, loose, taken, depth)
     taken += [step, *pair_lips(system, step, share, duration)]
     return None
+
+
+def told_to_snap(system: System[Body], step: Step[Body], depth: int) -> Step[Body]:
+    """Return the step; where tissue at finite strain turned a hole at once as only another branch does, one that has
+    snapped if the loads cannot be halved any more. Raises `StepError` where they can."""
+    if step.snapped or not isinstance(system.organ, Creeping):
+        return step
+    try:
+        refuse_turning(system, step.old, step.new)
+    except StepError:
+        if depth < DEEPEST:
+            raise
+        return replace(step, snapped=True)
+    return step
 
 
 def without_equilibrium(error: StepError | InversionError, share: float) -> CouplingError:

@@ -12,7 +12,15 @@ import pytest
 
 from coupling import stepping
 from coupling.constraints import phi
-from coupling.diagnosis import DEPENDENT, NO_TANGENT, dependence_faults, faults, refuse_crossing, scaled_rows
+from coupling.diagnosis import (
+    DEPENDENT,
+    NO_TANGENT,
+    dependence_faults,
+    faults,
+    refuse_crossing,
+    refuse_turning,
+    scaled_rows,
+)
 from coupling.errors import ConstraintError, StepError
 from coupling.stepping import advance
 from coupling.system import Piercing, State, System
@@ -199,6 +207,29 @@ def test_a_tangent_without_length() -> None:
     (message,) = faults(system, replace(state, q=0.5 * NO_TANGENT * state.q))
     assert message.startswith("the thread's tangent has no length at piercing 'first' (|dP/ds| = 0.005")
     assert faults(system, replace(state, q=2.0 * NO_TANGENT * state.q)) == []
+
+
+# -- turning ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_hole_that_turns_far_at_once_is_refused() -> None:
+    """Independent check: a directed hole whose frame turns by 46° from one equilibrium to the next, though this shrinks
+    as it does, is refused by name; one that turns by 44° is not, nor a free one, nor one that is not there."""
+    system, old = straight([5.5 * SPAN, 8.5 * SPAN])
+
+    def turned(angle: float) -> State:
+        y = old.y.copy()
+        u, normal = y[1, 3:6].copy(), np.cross(y[1, 3:6], y[1, 6:])
+        y[1, 3:6] = 0.3 * (np.cos(angle) * u - np.sin(angle) * normal)
+        return replace(old, y=y)
+
+    refuse_turning(system, old, turned(np.radians(44.0)))
+    with pytest.raises(StepError, match=r"turned the hole by 46° at once.*'second'") as caught:
+        refuse_turning(system, old, turned(np.radians(46.0)))
+    assert caught.value.piercing == "second"
+    refuse_turning(system, old, replace(turned(1.5), present=np.array([True, False])))
+    free = replace(system, piercings=tuple(replace(hole, directed=False) for hole in system.piercings))
+    refuse_turning(free, old, turned(1.5))
 
 
 # -- order -----------------------------------------------------------------------------------------------------------

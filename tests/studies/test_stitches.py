@@ -1,5 +1,6 @@
 """Stitches that surgeons tie, as shipped scenes: what the strands bear, and with what they close a wound."""
 
+import tomllib
 from functools import cache
 from typing import Any
 
@@ -7,8 +8,9 @@ import numpy as np
 import pytest
 
 from studies import load, prepare
-from studies.scenario.toml import parsed
-from studies.simulation.recording import contact_records, gap_profile, step_record
+from studies.scenario import parse
+from studies.scenario.toml import SCENES, parsed
+from studies.simulation.recording import contact_records, gap_profile, observed_wounds, step_record
 from studies.simulation.wound import wounds_of
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.meshes.samples import NEEDS_GMSH
@@ -49,6 +51,46 @@ def test_a_pulley_closes_with_the_strands_that_cross() -> None:
 
 
 ALIKE = 0.02  # of a stitch's force: the mesh is not the same at all six
+SPACED = 0.02  # of the closing, by half the spacing of a tract's balls
+SHALLOW, DEEP = 4e-3, 15.5e-3  # m: within the fat, and behind it in the fascia
+
+
+def stitched_wall(depth: float, spacing: float) -> tuple[float, float, float]:
+    """By how much one stitch of 1 N that goes `depth` [m] into the abdominal wall draws its skin and the bottom of its
+    fascia together in the middle [m], and what it turns out the edges by [rad]; balls of its tract `spacing` [m]
+    apart."""
+    x, end, grips = 0.01, 2e-3, {"direction": "normal", "footprint": 1.5e-3}
+    path = [[-end, -end, 4.6e-3], [0, 0, 4e-3], [x, 0, 1e-3], [x, 0, -depth]]
+    tables = tomllib.loads((SCENES / "abdominal_wall.toml").read_text(encoding="utf-8"))
+    del tables["thread"]["cuts"]
+    tables["thread"] |= {"control_points": 140, "path": [*path, *([-a, -b, c] for a, b, c in reversed(path))]}
+    tables["tissue"]["mesh"] |= {"size": [0.06, 0.04, 0.02], "length": 0.024, "h_site": 2e-3}
+    tables["piercing"] = [{"name": n, "at": [at, 0, 0], **grips} for n, at in (("right", x), ("left", -x))]
+    tables["tract"] = [{"between": ["right", "left"], "spacing": spacing}]
+    tables["tie"] = [{"name": "knot", "between": ["right", "left"], "force": 1.0, "from": 0.0, "until": 1.0}]
+    simulation = prepare(parse(tables | {"solve": {"kind": "static", "load_steps": 2}}))
+    runs = [simulation.beginning()]
+    while runs[-1].number < simulation.steps:
+        runs.append(simulation.next(runs[-1]))
+    (((wound, before, _),), ((_, after, points),)) = (
+        tuple(observed_wounds(n, simulation.open_lips)) for n in runs[::2]
+    )
+    at = wound.gaps.body.points[wound.gaps.left]
+    closed, middle = before.gap - after.gap, np.abs(at[:, 1]) < 2.5e-3
+    skin, fascia = (closed[middle & (np.abs(at[:, 2] - z) < 1e-3)].mean() for z in (0.0, -0.02))
+    return float(skin), float(fascia), wound.eversion(points)
+
+
+@NEEDS_GMSH
+def test_a_deeper_bite_closes_the_fascia_and_turns_the_edges_out() -> None:
+    """Independent check: a stitch within the fat closes the skin alone, turns its edges in and opens the wall's other
+    side, as a couple on a plate does; one that takes the fascia closes this, the skin by less, and turns the edges out.
+    With half the spacing of the balls that bear the thread each is closed by the same, to 2 % of what the skin is."""
+    shallow, deep, finer = (stitched_wall(*case) for case in ((SHALLOW, 1.5e-3), (DEEP, 1.5e-3), (DEEP, 0.75e-3)))
+    assert shallow[1] < 0.0 < deep[1] and shallow[2] < 0.0 < deep[2] and deep[0] < 0.8 * shallow[0]
+    assert finer[:2] == pytest.approx(deep[:2], abs=SPACED * deep[0])
+
+
 RADIAL = 0.02  # of a tube's radial displacement: cells of a third of the radius, and ends four decay lengths away
 HOLES = [f"{side}{k}" for k in range(1, 7) for side in ("right", "left")]
 FEW = [
