@@ -33,6 +33,7 @@ BETWEEN = 2.0  # coarse spans between two holes: 2 leave 4 % of their stiffness 
 TURN = 0.1  # turn of the tangent that taking out a knot may cause, of the tolerance
 AGAIN = 1.2  # of what a span at a hole may be: beyond, an equilibrium with friction is found again
 INTERVAL = 4  # steps from one look at the knots to the next
+SAME = 1e-6  # of the finest span: breaks that are no further apart are one, but for round-off
 
 
 @dataclass(frozen=True)
@@ -173,8 +174,9 @@ def adapt(
     if resolution.is_content(system, state):
         return system, state, []
     wanted = resolution.largest_spans(system, state, ahead)
-    kept = np.intersect1d(spline.breaks, tree.places[tree.breaks(KEPT * wanted)])
-    due = np.union1d(tree.places[tree.breaks(wanted)], kept)
+    places = on_breaks(tree, spline)
+    kept = np.intersect1d(spline.breaks, places[tree.breaks(KEPT * wanted)])
+    due = np.union1d(places[tree.breaks(wanted)], kept)
     if np.array_equal(due, spline.breaks):
         return system, state, []
     before = [] if state.before is None else [state.before.q, state.before.v]
@@ -194,11 +196,21 @@ def refine_for(
         return system, state, []
     spline = system.thread.spline
     tree = resolution.tree_of(spline)
-    due = np.union1d(spline.breaks, tree.places[tree.breaks(resolution.largest_spans(*later, 0.0))])
+    due = np.union1d(spline.breaks, on_breaks(tree, spline)[tree.breaks(resolution.largest_spans(*later, 0.0))])
     if np.array_equal(due, spline.breaks):
         return system, state, []
     before = [] if state.before is None else [state.before.q, state.before.v]
     return exchange_spline(system, state, refit(spline, due, [state.q, state.v, *before], np.zeros(0), 0.0))
+
+
+def on_breaks(tree: Tree, spline: Spline) -> Array:
+    """Return the places of a tree, shape `(cells + 1,)` [m], as the breaks of the spline have them where these are the
+    same but for round-off: a tree that is cut halves other spans than that which the breaks are from, and a span of
+    round-off between two of them would be as good as a double knot."""
+    places, breaks = tree.places, spline.breaks
+    after = np.clip(np.searchsorted(breaks, places), 1, breaks.size - 1)
+    nearest = np.where(places - breaks[after - 1] < breaks[after] - places, breaks[after - 1], breaks[after])
+    return np.where(np.abs(nearest - places) <= SAME * np.diff(places).min(), nearest, places)
 
 
 def exchange_spline(

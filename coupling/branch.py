@@ -31,7 +31,15 @@ from coupling.equilibrium import (
     pair_lips,
     static_problem,
 )
-from coupling.errors import BranchError, CouplingError, EquilibriumError, InversionError, SpentError, StepError
+from coupling.errors import (
+    BranchError,
+    CouplingError,
+    EquilibriumError,
+    InversionError,
+    OutError,
+    SpentError,
+    StepError,
+)
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
 from coupling.newton import Iterate, Problem, Residual, allowed_share, direction, evaluate, moved, solve
@@ -177,6 +185,8 @@ def reach(
     taken: list[Step[Body]] = []
     try:
         load_step(system, state, share, duration, loose, taken)
+    except OutError:  # no branch leads beyond
+        raise
     except (StepError, InversionError, SpentError) as error:
         last = taken[-1].new if taken else state
         if isinstance(system.organ, Floats) or share * duration <= last.time:

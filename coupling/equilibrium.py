@@ -21,7 +21,15 @@ from coupling.arrays import Array, Flags
 from coupling.calls import asked_before_corrections
 from coupling.contact import first_sets
 from coupling.diagnosis import refuse_crossing, refuse_drawn_out, refuse_held_end, refuse_turning
-from coupling.errors import CouplingError, EquilibriumError, InversionError, LeavingError, SpentError, StepError
+from coupling.errors import (
+    CouplingError,
+    EquilibriumError,
+    InversionError,
+    LeavingError,
+    OutError,
+    SpentError,
+    StepError,
+)
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
 from coupling.motion import what_it_does
@@ -479,11 +487,11 @@ def without_equilibrium(error: StepError | InversionError, share: float) -> Coup
 
 
 def refuse_loose(system: System[Body], state: State[Body], share: float, duration: float) -> None:
-    """Raise `EquilibriumError` where a thread in one piece has left its last hole and no end of it is held."""
+    """Raise `OutError` where a thread in one piece has left its last hole and no end of it is held."""
     held = any(end.position(0.0) is not None for end in system.ends)
     if not (held or state.present.any() or system.thread.spline.pieces > 1):
         cause = "the thread runs out of its last hole"
-        raise EquilibriumError(state.time, share * duration - state.time, cause, share=share)
+        raise OutError(state.time, share * duration - state.time, cause, share=share)
 
 
 def pair_lips(system: System[Body], step: Step[Body], share: float, duration: float) -> list[Step[Body]]:

@@ -105,6 +105,11 @@ class EquilibriumError(StepError):
 
 
 @dataclass
+class OutError(EquilibriumError):
+    """A load step in which the thread runs out of its last hole: under more of the loads there is no equilibrium."""
+
+
+@dataclass
 class BranchError(CouplingError):
     """A branch of equilibria that was lost before it led to the loads asked for: `cause` says how far it was followed
     from `time` [s] on, and why not further."""

@@ -23,6 +23,8 @@ def solve(problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: 
         ask_before_correction()
         solution = solve_compiled(problem, start, spans, patience)
         if solution is not None:
+            for _ in range(solution.iterations - 1):  # the loops do not ask themselves, and each correction counts
+                ask_before_correction()
             return solution
     correct = partial(newton.correct_downhill, spans=spans) if spans else newton.correct
     return newton.solve(problem, start, correct, patience)

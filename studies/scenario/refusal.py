@@ -134,7 +134,7 @@ def _allowed(detail: ErrorDetails) -> str:
     text = re.sub(r"^(Tuple|List|String) should have", "it must have", text)
     given = detail["input"]
     match = nearest(given, re.findall(r"'([^']*)'", text)) if isinstance(given, str) else None
-    text = text.replace("'", '"')
+    text = text.replace("'", '"').replace(" after validation", "")
     text = text.replace("a valid tuple", "a list").replace("a valid dictionary or instance of", "a table:")
     return f'{text}; the nearest is "{match}"' if match and detail["type"] == "literal_error" else text
 
@@ -147,6 +147,8 @@ def _remedy(place: Place) -> str:
     name = info.alias or place.field
     key = dotted_key(place.parts[: len(place.parts) - place.parts[::-1].index(name)])
     example = info.examples[0] if info.examples else info.default
+    if example is None:
+        return f"correct it, or leave {key} out ({info.description})"
     return f"write for example {key} = {as_toml(example)} ({info.description})"
 
 

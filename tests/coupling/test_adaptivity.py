@@ -5,7 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coupling.adaptivity import Resolution, adapt, bending_layers, coarse_tree, first_breaks, is_too_coarse, momentum
+from coupling.adaptivity import (
+    Resolution,
+    adapt,
+    bending_layers,
+    coarse_tree,
+    first_breaks,
+    is_too_coarse,
+    momentum,
+    on_breaks,
+)
 from coupling.audit import Energies, audit_step, initial_energies
 from coupling.run import book_events
 from coupling.stepping import advance
@@ -13,7 +22,8 @@ from coupling.system import State, System
 from tests.bounds import IDENTITY, RESIDUAL
 from tests.thread.threads import ABSCISSAE, LENGTH, PP, RADIUS, Z, hairpin, hairpin_sites, hairpin_system, laid
 from thread.ends import Driven, Pulled
-from thread.knots import clamped_knots
+from thread.knots import Tree, clamped_knots
+from thread.refit import cut
 from thread.spline import Spline
 from thread.thread import Thread
 
@@ -123,3 +133,18 @@ def test_nothing_is_done_where_nothing_is_due() -> None:
     assert len(events) == 1 and events[0].control_points == system.thread.n
     again = adapt(ADAPTIVE, system, state, 0.0)
     assert again[2] == [] and again[0] is system and again[1] is state
+
+
+def test_a_thread_that_is_cut_at_a_break_gets_no_spans_of_round_off() -> None:
+    """Independent check: cut where a coarse span was halved, halves of either half are breaks that were there: together
+    with those of the finer tree no two are nearer than a finest span, also where they are reckoned otherwise."""
+    rng, missed = np.random.default_rng(3), 0
+    for length in rng.uniform(0.05, 0.3, 20):
+        tree = coarse_tree(0.0, length, 12)
+        halved = np.union1d(tree.coarse, tree.places[:: tree.cells // (8 * tree.roots)])
+        spline, _, _ = cut(Spline(clamped_knots(halved)), float(halved[8 * 4 + 4]), [np.zeros((len(halved) + 2, 3))])
+        cut_tree: Tree = tree.cut(spline.cuts)
+        found = np.union1d(on_breaks(cut_tree, spline), spline.breaks)
+        assert len(found) == len(cut_tree.places)
+        missed += len(np.union1d(cut_tree.places, spline.breaks)) - len(found)
+    assert missed > 0  # by round-off some differ

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 import coupling.equilibrium
 import coupling.stepping
 from coupling import newton, solver
+from coupling.calls import asked_before_corrections
 from coupling.newton import Iterate, Problem, Solution
 from coupling.tables import tables_of
 from studies.scenario import Scenario, load
@@ -159,3 +161,17 @@ def agree_on_forces(problem: Problem, one: Solution, other: Solution) -> None:
         assert np.abs(got - want).max(initial=0.0) <= RESIDUAL * np.abs(want).max(initial=0.0), name
     assert np.array_equal(found.passage.first, exact.passage.first)
     assert np.abs(found.points.strain - other.residual.points.strain).max() <= RESIDUAL
+
+
+@pytest.mark.parametrize("iterations", [0, 1, 7])
+def test_corrections_of_the_loops_count_in_a_load_step(iterations: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: what bounds a load step is put before a solve by the loops as often as they correct, and
+    once at least."""
+    found: Any = SimpleNamespace(iterations=iterations)
+    problem: Any = SimpleNamespace(system=SimpleNamespace(compiled=True))
+    monkeypatch.setattr(solver, "is_covered", lambda problem: True)
+    monkeypatch.setattr(solver, "solve_compiled", lambda *given: found)
+    asked: list[int] = []
+    with asked_before_corrections(lambda: asked.append(1)):
+        assert solver.solve(problem, found) is found
+    assert len(asked) == max(iterations, 1)

@@ -156,6 +156,26 @@ def test_going_ahead_of_an_old_tangent_saves_corrections(monkeypatch: pytest.Mon
     assert counts[0] < FEWER * counts[1]
 
 
+def test_a_correction_takes_one_back_substitution(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: of every residual of the organ once, also where the answer goes ahead of its tangent."""
+    points: list[int] = []
+    solves: list[int] = []
+    point, solved = tissue.FiniteOrgan.point, finite.solved
+
+    def met(*given: Any) -> Any:
+        points.append(1)
+        return point(*given)
+
+    def counted(factor: Any, b: Array) -> Array:
+        solves.append(b.ndim)
+        return solved(factor, b)
+
+    monkeypatch.setattr(tissue.FiniteOrgan, "point", met)
+    monkeypatch.setattr(finite, "solved", counted)
+    taken(*scene("P1 dynamic normal", keep=0.9), DT, STEPS)
+    assert len(points) > 4 * STEPS and solves.count(1) <= len(points)
+
+
 def test_a_kept_factor_gives_the_same_answer() -> None:
     """Consistency check: a run whose factors are kept while they serve, and one that makes each anew."""
     name = "P1 dynamic normal"

@@ -324,6 +324,15 @@ def test_a_missing_key_is_named(key: str) -> None:
         parse(data)
 
 
+def test_a_refused_value_without_a_default_is_shown_no_none() -> None:
+    """Independent check: TOML has no None to write."""
+    data = tomllib.loads(CONTRACT)
+    data["tract"] = [{"between": ["entry", "exit"], "radius": -1e-3}]
+    with pytest.raises(ScenarioError, match=r"correct it, or leave tract\.0\.radius out") as refused:
+        parse(data)
+    assert "None" not in str(refused.value)
+
+
 def test_a_misspelt_key_is_not_missing_too() -> None:
     """Independent check: one sentence for one fault, with the key that was meant."""
     data = tomllib.loads(CONTRACT)

@@ -87,6 +87,15 @@ class Tangent:
     C_z: Array
     definite: bool = True
     _recalled: deque[tuple[Pairing, Array]] = field(default_factory=lambda: deque(maxlen=1), repr=False)
+    _let_go: deque[tuple[Array, Array]] = field(default_factory=lambda: deque(maxlen=1), repr=False)
+
+    def way_without_forces(self, r: Array) -> Array:
+        """Return −A⁻¹ r, shape `(N,)` [m]; that of the last residual `(N,)` [N] is remembered. Raises `OrganError`."""
+        for known, way in self._let_go:
+            if known is r:
+                return way
+        self._let_go.append((r, -solved(self.factor, r)))
+        return self._let_go[-1][1]
 
     def gaps_by_forces(self, pairing: Pairing) -> Array:
         """Return G A⁻¹ Gᵀ, shape `(k, k)` [m/N]; that of the last pairing is remembered. Raises `OrganError`."""
@@ -195,7 +204,7 @@ class FiniteAnswer:
     @cached_property
     def _U_r(self) -> Array:
         """−A⁻¹ r, and what it goes ahead, shape `(N,)` [m]."""
-        U_r = -solved(self.tangent.factor, self.point.r)
+        U_r = self.tangent.way_without_forces(self.point.r)
         return U_r if self.ahead is None else U_r + self.ahead
 
     @cached_property
@@ -404,7 +413,7 @@ class FiniteOrgan(MeshedOrgan):
 
     def off_balance(self, point: Point, forces: Forces) -> float:
         """Return the largest residual under forces [N]."""
-        pull = self.map.Z.T @ (self.map.slope(point.z).T @ forces.f_y) + forces.push
+        pull = self.map.Z_T @ (self.map.slope(point.z).T @ forces.f_y) + forces.push
         return float(np.abs(pull - point.r).max(initial=0.0))
 
     def potential(self, motion: Motion, start: Array, U: Array, F: Array, forces: Forces) -> float:
@@ -460,7 +469,7 @@ class FiniteOrgan(MeshedOrgan):
         if motion.a:
             A = csr_matrix(A + (motion.a + self.damping * motion.d) * self.M)
         factor, definite = self._factor(A, motion.creeps)
-        W = solved(factor, self.map.Z.T.toarray())
+        W = solved(factor, self.map.Z_T.toarray())
         C = self.map.Z @ W
         self._tangents[key] = Tangent(U, A, factor, W, 0.5 * (C + C.T), definite)
         return self._tangents[key]
@@ -610,7 +619,7 @@ class FiniteOrgan(MeshedOrgan):
     @cached_property
     def _mobility(self) -> tuple[Array, Array]:
         """M⁻¹ Zᵀ `(N, k)` and Z M⁻¹ Zᵀ `(k, k)`."""
-        W = mass_solver(self.M, self.places, self.choice.name).solve(self.map.Z.T.toarray())
+        W = mass_solver(self.M, self.places, self.choice.name).solve(self.map.Z_T.toarray())
         C = self.map.Z @ W
         return W, 0.5 * (C + C.T)
 
@@ -631,7 +640,7 @@ class FiniteOrgan(MeshedOrgan):
             return replace(state, U=U, f_y=state.f_y + df, p=self.contact_or_none(p_new))
 
         def right_hand_side() -> Array:
-            return np.asarray(tangent.A @ state.U - self.map.Z.T @ (J.T @ f_y) - pairing.G.T @ p)
+            return np.asarray(tangent.A @ state.U - self.map.Z_T @ (J.T @ f_y) - pairing.G.T @ p)
 
         return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side, pairing)
 

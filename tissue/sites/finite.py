@@ -10,7 +10,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import csr_matrix, vstack
+from scipy.sparse import csc_matrix, csr_matrix, vstack
 
 from tissue.arrays import Array
 from tissue.sites.site import Sites
@@ -40,6 +40,11 @@ class SiteMap:
             own = self.sites.Y[NINE * site : NINE * (site + 1)]
             parts.append(own if rows is None else vstack([own[:3], rows]))
         return csr_matrix(vstack(parts))
+
+    @cached_property
+    def Z_T(self) -> csc_matrix:
+        """Zᵀ, shape `(N, k)`."""
+        return csc_matrix(self.Z.T)
 
     @cached_property
     def _parts(self) -> list[slice]:

@@ -1,0 +1,87 @@
+"""Keys of a scenario whose organ is at finite strain: what runs with the linear organ runs, or is refused in words."""
+
+from copy import deepcopy
+from typing import Any
+
+import pytest
+
+from studies.scenario import ScenarioError, parse
+from studies.simulation import prepare
+
+AUDIT = 1e-9  # of the energy at stake
+BLOCK: dict[str, Any] = {
+    "tissue": {
+        "material": "neo-hookean",
+        "youngs_modulus": 3e4,
+        "poisson_ratio": 0.45,
+        "density": 1070.0,
+        "clamp": ["bottom"],
+        "mesh": {"kind": "block", "size": [0.03, 0.02, 0.01], "h": 5e-3},
+    },
+    "thread": {
+        "suture": "2-0 polypropylene",
+        "control_points": 24,
+        "damping": 20.0,
+        "path": [
+            [-0.015, 0, 0.015],
+            [-0.005, 0, 0.006],
+            [-0.005, 0, -0.005],
+            [0.005, 0, -0.005],
+            [0.005, 0, 0.006],
+            [0.015, 0, 0.015],
+        ],
+        "start": {"kind": "pulled", "force": [-0.1, 0, 0.1], "ramp": 0.002},
+        "end": {"kind": "driven", "waypoints": [[0, 0.015, 0, 0.015], [0.004, 0.0155, 0, 0.0155]]},
+    },
+    "piercing": [
+        {"name": "entry", "at": [-0.005, 0, 0], "direction": "normal", "footprint": 2e-3},
+        {"name": "exit", "at": [0.005, 0, 0], "footprint": 2e-3},
+    ],
+    "solve": {"dt": 1e-3, "duration": 4e-3, "load_steps": 3},
+}
+RUNS: dict[str, tuple[dict[str, Any], str]] = {  # keys added, and an event that they make
+    "a cut between two holes without friction": ({"cut": [{"s": 0.03, "time": 0.002}]}, "cut"),
+    "a hole that ends": ({"piercing.1": {"until": 0.002}}, "ends"),
+    "a hand at a hole": ({"piercing.1": {"draw": [[0, 0], [0.002, 5e-4], [0.003]]}}, ""),
+    "springs": ({"thread": {"energy": "springs"}}, ""),
+    "a floating body": ({"tissue": {"clamp": []}}, ""),
+}
+REFUSED: dict[str, tuple[dict[str, Any], str]] = {
+    "reduction": ({"tissue": {"reduction": {}}}, "a basis holds for a linear organ alone"),
+    "staggered": ({"solve": {"coupling": "staggered"}}, "know a linear organ alone"),
+    "two-pass": ({"solve": {"friction": "two-pass"}}, "know a linear organ alone"),
+    "stiffness damping": ({"tissue": {"rayleigh": [1.0, 1e-4]}}, "take β = 0"),
+}
+
+
+def block(keys: dict[str, Any]) -> dict[str, Any]:
+    """The block with other keys."""
+    table = deepcopy(BLOCK)
+    for name, value in keys.items():
+        part, _, number = name.partition(".")
+        if number:
+            table[part][int(number)] |= value
+        else:
+            table[part] = table.get(part, {}) | value if isinstance(value, dict) else value
+    return table
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_it_runs_and_no_energy_is_lost(name: str) -> None:
+    """Independent check: every joule of the external work is found again, and what was asked has happened."""
+    keys, event = RUNS[name]
+    simulation = prepare(parse(block(keys)))
+    run, events = simulation.beginning(), []
+    while run.number < simulation.steps:
+        run = simulation.next(run)
+        events += [each.kind for each in run.events]
+    assert abs(run.energies.balance_error) <= AUDIT * run.energies.at_stake
+    assert not event or event in events
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_it_is_refused_before_anything_is_computed(name: str) -> None:
+    """Behaviour: the sentence says why, and what to take."""
+    keys, reason = REFUSED[name]
+    with pytest.raises(ScenarioError, match=reason):
+        parse(block(keys))
