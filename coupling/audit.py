@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coupling.arrays import Array
-from coupling.constraints import driving_force, force_on_tangent, held_energy, parts, site_force, thread_force
+from coupling.constraints import driving_force, force_on_tangent, held_energy, parts, site_force, thread_force, tilt_of
 from coupling.integrators import BDF2
 from coupling.interfaces import Body
 from coupling.stepping import Step, end_load, scheme_of, thread_motion
@@ -156,9 +156,10 @@ def layer_work(step: Step[Body]) -> float:
     here = lack_at(system, new.s, old.layers) - after.c[:, 0]
     c = 0.5 * (there + here)
     across = parts(before, old.lam).across, parts(after, new.lam).across
+    share = 0.5 * (tilt_of(before, old.y).share + tilt_of(after, y).share)
     m = force_on_tangent(old.lam, old.y), force_on_tangent(new.lam, y)
     mixed = dot(old.lam[:, :3], m[1]) + dot(new.lam[:, :3], m[0])
-    return float(0.5 * np.sum(c[:, 0] * dot(*across) + c[:, 1] * mixed + c[:, 2] * dot(*m)))
+    return float(0.5 * np.sum(c[:, 0] * dot(*across) + c[:, 1] * mixed + c[:, 2] * share * dot(*m)))
 
 
 def lying_work(step: Step[Body]) -> float:

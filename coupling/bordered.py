@@ -17,15 +17,18 @@ from coupling.arrays import Array, Indices
 from coupling.constraints import (
     LOCAL,
     Passage,
-    axis_force,
-    axis_stiffness,
     effective_place,
     force_by_axis,
     force_on_tangent,
+    lacking_force,
+    lacking_stiffness,
     parts,
+    tilt_force,
+    tilt_of,
+    tilt_stiffness,
 )
 from thread.banded import half_band_of
-from thread.vectors import dot
+from thread.vectors import cross, dot
 
 S, LAM, MU_U, MU_V, X, U, V = 0, slice(1, 4), 4, 5, slice(6, 9), slice(9, 12), slice(12, 15)
 PHI, Y = slice(1, 6), slice(6, 15)  # rows of Φ, and of the multipliers that go with them; of y
@@ -169,41 +172,88 @@ def add_compliance(border: Border, thread: Passage, lam: Array, y: Array) -> Non
     border.D[:, MU_V] += (v * dT).sum(axis=1)
     border.F[:, 3:6] += lam[:, 3:4, None] * dT
     border.F[:, 6:9] += lam[:, 4:5, None] * dT
-    add_own_turning(border, thread, lam)
+    add_own_turning(border, thread, lam, y)
+    add_tilting(border, thread, lam, y)
 
 
 def derivatives_by_multipliers(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
     """Return the derivatives of P̂ and T̂ by a hold's multipliers and frame, each `(m, 3, 15)`."""
     c0, c1, c2 = thread.c[:, 0].T[:, :, None, None]
-    unit = parts(thread, lam).unit
+    unit, tilt, dm = parts(thread, lam).unit, tilt_of(thread, y), moment_by_border(lam, y)
+    dP, dT = c1 * dm, c2 * tilt.share[:, None, None] * dm
+    dP[:, :, LAM] += c0 * (I3 - unit[:, :, None] * unit[:, None])
+    dT[:, :, LAM] += c1 * I3
+    return dP, dT + 0.5 * c2 * force_on_tangent(lam, y)[:, :, None] * (tilt.by_n[:, None] @ normal_by_frame(y))
+
+
+def moment_by_border(lam: Array, y: Array) -> Array:
+    """Return the derivative of m = μ_u u + μ_v v by a hold's multipliers and frame, shape `(m, 3, 15)`."""
     dm = np.zeros((len(lam), 3, BORDER))
     dm[:, :, MU_U], dm[:, :, MU_V] = y[:, 3:6], y[:, 6:]
     dm[:, :, U], dm[:, :, V] = lam[:, 3:4, None] * I3, lam[:, 4:5, None] * I3
-    dP, dT = c1 * dm, c2 * dm
-    dP[:, :, LAM] += c0 * (I3 - unit[:, :, None] * unit[:, None])
-    dT[:, :, LAM] += c1 * I3
-    return dP, dT
+    return dm
 
 
-def add_own_turning(border: Border, thread: Passage, lam: Array) -> None:
-    """Add what the thread's own axis brings into P̂ and the force on the thread."""
+def normal_by_frame(y: Array) -> Array:
+    """Return the derivative of n = u × v by a hold's frame, shape `(m, 3, 15)`."""
+    dn = np.zeros((len(y), 3, BORDER))
+    dn[:, :, U], dn[:, :, V] = -skew(y[:, 6:]), skew(y[:, 3:6])
+    return dn
+
+
+def skew(a: Array) -> Array:
+    """Return the matrices of a × , shape `(m, 3, 3)`; `a` (m, 3)."""
+    return np.asarray(cross(a[:, None], I3).swapaxes(1, 2))
+
+
+def add_own_turning(border: Border, thread: Passage, lam: Array, y: Array) -> None:
+    """Add what the thread's own axis brings into P̂, and what the missing compliance adds to the force on the thread
+    along it."""
     by_axis = force_by_axis(thread, lam)
     border.B[:, LAM, AT_T] += by_axis
     border.E[:, AT_T, LAM] -= by_axis.swapaxes(1, 2)
-    border.E[:, AT_T, S] -= own_axis_rate(thread, lam)
-    border.E[:, AT_K, S] -= axis_force(thread, parts(thread, lam))
+    border.E[:, AT_T, S] -= lacking_force_rate(thread, lam, y)
+    border.E[:, AT_K, S] -= lacking_force(thread, lam, y)
 
 
-def own_axis_rate(thread: Passage, lam: Array) -> Array:
-    """Return dw/ds along the thread, whose tangent turns with its curvature, shape `(m, 3)` [N]."""
-    return axis_force(thread, parts(thread, lam), 1) + np.matvec(axis_stiffness(thread, lam), thread.K)
+def add_tilting(border: Border, thread: Passage, lam: Array, y: Array) -> None:
+    """Add what T̂ and the forces owe to ψ, which tells how far the thread leaves the frame."""
+    tilt, e, dn = tilt_of(thread, y), tilt_force(thread, lam, y)[:, :, None], normal_by_frame(y)
+    of_T_n, of_n = tilt_stiffness(tilt)[1:]
+    de = 0.5 * thread.c[:, 0, 2:] * np.vecmat(force_on_tangent(lam, y), moment_by_border(lam, y))
+    by_T = tilt.by_T[:, :, None] * de[:, None] + e * (of_T_n @ dn)
+    by_n, turned = tilt.by_n[:, :, None] * de[:, None] + e * (of_n @ dn), e * skew(tilt.by_n)
+    border.E[:, AT_T] -= by_T
+    border.B[:, MU_U, AT_T] += by_T[:, :, MU_U]
+    border.B[:, MU_V, AT_T] += by_T[:, :, MU_V]
+    for of, at in ((OF_U, U), (OF_V, V)):
+        border.R[:, of, AT_T] += by_T[:, :, at].swapaxes(1, 2)
+        border.F[:, of] += dn[:, :, at].swapaxes(1, 2) @ by_n
+    border.F[:, OF_U, V] -= turned
+    border.F[:, OF_V, U] += turned
+    by_u, by_v = tilting_rates(thread, lam, y)
+    border.F[:, OF_U, S] += by_u
+    border.F[:, OF_V, S] += by_v
 
 
-def own_stiffness(thread: Passage, lam: Array) -> Array:
-    """Return what the thread's own axis at a hole adds to its matrix, −b' b'ᵀ ∂w/∂a on its four points, shape
-    `(m, 4, 4, 3, 3)` [N/m]."""
+def tilting_rates(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
+    """Return the derivatives by s of e ∂ψ/∂u and e ∂ψ/∂v, each `(m, 3)` [N]."""
+    tilt = tilt_of(thread, y)
+    turned = tilt_force(thread, lam, y) * np.vecmat(thread.K, tilt_stiffness(tilt)[1])
+    rate = tilt_force(thread, lam, y, 1) * tilt.by_n + turned
+    return cross(y[:, 6:], rate), cross(rate, y[:, 3:6])
+
+
+def lacking_force_rate(thread: Passage, lam: Array, y: Array) -> Array:
+    """Return d(w + e ∂ψ/∂T)/ds along the thread, whose tangent turns with its curvature, shape `(m, 3)` [N]."""
+    return lacking_force(thread, lam, y, 1) + np.matvec(lacking_stiffness(thread, lam, y), thread.K)
+
+
+def own_stiffness(thread: Passage, lam: Array, y: Array) -> Array:
+    """Return what the thread's own axis at a hole adds to its matrix, −b' b'ᵀ ∂(w + e ∂ψ/∂T)/∂T on its four points,
+    shape `(m, 4, 4, 3, 3)` [N/m]."""
     slope = thread.b[:, 1]
-    return np.asarray(np.einsum("ma,mb,mij->mabij", slope, slope, -axis_stiffness(thread, lam)))
+    return np.asarray(np.einsum("ma,mb,mij->mabij", slope, slope, -lacking_stiffness(thread, lam, y)))
 
 
 def drop_constraints(border: Border, absent: NDArray[np.bool_]) -> Border:

@@ -8,18 +8,23 @@ and never see the global matrix:
 
 The spline lacks compliance where a force λ and m = μ_u u + μ_v v, the force conjugate to T, act on it
 (`thread.compliance`): c₀ by the force across the thread, c₁, c₂ by m. Along itself it lacks next to nothing. With the
-axis a = T, â = a/|a| and τ = λ·â the hole acts on the thread at
+axis a = T, â = a/|a|, τ = λ·â and n̂ the unit normal of the frame, u × v over its size, the hole acts on the thread at
 
-    P̂ = P + c₀ (λ − τâ) + c₁ m,   T̂ = T + c₁ λ + c₂ m,
+    P̂ = P + c₀ (λ − τâ) + c₁ m,   T̂ = T + c₁ λ + c₂γ m,   γ = ½(1 + ψ),   ψ = |â·n̂|,
 
 which stand for P, T in Φ. They are the slopes by λ and m of one potential,
 
-    λ·(P − x) + m·T + ½c₀(λ² − τ²) + c₁ λ·m + ½c₂ m²,
+    λ·(P − x) + m·T + ½c₀(λ² − τ²) + c₁ λ·m + ½c₂γ m²,
 
 whose slopes by q, s and y are the forces on thread and abscissa and on the organ. It does not change when all turn
 together: λ along the thread, which acts at P̂ and not at P, turns the thread's tangent by the force conjugate to a,
 w = −c₀ τ (λ − τâ)/|a|. It does not turn the hole: the strands on both sides of it go through the hole, and not through
 P, which is the further from it the longer the spans.
+
+Where spans are much longer than √(EI/T), T leaves n̂ by an angle θ, half of that by which the strands do, and c₂ is all
+that turns it: with γ the couple is sin θ/c₂ of the elastica: strands turned by α bear 2√(EI T) sin α/2 each;
+without γ it would be sin θ cos θ/c₂. What γ adds to the forces, e ∂ψ with e = ¼c₂m², turns the thread and the frame and
+stretches neither: ψ is of directions alone, for the frame of a linear organ that turns far is longer than it was.
 """
 
 from dataclasses import dataclass, replace
@@ -60,6 +65,11 @@ class Passage:
     @cached_property
     def _split(self) -> list[tuple[Array, "Parts"]]:
         """What `parts` made last: a residual and its tangent ask a dozen times for the same."""
+        return []
+
+    @cached_property
+    def _tilted(self) -> list[tuple[Array, "Tilt"]]:
+        """What `tilt_of` made last, likewise."""
         return []
 
 
@@ -120,12 +130,53 @@ def parts(thread: Passage, lam: Array) -> Parts:
     return part
 
 
+@dataclass(frozen=True)
+class Tilt:
+    """How far the thread leaves the frames: ψ = |â·n̂|, `cosine` (p,) [-], and its derivatives by T and by n = u × v,
+    `by_T` and `by_n` (p, 3) [-]; the unit vectors `along` â and `normal` n̂, pointing as the thread goes, (p, 3), with
+    `size` |T| and `area` ±|n|, below zero where n points against the thread, (p, 1)."""
+
+    cosine: Array
+    by_T: Array
+    by_n: Array
+    along: Array
+    normal: Array
+    size: Array
+    area: Array
+
+    @property
+    def share(self) -> Array:
+        """γ, shape `(p,)` [-]."""
+        return np.asarray(0.5 * (1.0 + self.cosine))
+
+
+def tilt_of(thread: Passage, y: Array) -> Tilt:
+    """Return how far the thread leaves the frames, remembered for the array asked last."""
+    for known_y, known in thread._tilted:
+        if known_y is y:
+            return known
+    n, size = cross(y[:, 3:6], y[:, 6:]), np.linalg.norm(thread.T, axis=1, keepdims=True)
+    area = np.copysign(np.linalg.norm(n, axis=1), dot(thread.T, n))[:, None]
+    along, normal = thread.T / size, n / area
+    cosine = dot(along, normal)
+    by_T, by_n = (normal - cosine[:, None] * along) / size, (along - cosine[:, None] * normal) / area
+    tilt = Tilt(cosine, by_T, by_n, along, normal, size, area)
+    thread._tilted[:] = [(y, tilt)]
+    return tilt
+
+
+def tilt_force(thread: Passage, lam: Array, y: Array, derivative: int = 0) -> Array:
+    """Return e = ¼c₂m², the force conjugate to ψ, or its derivative by s, shape `(p, 1)` [N m]."""
+    m = force_on_tangent(lam, y)
+    return np.asarray(0.25 * thread.c[:, derivative, 2] * dot(m, m))[:, None]
+
+
 def axis_force(thread: Passage, part: Parts, derivative: int = 0) -> Array:
     """Return w = −c₀ τ (λ − τâ)/|a| conjugate to a, or its derivative by s with a held, shape `(p, 3)` [N m]."""
     return -(thread.c[:, derivative, 0] * part.along / part.size)[:, None] * part.across
 
 
-def tilt(part: Parts, da: Array) -> Array:
+def axis_turned(part: Parts, da: Array) -> Array:
     """Return the change of τâ as the axis changes by `da` (p, 3), shape `(p, 3)` [N]."""
     along_a = dot(part.unit, da)[:, None] * part.unit
     turned = dot(part.across, da)[:, None] * part.unit + part.along[:, None] * (da - along_a)
@@ -139,17 +190,21 @@ def effective_place(thread: Passage, lam: Array, y: Array, derivative: int = 0) 
     if thread.bare:
         return P, T
     c, m, part = thread.c[:, derivative, :, None], force_on_tangent(lam, y), parts(thread, lam)
+    tilt = tilt_of(thread, y)
     P_met = P + c[:, 0] * part.across + c[:, 1] * m
+    T_met = T + c[:, 1] * lam[:, :3] + c[:, 2] * tilt.share[:, None] * m
     if derivative:
-        P_met -= thread.c[:, 0, :1] * tilt(part, thread.K)
-    return P_met, T + c[:, 1] * lam[:, :3] + c[:, 2] * m
+        P_met -= thread.c[:, 0, :1] * axis_turned(part, thread.K)
+        T_met += (0.5 * thread.c[:, 0, 2] * dot(tilt.by_T, thread.K))[:, None] * m
+    return P_met, T_met
 
 
 def held_energy(thread: Passage, lam: Array, y: Array, derivative: int = 0) -> Array:
-    """Return what the missing compliance stores, ½c₀(λ² − τ²) + c₁λ·m + ½c₂m², or its derivative by s with the axis
-    held, shape `(p,)` [J]."""
+    """Return what the missing compliance stores, ½c₀(λ² − τ²) + c₁λ·m + ½c₂γm², or its derivative by s with T held,
+    shape `(p,)` [J]."""
     c, m, across = thread.c[:, derivative], force_on_tangent(lam, y), parts(thread, lam).across
-    return 0.5 * (c[:, 0] * dot(across, across) + c[:, 2] * dot(m, m)) + c[:, 1] * dot(lam[:, :3], m)
+    by_couple = c[:, 2] * tilt_of(thread, y).share * dot(m, m)
+    return np.asarray(0.5 * (c[:, 0] * dot(across, across) + by_couple) + c[:, 1] * dot(lam[:, :3], m))
 
 
 def shrinkage(thread: Passage, part: Parts) -> Array:
@@ -164,9 +219,8 @@ def tangent(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
     the curve through P̂, so that Φ_sᵀλ = λ·T̂."""
     T = thread.T
     if not thread.bare:
-        part = parts(thread, lam)
-        normal = unit_or_zero(cross(y[:, 3:6], y[:, 6:]))
-        in_frame = (part.size * np.sign(dot(T, normal)))[:, None] * normal
+        part, tilt = parts(thread, lam), tilt_of(thread, y)
+        in_frame = tilt.size * tilt.normal
         at_P_hat = shrinkage(thread, part)[:, None] * T + thread.c[:, 0, 1:2] * part.across
         T = np.where(thread.directed[:, None], in_frame, at_P_hat)
     size = np.linalg.norm(T, axis=1)
@@ -199,7 +253,14 @@ def driving_force(thread: Passage, lam: Array, y: Array) -> Array:
     plain = dot(lam[:, :3], thread.T) + dot(force_on_tangent(lam, y), thread.K)
     if thread.bare:
         return plain
-    return plain + held_energy(thread, lam, y, 1) + dot(axis_force(thread, parts(thread, lam)), thread.K)
+    return plain + held_energy(thread, lam, y, 1) + dot(lacking_force(thread, lam, y), thread.K)
+
+
+def lacking_force(thread: Passage, lam: Array, y: Array, derivative: int = 0) -> Array:
+    """Return w + e ∂ψ/∂T, what the missing compliance adds to the force conjugate to T, or its derivative by s with T
+    held, shape `(p, 3)` [N m]."""
+    turn = tilt_force(thread, lam, y, derivative) * tilt_of(thread, y).by_T
+    return axis_force(thread, parts(thread, lam), derivative) + turn
 
 
 def thread_force(thread: Passage, lam: Array, y: Array) -> Array:
@@ -207,15 +268,20 @@ def thread_force(thread: Passage, lam: Array, y: Array) -> Array:
     out = np.empty((len(lam), 2, 3))
     out[:, 0], out[:, 1] = lam[:, :3], force_on_tangent(lam, y)
     if not thread.bare:
-        out[:, 1] += axis_force(thread, parts(thread, lam))
+        out[:, 1] += lacking_force(thread, lam, y)
     return out
 
 
 def site_force(thread: Passage, lam: Array, y: Array) -> Array:
-    """Return Φ_yᵀλ = (−λ, μ_u T̂, μ_v T̂), the force on the organ conjugate to y, shape `(p, 9)` [N, N m]."""
+    """Return Φ_yᵀλ = (−λ, μ_u T̂ + e v × ψ_n, μ_v T̂ + e ψ_n × u), the force on the organ conjugate to y, shape
+    `(p, 9)` [N, N m]; ψ_n = ∂ψ/∂(u × v)."""
     T = effective_place(thread, lam, y)[1]
     out = np.empty((len(lam), 9))
     out[:, :3], out[:, 3:6], out[:, 6:] = -lam[:, :3], lam[:, 3:4] * T, lam[:, 4:5] * T
+    if not thread.bare:
+        turn = tilt_force(thread, lam, y) * tilt_of(thread, y).by_n
+        out[:, 3:6] += cross(y[:, 6:], turn)
+        out[:, 6:] += cross(turn, y[:, 3:6])
     return out
 
 
@@ -234,6 +300,24 @@ def axis_stiffness(thread: Passage, lam: Array) -> Array:
     mixed = unit * T(across)
     inner = across * T(across) - tau * (mixed + T(mixed)) - tau**2 * (np.eye(3) - unit * T(unit))
     return np.asarray(-(thread.c[:, 0, 0] / part.size**2)[:, None, None] * inner)
+
+
+def tilt_stiffness(tilt: Tilt) -> tuple[Array, Array, Array]:
+    """Return ∂²ψ by T and T, by T and n, by n and n, each `(p, 3, 3)` [-]."""
+    one = np.eye(3)
+    along, normal, by_T, by_n = (a[:, :, None] for a in (tilt.along, tilt.normal, tilt.by_T, tilt.by_n))
+    size, area, cosine = tilt.size[:, :, None], tilt.area[:, :, None], tilt.cosine[:, None, None]
+    T = lambda x: x.swapaxes(1, 2)  # noqa: E731
+    across, flat = one - along * T(along), one - normal * T(normal)
+    of_T = -(along * T(by_T) + by_T * T(along) + cosine / size * across) / size
+    of_n = -(normal * T(by_n) + by_n * T(normal) + cosine / area * flat) / area
+    return of_T, across @ flat / (size * area), of_n
+
+
+def lacking_stiffness(thread: Passage, lam: Array, y: Array) -> Array:
+    """Return ∂(w + e ∂ψ/∂T)/∂T, symmetric, shape `(p, 3, 3)` [N m]."""
+    turn = tilt_force(thread, lam, y)[:, :, None] * tilt_stiffness(tilt_of(thread, y))[0]
+    return axis_stiffness(thread, lam) + turn
 
 
 def force_by_axis(thread: Passage, lam: Array) -> Array:

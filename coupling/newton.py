@@ -329,7 +329,7 @@ def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
     A = thread.tangent(r.points, z.N)
     A += problem.inertia
     if not at.bare:
-        A += thread.band_at(at.first, own_stiffness(at, z.lam))
+        A += thread.band_at(at.first, own_stiffness(at, z.lam, z.y))
     return A
 
 

@@ -36,19 +36,34 @@ from functools import cached_property
 import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
-from coupling.bordered import AT_K, AT_T, BORDER, LAM, MU_U, MU_V, NO_JOINTS, Border, S, U, V, own_axis_rate
+from coupling.bordered import (
+    AT_K,
+    AT_T,
+    BORDER,
+    LAM,
+    MU_U,
+    MU_V,
+    NO_JOINTS,
+    Border,
+    S,
+    U,
+    V,
+    lacking_force_rate,
+    tilting_rates,
+)
 from coupling.constraints import (
     Parts,
     Passage,
-    axis_force,
     driving_force,
     effective_place,
     force_on_tangent,
     held_energy,
+    lacking_force,
     parts,
     phi_s,
     shrinkage,
     tangent,
+    tilt_of,
     unit_or_zero,
 )
 from coupling.interfaces import Body, FrictionLaw
@@ -274,7 +289,7 @@ def linearise_law(border: Border, law: Law, sigma: Array, thread: Passage, lam: 
     row[:, U], row[:, V] = lam[:, 3:4] * T_s, lam[:, 4:5] * T_s
     row[:, S] = dot(row_T, thread.K) + dot(row_K, thread.J) + held_energy(thread, lam, y, 2) - law.inertia
     if not thread.bare:
-        turn = add_turning(row, thread, lam)
+        turn = add_turning(row, thread, lam, y)
         row_T, row_K = row_T + turn[0], row_K + turn[1]
     if not law.ideal:
         friction = add_friction(row, law, sigma, thread, lam, y)
@@ -286,12 +301,14 @@ def linearise_law(border: Border, law: Law, sigma: Array, thread: Passage, lam: 
     border.D[:, S] = np.where(sliding, row, held)
 
 
-def add_turning(row: Array, thread: Passage, lam: Array) -> tuple[Array, Array]:
-    """Add the slope of the missing compliance's share in the driving force by the axis that it acts across; its parts
-    by T and T', each `(m, 3)`, are returned."""
-    part = parts(thread, lam)
-    by_T, by_K = own_axis_rate(thread, lam), axis_force(thread, part)
-    row[:, S] += dot(by_T + axis_force(thread, part, 1), thread.K) + dot(by_K, thread.J)
+def add_turning(row: Array, thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
+    """Add the slope of the missing compliance's share in the driving force by the axis that it acts across and by the
+    frame; its parts by T and T', each `(m, 3)`, are returned."""
+    by_T, by_K = lacking_force_rate(thread, lam, y), lacking_force(thread, lam, y)
+    by_u, by_v = tilting_rates(thread, lam, y)
+    row[:, U] += by_u
+    row[:, V] += by_v
+    row[:, S] += dot(by_T + lacking_force(thread, lam, y, 1), thread.K) + dot(by_K, thread.J)
     return by_T, by_K
 
 
@@ -321,9 +338,8 @@ def add_tangent(row: Array, thread: Passage, lam: Array, y: Array, by_size: Arra
     size, t = tangent(thread, lam, y)
     by_T, by_K = by_size[:, None] * t + by_t / size[:, None], np.zeros_like(t)
     if not thread.bare:
-        normal, directed = cross(y[:, 3:6], y[:, 6:]), thread.directed[:, None]
-        area = np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
-        by_axis = np.sign(dot(normal, t))[:, None] * by_t / area * directed
+        directed = thread.directed[:, None]
+        by_axis = by_t / tilt_of(thread, y).area * directed
         row[:, U] += cross(y[:, 6:], by_axis)
         row[:, V] += cross(by_axis, y[:, 3:6])
         of_free, by_K = add_effective_tangent(row, thread, parts(thread, lam), by_T * ~directed)

@@ -9,25 +9,37 @@ from coupling.bordered import FLAT
 from coupling.compiled.band import REACH, solve_dense
 from coupling.compiled.holes import (
     Hold,
-    axis_force,
-    axis_force_rate,
-    axis_stiffness,
     effective_tangent,
     force_by_axis,
+    lacking_force,
+    lacking_force_rate,
+    lacking_stiffness,
+    on_frame,
     place_rate,
+    second_slope,
+    share,
     tangent_rate,
+    tilt_force,
+    tilt_mixed,
+    tilting_rates,
     without,
 )
 from coupling.compiled.loops import loop, numbers, part
 from coupling.compiled.vectors import (
+    Matrix,
     Vector,
     add_column,
     add_matrix,
     add_row,
     applied,
+    combined,
     diagonal,
     dot,
+    outer,
     plus,
+    product,
+    scaled,
+    skew,
     transposed,
 )
 
@@ -109,6 +121,7 @@ def add_compliance(h: Hold, border: Border) -> None:
     add_tangent(h.mu_u, h, F, OF_U)
     add_tangent(h.mu_v, h, F, OF_V)
     add_own_turning(h, E, B)
+    add_tilting(h, border)
 
 
 @loop
@@ -123,29 +136,80 @@ def add_moment(x: float, h: Hold, M: Array, i: int) -> None:
 @loop
 def add_tangent(x: float, h: Hold, M: Array, i: int) -> None:
     """Add x times the derivative of T̂ by the multipliers and the frame to the rows from i on."""
+    by_u, by_v = on_frame(h, h.by_n)
     add_matrix(x * h.c1[0], diagonal(1.0), M, i, LAM)
-    add_moment(x * h.c2[0], h, M, i)
+    add_moment(x * h.c2[0] * share(h), h, M, i)
+    add_matrix(0.5 * x * h.c2[0], outer(h.m, by_u), M, i, U)
+    add_matrix(0.5 * x * h.c2[0], outer(h.m, by_v), M, i, V)
 
 
 @loop
 def add_tangent_along(x: float, a: Vector, h: Hold, M: Array, i: int) -> None:
     """Add x a times the derivative of T̂ by the multipliers and the frame to row i."""
+    (by_u, by_v), c2, half = on_frame(h, h.by_n), x * h.c2[0] * share(h), 0.5 * x * h.c2[0] * dot(a, h.m)
     add_row(x * h.c1[0], a, M, i, LAM)
-    M[i, MU_U] += x * h.c2[0] * dot(a, h.u)
-    M[i, MU_V] += x * h.c2[0] * dot(a, h.v)
-    add_row(x * h.c2[0] * h.mu_u, a, M, i, U)
-    add_row(x * h.c2[0] * h.mu_v, a, M, i, V)
+    M[i, MU_U] += c2 * dot(a, h.u)
+    M[i, MU_V] += c2 * dot(a, h.v)
+    add_row(c2 * h.mu_u, a, M, i, U)
+    add_row(c2 * h.mu_v, a, M, i, V)
+    add_row(half, by_u, M, i, U)
+    add_row(half, by_v, M, i, V)
 
 
 @loop
 def add_own_turning(h: Hold, E: Array, B: Array) -> None:
-    """Add what the thread's own axis brings into P̂ and the force on the thread; the stiffness of the axis is left to
-    the thread's band."""
+    """Add what the thread's own axis brings into P̂, and what the missing compliance adds to the force on the thread
+    along it; the stiffness of the axis is left to the thread's band."""
     by_axis = force_by_axis(h)
     add_matrix(1.0, by_axis, B, G, AT_T)
     add_matrix(-1.0, transposed(by_axis), E, AT_T, LAM)
-    add_column(-1.0, plus(axis_force_rate(h), applied(axis_stiffness(h), h.K)), E, AT_T, S)
-    add_column(-1.0, axis_force(h), E, AT_K, S)
+    add_column(-1.0, plus(lacking_force_rate(h), applied(lacking_stiffness(h), h.K)), E, AT_T, S)
+    add_column(-1.0, lacking_force(h), E, AT_K, S)
+
+
+@loop
+def add_tilting(h: Hold, border: Border) -> None:
+    """Add what T̂ and the forces owe to ψ, which tells how far the thread leaves the frame."""
+    _, B, _, F, _ = border
+    half, (by_u, by_v) = 0.5 * h.c2[0], tilting_rates(h)
+    add_row(half * dot(h.m, h.u), h.by_T, B, C1, AT_T)
+    add_row(half * dot(h.m, h.v), h.by_T, B, C2, AT_T)
+    add_column(-half * dot(h.m, h.u), h.by_T, border.E, AT_T, MU_U)
+    add_column(-half * dot(h.m, h.v), h.by_T, border.E, AT_T, MU_V)
+    by_normal = scaled(-1.0, skew(h.v)), skew(h.u)  # of u × v by u and by v
+    add_tilting_by(h.mu_u, by_normal[0], by_normal, h, border, U, OF_U)
+    add_tilting_by(h.mu_v, by_normal[1], by_normal, h, border, V, OF_V)
+    turned = scaled(tilt_force(h), skew(h.by_n))
+    add_matrix(-1.0, turned, F, OF_U, V)
+    add_matrix(1.0, turned, F, OF_V, U)
+    add_column(1.0, by_u, F, OF_U, S)
+    add_column(1.0, by_v, F, OF_V, S)
+    add_couples(half, h, F)
+
+
+@loop
+def add_couples(half: float, h: Hold, F: Array) -> None:
+    """Add the derivative of e by μ_u and μ_v times that of ψ by the frame."""
+    by_u, by_v = on_frame(h, h.by_n)
+    for column, along in ((MU_U, dot(h.m, h.u)), (MU_V, dot(h.m, h.v))):
+        add_column(half * along, by_u, F, OF_U, column)
+        add_column(half * along, by_v, F, OF_V, column)
+
+
+@loop
+def add_tilting_by(
+    mu: float, turn: Matrix, by_normal: tuple[Matrix, Matrix], h: Hold, border: Border, at: int, of: int
+) -> None:
+    """Add what the forces owe to ψ by one of the frame's vectors, in whose column `at` and row `of` u × v turns by
+    `turn` and m by `mu`."""
+    e, half = tilt_force(h), 0.5 * h.c2[0] * mu
+    by_T = combined(half, outer(h.by_T, h.m), e, product(tilt_mixed(h), turn))
+    of_n = second_slope(h.normal, h.area, h.by_n, h.cosine)
+    by_n = combined(half, outer(h.by_n, h.m), e, product(of_n, turn))
+    add_matrix(-1.0, by_T, border.E, AT_T, at)
+    add_matrix(1.0, transposed(by_T), border.R, of, AT_T)
+    add_matrix(1.0, product(transposed(by_normal[0]), by_n), border.F, OF_U, at)
+    add_matrix(1.0, product(transposed(by_normal[1]), by_n), border.F, OF_V, at)
 
 
 @loop

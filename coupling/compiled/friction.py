@@ -5,15 +5,17 @@ from typing import NamedTuple
 from coupling.arrays import Array, Flags
 from coupling.compiled.holes import (
     Hold,
-    axis_force,
-    axis_force_rate,
-    axis_stiffness,
     driving_force,
     held_energy,
+    lacking_force,
+    lacking_force_rate,
+    lacking_stiffness,
+    on_frame,
     place_rate,
     shrinkage,
     tangent,
     tangent_rate,
+    tilting_rates,
 )
 from coupling.compiled.loops import loop, numbers
 from coupling.compiled.vectors import (
@@ -21,7 +23,6 @@ from coupling.compiled.vectors import (
     Vector,
     add_row,
     applied,
-    cross,
     dot,
     minus,
     norm,
@@ -148,12 +149,15 @@ def linearise_law(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) -
 
 @loop
 def add_turning(h: Hold, B: Array, D: Array) -> None:
-    """Add the slope of the missing compliance's share in the driving force by the axis that it acts across."""
-    rate = axis_force_rate(h)
-    own = plus(rate, applied(axis_stiffness(h), h.K))
-    D[LAW, S] += dot(plus(own, rate), h.K) + dot(axis_force(h), h.J)
-    add_row(1.0, own, B, LAW, AT_T)
-    add_row(1.0, axis_force(h), B, LAW, AT_K)
+    """Add the slope of the missing compliance's share in the driving force by the axis that it acts across and by the
+    frame."""
+    rate, by_K, (by_u, by_v) = lacking_force_rate(h), lacking_force(h), tilting_rates(h)
+    by_T = plus(rate, applied(lacking_stiffness(h), h.K))
+    add_row(1.0, by_u, D, LAW, U)
+    add_row(1.0, by_v, D, LAW, V)
+    D[LAW, S] += dot(plus(by_T, rate), h.K) + dot(by_K, h.J)
+    add_row(1.0, by_T, B, LAW, AT_T)
+    add_row(1.0, by_K, B, LAW, AT_K)
 
 
 @loop
@@ -188,10 +192,9 @@ def add_tangent(h: Hold, size: float, t: Vector, by_size: float, by_t: Vector, B
     """Add `by_size` times the derivative of |T̂| and `by_t`, across t, times that of t."""
     by_T, by_K = sum_of(by_size, t, 1.0 / size, by_t), ZERO
     if h.directed and not h.bare:
-        normal = cross(h.u, h.v)
-        by_axis = times((1.0 if dot(normal, t) > 0.0 else -1.0) / norm(normal), by_t)
-        add_row(1.0, cross(h.v, by_axis), D, LAW, U)
-        add_row(1.0, cross(by_axis, h.u), D, LAW, V)
+        by_u, by_v = on_frame(h, times(1.0 / h.area, by_t))
+        add_row(1.0, by_u, D, LAW, U)
+        add_row(1.0, by_v, D, LAW, V)
         by_T = times(by_size / size, h.T)
     elif not h.bare:
         by_T, by_K = add_effective_tangent(h, by_T, D)

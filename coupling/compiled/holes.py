@@ -8,6 +8,7 @@ from coupling.compiled.vectors import (
     Matrix,
     Vector,
     added,
+    applied,
     combined,
     cross,
     diagonal,
@@ -16,6 +17,7 @@ from coupling.compiled.vectors import (
     norm,
     outer,
     plus,
+    product,
     scaled,
     sum_of,
     times,
@@ -31,8 +33,9 @@ class Hold(NamedTuple):
 
     Of the thread P [m], T, K = T' [1/m], J = T'' [1/m²] and c₀, c₁, c₂ of the missing compliance, each with two
     derivatives by s; λ [N], μ_u, μ_v [N m]; of the organ x [m], u, v. `m` = μ_u u + μ_v v [N m]. The axis a is T: its
-    `unit` vector and `size`, and λ `along` and `across` it [N]. `directed`: the frame tells where the thread goes.
-    `bare`: no hold of the thread lacks compliance.
+    `unit` vector and `size`, and λ `along` and `across` it [N]. How far T leaves the frame, as
+    `coupling.constraints.Tilt`: `normal` n̂, `area`, `cosine` ψ, `by_T`, `by_n`. `directed`: the frame tells where the
+    thread goes. `bare`: no hold of the thread lacks compliance.
     """
 
     P: Vector
@@ -55,6 +58,11 @@ class Hold(NamedTuple):
     size: float
     along: float
     across: Vector
+    normal: Vector
+    area: float
+    cosine: float
+    by_T: Vector
+    by_n: Vector
 
 
 @loop
@@ -63,7 +71,10 @@ def hold_at(D: Array, c: Array, directed: bool, bare: bool, lam: Array, y: Array
     T, force, u, v = vector(D[1], FIRST), vector(lam, FIRST), vector(y, AT_U), vector(y, AT_V)
     size = norm(T)
     unit = times(1.0 / size, T)
-    along = dot(force, unit)
+    along, n = dot(force, unit), cross(u, v)
+    area = norm(n) if dot(T, n) >= 0.0 else -norm(n)
+    normal = times(1.0 / area, n)
+    cosine = dot(unit, normal)
     return Hold(
         vector(D[0], FIRST),
         T,
@@ -85,6 +96,11 @@ def hold_at(D: Array, c: Array, directed: bool, bare: bool, lam: Array, y: Array
         size,
         along,
         sum_of(1.0, force, -along, unit),
+        normal,
+        area,
+        cosine,
+        times(1.0 / size, sum_of(1.0, normal, -cosine, unit)),
+        times(1.0 / area, sum_of(1.0, unit, -cosine, normal)),
     )
 
 
@@ -101,7 +117,50 @@ def axis_force_rate(h: Hold) -> Vector:
 
 
 @loop
-def tilt(h: Hold, da: Vector) -> Vector:
+def tilt_force(h: Hold) -> float:
+    """Return e = ¼c₂m² [N m]."""
+    return 0.25 * h.c2[0] * dot(h.m, h.m)
+
+
+@loop
+def tilt_force_rate(h: Hold) -> float:
+    """Return its derivative by s [N]."""
+    return 0.25 * h.c2[1] * dot(h.m, h.m)
+
+
+@loop
+def share(h: Hold) -> float:
+    """Return γ."""
+    return 0.5 * (1.0 + h.cosine)
+
+
+@loop
+def lacking_force(h: Hold) -> Vector:
+    """Return w + e ∂ψ/∂T [N m]."""
+    return sum_of(1.0, axis_force(h), tilt_force(h), h.by_T)
+
+
+@loop
+def lacking_force_rate(h: Hold) -> Vector:
+    """Return its derivative by s with T held [N]."""
+    return sum_of(1.0, axis_force_rate(h), tilt_force_rate(h), h.by_T)
+
+
+@loop
+def on_frame(h: Hold, by_n: Vector) -> tuple[Vector, Vector]:
+    """Return what a force conjugate to u × v is on u and on v."""
+    return cross(h.v, by_n), cross(by_n, h.u)
+
+
+@loop
+def tilting_rates(h: Hold) -> tuple[Vector, Vector]:
+    """Return the derivatives by s of e ∂ψ/∂u and e ∂ψ/∂v [N]."""
+    turned = applied(transposed(tilt_mixed(h)), h.K)
+    return on_frame(h, sum_of(tilt_force_rate(h), h.by_n, tilt_force(h), turned))
+
+
+@loop
+def axis_turned(h: Hold, da: Vector) -> Vector:
     """Return the change of τâ as the axis changes by `da` [N]."""
     turned = sum_of(dot(h.across, da), h.unit, h.along, sum_of(1.0, da, -dot(h.unit, da), h.unit))
     return times(1.0 / h.size, turned)
@@ -116,26 +175,27 @@ def effective_place(h: Hold) -> Vector:
 @loop
 def effective_tangent(h: Hold) -> Vector:
     """Return T̂."""
-    return plus(h.T, sum_of(h.c1[0], h.lam, h.c2[0], h.m))
+    return plus(h.T, sum_of(h.c1[0], h.lam, h.c2[0] * share(h), h.m))
 
 
 @loop
 def place_rate(h: Hold) -> Vector:
     """Return ∂P̂/∂s at constant multipliers."""
     rate = plus(h.T, sum_of(h.c0[1], h.across, h.c1[1], h.m))
-    return sum_of(1.0, rate, -h.c0[0], tilt(h, h.K))
+    return sum_of(1.0, rate, -h.c0[0], axis_turned(h, h.K))
 
 
 @loop
 def tangent_rate(h: Hold) -> Vector:
     """Return ∂T̂/∂s at constant multipliers [1/m]."""
-    return plus(h.K, sum_of(h.c1[1], h.lam, h.c2[1], h.m))
+    by_couple = h.c2[1] * share(h) + 0.5 * h.c2[0] * dot(h.by_T, h.K)
+    return plus(h.K, sum_of(h.c1[1], h.lam, by_couple, h.m))
 
 
 @loop
 def held_energy(h: Hold, c0: float, c1: float, c2: float) -> float:
-    """Return ½c₀(λ² − τ²) + c₁λ·m + ½c₂m², with derivatives of c by s its own by s with the axis held [N, N/m]."""
-    return 0.5 * (c0 * dot(h.across, h.across) + c2 * dot(h.m, h.m)) + c1 * dot(h.lam, h.m)
+    """Return ½c₀(λ² − τ²) + c₁λ·m + ½c₂γm², with derivatives of c by s its own by s with T held [N, N/m]."""
+    return 0.5 * (c0 * dot(h.across, h.across) + c2 * share(h) * dot(h.m, h.m)) + c1 * dot(h.lam, h.m)
 
 
 @loop
@@ -150,28 +210,27 @@ def tangent(h: Hold) -> Vector:
     if h.bare:
         return h.T
     if h.directed:
-        normal = cross(h.u, h.v)
-        return times((h.size if dot(h.T, normal) > 0.0 else -h.size) / norm(normal), normal)
+        return times(h.size, h.normal)
     return sum_of(shrinkage(h), h.T, h.c1[0], h.across)
 
 
 @loop
 def driving_force(h: Hold) -> float:
     """Return Φ_sᵀλ [N]."""
-    return dot(h.lam, h.T) + dot(h.m, h.K) + held_energy(h, h.c0[1], h.c1[1], h.c2[1]) + dot(axis_force(h), h.K)
+    return dot(h.lam, h.T) + dot(h.m, h.K) + held_energy(h, h.c0[1], h.c1[1], h.c2[1]) + dot(lacking_force(h), h.K)
 
 
 @loop
 def force_on_tangent(h: Hold) -> Vector:
     """Return Φ_qᵀλ conjugate to T [N m]; that conjugate to P is λ."""
-    return plus(h.m, axis_force(h))
+    return plus(h.m, lacking_force(h))
 
 
 @loop
 def site_force(h: Hold) -> tuple[Vector, Vector, Vector]:
     """Return Φ_yᵀλ conjugate to x, u and v."""
-    T = effective_tangent(h)
-    return times(-1.0, h.lam), times(h.mu_u, T), times(h.mu_v, T)
+    T, turn = effective_tangent(h), on_frame(h, times(tilt_force(h), h.by_n))
+    return times(-1.0, h.lam), sum_of(h.mu_u, T, 1.0, turn[0]), sum_of(h.mu_v, T, 1.0, turn[1])
 
 
 @loop
@@ -181,6 +240,25 @@ def axis_stiffness(h: Hold) -> Matrix:
     across = added(outer(h.across, h.across), scaled(-h.along, added(mixed, transposed(mixed))))
     inner = combined(1.0, across, -(h.along**2), without(h.unit))
     return scaled(-h.c0[0] / h.size**2, inner)
+
+
+@loop
+def lacking_stiffness(h: Hold) -> Matrix:
+    """Return ∂(w + e ∂ψ/∂T)/∂T [N m]."""
+    return combined(1.0, axis_stiffness(h), tilt_force(h), second_slope(h.unit, h.size, h.by_T, h.cosine))
+
+
+@loop
+def second_slope(unit: Vector, size: float, by: Vector, cosine: float) -> Matrix:
+    """Return the second derivative of ψ by T or by u × v, of which `unit`, `size` and the first derivative `by` are."""
+    mixed = outer(unit, by)
+    return scaled(-1.0 / size, combined(1.0, added(mixed, transposed(mixed)), cosine / size, without(unit)))
+
+
+@loop
+def tilt_mixed(h: Hold) -> Matrix:
+    """Return the second derivative of ψ by T and u × v."""
+    return scaled(1.0 / (h.size * h.area), product(without(h.unit), without(h.normal)))
 
 
 @loop

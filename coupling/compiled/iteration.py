@@ -31,7 +31,15 @@ from coupling.compiled.friction import (
     next_sigma,
     residual,
 )
-from coupling.compiled.holes import Hold, axis_stiffness, effective_tangent, force_on_tangent, gap, hold_at, site_force
+from coupling.compiled.holes import (
+    Hold,
+    effective_tangent,
+    force_on_tangent,
+    gap,
+    hold_at,
+    lacking_stiffness,
+    site_force,
+)
 from coupling.compiled.loops import loop, outermost, part, sources
 from coupling.compiled.vectors import add_row, dot, sum_of
 
@@ -314,7 +322,7 @@ def thread_matrix(curve: Curve, knots: Knots, given: Given, z: Unknowns, r: Foun
     on_curve.add_tangent(curve, Stretched(r.T, r.K, r.T_axial, r.strain), z.N, A)
     for k in range(len(z.s)):
         if not bare:
-            slope, turn = r.b[k, 1], axis_stiffness(hold_of(given, z, r, k, bare))
+            slope, turn = r.b[k, 1], lacking_stiffness(hold_of(given, z, r, k, bare))
             for i in range(4):
                 for j in range(i, 4):
                     add_block(A, r.first[k] + i, r.first[k] + j, -slope[i] * slope[j], turn)

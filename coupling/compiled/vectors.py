@@ -100,6 +100,19 @@ def applied(A: Matrix, b: Vector) -> Vector:
 
 
 @loop
+def product(A: Matrix, B: Matrix) -> Matrix:
+    """Return A B."""
+    C = transposed(B)
+    return applied(C, A[0]), applied(C, A[1]), applied(C, A[2])
+
+
+@loop
+def skew(a: Vector) -> Matrix:
+    """Return the matrix of a × ."""
+    return (0.0, -a[2], a[1]), (a[2], 0.0, -a[0]), (-a[1], a[0], 0.0)
+
+
+@loop
 def add_row(x: float, a: Vector, M: Array, i: int, j: int) -> None:
     """Add x a to row i of an array, from column j on."""
     M[i, j] += x * a[0]

@@ -22,7 +22,7 @@ from thread.ends import Driven, End, Fixed, Free
 
 LAYERED = 0.1  # of all the energy there is: what the holes' compliance may take in with a new tension
 
-# A pull of 0.06 N grows in 50 ms on a thread of a few milligrams that lies slack through two holes: it takes up its
+# A pull of 0.07 N grows in 50 ms on a thread of a few milligrams that lies slack through two holes: it takes up its
 # slack within a step, and an abscissa crosses many spans.
 SLACK = """
 [thread]
@@ -30,7 +30,7 @@ suture = "7-0 nylon"
 path = [[-0.04, 0, 0.02], [-0.005, 0, 0.008], [-0.005, 0, -0.006],
         [0.005, 0, -0.006], [0.005, 0, 0.008], [0.04, 0, 0.02]]
 start = { kind = "fixed" }
-end = { kind = "pulled", force = [0.054, 0, 0.0258], ramp = 0.05 }
+end = { kind = "pulled", force = [0.063, 0, 0.0301], ramp = 0.05 }
 [[piercing]]
 name = "entry"
 at = [-0.005, 0, 0]
