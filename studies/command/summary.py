@@ -112,11 +112,12 @@ def wound_lines(contact: ContactRecord) -> list[str]:
         return []
     shares = [(one.load_share, one.stitch) for one in contact.stitches if one.load_share is not None]
     most = f"; {max(shares)[1]} bears {100 * max(shares)[0]:.3g} % of it" if len(shares) > 1 else ""
-    turned = "in" if contact.eversion < 0.0 else "out"
+    angle = contact.eversion
+    way = "in" if angle is not None and angle < 0.0 else "out"
+    turned = "" if angle is None else f", and its edges are turned {way} by {abs(np.degrees(angle)):.2g}°"
     return [
         f"wound      {contact.pair}: drawn together with {contact.closure_force:.3g} N{most}; "
-        f"{100 * contact.approximation:.3g} % of its area is closed, and its edges are turned {turned} by "
-        f"{abs(np.degrees(contact.eversion)):.2g}°"
+        f"{100 * contact.approximation:.3g} % of its area is closed{turned}"
     ]
 
 

@@ -380,7 +380,7 @@ CONTACT: tuple[Column[ContactRecord], ...] = (
     Column(
         "approximation",
         "-",
-        f"share of the area that faces the other one where the two are no more than {APART:g} m apart",
+        f"share of the area where the two touch: are no more than {APART:g} m apart, nor as far through one another",
         lambda lips: lips.approximation,
     ),
     Column(
@@ -393,7 +393,7 @@ CONTACT: tuple[Column[ContactRecord], ...] = (
         "eversion",
         "rad",
         "by how much the outer surface on both sides rises towards the edges where the stitches are, together and in "
-        "the mean along them; negative: it is turned in",
+        "the mean along them; negative: it is turned in; empty where they have no edge there",
         lambda lips: lips.eversion,
     ),
 )

@@ -138,8 +138,8 @@ class Recorder:
             for _, table in self._tables:
                 table.close()
             self._outcome = status, error
-            self._write_profile()
             write_json(self.folder / "summary.json", self.summary(status, error))
+            self._write_profile()
 
     def _write_profile(self) -> None:
         """Write how wounds gape along their rims as of the last recorded step."""

@@ -105,9 +105,9 @@ class ContactRecord:
     gap_volume: float = 0.0  # between them [m³]
     slipping: int = 0  # of the pressed pairs, with all the friction that there can be
     friction: float = 0.0  # along the surfaces, the magnitude of the resultant [N]
-    approximation: float = 0.0  # share of their area where they are no farther apart than APART [-]
+    approximation: float = 0.0  # share of their area where they touch: neither apart nor crossed by more than APART [-]
     closure_force: float = 0.0  # that the thread draws them together with [N]
-    eversion: float = 0.0  # by how much the outer surface rises towards both their edges [rad]
+    eversion: float | None = None  # by how much the outer surface rises towards both their edges [rad]; None without
     stitches: tuple[StitchRecord, ...] = ()  # that draw them together
 
 

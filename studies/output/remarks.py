@@ -122,7 +122,7 @@ KINDS = (
     Kind(
         "lips-cross",
         "unsupported",
-        f"lips of a wound at finite strain more than {CROSSED:g} of their extent through one another",
+        f"lips of a wound more than {CROSSED:g} of their extent through one another",
         "without `tissue.contact` they do not press on one another: what closes them meets no resistance any more",
     ),
     Kind(

@@ -86,12 +86,14 @@ def observed_wounds(now: OrganRun, open_lips: tissue.Gaps | None) -> Iterator[tu
     organ, `(n, 3)` [m]."""
     organ: Any = now.system.organ
     touching = observe_contact(now.system, now.state)
-    for gaps, pressed in ((open_lips, None), (organ.gaps if touching else None, touching)):
-        if gaps is not None:
-            points = gaps.body.points + gaps.body.nodal(organ.displacement(now.state.organ))
-            lips = pressed or observe_apart(gaps, points)
-            for wound, own in zip(wounds_of(now.system, gaps, now.piercings), gaps.slices, strict=True):
-                yield wound, lips.of(own), points
+    both = ((open_lips, None), (organ.gaps if touching else None, touching))
+    seen = [(gaps, lips) for gaps, lips in both if gaps is not None]
+    wounds = wounds_of(now.system, [gaps for gaps, _ in seen], now.piercings) if seen else []
+    for (gaps, pressed), found in zip(seen, wounds, strict=True):
+        points = gaps.body.points + gaps.body.nodal(organ.displacement(now.state.organ))
+        lips = pressed or observe_apart(gaps, points)
+        for wound, own in zip(found, gaps.slices, strict=True):
+            yield wound, lips.of(own), points
 
 
 def observe_apart(gaps: tissue.Gaps, points: Array) -> ContactObservation:
@@ -131,7 +133,7 @@ def contact_record(wound: Wound, lips: ContactObservation, points: Array) -> Con
         gap_volume=float(part.pair_areas[faces] @ np.maximum(lips.gap[faces], 0.0)),
         slipping=int(np.count_nonzero(lips.slips)),
         friction=float(np.linalg.norm(lips.friction.sum(axis=0))),
-        approximation=float(part.pair_areas[faces & ~apart].sum() / part.pair_areas.sum()),
+        approximation=float(part.pair_areas[np.abs(lips.gap) <= APART].sum() / part.pair_areas.sum()),
         closure_force=wound.closure_force,
         eversion=wound.eversion(points),
         stitches=wound.stitches,

@@ -245,7 +245,9 @@ class Simulation:
         numbers = *at_nodes, strain, rotation, tissue.energy_density(body, U)
         shares = tissue.volume_ratio(body, U), tissue.nodal_volume_ratio(body, U), strained, rotated
         turns = organ.surface.turns(body.nodal(U))
-        return OrganRecord(body.nodal(U), *numbers, *shares, float(turns.max(initial=0.0)), *lips)
+        crossed = 0.0 if self.open_lips is None else self.open_lips.crossed(U)
+        surfaces = float(turns.max(initial=0.0)), *lips, crossed
+        return OrganRecord(body.nodal(U), *numbers, *shares, *surfaces)
 
 
 def finite_record(

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import tissue
-from coupling.arrays import Flags
+from coupling.arrays import Flags, Indices
 from coupling.contact import ContactObservation
 from coupling.observation import PiercingObservation
 from coupling.system import System
@@ -80,10 +80,10 @@ class Wound:
         openings = np.array([bite.place for bite in self.bites if not bite.ball]).reshape(-1, 3)
         return tuple(rim.near(openings) for rim in self.gaps.rims[self.part])
 
-    def eversion(self, points: Array) -> float:
+    def eversion(self, points: Array) -> float | None:
         """Return by how much the outer surface on both sides has risen towards the edges, together [rad], with all
-        nodes of the organ at `points` `(n, 3)` [m]."""
-        return sum(rim.turn(points) for rim in self.rims)
+        nodes of the organ at `points` `(n, 3)` [m]; None where a side has no edge on it."""
+        return sum(rim.turn(points) for rim in self.rims) if all(len(rim.edges) for rim in self.rims) else None
 
     def profile(self, lips: ContactObservation, points: Array) -> tuple[GapRecord, ...]:
         """Return the gaps along the left rim by its own `lips`, with all nodes at `points` `(n, 3)` [m]."""
@@ -101,21 +101,33 @@ class Wound:
         return tuple(out)
 
 
-def wounds_of(system: System, gaps: tissue.Gaps, holes: Sequence[PiercingObservation]) -> tuple[Wound, ...]:
-    """Return the surfaces that may touch with the `holes` of a step, balls of tracts among them, beside them."""
-    if not holes:
-        return tuple(Wound(gaps, part, ()) for part in range(len(gaps.parts)))
-    places = np.array([hole.x - hole.displacement for hole in holes])
-    pairs = gaps.nearest(places)
+def wounds_of(system: System, every: Sequence[tissue.Gaps], holes: Sequence[PiercingObservation]) -> list[list[Wound]]:
+    """Return the surfaces of each of the gaps, pair by pair, with those of the `holes` of a step, balls of tracts among
+    them, that are nearer to them than to all others."""
+    places = np.array([hole.x - hole.displacement for hole in holes]).reshape(-1, 3)
+    pairs, away = (np.array(both) for both in zip(*(gaps.nearest(places) for gaps in every), strict=True))
+    beside = np.argmin(away, axis=0)
+    order = [k for k in np.argsort([hole.s for hole in holes], kind="stable").tolist()]
+    out = []
+    for number, gaps in enumerate(every):
+        own = [k for k in order if beside[k] == number]
+        found = bites_of(system, gaps, holes, pairs[number], places)
+        part = np.searchsorted([own.stop for own in gaps.slices], pairs[number], side="right")
+        out.append([Wound(gaps, p, tuple(found[k] for k in own if part[k] == p)) for p in range(len(gaps.parts))])
+    return out
+
+
+def bites_of(
+    system: System, gaps: tissue.Gaps, holes: Sequence[PiercingObservation], pairs: Indices, places: Array
+) -> list[Bite]:
+    """Return every hole beside the `pairs` (p,) of nodes that are nearest to its place in the reference shape, `places`
+    (p, 3) [m]."""
     d = gaps.start[pairs, 4:] / np.linalg.norm(gaps.start[pairs, 4:], axis=1)[:, None]
     right = np.vecdot(places - gaps.body.points[gaps.left[pairs]], d) > 0.0
-    drawn = np.where(right, 1.0, -1.0) * np.vecdot(np.array([hole.force for hole in holes]), d)
-    part = np.searchsorted([own.stop for own in gaps.slices], pairs, side="right")
-    order = np.argsort([hole.s for hole in holes], kind="stable")
+    drawn = np.where(right, 1.0, -1.0) * np.vecdot(np.array([hole.force for hole in holes]).reshape(-1, 3), d)
     balls = [bool(hole.tract) for hole in holes]
     each = zip(stitches_of(system, holes, right), right.tolist(), places, drawn.tolist(), balls, strict=True)
-    every = [Bite(*bite) for bite in each]
-    return tuple(Wound(gaps, k, tuple(every[j] for j in order if part[j] == k)) for k in range(len(gaps.parts)))
+    return [Bite(*bite) for bite in each]
 
 
 def stitches_of(system: System, holes: Sequence[PiercingObservation], right: Flags) -> list[str]:

@@ -482,6 +482,8 @@ def test_what_is_open_between_two_surfaces(bodies: Path, element: str) -> None:
     assert found.open_area == pytest.approx(share, rel=RESIDUAL)
     assert found.gap_volume == pytest.approx(share * above + (side - share) * 0.5 * APART, rel=RESIDUAL)
     assert found.approximation == pytest.approx(1.0 - share / side, rel=RESIDUAL)
+    through = contact_record(wound, replace(lips, gap=np.full_like(lips.gap, -above)), points)
+    assert (through.approximation, through.open_area) == (0.0, 0.0)  # what is through one another does not touch
 
 
 def test_a_body_that_can_move_is_refused_at_rest(bodies: Path) -> None:

@@ -170,7 +170,7 @@ def test_a_wound_through_a_wall_is_judged_where_its_stitches_begin() -> None:
     simulation = prepare(load("abdominal_wall", [*COARSE, "tract=[]"]))
     now, lips = simulation.beginning(), simulation.open_lips
     assert lips is not None
-    (wound,), openings = wounds_of(now.system, lips, now.piercings), [hole.x[2] for hole in now.piercings]
+    ((wound,),), openings = wounds_of(now.system, [lips], now.piercings), [hole.x[2] for hole in now.piercings]
     assert sum(z > -1e-3 for z in openings) == sum(z < -1e-3 for z in openings) and openings[0] > -1e-3
     for rim in wound.rims:
         assert np.allclose(rim.middles[:, 2], 0.0, atol=IDENTITY) and np.allclose(rim.normal, [0, 0, 1])

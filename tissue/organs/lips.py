@@ -154,13 +154,15 @@ class Gaps:
         each = [(part.triangles, part.facets[:, :3]) for part in self.parts]
         return tuple((rim_of(self.body.mesh, *sides), rim_of(self.body.mesh, *sides[::-1])) for sides in each)
 
-    def nearest(self, points: Array) -> Indices:
-        """Return the pair whose left node is nearest to each of the `points` `(m, 3)` [m] in the reference shape."""
-        return np.asarray(self._tree.query(points)[1], dtype=np.intp)
+    def nearest(self, points: Array) -> tuple[Indices, Array]:
+        """Return the pair of which a node is nearest to each of the `points` `(m, 3)` [m] in the reference shape, and
+        how far it is [m], `(m,)` each."""
+        away, node = self._tree.query(points)
+        return np.asarray(node % len(self.left), dtype=np.intp), np.asarray(away)
 
     @cached_property
     def _tree(self) -> cKDTree:
-        return cKDTree(self.body.points[self.left])
+        return cKDTree(self.body.points[self.nodes.T.ravel()])
 
     @cached_property
     def extent(self) -> float:
