@@ -333,8 +333,3 @@ def spread(forces: Array, thread: Passage, n: int) -> Array:
     local = thread.b[:, :2].swapaxes(1, 2) @ forces
     index = 3 * thread.first[:, None, None] + LOCAL_UNKNOWNS
     return np.bincount(index.ravel(), local.ravel(), 3 * n).astype(np.float64, copy=False).reshape(n, 3)
-
-
-def unit_or_zero(a: Array) -> Array:
-    """Divide vectors along the last axis by their lengths; one of zero length stays zero."""
-    return np.asarray(a / np.maximum(np.linalg.norm(a, axis=-1, keepdims=True), np.finfo(float).tiny))

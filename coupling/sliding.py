@@ -64,7 +64,6 @@ from coupling.constraints import (
     shrinkage,
     tangent,
     tilt_of,
-    unit_or_zero,
 )
 from coupling.interfaces import Body, FrictionLaw
 from coupling.system import System
@@ -363,3 +362,8 @@ def add_effective_tangent(row: Array, thread: Passage, part: Parts, by: Array) -
     stretched = (2.0 * c0[:, 0] * bend / dot(T, T))[:, None] * T
     by_K = -(c0[:, 0] * per_square)[:, None] * part.across
     return shrinkage(thread, part)[:, None] * by + stretched - turned, by_K
+
+
+def unit_or_zero(a: Array) -> Array:
+    """Divide vectors along the last axis by their lengths; one of zero length stays zero."""
+    return np.asarray(a / np.maximum(np.linalg.norm(a, axis=-1, keepdims=True), np.finfo(float).tiny))

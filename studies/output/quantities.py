@@ -47,11 +47,6 @@ class Quantity:
         """The heading of its column in a table: `piercings.exit.slip [m]`."""
         return headed(self.name, self.unit)
 
-    @property
-    def is_scalar(self) -> bool:
-        """Whether it is a number."""
-        return isinstance(self.value, int | float) and not isinstance(self.value, bool)
-
 
 def headed(name: str, unit: str) -> str:
     """Return the heading of a column with its unit in brackets, where it has one."""

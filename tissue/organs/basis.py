@@ -38,10 +38,6 @@ class ModalBasis:
     mu: Array
     missed: Array
 
-    def dual_norm(self, rates: Array) -> float:
-        """Return ‖r‖ in K⁻¹ of the motion with `rates` η̈ + α η̇, shape `(r,)` [√J]."""
-        return float(np.linalg.norm(self.missed @ rates))
-
 
 @dataclass(frozen=True)
 class Krylov:
