@@ -264,8 +264,7 @@ def let_down_friction(problem: Problem[Body], held: Iterate) -> Solution[Body]:
 
     All friction is enlarged until it holds them, then let down to its own, so that the thread slides no further at a
     time than Newton follows. Friction opposes the way of each stage, for a hole may turn back on the way. What friction
-    takes of the whole way is then no more than an estimate by the forces at the end. The first hole to slide may go
-    over several spans, however little friction is let down: where Newton alone does not follow, abscissae are led.
+    takes of the whole way is then no more than an estimate by the forces at the end.
     """
     z, ratio = replace(held, sigma=admissible_sigma(problem.law, np.zeros_like(held.s))), LOOSER
     at, law = evaluate(problem, z).passage, problem.law
@@ -278,7 +277,7 @@ def let_down_friction(problem: Problem[Body], held: Iterate) -> Solution[Body]:
         factor = max(1.0, ratio * firm)
         try:
             here = replace(problem, law=replace(law, s_old=z.s, s_held=np.where(law.may_slide, z.s, law.s_held)))
-            solution = slide_on(with_friction(here, factor), z)
+            solution = solve(with_friction(here, factor), z)
         except StepError as error:
             failed, ratio = error, np.sqrt(ratio)
             if ratio > FIRMEST:
@@ -290,14 +289,6 @@ def let_down_friction(problem: Problem[Body], held: Iterate) -> Solution[Body]:
             answered = replace(problem, answer=solution.problem.answer)
             return replace(solution, problem=answered, iterations=iterations)
     raise failed
-
-
-def slide_on(problem: Problem[Body], first: Iterate) -> Solution[Body]:
-    """Solve by Newton alone, and where that fails with the abscissae led downhill. Raises `StepError`."""
-    try:
-        return solve(problem, first)
-    except StepError:
-        return solve(problem, first, A_SPAN, PATIENCE)
 
 
 def with_friction(problem: Problem[Body], factor: float) -> Problem[Body]:

@@ -1,7 +1,6 @@
 """Loops of thread that hands draw tight and lock: their tension and length against closed forms, the work that it
 takes, condensed and assembled, and what a tie cannot be."""
 
-import tomllib
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling import equilibrium, run
+from coupling import run
 from coupling.adaptivity import Resolution
 from coupling.assembled import Monolith, equation_of, monolithic_solve
 from coupling.audit import multiplier_imbalance
@@ -21,8 +20,8 @@ from coupling.equilibrium import settle
 from coupling.errors import CouplingError, FormingError, StepError
 from coupling.integrators import BackwardEuler, Scheme
 from coupling.laying import start
-from coupling.newton import Iterate, Problem, Solution, is_converged, solve
-from coupling.sliding import force_along_thread, next_sigma, static_bound
+from coupling.newton import solve
+from coupling.sliding import force_along_thread, next_sigma
 from coupling.stepping import dynamic_problem, organ_answer, predict
 from coupling.system import Piercing, State, System
 from coupling.ties import Tie, gap_left
@@ -508,77 +507,3 @@ def test_strands_are_brought_together_as_the_force_grows() -> None:
     half = gap_left((tie,), gap, 1.0, 1.5)
     assert half == pytest.approx(0.5 * gap) and gap_left((tie,), half, 1.5, 1.75) == pytest.approx(0.25 * gap)
     assert not gap_left((tie,), half, 1.5, 2.0).any() and not gap_left((tie,), 0.0 * gap, 2.0, 2.5).any()
-
-
-# -- friction that is let down -----------------------------------------------------------------------------------------
-
-LOOSE = """
-[tissue]
-youngs_modulus = 5.0e3
-poisson_ratio = 0.4
-density = 1050.0
-inertia = false
-clamp = ["bottom"]
-[tissue.mesh]
-kind = "block"
-generator = "structured"
-size = [0.03, 0.02, 0.01]
-h = 5.0e-3
-[thread]
-suture = "8-0 polypropylene"
-control_points = 80
-path = [[-0.002, -0.002, 0.0045], [0, 0, 0.004], [0.0055, 0, 0.001], [0.0055, 0, -0.0045], [-0.0055, 0, -0.0045],
-        [-0.0055, 0, 0.001], [0, 0, 0.004], [0.002, 0.002, 0.0045]]
-[solve]
-kind = "static"
-[[piercing]]
-name = "right"
-at = [0.0055, 0, 0]
-direction = "normal"
-footprint = 1.0e-3
-friction = { static = 0.24, kinetic = 0.2 }
-[[piercing]]
-name = "left"
-at = [-0.0055, 0, 0]
-direction = "normal"
-footprint = 1.0e-3
-friction = { static = 0.24, kinetic = 0.2 }
-[[tie]]
-name = "knot"
-between = ["right", "left"]
-force = 0.05
-from = 0.0
-until = 1.0
-ramp = 1.0
-"""
-
-
-SPANS = 2.0  # that the thread slides at least
-
-
-def test_friction_that_is_let_down_leads_a_thread_over_spans(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Independent check: a fine thread that slides over spans at once as the friction of its two holes is let down to
-    its own, where Newton alone does not follow, comes to rest: all equations hold, and friction is no larger than
-    Coulomb's law allows at either hole, and as large where the thread slid."""
-    simulation, caught = prepare(parse(tomllib.loads(LOOSE))), []
-
-    def catch(problem: Problem, held: Iterate) -> Solution:
-        caught.append((problem, held))
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(equilibrium, "let_down_friction", catch)
-        with pytest.raises(KeyboardInterrupt):
-            simulation.next(simulation.beginning())
-    problem, held = caught[0]
-    with monkeypatch.context() as patch:
-        patch.setattr(equilibrium, "slide_on", solve)
-        with pytest.raises(StepError, match="no convergence"):
-            equilibrium.let_down_friction(problem, held)
-    found = equilibrium.let_down_friction(problem, held)
-    z, law, at = found.iterate, found.problem.law, found.residual.passage
-    slid = np.abs(z.s - held.s)[:2] > SPANS * np.diff(problem.system.thread.spline.breaks).max()
-    assert slid.any() and is_converged(found.problem, z, found.residual)
-    pull, most = np.abs(force_along_thread(law, at, z.s, z.lam, z.y))[:2], static_bound(law, at, z.lam, z.y)[:2]
-    assert np.all(pull <= (1.0 + TWO_SOLVERS) * most)
-    assert pull[slid] == pytest.approx(0.2 / 0.24 * most[slid], rel=TWO_SOLVERS)
