@@ -576,9 +576,9 @@ def without_tract(depths: Mapping[tuple[str, str], float], diameter: float) -> l
     if not deep:
         return []
     (one, other), others = next(iter(deep)), len(deep) - 1
-    also = f", and likewise between {others} other pair{'s' * (others > 1)} of holes" if others else ""
+    also = f", and likewise between {others} other pair{'s' * (others > 1)} of holes," if others else ""
     text = (
-        f"between {one!r} and {other!r}{also}, the thread lies up to {max(deep.values()) / MILLI:.2g} mm deep in the "
+        f"between {one!r} and {other!r}{also} the thread lies up to {max(deep.values()) / MILLI:.2g} mm deep in the "
         f'tissue, and bears on it at the holes alone; add [[tract]] between = ["{one}", "{other}"] where the depth of '
         "the bite matters"
     )
