@@ -107,7 +107,7 @@ def wounds_of(system: System, every: Sequence[tissue.Gaps], holes: Sequence[Pier
     places = np.array([hole.x - hole.displacement for hole in holes]).reshape(-1, 3)
     pairs, away = (np.array(both) for both in zip(*(gaps.nearest(places) for gaps in every), strict=True))
     beside = np.argmin(away, axis=0)
-    order = [k for k in np.argsort([hole.s for hole in holes], kind="stable").tolist()]
+    order = np.argsort([hole.s for hole in holes], kind="stable").tolist()
     out = []
     for number, gaps in enumerate(every):
         own = [k for k in order if beside[k] == number]

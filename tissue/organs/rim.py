@@ -47,7 +47,7 @@ class Rim:
             return self
         if not len(points):
             return self.of(self._parts == np.bincount(self._parts, self.lengths).argmax())
-        votes = self._parts[cKDTree(self.middles).query(points)[1]].tolist()
+        votes = self._parts[self._tree.query(points)[1]].tolist()
         return self.of(self._parts == max(dict.fromkeys(votes), key=votes.count))
 
     def turn(self, points: Array) -> float:
@@ -71,6 +71,11 @@ class Rim:
         far = dijkstra(graph, directed=False, indices=[int(lone.argmax())])[0] if len(ends) else np.zeros(0)
         order = np.argsort(far, kind="stable")
         return vertices[order], far[order]
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        """The middles of the edges, to ask which is nearest."""
+        return cKDTree(self.middles)
 
     @cached_property
     def _parts(self) -> Indices:
