@@ -30,6 +30,14 @@ def solve(problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: 
     return newton.solve(problem, start, correct, patience)
 
 
+def are_kept() -> bool:
+    """Whether compiled loops are kept on disk, for the next process: there is a folder that one may write, and Numba is
+    not switched off."""
+    from coupling.tables import folder_of_loops
+
+    return folder_of_loops() is not None
+
+
 def covers(system: System[Body]) -> bool:
     """Whether the loops know the thread, in one piece with stretch and bending as integrals, and the holes' laws of
     friction, Coulomb's."""

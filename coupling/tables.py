@@ -184,22 +184,29 @@ def empty_found(z: Iterate, points: int) -> Found:
     )
 
 
+def folder_of_loops() -> Path | None:
+    """Return the folder that the loops are kept in; None where there is none that one may write, or Numba is switched
+    off."""
+    stats = getattr(iteration.solve, "stats", None)
+    return Path(stats.cache_path) if stats is not None and stats.cache_path else None
+
+
 @cache
 def is_ready() -> bool:
-    """Whether the loops were on disk, compiled since a module of theirs last changed, when this was first asked."""
-    stats = getattr(iteration.solve, "stats", None)
-    if stats is None:  # Numba is switched off
-        return True
+    """Whether the loops were on disk, compiled since a module of theirs last changed, when this was first asked; where
+    Numba is switched off nothing is to be compiled."""
+    folder = folder_of_loops()
+    if folder is None:
+        return not hasattr(iteration.solve, "stats")
     changed = max(path.stat().st_mtime for path in Path(iteration.__file__).parent.glob("*.py"))
-    kept = Path(stats.cache_path).glob(f"{KEPT}*.nbi") if stats.cache_path else ()
-    return any(path.stat().st_mtime > changed for path in kept)
+    return any(path.stat().st_mtime > changed for path in folder.glob(f"{KEPT}*.nbi"))
 
 
 @cache
 def say_what_takes_long() -> None:
     """Say once that the loops are compiled, where they are not."""
     if not is_ready():
-        log.info("compiling the step, once")
+        log.info("compiling the step, once: half a minute of one core, then it is kept")
 
 
 def run(

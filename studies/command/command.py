@@ -24,7 +24,7 @@ from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.command.lines import complain, print_lines
 from studies.command.parser import read
-from studies.command.progress import Progress, StudyProgress, stages
+from studies.command.progress import TOLD_IN_STEPS, Progress, StudyProgress, stages
 from studies.command.summary import MILLI, place_lines, print_summary, remark_lines
 from studies.output.budget import GIGA, frame_bytes, row_bytes
 from studies.output.files import as_json
@@ -287,7 +287,7 @@ def _simulate(
     progress = Progress(simulation.steps, quiet)
     with _signals() as received:
         try:
-            with recorder:
+            with recorder, stages(quiet, TOLD_IN_STEPS):
                 for step, frame in moments:
                     recorder.record(step, frame)
                     progress.update(step.step, step.time, step.newton_iterations)

@@ -11,6 +11,7 @@ WIDTH = 30  # characters of the bar, fewer where the words beside it are many
 REFRESH = 0.1  # s between two drawings on a terminal
 TERMINAL = 79  # characters of a line that is written over
 TOLD = ("tissue", "coupling", "studies")  # packages that say what they begin
+TOLD_IN_STEPS = ("coupling.tables",)  # says that the first step is compiled
 TENTHS = 10  # plain lines when the output is not a terminal
 
 
@@ -73,8 +74,8 @@ class Progress:
 
 
 class Stages(logging.Handler):
-    """Tells what is being done before the first step, one line that is written over on a terminal, elsewhere a line
-    for each."""
+    """Tells what is being done before a step is done, one line that is written over on a terminal, elsewhere a line for
+    each."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
         super().__init__(logging.INFO)
@@ -103,13 +104,13 @@ class Stages(logging.Handler):
 
 
 @contextmanager
-def stages(quiet: bool = False) -> Iterator[None]:
-    """Tell on standard error what the packages say that they begin."""
+def stages(quiet: bool = False, told: Sequence[str] = TOLD) -> Iterator[None]:
+    """Tell on standard error what packages or modules say that they begin."""
     if quiet:
         yield
         return
     handler = Stages()
-    loggers = [logging.getLogger(name) for name in TOLD]
+    loggers = [logging.getLogger(name) for name in told]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
         logger.addHandler(handler)

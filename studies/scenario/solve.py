@@ -23,11 +23,12 @@ class Solve(ScenarioTable):
     scheme: Literal["newton", "linear"] = Field(
         default="newton", description='time step: "newton", or "linear" (Baumgarte, one linear solve)'
     )
-    newton: Literal["numpy", "compiled"] = Field(
-        default="numpy",
-        description='how a step iterates: in "numpy", or by "compiled" loops, the same numbers but for '
-        "round-off in a third of the time, for long runs and many: they are compiled once, in 30 s, and kept; what "
-        "they do not cover is solved in numpy, and provenance.json says which it is",
+    newton: Literal["auto", "numpy", "compiled"] = Field(
+        default="auto",
+        description='how a step iterates: in "numpy", or by "compiled" loops, the same numbers but for round-off in a '
+        'third of the time: they are compiled once, in half a minute, and kept; "auto" takes the loops in time, '
+        "where they can be kept, and numpy at rest; what they do not cover is solved in numpy, and provenance.json "
+        "says which it is",
     )
     integrator: Literal["euler", "bdf2"] = Field(
         default="bdf2",

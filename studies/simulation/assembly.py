@@ -1,5 +1,6 @@
 """From a scenario to the coupled system: mesh, organ, thread, piercings and a consistent start."""
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -10,6 +11,7 @@ import skfem
 import tissue
 from coupling.adaptivity import Resolution, coarse_tree, first_breaks
 from coupling.laying import start
+from coupling.solver import are_kept
 from coupling.system import Friction, Piercing, State, System
 from coupling.ties import Tie
 from meshes.wound import lips
@@ -33,6 +35,8 @@ from thread.path import RoundedPath, rounded_path
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
+
+log = logging.getLogger(__name__)
 
 AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | tissue.DynamicOrgan | tissue.ReducedOrgan | tissue.FiniteOrgan
 
@@ -109,11 +113,25 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
         gravity=np.array(scenario.solve.gravity),
         epsilon=scenario.solve.epsilon,
         ties=tuple(tie_of(table, holes) for table in scenario.tie),
-        compiled=scenario.solve.newton == "compiled",
+        compiled=is_compiled(scenario.solve),
     )
     recovery = partial(stored_recovery, scenario, body, store)
     depths = partial(stored_depths, scenario, body, store)
     return Assembly(whole, holes, system, organ, path, np.array(s), body, resolution, recovery, depths, given)
+
+
+def is_compiled(solve: model.Solve) -> bool:
+    """Tell whether steps are taken by compiled loops: where they are asked for, and unless said otherwise in time.
+
+    A run in time has hundreds of steps, one at rest a handful, which take less than to load the loops. Loops that
+    nothing keeps would be compiled for every run.
+    """
+    if solve.newton != "auto" or solve.kind == "static" or solve.scheme == "linear":
+        return solve.newton == "compiled"
+    if not are_kept():
+        log.info("steps are solved in numpy: no folder to keep compiled loops in; name one by NUMBA_CACHE_DIR")
+        return False
+    return True
 
 
 def shareable(store: Store | None, given: Given) -> Store:

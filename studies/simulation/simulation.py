@@ -109,11 +109,11 @@ class Simulation:
 
     @property
     def _newton(self) -> str:
-        """What steps are solved by where they can be: "compiled" loops that are asked for, or "numpy"."""
+        """What steps are solved by where they can be: "compiled" loops, or "numpy"."""
         solve, organ, system = self.scenario.solve, self.assembly.organ, self.assembly.system
         iterates = solve.kind == "static" or solve.scheme == "newton"
         linear = getattr(organ, "gaps", None) is None and not isinstance(organ, tissue.FiniteOrgan)
-        return "compiled" if solve.newton == "compiled" and iterates and linear and covers(system) else "numpy"
+        return "compiled" if system.compiled and iterates and linear and covers(system) else "numpy"
 
     @property
     def steps(self) -> int:
