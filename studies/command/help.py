@@ -107,7 +107,8 @@ def find_gmsh() -> Finding:
 
 def find_gl() -> Finding:
     """Find what draws in three dimensions, by drawing a thread."""
-    from studies.output.records import Snapshot, ThreadRecord
+    from studies.output.fields import ThreadRecord
+    from studies.output.records import Snapshot
     from studies.pictures.picture import draw_picture
 
     s = np.linspace(0.0, 0.01, 3)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from coupling.events import Event
 from studies.manual import with_blocks
 from studies.output import remarks
+from studies.output.fields import OrganRecord, ThreadRecord
 from studies.output.records import (
     APART,
     ContactRecord,
@@ -23,13 +24,11 @@ from studies.output.records import (
     Extremes,
     GapRecord,
     LoadRecord,
-    OrganRecord,
     PiercingRecord,
     ReductionRecord,
     RunRecord,
     StepRecord,
     StitchRecord,
-    ThreadRecord,
     TieRecord,
     TractRecord,
 )

@@ -24,6 +24,7 @@ from typing import Any, Self
 
 from studies.output.checkpoint import ANEW, Arrays, changes, first_in_words, write_checkpoint
 from studies.output.columns import GAP_PROFILE, Layout
+from studies.output.fields import OrganTopology
 from studies.output.files import write_bytes, write_json, write_text
 from studies.output.lock import LOCK
 from studies.output.manifest import (
@@ -38,7 +39,7 @@ from studies.output.manifest import (
     unfinished,
 )
 from studies.output.provenance import provenance
-from studies.output.records import OrganTopology, Snapshot, StepRecord
+from studies.output.records import Snapshot, StepRecord
 from studies.output.remarks import Remark, remark
 from studies.output.series import Series, steps_in
 from studies.output.tables import CsvFile, head_of, rows_until, tables_of, whole_table

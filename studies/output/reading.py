@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from studies.arrays import Array
 from studies.output.columns import STATE_CODES, TABLES
+from studies.output.fields import OrganRecord, OrganTopology, ThreadRecord
 from studies.output.files import read_json
 from studies.output.manifest import MARK, SCENARIO, holds_run
-from studies.output.records import OrganRecord, OrganTopology, PiercingRecord, Snapshot, ThreadRecord
+from studies.output.records import PiercingRecord, Snapshot
 from studies.output.series import step_of
 
 HEADING = re.compile(r"(?P<name>.*?)(?: \[(?P<unit>[^\]]*)\])?")

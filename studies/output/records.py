@@ -13,67 +13,13 @@ from coupling.events import Event
 from coupling.observation import PiercingObservation
 from coupling.tying import TieObservation
 from studies.arrays import Array
+from studies.output.fields import OrganRecord, ThreadRecord
 
 APART = 1e-6  # m: surfaces nearer are closed; a fluid of the body hardly passes, and tissue is rougher
 
 PiercingRecord = PiercingObservation
 EnergyRecord = Energies
 TieRecord = TieObservation
-
-
-@dataclass(frozen=True)
-class ThreadRecord:
-    """The thread at one time, sampled at m abscissas."""
-
-    points: Array  # (m, 3) [m]
-    s: Array  # (m,) rest arc length [m]
-    tension: Array  # (m,) [N]
-    curvature: Array  # (m,) [1/m]
-    radius: float  # of the thread [m]
-    pieces: tuple[int, ...] = ()  # points of each piece of a thread that is cut; none where it is whole
-    torque: Array | None = None  # (m,) about the tangent, right-handed [N m]; None without twist
-    bearing: Array | None = None  # (m, 3) of the tissue along tracts on the thread [N/m], zero elsewhere; None without
-
-    def split(self) -> list[Array]:
-        """Return the points of each piece, (k, 3) [m]."""
-        return np.split(self.points, np.cumsum(self.pieces[:-1]))
-
-
-@dataclass(frozen=True)
-class OrganTopology:
-    """The organ's mesh in the reference shape, for output."""
-
-    points: Array  # (nodes, 3) [m]
-    cells: NDArray[np.int64]  # (cells, 4), or (cells, 10) with the mid-edge nodes 01 12 02 03 13 23
-
-
-@dataclass(frozen=True)
-class OrganRecord:
-    """The organ at one time."""
-
-    displacement: Array  # (nodes, 3) [m]
-    stress: Array  # (nodes, 6) xx yy zz xy yz xz [Pa]
-    von_mises: Array  # (nodes,) [Pa]
-    principal_stress: Array  # (nodes, 3) falling [Pa]
-    first_direction: Array  # (nodes, 3) of the largest of them, unit
-    third_direction: Array  # (nodes, 3) of the smallest, unit
-    strain: Array  # (cells,) largest principal strain in each cell, in magnitude [-]
-    rotation: Array  # (cells,) largest |½ curl U| in each cell [rad]
-    energy_density: Array  # (cells,) mean strain energy per volume in each cell [Pa]
-    volume_ratio: Array  # (cells,) volume between the corners of each cell over that of the reference shape [-]
-    nodal_volume_ratio: Array  # (nodes,) J averaged at the vertices, between them the mean of both ends [-]
-    strained: float  # share of the strain energy in cells strained beyond what is small [-]
-    rotated: float  # the same in cells rotated beyond [-]
-    pressed_turn: float = 0.0  # largest angle between a normal under a pressure and that of the reference [rad]
-    contact_pressure: Array | None = None  # (nodes,) [Pa], zero off the lips; None without contact
-    lip_gap: Array | None = None  # (nodes,) [m], not a number off the lips
-    crossed: float = 0.0  # how far lips that do not touch are through one another, over their extent [-]
-    principal_stretch: Array | None = None  # (cells, 3) falling [-]; None of a linear organ
-    first_stretch: Array | None = None  # (cells, 3) direction of the largest of them in the deformed shape, unit
-    third_stretch: Array | None = None  # (cells, 3) of the smallest, unit
-    hole_strain: Array | None = None  # (p,) largest `strain` of the cells on which each hole bears [-]
-    hole_energy: Array | None = None  # (p,) largest `energy_density` of them [Pa]
-    sprung: Array | None = None  # (p,) way of the springs at each hole over its footprint [-]; None of a linear organ
 
 
 @dataclass(frozen=True)

@@ -37,8 +37,9 @@ from studies.output.columns import (
     Column,
     values,
 )
+from studies.output.fields import OrganRecord, OrganTopology, ThreadRecord
 from studies.output.files import UNFINISHED, write_bytes, write_text
-from studies.output.records import OrganRecord, OrganTopology, PiercingRecord, Snapshot, ThreadRecord, TieRecord
+from studies.output.records import PiercingRecord, Snapshot, TieRecord
 
 CELL_TYPES = {4: 10, 10: 24}  # VTK_TETRA, VTK_QUADRATIC_TETRA by nodes per cell
 TYPE_NAMES = {"f4": "Float32", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}

@@ -7,7 +7,8 @@ import numpy as np
 
 from studies.output.checkpoint import Arrays, pack, unpack
 from studies.output.columns import RUN, range_summary, reduction_summary, state_summary, values
-from studies.output.records import Ending, OrganRecord, RunRecord, StepRecord, nothing_met
+from studies.output.fields import OrganRecord
+from studies.output.records import Ending, RunRecord, StepRecord, nothing_met
 from studies.output.remarks import Remark
 from studies.scenario import Scenario
 

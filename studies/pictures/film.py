@@ -7,15 +7,15 @@ from pathlib import Path
 
 from PIL import Image
 
-from studies.output.records import OrganTopology, Snapshot
+from studies.output.fields import OrganTopology
+from studies.pictures.scene import Film, Frame
 from studies.pictures.space import draw_staged, stage_of
 
-Film = tuple[list[Snapshot], OrganTopology | None, str]  # with a title
 SIZE = (900, 600)  # pixels
 PAUSE, LAST = 120, 1500  # ms that a picture stands, and the last one
 
 
-def draw_film(frames: Sequence[Snapshot], topology: OrganTopology | None, path: Path, title: str = "") -> None:
+def draw_film(frames: Sequence[Frame], topology: OrganTopology | None, path: Path, title: str = "") -> None:
     """Draw frames into a GIF file, all to one scale."""
     stage = stage_of(frames, topology, title)
     scratch = path.with_name("frame.png")

@@ -5,13 +5,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from studies.output.records import OrganTopology, Snapshot
-from studies.pictures.film import Film, save, small
+from studies.output.fields import OrganTopology
+from studies.pictures.film import save, small
+from studies.pictures.scene import Film, Frame
 from studies.pictures.section import draw_scaled
 from studies.pictures.view import scale_of
 
 
-def draw_film(frames: Sequence[Snapshot], topology: OrganTopology | None, path: Path, title: str = "") -> None:
+def draw_film(frames: Sequence[Frame], topology: OrganTopology | None, path: Path, title: str = "") -> None:
     """Draw frames into a GIF file, all to one scale."""
     scale = scale_of(frames)
     scratch = path.with_name("frame.png")

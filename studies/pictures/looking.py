@@ -11,6 +11,7 @@ import numpy as np
 from studies.output.files import write_bytes
 from studies.output.reading import FrameFiles, ResultsError, RunResults, read_run, snapshot_of, topology_of
 from studies.pictures.picture import Drawn, draw_picture, draw_scene
+from studies.pictures.scene import frame_of
 
 MOST_PICTURES = 24  # of an animation
 KINDS = (".png", ".gif")
@@ -75,6 +76,6 @@ def film(run: RunResults, out: Path) -> Drawn:
     """Draw frames into a GIF file, no more than are patiently drawn."""
     count = len(run.frames)
     chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_PICTURES)).round().astype(int)).tolist()
-    frames = [snapshot_of(run.frames[number], run.piercings) for number in chosen]
+    frames = [frame_of(snapshot_of(run.frames[number], run.piercings)) for number in chosen]
     scene = frames, topology_of(run.frames[0]), run.title
     return draw_scene(scene, out, "studies.pictures.film", "studies.pictures.film_section", patience=10.0)

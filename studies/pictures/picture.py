@@ -14,8 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from meshes.child import last_words, run_module
+from studies.output.fields import OrganTopology
 from studies.output.files import write_bytes
-from studies.output.records import OrganTopology, Snapshot
+from studies.output.records import Snapshot
+from studies.pictures.scene import frame_of
 
 WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")  # off screen: by the driver, by software
 PATIENCE = 120.0  # s for the child, on a busy machine
@@ -33,7 +35,7 @@ class Drawn:
 
 def draw_picture(frame: Snapshot, topology: OrganTopology | None, path: Path | str, title: str = "") -> Drawn:
     """Draw a frame into a PNG file."""
-    return draw_scene((frame, topology, title), path, "studies.pictures.space", "studies.pictures.section")
+    return draw_scene((frame_of(frame), topology, title), path, "studies.pictures.space", "studies.pictures.section")
 
 
 def draw_scene(scene: object, path: Path | str, space: str, section: str, patience: float = 1.0) -> Drawn:

@@ -10,8 +10,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from studies.arrays import Array
-from studies.output.records import OrganTopology, Snapshot
+from studies.output.fields import OrganTopology
 from studies.pictures.camera import along_arrows, label_places
+from studies.pictures.scene import Frame
 from studies.pictures.view import (
     ARROW,
     KILO,
@@ -36,12 +37,12 @@ LETTERS, LETTER = 20.0, 0.6  # pixels of the letters of a name, and the mean wid
 ASIDE = 1e-3  # over the organ's width: a plane through nodes cuts tetrahedra into nothing
 
 
-def draw_section(frame: Snapshot, topology: OrganTopology | None, path: Path, title: str = "") -> None:
+def draw_section(frame: Frame, topology: OrganTopology | None, path: Path, title: str = "") -> None:
     """Draw the view along y with matplotlib [mm]: the organ cut at the piercings, the thread projected."""
     draw_scaled(frame, topology, path, title, scale_of([frame]))
 
 
-def draw_scaled(frame: Snapshot, topology: OrganTopology | None, path: Path, title: str, scale: Scale) -> None:
+def draw_scaled(frame: Frame, topology: OrganTopology | None, path: Path, title: str, scale: Scale) -> None:
     """Draw a frame to a scale into a PNG file."""
     figure = Figure(figsize=(SIZE[0] / DPI, SIZE[1] / DPI), layout="constrained", dpi=DPI)
     axes = figure.add_subplot()
@@ -58,7 +59,7 @@ def draw_scaled(frame: Snapshot, topology: OrganTopology | None, path: Path, tit
     figure.savefig(path, dpi=DPI)
 
 
-def _section_organ(axes: Axes, topology: OrganTopology, frame: Snapshot, scale: Scale) -> Any:
+def _section_organ(axes: Axes, topology: OrganTopology, frame: Frame, scale: Scale) -> Any:
     """Fill the cut of the deformed tetrahedra by the plane y = const through the piercings."""
     assert frame.organ is not None
     deformed = topology.points + frame.organ.displacement
@@ -87,7 +88,7 @@ def cut(points: Array, cells: Indices, values: Array, y: float) -> tuple[Array, 
     return places[:, [0, 2]], np.array(triangles).reshape(-1, 3), values[a] + weight * (values[b] - values[a])
 
 
-def _section_thread(axes: Axes, frame: Snapshot, scale: Scale) -> Any:
+def _section_thread(axes: Axes, frame: Frame, scale: Scale) -> Any:
     """Draw the thread coloured by its tension [N]."""
     ends = np.cumsum(frame.thread.pieces[:-1], dtype=np.int64)
     lines = []
@@ -101,7 +102,7 @@ def _section_thread(axes: Axes, frame: Snapshot, scale: Scale) -> Any:
     return lines[0]
 
 
-def _section_piercings(axes: Axes, frame: Snapshot, scale: Scale) -> None:
+def _section_piercings(axes: Axes, frame: Frame, scale: Scale) -> None:
     """Draw the holes, with the force of each on the thread."""
     style = {"arrowstyle": "-|>", "color": ARROW, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 0}
     for hole, tip in zip(frame.piercings, scale.tips(frame) / MILLI, strict=True):
@@ -111,7 +112,7 @@ def _section_piercings(axes: Axes, frame: Snapshot, scale: Scale) -> None:
             axes.annotate("", (tip[0], tip[2]), (x, z), arrowprops=style, zorder=5)
 
 
-def _section_names(axes: Axes, frame: Snapshot, scale: Scale) -> None:
+def _section_names(axes: Axes, frame: Frame, scale: Scale) -> None:
     """Write what each hole is called and its force, beside what is drawn, with a line to the hole."""
     named = [hole for hole in frame.piercings if hole.state != LEFT]
     words = [label(hole.name, float(np.linalg.norm(hole.force))) for hole in named]
@@ -129,7 +130,7 @@ def _section_names(axes: Axes, frame: Snapshot, scale: Scale) -> None:
         )  # fmt: skip
 
 
-def _section_frame(axes: Axes, frame: Snapshot, title: str, scale: Scale) -> None:
+def _section_frame(axes: Axes, frame: Frame, title: str, scale: Scale) -> None:
     tips = scale.tips(frame)
     low, high = np.min([scale.low, *tips], axis=0), np.max([scale.high, *tips], axis=0)
     margin = 0.08 * scale.width
@@ -143,7 +144,7 @@ def _section_frame(axes: Axes, frame: Snapshot, title: str, scale: Scale) -> Non
         axes.spines[side].set_visible(False)
 
 
-def _section_y(frame: Snapshot, deformed: Array) -> float:
+def _section_y(frame: Frame, deformed: Array) -> float:
     """Choose where to cut [m]: through the piercings, inside the organ, and off the nodes of a regular mesh."""
     low, high = deformed[:, 1].min(), deformed[:, 1].max()
     middle = np.mean([hole.x[1] for hole in frame.piercings] or frame.thread.points[:, 1])

@@ -10,8 +10,9 @@ import numpy as np
 import pyvista as pv
 
 from studies.arrays import Array
-from studies.output.records import OrganTopology, Snapshot
+from studies.output.fields import OrganTopology
 from studies.pictures.camera import Camera, along_arrows, camera_on, label_places, scale_bar
+from studies.pictures.scene import Frame
 from studies.pictures.view import (
     ARROW,
     KILO,
@@ -48,19 +49,19 @@ class Stage:
     camera: Camera
 
 
-def stage_of(frames: Sequence[Snapshot], topology: OrganTopology | None, title: str) -> Stage:
+def stage_of(frames: Sequence[Frame], topology: OrganTopology | None, title: str) -> Stage:
     """Return the stage on which the whole thread and every arrow of all frames are seen."""
     scale = scale_of(frames)
     seen = np.concatenate([part for frame in frames for part in (frame.thread.points, scale.tips(frame))])
     return Stage(topology, title, scale, camera_on(seen, SIZE, MARGINS))
 
 
-def draw_space(frame: Snapshot, topology: OrganTopology | None, path: Path, title: str = "") -> None:
+def draw_space(frame: Frame, topology: OrganTopology | None, path: Path, title: str = "") -> None:
     """Draw a frame into a PNG file."""
     draw_staged(frame, stage_of([frame], topology, title), path)
 
 
-def draw_staged(frame: Snapshot, stage: Stage, path: Path) -> None:
+def draw_staged(frame: Frame, stage: Stage, path: Path) -> None:
     """Draw a frame on a stage into a PNG file. Raises `RuntimeError` where the renderer draws nothing."""
     plotter: Any = pv.Plotter(off_screen=True, window_size=list(SIZE))
     plotter.enable_anti_aliasing("ssaa")
@@ -71,7 +72,7 @@ def draw_staged(frame: Snapshot, stage: Stage, path: Path) -> None:
         raise RuntimeError("the renderer drew nothing")
 
 
-def add_scene(plotter: Any, frame: Snapshot, stage: Stage) -> None:
+def add_scene(plotter: Any, frame: Frame, stage: Stage) -> None:
     """Add a frame to a plotter, with what is written and measured in its picture."""
     plotter.set_background("white")
     place_camera(plotter, stage.camera)
@@ -92,7 +93,7 @@ def place_camera(plotter: Any, camera: Camera) -> None:
     plotter.camera.parallel_scale = camera.half_height
 
 
-def _add_organ(plotter: Any, topology: OrganTopology, frame: Snapshot, scale: Scale) -> None:
+def _add_organ(plotter: Any, topology: OrganTopology, frame: Frame, scale: Scale) -> None:
     assert frame.organ is not None
     deformed = topology.points + frame.organ.displacement
     mesh: Any = pv.PolyData.from_regular_faces(deformed, surface(topology))
@@ -109,7 +110,7 @@ def _add_organ(plotter: Any, topology: OrganTopology, frame: Snapshot, scale: Sc
         plotter.add_mesh(edges, color="#8a6d5c", line_width=2)
 
 
-def _add_thread(plotter: Any, frame: Snapshot, scale: Scale) -> None:
+def _add_thread(plotter: Any, frame: Frame, scale: Scale) -> None:
     """Add the thread as a tube coloured by its tension, at least as thick as can be seen."""
     radius = max(frame.thread.radius, 0.004 * scale.width)
     bar = BAR | {"title": "tension of the thread [N]\n", "position_x": 0.68}
@@ -123,7 +124,7 @@ def _add_thread(plotter: Any, frame: Snapshot, scale: Scale) -> None:
         )  # fmt: skip
 
 
-def _add_piercings(plotter: Any, frame: Snapshot, scale: Scale) -> None:
+def _add_piercings(plotter: Any, frame: Frame, scale: Scale) -> None:
     """Add the holes as balls, with the force of the organ's hole on the thread as arrows to one scale."""
     for hole in frame.piercings:
         plotter.add_mesh(pv.Sphere(radius=0.008 * scale.width, center=hole.x), color=MARKER, smooth_shading=True)
@@ -136,7 +137,7 @@ def _add_piercings(plotter: Any, frame: Snapshot, scale: Scale) -> None:
             plotter.add_mesh(arrow, color=ARROW)
 
 
-def _add_names(plotter: Any, frame: Snapshot, stage: Stage) -> None:
+def _add_names(plotter: Any, frame: Frame, stage: Stage) -> None:
     """Write what each hole is called and its force, beside what is drawn, with a line to the hole."""
     named = [hole for hole in frame.piercings if hole.state != LEFT]
     if not named:
@@ -151,13 +152,13 @@ def _add_names(plotter: Any, frame: Snapshot, stage: Stage) -> None:
         _add_lines(plotter, np.array([anchor, np.clip(anchor, corner, corner + box)]), 1.5)
 
 
-def taken_pixels(frame: Snapshot, stage: Stage) -> Array:
+def taken_pixels(frame: Frame, stage: Stage) -> Array:
     """Return the pixels of thread, holes and arrows `(k, 2)`, which names are not to cover."""
     holes, tips = (stage.camera.pixels(places) for places in (places_of(frame), stage.scale.tips(frame)))
     return np.concatenate([stage.camera.pixels(frame.thread.points), along_arrows(holes, tips)])
 
 
-def _add_words(plotter: Any, frame: Snapshot, stage: Stage) -> None:
+def _add_words(plotter: Any, frame: Frame, stage: Stage) -> None:
     """Write the title, what the arrows are, and how long a length is."""
     height = SIZE[1]
     plotter.add_text(caption(frame, stage.title), position=(24.0, height - 48.0), font_size=TITLE, color="black")

@@ -10,10 +10,10 @@ from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
 from studies.arrays import Array
-from studies.output.records import OrganTopology, Snapshot
+from studies.output.fields import OrganTopology
+from studies.pictures.scene import Frame, Scene
 
 Indices = NDArray[np.int64]
-Scene = tuple[Snapshot, OrganTopology | None, str]  # with a title
 
 SIZE = (1500, 1000)  # pixels
 THREAD, MARKER, ARROW = "#1f3a93", "#c0392b", "#222222"
@@ -68,12 +68,12 @@ class Scale:
         """Return whether a force [N] is large enough for an arrow."""
         return force > 1e-3 * self.force > 0.0
 
-    def tips(self, frame: Snapshot) -> Array:
+    def tips(self, frame: Frame) -> Array:
         """Return where the arrows of the holes' forces end, shape `(p, 3)` [m]."""
         return np.asarray(places_of(frame) + self.reach / (self.force or 1.0) * forces_of(frame))
 
 
-def scale_of(frames: Sequence[Snapshot]) -> Scale:
+def scale_of(frames: Sequence[Frame]) -> Scale:
     """Return the scale to which frames are drawn together: the whole thread is seen in each."""
     points = np.concatenate([part for frame in frames for part in (frame.thread.points, places_of(frame))])
     stresses = [frame.organ.von_mises for frame in frames if frame.organ is not None]
@@ -87,12 +87,12 @@ def scale_of(frames: Sequence[Snapshot]) -> Scale:
     )
 
 
-def places_of(frame: Snapshot) -> Array:
+def places_of(frame: Frame) -> Array:
     """Return where the holes are, shape `(p, 3)` [m]."""
     return np.array([hole.x for hole in frame.piercings], dtype=np.float64).reshape(-1, 3)
 
 
-def forces_of(frame: Snapshot) -> Array:
+def forces_of(frame: Frame) -> Array:
     """Return the forces of the holes on the thread, shape `(p, 3)` [N]."""
     return np.array([hole.force for hole in frame.piercings], dtype=np.float64).reshape(-1, 3)
 
@@ -120,7 +120,7 @@ def legend(scale: Scale) -> str:
     return f"arrows: force of each hole on the thread, the longest {force_text(scale.force)}" if scale.force else ""
 
 
-def caption(frame: Snapshot, title: str) -> str:
+def caption(frame: Frame, title: str) -> str:
     """Write the title and the time of a frame."""
     time = f"t = {frame.time:.4g} s"
     return f"{title}, {time}" if title else time

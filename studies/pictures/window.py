@@ -5,7 +5,8 @@ from typing import Any
 
 import pyvista as pv
 
-from studies.output.reading import read_run, snapshot_of, topology_of
+from studies.output.reading import FrameFiles, read_run, snapshot_of, topology_of
+from studies.pictures.scene import Frame, frame_of
 from studies.pictures.space import add_scene, stage_of
 from studies.pictures.view import SIZE
 
@@ -14,15 +15,19 @@ def show(folder: str) -> None:
     """Show the frames of a run, with a slider for the time."""
     run = read_run(folder)
     topology = topology_of(run.frames[0])
-    last = snapshot_of(run.frames[-1], run.piercings)
-    stage = stage_of([snapshot_of(run.frames[0], run.piercings), last], topology, run.title)
+
+    def read(files: FrameFiles) -> Frame:
+        return frame_of(snapshot_of(files, run.piercings))
+
+    last = read(run.frames[-1])
+    stage = stage_of([read(run.frames[0]), last], topology, run.title)
     plotter: Any = pv.Plotter(window_size=list(SIZE), title=f"suture view {run.name}")
     add_scene(plotter, last, stage)
 
     def choose(number: float) -> None:
         camera = plotter.camera.copy()
         plotter.clear_actors()
-        add_scene(plotter, snapshot_of(run.frames[round(number)], run.piercings), stage)
+        add_scene(plotter, read(run.frames[round(number)]), stage)
         plotter.camera = camera
 
     plotter.add_slider_widget(

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from studies.arrays import Array
 from studies.output.columns import STATE_CODES, UNITS
+from studies.output.fields import OrganTopology
 from studies.output.reading import FrameFiles, RunResults, cells_of, nodal, pieces
-from studies.output.records import OrganTopology
 from studies.pictures.view import Indices, surface
 from studies.report.charts import SHOWN, plain
 

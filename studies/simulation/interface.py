@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 from studies.output.checkpoint import Arrays
-from studies.output.records import Ending, OrganTopology, Snapshot, StepRecord
+from studies.output.fields import OrganTopology
+from studies.output.records import Ending, Snapshot, StepRecord
 from studies.output.remarks import Remark
 from studies.scenario import Scenario
 

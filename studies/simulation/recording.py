@@ -14,16 +14,8 @@ from coupling.stability import would_stay
 from coupling.system import State, System
 from coupling.tension import unsettled_layers
 from studies.arrays import Array
-from studies.output.records import (
-    APART,
-    ContactRecord,
-    GapRecord,
-    LoadRecord,
-    ReductionRecord,
-    StepRecord,
-    ThreadRecord,
-    TractRecord,
-)
+from studies.output.fields import ThreadRecord
+from studies.output.records import APART, ContactRecord, GapRecord, LoadRecord, ReductionRecord, StepRecord, TractRecord
 from studies.simulation.memory import OrganRun, memory_of
 from studies.simulation.wound import Wound, wounds_of
 

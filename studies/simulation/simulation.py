@@ -26,7 +26,8 @@ from coupling.stepping import Take, try_step
 from coupling.system import State
 from studies.arrays import Array
 from studies.output.checkpoint import Arrays
-from studies.output.records import Ending, OrganRecord, OrganTopology, Snapshot, StepRecord
+from studies.output.fields import OrganRecord, OrganTopology
+from studies.output.records import Ending, Snapshot, StepRecord
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
 from studies.scenario import Scenario, ScenarioError, Solve, WoundMesh
 from studies.scenario.organ import LIPS

@@ -12,7 +12,8 @@ from typing import Any
 
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
-from studies.output.records import OrganRecord, Snapshot, StepRecord
+from studies.output.fields import OrganRecord
+from studies.output.records import Snapshot, StepRecord
 from studies.output.tally import Tally
 from studies.output.version import ROOT, installed_version
 from studies.scenario import Scenario, ScenarioError

@@ -6,16 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from studies.output.records import (
-    Ending,
-    EnergyRecord,
-    OrganRecord,
-    OrganTopology,
-    PiercingRecord,
-    Snapshot,
-    StepRecord,
-    ThreadRecord,
-)
+from studies.output.fields import OrganRecord, OrganTopology, ThreadRecord
+from studies.output.records import Ending, EnergyRecord, PiercingRecord, Snapshot, StepRecord
 from studies.output.remarks import Remark
 from studies.scenario import Scenario
 

@@ -39,18 +39,17 @@ from studies.output.columns import (
     values,
     with_tables,
 )
+from studies.output.fields import OrganRecord, ThreadRecord
 from studies.output.files import write_json
 from studies.output.records import (
     ContactRecord,
     EnergyRecord,
     GapRecord,
     LoadRecord,
-    OrganRecord,
     PiercingRecord,
     RunRecord,
     StepRecord,
     StitchRecord,
-    ThreadRecord,
     TieRecord,
     TractRecord,
 )

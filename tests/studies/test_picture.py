@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from studies.output.records import OrganTopology
+from studies.output.fields import OrganTopology
 from studies.pictures import picture as chooser
 from studies.pictures.picture import draw_picture, draw_scene
 from studies.pictures.section import cut, draw_section

@@ -10,7 +10,8 @@ import pyvista as pv
 from skfem import MeshTet
 
 from studies.output.columns import ORGAN_ARRAYS, PIERCING_ARRAYS, STATE_CODES, THREAD_ARRAYS
-from studies.output.records import OrganTopology, Snapshot
+from studies.output.fields import OrganTopology
+from studies.output.records import Snapshot
 from studies.output.series import Markup, Series, encode_mesh, organ_file
 from tests.studies.samples import LINEAR, frame, organ, quadratic
 
