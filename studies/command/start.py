@@ -1,6 +1,7 @@
 """Where the command begins: it is read before the libraries are loaded, and an interrupt meanwhile ends in a sentence
 too."""
 
+import gc
 import sys
 
 from studies.status import INTERRUPTED
@@ -12,8 +13,11 @@ def main() -> int:
         from studies.command.parser import read
 
         options = read()
+        gc.disable()
         from studies.command.command import perform
 
+        gc.freeze()  # half a million objects of the libraries, which all collections of a run would look through
+        gc.enable()
         return perform(options)
     except KeyboardInterrupt:
         print("suture: interrupted", file=sys.stderr)

@@ -5,7 +5,8 @@ import pytest
 from skfem import MeshTet
 
 import tissue
-from tests.bounds import IDENTITY, TWO_SOLVERS
+from tests.bounds import IDENTITY, LODE, TWO_SOLVERS
+from tissue.strain import PAIRS, extreme_values
 
 
 def body_of(element: str, nu: float = 0.3) -> tissue.Elasticity:
@@ -24,6 +25,21 @@ def test_a_uniform_gradient_is_strain_and_rotation_everywhere(element: str) -> N
     assert strain.shape == rotation.shape == (body.mesh.nelements,)
     assert np.abs(strain / 0.3 - 1.0).max() < IDENTITY
     assert np.abs(rotation / 0.2 - 1.0).max() < IDENTITY
+
+
+@pytest.mark.parametrize(
+    "values", [(3.0, 1.0, -2.0), (1.0, 1.0, -2.0), (2.0, -1.0, -1.0), (4.0, 4.0, 4.0), (0.0, 0.0, 0.0)]
+)
+def test_extreme_values_by_invariants_are_eigenvalues(values: tuple[float, float, float]) -> None:
+    """Independent check: tensors with known principal values along any axes, two of them alike or all, and of any
+    size."""
+    axes = np.linalg.qr(np.random.default_rng(0).standard_normal((200, 3, 3)))[0]
+    for size in (1e-30, 1.0, 1e9):
+        tensor = axes * (size * np.array(values)) @ axes.swapaxes(1, 2)
+        low, high = extreme_values([tensor[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), *PAIRS)])
+        scale = LODE * size * max(map(abs, values))
+        assert np.abs(low - size * min(values)).max() <= scale
+        assert np.abs(high - size * max(values)).max() <= scale
 
 
 def test_a_cell_of_p2_has_its_largest_strain_at_a_vertex() -> None:
