@@ -36,6 +36,8 @@ from studies.simulation.sharing import Shared
 Organ = tissue.DynamicOrgan | tissue.ReducedOrgan
 
 MESHES = {"10k": SIZES["10k"], "100k": (1.5e-3, 0.5e-3)}  # far from and at the holes [m]
+NUMPY = '--set=solve.newton="numpy"'
+MEGA = 1e6
 SMALL = "tissue.reduction={ blocks = 2 }"
 STEPS = 60  # of which the second half is timed
 REPEATED = 10  # answers of an organ
@@ -117,8 +119,9 @@ def main(
         for row in measurements(meshes):
             rows.append(row)
             print(line(row), flush=True)
-    job = measure_main_job()
+    job, size = measure_main_job(), measure_folder()
     print("\nby the command: " + ", ".join(f"{seconds:.2f} s {name}" for name, seconds in job.items()))
+    print(f"its folder: {size:.1f} MB")
     print(MANY_HEAD)
     many = []
     for case in CASES:
@@ -126,8 +129,9 @@ def main(
         print(many_line(many[-1]), flush=True)
     if json_path is not None:
         table = [asdict(row) | {"times_as_fast": row.times_as_fast} for row in rows]
-        found = {"reduced": table, "tensions": [asdict(row) | row.ratios for row in many], "main_job_seconds": job}
-        write_json(json_path, {"provenance": provenance()} | read_json(json_path) | found)
+        found = {"reduced": table, "tensions": [asdict(row) | row.ratios for row in many]}
+        command = {"main_job_seconds": job, "main_job_megabytes": size}
+        write_json(json_path, {"provenance": provenance()} | read_json(json_path) | found | command)
     return 0
 
 
@@ -215,17 +219,23 @@ def errors(
 
 
 def measure_main_job() -> dict[str, float]:
-    """Measure the main job from its command to its picture, without one, and to its picture by loops that were compiled
-    before, with the whole organ and in a small basis; to compile the loops; and to be told how to go on [s]."""
-    plain = {"to its picture": time_command("run"), "without one": time_command("run", "--no-picture")}
-    loops, short = f"--set={COMPILED}", ["--no-picture", f"--set={COMPILED}", "--set=solve.duration=2e-3"]
+    """Measure the main job from its command to its picture, without one, in numpy and in a small basis; to compile the
+    loops; and to be told how to go on [s]: by loops that were compiled before."""
+    short = ["--no-picture", "--set=solve.duration=2e-3"]
     time_command("run", *short)
     with TemporaryDirectory() as kept:
         first = time_command("run", *short, kept=kept)
         compiling = first - time_command("run", *short, kept=kept)
-    whole, small = time_command("run", loops), time_command("run", loops, f"--set={SMALL}")
-    fast = {"by compiled loops": whole, "by them in a small basis": small, "to compile them": compiling}
-    return plain | fast | {"for --help": time_words("--help")}
+    whole = {"to its picture": time_command("run"), "without one": time_command("run", "--no-picture")}
+    others = {"in numpy": time_command("run", NUMPY), "in a small basis": time_command("run", f"--set={SMALL}")}
+    return whole | others | {"to compile the loops": compiling, "for --help": time_words("--help")}
+
+
+def measure_folder() -> float:
+    """Measure what the main job leaves on the disk, with its picture [MB]."""
+    with TemporaryDirectory() as folder:
+        time_words("run", str(COUPLED), "--out", str(Path(folder) / "run"))
+        return sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file()) / MEGA
 
 
 # -- many tensions ---------------------------------------------------------------------------------------------------

@@ -41,18 +41,19 @@ def test_bench_many(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypa
     monkeypatch.setattr(many, "SOFT_STEPS", 30)
     asked: list[list[str]] = []
     monkeypatch.setattr(many, "time_command", lambda verb, *words, kept="": asked.append([verb, *words]) or 100.0)
+    monkeypatch.setattr(many, "measure_folder", lambda: 12.0)
     assert many.main(path, 2, {"coarse": (6e-3, 3e-3)}) == 0
     written = json.loads(path.read_text())
     assert [row["case"] for row in written["reduced"]] == ["main job coarse", "40 kPa in 2 ms"]
     assert all(row["vectors"] == 54 < row["tissue_unknowns"] for row in written["reduced"])
     assert all(row["bound_over_error"] > 1.0 and row["error"] > 0.0 for row in written["reduced"])
     assert [row["times_as_cheap"] for row in written["tensions"]] == [2.0, 2.0, 2.0]
-    loops = f"--set={many.COMPILED}"
-    short, small = ["run", "--no-picture", loops, "--set=solve.duration=2e-3"], ["run", loops, f"--set={many.SMALL}"]
-    assert asked[:7] == [["run"], ["run", "--no-picture"], short, short, short, ["run", loops], small]
+    short, others = ["run", "--no-picture", "--set=solve.duration=2e-3"], ([many.NUMPY], [f"--set={many.SMALL}"])
+    assert asked[:7] == [short, short, short, ["run"], ["run", "--no-picture"], *(["run", *words] for words in others)]
     job = written["main_job_seconds"]
-    assert (job["to its picture"], job["without one"], job["by compiled loops"]) == (100.0, 100.0, 100.0)
-    assert 0.0 < job["for --help"] < 100.0 and job["to compile them"] == 0.0
+    assert (job["to its picture"], job["without one"], job["in numpy"]) == (100.0, 100.0, 100.0)
+    assert 0.0 < job["for --help"] < 100.0 and job["to compile the loops"] == 0.0
+    assert written["main_job_megabytes"] == 12.0
     options = [read([verb, str(many.COUPLED), "--out", "out", *words]) for verb, *words in asked[7:]]
     sweeps = [cases_of(each) for each in options[::3]]
     assert [[len(cases), len(cases[0])] for cases in sweeps] == [[2, 1], [2, 2], [2, 2]]

@@ -2,6 +2,7 @@
 
 import io
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -170,6 +171,18 @@ def test_a_signal_within_a_long_step_ends_it_between_two_corrections(
     assert "interrupted" in capsys.readouterr().err
     assert json.loads((out / "summary.json").read_text())["status"] == "interrupted"
     ask_before_correction()
+
+
+def test_what_the_first_step_waits_for_is_said(
+    contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Independent check: that a step is compiled is a line of the console, unless it is to be quiet."""
+    stub(lambda: logging.getLogger("coupling.tables").info("compiling the step"))
+    run = ["run", contract, "--no-picture", "--out"]
+    assert command.main([*run, str(tmp_path / "told")]) == 0
+    assert "compiling the step" in capsys.readouterr().err
+    assert command.main([*run, str(tmp_path / "quiet"), "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
 
 
 def test_a_defect_of_the_code_is_not_hidden(contract: str, stub: Prepare, tmp_path: Path) -> None:
