@@ -12,9 +12,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Hole:
-    """A piercing: `x` (3,) [m], the `force` (3,) of the hole on the thread [N], and its state in a word."""
+    """A piercing: its abscissa `s` [m] on the thread, `x` (3,) [m], the `force` (3,) of the hole on the thread [N], and
+    its state in a word."""
 
     name: str
+    s: float
     x: Array
     force: Array
     state: str
@@ -36,5 +38,5 @@ Film = tuple[list[Frame], OrganTopology | None, str]
 
 def frame_of(snapshot: "Snapshot") -> Frame:
     """Return what is drawn of a snapshot."""
-    holes = tuple(Hole(hole.name, hole.x, hole.force, hole.state) for hole in snapshot.piercings)
+    holes = tuple(Hole(hole.name, hole.s, hole.x, hole.force, hole.state) for hole in snapshot.piercings)
     return Frame(snapshot.time, snapshot.thread, holes, snapshot.organ)
