@@ -39,6 +39,7 @@ from coupling.newton import (
     thread_matrix,
 )
 from coupling.system import State
+from coupling.tension import largest_pressure
 from thread.banded import diagonal_of, half_band_of
 
 NEUTRAL = 1e-3  # of the stiffness against the softest bending, or of inertia: what a motion that costs nothing is given
@@ -46,19 +47,23 @@ FIRM = 30.0  # times the thread's own stiffness: what holes give way by then is 
 ASIDE = (0.36, 0.48, 0.8)  # where a thread goes that might go any way: along no axis
 BENT = 1e-6  # of the distance of control points, by which they lie aside of one another: a bow that there is grows
 BALANCED = 1e-3  # of the thread's unit of force: where the minimum is near enough for Newton's method
-PATIENCE = 300  # steps of the trust region
+WIDEST = 1e3  # of the first step off a saddle: the trust region at most
+PATIENCE = 300  # steps of it
+MANY = 1500  # coordinates of control points: the second derivatives of more, in full, take minutes
 
 
 def would_stay(solution: Solution[Body], new: State[Body]) -> bool:
-    """Tell whether the thread resists every motion of its own from an equilibrium, with its state there.
+    """Tell whether the thread resists every motion of its own from an equilibrium, with its state there."""
+    problem = replace(given_a_little(solution), frame=new.frame)
+    return resists(problem, solution.iterate, evaluate(problem, solution.iterate))
 
-    Motions that cost nothing, such as the turn of a planar bow about its pinned ends, are given a little stiffness, as
-    a mass.
-    """
+
+def given_a_little(solution: Solution[Body]) -> Problem[Body]:
+    """Return the problem of an equilibrium in which motions that cost nothing, such as the turn of a planar bow about
+    its pinned ends, are given a little stiffness, as a mass."""
     thread = solution.problem.system.thread
     softest = thread.EI * (np.pi / (thread.spline.end - thread.spline.start)) ** 4 / thread.section.rhoA  # pinned beam
-    problem = replace(solution.problem, mass_factor=NEUTRAL * softest, q_ref=new.q, frame=new.frame)
-    return resists(problem, solution.iterate, evaluate(problem, solution.iterate))
+    return replace(solution.problem, mass_factor=NEUTRAL * softest, q_ref=solution.iterate.q)
 
 
 def resists(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
@@ -80,17 +85,21 @@ def holds(solution: Solution[Body]) -> bool:
 
 
 def is_squeezed(solution: Solution[Body]) -> bool:
-    """Tell whether a step may end where the thread does not resist: it is twisted, or pressed along itself by more than
-    its bending and its inertia bear together.
+    """Tell whether a solution may be one that the thread does not resist: it is twisted, or a strand of it is pressed
+    along itself by more than the longest thread bears by its bending and its inertia.
 
     A wave of number k is held by EI k⁴ + ϱA a and driven by F k², with a of the time scheme [1/s²]: for F below
     2 √(EI ϱA a) there is none that is not held (a column on an elastic foundation; Timoshenko and Gere, Theory of
-    Elastic Stability, 1961, §2.10).
+    Elastic Stability, 1961, §2.10), nor at rest below π² EI/4L².
     """
-    thread = solution.problem.system.thread
-    strain = float(solution.residual.configuration.points.strain.min())
-    held = 2.0 * np.sqrt(thread.EI * thread.section.rhoA * solution.problem.mass_factor)
-    return thread.twist or -thread.EA * strain > held
+    problem, z = solution.problem, solution.iterate
+    thread = problem.system.thread
+    if not thread.EI:
+        return False
+    N = thread.EA * solution.residual.configuration.points.strain
+    pressed = largest_pressure(problem.system, z.s, N, problem.rows[:, 0])
+    by_inertia = 2.0 * np.sqrt(thread.EI * thread.section.rhoA * problem.mass_factor)
+    return thread.twist or pressed > max(by_inertia, 0.25 * np.pi**2 * thread.force_unit)
 
 
 def go_aside(solution: Solution[Body], solve: Callable[[Problem[Body], Iterate], Solution[Body]]) -> Solution[Body]:
@@ -99,13 +108,21 @@ def go_aside(solution: Solution[Body], solve: Callable[[Problem[Body], Iterate],
     problem, z = solution.problem, solution.iterate
     if not is_squeezed(solution) or holds(solution):
         return solution
-    thread, q = problem.system.thread, OwnMotions(problem, z).lowest()
-    N = thread.EA * thread.points(q, problem.frame).strain
-    found = solve(problem, replace(z, q=q, N=N))
+    found = solve(problem, downhill(problem, z))
     if not holds(found):
         cause = "the thread is pressed along itself where it would buckle, and no way aside was found"
         raise StepError(problem.time - problem.dt, problem.dt, cause)
     return replace(found, iterations=solution.iterations + found.iterations)
+
+
+def downhill(problem: Problem[Body], z: Iterate) -> Iterate:
+    """Return the iterate at the minimum downhill from a solution in which the thread does not resist. Raises
+    `StepError` for a thread of more than MANY coordinates."""
+    if z.q.size > MANY:
+        cause = f"the thread buckles, and has more than {MANY} coordinates of control points to seek the way aside in"
+        raise StepError(problem.time - problem.dt, problem.dt, cause)
+    thread, q = problem.system.thread, OwnMotions(problem, z).lowest()
+    return replace(z, q=q, N=thread.EA * thread.points(q, problem.frame).strain)
 
 
 @dataclass(frozen=True)
@@ -170,11 +187,11 @@ class OwnMotions(Generic[Body]):
         derivatives: Nocedal and Wright, Numerical Optimization, 2006, §4.3)."""
         first = self.outset()
         size = float(np.linalg.norm(first))
-        options = {
-            "initial_trust_radius": size,
-            "max_trust_radius": 1e3 * size,
-            "gtol": BALANCED * self.problem.system.thread.force_unit,
-            "maxiter": PATIENCE,
-        }
-        found = minimize(self.potential, first, method="trust-exact", jac=True, hess=self.curvature, options=options)
+        found = minimize(
+            self.potential, first, method="trust-exact", jac=True, hess=self.curvature,
+            options={
+                "initial_trust_radius": size, "max_trust_radius": WIDEST * size,
+                "gtol": BALANCED * self.problem.system.thread.force_unit, "maxiter": PATIENCE,
+            },
+        )  # fmt: skip
         return self.moved(found.x)
