@@ -57,8 +57,9 @@ class Solver(Protocol):
     def A(self) -> csr_matrix:
         """Symmetric and positive definite, shape `(n, n)`."""
 
-    def solve(self, b: Array, guess: Callable[[], Array] | None = None) -> Array:
-        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; an iterative solver calls `guess`, None means zero."""
+    def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
+        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; an iterative solver calls `guess`, None means zero, and may
+        stop early where a `rough` answer will do."""
 
 
 def solver(
