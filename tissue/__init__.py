@@ -13,7 +13,7 @@ from tissue.organs.floating import FloatingOrgan
 from tissue.organs.lips import Gaps, Part, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, Lips, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
-from tissue.organs.reduced import ReducedOrgan, ReducedState, Reduction, reduce_organ
+from tissue.organs.reduced import ReducedOrgan, ReducedState, Reduction, check_reducible, reduce_organ
 from tissue.organs.rim import Rim
 from tissue.sites.site import Site, Sites, build_sites, cells_at
 from tissue.sites.surface import depths, distances, landing
@@ -63,6 +63,7 @@ __all__ = [
     "cell_strain",
     "cell_stretch",
     "cells_at",
+    "check_reducible",
     "conjugate_gradients",
     "depths",
     "distances",
