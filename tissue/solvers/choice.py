@@ -72,6 +72,13 @@ def solver(
     return conjugate_gradients(A, places) if name == MULTIGRID else factorize(A, places, name, one_of_many, pattern)
 
 
+def solver_once(A: csr_matrix, places: Array) -> Solver:
+    """Return a solver for a few columns of a part of an organ that is held all around; of a large part, around a hole
+    in a fine mesh, SuperLU's factor would take longer than all the rest of the organ."""
+    name = "superlu" if A.shape[0] <= SMALL else choose_solver("auto", A, places, once=True).name
+    return conjugate_gradients(A, places) if name == MULTIGRID else factorize(A, places, name)
+
+
 def mass_solver(M: csr_matrix, places: Array, name: str) -> Solver:
     """Return a solver for a mass matrix, which conjugate gradients precondition by its diagonal alone."""
     return conjugate_gradients(M) if name == MULTIGRID else factorize(M, places, name)
