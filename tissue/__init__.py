@@ -19,6 +19,7 @@ from tissue.sites.site import Site, Sites, build_sites, cells_at
 from tissue.sites.surface import depths, distances, landing
 from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
+from tissue.solvers.ranks import Ranks
 from tissue.strain import cell_strain, energy_density, energy_share, nodal_volume_ratio, volume_ratio
 from tissue.stress import StressRecovery, interpolation, principal, stress_recovery, von_mises
 from tissue.supports import held_components, holds_still, motions_in_words, rigid_motions
@@ -44,6 +45,7 @@ __all__ = [
     "OrganState",
     "Part",
     "QuasiStaticOrgan",
+    "Ranks",
     "ReducedOrgan",
     "ReducedState",
     "Reduction",

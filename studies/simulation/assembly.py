@@ -350,7 +350,10 @@ def organ_of(
     held = (scenario.tissue.clamp, scenario.tissue.roller)
     if scenario.floats and any(motions.size for motions in motions_left(body.mesh, *held)[1]):
         return tissue.FloatingOrgan(*known)
-    return tissue.QuasiStaticOrgan(*known)
+    still = tissue.QuasiStaticOrgan(*known, ranks=given.ranks)
+    if given.ranks is not None:
+        still.operator(0.0, 0.0)  # while all ranks are here: what they do later is their own affair
+    return still
 
 
 def reduced(full: tissue.DynamicOrgan, scenario: Scenario, store: Store) -> tissue.ReducedOrgan:

@@ -25,6 +25,7 @@ from tissue.organs.meshed import (
     slips_since,
 )
 from tissue.solvers.choice import Solver
+from tissue.solvers.ranks import Ranks, SharedColumns
 from tissue.supports import holds_still
 
 CROSSED = 1e-9  # of the surfaces' extent: round-off of gaps that are closed
@@ -61,7 +62,12 @@ class QuasiStaticOperator(LipCompliance):
 class QuasiStaticOrgan(MeshedOrgan):
     """An organ without inertia: U = K⁻¹ (load + Yᵀ f_y). Its state is `f_y` alone, its field is made on
     demand.
+
+    `ranks` share out the columns of its sites and loads, all of them by one call of `operator`; None: this process
+    solves them all.
     """
+
+    ranks: Ranks | None = None
 
     @property
     def solved_once(self) -> bool:
@@ -91,9 +97,10 @@ class QuasiStaticOrgan(MeshedOrgan):
     def _operator(self) -> QuasiStaticOperator:
         """Factorised when first asked for: a scenario is checked without."""
         factor, count = self.solver_of(self.K), self.Y.shape[0]
+        together = factor if self.ranks is None else SharedColumns(factor, self.ranks)
         loads = csr_matrix(np.column_stack([self.load, self.surface_load]).T)
         # Gaps have columns as their coefficients, and so to first order.
-        U, work = compliance(factor, csr_matrix(vstack([self.Y, loads])), rough=not self.pairs)
+        U, work = compliance(together, csr_matrix(vstack([self.Y, loads])), rough=not self.pairs)
         W, U_loads = U[:, :count], U[:, count:]
         return QuasiStaticOperator(
             self, self.K, factor, W, work[:count, :count], U_loads, work[:count, count:], work[count:, count:]
