@@ -26,8 +26,8 @@ def load(path: Path | str, overrides: Sequence[str] = ()) -> Scenario:
 
 
 def read(path: Path | str, overrides: Sequence[str] = ()) -> dict[str, Any]:
-    """Read the tables of a scenario as `load` does, without validating them; a mesh file and a folder of bases are named
-    by their full paths."""
+    """Read the tables of a scenario as `load` does, without validating them; a mesh file and a folder of bases are
+    named by their full paths."""
     path = scenario_file(path)
     data = _read(path)
     for override in overrides:
