@@ -13,12 +13,13 @@ from tissue.organs.floating import FloatingOrgan
 from tissue.organs.lips import Gaps, Part, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, Lips, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
-from tissue.organs.reduced import ReducedOrgan, ReducedState, Reduction, reduce_organ
+from tissue.organs.reduced import ReducedOrgan, ReducedState, Reduction, check_reducible, reduce_organ
 from tissue.organs.rim import Rim
 from tissue.sites.site import Site, Sites, build_sites, cells_at
 from tissue.sites.surface import depths, distances, landing
 from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
+from tissue.solvers.ranks import Ranks
 from tissue.strain import cell_strain, energy_density, energy_share, nodal_volume_ratio, volume_ratio
 from tissue.stress import StressRecovery, interpolation, principal, stress_recovery, von_mises
 from tissue.supports import held_components, holds_still, motions_in_words, rigid_motions
@@ -44,6 +45,7 @@ __all__ = [
     "OrganState",
     "Part",
     "QuasiStaticOrgan",
+    "Ranks",
     "ReducedOrgan",
     "ReducedState",
     "Reduction",
@@ -63,6 +65,7 @@ __all__ = [
     "cell_strain",
     "cell_stretch",
     "cells_at",
+    "check_reducible",
     "conjugate_gradients",
     "depths",
     "distances",

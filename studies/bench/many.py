@@ -81,6 +81,11 @@ class Reduced:
         """The whole organ's step over that of the small basis, without a thread the organ's part of it."""
         return self.whole_organ / self.organ if not (self.step and self.whole_step) else self.whole_step / self.step
 
+    @property
+    def steps_per_second(self) -> float | None:
+        """Steps of thread and small basis in a second of one core; None where there is no thread."""
+        return None if self.step is None else 1.0 / (self.step * MILLI)
+
 
 @dataclass(frozen=True)
 class Many:
@@ -128,7 +133,8 @@ def main(
         many.append(measure_tensions(case, tensions))
         print(many_line(many[-1]), flush=True)
     if json_path is not None:
-        table = [asdict(row) | {"times_as_fast": row.times_as_fast} for row in rows]
+        more = [{"times_as_fast": row.times_as_fast, "steps_per_second": row.steps_per_second} for row in rows]
+        table = [asdict(row) | also for row, also in zip(rows, more, strict=True)]
         found = {"reduced": table, "tensions": [asdict(row) | row.ratios for row in many]}
         command = {"main_job_seconds": job, "main_job_megabytes": size}
         write_json(json_path, {"provenance": provenance()} | read_json(json_path) | found | command)
@@ -146,10 +152,11 @@ def measurements(meshes: Mapping[str, tuple[float, float]]) -> Iterator[Reduced]
 
 
 def measure_job(case: str, mesh: Sequence[str]) -> Reduced:
-    """Step the main job by both organs, in turn."""
+    """Step the main job by both organs, in turn, with Newton in compiled loops."""
     store = Shared()
-    whole, began = assemble(load(COUPLED, [*FIXED, *mesh]), store), process_time()
-    small = assemble(load(COUPLED, [*FIXED, *mesh, SMALL]), store)
+    keys = [*FIXED, *mesh, COMPILED]
+    whole, began = assemble(load(COUPLED, keys), store), process_time()
+    small = assemble(load(COUPLED, [*keys, SMALL]), store)
     taken, full, organ = process_time() - began, whole.organ, small.organ
     assert isinstance(full, tissue.DynamicOrgan) and isinstance(organ, tissue.ReducedOrgan)
     dt, runs = whole.scenario.solve.dt, [begin(made.system, made.start(), bdf2_step) for made in (whole, small)]
@@ -296,7 +303,8 @@ def many_line(row: Many) -> str:
 
 
 HEAD = (
-    f"{'':16} {'unknowns':>9} {'vectors':>8} {'basis [s]':>10} {'step':>9} {'whole':>9} {'times':>6} {'organ':>9} "
+    f"{'':16} {'unknowns':>9} {'vectors':>8} {'basis [s]':>10} {'step':>9} {'whole':>9} {'times':>6} "
+    f"{'a second':>9} {'organ':>9} "
     f"{'whole':>9} {'error':>9} {'difference':>11} {'bound':>9} {'bound/error':>12}"
 )
 
@@ -305,6 +313,7 @@ def line(row: Reduced) -> str:
     """Write a row of the table, times in milliseconds, errors over the largest way of a hole."""
     steps = f"{row.step:9.3f} {row.whole_step:9.3f}" if row.step and row.whole_step else " " * 19
     sizes = f"{row.case:16} {row.tissue_unknowns:9d} {row.vectors:8d} {row.basis_seconds:10.2f}"
-    organs = f"{row.times_as_fast:6.1f} {row.organ:9.3f} {row.whole_organ:9.3f}"
+    rate = f"{row.steps_per_second:9.0f}" if row.steps_per_second else " " * 9
+    organs = f"{row.times_as_fast:6.1f} {rate} {row.organ:9.3f} {row.whole_organ:9.3f}"
     said = f"{row.error:9.1e} {row.difference:11.1e} {row.bound:9.1e} {row.bound_over_error:12.1f}"
     return f"{sizes} {steps} {organs} {said}"

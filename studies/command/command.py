@@ -217,8 +217,8 @@ def print_catalogue(options: argparse.Namespace) -> int:
 
 
 def run_bench(options: argparse.Namespace) -> int:
-    """``suture bench``: a step and its baselines, a small basis and many tensions, an organ at finite strain, or what
-    an organ's solvers take."""
+    """``suture bench``: a step and its baselines, a small basis and many tensions, an organ at finite strain and the
+    assembly of a large one, or what an organ's solvers take."""
     if options.what == "organ":
         return int(import_module("studies.bench.organ").main(options.sizes, options.element, options.json))
     status = 0
@@ -228,6 +228,8 @@ def run_bench(options: argparse.Namespace) -> int:
         status = int(import_module("studies.bench.many").main(options.json, options.tensions))
     if options.what in ("finite", "all") and status == 0:
         status = int(import_module("studies.bench.finite").main(options.json, options.solver))
+    if options.what == "all" and status == 0:
+        status = int(import_module("studies.bench.organ").main_assembly(options.json))
     return status
 
 

@@ -144,6 +144,7 @@ CHECKS: tuple[Callable[[], Finding], ...] = (
     finder("MkDocs", "mkdocs", "the site of these pages", "docs"),
     finder("latex2mathml", "latex2mathml", "formulas of the site", "docs"),
     finder("Dask", "distributed", "sweeps on a cluster", "cluster"),
+    finder("MPI", "mpi4py", "an organ's columns shared by processes", "mpi"),
 )
 
 

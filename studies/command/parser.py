@@ -220,7 +220,7 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         choices=("all", "step", "many", "finite", "organ"),
         default="all",
-        help="default: all, which is step, many and finite",
+        help="default: all, which is step, many, finite and the assembly of a large organ",
     )
     parser.add_argument(
         "--sizes", metavar="N", type=int, nargs="+", default=[3_000, 10_000, 30_000], help="unknowns, for organ"

@@ -277,6 +277,12 @@ class Reduction(ScenarioTable):
     modes: Annotated[int, Field(strict=True, ge=0, le=1000)] = Field(
         default=0, description="lowest vibration modes [-] of the organ in it besides"
     )
+    keep: Annotated[str, Field(strict=True, min_length=1)] | None = Field(
+        default=None,
+        description="folder, relative to the scenario file, in which bases are kept for later runs, each for its mesh, "
+        "material, holes and loads alone; default: none is kept",
+        examples=["bases"],
+    )
 
 
 class Tissue(MaterialKeys):

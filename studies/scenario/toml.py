@@ -26,12 +26,13 @@ def load(path: Path | str, overrides: Sequence[str] = ()) -> Scenario:
 
 
 def read(path: Path | str, overrides: Sequence[str] = ()) -> dict[str, Any]:
-    """Read the tables of a scenario as `load` does, without validating them; a mesh file is named by its full path."""
+    """Read the tables of a scenario as `load` does, without validating them; a mesh file and a folder of bases are
+    named by their full paths."""
     path = scenario_file(path)
     data = _read(path)
     for override in overrides:
         _set(data, override_key(override), _override_value(override), f"--set {override}")
-    _make_mesh_path_absolute(data, path.parent)
+    _make_paths_absolute(data, path.parent)
     return data
 
 
@@ -188,12 +189,13 @@ def _index(entries: list[Any], part: str, parent: str, text: str) -> int:
     raise ScenarioError(f"{text} is refused: {parent} has no entry {part}; its entries are {', '.join(there)}")
 
 
-def _make_mesh_path_absolute(data: dict[str, Any], folder: Path) -> None:
+def _make_paths_absolute(data: dict[str, Any], folder: Path) -> None:
     tissue = data.get("tissue")
-    mesh = tissue.get("mesh") if isinstance(tissue, dict) else None
-    if isinstance(mesh, dict) and isinstance(path := mesh.get("path"), str) and path:
-        with suppress(OSError, ValueError, RuntimeError):  # what is no path, or leads in a circle, is refused later
-            mesh["path"] = str((folder / path).resolve())
+    for name, key in (("mesh", "path"), ("reduction", "keep")):
+        table = tissue.get(name) if isinstance(tissue, dict) else None
+        if isinstance(table, dict) and isinstance(path := table.get(key), str) and path:
+            with suppress(OSError, ValueError, RuntimeError):  # what is no path, or leads in a circle, is refused later
+                table[key] = str((folder / path).resolve())
 
 
 def file_faults(path: Any) -> list[str]:

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 import skfem
@@ -22,6 +23,7 @@ from studies.scenario.organ import LIPS
 from studies.scenario.refusal import refusal
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
 from studies.simulation.given import NOTHING, Given
+from studies.simulation.keeping import kept_reduction
 from studies.simulation.law import hyperelasticity_of
 from studies.simulation.meshing import check_loaded, material_of, motions_left, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_cutting, check_draws, check_pieces
@@ -366,7 +368,10 @@ def organ_of(
     held = (scenario.tissue.clamp, scenario.tissue.roller)
     if scenario.floats and any(motions.size for motions in motions_left(body.mesh, *held)[1]):
         return tissue.FloatingOrgan(*known)
-    return tissue.QuasiStaticOrgan(*known)
+    still = tissue.QuasiStaticOrgan(*known, ranks=given.ranks)
+    if given.ranks is not None:
+        still.operator(0.0, 0.0)  # while all ranks are here: what they do later is their own affair
+    return still
 
 
 def reduced(full: tissue.DynamicOrgan, scenario: Scenario, store: Store) -> tissue.ReducedOrgan:
@@ -374,6 +379,8 @@ def reduced(full: tissue.DynamicOrgan, scenario: Scenario, store: Store) -> tiss
     assert scenario.tissue is not None and scenario.tissue.reduction is not None
     asked = scenario.tissue.reduction
     make = partial(tissue.reduce_organ, full, asked.blocks, asked.modes)
+    if asked.keep is not None:
+        make = partial(kept_reduction, full, asked.blocks, asked.modes, Path(asked.keep))
     return tissue.ReducedOrgan(full, store.take("reduction", reduction_key(scenario), make))
 
 

@@ -49,10 +49,12 @@ class Given:
     stiffness: Stiffness | None = None
     friction: Mapping[str, FrictionLaw] = field(default_factory=dict)
     energy: Energy | None = None
+    ranks: tissue.Ranks | None = None
 
     @property
     def unsaid(self) -> tuple[str, ...]:
-        """What a scenario file cannot say, by the arguments of `prepare`: all but a mesh and its basis."""
+        """What a scenario file cannot say, by the arguments of `prepare`: all but a mesh and its basis, and but ranks,
+        by which a run is the same."""
         there = {
             "stiffness": self.stiffness is not None,
             "friction": bool(self.friction),
@@ -71,7 +73,11 @@ class Given:
 
     def applied_to(self, scenario: Scenario) -> Scenario:
         """Return the scenario with what is handed over of its mesh. Raises `ScenarioError` for what does not fit it."""
-        faults = [*self._faults_of_organ(scenario), *self._faults_of_friction(scenario)]
+        faults = [
+            *self._faults_of_organ(scenario),
+            *self._faults_of_friction(scenario),
+            *self._faults_of_ranks(scenario),
+        ]
         if faults:
             raise ScenarioError(faults)
         return scenario if self.volume is None else with_given_mesh(scenario, mesh_digest(self.volume))
@@ -113,6 +119,21 @@ class Given:
         if not scenario.thread.bending:
             reason = "friction acts along the tangent that the bend at a hole gives the thread; set true"
             yield refusal("thread.bending", False, f"a law of friction is handed over, and {reason}")
+
+    def _faults_of_ranks(self, scenario: Scenario) -> Iterator[str]:
+        table = scenario.tissue
+        if self.ranks is None:
+            return
+        if table is None:
+            yield "ranks is refused: the scenario has no organ, whose columns they would share; add [tissue]"
+        elif table.inertia and scenario.solve.kind == "dynamic":
+            reason = "ranks share the columns that are solved once, and an organ with inertia is solved in every step"
+            yield refusal("tissue.inertia", True, f"{reason}; set false")
+        elif table.material != "linear":
+            reason = "ranks share the columns that are solved once, and a tangent at finite strain is made anew"
+            yield refusal("tissue.material", table.material, f'{reason}; set "linear"')
+        elif scenario.floats:
+            yield "ranks is refused: a body that nothing holds is solved in every step; clamp it, or leave out ranks"
 
     def stiffened(self, body: tissue.Elasticity) -> tissue.Elasticity:
         """Return the body with the stiffness that is handed over, itself without one. Raises `ScenarioError`."""

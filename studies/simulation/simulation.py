@@ -309,6 +309,7 @@ def prepare(
     stiffness: Stiffness | None = None,
     friction: Mapping[str, FrictionLaw] | None = None,
     energy: Energy | None = None,
+    ranks: tissue.Ranks | None = None,
     on_step: OnStep | None = None,
 ) -> Simulation:
     """Prepare everything that is known before the first step.
@@ -327,11 +328,13 @@ def prepare(
     - `energy`: the strain-energy density of distortion of an organ at finite strain [J/m³], a function of F, shape
       `(3, 3)`, as `tissue.materials.own` has them, or a `tissue.materials.density.Density`. It takes the place of the
       shear of E and ν; their bulk modulus is added, κ/2 (J − 1)².
+    - `ranks`: the processes, an `mpi4py.MPI.Comm`, that all prepare this scenario at once and share the columns of a
+      linear organ without inertia.
 
     `on_step` is called with the record of the start and of every step, once whoever steps is done with it; an exception
     from it ends the run. Raises the errors of input that cannot be run.
     """
-    given = Given(mesh, basis, stiffness, friction or {}, energy)
+    given = Given(mesh, basis, stiffness, friction or {}, energy, ranks)
     with threadpool_limits(limits=1, user_api="blas"):  # the same bits on any number of cores
         assembly = assemble(scenario, store, given)
         return Simulation(assembly, sound_start(assembly, shareable(store, given)), on_step)

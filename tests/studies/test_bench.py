@@ -5,13 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from studies.bench import finite, many
+from studies.bench import finite, many, organ
 from studies.command import command
 from studies.command.parser import read
 from studies.command.sweeps import cases_of
 from studies.scenario import parse
 from studies.scenario.toml import changed
 from studies.scenario.toml import read as tables_of
+from tests.bounds import IDENTITY
 from tissue.solvers.choice import MULTIGRID
 from tissue.solvers.direct import LIBRARIES, is_installed
 
@@ -22,13 +23,18 @@ def test_bench_organ(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     head, rule, *rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
     there = [*(name for name in LIBRARIES if is_installed(name)), MULTIGRID]
     assert [row.split("|")[3].strip() for row in rows] == there
-    assert {line.count("|") for line in (head, rule, *rows)} == {10}
+    assert {line.count("|") for line in (head, rule, *rows)} == {12}
     written = json.loads(path.read_text())
     assert [row["solver"] for row in written["rows"]] == there
     assert written["bandwidth"] > 0.0
     (assembly,) = written["assembly"]
     assert assembly["ratio"] == assembly["forms"] / assembly["loops"] > 0.0
-    assert all((row["iterations"] is None) == (row["solver"] != MULTIGRID) for row in written["rows"])
+    for row in written["rows"]:
+        assert (row["iterations"] is None) == (row["left"] is None) == (row["solver"] != MULTIGRID)
+        assert row["left"] is None or row["left"] <= IDENTITY
+    assert organ.main_assembly(path, 1000) == 0
+    both = json.loads(path.read_text())
+    assert both["rows"] == written["rows"] and [each["unknowns"] for each in both["assembly"]] == [assembly["unknowns"]]
 
 
 def test_bench_many(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -45,6 +51,8 @@ def test_bench_many(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypa
     assert many.main(path, 2, {"coarse": (6e-3, 3e-3)}) == 0
     written = json.loads(path.read_text())
     assert [row["case"] for row in written["reduced"]] == ["main job coarse", "40 kPa in 2 ms"]
+    job, soft = written["reduced"]
+    assert job["steps_per_second"] == pytest.approx(1e3 / job["step"]) and soft["steps_per_second"] is None
     assert all(row["vectors"] == 54 < row["tissue_unknowns"] for row in written["reduced"])
     assert all(row["bound_over_error"] > 1.0 and row["error"] > 0.0 for row in written["reduced"])
     assert [row["times_as_cheap"] for row in written["tensions"]] == [2.0, 2.0, 2.0]

@@ -1,11 +1,15 @@
 """A scenario whose organ moves in a small basis: its numbers, what is said of them, and what is refused."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import tissue
 from studies.output.records import StepRecord
 from studies.output.tally import Tally
 from studies.scenario import ScenarioError, load
+from studies.scenario.toml import SCENES
 from studies.simulation import prepare
 from studies.simulation.sharing import Shared
 from studies.simulation.simulation import Simulation
@@ -101,6 +105,50 @@ def test_a_basis_is_shared_by_what_damps_otherwise() -> None:
     assert one.reduction is damped.reduction and one is not damped
     assert blocks.reduction.size < one.reduction.size
     assert thread is blocks
+
+
+def test_a_basis_is_kept_for_what_it_is_made_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: a later run takes the basis from the folder, makes none, and moves to the same bits; damping
+    and the thread change nothing of it, material, holes and blocks do, and a torn file is made anew."""
+    keep = ["tissue.mesh.h_site=4e-3", "tissue.mesh.h=8e-3", f'tissue.reduction={{ blocks = 1, keep = "{tmp_path}" }}']
+    made: list[int] = []
+
+    def reduce_organ(organ: tissue.DynamicOrgan, *numbers: int) -> tissue.Reduction:
+        made.append(1)
+        return plain(organ, *numbers)
+
+    plain = tissue.reduce_organ
+    monkeypatch.setattr("tissue.reduce_organ", reduce_organ)
+
+    def made_for(*more: str) -> int:
+        before = len(made)
+        prepare(load("two_piercings", [*COARSE, *keep, *more]))
+        return len(made) - before
+
+    few = [*COARSE, *keep, "solve.duration=3.0e-3"]
+    first, second = (stepped(prepare(load("two_piercings", few)))[0][-1] for _ in range(2))
+    assert len(made) == 1 == len(list(tmp_path.iterdir()))
+    for one, other in zip(first.piercings, second.piercings, strict=True):
+        assert np.array_equal(one.displacement, other.displacement) and np.array_equal(one.force, other.force)
+    assert not made_for("tissue.rayleigh=[1, 0]") and not made_for("thread.damping=1")
+    for other in ("tissue.density=1000.0", "piercing.exit.footprint=3e-3", "tissue.reduction.blocks=2"):
+        assert made_for(other) == 1
+    for file in tmp_path.iterdir():
+        file.write_bytes(file.read_bytes()[:-100])
+    assert made_for() == 1 and not made_for()
+
+
+def test_a_folder_of_bases_stands_beside_its_scenario(tmp_path: Path) -> None:
+    """Consistency check: as the path of a mesh does; and a folder that cannot be is refused by its key."""
+    file = tmp_path / "scene.toml"
+    text = (SCENES / "two_piercings.toml").read_text()
+    file.write_text(text.replace("[tissue]", "[tissue]\nreduction = { keep = 'bases' }"))
+    scenario = load(file, COARSE)
+    assert scenario.tissue is not None and scenario.tissue.reduction is not None
+    assert scenario.tissue.reduction.keep == str(tmp_path / "bases")
+    (tmp_path / "bases").write_text("no folder")
+    with pytest.raises(ScenarioError, match=r"tissue\.reduction\.keep = .*bases.*cannot be written"):
+        prepare(scenario)
 
 
 REFUSED = {

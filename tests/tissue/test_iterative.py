@@ -7,19 +7,23 @@ from scipy.sparse import csr_matrix
 from skfem import MeshTet
 
 import tissue
-from tests.bounds import RESIDUAL, TWO_SOLVERS
+from coupling.integrators import Equilibrium
+from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
+from tissue.organs.meshed import compliance
 from tissue.solvers import iterative
 from tissue.solvers.multigrid import multigrid, rigid_motions
 
 Array = NDArray[np.float64]
 DT = 1.0e-3
+HOLES = [tissue.Site((x, 0.02, 0.02), 3.0e-3, direction="normal") for x in (0.025, 0.035)]
 GROWTH = 1.5  # of the iterations while h falls to a quarter: without multigrid they grow like 1/h, fourfold
 
 
 def body_of(cells: int, element: str = "P1", nu: float = 0.45) -> tissue.Elasticity:
     """A block of 3 : 2 : 1, `cells` along its shortest side."""
     lines = [np.linspace(0.0, 0.02 * side, side * cells + 1) for side in (3, 2, 1)]
-    mesh = MeshTet.init_tensor(*lines).with_boundaries({"bottom": lambda x: x[2] < 1e-9})
+    named = {"bottom": lambda x: x[2] < 1e-9, "right": lambda x: x[0] > 0.06 - 1e-9}
+    mesh = MeshTet.init_tensor(*lines).with_boundaries(named)
     return tissue.elasticity(mesh, tissue.Material(1.0e5, nu, 1070.0), element, ("bottom",))
 
 
@@ -87,6 +91,42 @@ def test_a_good_guess_saves_work_and_changes_no_answer() -> None:
     assert np.abs(solver.solve(A @ x, lambda: near) - x).max() <= TWO_SOLVERS * np.abs(x).max()
     assert solver.iterate(np.zeros_like(x)) == (pytest.approx(np.zeros_like(x)), 0)
     assert solver.iterate(A @ x, x)[1] <= 1
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-5])
+def test_what_rough_columns_leave_of_a_compliance_is_of_second_order(
+    tolerance: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Independent check: columns with an error E leave −EᵀA E of their compliance, the square of their error in energy;
+    without the correction they leave as much as they miss themselves."""
+    monkeypatch.setattr(iterative, "ROUGH", tolerance)
+    body = body_of(6)
+    A, places = system_of(body)
+    Y = tissue.build_sites(body, HOLES).Y
+    exact = tissue.factorize(A, places).solve(Y.T.toarray())
+    W, C = compliance(tissue.conjugate_gradients(A, places), Y, rough=True)
+    E, true = W - exact, Y @ exact
+    left, size = E.T @ (A @ E), np.abs(true).max()
+    assert 1e-3 * tolerance**2 * size <= np.abs(left).max() <= tolerance**2 * size
+    assert np.abs(true - C - left).max() <= IDENTITY * size
+    assert np.abs(Y @ W - true).max() >= 10.0 * np.abs(C - true).max()
+
+
+def test_a_quasi_static_organ_takes_its_loads_to_second_order_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check of two solvers: sites under forces, weight and a load, and their energies, by columns a ten
+    thousandth off."""
+    monkeypatch.setattr(iterative, "ROUGH", 1e-4)
+    body = body_of(6)
+    sites = tissue.build_sites(body, HOLES)
+    load = tissue.SurfaceLoad("right", (0.0, 20.0, -300.0))
+    force, answers, energies = np.linspace(0.1, 0.2, 18), [], []
+    for solver in ("superlu", "multigrid"):
+        organ = tissue.QuasiStaticOrgan(body, sites, (0.5, 0.0, -9.81), solver=solver, loads=[load])
+        answer = organ.answer(Equilibrium(), [organ.start()])
+        answers.append(np.column_stack([answer.y_free - organ.y0, answer.C]))
+        energies.append(organ.energies(organ.start(), answer.accept(force)))
+    assert np.abs(answers[0] - answers[1]).max() <= TWO_SOLVERS * np.abs(answers[0]).max()
+    assert energies[0].elastic > 0.0 and np.allclose(*energies, rtol=TWO_SOLVERS)
 
 
 def test_a_mass_matrix_needs_no_levels() -> None:

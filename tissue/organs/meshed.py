@@ -485,14 +485,14 @@ class Sprung:
     A: csr_matrix
     mesh: Solver
 
-    def solve(self, b: Array, guess: Callable[[], Array] | None = None) -> Array:
-        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; `guess` is passed on to the solver of the mesh, None
-        means zero.
+    def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
+        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; `guess` and `rough` are passed on to the solver of the mesh,
+        None means zero.
         """
         N = self.mesh.A.shape[0]
         near = None if guess is None else lambda: guess()[:N]
         springs = self.springs.reshape(-1, *[1] * (b.ndim - 1))
-        return np.concatenate([self.mesh.solve(b[:N], near), b[N:] / springs])
+        return np.concatenate([self.mesh.solve(b[:N], near, rough), b[N:] / springs])
 
     @cached_property
     def springs(self) -> Array:
@@ -550,15 +550,21 @@ class LipCompliance:
         return gap_compliance(self.factor, self.organ.lip_rows)
 
 
-def compliance(factor: Solver, Y: csr_matrix) -> tuple[Array, Array]:
+def compliance(factor: Solver, Y: csr_matrix, rough: bool = False) -> tuple[Array, Array]:
     """Return W = A⁻¹ Yᵀ `(N, 9p)` and C = Y W `(9p, 9p)`, made symmetric to the last bit; a row of zeros, of a frame
-    that does not move, is not solved for."""
+    that does not move, is not solved for.
+
+    Where W may be `rough`, with an error E, what it leaves of the forces is added to C = Y W + Wᵀ(Yᵀ − A W): its error
+    is EᵀA E, of second order.
+    """
     moving = np.flatnonzero(np.diff(Y.indptr))
+    together = [moving[first : first + COLUMNS] for first in range(0, moving.size, COLUMNS)]
     W = np.zeros(Y.shape[::-1], order="F")
-    for first in range(0, moving.size, COLUMNS):
-        some = moving[first : first + COLUMNS]
-        W[:, some] = factor.solve(Y[some].T.toarray())
+    for some in together:
+        W[:, some] = factor.solve(Y[some].T.toarray(), rough=rough)
     C = Y @ W
+    for some in together if rough else ():
+        C[:, some] += W.T @ (Y[some].T.toarray() - factor.A @ W[:, some])
     return W, 0.5 * (C + C.T)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, vstack
 
 from tissue.arrays import Array
 from tissue.errors import TissueError
@@ -25,6 +25,7 @@ from tissue.organs.meshed import (
     slips_since,
 )
 from tissue.solvers.choice import Solver
+from tissue.solvers.ranks import Ranks, SharedColumns
 from tissue.supports import holds_still
 
 CROSSED = 1e-9  # of the surfaces' extent: round-off of gaps that are closed
@@ -61,7 +62,12 @@ class QuasiStaticOperator(LipCompliance):
 class QuasiStaticOrgan(MeshedOrgan):
     """An organ without inertia: U = K⁻¹ (load + Yᵀ f_y). Its state is `f_y` alone, its field is made on
     demand.
+
+    `ranks` share out the columns of its sites and loads, all of them by one call of `operator`; None: this process
+    solves them all.
     """
+
+    ranks: Ranks | None = None
 
     @property
     def solved_once(self) -> bool:
@@ -90,13 +96,15 @@ class QuasiStaticOrgan(MeshedOrgan):
     @cached_property
     def _operator(self) -> QuasiStaticOperator:
         """Factorised when first asked for: a scenario is checked without."""
-        factor = self.solver_of(self.K)
-        W, C = compliance(factor, self.Y)
-        U_loads = factor.solve(self.load)[:, None]
-        if self.surface.each:
-            U_loads = np.hstack([U_loads, factor.solve(self.surface_load)])
-        work = np.column_stack([self.load, self.surface_load]).T @ U_loads
-        return QuasiStaticOperator(self, self.K, factor, W, C, U_loads, self.Y @ U_loads, 0.5 * (work + work.T))
+        factor, count = self.solver_of(self.K), self.Y.shape[0]
+        together = factor if self.ranks is None else SharedColumns(factor, self.ranks)
+        loads = csr_matrix(np.column_stack([self.load, self.surface_load]).T)
+        # Gaps have columns as their coefficients, and so to first order.
+        U, work = compliance(together, csr_matrix(vstack([self.Y, loads])), rough=not self.pairs)
+        W, U_loads = U[:, :count], U[:, count:]
+        return QuasiStaticOperator(
+            self, self.K, factor, W, work[:count, :count], U_loads, work[:count, count:], work[count:, count:]
+        )
 
     def start(self) -> OrganState:
         """Return the equilibrium under gravity, without site forces and loads; the lips are not held apart yet."""

@@ -24,7 +24,7 @@ from tissue.sites.unbounded import (
     scaled,
     surface_force,
 )
-from tissue.solvers.factor import factorize
+from tissue.solvers.choice import solver_once
 
 FACING = 0.9  # cosine of the turn of the normal up to which a facet belongs to the site's own surface
 BLOCK = 50_000  # pairs of footprint points and rim nodes at a time, which fit near the processor
@@ -86,7 +86,7 @@ def answer(body: Elasticity, site: Footprint, rows: csr_matrix, inner: Indices, 
     rim = np.setdiff1d(np.union1d(K.indices, rows.indices), inner)
     nodes, U = np.flatnonzero(np.isin(body.nodes, rim).any(axis=1)), np.zeros((body.N, 9))
     U[body.nodes[nodes]] = field(site, body.points[nodes], nu) / E
-    factor = factorize(csr_matrix(K[:, inner]), body.basis.doflocs[:, inner].T)
+    factor = solver_once(csr_matrix(K[:, inner]), body.basis.doflocs[:, inner].T)
     U[inner] = factor.solve(rows[:, inner].T.toarray() - K[:, rim] @ U[rim])
     return np.asarray(rows @ U)
 

@@ -23,7 +23,7 @@ from tissue.material import Material
 from tissue.sites.closed_form import Footprint, field, foreign
 from tissue.sites.surface import Surface
 from tissue.sites.unbounded import kelvin, panels
-from tissue.solvers.factor import factorize
+from tissue.solvers.choice import solver_once
 
 LARGEST = 60.0  # wave number times the smaller radius at which the integral ends: a uniform ball leaves 4e-6 out
 PANELS = 60  # of twelve Gauss points each up to there
@@ -105,7 +105,7 @@ def answers(body: Elasticity, balls: Sequence[Footprint], rows: csr_matrix, insi
     nodes, U = np.flatnonzero(np.isin(body.nodes, rim).any(axis=1)), np.zeros((body.N, rows.shape[0]))
     for j, ball in enumerate(balls):
         U[body.nodes[nodes], FORCES * j : FORCES * (j + 1)] = field(ball, body.points[nodes], nu)[:, :, :FORCES]
-    factor = factorize(csr_matrix(K[:, inner]), body.basis.doflocs[:, inner].T)
+    factor = solver_once(csr_matrix(K[:, inner]), body.basis.doflocs[:, inner].T)
     U[inner] = factor.solve(rows[:, inner].T.toarray() - K[:, rim] @ U[rim])
     return np.asarray(rows @ U)
 

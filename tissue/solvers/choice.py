@@ -57,8 +57,9 @@ class Solver(Protocol):
     def A(self) -> csr_matrix:
         """Symmetric and positive definite, shape `(n, n)`."""
 
-    def solve(self, b: Array, guess: Callable[[], Array] | None = None) -> Array:
-        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; an iterative solver calls `guess`, None means zero."""
+    def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
+        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; an iterative solver calls `guess`, None means zero, and may
+        stop early where a `rough` answer will do."""
 
 
 def solver(
@@ -69,6 +70,13 @@ def solver(
     """
     log.info("factoring the organ: %d unknowns, by %s", A.shape[0], name)
     return conjugate_gradients(A, places) if name == MULTIGRID else factorize(A, places, name, one_of_many, pattern)
+
+
+def solver_once(A: csr_matrix, places: Array) -> Solver:
+    """Return a solver for a few columns of a part of an organ that is held all around; of a large part, around a hole
+    in a fine mesh, SuperLU's factor would take longer than all the rest of the organ."""
+    name = "superlu" if A.shape[0] <= SMALL else choose_solver("auto", A, places, once=True).name
+    return conjugate_gradients(A, places) if name == MULTIGRID else factorize(A, places, name)
 
 
 def mass_solver(M: csr_matrix, places: Array, name: str) -> Solver:

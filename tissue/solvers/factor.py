@@ -34,7 +34,7 @@ class Factor:
     norm: float
     back_substitute: Callable[[Array], Array]
 
-    def solve(self, b: Array, guess: Callable[[], Array] | None = None) -> Array:
+    def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
         """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; raise `FactorError` when the residual exceeds its bound.
 
         The residual of a single column, as of a step in time, is seen along random directions (Freivalds, Proc. IFIP
@@ -92,17 +92,17 @@ def factorize_indefinite(A: csr_matrix) -> Factor:
     return Factor(A, float(np.max(abs(A) @ np.ones(A.shape[0]), initial=0.0)), direct.indefinite(A))
 
 
-def check_residual(A: csr_matrix, norm: float, x: Array, b: Array) -> None:
-    """Raise `FactorError` unless ‖Ax − b‖ is within its bound, column by column."""
-    check_size(np.linalg.norm(A @ x - b, axis=0), norm, x, b)
+def check_residual(A: csr_matrix, norm: float, x: Array, b: Array, allowed: float = RESIDUAL) -> None:
+    """Raise `FactorError` unless ‖Ax − b‖ is within what is `allowed` of its scale, column by column."""
+    check_size(np.linalg.norm(A @ x - b, axis=0), norm, x, b, allowed)
 
 
-def check_size(residual: Array | float, norm: float, x: Array, b: Array) -> None:
-    """Raise `FactorError` unless the size of a residual is within its bound, for each column."""
+def check_size(residual: Array | float, norm: float, x: Array, b: Array, allowed: float = RESIDUAL) -> None:
+    """Raise `FactorError` unless the size of a residual is within what is `allowed` of its scale, for each column."""
     scale = norm * np.linalg.norm(x, axis=0) + np.linalg.norm(b, axis=0)
-    if not np.all(residual <= RESIDUAL * scale):  # also catches what is not a number
+    if not np.all(residual <= allowed * scale):  # also catches what is not a number
         worst = float(np.max(residual / np.maximum(scale, np.finfo(float).tiny)))
-        raise FactorError(f"‖Ax − b‖ = {worst:.1e} (‖A‖‖x‖ + ‖b‖), allowed is {RESIDUAL:g}")
+        raise FactorError(f"‖Ax − b‖ = {worst:.1e} (‖A‖‖x‖ + ‖b‖), allowed is {allowed:g}")
 
 
 def checked_norm(A: csr_matrix) -> float:
