@@ -202,9 +202,11 @@ def reach(
 
 def with_branch(error: CouplingError, lost: CouplingError) -> CouplingError:
     """Return the error of a load step with what became of the branch beyond it."""
-    if isinstance(error, EquilibriumError) and isinstance(lost, BranchError):
-        return replace(error, cause=f"{error.cause}; {lost.cause}")
-    return error
+    if not isinstance(lost, BranchError):
+        return error
+    if isinstance(error, SpentError):
+        return replace(error, beyond=lost.cause)
+    return replace(error, cause=f"{error.cause}; {lost.cause}") if isinstance(error, EquilibriumError) else error
 
 
 def follow(branch: Branch[Body], share: float) -> list[Step[Body]]:

@@ -476,17 +476,25 @@ def go_on(
 
 
 def told_to_snap(system: System[Body], step: Step[Body], depth: int) -> Step[Body]:
-    """Return the step; where tissue at finite strain turned a hole at once as only another branch does, one that has
-    snapped if the loads cannot be halved any more. Raises `StepError` where they can."""
+    """Return the step; where tissue at finite strain turned a hole at once as only another branch does, or came past a
+    barrier of energy, one that has snapped if the loads cannot be halved any more. Raises `StepError` where they
+    can."""
     if step.snapped or not isinstance(system.organ, Creeping):
         return step
     try:
         refuse_turning(system, step.old, step.new)
+        refuse_jump(system.organ, step)
     except StepError:
         if depth < DEEPEST:
             raise
         return replace(step, snapped=True)
     return step
+
+
+def refuse_jump(organ: Creeping, step: Step[Body]) -> None:
+    """Raise `StepError` where tissue at finite strain came past a barrier of energy in a step."""
+    if organ.has_jumped(step.solution.problem.answer, step.old.organ, step.new.organ):
+        raise StepError(step.old.time, step.dt, "the tissue jumped past a barrier of energy: that is another branch")
 
 
 def without_equilibrium(error: StepError | InversionError, share: float) -> CouplingError:

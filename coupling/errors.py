@@ -132,7 +132,8 @@ class LeavingError(StepError):
 class SpentError(CouplingError):
     """A load step that took all the corrections that it may, and found no equilibrium.
 
-    `time` [s] where it began; `share` of the final loads; what the thread is `doing`, at `piercing`.
+    `time` [s] where it began; `share` of the final loads; what the thread is `doing`, at `piercing`; what became of the
+    branch `beyond` it, empty where none was followed.
     """
 
     time: float
@@ -140,9 +141,10 @@ class SpentError(CouplingError):
     corrections: int
     doing: str
     piercing: str = ""
+    beyond: str = ""
 
     def __str__(self) -> str:
-        place = f" at piercing {self.piercing!r}" if self.piercing else ""
+        place = (f" at piercing {self.piercing!r}" if self.piercing else "") + (self.beyond and f"; {self.beyond}")
         return (
             f"no equilibrium was found under {100 * self.share:.4g} % of the loads in {self.corrections} corrections, "
             f"from t = {self.time:.6g} s on, where {self.doing}{place}; hold an end, add friction or an anchor, lay "

@@ -135,6 +135,10 @@ class Creeping(Protocol):
     def holds(self, answer: Answer[Any]) -> bool:
         """Whether the organ would stay where an answer of its own stands, under dead forces."""
 
+    def has_jumped(self, answer: Answer[Any], old: Any, new: Any) -> bool:
+        """Whether a `new` state at rest, where an answer of its own stands, lies beyond a barrier of energy from an
+        `old` one and not on its branch."""
+
 
 @runtime_checkable
 class Floats(Protocol):

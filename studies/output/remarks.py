@@ -184,7 +184,7 @@ KINDS = (
     Kind(
         "limit-point",
         "unsupported",
-        f"on a branch that was followed by arc length the loads fell by more than {FALLEN:g} of themselves",
+        f"on a branch that was followed by arc length the loads fell by more than {FALLEN:g} of the full loads",
         "beyond a limit point the branch goes on under less load: under loads that only rise, thread or tissue jump "
         "there, and may come to rest on another branch",
     ),

@@ -387,12 +387,12 @@ def followed(branches: float) -> list[Remark]:
 
 
 def past_limit(fallen: float) -> list[Remark]:
-    """Judge by what part of themselves the loads have `fallen` along a branch that was followed."""
+    """Judge by what part of the full loads they have `fallen` along a branch that was followed."""
     if fallen <= FALLEN:
         return []
     text = (
-        f"along a branch that was followed the loads fell by {fallen:.2g} of themselves: under loads that only rise, "
-        'thread or tissue jump there, perhaps to another branch; take solve.kind = "dynamic" to see where to'
+        f"along a branch that was followed the loads fell by {fallen:.2g} of the full loads: under loads that only "
+        'rise, thread or tissue jump there, perhaps to another branch; take solve.kind = "dynamic" to see where to'
     )
     return [remark("limit-point", "solve", text)]
 

@@ -13,8 +13,9 @@ from scipy.optimize import brentq, fsolve
 
 import tissue
 from coupling import branch, equilibrium
+from coupling.bordered import S
 from coupling.branch import Branch, follow, walk
-from coupling.errors import BranchError, EquilibriumError
+from coupling.errors import BranchError, EquilibriumError, SpentError, StepError
 from coupling.laying import start
 from coupling.run import Run, begin
 from coupling.system import Piercing, State, System
@@ -119,10 +120,11 @@ def test_a_bow_that_is_pressed_through_is_the_elastica_beyond_its_limits_too() -
     assert np.abs(off).max() <= ELASTICA_COARSE * np.abs(forces).max()
 
 
-def drawn_arch(softer: float = 1.0) -> tuple[System[OrganState], Run]:
-    """The arch without its load, held by a thread in its middle whose other end a hand draws down, a tenth of the way;
-    the thread is `softer` than a suture."""
-    organ, at, length = replace(arch(), loads=()), np.array([0.0, 0.0, RISE + THICK]), 0.02
+def drawn_arch(softer: float = 1.0, loaded: bool = False) -> tuple[System[OrganState], Run]:
+    """The arch, without its load or `loaded`, held by a thread in its middle whose other end a hand draws down, a tenth
+    of the way; the thread is `softer` than a suture."""
+    organ, at, length = arch(), np.array([0.0, 0.0, RISE + THICK]), 0.02
+    organ = organ if loaded else replace(organ, loads=())
     thread = Thread(Spline(uniform_knots(length, 16)), replace(PP, youngs_modulus=PP.youngs_modulus / softer))
     below = at - length * Z
     hand = Driven(np.array([[0.0, *below], [1.0, *(below - DRAWN[softer] * Z)]]))
@@ -137,9 +139,11 @@ def stored(run: Run) -> float:
     return run.energies.elastic_thread + run.energies.elastic_tissue
 
 
-def test_a_branch_leads_where_load_steps_lead() -> None:
-    """Consistency check: two roads to one equilibrium, before the arch bears its most."""
-    system, run = drawn_arch()
+@pytest.mark.parametrize("loaded", [False, True])
+def test_a_branch_leads_where_load_steps_lead(loaded: bool) -> None:
+    """Consistency check: two roads to one equilibrium, before the arch bears its most; with a load on the tissue too,
+    which grows with the rest."""
+    system, run = drawn_arch(loaded=loaded)
     exact = run.load(0.15, 1.0).state
     found = follow(Branch(system, run.state, 1.0, 0.0), 0.15)[-1].new
     assert found.time == exact.time
@@ -173,6 +177,24 @@ def test_an_arch_is_drawn_down_beyond_what_it_bears(
     assert abs(taken) <= 0.05 * work  # by forces at the ends of 40 steps and more
 
 
+def test_a_step_along_a_branch_counts_abscissae_and_stays_near() -> None:
+    """Behaviour: what slides through a hole counts as long as what moves as far; an equilibrium much further away than
+    was asked for lies on another branch, and a thread that has run out of a hole is on none."""
+    system, run = drawn_arch()
+    branch_here, step = Branch(system, run.state, 1.0, 0.0), run.load(0.15, 1.0).taken[-1]
+    way = branch_here.way_of(step)
+    slid = np.zeros_like(way.z)
+    slid[:, S] = way.scale
+    assert replace(way, q=0.0 * way.q, z=slid, share=0.0).length == 1.0
+    assert branch.near(branch_here, step, way.length) is step
+    with pytest.raises(StepError, match="on another branch"):
+        branch.near(branch_here, step, 0.1 * way.length)
+    free = replace(system, piercings=[replace(system.piercings[0], slides=True)])
+    beyond = replace(step, new=replace(step.new, s=step.new.s - way.scale))
+    with pytest.raises(StepError, match="runs out of a hole"):
+        branch.near(replace(branch_here, system=free), beyond, 10.0)
+
+
 def test_a_branch_that_does_not_lead_there_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: the spring would have to be drawn back beyond its start. The error of the load steps is told
     with how far the branch led."""
@@ -184,6 +206,12 @@ def test_a_branch_that_does_not_lead_there_says_so(monkeypatch: pytest.MonkeyPat
     def fails(*_: object) -> None:
         raise EquilibriumError(0.05, 0.0, "they fail", share=1.0)
 
+    def is_spent(*_: object) -> None:
+        raise SpentError(0.05, 1.0, 4000, "it slides")
+
+    monkeypatch.setattr(branch, "load_step", is_spent)
+    with pytest.raises(SpentError, match=r"it slides; the branch beyond .* no loads at all; hold an end"):
+        run.load(1.0, 1.0)
     monkeypatch.setattr(branch, "load_step", fails)
     with pytest.raises(
         EquilibriumError, match=r"100 % of the loads \(they fail; the branch beyond .* no loads at all\)"

@@ -1,5 +1,6 @@
 """A shallow arch that a load presses through: no equilibrium is near, and the tissue creeps to the next one."""
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -12,15 +13,17 @@ from coupling.laying import start
 from coupling.run import Run, begin
 from coupling.system import Piercing, System
 from tests.bounds import RESIDUAL, TWO_SOLVERS
-from tests.thread.threads import Array, Y
+from tests.thread.threads import Array, Y, Z
 from thread.catalogue import suture
-from thread.ends import Fixed, Pulled
+from thread.ends import Fixed, Free, Pulled
 from thread.knots import uniform_knots
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
+from tissue.materials.isotropic import Exponential
 
 SPAN, WIDTH, THICK, RISE = 0.04, 4e-3, 0.5e-3, 4e-3  # m
+LONG = 0.03  # of a flap [m]
 LOAD = 16.0  # Pa, beyond what it bears
 HALF = 0.02  # of the thread [m]
 
@@ -96,3 +99,41 @@ def test_the_arch_hangs_where_newton_finds_it_from_below() -> None:
     point = answer.point
     assert np.abs(point.U - state.U).max() <= TWO_SOLVERS * np.abs(state.U).max()
     assert np.abs(point.r - organ.map.Z.T @ state.f_y[: organ.map.Z.shape[0]]).max() <= 10.0 * RESIDUAL * point.scale
+
+
+def test_newton_does_not_jump_without_a_word() -> None:
+    """Independent check: under five times the load Newton's method itself goes from the arch to where it hangs
+    through, an equilibrium that holds. That is no continuation, and the event says so, once; on from there is."""
+    organ, (laid, _, _) = pressed()
+    loads = [replace(load, traction=(0.0, 0.0, -5.0 * LOAD)) for load in organ.loads]
+    system: Any = replace(laid.system, organ=replace(organ, loads=loads))
+    through = begin(system, replace(laid.state, organ=system.organ.start())).load(0.8, 1.0)
+    assert lowest(organ, through) > RISE
+    assert [event.kind for event in through.events].count("snaps") == 1
+    assert "snaps" not in [event.kind for event in through.load(1.0, 1.0).events]
+
+
+def flap() -> tissue.FiniteOrgan:
+    """A thin strip of stiffening tissue that is held at one end, with a hole near the other."""
+    lines = np.linspace(0.0, LONG, 16), np.linspace(-WIDTH / 2, WIDTH / 2, 2), np.linspace(-THICK, 0.0, 2)
+    mesh = skfem.MeshTet.init_tensor(*lines).with_boundaries({"end": lambda x: np.isclose(x[0], 0.0)})
+    body = tissue.elasticity(mesh, tissue.Material(1e6, 0.3, 1000.0), "P2", ("end",))
+    sites = tissue.build_sites(body, [tissue.Site((LONG - 2e-3, 0.0, 0.0), 2e-3, "parabolic", None, subgrid=False)])
+    law = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, 5.0))
+    return tissue.FiniteOrgan(body, sites, hyper=law, inertia=False)
+
+
+def test_a_flap_that_bends_far_and_is_drawn_taut_does_not_snap() -> None:
+    """Independent check: a dead load that lifts a thin flap turns it upright, by 80°, and then stretches it, stiffer
+    and stiffer; that is one branch, though on the straight way between two of its equilibria a flap that turns is
+    pressed together and drawn out again, far harder than it is bent."""
+    organ, at = flap(), np.array([LONG - 2e-3, 0.0, 0.0])
+    thread = Thread(Spline(uniform_knots(HALF, 16)), suture("4-0 polypropylene"))
+    hole = Piercing("hole", slides=False, directed=False)
+    system: Any = System(thread, (Free(), Pulled(0.1 * Z)), organ, (hole,))
+    path = at + gauss_rule(thread.spline, MASS_POINTS).s[..., None] * Z
+    run = begin(system, start(system, np.array([0.0]), path, 1.0))
+    for share in (0.002, 0.006, 0.02, 1.0):
+        run = run.load(share, 1.0)
+        assert "snaps" not in [event.kind for event in run.events]
+    assert run.state.y[0, 2] > 0.95 * LONG and run.state.y[0, 0] < 0.1 * LONG

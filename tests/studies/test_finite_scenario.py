@@ -39,10 +39,36 @@ BLOCK: dict[str, Any] = {
     ],
     "solve": {"dt": 1e-3, "duration": 4e-3, "load_steps": 3},
 }
+SKIN = {"name": "skin", "depth": [0.0, 5e-3], "youngs_modulus": 1e5, "material": "exponential", "stiffening": 5.0}
+TURNED = {
+    "kind": "driven",
+    "waypoints": [[0, 0.015, 0, 0.015], [0.004, 0.0155, 0, 0.0155]],
+    "turn": [[0, 0], [0.004, 0.5]],
+}
+AT_REST = {"kind": "static", "duration": 4e-3, "load_steps": 3}
+ROUGH = {"friction": {"static": 0.1, "kinetic": 0.1}}
+CROSSED = {  # over its two holes
+    "path": [
+        [0.012, 0, 0.012],
+        [-0.005, 0, 0.004],
+        [-0.005, 0, -0.005],
+        [0.005, 0, -0.005],
+        [0.005, 0, 0.004],
+        [-0.012, 0, 0.012],
+    ],
+    "start": {"kind": "pulled", "force": [0.05, 0, 0.05], "ramp": 0.002},
+    "end": {"kind": "driven", "waypoints": [[0, -0.012, 0, 0.012]]},
+}
+TIE = {"name": "knot", "between": ["entry", "exit"], "force": 0.05, "until": 0.003, "hold": 0.02}
 RUNS: dict[str, tuple[dict[str, Any], str]] = {  # keys added, and an event that they make
     "a cut between two holes without friction": ({"cut": [{"s": 0.03, "time": 0.002}]}, "cut"),
     "a hole that ends": ({"piercing.1": {"until": 0.002}}, "ends"),
     "a hand at a hole": ({"piercing.1": {"draw": [[0, 0], [0.002, 5e-4], [0.003]]}}, ""),
+    "gravity": ({"solve": {"gravity": [0.0, 0.0, -9.81]}}, ""),
+    "a region": ({"tissue": {"region": [SKIN]}}, ""),
+    "a twisted thread": ({"thread": {"twist": True, "end": TURNED}}, ""),
+    "a twisted thread at rest": ({"thread": {"twist": True, "end": TURNED}, "solve": AT_REST}, ""),
+    "a tie that holds": ({"tie": [TIE], "thread": CROSSED, "piercing.0": ROUGH, "piercing.1": ROUGH}, "tied"),
     "springs": ({"thread": {"energy": "springs"}}, ""),
     "a floating body": ({"tissue": {"clamp": []}}, ""),
 }

@@ -57,6 +57,10 @@ KEEP = 0.25  # a factor is kept while it makes the residual fall below this part
 SHORTEST = 2.0**-12  # part of a correction below which the organ gives up
 RISE = 1e-10  # of the potential: it may rise by round-off
 KEPT_TANGENTS = 2
+FARTHEST = 4.0  # times the way that the tangent at its end says: a flap that is drawn upright under four times the load
+# goes 2.7 times that far, an exponential that grows by e⁴ goes 4 times
+PARTS = (0.25, 0.5, 0.75)  # of a way, at which is seen whether a barrier lies on it
+DROP = 0.1  # of the largest force along a way: one that drops by less before it rises again is no barrier
 MOST_CORRECTIONS = 50  # of the equilibrium without site forces
 
 
@@ -568,6 +572,28 @@ class FiniteOrgan(MeshedOrgan):
     def holds(self, answer: FiniteAnswer) -> bool:
         """Whether the organ would stay where its answer stands, under dead forces: its tangent is definite."""
         return answer.tangent.definite
+
+    def has_jumped(self, answer: FiniteAnswer, old: OrganState, new: OrganState) -> bool:
+        """Return whether a state, where an `answer` of the organ's own stands, is no continuation of an old one: the
+        tangent there takes a much shorter way for what the elastic forces changed by, and on the straight way they drop
+        and rise again. Tissue that stiffens, or a flap that turns, does the one or the other; where a hand leads tissue
+        past a limit point they drop by next to nothing before they rise, the less the shorter the way."""
+        way, (last, first) = new.U - old.U, (self._forces_at(state.U)[1] for state in (new, old))
+        straight = solved(answer.tangent.factor, last - first)
+        if np.linalg.norm(way) <= FARTHEST * np.linalg.norm(straight):
+            return False
+        forces = [first, *(self._force_or_none(old.U + part * way) for part in PARTS), last]
+        works = np.array([np.inf if force is None else force @ way for force in forces])
+        crests, rises = np.maximum.accumulate(works), np.maximum.accumulate(works[::-1])[::-1]
+        drop = np.minimum(crests, rises)[np.isfinite(works)] - works[np.isfinite(works)]
+        return bool(drop.max() > DROP * max(abs(works[0]), abs(works[-1])))
+
+    def _force_or_none(self, U: Array) -> Array | None:
+        """Return the force of the stored energy (N,) [N], None where it is not finite."""
+        F = self.law.gradient(self.whole(U))
+        with np.errstate(over="ignore", invalid="ignore"):
+            force = self.law.forces(F)[0][self.elasticity.free]
+        return force if self.law.is_possible(F) and np.isfinite(force).all() else None
 
     def paired_anew(self, U: Array) -> Pairing:
         """Return what faces what under a displacement of the free unknowns `(N,)`, along the normals as they lie."""
