@@ -184,7 +184,7 @@ def test_a_branch_that_does_not_lead_there_says_so(monkeypatch: pytest.MonkeyPat
     def fails(*_: object) -> None:
         raise EquilibriumError(0.05, 0.0, "they fail", share=1.0)
 
-    monkeypatch.setattr(branch, "load_step", fails)
+    monkeypatch.setattr(branch, "load_steps", fails)
     with pytest.raises(
         EquilibriumError, match=r"100 % of the loads \(they fail; the branch beyond .* no loads at all\)"
     ):
