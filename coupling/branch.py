@@ -27,7 +27,7 @@ from coupling.equilibrium import (
     equilibrium_state,
     guess,
     let_lie,
-    load_step,
+    load_steps,
     pair_lips,
     static_problem,
 )
@@ -181,10 +181,11 @@ def reach(
     system: System[Body], state: State[Body], share: float, duration: float, loose: bool = False
 ) -> list[Step[Body]]:
     """Go on to the part `share` of the loads by load steps, and from where these fail along the branch; `loose` as for
-    `coupling.equilibrium.settle`. Raises as `coupling.equilibrium.load_step` does."""
+    `coupling.equilibrium.settle`. Raises as `coupling.equilibrium.load_steps` does."""
     taken: list[Step[Body]] = []
     try:
-        load_step(system, state, share, duration, loose, taken)
+        for step in load_steps(system, state, share, duration, loose):
+            taken.append(step)
     except OutError:  # no branch leads beyond
         raise
     except (StepError, InversionError, SpentError) as error:

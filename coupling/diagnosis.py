@@ -155,15 +155,26 @@ def holds_along_thread(system: System[Body], state: State[Body]) -> list[int]:
     return [int(k) for k in here[np.argsort(state.s[here], kind="stable")]]
 
 
-def refuse_turning(system: System[Body], old: State[Body], new: State[Body]) -> None:
-    """Raise `StepError` where tissue has turned a hole's normal by more than FARTHEST_TURN from one equilibrium to the
-    next: on its own branch it turns by less, the less the smaller the load step."""
+def turn_of_holes(system: System[Body], old: State[Body], new: State[Body]) -> Array:
+    """Return by how much tissue has turned the normal of every directed hole, shape `(m,)` [rad]."""
     before, after = (unit_vector(cross(state.y[:, 3:6], state.y[:, 6:])) for state in (old, new))
-    angles = np.arccos(np.clip(dot(before, after), -1.0, 1.0)) * (old.present & new.present & system.rows[:, 3])
-    for piercing, angle in zip(system.piercings, angles.tolist(), strict=False):  # clamped ends and ties come behind
-        if angle > FARTHEST_TURN:
-            cause = f"the tissue turned the hole by {np.degrees(angle):.3g}° at once: that is another branch"
-            raise StepError(old.time, new.time - old.time, cause, piercing.name)
+    here = old.present & new.present & system.rows[:, 3]
+    return np.asarray(np.arccos(np.clip(dot(before, after), -1.0, 1.0)) * here)
+
+
+def has_turned(system: System[Body], old: State[Body], new: State[Body]) -> Flags:
+    """Tell which holes tissue has turned from one equilibrium to the next by more than FARTHEST_TURN, shape `(m,)`: on
+    its own branch it turns by less, the less the smaller the load step."""
+    return turn_of_holes(system, old, new) > FARTHEST_TURN
+
+
+def refuse_turning(system: System[Body], old: State[Body], new: State[Body]) -> None:
+    """Raise `StepError` where tissue has turned a hole as only another branch does (`has_turned`)."""
+    turned = np.flatnonzero(has_turned(system, old, new)[: len(system.piercings)])  # clamped ends and ties come behind
+    if turned.size:
+        angle = turn_of_holes(system, old, new)[turned[0]]
+        cause = f"the tissue turned the hole by {np.degrees(angle):.3g}° at once: that is another branch"
+        raise StepError(old.time, new.time - old.time, cause, system.piercings[turned[0]].name)
 
 
 def refuse_crossing(system: System[Body], old: State[Body], new: State[Body]) -> None:

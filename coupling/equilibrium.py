@@ -13,6 +13,7 @@ A thread that runs out of a hole on its way there has left it: the load step is 
 """
 
 import logging
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +21,7 @@ import numpy as np
 from coupling.arrays import Array, Flags
 from coupling.calls import asked_before_corrections
 from coupling.contact import first_sets
-from coupling.diagnosis import refuse_crossing, refuse_drawn_out, refuse_held_end, refuse_turning
+from coupling.diagnosis import has_turned, refuse_crossing, refuse_drawn_out, refuse_held_end, refuse_turning
 from coupling.errors import (
     CouplingError,
     EquilibriumError,
@@ -417,18 +418,15 @@ def creep(system: System[Body], organ: Creeping, state: State[Body], share: floa
     raise failed
 
 
-def load_step(
+def load_steps(
     system: System[Body],
     state: State[Body],
     share: float,
     duration: float,
     loose: bool = False,
-    taken: list[Step[Body]] | None = None,
-) -> list[Step[Body]]:
-    """Go on to the part `share` of the loads, in parts where that fails; `loose` as for `settle`. The steps are added
-    to `taken` as they are made, so that those before a failure are known. Raises as `go_on` does, and `SpentError`
-    after MOST_CORRECTIONS."""
-    taken = [] if taken is None else taken
+) -> Iterator[Step[Body]]:
+    """Go on to the part `share` of the loads, in parts where that fails, and yield the steps as they are made; `loose`
+    as for `settle`. Raises as `go_on` does, and `SpentError` after MOST_CORRECTIONS."""
     left = iter(range(MOST_CORRECTIONS))
 
     def count() -> None:
@@ -436,8 +434,7 @@ def load_step(
             raise SpentError(state.time, share, MOST_CORRECTIONS, *what_it_does(system, state))
 
     with asked_before_corrections(count):
-        go_on(system, state, share, duration, loose, taken)
-    return taken
+        yield from go_on(system, state, share, duration, loose)
 
 
 def go_on(
@@ -446,12 +443,11 @@ def go_on(
     share: float,
     duration: float,
     loose: bool,
-    taken: list[Step[Body]],
     depth: int = 0,
-) -> None:
+) -> Iterator[Step[Body]]:
     """Go on to the part `share` of the loads, in halves of the increment where it fails, where the thread flips through
-    a hole, and where tissue at finite strain turns one at once as only another branch does; the steps are added to
-    `taken`. Raises `StepError`, `InversionError`, `ConstraintError` where a hand has drawn the thread out."""
+    a hole, and where tissue at finite strain turns one at once as only another branch does; yield the steps. Raises
+    `StepError`, `InversionError`, `ConstraintError` where a hand has drawn the thread out."""
     try:
         step = settle_or_snap(system, state, share, duration, loose, depth >= SNAPS)
         refuse_drawn_out(system, step.old, step.new)
@@ -464,15 +460,17 @@ def go_on(
     except (StepError, InversionError) as error:
         if depth == DEEPEST or share * duration <= state.time:  # after a cut the loads stay what they are
             raise without_equilibrium(error, share) from error
-        middle = 0.5 * (state.time / duration + share)
-        go_on(system, state, middle, duration, loose, taken, depth + 1)
-        return go_on(system, taken[-1].new, share, duration, loose, taken, depth + 1)
+        for part in (0.5 * (state.time / duration + share), share):
+            for step in go_on(system, state, part, duration, loose, depth=depth + 1):
+                yield step
+            state = step.new
+        return
     if gone.any():
         left = release(state, gone)
         refuse_loose(system, left, share, duration)
-        return go_on(system, left, share, duration, loose, taken, depth)
-    taken += [step, *pair_lips(system, step, share, duration)]
-    return None
+        yield from go_on(system, left, share, duration, loose, depth=depth)
+        return
+    yield from [step, *pair_lips(system, step, share, duration)]
 
 
 def told_to_snap(system: System[Body], step: Step[Body], depth: int) -> Step[Body]:
@@ -481,20 +479,23 @@ def told_to_snap(system: System[Body], step: Step[Body], depth: int) -> Step[Bod
     can."""
     if step.snapped or not isinstance(system.organ, Creeping):
         return step
-    try:
+    if depth < DEEPEST:
         refuse_turning(system, step.old, step.new)
         refuse_jump(system.organ, step)
-    except StepError:
-        if depth < DEEPEST:
-            raise
-        return replace(step, snapped=True)
-    return step
+        return step
+    turned = has_turned(system, step.old, step.new).any()
+    return replace(step, snapped=bool(turned) or has_jumped(system.organ, step))
 
 
 def refuse_jump(organ: Creeping, step: Step[Body]) -> None:
     """Raise `StepError` where tissue at finite strain came past a barrier of energy in a step."""
-    if organ.has_jumped(step.solution.problem.answer, step.old.organ, step.new.organ):
+    if has_jumped(organ, step):
         raise StepError(step.old.time, step.dt, "the tissue jumped past a barrier of energy: that is another branch")
+
+
+def has_jumped(organ: Creeping, step: Step[Body]) -> bool:
+    """Tell whether tissue at finite strain came past a barrier of energy in a step."""
+    return organ.has_jumped(step.solution.problem.answer, step.old.organ, step.new.organ)
 
 
 def without_equilibrium(error: StepError | InversionError, share: float) -> CouplingError:

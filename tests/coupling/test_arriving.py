@@ -28,7 +28,7 @@ from coupling.stepping import (
 )
 from coupling.system import Friction, Piercing, State, System
 from tests.bounds import FIRST_ORDER, IDENTITY, TWO_SOLVERS
-from tests.thread.threads import LENGTH, ORIGIN, PP, Array, X, Z, laid, line, uniform, without_organ
+from tests.thread.threads import LENGTH, ORIGIN, PP, Array, X, Z, laid, line, load_step, uniform, without_organ
 from thread.ends import Driven, End, Fixed, Free, Pulled
 
 MASS, SPEED = 0.02, 1.0  # [kg], [m/s]
@@ -237,7 +237,7 @@ def test_a_static_load_step_that_flips_is_halved(monkeypatch: pytest.MonkeyPatch
         return settle(system, state, share, duration)
 
     monkeypatch.setattr(equilibrium, "settle", flipping)
-    steps = equilibrium.load_step(system, state, 1.0, 1.0)
+    steps = load_step(system, state, 1.0, 1.0)
     assert shares == [1.0, 0.5, 1.0] and abs(steps[-1].new.reaction[0] @ X / -0.2 - 1.0) <= IDENTITY**0.5
 
 
@@ -270,7 +270,7 @@ def test_a_thread_that_nothing_holds_back_runs_out_at_rest() -> None:
     """Independent check: a dead load above what a hole grips has no equilibrium. The thread runs out of its last hole,
     and this ends the load step, not a search for what there is not."""
     system, state = through_a_hole((Free(), Pulled(0.2 * X)), Friction(0.0, 0.0, grip=0.1))
-    assert abs(equilibrium.load_step(system, state, 0.45, 1.0)[-1].new.s[0] / state.s[0] - 1.0) < 0.01
+    assert abs(load_step(system, state, 0.45, 1.0)[-1].new.s[0] / state.s[0] - 1.0) < 0.01
     with pytest.raises(EquilibriumError, match=r"\(the thread runs out of its last hole\); "):
         branch.reach(system, state, 1.0, 1.0)
 
@@ -290,4 +290,4 @@ def test_a_load_step_that_goes_on_for_ever_ends_in_words(monkeypatch: pytest.Mon
     system, state = through_a_hole((Fixed(ORIGIN), Pulled(0.2 * X)))
     monkeypatch.setattr(equilibrium, "MOST_CORRECTIONS", 3)
     with pytest.raises(SpentError, match=r"under 100 % of the loads in 3 corrections.*'hole'; .*solve.load_steps"):
-        equilibrium.load_step(system, state, 1.0, 1.0)
+        load_step(system, state, 1.0, 1.0)

@@ -7,13 +7,24 @@ import pytest
 from scipy.interpolate import BSpline
 
 from coupling.audit import initial_energies
-from coupling.equilibrium import load_step
 from coupling.observation import largest_gap, observe
 from coupling.stepping import Step
 from coupling.system import Friction, Piercing, State, System
 from tests.bounds import GAP, ORDER, TWO_SOLVERS
 from tests.coupling.test_two_ways import DT, END, ORGANS, START, scene, steps
-from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, Array, X, Z, block_organ, hairpin, hairpin_system, laid
+from tests.thread.threads import (
+    ABSCISSAE,
+    LENGTH,
+    RADIUS,
+    Array,
+    X,
+    Z,
+    block_organ,
+    hairpin,
+    hairpin_system,
+    laid,
+    load_step,
+)
 from thread.ends import Driven, Fixed
 
 

@@ -209,10 +209,10 @@ def test_a_branch_that_does_not_lead_there_says_so(monkeypatch: pytest.MonkeyPat
     def is_spent(*_: object) -> None:
         raise SpentError(0.05, 1.0, 4000, "it slides")
 
-    monkeypatch.setattr(branch, "load_step", is_spent)
+    monkeypatch.setattr(branch, "load_steps", is_spent)
     with pytest.raises(SpentError, match=r"it slides; the branch beyond .* no loads at all; hold an end"):
         run.load(1.0, 1.0)
-    monkeypatch.setattr(branch, "load_step", fails)
+    monkeypatch.setattr(branch, "load_steps", fails)
     with pytest.raises(
         EquilibriumError, match=r"100 % of the loads \(they fail; the branch beyond .* no loads at all\)"
     ):

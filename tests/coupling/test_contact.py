@@ -16,7 +16,6 @@ from coupling.assembled import Monolith, equation_of, monolithic_solve
 from coupling.audit import Energies, audit_step, initial_energies, multiplier_imbalance
 from coupling.constraints import phi
 from coupling.contact import observe_contact
-from coupling.equilibrium import load_step
 from coupling.errors import CouplingError, EquilibriumError
 from coupling.integrators import BackwardEuler
 from coupling.newton import solve
@@ -34,7 +33,7 @@ from studies.scenario import ScenarioError, load
 from studies.simulation import prepare
 from studies.simulation.recording import contact_record, contact_records, observed_wounds
 from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
-from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, Z, hairpin, hairpin_system, laid, run, taken
+from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, Z, hairpin, hairpin_system, laid, load_step, run, taken
 from tests.tissue.wounds import wounded_organ
 from thread.ends import Clamped, Fixed, Pulled
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import tissue
-from coupling.equilibrium import load_step
 from coupling.errors import CouplingError
 from coupling.laying import start
 from coupling.observation import observe
@@ -18,6 +17,7 @@ from studies.scenario import Scenario, ScenarioError
 from studies.simulation import prepare
 from studies.simulation.assembly import assemble
 from tests.bounds import IDENTITY, ORDER, TWO_SOLVERS
+from tests.thread.threads import load_step
 from thread.catalogue import suture
 from thread.ends import Pulled
 from thread.knots import clamped_knots

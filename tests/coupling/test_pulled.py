@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling.equilibrium import load_step, pair_lips
+from coupling.equilibrium import pair_lips
 from coupling.errors import CouplingError
 from coupling.sliding import force_along_thread, law_of
 from coupling.system import Friction, Piercing, State
@@ -15,6 +15,7 @@ from studies.scenario import Scenario, parse
 from studies.simulation import Simulation, prepare
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.coupling.test_drawn import AUDIT, STITCH, STRAIGHT
+from tests.thread.threads import load_step
 from thread.catalogue import suture
 
 FORCE = 0.05  # N

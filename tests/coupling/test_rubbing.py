@@ -12,7 +12,6 @@ import pytest
 from coupling.assembled import Monolith, monolithic_solve
 from coupling.audit import audit_step, initial_energies
 from coupling.contact import observe_contact
-from coupling.equilibrium import load_step
 from coupling.integrators import BackwardEuler
 from coupling.newton import solve
 from coupling.rubbing import stuck
@@ -24,7 +23,7 @@ from studies.simulation import prepare
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.coupling import test_contact, test_finite_contact
 from tests.coupling.test_contact import DT, SCENARIO, STEPS, assert_lips, resumed, scale_of, start, written_bodies
-from tests.thread.threads import run, taken
+from tests.thread.threads import load_step, run, taken
 
 MU = 0.3
 AT_FINITE_STRAIN = "slit quasi-static P1 fibre"

@@ -11,7 +11,6 @@ import coupling.sliding
 from coupling import newton
 from coupling.audit import audit_step, initial_energies
 from coupling.constraints import driving_force, phi, tangent
-from coupling.equilibrium import load_step
 from coupling.integrators import Scheme
 from coupling.newton import evaluate
 from coupling.observation import largest_gap, largest_residual, observe
@@ -34,6 +33,7 @@ from tests.thread.threads import (
     hairpin,
     laid,
     line,
+    load_step,
     run,
     uniform,
     without_organ,

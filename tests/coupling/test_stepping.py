@@ -11,7 +11,6 @@ import coupling.newton
 import tissue
 from coupling.audit import audit_step, initial_energies
 from coupling.constraints import phi
-from coupling.equilibrium import load_step
 from coupling.errors import CouplingError, InversionError, StepError
 from coupling.observation import observe
 from coupling.stepping import HALVINGS, advance, try_step, with_sense
@@ -30,6 +29,7 @@ from tests.thread.threads import (
     hairpin_sites,
     hairpin_system,
     laid,
+    load_step,
     run,
 )
 from thread.ends import Driven, Fixed, Free, Pulled

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from coupling.audit import multiplier_imbalance
-from coupling.equilibrium import load_step
 from coupling.observation import observe
 from coupling.paper.two_pass import two_pass
 from coupling.stepping import try_step
@@ -27,6 +26,7 @@ from tests.thread.threads import (
     hairpin_system,
     laid,
     line,
+    load_step,
     uniform,
     without_organ,
 )

@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import solve_bvp
 from scipy.spatial.transform import Rotation
 
-from coupling.equilibrium import load_step
 from coupling.system import State, System
 from tests.bounds import IDENTITY, LINEAR
 from tests.thread.threads import (
@@ -22,6 +21,7 @@ from tests.thread.threads import (
     bent,
     laid,
     line,
+    load_step,
     thread_on,
     uniform,
     without_organ,

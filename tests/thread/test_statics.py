@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from coupling.equilibrium import load_step
 from coupling.system import State, System
 from tests.bounds import BUCKLING, CATENARY, ELASTICA_COARSE, ELASTICA_FINE, LINEAR, RESIDUAL, TWO_SOLVERS
-from tests.thread.threads import ORIGIN, PP, Array, Path, Strand, X, Z, laid, line, uniform, without_organ
+from tests.thread.threads import ORIGIN, PP, Array, Path, Strand, X, Z, laid, line, load_step, uniform, without_organ
 from thread.ends import Clamped, End, Fixed, Free, Pulled
 
 ALONG_X = line(ORIGIN, X)

@@ -8,7 +8,6 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from coupling.audit import audit_step, initial_energies
-from coupling.equilibrium import load_step
 from tests.bounds import IDENTITY, LINEAR, RESIDUAL, TWISTED
 from tests.thread.threads import (
     ORIGIN,
@@ -23,6 +22,7 @@ from tests.thread.threads import (
     greville,
     laid,
     line,
+    load_step,
     run,
     stiffness,
     straight,

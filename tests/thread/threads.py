@@ -11,6 +11,7 @@ from scipy.linalg import null_space
 
 import tissue
 from coupling.bordered import columns
+from coupling.equilibrium import load_steps
 from coupling.laying import start
 from coupling.stepping import Step, advance, try_step
 from coupling.system import Piercing, State, System
@@ -120,6 +121,11 @@ def without_organ(
     """A system whose holes are fixed in space: `sites` as (point, direction)."""
     placed = tissue.fixed_sites([tissue.Site(point, direction=direction) for point, direction in sites])
     return System(thread, ends, placed, piercings, **options)
+
+
+def load_step(system: System, state: State, share: float, duration: float) -> list[Step]:
+    """The steps to the part `share` of the loads at rest."""
+    return list(load_steps(system, state, share, duration))
 
 
 def run(system: System, state: State, dt: float, steps: int) -> list[Step]:
