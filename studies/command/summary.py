@@ -7,6 +7,7 @@ import numpy as np
 
 from studies.command.lines import print_lines
 from studies.output.folder import Recorder
+from studies.output.manifest import files_of
 from studies.output.records import ContactRecord, PiercingRecord
 from studies.output.remarks import Remark
 from studies.output.tally import Status
@@ -147,13 +148,7 @@ def print_summary(scenario: Scenario, recorder: Recorder, status: Status, pictur
         lines += [line for line in (subgrid_line(recorder.subgrid),) if line]
         lines += [line for pair in step.contact for line in (contact_line(pair), *wound_lines(pair))]
     lines += place_lines(scenario.piercing)
-    tables = [
-        "piercings.csv",
-        "energy.csv",
-        "steps.csv",
-        "events.csv",
-        *(["contact.csv", "stitches.csv", "gap_profile.csv"] if step and step.contact else []),
-    ]
+    tables = [name for name in files_of(scenario) if name.endswith(".csv")]
     lines += [
         "",
         *remark_lines(recorder.remarks),

@@ -19,6 +19,7 @@ from studies.pictures.view import (
     MARKER,
     SIZE,
     Scale,
+    aimed_at,
     caption,
     colours,
     label,
@@ -49,9 +50,9 @@ class Stage:
 
 
 def stage_of(frames: Sequence[Snapshot], topology: OrganTopology | None, title: str) -> Stage:
-    """Return the stage on which the whole thread and every arrow of all frames are seen."""
+    """Return the stage on which what is aimed at and every arrow of all frames are seen."""
     scale = scale_of(frames)
-    seen = np.concatenate([part for frame in frames for part in (frame.thread.points, scale.tips(frame))])
+    seen = np.concatenate([part for frame in frames for part in (aimed_at(frame), scale.tips(frame))])
     return Stage(topology, title, scale, camera_on(seen, SIZE, MARGINS))
 
 

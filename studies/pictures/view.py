@@ -45,7 +45,7 @@ def surface(topology: OrganTopology) -> Indices:
 
 @dataclass(frozen=True)
 class Scale:
-    """What the pictures of one or several frames are drawn to: corners of the box of threads and holes [m], ranges of
+    """What the pictures of one or several frames are drawn to: corners of the box of what is aimed at [m], ranges of
     the colours of stress [Pa] and tension [N], and the largest force of a hole [N], zero without any."""
 
     low: Array  # (3,)
@@ -74,8 +74,8 @@ class Scale:
 
 
 def scale_of(frames: Sequence[Snapshot]) -> Scale:
-    """Return the scale to which frames are drawn together: the whole thread is seen in each."""
-    points = np.concatenate([part for frame in frames for part in (frame.thread.points, places_of(frame))])
+    """Return the scale to which frames are drawn together: what is aimed at is seen in each."""
+    points = np.concatenate([part for frame in frames for part in (aimed_at(frame), places_of(frame))])
     stresses = [frame.organ.von_mises for frame in frames if frame.organ is not None]
     force = max((float(np.linalg.norm(hole.force)) for frame in frames for hole in frame.piercings), default=0.0)
     return Scale(
@@ -85,6 +85,20 @@ def scale_of(frames: Sequence[Snapshot]) -> Scale:
         limits(np.concatenate([frame.thread.tension for frame in frames]), UNFELT),
         force if force > UNFELT else 0.0,
     )
+
+
+def aimed_at(frame: Snapshot) -> Array:
+    """Return the points of the thread that a picture is to show, shape `(k, 3)` [m]: all of a thread in its holes, and
+    of pieces in none what lies no further off than those are long, for a piece that is cut free may fly away."""
+    pieces = frame.thread.split()
+    bounds = np.split(frame.thread.s, np.cumsum(frame.thread.pieces[:-1]))
+    held = [hole.s for hole in frame.piercings if hole.state != LEFT]
+    kept = [points for points, s in zip(pieces, bounds, strict=True) if any(s[0] <= at <= s[-1] for at in held)]
+    if not kept or len(kept) == len(pieces):
+        return frame.thread.points
+    low, high = np.concatenate(kept).min(axis=0), np.concatenate(kept).max(axis=0)
+    beyond = np.maximum(low - frame.thread.points, frame.thread.points - high).max(axis=1)
+    return np.asarray(frame.thread.points[beyond <= np.linalg.norm(high - low)])
 
 
 def places_of(frame: Snapshot) -> Array:

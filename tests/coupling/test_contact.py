@@ -359,7 +359,7 @@ def test_what_a_run_says_of_its_lips(closed: Path, capsys: pytest.CaptureFixture
     assert b'Name="contact_pressure"' in frame and b'Name="lip_gap"' in frame
     assert start(closed, closed.parent / "again", "--set", "solve.duration=2e-3") == 0
     printed = capsys.readouterr().out
-    assert "contact    lip_left - lip_right: 0 of" in printed and "events.csv, contact.csv" in printed
+    assert "contact    lip_left - lip_right: 0 of" in printed and "contact.csv, stitches.csv, gap_pro" in printed
 
 
 def resumed(file: Path, last: int) -> StepRecord:

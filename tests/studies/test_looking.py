@@ -21,7 +21,7 @@ from studies.output.tables import CsvFile
 from studies.pictures import film_section, looking
 from studies.pictures.camera import CLEAR, camera_on, label_places, scale_bar
 from studies.pictures.plotting import columns_of, line_of
-from studies.pictures.view import force_text, legend, scale_of
+from studies.pictures.view import aimed_at, force_text, legend, scale_of
 from studies.report.charts import series_of
 from tests.studies.samples import LINEAR, frame, step
 from tests.studies.test_report import record_run
@@ -133,6 +133,22 @@ def test_an_animation_has_a_picture_for_each_frame_to_one_scale(run: Path, tmp_p
     scale = scale_of(frames)
     for one in frames:
         assert np.all(one.thread.points >= scale.low) and np.all(one.thread.points <= scale.high)
+
+
+def test_a_piece_that_is_cut_and_flies_away_does_not_shrink_the_rest() -> None:
+    """Independent check: a piece in no hole is aimed at while it lies near, no more once it has flown metres away, and
+    a thread in one piece always."""
+    whole = frame(1.0)
+    holes = tuple(replace(hole, s=0.01) for hole in whole.piercings)
+    cut = replace(whole, thread=replace(whole.thread, pieces=(6, 5)), piercings=holes)
+    flown = whole.thread.points + np.where(np.arange(11) >= 6, 5.0, 0.0)[:, None]
+    width = scale_of([cut]).width
+    assert width == scale_of([whole]).width
+    away = replace(cut, thread=replace(cut.thread, points=flown))
+    assert scale_of([away]).width < width and len(aimed_at(away)) == 6
+    assert len(aimed_at(replace(away, thread=replace(away.thread, pieces=())))) == 11
+    none = replace(away, piercings=tuple(replace(hole, state="left") for hole in holes))
+    assert len(aimed_at(none)) == 11
 
 
 def test_what_round_off_leaves_of_a_slack_thread_is_not_drawn() -> None:
