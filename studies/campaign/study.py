@@ -339,5 +339,5 @@ STUDY = Study(
     table=table,
     figure=figure,
     remarks=remarks,
-    quick={"first": 19, "count": 4, "most": 3000, "quarter": 0},
+    quick={"first": 19, "count": 4, "most": 3000, "quarter": 1},
 )
