@@ -370,7 +370,8 @@ def at_least(met: Array, now: Array | None) -> Array:
 
 def nothing_met(piercings: int) -> Extremes:
     """Return the extremes of a run with so many piercings before its start."""
-    return Extremes(*np.zeros((9, piercings)), np.full((SEEN + 1, piercings, 3), np.nan))
+    fields = [*np.zeros((9, piercings)), np.full((SEEN + 1, piercings, 3), np.nan)]
+    return Extremes(*fields)
 
 
 @dataclass(frozen=True)

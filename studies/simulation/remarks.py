@@ -413,8 +413,8 @@ def unstable(would_stay: bool) -> list[Remark]:
 
 def rubs(scenario: Scenario) -> bool:
     """Tell whether something has friction, by which the end depends on the way there."""
-    along = (*scenario.piercing, *scenario.tract)
-    return any(each.friction is not None for each in along) or any(pair.friction for pair in scenario.contact)
+    holes = [hole.friction for hole in scenario.piercing] + [tract.friction for tract in scenario.tract]
+    return any(friction is not None for friction in holes) or any(pair.friction for pair in scenario.contact)
 
 
 def audited(numerical: float, extremes: Extremes, rough: bool) -> list[Remark]:
