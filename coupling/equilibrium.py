@@ -36,6 +36,7 @@ from coupling.motion import what_it_does
 from coupling.newton import Iterate, Problem, Solution, evaluate
 from coupling.sliding import admissible_sigma, force_along_thread, law_of, prescribed, static_bound
 from coupling.solver import solve
+from coupling.stability import downhill, given_a_little, is_squeezed, would_stay
 from coupling.stepping import (
     Step,
     accept_organ,
@@ -151,11 +152,29 @@ def settle(
     rough = bool(system.rough.any())
     loose = loose and rough
     try:
-        return replace(relax_ties(system, state, share, duration, not loose, given, began), loose=loose)
+        step = relax_ties(system, state, share, duration, not loose, given, began)
     except EquilibriumError:
         if not rough:
             raise
-    return replace(relax_ties(system, state, share, duration, loose, given, began), loose=not loose)
+        step, loose = relax_ties(system, state, share, duration, loose, given, began), not loose
+    return replace(stand_firm(step), loose=loose)
+
+
+def stand_firm(step: Step[Body]) -> Step[Body]:
+    """Return a step to an equilibrium in which the thread stays: the same or, where it would buckle, the one that it
+    goes aside to; the same where none is found."""
+    problem, z = step.solution.problem, step.solution.iterate
+    if not is_squeezed(step.solution) or would_stay(step.solution, step.new):
+        return step
+    try:
+        aside = downhill(given_a_little(step.solution), z)
+        solution = let_lie(settle_layers(let_go(problem, aside), let_go, AT_REST, TENSIONS))
+    except StepError as error:
+        log.debug("the thread would not stay, and goes nowhere else: %s", error)
+        return step
+    new = equilibrium_state(step.old, solution)
+    found = Step(step.old, new, problem.dt, solution, end_configuration(new, solution), snapped=True)
+    return found if would_stay(solution, new) else step
 
 
 def relax_ties(

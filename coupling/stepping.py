@@ -22,6 +22,7 @@ from coupling.motion import is_too_long, what_it_does
 from coupling.newton import Iterate, Problem, Solution
 from coupling.sliding import law_of
 from coupling.solver import solve
+from coupling.stability import go_aside
 from coupling.system import State, System, forgetful
 from coupling.tension import SETTLED, is_settled, layers_at
 from coupling.ties import gap_left
@@ -181,7 +182,8 @@ def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme
     `InversionError`; the state is not touched."""
     scheme = scheme or BackwardEuler(dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
-    return conclude(state, scheme, settle_layers(find_solution(problem, predict(problem, state))))
+    solution = settle_layers(find_solution(problem, predict(problem, state)))
+    return conclude(state, scheme, go_aside(solution, find_solution))
 
 
 def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> Step[Body]:
@@ -410,7 +412,8 @@ def bdf2_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]
         return remembering(try_step(system, state, dt), state, dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
     try:
-        return remembering(conclude(state, scheme, settle_layers(solve(problem, predict(problem, state)))), state, dt)
+        solution = go_aside(settle_layers(solve(problem, predict(problem, state))), solve)
+        return remembering(conclude(state, scheme, solution), state, dt)
     except (StepError, InversionError):
         return try_step(system, forgetful(state), dt)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from coupling.arrays import Array, Flags
+from coupling.arrays import Array, Flags, Indices
 from coupling.interfaces import Body
 from coupling.system import State, System
 from thread.compliance import SLACK
@@ -15,13 +15,33 @@ SETTLED = 1.15  # ratio of √(EI/T) at the end of a step to that which it was s
 def strand_tensions(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
     """Return the mean axial forces `N` [N] in the parts of the thread, from hold to hold or cut, before and after every
     hold at `s` (m,) [m], shape `(m, 2)` [N]: at the hole itself the axial force is not that of the pull."""
-    thread = system.thread
-    start, *cuts, end = thread.spline.piece_ends
-    here = np.sort(np.append(s[present & (s > start) & (s < end)], cuts))
-    part, parts = np.searchsorted(here, thread.axial.s.ravel()), len(here) + 1
-    mean = np.bincount(part, N.ravel(), parts) / np.maximum(np.bincount(part, minlength=parts), 1)
-    at = np.searchsorted(here, s)
+    bounds, part = strands(system, s, present)
+    parts = len(bounds) + 1
+    mean = np.bincount(part.ravel(), N.ravel(), parts) / np.maximum(np.bincount(part.ravel(), minlength=parts), 1)
+    at = np.searchsorted(bounds, s)
     return np.stack([mean[np.minimum(at + side, parts - 1)] for side in (0, 1)], axis=1)
+
+
+def strands(system: System[Body], s: Array, present: Flags) -> tuple[Array, Indices]:
+    """Return the abscissae that part the thread, of its holds at `s` (m,) and its cuts, rising, `(k,)` [m], and the
+    number of the part that each point is in at which the axial force is known, of the shape of that."""
+    start, *cuts, end = system.thread.spline.piece_ends
+    bounds = np.sort(np.append(s[present & (s > start) & (s < end)], cuts))
+    return bounds, np.searchsorted(bounds, system.thread.axial.s)
+
+
+def largest_pressure(system: System[Body], s: Array, N: Array, present: Flags) -> float:
+    """Return the largest force by which a part of the thread is pressed along itself everywhere [N], 0 where none is.
+
+    Spans with a hold in them are not asked, nor parts without others: where the axial force jumps that of a spline
+    swings about it.
+    """
+    bounds, part = strands(system, s, present)
+    spans = np.searchsorted(system.thread.spline.breaks, system.thread.axial.s)
+    asked = ~np.isin(spans, np.searchsorted(system.thread.spline.breaks, bounds))
+    most = np.full(len(bounds) + 1, -np.inf)
+    np.maximum.at(most, part[asked], N[asked])
+    return float(np.max(-most, where=np.isfinite(most), initial=0.0))
 
 
 def layers_at(system: System[Body], s: Array, N: Array, present: Flags) -> Array | None:

@@ -190,7 +190,7 @@ EVENT: tuple[Column[Event], ...] = (
         "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing, `tears` where the tissue's strength is exceeded; "
         "`closes`, `tied`, `slips`, `sticks`, `unties` of a tie; `slips`, `sticks` of surfaces in contact, and "
         "along a tract, as a whole or no more; `cut`: the thread was; `halved`: the step was; "
-        "`snaps`: the tissue went to an equilibrium that was not near; "
+        "`snaps`: the tissue, or a thread that buckles, went to an equilibrium that was not near; "
         "`branch`: load steps failed, and the equilibrium was followed along its branch by arc length; "
         "`knots`: they changed",
         lambda event: event.kind,

@@ -178,7 +178,7 @@ KINDS = (
         "unsupported",
         "at the end of a run at rest, a motion of the thread in its holes that lowers its potential",
         "Newton's method follows equilibria beyond the point where a thread buckles, snaps or rolls over; it would "
-        "leave this one at the least disturbance",
+        "leave this one at the least disturbance, and none that holds was found downhill",
     ),
     Kind(
         "branch",

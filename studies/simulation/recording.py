@@ -67,7 +67,7 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
 
 def would_stay_after(now: OrganRun) -> bool:
     """Tell whether the thread would stay in the equilibrium of the last load step, if there is one."""
-    return all(would_stay(step) for step in now.taken[-1:])
+    return all(would_stay(step.solution, step.new) for step in now.taken[-1:])
 
 
 def own_holes(holes: Sequence[PiercingObservation]) -> tuple[PiercingObservation, ...]:

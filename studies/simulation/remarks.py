@@ -405,8 +405,8 @@ def unstable(would_stay: bool) -> list[Remark]:
         return []
     text = (
         "the thread would not stay in this equilibrium: a motion in its holes lowers its potential, by which it "
-        'buckles, snaps or rolls over; take solve.kind = "dynamic", in which it goes where it falls, or lay it out of '
-        "the plane that it is balanced in"
+        'buckles, snaps or rolls over, and none was found that it goes to; take solve.kind = "dynamic", in which it '
+        "goes where it falls, or lay it out of the plane that it is balanced in"
     )
     return [remark("would-not-stay", "solve", text)]
 

@@ -10,7 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk
 
+from coupling import equilibrium
 from studies.command import command
 from studies.output.folder import Recorder
 from studies.output.records import SEEN, STILL, Ending, EnergyRecord, Extremes, StepRecord, nothing_met
@@ -46,9 +49,10 @@ from studies.scenario import Contact, Scenario, load, parse
 from studies.scenario.toml import tables
 from studies.simulation import prepare
 from studies.simulation import remarks as judging
+from studies.simulation.memory import OrganRun
 from studies.simulation.simulation import Simulation
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED
-from tests.bounds import IDENTITY
+from tests.bounds import BUCKLING, IDENTITY
 from tests.studies.samples import ANCHORED, CONTRACT, LINEAR, Stub, frame, framing, step
 from thread.catalogue import suture
 
@@ -176,14 +180,32 @@ load_steps = 1
 """
 
 
-def test_a_thread_that_is_balanced_is_told() -> None:
+def test_a_thread_that_is_balanced_goes_aside(monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: a straight thread that is clamped at one end and pressed at the other stays up to Euler's
-    load, π²EI/4L²; Newton's method finds it straight under any."""
-    length = 0.05
-    euler = suture("2-0 polypropylene").EI * (0.5 * np.pi / length) ** 2
-    for share, said in ((0.98, False), (1.02, True), (-2.0, False)):
+    load, π²EI/4L². Newton's method finds it straight under any; beyond it is the elastica, whose tip lies 2E/K − 1 of
+    the length along and 2k/K aside where K = L √(F/EI). Where nothing led it there, it is told that it would not stay.
+    """
+    length, strand = 0.05, suture("2-0 polypropylene")
+    euler = strand.EI * (0.5 * np.pi / length) ** 2
+
+    def under(share: float) -> tuple[OrganRun, set[str]]:
         simulation = prepare(parse(tomllib.loads(COLUMN.format(length=length, force=-share * euler))))
-        assert ("would-not-stay" in {each.code for each in simulation.remarks(ended(simulation))}) == said
+        run = simulation.next(simulation.beginning())
+        return run, {each.code for each in simulation.remarks(ended(simulation))}
+
+    for share in (0.98, -2.0):
+        run, said = under(share)
+        assert not run.events and "would-not-stay" not in said and np.abs(run.state.q[:, 1:]).max() == 0.0
+    for share in (1.02, 1.5):
+        run, said = under(share)
+        m = brentq(lambda m, share=share: ellipk(m) / (0.5 * np.pi) - np.sqrt(share), 1e-9, 0.99)
+        along, aside = 2.0 * ellipe(m) / ellipk(m) - 1.0, 2.0 * np.sqrt(m) / ellipk(m)
+        tip = run.state.q[-1] / length
+        assert [event.kind for event in run.events] == ["snaps"] and "would-not-stay" not in said
+        assert abs(tip[0] - along) <= BUCKLING and abs(np.linalg.norm(tip[1:]) - aside) <= BUCKLING
+    monkeypatch.setattr(equilibrium, "downhill", lambda problem, z: z)
+    run, said = under(1.02)
+    assert not run.events and "would-not-stay" in said
 
 
 def course(forces: Callable[[float], float], number: int = SEEN + 1, scale: float = 1.0) -> Extremes:
