@@ -15,6 +15,8 @@ from coupling.tying import TieObservation
 from studies.arrays import Array
 from studies.output.fields import OrganRecord, ThreadRecord
 
+SEEN = 10  # steps before the last over which forces are seen to swing
+STILL = 1e-9  # of the largest tension: forces below are of round-off
 APART = 1e-6  # m: surfaces nearer are closed; a fluid of the body hardly passes, and tissue is rougher
 
 PiercingRecord = PiercingObservation
@@ -230,7 +232,8 @@ class RunRecord:
 
 @dataclass(frozen=True)
 class Extremes:
-    """The largest of what a run has met so far: over its steps, and of the organ's cells over its frames."""
+    """The largest of what a run has met so far: over its steps, and of the organ's cells over its frames; and the
+    forces of its last steps."""
 
     mean_strain: Array  # (p,) of the tissue at each hole [-]
     turn: Array  # (p,) [rad]
@@ -241,6 +244,7 @@ class Extremes:
     bound: Array  # (p,) of the distance to the whole organ [m]
     cell_strain: Array  # (p,) of the cells on which each hole bears [-]
     cell_energy: Array  # (p,) strain energy per volume of them [Pa]
+    forces: Array  # (SEEN + 1, p, 3) of each hole on the thread at the last steps, NaN before there were so many [N]
     tension: float = 0.0  # of the thread at its holes and ends [N]
     thread_strain: float = 0.0  # [-]
     energy: float = 0.0  # kinetic and elastic, or work of whatever is outside [J]
@@ -265,6 +269,7 @@ class Extremes:
             turn=np.maximum(self.turn, [hole.turn for hole in holes]),
             bearing_pressure=np.maximum(self.bearing_pressure, [hole.bearing_pressure for hole in holes]),
             way=np.maximum(self.way, [float(norm(hole.displacement)) for hole in holes]),
+            forces=np.concatenate([self.forces[1:], np.reshape([hole.force for hole in holes], (1, -1, 3))]),
             difference=self.difference if small is None else np.maximum(self.difference, small.difference),
             bound=self.bound if small is None else np.maximum(self.bound, small.bound),
             tension=max(self.tension, *pulls, float(norm(step.start_reaction)), float(norm(step.end_reaction))),
@@ -275,6 +280,16 @@ class Extremes:
             branches=self.branches + (step.fallen is not None),
             fallen=max(self.fallen, step.fallen or 0.0),
         )
+
+    @property
+    def swing(self) -> float:
+        """How far the force of a hole was from a straight course over the last steps at most, over the largest of them
+        [-]; 0 where there were fewer steps, or no forces but of round-off."""
+        largest = float(norm(self.forces, axis=2).max(initial=0.0))
+        if not largest > STILL * self.tension:
+            return 0.0
+        course = np.linspace(self.forces[0], self.forces[-1], len(self.forces))
+        return float(norm(self.forces - course, axis=2).max()) / largest
 
     def after_frame(self, organ: OrganRecord | None) -> "Extremes":
         """Return the extremes with a frame of the organ more, None without one."""
@@ -301,7 +316,8 @@ def at_least(met: Array, now: Array | None) -> Array:
 
 def nothing_met(piercings: int) -> Extremes:
     """Return the extremes of a run with so many piercings before its start."""
-    return Extremes(*np.zeros((9, piercings)))
+    fields = [*np.zeros((9, piercings)), np.full((SEEN + 1, piercings, 3), np.nan)]
+    return Extremes(*fields)
 
 
 @dataclass(frozen=True)

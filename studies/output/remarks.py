@@ -9,6 +9,8 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Literal
 
+from studies.output.records import SEEN
+
 Severity = Literal["note", "unsupported"]
 
 SMALL_STRAIN = 0.2  # linear elasticity leaves out ½ε² beside ε: a tenth of it here
@@ -22,6 +24,7 @@ LAYERED = 0.05  # of a run's energy: as much as the steps may take
 UNSETTLED = 0.01  # of √(EI/T): ten passes leave 1e-6 of it, and a hole's forces go with it by a part
 FALLEN = 1e-6  # of the loads: round-off is less
 CROSSED = 0.01  # of the lips' extent: nearer, they are as good as closed
+SWUNG = 0.01  # of the largest force
 SLID = 1.0  # diameters that a thread may still slide in as long as the run took, and be at rest
 STEEP = 1.0  # friction along a surface over the force across it
 BARE = 4.0  # radii of a tract: as much of its path is near the surface where it goes in and out at 30° or more
@@ -158,8 +161,10 @@ KINDS = (
     Kind(
         "numerical-dissipation",
         "note",
-        f"above {DISSIPATED:.0%} of the run's energy at the end",
-        "what moves has been damped by the steps in time; a smaller `solve.dt` damps less",
+        f"above {DISSIPATED:.0%} of the run's energy at the end, where friction acts or forces still swing "
+        "(`forces-swing`)",
+        "what moves has been damped by the steps in time, and friction keeps what the way there did; what has come to "
+        "rest without it does not know how",
     ),
     Kind(
         "layer-energy",
@@ -201,6 +206,13 @@ KINDS = (
         "at the end of a dynamic run, kinetic energy above 1e-4 of the elastic, or thread that would slide by more "
         "than its diameter in as long again",
         "the last numbers are of a moment, not of an equilibrium",
+    ),
+    Kind(
+        "forces-swing",
+        "note",
+        f"at the end of a dynamic run, the force of a hole over the last {SEEN} steps more than {SWUNG:.0%} of the "
+        "largest off a straight course",
+        "what swings within so few steps is late and damped by them, and shorter ones have it elsewhere at that time",
     ),
     Kind(
         "subgrid",

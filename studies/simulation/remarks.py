@@ -15,7 +15,7 @@ import tissue
 from meshes.quality import size_at
 from studies import scenario as model
 from studies.arrays import Array
-from studies.output.records import Ending, EnergyRecord, Extremes, TractRecord
+from studies.output.records import SEEN, Ending, EnergyRecord, Extremes, TractRecord
 from studies.output.remarks import (
     BARE,
     COARSE,
@@ -37,6 +37,7 @@ from studies.output.remarks import (
     SMALL_STRAIN,
     STEEP,
     STIFF,
+    SWUNG,
     THREAD_STRAIN,
     UNSETTLED,
     Remark,
@@ -155,12 +156,13 @@ def met(scenario: Scenario, ending: Ending, strengths: Sequence[float], springs:
         *([] if dynamic else [*unsettled_bending(step.unsettled_layers), *unstable(step.would_stay)]),
         *followed(extremes.branches),
         *past_limit(extremes.fallen / scenario.solve.duration),
-        *(audited(step.energy.numerical_dissipation, extremes) if dynamic else []),
+        *(audited(step.energy.numerical_dissipation, extremes, rubs(scenario)) if dynamic else []),
         *(
             unsettled(step.energy, step.slide_speed * step.time, section_of(scenario.thread).diameter)
             if dynamic
             else []
         ),
+        *(swinging(extremes.swing) if dynamic else []),
     ]
 
 
@@ -409,8 +411,15 @@ def unstable(would_stay: bool) -> list[Remark]:
     return [remark("would-not-stay", "solve", text)]
 
 
-def audited(numerical: float, extremes: Extremes) -> list[Remark]:
-    """Judge what the steps in time did to the energy, `numerical` [J] being their dissipation at the end."""
+def rubs(scenario: Scenario) -> bool:
+    """Tell whether something has friction, by which the end depends on the way there."""
+    holes = [hole.friction for hole in scenario.piercing] + [tract.friction for tract in scenario.tract]
+    return any(friction is not None for friction in holes) or any(pair.friction for pair in scenario.contact)
+
+
+def audited(numerical: float, extremes: Extremes, rough: bool) -> list[Remark]:
+    """Judge what the steps in time did to the energy, `numerical` [J] being their dissipation at the end; `rough`:
+    friction keeps what they did."""
     out, scale = [], extremes.energy
     if extremes.created > CREATED * scale:
         out.append(
@@ -421,7 +430,7 @@ def audited(numerical: float, extremes: Extremes) -> list[Remark]:
                 f"energy ({scale:.2g} J); take a smaller solve.dt",
             )
         )
-    if numerical > DISSIPATED * scale:
+    if numerical > DISSIPATED * scale and (rough or extremes.swing > SWUNG):
         out.append(
             remark(
                 "numerical-dissipation",
@@ -455,6 +464,17 @@ def unsettled(energy: EnergyRecord, slide: float, diameter: float) -> list[Remar
         f"{SLID * diameter / MILLI:.2g} mm)"
     )
     return [remark("not-at-rest", "solve.duration", text)]
+
+
+def swinging(swing: float) -> list[Remark]:
+    """Judge how far the force of a hole was off a straight course over the last steps, over the largest of them."""
+    if swing <= SWUNG:
+        return []
+    text = (
+        f"over the last {SEEN} steps the force of a hole was off a straight course by {swing:.2g} of the largest, at "
+        f"most {SWUNG:g} are slow enough for them: take a smaller solve.dt, or let it come to rest"
+    )
+    return [remark("forces-swing", "solve.dt", text)]
 
 
 def outside_subgrid(gaps: Mapping[str, Mapping[str, Any]]) -> list[Remark]:

@@ -84,11 +84,15 @@ def test_what_did_not_arrive_is_counted_and_listed() -> None:
     stopped = run(case, most=2)
     assert stopped.cause == "corrections spent" and 0.0 < stopped.time < stopped.duration
     done = replace(stopped, cause="completed", time=stopped.duration, created=2.0 * CREATED)
-    rows: list[Row] = [stopped, done, done]
+    taken = replace(done, created=0.0, created_bdf2=3.0 * CREATED)
+    rows: list[Row] = [stopped, done, taken]
     lines = {line[0]: line[1] for line in table(rows).lines}
     assert lines["all"] == "2 of 3" and lines[case.kind] == "2 of 3"
     said = "\n".join(remarks(rows))
-    assert "TOO FEW" in said and "MADE ENERGY" in said and f"case {case.number}" in said
+    assert "TOO FEW" in said and f"case {case.number}" in said
+    for scheme, most in (("backward Euler", done.created), ("BDF2", taken.created_bdf2)):
+        [line] = [text for text in said.split("\n") if scheme in text]
+        assert f"1 of 3, at most {most:.2g}" in line
     assert figure(rows).axes
 
 

@@ -16,7 +16,7 @@ from scipy.special import ellipe, ellipk
 from coupling import equilibrium
 from studies.command import command
 from studies.output.folder import Recorder
-from studies.output.records import Ending, EnergyRecord, Extremes, StepRecord, nothing_met
+from studies.output.records import SEEN, STILL, Ending, EnergyRecord, Extremes, StepRecord, nothing_met
 from studies.output.remarks import (
     BARE,
     CATALOGUE,
@@ -39,6 +39,7 @@ from studies.output.remarks import (
     SMALL_STRAIN,
     STEEP,
     STIFF,
+    SWUNG,
     THREAD_STRAIN,
     UNSETTLED,
     Remark,
@@ -109,12 +110,13 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "spans": (RESOLVED, 1, judging.coarse_spans),
     "spans-between": (BETWEEN, -1, judging.few_spans),
     "bending-length": (UNSETTLED, 1, judging.unsettled_bending),
-    "energy-created": (CREATED, 1, lambda x: judging.audited(0.0, met(energy=1.0, created=x))),
-    "numerical-dissipation": (DISSIPATED, 1, lambda x: judging.audited(x, met(energy=1.0))),
-    "layer-energy": (LAYERED, 1, lambda x: judging.audited(0.0, met(energy=1.0, layered=x))),
+    "energy-created": (CREATED, 1, lambda x: judging.audited(0.0, met(energy=1.0, created=x), False)),
+    "numerical-dissipation": (DISSIPATED, 1, lambda x: judging.audited(x, met(energy=1.0), True)),
+    "layer-energy": (LAYERED, 1, lambda x: judging.audited(0.0, met(energy=1.0, layered=x), False)),
     "branch": (1.0, 1, lambda x: judging.followed(np.floor(x))),
     "limit-point": (FALLEN, 1, judging.past_limit),
     "not-at-rest": (SETTLED, 1, lambda x: judging.unsettled(energy(x, 1.0), 0.0, 3e-4)),
+    "forces-swing": (SWUNG, 1, judging.swinging),
     "subgrid": (1e-3, -1, lambda x: judging.outside_subgrid(gap(x))),
     "cells": (COARSE["P1"] * 1e-3, 1, lambda x: judging.coarse_cells(hole(), x, "P1")),
     "no-tract": (IN_TISSUE * 3e-4, 1, lambda x: judging.without_tract({("a", "b"): x}, 3e-4)),
@@ -204,6 +206,64 @@ def test_a_thread_that_is_balanced_goes_aside(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(equilibrium, "downhill", lambda problem, z: z)
     run, said = under(1.02)
     assert not run.events and "would-not-stay" in said
+
+
+def course(forces: Callable[[float], float], number: int = SEEN + 1, scale: float = 1.0) -> Extremes:
+    """What a run with so many steps has met in a hole on which a force acts that is a function of -1 … 0."""
+    out = met(tension=1.0, forces=nothing_met(1).forces)
+    for k in range(number):
+        hole = replace(step(1).piercings[0], force=np.array([scale * forces(k / SEEN - 1.0), 0.0, 0.0]))
+        out = replace(out.after_step(replace(step(1), piercings=(hole,))), mean_strain=out.mean_strain)
+    return out
+
+
+def test_forces_swing_by_what_is_off_a_straight_course() -> None:
+    """Independent check: a parabola is off its chord by an eighth of its second difference, a force that only grows by
+    nothing; nothing is said of fewer steps, and of what round-off leaves."""
+    assert course(lambda t: 1.0 + 0.8 * t * (1.0 + t)).swing == pytest.approx(0.2, rel=IDENTITY)
+    assert course(lambda t: 2.0 + t).swing <= IDENTITY
+    assert course(lambda t: 1.0 + 0.8 * t * (1.0 + t), number=SEEN).swing == 0.0
+    assert course(lambda t: 1.0 + 0.8 * t * (1.0 + t), scale=0.1 * STILL).swing == 0.0
+    assert nothing_met(0).swing == 0.0
+
+
+def test_damping_is_told_where_the_end_knows_of_it() -> None:
+    """Independent check: what has come to rest without friction does not know what was damped on the way."""
+    swings = course(lambda t: 1.0 + 0.8 * t * (1.0 + t))
+    for extremes, rough, said in ((met(), False, False), (met(), True, True), (swings, False, True)):
+        found = judging.audited(2.0 * DISSIPATED, replace(extremes, energy=1.0), rough)
+        assert [each.code for each in found] == ["numerical-dissipation"] * said
+
+
+PENDULUM = """
+[thread]
+suture = "2-0 polypropylene"
+control_points = 16
+path = [[0, 0, 0], [0.06, 0, 0]]
+start = {{ kind = "fixed" }}
+end = {{ kind = "free", mass = 1e-3 }}
+[[piercing]]
+name = "ring"
+at = [0.02, 0, 0]
+direction = "free"
+[solve]
+dt = {dt!r}
+duration = 0.2
+gravity = [0, 0, -9.81]
+"""
+
+
+def test_a_swing_that_few_steps_see_is_told() -> None:
+    """Independent check: a mass swings on 40 mm of thread with a period of 0.4 s; of 40 steps a period the ring's force
+    is off that of 800 by more than what is allowed, and of these nothing is said."""
+    said, forces = [], []
+    for dt in (1e-2, 5e-4):
+        simulation = prepare(parse(tomllib.loads(PENDULUM.format(dt=dt))))
+        ending = ended(simulation)
+        said.append("forces-swing" in {each.code for each in simulation.remarks(ending)})
+        forces.append(ending.step.piercings[0].force)
+    assert said == [True, False]
+    assert np.linalg.norm(forces[0] - forces[1]) > SWUNG * np.linalg.norm(forces[1])
 
 
 def test_what_is_judged_by_two_numbers() -> None:
