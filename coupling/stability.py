@@ -97,9 +97,11 @@ def is_squeezed(solution: Solution[Body]) -> bool:
     if not thread.EI:
         return False
     N = thread.EA * solution.residual.configuration.points.strain
-    pressed = largest_pressure(problem.system, z.s, N, problem.rows[:, 0])
     by_inertia = 2.0 * np.sqrt(thread.EI * thread.section.rhoA * problem.mass_factor)
-    return thread.twist or pressed > max(by_inertia, 0.25 * np.pi**2 * thread.force_unit)
+    borne = max(by_inertia, 0.25 * np.pi**2 * thread.force_unit)
+    if thread.twist or N.min() >= -borne:
+        return thread.twist
+    return largest_pressure(problem.system, z.s, N, problem.rows[:, 0]) > borne
 
 
 def go_aside(solution: Solution[Body], solve: Callable[[Problem[Body], Iterate], Solution[Body]]) -> Solution[Body]:
