@@ -173,7 +173,7 @@ def stand_firm(step: Step[Body]) -> Step[Body]:
     except StepError as error:
         log.debug("the thread would not stay, and goes nowhere else: %s", error)
         return step
-    new = equilibrium_state(step.old, solution)
+    new = equilibrium_state(replace(step.old, frame=problem.frame), solution)
     found = Step(step.old, new, problem.dt, solution, end_configuration(new, solution), snapped=True)
     return found if would_stay(solution, new) else step
 
@@ -361,9 +361,7 @@ def refuse_unbalanced(system: System[Body], state: State[Body], duration: float)
     scale: Bosi, Misseroni, Dal Corso & Bigoni, Proc. R. Soc. A 470, 2014), and is let pass.
     """
     thread, here = system.thread, state.present
-    holds = (system.rows.any(axis=1) & here & (system.rough | ~system.may_slide | system.by_hand)).any()
-    held = any(end.position(0.0) is not None for end in system.ends)
-    if holds or held or system.ties or not here.any() or system.weight.any() or thread.spline.cuts.size:
+    if not slides_freely(system, here) or system.weight.any():
         return
     load = np.array([np.linalg.norm(end.force(duration)) for end in system.ends])
     ends = np.array([state.s[here].min() - thread.spline.start, thread.spline.end - state.s[here].max()])
@@ -375,6 +373,14 @@ def refuse_unbalanced(system: System[Body], state: State[Body], duration: float)
         "slides freely in all its holes"
     )
     raise EquilibriumError(state.time, duration - state.time, cause)
+
+
+def slides_freely(system: System[Body], present: Flags) -> bool:
+    """Tell whether a thread in one piece slides freely in all its holes, those that it is `present` in `(m,)`, and no
+    end of it is held: under equal loads at both ends it costs nothing to slide as a whole."""
+    holds = (system.rows.any(axis=1) & present & (system.rough | ~system.may_slide | system.by_hand)).any()
+    held = any(end.position(0.0) is not None for end in system.ends)
+    return not (holds or held or system.ties or not present.any() or system.thread.spline.cuts.size)
 
 
 def settle_or_snap(
@@ -452,6 +458,8 @@ def go_on(
         step = settle_or_snap(system, state, share, duration, loose, depth >= SNAPS)
         refuse_drawn_out(system, step.old, step.new)
         refuse_crossing(system, step.old, step.new)
+        if depth < DEEPEST:
+            refuse_folding(step)
         step = told_to_snap(system, step, depth)
         gone = emptied_holds(system, step.old, step.new)
         refuse_held_end(system, step.old, step.new, gone)
@@ -485,6 +493,22 @@ def told_to_snap(system: System[Body], step: Step[Body], depth: int) -> Step[Bod
         return step
     turned = has_turned(system, step.old, step.new).any()
     return replace(step, snapped=bool(turned) or has_jumped(system.organ, step))
+
+
+def refuse_folding(step: Step[Body]) -> None:
+    """Raise `StepError` where a load step has folded the thread within a span: its end was pushed past the next points,
+    and Newton's method has left it there."""
+    if (folds(step.new, step) & ~folds(step.old, step)).any():
+        raise StepError(step.old.time, step.dt, "the thread turned back on itself within a span")
+
+
+def folds(state: State[Body], step: Step[Body]) -> Flags:
+    """Tell in which spans, without a hole in them, a tangent turns by more than 90°, shape `(spans,)`."""
+    spline = step.solution.problem.system.thread.spline
+    T = spline.curve(state.q[:, :3], spline.breaks)[:, 1]
+    folded = np.vecdot(T[:-1], T[1:]) < 0.0
+    folded[spline.spans_of(state.s[state.present])] = False
+    return np.asarray(folded)
 
 
 def refuse_jump(organ: Creeping, step: Step[Body]) -> None:

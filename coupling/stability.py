@@ -84,20 +84,20 @@ def holds(solution: Solution[Body]) -> bool:
     return resists(problem, solution.iterate, solution.residual)
 
 
-def is_squeezed(solution: Solution[Body]) -> bool:
+def is_squeezed(solution: Solution[Body], mass_factor: float = 0.0) -> bool:
     """Tell whether a solution may be one that the thread does not resist: it is twisted, or a strand of it is pressed
     along itself by more than the longest thread bears by its bending and its inertia.
 
-    A wave of number k is held by EI k⁴ + ϱA a and driven by F k², with a of the time scheme [1/s²]: for F below
-    2 √(EI ϱA a) there is none that is not held (a column on an elastic foundation; Timoshenko and Gere, Theory of
-    Elastic Stability, 1961, §2.10), nor at rest below π² EI/4L².
+    A wave of number k is held by EI k⁴ + ϱA a and driven by F k², with a the `mass_factor` of the time scheme [1/s²],
+    none at rest: for F below 2 √(EI ϱA a) there is none that is not held (a column on an elastic foundation; Timoshenko
+    and Gere, Theory of Elastic Stability, 1961, §2.10), nor at rest below π² EI/4L².
     """
     problem, z = solution.problem, solution.iterate
     thread = problem.system.thread
     if not thread.EI:
         return False
     N = thread.EA * solution.residual.configuration.points.strain
-    by_inertia = 2.0 * np.sqrt(thread.EI * thread.section.rhoA * problem.mass_factor)
+    by_inertia = 2.0 * np.sqrt(thread.EI * thread.section.rhoA * mass_factor)
     borne = max(by_inertia, 0.25 * np.pi**2 * thread.force_unit)
     if thread.twist or N.min() >= -borne:
         return thread.twist
@@ -108,7 +108,7 @@ def go_aside(solution: Solution[Body], solve: Callable[[Problem[Body], Iterate],
     """Return the solution of a step that the thread resists: the same, or one downhill of it where the thread would
     buckle. Raises `StepError` where none is found."""
     problem, z = solution.problem, solution.iterate
-    if not is_squeezed(solution) or holds(solution):
+    if not is_squeezed(solution, problem.mass_factor) or holds(solution):
         return solution
     found = solve(problem, downhill(problem, z))
     if not holds(found):
@@ -175,6 +175,10 @@ class OwnMotions(Generic[Body]):
         q = self.z.q
         sizes, axes = np.linalg.eigh(self.curvature(np.zeros(self.free.shape[1])))
         yielding = axes[:, sizes < 0.0]
+        if not yielding.size:
+            problem = self.problem
+            cause = "the thread hardly resists what moves it, and no way is found in which it gives way"
+            raise StepError(problem.time - problem.dt, problem.dt, cause)
         bow, aside = np.zeros_like(q), np.zeros_like(q)
         bow[1:-1, :3] = np.diff(q[:, :3], 2, axis=0)
         aside[:, :3] = np.linspace(1.0, 2.0, len(q))[:, None] * ASIDE

@@ -31,17 +31,15 @@ def strands(system: System[Body], s: Array, present: Flags) -> tuple[Array, Indi
 
 
 def largest_pressure(system: System[Body], s: Array, N: Array, present: Flags) -> float:
-    """Return the largest force by which a part of the thread is pressed along itself everywhere [N], 0 where none is.
+    """Return the largest force by which most of a part of the thread is pressed along itself [N], 0 where none is.
 
-    Spans with a hold in them are not asked, nor parts without others: where the axial force jumps that of a spline
-    swings about it.
+    The median over a part is asked, without spans that have a hold in them: where the axial force jumps, at a hole or
+    an end that was moved, that of a spline swings about it.
     """
     bounds, part = strands(system, s, present)
     spans = np.searchsorted(system.thread.spline.breaks, system.thread.axial.s)
     asked = ~np.isin(spans, np.searchsorted(system.thread.spline.breaks, bounds))
-    most = np.full(len(bounds) + 1, -np.inf)
-    np.maximum.at(most, part[asked], N[asked])
-    return float(np.max(-most, where=np.isfinite(most), initial=0.0))
+    return max([0.0, *(-float(np.median(N[asked & (part == k)])) for k in np.unique(part[asked]))])
 
 
 def layers_at(system: System[Body], s: Array, N: Array, present: Flags) -> Array | None:

@@ -297,7 +297,8 @@ def _simulate(
                         raise KeyboardInterrupt
             status, outcome, text = 0, "completed", ""
         except KeyboardInterrupt:
-            status, outcome, text = SIGNALLED + (received or [signal.SIGINT])[0], "interrupted", "interrupted"
+            status, outcome = SIGNALLED + (received or [signal.SIGINT])[0], "interrupted"
+            text = "interrupted; --resume goes on from the last checkpoint"
         except FAILURES as error:
             status, outcome, text = FAILED, "failed", _where(recorder, error)
             failure = error if isinstance(error, CouplingError) else None

@@ -174,9 +174,23 @@ KINDS = (
         "energy",
     ),
     Kind(
+        "slides-freely",
+        "unsupported",
+        "a run at rest of a thread that slides without friction in all its holes, with no end of it held",
+        "under the same pull at both ends it slides as a whole at no cost: the slip of each hole depends on the load "
+        "steps; forces, places and what is drawn between two holes do not",
+    ),
+    Kind(
+        "not-held",
+        "note",
+        "a run in time of an organ without a clamp, a roller or a surface that touches another",
+        "thread and loads move it as a whole, by what its mass allows",
+    ),
+    Kind(
         "would-not-stay",
         "unsupported",
-        "at the end of a run at rest, a motion of the thread in its holes that lowers its potential",
+        "at the end of a run at rest, or of one in time that came to rest, a motion of the thread in its holes that "
+        "lowers its potential",
         "Newton's method follows equilibria beyond the point where a thread buckles, snaps or rolls over; it would "
         "leave this one at the least disturbance, and none that holds was found downhill",
     ),

@@ -52,8 +52,8 @@ WORDS = {"id": lzma.FILTER_LZMA2, "lc": 0, "lp": 2, "pb": 2}  # numbers of four 
 SMALLEST = {"preset": 6, **WORDS}  # of the mesh, which is encoded once
 FASTEST = {"preset": 0, "dict_size": 4096, "depth": 1, "nice_len": 4, **WORDS}  # of fields, which hardly repeat
 # What the elements are wrong in by far more is noise that does not shrink, and half of a frame's bytes. What is derived
-# from the displacement keeps 11 of the 23 bits behind the point, 1.2e-4, and none below 1.5e-5 of the largest in its
-# array; directions are of unit vectors, and a glyph shows no tenth of a degree; of J that is kept by which it is not 1.
+# from the displacement keeps 11 of the 23 bits behind the point, 2.4e-4, and none below 3.1e-5 of the largest in its
+# array; directions are of unit vectors, and a glyph shows no 0.2°; of J that is kept by which it is not 1.
 DERIVED = frozenset({"stress", "von_mises", "principal_stress", "strain", "rotation", "energy_density"})
 BITS_LEFT_OUT = 12
 REFERENCES = {"volume_ratio": 1.0, "nodal_volume_ratio": 1.0}  # what is rounded is the way from there; zero for others

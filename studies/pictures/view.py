@@ -112,8 +112,8 @@ def forces_of(frame: Frame) -> Array:
 
 
 def limits(values: Array, least: float = 0.0) -> tuple[float, float]:
-    """Choose the range of the colours, zero in it; the highest hundredth, at the holes, is not to drown the rest, and
-    what is `least` or less is nothing."""
+    """Choose the range of the colours, zero in it; the highest and the lowest 0.5 %, at the holes, are not to drown the
+    rest and have the colours of its ends, and what is `least` or less is nothing."""
     low, high = (value if abs(value) > least else 0.0 for value in np.quantile(values, [0.005, 0.995]))
     return min(0.0, float(low)), max(0.0, float(high)) or 1.0
 

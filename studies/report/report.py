@@ -22,6 +22,7 @@ from studies.study import holds_study
 from studies.sweeps.sweep import MARK, holds_sweep
 from studies.sweeps.table import counted
 
+UNENDED = "The run has not ended: it goes on, or was killed. Go on with --resume; what it has so far follows."
 MOST_ROWS = 200  # of a table that is shown whole
 HOLE_LINES = ("state", "slip", "force", "normal_force", "tangential_force", "tension_before", "tension_after")
 HOLE_UNITS = {column.name: column.unit for column in HOLE_SUMMARY}
@@ -141,7 +142,7 @@ def run_sections(runs: Mapping[str, RunResults], charts: Sequence[str], seen: bo
     yield page.heading("Remarks")
     for name, run in runs.items():
         yield f"<h3>{page.escaped(name)}</h3>" if len(runs) > 1 else page.paragraph(run.title)
-        yield page.remark_list(run.summary.get("remarks", ()))
+        yield page.remark_list(run.summary["remarks"]) if run.summary else page.paragraph(UNENDED)
     yield page.heading("Summary")
     yield page.table(["quantity", *runs], summary_rows(list(runs.values())))
     yield page.heading("Over time")

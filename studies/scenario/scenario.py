@@ -319,9 +319,12 @@ def check_within(hole: Piercing, s: float, length: float | None) -> None:
     if (hole.kind == "anchored" and 0.0 <= s <= last) or 0.0 < s < last:
         return
     limit = "the thread's length" if length is None else f"the thread's length of {length:.6g} m"
-    reason = f"it must lie between 0 and {limit}; move the piercing, or let the path go on beyond it"
-    at_end = s in (0.0, last) and ', or hold the end of the thread there: kind = "anchored"'
-    raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "s"]), s, reason + (at_end or "")))
+    within = f"must lie between 0 and {limit}; move the piercing, or let the path go on beyond it"
+    at_end = (s in (0.0, last) and ', or hold the end of the thread there: kind = "anchored"') or ""
+    if hole.s is None and hole.at is not None:
+        reason = f"the path comes nearest to it at s = {s:.6g} m, and that {within}{at_end}"
+        raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "at"]), hole.at, reason))
+    raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "s"]), s, f"it {within}{at_end}"))
 
 
 def check_cuts(cuts: Sequence[float], length: float, key: str = "thread.cuts") -> None:

@@ -10,7 +10,7 @@ import tissue
 from coupling.adaptivity import span_ratio, spans_between
 from coupling.contact import ContactObservation, observe_contact
 from coupling.observation import PiercingObservation, largest_gap, largest_residual
-from coupling.stability import would_stay
+from coupling.stability import is_squeezed, would_stay
 from coupling.system import State, System
 from coupling.tension import unsettled_layers
 from studies.arrays import Array
@@ -58,8 +58,13 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
 
 
 def would_stay_after(now: OrganRun) -> bool:
-    """Tell whether the thread would stay in the equilibrium of the last load step, if there is one."""
-    return all(would_stay(step.solution, step.new) for step in now.taken[-1:])
+    """Tell whether the thread would stay at rest where the last step has brought it, if there is one; in time where it
+    is pressed alone."""
+    return all(
+        would_stay(step.solution, step.new)
+        for step in now.taken[-1:]
+        if step.solution.problem.stiffen or is_squeezed(step.solution)
+    )
 
 
 def own_holes(holes: Sequence[PiercingObservation]) -> tuple[PiercingObservation, ...]:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 import tissue
+from coupling.equilibrium import slides_freely
 from meshes.quality import size_at
 from studies import scenario as model
 from studies.arrays import Array
@@ -66,9 +67,10 @@ PLAUSIBLE = {  # what organs and sutures have, with room to spare
 
 def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]]) -> list[Remark]:
     """Return what can be said before the first step."""
-    scenario = assembly.scenario
+    scenario, system = assembly.scenario, assembly.system
     out = [*unlike_units(values_of(assembly)), *off_path(assembly), *handed_over(assembly.given, assembly.body)]
     out += after_end(times_of(scenario), scenario.solve.duration)
+    out += undetermined_slip(scenario.solve.kind == "static" and slides_freely(system, system.rows[:, 0]))
     if assembly.body is None:
         return out
     sizes = [size_at(assembly.body.mesh, np.array(hole.place)) for hole in scenario.piercing]
@@ -83,6 +85,7 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]]) -> li
         *near_holes(scenario.piercing),
         *moved_holes(scenario.piercing),
         *steep_friction(scenario.contact),
+        *unheld(scenario),
         *along_path(assembly),
     ]
 
@@ -153,10 +156,11 @@ def met(scenario: Scenario, ending: Ending, strengths: Sequence[float], springs:
         *(said for tract in step.tracts for said in stiff_in_tract(scenario, tract)),
         *coarse_spans(step.span_ratio),
         *few_spans(step.spans_between),
-        *([] if dynamic else [*unsettled_bending(step.unsettled_layers), *unstable(step.would_stay)]),
+        *([] if dynamic else unsettled_bending(step.unsettled_layers)),
+        *([] if dynamic and moves(step.energy) else unstable(step.would_stay)),
         *followed(extremes.branches),
         *past_limit(extremes.fallen / scenario.solve.duration),
-        *(audited(step.energy.numerical_dissipation, extremes, rubs(scenario)) if dynamic else []),
+        *(audited(step.energy.numerical_dissipation, extremes, rubs(scenario) or not names) if dynamic else []),
         *(
             unsettled(step.energy, step.slide_speed * step.time, section_of(scenario.thread).diameter)
             if dynamic
@@ -452,11 +456,16 @@ def audited(numerical: float, extremes: Extremes, rough: bool) -> list[Remark]:
     return out
 
 
+def moves(energy: EnergyRecord) -> bool:
+    """Tell whether a run in time still moves at its end, by its kinetic energy."""
+    return unrest(energy.kinetic, energy.of_deformation) > SETTLED
+
+
 def unsettled(energy: EnergyRecord, slide: float, diameter: float) -> list[Remark]:
     """Judge whether a run came to rest, by its kinetic energy and by the way `slide` [m] that a thread of a `diameter`
     [m] would slide in as long again."""
     share = unrest(energy.kinetic, energy.of_deformation)
-    if share <= SETTLED and slide <= SLID * diameter:
+    if not moves(energy) and slide <= SLID * diameter:
         return []
     text = (
         f"not at rest at the end: the kinetic energy is {share:.2g} of the elastic (at rest: {SETTLED:g}), and at its "
@@ -547,6 +556,30 @@ def steep_friction(contacts: Sequence[model.Contact]) -> list[Remark]:
         for pair in contacts
         if pair.friction > STEEP
     ]
+
+
+def undetermined_slip(free: bool) -> list[Remark]:
+    """Judge whether how far a thread slides is determined: not where it slides as a whole at no cost, `free`."""
+    if not free:
+        return []
+    text = (
+        "nothing holds the thread along itself: it slides as a whole at no cost, so the slip of each hole is not "
+        "determined and depends on the load steps (forces, places and the difference of two slips do not); hold an "
+        "end, anchor a hole, or give them friction"
+    )
+    return [remark("slides-freely", "piercing", text)]
+
+
+def unheld(scenario: Scenario) -> list[Remark]:
+    """Judge whether something holds the organ of a run in time."""
+    organ = scenario.tissue
+    if organ is None or organ.clamp or organ.roller or scenario.touching:
+        return []
+    text = (
+        "nothing holds the organ: thread and loads move it as a whole; name a boundary, for example "
+        'clamp = ["bottom"], unless it is meant to be free'
+    )
+    return [remark("not-held", "tissue.clamp", text)]
 
 
 def off_path(assembly: Assembly) -> list[Remark]:

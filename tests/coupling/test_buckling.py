@@ -57,6 +57,22 @@ def test_a_straight_thread_that_is_pushed_bows(compiled: bool) -> None:
     assert abs(np.linalg.norm(middle[1:]) / (sag * LENGTH) - 1.0) <= ORACLE
 
 
+@pytest.mark.parametrize(("steps", "shorter"), [(2, 0.1), (5, 0.02)])
+def test_a_thread_that_is_pushed_at_rest_is_the_elastica(steps: int, shorter: float) -> None:
+    """Independent check: force and sag of the elastica, although a load step pushes the end past the next points."""
+    waypoints = np.array([[0.0, LENGTH, 0.0, 0.0], [1.0, (1.0 - shorter) * LENGTH, 0.0, 0.0]])
+    system = without_organ(uniform(LENGTH, 40), (Fixed(ORIGIN), Driven(waypoints)))
+    run = begin(system, laid(system, [], line(ORIGIN, X)))
+    told = []
+    for k in range(steps):
+        run = run.load((k + 1) / steps, 1.0)
+        told += [event.kind for event in run.events]
+    force, sag = elastica(shorter)
+    middle = run.system.thread.spline.curve(run.state.q, [0.5 * LENGTH])[0, 0]
+    assert abs(-run.state.reaction[-1, 0] / (force * EULER) - 1.0) <= ORACLE and "snaps" in told
+    assert abs(np.linalg.norm(middle[1:]) / (sag * LENGTH) - 1.0) <= ORACLE
+
+
 def test_loops_and_numpy_bow_to_the_same_side() -> None:
     """Consistency check: nothing tells the side, and both solve the same step: the same shape."""
     one, other = (at_rest(*pushed(compiled=compiled), 2 * STEP).state.q for compiled in (False, True))

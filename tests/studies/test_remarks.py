@@ -266,6 +266,48 @@ def test_a_swing_that_few_steps_see_is_told() -> None:
     assert np.linalg.norm(forces[0] - forces[1]) > SWUNG * np.linalg.norm(forces[1])
 
 
+def test_a_straight_thread_that_inertia_holds_is_told() -> None:
+    """Independent check: pressed by three times Euler's load in short steps an exactly straight thread comes to rest
+    straight, from which the least disturbance would take it; under less it stays, and drawn it does."""
+    length = 0.05
+    euler = suture("2-0 polypropylene").EI * (0.5 * np.pi / length) ** 2
+    time = {"solve": {"dt": 2e-3, "duration": 0.1}}
+    for share, said in ((3.0, True), (0.9, False), (-3.0, False)):
+        table = tomllib.loads(COLUMN.format(length=length, force=-share * euler)) | time
+        simulation = prepare(parse(table | {"thread": table["thread"] | {"damping": 500.0}}))
+        assert ("would-not-stay" in {each.code for each in simulation.remarks(ended(simulation))}) == said
+
+
+def test_a_thread_that_slides_as_a_whole_has_no_slip() -> None:
+    """Independent check: at rest between two equal pulls, without friction; not where it is held, nor in time."""
+    ends = {"start": {"kind": "pulled", "force": [-0.1, 0, 0]}, "end": {"kind": "pulled", "force": [0.1, 0, 0]}}
+    thread = {"suture": "4-0 nylon", "path": [[-0.02, 0, 0], [0.02, 0, 0]]} | ends
+    rough = {"friction": {"static": 0.1, "kinetic": 0.1}}
+    for kind, keys, end, said in (
+        ("static", {}, {}, True),
+        ("dynamic", {}, {}, False),
+        ("static", rough, {}, False),
+        ("static", {"kind": "anchored"}, {}, False),
+        ("static", {}, {"end": {"kind": "fixed"}}, False),
+    ):
+        ring = {"name": "ring", "at": [0, 0, 0], "direction": "free"} | keys
+        table = {"thread": thread | end, "piercing": [ring], "solve": {"kind": kind}}
+        found = prepare(parse(table)).foreseen
+        assert ("slides-freely" in {each.code for each in found}) == said
+
+
+def test_an_organ_that_nothing_holds_is_told() -> None:
+    """Independent check: in time an organ may be free; a clamp or a roller holds it."""
+    table = tomllib.loads(CONTRACT)
+    for held, said in (
+        ({"clamp": []}, True),
+        ({"clamp": ["bottom"]}, False),
+        ({"clamp": [], "roller": ["left"]}, False),
+    ):
+        organ = {key: value for key, value in table["tissue"].items() if key not in ("clamp", "roller")} | held
+        assert bool(judging.unheld(parse(table | {"tissue": organ}))) == said
+
+
 def test_what_is_judged_by_two_numbers() -> None:
     """Independent check: a run without motion that still slides; a share that tells local from wide; P2; a bare point,
     to which no cells are fine enough; a hole to which compliance is added."""
@@ -288,8 +330,8 @@ def test_the_catalogue_has_every_code_once_and_each_is_judged() -> None:
     assert all(re.fullmatch(r"[a-z]+(-[a-z]+)*", kind.code) and kind.bound and kind.reason for kind in KINDS)
     assert {kind.severity for kind in KINDS} == {"note", "unsupported"}
     assert CATALOGUE.keys() - JUDGED.keys() == {
-        "would-not-stay", "bare-point", "off-path", "frames-missing", "no-picture", "handed-over", "remedy",
-        "stress-of-e-nu"
+        "would-not-stay", "slides-freely", "not-held", "bare-point", "off-path", "frames-missing", "no-picture",
+        "handed-over", "remedy", "stress-of-e-nu"
     }  # fmt: skip
     with pytest.raises(KeyError):
         remark("no-such-code", "", "")

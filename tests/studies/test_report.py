@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -256,3 +257,13 @@ def test_the_page_in_a_browser(text: str, run: Path, tmp_path: Path) -> None:
         opened.wait("document.querySelector('#moment').textContent === 't = 0.3 s'")
         assert opened.requests == [(run.parent / "page.html").as_uri()]
         assert opened.errors == []
+
+
+def test_a_run_that_has_not_ended_is_not_said_to_be_sound(run: Path, tmp_path: Path) -> None:
+    """Behaviour: without its summary, as a killed run leaves it, the page says so and has no word for its numbers."""
+    killed = tmp_path / "killed"
+    shutil.copytree(run, killed)
+    (killed / "summary.json").unlink()
+    write_report([killed], tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text()
+    assert "The run has not ended" in text and "nothing is to be said" not in text

@@ -554,17 +554,19 @@ def test_order_of_the_piercings() -> None:
     check_order(placed(0.01, 0.02, 0.03), 0.04)
     with pytest.raises(ScenarioError, match=r"piercing\.c\.s = 0\.02 is refused: .*piercing\.b\.s = 0\.02"):
         check_order(placed(0.01, 0.02, 0.02))
-    with pytest.raises(ScenarioError, match=r"piercing\.\"my hole\"\.s = 0\.05 is refused: .*0\.04 m"):
+    with pytest.raises(ScenarioError, match=r"piercing\.\"my hole\"\.at = .* nearest to it at s = 0\.05 m, .*0\.04 m"):
         check_order([(Piercing(name="my hole", at=(0.0, 0.0, 0.0)), 0.05)], 0.04)
+    with pytest.raises(ScenarioError, match=r"piercing\.\"my hole\"\.s = 0\.05 is refused: it .*0\.04 m"):
+        check_order([(Piercing(name="my hole", at=(0.0, 0.0, 0.0), s=0.05), 0.05)], 0.04)
 
 
 def test_only_an_anchor_sits_at_an_end_of_the_thread() -> None:
     check_order(placed(0.0, 0.04, kind="anchored"), 0.04)
     for s in (0.0, 0.04):
-        with pytest.raises(ScenarioError, match=rf'piercing\.a\.s = {s} is refused: .*kind = "anchored"'):
+        with pytest.raises(ScenarioError, match=rf'piercing\.a\.at = .* at s = {s:g} m, .*kind = "anchored"'):
             check_order(placed(s), 0.04)
     for s in (-0.001, 0.041):
-        with pytest.raises(ScenarioError, match=r"it must lie between 0 and"):
+        with pytest.raises(ScenarioError, match=r"that must lie between 0 and"):
             check_order(placed(s, kind="anchored"), 0.04)
 
 
