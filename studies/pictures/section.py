@@ -29,7 +29,9 @@ from studies.pictures.view import (
     places_of,
     read_scene,
     scale_of,
+    stress_words,
     tension_colours,
+    tension_words,
 )
 
 DPI = 150
@@ -48,10 +50,8 @@ def draw_scaled(frame: Frame, topology: OrganTopology | None, path: Path, title:
     axes = figure.add_subplot()
     if topology is not None and frame.organ is not None:
         stress = _section_organ(axes, topology, frame, scale)
-        figure.colorbar(stress, ax=axes, label="von Mises stress [kPa]", shrink=0.8, pad=0.02)
-    figure.colorbar(
-        _section_thread(axes, frame, scale), ax=axes, label="tension of the thread [N]", shrink=0.8, pad=0.02
-    )
+        figure.colorbar(stress, ax=axes, label=stress_words(frame), shrink=0.8, pad=0.02)
+    figure.colorbar(_section_thread(axes, frame, scale), ax=axes, label=tension_words(frame), shrink=0.8, pad=0.02)
     _section_piercings(axes, frame, scale)
     _section_frame(axes, frame, title, scale)
     figure.draw_without_rendering()  # from here on a place has its pixel

@@ -28,8 +28,10 @@ from studies.pictures.view import (
     places_of,
     read_scene,
     scale_of,
+    stress_words,
     surface,
     tension_colours,
+    tension_words,
 )
 
 BLANK = 2.0  # standard deviation of the pixels' values below which nothing has been drawn
@@ -104,7 +106,7 @@ def _add_organ(plotter: Any, topology: OrganTopology, frame: Frame, scale: Scale
         mesh, scalars="von Mises stress [kPa]", cmap=colours(), clim=[value / KILO for value in scale.stress],
         smooth_shading=True, split_sharp_edges=True, feature_angle=50, opacity=0.6, culling="back",
         ambient=0.45, diffuse=0.65, specular=0.1,
-        scalar_bar_args=BAR | {"title": "von Mises stress [kPa]\n", "position_x": 0.34},
+        scalar_bar_args=BAR | {"title": f"{stress_words(frame)}\n", "position_x": 0.34},
     )  # fmt: skip
     edges = mesh.extract_feature_edges(feature_angle=50, boundary_edges=False, manifold_edges=False)
     if edges.n_cells:
@@ -114,7 +116,7 @@ def _add_organ(plotter: Any, topology: OrganTopology, frame: Frame, scale: Scale
 def _add_thread(plotter: Any, frame: Frame, scale: Scale) -> None:
     """Add the thread as a tube coloured by its tension, at least as thick as can be seen."""
     radius = max(frame.thread.radius, 0.004 * scale.width)
-    bar = BAR | {"title": "tension of the thread [N]\n", "position_x": 0.68}
+    bar = BAR | {"title": f"{tension_words(frame)}\n", "position_x": 0.68}
     ends = np.cumsum(frame.thread.pieces[:-1], dtype=np.int64)
     for points, tension in zip(frame.thread.split(), np.split(frame.thread.tension, ends), strict=True):
         line = pv.lines_from_points(points)

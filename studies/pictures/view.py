@@ -118,6 +118,17 @@ def limits(values: Array, least: float = 0.0) -> tuple[float, float]:
     return min(0.0, float(low)), max(0.0, float(high)) or 1.0
 
 
+def stress_words(frame: Frame) -> str:
+    """Name the colours of the organ, with the largest stress, which may lie beyond their end [kPa]."""
+    most = "" if frame.organ is None else f", at most {frame.organ.von_mises.max() / KILO:.3g}"
+    return f"von Mises stress [kPa]{most}"
+
+
+def tension_words(frame: Frame) -> str:
+    """Name the colours of the thread, with the largest tension, which may lie beyond their end [N]."""
+    return f"tension of the thread [N], at most {frame.thread.tension.max():.3g}"
+
+
 def label(name: str, force: float) -> str:
     """Name of a piercing and its force [N]."""
     return f"{name}  {force_text(force)}"
