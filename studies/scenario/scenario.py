@@ -299,6 +299,12 @@ def check_apart(holes: Sequence[Piercing]) -> None:
             raise ScenarioError(place_refusal(other, reason))
 
 
+def check_given(scenario: object) -> None:
+    """Refuse what is given from Python in the place of a scenario, such as the name of its file."""
+    if not isinstance(scenario, Scenario):
+        raise ScenarioError(f"{scenario!r} is refused: it is no scenario; load a file or a scene, or parse tables")
+
+
 def check_order(placed: Sequence[tuple[Piercing, float]], length: float | None = None) -> None:
     """Refuse piercings whose abscissas [m] do not increase along the list or are off the thread, and at an end of the
     thread those that do not anchor it."""

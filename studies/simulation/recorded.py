@@ -11,6 +11,7 @@ from studies.output.folder import Recorder, can_resume, check_folder, completed_
 from studies.output.lock import locked
 from studies.output.opened import OpenRun, open_run
 from studies.scenario import Scenario, ScenarioError
+from studies.scenario.scenario import check_given
 from studies.simulation.given import Given
 from studies.simulation.interface import AnySimulation, Moments
 from studies.simulation.remedies import try_remedies
@@ -39,6 +40,7 @@ def run(
     if ready is not None:
         check_prepared(ready, mesh, resume)
     said = scenario.scenario if isinstance(scenario, Simulation) else scenario
+    check_given(said)
     with locked(folder):
         check_folder(folder, said, None, resume, overwrite)
         simulation = ready or prepare(said, mesh=mesh)

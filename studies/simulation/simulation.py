@@ -31,6 +31,7 @@ from studies.output.records import Ending, Snapshot, StepRecord
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
 from studies.scenario import Scenario, ScenarioError, Solve, WoundMesh
 from studies.scenario.organ import LIPS
+from studies.scenario.scenario import check_given
 from studies.scenario.solve import WHOLE
 from studies.simulation.assembly import Assembly, assemble, lip_gaps, shareable
 from studies.simulation.given import Energy, Given, Stiffness
@@ -334,6 +335,7 @@ def prepare(
     `on_step` is called with the record of the start and of every step, once whoever steps is done with it; an exception
     from it ends the run. Raises the errors of input that cannot be run.
     """
+    check_given(scenario)
     given = Given(mesh, basis, stiffness, friction or {}, energy, ranks)
     with threadpool_limits(limits=1, user_api="blas"):  # the same bits on any number of cores
         assembly = assemble(scenario, store, given)

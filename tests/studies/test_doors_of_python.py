@@ -1,5 +1,6 @@
 """What `studies` offers from Python: runs into folders, folders opened, meshes handed over."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +65,13 @@ def test_a_mesh_that_is_none_is_refused() -> None:
     with pytest.raises(ScenarioError, match=r"tissue\.mesh\.sha256"):
         studies.prepare(kept, mesh=block((0.02, 0.02, 0.01), 4e-3))
     assert studies.prepare(kept, mesh=made).scenario == kept
+
+
+def test_a_name_in_the_place_of_a_scenario_is_refused(tmp_path: Path) -> None:
+    for door in (studies.prepare, partial(studies.run, folder=tmp_path / "run")):
+        with pytest.raises(ScenarioError, match=r"'skin' is refused: it is no scenario; load a file or a scene"):
+            door("skin")  # type: ignore[arg-type]
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_run_is_opened(tmp_path: Path) -> None:
