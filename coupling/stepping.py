@@ -182,8 +182,7 @@ def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme
     `InversionError`; the state is not touched."""
     scheme = scheme or BackwardEuler(dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
-    solution = settle_layers(find_solution(problem, predict(problem, state)))
-    return conclude(state, scheme, go_aside(solution, find_solution))
+    return conclude(state, scheme, go_aside(find_settled(problem, predict(problem, state)), find_settled))
 
 
 def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> Step[Body]:
@@ -239,6 +238,11 @@ def find_solution(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
         if not problem.law.may_slide.any():
             raise
     return solve_downhill(problem, guess)
+
+
+def find_settled(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
+    """Solve a step as `find_solution` does, with the tension that it ends with. Raises `StepError`."""
+    return settle_layers(find_solution(problem, guess))
 
 
 def settle_layers(
@@ -412,7 +416,7 @@ def bdf2_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]
         return remembering(try_step(system, state, dt), state, dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
     try:
-        solution = go_aside(settle_layers(solve(problem, predict(problem, state))), solve)
+        solution = go_aside(settle_layers(solve(problem, predict(problem, state))), find_settled)
         return remembering(conclude(state, scheme, solution), state, dt)
     except (StepError, InversionError):
         return try_step(system, forgetful(state), dt)
