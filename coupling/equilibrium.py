@@ -505,8 +505,9 @@ def refuse_folding(step: Step[Body]) -> None:
 def folds(state: State[Body], step: Step[Body]) -> Flags:
     """Tell in which spans, without a hole in them, a tangent turns by more than 90°, shape `(spans,)`."""
     spline = step.solution.problem.system.thread.spline
-    T = spline.curve(state.q[:, :3], spline.breaks)[:, 1]
-    folded = np.vecdot(T[:-1], T[1:]) < 0.0
+    ends = spline.breaks[:-1], spline.breaks[1:]
+    before, after = (spline.curve(state.q[:, :3], s, home=0.5 * (ends[0] + ends[1]))[:, 1] for s in ends)
+    folded = np.vecdot(before, after) < 0.0
     folded[spline.spans_of(state.s[state.present])] = False
     return np.asarray(folded)
 
