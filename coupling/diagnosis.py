@@ -170,11 +170,11 @@ def has_turned(system: System[Body], old: State[Body], new: State[Body]) -> Flag
 
 def refuse_turning(system: System[Body], old: State[Body], new: State[Body]) -> None:
     """Raise `StepError` where tissue has turned a hole as only another branch does (`has_turned`)."""
-    turned = np.flatnonzero(has_turned(system, old, new)[: len(system.piercings)])  # clamped ends and ties come behind
-    if turned.size:
-        angle = turn_of_holes(system, old, new)[turned[0]]
-        cause = f"the tissue turned the hole by {np.degrees(angle):.3g}° at once: that is another branch"
-        raise StepError(old.time, new.time - old.time, cause, system.piercings[turned[0]].name)
+    angles = turn_of_holes(system, old, new).tolist()
+    for piercing, angle in zip(system.piercings, angles, strict=False):  # clamped ends and ties come behind
+        if angle > FARTHEST_TURN:
+            cause = f"the tissue turned the hole by {np.degrees(angle):.3g}° at once: that is another branch"
+            raise StepError(old.time, new.time - old.time, cause, piercing.name)
 
 
 def refuse_crossing(system: System[Body], old: State[Body], new: State[Body]) -> None:

@@ -452,8 +452,8 @@ def go_on(
     depth: int = 0,
 ) -> Iterator[Step[Body]]:
     """Go on to the part `share` of the loads, in halves of the increment where it fails, where the thread flips through
-    a hole, and where tissue at finite strain turns one at once as only another branch does; yield the steps. Raises
-    `StepError`, `InversionError`, `ConstraintError` where a hand has drawn the thread out."""
+    a hole or folds within a span, and where tissue at finite strain goes on as only another branch does; yield the
+    steps. Raises `StepError`, `InversionError`, `ConstraintError` where a hand has drawn the thread out."""
     try:
         step = settle_or_snap(system, state, share, duration, loose, depth >= SNAPS)
         refuse_drawn_out(system, step.old, step.new)

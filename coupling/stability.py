@@ -113,8 +113,13 @@ def go_aside(solution: Solution[Body], solve: Callable[[Problem[Body], Iterate],
     found = solve(problem, downhill(problem, z))
     if not holds(found):
         cause = "the thread is pressed along itself where it would buckle, and no way aside was found"
-        raise StepError(problem.time - problem.dt, problem.dt, cause)
+        raise nowhere(problem, cause)
     return replace(found, iterations=solution.iterations + found.iterations)
+
+
+def nowhere(problem: Problem[Body], cause: str) -> StepError:
+    """Return the error of a step from whose solution no way aside was found."""
+    return StepError(problem.time - problem.dt, problem.dt, cause)
 
 
 def downhill(problem: Problem[Body], z: Iterate) -> Iterate:
@@ -122,7 +127,7 @@ def downhill(problem: Problem[Body], z: Iterate) -> Iterate:
     `StepError` for a thread of more than MANY coordinates."""
     if z.q.size > MANY:
         cause = f"the thread buckles, and has more than {MANY} coordinates of control points to seek the way aside in"
-        raise StepError(problem.time - problem.dt, problem.dt, cause)
+        raise nowhere(problem, cause)
     thread, q = problem.system.thread, OwnMotions(problem, z).lowest()
     return replace(z, q=q, N=thread.EA * thread.points(q, problem.frame).strain)
 
@@ -176,9 +181,8 @@ class OwnMotions(Generic[Body]):
         sizes, axes = np.linalg.eigh(self.curvature(np.zeros(self.free.shape[1])))
         yielding = axes[:, sizes < 0.0]
         if not yielding.size:
-            problem = self.problem
             cause = "the thread hardly resists what moves it, and no way is found in which it gives way"
-            raise StepError(problem.time - problem.dt, problem.dt, cause)
+            raise nowhere(self.problem, cause)
         bow, aside = np.zeros_like(q), np.zeros_like(q)
         bow[1:-1, :3] = np.diff(q[:, :3], 2, axis=0)
         aside[:, :3] = np.linspace(1.0, 2.0, len(q))[:, None] * ASIDE

@@ -69,14 +69,18 @@ def solver(
     `(n, 3)`; `one_of_many` and `pattern` as in `tissue.solvers.factor.factorize`.
     """
     log.info("factoring the organ: %d unknowns, by %s", A.shape[0], name)
+    return named(A, places, name, one_of_many, pattern)
+
+
+def named(A: csr_matrix, places: Array, name: str, one_of_many: bool = False, pattern: Pattern | None = None) -> Solver:
+    """Return what `solver` does, and say nothing of it."""
     return conjugate_gradients(A, places) if name == MULTIGRID else factorize(A, places, name, one_of_many, pattern)
 
 
 def solver_once(A: csr_matrix, places: Array) -> Solver:
     """Return a solver for a few columns of a part of an organ that is held all around; of a large part, around a hole
     in a fine mesh, SuperLU's factor would take longer than all the rest of the organ."""
-    name = "superlu" if A.shape[0] <= SMALL else choose_solver("auto", A, places, once=True).name
-    return conjugate_gradients(A, places) if name == MULTIGRID else factorize(A, places, name)
+    return named(A, places, "superlu" if A.shape[0] <= SMALL else choose_solver("auto", A, places, once=True).name)
 
 
 def mass_solver(M: csr_matrix, places: Array, name: str) -> Solver:
