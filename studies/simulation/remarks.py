@@ -70,6 +70,7 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]]) -> li
     scenario, system = assembly.scenario, assembly.system
     out = [*unlike_units(values_of(assembly)), *off_path(assembly), *handed_over(assembly.given, assembly.body)]
     out += after_end(times_of(scenario), scenario.solve.duration)
+    out += spans_left(scenario)
     out += undetermined_slip(scenario.solve.kind == "static" and slides_freely(system, system.rows[:, 0]))
     if assembly.body is None:
         return out
@@ -95,6 +96,19 @@ def times_of(scenario: Scenario) -> dict[str, float]:
     begins = {dotted_key(["piercing", hole.name, "from"]): hole.from_ for hole in scenario.piercing}
     closes = {dotted_key(["tie", tie.name, "from"]): tie.from_ for tie in scenario.tie}
     return begins | closes | {f"cut.{k}.time": table.time for k, table in enumerate(scenario.cut)}
+
+
+def spans_left(scenario: Scenario) -> list[Remark]:
+    """Tell that cuts, and no key, keep the spans of a thread at rest as they are."""
+    thread = scenario.thread
+    halved = thread.energy != "springs" and thread.bending and "resolution" not in thread.model_fields_set
+    if not (scenario.solve.kind == "static" and thread.cuts and halved):
+        return []
+    text = (
+        f"a thread in {len(thread.cuts) + 1} pieces keeps its spans, which statics else halves where they are too long "
+        'at a hole; set thread.resolution = "holes", or "fixed" where they are to stay'
+    )
+    return [remark("knots-stay", "thread.resolution", text)]
 
 
 def after_end(times: Mapping[str, float], duration: float) -> list[Remark]:

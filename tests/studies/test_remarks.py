@@ -331,7 +331,7 @@ def test_the_catalogue_has_every_code_once_and_each_is_judged() -> None:
     assert {kind.severity for kind in KINDS} == {"note", "unsupported"}
     assert CATALOGUE.keys() - JUDGED.keys() == {
         "would-not-stay", "slides-freely", "not-held", "bare-point", "off-path", "frames-missing", "no-picture",
-        "handed-over", "remedy", "stress-of-e-nu"
+        "handed-over", "remedy", "stress-of-e-nu", "knots-stay"
     }  # fmt: skip
     with pytest.raises(KeyError):
         remark("no-such-code", "", "")
@@ -422,6 +422,26 @@ def test_the_energy_of_a_prestretch_is_not_at_stake(scene: Path) -> None:
     moving = replace(energies, kinetic=0.1 * energies.prestretch, elastic_tissue=0.9 * energies.prestretch)
     assert [each.code for each in judging.unsettled(moving, 0.0, 3e-4)] == ["not-at-rest"]
     assert moving.at_stake == pytest.approx(0.2 * energies.prestretch, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["thread.cuts=[0.02]"], True),
+        ([], False),
+        (["thread.cuts=[0.02]", "thread.resolution=fixed"], False),
+        (["thread.cuts=[0.02]", "thread.resolution=holes"], False),
+        (["thread.cuts=[0.02]", "thread.bending=false", "piercing.a.direction=free"], False),
+        (["thread.cuts=[0.02]", "solve.kind=dynamic"], False),
+    ],
+)
+def test_cuts_that_keep_the_spans_of_statics_are_told(tmp_path: Path, given: Sequence[str], said: bool) -> None:
+    """Independent check: of the defaults of statics alone one changes by a cut, and not by what a scenario says."""
+    path = tmp_path / "strand.toml"
+    hole = '[[piercing]]\nname = "a"\nat = [0.03, 0, 0]\ndirection = [1, 0, 0]\nkind = "anchored"\n'
+    path.write_text(COLUMN.format(length=0.05, force=0.01) + hole, encoding="utf-8")
+    found = prepare(load(path, given)).remarks()
+    assert [each.where for each in found if each.code == "knots-stay"] == ["thread.resolution"] * said
 
 
 def test_off_path_is_said_beyond_ten_diameters(scene: Path) -> None:
