@@ -4,6 +4,8 @@ import logging
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
+from time import perf_counter
+from typing import cast
 
 import numpy as np
 
@@ -23,6 +25,7 @@ from thread.thread import Thread
 log = logging.getLogger(__name__)
 
 REACH = ORDERS - 1
+OVER = {"over": True}  # of what is logged: nothing is waited for any more
 KEPT = "iteration.solve_of."  # begins the names of the loops' files on disk
 
 
@@ -202,11 +205,15 @@ def is_ready() -> bool:
     return any(path.stat().st_mtime > changed for path in folder.glob(f"{KEPT}*.nbi"))
 
 
-@cache
-def say_what_takes_long() -> None:
-    """Say once that the loops are compiled, where they are not."""
-    if not is_ready():
-        log.info("compiling the step, once: half a minute of one core, then it is kept")
+def run_loops(*given: object) -> tuple[int, float]:
+    """Run the loops on their arrays; where they are to be compiled first, say so, and how long it took."""
+    if is_ready() or iteration.solve.signatures:
+        return cast(tuple[int, float], iteration.solve(*given))
+    log.info("compiling the step, once: half a minute of one core, then it is kept")
+    began = perf_counter()
+    found: tuple[int, float] = iteration.solve(*given)
+    log.info("the step is compiled, in %.0f s", perf_counter() - began, extra=OVER)
+    return found
 
 
 def run(
@@ -214,7 +221,6 @@ def run(
 ) -> tuple[int, Iterate, Found, float]:
     """Run the loops from an iterate: the Newton iterations, −1 where they come to no end, the iterate, the residual
     there and its largest force [N]."""
-    say_what_takes_long()
     given, law, bounds = given_of(problem), law_of(problem), bounds_of(problem, spans, patience)
     learn(given.lack, problem, start.s)
     while True:
@@ -222,6 +228,6 @@ def run(
         z = Iterate(*arrays)
         found = empty_found(z, tables.curve.w.shape[1])
         unknowns = Unknowns(z.q, z.N, z.s, z.lam, z.y, z.sigma)
-        iterations, scale = iteration.solve(tables.curve, tables.knots, law, given, bounds, unknowns, found)
+        iterations, scale = run_loops(tables.curve, tables.knots, law, given, bounds, unknowns, found)
         if iterations >= 0 or not learn(given.lack, problem, z.s):
             return iterations, z, found, scale

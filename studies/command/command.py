@@ -292,7 +292,7 @@ def _simulate(
             with recorder, stages(quiet, TOLD_IN_STEPS):
                 for step, frame in moments:
                     recorder.record(step, frame)
-                    progress.update(step.step, step.time, step.newton_iterations)
+                    progress.update(step.step, step.time, step.newton_iterations, step.seconds)
                     if received:
                         raise KeyboardInterrupt
             status, outcome, text = 0, "completed", ""

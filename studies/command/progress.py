@@ -2,12 +2,15 @@
 
 import logging
 import sys
-from collections.abc import Iterator, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from time import monotonic
 from typing import Any, TextIO
 
 WIDTH = 30  # characters of the bar, fewer where the words beside it are many
+TICK = 1.0  # s between two times of what is being done
 REFRESH = 0.1  # s between two drawings on a terminal
 TERMINAL = 79  # characters of a line that is written over
 TOLD = ("tissue", "coupling", "studies")  # packages that say what they begin
@@ -27,8 +30,9 @@ class Progress:
         self._tenth = 0
         self._first_step: int | None = None  # that the pace is measured from; not 1 in a run that is resumed
 
-    def update(self, step: int, time: float, newton_iterations: int) -> None:
-        """Tell that a step is done, the simulated time [s] that it reached, and its Newton iterations."""
+    def update(self, step: int, time: float, newton_iterations: int, seconds: float) -> None:
+        """Tell that a step is done, the simulated time [s] that it reached, its Newton iterations, and the time [s]
+        that it took."""
         if step <= 1 or self._first_step is None:
             self._first = monotonic()  # the first step prepares what the others use: no measure of their pace
             self._first_step = max(step, 1)
@@ -36,12 +40,12 @@ class Progress:
             return
         self._drawn = monotonic()
         try:
-            self._draw(step, time, newton_iterations)
+            self._draw(step, time, newton_iterations, seconds)
         except BrokenPipeError:  # nobody looks any more; the run goes on
             self._quiet = True
 
-    def _draw(self, step: int, time: float, newton_iterations: int) -> None:
-        text = f"step {step}/{self._steps}, t = {time:.4g} s, Newton {newton_iterations}, {self._left(step)}"
+    def _draw(self, step: int, time: float, newton_iterations: int, seconds: float) -> None:
+        text = f"step {step}/{self._steps}, t = {time:.4g} s, Newton {newton_iterations}, {self._left(step, seconds)}"
         if self._is_terminal:
             width = max(0, min(WIDTH, TERMINAL - len(text) - len("[] ")))
             done = round(width * step / self._steps)
@@ -64,43 +68,78 @@ class Progress:
         due, self._tenth = tenth > self._tenth, max(tenth, self._tenth)
         return due
 
-    def _left(self, step: int) -> str:
+    def _left(self, step: int, seconds: float) -> str:
         now = monotonic()
         if step >= self._steps:
             return f"{duration(now - self._start)} in all"
         taken = step - (self._first_step or 1)
-        pace = (now - self._first) / taken if taken > 0 else now - self._start
+        pace = (now - self._first) / taken if taken > 0 else seconds
         return f"{duration(pace * (self._steps - step))} left"
 
 
 class Stages(logging.Handler):
-    """Tells what is being done before a step is done, one line that is written over on a terminal, elsewhere a line for
-    each."""
+    """Tells what is being done before a step is done, elsewhere than on a terminal a line for each; there one line that
+    is written over, with how long that has taken so far, until a record that is `over` or the end."""
 
-    def __init__(self, stream: TextIO | None = None) -> None:
+    def __init__(self, stream: TextIO | None = None, every: float = TICK) -> None:
         super().__init__(logging.INFO)
         self._stream = stream or sys.stderr
         self._is_terminal = self._stream.isatty()
         self._told = ""
+        self._every = every
+        self._clock: Clock | None = None
 
     def emit(self, record: logging.LogRecord) -> None:
         """Tell what begins, unless that is what was told last."""
         text = record.getMessage()
         if text == self._told:
             return
+        self._stop()
         self._told = text
-        with suppress(BrokenPipeError):  # nobody looks any more; the work goes on
-            self._stream.write(f"\r\x1b[K{text[:TERMINAL]}" if self._is_terminal else f"{text}\n")
-            self._stream.flush()
+        self._write(f"\r\x1b[K{text[:TERMINAL]}" if self._is_terminal else f"{text}\n")
+        if self._is_terminal and not getattr(record, "over", False):
+            self._clock = Clock(self._every, partial(self._tell_time, text))
 
     def close(self) -> None:
         """Take away the line that is written over."""
+        self._stop()
         if self._is_terminal and self._told:
-            with suppress(BrokenPipeError):
-                self._stream.write("\r\x1b[K")
-                self._stream.flush()
+            self._write("\r\x1b[K")
         self._told = ""
         super().close()
+
+    def _tell_time(self, text: str, seconds: float) -> None:
+        end = f", {duration(seconds)}"
+        self._write(f"\r\x1b[K{text[: TERMINAL - len(end)]}{end}")
+
+    def _write(self, text: str) -> None:
+        with suppress(BrokenPipeError):  # nobody looks any more; the work goes on
+            self._stream.write(text)
+            self._stream.flush()
+
+    def _stop(self) -> None:
+        if self._clock is not None:
+            self._clock.stop()
+        self._clock = None
+
+
+class Clock:
+    """Tells `every` so many seconds how many have passed, beside what is being done, until it is stopped."""
+
+    def __init__(self, every: float, tell: Callable[[float], None]) -> None:
+        self._every, self._tell, self._start = every, tell, monotonic()
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Tell nothing any more."""
+        self._stopped.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stopped.wait(self._every):
+            self._tell(monotonic() - self._start)
 
 
 @contextmanager

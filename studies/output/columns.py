@@ -329,7 +329,7 @@ SOLVED: tuple[Column[StepRecord], ...] = (
     Column("slide_speed", "m/s", "largest speed of the thread in a hole", lambda step: step.slide_speed),
     *(reaction for reaction, _ in ENDS.values()),
     *(torque for _, torque in ENDS.values()),
-    Column("seconds", "s", "wall-clock time of this step", lambda step: step.seconds),
+    Column("seconds", "s", "wall-clock time of this step, compiling its loops left out", lambda step: step.seconds),
 )
 
 PAIR: Column[ContactRecord] = text("pair", "names of the two surfaces", lambda lips: lips.pair)
@@ -648,7 +648,7 @@ RUN: tuple[Column[RunRecord], ...] = (
     Column(
         "seconds_per_step",
         "s",
-        "wall-clock time of a step on average; null before the first",
+        "wall-clock time of a step on average, compiling its loops left out; null before the first",
         lambda run: run.seconds / run.last.step if run.last and run.last.step else None,
     ),
     count("tissue_dofs", "unknowns of the organ that are not held", lambda run: run.tissue_dofs),

@@ -175,7 +175,7 @@ class StepRecord:
     apart: Callable[[], float]  # makes `spans_between`, likewise
     unsettled: Callable[[], float]  # makes `unsettled_layers`, likewise
     stays: Callable[[], bool]  # makes `would_stay`, likewise
-    seconds: float  # wall-clock time of this step [s]
+    seconds: float  # wall-clock time of this step, compiling its loops left out [s]
     fallen: float | None = None  # of the loads along a branch that was followed [s of their clock], None without one
     events: tuple[Event, ...] = ()
     contact: tuple[ContactRecord, ...] = ()  # of all surfaces that may touch
@@ -226,7 +226,7 @@ class RunRecord:
     newton_iterations: int  # of all steps
     constraint_max: float  # over all steps [m]
     constraint_residual: float  # over all steps [m]
-    seconds: float  # wall-clock time of all steps [s]
+    seconds: float  # wall-clock time of all steps, compiling their loops left out [s]
     tissue_dofs: int
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -40,6 +39,7 @@ from studies.simulation.recording import lip_fields, own_holes, step_record, thr
 from studies.simulation.remarks import foreseen, met
 from studies.simulation.sharing import Store, start_key
 from studies.simulation.stepper import Stepper, WhichEnd
+from studies.simulation.timing import timed
 from studies.simulation.tracts import Ball
 
 OnStep = Callable[[StepRecord], None]
@@ -153,9 +153,8 @@ class Simulation:
         with threadpool_limits(limits=1, user_api="blas"):
             yield from self._told(self.record(now), now)
             while now.number < self.steps:
-                began = perf_counter()
-                now = self.next(now)
-                record = self.record(now, perf_counter() - began)
+                now, seconds = timed(partial(self.next, now), self._newton == "compiled")
+                record = self.record(now, seconds)
                 yield from self._told(record if self.is_on_grid(now) else replace(record, kept=None), now)
 
     def _told(self, record: StepRecord, now: OrganRun) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:

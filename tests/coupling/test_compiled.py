@@ -12,7 +12,7 @@ import pytest
 
 import coupling.equilibrium
 import coupling.stepping
-from coupling import newton, solver
+from coupling import newton, solver, tables
 from coupling.calls import asked_before_corrections
 from coupling.newton import Iterate, Problem, Solution
 from coupling.tables import tables_of
@@ -175,3 +175,22 @@ def test_corrections_of_the_loops_count_in_a_load_step(iterations: int, monkeypa
     with asked_before_corrections(lambda: asked.append(1)):
         assert solver.solve(problem, found) is found
     assert len(asked) == max(iterations, 1)
+
+
+@pytest.mark.parametrize(("ready", "known"), [(False, []), (False, ["one"]), (True, [])])
+def test_that_the_step_is_compiled_is_said_and_that_it_is_done(
+    ready: bool, known: list[str], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Independent check: loops that are neither on disk nor in memory yet are told of before and after, no others."""
+
+    def solve(number: int) -> tuple[int, float]:
+        return number, 0.5
+
+    monkeypatch.setattr(solve, "signatures", known, raising=False)
+    monkeypatch.setattr(tables.iteration, "solve", solve)
+    monkeypatch.setattr(tables, "is_ready", lambda: ready)
+    with caplog.at_level("INFO", logger="coupling.tables"):
+        assert tables.run_loops(3) == (3, 0.5)
+    told = [(record.getMessage().partition(",")[0], hasattr(record, "over")) for record in caplog.records]
+    new = [("compiling the step", False), ("the step is compiled", True)]
+    assert told == ([] if ready or known else new)

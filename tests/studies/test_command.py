@@ -296,7 +296,7 @@ def test_progress_elsewhere_than_on_a_terminal_is_ten_lines() -> None:
     stream = io.StringIO()
     progress = Progress(1000, stream=stream)
     for number in range(1001):
-        progress.update(number, number * 1e-3, 4)
+        progress.update(number, number * 1e-3, 4, 1e-6)
     progress.close()
     lines = stream.getvalue().splitlines()
     assert [int(line.split()[0]) for line in lines] == list(range(10, 101, 10))
@@ -312,7 +312,7 @@ def test_progress_on_a_terminal_redraws_one_line() -> None:
     stream = Terminal()
     progress = Progress(3, stream=stream)
     for number in range(4):
-        progress.update(number, float(number), 4)
+        progress.update(number, float(number), 4, 1e-6)
     progress.close()
     assert stream.getvalue().count("\n") == 1
     assert "[##############################] step 3/3" in stream.getvalue()

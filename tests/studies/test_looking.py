@@ -3,6 +3,8 @@ told before the first step."""
 
 import io
 import logging
+import re
+import threading
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
@@ -246,12 +248,42 @@ def test_what_begins_is_told_once_and_taken_away_on_a_terminal() -> None:
     assert (log.level, log.handlers) == before
 
 
+def test_on_a_terminal_one_sees_for_how_long_something_is_waited_for() -> None:
+    """Independent check: the line of what is being done goes on with its time, until a record says that it is over."""
+    told = threading.Event()
+
+    class Watched(Terminal):
+        def write(self, text: str) -> int:
+            if re.search(r"compiling, \d+ s$", text):
+                told.set()
+            return super().write(text)
+
+    handler = Stages(Watched(), every=1e-3)
+    begins, ends = (
+        logging.LogRecord("coupling", logging.INFO, "", 0, text, (), None) for text in ("compiling", "done")
+    )
+    ends.over = True
+    handler.emit(begins)
+    assert told.wait(timeout=60.0)
+    before = threading.active_count()
+    handler.emit(ends)
+    assert threading.active_count() == before - 1
+    handler.close()
+
+
+def test_the_first_step_tells_what_is_left_by_its_own_time() -> None:
+    """Independent check: nine more steps of 2 s, whatever was compiled before."""
+    plain = io.StringIO()
+    Progress(10, stream=plain).update(1, 1e-3, 4, 2.0)
+    assert "18 s left" in plain.getvalue()
+
+
 def test_a_line_of_progress_fits_a_narrow_terminal() -> None:
     """Independent check: with large numbers too, no line that is written over is longer than 79 characters."""
     terminal = Terminal()
     progress = Progress(1_000_000, stream=terminal)
     for number in (1, 1_000_000):
-        progress.update(number, 1234.56789, 20)
+        progress.update(number, 1234.56789, 20, 1e-3)
     progress.close()
     assert all(len(line.rstrip("\n")) <= TERMINAL for line in terminal.getvalue().split("\r\x1b[K"))
     assert "step 1000000/1000000" in terminal.getvalue()

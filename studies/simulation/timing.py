@@ -1,0 +1,21 @@
+"""The time that a step takes."""
+
+from collections.abc import Callable
+from time import perf_counter
+from typing import TypeVar
+
+Made = TypeVar("Made")
+
+
+def timed(make: Callable[[], Made], compiles: bool) -> tuple[Made, float]:
+    """Return what is made and the wall-clock time of that [s]; where it `compiles` loops, which are then kept, without
+    the time of that."""
+    began = perf_counter()
+    if not compiles:
+        return make(), perf_counter() - began
+    from numba.core.event import install_timer
+
+    compiling: list[float] = []
+    with install_timer("numba:compile", compiling.append):
+        made = make()
+    return made, perf_counter() - began - sum(compiling)
