@@ -95,7 +95,9 @@ def _section_thread(axes: Axes, frame: Frame, scale: Scale) -> Any:
     for points, tension in zip(frame.thread.split(), np.split(frame.thread.tension, ends), strict=True):
         places = points[:, [0, 2]] / MILLI
         lines.append(
-            LineCollection(list(np.stack([places[:-1], places[1:]], axis=1)), cmap=tension_colours(), linewidth=2.5)
+            LineCollection(
+                list(np.stack([places[:-1], places[1:]], axis=1)), cmap=tension_colours(scale), linewidth=2.5
+            )
         )
         lines[-1].set(array=tension[:-1], clim=scale.tension, capstyle="round")
         axes.add_collection(lines[-1])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 from numpy.typing import NDArray
 
 from studies.arrays import Array
@@ -19,6 +19,8 @@ SIZE = (1500, 1000)  # pixels
 THREAD, MARKER, ARROW = "#1f3a93", "#c0392b", "#222222"
 TISSUE = ("#f7e6da", "#f0bd9f", "#dc7356", "#8e1b2c")
 TENSION = ("#a6cee3", "#3b76b8", "#0b1a5e")
+PRESSURE = ("#a6cee3", "#3f9b56", "#0f4a1f")  # of a thread under compression: from the same colour at none
+SHADES = 256
 LEFT = "left"  # the state of a hole that the thread is not in
 UNFELT = 1e-9  # N: less than a millimetre of the thinnest suture weighs, and what round-off leaves of a slack thread
 REACH = 0.16  # of the longest arrow, of the diagonal of what is seen
@@ -125,8 +127,11 @@ def stress_words(frame: Frame) -> str:
 
 
 def tension_words(frame: Frame) -> str:
-    """Name the colours of the thread, with the largest tension, which may lie beyond their end [N]."""
-    return f"tension of the thread [N], at most {frame.thread.tension.max():.3g}"
+    """Name the colours of the thread, with the largest tension, and with the smallest of a thread that is pressed,
+    which may lie beyond their ends [N]."""
+    low, high = frame.thread.tension.min(), frame.thread.tension.max()
+    reach = f"{low:.3g} to {high:.3g}" if low < -UNFELT else f"at most {high:.3g}"
+    return f"tension of the thread [N], {reach}"
 
 
 def label(name: str, force: float) -> str:
@@ -156,6 +161,10 @@ def colours() -> LinearSegmentedColormap:
     return LinearSegmentedColormap.from_list("tissue", TISSUE)
 
 
-def tension_colours() -> LinearSegmentedColormap:
-    """Return the colours of the thread's tension, from none to the highest."""
-    return LinearSegmentedColormap.from_list("tension", TENSION)
+def tension_colours(scale: Scale) -> ListedColormap:
+    """Return the colours of the thread's tension, from the lowest to the highest: compression, below none, has its own,
+    as strong as a tension of that size."""
+    low, high = scale.tension
+    values = np.linspace(low, high, SHADES) / max(-low, high)
+    pull, push = (LinearSegmentedColormap.from_list("", names) for names in (TENSION, PRESSURE))
+    return ListedColormap(np.where(values[:, None] < 0.0, push(-values), pull(values)), "tension")

@@ -5,7 +5,8 @@ const COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9
 const DASHES = ["solid", "dash", "dot", "dashdot", "longdash"];
 const TISSUE = [[0, "#f7e6da"], [0.33, "#f0bd9f"], [0.66, "#dc7356"], [1, "#8e1b2c"]];
 const SIGNED = [[0, "#2166ac"], [0.5, "#f7f7f7"], [1, "#b2182b"]];
-const TENSION = [[0, "#a6cee3"], [0.5, "#3b76b8"], [1, "#0b1a5e"]];
+const TENSION = ["#a6cee3", "#3b76b8", "#0b1a5e"], PRESSURE = ["#a6cee3", "#3f9b56", "#0f4a1f"];
+const SHADES = 32; // of the colours of a tension
 const CONFIG = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] };
 const FONT = { family: 'system-ui, "DejaVu Sans", sans-serif', size: 12, color: "#1c2430" };
 const element = (id) => document.getElementById(id);
@@ -127,13 +128,28 @@ function organTrace(view, frame, field, opacity) {
   };
 }
 
+const mix = (a, b, share) => {
+  const parts = [1, 3, 5].map((at) => [a, b].map((colour) => parseInt(colour.slice(at, at + 2), 16)));
+  return `rgb(${parts.map(([from, to]) => Math.round(from + share * (to - from))).join(",")})`;
+};
+
+/* Colours of a tension from `low` to `high`: compression has its own, as strong as a tension of that size. */
+function tensionColours(low, high) {
+  return Array.from({ length: SHADES + 1 }, (_, shade) => {
+    const value = (low + ((high - low) * shade) / SHADES) / Math.max(-low, high), size = Math.abs(value);
+    const [none, half, all] = value < 0 ? PRESSURE : TENSION;
+    return [shade / SHADES, size < 0.5 ? mix(none, half, 2 * size) : mix(half, all, 2 * size - 1)];
+  });
+}
+
 function threadTrace(view, frame) {
   const thread = view.thread[frame], all = view.thread.flatMap((one) => one.tension).filter((value) => value !== null);
-  const low = Math.min(0, ...sorted(all, 0.005)), high = Math.max(...sorted(all, 0.995));
+  const low = Math.min(0, ...sorted(all, 0.005)), most = Math.max(0, ...sorted(all, 0.995));
+  const high = most > low ? most : 1;
   return {
     type: "scatter3d", mode: "lines", name: "thread", x: thread.x, y: thread.y, z: thread.z, connectgaps: false,
     line: {
-      width: 8, color: thread.tension, colorscale: TENSION, cmin: low, cmax: high > low ? high : low + 1,
+      width: 8, color: thread.tension, colorscale: tensionColours(low, high), cmin: low, cmax: high,
       showscale: true, colorbar: { title: { text: "tension [N]", side: "right" }, len: 0.7, thickness: 14, x: 1.12 },
     },
     customdata: thread.tension.map((value, point) => [value, thread.s[point]]),

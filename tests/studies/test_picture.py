@@ -1,17 +1,22 @@
 """The picture of a frame: something is drawn with and without an organ, with and without OpenGL."""
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgba
 from matplotlib.image import imread
 
 from studies.output.fields import OrganTopology
 from studies.pictures import picture as chooser
 from studies.pictures.picture import draw_picture, draw_scene
 from studies.pictures.section import cut, draw_section
-from studies.pictures.view import surface
+from studies.pictures.view import TENSION, scale_of, surface, tension_colours, tension_words
 from tests.studies.samples import LINEAR, frame, quadratic
+
+SHADE = 0.02  # of a colour: two shades of 256
 
 
 def is_drawn(path: Path) -> bool:
@@ -99,3 +104,20 @@ def test_a_cut_through_two_and_two_nodes_is_a_quadrangle() -> None:
     u, v = b - a, c - a
     doubled = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]  # signed: the triangles must not overlap
     assert abs(doubled.sum()) / 2 == pytest.approx(0.5, rel=1e-12)
+
+
+def test_a_thread_that_is_pressed_has_other_colours_than_one_that_is_pulled() -> None:
+    """Independent check: from none, which is where it is on the bar, the colours go two ways, each as strong as its
+    tension over the largest; without compression they begin at none."""
+    reaching = partial(replace, scale_of([frame(0.0)]))
+    taut, both = tension_colours(reaching(tension=(0.0, 0.8))), tension_colours(reaching(tension=(-0.2, 0.8)))
+    rest, most = np.array(to_rgba(TENSION[0])), np.array(to_rgba(TENSION[-1]))
+    for bar, none in ((taut, 0.0), (both, 0.2)):
+        assert np.abs(np.array(bar(none)) - rest).max() < SHADE
+        assert np.abs(np.array(bar(1.0)) - most).max() < SHADE
+    pressed, pulled = np.array(both(0.0)), np.array(both(0.4))  # by a quarter of the largest, each its way
+    assert pressed[1] > pressed[2] and pulled[1] < pulled[2]  # green and blue
+    assert np.abs(np.array(taut(0.25)) - pulled).max() < SHADE
+    assert tension_words(frame(0.0)).endswith(f"at most {frame(0.0).thread.tension.max():.3g}")
+    pushed = replace(frame(0.0), thread=replace(frame(0.0).thread, tension=-frame(0.0).thread.tension - 0.1))
+    assert tension_words(pushed).endswith(f"{pushed.thread.tension.min():.3g} to {pushed.thread.tension.max():.3g}")
