@@ -1,13 +1,22 @@
 """The figure of a sweep: one column of its table over another, a line for each value of a third."""
 
+import re
 from collections.abc import Sequence
+from math import ceil
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
 from studies.figure import COLOURS, MARKERS, panels, render_figure
 from studies.output.files import write_bytes
 from studies.sweeps.table import Column, SweepTable, drawn_columns
+
+DASHES = ("-", "--", ":", "-.")
+WORDS, HIGH = 44, 36  # letters of a line along the axes and in the legend, and of one that stands
+MOST = 16  # lines in a column of the legend
+TICKS = 5  # spans between numbers below the axes, which may have six digits
+MARGIN = 0.3  # around the legend [inch]
 
 
 def write_figure(table: SweepTable, names: Sequence[str], folder: Path) -> None:
@@ -25,11 +34,35 @@ def figure(drawn: Sequence[Column]) -> Figure:
     for number, line in enumerate(lines):
         rows = [k for k in range(len(x.values)) if not by or by[0].values[k] == line]
         points = sorted((x.values[k], y.values[k]) for k in rows if x.values[k] is not None and y.values[k] is not None)
-        style = {"color": COLOURS[number % len(COLOURS)], "marker": MARKERS[number % len(MARKERS)]}
         label = f"{line:.4g}" if isinstance(line, float) else str(line)
-        axes.plot([p[0] for p in points], [p[1] for p in points], label=label, **style)
-    axes.set_xlabel(x.heading)
-    axes.set_ylabel(y.heading)
+        axes.plot([p[0] for p in points], [p[1] for p in points], label=folded(label, WORDS), **style_of(number))
+    axes.locator_params(axis="x", nbins=TICKS)
+    axes.set_xlabel(folded(x.heading, WORDS))
+    axes.set_ylabel(folded(y.heading, HIGH))
     if by:
-        axes.legend(title=by[0].heading)
+        add_legend(drawing, folded(by[0].heading, WORDS), len(lines))
     return drawing
+
+
+def style_of(number: int) -> dict[str, Any]:
+    """Return how a line is drawn: colour and marker, and where these come again otherwise dashed."""
+    turn, place = divmod(number, len(COLOURS))
+    return {"color": COLOURS[place], "marker": MARKERS[place], "linestyle": DASHES[turn % len(DASHES)]}
+
+
+def folded(words: str, width: int) -> str:
+    """Fold words into lines of at most so many letters, at blanks, and names at their dots and underscores."""
+    lines = [""]
+    for part in re.split(r"(?<=[._])(?=[^\W\d_])|(?<=\s)", words):
+        if lines[-1] and len(lines[-1]) + len(part.rstrip()) > width:
+            lines.append("")
+        lines[-1] += part
+    return "\n".join(map(str.rstrip, lines))
+
+
+def add_legend(drawing: Figure, title: str, lines: int) -> None:
+    """Add a legend of so many lines beside the axes, which stay as large as they were."""
+    legend = drawing.legend(title=title, loc="outside right upper", ncols=ceil(lines / MOST))
+    box = legend.get_window_extent()
+    width, height = drawing.get_size_inches()
+    drawing.set_size_inches(width + box.width / drawing.dpi, max(height, box.height / drawing.dpi + MARGIN))

@@ -1,19 +1,23 @@
 """Sweeps: what scenarios share, the table of all cases, its bytes whoever runs it, and what refinement says."""
 
 import ast
+import io
 import json
 import re
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib import rc_context
 
 from coupling.system import State
 from studies.command.command import main
+from studies.figure import COLOURS, PANEL, STYLE
 from studies.output.columns import state_summary
 from studies.output.quantities import quantities
 from studies.output.records import ContactRecord
@@ -26,9 +30,11 @@ from studies.simulation.sharing import Shared
 from studies.simulation.simulation import Simulation
 from studies.sweeps import sweep as sweeps
 from studies.sweeps.case import MODULES, PACKAGES, ROOMS, Result, run_case, source_files
+from studies.sweeps.figure import DASHES
+from studies.sweeps.figure import figure as drawn_figure
 from studies.sweeps.grid import paired, parse_over, read_table
 from studies.sweeps.sweep import Told, sweep
-from studies.sweeps.table import Case, drawn_columns, table_of
+from studies.sweeps.table import Case, Column, drawn_columns, table_of
 from studies.workers import Cluster, InTurn, Processes, Workers, WorkersError, in_order
 from tests.studies.samples import step
 from thread.catalogue import suture
@@ -487,3 +493,27 @@ def test_a_bare_point_is_called_diverging(tmp_path: Path) -> None:
     table["thread"]["end"] = {"kind": "free"}
     [moved] = refine(table, "piercings.ring.displacement_z", tmp_path, "h", levels=3, ratio=2.0)
     assert moved.text.startswith("DIVERGING, order -"), replace(moved)
+
+
+@pytest.mark.parametrize("lines", [2, 12, 40])
+def test_nothing_in_a_figure_lies_over_its_lines_or_other_words(lines: int) -> None:
+    """Independent check: the legend is beside the axes, the numbers below these and its own words apart, and all of it
+    on the figure, with many cases, tables for values and large numbers; no two of so few lines look alike."""
+    many = [(k, x) for k in range(lines) for x in (300_000.0, 301_000.0, 302_500.0)]
+    pull = '{{ kind = "pulled", force = [{0:.3f}, 0.0, {0:.3f}] }}'
+    by = Column("thread.end", "", tuple(pull.format(k) for k, _ in many))
+    y = Column("range.piercings.left_upper_corner.bearing_pressure", "Pa", tuple(x * (1.0 + k) for k, x in many))
+    with rc_context(STYLE):
+        drawing = drawn_figure([Column("tissue.youngs_modulus", "Pa", tuple(x for _, x in many)), y, by])
+        drawing.savefig(io.BytesIO(), dpi=drawing.dpi)
+    (axes,), (legend,) = drawing.axes, drawing.legends
+    low, high = axes.get_xlim()
+    numbers = [text for text in axes.get_xticklabels() if low <= text.get_position()[0] <= high]
+    words = [*legend.get_texts(), *numbers, axes.xaxis.label, axes.yaxis.label]
+    boxes = [text.get_window_extent() for text in words if text.get_text()]
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    assert not legend.get_window_extent().overlaps(axes.get_tightbbox())
+    assert all(drawing.bbox.containsx(x) and drawing.bbox.containsy(y) for box in boxes for x, y in box.corners())
+    assert axes.get_window_extent().width > 0.5 * PANEL[0] * drawing.dpi
+    looks = {(line.get_color(), line.get_marker(), line.get_linestyle()) for line in axes.lines}
+    assert len(looks) == min(lines, len(COLOURS) * len(DASHES))
