@@ -281,9 +281,19 @@ def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
         free[:, :3].max() <= force
         and (free.shape[1] == 3 or free[:, 3].max() <= torque)
         and (np.abs(r.holds) <= limits).all()
-        and (site[:, :3] <= gap).all()
-        and (site[:, 3:] <= DIRECTION_TOLERANCE).all()
+        and (site <= np.maximum(np.repeat((gap, DIRECTION_TOLERANCE), (3, 6)), rounded_places(problem))).all()
     )
+
+
+def rounded_places(problem: Problem[Body]) -> Array:
+    """Return what round-off of the forces moves the sites of a nonlinear organ by, shape `(m, 9)` [m, -]: much, near a
+    limit point of the organ alone, where its compliance is without end. None of a linear one, which has no such point.
+    """
+    m = problem.system.holds
+    if problem.answer.linear:
+        return np.zeros((m, NINE))
+    by_force = np.abs(problem.C.reshape(m, NINE, m, NINE)[..., :3])
+    return np.asarray(rounded_force(problem) * by_force.max(axis=(2, 3), initial=0.0))
 
 
 def border_of(problem: Problem[Body], z: Iterate, at: Passage) -> Border:
