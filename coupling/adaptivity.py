@@ -199,8 +199,13 @@ def refine_for(
     due = np.union1d(spline.breaks, on_breaks(tree, spline)[tree.breaks(resolution.largest_spans(*later, 0.0))])
     if np.array_equal(due, spline.breaks):
         return system, state, []
+    return exchange_spline(system, state, refit_state(system, state, due))
+
+
+def refit_state(system: System[Body], state: State[Body], breaks: Array) -> Refit:
+    """Return the thread of a state on other `breaks` (k,) [m]: exactly where these are more."""
     before = [] if state.before is None else [state.before.q, state.before.v]
-    return exchange_spline(system, state, refit(spline, due, [state.q, state.v, *before], np.zeros(0), 0.0))
+    return refit(system.thread.spline, breaks, [state.q, state.v, *before], np.zeros(0), 0.0)
 
 
 def on_breaks(tree: Tree, spline: Spline) -> Array:

@@ -178,13 +178,18 @@ class Branch(Generic[Body]):
 
 
 def reach(
-    system: System[Body], state: State[Body], share: float, duration: float, loose: bool = False
+    system: System[Body],
+    state: State[Body],
+    share: float,
+    duration: float,
+    loose: bool = False,
+    near: State[Body] | None = None,
 ) -> list[Step[Body]]:
-    """Go on to the part `share` of the loads by load steps, and from where these fail along the branch; `loose` as for
-    `coupling.equilibrium.settle`. Raises as `coupling.equilibrium.load_steps` does."""
+    """Go on to the part `share` of the loads by load steps, and from where these fail along the branch; `loose` and
+    `near` as for `coupling.equilibrium.settle`. Raises as `coupling.equilibrium.load_steps` does."""
     taken: list[Step[Body]] = []
     try:
-        for step in load_steps(system, state, share, duration, loose):
+        for step in load_steps(system, state, share, duration, loose, near):
             taken.append(step)
     except OutError:  # no branch leads beyond
         raise

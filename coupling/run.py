@@ -15,7 +15,7 @@ from typing import Generic
 
 import numpy as np
 
-from coupling.adaptivity import INTERVAL, Resolution, adapt_when_due, refine_for
+from coupling.adaptivity import INTERVAL, Resolution, adapt_when_due, exchange_spline, refine_for, refit_state
 from coupling.arrays import Array
 from coupling.audit import Energies, audit_step, closing_works, drawing_works, initial_energies
 from coupling.branch import reach
@@ -121,7 +121,8 @@ class Run(Generic[Body]):
             if knots is first or knots is run:
                 break
             first, loose = knots, any(step.loose for step in run.taken)
-            run = knots._audited(reach(knots.system, knots.state, share, duration, loose))
+            near = run.on_knots_of(knots) if run.rubs else None
+            run = knots._audited(reach(knots.system, knots.state, share, duration, loose, near))
         run = run._scheduled(self.state.time, share * duration - self.state.time)
         if not any(event.kind == "cut" for event in run.events):
             return run
@@ -171,6 +172,13 @@ class Run(Generic[Body]):
         if self.resolution is None:
             return self
         return self._on(*refine_for(self.resolution, self.system, self.state, (later.system, later.state)))
+
+    def on_knots_of(self, other: "Run[Body]") -> State[Body] | None:
+        """Return the state on the knots of another run, None where the thread has left a hole that it passes there."""
+        if not np.array_equal(self.state.present, other.state.present):
+            return None
+        breaks = other.system.thread.spline.breaks
+        return exchange_spline(self.system, self.state, refit_state(self.system, self.state, breaks))[1]
 
     def _on(self, system: System[Body], state: State[Body], knots: list[Event]) -> "Run[Body]":
         """Return the run on other knots, with their events; itself where there are none."""

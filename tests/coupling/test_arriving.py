@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import brentq
 
 from coupling import branch, equilibrium
+from coupling.adaptivity import exchange_spline, refit_state
 from coupling.bordered import OWN, own_downhill, solve_own
 from coupling.continuation import solve_downhill
 from coupling.errors import EquilibriumError, InversionError, SpentError, StepError
@@ -264,6 +265,47 @@ def test_what_was_found_sliding_is_sought_so_first_on_other_knots(
     assert tried == ways
     if fails is None:
         assert not equilibrium.settle(smooth, state, 0.5, 1.0, loose=True).loose and tried == [*ways, True]
+
+
+def test_a_thread_is_tied_alike_on_all_knots() -> None:
+    """Independent check: the first tie is EA/(ρA L²), however short the spans are."""
+    ties = [equilibrium.first_tie(without_organ(uniform(LENGTH, n), (Free(), Free()))) for n in (24, 96)]
+    assert ties == pytest.approx([PP.EA / (PP.rhoA * LENGTH**2)] * 2, rel=IDENTITY)
+
+
+@pytest.mark.parametrize(("force", "omega"), [(1e-9, 3.516 * np.sqrt(PP.EI) / LENGTH), (0.1, 0.5 * np.pi * 0.1**0.5)])
+def test_the_last_tie_is_as_soft_as_the_thread(force: float, omega: float) -> None:
+    """Independent check: the first natural frequency of a clamped beam, 3.516 √(EI/ρA)/L², and of a string that is
+    held at one end and drawn by a force F, (π/2) √(F/ρA)/L, whichever is higher."""
+    system = without_organ(uniform(LENGTH, 24), (Fixed(ORIGIN), Pulled(force * X)))
+    state = laid(system, [], line(ORIGIN, X))
+    problem = equilibrium.settle(system, state, 1.0, 1.0).solution.problem
+    tie = omega**2 / (PP.rhoA * LENGTH**2)
+    assert equilibrium.last_tie(problem, state) == pytest.approx(tie, rel=IDENTITY)
+
+
+def test_what_other_knots_found_leads_to_rest_on_these(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: a hand draws 5 mm through a hole that grips the thread, whose other end hangs on a load; found
+    on coarse knots, the equilibrium is that of finer ones too, with the grip against all of the way, not what a thread
+    keeps that is held while it bends anew. No other way to it is tried."""
+    load, grip, way = 0.1, 0.05, 5e-3
+    hand = Driven(np.array([[0.0, *(LENGTH * X)], [1.0, *((LENGTH + way) * X)]]))
+    coarse, start = through_a_hole((Pulled(-load * X), hand), Friction(0.0, 0.0, grip=grip))
+    found = equilibrium.settle(coarse, start, 1.0, 1.0).new
+    breaks = np.linspace(0.0, LENGTH, 2 * len(coarse.thread.spline.breaks) - 1)
+    system, first = exchange_spline(coarse, start, refit_state(coarse, start, breaks))[:2]
+    near = exchange_spline(coarse, found, refit_state(coarse, found, breaks))[1]
+    tried, relax = list[State | None](), equilibrium.relax_ties
+
+    def relax_ties(*given: Any) -> Step:
+        tried.append(given[-1])
+        return relax(*given)
+
+    monkeypatch.setattr(equilibrium, "relax_ties", relax_ties)
+    rest = equilibrium.settle(system, first, 1.0, 1.0, near=near).new
+    assert len(tried) == 1 and tried[0] is near
+    assert rest.reaction[1] @ X == pytest.approx(load + grip, rel=TWO_SOLVERS)
+    assert first.s[0] - rest.s[0] == pytest.approx(way, rel=FIRST_ORDER)
 
 
 def test_a_thread_that_nothing_holds_back_runs_out_at_rest() -> None:
