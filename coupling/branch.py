@@ -178,18 +178,13 @@ class Branch(Generic[Body]):
 
 
 def reach(
-    system: System[Body],
-    state: State[Body],
-    share: float,
-    duration: float,
-    loose: bool = False,
-    near: State[Body] | None = None,
+    system: System[Body], state: State[Body], share: float, duration: float, loose: bool = False
 ) -> list[Step[Body]]:
-    """Go on to the part `share` of the loads by load steps, and from where these fail along the branch; `loose` and
-    `near` as for `coupling.equilibrium.settle`. Raises as `coupling.equilibrium.load_steps` does."""
+    """Go on to the part `share` of the loads by load steps, and from where these fail along the branch; `loose` as for
+    `coupling.equilibrium.settle`. Raises as `coupling.equilibrium.load_steps` does."""
     taken: list[Step[Body]] = []
     try:
-        for step in load_steps(system, state, share, duration, loose, near):
+        for step in load_steps(system, state, share, duration, loose):
             taken.append(step)
     except OutError:  # no branch leads beyond
         raise

@@ -75,6 +75,7 @@ DRAGGED = 1e-10  # of the forces on it: what may still drag it
 ATTEMPTS = 60
 FAILURES = 6  # among them with a nonlinear organ: no tie of the thread brings tissue past a point where it snaps
 MOST_FAILURES = 15  # with a linear one: the load step is halved sooner
+NEAR_FAILURES = 4  # from what other knots found, which is near enough under the firmest tie or hardly ever
 MOST_CORRECTIONS = 4000  # of a load step with all its parts: eight times what one of the scene "pulley" takes
 LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
 FIRMEST = 0.99  # of itself: friction that cannot fall to this has come to where the thread runs through
@@ -147,25 +148,17 @@ def settle(
     given: Answer[Body] | None = None,
     began: float | None = None,
     loose: bool = False,
-    near: State[Body] | None = None,
 ) -> Step[Body]:
     """Solve for equilibrium at the part `share` of the final loads; `given` is the organ's answer, None: that at rest;
-    `began` [s], the start of the load step where the state is one on its way, which hands have not let go of yet;
-    `near`, an equilibrium under these loads that was found on other knots, None: there is none. Raises
-    `EquilibriumError`.
+    `began` [s], the start of the load step where the state is one on its way, which hands have not let go of yet.
+    Raises `EquilibriumError`.
 
     Rough holes hold the thread while it is tied; where it has a long way to slide, they let it slide on the way too. A
-    load step that was found so on other knots is sought so first (`loose`).
+    load step that was found so on other knots, or comes after one that was, is sought so first (`loose`).
     """
     began = state.time if began is None else began
     rough = bool(system.rough.any())
     loose = loose and rough
-    if near is not None:
-        try:
-            step = relax_ties(system, state, share, duration, False, given, began, near)
-            return replace(stand_firm(step), loose=loose)
-        except (StepError, InversionError) as error:
-            log.debug("the equilibrium of other knots leads to none on these: %s", error)
     try:
         step = relax_ties(system, state, share, duration, not loose, given, began)
     except EquilibriumError:
@@ -173,6 +166,21 @@ def settle(
             raise
         step, loose = relax_ties(system, state, share, duration, loose, given, began), not loose
     return replace(stand_firm(step), loose=loose)
+
+
+def settle_near(
+    system: System[Body], state: State[Body], share: float, duration: float, near: State[Body], loose: bool = False
+) -> list[Step[Body]]:
+    """Return the steps to the equilibrium at the part `share` of the final loads from one that was found `near` it, on
+    other knots, and was sought `loose` as for `settle` there. Raises `StepError`, `InversionError`, `ConstraintError`
+    where a hand has drawn the thread out."""
+    step, organ = relax_ties(system, state, share, duration, False, None, state.time, near), system.organ
+    if isinstance(organ, Creeping) and not organ.holds(step.solution.problem.answer):
+        raise StepError(state.time, step.dt, "the equilibrium does not hold")
+    step, gone = accepted(system, replace(stand_firm(step), loose=loose), 0)
+    if gone.any():
+        raise LeavingError(state.time, step.dt, "the thread runs out of a hole", gone=gone)
+    return [step, *pair_lips(system, step, share, duration)]
 
 
 def stand_firm(step: Step[Body]) -> Step[Body]:
@@ -204,12 +212,13 @@ def relax_ties(
 ) -> Step[Body]:
     """Reach equilibrium by ties that are weakened and dropped; `hold`: the rough holes hold the thread meanwhile, else
     it slides in them, and friction opposes the way of each tie; `given` is the organ's answer, None: that at rest;
-    `began` and `near` as for `settle`: near that the thread is tied first, and friction opposes the whole way there."""
+    `began` as for `settle`; `near`, an equilibrium that was found on other knots, None: near that the thread is tied
+    first, and friction opposes the whole way there."""
     answer = ask_organ(system, Equilibrium(), [state], duration, share) if given is None else given
     firm, weaker, start = first_tie(system), WEAKER, state if near is None else near
     tie, now = firm if near or state.time == 0.0 else 0.0, start
     failed: StepError | InversionError | None = None
-    failures = MOST_FAILURES if answer.linear else FAILURES
+    failures = NEAR_FAILURES if near else MOST_FAILURES if answer.linear else FAILURES
     for _ in range(ATTEMPTS):
         problem = static_problem(system, now, share, duration, tie, answer, state, began)
         try:
@@ -507,13 +516,12 @@ def settle_or_snap(
     duration: float,
     loose: bool,
     snap: bool,
-    near: State[Body] | None = None,
 ) -> Step[Body]:
-    """Solve for equilibrium as `settle` does, first from one that is `near`; where there is none, and the tissue may
-    `snap`, or none that holds, for that which a nonlinear organ creeps to. Raises `EquilibriumError`."""
+    """Solve for equilibrium as `settle` does; where there is none near, and the tissue may `snap`, or none that holds,
+    for that which a nonlinear organ creeps to. Raises `EquilibriumError`."""
     organ = system.organ
     try:
-        step = settle(system, state, share, duration, loose=loose, near=near)
+        step = settle(system, state, share, duration, loose=loose)
     except EquilibriumError:
         if not (snap and isinstance(organ, Creeping)):
             raise
@@ -553,10 +561,9 @@ def load_steps(
     share: float,
     duration: float,
     loose: bool = False,
-    near: State[Body] | None = None,
 ) -> Iterator[Step[Body]]:
     """Go on to the part `share` of the loads, in parts where that fails, and yield the steps as they are made; `loose`
-    and `near` as for `settle`. Raises as `go_on` does, and `SpentError` after MOST_CORRECTIONS."""
+    as for `settle`. Raises as `go_on` does, and `SpentError` after MOST_CORRECTIONS."""
     left = iter(range(MOST_CORRECTIONS))
 
     def count() -> None:
@@ -564,7 +571,7 @@ def load_steps(
             raise SpentError(state.time, share, MOST_CORRECTIONS, *what_it_does(system, state))
 
     with asked_before_corrections(count):
-        yield from go_on(system, state, share, duration, loose, near)
+        yield from go_on(system, state, share, duration, loose)
 
 
 def go_on(
@@ -573,21 +580,14 @@ def go_on(
     share: float,
     duration: float,
     loose: bool,
-    near: State[Body] | None = None,
     depth: int = 0,
 ) -> Iterator[Step[Body]]:
     """Go on to the part `share` of the loads, in halves of the increment where it fails, where the thread flips through
     a hole or folds within a span, and where tissue at finite strain goes on as only another branch does; yield the
     steps. Raises `StepError`, `InversionError`, `ConstraintError` where a hand has drawn the thread out."""
     try:
-        step = settle_or_snap(system, state, share, duration, loose, depth >= SNAPS, near)
-        refuse_drawn_out(system, step.old, step.new)
-        refuse_crossing(system, step.old, step.new)
-        if depth < DEEPEST:
-            refuse_folding(step)
-        step = told_to_snap(system, step, depth)
-        gone = emptied_holds(system, step.old, step.new)
-        refuse_held_end(system, step.old, step.new, gone)
+        step = settle_or_snap(system, state, share, duration, loose, depth >= SNAPS)
+        step, gone = accepted(system, step, depth)
     except LeavingError as error:
         gone = error.gone
     except (StepError, InversionError) as error:
@@ -596,7 +596,7 @@ def go_on(
         for part in (0.5 * (state.time / duration + share), share):
             for step in go_on(system, state, part, duration, loose, depth=depth + 1):
                 yield step
-            state = step.new
+            state, loose = step.new, step.loose
         return
     if gone.any():
         left = release(state, gone)
@@ -604,6 +604,20 @@ def go_on(
         yield from go_on(system, left, share, duration, loose, depth=depth)
         return
     yield from [step, *pair_lips(system, step, share, duration)]
+
+
+def accepted(system: System[Body], step: Step[Body], depth: int) -> tuple[Step[Body], Flags]:
+    """Return a load step that has been halved `depth` times, told whether its tissue snapped, and the holes that the
+    thread ran out of in it, shape `(holds,)`. Raises `StepError` where the loads are to be halved, `ConstraintError`
+    where a hand has drawn the thread out."""
+    refuse_drawn_out(system, step.old, step.new)
+    refuse_crossing(system, step.old, step.new)
+    if depth < DEEPEST:
+        refuse_folding(step)
+    step = told_to_snap(system, step, depth)
+    gone = emptied_holds(system, step.old, step.new)
+    refuse_held_end(system, step.old, step.new, gone)
+    return step, gone
 
 
 def told_to_snap(system: System[Body], step: Step[Body], depth: int) -> Step[Body]:
