@@ -31,6 +31,7 @@ ACROSS = 4.0  # spans between two holes at least
 COARSE = 0.25  # of √(EI/T): on longer spans friction's part of the pull is off by more than 3 % at a turn of 60°
 BETWEEN = 2.0  # coarse spans between two holes: 2 leave 4 % of their stiffness against one another to be missed
 TURN = 0.1  # turn of the tangent that taking out a knot may cause, of the tolerance
+ONCE = 0.75  # of a span: one that may be no longer is halved, and its halves are short enough
 AGAIN = 1.2  # of what a span at a hole may be: beyond, an equilibrium with friction is found again
 INTERVAL = 4  # steps from one look at the knots to the next
 SAME = 1e-6  # of the finest span: breaks that are no further apart are one, but for round-off
@@ -188,19 +189,31 @@ def adapt(
 
 
 def refine_for(
-    resolution: Resolution, system: System[Body], state: State[Body], later: tuple[System[Body], State[Body]]
+    resolution: Resolution,
+    system: System[Body],
+    state: State[Body],
+    later: tuple[System[Body], State[Body]],
+    once: bool = False,
 ) -> tuple[System[Body], State[Body], list[Event]]:
-    """Insert the knots that another, `later` state asks for; system and state are returned as they are where its spans
-    at the holes are short enough."""
+    """Insert the knots that another, `later` state asks for, or `once` those of them that halve a span once; system and
+    state are returned as they are where its spans at the holes are short enough."""
     if not is_too_coarse(resolution, *later, beyond=AGAIN):
         return system, state, []
     spline = system.thread.spline
     tree = resolution.tree_of(spline)
-    due = np.union1d(spline.breaks, on_breaks(tree, spline)[tree.breaks(resolution.largest_spans(*later, 0.0))])
+    wanted = resolution.largest_spans(*later, 0.0)
+    if once:
+        wanted = np.maximum(wanted, ONCE * np.diff(spline.breaks)[spline.spans_of(tree.middles)])
+    due = np.union1d(spline.breaks, on_breaks(tree, spline)[tree.breaks(wanted)])
     if np.array_equal(due, spline.breaks):
         return system, state, []
+    return exchange_spline(system, state, refit_state(system, state, due))
+
+
+def refit_state(system: System[Body], state: State[Body], breaks: Array) -> Refit:
+    """Return the thread of a state on other `breaks` (k,) [m]: exactly where these are more."""
     before = [] if state.before is None else [state.before.q, state.before.v]
-    return exchange_spline(system, state, refit(spline, due, [state.q, state.v, *before], np.zeros(0), 0.0))
+    return refit(system.thread.spline, breaks, [state.q, state.v, *before], np.zeros(0), 0.0)
 
 
 def on_breaks(tree: Tree, spline: Spline) -> Array:

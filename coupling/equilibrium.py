@@ -3,6 +3,9 @@
 Where Newton from the last load step fails, the thread is let go gradually: it is tied to where it is by a mass-like
 stiffness that is weakened until it can be dropped (pseudo-transient continuation). The accepted answer has none of it.
 
+An equilibrium that was found on other knots is where these begin: the thread is tied there, held in its holes while it
+bends at them anew, and friction opposes the way from the start of the load step.
+
 A nonlinear organ may have no equilibrium near: beyond a limit point it snaps. Where load steps halve to nothing, it
 creeps downhill from where it is, dragged back less and less, to the next equilibrium that holds.
 
@@ -13,13 +16,14 @@ A thread that runs out of a hole on its way there has left it: the load step is 
 """
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from coupling.arrays import Array, Flags
-from coupling.calls import asked_before_corrections
+from coupling.bordered import SingularError
+from coupling.calls import ask_before_correction, asked_before_corrections
 from coupling.contact import first_sets
 from coupling.diagnosis import has_turned, refuse_crossing, refuse_drawn_out, refuse_held_end, refuse_turning
 from coupling.errors import (
@@ -34,7 +38,7 @@ from coupling.errors import (
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
 from coupling.motion import what_it_does
-from coupling.newton import Iterate, Problem, Solution, evaluate
+from coupling.newton import Iterate, Problem, Solution, correct, evaluate
 from coupling.sliding import admissible_sigma, force_along_thread, law_of, prescribed, static_bound
 from coupling.solver import solve
 from coupling.stability import downhill, given_a_little, is_squeezed, would_stay
@@ -59,6 +63,9 @@ from tissue.errors import OrganError
 log = logging.getLogger(__name__)
 
 WEAKER = 10.0  # the tie is weakened by this factor after a success, tightened by its square root after a failure
+GENTLEST = 1.5  # by which it is weakened at least: by less than WEAKER after failures
+AS_CANTILEVER = 3.516**2  # the first natural frequency of a clamped thread in bending, ω² = 3.516² EI/(ρA L⁴)
+AS_STRING = (0.5 * np.pi) ** 2  # and that of one that a force F draws taut, ω² = (π/2)² F/(ρA L²)
 AT_REST = 1.0 + 1e-6  # ratio of √(EI/T) at rest to that which the equilibrium was solved with
 TENSIONS = 20  # equilibria with another √(EI/T) at most
 PAIRINGS = 8  # equilibria of a load step at most, further ones, until lips that slide face what they faced before
@@ -67,11 +74,14 @@ DRIFTS = 30  # equilibria of a load step at most, further ones, until a body tha
 DRAGGED = 1e-10  # of the forces on it: what may still drag it
 ATTEMPTS = 60
 FAILURES = 6  # among them with a nonlinear organ: no tie of the thread brings tissue past a point where it snaps
+MOST_FAILURES = 15  # with a linear one: the load step is halved sooner
+NEAR_FAILURES = 4  # from what other knots found, which is near enough under the firmest tie or hardly ever
 MOST_CORRECTIONS = 4000  # of a load step with all its parts: eight times what one of the scene "pulley" takes
 LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
 FIRMEST = 0.99  # of itself: friction that cannot fall to this has come to where the thread runs through
+SOFT_TISSUE = 1e-6  # of the first tie: the last one where tissue at finite strain, a flap, gives way before the thread
 A_SPAN = 1.0  # the most that a correction of a tied thread moves an abscissa: the curve beyond is another polynomial
-PATIENCE = 4  # times the corrections of a plain solve: LONGEST_MOVE takes a hundred to go along the whole thread
+PATIENCE = 2  # times the corrections of a plain solve: what LONGEST_MOVE takes along half of the thread
 LONG_END = 10.0  # √(EI/F) of an end beyond which the tension in it is the dead load on it, to 1e-8
 BALANCED = 1e-6  # of the larger of two dead loads: nearer ones are equal
 DEEPEST = 4  # halves of halves of a load step
@@ -79,10 +89,7 @@ SNAPS = 2  # of them, before tissue creeps to where it snaps
 FIRST_PACE, LAST_PACE = 1e-3, 1e-10  # of an organ that creeps, over its stiffest node: softer than its softest mode
 EASIER, HARDER = 4.0, 10.0  # the pace falls by the one after a success, and rises by the other after a failure
 CREEPS = 60
-LYING = 1e-10  # of the first tie: a piece that is cut turns freely in its holes, or in none, and lies where it is
-LAID_TIE = (
-    1e-4  # of the first tie, for a thread as it was laid: Newton alone might jump to an equilibrium that does not hold
-)
+LYING = 1e-10  # of the stiffest span: a piece that is cut turns freely in its holes, or in none, and lies where it is
 
 
 def static_problem(
@@ -107,7 +114,7 @@ def static_problem(
         system=system,
         time=time,
         dt=time - state.time,
-        mass_factor=tie + (LYING * first_tie(system, state) if system.thread.spline.cuts.size else 0.0),
+        mass_factor=tie + (lying_tie(system, state) if system.thread.spline.cuts.size else 0.0),
         q_ref=state.q,
         load=load,
         answer=answer,
@@ -147,7 +154,7 @@ def settle(
     Raises `EquilibriumError`.
 
     Rough holes hold the thread while it is tied; where it has a long way to slide, they let it slide on the way too. A
-    load step that was found so on other knots is sought so first (`loose`).
+    load step that was found so on other knots, or comes after one that was, is sought so first (`loose`).
     """
     began = state.time if began is None else began
     rough = bool(system.rough.any())
@@ -159,6 +166,21 @@ def settle(
             raise
         step, loose = relax_ties(system, state, share, duration, loose, given, began), not loose
     return replace(stand_firm(step), loose=loose)
+
+
+def settle_near(
+    system: System[Body], state: State[Body], share: float, duration: float, near: State[Body], loose: bool = False
+) -> list[Step[Body]]:
+    """Return the steps to the equilibrium at the part `share` of the final loads from one that was found `near` it, on
+    other knots, and was sought `loose` as for `settle` there. Raises `StepError`, `InversionError`, `ConstraintError`
+    where a hand has drawn the thread out."""
+    step, organ = relax_ties(system, state, share, duration, False, None, state.time, near), system.organ
+    if isinstance(organ, Creeping) and not organ.holds(step.solution.problem.answer):
+        raise StepError(state.time, step.dt, "the equilibrium does not hold")
+    step, gone = accepted(system, replace(stand_firm(step), loose=loose), 0)
+    if gone.any():
+        raise LeavingError(state.time, step.dt, "the thread runs out of a hole", gone=gone)
+    return [step, *pair_lips(system, step, share, duration)]
 
 
 def stand_firm(step: Step[Body]) -> Step[Body]:
@@ -186,38 +208,113 @@ def relax_ties(
     hold: bool,
     given: Answer[Body] | None,
     began: float,
+    near: State[Body] | None = None,
 ) -> Step[Body]:
-    """Reach equilibrium by ties that are weakened and dropped; `hold`: the rough holes hold the thread meanwhile;
-    `given` is the organ's answer, None: that at rest; `began` as for `settle`."""
+    """Reach equilibrium by ties that are weakened and dropped; `hold`: the rough holes hold the thread meanwhile, else
+    it slides in them, and friction opposes the way of each tie; `given` is the organ's answer, None: that at rest;
+    `began` as for `settle`; `near`, an equilibrium that was found on other knots, None: near that the thread is tied
+    first, and friction opposes the whole way there."""
     answer = ask_organ(system, Equilibrium(), [state], duration, share) if given is None else given
-    tie, now, failed = first_tie(system, state) * LAID_TIE if state.time == 0.0 else 0.0, state, None
-    failures = ATTEMPTS if answer.linear else FAILURES
+    firm, weaker, start = first_tie(system), WEAKER, state if near is None else near
+    tie, now = firm if near or state.time == 0.0 else 0.0, start
+    failed: StepError | InversionError | None = None
+    failures = NEAR_FAILURES if near else MOST_FAILURES if answer.linear else FAILURES
     for _ in range(ATTEMPTS):
         problem = static_problem(system, now, share, duration, tie, answer, state, began)
-        if hold and tie > 0.0:
-            problem = replace(problem, law=prescribed(problem.law, problem.law.rough, np.zeros(system.holds)))
-        first = guess(problem, now, state.sigma if hold else now.sigma)
-        held = hold and tie == 0.0 and now is not state
         try:
-            if tie > 0.0:
-                solution = follow_ties(problem, first, state)
-            else:
-                solution = let_go(problem, first) if held else solve(problem, first)
-                solution = let_lie(settle_layers(solution, let_go, AT_REST, TENSIONS))
-        except StepError as error:
+            find = find_tied if tie > 0.0 else find_loose
+            solution = find(problem, now, state, near, hold)
+            new = equilibrium_state(now, solution)
+        except (StepError, InversionError) as error:
             failed, failures = error, failures - 1
-            if held or failures == 0:
+            if failures == 0 or (tie == 0.0 and (near or (hold and now is not state))):
                 break
-            tie = first_tie(system, now) if tie == 0.0 else tie * np.sqrt(WEAKER)
+            tie, weaker = (firm if tie == 0.0 else tie * np.sqrt(WEAKER)), max(GENTLEST, np.sqrt(weaker))
             continue
-        new = equilibrium_state(now, solution)
         if tie == 0.0:
             return Step(state, new, problem.dt, solution, end_configuration(new, solution))
         refuse_leaving(system, state, new)
         now, answer = new, solution.problem.answer
-        tie = 0.0 if tie < 1e-9 * first_tie(system, now) else tie / WEAKER
+        tie, weaker = (0.0 if tie < last_tie(problem, start) else tie / weaker), min(WEAKER, weaker**1.5)
+    if isinstance(failed, InversionError):
+        raise failed
     cause, piercing = (failed.cause, failed.piercing) if failed else ("the ties could not be dropped", "")
     raise EquilibriumError(state.time, share * duration - state.time, cause, piercing, share)
+
+
+def find_tied(
+    problem: Problem[Body], now: State[Body], state: State[Body], near: State[Body] | None, hold: bool
+) -> Solution[Body]:
+    """Solve for the equilibrium of a thread that is tied to where it is `now`; the others as for `relax_ties`. Raises
+    `StepError`."""
+    if hold:
+        problem = replace(problem, law=prescribed(problem.law, problem.law.rough, np.zeros_like(now.s)))
+        return follow_ties(problem, guess(problem, now, state.sigma), state)
+    if near is None:
+        problem = rubbing_from(problem, now.s)
+    return follow_ties(problem, guess(problem, now, sense_of(problem, now)), near or state)
+
+
+def find_loose(
+    problem: Problem[Body], now: State[Body], state: State[Body], near: State[Body] | None, hold: bool
+) -> Solution[Body]:
+    """Solve for the equilibrium of a thread that nothing ties, from where it is `now`; the others as for `relax_ties`.
+    Raises `StepError`."""
+    if now is state:
+        return find_rest(problem, guess(problem, now, state.sigma), solve)
+    if hold:
+        return find_rest(problem, guess(problem, now, state.sigma), let_go)
+    return drop_tie(problem, now, near is None)
+
+
+def find_rest(
+    problem: Problem[Body], first: Iterate, find: Callable[[Problem[Body], Iterate], Solution[Body]]
+) -> Solution[Body]:
+    """Find the equilibrium of a thread that nothing ties, under its own tension at its holes; `find` finds it under a
+    given one. Raises `StepError`."""
+    return let_lie(settle_layers(corrected(find(problem, first)), let_go, AT_REST, TENSIONS))
+
+
+def corrected(solution: Solution[Body]) -> Solution[Body]:
+    """Return a solution with one correction made where it took none: a tie that is dropped may leave forces just below
+    the tolerance, far above those that Newton leaves, and works and branches begin there. Raises `StepError`."""
+    if solution.iterations:
+        return solution
+    z = solution.iterate
+    ask_before_correction()
+    try:
+        z = correct(replace(solution.problem, closed=z.pressed, rubbing=z.rubbing), z, solution.residual)
+    except SingularError:  # the loads have come to a limit point, and it holds as it is
+        return solution
+    again = solve(solution.problem, z)
+    return replace(again, iterations=1 + again.iterations)
+
+
+def drop_tie(problem: Problem[Body], now: State[Body], lately: bool) -> Solution[Body]:
+    """Solve for the equilibrium of a thread that slid while it was tied, to where it is `now`. Raises `StepError`.
+
+    Friction opposes the whole way; where the thread turned back on it, and no equilibrium is near with that, `lately`
+    only the last of it, and what friction takes of the whole way is then an estimate by the forces at the end.
+    """
+    try:
+        return find_rest(problem, guess(problem, now, sense_of(problem, now)), solve)
+    except StepError:
+        if not lately:
+            raise
+        solution = find_rest(rubbing_from(problem, now.s), guess(problem, now, now.sigma), solve)
+    return replace(solution, problem=replace(solution.problem, law=problem.law))
+
+
+def sense_of(problem: Problem[Body], now: State[Body]) -> Array:
+    """Return the sense of sliding of a thread that is `now` somewhere, shape `(m,)`; where it sticks but has come from
+    elsewhere, that of its way."""
+    return np.where(now.sigma == 0.0, np.sign(now.s - problem.law.s_old), now.sigma)
+
+
+def rubbing_from(problem: Problem[Body], s: Array) -> Problem[Body]:
+    """Return the problem with friction that opposes the way from the abscissae `s` (m,) [m]."""
+    law = problem.law
+    return replace(problem, law=replace(law, s_old=s, s_held=np.where(law.may_slide, s, law.s_held)))
 
 
 def refuse_leaving(system: System[Body], old: State[Body], new: State[Body]) -> None:
@@ -238,11 +335,21 @@ def follow_ties(problem: Problem[Body], first: Iterate, state: State[Body]) -> S
 
     A tie holds the points and no abscissa: where the thread has a long way to slide, plain Newton throws the abscissae
     over many spans and back, and ends at a saddle or nowhere. On spans that are too coarse the potential has a trap
-    between two knots, in which a thread that is led would stay.
+    between two knots, in which a thread that is led would stay. On knots that became finer the thread has to bend at
+    its holes anew, by forces that would throw it along: it is held in them meanwhile.
     """
     if not problem.law.may_slide.any() or not is_resolved(problem, state):
         return solve(problem, first)
+    if state.time > 0.0:
+        held = solve(held_in_place(problem, first.s), first)
+        first = replace(held.iterate, sigma=first.sigma)
     return solve(problem, first, A_SPAN, PATIENCE)
+
+
+def held_in_place(problem: Problem[Body], s: Array) -> Problem[Body]:
+    """Return the problem with the thread held in all its holes at the abscissae `s` (m,) [m]."""
+    law = replace(problem.law, may_slide=np.zeros_like(problem.law.may_slide), s_held=s)
+    return replace(problem, law=law)
 
 
 def let_lie(solution: Solution[Body]) -> Solution[Body]:
@@ -296,8 +403,7 @@ def let_down_friction(problem: Problem[Body], held: Iterate) -> Solution[Body]:
     for _ in range(ATTEMPTS):
         factor = max(1.0, ratio * firm)
         try:
-            here = replace(problem, law=replace(law, s_old=z.s, s_held=np.where(law.may_slide, z.s, law.s_held)))
-            solution = solve(with_friction(here, factor), z)
+            solution = solve(with_friction(rubbing_from(problem, z.s), factor), z)
         except StepError as error:
             failed, ratio = error, np.sqrt(ratio)
             if ratio > FIRMEST:
@@ -316,11 +422,31 @@ def with_friction(problem: Problem[Body], factor: float) -> Problem[Body]:
     return replace(problem, law=replace(problem.law, factor=factor))
 
 
-def first_tie(system: System[Body], state: State[Body]) -> float:
-    """Return a tie as stiff as the thread itself [1/s²]."""
+def first_tie(system: System[Body]) -> float:
+    """Return the tie [1/s²] that holds a whole thread as firmly as its own stretching does, EA/(ρA L²): the same on all
+    knots. A tie as stiff as the spans themselves holds a thread on fine ones across its holes, where it has to bend."""
+    thread = system.thread
+    return float(thread.EA / (thread.section.rhoA * (thread.spline.end - thread.spline.start) ** 2))
+
+
+def lying_tie(system: System[Body], state: State[Body]) -> float:
+    """Return the tie [1/s²] of the pieces of a cut thread to where they lie. It makes their matrix regular, so it is a
+    part of its largest entry, the stiffness of the shortest span: what it bears is below what a solve leaves open."""
     thread = system.thread
     stiffness = np.abs(thread.tangent(thread.points(state.q, state.frame), state.N)).max()
-    return float(stiffness / np.abs(thread.mass_band).max())
+    return float(LYING * stiffness / np.abs(thread.mass_band).max())
+
+
+def last_tie(problem: Problem[Body], state: State[Body]) -> float:
+    """Return the tie [1/s²] that holds a whole thread as firmly as the softest of its modes, in bending or, where the
+    forces that draw on it in a `state` make it stiffer, as a string: a weaker one is dropped. Tissue at finite strain
+    may bend far more easily than any thread."""
+    if not problem.answer.linear:
+        return SOFT_TISSUE * first_tie(problem.system)
+    thread = problem.system.thread
+    length = thread.spline.end - thread.spline.start
+    soft = max(AS_CANTILEVER * thread.EI, AS_STRING * drawing_force(problem, state) * length**2)
+    return float(soft / (thread.section.rhoA * length**4))
 
 
 def guess(problem: Problem[Body], state: State[Body], sigma: Array) -> Iterate:
@@ -384,7 +510,12 @@ def slides_freely(system: System[Body], present: Flags) -> bool:
 
 
 def settle_or_snap(
-    system: System[Body], state: State[Body], share: float, duration: float, loose: bool, snap: bool
+    system: System[Body],
+    state: State[Body],
+    share: float,
+    duration: float,
+    loose: bool,
+    snap: bool,
 ) -> Step[Body]:
     """Solve for equilibrium as `settle` does; where there is none near, and the tissue may `snap`, or none that holds,
     for that which a nonlinear organ creeps to. Raises `EquilibriumError`."""
@@ -456,13 +587,7 @@ def go_on(
     steps. Raises `StepError`, `InversionError`, `ConstraintError` where a hand has drawn the thread out."""
     try:
         step = settle_or_snap(system, state, share, duration, loose, depth >= SNAPS)
-        refuse_drawn_out(system, step.old, step.new)
-        refuse_crossing(system, step.old, step.new)
-        if depth < DEEPEST:
-            refuse_folding(step)
-        step = told_to_snap(system, step, depth)
-        gone = emptied_holds(system, step.old, step.new)
-        refuse_held_end(system, step.old, step.new, gone)
+        step, gone = accepted(system, step, depth)
     except LeavingError as error:
         gone = error.gone
     except (StepError, InversionError) as error:
@@ -471,7 +596,7 @@ def go_on(
         for part in (0.5 * (state.time / duration + share), share):
             for step in go_on(system, state, part, duration, loose, depth=depth + 1):
                 yield step
-            state = step.new
+            state, loose = step.new, step.loose
         return
     if gone.any():
         left = release(state, gone)
@@ -479,6 +604,20 @@ def go_on(
         yield from go_on(system, left, share, duration, loose, depth=depth)
         return
     yield from [step, *pair_lips(system, step, share, duration)]
+
+
+def accepted(system: System[Body], step: Step[Body], depth: int) -> tuple[Step[Body], Flags]:
+    """Return a load step that has been halved `depth` times, told whether its tissue snapped, and the holes that the
+    thread ran out of in it, shape `(holds,)`. Raises `StepError` where the loads are to be halved, `ConstraintError`
+    where a hand has drawn the thread out."""
+    refuse_drawn_out(system, step.old, step.new)
+    refuse_crossing(system, step.old, step.new)
+    if depth < DEEPEST:
+        refuse_folding(step)
+    step = told_to_snap(system, step, depth)
+    gone = emptied_holds(system, step.old, step.new)
+    refuse_held_end(system, step.old, step.new, gone)
+    return step, gone
 
 
 def told_to_snap(system: System[Body], step: Step[Body], depth: int) -> Step[Body]:

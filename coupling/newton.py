@@ -69,6 +69,8 @@ DIRECTION_TOLERANCE = 1e-11  # of |T||u| ≈ 1
 ROUND_OFF = 2e-14  # of EA: the axial force is a difference of numbers near 1, times EA; and of stiffness times place
 REACH = 0.25  # of a span; the most that a correction downhill moves an abscissa
 LONGEST_MOVE = 0.01  # of the thread's length; a Newton correction is cut down to it
+LARGEST_TURN = 0.5  # rad; a tie bounds the way of a thread, but on short spans its tangents turn over and over in that.
+# In smooth holes it slides furthest, its tangents turn with it, and this would slow it down
 NO_PAIRS = np.zeros(0, dtype=bool)
 NO_GAPS = np.zeros((0, 3))
 
@@ -108,6 +110,11 @@ class Problem(Generic[Body]):
     def inertia(self) -> Array:
         """mass_factor·M, banded."""
         return self.mass_factor * self.system.thread.mass_band
+
+    @property
+    def tied(self) -> bool:
+        """Whether a thread in rough holes is at rest and tied to where it is (`coupling.equilibrium.relax_ties`)."""
+        return self.stiffen and self.mass_factor > 0.0 and bool(self.system.rough.any())
 
     @cached_property
     def tie_compliance(self) -> float:
@@ -281,9 +288,19 @@ def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
         free[:, :3].max() <= force
         and (free.shape[1] == 3 or free[:, 3].max() <= torque)
         and (np.abs(r.holds) <= limits).all()
-        and (site[:, :3] <= gap).all()
-        and (site[:, 3:] <= DIRECTION_TOLERANCE).all()
+        and (site <= np.maximum(np.repeat((gap, DIRECTION_TOLERANCE), (3, 6)), rounded_places(problem))).all()
     )
+
+
+def rounded_places(problem: Problem[Body]) -> Array:
+    """Return what round-off of the forces moves the sites of a nonlinear organ by, shape `(m, 9)` [m, -]: much, near a
+    limit point of the organ alone, where its compliance is without end. None of a linear one, which has no such point.
+    """
+    m = problem.system.holds
+    if problem.answer.linear:
+        return np.zeros((m, NINE))
+    by_force = np.abs(problem.C.reshape(m, NINE, m, NINE)[..., :3])
+    return np.asarray(rounded_force(problem) * by_force.max(axis=(2, 3), initial=0.0))
 
 
 def border_of(problem: Problem[Body], z: Iterate, at: Passage) -> Border:
@@ -316,10 +333,14 @@ def add_constraint_stiffness(
 
 def allowed_share(problem: Problem[Body], dq: Array) -> float:
     """Return the part of a correction that is applied: all of it, or what moves no control point further than
-    LONGEST_MOVE."""
+    LONGEST_MOVE and, of a thread that is tied at rest, turns no tangent by more than LARGEST_TURN."""
     thread = problem.system.thread
     spline, longest = thread.spline, float(np.abs(dq * thread.lever).max())
-    return min(1.0, LONGEST_MOVE * (spline.end - spline.start) / max(longest, np.finfo(float).tiny))
+    share = min(1.0, LONGEST_MOVE * (spline.end - spline.start) / max(longest, np.finfo(float).tiny))
+    if not problem.tied:
+        return share
+    turn = np.linalg.norm(np.diff(dq[:, :3], axis=0), axis=1) / spline.spacing
+    return min(share, LARGEST_TURN / max(float(turn.max()), np.finfo(float).tiny))
 
 
 def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:

@@ -8,6 +8,7 @@ A step goes through four stages: the knots that fit the state it begins with; th
 its audit and the events in it; the cuts, and the piercings that begin or end, with it.
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,14 +16,15 @@ from typing import Generic
 
 import numpy as np
 
-from coupling.adaptivity import INTERVAL, Resolution, adapt_when_due, refine_for
+from coupling.adaptivity import INTERVAL, Resolution, adapt_when_due, exchange_spline, refine_for, refit_state
 from coupling.arrays import Array
 from coupling.audit import Energies, audit_step, closing_works, drawing_works, initial_energies
 from coupling.branch import reach
 from coupling.configuration import Configuration, configuration_of
 from coupling.constraints import held_energy
 from coupling.cutting import Cut, cut_thread
-from coupling.equilibrium import refuse_unbalanced
+from coupling.equilibrium import refuse_unbalanced, settle_near
+from coupling.errors import InversionError, StepError
 from coupling.events import Event, find_events
 from coupling.impact import begin_piercing
 from coupling.interfaces import Body
@@ -31,6 +33,9 @@ from coupling.stepping import HALVINGS, Step, Take, advance, release, try_step
 from coupling.system import State, System
 from coupling.tying import TieObservation, begin_tie, let_go_of_cut, lock_tie, observe_ties
 from coupling.watch import Watch
+from thread.knots import LEVELS
+
+log = logging.getLogger(__name__)
 
 EQUILIBRIA = 4  # further ones of a load step at most, on knots that fit the one before
 ON_TIME = 1e-9  # of a step: a time this near the end of a step is that of its end
@@ -45,8 +50,9 @@ class Run(Generic[Body]):
     and `halvings`, how often one that fails is halved; `downhill`, whether one that makes energy has failed
     (`coupling.watch`); `resolution`, how the knots follow the thread, None where they do not; `given` (p,) [m], the
     abscissae of piercings that begin, NaN where the thread's nearest place is taken; `tie_works` (t,) [J], of the hands
-    on each tie so far. `fresh` is a thread under no tension yet that knots could go by. Of the last step: the steps
-    `taken` (several where it was halved), the `events`, and the thread's `configuration` at its end.
+    on each tie so far. `fresh` is a thread under no tension yet that knots could go by. Of the last step: whether it
+    was sought `loose`, as the next one then is first (`coupling.equilibrium.settle`), the steps `taken` (several where
+    it was halved), the `events`, and the thread's `configuration` at its end.
     """
 
     system: System[Body]
@@ -63,6 +69,7 @@ class Run(Generic[Body]):
     cuts: tuple[Cut, ...] = ()
     number: int = 0
     fresh: bool = True
+    loose: bool = False
     taken: tuple[Step[Body], ...] = ()
     events: tuple[Event, ...] = ()
 
@@ -115,17 +122,61 @@ class Run(Generic[Body]):
             first = first.held_together()
         else:
             first = first.refitted(0.0, True)
-        run = first._audited(reach(first.system, first.state, share, duration))
+        run = first._audited(reach(first.system, first.state, share, duration, self.loose))
         for _ in range(EQUILIBRIA):
-            knots = first.refined_for(run) if run.rubs else run.refitted(0.0, True)
-            if knots is first or knots is run:
+            found = run._found_again(first, share, duration)
+            if found is None:
                 break
-            first, loose = knots, any(step.loose for step in run.taken)
-            run = knots._audited(reach(knots.system, knots.state, share, duration, loose))
+            first, run = found
         run = run._scheduled(self.state.time, share * duration - self.state.time)
         if not any(event.kind == "cut" for event in run.events):
             return run
         return run._audited(reach(run.system, run.state, share, duration))
+
+    def _found_again(self, first: "Run[Body]", share: float, duration: float) -> "tuple[Run[Body], Run[Body]] | None":
+        """Return the run before a load step, which was `first`, on the knots that this one asks for after it, and the
+        run after it there; None where the knots fit. With friction it is found from where this one is, at once or a
+        halving of the spans at a time, or else from the start of the load step. Raises as `load` does."""
+        knots = first.refined_for(self) if self.rubs else self.refitted(0.0, True)
+        if knots is first or knots is self:
+            return None
+        if self.rubs:
+            for find in (self._near_at_once, self._near_by_halves):
+                try:
+                    return find(first, share, duration)
+                except (StepError, InversionError) as error:
+                    log.debug("the equilibrium of other knots leads to none on these: %s", error)
+        return knots, knots._audited(reach(knots.system, knots.state, share, duration, self.loose))
+
+    def _near_at_once(self, first: "Run[Body]", share: float, duration: float) -> "tuple[Run[Body], Run[Body]]":
+        """Return what `_found_again` does, on all knots at once. Raises `StepError`, `InversionError`."""
+        knots = first.refined_for(self)
+        return knots, self._near_on(knots, share, duration)
+
+    def _near_by_halves(self, first: "Run[Body]", share: float, duration: float) -> "tuple[Run[Body], Run[Body]]":
+        """Return what `_found_again` does, a halving of the spans at a time, as far as that leads. Raises
+        `StepError`, `InversionError`."""
+        run = self
+        for _ in range(LEVELS):
+            knots = first.refined_for(run, once=True)
+            if knots is first:
+                break
+            try:
+                first, run = knots, run._near_on(knots, share, duration)
+            except (StepError, InversionError):
+                if run is self:
+                    raise
+                break
+        return first, run
+
+    def _near_on(self, knots: "Run[Body]", share: float, duration: float) -> "Run[Body]":
+        """Return the run after the load step that begins with `knots`, found from where this one is after it on others.
+        Raises `StepError`, `InversionError`."""
+        if not np.array_equal(self.state.present, knots.state.present):
+            raise StepError(self.state.time, 0.0, "the thread has left a hole")
+        refit = refit_state(self.system, self.state, knots.system.thread.spline.breaks)
+        near = exchange_spline(self.system, self.state, refit)[1]
+        return knots._audited(settle_near(knots.system, knots.state, share, duration, near, self.loose))
 
     @property
     def fallen(self) -> float | None:
@@ -155,6 +206,7 @@ class Run(Generic[Body]):
             configuration=taken[-1].end,
             energies=energies,
             tie_works=self.tie_works + sum(closing_works(step) + drawing_works(step) for step in taken),
+            loose=any(step.loose for step in taken),
             taken=self.taken + tuple(taken),
             events=self.events + tuple(find_events(self.system, self.state, taken)),
         )
@@ -166,11 +218,12 @@ class Run(Generic[Body]):
             return self
         return self._on(*adapt_when_due(self.resolution, self.system, self.state, dt, due))
 
-    def refined_for(self, later: "Run[Body]") -> "Run[Body]":
-        """Return the run with the knots too that a later one asks for, itself where it has them all."""
+    def refined_for(self, later: "Run[Body]", once: bool = False) -> "Run[Body]":
+        """Return the run with the knots too that a later one asks for, or those of them that halve a span `once`;
+        itself where it has them all."""
         if self.resolution is None:
             return self
-        return self._on(*refine_for(self.resolution, self.system, self.state, (later.system, later.state)))
+        return self._on(*refine_for(self.resolution, self.system, self.state, (later.system, later.state), once))
 
     def _on(self, system: System[Body], state: State[Body], knots: list[Event]) -> "Run[Body]":
         """Return the run on other knots, with their events; itself where there are none."""

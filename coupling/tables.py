@@ -55,7 +55,8 @@ class Tables:
         """The spline."""
         spline, M = self.thread.spline, self.thread.mass_matrix
         mass = np.array([np.pad(M.diagonal(k), (0, k)) for k in range(REACH + 1)]).T
-        return Knots(plain(spline.breaks), self._first, plain(spline.polynomials), plain(mass))
+        places = plain(spline.breaks), self._first, plain(spline.spacing)
+        return Knots(*places, plain(spline.polynomials), plain(mass))
 
     @cached_property
     def _first(self) -> Indices:
@@ -159,6 +160,7 @@ def bounds_of(problem: Problem, spans: float, patience: int) -> Bounds:
         newton.GAP_TOLERANCE * thread.section.diameter,
         newton.DIRECTION_TOLERANCE,
         newton.LONGEST_MOVE * (spline.end - spline.start),
+        newton.LARGEST_TURN if problem.tied else np.inf,
         newton.MARGIN,
         patience * newton.MAX_ITERATIONS,
         newton.MAX_SETS,

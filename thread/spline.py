@@ -105,6 +105,13 @@ class Spline:
         return np.searchsorted(self.knots, self.breaks[:-1], side="right") - ORDERS
 
     @cached_property
+    def spacing(self) -> Array:
+        """Distances of the control points' Greville abscissae, shape `(n − 1,)` [m], infinite over a cut. No tangent is
+        longer than the longest difference of control points over them, whose averages all tangents are."""
+        distances = (self.knots[ORDERS:-1] - self.knots[1:-ORDERS]) / DEGREE
+        return np.where(distances > 0.0, distances, np.inf)
+
+    @cached_property
     def polynomials(self) -> Array:
         """Local power coefficients, shape `(spans, 4, 4)`: function i of a span is Σ_r [:, r, i] (s − left)^r."""
         functions = BSpline(self.knots, np.eye(self.n), DEGREE)

@@ -48,11 +48,12 @@ TINY = 2.2250738585072014e-308
 
 
 class Knots(NamedTuple):
-    """The spline: `breaks` (spans + 1,) [m], `first` (spans,), `polynomials` (spans, 4, 4), `mass` (n, 4) [kg] the
-    upper band of M."""
+    """The spline: `breaks` (spans + 1,) [m], `first` (spans,), `spacing` (n − 1,) [m], `polynomials` (spans, 4, 4),
+    `mass` (n, 4) [kg] the upper band of M."""
 
     breaks: Array
     first: Indices
+    spacing: Array
     polynomials: Array
     mass: Array
 
@@ -79,8 +80,8 @@ class Given(NamedTuple):
 
 class Bounds(NamedTuple):
     """What counts as solved and how far a correction goes: `force` of the largest force, and `rounded` [N] beside it;
-    the `least` largest force [N]; `gap` [m], `direction`; `longest` move [m]; margin between two solved sets; `spans`
-    that a correction moves an abscissa at most, downhill, zero where it is not led."""
+    the `least` largest force [N]; `gap` [m], `direction`; `longest` move [m] and largest `turn` of a tangent; margin
+    between two solved sets; `spans` that a correction moves an abscissa at most, downhill, zero where it is not led."""
 
     force: float
     rounded: float
@@ -88,6 +89,7 @@ class Bounds(NamedTuple):
     gap: float
     direction: float
     longest: float
+    turn: float
     margin: float
     iterations: int
     sets: int
@@ -420,9 +422,24 @@ def newton_direction(A: Array, border: Border, given: Given, r: Found, reach: Ar
 
 
 @loop
-def add_correction(bounds: Bounds, z: Unknowns, dq: Array, longest: float, dz: Array) -> None:
-    """Add a correction, or the share of it that moves no point further than it may; `dq` becomes what is added."""
+def largest_turn(spacing: Array, dq: Array) -> float:
+    """Return the most that a move `dq` (n, 3) [m] of the control points turns a tangent by."""
+    square = 0.0
+    for i in range(len(spacing)):
+        here = 0.0
+        for x in range(3):
+            here += (dq[i + 1, x] - dq[i, x]) ** 2
+        square = max(square, here / spacing[i] ** 2)
+    return float(np.sqrt(square))
+
+
+@loop
+def add_correction(bounds: Bounds, spacing: Array, z: Unknowns, dq: Array, longest: float, dz: Array) -> None:
+    """Add a correction, or the share of it that moves no point further than it may, and turns no tangent by more;
+    `dq` becomes what is added."""
     share = min(1.0, bounds.longest / max(longest, TINY))
+    if bounds.turn < np.inf:
+        share = min(share, bounds.turn / max(largest_turn(spacing, dq), TINY))
     for i in range(len(dq)):
         for x in range(3):
             dq[i, x] *= share
@@ -460,7 +477,7 @@ def solve_set(
         longest = newton_direction(A, border, given, r, reach, dq, dz)
         if longest < 0.0:
             return -1, scale, bare
-        add_correction(bounds, z, dq, longest, dz)
+        add_correction(bounds, knots.spacing, z, dq, longest, dz)
         on_curve.next_axial_force(curve, Stretched(r.T, r.K, r.T_axial, r.strain), dq, z.N)
     return -1, 0.0, True
 

@@ -25,6 +25,7 @@ def memory_of(now: OrganRun) -> Arrays:
     """Gather all that the steps after this one depend on, as arrays by name."""
     own = {"step": np.array(now.number), "s_begun": now.s_begun, "knots": now.system.thread.spline.knots}
     own |= {"tie_works": now.tie_works} if now.system.ties else {}
+    own |= {"loose": np.array(now.loose)} if now.system.rough.any() else {}
     return own | pack(now.state, "state") | pack(now.energies, "energies")
 
 
@@ -36,6 +37,7 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         state = unpack(beginning.state, memory, "state", beginning.state)
         energies, s_begun = unpack(beginning.energies, memory, "energies"), memory["s_begun"]
         tie_works = memory["tie_works"] if system.ties else beginning.tie_works
+        loose = bool(memory["loose"]) if system.rough.any() else beginning.loose
     except (KeyError, TypeError, ValueError) as error:
         raise ScenarioError(f"{CHECKPOINT} is of another version of this code ({error}); {ANEW}") from None
     return replace(
@@ -48,4 +50,5 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         configuration=configuration_of(system, state),
         number=number,
         fresh=number == 0,
+        loose=loose,
     )

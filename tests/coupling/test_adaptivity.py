@@ -14,6 +14,7 @@ from coupling.adaptivity import (
     is_too_coarse,
     momentum,
     on_breaks,
+    refine_for,
 )
 from coupling.audit import Energies, audit_step, initial_energies
 from coupling.run import book_events
@@ -133,6 +134,22 @@ def test_nothing_is_done_where_nothing_is_due() -> None:
     assert len(events) == 1 and events[0].control_points == system.thread.n
     again = adapt(ADAPTIVE, system, state, 0.0)
     assert again[2] == [] and again[0] is system and again[1] is state
+
+
+def test_knots_come_a_halving_at_a_time() -> None:
+    """Independent check: a thread under 1 N asks for spans of a sixteenth of those that it has and less. No span is
+    halved twice at a time, and the last time the knots are those that come at once."""
+    system = scene(None, 20)[0]
+    system = replace(system, thread=Thread(Spline(clamped_knots(ADAPTIVE.tree.coarse)), PP))
+    state = laid(system, ABSCISSAE, hairpin(RADIUS, LENGTH))
+    later = system, replace(state, N=np.full_like(state.N, PULL))
+    at_once = refine_for(ADAPTIVE, system, state, later)[0].thread.spline.breaks
+    now, shortest = (system, state), [np.diff(system.thread.spline.breaks).min()]
+    while (refined := refine_for(ADAPTIVE, *now, later, once=True))[2]:
+        now = refined[:2]
+        shortest.append(np.diff(now[0].thread.spline.breaks).min())
+    assert np.array_equal(now[0].thread.spline.breaks, at_once) and len(shortest) > 4
+    assert np.divide(shortest[1:], shortest[:-1]).min() == pytest.approx(0.5, rel=IDENTITY)
 
 
 def test_a_thread_that_is_cut_at_a_break_gets_no_spans_of_round_off() -> None:

@@ -15,7 +15,7 @@ from coupling.answer import all_holds
 from coupling.assembled import Equation, Monolith, assemble, equation_of
 from coupling.constraints import driving_force, held_energy, passage, phi, phi_s, site_force, spread, thread_force
 from coupling.integrators import BackwardEuler
-from coupling.newton import LONGEST_MOVE, Problem, correct, evaluate
+from coupling.newton import LONGEST_MOVE, Problem, allowed_share, correct, evaluate
 from coupling.stepping import dynamic_problem, organ_answer
 from coupling.system import Friction, Piercing, System
 from tests.bounds import IDENTITY, TWO_SOLVERS
@@ -247,11 +247,12 @@ def test_one_correction_by_two_roads(name: str, stiffen: bool) -> None:
     system = assemble(case.problem, case.z, r)
     x = splu(system.matrix).solve(system.right)
     dq = x[system.blocks["q"]].reshape(-1, 3)
-    cut = min(1.0, LONGEST_MOVE * LENGTH / np.abs(dq).max())
-    assert cut > 1e-3
+    problem = replace(case.problem, stiffen=stiffen)
+    cut, furthest = allowed_share(problem, dq), min(1.0, LONGEST_MOVE * LENGTH / np.abs(dq).max())
+    assert 1e-3 < cut <= furthest and (problem.tied or cut == furthest)
     ds, dlam = x[system.blocks["s"]], x[system.blocks["lam"]].reshape(-1, 5)
     dy = case.organ.Y @ x[system.blocks["U"]]
-    new = correct(replace(case.problem, stiffen=stiffen), case.z, r)
+    new = correct(problem, case.z, r)
     for got, exact in (
         (new.q - case.z.q, dq),
         (new.s - case.z.s, ds),
