@@ -229,6 +229,18 @@ def test_two_holes_at_an_edge_answer_as_on_a_fine_mesh() -> None:
     assert mismatch(got, exact) <= SUBGRID
 
 
+def test_a_hole_deep_inside_answers_as_alone_whatever_stands_near_it() -> None:
+    """Independent check: holes are averages and no voids, so a second one near a hole changes nothing of its own
+    compliance. Alone that is the unbounded body's; of two it is a patch's, none of whose facets is the organ's."""
+    mesh = block((0.04, 0.04, 0.032), 4e-3)
+    both = [hole([x, 0.0, -0.016], FIBRE) for x in (-1.5 * R, 1.5 * R)]
+    shared, alone = organ(mesh, "P1", both), organ(mesh, "P1", both[:1])
+    found = [gap.by for gap in (*shared.sites.missing, *alone.sites.missing) if gap is not None]
+    assert found == ["patch", "patch", "unbounded body"]
+    got, exact = (SIZES[:, None] * each.operator(0.0, 0.0).C[:9, :9] * SIZES for each in (shared, alone))
+    assert mismatch(got, exact) <= SUBGRID
+
+
 def test_a_small_body_that_nothing_holds_is_looked_at_as_if_it_were_alone() -> None:
     """Consistency check: beside another body, which is held, a small one gets the springs that it gets by itself."""
     one, other = block((6 * R, 6 * R, 6 * R), 3 * R), block((10 * R, 10 * R, 10 * R), 5 * R)

@@ -49,7 +49,10 @@ class Surface:
         return np.asarray(np.linalg.inv(np.swapaxes(edges, 1, 2)), dtype=np.float64)
 
     def nearest(self, point: Array) -> tuple[float, Array, Indices]:
-        """Return the distance to the surface [m], the nearest point (3,) and every facet that shares that point."""
+        """Return the distance to the surface [m], the nearest point (3,) and every facet that shares that point; of
+        cells cut from inside a body, which have no facet of its surface, no distance is reached."""
+        if not len(self.triangles):
+            return np.inf, np.full(3, np.nan), np.zeros(0, np.intp)
         near = closest_on_triangles(point, self.triangles)
         distances = np.linalg.norm(near - point, axis=1)
         best = near[np.argmin(distances)]
