@@ -6,20 +6,18 @@ functions and quadrature give (`ReferenceMeans`). The loops are compiled by Numb
 called and kept on disk.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from skfem import Element, ElementTetP1
 from skfem.quadrature import get_quadrature
 
 from tissue.arrays import Array
+from tissue.loops import compiled
 
-Kernel = TypeVar("Kernel", bound=Callable[..., object])
 Whole = NDArray[Any]  # of whole numbers, 4 or 8 bytes each
 
 LARGEST_INT32 = np.iinfo(np.int32).max
@@ -133,14 +131,6 @@ def _zeros(graph: CellGraph, nodes: int, rows: int, width: int) -> csr_matrix:
     indptr, indices = np.zeros(rows * nodes + 1, whole), np.empty(entries, whole)
     _number(first, neighbours, rows, width, indptr, indices)
     return csr_matrix((np.zeros(entries), indices, indptr), shape=(rows * nodes, columns))
-
-
-def compiled(kernel: Kernel) -> Kernel:
-    """Return a function whose loops are compiled when it is first called, and kept on disk where one may write."""
-    try:
-        return njit(cache=True, error_model="numpy")(kernel)
-    except RuntimeError:  # no folder for the cache can be written
-        return njit(error_model="numpy")(kernel)
 
 
 @compiled

@@ -60,6 +60,17 @@ def test_iterations_do_not_grow_with_the_mesh() -> None:
     assert max(counts) <= GROWTH * counts[0]
 
 
+def test_conjugate_directions_end_with_the_eigenvalues() -> None:
+    """Independent check: without a preconditioner there are no more iterations than distinct eigenvalues (Golub and Van
+    Loan, Matrix Computations, 11.3), for each of several columns; steepest descent would take hundreds."""
+    eigenvalues = np.array([1.0, 3.0, 10.0, 30.0, 100.0])
+    A = csr_matrix(np.diag(np.repeat(eigenvalues, 20)))
+    b = np.random.default_rng(8).standard_normal((A.shape[0], 3))
+    x, count = tissue.ConjugateGradients(A, eigenvalues[-1], lambda r: r).iterate(b)
+    assert count == eigenvalues.size
+    assert np.abs(A @ x - b).max() <= RESIDUAL * np.abs(b).max()
+
+
 def test_the_cycle_is_symmetric_and_positive() -> None:
     """Independent check: what conjugate gradients require of a preconditioner, to single precision."""
     A, places = system_of(body_of(6))

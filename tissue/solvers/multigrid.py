@@ -10,13 +10,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from tissue.arrays import Array
+from tissue.arrays import Array, Single
 from tissue.errors import FactorError
-
-Single = NDArray[np.float32]
 
 COARSEST = 100  # nodes with six unknowns each: a dense inverse of so many is as cheap as smoothing on the finest level
 STRENGTH = 0.04  # of ‖A_ij‖ to √(‖A_ii‖‖A_jj‖) below which two nodes are not aggregated
@@ -45,9 +42,10 @@ class Multigrid:
     levels: tuple[Level, ...]
     coarsest: Single
 
-    def __call__(self, residual: Array) -> Array:
+    def __call__(self, residual: Array) -> Single:
         """Return B r for r of shape `(n,)` or `(n, k)`."""
-        return self._cycle(0, residual.astype(np.float32)).astype(float)
+        columns = residual.reshape(len(residual), -1).astype(np.float32)
+        return self._cycle(0, columns).reshape(residual.shape)
 
     @property
     def bytes(self) -> int:
@@ -62,7 +60,9 @@ class Multigrid:
             return np.asarray(self.coarsest @ b)
         level = self.levels[depth]
         x = _smoothed(level, b, None)
-        x += level.P @ self._cycle(depth + 1, level.R @ (b - level.A @ x))
+        left = level.A @ x
+        np.subtract(b, left, out=left)
+        x += level.P @ self._cycle(depth + 1, level.R @ left)
         return _smoothed(level, b, x)
 
 
@@ -158,24 +158,18 @@ def _highest(A: csr_matrix, scaling: Single) -> float:
 
 def _smoothed(level: Level, b: Single, x: Single | None) -> Single:
     """Return x after Chebyshev iteration on the upper part of the spectrum of D⁻¹A (Saad, Iterative Methods,
-    alg. 12.1).
+    alg. 12.1), None: from zero.
     """
+    from tissue.solvers.passes import relax
+
     theta = np.float32(0.5 * level.highest * (1.0 + 1.0 / SMOOTHED_RANGE))
     delta = np.float32(0.5 * level.highest * (1.0 - 1.0 / SMOOTHED_RANGE))
     sigma = theta / delta
-    rho = 1.0 / sigma
-    r = _scaled(level, b if x is None else b - level.A @ x)
-    d = r / theta
-    x = d.copy() if x is None else x + d
+    rho = np.float32(1.0 / sigma)
+    d, out = np.zeros_like(b), np.zeros_like(b) if x is None else x.copy()
+    relax(np.float32(0.0), np.float32(1.0 / theta), level.scaling, b, out if x is None else level.A @ out, d, out)
     for _ in range(DEGREE - 1):
-        r = _scaled(level, b - level.A @ x)
         after = np.float32(1.0 / (2.0 * sigma - rho))
-        d = after * rho * d + (2.0 * after / delta) * r
-        x += d
+        relax(np.float32(after * rho), np.float32(2.0 * after / delta), level.scaling, b, level.A @ out, d, out)
         rho = after
-    return x
-
-
-def _scaled(level: Level, r: Single) -> Single:
-    """Return D⁻¹ r, column by column."""
-    return np.asarray((level.scaling * r.T).T)
+    return out
