@@ -52,6 +52,11 @@ class Scheme(ABC):
         """Factor of the mass [1/s²]."""
         return self.d**2
 
+    @abstractmethod
+    def local_error(self, *velocities: Array) -> Array:
+        """Return what the step adds to the error of position by itself, to first order [m]: from the velocities at its
+        end and at the times that it looks back at, newest first [m/s]."""
+
     def damping_reference(self, *positions: Array) -> Array:
         """Return x_d of the earlier positions, newest first [m]."""
         return np.asarray(sum(w * x for w, x in zip(self.weights, positions, strict=True)))
@@ -83,6 +88,10 @@ class Equilibrium(Scheme):
         """None: nothing is looked back at."""
         return ()
 
+    def local_error(self, *velocities: Array) -> Array:
+        """None: there is no motion."""
+        return np.zeros_like(velocities[0])
+
 
 @dataclass(frozen=True)
 class BackwardEuler(Scheme):
@@ -99,6 +108,11 @@ class BackwardEuler(Scheme):
     def weights(self) -> tuple[float, ...]:
         """The step starts where the body is."""
         return (1.0,)
+
+    def local_error(self, *velocities: Array) -> Array:
+        """½Δt²x'', with x'' = Δv/Δt."""
+        new, old = velocities
+        return 0.5 * self.dt * (new - old)
 
 
 @dataclass(frozen=True)
@@ -127,3 +141,10 @@ class BDF2(Scheme):
         """((1+ω)², −ω²)/(1+2ω); (4/3, −1/3) at equal steps."""
         ratio = self._ratio
         return (1.0 + ratio) ** 2 / (1.0 + 2.0 * ratio), -(ratio**2) / (1.0 + 2.0 * ratio)
+
+    def local_error(self, *velocities: Array) -> Array:
+        """(1+ω)²/(1+2ω) Δt Δt_before² x'''/6: the parabola's derivative leaves Δt (Δt + Δt_before) x'''/6 of a cubic's,
+        and x''' = 2 (Δv/Δt − Δv_before/Δt_before)/(Δt + Δt_before)."""
+        new, old, before = velocities
+        third = 2.0 * ((new - old) / self.dt - (old - before) / self.dt_before) / (self.dt + self.dt_before)
+        return self.dt * (self.dt + self.dt_before) * third / (6.0 * self.d)

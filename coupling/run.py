@@ -47,12 +47,13 @@ class Run(Generic[Body]):
 
     `system` is the one whose knots the thread has; `cuts`, those made in it at their times; `s_begun` (holds,) [m] the
     abscissae that slip is measured from, where each piercing began; `number`, the steps made; `take`, how one is made,
-    and `halvings`, how often one that fails is halved; `downhill`, whether one that makes energy has failed
-    (`coupling.watch`); `resolution`, how the knots follow the thread, None where they do not; `given` (p,) [m], the
-    abscissae of piercings that begin, NaN where the thread's nearest place is taken; `tie_works` (t,) [J], of the hands
-    on each tie so far. `fresh` is a thread under no tension yet that knots could go by. Of the last step: whether it
-    was sought `loose`, as the next one then is first (`coupling.equilibrium.settle`), the steps `taken` (several where
-    it was halved), the `events`, and the thread's `configuration` at its end.
+    and `halvings`, how often one that fails is halved; `tolerance` [m], how far one may be off before it is halved
+    (`coupling.stepping.local_error`); `downhill`, whether one that makes energy has failed (`coupling.watch`);
+    `resolution`, how the knots follow the thread, None where they do not; `given` (p,) [m], the abscissae of piercings
+    that begin, NaN where the thread's nearest place is taken; `tie_works` (t,) [J], of the hands on each tie so far.
+    `fresh` is a thread under no tension yet that knots could go by. Of the last step: whether it was sought `loose`, as
+    the next one then is first (`coupling.equilibrium.settle`), the steps `taken` (several where it was halved), the
+    `events`, and the thread's `configuration` at its end.
     """
 
     system: System[Body]
@@ -65,6 +66,7 @@ class Run(Generic[Body]):
     configuration: Configuration
     tie_works: Array = field(default_factory=lambda: np.zeros(0))
     halvings: int = HALVINGS
+    tolerance: float = np.inf
     downhill: bool = True
     cuts: tuple[Cut, ...] = ()
     number: int = 0
@@ -103,7 +105,8 @@ class Run(Generic[Body]):
         if not run.fresh:
             run = run.refitted(dt, run.number % INTERVAL == 0)
         watch = Watch([run.energies], run.downhill, bool(run.events))
-        taken = advance(run.system, run.state, dt, run.take, HALVINGS - run.halvings, watch, run.is_jumping)
+        depth = HALVINGS - run.halvings
+        taken = advance(run.system, run.state, dt, run.take, depth, watch, run.is_jumping, run.tolerance)
         if time is not None:
             taken = [*taken[:-1], replace(taken[-1], new=replace(taken[-1].new, time=time))]
         return run._after(taken, watch.energies[-1])._scheduled(self.state.time, dt)
@@ -295,6 +298,7 @@ def begin(
     halvings: int = HALVINGS,
     downhill: bool = True,
     cuts: tuple[Cut, ...] = (),
+    tolerance: float = np.inf,
 ) -> Run[Body]:
     """Return the run before its first step; the arguments are as for `Run`."""
     nearest, closed = np.full(len(system.piercings), np.nan), []
@@ -312,6 +316,7 @@ def begin(
         configuration=configuration_of(system, state),
         tie_works=np.zeros(len(system.ties)),
         halvings=halvings,
+        tolerance=tolerance,
         downhill=downhill,
         cuts=cuts,
         events=tuple(closed),

@@ -31,6 +31,7 @@ from tissue.errors import OrganError
 
 HALVINGS = 8  # a step is given up below dt / 2^8
 FOLLOWED = 4  # halvings that the motion itself may ask for before a step is tried
+REFINED = 6  # halvings for accuracy: a jump of velocity is an error of first order in any step
 MOST_TRIES = 256  # of steps and parts of steps until one is given up: as many as the smallest parts
 
 PASSES = 3  # of a step with another tension at its holes
@@ -328,10 +329,12 @@ def advance(
     depth: int = 0,
     watch: Watcher[Body] = accept,
     follow: bool = True,
+    tolerance: float = np.inf,
 ) -> list[Step[Body]]:
-    """Go `dt` [s] further, in one step or, where it fails, in halves of it down to dt/2⁸. Parts of a step are of
-    backward Euler without memory: what has to be halved is no smooth motion, and an organ with inertia then has one
-    operator for each length of a part.
+    """Go `dt` [s] further, in one step or, where it fails, in halves of it down to dt/2⁸. Parts of a step that fails
+    are of backward Euler without memory: it is no smooth motion, and an organ with inertia then has one operator for
+    each length of a part. One whose `local_error` exceeds the `tolerance` [m] is halved too, down to dt/2⁶, by the
+    integrator that it has; the parts behind it are as long again as the motion allows.
 
     `take` makes one step and is the monolithic implicit one unless another is named; `watch` sees each before it is
     accepted, in their order, and raises `StepError` where it is not to be; one of BDF2 that makes energy is taken again
@@ -342,40 +345,53 @@ def advance(
     fault or a hand has drawn the thread out, `InversionError` where it flips in the smallest step.
     """
     taken: list[Step[Body]] = []
-    pending, end, tries = [(dt, depth)], state.time + dt, 0
+    pending, end, tries = [(dt, depth, True)], state.time + dt, 0
     while pending:
-        part, level = pending.pop()
-        halves = [(0.5 * part, level + 1)] * 2
+        part, level, remembers = pending.pop()
+        forgetful_halves = [(0.5 * part, level + 1, False)] * 2
         if follow and level < FOLLOWED and is_too_long(system, state, part):
-            pending += halves
+            pending += forgetful_halves
             continue
         tries += 1
         if tries > MOST_TRIES:
             raise diagnose(system, state, given_up(system, state, end - state.time))
         try:
-            step = take(system, state if level == depth else forgetful(state), part)
+            step = take(system, state if remembers else forgetful(state), part)
             gone = refuse_impossible(system, step)
             if gone.any():
                 state = release(state, gone)
-                pending.append((part, level))
+                pending.append((part, level, remembers))
+                continue
+            if level < depth + REFINED and local_error(step) > tolerance:
+                pending += [(0.5 * part, level + 1, remembers)] * 2
                 continue
             watch(system, step)
         except (StepError, InversionError) as error:
-            if isinstance(error, UphillError) and level == depth and state.before is not None:
+            if isinstance(error, UphillError) and remembers and state.before is not None:
                 state = forgetful(state)
-                pending.append((part, level))
+                pending.append((part, level, remembers))
                 continue
-            if level == HALVINGS:
+            if level >= HALVINGS:
                 if isinstance(error, StepError):
                     raise diagnose(system, state, error) from error
                 raise
-            pending += halves
+            pending += forgetful_halves
             continue
         taken.append(step)
-        state = step.new
-    if len(taken) > 1:
-        taken[-1] = replace(taken[-1], new=forgetful(state))
-    return taken
+        state = step.new if remembers else forgetful(step.new)
+    return taken if state is taken[-1].new else [*taken[:-1], replace(taken[-1], new=state)]
+
+
+def local_error(step: Step[Body]) -> float:
+    """Return what a step adds to the error of the motion by itself: the largest of a control point that is not held,
+    and of an abscissa in its hole [m] (`coupling.integrators.Scheme.local_error`)."""
+    old, new, system = step.old, step.new, step.solution.problem.system
+    scheme: Scheme = BackwardEuler(step.dt) if new.before is None else scheme_of(old, step.dt)
+    past = past_states(scheme, old)
+    of_points = scheme.local_error(*(each.v[:, :3] for each in (new, *past)))
+    of_holes = scheme.local_error(*(each.s_dot for each in (new, *past)))
+    moving = np.abs(of_points[~system.held_flags[:, :3]])
+    return float(max(moving.max(initial=0.0), np.abs(of_holes[new.present]).max(initial=0.0)))
 
 
 def given_up(system: System[Body], state: State[Body], left: float) -> StepError:

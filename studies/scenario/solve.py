@@ -35,6 +35,11 @@ class Solve(ScenarioTable):
         description='integration in time: "bdf2" (order 2) or "euler" (backward, order 1; unless given, the way of '
         "the linear scheme and of two-pass friction), constraints met at the end of the step by either",
     )
+    tolerance: Positive | None = Field(
+        default=None,
+        description="how far off the motion of thread and abscissae a step may be by itself [m], by the change of its "
+        "rates; beyond, it is taken in parts, of dt/64 at the least; left out: steps are dt long",
+    )
     coupling: Literal["monolithic", "staggered"] = Field(
         default="monolithic", description="thread and organ solved together, or one after the other"
     )
@@ -54,6 +59,11 @@ class Solve(ScenarioTable):
         if self.kind == "dynamic" and self.dt > self.duration:
             raise ValueError(f".dt = {self.dt} is refused: it must not exceed duration = {self.duration}; lower it")
         return self
+
+    @property
+    def _is_one_system(self) -> bool:
+        ways = (self.kind, self.scheme, self.coupling, self.friction)
+        return ways == ("dynamic", "newton", "monolithic", "implicit")
 
     @property
     def steps(self) -> int:
@@ -93,6 +103,12 @@ class Solve(ScenarioTable):
             raise ValueError(
                 '.friction = "two-pass" is refused: it is a step in time of backward Euler; use friction = "implicit", '
                 'or kind = "dynamic" with integrator = "euler"'
+            )
+        if self.tolerance is not None and not self._is_one_system:
+            raise ValueError(
+                f".tolerance = {self.tolerance} is refused: it is of steps in time by Newton's method, thread and "
+                'organ in one system; leave it out, or use kind = "dynamic" with scheme = "newton", coupling = '
+                '"monolithic" and friction = "implicit"'
             )
         if self.coupling == "staggered" and self.kind == "static":
             raise ValueError(

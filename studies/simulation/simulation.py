@@ -186,6 +186,7 @@ class Simulation:
             made.begin_abscissae,
             downhill=one_system,
             cuts=cuts,
+            tolerance=np.inf if solve.tolerance is None else solve.tolerance,
         )
 
     def next(self, now: OrganRun) -> OrganRun:
