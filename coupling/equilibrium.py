@@ -79,6 +79,7 @@ NEAR_FAILURES = 4  # from what other knots found, which is near enough under the
 MOST_CORRECTIONS = 4000  # of a load step with all its parts: eight times what one of the scene "pulley" takes
 LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
 FIRMEST = 0.99  # of itself: friction that cannot fall to this has come to where the thread runs through
+DROPPED = 0.3  # of the softest mode: the last tie; one as firm as that may leave the thread on another branch
 SOFT_TISSUE = 1e-6  # of the first tie: the last one where tissue at finite strain, a flap, gives way before the thread
 A_SPAN = 1.0  # the most that a correction of a tied thread moves an abscissa: the curve beyond is another polynomial
 PATIENCE = 2  # times the corrections of a plain solve: what LONGEST_MOVE takes along half of the thread
@@ -438,7 +439,7 @@ def lying_tie(system: System[Body], state: State[Body]) -> float:
 
 
 def last_tie(problem: Problem[Body], state: State[Body]) -> float:
-    """Return the tie [1/s²] that holds a whole thread as firmly as the softest of its modes, in bending or, where the
+    """Return the tie [1/s²] that holds a whole thread less than the softest of its modes, in bending or, where the
     forces that draw on it in a `state` make it stiffer, as a string: a weaker one is dropped. Tissue at finite strain
     may bend far more easily than any thread."""
     if not problem.answer.linear:
@@ -446,7 +447,7 @@ def last_tie(problem: Problem[Body], state: State[Body]) -> float:
     thread = problem.system.thread
     length = thread.spline.end - thread.spline.start
     soft = max(AS_CANTILEVER * thread.EI, AS_STRING * drawing_force(problem, state) * length**2)
-    return float(soft / (thread.section.rhoA * length**4))
+    return float(DROPPED * soft / (thread.section.rhoA * length**4))
 
 
 def guess(problem: Problem[Body], state: State[Body], sigma: Array) -> Iterate:

@@ -188,8 +188,10 @@ def test_a_run_may_be_resumed_again_and_again(
     out, update = tmp_path / "out", command.Progress.update
     for number in (3, 9, 16, 22):
 
-        def interrupting(self: command.Progress, step: int, time: float, n: int, at: int = number) -> None:
-            update(self, step, time, n)
+        def interrupting(
+            self: command.Progress, step: int, time: float, n: int, seconds: float, at: int = number
+        ) -> None:
+            update(self, step, time, n, seconds)
             if step == at:
                 os.kill(os.getpid(), signal.SIGINT)
 
