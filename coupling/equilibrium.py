@@ -511,12 +511,7 @@ def slides_freely(system: System[Body], present: Flags) -> bool:
 
 
 def settle_or_snap(
-    system: System[Body],
-    state: State[Body],
-    share: float,
-    duration: float,
-    loose: bool,
-    snap: bool,
+    system: System[Body], state: State[Body], share: float, duration: float, loose: bool, snap: bool
 ) -> Step[Body]:
     """Solve for equilibrium as `settle` does; where there is none near, and the tissue may `snap`, or none that holds,
     for that which a nonlinear organ creeps to. Raises `EquilibriumError`."""

@@ -362,7 +362,7 @@ def advance(
                 state = release(state, gone)
                 pending.append((part, level, remembers))
                 continue
-            if level < depth + REFINED and local_error(step) > tolerance:
+            if tolerance < np.inf and level < depth + REFINED and local_error(step) > tolerance:
                 pending += [(0.5 * part, level + 1, remembers)] * 2
                 continue
             watch(system, step)
