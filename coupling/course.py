@@ -10,6 +10,7 @@ import numpy as np
 
 from coupling import newton, tables
 from coupling.arrays import Array
+from coupling.audit import BORNE
 from coupling.bordered import NINE
 from coupling.compiled.iteration import Passing, Unknowns
 from coupling.compiled.steps import march
@@ -188,6 +189,7 @@ def scene_of(problem: Problem[Body], state: State[Body]) -> Scene:
         crossed=CROSSED,
         turned=SHARE,
         there=TRACE,
+        bearing=BORNE,
     )
 
 

@@ -84,6 +84,18 @@ def learn(lack: Array, problem: Problem, s: Array) -> bool:
     return bool(unknown)
 
 
+@dataclass(frozen=True, eq=False)
+class Ended:
+    """What the loops came to: `how` they ended (`coupling.compiled.iteration`), the `corrections` made, the largest
+    force [N], the last iterate `z`, and the residual `found` there."""
+
+    how: int
+    corrections: int
+    force_scale: float
+    z: Iterate
+    found: Found
+
+
 RECENT: Recent[Tables] = Recent()  # a host program that moves an end makes another system in every step
 
 
@@ -164,6 +176,7 @@ def bounds_of(problem: Problem, spans: float, patience: int) -> Bounds:
         newton.MARGIN,
         patience * newton.MAX_ITERATIONS,
         newton.MAX_SETS,
+        newton.RETURNS,
         spans,
     )
 
@@ -218,22 +231,19 @@ def is_kept(loops: object, name: str, sources: str) -> bool:
     return any(path.stat().st_mtime > changed for path in folder.glob(f"{name}*.nbi"))
 
 
-def run_loops(*given: object) -> tuple[int, float]:
+def run_loops(*given: object) -> tuple[int, int, float]:
     """Run the loops on their arrays; where they are to be compiled first, say so, and how long it took."""
     if is_ready() or iteration.solve.signatures:
-        return cast(tuple[int, float], iteration.solve(*given))
+        return cast(tuple[int, int, float], iteration.solve(*given))
     log.info("compiling the step, once: half a minute of one core, then it is kept")
     began = perf_counter()
-    found: tuple[int, float] = iteration.solve(*given)
+    found: tuple[int, int, float] = iteration.solve(*given)
     log.info("the step is compiled, in %.0f s", perf_counter() - began, extra=OVER)
     return found
 
 
-def run(
-    tables: Tables, problem: Problem, start: Iterate, spans: float = 0.0, patience: int = 1
-) -> tuple[int, Iterate, Found, float]:
-    """Run the loops from an iterate: the Newton iterations, −1 where they come to no end, the iterate, the residual
-    there and its largest force [N]."""
+def run(tables: Tables, problem: Problem, start: Iterate, spans: float = 0.0, patience: int = 1) -> Ended:
+    """Run the loops from an iterate."""
     given, law, bounds = given_of(problem), law_of(problem), bounds_of(problem, spans, patience)
     learn(given.lack, problem, start.s)
     while True:
@@ -241,6 +251,6 @@ def run(
         z = Iterate(*arrays)
         found = empty_found(z, tables.curve.w.shape[1])
         unknowns = Unknowns(z.q, z.N, z.s, z.lam, z.y, z.sigma)
-        iterations, scale = run_loops(tables.curve, tables.knots, law, given, bounds, unknowns, found)
-        if iterations >= 0 or not learn(given.lack, problem, z.s):
-            return iterations, z, found, scale
+        ended = Ended(*run_loops(tables.curve, tables.knots, law, given, bounds, unknowns, found), z, found)
+        if ended.how == iteration.SOLVED or not learn(given.lack, problem, z.s):
+            return ended

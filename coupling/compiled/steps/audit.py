@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coupling.arrays import Array, Flags
+from coupling.compiled.band import solve_dense
 from coupling.compiled.curve import Curve, Stretched, point
 from coupling.compiled.friction import Law
 from coupling.compiled.holes import Hold, driving_force, held_energy, hold_at, share
@@ -40,7 +41,7 @@ class Works(NamedTuple):
     """What the audit reads of thread and step: `damping` [1/s], ε [kg], number of `piercings`; holds that are `rough`;
     factor `d` [1/s] of the velocity, reference q_a `at` (n, 3) of the inertia and its factor `a` [1/s²]; whether the
     step looks back over two (`two_step`), and if so by how much more the loads on both ends are at its start, `more`
-    (2, 3) [N]."""
+    (2, 3) [N]; and the part of a compliance with less of which a hole does not bear its exchange in place, `borne`."""
 
     damping: float
     epsilon: float
@@ -50,6 +51,7 @@ class Works(NamedTuple):
     at: Array
     two_step: bool
     more: Array
+    borne: float
 
 
 @loop
@@ -101,9 +103,47 @@ def work_along(force: Array, old: Array, new: Array) -> float:
 
 
 @loop
-def layer_work(old: Motion, new: Motion, given: Given, was: Passing, now: Passing, mid: Array, back: Array) -> float:
+def layer_work(
+    works: Works, given: Given, old: Motion, new: Motion, was: Passing, now: Passing, mid: Array, back: Array
+) -> float:
     """Return what the compliance of the holes takes in as √(EI/T) is taken anew [J]; `mid` (m, 3) is what the spline
     lacks where the holes were by the new one, `back` where they are by the old one."""
+    if works.two_step or not bears_all(works, given, old, was, mid):
+        return exchange_between(given, old, new, was, now, mid, back)
+    work = 0.0
+    for k in range(len(mid)):
+        if is_exchanged(given, was, mid, k):
+            work += exchange_in_place(hold_in(old, given.directed, was, k), given.rows[k], mid[k])
+    return work
+
+
+@loop
+def is_exchanged(given: Given, was: Passing, mid: Array, k: int) -> bool:
+    """Whether the compliance of hold k is taken anew, and the hold imposes anything."""
+    other = was.c[k, 0, 0] != mid[k, 0] or was.c[k, 0, 1] != mid[k, 1] or was.c[k, 0, 2] != mid[k, 2]
+    imposed = False
+    for j in range(5):
+        imposed |= given.rows[k, j]
+    return other and imposed
+
+
+@loop
+def bears_all(works: Works, given: Given, old: Motion, was: Passing, mid: Array) -> bool:
+    """Whether all holds whose compliance is taken anew bear that (`coupling.audit.bears`)."""
+    for k in range(len(mid)):
+        if is_exchanged(given, was, mid, k):
+            c0, c1, c2, one = mid[k, 0], mid[k, 1], mid[k, 2], hold_in(old, given.directed, was, k)
+            turns = not given.directed[k] or c0 * c2 * share(one) - c1**2 > works.borne * c0 * c2
+            if not (c0 > works.borne * was.c[k, 0, 0] and turns):
+                return False
+    return True
+
+
+@loop
+def exchange_between(
+    given: Given, old: Motion, new: Motion, was: Passing, now: Passing, mid: Array, back: Array
+) -> float:
+    """Return the work of an exchange between both ends of a step [J]."""
     work = 0.0
     for k in range(len(mid)):
         one, other = hold_in(old, given.directed, was, k), hold_in(new, given.directed, now, k)
@@ -114,6 +154,50 @@ def layer_work(old: Motion, new: Motion, given: Given, was: Passing, now: Passin
         mixed = dot(one.lam, other.m) + dot(other.lam, one.m)
         work += c0 * dot(one.across, other.across) + c1 * mixed + c2 * turned * dot(one.m, other.m)
     return 0.25 * work
+
+
+@loop
+def by_multipliers(h: Hold, c0: float, c1: float, c2: float, C: Array) -> None:
+    """Write ∂Φ/∂λ of a hold that lacks c₀, c₁, c₂ into `C` (5, 5)."""
+    turning = c2 * share(h)
+    for i in range(3):
+        for j in range(3):
+            C[i, j] = -c0 * h.unit[i] * h.unit[j]
+        C[i, i] += c0
+        C[i, 3] = C[3, i] = c1 * h.u[i]
+        C[i, 4] = C[4, i] = c1 * h.v[i]
+    C[3, 3], C[4, 4] = turning * dot(h.u, h.u), turning * dot(h.v, h.v)
+    C[3, 4] = C[4, 3] = turning * dot(h.u, h.v)
+
+
+@loop
+def exchange_in_place(h: Hold, rows: Flags, after: Array) -> float:
+    """Return the work of exchanging what the spline lacks at a hold for `after` (3,) while thread and hole stay where
+    they are, where its constraints `rows` (5,) are in force [J]."""
+    before_C, C, free, M = np.zeros((5, 5)), np.zeros((5, 5)), np.zeros((5, 5)), np.zeros((5, 6))
+    by_multipliers(h, h.c0[0], h.c1[0], h.c2[0], before_C)
+    by_multipliers(h, after[0], after[1], after[2], C)
+    lam = (h.lam[0], h.lam[1], h.lam[2], h.mu_u, h.mu_v)
+    let_go, held = np.zeros(5), after[0] if after[0] > 0.0 else 1.0
+    for i in range(5):
+        free[i, i] = 1.0 if rows[i] else 0.0
+        for j in range(5):
+            let_go[i] += (before_C[i, j] - C[i, j]) * lam[j]
+            if i < 3 and j < 3 and rows[0]:
+                free[i, j] -= h.unit[i] * h.unit[j]
+    for i in range(5):
+        for j in range(5):
+            M[i, j] = held * ((1.0 if i == j else 0.0) - free[i, j])
+            M[i, 5] += free[i, j] * let_go[j]
+            for one in range(5):
+                for other in range(5):
+                    M[i, j] += free[i, one] * C[one, other] * free[other, j]
+    if not solve_dense(M):
+        return np.nan
+    work = 0.0
+    for i in range(5):
+        work += 0.5 * let_go[i] * (lam[i] + M[i, 5])
+    return work
 
 
 @loop
@@ -203,7 +287,7 @@ def audit_step(
         out[ELASTIC] += held_energy(h, h.c0[0], h.c1[0], h.c2[0])
     out[EXTERNAL] = outside_work(given, r, old, new)
     out[NUMERICAL] = work_along(r.elastic, old.q, new.q)
-    out[LAYERED] = layer_work(old, new, given, was, now, mid, back)
+    out[LAYERED] = layer_work(works, given, old, new, was, now, mid, back)
     audit_sliding(works, law, given, r, old, new, was, now, out)
     audit_inertia(works, knots.mass, old, new, out)
     if works.two_step:

@@ -13,7 +13,7 @@ from coupling.arrays import Array, Flags, Indices
 from coupling.compiled.curve import Curve
 from coupling.compiled.friction import Law
 from coupling.compiled.holes import AT_U, AT_V, FIRST
-from coupling.compiled.iteration import Bounds, Found, Given, Knots, Passing, Unknowns, solve
+from coupling.compiled.iteration import SOLVED, Bounds, Found, Given, Knots, Passing, Unknowns, solve
 from coupling.compiled.loops import loop, outermost, part, sources
 from coupling.compiled.steps.audit import (
     ELASTIC,
@@ -73,7 +73,8 @@ class Scene(NamedTuple):
     `rough`, (m,) each; the largest force that the tissue bears at each piercing, `strength` (p,) [N]; `damping` [1/s],
     ε [kg]; what places are multiplied by for `round_off` of forces [N/m], and what of that is of the thread itself
     [N]; the pressure that the thread bears [N] over EA, `borne`; spans that may run through a hole, `crossed`; shares
-    of energies that a step may make, of what it turns over and of what there is, `turned` and `there` [-]."""
+    of energies that a step may make, of what it turns over and of what there is, `turned` and `there` [-]; and of a
+    compliance that is exchanged in place, `bearing` [-]."""
 
     weight: Array
     axial: Array
@@ -90,6 +91,7 @@ class Scene(NamedTuple):
     crossed: float
     turned: float
     there: float
+    bearing: float
 
 
 class Scratch(NamedTuple):
@@ -351,7 +353,7 @@ def goes_uphill(scene: Scene, old: Array, new: Array, prestretch: float) -> bool
     made = old[6] - new[6]
     at_stake = new[0] + new[1] + abs(new[2] - prestretch) + abs(new[3])
     turned = abs(new[3] - old[3]) + abs(new[0] - old[0]) + abs(new[1] - old[1]) + abs(new[2] - old[2])
-    return made > max(scene.turned * turned, scene.there * at_stake)
+    return not made <= max(scene.turned * turned, scene.there * at_stake)
 
 
 @loop
@@ -359,7 +361,7 @@ def bounds_at(bounds: Bounds, rounded: float) -> Bounds:
     """Return the bounds of a step whose forces are rounded by so much [N]."""
     return Bounds(
         bounds.force, rounded, bounds.least, bounds.gap, bounds.direction, bounds.longest, bounds.turn, bounds.margin,
-        bounds.iterations, bounds.sets, bounds.spans,
+        bounds.iterations, bounds.sets, bounds.returns, bounds.spans,
     )  # fmt: skip
 
 
@@ -411,8 +413,8 @@ def solve_step(
             missing, _ = learn(stages, limits, knots, given, room.end.layers, room.z.s)
             if missing != KNOWN:
                 return -1, missing
-        iterations, _ = solve(curve, knots, law, given, bounds, room.z, room.found)
-        if iterations < 0:
+        ending, iterations, _ = solve(curve, knots, law, given, bounds, room.z, room.found)
+        if ending != SOLVED:
             missing, anything = learn(stages, limits, knots, given, room.end.layers, room.z.s)
             if missing != KNOWN or not anything or passes > 0:
                 return -1, missing
@@ -447,7 +449,7 @@ def end_step(
     if happened != MADE:
         return happened, KNOWN
     p, more = len(scene.strength), ends.more[step]
-    works = Works(scene.damping, scene.epsilon, p, scene.rough, pace.a, room.at, pace.two_step, more)
+    works = Works(scene.damping, scene.epsilon, p, scene.rough, pace.a, room.at, pace.two_step, more, scene.bearing)
     audit_step(curve, knots, law, given, works, room.found, now, room.end, room.was, room.mid, room.back, room.turns)
     elastic, worked, numerical = audit_organ(organ, given.C, now, room.end)
     book(room.turns, elastic, worked, numerical, energies, room.after)
