@@ -182,7 +182,7 @@ def bounds_of(problem: Problem, spans: float, patience: int) -> Bounds:
     )
 
 
-def empty_found(z: Iterate, points: int) -> Found:
+def empty_found(z: Iterate | Unknowns, points: int) -> Found:
     """Return room for a residual at an iterate, with so many `points` of the bending on a span."""
     (n, _), (spans, axial), m = z.q.shape, z.N.shape, len(z.s)
     return Found(
@@ -207,7 +207,12 @@ def empty_found(z: Iterate, points: int) -> Found:
 def folder_of_loops() -> Path | None:
     """Return the folder that the loops are kept in; None where there is none that one may write, or Numba is switched
     off."""
-    stats = getattr(iteration.solve, "stats", None)
+    return folder_of(iteration.solve)
+
+
+def folder_of(loops: object) -> Path | None:
+    """Return the folder that compiled loops are kept in, likewise."""
+    stats = getattr(loops, "stats", None)
     return Path(stats.cache_path) if stats is not None and stats.cache_path else None
 
 
@@ -215,11 +220,17 @@ def folder_of_loops() -> Path | None:
 def is_ready() -> bool:
     """Whether the loops were on disk, compiled since a module of theirs last changed, when this was first asked; where
     Numba is switched off nothing is to be compiled."""
-    folder = folder_of_loops()
+    return is_kept(iteration.solve, KEPT, "*.py")
+
+
+def is_kept(loops: object, name: str, sources: str) -> bool:
+    """Whether compiled loops, whose files on disk begin with a `name`, were compiled since a module among their
+    `sources` in `coupling.compiled` last changed; also where Numba is switched off."""
+    folder = folder_of(loops)
     if folder is None:
-        return not hasattr(iteration.solve, "stats")
-    changed = max(path.stat().st_mtime for path in Path(iteration.__file__).parent.glob("*.py"))
-    return any(path.stat().st_mtime > changed for path in folder.glob(f"{KEPT}*.nbi"))
+        return not hasattr(loops, "stats")
+    changed = max(path.stat().st_mtime for path in Path(iteration.__file__).parent.glob(sources))
+    return any(path.stat().st_mtime > changed for path in folder.glob(f"{name}*.nbi"))
 
 
 def run_loops(*given: object) -> tuple[int, float]:

@@ -120,9 +120,19 @@ class Trail(NamedTuple):
     made: Indices
 
 
+class Passing(NamedTuple):
+    """The thread at its holes, as `coupling.constraints.Passage`: `D` (m, 4, 3) P to T'', `b` (m, 4, 4), `c` (m, 3, 3),
+    `first` (m,)."""
+
+    first: Indices
+    b: Array
+    D: Array
+    c: Array
+
+
 class Found(NamedTuple):
-    """The residual at the iterate, as `coupling.newton.Residual` with its passage: `D` (m, 4, 3) P to T'', `b`
-    (m, 4, 4), `c` (m, 3, 3), `first` (m,); and the `trail` that led there."""
+    """The residual at the iterate, as `coupling.newton.Residual` with its passage, as `Passing`, and the
+    `trail` that led there."""
 
     elastic: Array
     balance: Array
@@ -169,7 +179,7 @@ def span_of(breaks: Array, s: float, low: int, high: int) -> int:
 
 
 @loop
-def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found) -> None:
+def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found | Passing) -> None:
     """Evaluate the thread at hold k, and what it lacks there."""
     s = z.s[k]
     span = span_of(knots.breaks, s, given.spans[k, 0], given.spans[k, 1])
