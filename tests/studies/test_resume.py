@@ -391,7 +391,7 @@ METHODS = {
 @pytest.mark.parametrize("method", METHODS)
 def test_the_next_step_depends_on_the_checkpoint_alone(file: Path, tmp_path: Path, method: str) -> None:
     """Consistency check: from a checkpoint on disk, a simulation built afresh takes the same steps by every method,
-    every recorded number and all of the memory equal, bit by bit. What an organ makes of its displacement is left out."""
+    every recorded number and all of the memory equal, bit by bit. What is made of the displacement is left out."""
     scenario = load(file, METHODS[method])
     records = [step for step, _ in prepare(scenario).advance()]
     for number in (0, 6):
