@@ -78,13 +78,12 @@ def test_auto_takes_what_is_installed_and_what_there_is_room_for(monkeypatch: py
         organ("superlu", inertia=True)
 
 
-def test_a_large_part_is_solved_for_its_columns_as_an_organ_at_rest_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Consistency check of solvers: by what `auto` takes for columns that are solved once, to the same answer."""
+def test_a_large_part_is_solved_for_its_columns_by_multigrid(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check of solvers: a small part by a factor, a large one by multigrid, to the same answer."""
     held = organ()
     b = np.random.default_rng(2).standard_normal((held.size, 2))
     small = choice.solver_once(held.K, held.places)
-    monkeypatch.setattr(choice, "SMALL", 100)
-    monkeypatch.setattr(choice, "FACTOR_ONCE", dict.fromkeys(LIBRARIES, 1000))
+    monkeypatch.setattr(choice, "PART_FACTORISED", 100)
     large = choice.solver_once(held.K, held.places)
     assert isinstance(small, tissue.Factor) and isinstance(large, tissue.ConjugateGradients)
     x = small.solve(b)
