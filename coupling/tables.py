@@ -84,6 +84,18 @@ def learn(lack: Array, problem: Problem, s: Array) -> bool:
     return bool(unknown)
 
 
+@dataclass(frozen=True, eq=False)
+class Ended:
+    """What the loops came to: `how` they ended (`coupling.compiled.iteration`), the `corrections` made, the largest
+    force [N], the last iterate `z`, and the residual `found` there."""
+
+    how: int
+    corrections: int
+    force_scale: float
+    z: Iterate
+    found: Found
+
+
 RECENT: Recent[Tables] = Recent()  # a host program that moves an end makes another system in every step
 
 
@@ -164,11 +176,13 @@ def bounds_of(problem: Problem, spans: float, patience: int) -> Bounds:
         newton.MARGIN,
         patience * newton.MAX_ITERATIONS,
         newton.MAX_SETS,
+        newton.RETURNS,
         spans,
+        problem.floats,
     )
 
 
-def empty_found(z: Iterate, points: int) -> Found:
+def empty_found(z: Iterate | Unknowns, points: int) -> Found:
     """Return room for a residual at an iterate, with so many `points` of the bending on a span."""
     (n, _), (spans, axial), m = z.q.shape, z.N.shape, len(z.s)
     return Found(
@@ -192,7 +206,12 @@ def empty_found(z: Iterate, points: int) -> Found:
 def folder_of_loops() -> Path | None:
     """Return the folder that the loops are kept in; None where there is none that one may write, or Numba is switched
     off."""
-    stats = getattr(iteration.solve, "stats", None)
+    return folder_of(iteration.solve)
+
+
+def folder_of(loops: object) -> Path | None:
+    """Return the folder that compiled loops are kept in, likewise."""
+    stats = getattr(loops, "stats", None)
     return Path(stats.cache_path) if stats is not None and stats.cache_path else None
 
 
@@ -200,29 +219,32 @@ def folder_of_loops() -> Path | None:
 def is_ready() -> bool:
     """Whether the loops were on disk, compiled since a module of theirs last changed, when this was first asked; where
     Numba is switched off nothing is to be compiled."""
-    folder = folder_of_loops()
+    return is_kept(iteration.solve, KEPT, "*.py")
+
+
+def is_kept(loops: object, name: str, sources: str) -> bool:
+    """Whether compiled loops, whose files on disk begin with a `name`, were compiled since a module among their
+    `sources` in `coupling.compiled` last changed; also where Numba is switched off."""
+    folder = folder_of(loops)
     if folder is None:
-        return not hasattr(iteration.solve, "stats")
-    changed = max(path.stat().st_mtime for path in Path(iteration.__file__).parent.glob("*.py"))
-    return any(path.stat().st_mtime > changed for path in folder.glob(f"{KEPT}*.nbi"))
+        return not hasattr(loops, "stats")
+    changed = max(path.stat().st_mtime for path in Path(iteration.__file__).parent.glob(sources))
+    return any(path.stat().st_mtime > changed for path in folder.glob(f"{name}*.nbi"))
 
 
-def run_loops(*given: object) -> tuple[int, float]:
+def run_loops(*given: object) -> tuple[int, int, float]:
     """Run the loops on their arrays; where they are to be compiled first, say so, and how long it took."""
     if is_ready() or iteration.solve.signatures:
-        return cast(tuple[int, float], iteration.solve(*given))
+        return cast(tuple[int, int, float], iteration.solve(*given))
     log.info("compiling the step, once: half a minute of one core, then it is kept")
     began = perf_counter()
-    found: tuple[int, float] = iteration.solve(*given)
+    found: tuple[int, int, float] = iteration.solve(*given)
     log.info("the step is compiled, in %.0f s", perf_counter() - began, extra=OVER)
     return found
 
 
-def run(
-    tables: Tables, problem: Problem, start: Iterate, spans: float = 0.0, patience: int = 1
-) -> tuple[int, Iterate, Found, float]:
-    """Run the loops from an iterate: the Newton iterations, −1 where they come to no end, the iterate, the residual
-    there and its largest force [N]."""
+def run(tables: Tables, problem: Problem, start: Iterate, spans: float = 0.0, patience: int = 1) -> Ended:
+    """Run the loops from an iterate."""
     given, law, bounds = given_of(problem), law_of(problem), bounds_of(problem, spans, patience)
     learn(given.lack, problem, start.s)
     while True:
@@ -230,6 +252,6 @@ def run(
         z = Iterate(*arrays)
         found = empty_found(z, tables.curve.w.shape[1])
         unknowns = Unknowns(z.q, z.N, z.s, z.lam, z.y, z.sigma)
-        iterations, scale = run_loops(tables.curve, tables.knots, law, given, bounds, unknowns, found)
-        if iterations >= 0 or not learn(given.lack, problem, z.s):
-            return iterations, z, found, scale
+        ended = Ended(*run_loops(tables.curve, tables.knots, law, given, bounds, unknowns, found), z, found)
+        if ended.how == iteration.SOLVED or not learn(given.lack, problem, z.s):
+            return ended

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 import tissue
-from coupling.configuration import configuration_of
 from coupling.run import Run
 from coupling.system import System
 from studies.arrays import Array
@@ -50,7 +49,6 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         energies=energies,
         s_begun=s_begun,
         tie_works=tie_works,
-        configuration=configuration_of(system, state),
         number=number,
         fresh=number == 0,
         loose=loose,

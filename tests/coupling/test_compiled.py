@@ -14,7 +14,11 @@ import coupling.equilibrium
 import coupling.stepping
 from coupling import newton, solver, tables
 from coupling.calls import asked_before_corrections
+from coupling.compiled import iteration
+from coupling.errors import StepError
+from coupling.integrators import BackwardEuler
 from coupling.newton import Iterate, Problem, Solution
+from coupling.stepping import dynamic_problem, organ_answer, predict
 from coupling.tables import tables_of
 from studies.scenario import Scenario, load
 from studies.simulation import prepare
@@ -122,7 +126,6 @@ def test_both_ways_agree(name: str, solved: list[Asked]) -> None:
         problem, by_numpy = asked.problem, asked.found
         assert solver.is_covered(problem)
         by_loops = solver.solve_compiled(problem, asked.start, asked.spans, asked.patience)
-        assert by_loops is not None
         assert by_loops.iterations == by_numpy.iterations
         for unknown, scale in scales(problem, by_numpy).items():
             one, other = getattr(by_loops.iterate, unknown), getattr(by_numpy.iterate, unknown)
@@ -163,18 +166,63 @@ def agree_on_forces(problem: Problem, one: Solution, other: Solution) -> None:
     assert np.abs(found.points.strain - other.residual.points.strain).max() <= RESIDUAL
 
 
-@pytest.mark.parametrize("iterations", [0, 1, 7])
-def test_corrections_of_the_loops_count_in_a_load_step(iterations: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("corrections", [0, 1, 7])
+def test_corrections_of_the_loops_count_in_a_load_step(corrections: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: what bounds a load step is put before a solve by the loops as often as they correct, and
-    once at least."""
-    found: Any = SimpleNamespace(iterations=iterations)
-    problem: Any = SimpleNamespace(system=SimpleNamespace(compiled=True))
-    monkeypatch.setattr(solver, "is_covered", lambda problem: True)
-    monkeypatch.setattr(solver, "solve_compiled", lambda *given: found)
+    once at least; of one that fails too."""
+    problem, start = first_problem()
+    found: Any = SimpleNamespace(holds=np.ones((2, 6)), balance=np.zeros((4, 3)))
+    ended = tables.Ended(iteration.NOT_CONVERGED, corrections, 1.0, start, found)
+    monkeypatch.setattr(tables, "run", lambda *given: ended)
     asked: list[int] = []
-    with asked_before_corrections(lambda: asked.append(1)):
-        assert solver.solve(problem, found) is found
-    assert len(asked) == max(iterations, 1)
+    with asked_before_corrections(lambda: asked.append(1)), pytest.raises(StepError, match="no convergence"):
+        solver.solve(problem, start)
+    assert len(asked) == max(corrections, 1)
+
+
+def first_problem() -> tuple[Problem, Iterate]:
+    """The first step of the thread through two smooth holes, and an iterate that is a millimetre off at the second."""
+    assembly = prepare(drawn({"friction": None})).assembly
+    system, state, dt = assembly.system, assembly.start(), DRAWN["solve"]["dt"]
+    problem = dynamic_problem(system, state, dt, organ_answer(system, BackwardEuler(dt), state))
+    start = predict(problem, state)
+    return problem, replace(start, s=start.s + np.array([0.0, 1e-3]))
+
+
+def with_friction(problem: Problem) -> Problem:
+    """The holes have friction, and hold the thread until they are asked."""
+    rough = np.ones_like(problem.law.rough)
+    return replace(problem, law=replace(problem.law, rough=rough, static=np.full(2, 1e-6), kinetic=np.full(2, 1e-6)))
+
+
+FAILURES: dict[str, tuple[dict[str, Any], Any, str]] = {
+    "too many corrections": ({"MAX_ITERATIONS": 2}, lambda problem: problem, "no convergence in 4 Newton"),
+    "too many sets": ({"MAX_SETS": 1}, with_friction, "stick and slip"),
+    "no number": ({}, lambda problem: replace(problem, load=np.full_like(problem.load, np.nan)), "not finite"),
+    "free of its holes": ({}, lambda problem: replace(problem, rows=np.zeros_like(problem.rows)), "holds' matrix"),
+}
+
+
+@pytest.mark.parametrize("name", FAILURES)
+def test_both_ways_fail_alike(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: where there is no solution, loops say why, name the same hole and count as many corrections,
+    and numpy does not iterate once more to say it."""
+    limits, spoiled, cause = FAILURES[name]
+    problem, start = first_problem()
+    for limit, value in limits.items():
+        monkeypatch.setattr(newton, limit, value)
+    problem, said = spoiled(problem), []
+    asked: list[int] = []
+    for compiled in (False, True):
+        asked.clear()
+        of_kind = replace(problem, system=replace(problem.system, compiled=compiled))
+        if compiled:
+            monkeypatch.setattr(newton, "solve", None)
+        with asked_before_corrections(lambda: asked.append(1)), pytest.raises(StepError, match=cause) as raised:
+            solver.solve(of_kind, start, patience=2)
+        worst = "" if "MAX_SETS" in limits else raised.value.piercing  # of a set that is solved, round-off names one
+        said.append((raised.value.cause, worst, max(len(asked), 1)))
+    assert said[0] == said[1]
 
 
 @pytest.mark.parametrize(("ready", "known"), [(False, []), (False, ["one"]), (True, [])])
@@ -183,14 +231,14 @@ def test_that_the_step_is_compiled_is_said_and_that_it_is_done(
 ) -> None:
     """Independent check: loops that are neither on disk nor in memory yet are told of before and after, no others."""
 
-    def solve(number: int) -> tuple[int, float]:
-        return number, 0.5
+    def solve(number: int) -> tuple[int, int, float]:
+        return iteration.SOLVED, number, 0.5
 
     monkeypatch.setattr(solve, "signatures", known, raising=False)
     monkeypatch.setattr(tables.iteration, "solve", solve)
     monkeypatch.setattr(tables, "is_ready", lambda: ready)
     with caplog.at_level("INFO", logger="coupling.tables"):
-        assert tables.run_loops(3) == (3, 0.5)
+        assert tables.run_loops(3) == (iteration.SOLVED, 3, 0.5)
     told = [(record.getMessage().partition(",")[0], hasattr(record, "over")) for record in caplog.records]
     new = [("compiling the step", False), ("the step is compiled", True)]
     assert told == ([] if ready or known else new)

@@ -213,6 +213,17 @@ class QuasiStaticOrgan(MeshedOrgan):
 
         return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side, pairing)
 
+    def steady_loads(self, state: OrganState, times: Sequence[float]) -> tuple[float, Array, Array] | None:
+        """Return the elastic energy under gravity and loads alone [J], how far they move the sites, and the forces that
+        these bear, `(9p,)` each; None where the loads at the `times` [s] are not those of the state, or surfaces may
+        touch."""
+        shares = state.shares
+        changing = shares is not None and any((self.surface.shares(time, 1.0) != shares).any() for time in times)
+        if self.pairs or changing:
+            return None
+        parts = self.parts(state)
+        return float(0.5 * parts @ (self._operator.loads_work @ parts)), self._operator.y_loads @ parts, state.f_y
+
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """Return the energies and works as the dynamic organ does, with 9p + k + l numbers.
 
