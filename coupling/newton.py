@@ -119,6 +119,12 @@ class Problem(Generic[Body]):
         """Whether a thread in rough holes is at rest and tied to where it is (`coupling.equilibrium.relax_ties`)."""
         return self.stiffen and self.mass_factor > 0.0 and bool(self.system.rough.any())
 
+    @property
+    def floats(self) -> bool:
+        """Whether nothing holds the thread, no hole and no end: where it is as a whole matters to no force, and a dead
+        load takes it many lengths away in a step."""
+        return not (self.rows.any() or self.system.held.size)
+
     @cached_property
     def tie_compliance(self) -> float:
         """Compliance of the thread, by which the balance of a tie becomes a length [m/N]."""
@@ -269,10 +275,12 @@ def force_tolerance(problem: Problem[Body], r: Residual) -> float:
 
 
 def rounded_force(problem: Problem[Body]) -> float:
-    """Return the round-off of forces that cancel [N]."""
-    thread = problem.system.thread
+    """Return the round-off of forces that cancel [N]. That of the axial force is of a strain, which has fewer digits
+    where the thread is further from the origin than it is long."""
+    thread, place = problem.system.thread, np.abs(problem.q_ref[:, :3]).max()
     by_place = thread.largest_bending + problem.mass_factor * thread.largest_mass
-    return ROUND_OFF * float(thread.EA + by_place * np.abs(problem.q_ref[:, :3]).max())
+    far = max(1.0, place / (thread.spline.end - thread.spline.start))
+    return ROUND_OFF * float(thread.EA * far + by_place * place)
 
 
 def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
@@ -336,9 +344,11 @@ def add_constraint_stiffness(
 
 def allowed_share(problem: Problem[Body], dq: Array) -> float:
     """Return the part of a correction that is applied: all of it, or what moves no control point further than
-    LONGEST_MOVE and, of a thread that is tied at rest, turns no tangent by more than LARGEST_TURN."""
+    LONGEST_MOVE, of a thread that floats beside the mean of all, and, of a thread that is tied at rest, turns no
+    tangent by more than LARGEST_TURN."""
     thread = problem.system.thread
-    spline, longest = thread.spline, float(np.abs(dq * thread.lever).max())
+    away = dq - dq.mean(axis=0) if problem.floats else dq
+    spline, longest = thread.spline, float(np.abs(away * thread.lever).max())
     share = min(1.0, LONGEST_MOVE * (spline.end - spline.start) / max(longest, np.finfo(float).tiny))
     if not problem.tied:
         return share

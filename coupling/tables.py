@@ -178,6 +178,7 @@ def bounds_of(problem: Problem, spans: float, patience: int) -> Bounds:
         newton.MAX_SETS,
         newton.RETURNS,
         spans,
+        problem.floats,
     )
 
 

@@ -82,7 +82,7 @@ class Bounds(NamedTuple):
     """What counts as solved and how far a correction goes: `force` of the largest force, and `rounded` [N] beside it;
     the `least` largest force [N]; `gap` [m], `direction`; `longest` move [m] and largest `turn` of a tangent; margin
     between two solved sets; `iterations` for one set, how many `sets`, and how many `returns` to one of them; `spans`
-    that a correction moves an abscissa at most, downhill, zero where it is not led."""
+    that a correction moves an abscissa at most, downhill, zero where it is not led; whether the thread `floats`."""
 
     force: float
     rounded: float
@@ -96,6 +96,7 @@ class Bounds(NamedTuple):
     sets: int
     returns: int
     spans: float
+    floats: bool
 
 
 class Unknowns(NamedTuple):
@@ -448,10 +449,25 @@ def largest_turn(spacing: Array, dq: Array) -> float:
 
 
 @loop
+def longest_away(dq: Array) -> float:
+    """Return the most that a move `dq` (n, 3) [m] of the control points moves one beside the mean of all [m]."""
+    longest = 0.0
+    for x in range(3):
+        mean = 0.0
+        for i in range(len(dq)):
+            mean += dq[i, x]
+        mean /= len(dq)
+        for i in range(len(dq)):
+            longest = max(longest, abs(dq[i, x] - mean))
+    return longest
+
+
+@loop
 def add_correction(bounds: Bounds, spacing: Array, z: Unknowns, dq: Array, longest: float, dz: Array) -> None:
-    """Add a correction, or the share of it that moves no point further than it may, and turns no tangent by more;
-    `dq` becomes what is added."""
-    share = min(1.0, bounds.longest / max(longest, TINY))
+    """Add a correction, or the share of it that moves no point further than it may, of a thread that floats beside the
+    mean of all, and turns no tangent by more; `dq` becomes what is added."""
+    away = longest_away(dq) if bounds.floats else longest
+    share = min(1.0, bounds.longest / max(away, TINY))
     if bounds.turn < np.inf:
         share = min(share, bounds.turn / max(largest_turn(spacing, dq), TINY))
     for i in range(len(dq)):

@@ -341,7 +341,7 @@ def bounds_at(bounds: Bounds, rounded: float) -> Bounds:
     """Return the bounds of a step whose forces are rounded by so much [N]."""
     return Bounds(
         bounds.force, rounded, bounds.least, bounds.gap, bounds.direction, bounds.longest, bounds.turn, bounds.margin,
-        bounds.iterations, bounds.sets, bounds.returns, bounds.spans,
+        bounds.iterations, bounds.sets, bounds.returns, bounds.spans, bounds.floats,
     )  # fmt: skip
 
 
@@ -464,7 +464,8 @@ def march_of(digest: int) -> Any:
             )
             if missing != KNOWN:
                 return step, UNKNOWN, missing
-            here = bounds_at(bounds, scene.rounded + scene.round_off * largest)
+            far = max(1.0, largest / (knots.breaks[-1] - knots.breaks[0]))
+            here = bounds_at(bounds, scene.rounded * far + scene.round_off * largest)
             found, missing = solve_step(
                 curve, knots, law, given, here, scene, pace, limits, stages, ends, step, now, room
             )
