@@ -53,7 +53,10 @@ SCENES: dict[str, Callable[[], Scenario]] = {
     "limp": lambda: slow(drawn({"friction": None}, bending=False), 5e-4),
     "organ without inertia": lambda: load("two_piercings", [*GENTLE, EULER]),
     "organ without inertia, BDF2": lambda: load("two_piercings", [*GENTLE, BDF2]),
+    "organ in a small basis": lambda: load("two_piercings", [*SMALL, EULER]),
+    "organ in a small basis, BDF2": lambda: load("two_piercings", [*SMALL, BDF2]),
 }
+SMALL = ["tissue.mesh.h=8e-3", "tissue.mesh.h_site=4e-3", "solve.gravity=[0, 0, -9.81]", "tissue.reduction={}"]
 BEGUN, STEPS = 12, 40
 
 
@@ -105,6 +108,10 @@ def agree(found: Both) -> None:
         assert np.abs(getattr(one.state, name) - getattr(state, name)).max(initial=0.0) <= RESIDUAL * scale, name
     for name in ("sigma", "sense", "present"):
         assert np.array_equal(getattr(one.state, name), getattr(state, name))
+    organ: Any = other.system.organ
+    for of in (organ.displacement, organ.velocity, getattr(organ, "bound", organ.velocity)):
+        way = of(state.organ)
+        assert np.abs(of(one.state.organ) - way).max(initial=0.0) <= RESIDUAL * np.abs(way).max(initial=0.0)
     assert (one.state.layers is None) == (state.layers is None)
     assert np.abs(np.array(astuple(one.energies)) - astuple(other.energies)).max() <= RESIDUAL * other.energies.at_stake
     assert (one.number, one.state.time, one.iterations) == (other.number, state.time, found.iterations)

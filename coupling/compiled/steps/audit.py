@@ -21,7 +21,8 @@ TURNS = 7
 
 class Motion(NamedTuple):
     """A state of thread and holds, as `coupling.system.State`; `layers` are infinite where there is no tension, and
-    `f_y` (m, 9) the forces on the sites."""
+    `f_y` (m, 9) the forces on the sites. Of modes of the organ `U`, `V`, `A` (n,) and what their check leaves open so
+    far, `drift` (1,)."""
 
     q: Array
     v: Array
@@ -35,6 +36,10 @@ class Motion(NamedTuple):
     reaction: Array
     layers: Array
     f_y: Array
+    U: Array
+    V: Array
+    A: Array
+    drift: Array
 
 
 class Works(NamedTuple):

@@ -28,6 +28,19 @@ from coupling.compiled.steps.audit import (
     audit_step,
     pass_holds,
 )
+from coupling.compiled.steps.organ import (
+    BODY_ELASTIC,
+    BODY_KINETIC,
+    BODY_LOADS,
+    BODY_NUMERICAL,
+    BODY_VISCOUS,
+    Going,
+    Organ,
+    Pace,
+    audit_organ,
+    bear,
+    go_free,
+)
 from coupling.compiled.steps.tension import (
     KNOWN,
     Limits,
@@ -44,18 +57,6 @@ from coupling.compiled.vectors import cross, dot, norm, vector
 MADE, UNKNOWN, NOT_SOLVED, TOO_FAST, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL = range(10)
 SOURCES = "**/*.py"  # that the loops are compiled from
 ENERGIES = 9  # numbers of `coupling.audit.Energies` that steps change
-
-
-class Pace(NamedTuple):
-    """The time scheme: step [s], factors `a` [1/s²] and `d` [1/s], weights of the positions `now` and `before`; whether
-    it looks back over two steps."""
-
-    dt: float
-    a: float
-    d: float
-    now: float
-    before: float
-    two_step: bool
 
 
 class Ends(NamedTuple):
@@ -97,8 +98,8 @@ class Scene(NamedTuple):
 class Scratch(NamedTuple):
     """Room for what is made in a step and not kept: its unknowns and its `end`, which share their arrays, the residual
     `found`; the holds `was` at its start and `other` with another √(EI/T), q_a `at` (n, 3) of its inertia, the missing
-    compliances `mid` and `back` (m, 3), √(EI/T) there `layers` (m,), what it `turns` over (7,) [J], and the energies
-    `after` it (9,)."""
+    compliances `mid` and `back` (m, 3), √(EI/T) there `layers` (m,), where modes are `going`, what thread and organ
+    turn over, `turns` (7,) and `body` (5,) [J], and the energies `after` it (9,)."""
 
     z: Unknowns
     end: Motion
@@ -109,16 +110,10 @@ class Scratch(NamedTuple):
     mid: Array
     back: Array
     layers: Array
+    going: Going
     turns: Array
+    body: Array
     after: Array
-
-
-class Organ(NamedTuple):
-    """What is audited of an organ without inertia whose loads stay as they are: its elastic energy under them [J], and
-    how far they move the sites, `sag` (m, 9)."""
-
-    elastic: float
-    sag: Array
 
 
 @loop
@@ -302,6 +297,10 @@ def copy_motion(a: Motion, b: Motion) -> None:
     copy_row(a.sigma, b.sigma)
     copy_row(a.sense, b.sense)
     copy_row(a.layers, b.layers)
+    copy_row(a.U, b.U)
+    copy_row(a.V, b.V)
+    copy_row(a.A, b.A)
+    copy_row(a.drift, b.drift)
 
 
 @loop
@@ -312,38 +311,19 @@ def go_on(now: Motion, earlier: Motion, new: Motion) -> None:
 
 
 @loop
-def audit_organ(organ: Organ, C: Array, now: Motion, new: Motion) -> tuple[float, float, float]:
-    """Return the elastic energy of an organ without inertia, the work of its loads and what the integrator took [J]."""
-    elastic, given, numerical = organ.elastic, 0.0, 0.0
-    m = len(new.f_y)
-    for k in range(m):
-        for i in range(9):
-            f, df, by_f, by_df = new.f_y[k, i], new.f_y[k, i] - now.f_y[k, i], 0.0, 0.0
-            for other in range(m):
-                for j in range(9):
-                    entry = C[9 * k + i, 9 * other + j]
-                    by_f += entry * new.f_y[other, j]
-                    by_df += entry * (new.f_y[other, j] - now.f_y[other, j])
-            elastic += organ.sag[k, i] * f + 0.5 * f * by_f
-            given += organ.sag[k, i] * df
-            numerical += 0.5 * df * by_df
-    return elastic, given, numerical
-
-
-@loop
-def book(turns: Array, elastic: float, given: float, numerical: float, energies: Array, out: Array) -> None:
-    """Write the energies after a step into `out` (9,), as `coupling.audit.booked`, from those before it and what thread
-    and organ turned over."""
-    layered = turns[LAYERED]
-    numerical += turns[NUMERICAL] - (turns[ELASTIC] - energies[1] - layered)
-    external = turns[EXTERNAL] + given
-    change = turns[KINETIC] - energies[0] + turns[ELASTIC] - energies[1] + elastic - energies[2]
-    out[0], out[1], out[2] = turns[KINETIC], turns[ELASTIC], elastic
+def book(turns: Array, body: Array, energies: Array, out: Array) -> None:
+    """Write the energies after a step into `out` (9,), as `coupling.audit.audit_step`, from those before it and what
+    thread and organ, `body` (5,), turned over."""
+    layered, kinetic = turns[LAYERED], turns[KINETIC] + body[BODY_KINETIC]
+    external, viscous = turns[EXTERNAL] + body[BODY_LOADS], turns[VISCOUS] + body[BODY_VISCOUS]
+    numerical = turns[NUMERICAL] - (turns[ELASTIC] - energies[1] - layered) + body[BODY_NUMERICAL]
+    change = kinetic - energies[0] + turns[ELASTIC] - energies[1] + body[BODY_ELASTIC] - energies[2]
+    out[0], out[1], out[2] = kinetic, turns[ELASTIC], body[BODY_ELASTIC]
     out[3] = energies[3] + external
     out[4] = energies[4] + turns[FRICTION]
-    out[5] = energies[5] + turns[VISCOUS]
+    out[5] = energies[5] + viscous
     out[6] = energies[6] + numerical
-    out[7] = energies[7] + (external + layered - change - turns[FRICTION] - turns[VISCOUS] - numerical)
+    out[7] = energies[7] + (external + layered - change - turns[FRICTION] - viscous - numerical)
     out[8] = energies[8] + layered
 
 
@@ -389,14 +369,16 @@ def pass_with(
 
 @part
 def begin_step(
-    knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, limits: Limits, stages: Stages, ends: Ends,
-    step: int, now: Motion, earlier: Motion, room: Scratch,
+    knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, limits: Limits, stages: Stages, organ: Organ,
+    ends: Ends, step: int, now: Motion, earlier: Motion, room: Scratch,
 ) -> tuple[float, int]:  # fmt: skip
     """Write what a step is solved under. Returns the largest place [m], by which its forces are rounded, and what
     `learn` does."""
     start = Unknowns(now.q, now.N, now.s, now.lam, now.y, now.sigma)
     largest = put_references(pace, scene, law, given, now, earlier, room.at)
     put_load(scene, given, ends, step)
+    if not organ.still:
+        go_free(pace, organ, given, now, earlier, room.going)
     missing = pass_with(stages, limits, knots, given, start, now.layers, room.was)
     if limits.bends:
         bending_lengths(limits, knots, given, scene.axial, now.s, now.N, scene.present, room.end.layers)
@@ -458,8 +440,10 @@ def end_step(
     p, more = len(scene.strength), ends.more[step]
     works = Works(scene.damping, scene.epsilon, p, scene.rough, pace.a, room.at, pace.two_step, more, scene.bearing)
     audit_step(curve, knots, law, given, works, room.found, now, room.end, room.was, room.mid, room.back, room.turns)
-    elastic, worked, numerical = audit_organ(organ, given.C, now, room.end)
-    book(room.turns, elastic, worked, numerical, energies, room.after)
+    if not organ.still:
+        bear(pace, organ, now, room.end, room.going)
+    audit_organ(organ, pace.two_step, given.C, now, room.end, room.body)
+    book(room.turns, room.body, energies, room.after)
     return UPHILL if goes_uphill(scene, energies, room.after, energies[ENERGIES]) else MADE, KNOWN
 
 
@@ -483,7 +467,7 @@ def march_of(digest: int) -> Any:
             if follow and is_too_long(pace, scene, knots, given, now):
                 return step, TOO_FAST, KNOWN
             largest, missing = begin_step(
-                knots, law, given, scene, pace, limits, stages, ends, step, now, earlier, room
+                knots, law, given, scene, pace, limits, stages, organ, ends, step, now, earlier, room
             )
             if missing != KNOWN:
                 return step, UNKNOWN, missing
