@@ -20,17 +20,29 @@ the start, and Φ is not zero at its ends: exact are kinetic, elastic, external,
 is the constraints' work on what they let the thread do.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from coupling.arrays import Array
-from coupling.constraints import driving_force, force_on_tangent, held_energy, parts, site_force, thread_force, tilt_of
+from coupling.arrays import Array, Flags
+from coupling.bordered import linearise
+from coupling.constraints import (
+    Passage,
+    driving_force,
+    force_on_tangent,
+    held_energy,
+    parts,
+    site_force,
+    thread_force,
+    tilt_of,
+)
 from coupling.integrators import BDF2
 from coupling.interfaces import Body
 from coupling.stepping import Step, end_load, scheme_of, thread_motion
 from coupling.system import State, System
-from thread.vectors import dot
+from thread.vectors import dot, outer
+
+BORNE = 0.01  # of a compliance: with less of it left, a hole that stays in place is met under forces without measure
 
 
 @dataclass(frozen=True)
@@ -142,14 +154,30 @@ def layer_work(step: Step[Body]) -> float:
     """Return what the compliance c of the holes takes in as the √(EI/T) of a step replaces that of the state before it
     [J].
 
-    A step has c as a number, and there is no path from the one to the other. Under a constant force as in a constant
-    place the work of a c that goes from c⁻ to c⁺ is ½λ⁻(c⁻ − c⁺)λ⁺ on any path.
+    A step has c as a number, and there is no path from the one to the other. Before a step of backward Euler it is
+    exchanged in place. Between both ends it is under BDF2, whose other works are means of both, at rest, where load
+    steps are long and the sum over them is to be of second order, and where c⁺ does not bear a hole in place.
     """
-    old, new, layers = step.old, step.new, step.solution.problem.layers
+    old, problem = step.old, step.solution.problem
+    system, layers = problem.system, problem.layers
     if not old.lam.any() or layers is old.layers:
         return 0.0
     if layers is not None and old.layers is not None and np.array_equal(layers, old.layers):
         return 0.0
+    if problem.stiffen or is_of_bdf2(step):
+        return exchange_between(step)
+    before = system.passage_of(old)
+    after = replace(before, c=system.thread.missing_compliance(old.s, None, layers))
+    rows = problem.rows & (before.c[:, 0] != after.c[:, 0]).any(axis=1, keepdims=True)
+    if not bears(before, after, old.y)[rows.any(axis=1)].all():
+        return exchange_between(step)
+    return exchange_in_place(before, after, rows, old.lam, old.y)
+
+
+def exchange_between(step: Step[Body]) -> float:
+    """Return ½λ⁻(c⁻ − c⁺)λ⁺ [J], the work of a c that goes from c⁻ to c⁺ on any path under a constant force, as in a
+    constant place."""
+    old, new, layers = step.old, step.new, step.solution.problem.layers
     system, y = step.solution.problem.system, step.solution.iterate.y
     before, after = system.passage_of(old), step.solution.residual.passage
     there = before.c[:, 0] - lack_at(system, old.s, layers)
@@ -160,6 +188,32 @@ def layer_work(step: Step[Body]) -> float:
     m = force_on_tangent(old.lam, old.y), force_on_tangent(new.lam, y)
     mixed = dot(old.lam[:, :3], m[1]) + dot(new.lam[:, :3], m[0])
     return float(0.5 * np.sum(c[:, 0] * dot(*across) + c[:, 1] * mixed + c[:, 2] * share * dot(*m)))
+
+
+def exchange_in_place(before: Passage, after: Passage, rows: Flags, lam: Array, y: Array) -> float:
+    """Return the work of exchanging the c of the passage `before` for that of `after` while thread and holes stay where
+    they are, where the constraints `rows` (m, 5) feel it [J].
+
+    Backward Euler goes downhill in a potential that has c⁺ all along, from where the thread is. There the holes are
+    met under other forces λ*: with C = ∂Φ/∂λ, C⁺λ* = C⁻λ. That stores ½λ*ᵀC⁺λ* − ½λᵀC⁻λ = ½λᵀ(C⁻ − C⁺)λ* more; what
+    the step then loses is never negative where the potential is convex. The spline lacks nothing along the thread,
+    where λ* is λ.
+    """
+    C, C_after = (linearise(each, lam, y).Phi_lam for each in (before, after))
+    let_go, unit = np.matvec(C - C_after, lam), parts(before, lam).unit
+    free = rows[:, :, None] * np.eye(5)
+    free[:, :3, :3] -= rows[:, :1, None] * outer(unit, unit)
+    held = np.where(after.c[:, 0, :1] > 0.0, after.c[:, 0, :1], 1.0)[:, :, None] * (np.eye(5) - free)
+    taken_up = np.linalg.solve(free @ C_after @ free + held, np.matvec(free, let_go)[..., None])[..., 0]
+    return float(0.5 * np.sum(let_go * (lam + taken_up)))
+
+
+def bears(before: Passage, after: Passage, y: Array) -> Flags:
+    """Whether the c of the passage `after` takes up by forces of the size of those of `before` what the holes are off
+    the drawn thread, shape `(m,)`: at a knot a spline without tension lacks nothing under a force."""
+    c0, c1, c2 = after.c[:, 0].T
+    turns = c0 * c2 * tilt_of(after, y).share - c1**2 > BORNE * c0 * c2
+    return np.asarray((c0 > BORNE * before.c[:, 0, 0]) & (turns | ~after.directed))
 
 
 def lying_work(step: Step[Body]) -> float:

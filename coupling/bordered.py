@@ -69,6 +69,10 @@ class Joints:
 NO_JOINTS = Joints(np.zeros((0, 2), dtype=np.intp), *np.zeros((2, 0), dtype=np.intp))
 
 
+SINGULAR_THREAD = "the thread's matrix is singular"
+SINGULAR_HOLDS = "the holds' matrix is singular: two constraints say the same, or nothing holds the thread"
+
+
 class SingularError(ArithmeticError):
     """The matrix of a Newton step is singular."""
 
@@ -295,7 +299,7 @@ def banded_solve(A: Array, b: Array) -> Array:
     h = half_band_of(A)
     lu, pivots, info = dgbtrf(A, h, h, overwrite_ab=1)
     if info != 0:
-        raise SingularError("the thread's matrix is singular")
+        raise SingularError(SINGULAR_THREAD)
     x, _ = dgbtrs(lu, h, h, b, pivots, overwrite_b=1)
     return np.asarray(x)
 
@@ -340,7 +344,7 @@ def solve_own(matrix: Array, rhs: Array) -> Array:
     """Solve the border's own system. Raises `SingularError`."""
     _, _, own, info = dgesv(matrix, rhs)
     if info != 0 or not np.all(np.isfinite(own)):
-        raise SingularError("the holds' matrix is singular: two constraints say the same, or nothing holds the thread")
+        raise SingularError(SINGULAR_HOLDS)
     return np.asarray(own)
 
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from coupling.errors import StepError
 from coupling.interfaces import Body
-from coupling.newton import Iterate, Problem, Solution, correct_downhill, solve
+from coupling.newton import REACH, Iterate, Problem, Solution
+from coupling.solver import solve
 
 PATIENCE = 2  # times the corrections of a plain solve: each goes a part of a span
 
@@ -22,9 +23,9 @@ def solve_downhill(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
     """Solve a step by corrections that go downhill along the thread. Raises `StepError`."""
     try:
         held = solve_held(problem, guess)
-        solution = solve(problem, replace(held.iterate, sigma=guess.sigma), correct_downhill, PATIENCE)
+        solution = solve(problem, replace(held.iterate, sigma=guess.sigma), REACH, PATIENCE)
     except StepError:
-        return solve(problem, guess, correct_downhill, PATIENCE)
+        return solve(problem, guess, REACH, PATIENCE)
     return replace(solution, iterations=held.iterations + solution.iterations)
 
 

@@ -71,6 +71,9 @@ REACH = 0.25  # of a span; the most that a correction downhill moves an abscissa
 LONGEST_MOVE = 0.01  # of the thread's length; a Newton correction is cut down to it
 LARGEST_TURN = 0.5  # rad; a tie bounds the way of a thread, but on short spans its tangents turn over and over in that.
 # In smooth holes it slides furthest, its tangents turn with it, and this would slow it down
+RAN_AWAY = "a force is not finite: the iteration ran away, or a load is not a number"
+STICK_OR_SLIP = "stick and slip of the friction alternate without end"
+TOUCH_OR_OPEN = "friction's or the lips' active sets alternate without end"
 NO_PAIRS = np.zeros(0, dtype=bool)
 NO_GAPS = np.zeros((0, 3))
 
@@ -115,6 +118,12 @@ class Problem(Generic[Body]):
     def tied(self) -> bool:
         """Whether a thread in rough holes is at rest and tied to where it is (`coupling.equilibrium.relax_ties`)."""
         return self.stiffen and self.mass_factor > 0.0 and bool(self.system.rough.any())
+
+    @property
+    def floats(self) -> bool:
+        """Whether nothing holds the thread, no hole and no end: where it is as a whole matters to no force, and a dead
+        load takes it many lengths away in a step."""
+        return not (self.rows.any() or self.system.held.size)
 
     @cached_property
     def tie_compliance(self) -> float:
@@ -252,7 +261,7 @@ def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Bod
     try:
         answer = problem.answer.again(r.f_y[:sites].ravel(), forces_that_close(problem.contact, z, r))
     except OrganError as error:
-        raise failure(problem, r, str(error)) from error
+        raise failure(problem, r.holds, str(error)) from error
     if answer is problem.answer:
         return problem, r, True
     problem = replace(problem, answer=answer)
@@ -266,10 +275,12 @@ def force_tolerance(problem: Problem[Body], r: Residual) -> float:
 
 
 def rounded_force(problem: Problem[Body]) -> float:
-    """Return the round-off of forces that cancel [N]."""
-    thread = problem.system.thread
+    """Return the round-off of forces that cancel [N]. That of the axial force is of a strain, which has fewer digits
+    where the thread is further from the origin than it is long."""
+    thread, place = problem.system.thread, np.abs(problem.q_ref[:, :3]).max()
     by_place = thread.largest_bending + problem.mass_factor * thread.largest_mass
-    return ROUND_OFF * float(thread.EA + by_place * np.abs(problem.q_ref[:, :3]).max())
+    far = max(1.0, place / (thread.spline.end - thread.spline.start))
+    return ROUND_OFF * float(thread.EA * far + by_place * place)
 
 
 def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
@@ -333,9 +344,11 @@ def add_constraint_stiffness(
 
 def allowed_share(problem: Problem[Body], dq: Array) -> float:
     """Return the part of a correction that is applied: all of it, or what moves no control point further than
-    LONGEST_MOVE and, of a thread that is tied at rest, turns no tangent by more than LARGEST_TURN."""
+    LONGEST_MOVE, of a thread that floats beside the mean of all, and, of a thread that is tied at rest, turns no
+    tangent by more than LARGEST_TURN."""
     thread = problem.system.thread
-    spline, longest = thread.spline, float(np.abs(dq * thread.lever).max())
+    away = dq - dq.mean(axis=0) if problem.floats else dq
+    spline, longest = thread.spline, float(np.abs(away * thread.lever).max())
     share = min(1.0, LONGEST_MOVE * (spline.end - spline.start) / max(longest, np.finfo(float).tiny))
     if not problem.tied:
         return share
@@ -424,8 +437,7 @@ def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body],
         if seen[sets_of(z)] > RETURNS and not rubs:
             break
         z = fitting
-    what = "stick and slip of the friction" if problem.contact is None else "friction's or the lips' active sets"
-    raise failure(problem, r, f"{what} alternate without end")
+    raise failure(problem, r.holds, STICK_OR_SLIP if problem.contact is None else TOUCH_OR_OPEN)
 
 
 def sets_of(z: Iterate) -> bytes:
@@ -492,24 +504,30 @@ def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body], pati
     r = evaluate(problem, z)
     for iteration in range(patience * MAX_ITERATIONS):
         if not np.isfinite(r.force_scale) or not np.all(np.isfinite(r.thread)):
-            raise failure(problem, r, "a force is not finite: the iteration ran away, or a load is not a number")
+            raise failure(problem, r.holds, RAN_AWAY)
         problem, r, stands = follow(problem, z, r)
         if stands and is_converged(problem, z, r):
             if problem.system.thread.turns_too_far(problem.frame, z.q):
-                raise failure(problem, r, "a tangent turned by more than 120°, further than the twist can follow")
+                raise failure(problem, r.holds, "a tangent turned by more than 120°, further than the twist can follow")
             return Solution(problem, z, r, iteration)
         ask_before_correction()
         try:
             problem, z = problem.along(problem, z, r) if problem.along else (problem, correct(problem, z, r))
         except SingularError as error:
-            raise failure(problem, r, str(error)) from error
+            raise failure(problem, r.holds, str(error)) from error
         r = evaluate(problem, z)
-    raise failure(problem, r, f"no convergence in {patience * MAX_ITERATIONS} Newton iterations")
+    raise failure(problem, r.holds, too_many(patience * MAX_ITERATIONS))
 
 
-def failure(problem: Problem[Body], r: Residual, cause: str) -> StepError:
-    """Return the error of a step, with the piercing whose constraints are violated most."""
+def too_many(corrections: int) -> str:
+    """Say that so many corrections of one active set led to no solution."""
+    return f"no convergence in {corrections} Newton iterations"
+
+
+def failure(problem: Problem[Body], holds: Array, cause: str) -> StepError:
+    """Return the error of a step, with the piercing whose constraints are violated most; `holds` (m, 6), as of
+    `Residual`."""
     piercings = problem.system.piercings
-    gap = np.nan_to_num(np.abs(r.holds[: len(piercings), PHI]), nan=np.inf).max(axis=1, initial=0.0)
+    gap = np.nan_to_num(np.abs(holds[: len(piercings), PHI]), nan=np.inf).max(axis=1, initial=0.0)
     name = piercings[int(np.argmax(gap))].name if piercings else ""
     return StepError(problem.time - problem.dt, problem.dt, cause, name)

@@ -12,6 +12,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import accumulate
 from typing import Generic
 
 import numpy as np
@@ -28,6 +29,7 @@ from coupling.errors import InversionError, StepError
 from coupling.events import Event, find_events
 from coupling.impact import begin_piercing
 from coupling.interfaces import Body
+from coupling.march import march
 from coupling.observation import PiercingObservation, observe
 from coupling.stepping import HALVINGS, Step, Take, advance, release, try_step
 from coupling.system import State, System
@@ -37,6 +39,7 @@ from thread.knots import LEVELS
 
 log = logging.getLogger(__name__)
 
+AT_ONCE = 500  # steps at most, for nobody can call them off in between
 EQUILIBRIA = 4  # further ones of a load step at most, on knots that fit the one before
 ON_TIME = 1e-9  # of a step: a time this near the end of a step is that of its end
 
@@ -52,8 +55,8 @@ class Run(Generic[Body]):
     `resolution`, how the knots follow the thread, None where they do not; `given` (p,) [m], the abscissae of piercings
     that begin, NaN where the thread's nearest place is taken; `tie_works` (t,) [J], of the hands on each tie so far.
     `fresh` is a thread under no tension yet that knots could go by. Of the last step: whether it was sought `loose`, as
-    the next one then is first (`coupling.equilibrium.settle`), the steps `taken` (several where it was halved), the
-    `events`, and the thread's `configuration` at its end.
+    the next one then is first (`coupling.equilibrium.settle`), the steps `taken` (several where it was halved, none
+    where it was one of several made at once), the Newton iterations of those made `at_once`, and the `events`.
     """
 
     system: System[Body]
@@ -63,7 +66,6 @@ class Run(Generic[Body]):
     take: Take[Body]
     resolution: Resolution | None
     given: Array
-    configuration: Configuration
     tie_works: Array = field(default_factory=lambda: np.zeros(0))
     halvings: int = HALVINGS
     tolerance: float = np.inf
@@ -72,8 +74,16 @@ class Run(Generic[Body]):
     number: int = 0
     fresh: bool = True
     loose: bool = False
+    at_once: int = 0
     taken: tuple[Step[Body], ...] = ()
     events: tuple[Event, ...] = ()
+
+    @cached_property
+    def configuration(self) -> Configuration:
+        """The thread as it is now: at the end of the last step, unless a cut, a tie or a piercing came after it."""
+        if self.taken and self.taken[-1].new is self.state:
+            return self.taken[-1].end
+        return configuration_of(self.system, self.state)
 
     @cached_property
     def piercings(self) -> tuple[PiercingObservation, ...]:
@@ -87,8 +97,8 @@ class Run(Generic[Body]):
 
     @property
     def iterations(self) -> int:
-        """Newton iterations of the last step."""
-        return sum(step.solution.iterations for step in self.taken)
+        """Newton iterations of the last step, or of all that `steps` made."""
+        return self.at_once + sum(step.solution.iterations for step in self.taken)
 
     @property
     def is_jumping(self) -> bool:
@@ -101,7 +111,7 @@ class Run(Generic[Body]):
 
         Raises `StepError`, `ConstraintError`, `InversionError`, `FormingError`.
         """
-        run = replace(self, taken=(), events=())
+        run = replace(self, at_once=0, taken=(), events=())
         if not run.fresh:
             run = run.refitted(dt, run.number % INTERVAL == 0)
         watch = Watch([run.energies], run.downhill, bool(run.events))
@@ -111,6 +121,53 @@ class Run(Generic[Body]):
             taken = [*taken[:-1], replace(taken[-1], new=replace(taken[-1].new, time=time))]
         return run._after(taken, watch.energies[-1])._scheduled(self.state.time, dt)
 
+    def steps(self, dt: float, count: int) -> "Run[Body]":
+        """Make so many steps of `dt` [s], each as `step` makes it, but as many at once in compiled loops as go on
+        smoothly (`coupling.march`), where the system asks for these: no solution of such a step is kept. The events
+        and iterations are those of all. Raises as `step` does."""
+        run, events, iterations, alone = self, list[Event](), 0, 1
+        last = self.number + count
+        while run.number < last:
+            smooth = run._smoothly(dt, min(AT_ONCE, last - run.number))
+            alone = 2 * alone if smooth is None else 1  # where they stop soon they are not asked for after every step
+            if smooth is not None:
+                run, iterations = smooth, iterations + smooth.iterations
+            for _ in range(min(alone, last - run.number)):
+                run = run.step(dt)
+                events, iterations = [*events, *run.events], iterations + run.iterations
+        of_steps = sum(step.solution.iterations for step in run.taken)
+        return replace(run, events=tuple(events), at_once=iterations - of_steps)
+
+    def _smoothly(self, dt: float, count: int) -> "Run[Body] | None":
+        """Return the run after as many of so many steps of `dt` [s] as the loops make at once, None where that is none.
+        What is looked at between steps is left to them: knots that follow the thread, and the error of a step."""
+        if self.fresh or not self.downhill or self.resolution is not None or self.tolerance < np.inf:
+            return None
+        times = self._before_due(dt, list(accumulate([dt] * count, initial=self.state.time))[1:])
+        if not times:
+            return None
+        found = march(self.system, self.state, self.energies, dt, times, self.take, self.is_jumping)
+        if found is None:
+            return None
+        return replace(
+            self,
+            state=found.state,
+            energies=found.energies,
+            number=self.number + found.made,
+            loose=False,
+            at_once=found.iterations,
+            taken=(),
+            events=(),
+        )
+
+    def _before_due(self, dt: float, times: list[float]) -> list[float]:
+        """Return those of the `times` [s] that steps of `dt` [s] go to before anything is scheduled."""
+        holds = zip(self.system.piercings, self.state.present, strict=False)
+        planned = [cut.time for cut in self.cuts] + [p.ends if there else p.begins for p, there in holds]
+        due = [time - ON_TIME * dt for time in planned]
+        next_one = min((time for time in due if time > self.state.time), default=np.inf)
+        return [time for time in times if time < next_one]
+
     def load(self, share: float, duration: float) -> "Run[Body]":
         """Go on to the equilibrium under the part `share` of the loads at `duration` [s].
 
@@ -119,7 +176,7 @@ class Run(Generic[Body]):
         equilibrium under the same loads, with friction from there. Raises `StepError`, before the first load step
         where dead loads are unbalanced, `InversionError`, `ConstraintError`.
         """
-        first = replace(self, taken=(), events=())
+        first = replace(self, at_once=0, taken=(), events=())
         if first.fresh:
             refuse_unbalanced(first.system, first.state, duration)
             first = first.held_together()
@@ -206,7 +263,6 @@ class Run(Generic[Body]):
         return replace(
             self,
             state=taken[-1].new,
-            configuration=taken[-1].end,
             energies=energies,
             tie_works=self.tie_works + sum(closing_works(step) + drawing_works(step) for step in taken),
             loose=any(step.loose for step in taken),
@@ -244,7 +300,6 @@ class Run(Generic[Body]):
         return replace(
             run,
             state=state,
-            configuration=configuration_of(run.system, state),
             energies=book_events(run.system, run.energies, state, due),
             s_begun=np.where(state.present & ~run.state.present, state.s, run.s_begun),
             events=run.events + tuple(due),
@@ -258,8 +313,8 @@ class Run(Generic[Body]):
                 system, state, event = cut_thread(run.system, run.state, cut.s)
                 state, loops = let_go_of_cut(system, state)
                 energies = book_events(system, run.energies, state, [event])
-                now, events = configuration_of(system, state), (*run.events, event, *loops)
-                run = replace(run, system=system, state=state, energies=energies, configuration=now, events=events)
+                events = *run.events, event, *loops
+                run = replace(run, system=system, state=state, energies=energies, events=events)
         return run
 
     def held_together(self) -> "Run[Body]":
@@ -285,8 +340,7 @@ class Run(Generic[Body]):
                 due.append(event)
         if not due:
             return self
-        now = configuration_of(self.system, state)
-        return replace(self, state=state, configuration=now, events=(*self.events, *due))
+        return replace(self, state=state, events=(*self.events, *due))
 
 
 def begin(
@@ -313,7 +367,6 @@ def begin(
         take=take,
         resolution=resolution,
         given=nearest if given is None else given,
-        configuration=configuration_of(system, state),
         tie_works=np.zeros(len(system.ties)),
         halvings=halvings,
         tolerance=tolerance,

@@ -2,30 +2,30 @@
 and they cover it."""
 
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from coupling import newton
+from coupling.bordered import SINGULAR_HOLDS, SINGULAR_THREAD
 from coupling.calls import ask_before_correction
 from coupling.configuration import evaluate_thread
 from coupling.interfaces import Body
 from coupling.newton import Iterate, Problem, Residual, Solution
 from coupling.system import System
 
+if TYPE_CHECKING:
+    from coupling.tables import Ended
+
 
 def solve(problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: int = 1) -> Solution[Body]:
     """Iterate from `start` until every equation holds, and stick and slip, touch and open fit the answer: by compiled
-    loops where the system asks for them and they cover the problem and come to its end, else by `coupling.newton`.
-    Raises `StepError`.
+    loops where the system asks for them and they cover the problem, else by `coupling.newton`. Raises `StepError`.
 
     No abscissa goes uphill, nor further than so many `spans` in a correction, where they are given; there may be
     `patience` times the corrections of a plain solve."""
     if problem.system.compiled and is_covered(problem):
-        ask_before_correction()
-        solution = solve_compiled(problem, start, spans, patience)
-        if solution is not None:
-            for _ in range(solution.iterations - 1):  # the loops do not ask themselves, and each correction counts
-                ask_before_correction()
-            return solution
+        return solve_compiled(problem, start, spans, patience)
     correct = partial(newton.correct_downhill, spans=spans) if spans else newton.correct
     return newton.solve(problem, start, correct, patience)
 
@@ -52,20 +52,40 @@ def is_covered(problem: Problem[Body]) -> bool:
     return linear and not problem.law.strands.size and covers(problem.system)
 
 
-def solve_compiled(
-    problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: int = 1
-) -> Solution[Body] | None:
-    """Return the solution by the loops; None where they come to none, and numpy is to say why."""
+def solve_compiled(problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: int = 1) -> Solution[Body]:
+    """Solve by the loops, as `solve` says. Raises `StepError`, where they end as `coupling.newton` does."""
     from coupling.tables import run, tables_of
 
-    iterations, z, found, scale = run(tables_of(problem.system.thread), problem, start, spans, patience)
-    if iterations < 0:
-        return None
-    return Solution(problem, z, residual_of(problem, z, found, scale), iterations)
+    ask_before_correction()
+    ended = run(tables_of(problem.system.thread), problem, start, spans, patience)
+    for _ in range(ended.corrections - 1):  # the loops do not ask themselves, and each correction counts
+        ask_before_correction()
+    cause = cause_of(ended, patience)
+    if cause:
+        raise newton.failure(problem, ended.found.holds, cause)
+    return Solution(problem, ended.z, residual_of(problem, ended), ended.corrections)
 
 
-def residual_of(problem: Problem[Body], z: Iterate, found: Any, scale: float) -> Residual:
+def cause_of(ended: "Ended", patience: int) -> str:
+    """Return why the loops found no solution, in the words of `coupling.newton`; empty where they found one."""
+    from coupling.compiled import iteration
+
+    if ended.how == iteration.SOLVED:
+        return ""
+    causes = {
+        iteration.SINGULAR_THREAD: SINGULAR_THREAD,
+        iteration.SINGULAR_HOLDS: SINGULAR_HOLDS,
+        iteration.NOT_CONVERGED: newton.too_many(patience * newton.MAX_ITERATIONS),
+        iteration.ALTERNATES: newton.STICK_OR_SLIP,
+    }
+    if not np.isfinite(ended.found.balance).all():  # no number compares, and what has one in it may pass for singular
+        return newton.RAN_AWAY
+    return causes.get(ended.how, newton.RAN_AWAY)
+
+
+def residual_of(problem: Problem[Body], ended: "Ended") -> Residual:
     """Return the residual at a solved iterate from the arrays that the loops left. The thread itself is evaluated as a
     run that goes on from there evaluates it, to the same bits."""
+    z, found = ended.z, ended.found
     now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, problem.layers)
-    return Residual(now, found.f_y, found.push, found.balance, found.holds, found.site, scale)
+    return Residual(now, found.f_y, found.push, found.balance, found.holds, found.site, ended.force_scale)

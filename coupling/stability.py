@@ -101,22 +101,29 @@ def holds(solution: Solution[Body]) -> bool:
 
 def is_squeezed(solution: Solution[Body], mass_factor: float = 0.0) -> bool:
     """Tell whether a solution may be one that the thread does not resist: it is twisted, or a strand of it is pressed
-    along itself by more than the longest thread bears by its bending and its inertia.
-
-    A wave of number k is held by EI k⁴ + ϱA a and driven by F k², with a the `mass_factor` of the time scheme [1/s²],
-    none at rest: for F below 2 √(EI ϱA a) there is none that is not held (a column on an elastic foundation; Timoshenko
-    and Gere, Theory of Elastic Stability, 1961, §2.10), nor at rest below π² EI/4L².
-    """
+    along itself by more than `borne_pressure`, with the `mass_factor` of the time scheme [1/s²], none at rest."""
     problem, z = solution.problem, solution.iterate
     thread = problem.system.thread
     if not thread.EI:
         return False
-    N = thread.EA * solution.residual.configuration.points.strain
-    by_inertia = 2.0 * np.sqrt(thread.EI * thread.section.rhoA * mass_factor)
-    borne = max(by_inertia, 0.25 * np.pi**2 * thread.force_unit)
+    N, borne = thread.EA * solution.residual.configuration.points.strain, borne_pressure(thread, mass_factor)
     if thread.twist or N.min() >= -borne:
         return thread.twist
     return largest_pressure(problem.system, z.s, N, problem.rows[:, 0]) > borne
+
+
+def borne_pressure(thread: Thread, mass_factor: float) -> float:
+    """Return the force along itself that the longest thread bears by its bending and its inertia [N], any where it does
+    not bend.
+
+    A wave of number k is held by EI k⁴ + ϱA a and driven by F k², with a the `mass_factor` of the time scheme [1/s²]:
+    for F below 2 √(EI ϱA a) there is none that is not held (a column on an elastic foundation; Timoshenko and Gere,
+    Theory of Elastic Stability, 1961, §2.10), nor at rest below π² EI/4L².
+    """
+    if not thread.EI:
+        return np.inf
+    by_inertia = 2.0 * np.sqrt(thread.EI * thread.section.rhoA * mass_factor)
+    return float(max(by_inertia, 0.25 * np.pi**2 * thread.force_unit))
 
 
 def go_aside(solution: Solution[Body], solve: Callable[[Problem[Body], Iterate], Solution[Body]]) -> Solution[Body]:

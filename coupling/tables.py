@@ -15,7 +15,7 @@ from coupling.bordered import NINE
 from coupling.compiled import iteration
 from coupling.compiled.curve import Curve
 from coupling.compiled.friction import Law
-from coupling.compiled.iteration import Bounds, Found, Given, Knots, Unknowns
+from coupling.compiled.iteration import Bounds, Found, Given, Knots, Trail, Unknowns
 from coupling.newton import Iterate, Problem
 from coupling.recent import Recent
 from thread.compliance import POWERS
@@ -82,6 +82,18 @@ def learn(lack: Array, problem: Problem, s: Array) -> bool:
     for hold, span in unknown:
         lack[hold, span] = thread.missing_on(span, np.inf if layers is None else float(layers[hold]))
     return bool(unknown)
+
+
+@dataclass(frozen=True, eq=False)
+class Ended:
+    """What the loops came to: `how` they ended (`coupling.compiled.iteration`), the `corrections` made, the largest
+    force [N], the last iterate `z`, and the residual `found` there."""
+
+    how: int
+    corrections: int
+    force_scale: float
+    z: Iterate
+    found: Found
 
 
 RECENT: Recent[Tables] = Recent()  # a host program that moves an end makes another system in every step
@@ -164,11 +176,13 @@ def bounds_of(problem: Problem, spans: float, patience: int) -> Bounds:
         newton.MARGIN,
         patience * newton.MAX_ITERATIONS,
         newton.MAX_SETS,
+        newton.RETURNS,
         spans,
+        problem.floats,
     )
 
 
-def empty_found(z: Iterate, points: int) -> Found:
+def empty_found(z: Iterate | Unknowns, points: int) -> Found:
     """Return room for a residual at an iterate, with so many `points` of the bending on a span."""
     (n, _), (spans, axial), m = z.q.shape, z.N.shape, len(z.s)
     return Found(
@@ -186,13 +200,19 @@ def empty_found(z: Iterate, points: int) -> Found:
         K=np.empty((spans, points, 3)),
         T_axial=np.empty((spans, axial, 3)),
         strain=np.empty((spans, axial)),
+        trail=Trail(np.empty((newton.MAX_SETS, m)), np.zeros(5, np.int64)),
     )
 
 
 def folder_of_loops() -> Path | None:
     """Return the folder that the loops are kept in; None where there is none that one may write, or Numba is switched
     off."""
-    stats = getattr(iteration.solve, "stats", None)
+    return folder_of(iteration.solve)
+
+
+def folder_of(loops: object) -> Path | None:
+    """Return the folder that compiled loops are kept in, likewise."""
+    stats = getattr(loops, "stats", None)
     return Path(stats.cache_path) if stats is not None and stats.cache_path else None
 
 
@@ -200,11 +220,17 @@ def folder_of_loops() -> Path | None:
 def is_ready() -> bool:
     """Whether the loops were on disk, compiled since a module of theirs last changed, when this was first asked; where
     Numba is switched off nothing is to be compiled."""
-    folder = folder_of_loops()
+    return is_kept(iteration.solve, KEPT, "*.py")
+
+
+def is_kept(loops: object, name: str, sources: str) -> bool:
+    """Whether compiled loops, whose files on disk begin with a `name`, were compiled since a module among their
+    `sources` in `coupling.compiled` last changed; also where Numba is switched off."""
+    folder = folder_of(loops)
     if folder is None:
-        return not hasattr(iteration.solve, "stats")
-    changed = max(path.stat().st_mtime for path in Path(iteration.__file__).parent.glob("*.py"))
-    return any(path.stat().st_mtime > changed for path in folder.glob(f"{KEPT}*.nbi"))
+        return not hasattr(loops, "stats")
+    changed = max(path.stat().st_mtime for path in Path(iteration.__file__).parent.glob(sources))
+    return any(path.stat().st_mtime > changed for path in folder.glob(f"{name}*.nbi"))
 
 
 def run_loops(*given: object) -> tuple[int, float]:
@@ -218,18 +244,17 @@ def run_loops(*given: object) -> tuple[int, float]:
     return found
 
 
-def run(
-    tables: Tables, problem: Problem, start: Iterate, spans: float = 0.0, patience: int = 1
-) -> tuple[int, Iterate, Found, float]:
-    """Run the loops from an iterate: the Newton iterations, −1 where they come to no end, the iterate, the residual
-    there and its largest force [N]."""
+def run(tables: Tables, problem: Problem, start: Iterate, spans: float = 0.0, patience: int = 1) -> Ended:
+    """Run the loops from an iterate. Where a hold comes to a span of which it is not known what the spline lacks there,
+    that is learnt, and they go on."""
     given, law, bounds = given_of(problem), law_of(problem), bounds_of(problem, spans, patience)
     learn(given.lack, problem, start.s)
+    arrays = (np.array(x, dtype=float) for x in (start.q, start.N, start.s, start.lam, start.y, start.sigma))
+    z = Iterate(*arrays)
+    found, unknowns = empty_found(z, tables.curve.w.shape[1]), Unknowns(z.q, z.N, z.s, z.lam, z.y, z.sigma)
+    made = found.trail.made
     while True:
-        arrays = (np.array(x, dtype=float) for x in (start.q, start.N, start.s, start.lam, start.y, start.sigma))
-        z = Iterate(*arrays)
-        found = empty_found(z, tables.curve.w.shape[1])
-        unknowns = Unknowns(z.q, z.N, z.s, z.lam, z.y, z.sigma)
-        iterations, scale = run_loops(tables.curve, tables.knots, law, given, bounds, unknowns, found)
-        if iterations >= 0 or not learn(given.lack, problem, z.s):
-            return iterations, z, found, scale
+        _, scale = run_loops(tables.curve, tables.knots, law, given, bounds, unknowns, found)
+        if made[iteration.HOW] != iteration.UNKNOWN or not learn(given.lack, problem, z.s):
+            return Ended(int(made[iteration.HOW]), int(made[iteration.TOTAL]), scale, z, found)
+        made[iteration.GOES_ON] = 1

@@ -283,21 +283,25 @@ class Thread:
         """Return the missing compliance on a span where the thread bends over `layer` = √(EI/T) [m], as polynomials in
         the distance from its start [m]: straight in log ℓ between stages, which are remembered. Shape
         `(3 derivatives, 3, 7 powers)`."""
-        if span not in self._patches:
-            self._patches[span] = patch_of(self.spline, span)
-        if self._patches[span].is_slack(layer):
-            return self._stage(span, None)
+        if self._patch(span).is_slack(layer):
+            return self.missing_at(span, None)
         stage = STAGES * np.log2(layer)
         lower = int(np.floor(stage))
         share = stage - lower
-        return (1.0 - share) * self._stage(span, lower) + share * self._stage(span, lower + 1)
+        return (1.0 - share) * self.missing_at(span, lower) + share * self.missing_at(span, lower + 1)
 
-    def _stage(self, span: int, stage: int | None) -> Array:
+    def missing_at(self, span: int, stage: int | None) -> Array:
+        """Return the missing compliance on a span at a stage, as `missing_on`; None stands for a slack thread."""
         key = (span, stage)
         if key not in self._missing:
             layer = np.inf if stage is None else 2.0 ** (stage / STAGES)
-            self._missing[key] = missing_on(self._patches[span], layer) / self.EI
+            self._missing[key] = missing_on(self._patch(span), layer) / self.EI
         return self._missing[key]
+
+    def _patch(self, span: int) -> Patch:
+        if span not in self._patches:
+            self._patches[span] = patch_of(self.spline, span)
+        return self._patches[span]
 
     def missing_compliance(self, s: Array, home: Array | None = None, layers: Array | None = None) -> Array:
         """Return the compliance that the spline lacks at the abscissae `s` (m,) [m], with its derivatives by s.

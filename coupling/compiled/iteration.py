@@ -43,7 +43,8 @@ from coupling.compiled.holes import (
 from coupling.compiled.loops import loop, outermost, part, sources
 from coupling.compiled.vectors import add_row, dot, sum_of
 
-SOLVED, NOT_SOLVED = 0, 1
+SOLVED, RAN_AWAY, SINGULAR_THREAD, SINGULAR_HOLDS, NOT_CONVERGED, ALTERNATES, UNKNOWN = range(7)  # how one ends
+HOW, TOTAL, SETS, OF_SET, GOES_ON = range(5)  # in the numbers of a trail
 TINY = 2.2250738585072014e-308
 
 
@@ -81,7 +82,8 @@ class Given(NamedTuple):
 class Bounds(NamedTuple):
     """What counts as solved and how far a correction goes: `force` of the largest force, and `rounded` [N] beside it;
     the `least` largest force [N]; `gap` [m], `direction`; `longest` move [m] and largest `turn` of a tangent; margin
-    between two solved sets; `spans` that a correction moves an abscissa at most, downhill, zero where it is not led."""
+    between two solved sets; `iterations` for one set, how many `sets`, and how many `returns` to one of them; `spans`
+    that a correction moves an abscissa at most, downhill, zero where it is not led; whether the thread `floats`."""
 
     force: float
     rounded: float
@@ -93,7 +95,9 @@ class Bounds(NamedTuple):
     margin: float
     iterations: int
     sets: int
+    returns: int
     spans: float
+    floats: bool
 
 
 class Unknowns(NamedTuple):
@@ -107,9 +111,28 @@ class Unknowns(NamedTuple):
     sigma: Array
 
 
+class Trail(NamedTuple):
+    """How an iteration went: the active sets `seen` (sets, m), and the numbers `made` (5,): HOW it ended, corrections
+    in TOTAL, SETS solved and corrections OF the SET that is not. Where it ended because it is UNKNOWN what the spline
+    lacks on a span that a hold came to, it GOES ON from there once its caller has learnt that, and says so."""
+
+    seen: Array
+    made: Indices
+
+
+class Passing(NamedTuple):
+    """The thread at its holes, as `coupling.constraints.Passage`: `D` (m, 4, 3) P to T'', `b` (m, 4, 4), `c` (m, 3, 3),
+    `first` (m,)."""
+
+    first: Indices
+    b: Array
+    D: Array
+    c: Array
+
+
 class Found(NamedTuple):
-    """The residual at the iterate, as `coupling.newton.Residual` with its passage: `D` (m, 4, 3) P to T'', `b`
-    (m, 4, 4), `c` (m, 3, 3), `first` (m,)."""
+    """The residual at the iterate, as `coupling.newton.Residual` with its passage, as `Passing`, and the
+    `trail` that led there."""
 
     elastic: Array
     balance: Array
@@ -125,6 +148,7 @@ class Found(NamedTuple):
     K: Array
     T_axial: Array
     strain: Array
+    trail: Trail
 
 
 @loop
@@ -155,7 +179,7 @@ def span_of(breaks: Array, s: float, low: int, high: int) -> int:
 
 
 @loop
-def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found) -> None:
+def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found | Passing) -> None:
     """Evaluate the thread at hold k, and what it lacks there."""
     s = z.s[k]
     span = span_of(knots.breaks, s, given.spans[k, 0], given.spans[k, 1])
@@ -186,6 +210,15 @@ def lacks(c: Array) -> bool:
                 if c[k, derivative, j] != 0.0:
                     return True
     return False
+
+
+@loop
+def is_unknown(c: Array, s: Array) -> bool:
+    """Whether it is not known what the spline lacks at a hold, `c` (m, 3, 3), though the hold has a place."""
+    unknown = False
+    for k in range(len(s)):
+        unknown |= abs(s[k]) < LARGEST and not abs(c[k, 0, 0]) < LARGEST
+    return unknown
 
 
 @loop
@@ -396,9 +429,11 @@ def has_any(M: Array) -> bool:
 
 
 @part
-def newton_direction(A: Array, border: Border, given: Given, r: Found, reach: Array, dq: Array, dz: Array) -> float:
-    """Solve for the direction `dq` (n, 3), `dz` (m, 15), led by `reach` as in `solve_holds`; returns the longest entry
-    of dq [m], −1 where a matrix is singular."""
+def newton_direction(
+    A: Array, border: Border, given: Given, r: Found, reach: Array, dq: Array, dz: Array
+) -> tuple[int, float]:
+    """Solve for the direction `dq` (n, 3), `dz` (m, 15), led by `reach` as in `solve_holds`; returns SOLVED or which
+    matrix is singular, and the longest entry of dq [m]."""
     n, m = len(r.balance), len(r.holds)
     X, first = np.zeros((n + REACH, 3, 1 + NINE * m)), n
     for k in range(m):
@@ -411,14 +446,15 @@ def newton_direction(A: Array, border: Border, given: Given, r: Found, reach: Ar
                 for j in range(X.shape[2]):
                     X[i, x, j] = 0.0
     if not solve_band(A, X, first):
-        return -1.0
+        return SINGULAR_THREAD, 0.0
     G = np.zeros((NINE * m, 1 + NINE * m))
     for k in range(m):
         values_at_hold(r.first[k], r.b[k], X, G, NINE * k)
     rigid = not (has_any(given.C) or has_any(r.site))
     if not solve_holds(border, given.C, G, r.holds, r.site, rigid, reach, dz):
-        return -1.0
-    return thread_direction(border.E, dz, X, dq)
+        return SINGULAR_HOLDS, 0.0
+    longest = thread_direction(border.E, dz, X, dq)
+    return (SOLVED, longest) if longest >= 0.0 else (SINGULAR_HOLDS, 0.0)
 
 
 @loop
@@ -434,10 +470,25 @@ def largest_turn(spacing: Array, dq: Array) -> float:
 
 
 @loop
+def longest_away(dq: Array) -> float:
+    """Return the most that a move `dq` (n, 3) [m] of the control points moves one beside the mean of all [m]."""
+    longest = 0.0
+    for x in range(3):
+        mean = 0.0
+        for i in range(len(dq)):
+            mean += dq[i, x]
+        mean /= len(dq)
+        for i in range(len(dq)):
+            longest = max(longest, abs(dq[i, x] - mean))
+    return longest
+
+
+@loop
 def add_correction(bounds: Bounds, spacing: Array, z: Unknowns, dq: Array, longest: float, dz: Array) -> None:
-    """Add a correction, or the share of it that moves no point further than it may, and turns no tangent by more;
-    `dq` becomes what is added."""
-    share = min(1.0, bounds.longest / max(longest, TINY))
+    """Add a correction, or the share of it that moves no point further than it may, of a thread that floats beside the
+    mean of all, and turns no tangent by more; `dq` becomes what is added."""
+    away = longest_away(dq) if bounds.floats else longest
+    share = min(1.0, bounds.longest / max(away, TINY))
     if bounds.turn < np.inf:
         share = min(share, bounds.turn / max(largest_turn(spacing, dq), TINY))
     for i in range(len(dq)):
@@ -456,17 +507,22 @@ def add_correction(bounds: Bounds, spacing: Array, z: Unknowns, dq: Array, longe
 def solve_set(
     curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
 ) -> tuple[int, float, bool]:
-    """Iterate by Newton with the active set; returns the iterations, −1 where it is not solved, the largest force [N]
-    and whether the spline lacks nothing."""
+    """Iterate by Newton with the active set, the corrections counted in the trail; returns how that ended, and at the
+    last iterate, where the residual is, the largest force [N] and whether the spline lacks nothing."""
     dq, dz = np.zeros((len(z.q), 3)), np.zeros((len(z.s), BORDER))
     reach = np.zeros(len(z.s) if bounds.spans > 0.0 else 0)
-    for iteration in range(bounds.iterations):
+    made = r.trail.made
+    while True:
         scale, bare = evaluate(curve, knots, law, given, z, r)
         scale = max(scale, bounds.least)
+        if is_unknown(r.c, z.s):
+            return UNKNOWN, scale, bare
+        if made[OF_SET] == bounds.iterations:
+            return NOT_CONVERGED, scale, bare
         if not scale < LARGEST:
-            return -1, scale, bare
+            return RAN_AWAY, scale, bare
         if is_converged(given, bounds, bounds.force * scale + bounds.rounded, z, r):
-            return iteration, scale, bare
+            return SOLVED, scale, bare
         A, border = thread_matrix(curve, knots, given, z, r, bare), border_of(law, given, z, r, bare)
         if given.stiffen:
             add_constraint_stiffness(A, border, given, r)
@@ -474,24 +530,25 @@ def solve_set(
         for k in range(len(reach)):
             span = span_of(knots.breaks, z.s[k], given.spans[k, 0], given.spans[k, 1])
             reach[k] = bounds.spans * (knots.breaks[span + 1] - knots.breaks[span])
-        longest = newton_direction(A, border, given, r, reach, dq, dz)
-        if longest < 0.0:
-            return -1, scale, bare
+        ending, longest = newton_direction(A, border, given, r, reach, dq, dz)
+        if ending != SOLVED:
+            return ending, scale, bare
         add_correction(bounds, knots.spacing, z, dq, longest, dz)
         on_curve.next_axial_force(curve, Stretched(r.T, r.K, r.T_axial, r.strain), dq, z.N)
-    return -1, 0.0, True
+        made[OF_SET] += 1
+        made[TOTAL] += 1
 
 
 @loop
-def was_seen(seen: Array, count: int, sigma: Array) -> bool:
-    """Whether an active set is among the first `count` of those `seen`."""
+def times_seen(seen: Array, count: int, sigma: Array) -> int:
+    """Return how often an active set is among the first `count` of those `seen`."""
+    times = 0
     for i in range(count):
         same = True
         for k in range(len(sigma)):
             same &= seen[i, k] == sigma[k]
-        if same:
-            return True
-    return False
+        times += same
+    return times
 
 
 @loop
@@ -506,7 +563,7 @@ def next_set(law: Law, given: Given, z: Unknowns, r: Found, bare: bool, margin: 
             first = k
     if first < 0:
         return False
-    if was_seen(seen, count, fitting):
+    if times_seen(seen, count, fitting) > 0:
         z.sigma[first] = fitting[first]
     else:
         copy_into(fitting, z.sigma)
@@ -520,22 +577,30 @@ def solve_of(digest: int) -> Any:
     def solve(
         curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
     ) -> tuple[int, float]:
-        """Iterate until every equation holds and stick and slip fit the answer; returns the iterations, −1 where that
-        was not reached, and the largest force [N]."""
+        """Iterate until every equation holds and stick and slip fit the answer; returns the corrections, −1 where that
+        was not reached, and the largest force [N] at the last iterate, where the residual is."""
         assert digest
-        seen, total = np.zeros((bounds.sets, len(z.s))), 0
-        for k in range(len(z.s)):
-            z.sigma[k] = admissible_sigma(law, k, z.sigma[k])
-        for count in range(bounds.sets):
-            iterations, scale, bare = solve_set(curve, knots, law, given, bounds, z, r)
-            if iterations < 0:
+        (seen, made), scale = r.trail, 0.0
+        if not made[GOES_ON]:
+            for i in range(len(made)):
+                made[i] = 0
+            for k in range(len(z.s)):
+                z.sigma[k] = admissible_sigma(law, k, z.sigma[k])
+        while made[SETS] < bounds.sets:
+            made[HOW], scale, bare = solve_set(curve, knots, law, given, bounds, z, r)
+            if made[HOW] != SOLVED:
                 return -1, scale
-            total += iterations
-            copy_into(z.sigma, seen[count])
+            copy_into(z.sigma, seen[made[SETS]])
+            made[SETS] += 1
+            made[OF_SET] = 0
+            often = times_seen(seen, made[SETS], z.sigma)
             margin = bounds.margin * (bounds.force * scale + bounds.rounded)
-            if not next_set(law, given, z, r, bare, margin, seen, count + 1):
-                return total, scale
-        return -1, 0.0
+            if not next_set(law, given, z, r, bare, margin, seen, made[SETS]):
+                return made[TOTAL], scale
+            if often > bounds.returns:
+                break
+        made[HOW] = ALTERNATES
+        return -1, scale
 
     return solve
 

@@ -41,13 +41,13 @@ def outermost(kernel: Kernel) -> Kernel:
         return njit(error_model="numpy", no_cfunc_wrapper=True)(kernel)
 
 
-def sources() -> int:
-    """Return a digest of the modules of this package, not zero.
+def sources(pattern: str = "*.py") -> int:
+    """Return a digest of the modules of this package whose paths in it match a `pattern`, not zero.
 
     Numba keeps a function on disk by the text of its own module, and would not see that one it calls has changed. Of a
     function made within another what it takes from there counts too, so it takes this.
     """
     digest = sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
+    for path in sorted(Path(__file__).parent.glob(pattern)):
         digest.update(path.read_bytes())
     return 1 + int.from_bytes(digest.digest()[:7])

@@ -365,7 +365,9 @@ def check_accuracy(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residu
     floor = ROUND_OFF * np.array([force_unit, length, length, length, 1.0, 1.0])
     accurate = np.abs(holds).max(axis=0, initial=0.0) <= ACCURACY * terms.max(axis=0, initial=0.0) + floor
     if largest > ACCURACY * force_scale + floor[S] or not accurate.all():
-        raise failure(problem, residual, "the linear solve lost its accuracy; with the elimination, raise epsilon")
+        raise failure(
+            problem, residual.holds, "the linear solve lost its accuracy; with the elimination, raise epsilon"
+        )
     return residual
 
 

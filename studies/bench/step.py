@@ -1,7 +1,8 @@
 """`suture bench`: milliseconds per step, and those of what a competent user would write, as ratios measured in one run.
 
 Of every case: our step as it is taken, with the iteration in compiled loops where they are switched on
-(`coupling.solver`), and the same step with the iteration in numpy. With an organ also the floor below which no step
+(`coupling.solver`), and the same step with the iteration in numpy; where the loops make many steps at once
+(`coupling.run.Run.steps`), one of those. With an organ also the floor below which no step
 with this factor can be (one organ back-substitution), and two baselines that solve the same step to the same tolerance:
 
 - `assembled`: Newton on the one assembled matrix, each correction by `scipy.sparse.linalg.spsolve`;
@@ -28,7 +29,7 @@ from coupling import newton
 from coupling.assembled import BlockSystem, monolithic_solve
 from coupling.errors import StepError
 from coupling.integrators import BackwardEuler
-from coupling.interfaces import Body
+from coupling.interfaces import Body, Steady
 from coupling.newton import Iterate
 from coupling.run import begin
 from coupling.stepping import Step, conclude, dynamic_problem, organ_answer, predict
@@ -60,6 +61,7 @@ THREADS = {
 }
 WARM_UP = 60  # steps before anything is measured: the first ones are not like the rest
 ROUNDS = 15
+AT_ONCE = 50  # steps
 LARGEST_ASSEMBLED = 15_000  # unknowns; beyond, one spsolve of the assembled matrix takes minutes
 MILLI = 1e-3
 
@@ -74,6 +76,7 @@ class Row:
     step: float
     numpy_iterations: float
     numpy: float
+    at_once: float | None = None
     floor: float | None = None
     prefactored: float | None = None
     assembled: float | None = None
@@ -123,7 +126,10 @@ def measure_case(case: str, scenario: Scenario, rounds: int) -> Row:
     for _ in range(WARM_UP):
         run = run.step(dt)
     others = baselines(run.system, organ, dt) if isinstance(organ, DynamicOrgan | QuasiStaticOrgan) else {}
-    times: dict[str, list[float]] = {name: [] for name in ("step", "numpy", *others)}
+    at_once = ["at_once"] if isinstance(organ, Steady) else []
+    times: dict[str, list[float]] = {name: [] for name in ("step", "numpy", *at_once, *others)}
+    if at_once:
+        run.steps(dt, AT_ONCE)  # loads or compiles the loops
     iterations, by_numpy = [], []
     for _ in range(rounds):
         for name, call in others.items():
@@ -132,6 +138,10 @@ def measure_case(case: str, scenario: Scenario, rounds: int) -> Row:
         began = process_time()
         by_numpy += [replace(run, take=numpy_step).step(dt).iterations]
         times["numpy"] += [process_time() - began]
+        if at_once:
+            began = process_time()
+            run.steps(dt, AT_ONCE)
+            times["at_once"] += [(process_time() - began) / AT_ONCE]
         began = process_time()
         run = run.step(dt)
         times["step"] += [process_time() - began]
@@ -209,8 +219,8 @@ def prefactored_correction(system: BlockSystem, solve: Callable[[Array], Array],
 
 
 HEAD = (
-    f"{'':18} {'unknowns':>9} {'Newton':>7} {'step':>9} {'in numpy':>18} {'floor':>9} {'step/floor':>11} "
-    f"{'prefactored':>12} {'assembled':>10}"
+    f"{'':18} {'unknowns':>9} {'Newton':>7} {'step':>9} {'in numpy':>18} {'at once':>9} {'floor':>9} "
+    f"{'step/floor':>11} {'prefactored':>12} {'assembled':>10}"
 )
 
 
@@ -220,5 +230,6 @@ def line(row: Row) -> str:
     others = [f"{ratio:.1f} ×" if ratio else "" for ratio in (row.ratio(row.prefactored), row.ratio(row.assembled))]
     ours = f"{row.newton_iterations:7.1f} {row.step:9.3f}"
     theirs = f"{row.numpy_iterations:4.1f} {row.numpy:7.3f} {row.numpy / row.step:3.0f} ×"
-    step = f"{row.case:18} {row.tissue_unknowns:9d} {ours} {theirs}"
+    at_once = f"{row.at_once:9.3f}" if row.at_once is not None else " " * 9
+    step = f"{row.case:18} {row.tissue_unknowns:9d} {ours} {theirs} {at_once}"
     return f"{step} {floor} {others[0]:>12} {others[1]:>10}"

@@ -246,7 +246,8 @@ def table(rows: Sequence[Row]) -> Table:
 def remarks(rows: Sequence[Row]) -> list[str]:
     """Say whether what was to arrive did, which steps made energy, and list every case that did not complete."""
     gentle, sudden = [row for row in rows if row.gentle], [row for row in rows if row.kind == "sudden"]
-    out = [arrived("gentle cases", gentle, ASKED), arrived("sudden dead loads", sudden, ASKED_SUDDEN)]
+    asked = (("gentle cases", gentle, ASKED), ("sudden dead loads", sudden, ASKED_SUDDEN))
+    out = [arrived(name, group, share_asked) for name, group, share_asked in asked if group]
     out.append(makes("backward Euler", rows, [row.created for row in rows]))
     out.append(makes("BDF2", rows, [row.created_bdf2 for row in rows]))
     return [*out, *agreement(rows)] + [

@@ -41,7 +41,15 @@ def parser_for(arguments: Sequence[str]) -> argparse.ArgumentParser:
 def read(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """Read the command line, None that of the process; ends the process where it is not understood."""
     given = sys.argv[1:] if arguments is None else arguments
-    options = parser_for(given).parse_args(given)
+    parser = parser_for(given)
+    asked = next((word for word in given if not word.startswith("-")), None)
+    if asked is not None and asked not in TABLE:
+        from studies.scenario.refusal import nearest
+
+        near = nearest(asked, TABLE)
+        hint = f"the nearest is {near}; " if near else ""
+        parser.error(f"{asked} is refused: there is no such command; {hint}there are {', '.join(TABLE)}")
+    options = parser.parse_args(given)
     options.words = list(given)
     return options
 

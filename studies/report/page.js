@@ -1,11 +1,10 @@
 "use strict";
 // Draws what stands in the element "data": charts over time, scatters of tables, and the views in space.
 const data = JSON.parse(document.getElementById("data").textContent);
-const COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#444444", "#8a6d5c"];
+const { lines: COLOURS, tissue, tension: TENSION, pressure: PRESSURE, marker: MARKER, arrow: ARROW } = data.colours;
 const DASHES = ["solid", "dash", "dot", "dashdot", "longdash"];
-const TISSUE = [[0, "#f7e6da"], [0.33, "#f0bd9f"], [0.66, "#dc7356"], [1, "#8e1b2c"]];
+const TISSUE = tissue.map((colour, place) => [place / (tissue.length - 1), colour]);
 const SIGNED = [[0, "#2166ac"], [0.5, "#f7f7f7"], [1, "#b2182b"]];
-const TENSION = ["#a6cee3", "#3b76b8", "#0b1a5e"], PRESSURE = ["#a6cee3", "#3f9b56", "#0f4a1f"];
 const SHADES = 32; // of the colours of a tension
 const CONFIG = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] };
 const FONT = { family: 'system-ui, "DejaVu Sans", sans-serif', size: 12, color: "#1c2430" };
@@ -191,7 +190,7 @@ function arrowsTrace(holes, largest, reach) {
       }
     }
   });
-  return { type: "mesh3d", name: "force", ...mesh, color: "#222", hoverinfo: "skip", lighting: { ambient: 0.9 } };
+  return { type: "mesh3d", name: "force", ...mesh, color: ARROW, hoverinfo: "skip", lighting: { ambient: 0.9 } };
 }
 
 function forceTraces(view, frame, reach) {
@@ -203,7 +202,7 @@ function forceTraces(view, frame, reach) {
       type: "scatter3d", mode: "markers+text", name: "piercings", x: holes.map((hole) => hole.x[0]),
       y: holes.map((hole) => hole.x[1]), z: holes.map((hole) => hole.x[2]),
       textposition: holes.map((hole) => (hole.x[0] < middle ? "middle left" : "middle right")),
-      text: holes.map((hole) => ` ${hole.name} ${forceText(norm(hole.force))} `), marker: { color: "#c0392b", size: 5 },
+      text: holes.map((hole) => ` ${hole.name} ${forceText(norm(hole.force))} `), marker: { color: MARKER, size: 5 },
       textfont: { size: 13, color: "#1c2430" }, hovertemplate: "%{text}<extra></extra>",
     },
   ];

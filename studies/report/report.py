@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.figure import COLOURS
 from studies.output.columns import HOLE_SUMMARY
 from studies.output.files import as_json, read_json, write_text
 from studies.output.manifest import holds_run
 from studies.output.quantities import headed
 from studies.output.reading import ResultsError, RunResults, Table, read_run, read_table
+from studies.pictures.view import ARROW, MARKER, PRESSURE, TENSION, TISSUE
 from studies.report import page
 from studies.report.charts import SHOWN, chart_records, plain, series_of
 from studies.report.space import BYTES, view_record
@@ -25,6 +27,14 @@ from studies.sweeps.table import counted
 UNENDED = "The run has not ended: it goes on, or was killed. Go on with --resume; what it has so far follows."
 MOST_ROWS = 200  # of a table that is shown whole
 HOLE_LINES = ("state", "slip", "force", "normal_force", "tangential_force", "tension_before", "tension_after")
+PAGE_COLOURS = {
+    "lines": [*COLOURS, "#444444", "#8a6d5c"],  # a chart over time has more lines than a figure
+    "tissue": TISSUE,
+    "tension": TENSION,
+    "pressure": PRESSURE,
+    "marker": MARKER,
+    "arrow": ARROW,
+}
 HOLE_UNITS = {column.name: column.unit for column in HOLE_SUMMARY}
 
 
@@ -129,6 +139,7 @@ def report_text(runs: Mapping[str, RunResults], others: Sequence[Rows]) -> str:
         "charts": charts,
         "views": views,
         "grids": [grid_record(rows) for rows in others],
+        "colours": PAGE_COLOURS,
     }
     title = ", ".join([*runs, *(rows.name for rows in others)])
     body = [f"<h1>{page.escaped(title)}</h1>"]

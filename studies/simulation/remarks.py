@@ -149,11 +149,12 @@ def is_finite(scenario: Scenario) -> bool:
     return scenario.tissue is not None and scenario.tissue.material != "linear"
 
 
-def met(scenario: Scenario, ending: Ending, strengths: Sequence[float], springs: Mapping[str, float]) -> list[Remark]:
-    """Return what is to be said of a run that came to an `ending`, in tissue of these `strengths` at its holes [Pa];
-    `springs` is by piercing the share of the hole's compliance that is added to it."""
-    step, extremes = ending.step, ending.extremes
+def met(assembly: Assembly, ending: Ending, springs: Mapping[str, float]) -> list[Remark]:
+    """Return what is to be said of a run that came to an `ending`; `springs` is by piercing the share of the hole's
+    compliance that is added to it."""
+    scenario, step, extremes = assembly.scenario, ending.step, ending.extremes
     names = [hole.name for hole in scenario.piercing]
+    strengths = [hole.strength for hole in assembly.system.piercings if not hole.tract]
     strength = knot_pull(scenario.thread.suture) if scenario.thread.suture else None
     dynamic = scenario.solve.kind == "dynamic"
     return [
@@ -174,7 +175,7 @@ def met(scenario: Scenario, ending: Ending, strengths: Sequence[float], springs:
         *([] if dynamic and moves(step.energy) else unstable(step.would_stay)),
         *followed(extremes.branches),
         *past_limit(extremes.fallen / scenario.solve.duration),
-        *(audited(step.energy.numerical_dissipation, extremes, rubs(scenario) or not names) if dynamic else []),
+        *(audited(step.energy.numerical_dissipation, extremes, rubs(assembly) or not names) if dynamic else []),
         *(
             unsettled(step.energy, step.slide_speed * step.time, section_of(scenario.thread).diameter)
             if dynamic
@@ -429,10 +430,9 @@ def unstable(would_stay: bool) -> list[Remark]:
     return [remark("would-not-stay", "solve", text)]
 
 
-def rubs(scenario: Scenario) -> bool:
+def rubs(assembly: Assembly) -> bool:
     """Tell whether something has friction, by which the end depends on the way there."""
-    holes = [hole.friction for hole in scenario.piercing] + [tract.friction for tract in scenario.tract]
-    return any(friction is not None for friction in holes) or any(pair.friction for pair in scenario.contact)
+    return bool(assembly.system.rough.any()) or any(pair.friction for pair in assembly.scenario.contact)
 
 
 def audited(numerical: float, extremes: Extremes, rough: bool) -> list[Remark]:

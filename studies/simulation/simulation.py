@@ -98,9 +98,8 @@ class Simulation:
 
     def remarks(self, ending: Ending | None = None) -> list[Remark]:
         """Return what is to be said of the run: what is foreseen, and what it met until an `ending`."""
-        strengths = [hole.strength for hole in self.assembly.system.piercings if not hole.tract]
         springs = {name: float(gap["share"]) for name, gap in self.subgrid.items()}
-        return [*self.foreseen, *(met(self.scenario, ending, strengths, springs) if ending else [])]
+        return [*self.foreseen, *(met(self.assembly, ending, springs) if ending else [])]
 
     @property
     def methods(self) -> dict[str, str | None]:

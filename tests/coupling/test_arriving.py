@@ -30,7 +30,7 @@ from coupling.stepping import (
 from coupling.system import Friction, Piercing, State, System
 from studies.scenario import parse
 from studies.simulation import prepare
-from tests.bounds import ADAPTED, FIRST_ORDER, IDENTITY, TWO_SOLVERS
+from tests.bounds import ADAPTED, FIRST_ORDER, IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import LENGTH, ORIGIN, PP, Array, X, Z, laid, line, load_step, uniform, without_organ
 from thread.ends import Driven, End, Fixed, Free, Pulled
 
@@ -70,6 +70,33 @@ def test_a_slack_thread_pulled_taut_bounces() -> None:
     assert abs(force / expected - 1.0) <= FIRST_ORDER
     assert abs(run.state.v[-1, 0] / -SPEED - 1.0) <= FIRST_ORDER
     assert worst <= 1e-5 * run.energies.at_stake
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_a_thread_that_nothing_holds_flies_off_in_one_step(compiled: bool) -> None:
+    """Independent check: a dead load on a thread that nothing holds gives it the momentum F Δt, in a whole step, though
+    it takes the thread ten of its lengths away."""
+    dt, mass = 1e-3, PP.rhoA * LENGTH
+    force = 10.0 * LENGTH * mass / dt**2
+    system = without_organ(uniform(LENGTH, 24), (Free(), Pulled(force * X)), compiled=compiled)
+    (step,) = advance(system, laid(system, [], line(ORIGIN, X)), dt)
+    momentum = system.thread.momentum(step.new.v).sum(axis=0)
+    assert np.abs(momentum - force * dt * X).max() <= RESIDUAL * force * dt
+    assert step.new.q[:, 0].min() > 9.0 * LENGTH
+
+
+def test_a_thread_far_from_the_origin_is_solved_as_one_that_is_near() -> None:
+    """Independent check: what a bent thread does does not depend on where it is. A strain has three digits less where
+    the thread is a thousand lengths away, and no more is asked of its force than these."""
+    system, radius, taken = without_organ(uniform(LENGTH, 24)), bow(LENGTH, 0.8 * LENGTH)[0], []
+    for away in (0.0, 1e3 * LENGTH):
+
+        def arc(s: Array, middle: Array = away * X) -> Array:
+            return middle + radius * (np.sin(s / radius)[..., None] * X - np.cos(s / radius)[..., None] * Z)
+
+        (step,) = advance(system, laid(system, [], arc), 1e-3)
+        taken.append(step.solution.iterations)
+    assert taken[1] <= taken[0]
 
 
 def through_a_hole(ends: tuple[End, End], friction: Friction | None = None, gap: float = 0.5) -> tuple[System, State]:

@@ -14,7 +14,11 @@ import coupling.equilibrium
 import coupling.stepping
 from coupling import newton, solver, tables
 from coupling.calls import asked_before_corrections
+from coupling.compiled import iteration
+from coupling.errors import StepError
+from coupling.integrators import BackwardEuler
 from coupling.newton import Iterate, Problem, Solution
+from coupling.stepping import dynamic_problem, organ_answer, predict
 from coupling.tables import tables_of
 from studies.scenario import Scenario, load
 from studies.simulation import prepare
@@ -122,7 +126,6 @@ def test_both_ways_agree(name: str, solved: list[Asked]) -> None:
         problem, by_numpy = asked.problem, asked.found
         assert solver.is_covered(problem)
         by_loops = solver.solve_compiled(problem, asked.start, asked.spans, asked.patience)
-        assert by_loops is not None
         assert by_loops.iterations == by_numpy.iterations
         for unknown, scale in scales(problem, by_numpy).items():
             one, other = getattr(by_loops.iterate, unknown), getattr(by_numpy.iterate, unknown)
@@ -163,18 +166,85 @@ def agree_on_forces(problem: Problem, one: Solution, other: Solution) -> None:
     assert np.abs(found.points.strain - other.residual.points.strain).max() <= RESIDUAL
 
 
-@pytest.mark.parametrize("iterations", [0, 1, 7])
-def test_corrections_of_the_loops_count_in_a_load_step(iterations: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("corrections", [0, 1, 7])
+def test_corrections_of_the_loops_count_in_a_load_step(corrections: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: what bounds a load step is put before a solve by the loops as often as they correct, and
-    once at least."""
-    found: Any = SimpleNamespace(iterations=iterations)
-    problem: Any = SimpleNamespace(system=SimpleNamespace(compiled=True))
-    monkeypatch.setattr(solver, "is_covered", lambda problem: True)
-    monkeypatch.setattr(solver, "solve_compiled", lambda *given: found)
+    once at least; of one that fails too."""
+    problem, start = first_problem()
+    found: Any = SimpleNamespace(holds=np.ones((2, 6)), balance=np.zeros((4, 3)))
+    ended = tables.Ended(iteration.NOT_CONVERGED, corrections, 1.0, start, found)
+    monkeypatch.setattr(tables, "run", lambda *given: ended)
     asked: list[int] = []
-    with asked_before_corrections(lambda: asked.append(1)):
-        assert solver.solve(problem, found) is found
-    assert len(asked) == max(iterations, 1)
+    with asked_before_corrections(lambda: asked.append(1)), pytest.raises(StepError, match="no convergence"):
+        solver.solve(problem, start)
+    assert len(asked) == max(corrections, 1)
+
+
+def first_problem() -> tuple[Problem, Iterate]:
+    """The first step of the thread through two smooth holes, and an iterate that is a millimetre off at the second."""
+    assembly = prepare(drawn({"friction": None})).assembly
+    system, state, dt = assembly.system, assembly.start(), DRAWN["solve"]["dt"]
+    problem = dynamic_problem(system, state, dt, organ_answer(system, BackwardEuler(dt), state))
+    start = predict(problem, state)
+    return problem, replace(start, s=start.s + np.array([0.0, 1e-3]))
+
+
+def with_friction(problem: Problem) -> Problem:
+    """The holes have friction, and hold the thread until they are asked."""
+    rough = np.ones_like(problem.law.rough)
+    return replace(problem, law=replace(problem.law, rough=rough, static=np.full(2, 1e-6), kinetic=np.full(2, 1e-6)))
+
+
+FAILURES: dict[str, tuple[dict[str, Any], Any, str]] = {
+    "too many corrections": ({"MAX_ITERATIONS": 2}, lambda problem: problem, "no convergence in 4 Newton"),
+    "too many sets": ({"MAX_SETS": 1}, with_friction, "stick and slip"),
+    "no number": ({}, lambda problem: replace(problem, load=np.full_like(problem.load, np.nan)), "not finite"),
+    "free of its holes": ({}, lambda problem: replace(problem, rows=np.zeros_like(problem.rows)), "holds' matrix"),
+}
+
+
+@pytest.mark.parametrize("name", FAILURES)
+def test_both_ways_fail_alike(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: where there is no solution, loops say why, name the same hole and count as many corrections,
+    and numpy does not iterate once more to say it."""
+    limits, spoiled, cause = FAILURES[name]
+    problem, start = first_problem()
+    for limit, value in limits.items():
+        monkeypatch.setattr(newton, limit, value)
+    problem, said = spoiled(problem), []
+    asked: list[int] = []
+    for compiled in (False, True):
+        asked.clear()
+        of_kind = replace(problem, system=replace(problem.system, compiled=compiled))
+        if compiled:
+            monkeypatch.setattr(newton, "solve", None)
+        with asked_before_corrections(lambda: asked.append(1)), pytest.raises(StepError, match=cause) as raised:
+            solver.solve(of_kind, start, patience=2)
+        worst = "" if "MAX_SETS" in limits else raised.value.piercing  # of a set that is solved, round-off names one
+        said.append((raised.value.cause, worst, max(len(asked), 1)))
+    assert said[0] == said[1]
+
+
+def test_loops_that_learn_what_the_spline_lacks_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: an iteration that comes to spans whose compliance it does not know yet goes on from there, and
+    ends after as many corrections as numpy's."""
+    problem, start = first_problem()
+    places: list[np.ndarray] = []
+    loops = tables.run_loops
+
+    def run_loops(*given: Any) -> tuple[int, float]:
+        z = given[5]
+        places.append(z.s.copy())
+        ended = loops(*given)
+        places.append(z.s.copy())
+        return ended
+
+    monkeypatch.setattr(tables, "run_loops", run_loops)
+    by_loops = solver.solve_compiled(problem, start, newton.REACH, 2)
+    by_numpy = newton.solve(problem, start, newton.correct_downhill, 2)
+    assert len(places) > 2
+    assert all(np.array_equal(one, other) for one, other in zip(places[1:-1:2], places[2::2], strict=True))
+    assert by_loops.iterations == by_numpy.iterations
 
 
 @pytest.mark.parametrize(("ready", "known"), [(False, []), (False, ["one"]), (True, [])])

@@ -292,6 +292,17 @@ def test_wrong_use_exits_with_2(capsys: pytest.CaptureFixture[str]) -> None:
     assert "Traceback" not in capsys.readouterr().err
 
 
+def test_a_misspelt_command_is_refused_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    for asked, near in (("chek", "the nearest is check"), ("sweeep", "the nearest is sweep")):
+        with pytest.raises(SystemExit, match="2"):
+            command.main([asked, "a.toml"])
+        assert f"{asked} is refused: there is no such command; {near}" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        command.main(["zzz"])
+    refused = capsys.readouterr().err
+    assert "nearest" not in refused and "refine" in refused
+
+
 def test_progress_elsewhere_than_on_a_terminal_is_ten_lines() -> None:
     stream = io.StringIO()
     progress = Progress(1000, stream=stream)

@@ -16,6 +16,7 @@ from coupling.errors import CouplingError
 from studies.output.records import StepRecord
 from studies.scenario import ScenarioError, parse
 from studies.scenario.toml import changed
+from studies.simulation.remarks import rubs
 from tests.bounds import TWO_SOLVERS
 from tests.coupling.test_friction_own import Coulomb, Howell
 from tests.studies.test_sweep import ORGAN, RING
@@ -129,6 +130,13 @@ def test_a_prepared_run_into_a_folder(tmp_path: Path) -> None:
         with pytest.raises(ScenarioError, match=words):
             studies.run(simulation, tmp_path, **again)
     assert studies.run(simulation, tmp_path, overwrite=True).quantities == run.quantities
+
+
+def test_friction_of_one_s_own_is_known_to_the_remarks() -> None:
+    """Independent check: by the same law the scenario and Python give a run whose end depends on the way there."""
+    said = changed(RING, {"piercing.0.friction": {"static": 0.2, "kinetic": 0.2}})
+    for rough, data, handed in ((False, RING, {}), (True, said, {}), (True, RING, {"friction": {"ring": Howell()}})):
+        assert rubs(studies.prepare(parse(data), **handed).assembly) == rough
 
 
 def basis(element: Any = None) -> skfem.Basis:

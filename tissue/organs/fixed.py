@@ -78,6 +78,10 @@ class FixedSites:
         """Return the compliance of space, zero, shape `(9p, 9p)`."""
         return np.zeros((self.y0.size, self.y0.size))
 
+    def steady_loads(self, state: OrganState, times: Sequence[float]) -> tuple[float, Array, Array]:
+        """Return no energy, no way of the sites, and the forces that they bear: there are no loads."""
+        return 0.0, np.zeros(self.y0.size), state.f_y
+
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """Return zero energies and works: sites fixed in space have none."""
         return OrganEnergies(0.0, 0.0, 0.0, 0.0, 0.0)

@@ -20,11 +20,12 @@ from tissue.organs.meshed import (
     OrganEnergies,
     OrganState,
     Pairing,
+    Remade,
     TimeScheme,
     compliance,
     slips_since,
 )
-from tissue.solvers.choice import Solver
+from tissue.solvers.choice import MULTIGRID, Solver
 from tissue.solvers.ranks import Ranks, SharedColumns
 from tissue.supports import holds_still
 
@@ -102,8 +103,10 @@ class QuasiStaticOrgan(MeshedOrgan):
         # Gaps have columns as their coefficients, and so to first order.
         U, work = compliance(together, csr_matrix(vstack([self.Y, loads])), rough=not self.pairs)
         W, U_loads = U[:, :count], U[:, count:]
+        # Without lips nothing asks for a column again, and levels take more memory than all the rest of the organ.
+        kept = factor if self.pairs or self.choice.name != MULTIGRID else Remade(self.K, self.solver_of)
         return QuasiStaticOperator(
-            self, self.K, factor, W, work[:count, :count], U_loads, work[:count, count:], work[count:, count:]
+            self, self.K, kept, W, work[:count, :count], U_loads, work[:count, count:], work[count:, count:]
         )
 
     def start(self) -> OrganState:
@@ -209,6 +212,17 @@ class QuasiStaticOrgan(MeshedOrgan):
             return operator.A @ self.field(state) - self.Y.T @ f_y - pairing.G.T @ p
 
         return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side, pairing)
+
+    def steady_loads(self, state: OrganState, times: Sequence[float]) -> tuple[float, Array, Array] | None:
+        """Return the elastic energy under gravity and loads alone [J], how far they move the sites, and the forces that
+        these bear, `(9p,)` each; None where the loads at the `times` [s] are not those of the state, or surfaces may
+        touch."""
+        shares = state.shares
+        changing = shares is not None and any((self.surface.shares(time, 1.0) != shares).any() for time in times)
+        if self.pairs or changing:
+            return None
+        parts = self.parts(state)
+        return float(0.5 * parts @ (self._operator.loads_work @ parts)), self._operator.y_loads @ parts, state.f_y
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """Return the energies and works as the dynamic organ does, with 9p + k + l numbers.

@@ -1,0 +1,275 @@
+"""The arrays of whole steps in compiled loops (`coupling.compiled.steps`), from those of the first one."""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from time import perf_counter
+from typing import Any, cast
+
+import numpy as np
+
+from coupling import newton, tables
+from coupling.arrays import Array
+from coupling.audit import BORNE
+from coupling.bordered import NINE
+from coupling.compiled.iteration import Passing, Unknowns
+from coupling.compiled.steps import march
+from coupling.compiled.steps.audit import TURNS, Motion
+from coupling.compiled.steps.march import ENERGIES, Ends, Scene, Scratch
+from coupling.compiled.steps.organ import BODY, Going, Organ, Pace
+from coupling.compiled.steps.tension import Limits, Stages
+from coupling.contact import NO_FORCES
+from coupling.integrators import BDF2, Scheme
+from coupling.interfaces import Answer, Modal, ModalMotion, Steady
+from coupling.motion import CROSSED
+from coupling.newton import Problem
+from coupling.recent import Recent
+from coupling.stability import borne_pressure
+from coupling.stepping import PASSES
+from coupling.system import State, System
+from coupling.tables import OVER, bounds_of, empty_found, given_of, law_of, plain, tables_of
+from coupling.tension import FINE, REST, SETTLED
+from coupling.watch import SHARE, TRACE
+from thread.compliance import POWERS, SLACK
+from thread.spline import ORDERS
+from thread.thread import STAGES, Thread
+
+log = logging.getLogger(__name__)
+
+KEPT = "march.march_of."  # begins the names of the loops' files on disk
+NONE, PLANE = np.zeros(0), np.zeros((0, 0))
+FIRST_ROOM = 64  # stages on spans, of which a run asks for some at first
+
+
+class Lacking:
+    """What the spline of a thread lacks on its spans at stages of √(EI/T), as the loops have asked for it so far."""
+
+    def __init__(self, thread: Thread) -> None:
+        self._thread, spans = thread, np.diff(thread.spline.breaks)
+        self._base = last = 0
+        if thread.EI:
+            self._base = int(np.floor(STAGES * np.log2(np.sqrt(thread.EI / thread.EA))))
+            last = int(np.ceil(STAGES * np.log2(spans.max() / SLACK)))
+        self._slots = np.full((spans.size, max(last - self._base, 0) + 3), -1, np.int64)
+        self._known = np.empty((FIRST_ROOM, 3, 3, len(POWERS)))
+        self._count = 0
+
+    @property
+    def stages(self) -> Stages:
+        """What is known so far."""
+        return Stages(self._slots, self._known, self._base)
+
+    def learn(self, slot: int) -> bool:
+        """Learn what the loops asked for; whether there is such a stage."""
+        if slot < 0:
+            return False
+        span, stage = divmod(slot, self._slots.shape[1])
+        slack = stage == self._slots.shape[1] - 1
+        if self._count == len(self._known):
+            self._known = np.concatenate([self._known, np.empty_like(self._known)])
+        self._known[self._count] = self._thread.missing_at(span, None if slack else self._base + stage)
+        self._slots[span, stage] = self._count
+        self._count += 1
+        return True
+
+
+RECENT: Recent[Lacking] = Recent()
+
+
+def lacking_of(thread: Thread) -> Lacking:
+    """Return what the spline of a thread lacks, where it is among the last that were asked for that."""
+    return RECENT.of((thread,), lambda: Lacking(thread))
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """An organ as the loops go on with it from a state: what they read of it, `organ`, its motion, `now` and `earlier`,
+    and `state`, which makes the organ's own state of such a motion."""
+
+    organ: Organ
+    now: ModalMotion
+    earlier: ModalMotion
+    state: Callable[[ModalMotion], Any]
+
+
+def body_of(
+    system: System[Any], scheme: Scheme, state: State[Any], times: Sequence[float], answer: Answer[Any]
+) -> Body | None:
+    """Return the organ of a system in steps of a scheme from a state, with its `answer` to the first; None where the
+    loops do not go on with it, or its loads change until the last of the `times` [s]."""
+    organ, before = system.organ, state.before or state
+    if isinstance(organ, Steady):
+        loads = organ.steady_loads(state.organ, times)
+        if loads is None:
+            return None
+        at_rest = NONE, NONE, NONE, loads[2], 0.0
+        still = Organ(
+            True, loads[0], over_holds(loads[1], system.holds), NONE, NONE, PLANE, PLANE, NONE, PLANE, 0.0, 0.0
+        )
+        return Body(still, at_rest, at_rest, lambda motion: answer.accept(motion[3], NO_FORCES))
+    if isinstance(organ, Modal):
+        modes = organ.modes(scheme, state.organ, times)
+        if modes is None:
+            return None
+        mu, load, W, Y, y0, missed = (plain(x) for x in modes[:6])
+        moving = Organ(False, 0.0, PLANE, mu, load, W, Y, y0, missed, *modes[6:])
+        motions = organ.motion(state.organ), organ.motion(before.organ)
+        return Body(moving, *motions, lambda motion: organ.moved(state.organ, motion))
+    return None
+
+
+class Course:
+    """Steps of a scheme from a state, as far as they are `made`: the motion `now` and `earlier`, one step before, the
+    `energies` and the `iterations` of each. The arrays are those of the first step's `problem`."""
+
+    def __init__(self, problem: Problem[Any], scheme: Scheme, state: State[Any], body: Body) -> None:
+        system = problem.system
+        self._like, self._problem, self._tables, self._body = state, problem, tables_of(system.thread), body
+        self._lacking, self._holes = lacking_of(system.thread), len(system.piercings)
+        law, given = law_of(problem), given_of(problem)
+        self._law = law._replace(s_old=law.s_old.copy(), s_held=law.s_held.copy(), s_free=law.s_free.copy())
+        self._given = given._replace(q_ref=given.q_ref.copy(), load=given.load.copy(), y_free=given.y_free.copy())
+        self._pace, self._scene = pace_of(scheme), scene_of(problem, state)
+        self._limits = limits_of(system.thread, system.holds)
+        self._now, self._earlier = motion_of(state, body.now), motion_of(state.before or state, body.earlier)
+        self._room = empty_room(self._now, self._tables.curve.w.shape[1])
+        self.made, self.energies, self.iterations = 0, np.empty(0), np.zeros(0, np.int64)
+
+    def make_steps(self, energies: Sequence[float], ends: tuple[Array, ...], follow: bool) -> None:
+        """Make as many steps as go smoothly between the `ends` that `coupling.march.tabled_ends` gives; the other
+        arguments are those of `coupling.compiled.steps.march.march`."""
+        self.energies, self.iterations = np.array(energies), np.zeros(len(ends[0]), np.int64)
+        bounds, thread = bounds_of(self._problem, 0.0, 1), self._tables
+        while True:
+            self.made, why, missing = run_march(
+                thread.curve, thread.knots, self._law, self._given, bounds, self._scene, self._pace, self._limits,
+                self._lacking.stages, self._body.organ, Ends(*ends), self._now, self._earlier, self._room,
+                self.energies, self.iterations, self.made, follow,
+            )  # fmt: skip
+            if why != march.UNKNOWN or not self._lacking.learn(missing):
+                return
+
+    def now(self, time: float) -> State[Any]:
+        """Return the state that the steps have come to, at a `time` [s]."""
+        return self._state(self._now, time)
+
+    def earlier(self, time: float) -> State[Any]:
+        """Return the state one step before, at a `time` [s]."""
+        return self._state(self._earlier, time)
+
+    def _state(self, motion: Motion, time: float) -> State[Any]:
+        f_y = motion.f_y[: self._holes].ravel()
+        return State(
+            time=time,
+            q=motion.q,
+            v=motion.v,
+            N=motion.N,
+            organ=self._body.state((motion.U, motion.V, motion.A, f_y, float(motion.drift[0]))),
+            s=motion.s,
+            s_dot=motion.s_dot,
+            lam=motion.lam,
+            y=motion.y,
+            sigma=motion.sigma,
+            present=self._like.present,
+            sense=motion.sense,
+            reaction=motion.reaction,
+            layers=motion.layers if self._limits.bends else None,
+        )
+
+
+@cache
+def is_ready() -> bool:
+    """Whether the loops were on disk, compiled since a module of theirs last changed, when this was first asked, or
+    Numba is switched off."""
+    return tables.is_kept(march.march, KEPT, march.SOURCES)
+
+
+def run_march(*given: object) -> tuple[int, int, int]:
+    """Make steps in the loops; where these are to be compiled first, say so, and how long it took."""
+    if is_ready() or march.march.signatures:
+        return cast(tuple[int, int, int], march.march(*given))
+    log.info("compiling steps that are made at once, once: 20 s of one core, then they are kept")
+    began = perf_counter()
+    made: tuple[int, int, int] = march.march(*given)
+    log.info("such steps are compiled, in %.0f s", perf_counter() - began, extra=OVER)
+    return made
+
+
+def over_holds(x: Array, holds: int) -> Array:
+    """Return numbers of the sites (9p,) over all holds, zero for those off the organ, shape `(m, 9)`."""
+    out = np.zeros((holds, NINE))
+    out[: x.size // NINE] = x.reshape(-1, NINE)
+    return out
+
+
+def pace_of(scheme: Scheme) -> Pace:
+    """Return the numbers of a scheme."""
+    now, before = (*scheme.weights, 0.0)[:2]
+    return Pace(float(scheme.dt), float(scheme.a), float(scheme.d), now, before, isinstance(scheme, BDF2))
+
+
+def scene_of(problem: Problem[Any], state: State[Any]) -> Scene:
+    """Return what does not change in steps from a state."""
+    system, thread, factor = problem.system, problem.system.thread, problem.mass_factor
+    strength = np.array([piercing.strength for piercing in system.piercings], dtype=float) * system.bearing_areas
+    by_place = thread.largest_bending + factor * thread.largest_mass
+    return Scene(
+        weight=plain(system.weight),
+        axial=plain(thread.axial.s),
+        present=state.present,
+        here=np.ascontiguousarray(problem.rows[:, 0]),
+        slide=system.may_slide,
+        rough=system.rough,
+        strength=strength,
+        damping=float(thread.damping),
+        epsilon=float(system.epsilon),
+        round_off=float(newton.ROUND_OFF * by_place),
+        rounded=float(newton.ROUND_OFF * thread.EA),
+        borne=float(borne_pressure(thread, factor) / thread.EA),
+        crossed=CROSSED,
+        turned=SHARE,
+        there=TRACE,
+        bearing=BORNE,
+    )
+
+
+def limits_of(thread: Thread, holds: int) -> Limits:
+    """Return the constants of the tension of a thread at so many holds."""
+    bends = bool(thread.EI != 0.0 and thread.hole_compliance and holds)
+    return Limits(REST * thread.EA, FINE, SLACK, float(STAGES), float(thread.EI), SETTLED, PASSES, bends)
+
+
+def motion_of(state: State[Any], body: ModalMotion) -> Motion:
+    """Return copies of what a state has of thread and holds, with the motion of its organ."""
+    names = state.q, state.v, state.N, state.s, state.s_dot, state.lam, state.y, state.sigma, state.sense
+    layers = np.full(len(state.s), np.inf) if state.layers is None else state.layers
+    U, V, A, f_y, drift = body
+    all_of = (*names, state.reaction, layers, over_holds(f_y, len(state.s)), U, V, A, [drift])
+    return Motion(*[np.array(x, dtype=float, order="C") for x in all_of])
+
+
+def empty_room(motion: Motion, points: int) -> Scratch:
+    """Return room for what is made in steps of a motion, with so many `points` of the bending on a span."""
+    end, m = Motion(*[np.zeros_like(x) for x in motion]), len(motion.s)
+    z = Unknowns(end.q, end.N, end.s, end.lam, end.y, end.sigma)
+    return Scratch(
+        z=z,
+        end=end,
+        found=empty_found(z, points),
+        was=empty_passing(m),
+        other=empty_passing(m),
+        at=np.zeros_like(end.q),
+        mid=np.zeros((m, 3)),
+        back=np.zeros((m, 3)),
+        layers=np.zeros(m),
+        going=Going(*np.zeros((3, len(end.U)))),
+        turns=np.zeros(TURNS),
+        body=np.zeros(BODY),
+        after=np.zeros(ENERGIES),
+    )
+
+
+def empty_passing(m: int) -> Passing:
+    """Return room for the thread at `m` holes."""
+    return Passing(np.zeros(m, np.int64), np.zeros((m, ORDERS, ORDERS)), np.zeros((m, ORDERS, 3)), np.zeros((m, 3, 3)))

@@ -1,0 +1,204 @@
+"""Steps made at once in compiled loops are those made one after the other: the same numbers, iterations, energies and
+events; and what the loops do not do is done all the same."""
+
+from collections.abc import Callable
+from dataclasses import astuple, dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import coupling.run
+import tissue
+from coupling.calls import asked_before_corrections
+from coupling.cutting import Cut
+from coupling.laying import start
+from coupling.march import Marched, march
+from coupling.run import Run, begin
+from coupling.system import System
+from studies.scenario import Scenario, load
+from studies.simulation import prepare
+from tests.bounds import AXIAL, IDENTITY, RESIDUAL
+from tests.coupling.test_compiled import ROUGH, drawn, pulled_through
+from thread.catalogue import suture
+from thread.ends import Free
+from thread.knots import uniform_knots
+from thread.quadrature import gauss_rule
+from thread.spline import Spline
+from thread.thread import MASS_POINTS, Thread
+
+EULER, BDF2 = 'solve.integrator="euler"', 'solve.integrator="bdf2"'
+OUT = [[0.0, 0.005, 0.0, 0.02], [0.06, 0.005, 0.0, 0.065]]  # the free end comes out of both holes
+GENTLE = ["tissue.mesh.h=8e-3", "tissue.mesh.h_site=4e-3", "tissue.inertia=false", "solve.gravity=[0, 0, -9.81]"]
+
+
+def figure_1(*overrides: str) -> Scenario:
+    """The thread of the paper's first figure with other keys."""
+    return load("paper_figure_1", ['solve.newton="compiled"', *overrides])
+
+
+def slow(scene: Scenario, dt: float, **solve: Any) -> Scenario:
+    """A scene in short steps."""
+    return scene.model_copy(update={"solve": scene.solve.model_copy(update={"dt": dt, **solve})})
+
+
+SCENES: dict[str, Callable[[], Scenario]] = {
+    "rings": lambda: figure_1(EULER),
+    "rings, BDF2": lambda: figure_1(BDF2),
+    "friction": lambda: figure_1(EULER, *(f"piercing.{hole}.{ROUGH}" for hole in ("entry", "exit"))),
+    "friction, BDF2": lambda: figure_1(BDF2, *(f"piercing.{hole}.{ROUGH}" for hole in ("entry", "exit"))),
+    "directions": lambda: slow(drawn({"channel": 5e-3}), 5e-4, integrator="euler"),
+    "directions, BDF2": lambda: slow(drawn({"channel": 5e-3}), 5e-4),
+    "taut on long spans": lambda: slow(drawn(suture="8-0 nylon"), 5e-4, integrator="euler"),
+    "limp": lambda: slow(drawn({"friction": None}, bending=False), 5e-4),
+    "organ without inertia": lambda: load("two_piercings", [*GENTLE, EULER]),
+    "organ without inertia, BDF2": lambda: load("two_piercings", [*GENTLE, BDF2]),
+    "organ in a small basis": lambda: load("two_piercings", [*SMALL, EULER]),
+    "organ in a small basis, BDF2": lambda: load("two_piercings", [*SMALL, BDF2]),
+}
+SMALL = ["tissue.mesh.h=8e-3", "tissue.mesh.h_site=4e-3", "solve.gravity=[0, 0, -9.81]", "tissue.reduction={}"]
+BEGUN, STEPS = 12, 40
+
+
+@dataclass
+class Both:
+    """A run after steps made at once, and after the same made one by one, with the events and iterations of these."""
+
+    at_once: Run
+    one_by_one: Run
+    events: list[Any]
+    iterations: int
+    made: list[int]
+
+
+def both(run: Run, dt: float, count: int, monkeypatch: pytest.MonkeyPatch) -> Both:
+    """Make steps in both ways; `made` are those of each call of the loops."""
+    made: list[int] = []
+
+    def watched(*given: Any) -> Marched | None:
+        found = march(*given)
+        made.append(0 if found is None else found.made)
+        return found
+
+    monkeypatch.setattr(coupling.run, "march", watched)
+    at_once, now, events, iterations = run.steps(dt, count), run, [], 0
+    for _ in range(count):
+        now = now.step(dt)
+        events, iterations = [*events, *now.events], iterations + now.iterations
+    return Both(at_once, now, events, iterations, made)
+
+
+def begun(scene: Scenario, steps: int = BEGUN) -> Run:
+    """A run of a scene after its first steps."""
+    run = prepare(scene).beginning()
+    for _ in range(steps):
+        run = run.step(scene.solve.dt)
+    return run
+
+
+def agree(found: Both) -> None:
+    """Assert that states, energies, events and iterations are the same, each to its scale: lengths to the thread's,
+    speeds to the largest, forces to the largest and to what is known of a strain, energies to all there is."""
+    one, other = found.at_once, found.one_by_one
+    thread, state = other.system.thread, other.state
+    length, force = thread.spline.end, AXIAL / RESIDUAL * thread.EA + np.abs(state.lam).max(initial=0.0)
+    rate = max(np.abs(state.v).max(), np.abs(state.s_dot).max(initial=0.0))
+    scales = {"q": length, "s": length, "v": rate, "s_dot": rate, "y": 1.0, "N": force, "lam": force, "reaction": force}
+    for name, scale in scales.items():
+        assert np.abs(getattr(one.state, name) - getattr(state, name)).max(initial=0.0) <= RESIDUAL * scale, name
+    for name in ("sigma", "sense", "present"):
+        assert np.array_equal(getattr(one.state, name), getattr(state, name))
+    organ: Any = other.system.organ
+    for of in (organ.displacement, organ.velocity, getattr(organ, "bound", organ.velocity)):
+        way = of(state.organ)
+        assert np.abs(of(one.state.organ) - way).max(initial=0.0) <= RESIDUAL * np.abs(way).max(initial=0.0)
+    assert (one.state.layers is None) == (state.layers is None)
+    assert np.abs(np.array(astuple(one.energies)) - astuple(other.energies)).max() <= RESIDUAL * other.energies.at_stake
+    assert (one.number, one.state.time, one.iterations) == (other.number, state.time, found.iterations)
+    assert [(e.kind, e.piercing, e.time) for e in one.events] == [(e.kind, e.piercing, e.time) for e in found.events]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_steps_at_once_are_those_one_by_one(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: after many steps in few calls, and as many in one call each; the next step in the ordinary way
+    is the same from both ends."""
+    scene = SCENES[name]()
+    found = both(begun(scene), scene.solve.dt, STEPS, monkeypatch)
+    assert sum(found.made) >= 0.8 * STEPS
+    agree(found)
+    dt = scene.solve.dt
+    agree(Both(found.at_once.step(dt), after := found.one_by_one.step(dt), list(after.events), after.iterations, []))
+
+
+@pytest.mark.parametrize("dt", [1e-3, 2.5e-4])
+def test_a_free_thread_falls_as_backward_euler_says(dt: float) -> None:
+    """Independent check: a thread that nothing holds falls from rest by n(n + 1)/2 g Δt² in n steps, as a whole, and
+    its weight does the work of that."""
+    thread, g = Thread(Spline(uniform_knots(0.04, 20)), suture("2-0 polypropylene")), np.array([0.0, 0.0, -9.81])
+    system = System(thread, (Free(), Free()), tissue.fixed_sites([]), (), gravity=g, compiled=True)
+    laid = gauss_rule(thread.spline, MASS_POINTS).s[..., None] * [1.0, 0.0, 0.0]
+    run = begin(system, start(system, np.zeros(0), laid, 1.0))
+    after = run.step(dt).steps(dt, STEPS - 1)
+    fallen = 0.5 * STEPS * (STEPS + 1) * g * dt**2
+    assert after.taken == ()  # the last one was made with the others
+    assert np.abs(after.state.q - run.state.q - fallen).max() <= IDENTITY * 0.04
+    mass = float(thread.mass_matrix.sum())
+    assert after.energies.external_work == pytest.approx(mass * g @ fallen, rel=RESIDUAL)
+    assert after.energies.kinetic == pytest.approx(0.5 * mass * (g @ g) * (STEPS * dt) ** 2, rel=RESIDUAL)
+
+
+def test_events_between_are_those_of_single_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: a thread that sticks first, slips, and leaves a hole that lets go of it at a given time; and
+    one that is cut."""
+    scene = slow(drawn(), 5e-4)
+    run, dt = begun(scene, 2), scene.solve.dt
+    system = run.system
+    holes = (system.piercings[0], replace(system.piercings[1], ends=20.4 * dt))
+    spline = system.thread.spline
+    cut = Cut(0.5 * (spline.start + spline.end), 31.7 * dt)
+    found = both(replace(run, system=replace(system, piercings=holes), cuts=(cut,)), dt, STEPS, monkeypatch)
+    assert {"slips", "ends", "cut"} <= {event.kind for event in found.events}
+    assert [e.time for e in found.events if e.kind == "ends"] == [pytest.approx(21 * dt)]
+    assert sum(found.made) >= 5
+    agree(found)
+
+
+def test_a_thread_that_is_drawn_out_of_a_hole_leaves_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: the steps stop before the one in which its end passes the hole, and go on without it."""
+    scene = slow(drawn(start={"kind": "free"}, end={"kind": "driven", "waypoints": OUT}), 5e-4)
+    found = both(begun(scene), scene.solve.dt, 3 * STEPS, monkeypatch)
+    assert "leaves" in {event.kind for event in found.events}
+    agree(found)
+
+
+def test_other_steps_are_made_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: with hands on a hole, in numpy, or with a bound on the error of a step the loops make none,
+    and the run is where single steps bring it."""
+    scene = slow(drawn(), 5e-4)
+    run, dt = begun(scene), scene.solve.dt
+    pulled = slow(pulled_through(), 5e-4)
+    others = [
+        begun(pulled),
+        replace(run, system=replace(run.system, compiled=False)),
+        replace(run, tolerance=1e-3),
+    ]
+    for other in others:
+        found = both(other, dt, 6, monkeypatch)
+        assert not any(found.made)
+        agree(found)
+
+
+def test_every_correction_counts_and_a_batch_ends() -> None:
+    """Independent check: what is asked before corrections is asked once for each, and a call of the loops makes no more
+    than AT_ONCE steps, after which a run can be called off."""
+    scene = figure_1(EULER)
+    run, asked = begun(scene), list[int]()
+    with asked_before_corrections(lambda: asked.append(1)):
+        after = run.steps(scene.solve.dt, 10)
+    assert len(asked) == after.iterations
+
+    def called_off() -> None:
+        raise KeyboardInterrupt
+
+    with asked_before_corrections(called_off), pytest.raises(KeyboardInterrupt):
+        run.steps(scene.solve.dt, 10)
