@@ -188,6 +188,25 @@ def test_other_steps_are_made_one_by_one(monkeypatch: pytest.MonkeyPatch) -> Non
         agree(found)
 
 
+def test_loops_that_make_no_step_are_asked_ever_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: over 40 steps, each asked for by itself as a host program does, after 1, 2, 4, … in between;
+    once they make one they are asked for every step."""
+    scene = figure_1(EULER)
+    run, dt, asked = begun(scene), scene.solve.dt, list[int]()
+
+    def stops(*given: Any) -> None:
+        asked.append(1)
+
+    with monkeypatch.context() as broken:
+        broken.setattr(coupling.run, "march", stops)
+        for _ in range(40):
+            run = run.steps(dt, 1)
+    assert len(asked) == 6
+    run = run.steps(dt, 64)
+    made_alone = both(run, dt, 5, monkeypatch)
+    assert made_alone.made == [5]
+
+
 def test_every_correction_counts_and_a_batch_ends() -> None:
     """Independent check: what is asked before corrections is asked once for each, and a call of the loops makes no more
     than AT_ONCE steps, after which a run can be called off."""
