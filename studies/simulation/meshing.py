@@ -257,7 +257,12 @@ def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
 
 
 def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.MeshTet:
-    """Return the mesh with the boundaries that the scenario adds: surface facets whose centre lies in a box."""
+    """Return the mesh with the boundaries that the scenario adds: surface facets whose centre lies in a box.
+
+    One to which nothing is added is the same mesh: a copy would number its facets anew.
+    """
+    if not boxes:
+        return mesh
     named = dict(mesh.boundaries or {})
     surface = mesh.boundary_facets()
     centres = mesh.p[:, mesh.facets[:, surface]].mean(axis=1)
@@ -272,7 +277,9 @@ def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.Me
 
 
 def with_regions(mesh: skfem.MeshTet, regions: Sequence[model.Region]) -> skfem.MeshTet:
-    """Return the mesh with the regions of the scenario as subdomains."""
+    """Return the mesh with the regions of the scenario as subdomains, the same one where there are none."""
+    if not regions:
+        return mesh
     return mesh.with_subdomains(dict(mesh.subdomains or {}) | {r.name: region_cells(mesh, r) for r in regions})
 
 

@@ -500,6 +500,18 @@ class Sprung:
         return np.asarray(self.A.diagonal()[self.mesh.A.shape[0] :])
 
 
+@dataclass(frozen=True)
+class Remade:
+    """A matrix whose solver is made anew each time that it is asked, and takes no memory in between."""
+
+    A: csr_matrix
+    made: Callable[[csr_matrix], Solver]
+
+    def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
+        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; `guess` and `rough` as for any solver."""
+        return self.made(self.A).solve(b, guess, rough)
+
+
 def slips_since(past: Sequence[OrganState], scheme: TimeScheme) -> OrganState:
     """Return the state from which slips are counted: the newest, and in equilibrium the oldest that is given, at which
     the load step began."""

@@ -13,7 +13,7 @@ from coupling.arrays import Array, Flags, Indices
 from coupling.compiled.curve import Curve
 from coupling.compiled.friction import Law
 from coupling.compiled.holes import AT_U, AT_V, FIRST
-from coupling.compiled.iteration import SOLVED, Bounds, Found, Given, Knots, Passing, Unknowns, solve
+from coupling.compiled.iteration import Bounds, Found, Given, Knots, Passing, Unknowns, solve
 from coupling.compiled.loops import loop, outermost, part, sources
 from coupling.compiled.steps.audit import (
     ELASTIC,
@@ -346,6 +346,13 @@ def bounds_at(bounds: Bounds, rounded: float) -> Bounds:
 
 
 @loop
+def rounded_force(scene: Scene, knots: Knots, largest: float) -> float:
+    """Return the round-off of forces that cancel [N] where the largest place is so far away [m]."""
+    far = max(1.0, largest / (knots.breaks[-1] - knots.breaks[0]))
+    return scene.rounded * far + scene.round_off * largest
+
+
+@loop
 def pass_with(
     stages: Stages, limits: Limits, knots: Knots, given: Given, z: Unknowns, layers: Array, at: Passing
 ) -> int:
@@ -395,8 +402,8 @@ def solve_step(
             missing, _ = learn(stages, limits, knots, given, room.end.layers, room.z.s)
             if missing != KNOWN:
                 return -1, missing
-        ending, iterations, _ = solve(curve, knots, law, given, bounds, room.z, room.found)
-        if ending != SOLVED:
+        iterations, _ = solve(curve, knots, law, given, bounds, room.z, room.found)
+        if iterations < 0:
             missing, anything = learn(stages, limits, knots, given, room.end.layers, room.z.s)
             if missing != KNOWN or not anything or passes > 0:
                 return -1, missing
@@ -464,8 +471,7 @@ def march_of(digest: int) -> Any:
             )
             if missing != KNOWN:
                 return step, UNKNOWN, missing
-            far = max(1.0, largest / (knots.breaks[-1] - knots.breaks[0]))
-            here = bounds_at(bounds, scene.rounded * far + scene.round_off * largest)
+            here = bounds_at(bounds, rounded_force(scene, knots, largest))
             found, missing = solve_step(
                 curve, knots, law, given, here, scene, pace, limits, stages, ends, step, now, room
             )
