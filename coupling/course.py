@@ -147,7 +147,7 @@ class Course:
                 self._lacking.stages, self._body.organ, Ends(*ends), self._now, self._earlier, self._room,
                 self.energies, self.iterations, self.made, follow,
             )  # fmt: skip
-            if why != march.UNKNOWN or not self._lacking.learn(missing):
+            if why != march.TO_LEARN or not self._lacking.learn(missing):
                 return
 
     def now(self, time: float) -> State[Any]:
