@@ -67,7 +67,7 @@ def march(
     body = body_of(system, scheme, state, times, answer)
     if body is None:
         return None
-    course = Course(dynamic_problem(system, state, dt, answer, scheme), scheme, state, body)
+    course = Course(system, scheme, state, answer, body)
     course.make_steps(astuple(energies), tabled_ends(system, state.time, times, dt), follow)
     made, iterations = course.made, int(course.iterations.sum())
     if not made:
