@@ -2,6 +2,7 @@
 
 Where Newton from the last load step fails, the thread is let go gradually: it is tied to where it is by a mass-like
 stiffness that is weakened until it can be dropped (pseudo-transient continuation). The accepted answer has none of it.
+Where the thread would not stay at what Newton's method finds then, the tie is weakened further instead.
 
 An equilibrium that was found on other knots is where these begin: the thread is tied there, held in its holes while it
 bends at them anew, and friction opposes the way from the start of the load step.
@@ -38,10 +39,10 @@ from coupling.errors import (
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
 from coupling.motion import what_it_does
-from coupling.newton import Iterate, Problem, Solution, correct, evaluate
+from coupling.newton import Iterate, Problem, Solution, correct, evaluate, force_tolerance
 from coupling.sliding import admissible_sigma, force_along_thread, law_of, prescribed, static_bound
 from coupling.solver import solve
-from coupling.stability import downhill, given_a_little, is_squeezed, would_stay
+from coupling.stability import costs_nothing, downhill, given_a_little, is_squeezed, would_stay
 from coupling.stepping import (
     Step,
     accept_organ,
@@ -79,7 +80,8 @@ NEAR_FAILURES = 4  # from what other knots found, which is near enough under the
 MOST_CORRECTIONS = 4000  # of a load step with all its parts: eight times what one of the scene "pulley" takes
 LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
 FIRMEST = 0.99  # of itself: friction that cannot fall to this has come to where the thread runs through
-DROPPED = 0.3  # of the softest mode: the last tie; one as firm as that may leave the thread on another branch
+DROPPED = 0.3  # of the softest mode: the tie that is dropped first; where that leads astray, a weaker one is
+REFUSALS = 3  # drops at most that lead astray: a thread that would not stay under its last tie either is told
 SOFT_TISSUE = 1e-6  # of the first tie: the last one where tissue at finite strain, a flap, gives way before the thread
 A_SPAN = 1.0  # the most that a correction of a tied thread moves an abscissa: the curve beyond is another polynomial
 PATIENCE = 2  # times the corrections of a plain solve: what LONGEST_MOVE takes along half of the thread
@@ -218,6 +220,7 @@ def relax_ties(
     answer = ask_organ(system, Equilibrium(), [state], duration, share) if given is None else given
     firm, weaker, start = first_tie(system), WEAKER, state if near is None else near
     tie, now = firm if near or state.time == 0.0 else 0.0, start
+    dropped, refusals = 0.0, REFUSALS
     failed: StepError | InversionError | None = None
     failures = NEAR_FAILURES if near else MOST_FAILURES if answer.linear else FAILURES
     for _ in range(ATTEMPTS):
@@ -233,14 +236,26 @@ def relax_ties(
             tie, weaker = (firm if tie == 0.0 else tie * np.sqrt(WEAKER)), max(GENTLEST, np.sqrt(weaker))
             continue
         if tie == 0.0:
+            if refusals and dropped and leads_astray(solution, new):
+                log.debug("a tie was dropped to where the thread would not stay: a weaker one leads further")
+                tie, refusals = dropped / WEAKER, refusals - 1
+                continue
             return Step(state, new, problem.dt, solution, end_configuration(new, solution))
         refuse_leaving(system, state, new)
-        now, answer = new, solution.problem.answer
+        now, answer, dropped = new, solution.problem.answer, tie
         tie, weaker = (0.0 if tie < last_tie(problem, start) else tie / weaker), min(WEAKER, weaker**1.5)
     if isinstance(failed, InversionError):
         raise failed
     cause, piercing = (failed.cause, failed.piercing) if failed else ("the ties could not be dropped", "")
     raise EquilibriumError(state.time, share * duration - state.time, cause, piercing, share)
+
+
+def leads_astray(solution: Solution[Body], new: State[Body]) -> bool:
+    """Tell whether Newton's method has gone where no weaker tie would lead to, as a tie was dropped: to a `new` state
+    in which the thread would not stay. One without bending stiffness, and one that is cut, have motions that cost
+    nothing, and are not asked."""
+    thread = solution.problem.system.thread
+    return bool(thread.EI) and not thread.spline.cuts.size and not would_stay(solution, new)
 
 
 def find_tied(
@@ -278,7 +293,8 @@ def find_rest(
 
 def corrected(solution: Solution[Body]) -> Solution[Body]:
     """Return a solution with one correction made where it took none: a tie that is dropped may leave forces just below
-    the tolerance, far above those that Newton leaves, and works and branches begin there. Raises `StepError`."""
+    the tolerance, far above those that Newton leaves, and works and branches begin there. One along motions that cost
+    nothing is not made: how far it goes it takes from round-off. Raises `StepError`."""
     if solution.iterations:
         return solution
     z = solution.iterate
@@ -286,6 +302,8 @@ def corrected(solution: Solution[Body]) -> Solution[Body]:
     try:
         z = correct(replace(solution.problem, closed=z.pressed, rubbing=z.rubbing), z, solution.residual)
     except SingularError:  # the loads have come to a limit point, and it holds as it is
+        return solution
+    if costs_nothing(solution.problem, force_tolerance(solution.problem, solution.residual), z.q - solution.iterate.q):
         return solution
     again = solve(solution.problem, z)
     return replace(again, iterations=1 + again.iterations)
@@ -440,14 +458,16 @@ def lying_tie(system: System[Body], state: State[Body]) -> float:
 
 def last_tie(problem: Problem[Body], state: State[Body]) -> float:
     """Return the tie [1/s²] that holds a whole thread less than the softest of its modes, in bending or, where the
-    forces that draw on it in a `state` make it stiffer, as a string: a weaker one is dropped. Tissue at finite strain
-    may bend far more easily than any thread."""
+    forces that draw on it in a `state` make it stiffer, as a string: a weaker one is dropped, and so is one that is
+    weaker than what keeps the pieces of a cut thread where they lie. Tissue at finite strain may bend far more easily
+    than any thread."""
     if not problem.answer.linear:
         return SOFT_TISSUE * first_tie(problem.system)
     thread = problem.system.thread
     length = thread.spline.end - thread.spline.start
     soft = max(AS_CANTILEVER * thread.EI, AS_STRING * drawing_force(problem, state) * length**2)
-    return float(DROPPED * soft / (thread.section.rhoA * length**4))
+    lying = lying_tie(problem.system, state) if thread.spline.cuts.size else 0.0
+    return float(max(DROPPED * soft / (thread.section.rhoA * length**4), lying))
 
 
 def guess(problem: Problem[Body], state: State[Body], sigma: Array) -> Iterate:
