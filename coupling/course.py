@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from time import perf_counter
 from typing import Any, cast
@@ -10,10 +10,12 @@ from typing import Any, cast
 import numpy as np
 
 from coupling import newton, tables
-from coupling.arrays import Array
+from coupling.answer import all_holds, pad_compliance
+from coupling.arrays import Array, Flags
 from coupling.audit import BORNE
 from coupling.bordered import NINE
-from coupling.compiled.iteration import Passing, Unknowns
+from coupling.compiled.friction import Law
+from coupling.compiled.iteration import Bounds, Given, Passing, Unknowns
 from coupling.compiled.steps import march
 from coupling.compiled.steps.audit import TURNS, Motion
 from coupling.compiled.steps.march import ENERGIES, Ends, Scene, Scratch
@@ -26,7 +28,7 @@ from coupling.motion import CROSSED
 from coupling.newton import Problem
 from coupling.recent import Recent
 from coupling.stability import borne_pressure
-from coupling.stepping import PASSES
+from coupling.stepping import PASSES, dynamic_problem
 from coupling.system import State, System
 from coupling.tables import OVER, bounds_of, empty_found, given_of, law_of, plain, tables_of
 from coupling.tension import FINE, REST, SETTLED
@@ -119,35 +121,74 @@ def body_of(
     return None
 
 
+@dataclass(frozen=True, eq=False)
+class Fixture:
+    """What steps of a scheme have in common as long as the same holds are there, and room for what they write: the
+    places, loads and references among it are those of the step that is made."""
+
+    law: Law
+    given: Given
+    bounds: Bounds
+    scene: Scene
+    limits: Limits
+    room: Scratch
+
+
+FIXTURES: Recent[Fixture] = Recent()
+
+
+def fixture_of(system: System[Any], scheme: Scheme, state: State[Any], answer: Answer[Any], motion: Motion) -> Fixture:
+    """Return the fixture of steps from a state, which is a `motion`, with the organ's `answer` to the first, where it
+    is among the last that were made that. The organ is no part of what is remembered: it may be large."""
+    held = tuple(end.position(0.0) is not None for end in system.ends)
+    of_ends = held, system.clamps, system.clamp_frames.tobytes()
+    values = scheme.dt, scheme.d, scheme.weights, system.epsilon, *of_ends, state.present.tobytes(), len(motion.U)
+    fixture = FIXTURES.of(
+        (system.thread, system.piercings, system.gravity),
+        lambda: make_fixture(dynamic_problem(system, state, scheme.dt, answer, scheme), state.present, motion),
+        values,
+    )
+    y_free, C = all_holds(system, answer.y_free), pad_compliance(system, answer.C)
+    return replace(fixture, given=fixture.given._replace(y_free=plain(y_free), C=plain(C)))
+
+
+def make_fixture(problem: Problem[Any], present: Flags, motion: Motion) -> Fixture:
+    """Return the fixture of steps of which a problem is the first and a `motion` the start, with the holds that are
+    `present` (m,)."""
+    system, law, given = problem.system, law_of(problem), given_of(problem)
+    return Fixture(
+        law._replace(s_old=law.s_old.copy(), s_held=law.s_held.copy(), s_free=law.s_free.copy()),
+        given._replace(q_ref=given.q_ref.copy(), load=given.load.copy()),
+        bounds_of(problem, 0.0, 1),
+        scene_of(problem, present),
+        limits_of(system.thread, system.holds),
+        empty_room(motion, system.thread.elastic_rule.w.shape[1]),
+    )
+
+
 class Course:
     """Steps of a scheme from a state, as far as they are `made`: the motion `now` and `earlier`, one step before, the
-    `energies` and the `iterations` of each. The arrays are those of the first step's `problem`."""
+    `energies` and the `iterations` of each. `answer` is the organ's to the first."""
 
-    def __init__(self, problem: Problem[Any], scheme: Scheme, state: State[Any], body: Body) -> None:
-        system = problem.system
-        self._like, self._problem, self._tables, self._body = state, problem, tables_of(system.thread), body
-        self._lacking, self._holes = lacking_of(system.thread), len(system.piercings)
-        law, given = law_of(problem), given_of(problem)
-        self._law = law._replace(s_old=law.s_old.copy(), s_held=law.s_held.copy(), s_free=law.s_free.copy())
-        self._given = given._replace(q_ref=given.q_ref.copy(), load=given.load.copy(), y_free=given.y_free.copy())
-        self._pace, self._scene = pace_of(scheme), scene_of(problem, state)
-        self._limits = limits_of(system.thread, system.holds)
+    def __init__(self, system: System[Any], scheme: Scheme, state: State[Any], answer: Answer[Any], body: Body) -> None:
+        self._like, self._holes, self._body, self._pace = state, len(system.piercings), body, pace_of(scheme)
+        self._tables, self._lacking = tables_of(system.thread), lacking_of(system.thread)
         self._now, self._earlier = motion_of(state, body.now), motion_of(state.before or state, body.earlier)
-        self._room = empty_room(self._now, self._tables.curve.w.shape[1])
+        self._fixture = fixture_of(system, scheme, state, answer, self._now)
         self.made, self.energies, self.iterations = 0, np.empty(0), np.zeros(0, np.int64)
 
     def make_steps(self, energies: Sequence[float], ends: tuple[Array, ...], follow: bool) -> None:
         """Make as many steps as go smoothly between the `ends` that `coupling.march.tabled_ends` gives; the other
         arguments are those of `coupling.compiled.steps.march.march`."""
         self.energies, self.iterations = np.array(energies), np.zeros(len(ends[0]), np.int64)
-        bounds, thread = bounds_of(self._problem, 0.0, 1), self._tables
+        thread, given = self._tables, self._fixture
         while True:
             self.made, why, missing = run_march(
-                thread.curve, thread.knots, self._law, self._given, bounds, self._scene, self._pace, self._limits,
-                self._lacking.stages, self._body.organ, Ends(*ends), self._now, self._earlier, self._room,
-                self.energies, self.iterations, self.made, follow,
+                thread.curve, thread.knots, given.law, given.given, given.bounds, given.scene, self._pace,
+                given.limits, self._lacking.stages, self._body.organ, Ends(*ends), self._now, self._earlier,
+                given.room, self.energies, self.iterations, self.made, follow,
             )  # fmt: skip
-            if why != march.UNKNOWN or not self._lacking.learn(missing):
+            if why != march.TO_LEARN or not self._lacking.learn(missing):
                 return
 
     def now(self, time: float) -> State[Any]:
@@ -174,7 +215,7 @@ class Course:
             present=self._like.present,
             sense=motion.sense,
             reaction=motion.reaction,
-            layers=motion.layers if self._limits.bends else None,
+            layers=motion.layers if self._fixture.limits.bends else None,
         )
 
 
@@ -209,15 +250,15 @@ def pace_of(scheme: Scheme) -> Pace:
     return Pace(float(scheme.dt), float(scheme.a), float(scheme.d), now, before, isinstance(scheme, BDF2))
 
 
-def scene_of(problem: Problem[Any], state: State[Any]) -> Scene:
-    """Return what does not change in steps from a state."""
+def scene_of(problem: Problem[Any], present: Flags) -> Scene:
+    """Return what does not change in steps of which a problem is the first, with the holds that are `present` (m,)."""
     system, thread, factor = problem.system, problem.system.thread, problem.mass_factor
     strength = np.array([piercing.strength for piercing in system.piercings], dtype=float) * system.bearing_areas
     by_place = thread.largest_bending + factor * thread.largest_mass
     return Scene(
         weight=plain(system.weight),
         axial=plain(thread.axial.s),
-        present=state.present,
+        present=present,
         here=np.ascontiguousarray(problem.rows[:, 0]),
         slide=system.may_slide,
         rough=system.rough,

@@ -16,6 +16,7 @@ from coupling.audit import Energies
 from coupling.calls import ask_before_correction
 from coupling.integrators import BackwardEuler, Scheme
 from coupling.interfaces import Body, Modal, Steady
+from coupling.newton import Iterate, Solution, evaluate
 from coupling.solver import covers
 from coupling.stepping import Take, bdf2_step, dynamic_problem, organ_answer, scheme_of, try_step
 from coupling.system import State, System, forgetful
@@ -66,7 +67,7 @@ def march(
     body = body_of(system, scheme, state, times, answer)
     if body is None:
         return None
-    course = Course(dynamic_problem(system, state, dt, answer, scheme), scheme, state, body)
+    course = Course(system, scheme, state, answer, body)
     course.make_steps(astuple(energies), tabled_ends(system, state.time, times, dt), follow)
     made, iterations = course.made, int(course.iterations.sum())
     if not made:
@@ -78,6 +79,16 @@ def march(
         before = course.earlier(times[made - 2]) if made > 1 else forgetful(state)
         new = replace(new, before=before, dt_before=dt)
     return Marched(made, new, Energies(*course.energies.tolist()), iterations)
+
+
+def solution_at(system: System[Body], state: State[Body]) -> Solution[Body]:
+    """Return a solution at a state that the loops came to, which keep none, to ask the thread's own motions: of a step
+    from there, of any length, since neither its inertia nor its loads count in these."""
+    scheme = BackwardEuler(1.0)
+    problem = dynamic_problem(system, state, scheme.dt, organ_answer(system, scheme, state), scheme)
+    z = Iterate(state.q, state.N, state.s, state.lam, state.y, state.sigma)
+    problem = replace(problem, layers=state.layers)
+    return Solution(problem, z, evaluate(problem, z), 0)
 
 
 def tabled_ends(system: System[Body], start: float, times: Sequence[float], dt: float) -> tuple[np.ndarray, ...]:

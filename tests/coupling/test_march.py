@@ -15,13 +15,14 @@ from coupling.cutting import Cut
 from coupling.laying import start
 from coupling.march import Marched, march
 from coupling.run import Run, begin
+from coupling.stepping import bdf2_step, release
 from coupling.system import System
 from studies.scenario import Scenario, load
 from studies.simulation import prepare
 from tests.bounds import AXIAL, IDENTITY, RESIDUAL
 from tests.coupling.test_compiled import ROUGH, drawn, pulled_through
 from thread.catalogue import suture
-from thread.ends import Free
+from thread.ends import Free, Pulled
 from thread.knots import uniform_knots
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
@@ -186,6 +187,48 @@ def test_other_steps_are_made_one_by_one(monkeypatch: pytest.MonkeyPatch) -> Non
         found = both(other, dt, 6, monkeypatch)
         assert not any(found.made)
         agree(found)
+
+
+def test_what_is_remembered_of_steps_is_of_these(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: one after the other, from one state, with an end let go, under a weight, in steps of another
+    length, by the other scheme, without a hole, and as it was: what the loops keep from call to call is of none of the
+    others."""
+    scene = figure_1(EULER, *(f"piercing.{hole}.{ROUGH}" for hole in ("entry", "exit")))
+    run, dt = begun(scene), scene.solve.dt
+    system, state = run.system, run.state
+    held_by = state.reaction[1]
+    others = [
+        (replace(run, system=replace(system, ends=(system.ends[0], Pulled(held_by)))), dt),
+        (replace(run, system=replace(system, gravity=np.array([0.0, 0.0, -9.81]))), dt),
+        (run, 0.5 * dt),
+        (replace(run, state=replace(state, before=None), take=bdf2_step).step(dt).step(dt), dt),
+        (replace(run, state=release(state, np.array([False, True]))), dt),
+        (run, dt),
+    ]
+    for _ in range(2):
+        for other, length in others:
+            found = both(other, length, 6, monkeypatch)
+            assert any(found.made)
+            agree(found)
+
+
+def test_loops_that_make_no_step_are_asked_ever_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: over 40 steps, each asked for by itself as a host program does, after 1, 2, 4, … in between;
+    once they make one they are asked for every step."""
+    scene = figure_1(EULER)
+    run, dt, asked = begun(scene), scene.solve.dt, list[int]()
+
+    def stops(*given: Any) -> None:
+        asked.append(1)
+
+    with monkeypatch.context() as broken:
+        broken.setattr(coupling.run, "march", stops)
+        for _ in range(40):
+            run = run.steps(dt, 1)
+    assert len(asked) == 6
+    run = run.steps(dt, 64)
+    made_alone = both(run, dt, 5, monkeypatch)
+    assert made_alone.made == [5]
 
 
 def test_every_correction_counts_and_a_batch_ends() -> None:

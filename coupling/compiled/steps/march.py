@@ -13,7 +13,7 @@ from coupling.arrays import Array, Flags, Indices
 from coupling.compiled.curve import Curve
 from coupling.compiled.friction import Law
 from coupling.compiled.holes import AT_U, AT_V, FIRST
-from coupling.compiled.iteration import Bounds, Found, Given, Knots, Passing, Unknowns, solve
+from coupling.compiled.iteration import GOES_ON, HOW, UNKNOWN, Bounds, Found, Given, Knots, Passing, Unknowns, solve
 from coupling.compiled.loops import loop, outermost, part, sources
 from coupling.compiled.steps.audit import (
     ELASTIC,
@@ -54,7 +54,7 @@ from coupling.compiled.steps.tension import (
 from coupling.compiled.vectors import cross, dot, norm, vector
 
 # Why no further step is made.
-MADE, UNKNOWN, NOT_SOLVED, TOO_FAST, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL = range(10)
+MADE, TO_LEARN, NOT_SOLVED, TOO_FAST, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL = range(10)
 SOURCES = "**/*.py"  # that the loops are compiled from
 ENERGIES = 9  # numbers of `coupling.audit.Energies` that steps change
 
@@ -360,7 +360,7 @@ def pass_with(
     what `learn` does."""
     if limits.bends:
         forget(given.lack)
-        missing, _ = learn(stages, limits, knots, given, layers, z.s)
+        missing = learn(stages, limits, knots, given, layers, z.s)
         if missing != KNOWN:
             return missing
     pass_holds(knots, given, z, at)
@@ -391,23 +391,23 @@ def solve_step(
     curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, scene: Scene, pace: Pace, limits: Limits,
     stages: Stages, ends: Ends, step: int, now: Motion, room: Scratch,
 ) -> tuple[int, int]:  # fmt: skip
-    """Solve a step, again where a hole came to a span of which nothing was known, and with the tension that it ends
-    with (`coupling.stepping.settle_layers`). Returns its iterations, −1 where it comes to no end, and what `learn`
+    """Solve a step, on where a hole comes to a span of which nothing was known, and again with the tension that it
+    ends with (`coupling.stepping.settle_layers`). Returns its iterations, −1 where it comes to no end, and what `learn`
     does."""
-    total, passes = 0, 0
+    total, passes, made = 0, 0, room.found.trail.made
+    made[GOES_ON] = 0
+    predict(pace, given, ends, step, now, room.z)
     while True:
-        if passes == 0:
-            predict(pace, given, ends, step, now, room.z)
         if limits.bends:
-            missing, _ = learn(stages, limits, knots, given, room.end.layers, room.z.s)
+            missing = learn(stages, limits, knots, given, room.end.layers, room.z.s)
             if missing != KNOWN:
                 return -1, missing
         iterations, _ = solve(curve, knots, law, given, bounds, room.z, room.found)
-        if iterations < 0:
-            missing, anything = learn(stages, limits, knots, given, room.end.layers, room.z.s)
-            if missing != KNOWN or not anything or passes > 0:
-                return -1, missing
+        made[GOES_ON] = made[HOW] == UNKNOWN
+        if made[GOES_ON]:
             continue
+        if iterations < 0:
+            return -1, KNOWN
         total += iterations
         if not limits.bends or passes == limits.passes:
             return total, KNOWN
@@ -432,7 +432,7 @@ def end_step(
         missing = pass_with(stages, limits, knots, given, room.z, now.layers, room.other)
         copy_lack(room.other, room.back)
     if missing != KNOWN:
-        return UNKNOWN, missing
+        return TO_LEARN, missing
     conclude(pace, scene, given, room.found, now, earlier, room.end)
     happened = what_happened(scene, given, room.found.strain, knots, now, room.end)
     if happened != MADE:
@@ -470,13 +470,13 @@ def march_of(digest: int) -> Any:
                 knots, law, given, scene, pace, limits, stages, organ, ends, step, now, earlier, room
             )
             if missing != KNOWN:
-                return step, UNKNOWN, missing
+                return step, TO_LEARN, missing
             here = bounds_at(bounds, rounded_force(scene, knots, largest))
             found, missing = solve_step(
                 curve, knots, law, given, here, scene, pace, limits, stages, ends, step, now, room
             )
             if missing != KNOWN:
-                return step, UNKNOWN, missing
+                return step, TO_LEARN, missing
             if found < 0:
                 return step, NOT_SOLVED, KNOWN
             why, missing = end_step(
