@@ -478,8 +478,8 @@ class MeshedOrgan:
 
 
 def leading(A: csr_matrix, N: int) -> csr_matrix:
-    """Return the first N rows of a matrix that have no entries beyond its first N columns, shape `(N, N)`, in the memory
-    of A: of a large organ a copy is a third of a gigabyte."""
+    """Return the first N rows of a matrix, which have no entries beyond its first N columns, shape `(N, N)`, in the
+    memory of A: of a large organ a copy is a third of a gigabyte."""
     end = A.indptr[N]
     return csr_matrix((A.data[:end], A.indices[:end], A.indptr[: N + 1]), shape=(N, N))
 
