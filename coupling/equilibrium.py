@@ -501,31 +501,66 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
 
 
 def refuse_unbalanced(system: System[Body], state: State[Body], duration: float) -> None:
-    """Raise `EquilibriumError` where two different dead loads, or one and a free end, draw on a thread that slides in
-    all its holes without friction: its tension is the same all along.
+    """Raise `EquilibriumError` where two different dead loads, or one and a free end, draw on a thread that may slide
+    in all its holes, and these bear no such difference: without friction the tension is the same all along.
 
     An end that is short compared with √(EI/F) may stand across its load and balance another one (the elastica arm
     scale: Bosi, Misseroni, Dal Corso & Bigoni, Proc. R. Soc. A 470, 2014), and is let pass.
     """
     thread, here = system.thread, state.present
-    if not slides_freely(system, here) or system.weight.any():
+    if not may_slide_as_a_whole(system, here) or system.weight.any():
         return
     load = np.array([np.linalg.norm(end.force(duration)) for end in system.ends])
     ends = np.array([state.s[here].min() - thread.spline.start, thread.spline.end - state.s[here].max()])
     short = (load > 0.0) & (load * ends**2 < LONG_END**2 * thread.EI)
-    if short.any() or abs(load[1] - load[0]) <= BALANCED * load.max():
+    borne = largest_load(system, state, load)
+    if short.any() or (1.0 - BALANCED) * load.max() <= borne:
         return
+    slides = "slides freely in all its holes"
+    if borne > load.min():
+        slides = f"may slide in all its holes, whose friction bears {borne:.4g} N at most against the smaller one"
     cause = (
         f"the dead loads are unbalanced, {load[0]:.4g} N at the start and {load[1]:.4g} N at the end of a thread that "
-        "slides freely in all its holes"
+        f"{slides}"
     )
     raise EquilibriumError(state.time, duration - state.time, cause)
+
+
+def largest_load(system: System[Body], state: State[Body], load: Array) -> float:
+    """Return the largest dead load [N] that the smaller of the two at the ends, `load` (2,) [N], may balance through
+    the holes of a thread that slides in them, however they turn it; infinite where that is not known.
+
+    A hole bears T₂ − T₁ ≤ F₀ + μ N, and is pressed on by both strands at most, N ≤ T₁ + T₂, in a channel ℓ by their
+    couples too, 2 √(EI T) each at most (a long elastica), which adds 2 (M₁ + M₂)/ℓ. A strand between two holes that is
+    short compared with √(EI/T) may press more.
+    """
+    EI, tension = system.thread.EI, float(load.min())
+    order = np.argsort(state.s)[:: 1 if load[0] <= load[1] else -1]
+    order = order[(system.rough & state.present)[order]]
+    if not state.present.all() or any(system.own_friction[k] for k in order):
+        return np.inf
+    strands = np.diff(np.sort(state.s))
+    if order.size and (tension * strands**2 < LONG_END**2 * EI).any():
+        return np.inf
+    static, _, grip, per_channel = system.friction
+    for mu, F, by_couple in zip(static[order], grip[order], 4.0 * np.sqrt(EI) * per_channel[order], strict=True):
+        if mu >= 1.0:
+            return np.inf
+        b, c = mu * by_couple, F + (1.0 + mu) * tension + mu * by_couple * np.sqrt(tension)
+        tension = float(((b + np.sqrt(b**2 + 4.0 * (1.0 - mu) * c)) / (2.0 * (1.0 - mu))) ** 2)
+    return tension
 
 
 def slides_freely(system: System[Body], present: Flags) -> bool:
     """Tell whether a thread in one piece slides freely in all its holes, those that it is `present` in `(m,)`, and no
     end of it is held: under equal loads at both ends it costs nothing to slide as a whole."""
-    holds = (system.rows.any(axis=1) & present & (system.rough | ~system.may_slide | system.by_hand)).any()
+    return may_slide_as_a_whole(system, present) and not (system.rows.any(axis=1) & present & system.rough).any()
+
+
+def may_slide_as_a_whole(system: System[Body], present: Flags) -> bool:
+    """Tell whether nothing but friction holds a thread in one piece along itself, in the holes that it is `present` in
+    `(m,)`: no end, anchor, tie or hand."""
+    holds = (system.rows.any(axis=1) & present & (~system.may_slide | system.by_hand)).any()
     held = any(end.position(0.0) is not None for end in system.ends)
     return not (holds or held or system.ties or not present.any() or system.thread.spline.cuts.size)
 
