@@ -7,12 +7,11 @@ vertices.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_matrix, vstack
+from scipy.sparse import csr_matrix, diags_array, vstack
 
 from tissue.arrays import Array, Indices
-from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda, shape_gradients
+from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda, slope_matrix
 from tissue.errors import TissueError
-from tissue.material import PerCell
 from tissue.sites.surface import outer_surface
 from tissue.strain import symmetric
 
@@ -43,23 +42,36 @@ class StressRecovery:
 
 def stress_recovery(elasticity: Elasticity) -> StressRecovery:
     """Return the recovery of σ = λ tr ε I + 2μ ε: at each cell's nodes, then averaged over a node's cells by volume."""
-    cells, m, material = elasticity.cells, len(elasticity.nodes), elasticity.material
+    material = elasticity.material
     spread = material.lame_lambda if elasticity.pressure is None else cellwise_lambda(material)
-    volume = elasticity.six_volumes / 6.0
-    total = np.bincount(cells.ravel(), np.repeat(volume, cells.shape[1]), minlength=m)
-    places = np.asarray(ELEMENTS[elasticity.element]().doflocs)
-    slope = shape_gradients(elasticity, places) * (volume[:, None] / total[cells])[:, :, None, None]
-    shape = slope.shape[:3]
-    rows, columns = (
-        np.broadcast_to(cells[:, :, None], shape).ravel(),
-        np.broadcast_to(cells[:, None], shape).ravel(),
-    )
+    average, slopes = _averages(elasticity), _nodal_slopes(elasticity)
+    parts = np.split(np.arange(slopes.shape[0]), 3)  # of ∂/∂x, ∂/∂y, ∂/∂z
     blocks = [
-        csr_matrix(((slope[..., j] * modulus).ravel(), (rows, columns)), shape=(m, m))
-        for modulus in (_column(spread), _column(material.lame_mu))
-        for j in range(3)
+        average
+        @ diags_array(np.resize(np.broadcast_to(modulus, len(elasticity.cells)), average.shape[1]))
+        @ slopes[rows]
+        for modulus in (spread, material.lame_mu)
+        for rows in parts
     ]
     return StressRecovery(csr_matrix(vstack(blocks)), _nodal_pressure(elasticity), elasticity.nodes)
+
+
+def _nodal_slopes(elasticity: Elasticity) -> csr_matrix:
+    """Return ∂/∂x_j of a nodal field at the nodes of each cell, shape `(3 a c, m)` [1/m], as `slope_matrix`; those of a
+    linear cell share its slopes, a = 1."""
+    if elasticity.element == "P1":
+        return elasticity.corner_slopes
+    return slope_matrix(elasticity, np.asarray(ELEMENTS[elasticity.element]().doflocs))
+
+
+def _averages(elasticity: Elasticity) -> csr_matrix:
+    """Return the average by volume at each node of what its cells have there, in the order of `_nodal_slopes`, shape
+    `(m, a c)`."""
+    cells, m, volume = elasticity.cells, len(elasticity.nodes), elasticity.six_volumes
+    total = np.bincount(cells.ravel(), np.repeat(volume, cells.shape[1]), minlength=m)
+    places = 1 if elasticity.element == "P1" else cells.shape[1]
+    columns = np.resize(np.arange(places * len(cells)), cells.size)
+    return csr_matrix(((volume / total[cells.T]).ravel(), (cells.T.ravel(), columns)), shape=(m, places * len(cells)))
 
 
 def interpolation(elasticity: Elasticity, points: Array) -> csr_matrix:
@@ -104,8 +116,3 @@ def _nodal_pressure(elasticity: Elasticity) -> csr_matrix:
         return elasticity.pressure
     first, second = elasticity.mesh.edges
     return csr_matrix(vstack([elasticity.pressure, 0.5 * (elasticity.pressure[first] + elasticity.pressure[second])]))
-
-
-def _column(modulus: PerCell) -> Array:
-    """Return a modulus as a column that broadcasts over `(cells, nodes, nodes)`."""
-    return np.atleast_1d(np.asarray(modulus, float))[:, None, None]

@@ -19,8 +19,17 @@ def clamped_unknowns(basis: Basis, clamp: Sequence[str]) -> Indices:
 
     Raises `TissueError`, naming the boundaries of the mesh, for a boundary that the mesh does not name.
     """
-    held = [basis.get_dofs(facets=facets_of(basis.mesh, "clamp", name)).all() for name in clamp]
+    held = [unknowns_on(basis, facets_of(basis.mesh, "clamp", name)).ravel() for name in clamp]
     return np.unique(np.concatenate([np.empty(0, np.intp), *held])).astype(np.intp)
+
+
+def unknowns_on(basis: Basis, facets: Indices) -> Indices:
+    """Return the unknowns of the nodes on facets, a row for each component, shape `(3, k)`."""
+    corners = basis.nodal_dofs[:, np.unique(basis.mesh.facets[:, facets])]
+    if not basis.edge_dofs.size:  # scikit-fem numbers edges for these, too, which takes as long as to number facets
+        return np.asarray(corners)
+    edges = basis.edge_dofs[:, np.unique(basis.mesh.f2e[:, facets])]
+    return np.hstack([corners, edges])
 
 
 def rolling_unknowns(basis: Basis, roller: Sequence[str]) -> Indices:
@@ -28,10 +37,7 @@ def rolling_unknowns(basis: Basis, roller: Sequence[str]) -> Indices:
 
     Raises `TissueError` for a boundary that the mesh does not name or that is no plane across an axis.
     """
-    held = [
-        basis.get_dofs(facets=facets_of(basis.mesh, "roller", name)).all(f"u^{axis_of(basis.mesh, name) + 1}")
-        for name in roller
-    ]
+    held = [unknowns_on(basis, facets_of(basis.mesh, "roller", name))[axis_of(basis.mesh, name)] for name in roller]
     return np.unique(np.concatenate([np.empty(0, np.intp), *held])).astype(np.intp)
 
 

@@ -14,6 +14,8 @@ from thread.spline import Spline
 
 OrganRun = Run[tissue.OrganState]
 
+REMADE = ("state.organ.MU", "state.before.organ.MU")  # which an organ makes of its displacement, to the same bits
+
 
 def on_knots(system: System, knots: Array) -> System:
     """Return the system with its thread on other knots."""
@@ -25,7 +27,8 @@ def memory_of(now: OrganRun) -> Arrays:
     own = {"step": np.array(now.number), "s_begun": now.s_begun, "knots": now.system.thread.spline.knots}
     own |= {"tie_works": now.tie_works} if now.system.ties else {}
     own |= {"loose": np.array(now.loose)} if now.system.rough.any() else {}
-    return own | pack(now.state, "state") | pack(now.energies, "energies")
+    state = {name: value for name, value in pack(now.state, "state").items() if name not in REMADE}
+    return own | state | pack(now.energies, "energies")
 
 
 def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:

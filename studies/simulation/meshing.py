@@ -19,6 +19,7 @@ from meshes.cylinder import cylinder, stumps, tube
 from meshes.facets import sharp_edges
 from meshes.file import read
 from meshes.grading import Grading
+from meshes.named import with_boundaries
 from meshes.skin import fill, read_surface
 from meshes.units import metres_per_unit
 from meshes.wound import Wound, wounded_block_gmsh, wounded_block_structured
@@ -257,7 +258,12 @@ def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
 
 
 def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.MeshTet:
-    """Return the mesh with the boundaries that the scenario adds: surface facets whose centre lies in a box."""
+    """Return the mesh with the boundaries that the scenario adds: surface facets whose centre lies in a box.
+
+    One to which nothing is added is the same mesh: a copy would number its facets anew.
+    """
+    if not boxes:
+        return mesh
     named = dict(mesh.boundaries or {})
     surface = mesh.boundary_facets()
     centres = mesh.p[:, mesh.facets[:, surface]].mean(axis=1)
@@ -268,11 +274,13 @@ def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.Me
         named[box.name] = surface[is_inside(centres, np.array(box.box))]
         if named[box.name].size == 0:
             raise _nothing_in(mesh, dotted_key([*key, "box"]), box.box, "surface facet")
-    return mesh.with_boundaries(named)
+    return with_boundaries(mesh, named)
 
 
 def with_regions(mesh: skfem.MeshTet, regions: Sequence[model.Region]) -> skfem.MeshTet:
-    """Return the mesh with the regions of the scenario as subdomains."""
+    """Return the mesh with the regions of the scenario as subdomains, the same one where there are none."""
+    if not regions:
+        return mesh
     return mesh.with_subdomains(dict(mesh.subdomains or {}) | {r.name: region_cells(mesh, r) for r in regions})
 
 

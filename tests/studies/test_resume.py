@@ -391,12 +391,12 @@ METHODS = {
 @pytest.mark.parametrize("method", METHODS)
 def test_the_next_step_depends_on_the_checkpoint_alone(file: Path, tmp_path: Path, method: str) -> None:
     """Consistency check: from a checkpoint on disk, a simulation built afresh takes the same steps by every method,
-    every recorded number and all of the memory equal, bit by bit."""
+    every recorded number and all of the memory equal, bit by bit. What is made of the displacement is left out."""
     scenario = load(file, METHODS[method])
     records = [step for step, _ in prepare(scenario).advance()]
     for number in (0, 6):
         memory = records[number].memory
-        assert memory is not None
+        assert memory is not None and not any(name.endswith(".MU") for name in memory)
         write_checkpoint(tmp_path, memory)
         again = [step for step, _ in prepare(scenario).advance(read_checkpoint(tmp_path))]
         assert [step.step for step in again] == [step.step for step in records[number:]]

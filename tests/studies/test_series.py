@@ -17,8 +17,9 @@ from tests.studies.samples import LINEAR, frame, organ, quadratic
 
 TIMES = (0.0, 0.1 + 0.2, 1 / 3)
 SINGLE = float(np.finfo(np.float32).eps)  # all are float32
-DERIVED = 2.0**-12  # of stress and strain 11 bits are kept behind the point, the last one rounded
-PLACE = 2.0**-20  # of the largest displacement, half of what is kept
+DERIVED = 2.0**-11  # of stress and strain 10 bits are kept behind the point, the last one rounded
+PLACE = 2.0**-20  # of the largest displacement, half of what is kept, and of the extent of what is drawn
+ALONG = 2.0**-13  # of the largest tension and curvature, half of what is kept
 
 
 @pytest.fixture
@@ -58,9 +59,9 @@ def test_fields_read_back(reader: pv.PVDReader) -> None:
         *("XX", "YY", "ZZ", "XY", "YZ", "XZ")
     ]
     assert list(solid.celltypes) == [pv.CellType.TETRA] * 2
-    same(thread.points, written.thread.points)
-    for name in ("s", "tension", "curvature"):
-        same(thread[name], getattr(written.thread, name))
+    assert np.abs(thread.points - written.thread.points).max() <= PLACE * np.ptp(written.thread.points, axis=0).max()
+    for name, bound in {"s": PLACE, "tension": ALONG, "curvature": ALONG}.items():
+        same(thread[name], getattr(written.thread, name), bound)
     same(thread["radius"], np.full(11, 1.6e-4))
     assert thread.n_lines == 1
     assert holes.n_verts == 2
@@ -81,7 +82,7 @@ def test_volume_ratios_keep_what_nearly_incompressible_tissue_leaves_of_them(tmp
     same(solid["nodal_volume_ratio"], node)
 
 
-def test_directions_are_read_back_to_a_tenth_of_a_degree(tmp_path: Path) -> None:
+def test_directions_are_read_back_to_a_fifth_of_a_degree(tmp_path: Path) -> None:
     """Independent check: the angle between the directions of principal stress that were written and those that VTK
     reads."""
     written, along = frame(0.0), np.random.default_rng(0).standard_normal((len(LINEAR.points), 3))
@@ -89,7 +90,7 @@ def test_directions_are_read_back_to_a_tenth_of_a_degree(tmp_path: Path) -> None
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     Series(tmp_path, LINEAR).write(0, replace(written, organ=replace(written.organ, first_direction=along)))
     found = np.asarray(pv.PVDReader(str(tmp_path / "results.pvd")).read()[0]["first_direction"])
-    assert np.degrees(np.linalg.norm(np.cross(found, along), axis=1)).max() < 0.1
+    assert np.degrees(np.linalg.norm(np.cross(found, along), axis=1)).max() < 0.2
 
 
 def test_frames_have_the_arrays_of_their_columns(tmp_path: Path) -> None:

@@ -2,10 +2,11 @@
 
 from functools import cache
 from pathlib import Path
+from weakref import ReferenceType, ref
 
 import numpy as np
 import pytest
-from scipy.sparse import csc_matrix
+from scipy.sparse import csc_matrix, csr_matrix
 from scipy.sparse.linalg import splu
 from skfem import MeshTet
 
@@ -15,9 +16,11 @@ from coupling.stepping import advance
 from studies.scenario import ScenarioError, load
 from studies.simulation.assembly import assemble
 from tests.bounds import TWO_SOLVERS
-from tissue.solvers import choice
+from tissue.arrays import Array
+from tissue.solvers import choice, iterative
 from tissue.solvers.direct import LIBRARIES, is_installed, ordering
 from tissue.solvers.memory import free_memory
+from tissue.solvers.multigrid import Multigrid, multigrid
 
 SCENARIO = Path(__file__).parents[2] / "studies" / "scenario" / "scenes" / "two_piercings.toml"
 STEPS = 5
@@ -78,17 +81,34 @@ def test_auto_takes_what_is_installed_and_what_there_is_room_for(monkeypatch: py
         organ("superlu", inertia=True)
 
 
-def test_a_large_part_is_solved_for_its_columns_as_an_organ_at_rest_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Consistency check of solvers: by what `auto` takes for columns that are solved once, to the same answer."""
+def test_a_large_part_is_solved_for_its_columns_by_multigrid(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check of solvers: a small part by a factor, a large one by multigrid, to the same answer."""
     held = organ()
     b = np.random.default_rng(2).standard_normal((held.size, 2))
     small = choice.solver_once(held.K, held.places)
-    monkeypatch.setattr(choice, "SMALL", 100)
-    monkeypatch.setattr(choice, "FACTOR_ONCE", dict.fromkeys(LIBRARIES, 1000))
+    monkeypatch.setattr(choice, "PART_FACTORISED", 100)
     large = choice.solver_once(held.K, held.places)
     assert isinstance(small, tissue.Factor) and isinstance(large, tissue.ConjugateGradients)
     x = small.solve(b)
     assert np.abs(large.solve(b) - x).max() <= TWO_SOLVERS * np.abs(x).max()
+
+
+def test_the_levels_of_an_organ_at_rest_are_let_go_and_made_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: once its columns are made nothing holds the levels; a column that is asked for then is still
+    that of the compliance."""
+    made: list[ReferenceType[Multigrid]] = []
+
+    def watched(A: csr_matrix, places: Array) -> Multigrid:
+        levels = multigrid(A, places)
+        made.append(ref(levels))
+        return levels
+
+    monkeypatch.setattr(iterative, "multigrid", watched)
+    held = organ(choice.MULTIGRID)
+    operator = held.operator(0.0, 0.0)
+    assert len(made) == 1 and made[0]() is None
+    y = held.Y @ operator.factor.solve(held.Y[[0]].toarray()[0])
+    assert len(made) == 2 and np.abs(y - operator.C[:, 0]).max() <= TWO_SOLVERS * np.abs(y).max()
 
 
 def test_no_more_operators_are_kept_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch) -> None:

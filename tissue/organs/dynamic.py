@@ -176,7 +176,11 @@ class DynamicOrgan(MeshedOrgan):
 
     def mass_times(self, field: Array) -> Array:
         """Return M times a field over the free unknowns `(N,)`: a node's three components share its row."""
-        return self._weighed_together(field)[0]
+        N = self.mesh_size
+        weighed = np.asarray(self.node_mass @ self._by_nodes(field[:N])).ravel()
+        out = np.zeros(self.size)  # the springs have no mass
+        out[:N] = weighed if self.slots is None else weighed[self.slots]
+        return out
 
     def elastic_force(self, U: Array) -> Array:
         """Return K U.
@@ -243,9 +247,8 @@ class DynamicOrgan(MeshedOrgan):
 
     def products(self, state: OrganState) -> Products:
         """Return M U, M V and K U of a state, those that it brings along as they are."""
-        MU, MV = state.MU, state.MV
-        if MU is None or MV is None:
-            MU, MV = self._weighed_together(state.U, state.V)
+        MU = self.mass_times(state.U) if state.MU is None else state.MU
+        MV = self.mass_times(state.V) if state.MV is None else state.MV
         return Products(MU, MV, self.elastic_force(state.U) if state.KU is None else state.KU)
 
     def is_elastic_force(self, U: Array, force: Array) -> bool:
@@ -357,15 +360,6 @@ class DynamicOrgan(MeshedOrgan):
             ),
             friction=friction,
         )
-
-    def _weighed_together(self, *fields: Array) -> Array:
-        """Return M times several fields in one pass over M, shape `(k, N)`; the springs have no mass."""
-        N, k = self.mesh_size, len(fields)
-        side_by_side = np.hstack([self._by_nodes(field[:N]) for field in fields])
-        weighed = np.asarray(self.node_mass @ side_by_side).reshape(-1, k, 3).swapaxes(0, 1).reshape(k, -1)
-        out = np.zeros((k, self.size))
-        out[:, :N] = weighed if self.slots is None else weighed[:, self.slots]
-        return out
 
     def _by_nodes(self, field: Array) -> Array:
         """Return a field over the mesh's free unknowns as one vector per node, shape `(m, 3)`; zero where a

@@ -454,9 +454,8 @@ class MeshedOrgan:
 
     def solver_of(self, A: csr_matrix) -> Solver:
         """Return a solver for a matrix of the organ: the springs are coupled to nothing but the sites."""
-        N = self.mesh_size
-        mesh = solver(csr_matrix(A[:N, :N]) if A.shape[0] > N else A, self.places, self.choice.name)
-        return mesh if A.shape[0] == N else Sprung(A, mesh)
+        mesh = solver(leading(A, self.mesh_size), self.places, self.choice.name)
+        return mesh if A.shape[0] == self.mesh_size else Sprung(A, mesh)
 
     @property
     def y0(self) -> Array:
@@ -476,6 +475,13 @@ class MeshedOrgan:
     def whole(self, field: Array) -> Array:
         """Return a field over the free unknowns as one over all unknowns of the mesh, shape `(N_all,)`."""
         return self.elasticity.extended(field[: self.elasticity.free.size])
+
+
+def leading(A: csr_matrix, N: int) -> csr_matrix:
+    """Return the first N rows of a matrix, which have no entries beyond its first N columns, shape `(N, N)`, in the
+    memory of A: of a large organ a copy is a third of a gigabyte."""
+    end = A.indptr[N]
+    return csr_matrix((A.data[:end], A.indices[:end], A.indptr[: N + 1]), shape=(N, N))
 
 
 @dataclass(frozen=True)
@@ -498,6 +504,18 @@ class Sprung:
     def springs(self) -> Array:
         """The diagonal of the springs; of a large matrix it takes as long to read as a product."""
         return np.asarray(self.A.diagonal()[self.mesh.A.shape[0] :])
+
+
+@dataclass(frozen=True)
+class Remade:
+    """A matrix whose solver is made anew each time that it is asked, and takes no memory in between."""
+
+    A: csr_matrix
+    made: Callable[[csr_matrix], Solver]
+
+    def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
+        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; `guess` and `rough` as for any solver."""
+        return self.made(self.A).solve(b, guess, rough)
 
 
 def slips_since(past: Sequence[OrganState], scheme: TimeScheme) -> OrganState:

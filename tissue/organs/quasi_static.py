@@ -20,11 +20,12 @@ from tissue.organs.meshed import (
     OrganEnergies,
     OrganState,
     Pairing,
+    Remade,
     TimeScheme,
     compliance,
     slips_since,
 )
-from tissue.solvers.choice import Solver
+from tissue.solvers.choice import MULTIGRID, Solver
 from tissue.solvers.ranks import Ranks, SharedColumns
 from tissue.supports import holds_still
 
@@ -102,8 +103,10 @@ class QuasiStaticOrgan(MeshedOrgan):
         # Gaps have columns as their coefficients, and so to first order.
         U, work = compliance(together, csr_matrix(vstack([self.Y, loads])), rough=not self.pairs)
         W, U_loads = U[:, :count], U[:, count:]
+        # Without lips nothing asks for a column again, and levels take more memory than all the rest of the organ.
+        kept = factor if self.pairs or self.choice.name != MULTIGRID else Remade(self.K, self.solver_of)
         return QuasiStaticOperator(
-            self, self.K, factor, W, work[:count, :count], U_loads, work[:count, count:], work[count:, count:]
+            self, self.K, kept, W, work[:count, :count], U_loads, work[:count, count:], work[count:, count:]
         )
 
     def start(self) -> OrganState:

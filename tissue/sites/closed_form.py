@@ -99,8 +99,7 @@ def foreign(body: Elasticity, surface: Surface, site: Footprint) -> Indices:
         offset = surface.triangles.mean(axis=1) - site.centre
         level = np.abs(offset @ normal) <= np.sqrt(1.0 - FACING**2) * np.linalg.norm(offset, axis=1) + site.radius
         facets = facets[~((surface.normals @ normal > FACING) & level)]
-    dofs = body.basis.get_dofs(facets=facets).all() if facets.size else np.zeros(0, np.intp)
-    return np.flatnonzero(np.isin(body.nodes[:, 0], dofs))
+    return np.unique(body.facet_nodes(body.mesh.facets[:, facets].T))
 
 
 def field(site: Footprint, points: Array, nu: float) -> Array:
