@@ -32,7 +32,7 @@ from coupling.stepping import PASSES, dynamic_problem
 from coupling.system import State, System
 from coupling.tables import OVER, bounds_of, empty_found, given_of, law_of, plain, tables_of
 from coupling.tension import FINE, REST, SETTLED
-from coupling.watch import SHARE, TRACE
+from coupling.watch import CREATED
 from thread.compliance import POWERS, SLACK
 from thread.spline import ORDERS
 from thread.thread import STAGES, Thread
@@ -269,8 +269,7 @@ def scene_of(problem: Problem[Any], present: Flags) -> Scene:
         rounded=float(newton.ROUND_OFF * thread.EA),
         borne=float(borne_pressure(thread, factor) / thread.EA),
         crossed=CROSSED,
-        turned=SHARE,
-        there=TRACE,
+        create=CREATED,
         bearing=BORNE,
     )
 

@@ -31,7 +31,7 @@ from coupling.impact import begin_piercing
 from coupling.interfaces import Body
 from coupling.march import march
 from coupling.observation import PiercingObservation, observe
-from coupling.stepping import HALVINGS, Step, Take, advance, release, try_step
+from coupling.stepping import CURVED, HALVINGS, Step, Take, advance, release, try_step
 from coupling.system import State, System
 from coupling.tying import TieObservation, begin_tie, let_go_of_cut, lock_tie, observe_ties
 from coupling.watch import Watch
@@ -117,7 +117,7 @@ class Run(Generic[Body]):
         run = replace(self, at_once=0, taken=(), events=())
         if not run.fresh:
             run = run.refitted(dt, run.number % INTERVAL == 0)
-        watch = Watch([run.energies], run.downhill, bool(run.events))
+        watch = Watch([run.energies], run.downhill, bool(run.events), dt / 2 ** min(CURVED, run.halvings))
         depth = HALVINGS - run.halvings
         taken = advance(run.system, run.state, dt, run.take, depth, watch, run.is_jumping, run.tolerance)
         if time is not None:

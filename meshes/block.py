@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from meshes.errors import MeshError
 from meshes.gmsh_session import generate, session
 from meshes.grading import Grading, require_positive, site_points
-from meshes.named import bare_mesh
+from meshes.named import bare_mesh, with_boundaries
 
 Array = NDArray[np.float64]
 
@@ -217,7 +217,7 @@ def with_faces(mesh: skfem.MeshTet, lower: Array, upper: Array) -> skfem.MeshTet
         name: facets[(np.abs(corners[axis] - (upper if at_upper else lower)[axis]) <= slack).all(axis=0)]
         for name, (axis, at_upper) in FACES.items()
     }
-    return mesh.with_boundaries(named)
+    return with_boundaries(mesh, named)
 
 
 def add_box(gmsh: Any, lower: Array, upper: Array, planes: Planes) -> None:

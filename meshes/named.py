@@ -1,6 +1,7 @@
 """From points and tetrahedra to a checked `skfem.MeshTet` with named boundaries and subdomains."""
 
 from collections.abc import Mapping
+from copy import copy
 
 import numpy as np
 import skfem
@@ -24,7 +25,18 @@ def named_mesh(
     """
     mesh = checked_mesh(points, tets, parts=parts)
     boundaries = {name: facet_indices(mesh, triangles) for name, triangles in surfaces.items()}
-    return mesh.with_boundaries(boundaries).with_subdomains(dict(volumes))
+    return with_boundaries(mesh, boundaries).with_subdomains(dict(volumes))
+
+
+def with_boundaries(mesh: skfem.MeshTet, boundaries: Named) -> skfem.MeshTet:
+    """Return the mesh with boundaries named, facet numbers by name, beside those that it has.
+
+    As scikit-fem's own, but that the facets stay numbered: to number those of a large mesh again takes as long as all
+    the rest of making it.
+    """
+    named = copy(mesh)
+    named._boundaries = {**(mesh.boundaries or {}), **boundaries}
+    return named
 
 
 def checked_mesh(

@@ -41,8 +41,8 @@ def quality(mesh: skfem.MeshTet) -> Quality:
 def size_at(mesh: skfem.MeshTet, point: NDArray[np.floating]) -> float:
     """Return the mean length of the edges that meet in the node nearest to a point (3,) [m]."""
     node = np.linalg.norm(mesh.p.T - point, axis=1).argmin()
-    ends = mesh.p[:, mesh.edges[:, (mesh.edges == node).any(axis=0)]]
-    return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=0).mean())
+    others = np.setdiff1d(mesh.t[:, (mesh.t == node).any(axis=0)], node)
+    return float(np.linalg.norm(mesh.p[:, others].T - mesh.p[:, node], axis=1).mean())
 
 
 def dihedral_angles(corners: Array) -> Array:

@@ -40,8 +40,10 @@ def surface(topology: OrganTopology) -> Indices:
     left_handed = np.linalg.det(edges) < 0
     corners[left_handed] = corners[left_handed][:, [0, 2, 1, 3]]
     faces = corners[:, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]].reshape(-1, 3)
-    _, first, counts = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    outer: Indices = faces[first[counts == 1]]
+    corners = np.sort(faces, axis=1)
+    order = np.lexsort(corners.T)
+    again = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)  # as the face before it
+    outer: Indices = faces[order[~(np.append(again, False) | np.append(False, again))]]
     return outer
 
 

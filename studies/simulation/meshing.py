@@ -19,6 +19,7 @@ from meshes.cylinder import cylinder, stumps, tube
 from meshes.facets import sharp_edges
 from meshes.file import read
 from meshes.grading import Grading
+from meshes.named import with_boundaries
 from meshes.skin import fill, read_surface
 from meshes.units import metres_per_unit
 from meshes.wound import Wound, wounded_block_gmsh, wounded_block_structured
@@ -273,7 +274,7 @@ def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.Me
         named[box.name] = surface[is_inside(centres, np.array(box.box))]
         if named[box.name].size == 0:
             raise _nothing_in(mesh, dotted_key([*key, "box"]), box.box, "surface facet")
-    return mesh.with_boundaries(named)
+    return with_boundaries(mesh, named)
 
 
 def with_regions(mesh: skfem.MeshTet, regions: Sequence[model.Region]) -> skfem.MeshTet:

@@ -9,6 +9,7 @@ from meshes.checks import check, volumes
 from meshes.errors import MeshError
 from meshes.facets import sharp_edges
 from meshes.grading import Grading
+from meshes.named import with_boundaries
 from meshes.quality import quality
 from tests.meshes.samples import NEEDS_GMSH, facet_areas, node_sizes
 
@@ -266,3 +267,14 @@ def test_quality_of_known_tetrahedra():
     assert right.dihedral_min == pytest.approx(np.degrees(np.arccos(1 / np.sqrt(3))), rel=IDENTITY)
     # r = V/(ΣA/3) = 1/(3 + √3), R = √3/2
     assert right.radius_ratio_min == pytest.approx(6 / (3 + np.sqrt(3)) / np.sqrt(3), rel=IDENTITY)
+
+
+def test_naming_boundaries_keeps_what_is_numbered_and_the_mesh_as_it_was() -> None:
+    """Independent check: the facets are those that were numbered, names are added to those there are, and the mesh that
+    was given has none of them."""
+    mesh = block((0.05, 0.03, 0.02), 0.01)
+    facets, known = mesh.facets, set(mesh.boundaries)
+    named = with_boundaries(mesh, {"some": np.array([0, 3])})
+    assert named.facets is facets
+    assert set(named.boundaries) == known | {"some"} and set(mesh.boundaries) == known
+    assert np.array_equal(named.boundaries["some"], [0, 3])

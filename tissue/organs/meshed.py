@@ -454,9 +454,8 @@ class MeshedOrgan:
 
     def solver_of(self, A: csr_matrix) -> Solver:
         """Return a solver for a matrix of the organ: the springs are coupled to nothing but the sites."""
-        N = self.mesh_size
-        mesh = solver(csr_matrix(A[:N, :N]) if A.shape[0] > N else A, self.places, self.choice.name)
-        return mesh if A.shape[0] == N else Sprung(A, mesh)
+        mesh = solver(leading(A, self.mesh_size), self.places, self.choice.name)
+        return mesh if A.shape[0] == self.mesh_size else Sprung(A, mesh)
 
     @property
     def y0(self) -> Array:
@@ -476,6 +475,13 @@ class MeshedOrgan:
     def whole(self, field: Array) -> Array:
         """Return a field over the free unknowns as one over all unknowns of the mesh, shape `(N_all,)`."""
         return self.elasticity.extended(field[: self.elasticity.free.size])
+
+
+def leading(A: csr_matrix, N: int) -> csr_matrix:
+    """Return the first N rows of a matrix, which have no entries beyond its first N columns, shape `(N, N)`, in the
+    memory of A: of a large organ a copy is a third of a gigabyte."""
+    end = A.indptr[N]
+    return csr_matrix((A.data[:end], A.indices[:end], A.indptr[: N + 1]), shape=(N, N))
 
 
 @dataclass(frozen=True)

@@ -59,21 +59,22 @@ class ConjugateGradients:
         r = b.copy() if guess is None else b - self.A @ x
         tolerance = ROUGH if rough else TOLERANCE
         goal = tolerance * np.sqrt(passes.dot(b, b))
-        p, before, rz = np.zeros_like(b), np.zeros_like(b), np.zeros_like(goal)
+        p, q, rz, step = np.zeros_like(b), np.zeros_like(b), np.zeros_like(goal), np.zeros_like(goal)
         rr, xx = passes.dot(r, r), passes.dot(x, x)
         for iteration in range(ITERATIONS + 1):
             left = np.sqrt(rr)
             if np.all(left <= np.maximum(goal, ROUND_OFF * self.norm * np.sqrt(xx))):
                 return x.reshape(shape), iteration
             z = self.preconditioner(r)
-            new, turned = passes.conjugation(r, before, z)
-            passes.turn(z, _ratio(turned, rz), p)
+            new, along = passes.conjugation(r, q, z)
+            passes.turn(z, _ratio(-step * along, rz), p)
+            del q, z  # before the next product: fields of many columns are what takes most memory of all
             q, rz = self.A @ p, new
             curvature = passes.dot(p, q)
             if not np.all(curvature >= 0.0):
                 raise FactorError("the matrix is not positive definite: pᵀAp < 0 in conjugate gradients")
-            before, r = r, np.empty_like(r)
-            rr, xx = passes.advance(_ratio(rz, curvature), p, q, before, x, r)
+            step = _ratio(rz, curvature)
+            rr, xx = passes.advance(step, p, q, x, r)
         worst = float(np.max(_ratio(left, goal / tolerance)))
         raise FactorError(
             f"conjugate gradients: ‖Ax − b‖ = {worst:.1e} ‖b‖ after {ITERATIONS} iterations, allowed is {tolerance:g}; "

@@ -22,13 +22,14 @@ def dot(a: Array, b: Array) -> Array:
 
 
 @compiled
-def conjugation(r: Array, before: Array, z: Array | Single) -> tuple[Array, Array]:
-    """Return r·z and (r − r_before)·z of residuals and what the preconditioner makes of r, shape `(k,)` each."""
+def conjugation(r: Array, q: Array, z: Array | Single) -> tuple[Array, Array]:
+    """Return r·z and q·z of residuals, what their last change was a multiple of, and what the preconditioner makes of
+    r, shape `(k,)` each."""
     new, turned = np.zeros(r.shape[1]), np.zeros(r.shape[1])
     for i in range(r.shape[0]):
         for k in range(r.shape[1]):
             new[k] += r[i, k] * z[i, k]
-            turned[k] += (r[i, k] - before[i, k]) * z[i, k]
+            turned[k] += q[i, k] * z[i, k]
     return new, turned
 
 
@@ -41,14 +42,14 @@ def turn(z: Array | Single, beta: Array, p: Array) -> None:
 
 
 @compiled
-def advance(step: Array, p: Array, q: Array, before: Array, x: Array, r: Array) -> tuple[Array, Array]:
-    """Write x + step p into `x` and r_before − step q into `r`, with the step of each column `(k,)`; return r·r and
-    x·x, shape `(k,)` each."""
+def advance(step: Array, p: Array, q: Array, x: Array, r: Array) -> tuple[Array, Array]:
+    """Write x + step p into `x` and r − step q into `r`, with the step of each column `(k,)`; return r·r and x·x, shape
+    `(k,)` each."""
     rr, xx = np.zeros(x.shape[1]), np.zeros(x.shape[1])
     for i in range(x.shape[0]):
         for k in range(x.shape[1]):
             x[i, k] += step[k] * p[i, k]
-            r[i, k] = before[i, k] - step[k] * q[i, k]
+            r[i, k] -= step[k] * q[i, k]
             rr[k] += r[i, k] * r[i, k]
             xx[k] += x[i, k] * x[i, k]
     return rr, xx

@@ -22,6 +22,7 @@ from coupling.compiled.steps.audit import (
     KINETIC,
     LAYERED,
     NUMERICAL,
+    TWO_STEP,
     VISCOUS,
     Motion,
     Works,
@@ -33,6 +34,7 @@ from coupling.compiled.steps.organ import (
     BODY_KINETIC,
     BODY_LOADS,
     BODY_NUMERICAL,
+    BODY_TWO_STEP,
     BODY_VISCOUS,
     Going,
     Organ,
@@ -56,7 +58,7 @@ from coupling.compiled.vectors import cross, dot, norm, vector
 # Why no further step is made.
 MADE, TO_LEARN, NOT_SOLVED, TOO_FAST, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL = range(10)
 SOURCES = "**/*.py"  # that the loops are compiled from
-ENERGIES = 9  # numbers of `coupling.audit.Energies` that steps change
+ENERGIES = 10  # numbers of `coupling.audit.Energies` that steps change
 
 
 class Ends(NamedTuple):
@@ -74,8 +76,8 @@ class Scene(NamedTuple):
     `rough`, (m,) each; the largest force that the tissue bears at each piercing, `strength` (p,) [N]; `damping` [1/s],
     ε [kg]; what places are multiplied by for `round_off` of forces [N/m], and what of that is of the thread itself
     [N]; the pressure that the thread bears [N] over EA, `borne`; spans that may run through a hole, `crossed`; shares
-    of energies that a step may make, of what it turns over and of what there is, `turned` and `there` [-]; and of a
-    compliance that is exchanged in place, `bearing` [-]."""
+    of the energy there is, which a step may `create`, and of a compliance that is exchanged in place, `bearing`
+    [-]."""
 
     weight: Array
     axial: Array
@@ -90,8 +92,7 @@ class Scene(NamedTuple):
     rounded: float
     borne: float
     crossed: float
-    turned: float
-    there: float
+    create: float
     bearing: float
 
 
@@ -99,7 +100,7 @@ class Scratch(NamedTuple):
     """Room for what is made in a step and not kept: its unknowns and its `end`, which share their arrays, the residual
     `found`; the holds `was` at its start and `other` with another √(EI/T), q_a `at` (n, 3) of its inertia, the missing
     compliances `mid` and `back` (m, 3), √(EI/T) there `layers` (m,), where modes are `going`, what thread and organ
-    turn over, `turns` (7,) and `body` (5,) [J], and the energies `after` it (9,)."""
+    turn over, `turns` (8,) and `body` (6,) [J], and the energies `after` it (10,)."""
 
     z: Unknowns
     end: Motion
@@ -312,8 +313,8 @@ def go_on(now: Motion, earlier: Motion, new: Motion) -> None:
 
 @loop
 def book(turns: Array, body: Array, energies: Array, out: Array) -> None:
-    """Write the energies after a step into `out` (9,), as `coupling.audit.audit_step`, from those before it and what
-    thread and organ, `body` (5,), turned over."""
+    """Write the energies after a step into `out` (10,), as `coupling.audit.audit_step`, from those before it and what
+    thread and organ, `body` (6,), turned over."""
     layered, kinetic = turns[LAYERED], turns[KINETIC] + body[BODY_KINETIC]
     external, viscous = turns[EXTERNAL] + body[BODY_LOADS], turns[VISCOUS] + body[BODY_VISCOUS]
     numerical = turns[NUMERICAL] - (turns[ELASTIC] - energies[1] - layered) + body[BODY_NUMERICAL]
@@ -325,15 +326,17 @@ def book(turns: Array, body: Array, energies: Array, out: Array) -> None:
     out[6] = energies[6] + numerical
     out[7] = energies[7] + (external + layered - change - turns[FRICTION] - viscous - numerical)
     out[8] = energies[8] + layered
+    out[9] = numerical - 2.0 * (turns[TWO_STEP] + body[BODY_TWO_STEP])
 
 
 @loop
-def goes_uphill(scene: Scene, old: Array, new: Array, prestretch: float) -> bool:
-    """Whether a step makes energy, as `coupling.watch.Watch` says."""
+def goes_uphill(scene: Scene, pace: Pace, old: Array, new: Array, prestretch: float) -> bool:
+    """Whether a step makes energy, as `coupling.watch.Watch` says of one that is not a part."""
     made = old[6] - new[6]
+    if pace.two_step:
+        made += pace.before * max(old[9], 0.0)
     at_stake = new[0] + new[1] + abs(new[2] - prestretch) + abs(new[3])
-    turned = abs(new[3] - old[3]) + abs(new[0] - old[0]) + abs(new[1] - old[1]) + abs(new[2] - old[2])
-    return not made <= max(scene.turned * turned, scene.there * at_stake)
+    return not made <= scene.create * at_stake
 
 
 @loop
@@ -444,7 +447,7 @@ def end_step(
         bear(pace, organ, now, room.end, room.going)
     audit_organ(organ, pace.two_step, given.C, now, room.end, room.body)
     book(room.turns, room.body, energies, room.after)
-    return UPHILL if goes_uphill(scene, energies, room.after, energies[ENERGIES]) else MADE, KNOWN
+    return UPHILL if goes_uphill(scene, pace, energies, room.after, energies[ENERGIES]) else MADE, KNOWN
 
 
 def march_of(digest: int) -> Any:
@@ -459,7 +462,7 @@ def march_of(digest: int) -> Any:
         """Make the steps from number `first` on, as many as there is room for their `iterations` (steps,). Returns how
         many of all are made, why there are no more, and of what the spline lacks the slot that is asked for.
 
-        Steps change `now`, `earlier` and `energies` (10,), those of `coupling.audit.Energies` in their order. `follow`:
+        Steps change `now`, `earlier` and `energies` (11,), those of `coupling.audit.Energies` in their order. `follow`:
         a step that is too long for the motion is not made.
         """
         assert digest

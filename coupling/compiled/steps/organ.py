@@ -10,9 +10,10 @@ from coupling.compiled.iteration import Given
 from coupling.compiled.loops import loop
 from coupling.compiled.steps.audit import Motion
 
-# What a step of the organ turns over, as in `coupling.interfaces.OrganEnergies` [J].
-BODY_KINETIC, BODY_ELASTIC, BODY_LOADS, BODY_VISCOUS, BODY_NUMERICAL = range(5)
-BODY = 5
+# What a step of the organ turns over, as in `coupling.interfaces.OrganEnergies`, and what of BODY_NUMERICAL is by the
+# mean of the forces at both ends [J].
+BODY_KINETIC, BODY_ELASTIC, BODY_LOADS, BODY_VISCOUS, BODY_NUMERICAL, BODY_TWO_STEP = range(6)
+BODY = 6
 
 
 class Pace(NamedTuple):
@@ -92,7 +93,7 @@ def bear(pace: Pace, organ: Organ, now: Motion, new: Motion, going: Going) -> No
 
 @loop
 def audit_organ(organ: Organ, two_step: bool, C: Array, now: Motion, new: Motion, out: Array) -> None:
-    """Write what a step of the organ turns over into `out` (5,)."""
+    """Write what a step of the organ turns over into `out` (6,)."""
     for i in range(len(out)):
         out[i] = 0.0
     if organ.still:
@@ -131,3 +132,4 @@ def audit_modes(organ: Organ, two_step: bool, now: Motion, new: Motion, out: Arr
         out[BODY_LOADS] += organ.load[i] * dU
         out[BODY_VISCOUS] += taken + more
         out[BODY_NUMERICAL] += 0.5 * dU * dU + mu * (0.5 * dV * dV + new.A[i] * dU - V * dV) - more
+        out[BODY_TWO_STEP] -= more
