@@ -50,6 +50,7 @@ class Energies:
     """Energies at a time and works since the start, all [J].
 
     `layer_work`: what the holes' compliance takes in as the tension that it is of is taken anew (`layer_work`).
+    `loan`: what the last step took only to give back, of which the next one may by BDF2 (`coupling.watch`).
     `prestretch`: `elastic_tissue` at the start where a prestretch stores it, what gapes having released its part.
     `balance_error` = external work + layer work − change of kinetic and elastic energy − friction − viscous −
     numerical.
@@ -64,6 +65,7 @@ class Energies:
     numerical_dissipation: float
     balance_error: float
     layer_work: float = 0.0
+    loan: float = 0.0
     prestretch: float = 0.0
 
     @property
@@ -119,9 +121,8 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
     more_external, more_friction, more_viscous = mean_force_works(system, step, load_work, organ_viscous)
     external, friction = external + by_hand + more_external, friction + more_friction + rubbed
     viscous = thread.damping * np.sum(new.v * thread.momentum(dq)) + organ_viscous + more_viscous
-    numerical = (
+    lost = (
         0.5 * np.sum(dv * thread.momentum(dv))
-        + two_step_inertia(system, step)
         + lying_work(step)
         + np.sum(now.elastic * dq)
         - (elastic - before.elastic_thread - layered)
@@ -129,10 +130,8 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
         + eps_numerical
         + remainder
         + step.solution.linearisation
-        + more_external
-        - more_friction
-        - more_viscous
     )
+    numerical = lost + two_step_inertia(system, step) + more_external - more_friction - more_viscous
     kinetic = thread_kinetic(system, new) + organ_kinetic
     change = kinetic - before.kinetic + elastic - before.elastic_thread + organ_elastic - before.elastic_tissue
     error = external + layered - change - friction - viscous - numerical
@@ -146,6 +145,7 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
         before.numerical_dissipation + float(numerical),
         before.balance_error + float(error),
         before.layer_work + layered,
+        float(2.0 * lost - numerical),
         before.prestretch,
     )
 

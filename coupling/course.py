@@ -1,33 +1,38 @@
 """The arrays of whole steps in compiled loops (`coupling.compiled.steps`), from those of the first one."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from time import perf_counter
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
 from coupling import newton, tables
-from coupling.arrays import Array
+from coupling.answer import all_holds, pad_compliance
+from coupling.arrays import Array, Flags
 from coupling.audit import BORNE
 from coupling.bordered import NINE
-from coupling.compiled.iteration import Passing, Unknowns
+from coupling.compiled.friction import Law
+from coupling.compiled.iteration import Bounds, Given, Passing, Unknowns
 from coupling.compiled.steps import march
 from coupling.compiled.steps.audit import TURNS, Motion
-from coupling.compiled.steps.march import ENERGIES, Ends, Organ, Pace, Scene, Scratch
+from coupling.compiled.steps.march import ENERGIES, Ends, Scene, Scratch
+from coupling.compiled.steps.organ import BODY, Going, Organ, Pace
 from coupling.compiled.steps.tension import Limits, Stages
+from coupling.contact import NO_FORCES
 from coupling.integrators import BDF2, Scheme
-from coupling.interfaces import Body, SteadyLoads
+from coupling.interfaces import Answer, Modal, ModalMotion, Steady
 from coupling.motion import CROSSED
 from coupling.newton import Problem
 from coupling.recent import Recent
 from coupling.stability import borne_pressure
-from coupling.stepping import PASSES
-from coupling.system import State
+from coupling.stepping import PASSES, dynamic_problem
+from coupling.system import State, System
 from coupling.tables import OVER, bounds_of, empty_found, given_of, law_of, plain, tables_of
 from coupling.tension import FINE, REST, SETTLED
-from coupling.watch import SHARE, TRACE
+from coupling.watch import CREATED
 from thread.compliance import POWERS, SLACK
 from thread.spline import ORDERS
 from thread.thread import STAGES, Thread
@@ -35,6 +40,7 @@ from thread.thread import STAGES, Thread
 log = logging.getLogger(__name__)
 
 KEPT = "march.march_of."  # begins the names of the loops' files on disk
+NONE, PLANE = np.zeros(0), np.zeros((0, 0))
 FIRST_ROOM = 64  # stages on spans, of which a run asks for some at first
 
 
@@ -78,53 +84,129 @@ def lacking_of(thread: Thread) -> Lacking:
     return RECENT.of((thread,), lambda: Lacking(thread))
 
 
+@dataclass(frozen=True, eq=False)
+class Body:
+    """An organ as the loops go on with it from a state: what they read of it, `organ`, its motion, `now` and `earlier`,
+    and `state`, which makes the organ's own state of such a motion."""
+
+    organ: Organ
+    now: ModalMotion
+    earlier: ModalMotion
+    state: Callable[[ModalMotion], Any]
+
+
+def body_of(
+    system: System[Any], scheme: Scheme, state: State[Any], times: Sequence[float], answer: Answer[Any]
+) -> Body | None:
+    """Return the organ of a system in steps of a scheme from a state, with its `answer` to the first; None where the
+    loops do not go on with it, or its loads change until the last of the `times` [s]."""
+    organ, before = system.organ, state.before or state
+    if isinstance(organ, Steady):
+        loads = organ.steady_loads(state.organ, times)
+        if loads is None:
+            return None
+        at_rest = NONE, NONE, NONE, loads[2], 0.0
+        still = Organ(
+            True, loads[0], over_holds(loads[1], system.holds), NONE, NONE, PLANE, PLANE, NONE, PLANE, 0.0, 0.0
+        )
+        return Body(still, at_rest, at_rest, lambda motion: answer.accept(motion[3], NO_FORCES))
+    if isinstance(organ, Modal):
+        modes = organ.modes(scheme, state.organ, times)
+        if modes is None:
+            return None
+        mu, load, W, Y, y0, missed = (plain(x) for x in modes[:6])
+        moving = Organ(False, 0.0, PLANE, mu, load, W, Y, y0, missed, *modes[6:])
+        motions = organ.motion(state.organ), organ.motion(before.organ)
+        return Body(moving, *motions, lambda motion: organ.moved(state.organ, motion))
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class Fixture:
+    """What steps of a scheme have in common as long as the same holds are there, and room for what they write: the
+    places, loads and references among it are those of the step that is made."""
+
+    law: Law
+    given: Given
+    bounds: Bounds
+    scene: Scene
+    limits: Limits
+    room: Scratch
+
+
+FIXTURES: Recent[Fixture] = Recent()
+
+
+def fixture_of(system: System[Any], scheme: Scheme, state: State[Any], answer: Answer[Any], motion: Motion) -> Fixture:
+    """Return the fixture of steps from a state, which is a `motion`, with the organ's `answer` to the first, where it
+    is among the last that were made that. The organ is no part of what is remembered: it may be large."""
+    held = tuple(end.position(0.0) is not None for end in system.ends)
+    of_ends = held, system.clamps, system.clamp_frames.tobytes()
+    values = scheme.dt, scheme.d, scheme.weights, system.epsilon, *of_ends, state.present.tobytes(), len(motion.U)
+    fixture = FIXTURES.of(
+        (system.thread, system.piercings, system.gravity),
+        lambda: make_fixture(dynamic_problem(system, state, scheme.dt, answer, scheme), state.present, motion),
+        values,
+    )
+    y_free, C = all_holds(system, answer.y_free), pad_compliance(system, answer.C)
+    return replace(fixture, given=fixture.given._replace(y_free=plain(y_free), C=plain(C)))
+
+
+def make_fixture(problem: Problem[Any], present: Flags, motion: Motion) -> Fixture:
+    """Return the fixture of steps of which a problem is the first and a `motion` the start, with the holds that are
+    `present` (m,)."""
+    system, law, given = problem.system, law_of(problem), given_of(problem)
+    return Fixture(
+        law._replace(s_old=law.s_old.copy(), s_held=law.s_held.copy(), s_free=law.s_free.copy()),
+        given._replace(q_ref=given.q_ref.copy(), load=given.load.copy()),
+        bounds_of(problem, 0.0, 1),
+        scene_of(problem, present),
+        limits_of(system.thread, system.holds),
+        empty_room(motion, system.thread.elastic_rule.w.shape[1]),
+    )
+
+
 class Course:
     """Steps of a scheme from a state, as far as they are `made`: the motion `now` and `earlier`, one step before, the
-    `energies` and the `iterations` of each. The arrays are those of the first step's `problem`; `loads` are the
-    organ's, which stay."""
+    `energies` and the `iterations` of each. `answer` is the organ's to the first."""
 
-    def __init__(self, problem: Problem[Body], scheme: Scheme, state: State[Body], loads: SteadyLoads) -> None:
-        system = problem.system
-        self._like, self._problem, self._tables = state, problem, tables_of(system.thread)
-        self._lacking, self._holes = lacking_of(system.thread), len(system.piercings)
-        law, given = law_of(problem), given_of(problem)
-        self._law = law._replace(s_old=law.s_old.copy(), s_held=law.s_held.copy(), s_free=law.s_free.copy())
-        self._given = given._replace(q_ref=given.q_ref.copy(), load=given.load.copy())
-        self._pace, self._scene = pace_of(scheme), scene_of(problem, state)
-        self._limits = limits_of(system.thread, system.holds)
-        energy, way, forces = loads
-        self._organ = Organ(energy, over_holds(way, system.holds))
-        self.now = motion_of(state, over_holds(forces, system.holds))
-        self.earlier = motion_of(state.before or state, self.now.f_y)
-        self._room = empty_room(self.now, self._tables.curve.w.shape[1])
+    def __init__(self, system: System[Any], scheme: Scheme, state: State[Any], answer: Answer[Any], body: Body) -> None:
+        self._like, self._holes, self._body, self._pace = state, len(system.piercings), body, pace_of(scheme)
+        self._tables, self._lacking = tables_of(system.thread), lacking_of(system.thread)
+        self._now, self._earlier = motion_of(state, body.now), motion_of(state.before or state, body.earlier)
+        self._fixture = fixture_of(system, scheme, state, answer, self._now)
         self.made, self.energies, self.iterations = 0, np.empty(0), np.zeros(0, np.int64)
 
     def make_steps(self, energies: Sequence[float], ends: tuple[Array, ...], follow: bool) -> None:
         """Make as many steps as go smoothly between the `ends` that `coupling.march.tabled_ends` gives; the other
         arguments are those of `coupling.compiled.steps.march.march`."""
         self.energies, self.iterations = np.array(energies), np.zeros(len(ends[0]), np.int64)
-        bounds, thread = bounds_of(self._problem, 0.0, 1), self._tables
+        thread, given = self._tables, self._fixture
         while True:
             self.made, why, missing = run_march(
-                thread.curve, thread.knots, self._law, self._given, bounds, self._scene, self._pace, self._limits,
-                self._lacking.stages, self._organ, Ends(*ends), self.now, self.earlier, self._room, self.energies,
-                self.iterations, self.made, follow,
+                thread.curve, thread.knots, given.law, given.given, given.bounds, given.scene, self._pace,
+                given.limits, self._lacking.stages, self._body.organ, Ends(*ends), self._now, self._earlier,
+                given.room, self.energies, self.iterations, self.made, follow,
             )  # fmt: skip
-            if why != march.UNKNOWN or not self._lacking.learn(missing):
+            if why != march.TO_LEARN or not self._lacking.learn(missing):
                 return
 
-    def forces(self, motion: Motion) -> Array:
-        """Return the forces on the sites in a motion, shape `(9p,)` [N, N m]."""
-        return motion.f_y[: self._holes].ravel()
+    def now(self, time: float) -> State[Any]:
+        """Return the state that the steps have come to, at a `time` [s]."""
+        return self._state(self._now, time)
 
-    def state(self, motion: Motion, time: float, organ: Body) -> State[Body]:
-        """Return the state of a `motion` at a `time` [s], with that of the `organ`."""
+    def earlier(self, time: float) -> State[Any]:
+        """Return the state one step before, at a `time` [s]."""
+        return self._state(self._earlier, time)
+
+    def _state(self, motion: Motion, time: float) -> State[Any]:
+        f_y = motion.f_y[: self._holes].ravel()
         return State(
             time=time,
             q=motion.q,
             v=motion.v,
             N=motion.N,
-            organ=organ,
+            organ=self._body.state((motion.U, motion.V, motion.A, f_y, float(motion.drift[0]))),
             s=motion.s,
             s_dot=motion.s_dot,
             lam=motion.lam,
@@ -133,7 +215,7 @@ class Course:
             present=self._like.present,
             sense=motion.sense,
             reaction=motion.reaction,
-            layers=motion.layers if self._limits.bends else None,
+            layers=motion.layers if self._fixture.limits.bends else None,
         )
 
 
@@ -168,15 +250,15 @@ def pace_of(scheme: Scheme) -> Pace:
     return Pace(float(scheme.dt), float(scheme.a), float(scheme.d), now, before, isinstance(scheme, BDF2))
 
 
-def scene_of(problem: Problem[Body], state: State[Body]) -> Scene:
-    """Return what does not change in steps from a state."""
+def scene_of(problem: Problem[Any], present: Flags) -> Scene:
+    """Return what does not change in steps of which a problem is the first, with the holds that are `present` (m,)."""
     system, thread, factor = problem.system, problem.system.thread, problem.mass_factor
     strength = np.array([piercing.strength for piercing in system.piercings], dtype=float) * system.bearing_areas
     by_place = thread.largest_bending + factor * thread.largest_mass
     return Scene(
         weight=plain(system.weight),
         axial=plain(thread.axial.s),
-        present=state.present,
+        present=present,
         here=np.ascontiguousarray(problem.rows[:, 0]),
         slide=system.may_slide,
         rough=system.rough,
@@ -187,8 +269,7 @@ def scene_of(problem: Problem[Body], state: State[Body]) -> Scene:
         rounded=float(newton.ROUND_OFF * thread.EA),
         borne=float(borne_pressure(thread, factor) / thread.EA),
         crossed=CROSSED,
-        turned=SHARE,
-        there=TRACE,
+        create=CREATED,
         bearing=BORNE,
     )
 
@@ -199,11 +280,13 @@ def limits_of(thread: Thread, holds: int) -> Limits:
     return Limits(REST * thread.EA, FINE, SLACK, float(STAGES), float(thread.EI), SETTLED, PASSES, bends)
 
 
-def motion_of(state: State[Body], f_y: Array) -> Motion:
-    """Return copies of what a state has of thread and holds, with the forces `f_y` (m, 9) on the sites."""
+def motion_of(state: State[Any], body: ModalMotion) -> Motion:
+    """Return copies of what a state has of thread and holds, with the motion of its organ."""
     names = state.q, state.v, state.N, state.s, state.s_dot, state.lam, state.y, state.sigma, state.sense
     layers = np.full(len(state.s), np.inf) if state.layers is None else state.layers
-    return Motion(*[np.array(x, dtype=float, order="C") for x in (*names, state.reaction, layers, f_y)])
+    U, V, A, f_y, drift = body
+    all_of = (*names, state.reaction, layers, over_holds(f_y, len(state.s)), U, V, A, [drift])
+    return Motion(*[np.array(x, dtype=float, order="C") for x in all_of])
 
 
 def empty_room(motion: Motion, points: int) -> Scratch:
@@ -220,7 +303,9 @@ def empty_room(motion: Motion, points: int) -> Scratch:
         mid=np.zeros((m, 3)),
         back=np.zeros((m, 3)),
         layers=np.zeros(m),
+        going=Going(*np.zeros((3, len(end.U)))),
         turns=np.zeros(TURNS),
+        body=np.zeros(BODY),
         after=np.zeros(ENERGIES),
     )
 

@@ -2,6 +2,7 @@
 
 Where Newton from the last load step fails, the thread is let go gradually: it is tied to where it is by a mass-like
 stiffness that is weakened until it can be dropped (pseudo-transient continuation). The accepted answer has none of it.
+Where the thread would not stay at what Newton's method finds then, the tie is weakened further instead.
 
 An equilibrium that was found on other knots is where these begin: the thread is tied there, held in its holes while it
 bends at them anew, and friction opposes the way from the start of the load step.
@@ -38,10 +39,10 @@ from coupling.errors import (
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
 from coupling.motion import what_it_does
-from coupling.newton import Iterate, Problem, Solution, correct, evaluate
+from coupling.newton import Iterate, Problem, Solution, correct, evaluate, force_tolerance
 from coupling.sliding import admissible_sigma, force_along_thread, law_of, prescribed, static_bound
 from coupling.solver import solve
-from coupling.stability import downhill, given_a_little, is_squeezed, would_stay
+from coupling.stability import costs_nothing, downhill, given_a_little, is_squeezed, would_stay
 from coupling.stepping import (
     Step,
     accept_organ,
@@ -79,7 +80,8 @@ NEAR_FAILURES = 4  # from what other knots found, which is near enough under the
 MOST_CORRECTIONS = 4000  # of a load step with all its parts: eight times what one of the scene "pulley" takes
 LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
 FIRMEST = 0.99  # of itself: friction that cannot fall to this has come to where the thread runs through
-DROPPED = 0.3  # of the softest mode: the last tie; one as firm as that may leave the thread on another branch
+DROPPED = 0.3  # of the softest mode: the tie that is dropped first; where that leads astray, a weaker one is
+REFUSALS = 3  # drops at most that lead astray: a thread that would not stay under its last tie either is told
 SOFT_TISSUE = 1e-6  # of the first tie: the last one where tissue at finite strain, a flap, gives way before the thread
 A_SPAN = 1.0  # the most that a correction of a tied thread moves an abscissa: the curve beyond is another polynomial
 PATIENCE = 2  # times the corrections of a plain solve: what LONGEST_MOVE takes along half of the thread
@@ -218,6 +220,7 @@ def relax_ties(
     answer = ask_organ(system, Equilibrium(), [state], duration, share) if given is None else given
     firm, weaker, start = first_tie(system), WEAKER, state if near is None else near
     tie, now = firm if near or state.time == 0.0 else 0.0, start
+    dropped, refusals = 0.0, REFUSALS
     failed: StepError | InversionError | None = None
     failures = NEAR_FAILURES if near else MOST_FAILURES if answer.linear else FAILURES
     for _ in range(ATTEMPTS):
@@ -233,14 +236,26 @@ def relax_ties(
             tie, weaker = (firm if tie == 0.0 else tie * np.sqrt(WEAKER)), max(GENTLEST, np.sqrt(weaker))
             continue
         if tie == 0.0:
+            if refusals and dropped and leads_astray(solution, new):
+                log.debug("a tie was dropped to where the thread would not stay: a weaker one leads further")
+                tie, refusals = dropped / WEAKER, refusals - 1
+                continue
             return Step(state, new, problem.dt, solution, end_configuration(new, solution))
         refuse_leaving(system, state, new)
-        now, answer = new, solution.problem.answer
+        now, answer, dropped = new, solution.problem.answer, tie
         tie, weaker = (0.0 if tie < last_tie(problem, start) else tie / weaker), min(WEAKER, weaker**1.5)
     if isinstance(failed, InversionError):
         raise failed
     cause, piercing = (failed.cause, failed.piercing) if failed else ("the ties could not be dropped", "")
     raise EquilibriumError(state.time, share * duration - state.time, cause, piercing, share)
+
+
+def leads_astray(solution: Solution[Body], new: State[Body]) -> bool:
+    """Tell whether Newton's method has gone where no weaker tie would lead to, as a tie was dropped: to a `new` state
+    in which the thread would not stay. One without bending stiffness, and one that is cut, have motions that cost
+    nothing, and are not asked."""
+    thread = solution.problem.system.thread
+    return bool(thread.EI) and not thread.spline.cuts.size and not would_stay(solution, new)
 
 
 def find_tied(
@@ -278,7 +293,8 @@ def find_rest(
 
 def corrected(solution: Solution[Body]) -> Solution[Body]:
     """Return a solution with one correction made where it took none: a tie that is dropped may leave forces just below
-    the tolerance, far above those that Newton leaves, and works and branches begin there. Raises `StepError`."""
+    the tolerance, far above those that Newton leaves, and works and branches begin there. One along motions that cost
+    nothing is not made: how far it goes it takes from round-off. Raises `StepError`."""
     if solution.iterations:
         return solution
     z = solution.iterate
@@ -286,6 +302,8 @@ def corrected(solution: Solution[Body]) -> Solution[Body]:
     try:
         z = correct(replace(solution.problem, closed=z.pressed, rubbing=z.rubbing), z, solution.residual)
     except SingularError:  # the loads have come to a limit point, and it holds as it is
+        return solution
+    if costs_nothing(solution.problem, force_tolerance(solution.problem, solution.residual), z.q - solution.iterate.q):
         return solution
     again = solve(solution.problem, z)
     return replace(again, iterations=1 + again.iterations)
@@ -440,14 +458,16 @@ def lying_tie(system: System[Body], state: State[Body]) -> float:
 
 def last_tie(problem: Problem[Body], state: State[Body]) -> float:
     """Return the tie [1/s²] that holds a whole thread less than the softest of its modes, in bending or, where the
-    forces that draw on it in a `state` make it stiffer, as a string: a weaker one is dropped. Tissue at finite strain
-    may bend far more easily than any thread."""
+    forces that draw on it in a `state` make it stiffer, as a string: a weaker one is dropped, and so is one that is
+    weaker than what keeps the pieces of a cut thread where they lie. Tissue at finite strain may bend far more easily
+    than any thread."""
     if not problem.answer.linear:
         return SOFT_TISSUE * first_tie(problem.system)
     thread = problem.system.thread
     length = thread.spline.end - thread.spline.start
     soft = max(AS_CANTILEVER * thread.EI, AS_STRING * drawing_force(problem, state) * length**2)
-    return float(DROPPED * soft / (thread.section.rhoA * length**4))
+    lying = lying_tie(problem.system, state) if thread.spline.cuts.size else 0.0
+    return float(max(DROPPED * soft / (thread.section.rhoA * length**4), lying))
 
 
 def guess(problem: Problem[Body], state: State[Body], sigma: Array) -> Iterate:
@@ -481,31 +501,66 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
 
 
 def refuse_unbalanced(system: System[Body], state: State[Body], duration: float) -> None:
-    """Raise `EquilibriumError` where two different dead loads, or one and a free end, draw on a thread that slides in
-    all its holes without friction: its tension is the same all along.
+    """Raise `EquilibriumError` where two different dead loads, or one and a free end, draw on a thread that may slide
+    in all its holes, and these bear no such difference: without friction the tension is the same all along.
 
     An end that is short compared with √(EI/F) may stand across its load and balance another one (the elastica arm
     scale: Bosi, Misseroni, Dal Corso & Bigoni, Proc. R. Soc. A 470, 2014), and is let pass.
     """
     thread, here = system.thread, state.present
-    if not slides_freely(system, here) or system.weight.any():
+    if not may_slide_as_a_whole(system, here) or system.weight.any():
         return
     load = np.array([np.linalg.norm(end.force(duration)) for end in system.ends])
     ends = np.array([state.s[here].min() - thread.spline.start, thread.spline.end - state.s[here].max()])
     short = (load > 0.0) & (load * ends**2 < LONG_END**2 * thread.EI)
-    if short.any() or abs(load[1] - load[0]) <= BALANCED * load.max():
+    borne = largest_load(system, state, load)
+    if short.any() or (1.0 - BALANCED) * load.max() <= borne:
         return
+    slides = "slides freely in all its holes"
+    if borne > load.min():
+        slides = f"may slide in all its holes, whose friction bears {borne:.4g} N at most against the smaller one"
     cause = (
         f"the dead loads are unbalanced, {load[0]:.4g} N at the start and {load[1]:.4g} N at the end of a thread that "
-        "slides freely in all its holes"
+        f"{slides}"
     )
     raise EquilibriumError(state.time, duration - state.time, cause)
+
+
+def largest_load(system: System[Body], state: State[Body], load: Array) -> float:
+    """Return the largest dead load [N] that the smaller of the two at the ends, `load` (2,) [N], may balance through
+    the holes of a thread that slides in them, however they turn it; infinite where that is not known.
+
+    A hole bears T₂ − T₁ ≤ F₀ + μ N, and is pressed on by both strands at most, N ≤ T₁ + T₂, in a channel ℓ by their
+    couples too, 2 √(EI T) each at most (a long elastica), which adds 2 (M₁ + M₂)/ℓ. A strand between two holes that is
+    short compared with √(EI/T) may press more.
+    """
+    EI, tension = system.thread.EI, float(load.min())
+    order = np.argsort(state.s)[:: 1 if load[0] <= load[1] else -1]
+    order = order[(system.rough & state.present)[order]]
+    if not state.present.all() or any(system.own_friction[k] for k in order):
+        return np.inf
+    strands = np.diff(np.sort(state.s))
+    if order.size and (tension * strands**2 < LONG_END**2 * EI).any():
+        return np.inf
+    static, _, grip, per_channel = system.friction
+    for mu, F, by_couple in zip(static[order], grip[order], 4.0 * np.sqrt(EI) * per_channel[order], strict=True):
+        if mu >= 1.0:
+            return np.inf
+        b, c = mu * by_couple, F + (1.0 + mu) * tension + mu * by_couple * np.sqrt(tension)
+        tension = float(((b + np.sqrt(b**2 + 4.0 * (1.0 - mu) * c)) / (2.0 * (1.0 - mu))) ** 2)
+    return tension
 
 
 def slides_freely(system: System[Body], present: Flags) -> bool:
     """Tell whether a thread in one piece slides freely in all its holes, those that it is `present` in `(m,)`, and no
     end of it is held: under equal loads at both ends it costs nothing to slide as a whole."""
-    holds = (system.rows.any(axis=1) & present & (system.rough | ~system.may_slide | system.by_hand)).any()
+    return may_slide_as_a_whole(system, present) and not (system.rows.any(axis=1) & present & system.rough).any()
+
+
+def may_slide_as_a_whole(system: System[Body], present: Flags) -> bool:
+    """Tell whether nothing but friction holds a thread in one piece along itself, in the holes that it is `present` in
+    `(m,)`: no end, anchor, tie or hand."""
+    holds = (system.rows.any(axis=1) & present & (~system.may_slide | system.by_hand)).any()
     held = any(end.position(0.0) is not None for end in system.ends)
     return not (holds or held or system.ties or not present.any() or system.thread.spline.cuts.size)
 

@@ -25,6 +25,11 @@ OrganEnergies = tuple[float, float, float, float, float, float, float]
 # Of an organ without inertia: its elastic energy under weight and loads alone [J], the way that these move the sites
 # and the forces that the sites bear [N, N m], `(9p,)` each.
 SteadyLoads = tuple[float, Array, Array]
+# Of an organ by modes of stiffness one, of which the first r answer and the others check them: masses and loads (n,),
+# its way by the site forces in a step W (n, 9p), Y (9p, r), y0 (9p,), what the others leave open (k, n − r), Rayleigh's
+# α [1/s] and β [s]. And its motion: η, η̇, η̈ (n,), the forces on the sites (9p,), and what the check left open so far.
+Modes = tuple[Array, Array, Array, Array, Array, Array, float, float]
+ModalMotion = tuple[Array, Array, Array, Array, float]
 # Of each pair that may touch: its gap g [m], its contact force p [N] and how far it has slid since the reference [m],
 # shape `(pairs,)` each, the friction of its node on what that faces, `(pairs, 3)` [N], and whether that slips.
 Lips = tuple[Array, Array, Array, Array, Flags]
@@ -166,6 +171,21 @@ class Steady(Protocol):
 
     def steady_loads(self, state: Any, times: Sequence[float]) -> SteadyLoads | None:
         """Return what a state has of loads; None where those at the `times` [s] are others, or surfaces may touch."""
+
+
+@runtime_checkable
+class Modal(Protocol):
+    """What a linear organ with inertia may say besides: that it goes on by modes alone."""
+
+    def modes(self, scheme: Scheme, state: Any, times: Sequence[float]) -> Modes | None:
+        """Return what steps of a scheme read of it; None where the loads at the `times` [s] are not those of a
+        state."""
+
+    def motion(self, state: Any) -> ModalMotion:
+        """Return the motion of a state."""
+
+    def moved(self, state: Any, motion: ModalMotion) -> Any:
+        """Return the state of a `motion` under the loads of another."""
 
 
 @runtime_checkable

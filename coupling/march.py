@@ -14,10 +14,9 @@ import numpy as np
 
 from coupling.audit import Energies
 from coupling.calls import ask_before_correction
-from coupling.contact import NO_FORCES
-from coupling.errors import StepError
 from coupling.integrators import BackwardEuler, Scheme
-from coupling.interfaces import Body, Steady, SteadyLoads
+from coupling.interfaces import Body, Modal, Steady
+from coupling.newton import Iterate, Solution, evaluate
 from coupling.solver import covers
 from coupling.stepping import Take, bdf2_step, dynamic_problem, organ_answer, scheme_of, try_step
 from coupling.system import State, System, forgetful
@@ -57,39 +56,39 @@ def march(
     """Make steps of `dt` [s] from a state, whose ends bear the `times` [s], as long as each goes on smoothly; None
     where the first does not, or the loops do not cover it. `follow` is as for `coupling.stepping.advance`.
 
-    The organ is one without inertia, linear, under loads that stay what they are.
+    The organ is linear, under loads that stay what they are, and without inertia or one that goes on by modes.
     """
     scheme = covered_scheme(system, state, dt, take)
-    loads = None if scheme is None else steady_loads(system, state, times)
-    if scheme is None or loads is None:
+    if scheme is None or not isinstance(system.organ, Steady | Modal):
         return None
-    try:
-        answer = organ_answer(system, scheme, state)
-    except StepError:
-        return None
-    from coupling.course import Course
+    from coupling.course import Course, body_of
 
-    course = Course(dynamic_problem(system, state, dt, answer, scheme), scheme, state, loads)
-    course.make_steps(astuple(energies), tabled_ends(system, state.time, times, dt), follow)
-    if not course.made:
+    answer = organ_answer(system, scheme, state)
+    body = body_of(system, scheme, state, times, answer)
+    if body is None:
         return None
-    iterations = int(course.iterations.sum())
+    course = Course(system, scheme, state, answer, body)
+    course.make_steps(astuple(energies), tabled_ends(system, state.time, times, dt), follow)
+    made, iterations = course.made, int(course.iterations.sum())
+    if not made:
+        return None
     for _ in range(iterations):  # the loops do not ask themselves, and each correction counts
         ask_before_correction()
-    new = course.state(course.now, times[course.made - 1], answer.accept(course.forces(course.now), NO_FORCES))
+    new = course.now(times[made - 1])
     if take is bdf2_step:
-        before = forgetful(state)
-        if course.made > 1:
-            held = answer.accept(course.forces(course.earlier), NO_FORCES)
-            before = course.state(course.earlier, times[course.made - 2], held)
+        before = course.earlier(times[made - 2]) if made > 1 else forgetful(state)
         new = replace(new, before=before, dt_before=dt)
-    return Marched(course.made, new, Energies(*course.energies.tolist()), iterations)
+    return Marched(made, new, Energies(*course.energies.tolist()), iterations)
 
 
-def steady_loads(system: System[Body], state: State[Body], times: Sequence[float]) -> SteadyLoads | None:
-    """Return what an organ without inertia says of its loads, where they stay what they are until the last of the
-    `times` [s]; None of any other."""
-    return system.organ.steady_loads(state.organ, times) if isinstance(system.organ, Steady) else None
+def solution_at(system: System[Body], state: State[Body]) -> Solution[Body]:
+    """Return a solution at a state that the loops came to, which keep none, to ask the thread's own motions: of a step
+    from there, of any length, since neither its inertia nor its loads count in these."""
+    scheme = BackwardEuler(1.0)
+    problem = dynamic_problem(system, state, scheme.dt, organ_answer(system, scheme, state), scheme)
+    z = Iterate(state.q, state.N, state.s, state.lam, state.y, state.sigma)
+    problem = replace(problem, layers=state.layers)
+    return Solution(problem, z, evaluate(problem, z), 0)
 
 
 def tabled_ends(system: System[Body], start: float, times: Sequence[float], dt: float) -> tuple[np.ndarray, ...]:

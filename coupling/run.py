@@ -31,7 +31,7 @@ from coupling.impact import begin_piercing
 from coupling.interfaces import Body
 from coupling.march import march
 from coupling.observation import PiercingObservation, observe
-from coupling.stepping import HALVINGS, Step, Take, advance, release, try_step
+from coupling.stepping import CURVED, HALVINGS, Step, Take, advance, release, try_step
 from coupling.system import State, System
 from coupling.tying import TieObservation, begin_tie, let_go_of_cut, lock_tie, observe_ties
 from coupling.watch import Watch
@@ -40,6 +40,7 @@ from thread.knots import LEVELS
 log = logging.getLogger(__name__)
 
 AT_ONCE = 500  # steps at most, for nobody can call them off in between
+LONGEST_PAUSE = 64  # steps made one by one at most before the loops are asked again
 EQUILIBRIA = 4  # further ones of a load step at most, on knots that fit the one before
 ON_TIME = 1e-9  # of a step: a time this near the end of a step is that of its end
 
@@ -56,7 +57,8 @@ class Run(Generic[Body]):
     that begin, NaN where the thread's nearest place is taken; `tie_works` (t,) [J], of the hands on each tie so far.
     `fresh` is a thread under no tension yet that knots could go by. Of the last step: whether it was sought `loose`, as
     the next one then is first (`coupling.equilibrium.settle`), the steps `taken` (several where it was halved, none
-    where it was one of several made at once), the Newton iterations of those made `at_once`, and the `events`.
+    where it was made in whole by compiled loops), the Newton iterations of those made `at_once`, and the `events`.
+    `apart`: how many steps are made one by one until the loops are asked again, and how many if they then make none.
     """
 
     system: System[Body]
@@ -75,6 +77,7 @@ class Run(Generic[Body]):
     fresh: bool = True
     loose: bool = False
     at_once: int = 0
+    apart: tuple[int, int] = (0, 1)
     taken: tuple[Step[Body], ...] = ()
     events: tuple[Event, ...] = ()
 
@@ -114,7 +117,7 @@ class Run(Generic[Body]):
         run = replace(self, at_once=0, taken=(), events=())
         if not run.fresh:
             run = run.refitted(dt, run.number % INTERVAL == 0)
-        watch = Watch([run.energies], run.downhill, bool(run.events))
+        watch = Watch([run.energies], run.downhill, bool(run.events), dt / 2 ** min(CURVED, run.halvings))
         depth = HALVINGS - run.halvings
         taken = advance(run.system, run.state, dt, run.take, depth, watch, run.is_jumping, run.tolerance)
         if time is not None:
@@ -125,18 +128,18 @@ class Run(Generic[Body]):
         """Make so many steps of `dt` [s], each as `step` makes it, but as many at once in compiled loops as go on
         smoothly (`coupling.march`), where the system asks for these: no solution of such a step is kept. The events
         and iterations are those of all. Raises as `step` does."""
-        run, events, iterations, alone = self, list[Event](), 0, 1
-        last = self.number + count
+        run, events, iterations, last = self, list[Event](), 0, self.number + count
         while run.number < last:
-            smooth = run._smoothly(dt, min(AT_ONCE, last - run.number))
-            alone = 2 * alone if smooth is None else 1  # where they stop soon they are not asked for after every step
-            if smooth is not None:
-                run, iterations = smooth, iterations + smooth.iterations
-            for _ in range(min(alone, last - run.number)):
-                run = run.step(dt)
-                events, iterations = [*events, *run.events], iterations + run.iterations
-        of_steps = sum(step.solution.iterations for step in run.taken)
-        return replace(run, events=tuple(events), at_once=iterations - of_steps)
+            waits, pause = run.apart
+            smooth = None if waits else run._smoothly(dt, min(AT_ONCE, last - run.number))
+            if smooth is not None:  # what they stopped before is made next
+                run, iterations = replace(smooth, apart=(int(smooth.number < last), 1)), iterations + smooth.iterations
+                continue
+            apart = (waits - 1, pause) if waits else (pause - 1, min(2 * pause, LONGEST_PAUSE))
+            run = replace(run.step(dt), apart=apart)
+            events, iterations = [*events, *run.events], iterations + run.iterations
+        of_last = sum(step.solution.iterations for step in run.taken)
+        return replace(run, events=tuple(events), at_once=iterations - of_last)
 
     def _smoothly(self, dt: float, count: int) -> "Run[Body] | None":
         """Return the run after as many of so many steps of `dt` [s] as the loops make at once, None where that is none.

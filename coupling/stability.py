@@ -62,9 +62,23 @@ def would_stay(solution: Solution[Body], new: State[Body]) -> bool:
 def given_a_little(solution: Solution[Body]) -> Problem[Body]:
     """Return the problem of an equilibrium in which motions that cost nothing, such as the turn of a planar bow about
     its pinned ends, are given a little stiffness, as a mass."""
-    thread = solution.problem.system.thread
-    softest = thread.EI * (np.pi / (thread.spline.end - thread.spline.start)) ** 4 / thread.section.rhoA  # pinned beam
-    return replace(solution.problem, mass_factor=NEUTRAL * softest, q_ref=solution.iterate.q)
+    return replace(
+        solution.problem, mass_factor=NEUTRAL * softest(solution.problem.system.thread), q_ref=solution.iterate.q
+    )
+
+
+def softest(thread: Thread) -> float:
+    """Return the stiffness against the softest bending, that of a pinned beam, as a mass factor [1/s²]."""
+    return float(thread.EI * (np.pi / (thread.spline.end - thread.spline.start)) ** 4 / thread.section.rhoA)
+
+
+def costs_nothing(problem: Problem[Body], force: float, way: Array) -> bool:
+    """Tell whether a thread in one piece that does not slide has gone a `way` (n, c) under a `force` [N] along motions
+    that cost nothing: against its softest bending it would have taken more."""
+    system = problem.system
+    if (problem.law.may_slide & problem.rows[:, 0]).any() or system.thread.spline.cuts.size:
+        return False
+    return bool(force < NEUTRAL * softest(system.thread) * np.abs(system.thread.momentum(way)[:, :3]).max())
 
 
 def resists(problem: Problem[Body], z: Iterate, r: Residual) -> bool:

@@ -31,6 +31,7 @@ from tissue.errors import OrganError
 
 HALVINGS = 8  # a step is given up below dt / 2^8
 FOLLOWED = 4  # halvings that the motion itself may ask for before a step is tried
+CURVED = 4  # halvings that a step may take because it makes energy on a curved way
 REFINED = 6  # halvings for accuracy: a jump of velocity is an error of first order in any step
 MOST_TRIES = 256  # of steps and parts of steps until one is given up: as many as the smallest parts
 
@@ -337,12 +338,13 @@ def advance(
     integrator that it has; the parts behind it are as long again as the motion allows.
 
     `take` makes one step and is the monolithic implicit one unless another is named; `watch` sees each before it is
-    accepted, in their order, and raises `StepError` where it is not to be; one of BDF2 that makes energy is taken again
-    by backward Euler. `follow`: a step in which the thread moves further than one sees is halved before it is tried
-    (`coupling.motion`). A step at whose end the thread has left a hole is taken again without that hole, one in which
-    it flipped through a hole in halves: it may have jumped where the motion would have gone. Raises `StepError` when
-    the smallest step fails too or MOST_TRIES did not reach the end, `ConstraintError` where the constraints are at
-    fault or a hand has drawn the thread out, `InversionError` where it flips in the smallest step.
+    accepted, in their order, and raises `StepError` where it is not to be; one that makes energy is halved, down to
+    dt/2⁴, by the integrator that it has, and one of BDF2 that still does is taken again by backward Euler. `follow`: a
+    step in which the thread moves further than one sees is halved before it is tried (`coupling.motion`). A step at
+    whose end the thread has left a hole is taken again without that hole, one in which it flipped through a hole in
+    halves: it may have jumped where the motion would have gone. Raises `StepError` when the smallest step fails too or
+    MOST_TRIES did not reach the end, `ConstraintError` where the constraints are at fault or a hand has drawn the
+    thread out, `InversionError` where it flips in the smallest step.
     """
     taken: list[Step[Body]] = []
     pending, end, tries = [(dt, depth, True)], state.time + dt, 0
@@ -367,6 +369,9 @@ def advance(
                 continue
             watch(system, step)
         except (StepError, InversionError) as error:
+            if isinstance(error, UphillError) and level < min(depth + CURVED, HALVINGS):
+                pending += [(0.5 * part, level + 1, remembers)] * 2
+                continue
             if isinstance(error, UphillError) and remembers and state.before is not None:
                 state = forgetful(state)
                 pending.append((part, level, remembers))

@@ -15,7 +15,7 @@ from coupling.bordered import NINE
 from coupling.compiled import iteration
 from coupling.compiled.curve import Curve
 from coupling.compiled.friction import Law
-from coupling.compiled.iteration import Bounds, Found, Given, Knots, Unknowns
+from coupling.compiled.iteration import Bounds, Found, Given, Knots, Trail, Unknowns
 from coupling.newton import Iterate, Problem
 from coupling.recent import Recent
 from thread.compliance import POWERS
@@ -200,6 +200,7 @@ def empty_found(z: Iterate | Unknowns, points: int) -> Found:
         K=np.empty((spans, points, 3)),
         T_axial=np.empty((spans, axial, 3)),
         strain=np.empty((spans, axial)),
+        trail=Trail(np.empty((newton.MAX_SETS, m)), np.zeros(5, np.int64)),
     )
 
 
@@ -232,26 +233,28 @@ def is_kept(loops: object, name: str, sources: str) -> bool:
     return any(path.stat().st_mtime > changed for path in folder.glob(f"{name}*.nbi"))
 
 
-def run_loops(*given: object) -> tuple[int, int, float]:
+def run_loops(*given: object) -> tuple[int, float]:
     """Run the loops on their arrays; where they are to be compiled first, say so, and how long it took."""
     if is_ready() or iteration.solve.signatures:
-        return cast(tuple[int, int, float], iteration.solve(*given))
+        return cast(tuple[int, float], iteration.solve(*given))
     log.info("compiling the step, once: half a minute of one core, then it is kept")
     began = perf_counter()
-    found: tuple[int, int, float] = iteration.solve(*given)
+    found: tuple[int, float] = iteration.solve(*given)
     log.info("the step is compiled, in %.0f s", perf_counter() - began, extra=OVER)
     return found
 
 
 def run(tables: Tables, problem: Problem, start: Iterate, spans: float = 0.0, patience: int = 1) -> Ended:
-    """Run the loops from an iterate."""
+    """Run the loops from an iterate. Where a hold comes to a span of which it is not known what the spline lacks there,
+    that is learnt, and they go on."""
     given, law, bounds = given_of(problem), law_of(problem), bounds_of(problem, spans, patience)
     learn(given.lack, problem, start.s)
+    arrays = (np.array(x, dtype=float) for x in (start.q, start.N, start.s, start.lam, start.y, start.sigma))
+    z = Iterate(*arrays)
+    found, unknowns = empty_found(z, tables.curve.w.shape[1]), Unknowns(z.q, z.N, z.s, z.lam, z.y, z.sigma)
+    made = found.trail.made
     while True:
-        arrays = (np.array(x, dtype=float) for x in (start.q, start.N, start.s, start.lam, start.y, start.sigma))
-        z = Iterate(*arrays)
-        found = empty_found(z, tables.curve.w.shape[1])
-        unknowns = Unknowns(z.q, z.N, z.s, z.lam, z.y, z.sigma)
-        ended = Ended(*run_loops(tables.curve, tables.knots, law, given, bounds, unknowns, found), z, found)
-        if ended.how == iteration.SOLVED or not learn(given.lack, problem, z.s):
-            return ended
+        _, scale = run_loops(tables.curve, tables.knots, law, given, bounds, unknowns, found)
+        if made[iteration.HOW] != iteration.UNKNOWN or not learn(given.lack, problem, z.s):
+            return Ended(int(made[iteration.HOW]), int(made[iteration.TOTAL]), scale, z, found)
+        made[iteration.GOES_ON] = 1

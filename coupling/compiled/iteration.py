@@ -43,7 +43,8 @@ from coupling.compiled.holes import (
 from coupling.compiled.loops import loop, outermost, part, sources
 from coupling.compiled.vectors import add_row, dot, sum_of
 
-SOLVED, RAN_AWAY, SINGULAR_THREAD, SINGULAR_HOLDS, NOT_CONVERGED, ALTERNATES = range(6)  # how an iteration ends
+SOLVED, RAN_AWAY, SINGULAR_THREAD, SINGULAR_HOLDS, NOT_CONVERGED, ALTERNATES, UNKNOWN = range(7)  # how one ends
+HOW, TOTAL, SETS, OF_SET, GOES_ON = range(5)  # in the numbers of a trail
 TINY = 2.2250738585072014e-308
 
 
@@ -110,6 +111,15 @@ class Unknowns(NamedTuple):
     sigma: Array
 
 
+class Trail(NamedTuple):
+    """How an iteration went: the active sets `seen` (sets, m), and the numbers `made` (5,): HOW it ended, corrections
+    in TOTAL, SETS solved and corrections OF the SET that is not. Where it ended because it is UNKNOWN what the spline
+    lacks on a span that a hold came to, it GOES ON from there once its caller has learnt that, and says so."""
+
+    seen: Array
+    made: Indices
+
+
 class Passing(NamedTuple):
     """The thread at its holes, as `coupling.constraints.Passage`: `D` (m, 4, 3) P to T'', `b` (m, 4, 4), `c` (m, 3, 3),
     `first` (m,)."""
@@ -121,7 +131,8 @@ class Passing(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The residual at the iterate, as `coupling.newton.Residual` with its passage, as `Passing`."""
+    """The residual at the iterate, as `coupling.newton.Residual` with its passage, as `Passing`, and the
+    `trail` that led there."""
 
     elastic: Array
     balance: Array
@@ -137,6 +148,7 @@ class Found(NamedTuple):
     K: Array
     T_axial: Array
     strain: Array
+    trail: Trail
 
 
 @loop
@@ -198,6 +210,15 @@ def lacks(c: Array) -> bool:
                 if c[k, derivative, j] != 0.0:
                     return True
     return False
+
+
+@loop
+def is_unknown(c: Array, s: Array) -> bool:
+    """Whether it is not known what the spline lacks at a hold, `c` (m, 3, 3), though the hold has a place."""
+    unknown = False
+    for k in range(len(s)):
+        unknown |= abs(s[k]) < LARGEST and not abs(c[k, 0, 0]) < LARGEST
+    return unknown
 
 
 @loop
@@ -485,21 +506,23 @@ def add_correction(bounds: Bounds, spacing: Array, z: Unknowns, dq: Array, longe
 @part
 def solve_set(
     curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
-) -> tuple[int, int, float, bool]:
-    """Iterate by Newton with the active set; returns how that ended, the corrections made, and at the last iterate,
-    where the residual is, the largest force [N] and whether the spline lacks nothing."""
+) -> tuple[int, float, bool]:
+    """Iterate by Newton with the active set, the corrections counted in the trail; returns how that ended, and at the
+    last iterate, where the residual is, the largest force [N] and whether the spline lacks nothing."""
     dq, dz = np.zeros((len(z.q), 3)), np.zeros((len(z.s), BORDER))
     reach = np.zeros(len(z.s) if bounds.spans > 0.0 else 0)
-    iteration = 0
+    made = r.trail.made
     while True:
         scale, bare = evaluate(curve, knots, law, given, z, r)
         scale = max(scale, bounds.least)
-        if iteration == bounds.iterations:
-            return NOT_CONVERGED, iteration, scale, bare
+        if is_unknown(r.c, z.s):
+            return UNKNOWN, scale, bare
+        if made[OF_SET] == bounds.iterations:
+            return NOT_CONVERGED, scale, bare
         if not scale < LARGEST:
-            return RAN_AWAY, iteration, scale, bare
+            return RAN_AWAY, scale, bare
         if is_converged(given, bounds, bounds.force * scale + bounds.rounded, z, r):
-            return SOLVED, iteration, scale, bare
+            return SOLVED, scale, bare
         A, border = thread_matrix(curve, knots, given, z, r, bare), border_of(law, given, z, r, bare)
         if given.stiffen:
             add_constraint_stiffness(A, border, given, r)
@@ -509,10 +532,11 @@ def solve_set(
             reach[k] = bounds.spans * (knots.breaks[span + 1] - knots.breaks[span])
         ending, longest = newton_direction(A, border, given, r, reach, dq, dz)
         if ending != SOLVED:
-            return ending, iteration, scale, bare
+            return ending, scale, bare
         add_correction(bounds, knots.spacing, z, dq, longest, dz)
         on_curve.next_axial_force(curve, Stretched(r.T, r.K, r.T_axial, r.strain), dq, z.N)
-        iteration += 1
+        made[OF_SET] += 1
+        made[TOTAL] += 1
 
 
 @loop
@@ -552,26 +576,31 @@ def solve_of(digest: int) -> Any:
     @outermost
     def solve(
         curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
-    ) -> tuple[int, int, float]:
-        """Iterate until every equation holds and stick and slip fit the answer; returns how that ended, the corrections
-        made, and the largest force [N] at the last iterate, where the residual is."""
+    ) -> tuple[int, float]:
+        """Iterate until every equation holds and stick and slip fit the answer; returns the corrections, −1 where that
+        was not reached, and the largest force [N] at the last iterate, where the residual is."""
         assert digest
-        seen, total, scale = np.zeros((bounds.sets, len(z.s))), 0, 0.0
-        for k in range(len(z.s)):
-            z.sigma[k] = admissible_sigma(law, k, z.sigma[k])
-        for count in range(bounds.sets):
-            ending, iterations, scale, bare = solve_set(curve, knots, law, given, bounds, z, r)
-            total += iterations
-            if ending != SOLVED:
-                return ending, total, scale
-            copy_into(z.sigma, seen[count])
-            often = times_seen(seen, count + 1, z.sigma)
+        (seen, made), scale = r.trail, 0.0
+        if not made[GOES_ON]:
+            for i in range(len(made)):
+                made[i] = 0
+            for k in range(len(z.s)):
+                z.sigma[k] = admissible_sigma(law, k, z.sigma[k])
+        while made[SETS] < bounds.sets:
+            made[HOW], scale, bare = solve_set(curve, knots, law, given, bounds, z, r)
+            if made[HOW] != SOLVED:
+                return -1, scale
+            copy_into(z.sigma, seen[made[SETS]])
+            made[SETS] += 1
+            made[OF_SET] = 0
+            often = times_seen(seen, made[SETS], z.sigma)
             margin = bounds.margin * (bounds.force * scale + bounds.rounded)
-            if not next_set(law, given, z, r, bare, margin, seen, count + 1):
-                return SOLVED, total, scale
+            if not next_set(law, given, z, r, bare, margin, seen, made[SETS]):
+                return made[TOTAL], scale
             if often > bounds.returns:
                 break
-        return ALTERNATES, total, scale
+        made[HOW] = ALTERNATES
+        return -1, scale
 
     return solve
 

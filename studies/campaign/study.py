@@ -9,7 +9,8 @@ The first `quarter` cases are run again in steps a quarter as long where they co
 and the lengths drawn through them are compared at the end. Where they differ, a remark should have told so.
 
 What a step makes is told for steps of backward Euler and of BDF2 apart: the one makes none where it goes downhill, the
-other falls in a norm of its own, over two steps, and may take in one step and give back in the next.
+other falls in a norm of its own, over two steps, and may take in one step and give back in the next. Of it is told what
+it makes beyond that loan (`coupling.watch`).
 
 A case is gentle where its loads grow and a linear estimate moves its holes by less than three footprints. Those are
 what a user expects to arrive; a hole that moves further is beyond a linear organ.
@@ -29,6 +30,7 @@ from coupling.adaptivity import span_ratio
 from coupling.audit import audit_step, is_of_bdf2
 from coupling.diagnosis import frame_areas
 from coupling.errors import CouplingError, InversionError, StepError, TurnedHoleError, UphillError
+from coupling.watch import CREATED, given_back
 from studies.campaign.generator import KINDS, Case, cases
 from studies.campaign.quarter import PARTS, forces_apart, lengths_apart, with_shorter_steps
 from studies.figure import COLOURS, panels
@@ -41,7 +43,6 @@ from studies.study import Study, Table, each, unit_field
 
 ASKED = 0.97  # of the gentle cases to complete
 ASKED_SUDDEN = 0.9  # of the sudden dead loads
-CREATED = 1e-6  # of a run's energy that a step may make
 TELLING = {"forces-swing", "not-at-rest", "numerical-dissipation", "energy-created"}  # of what the steps in time do
 LAYER = 2.0  # spans over √(EI/T) beyond which a flip is put down to spans that are too long
 AGREED = 0.02  # of the largest force or length: a step over the shortest time in which a load grows, the first order
@@ -64,9 +65,10 @@ CAUSES = (
 @dataclass(frozen=True, kw_only=True)
 class Row:
     """How one case ended. `corrections` are Newton's of the accepted steps; `created` and `created_bdf2` are the most
-    that a step of backward Euler and one of BDF2 made of the energy that there was; `span_ratio` is that of the last
-    state; `said`, the codes of what the run says of itself; `forces_apart` and `lengths_apart` are from the same case
-    in steps a quarter as long, NaN where it was not run, infinite where that did not complete."""
+    that a step of backward Euler made of the energy that there was, and one of BDF2 beyond what the one before lent;
+    `span_ratio` is that of the last state; `said`, the codes of what the run says of itself; `forces_apart` and
+    `lengths_apart` are from the same case in steps a quarter as long, NaN where it was not run, infinite where that did
+    not complete."""
 
     number: int
     kind: str
@@ -129,11 +131,11 @@ class End:
 
 def made_by(now: OrganRun, new: OrganRun) -> Iterator[tuple[bool, float]]:
     """Yield of each accepted step that led from one run to another, parts of one included, whether it is of BDF2, and
-    what it made of the energy that there was after it [-]."""
+    what it made of the energy that there was after it, beyond what the one before lent [-]."""
     energies = now.energies
     for step in new.taken:
         after = audit_step(now.system, energies, step)
-        made = energies.numerical_dissipation - after.numerical_dissipation
+        made = energies.numerical_dissipation - after.numerical_dissipation - given_back(step, energies)
         yield is_of_bdf2(step), made / max(after.at_stake, np.finfo(float).tiny)
         energies = after
 

@@ -9,6 +9,7 @@ import numpy as np
 import tissue
 from coupling.adaptivity import span_ratio, spans_between
 from coupling.contact import ContactObservation, observe_contact
+from coupling.march import solution_at
 from coupling.observation import PiercingObservation, largest_gap, largest_residual
 from coupling.stability import is_squeezed, would_stay
 from coupling.system import State, System
@@ -60,10 +61,11 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
 def would_stay_after(now: OrganRun) -> bool:
     """Tell whether the thread would stay at rest where the last step has brought it, if there is one; in time where it
     is pressed alone."""
+    ended = [(step.solution, step.new) for step in now.taken[-1:]]
+    if now.at_once and not ended:
+        ended = [(solution_at(now.system, now.state), now.state)]
     return all(
-        would_stay(step.solution, step.new)
-        for step in now.taken[-1:]
-        if step.solution.problem.stiffen or is_squeezed(step.solution)
+        would_stay(solution, new) for solution, new in ended if solution.problem.stiffen or is_squeezed(solution)
     )
 
 

@@ -144,7 +144,7 @@ class Stepper:
                 "[m]; give the place of the hand at the end of the step"
             )
         with self._threads.limit(limits=1, user_api="blas"):
-            self._now = self._led(dt, place).step(dt)
+            self._now = self._led(dt, place).steps(dt, 1)
         forces = self.forces
         seconds = perf_counter() - began
         self._seconds.append(seconds)

@@ -204,6 +204,9 @@ def test_a_step_downhill_ends_where_newton_does() -> None:
     assert np.abs(led.q - plain.q).max() <= TWO_SOLVERS * np.abs(moved).max()
 
 
+COUPLED = brentq(lambda T: T - 0.2 - 0.2 * (T + 2.0 * 2.0 * (PP.EI * T) ** 0.5 / 2e-3), 0.2, 2.0)  # [N], of one strand
+
+
 @pytest.mark.parametrize(
     ("ends", "friction", "refused"),
     [
@@ -211,16 +214,28 @@ def test_a_step_downhill_ends_where_newton_does() -> None:
         ((Free(), Pulled(2.0 * X)), None, True),
         ((Pulled(-2.0 * X), Pulled(2.0 * X)), None, False),
         ((Pulled(-0.01 * X), Pulled(0.02 * X)), None, False),
-        ((Pulled(-1.0 * X), Pulled(2.0 * X)), Friction(0.2, 0.2), False),
         ((Fixed(ORIGIN), Pulled(2.0 * X)), None, False),
+        ((Pulled(-1.0 * X), Pulled(1.49 * X)), Friction(0.2, 0.2), False),
+        ((Pulled(-1.51 * X), Pulled(1.0 * X)), Friction(0.2, 0.2), True),
+        ((Pulled(-1.0 * X), Pulled(1.99 * X)), Friction(0.2, 0.2, grip=0.4), False),
+        ((Pulled(-1.0 * X), Pulled(2.01 * X)), Friction(0.2, 0.2, grip=0.4), True),
+        ((Free(), Pulled(0.99 * COUPLED * X)), Friction(0.2, 0.2, grip=0.2, channel=2e-3), False),
+        ((Free(), Pulled(1.01 * COUPLED * X)), Friction(0.2, 0.2, grip=0.2, channel=2e-3), True),
+        ((Free(), Pulled(0.5 * X)), Friction(0.0, 0.0, grip=0.6), False),
+        ((Free(), Pulled(0.5 * X)), Friction(0.0, 0.0, grip=0.4), True),
     ],
-    ids=["different", "a free end", "equal", "too short to tell", "friction", "held"],
-)
+    ids=[
+        "different", "a free end", "equal", "too short to tell", "held", "rough", "too little friction", "gripped",
+        "too little grip", "pressed by its couple", "too small a couple", "gripped alone", "too little grip alone",
+    ],
+)  # fmt: skip
 def test_unbalanced_dead_loads_are_recognised_before_the_first_step(
     monkeypatch: pytest.MonkeyPatch, ends: tuple[End, End], friction: Friction | None, refused: bool
 ) -> None:
     """Independent check: without friction the tension is the same on both sides of a hole, so different dead loads have
-    no equilibrium; where an end is held, or a hole rubs, they may have one."""
+    no equilibrium; where an end is held they may have one. A hole that the thread goes back through is pressed on by
+    T₁ + T₂, and T₂ − T₁ = F₀ + μ (T₁ + T₂) is the most that it bears; a couple, 2 √(EI T) of a strand at
+    most, presses on both ends of a channel ℓ by M/ℓ."""
     system, state = through_a_hole(ends, friction)
     run = begin(system, state)
 
@@ -234,6 +249,21 @@ def test_unbalanced_dead_loads_are_recognised_before_the_first_step(
     else:
         with pytest.raises(StepError, match="tried"):
             run.load(1.0, 1.0)
+
+
+@pytest.mark.parametrize(("force", "refused"), [(2.74, False), (2.76, True)])
+def test_what_two_rough_holes_bear_is_told_before_the_first_step(force: float, refused: bool) -> None:
+    """Independent check: each bears (1 + μ) T + F₀ over 1 − μ with T behind it, from the smaller load on: for μ = 0.2,
+    and a grip of 0.4 N in the second on that way, 1.5 N and 2.75 N."""
+    loads = Pulled(-force * X), Pulled(1.0 * X)
+    holes = Piercing("first", friction=Friction(0.2, 0.2, grip=0.4)), Piercing("last", friction=Friction(0.2, 0.2))
+    sites = tuple((share * LENGTH * X, X) for share in (0.3, 0.7))
+    system = without_organ(uniform(LENGTH, 24), loads, holes, sites)
+    state = laid(system, [0.3 * LENGTH, 0.7 * LENGTH], line(ORIGIN, X))
+    if not refused:
+        return equilibrium.refuse_unbalanced(system, state, 1.0)
+    with pytest.raises(EquilibriumError, match=r"whose friction bears 2\.75 N at most against the smaller one"):
+        equilibrium.refuse_unbalanced(system, state, 1.0)
 
 
 @pytest.mark.parametrize("who", ["dead load", "hand at a hole", "tension"])

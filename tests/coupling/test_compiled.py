@@ -225,20 +225,42 @@ def test_both_ways_fail_alike(name: str, monkeypatch: pytest.MonkeyPatch) -> Non
     assert said[0] == said[1]
 
 
+def test_loops_that_learn_what_the_spline_lacks_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: an iteration that comes to spans whose compliance it does not know yet goes on from there, and
+    ends after as many corrections as numpy's."""
+    problem, start = first_problem()
+    places: list[np.ndarray] = []
+    loops = tables.run_loops
+
+    def run_loops(*given: Any) -> tuple[int, float]:
+        z = given[5]
+        places.append(z.s.copy())
+        ended = loops(*given)
+        places.append(z.s.copy())
+        return ended
+
+    monkeypatch.setattr(tables, "run_loops", run_loops)
+    by_loops = solver.solve_compiled(problem, start, newton.REACH, 2)
+    by_numpy = newton.solve(problem, start, newton.correct_downhill, 2)
+    assert len(places) > 2
+    assert all(np.array_equal(one, other) for one, other in zip(places[1:-1:2], places[2::2], strict=True))
+    assert by_loops.iterations == by_numpy.iterations
+
+
 @pytest.mark.parametrize(("ready", "known"), [(False, []), (False, ["one"]), (True, [])])
 def test_that_the_step_is_compiled_is_said_and_that_it_is_done(
     ready: bool, known: list[str], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Independent check: loops that are neither on disk nor in memory yet are told of before and after, no others."""
 
-    def solve(number: int) -> tuple[int, int, float]:
-        return iteration.SOLVED, number, 0.5
+    def solve(number: int) -> tuple[int, float]:
+        return number, 0.5
 
     monkeypatch.setattr(solve, "signatures", known, raising=False)
     monkeypatch.setattr(tables.iteration, "solve", solve)
     monkeypatch.setattr(tables, "is_ready", lambda: ready)
     with caplog.at_level("INFO", logger="coupling.tables"):
-        assert tables.run_loops(3) == (iteration.SOLVED, 3, 0.5)
+        assert tables.run_loops(3) == (3, 0.5)
     told = [(record.getMessage().partition(",")[0], hasattr(record, "over")) for record in caplog.records]
     new = [("compiling the step", False), ("the step is compiled", True)]
     assert told == ([] if ready or known else new)

@@ -15,13 +15,14 @@ from coupling.cutting import Cut
 from coupling.laying import start
 from coupling.march import Marched, march
 from coupling.run import Run, begin
+from coupling.stepping import bdf2_step, release
 from coupling.system import System
 from studies.scenario import Scenario, load
 from studies.simulation import prepare
 from tests.bounds import AXIAL, IDENTITY, RESIDUAL
 from tests.coupling.test_compiled import ROUGH, drawn, pulled_through
 from thread.catalogue import suture
-from thread.ends import Free
+from thread.ends import Free, Pulled
 from thread.knots import uniform_knots
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
@@ -53,7 +54,10 @@ SCENES: dict[str, Callable[[], Scenario]] = {
     "limp": lambda: slow(drawn({"friction": None}, bending=False), 5e-4),
     "organ without inertia": lambda: load("two_piercings", [*GENTLE, EULER]),
     "organ without inertia, BDF2": lambda: load("two_piercings", [*GENTLE, BDF2]),
+    "organ in a small basis": lambda: load("two_piercings", [*SMALL, EULER]),
+    "organ in a small basis, BDF2": lambda: load("two_piercings", [*SMALL, BDF2]),
 }
+SMALL = ["tissue.mesh.h=8e-3", "tissue.mesh.h_site=4e-3", "solve.gravity=[0, 0, -9.81]", "tissue.reduction={}"]
 BEGUN, STEPS = 12, 40
 
 
@@ -105,6 +109,10 @@ def agree(found: Both) -> None:
         assert np.abs(getattr(one.state, name) - getattr(state, name)).max(initial=0.0) <= RESIDUAL * scale, name
     for name in ("sigma", "sense", "present"):
         assert np.array_equal(getattr(one.state, name), getattr(state, name))
+    organ: Any = other.system.organ
+    for of in (organ.displacement, organ.velocity, getattr(organ, "bound", organ.velocity)):
+        way = of(state.organ)
+        assert np.abs(of(one.state.organ) - way).max(initial=0.0) <= RESIDUAL * np.abs(way).max(initial=0.0)
     assert (one.state.layers is None) == (state.layers is None)
     assert np.abs(np.array(astuple(one.energies)) - astuple(other.energies)).max() <= RESIDUAL * other.energies.at_stake
     assert (one.number, one.state.time, one.iterations) == (other.number, state.time, found.iterations)
@@ -179,6 +187,48 @@ def test_other_steps_are_made_one_by_one(monkeypatch: pytest.MonkeyPatch) -> Non
         found = both(other, dt, 6, monkeypatch)
         assert not any(found.made)
         agree(found)
+
+
+def test_what_is_remembered_of_steps_is_of_these(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: one after the other, from one state, with an end let go, under a weight, in steps of another
+    length, by the other scheme, without a hole, and as it was: what the loops keep from call to call is of none of the
+    others."""
+    scene = figure_1(EULER, *(f"piercing.{hole}.{ROUGH}" for hole in ("entry", "exit")))
+    run, dt = begun(scene), scene.solve.dt
+    system, state = run.system, run.state
+    held_by = state.reaction[1]
+    others = [
+        (replace(run, system=replace(system, ends=(system.ends[0], Pulled(held_by)))), dt),
+        (replace(run, system=replace(system, gravity=np.array([0.0, 0.0, -9.81]))), dt),
+        (run, 0.5 * dt),
+        (replace(run, state=replace(state, before=None), take=bdf2_step).step(dt).step(dt), dt),
+        (replace(run, state=release(state, np.array([False, True]))), dt),
+        (run, dt),
+    ]
+    for _ in range(2):
+        for other, length in others:
+            found = both(other, length, 6, monkeypatch)
+            assert any(found.made)
+            agree(found)
+
+
+def test_loops_that_make_no_step_are_asked_ever_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: over 40 steps, each asked for by itself as a host program does, after 1, 2, 4, … in between;
+    once they make one they are asked for every step."""
+    scene = figure_1(EULER)
+    run, dt, asked = begun(scene), scene.solve.dt, list[int]()
+
+    def stops(*given: Any) -> None:
+        asked.append(1)
+
+    with monkeypatch.context() as broken:
+        broken.setattr(coupling.run, "march", stops)
+        for _ in range(40):
+            run = run.steps(dt, 1)
+    assert len(asked) == 6
+    run = run.steps(dt, 64)
+    made_alone = both(run, dt, 5, monkeypatch)
+    assert made_alone.made == [5]
 
 
 def test_every_correction_counts_and_a_batch_ends() -> None:

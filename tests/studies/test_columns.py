@@ -141,7 +141,7 @@ OFF_FRAMES = {"strained", "rotated", "pressed_turn", "sprung", "crossed", "hole_
 @pytest.mark.parametrize(
     ("columns", "record", "elsewhere"),
     [
-        (ENERGY, EnergyRecord, set()),
+        (ENERGY, EnergyRecord, {"loan"}),
         (CONTACT, ContactRecord, {"pair", "stitches"}),
         (STITCH, StitchRecord, {"stitch", "pair"}),
         (GAP_PROFILE, GapRecord, set()),

@@ -278,6 +278,19 @@ def test_a_straight_thread_that_inertia_holds_is_told() -> None:
         assert ("would-not-stay" in {each.code for each in simulation.remarks(ended(simulation))}) == said
 
 
+def test_a_straight_thread_in_steps_made_at_once_is_asked_too() -> None:
+    """Independent check: the same of three times Euler's load and of less, where the loops keep no solution to ask."""
+    length, dt = 0.05, 2e-3
+    euler = suture("2-0 polypropylene").EI * (0.5 * np.pi / length) ** 2
+    time = {"solve": {"dt": dt, "duration": 0.1, "newton": "compiled"}}
+    for share, stays in ((3.0, False), (0.9, True)):
+        table = tomllib.loads(COLUMN.format(length=length, force=-share * euler)) | time
+        simulation = prepare(parse(table | {"thread": table["thread"] | {"damping": 500.0}}))
+        now = simulation.beginning().step(dt).step(dt).steps(dt, 48)
+        assert now.taken == () and now.at_once > 0
+        assert simulation.record(now).stays() == stays
+
+
 def test_a_thread_that_slides_as_a_whole_has_no_slip() -> None:
     """Independent check: at rest between two equal pulls, without friction; not where it is held, nor in time."""
     ends = {"start": {"kind": "pulled", "force": [-0.1, 0, 0]}, "end": {"kind": "pulled", "force": [0.1, 0, 0]}}

@@ -165,3 +165,11 @@ def test_pinned_column(alpha: float) -> None:
     P, T = system.thread.spline.curve(state.q, [0.0, 0.5 * L])[:, :2].swapaxes(0, 1)
     assert abs(-P[1, 2] / L - deflection) < BUCKLING
     assert abs(np.arctan2(-T[0, 2], T[0, 0]) - np.radians(alpha)) < BUCKLING
+
+
+@pytest.mark.parametrize("dropped", [0.02, 0.1, 1.0])
+def test_a_ring_turns_nowhere(monkeypatch: pytest.MonkeyPatch, dropped: float) -> None:
+    """Independent check: where both ends of a pinned column meet it costs nothing to turn it about them, and it stays
+    in the plane, and along the axis, that it was laid in, whatever the last tie is on the way."""
+    monkeypatch.setattr("coupling.equilibrium.DROPPED", dropped)
+    test_pinned_column(130.7099)

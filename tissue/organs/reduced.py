@@ -306,6 +306,27 @@ class ReducedOrgan:
             numerical=float(0.5 * dU @ dU + 0.5 * dV @ (mu * dV) + (mu * A) @ dU - (mu * V) @ dV),
         )
 
+    def modes(
+        self, scheme: TimeScheme, state: OrganState, times: Sequence[float]
+    ) -> tuple[Array, Array, Array, Array, Array, Array, float, float] | None:
+        """Return masses and loads of both models (n,), W (n, 9p), Y of the one that answers, y0, R of the check, and
+        Rayleigh's α and β; None where the loads at the `times` [s] are not those of the state."""
+        shares, given = state.shares, self.reduction
+        if shares is not None and any((self.surface.shares(time, 1.0) != shares).any() for time in times):
+            return None
+        W = self.operator(scheme.a, scheme.d).W
+        loads, Y = self.load_under(shares), given.Y[:, : given.size]
+        return (given.mu, loads, W, Y, self.y0, given.missed, *self.full.rayleigh)
+
+    def motion(self, state: OrganState) -> tuple[Array, Array, Array, Array, float]:
+        """Return η, η̇, η̈ of both models (n,), the forces on the sites (9p,), and Σ‖Δr‖ of the check so far [√J]."""
+        return state.U, state.V, state.A, state.f_y, drift_of(state)
+
+    def moved(self, state: OrganState, motion: tuple[Array, Array, Array, Array, float]) -> ReducedState:
+        """Return the state of a `motion` under the loads of another."""
+        U, V, A, f_y, drift = motion
+        return ReducedState(U, V, A, f_y, shares=state.shares, drift=drift)
+
     def impulse(self, state: OrganState) -> SiteAnswer[OrganState]:
         """Return the answer to an impulse on the sites, dy/dt = Y η̇, by the masses of the basis: a hole is heavier than
         in the mesh, whose nodes alone take an impulse."""

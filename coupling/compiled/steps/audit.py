@@ -14,14 +14,16 @@ from coupling.compiled.loops import loop
 from coupling.compiled.vectors import dot
 
 # What a step of the thread turns over, in this order [J]: kinetic and elastic energy at its end; the works from
-# outside, of friction and of damping; what the integrator took, but for the change of the elastic energy; `layer_work`.
-KINETIC, ELASTIC, EXTERNAL, FRICTION, VISCOUS, NUMERICAL, LAYERED = range(7)
-TURNS = 7
+# outside, of friction and of damping; what the integrator took, but for the change of the elastic energy; `layer_work`;
+# what of NUMERICAL is by looking back over two steps, and by the mean of the forces at both ends.
+KINETIC, ELASTIC, EXTERNAL, FRICTION, VISCOUS, NUMERICAL, LAYERED, TWO_STEP = range(8)
+TURNS = 8
 
 
 class Motion(NamedTuple):
     """A state of thread and holds, as `coupling.system.State`; `layers` are infinite where there is no tension, and
-    `f_y` (m, 9) the forces on the sites."""
+    `f_y` (m, 9) the forces on the sites. Of modes of the organ `U`, `V`, `A` (n,) and what their check leaves open so
+    far, `drift` (1,)."""
 
     q: Array
     v: Array
@@ -35,6 +37,10 @@ class Motion(NamedTuple):
     reaction: Array
     layers: Array
     f_y: Array
+    U: Array
+    V: Array
+    A: Array
+    drift: Array
 
 
 class Works(NamedTuple):
@@ -245,7 +251,7 @@ def audit_sliding(
         if works.two_step and works.rough[k] and old.sigma[k] == new.sigma[k] and works.epsilon == 0.0:
             more = 0.5 * (driving_force(one) - drive) * ds
             out[FRICTION] += more
-            out[NUMERICAL] -= more
+            out[TWO_STEP] -= more
     out[NUMERICAL] += remainder
 
 
@@ -263,9 +269,9 @@ def audit_inertia(works: Works, mass: Array, old: Motion, new: Motion, out: Arra
     taken = works.damping * product(new.v, moved)
     out[NUMERICAL] += 0.5 * work_along(faster, old.v, new.v)
     if works.two_step:
-        out[NUMERICAL] += works.a * work_along(moved, works.at, new.q) - product(new.v, faster)
+        out[TWO_STEP] += works.a * work_along(moved, works.at, new.q) - product(new.v, faster)
         more = -0.5 * works.damping * work_along(moved, old.v, new.v)
-        out[NUMERICAL] -= more
+        out[TWO_STEP] -= more
         taken += more
     out[VISCOUS] += taken
 
@@ -275,8 +281,9 @@ def audit_step(
     curve: Curve, knots: Knots, law: Law, given: Given, works: Works, r: Found,
     old: Motion, new: Motion, was: Passing, mid: Array, back: Array, out: Array,
 ) -> None:  # fmt: skip
-    """Write what a step of the thread turns over into `out` (7,) [J]: its kinetic and elastic energy at the end, the
-    works of the step and what the integrator took but for the change of the elastic energy, and the work of layers.
+    """Write what a step of the thread turns over into `out` (8,) [J]: its kinetic and elastic energy at the end, the
+    works of the step and what the integrator took but for the change of the elastic energy, the work of layers, and
+    what BDF2 took by itself.
     `was`, `mid` and `back` are as for `layer_work`."""
     for i in range(len(out)):
         out[i] = 0.0
@@ -293,4 +300,5 @@ def audit_step(
     if works.two_step:
         more = 0.5 * more_outside(works, given, old, new)
         out[EXTERNAL] += more
-        out[NUMERICAL] += more
+        out[TWO_STEP] += more
+    out[NUMERICAL] += out[TWO_STEP]

@@ -13,7 +13,7 @@ from coupling.arrays import Array, Flags, Indices
 from coupling.compiled.curve import Curve
 from coupling.compiled.friction import Law
 from coupling.compiled.holes import AT_U, AT_V, FIRST
-from coupling.compiled.iteration import SOLVED, Bounds, Found, Given, Knots, Passing, Unknowns, solve
+from coupling.compiled.iteration import GOES_ON, HOW, UNKNOWN, Bounds, Found, Given, Knots, Passing, Unknowns, solve
 from coupling.compiled.loops import loop, outermost, part, sources
 from coupling.compiled.steps.audit import (
     ELASTIC,
@@ -22,11 +22,26 @@ from coupling.compiled.steps.audit import (
     KINETIC,
     LAYERED,
     NUMERICAL,
+    TWO_STEP,
     VISCOUS,
     Motion,
     Works,
     audit_step,
     pass_holds,
+)
+from coupling.compiled.steps.organ import (
+    BODY_ELASTIC,
+    BODY_KINETIC,
+    BODY_LOADS,
+    BODY_NUMERICAL,
+    BODY_TWO_STEP,
+    BODY_VISCOUS,
+    Going,
+    Organ,
+    Pace,
+    audit_organ,
+    bear,
+    go_free,
 )
 from coupling.compiled.steps.tension import (
     KNOWN,
@@ -41,21 +56,9 @@ from coupling.compiled.steps.tension import (
 from coupling.compiled.vectors import cross, dot, norm, vector
 
 # Why no further step is made.
-MADE, UNKNOWN, NOT_SOLVED, TOO_FAST, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL = range(10)
+MADE, TO_LEARN, NOT_SOLVED, TOO_FAST, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL = range(10)
 SOURCES = "**/*.py"  # that the loops are compiled from
-ENERGIES = 9  # numbers of `coupling.audit.Energies` that steps change
-
-
-class Pace(NamedTuple):
-    """The time scheme: step [s], factors `a` [1/s²] and `d` [1/s], weights of the positions `now` and `before`; whether
-    it looks back over two steps."""
-
-    dt: float
-    a: float
-    d: float
-    now: float
-    before: float
-    two_step: bool
+ENERGIES = 10  # numbers of `coupling.audit.Energies` that steps change
 
 
 class Ends(NamedTuple):
@@ -73,8 +76,8 @@ class Scene(NamedTuple):
     `rough`, (m,) each; the largest force that the tissue bears at each piercing, `strength` (p,) [N]; `damping` [1/s],
     ε [kg]; what places are multiplied by for `round_off` of forces [N/m], and what of that is of the thread itself
     [N]; the pressure that the thread bears [N] over EA, `borne`; spans that may run through a hole, `crossed`; shares
-    of energies that a step may make, of what it turns over and of what there is, `turned` and `there` [-]; and of a
-    compliance that is exchanged in place, `bearing` [-]."""
+    of the energy there is, which a step may `create`, and of a compliance that is exchanged in place, `bearing`
+    [-]."""
 
     weight: Array
     axial: Array
@@ -89,16 +92,15 @@ class Scene(NamedTuple):
     rounded: float
     borne: float
     crossed: float
-    turned: float
-    there: float
+    create: float
     bearing: float
 
 
 class Scratch(NamedTuple):
     """Room for what is made in a step and not kept: its unknowns and its `end`, which share their arrays, the residual
     `found`; the holds `was` at its start and `other` with another √(EI/T), q_a `at` (n, 3) of its inertia, the missing
-    compliances `mid` and `back` (m, 3), √(EI/T) there `layers` (m,), what it `turns` over (7,) [J], and the energies
-    `after` it (9,)."""
+    compliances `mid` and `back` (m, 3), √(EI/T) there `layers` (m,), where modes are `going`, what thread and organ
+    turn over, `turns` (8,) and `body` (6,) [J], and the energies `after` it (10,)."""
 
     z: Unknowns
     end: Motion
@@ -109,16 +111,10 @@ class Scratch(NamedTuple):
     mid: Array
     back: Array
     layers: Array
+    going: Going
     turns: Array
+    body: Array
     after: Array
-
-
-class Organ(NamedTuple):
-    """What is audited of an organ without inertia whose loads stay as they are: its elastic energy under them [J], and
-    how far they move the sites, `sag` (m, 9)."""
-
-    elastic: float
-    sag: Array
 
 
 @loop
@@ -302,6 +298,10 @@ def copy_motion(a: Motion, b: Motion) -> None:
     copy_row(a.sigma, b.sigma)
     copy_row(a.sense, b.sense)
     copy_row(a.layers, b.layers)
+    copy_row(a.U, b.U)
+    copy_row(a.V, b.V)
+    copy_row(a.A, b.A)
+    copy_row(a.drift, b.drift)
 
 
 @loop
@@ -312,48 +312,31 @@ def go_on(now: Motion, earlier: Motion, new: Motion) -> None:
 
 
 @loop
-def audit_organ(organ: Organ, C: Array, now: Motion, new: Motion) -> tuple[float, float, float]:
-    """Return the elastic energy of an organ without inertia, the work of its loads and what the integrator took [J]."""
-    elastic, given, numerical = organ.elastic, 0.0, 0.0
-    m = len(new.f_y)
-    for k in range(m):
-        for i in range(9):
-            f, df, by_f, by_df = new.f_y[k, i], new.f_y[k, i] - now.f_y[k, i], 0.0, 0.0
-            for other in range(m):
-                for j in range(9):
-                    entry = C[9 * k + i, 9 * other + j]
-                    by_f += entry * new.f_y[other, j]
-                    by_df += entry * (new.f_y[other, j] - now.f_y[other, j])
-            elastic += organ.sag[k, i] * f + 0.5 * f * by_f
-            given += organ.sag[k, i] * df
-            numerical += 0.5 * df * by_df
-    return elastic, given, numerical
-
-
-@loop
-def book(turns: Array, elastic: float, given: float, numerical: float, energies: Array, out: Array) -> None:
-    """Write the energies after a step into `out` (9,), as `coupling.audit.booked`, from those before it and what thread
-    and organ turned over."""
-    layered = turns[LAYERED]
-    numerical += turns[NUMERICAL] - (turns[ELASTIC] - energies[1] - layered)
-    external = turns[EXTERNAL] + given
-    change = turns[KINETIC] - energies[0] + turns[ELASTIC] - energies[1] + elastic - energies[2]
-    out[0], out[1], out[2] = turns[KINETIC], turns[ELASTIC], elastic
+def book(turns: Array, body: Array, energies: Array, out: Array) -> None:
+    """Write the energies after a step into `out` (10,), as `coupling.audit.audit_step`, from those before it and what
+    thread and organ, `body` (6,), turned over."""
+    layered, kinetic = turns[LAYERED], turns[KINETIC] + body[BODY_KINETIC]
+    external, viscous = turns[EXTERNAL] + body[BODY_LOADS], turns[VISCOUS] + body[BODY_VISCOUS]
+    numerical = turns[NUMERICAL] - (turns[ELASTIC] - energies[1] - layered) + body[BODY_NUMERICAL]
+    change = kinetic - energies[0] + turns[ELASTIC] - energies[1] + body[BODY_ELASTIC] - energies[2]
+    out[0], out[1], out[2] = kinetic, turns[ELASTIC], body[BODY_ELASTIC]
     out[3] = energies[3] + external
     out[4] = energies[4] + turns[FRICTION]
-    out[5] = energies[5] + turns[VISCOUS]
+    out[5] = energies[5] + viscous
     out[6] = energies[6] + numerical
-    out[7] = energies[7] + (external + layered - change - turns[FRICTION] - turns[VISCOUS] - numerical)
+    out[7] = energies[7] + (external + layered - change - turns[FRICTION] - viscous - numerical)
     out[8] = energies[8] + layered
+    out[9] = numerical - 2.0 * (turns[TWO_STEP] + body[BODY_TWO_STEP])
 
 
 @loop
-def goes_uphill(scene: Scene, old: Array, new: Array, prestretch: float) -> bool:
-    """Whether a step makes energy, as `coupling.watch.Watch` says."""
+def goes_uphill(scene: Scene, pace: Pace, old: Array, new: Array, prestretch: float) -> bool:
+    """Whether a step makes energy, as `coupling.watch.Watch` says of one that is not a part."""
     made = old[6] - new[6]
+    if pace.two_step:
+        made += pace.before * max(old[9], 0.0)
     at_stake = new[0] + new[1] + abs(new[2] - prestretch) + abs(new[3])
-    turned = abs(new[3] - old[3]) + abs(new[0] - old[0]) + abs(new[1] - old[1]) + abs(new[2] - old[2])
-    return not made <= max(scene.turned * turned, scene.there * at_stake)
+    return not made <= scene.create * at_stake
 
 
 @loop
@@ -366,6 +349,13 @@ def bounds_at(bounds: Bounds, rounded: float) -> Bounds:
 
 
 @loop
+def rounded_force(scene: Scene, knots: Knots, largest: float) -> float:
+    """Return the round-off of forces that cancel [N] where the largest place is so far away [m]."""
+    far = max(1.0, largest / (knots.breaks[-1] - knots.breaks[0]))
+    return scene.rounded * far + scene.round_off * largest
+
+
+@loop
 def pass_with(
     stages: Stages, limits: Limits, knots: Knots, given: Given, z: Unknowns, layers: Array, at: Passing
 ) -> int:
@@ -373,7 +363,7 @@ def pass_with(
     what `learn` does."""
     if limits.bends:
         forget(given.lack)
-        missing, _ = learn(stages, limits, knots, given, layers, z.s)
+        missing = learn(stages, limits, knots, given, layers, z.s)
         if missing != KNOWN:
             return missing
     pass_holds(knots, given, z, at)
@@ -382,14 +372,16 @@ def pass_with(
 
 @part
 def begin_step(
-    knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, limits: Limits, stages: Stages, ends: Ends,
-    step: int, now: Motion, earlier: Motion, room: Scratch,
+    knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, limits: Limits, stages: Stages, organ: Organ,
+    ends: Ends, step: int, now: Motion, earlier: Motion, room: Scratch,
 ) -> tuple[float, int]:  # fmt: skip
     """Write what a step is solved under. Returns the largest place [m], by which its forces are rounded, and what
     `learn` does."""
     start = Unknowns(now.q, now.N, now.s, now.lam, now.y, now.sigma)
     largest = put_references(pace, scene, law, given, now, earlier, room.at)
     put_load(scene, given, ends, step)
+    if not organ.still:
+        go_free(pace, organ, given, now, earlier, room.going)
     missing = pass_with(stages, limits, knots, given, start, now.layers, room.was)
     if limits.bends:
         bending_lengths(limits, knots, given, scene.axial, now.s, now.N, scene.present, room.end.layers)
@@ -402,23 +394,23 @@ def solve_step(
     curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, scene: Scene, pace: Pace, limits: Limits,
     stages: Stages, ends: Ends, step: int, now: Motion, room: Scratch,
 ) -> tuple[int, int]:  # fmt: skip
-    """Solve a step, again where a hole came to a span of which nothing was known, and with the tension that it ends
-    with (`coupling.stepping.settle_layers`). Returns its iterations, −1 where it comes to no end, and what `learn`
+    """Solve a step, on where a hole comes to a span of which nothing was known, and again with the tension that it
+    ends with (`coupling.stepping.settle_layers`). Returns its iterations, −1 where it comes to no end, and what `learn`
     does."""
-    total, passes = 0, 0
+    total, passes, made = 0, 0, room.found.trail.made
+    made[GOES_ON] = 0
+    predict(pace, given, ends, step, now, room.z)
     while True:
-        if passes == 0:
-            predict(pace, given, ends, step, now, room.z)
         if limits.bends:
-            missing, _ = learn(stages, limits, knots, given, room.end.layers, room.z.s)
+            missing = learn(stages, limits, knots, given, room.end.layers, room.z.s)
             if missing != KNOWN:
                 return -1, missing
-        ending, iterations, _ = solve(curve, knots, law, given, bounds, room.z, room.found)
-        if ending != SOLVED:
-            missing, anything = learn(stages, limits, knots, given, room.end.layers, room.z.s)
-            if missing != KNOWN or not anything or passes > 0:
-                return -1, missing
+        iterations, _ = solve(curve, knots, law, given, bounds, room.z, room.found)
+        made[GOES_ON] = made[HOW] == UNKNOWN
+        if made[GOES_ON]:
             continue
+        if iterations < 0:
+            return -1, KNOWN
         total += iterations
         if not limits.bends or passes == limits.passes:
             return total, KNOWN
@@ -443,7 +435,7 @@ def end_step(
         missing = pass_with(stages, limits, knots, given, room.z, now.layers, room.other)
         copy_lack(room.other, room.back)
     if missing != KNOWN:
-        return UNKNOWN, missing
+        return TO_LEARN, missing
     conclude(pace, scene, given, room.found, now, earlier, room.end)
     happened = what_happened(scene, given, room.found.strain, knots, now, room.end)
     if happened != MADE:
@@ -451,9 +443,11 @@ def end_step(
     p, more = len(scene.strength), ends.more[step]
     works = Works(scene.damping, scene.epsilon, p, scene.rough, pace.a, room.at, pace.two_step, more, scene.bearing)
     audit_step(curve, knots, law, given, works, room.found, now, room.end, room.was, room.mid, room.back, room.turns)
-    elastic, worked, numerical = audit_organ(organ, given.C, now, room.end)
-    book(room.turns, elastic, worked, numerical, energies, room.after)
-    return UPHILL if goes_uphill(scene, energies, room.after, energies[ENERGIES]) else MADE, KNOWN
+    if not organ.still:
+        bear(pace, organ, now, room.end, room.going)
+    audit_organ(organ, pace.two_step, given.C, now, room.end, room.body)
+    book(room.turns, room.body, energies, room.after)
+    return UPHILL if goes_uphill(scene, pace, energies, room.after, energies[ENERGIES]) else MADE, KNOWN
 
 
 def march_of(digest: int) -> Any:
@@ -468,7 +462,7 @@ def march_of(digest: int) -> Any:
         """Make the steps from number `first` on, as many as there is room for their `iterations` (steps,). Returns how
         many of all are made, why there are no more, and of what the spline lacks the slot that is asked for.
 
-        Steps change `now`, `earlier` and `energies` (10,), those of `coupling.audit.Energies` in their order. `follow`:
+        Steps change `now`, `earlier` and `energies` (11,), those of `coupling.audit.Energies` in their order. `follow`:
         a step that is too long for the motion is not made.
         """
         assert digest
@@ -476,17 +470,16 @@ def march_of(digest: int) -> Any:
             if follow and is_too_long(pace, scene, knots, given, now):
                 return step, TOO_FAST, KNOWN
             largest, missing = begin_step(
-                knots, law, given, scene, pace, limits, stages, ends, step, now, earlier, room
+                knots, law, given, scene, pace, limits, stages, organ, ends, step, now, earlier, room
             )
             if missing != KNOWN:
-                return step, UNKNOWN, missing
-            far = max(1.0, largest / (knots.breaks[-1] - knots.breaks[0]))
-            here = bounds_at(bounds, scene.rounded * far + scene.round_off * largest)
+                return step, TO_LEARN, missing
+            here = bounds_at(bounds, rounded_force(scene, knots, largest))
             found, missing = solve_step(
                 curve, knots, law, given, here, scene, pace, limits, stages, ends, step, now, room
             )
             if missing != KNOWN:
-                return step, UNKNOWN, missing
+                return step, TO_LEARN, missing
             if found < 0:
                 return step, NOT_SOLVED, KNOWN
             why, missing = end_step(

@@ -124,16 +124,14 @@ def put_lack(stages: Stages, limits: Limits, h: float, span: int, layer: float, 
 
 
 @loop
-def learn(stages: Stages, limits: Limits, knots: Knots, given: Given, layers: Array, s: Array) -> tuple[int, bool]:
+def learn(stages: Stages, limits: Limits, knots: Knots, given: Given, layers: Array, s: Array) -> int:
     """Write what the spline lacks on the spans that hold the abscissae `s` (m,) [m] where it was forgotten. Returns
-    what `put_lack` does, and whether there was anything to learn."""
-    any_new = False
+    what `put_lack` does."""
     for k in range(len(s)):
         span = span_at(knots, given, s[k], k)
         if np.isnan(given.lack[k, span, 0, 0, 0]):
             h = knots.breaks[span + 1] - knots.breaks[span]
             missing = put_lack(stages, limits, h, span, layers[k], given.lack[k, span])
             if missing != KNOWN:
-                return missing, True
-            any_new = True
-    return KNOWN, any_new
+                return missing
+    return KNOWN
