@@ -6,11 +6,11 @@ another branch, on which Newton has landed: its residuals are as small and its b
 which the audit books as numerical dissipation below zero. Friction and damping only take more.
 
 A step along a curved way makes a little too, of second order in its size by backward Euler and of third by BDF2, of
-either sign. So one that makes more than CREATED of what there is, is halved, for the motion's sake: half the step
-halves it, and a branch stays a branch. What parts of dt/16 make is let pass up to a share of all the energy that they
-turn over, or a trace of what there is: beyond that they are refused. Knots that were exchanged leave the thread a
-little off its balance (`coupling.adaptivity`), which short steps just after it turn into motion and later ones take
-back: in the step before which they were, a LOOSENED part of what there is passes.
+either sign. So one that makes more than CREATED of what there is, is halved: half the step makes a quarter of that or
+less, and a branch stays a branch. What parts of dt/16 make is let pass up to a share of all the energy that they turn
+over, or a trace of what there is: beyond that they are refused. Knots that were exchanged leave the thread a little
+off its balance (`coupling.adaptivity`), which short steps just after it turn into motion and later ones take back: in
+the step before which they were, a LOOSENED part of what there is passes.
 
 BDF2 falls in a norm of its own, over two steps: where a stiff motion begins at once it takes in one step what it gives
 back in the next. For linear motion with losses, in the norm of its energy E, the formula
@@ -25,6 +25,8 @@ D = W − ΔE what a step takes,
 
 and r < 1 where the formula is zero-stable, a third at equal steps (Dahlquist's G-stability, BIT 18, 1978). 2β⁻ − D⁻ is
 the loan of the step before, of which the next one may give back the part r. An organ's β is taken to be its D.
+Forces from outside that change, steps that do, and a curved way add terms of either sign that the bound leaves out:
+such a step may be halved although its motion is the right one.
 """
 
 from dataclasses import dataclass
