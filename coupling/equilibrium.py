@@ -688,18 +688,10 @@ def told_to_snap(system: System[Body], step: Step[Body], depth: int) -> Step[Bod
 def refuse_folding(step: Step[Body]) -> None:
     """Raise `StepError` where a load step has folded the thread within a span: its end was pushed past the next points,
     and Newton's method has left it there."""
-    if (folds(step.new, step) & ~folds(step.old, step)).any():
+    spline, old, new = step.solution.problem.system.thread.spline, step.old, step.new
+    folded = spline.folds(new.q[:, :3], new.s[new.present]) & ~spline.folds(old.q[:, :3], old.s[old.present])
+    if folded.any():
         raise StepError(step.old.time, step.dt, "the thread turned back on itself within a span")
-
-
-def folds(state: State[Body], step: Step[Body]) -> Flags:
-    """Tell in which spans, without a hole in them, a tangent turns by more than 90°, shape `(spans,)`."""
-    spline = step.solution.problem.system.thread.spline
-    ends = spline.breaks[:-1], spline.breaks[1:]
-    before, after = (spline.curve(state.q[:, :3], s, home=0.5 * (ends[0] + ends[1]))[:, 1] for s in ends)
-    folded = np.vecdot(before, after) < 0.0
-    folded[spline.spans_of(state.s[state.present])] = False
-    return np.asarray(folded)
 
 
 def refuse_jump(organ: Creeping, step: Step[Body]) -> None:

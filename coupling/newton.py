@@ -499,6 +499,7 @@ def contact_forces(contact: Contact[Body] | None, z: Iterate, r: Residual) -> Ar
     return forces(contact, z.pressed, r.f_y.ravel())
 
 
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")  # a try that runs away is refused in words
 def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body], patience: int) -> Solution[Body]:
     """Iterate by Newton from `z` with its active set. Raises `StepError`."""
     r = evaluate(problem, z)

@@ -136,6 +136,15 @@ class Spline:
         ends, piece = np.searchsorted(self.breaks, self.piece_ends), self.piece_of(home)
         return np.clip(span, ends[piece], ends[piece + 1] - 1)
 
+    def folds(self, q: Array, s: Array) -> NDArray[np.bool_]:
+        """Tell in which spans a tangent of the curve with control points `q` (n, 3) turns by more than 90°, where none
+        of the abscissae `s` (m,) lies, shape `(spans,)`."""
+        ends = self.breaks[:-1], self.breaks[1:]
+        before, after = (self.curve(q, place, home=0.5 * (ends[0] + ends[1]))[:, 1] for place in ends)
+        folded = np.asarray(np.vecdot(before, after) < 0.0)
+        folded[self.spans_of(s)] = False
+        return folded
+
     def interpolate(self, s: Array, home: Array, at: Array, at_home: Array, values: Array) -> Array:
         """Interpolate `values` known at rising abscissae `at` at the abscissae `s`, each on its own piece of the curve.
 

@@ -226,7 +226,7 @@ def test_loops_that_make_no_step_are_asked_ever_less(monkeypatch: pytest.MonkeyP
         for _ in range(40):
             run = run.steps(dt, 1)
     assert len(asked) == 6
-    run = run.steps(dt, 64)
+    run = run.steps(dt, 48)
     made_alone = both(run, dt, 5, monkeypatch)
     assert made_alone.made == [5]
 

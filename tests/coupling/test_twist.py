@@ -14,7 +14,7 @@ from coupling.audit import audit_step, initial_energies
 from coupling.constraints import phi
 from coupling.errors import StepError
 from coupling.integrators import BackwardEuler
-from coupling.newton import allowed_share, correct, evaluate
+from coupling.newton import Iterate, allowed_share, correct, evaluate, solve
 from coupling.paper.linear_step import linear_step
 from coupling.stepping import Step, Take, advance, dynamic_problem, organ_answer, try_step
 from coupling.system import Piercing, State, System
@@ -164,3 +164,15 @@ def test_a_tangent_that_turns_too_far_in_a_step_is_refused() -> None:
     elsewhere = replace(state.frame, t=np.broadcast_to(began, state.frame.t.shape))
     with pytest.raises(StepError, match="120°"):
         try_step(system, replace(state, frame=elsewhere), DT)
+
+
+def test_a_try_without_tangents_is_refused_without_a_warning() -> None:
+    """Independent check: a thread all of whose points lie in one has no direction for a frame to follow, its forces are
+    no numbers, and the step says so in words; a warning would be an error here."""
+    thread = uniform(LENGTH, 12, twist=True)
+    system = without_organ(thread)
+    state = laid(system, [], line(START, X))
+    problem = dynamic_problem(system, state, DT, organ_answer(system, BackwardEuler(DT), state))
+    gathered = Iterate(np.zeros_like(state.q), state.N, state.s, state.lam, state.y, state.sigma)
+    with pytest.raises(StepError, match="a force is not finite"):
+        solve(problem, gathered)
