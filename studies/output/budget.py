@@ -7,10 +7,10 @@ from studies.output.fields import OrganTopology
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.refusal import refusal
 
-# Bytes, measured on runs of 20 to 60 control points, 2 piercings and 4000 to 12 000 nodes, P1 and P2: 28 a node on
-# structured meshes, up to 54 on others (displacement and stress, compressed; the mesh itself goes with them), 200 a
-# control point, 200 a row of energy.csv and of steps.csv, 250 to 500 one of piercings.csv.
-PER_NODE, PER_CONTROL_POINT, PER_HOLE_DRAWN = 54.0, 200.0, 1400.0
+# Bytes, measured on runs of 20 to 60 control points, 2 piercings and 4000 to 12 000 nodes, P1 and P2: 25 a node on
+# structured meshes, up to 49 on others (displacement and stress, compressed; the mesh itself goes with them), 90 a
+# control point, 140 with twist and tracts, 200 a row of energy.csv and of steps.csv, 250 to 500 one of piercings.csv.
+PER_NODE, PER_CONTROL_POINT, PER_HOLE_DRAWN = 49.0, 140.0, 1400.0
 PER_STEP, PER_HOLE = 400.0, 500.0
 GIGA = 1e9
 
