@@ -32,7 +32,7 @@ from coupling.stepping import PASSES, dynamic_problem
 from coupling.system import State, System
 from coupling.tables import OVER, bounds_of, empty_found, given_of, law_of, plain, tables_of
 from coupling.tension import FINE, REST, SETTLED
-from coupling.watch import CREATED
+from coupling.watch import CREATED, CREATED_BDF2, SHARE, TRACE
 from thread.compliance import POWERS, SLACK
 from thread.spline import ORDERS
 from thread.thread import STAGES, Thread
@@ -270,6 +270,9 @@ def scene_of(problem: Problem[Any], present: Flags) -> Scene:
         borne=float(borne_pressure(thread, factor) / thread.EA),
         crossed=CROSSED,
         create=CREATED,
+        create_bdf2=CREATED_BDF2,
+        there=TRACE,
+        turned=SHARE,
         bearing=BORNE,
     )
 

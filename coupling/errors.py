@@ -34,6 +34,11 @@ class UphillError(StepError):
 
 
 @dataclass
+class LentError(StepError):
+    """A step of BDF2 that gives back so much of what the one before took that it is to forget it (`coupling.watch`)."""
+
+
+@dataclass
 class TurnedHoleError(StepError):
     """A step that was not solved where a linear organ has turned a hole so far that its frame hardly says a direction
     (`coupling.diagnosis`)."""

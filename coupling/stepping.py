@@ -15,7 +15,7 @@ from coupling.constraints import Passage, bare_passage
 from coupling.contact import first_sets
 from coupling.continuation import solve_downhill
 from coupling.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refuse_held_end
-from coupling.errors import InversionError, StepError, UphillError
+from coupling.errors import InversionError, LentError, StepError, UphillError
 from coupling.integrators import BDF2, BackwardEuler, Scheme
 from coupling.interfaces import Answer, Body
 from coupling.motion import is_too_long, what_it_does
@@ -339,7 +339,8 @@ def advance(
 
     `take` makes one step and is the monolithic implicit one unless another is named; `watch` sees each before it is
     accepted, in their order, and raises `StepError` where it is not to be; one that makes energy is halved, down to
-    dt/2⁴, by the integrator that it has, and one of BDF2 that still does is taken again by backward Euler. `follow`: a
+    dt/2⁴, by the integrator that it has, and one of BDF2 that still does, or gives back what a shock took, is taken
+    again by backward Euler. `follow`: a
     step in which the thread moves further than one sees is halved before it is tried (`coupling.motion`). A step at
     whose end the thread has left a hole is taken again without that hole, one in which it flipped through a hole in
     halves: it may have jumped where the motion would have gone. Raises `StepError` when the smallest step fails too or
@@ -368,6 +369,10 @@ def advance(
                 pending += [(0.5 * part, level + 1, remembers)] * 2
                 continue
             watch(system, step)
+        except LentError:
+            state = forgetful(state)
+            pending.append((part, level, remembers))
+            continue
         except (StepError, InversionError) as error:
             if isinstance(error, UphillError) and level < min(depth + CURVED, HALVINGS):
                 pending += [(0.5 * part, level + 1, remembers)] * 2

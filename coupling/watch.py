@@ -6,8 +6,9 @@ another branch, on which Newton has landed: its residuals are as small and its b
 which the audit books as numerical dissipation below zero. Friction and damping only take more.
 
 A step along a curved way makes a little too, of second order in its size by backward Euler and of third by BDF2, of
-either sign. So one that makes more than CREATED of what there is, is halved: half the step makes a quarter of that or
-less, and a branch stays a branch. What parts of dt/16 make is let pass up to a share of all the energy that they turn
+either sign. So one that makes more than CREATED of what there is, by BDF2 more than CREATED_BDF2, as a thread does that
+passes a hole by its knots, is halved: half the step makes a quarter of that or less, and a branch stays a branch. What
+parts of dt/16 make is let pass up to a share of all the energy that they turn
 over, or a trace of what there is: beyond that they are refused. Knots that were exchanged leave the thread a little
 off its balance (`coupling.adaptivity`), which short steps just after it turn into motion and later ones take back: in
 the step before which they were, a LOOSENED part of what there is passes.
@@ -26,13 +27,14 @@ D = W − ΔE what a step takes,
 and r < 1 where the formula is zero-stable, a third at equal steps (Dahlquist's G-stability, BIT 18, 1978). 2β⁻ − D⁻ is
 the loan of the step before, of which the next one may give back the part r. An organ's β is taken to be its D.
 Forces from outside that change, steps that do, and a curved way add terms of either sign that the bound leaves out:
-such a step may be halved although its motion is the right one.
+such a step may be halved although its motion is the right one. What gives back more than such a share or trace follows
+a shock: it is taken by backward Euler, without memory of it.
 """
 
 from dataclasses import dataclass
 
 from coupling.audit import Energies, audit_step, is_of_bdf2
-from coupling.errors import UphillError
+from coupling.errors import LentError, UphillError
 from coupling.interfaces import Body
 from coupling.stepping import Step, scheme_of
 from coupling.system import System
@@ -41,6 +43,7 @@ SHARE = 0.02  # of the energy that a step turns over
 TRACE = 1e-5  # of the work done so far and the energy stored
 LOOSENED = 0.02  # of the same
 CREATED = 1e-6  # of the same, as long as the step is halved for it
+CREATED_BDF2 = 5e-6  # of the same, likewise; on a smooth course of the main job's kind some 4e-6 at the thread's knots
 
 
 @dataclass
@@ -58,7 +61,7 @@ class Watch:
     least: float = 0.0
 
     def __call__(self, system: System[Body], step: Step[Body]) -> None:
-        """Audit a step. Raises `UphillError` where it makes energy."""
+        """Audit a step. Raises `UphillError` where it makes energy, `LentError` where it gives back too much."""
         old, new = self.energies[-1], audit_step(system, self.energies[-1], step)
         made = old.numerical_dissipation - new.numerical_dissipation
         if self.downhill and made - given_back(step, old) > self.bound(step, old, new):
@@ -67,12 +70,18 @@ class Watch:
                 "another branch than the motion"
             )
             raise UphillError(step.old.time, step.dt, cause)
+        if self.downhill and made > self.loose_bound(old, new):
+            raise LentError(step.old.time, step.dt, f"it would give back {made:.3g} J that the step before took")
         self.energies.append(new)
 
     def bound(self, step: Step[Body], old: Energies, new: Energies) -> float:
         """Return what a step may make, besides what it gives back [J]."""
         if step.dt > self.least and not self.refitted:
-            return CREATED * new.at_stake
+            return (CREATED_BDF2 if is_of_bdf2(step) else CREATED) * new.at_stake
+        return self.loose_bound(old, new)
+
+    def loose_bound(self, old: Energies, new: Energies) -> float:
+        """Return what no step may make, whether it gives it back or not [J]."""
         loose = LOOSENED if self.refitted else TRACE
         return max(SHARE * turned_over(old, new), loose * new.at_stake)
 

@@ -30,7 +30,7 @@ from coupling.adaptivity import span_ratio
 from coupling.audit import audit_step, is_of_bdf2
 from coupling.diagnosis import frame_areas
 from coupling.errors import CouplingError, InversionError, StepError, TurnedHoleError, UphillError
-from coupling.watch import CREATED, given_back
+from coupling.watch import CREATED, CREATED_BDF2, given_back
 from studies.campaign.generator import KINDS, Case, cases
 from studies.campaign.quarter import PARTS, forces_apart, lengths_apart, with_shorter_steps
 from studies.figure import COLOURS, panels
@@ -250,8 +250,8 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     gentle, sudden = [row for row in rows if row.gentle], [row for row in rows if row.kind == "sudden"]
     asked = (("gentle cases", gentle, ASKED), ("sudden dead loads", sudden, ASKED_SUDDEN))
     out = [arrived(name, group, share_asked) for name, group, share_asked in asked if group]
-    out.append(makes("backward Euler", rows, [row.created for row in rows]))
-    out.append(makes("BDF2", rows, [row.created_bdf2 for row in rows]))
+    out.append(makes("backward Euler", rows, [row.created for row in rows], CREATED))
+    out.append(makes("BDF2", rows, [row.created_bdf2 for row in rows], CREATED_BDF2))
     return [*out, *agreement(rows)] + [
         f"case {row.number} ({row.kind}, {row.suture}, demand {row.demand:.2g}): {row.cause} at "
         f"{row.time:.4g} of {row.duration:.4g} s, spans over layer {row.span_ratio:.2g}"
@@ -267,12 +267,12 @@ def arrived(name: str, rows: Sequence[Row], asked: float) -> str:
     return f"{name} that completed: {share(rows)}{word} (asked are {asked:.0%})"
 
 
-def makes(scheme: str, rows: Sequence[Row], made: Sequence[float]) -> str:
-    """Say in how many cases a step of a `scheme` made more than CREATED of the energy there was, `made` being the most
-    of each [-]."""
-    beyond = sum(part > CREATED for part in made)
+def makes(scheme: str, rows: Sequence[Row], made: Sequence[float], bound: float) -> str:
+    """Say in how many cases a step of a `scheme` made more than a `bound` of the energy there was, `made` being the
+    most of each [-]."""
+    beyond = sum(part > bound for part in made)
     text = (
-        f"cases in which a step of {scheme} made more than {CREATED:g} of the energy there was: {beyond} of {len(rows)}"
+        f"cases in which a step of {scheme} made more than {bound:g} of the energy there was: {beyond} of {len(rows)}"
     )
     worst = int(np.argmax(made))
     return f"{text}, at most {made[worst]:.2g} of it (case {rows[worst].number})" if beyond else text

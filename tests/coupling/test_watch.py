@@ -11,7 +11,7 @@ import pytest
 import coupling.stepping
 import coupling.watch
 from coupling.audit import Energies, is_of_bdf2
-from coupling.errors import StepError, UphillError
+from coupling.errors import LentError, StepError, UphillError
 from coupling.run import Run, begin
 from coupling.stepping import Step, advance, bdf2_step, try_step
 from coupling.system import Piercing, State, System
@@ -125,6 +125,34 @@ def test_a_step_is_judged_at_its_bound(
             watcher(system, step)
         assert watcher.energies == ([before] if refused else [before, after])
         Watch([before], downhill=False)(system, step)
+
+
+def test_what_a_shock_lends_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: a step of BDF2 that gives back its loan passes up to a trace of what there is; beyond, the
+    watch asks for one without memory, and the step is taken by backward Euler, as long as it was."""
+    run = shaken()
+    for _ in range(3):
+        run = run.step(2e-4)
+    step = bdf2_step(run.system, run.state, 2e-4)
+    assert is_of_bdf2(step)
+    before = replace(run.energies, loan=run.energies.at_stake)
+    for share, forgotten in ((0.999, False), (1.001, True)):
+        made = before.numerical_dissipation - share * TRACE * before.at_stake
+        after = replace(before, numerical_dissipation=made)
+        monkeypatch.setattr(coupling.watch, "audit_step", lambda system, energies, step, after=after: after)
+        watcher = Watch([before])
+        if forgotten:
+            with pytest.raises(LentError, match="give back"):
+                watcher(run.system, step)
+        else:
+            watcher(run.system, step)
+
+    def watch(system: System, step: Step) -> None:
+        if is_of_bdf2(step):
+            raise LentError(step.old.time, step.dt, "it would give back")
+
+    (part,) = advance(run.system, run.state, 2e-4, bdf2_step, watch=watch)
+    assert part.dt == 2e-4 and not is_of_bdf2(part)
 
 
 def shaken() -> Run:

@@ -13,7 +13,7 @@ from coupling.errors import ConstraintError, CouplingError, InversionError, Step
 from studies.campaign import study
 from studies.campaign.generator import GENTLE, KINDS, SUTURES, cases
 from studies.campaign.quarter import forces_apart, lengths_apart, with_shorter_steps
-from studies.campaign.study import CAUSES, CREATED, Row, cause_of, figure, remarks, run, table
+from studies.campaign.study import CAUSES, CREATED, CREATED_BDF2, Row, cause_of, figure, remarks, run, table
 from studies.scenario import parse
 from studies.study import AT_WORK
 
@@ -84,7 +84,7 @@ def test_what_did_not_arrive_is_counted_and_listed() -> None:
     stopped = run(case, most=2)
     assert stopped.cause == "corrections spent" and 0.0 < stopped.time < stopped.duration
     done = replace(stopped, cause="completed", time=stopped.duration, created=2.0 * CREATED)
-    taken = replace(done, created=0.0, created_bdf2=3.0 * CREATED)
+    taken = replace(done, created=0.0, created_bdf2=3.0 * CREATED_BDF2)
     rows: list[Row] = [stopped, done, taken]
     lines = {line[0]: line[1] for line in table(rows).lines}
     assert lines["all"] == "2 of 3" and lines[case.kind] == "2 of 3"

@@ -76,8 +76,9 @@ class Scene(NamedTuple):
     `rough`, (m,) each; the largest force that the tissue bears at each piercing, `strength` (p,) [N]; `damping` [1/s],
     ε [kg]; what places are multiplied by for `round_off` of forces [N/m], and what of that is of the thread itself
     [N]; the pressure that the thread bears [N] over EA, `borne`; spans that may run through a hole, `crossed`; shares
-    of the energy there is, which a step may `create`, and of a compliance that is exchanged in place, `bearing`
-    [-]."""
+    of energies that a step may make [-]: of what there is `create`, one of BDF2 `create_bdf2` besides what it gives
+    back, and with that `there`, or `turned` of what it turns over; and of a compliance that is exchanged in place,
+    `bearing` [-]."""
 
     weight: Array
     axial: Array
@@ -93,6 +94,9 @@ class Scene(NamedTuple):
     borne: float
     crossed: float
     create: float
+    create_bdf2: float
+    there: float
+    turned: float
     bearing: float
 
 
@@ -333,10 +337,13 @@ def book(turns: Array, body: Array, energies: Array, out: Array) -> None:
 def goes_uphill(scene: Scene, pace: Pace, old: Array, new: Array, prestretch: float) -> bool:
     """Whether a step makes energy, as `coupling.watch.Watch` says of one that is not a part."""
     made = old[6] - new[6]
+    lent, create = 0.0, scene.create
     if pace.two_step:
-        made += pace.before * max(old[9], 0.0)
+        lent, create = -pace.before * max(old[9], 0.0), scene.create_bdf2
     at_stake = new[0] + new[1] + abs(new[2] - prestretch) + abs(new[3])
-    return not made <= scene.create * at_stake
+    turned = abs(new[3] - old[3]) + abs(new[0] - old[0]) + abs(new[1] - old[1]) + abs(new[2] - old[2])
+    within = made <= max(scene.turned * turned, scene.there * at_stake)
+    return not (within and made - lent <= create * at_stake)
 
 
 @loop
