@@ -209,7 +209,7 @@ def _add_study(parser: argparse.ArgumentParser) -> None:
     from studies.study import PRESETS
 
     parser.add_argument("name", metavar="NAME", help="a study, or list")
-    parser.add_argument("--preset", choices=PRESETS, default="quick", help="default: quick, less than a minute")
+    parser.add_argument("--preset", choices=PRESETS, default="quick", help="default: quick, two minutes at most")
     parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], help="set one argument, in TOML")
     parser.add_argument("--out", metavar="DIR", type=Path, help="folder, default results/NAME")
     parser.add_argument("--overwrite", action="store_true", help="replace the study in DIR")

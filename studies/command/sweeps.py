@@ -98,15 +98,22 @@ class Teller:
             print_lines([f"{counted(count)}, each with a line when it is done"], sys.stderr)
 
     def tell(self, told: Told) -> None:
-        """Write a line of the case that is done, and of the time that is left by the pace of those before."""
+        """Write a line of the case that is done, and of the time that is left by the pace of those before; those that
+        are refused before any is run tell no pace."""
         if self._quiet:
             return
-        self._first = told.done if self._first is None else self._first
-        taken = monotonic() - self._begin
-        left = taken / (told.done - self._first + 1) * (told.count - told.done)
+        if self._first is None and told.exit_status != REFUSED:
+            self._first = told.done
+        left = "" if self._first is None else f", {self._left(told, self._first)} left"
         settings = ", ".join(f"{key} = {plain(value)}" for key, value in told.settings.items()) or "as it is"
         what = next((word for word, number in STATUSES.items() if number == told.exit_status), "failed")
-        print_lines([f"{told.done}/{told.count}, {duration(left)} left: {what}: {settings}"], sys.stderr)
+        why = f": {'; '.join(told.error.splitlines())}" if told.error else ""
+        print_lines([f"{told.done}/{told.count}{left}: {what}: {settings}{why}"], sys.stderr)
+
+    def _left(self, told: Told, first: int) -> str:
+        """Return the time that is left in words, by the pace since the `first` case that was run."""
+        taken = monotonic() - self._begin
+        return duration(taken / (told.done - first + 1) * (told.count - told.done))
 
 
 def run_refinement(options: argparse.Namespace) -> int:

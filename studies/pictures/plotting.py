@@ -43,7 +43,8 @@ def line_of(run: RunResults, name: str) -> Line:
     if name not in known:
         near = nearest(name, list(known))
         hint = f"the nearest is {near}; " if near else ""
-        raise ResultsError(f"{name} is refused: the run has no such column; {hint}it has {', '.join(known)}")
+        beside = [key for key in known if key.partition(".")[0] == (near or name).partition(".")[0]]
+        raise ResultsError(f"{name} is refused: the run has no such column; {hint}it has {', '.join(beside or known)}")
     table, column = known[name]
     vectors = {key: (unit, values) for key, unit, values in lengths(table)}
     unit, values = vectors.get(column) or (table.units.get(column, ""), table.columns[column])

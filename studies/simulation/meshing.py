@@ -176,7 +176,7 @@ def check_memory(table: model.Tissue, grading: Grading, sites: Array, body: Body
         tets = expected_tets(body.volume, grading, sites, body.inside)
     if problem := too_large(tets, table.element):
         key = "h" if grading.h_site == grading.h else "h_site"
-        reason = f"with h = {grading.h:g} m it makes {problem}; take larger elements"
+        reason = f"with h = {grading.h:g} m it makes {problem}; take larger elements, and give sizes in m"
         raise ScenarioError(refusal(f"tissue.mesh.{key}", getattr(grading, key), reason))
 
 

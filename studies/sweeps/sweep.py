@@ -35,12 +35,14 @@ STARTS = 3  # cases whose start is tried for the names of columns
 
 @dataclass(frozen=True)
 class Told:
-    """How far a sweep has come: `done` of `count` cases, `settings` and `exit_status` of the last."""
+    """How far a sweep has come: `done` of `count` cases, `settings` and `exit_status` of the last, and its `error`, a
+    sentence, empty where it was completed."""
 
     done: int
     count: int
     settings: Settings
     exit_status: int
+    error: str
 
 
 @dataclass(frozen=True)
@@ -142,6 +144,8 @@ def _sweep(
     where = {"code": code_version()[0], "provenance": provenance()}
     write_json(folder / MARK, {**asked, "over": varied, "base": base, **where})
     found = {case.digest: known for case in planned if case.digest and (known := known_case(kept, case.digest))}
+    for number, case in enumerate((case for case in planned if case.refused), start=1):
+        tell(Told(number, len(planned), case.settings, REFUSED, case.refused))
     missing = in_order_of_organs([case for case in planned if case.digest and case.digest not in found])
     done = len(planned) - len(missing)
     for number, result in workers.done(run_case, [case.data for case in missing]):
@@ -149,7 +153,7 @@ def _sweep(
         found[case.digest] = record(result)
         if result.lasting:
             write_json(kept / f"{case.digest}.json", found[case.digest])
-        tell(Told(done, len(planned), case.settings, result.exit_status))
+        tell(Told(done, len(planned), case.settings, result.exit_status, result.summary.get("error", "")))
     table = table_of([row_of(case, found) for case in planned])
     write_tables(table, folder)
     return table

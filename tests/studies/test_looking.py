@@ -177,7 +177,7 @@ def test_a_picture_of_a_time_is_that_of_the_nearest_frame(run: Path) -> None:
 
 def test_columns_are_drawn_over_time(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Independent check: a column by its name, a vector by its length, in the unit of the charts; a wrong name ends in
-    the nearest."""
+    the nearest, and in the columns of its table."""
     results = read_run(run)
     name, unit, times, values = line_of(results, "piercings.exit.slip")
     assert (name, unit) == ("piercings.exit.slip", "mm")
@@ -188,7 +188,8 @@ def test_columns_are_drawn_over_time(run: Path, tmp_path: Path, capsys: pytest.C
     assert main(["plot", str(run), "piercings.exit.slip", "energy.kinetic", "--out", str(target)]) == 0
     assert target.stat().st_size > 10_000
     assert main(["plot", str(run), "piercings.exit.slipp"]) == 2
-    assert "the nearest is piercings.exit.slip;" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "the nearest is piercings.exit.slip;" in told and "piercings.entry.force" in told and "energy." not in told
 
 
 def test_pairs_and_loads_are_curves_of_their_own(run: Path, tmp_path: Path) -> None:

@@ -229,8 +229,11 @@ def test_many_tensions_pay_for_one_organ(tmp_path: Path, monkeypatch: pytest.Mon
 def test_failures_are_rows(tmp_path: Path) -> None:
     """Independent check: what is refused has its exit status and its sentence, and the others are run; a sweep is
     refused where all of it is."""
-    table = sweep(RING, PULLS, tmp_path / "out")
+    lines: list[Told] = []
+    table = sweep(RING, PULLS, tmp_path / "out", tell=lines.append)
     assert table["exit_status"].values == (0, 2, 0, 0, 2, 0)
+    assert [told.done for told in lines] == [1, 2, 3, 4, 5, 6]
+    assert ["thread.damping = -1.0 is refused" in told.error for told in lines] == [True] * 2 + [False] * 4
     assert table["thread.start.force.0"].heading == "thread.start.force.0 [N]"
     assert "thread.damping = -1.0 is refused" in str(table["error"].values[1])
     slip, pulls = table["piercings.ring.slip"], table["thread.damping"]
