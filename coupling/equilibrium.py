@@ -35,6 +35,7 @@ from coupling.errors import (
     OutError,
     SpentError,
     StepError,
+    UnbalancedError,
 )
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
@@ -501,7 +502,7 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
 
 
 def refuse_unbalanced(system: System[Body], state: State[Body], duration: float) -> None:
-    """Raise `EquilibriumError` where two different dead loads, or one and a free end, draw on a thread that may slide
+    """Raise `UnbalancedError` where two different dead loads, or one and a free end, draw on a thread that may slide
     in all its holes, and these bear no such difference: without friction the tension is the same all along.
 
     An end that is short compared with √(EI/F) may stand across its load and balance another one (the elastica arm
@@ -523,7 +524,7 @@ def refuse_unbalanced(system: System[Body], state: State[Body], duration: float)
         f"the dead loads are unbalanced, {load[0]:.4g} N at the start and {load[1]:.4g} N at the end of a thread that "
         f"{slides}"
     )
-    raise EquilibriumError(state.time, duration - state.time, cause)
+    raise UnbalancedError(state.time, duration - state.time, cause)
 
 
 def largest_load(system: System[Body], state: State[Body], load: Array) -> float:

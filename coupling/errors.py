@@ -110,6 +110,13 @@ class EquilibriumError(StepError):
 
 
 @dataclass
+class UnbalancedError(EquilibriumError):
+    """Dead loads that have no equilibrium, however it is looked for."""
+
+    remedy: str = "hold an end, add friction or an anchor, or let the loads differ by less"
+
+
+@dataclass
 class OutError(EquilibriumError):
     """A load step in which the thread runs out of its last hole: under more of the loads there is no equilibrium."""
 

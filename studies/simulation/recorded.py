@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from coupling.errors import CouplingError
+from coupling.errors import CouplingError, UnbalancedError
 from studies.output.budget import check_disk
 from studies.output.checkpoint import read_checkpoint
 from studies.output.folder import Recorder, can_resume, check_folder, completed_run
@@ -33,8 +33,9 @@ def run(
     `mesh` and `on_step` as in `prepare`, None leaves those of what is prepared. A folder that holds a run is refused,
     unless the run goes on (`resume`) or is replaced (`overwrite`); one with laws of one's own cannot go on, since no
     file says whether they are the same. What helps a run that fails is tried on copies and said in a remark, unless
-    `remedies` is False. A step is recorded before `on_step` is called with it; an exception from it
-    ends the run, whose folder then says so. Raises the errors of input that cannot be run, and of a run that fails.
+    `remedies` is False or dead loads are unbalanced, where nothing tried can help. A step is recorded before `on_step`
+    is called with it; an exception from it ends the run, whose folder then says so. Raises the errors of input that
+    cannot be run, and of a run that fails.
     """
     folder, ready = Path(folder), scenario if isinstance(scenario, Simulation) else None
     if ready is not None:
@@ -52,7 +53,7 @@ def run(
                     for step, frame in moments:
                         recorder.record(step, frame)
             except CouplingError as failure:
-                if remedies:
+                if remedies and not isinstance(failure, UnbalancedError):
                     copy = partial(prepare_copy, simulation.assembly.given, Shared())
                     recorder.remark(try_remedies(simulation.scenario, failure, recorder.last_step, copy))
                 raise

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import studies
-from coupling.errors import CouplingError, CreatedEnergyError, TurnedHoleError
+from coupling.errors import CouplingError, CreatedEnergyError, TurnedHoleError, UnbalancedError
 from studies import load
 from studies.command import command
 from studies.output.records import Snapshot, StepRecord
@@ -135,6 +135,17 @@ def test_a_run_that_fails_leaves_what_helps(tmp_path: Path) -> None:
     assert 'with solve.scheme = "newton", solve.integrator = "bdf2" the run' in said[0][0]
     assert command.main([*words, "--no-remedies", "--out", str(tmp_path / "none")]) == 1
     assert remedy_in(tmp_path / "none") == []
+
+
+def test_nothing_is_tried_where_dead_loads_are_unbalanced(tmp_path: Path) -> None:
+    """Independent check: 1 N and 2 N at the ends of a thread through a ring without friction have no equilibrium,
+    whatever the steps and the knots are."""
+    thread = scenario_of().thread.model_dump(exclude_unset=True)
+    loads = {"start": {"kind": "pulled", "force": [-1, 0, 0]}, "end": {"kind": "pulled", "force": [2, 0, 0]}}
+    unequal = parse(tables(scenario_of(kind="static")) | {"thread": thread | loads})
+    with pytest.raises(UnbalancedError, match=r"1 N at the start and 2 N at the end .* let the loads differ by less$"):
+        studies.run(unequal, tmp_path)
+    assert remedy_in(tmp_path) == []
 
 
 def remedy_in(folder: Path) -> list[str]:
