@@ -139,7 +139,7 @@ def _add_workers(parser: argparse.ArgumentParser, cluster: bool = True) -> None:
 
 def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text} is refused: give a whole number of processes, 1 or more")
+        raise argparse.ArgumentTypeError(f"{text} is refused: give a whole number, 1 or more")
     return int(text)
 
 
@@ -231,11 +231,11 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
         help="default: all, which is step, many, finite and the assembly of a large organ",
     )
     parser.add_argument(
-        "--sizes", metavar="N", type=int, nargs="+", default=[3_000, 10_000, 30_000], help="unknowns, for organ"
+        "--sizes", metavar="N", type=_count, nargs="+", default=[3_000, 10_000, 30_000], help="unknowns, for organ"
     )
     parser.add_argument("--element", choices=("P1", "P2"), default="P1", help="of the organ, for organ")
     parser.add_argument("--solver", choices=SOLVERS, default="auto", help="of the organ, for step and finite")
-    parser.add_argument("--tensions", metavar="N", type=int, default=64, help="on one organ, for many")
+    parser.add_argument("--tensions", metavar="N", type=_count, default=64, help="on one organ, for many")
     parser.add_argument("--json", metavar="FILE", type=Path, help="write the numbers as JSON")
 
 

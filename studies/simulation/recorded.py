@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from coupling.errors import CouplingError, UnbalancedError
+from coupling.errors import CouplingError
 from studies.output.budget import check_disk
 from studies.output.checkpoint import read_checkpoint
 from studies.output.folder import Recorder, can_resume, check_folder, completed_run
@@ -14,7 +14,7 @@ from studies.scenario import Scenario, ScenarioError
 from studies.scenario.scenario import check_given
 from studies.simulation.given import Given
 from studies.simulation.interface import AnySimulation, Moments
-from studies.simulation.remedies import try_remedies
+from studies.simulation.remedies import may_help, try_remedies
 from studies.simulation.sharing import Shared, Store
 from studies.simulation.simulation import OnStep, Simulation, prepare
 
@@ -53,7 +53,7 @@ def run(
                     for step, frame in moments:
                         recorder.record(step, frame)
             except CouplingError as failure:
-                if remedies and not isinstance(failure, UnbalancedError):
+                if remedies and may_help(failure):
                     copy = partial(prepare_copy, simulation.assembly.given, Shared())
                     recorder.remark(try_remedies(simulation.scenario, failure, recorder.last_step, copy))
                 raise

@@ -15,7 +15,7 @@ from studies.command import command
 from studies.output.records import Snapshot, StepRecord
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.scenario import parse
-from studies.scenario.toml import changed, parsed, tables
+from studies.scenario.toml import changed, dump, parsed, tables
 from studies.simulation.remedies import MOST, PAST, remedies, try_remedies
 from tests.studies.samples import Stub, framing, step
 
@@ -144,8 +144,11 @@ def test_nothing_is_tried_where_dead_loads_are_unbalanced(tmp_path: Path) -> Non
     loads = {"start": {"kind": "pulled", "force": [-1, 0, 0]}, "end": {"kind": "pulled", "force": [2, 0, 0]}}
     unequal = parse(tables(scenario_of(kind="static")) | {"thread": thread | loads})
     with pytest.raises(UnbalancedError, match=r"1 N at the start and 2 N at the end .* let the loads differ by less$"):
-        studies.run(unequal, tmp_path)
-    assert remedy_in(tmp_path) == []
+        studies.run(unequal, tmp_path / "python")
+    (tmp_path / "unequal.toml").write_text(dump(unequal), encoding="utf-8")
+    words = ["run", str(tmp_path / "unequal.toml"), "--quiet", "--no-picture", "--out", str(tmp_path / "command")]
+    assert command.main(words) == 1
+    assert remedy_in(tmp_path / "python") == remedy_in(tmp_path / "command") == []
 
 
 def remedy_in(folder: Path) -> list[str]:
