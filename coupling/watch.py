@@ -27,13 +27,19 @@ and r < 1 where the formula is zero-stable, a third at equal steps (Dahlquist's 
 the loan of the step before, of which the next one may give back the part r. An organ's β is taken to be its D.
 Forces from outside that change, steps that do, and a curved way add terms of either sign that the bound leaves out:
 such a step may be halved although its motion is the right one.
+
+A thread that rests without tension has the energy of its round-off alone, and makes and takes all of it in any step:
+what the round-off of forces does on the way that stores what there is, `rounded_work`, passes always.
 """
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from coupling.audit import Energies, audit_step, is_of_bdf2
 from coupling.errors import UphillError
 from coupling.interfaces import Body
+from coupling.newton import rounded_force
 from coupling.stepping import Step, scheme_of
 from coupling.system import System
 
@@ -71,10 +77,19 @@ class Watch:
 
     def bound(self, step: Step[Body], old: Energies, new: Energies) -> float:
         """Return what a step may make, besides what it gives back [J]."""
+        rounded = rounded_work(step, new.at_stake)
         if step.dt > self.least and not self.refitted:
-            return CREATED * new.at_stake
+            return max(CREATED * new.at_stake, rounded)
         loose = LOOSENED if self.refitted else TRACE
-        return max(SHARE * turned_over(old, new), loose * new.at_stake)
+        return max(SHARE * turned_over(old, new), loose * new.at_stake, rounded)
+
+
+def rounded_work(step: Step[Body], at_stake: float) -> float:
+    """Return the work of the round-off F of forces where so much is `at_stake` [J]: on the way √(2 E L/EA) on which a
+    thread that is drawn out stores that energy E, and on the way F L/EA on which F itself draws it out."""
+    thread, force = step.solution.problem.system.thread, rounded_force(step.solution.problem)
+    give = (thread.spline.end - thread.spline.start) / thread.EA
+    return float(force * (np.sqrt(2.0 * give * max(at_stake, 0.0)) + give * force))
 
 
 def given_back(step: Step[Body], old: Energies) -> float:
