@@ -12,6 +12,7 @@ import coupling.run
 import tissue
 from coupling.calls import asked_before_corrections
 from coupling.cutting import Cut
+from coupling.errors import CouplingError
 from coupling.laying import start
 from coupling.march import Marched, march
 from coupling.run import Run, begin
@@ -237,6 +238,16 @@ def test_other_steps_are_made_one_by_one(monkeypatch: pytest.MonkeyPatch) -> Non
         found = both(other, dt, 6, monkeypatch)
         assert not any(found.made)
         agree(found)
+
+
+@pytest.mark.parametrize("dt", [0.0, -1e-3, np.nan, np.inf])
+def test_a_step_that_does_not_go_on_is_refused(dt: float) -> None:
+    """Independent check: one alone and many at once, in words that say what is allowed."""
+    run = through_a_ring((Free(), Free()))
+    with pytest.raises(CouplingError, match="allowed are finite numbers above 0"):
+        run.step(dt)
+    with pytest.raises(CouplingError, match="allowed are finite numbers above 0"):
+        run.steps(dt, 3)
 
 
 def test_what_is_remembered_of_steps_is_of_these(monkeypatch: pytest.MonkeyPatch) -> None:
