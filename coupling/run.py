@@ -129,7 +129,7 @@ class Run(Generic[Body]):
     def steps(self, dt: float, count: int) -> "Run[Body]":
         """Make so many steps of `dt` [s], each as `step` makes it, but as many at once in compiled loops as go on
         smoothly (`coupling.march`), where the system asks for these: no solution of such a step is kept. The events
-        and iterations are those of all. Raises as `step` does."""
+        and iterations are those of all. Raises as `step` does; who wants the steps before that one asks for fewer."""
         refuse_no_time(dt)
         run, events, iterations, last = self, list[Event](), 0, self.number + count
         while run.number < last:

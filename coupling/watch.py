@@ -8,10 +8,10 @@ which the audit books as numerical dissipation below zero. Friction and damping 
 A step along a curved way makes a little too, of second order in its size by backward Euler and of third by BDF2, of
 either sign. So one that makes more than CREATED of what there is, by BDF2 more than CREATED_BDF2, as a thread does that
 passes a hole by its knots, is halved: half the step makes a quarter of that or less, and a branch stays a branch. What
-parts of dt/16 make is let pass up to a share of all the energy that they turn
-over, or a trace of what there is: beyond that they are refused. Knots that were exchanged leave the thread a little
-off its balance (`coupling.adaptivity`), which short steps just after it turn into motion and later ones take back: in
-the step before which they were, a LOOSENED part of what there is passes.
+parts of dt/16 make is let pass up to a share of all the energy that they turn over, or a trace of what there is: beyond
+that they are refused. Knots that were exchanged leave the thread a little off its balance (`coupling.adaptivity`),
+which short steps just after it turn into motion and later ones take back: in the step before which they were, a
+LOOSENED part of what there is passes.
 
 BDF2 falls in a norm of its own, over two steps: where a stiff motion begins at once it takes in one step what it gives
 back in the next. For linear motion with losses, in the norm of its energy E, the formula
