@@ -11,7 +11,7 @@ import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
 from coupling.constraints import Passage
-from coupling.errors import ConstraintError, CouplingError, StepError, TurnedHoleError
+from coupling.errors import ConstraintError, CouplingError, StepError, TogetherError, TurnedHoleError
 from coupling.interfaces import Body
 from coupling.system import State, System
 from thread.vectors import cross, dot, unit_vector
@@ -46,14 +46,30 @@ def refuse_faults(system: System[Body], state: State[Body]) -> None:
 
 
 def diagnose(system: System[Body], state: State[Body], error: StepError) -> CouplingError:
-    """Return the constraints' fault where there is one, else `TurnedHoleError` with the holes whose frames have
-    collapsed, else the error of the step."""
+    """Return `TogetherError` with the holes that have come to one place, else the constraints' fault where there is
+    one, else `TurnedHoleError` with the holes whose frames have collapsed, else the error of the step."""
+    together = drawn_together(system, state)
+    if together:
+        return TogetherError(state.time, "; ".join(together))
     found, collapsed = faults(system, state), collapsed_frames(system, state)
     if found:
         return ConstraintError(state.time, "; ".join(found))
     if collapsed:
         return TurnedHoleError(error.time, error.dt, "; ".join([error.cause, *collapsed]), error.piercing)
     return error
+
+
+def drawn_together(system: System[Body], state: State[Body]) -> list[str]:
+    """Describe the neighbouring piercings that have less than a diameter of thread between them, one sentence each."""
+    names, s = hold_names(system), state.s
+    along = [k for k in holds_along_thread(system, state) if k < len(system.piercings)]
+    return [
+        f"the thread between {names[i]} and {names[j]} is drawn to nothing, {abs(s[j] - s[i]):.2g} m of it are left: "
+        "they have come to one place, which linear tissue does not resist, nor lips that may not touch; pull less, "
+        "take firmer tissue or tissue at finite strain (tissue.material), or [[contact]] between the lips of a wound"
+        for i, j in pairwise(along)
+        if abs(s[j] - s[i]) < system.thread.section.diameter
+    ]
 
 
 def collapsed_frames(system: System[Body], state: State[Body]) -> list[str]:

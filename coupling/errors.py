@@ -190,6 +190,11 @@ class ConstraintError(CouplingError):
 
 
 @dataclass
+class TogetherError(ConstraintError):
+    """Two holes that tissue lets come to lie in one place: nothing is left of the thread between them."""
+
+
+@dataclass
 class FormingError(CouplingError):
     """A piercing, or another `kind` of hold, that cannot begin: the thread is not where it is."""
 

@@ -25,7 +25,7 @@ from coupling.configuration import Configuration, configuration_of
 from coupling.constraints import held_energy
 from coupling.cutting import Cut, cut_thread
 from coupling.equilibrium import refuse_unbalanced, settle_near
-from coupling.errors import InversionError, StepError
+from coupling.errors import CouplingError, InversionError, StepError
 from coupling.events import Event, find_events
 from coupling.impact import begin_piercing
 from coupling.interfaces import Body
@@ -112,8 +112,10 @@ class Run(Generic[Body]):
     def step(self, dt: float, time: float | None = None) -> "Run[Body]":
         """Go `dt` [s] further; the end bears the `time` [s] given, to keep round-off from adding up.
 
-        Raises `StepError`, `ConstraintError`, `InversionError`, `FormingError`.
+        Raises `StepError`, `ConstraintError`, `InversionError`, `FormingError`, and `CouplingError` for what is no time
+        to go.
         """
+        refuse_no_time(dt)
         run = replace(self, at_once=0, taken=(), events=())
         if not run.fresh:
             run = run.refitted(dt, run.number % INTERVAL == 0)
@@ -127,7 +129,8 @@ class Run(Generic[Body]):
     def steps(self, dt: float, count: int) -> "Run[Body]":
         """Make so many steps of `dt` [s], each as `step` makes it, but as many at once in compiled loops as go on
         smoothly (`coupling.march`), where the system asks for these: no solution of such a step is kept. The events
-        and iterations are those of all. Raises as `step` does."""
+        and iterations are those of all. Raises as `step` does; who wants the steps before that one asks for fewer."""
+        refuse_no_time(dt)
         run, events, iterations, last = self, list[Event](), 0, self.number + count
         while run.number < last:
             waits, pause = run.apart
@@ -344,6 +347,13 @@ class Run(Generic[Body]):
         if not due:
             return self
         return replace(self, state=state, events=(*self.events, *due))
+
+
+def refuse_no_time(dt: float) -> None:
+    """Refuse a step that does not go on: backwards in time the damping of the scheme makes energy. Raises
+    `CouplingError`."""
+    if not 0.0 < dt < np.inf:
+        raise CouplingError(f"dt = {dt} s; allowed are finite numbers above 0; give how long the step is")
 
 
 def begin(

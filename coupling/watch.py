@@ -8,10 +8,10 @@ which the audit books as numerical dissipation below zero. Friction and damping 
 A step along a curved way makes a little too, of second order in its size by backward Euler and of third by BDF2, of
 either sign. So one that makes more than CREATED of what there is, by BDF2 more than CREATED_BDF2, as a thread does that
 passes a hole by its knots, is halved: half the step makes a quarter of that or less, and a branch stays a branch. What
-parts of dt/16 make is let pass up to a share of all the energy that they turn
-over, or a trace of what there is: beyond that they are refused. Knots that were exchanged leave the thread a little
-off its balance (`coupling.adaptivity`), which short steps just after it turn into motion and later ones take back: in
-the step before which they were, a LOOSENED part of what there is passes.
+parts of dt/16 make is let pass up to a share of all the energy that they turn over, or a trace of what there is: beyond
+that they are refused. Knots that were exchanged leave the thread a little off its balance (`coupling.adaptivity`),
+which short steps just after it turn into motion and later ones take back: in the step before which they were, a
+LOOSENED part of what there is passes.
 
 BDF2 falls in a norm of its own, over two steps: where a stiff motion begins at once it takes in one step what it gives
 back in the next. For linear motion with losses, in the norm of its energy E, the formula
@@ -29,13 +29,19 @@ the loan of the step before, of which the next one may give back the part r. An 
 Forces from outside that change, steps that do, and a curved way add terms of either sign that the bound leaves out:
 such a step may be halved although its motion is the right one. What gives back more than such a share or trace follows
 a shock: it is taken by backward Euler, without memory of it.
+
+A thread that rests without tension has the energy of its round-off alone, and makes and takes all of it in any step:
+what the round-off of forces does on the way that stores what there is, `rounded_work`, passes always.
 """
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from coupling.audit import Energies, audit_step, is_of_bdf2
 from coupling.errors import LentError, UphillError
 from coupling.interfaces import Body
+from coupling.newton import rounded_force
 from coupling.stepping import Step, scheme_of
 from coupling.system import System
 
@@ -70,20 +76,29 @@ class Watch:
                 "another branch than the motion"
             )
             raise UphillError(step.old.time, step.dt, cause)
-        if self.downhill and made > self.loose_bound(old, new):
+        if self.downhill and made > self.loose_bound(step, old, new):
             raise LentError(step.old.time, step.dt, f"it would give back {made:.3g} J that the step before took")
         self.energies.append(new)
 
     def bound(self, step: Step[Body], old: Energies, new: Energies) -> float:
         """Return what a step may make, besides what it gives back [J]."""
         if step.dt > self.least and not self.refitted:
-            return (CREATED_BDF2 if is_of_bdf2(step) else CREATED) * new.at_stake
-        return self.loose_bound(old, new)
+            create = CREATED_BDF2 if is_of_bdf2(step) else CREATED
+            return max(create * new.at_stake, rounded_work(step, new.at_stake))
+        return self.loose_bound(step, old, new)
 
-    def loose_bound(self, old: Energies, new: Energies) -> float:
+    def loose_bound(self, step: Step[Body], old: Energies, new: Energies) -> float:
         """Return what no step may make, whether it gives it back or not [J]."""
         loose = LOOSENED if self.refitted else TRACE
-        return max(SHARE * turned_over(old, new), loose * new.at_stake)
+        return max(SHARE * turned_over(old, new), loose * new.at_stake, rounded_work(step, new.at_stake))
+
+
+def rounded_work(step: Step[Body], at_stake: float) -> float:
+    """Return the work of the round-off F of forces where so much is `at_stake` [J]: on the way √(2 E L/EA) on which a
+    thread that is drawn out stores that energy E, and on the way F L/EA on which F itself draws it out."""
+    thread, force = step.solution.problem.system.thread, rounded_force(step.solution.problem)
+    give = (thread.spline.end - thread.spline.start) / thread.EA
+    return float(force * (np.sqrt(2.0 * give * max(at_stake, 0.0)) + give * force))
 
 
 def given_back(step: Step[Body], old: Energies) -> float:

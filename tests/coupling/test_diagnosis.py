@@ -16,12 +16,13 @@ from coupling.diagnosis import (
     DEPENDENT,
     NO_TANGENT,
     dependence_faults,
+    diagnose,
     faults,
     refuse_crossing,
     refuse_turning,
     scaled_rows,
 )
-from coupling.errors import ConstraintError, StepError
+from coupling.errors import ConstraintError, StepError, TogetherError
 from coupling.stepping import advance
 from coupling.system import Piercing, State, System
 from studies.command import command
@@ -273,6 +274,19 @@ def test_a_step_in_which_piercings_cross_is_halved_and_then_refused(monkeypatch:
     assert [step.dt for step in advance(system, state, 1e-3, crossing(0.3e-3))] == [0.25e-3] * 4
     with pytest.raises(StepError, match="came past"):
         advance(system, state, 1e-3, crossing(0.0))
+
+
+def test_holes_that_come_to_one_place_are_told_from_a_want_of_control_points() -> None:
+    """Independent check: a step that fails with half a diameter of thread between two holes says so, with two of it it
+    does not, nor where the holes begin so near."""
+    system, state = straight([2.5 * SPAN, 5.5 * SPAN])
+    error = StepError(0.0, 1e-3, "no convergence")
+    for diameters, together in ((0.5, True), (2.0, False)):
+        near = replace(state, s=5.2 * SPAN + np.array([0.0, diameters]) * system.thread.section.diameter)
+        found = diagnose(system, near, error)
+        assert isinstance(found, TogetherError) == together
+        assert ("drawn to nothing" in str(found)) == together
+        assert all("too few control points" in each for each in faults(system, near))
 
 
 # -- where it is told ------------------------------------------------------------------------------------------------

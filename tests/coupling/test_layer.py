@@ -2,8 +2,8 @@
 
 Beyond a hole each strand is half of the syntractrix of an endless thread under its own tension T. At the hole it has
 turned by α from the direction in which it goes on: M = 2 √(EI T) sin α/2 on each side, of which the hole bears the
-difference, and the pulls differ by the friction of what presses across the direction, T₁ − T₂ = μN
-(`test_friction_capstan`).
+difference, the sum where the turns are of opposite signs, and the pulls differ by the friction of what presses across
+the direction, T₁ − T₂ = μN (`test_friction_capstan`).
 
 `python -m tests.coupling.test_layer` prints the table of `coupling/README.md`.
 """
@@ -22,7 +22,7 @@ HOLD, MU = 1.0, 0.2  # [N], [-]
 SPANS, LAYERS = 20, 6.0  # of the whole thread, and √(EI/T) on each side of the hole, at least
 STEPS, DT = 24, 2e-2  # in which a span runs through; [s], so slow that nothing is damped
 RATIOS = (0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)  # spans over √(EI/T)
-TURNS = ((60.0, 30.0), (60.0, 0.0))  # degrees that the thread turns in all, and before the hole
+TURNS = ((60.0, 30.0), (60.0, 0.0), (30.0, 60.0))  # degrees that the thread turns in all, and before the hole
 ASKED = 0.03
 REACHED = 0.041  # of friction on spans of more than √(EI/T)
 FAR = 0.075  # of the couple on spans of 20 √(EI/T) all of whose turn is on one side, and T is 30° off: 0.069
@@ -42,6 +42,11 @@ class Seen:
 def along(angle: float) -> Array:
     """Unit vector at `angle` below x in the plane of x and z."""
     return np.array([np.cos(angle), 0.0, -np.sin(angle)])
+
+
+def angle(direction: Array) -> float:
+    """Angle of a direction below x in that plane."""
+    return float(np.arctan2(-direction[2], direction[0]))
 
 
 def drawn(ratio: float, turn: float, before: float) -> tuple[Run, Array]:
@@ -76,24 +81,36 @@ def seen(ratio: float, turn: float, before: float) -> Seen:
         s, run = run.state.s[0], run.step(DT)
         hold, pull = run.state.reaction
         T = np.linalg.norm([hold, pull], axis=1)
-        turned = np.arccos(np.clip([-hold @ normal / T[0], pull @ normal / T[1]], -1.0, 1.0))
+        turned = np.array([angle(normal) - angle(-hold), angle(pull) - angle(normal)])
         M = 2.0 * np.sqrt(PP.EI * T) * np.sin(0.5 * turned)
         across = (hold + pull) - (hold + pull) @ normal * normal
         here = run.piercings[0]
         exact, rubbed = np.linalg.norm(hold + pull), MU * np.linalg.norm(across)
-        off = np.linalg.norm(here.force) - exact, -here.couple[1] - (M[1] - M[0]), T[1] - T[0] - rubbed
-        rows.append((run.state.s[0] - s, *(np.array(off) / (exact, M.sum(), rubbed))))
+        jump = M[1] - M[0]
+        couple = -here.couple[1] * np.sign(jump) - abs(jump)
+        off = np.linalg.norm(here.force) - exact, couple, T[1] - T[0] - rubbed
+        rows.append((run.state.s[0] - s, *(np.array(off) / (exact, np.abs(M).sum(), rubbed))))
     ds, force, couple, friction = np.array(rows).T
     mean = np.stack([force, couple, friction]) @ ds / ds.sum()
     return Seen(*mean.tolist(), float(np.abs(friction).max()))
 
 
 @pytest.mark.parametrize(
-    ("ratio", "before"), [(0.5, 0.0), (2.0, 0.0), (5.0, 0.0), (10.0, 30.0), (20.0, 0.0), (20.0, 30.0)]
+    ("ratio", "turn", "before"),
+    [
+        (0.5, 60.0, 0.0),
+        (2.0, 60.0, 0.0),
+        (5.0, 60.0, 0.0),
+        (10.0, 60.0, 30.0),
+        (20.0, 60.0, 0.0),
+        (20.0, 60.0, 30.0),
+        (0.2, 30.0, 60.0),
+        (0.5, 30.0, 60.0),
+    ],
 )
-def test_what_a_hole_does_to_a_thread_on_long_spans(ratio: float, before: float) -> None:
-    """Independent check (elastica): at a turn of 60°."""
-    found = seen(ratio, 60.0, before)
+def test_what_a_hole_does_to_a_thread_on_long_spans(ratio: float, turn: float, before: float) -> None:
+    """Independent check (elastica): at a turn of 60°, and at turns of 60° and 30° of opposite signs."""
+    found = seen(ratio, turn, before)
     assert abs(found.force) <= ASKED
     assert abs(found.friction) <= (ASKED if ratio <= 1.0 else REACHED)
     assert abs(found.couple) <= (FAR if ratio > 5.0 and before == 0.0 else ASKED)

@@ -12,17 +12,18 @@ import coupling.run
 import tissue
 from coupling.calls import asked_before_corrections
 from coupling.cutting import Cut
+from coupling.errors import CouplingError
 from coupling.laying import start
 from coupling.march import Marched, march
 from coupling.run import Run, begin
 from coupling.stepping import bdf2_step, release
-from coupling.system import System
+from coupling.system import Piercing, System
 from studies.scenario import Scenario, load
 from studies.simulation import prepare
 from tests.bounds import AXIAL, IDENTITY, RESIDUAL
 from tests.coupling.test_compiled import ROUGH, drawn, pulled_through
 from thread.catalogue import suture
-from thread.ends import Free, Pulled
+from thread.ends import Driven, End, Fixed, Free, Pulled
 from thread.knots import uniform_knots
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
@@ -172,6 +173,56 @@ def test_a_thread_that_is_drawn_out_of_a_hole_leaves_it(monkeypatch: pytest.Monk
     agree(found)
 
 
+def test_a_hole_that_no_longer_bears_the_thread_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: at the strength between the least and the most that the thread presses on it by, and not
+    before."""
+    scene = slow(drawn({"friction": None}), 5e-4)
+    run, dt = begun(scene), scene.solve.dt
+    later = run.steps(dt, STEPS)
+    area = run.system.thread.section.diameter * 2e-3
+    borne = np.mean([np.linalg.norm(each.state.lam[0, :3]) / area for each in (run, later)])
+    holes = (replace(run.system.piercings[0], bearing=2e-3, strength=borne), run.system.piercings[1])
+    found = both(replace(run, system=replace(run.system, piercings=holes)), dt, STEPS, monkeypatch)
+    assert "tears" in {event.kind for event in found.events}
+    assert sum(found.made) >= 0.8 * STEPS
+    agree(found)
+
+
+def through_a_ring(ends: tuple[End, End], speed: float = 0.0) -> Run:
+    """A straight thread of 40 mm through a ring in its middle, after a short step; it runs along itself at a `speed`
+    [m/s]."""
+    thread, ring = Thread(Spline(uniform_knots(0.04, 20)), suture("2-0 polypropylene")), Piercing("ring")
+    sites = tissue.fixed_sites([tissue.Site((0.02, 0, 0), direction=(1.0, 0, 0))])
+    system = System(thread, ends, sites, (ring,), compiled=True)
+    laid = gauss_rule(thread.spline, MASS_POINTS).s[..., None] * [1.0, 0.0, 0.0]
+    at_rest = start(system, np.array([0.02]), laid, 1.0)
+    v = np.tile([speed, 0.0, 0.0], (thread.n, 1))
+    return begin(system, replace(at_rest, v=v, s_dot=np.array([-speed]))).step(1e-5)
+
+
+def test_a_thread_that_runs_more_than_two_spans_in_a_step_is_followed_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: spans are 2.35 mm long, so at 4 m/s a step of 1 ms is made in whole, at 6 m/s in halves; and
+    what nothing slows down goes as far as its speed says."""
+    for speed, halved in ((4.0, False), (6.0, True)):
+        run = through_a_ring((Free(), Free()), speed)
+        found = both(run, 1e-3, 2, monkeypatch)
+        assert any(event.kind == "halved" for event in found.events) == halved
+        assert any(found.made) != halved
+        agree(found)
+        assert abs(run.state.s[0] - found.at_once.state.s[0] - speed * 2e-3) <= RESIDUAL * 0.04
+
+
+@pytest.mark.parametrize("strain", [-1e-3, 1e-3])
+def test_a_thread_that_is_pressed_is_left_to_single_steps(strain: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: a straight thread that a hand presses along itself buckles, though its straight line is an
+    equilibrium too, which the loops alone would find; one that is drawn goes on in these."""
+    hand = Driven(np.array([[0.0, 0.04, 0.0, 0.0], [2e-3, 0.04 * (1.0 + strain), 0.0, 0.0]]))
+    found = both(through_a_ring((Fixed(np.zeros(3)), hand)).step(1e-3), 1e-3, 6, monkeypatch)
+    aside = np.abs(found.at_once.state.q[:, 1:]).max()
+    assert any(found.made) == (strain > 0.0)
+    assert aside > 1e-2 * 0.04 * np.sqrt(-strain) if strain < 0.0 else aside <= RESIDUAL * 0.04
+
+
 def test_other_steps_are_made_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: with hands on a hole, in numpy, or with a bound on the error of a step the loops make none,
     and the run is where single steps bring it."""
@@ -187,6 +238,16 @@ def test_other_steps_are_made_one_by_one(monkeypatch: pytest.MonkeyPatch) -> Non
         found = both(other, dt, 6, monkeypatch)
         assert not any(found.made)
         agree(found)
+
+
+@pytest.mark.parametrize("dt", [0.0, -1e-3, np.nan, np.inf])
+def test_a_step_that_does_not_go_on_is_refused(dt: float) -> None:
+    """Independent check: one alone and many at once, in words that say what is allowed."""
+    run = through_a_ring((Free(), Free()))
+    with pytest.raises(CouplingError, match="allowed are finite numbers above 0"):
+        run.step(dt)
+    with pytest.raises(CouplingError, match="allowed are finite numbers above 0"):
+        run.steps(dt, 3)
 
 
 def test_what_is_remembered_of_steps_is_of_these(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,15 +12,17 @@ import coupling.stepping
 import coupling.watch
 from coupling.audit import Energies, is_of_bdf2
 from coupling.errors import LentError, StepError, UphillError
+from coupling.newton import ROUND_OFF
 from coupling.run import Run, begin
 from coupling.stepping import Step, advance, bdf2_step, try_step
 from coupling.system import Piercing, State, System
 from coupling.watch import CREATED, LOOSENED, SHARE, TRACE, Watch, given_back
 from studies import load, parse, prepare
-from tests.bounds import FIRST_ORDER
+from tests.bounds import FIRST_ORDER, IDENTITY
 from tests.thread.threads import LENGTH, X, Z, laid, line, straight, uniform, without_organ
 from thread.ends import Driven, End, Fixed, Free
 
+SHORT = 0.04  # [m], of a thread at rest
 SMALL = 1e-3  # of a taut thread's length: a way across by which its strain of 0.01 changes by less than 1e-5
 LAYERED = 0.1  # of all the energy there is: what the holes' compliance may take in with a new tension
 
@@ -202,6 +204,34 @@ def test_a_step_that_makes_energy_is_halved_by_its_own_integrator() -> None:
         assert is_of_bdf2(parts[0]) == by_bdf2
         assert abs(sum(step.dt for step in parts) - 2e-4) <= 1e-15
         refused.clear()
+
+
+@pytest.mark.parametrize("end", [Fixed(SHORT * X), Free()], ids=["held", "free"])
+@pytest.mark.parametrize("compiled", [False, True])
+def test_a_thread_at_rest_makes_no_energy(end: End, compiled: bool) -> None:
+    """Independent check: a straight thread on which nothing acts stays, and no step is halved for the energy of its
+    round-off, which is all that there is; by BDF2 such a step was refused down to the smallest part."""
+    system = replace(without_organ(uniform(SHORT, 20), (Fixed(0.0 * X), end)), compiled=compiled)
+    run = begin(system, laid(system, [], line(0.0 * X, X)), bdf2_step)
+    after = run.steps(1e-3, 60)
+    assert after.events == ()
+    assert np.abs(after.state.q - run.state.q).max() <= IDENTITY * SHORT
+
+
+@pytest.mark.parametrize(("strain", "refused"), [(ROUND_OFF, False), (1e-6, True)])
+def test_the_energy_of_round_off_may_be_made(monkeypatch: pytest.MonkeyPatch, strain: float, refused: bool) -> None:
+    """Independent check: all of ½ EA L ε², where the strain ε is round-off; of a larger one no more than CREATED."""
+    system, state = over_its_start(Free())
+    stored = 0.5 * system.thread.EA * LENGTH * strain**2
+    before, after = energies(0.0, stored, 0.0), energies(0.0, stored, -(1.001 * CREATED if refused else 1.0) * stored)
+    monkeypatch.setattr(coupling.watch, "audit_step", lambda system, energies, step: after)
+    watcher, step = Watch([before]), try_step(system, state, 1e-4)
+    if refused:
+        with pytest.raises(StepError, match="make energy"):
+            watcher(system, step)
+    else:
+        watcher(system, step)
+    assert len(watcher.energies) == (1 if refused else 2)
 
 
 def over_its_start(start: End) -> tuple[System, State]:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import studies
-from coupling.errors import CouplingError, CreatedEnergyError, TurnedHoleError, UnbalancedError
+from coupling.errors import CouplingError, CreatedEnergyError, TogetherError, TurnedHoleError, UnbalancedError
 from studies import load
 from studies.command import command
 from studies.output.records import Snapshot, StepRecord
@@ -117,7 +117,8 @@ def test_what_is_tried_goes_by_scenario_and_failure() -> None:
     assert next(remedies(scenario_of(kind="static"), FAILURE)) == {"solve.load_steps": 40}
     assert next(remedies(load("paper_figure_1", LINEAR), FAILURE))["solve.scheme"] == "newton"
     scene = load("two_piercings")
-    assert next(remedies(scene, TURNED)) == {"tissue.material": "neo-hookean"}
+    for collapsed in (TURNED, TogetherError(0.0, "drawn to nothing")):
+        assert next(remedies(scene, collapsed)) == {"tissue.material": "neo-hookean"}
     assert "tissue.material" not in next(remedies(scene, FAILURE))
     follows = load("two_piercings", ["thread.resolution=adaptive"])
     assert "thread.resolution" not in [key for each in remedies(follows, FAILURE) for key in each]

@@ -5,6 +5,7 @@ A step that does not converge, or in which anything happens that is more than th
 made: the arrays stay what they were at its start, and the numbers that are returned say why.
 """
 
+from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -334,16 +335,27 @@ def book(turns: Array, body: Array, energies: Array, out: Array) -> None:
 
 
 @loop
-def goes_uphill(scene: Scene, pace: Pace, old: Array, new: Array, prestretch: float) -> bool:
-    """Whether a step makes energy, as `coupling.watch.Watch` says of one that is not a part."""
+def rounded_work(rounded: float, give: float, at_stake: float) -> float:
+    """Return the work of the round-off of forces, `rounded` [N], where so much is `at_stake` [J] of a thread that is
+    drawn out by `give` [m/N]."""
+    return rounded * (sqrt(2.0 * give * max(at_stake, 0.0)) + give * rounded)
+
+
+@loop
+def goes_uphill(
+    scene: Scene, pace: Pace, old: Array, new: Array, prestretch: float, rounded: float, give: float
+) -> bool:
+    """Whether a step makes energy, as `coupling.watch.Watch` says of one that is not a part; `rounded` and `give` are
+    as for `rounded_work`."""
     made = old[6] - new[6]
     lent, create = 0.0, scene.create
     if pace.two_step:
         lent, create = -pace.before * max(old[9], 0.0), scene.create_bdf2
     at_stake = new[0] + new[1] + abs(new[2] - prestretch) + abs(new[3])
     turned = abs(new[3] - old[3]) + abs(new[0] - old[0]) + abs(new[1] - old[1]) + abs(new[2] - old[2])
-    within = made <= max(scene.turned * turned, scene.there * at_stake)
-    return not (within and made - lent <= create * at_stake)
+    least = rounded_work(rounded, give, at_stake)
+    within = made <= max(scene.turned * turned, scene.there * at_stake, least)
+    return not (within and made - lent <= max(create * at_stake, least))
 
 
 @loop
@@ -432,9 +444,10 @@ def solve_step(
 @part
 def end_step(
     curve: Curve, knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, limits: Limits, stages: Stages,
-    organ: Organ, ends: Ends, step: int, now: Motion, earlier: Motion, room: Scratch, energies: Array,
+    organ: Organ, ends: Ends, step: int, now: Motion, earlier: Motion, room: Scratch, energies: Array, rounded: float,
 ) -> tuple[int, int]:  # fmt: skip
-    """Look at a solved step and audit it; returns why it is not made, MADE where it is, and what `learn` does."""
+    """Look at a solved step, whose forces are `rounded` [N], and audit it; returns why it is not made, MADE where it
+    is, and what `learn` does."""
     start = Unknowns(now.q, now.N, now.s, now.lam, now.y, now.sigma)
     missing = pass_with(stages, limits, knots, given, start, room.end.layers, room.other)
     copy_lack(room.other, room.mid)
@@ -454,7 +467,9 @@ def end_step(
         bear(pace, organ, now, room.end, room.going)
     audit_organ(organ, pace.two_step, given.C, now, room.end, room.body)
     book(room.turns, room.body, energies, room.after)
-    return UPHILL if goes_uphill(scene, pace, energies, room.after, energies[ENERGIES]) else MADE, KNOWN
+    give = (knots.breaks[-1] - knots.breaks[0]) / curve.EA
+    uphill = goes_uphill(scene, pace, energies, room.after, energies[ENERGIES], rounded, give)
+    return UPHILL if uphill else MADE, KNOWN
 
 
 def march_of(digest: int) -> Any:
@@ -490,8 +505,9 @@ def march_of(digest: int) -> Any:
             if found < 0:
                 return step, NOT_SOLVED, KNOWN
             why, missing = end_step(
-                curve, knots, law, given, scene, pace, limits, stages, organ, ends, step, now, earlier, room, energies
-            )
+                curve, knots, law, given, scene, pace, limits, stages, organ, ends, step, now, earlier, room, energies,
+                here.rounded,
+            )  # fmt: skip
             if why != MADE:
                 return step, why, missing
             copy_row(room.after, energies)
