@@ -219,7 +219,7 @@ def prefactored_correction(system: BlockSystem, solve: Callable[[Array], Array],
 
 
 HEAD = (
-    f"{'':18} {'unknowns':>9} {'Newton':>7} {'step':>9} {'in numpy':>18} {'at once':>9} {'floor':>9} "
+    f"{'times in ms':18} {'unknowns':>9} {'Newton':>7} {'step':>9} {'in numpy':>18} {'at once':>9} {'floor':>9} "
     f"{'step/floor':>11} {'prefactored':>12} {'assembled':>10}"
 )
 
