@@ -220,7 +220,8 @@ def test_a_hand_tightens_holds_and_lets_go(solve: dict[str, Any]) -> None:
 )
 def test_a_hand_takes_the_same_thread_again(solve: dict[str, Any]) -> None:
     """Independent check: a hand that draws with a force, lets go and draws with it again has the thread where one has
-    it that never let go; between them friction alone holds it, by no more than the balance at one hole allows. One
+    it that never let go; between them friction alone holds it, by no more than the balance at one hole allows: at rest
+    as it ran back, in time as it swung past that, as it does in steps an eighth as long too. One
     that draws a length, lets go and draws another draws each from where it takes the thread."""
     end = solve["duration"]
     table = scheduled(**solve)
@@ -238,7 +239,8 @@ def test_a_hand_takes_the_same_thread_again(solve: dict[str, Any]) -> None:
     assert ran_back > 1e-4 and abs(at[8].s - held.s) < AGAIN * ran_back
     assert [at[k].tangential_force for k in (3, 8)] == pytest.approx([force] * 2, rel=1e-6)
     assert at[5].cone_residual <= RESIDUAL * force
-    assert 1.0 < at[5].tension_before / at[5].tension_after < (1.0 + MU) / (1.0 - MU)
+    most = (1.0 + MU) / (1.0 - MU)
+    assert (1.0 if "kind" in solve else 1.0 / most) < at[5].tension_before / at[5].tension_after < most
     energy = records[-1].energy
     assert abs(energy.balance_error) <= RESIDUAL * (energy.external_work + abs(energy.numerical_dissipation))
     del ring["pull"]
