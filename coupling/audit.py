@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from coupling.arrays import Array, Flags
-from coupling.bordered import linearise
+from coupling.bordered import lacking_give
 from coupling.constraints import (
     Passage,
     driving_force,
@@ -199,7 +199,7 @@ def exchange_in_place(before: Passage, after: Passage, rows: Flags, lam: Array, 
     the step then loses is never negative where the potential is convex. The spline lacks nothing along the thread,
     where λ* is λ.
     """
-    C, C_after = (linearise(each, lam, y).Phi_lam for each in (before, after))
+    C, C_after = (lacking_give(each, lam, y) for each in (before, after))
     let_go, unit = np.matvec(C - C_after, lam), parts(before, lam).unit
     free = rows[:, :, None] * np.eye(5)
     free[:, :3, :3] -= rows[:, :1, None] * outer(unit, unit)

@@ -169,11 +169,8 @@ def linearise(thread: Passage, lam: Array, y: Array) -> Border:
 def add_compliance(border: Border, thread: Passage, lam: Array, y: Array) -> None:
     """Add what Φ and the forces owe to the missing compliance, into a border under construction; the stiffness of the
     thread's own axis is left to the thread's band (`own_stiffness`)."""
-    u, v = y[:, 3:6, None], y[:, 6:, None]
     dP, dT = derivatives_by_multipliers(thread, lam, y)
-    border.D[:, LAM] += dP
-    border.D[:, MU_U] += (u * dT).sum(axis=1)
-    border.D[:, MU_V] += (v * dT).sum(axis=1)
+    border.D[:, PHI] += constraints_by(dP, dT, y)
     border.F[:, 3:6] += lam[:, 3:4, None] * dT
     border.F[:, 6:9] += lam[:, 4:5, None] * dT
     add_own_turning(border, thread, lam, y)
@@ -188,6 +185,18 @@ def derivatives_by_multipliers(thread: Passage, lam: Array, y: Array) -> tuple[A
     dP[:, :, LAM] += c0 * (I3 - unit[:, :, None] * unit[:, None])
     dT[:, :, LAM] += c1 * I3
     return dP, dT + 0.5 * c2 * force_on_tangent(lam, y)[:, :, None] * (tilt.by_n[:, None] @ normal_by_frame(y))
+
+
+def constraints_by(dP: Array, dT: Array, y: Array) -> Array:
+    """Return the derivatives of Φ = (g, c₁, c₂) from those of P̂ and T̂, `dP` and `dT` (m, 3, k), shape `(m, 5, k)`."""
+    along = [(vector[:, :, None] * dT).sum(axis=1, keepdims=True) for vector in (y[:, 3:6], y[:, 6:])]
+    return np.concatenate([dP, *along], axis=1)
+
+
+def lacking_give(thread: Passage, lam: Array, y: Array) -> Array:
+    """Return ∂Φ/∂λ by the compliance that the spline lacks alone, as `Border.Phi_lam` has it, shape `(m, 5, 5)`."""
+    dP, dT = (each[:, :, PHI] for each in derivatives_by_multipliers(thread, lam, y))
+    return constraints_by(dP, dT, y)
 
 
 def moment_by_border(lam: Array, y: Array) -> Array:

@@ -2,8 +2,8 @@
 
 Of every case: our step as it is taken, with the iteration in compiled loops where they are switched on
 (`coupling.solver`), and the same step with the iteration in numpy; where the loops make many steps at once
-(`coupling.run.Run.steps`), one of those. With an organ also the floor below which no step
-with this factor can be (one organ back-substitution), and two baselines that solve the same step to the same tolerance:
+(`coupling.run.Run.steps`), one of those. With an organ also the floor below which no step with this factor can be (one
+organ back-substitution), and two baselines that solve the same step to the same tolerance:
 
 - `assembled`: Newton on the one assembled matrix, each correction by `scipy.sparse.linalg.spsolve`;
 - `prefactored`: the organ factored once by `scipy.sparse.linalg.splu` with W = A⁻¹Yᵀ kept, each Newton correction by
