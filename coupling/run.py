@@ -11,7 +11,7 @@ its audit and the events in it; the cuts, and the piercings that begin or end, w
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import accumulate
 from typing import Generic
 
@@ -207,16 +207,15 @@ class Run(Generic[Body]):
         if knots is first or knots is self:
             return None
         if self.rubs:
-            for find in (self._near_at_once, self._near_by_halves):
+            for find in (partial(self._near_at_once, knots), partial(self._near_by_halves, first)):
                 try:
-                    return find(first, share, duration)
+                    return find(share, duration)
                 except (StepError, InversionError) as error:
                     log.debug("the equilibrium of other knots leads to none on these: %s", error)
         return knots, knots._audited(reach(knots.system, knots.state, share, duration, self.loose))
 
-    def _near_at_once(self, first: "Run[Body]", share: float, duration: float) -> "tuple[Run[Body], Run[Body]]":
-        """Return what `_found_again` does, on all knots at once. Raises `StepError`, `InversionError`."""
-        knots = first.refined_for(self)
+    def _near_at_once(self, knots: "Run[Body]", share: float, duration: float) -> "tuple[Run[Body], Run[Body]]":
+        """Return what `_found_again` does, on all `knots` at once. Raises `StepError`, `InversionError`."""
         return knots, self._near_on(knots, share, duration)
 
     def _near_by_halves(self, first: "Run[Body]", share: float, duration: float) -> "tuple[Run[Body], Run[Body]]":
