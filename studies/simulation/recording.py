@@ -16,7 +16,16 @@ from coupling.system import State, System
 from coupling.tension import unsettled_layers
 from studies.arrays import Array
 from studies.output.fields import ThreadRecord
-from studies.output.records import APART, ContactRecord, GapRecord, LoadRecord, ReductionRecord, StepRecord, TractRecord
+from studies.output.records import (
+    APART,
+    ContactRecord,
+    GapRecord,
+    KrylovRecord,
+    LoadRecord,
+    ReductionRecord,
+    StepRecord,
+    TractRecord,
+)
 from studies.simulation.memory import OrganRun, memory_of
 from studies.simulation.wound import Wound, wounds_of
 from thread.vectors import curvature
@@ -53,6 +62,7 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
         loads=load_records(system, state),
         tracts=tract_records(now.piercings),
         reduction=reduction_record(system, state),
+        krylov=krylov_record(system, state),
         ties=now.ties,
         profile=partial(gap_profile, now, open_lips),
         kept=partial(memory_of, now),
@@ -160,6 +170,14 @@ def reduction_record(system: System, state: State) -> ReductionRecord | None:
     small, own = organ.reduction, np.array([not hole.tract for hole in system.piercings], dtype=bool)
     each = organ.difference(state.organ), organ.bound(state.organ), small.stiffness
     return ReductionRecord(small.size, *(values[own] for values in each))
+
+
+def krylov_record(system: System, state: State) -> KrylovRecord | None:
+    """Return how the organ is solved in a state, None of one that has no Krylov space."""
+    organ = system.organ
+    if not isinstance(organ, tissue.KrylovOrgan):
+        return None
+    return KrylovRecord(organ.vectors(state.organ), organ.residual(state.organ))
 
 
 def lip_fields(system: System, state: State, nodes: int) -> tuple[Array, Array] | tuple[None, None]:

@@ -104,10 +104,18 @@ class Simulation:
 
     @property
     def methods(self) -> dict[str, str | None]:
-        """By what the run is solved; `solver` is that of the organ, as `auto` chose it, None without one."""
+        """By what the run is solved; `solver` is that of the organ, as `auto` chose it, and `organ` whether its steps
+        begin "whole", in its "krylov" space or in a small "basis"; None without one."""
         solve, choice = self.scenario.solve, getattr(self.assembly.organ, "choice", None)
+        spaces = {tissue.KrylovOrgan: "krylov", tissue.ReducedOrgan: "basis"}
+        organ = spaces.get(type(self.assembly.organ), "whole") if choice else None
         ways = {name: str(getattr(solve, name)) for name in ("kind", "scheme", "integrator", "coupling", "friction")}
-        return {"solver": choice.name if choice else None, "newton": self._newton, **ways}
+        return {
+            "solver": choice.name if choice else None,
+            "organ": organ if choice else None,
+            "newton": self._newton,
+            **ways,
+        }
 
     @property
     def _newton(self) -> str:
