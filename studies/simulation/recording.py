@@ -19,6 +19,7 @@ from studies.output.fields import ThreadRecord
 from studies.output.records import APART, ContactRecord, GapRecord, LoadRecord, ReductionRecord, StepRecord, TractRecord
 from studies.simulation.memory import OrganRun, memory_of
 from studies.simulation.wound import Wound, wounds_of
+from thread.vectors import curvature
 
 SAMPLES = 6  # points drawn on each span of the thread
 
@@ -196,14 +197,13 @@ def thread_record(now: OrganRun) -> ThreadRecord:
     pieces = tuple((SAMPLES * np.diff(ends) + 1).tolist())
     home = np.repeat(spline.piece_ends[:-1], pieces)
     P, T, K, _ = spline.curve(state.q[:, :3], s, home).swapaxes(0, 1)
-    speed = np.linalg.norm(T, axis=1)
     strain = now.configuration.points.strain
     tension = thread.EA * strain * np.sqrt(1.0 + 2.0 * strain)
     return ThreadRecord(
         points=P,
         s=s,
         tension=spline.interpolate(s, home, thread.axial.s, thread.axial.home, tension),
-        curvature=np.linalg.norm(np.cross(T, K), axis=1) / speed**3,
+        curvature=curvature(T, K),
         radius=0.5 * thread.section.diameter,
         pieces=pieces if spline.cuts.size else (),
         torque=None if state.frame is None else thread.torque_at(s, home, state.q, state.frame),

@@ -14,7 +14,8 @@ import tissue
 from coupling import stepping
 from coupling.cutting import Cut
 from coupling.diagnosis import faults
-from coupling.errors import StepError
+from coupling.equilibrium import refuse_unbalanced
+from coupling.errors import StepError, UnbalancedError
 from coupling.interfaces import FrictionLaw
 from coupling.paper.linear_step import checked, linear_step, linear_two_pass
 from coupling.paper.staggered import backward_euler, stagger
@@ -95,7 +96,7 @@ class Simulation:
     @cached_property
     def foreseen(self) -> list[Remark]:
         """What is to be said of the run before its first step."""
-        return foreseen(self.assembly, self.subgrid)
+        return foreseen(self.assembly, self.subgrid, self.start.q)
 
     def remarks(self, ending: Ending | None = None) -> list[Remark]:
         """Return what is to be said of the run: what is foreseen, and what it met until an `ending`."""
@@ -365,8 +366,8 @@ def prepare(
 
 
 def sound_start(assembly: Assembly, store: Store) -> State:
-    """Return the consistent start, that of the `store` where it has it. Raises `ScenarioError` where there is none, or
-    the constraints cannot be met."""
+    """Return the consistent start, that of the `store` where it has it. Raises `ScenarioError` where there is none, the
+    constraints cannot be met, or statics asks for the equilibrium of dead loads that have none."""
     try:
         state = store.take("start", start_key(assembly.scenario), assembly.start)
     except StepError as error:
@@ -377,4 +378,10 @@ def sound_start(assembly: Assembly, store: Store) -> State:
     problems = faults(assembly.system, state)
     if problems:
         raise ScenarioError(problems)
+    if assembly.scenario.solve.kind == "static":
+        try:
+            refuse_unbalanced(assembly.system, state, assembly.scenario.solve.duration)
+        except UnbalancedError as error:
+            told = f"{error.cause}, and no equilibrium; {error.remedy}"
+            raise ScenarioError(f"thread.start.force and thread.end.force are refused: {told}") from error
     return state
