@@ -459,8 +459,9 @@ def audited(numerical: float, extremes: Extremes, rough: bool) -> list[Remark]:
             remark(
                 "numerical-dissipation",
                 "solve.dt",
-                f"the steps in time dissipated {numerical:.2g} J, {numerical / scale:.0%} of the run's energy "
-                f"({scale:.2g} J): what swings is damped by them; where that matters take a smaller solve.dt",
+                f"the steps in time dissipated {numerical:.2g} J, {numerical / scale:.0%} of the most that the run "
+                f"held at once ({scale:.2g} J): what swings is damped by them; where that matters take a smaller "
+                "solve.dt",
             )
         )
     if extremes.layered > LAYERED * scale:
