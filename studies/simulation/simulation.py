@@ -270,13 +270,13 @@ class Simulation:
         U = organ.displacement(state.organ)
         stress = self.recovery.stress(U)
         lips = lip_fields(self.assembly.system, state, len(body.points))
-        strain, rotation = tissue.cell_strain(body, U)
+        strain, rotation, energy, nodal_ratio = tissue.strains(body, U)
         beyond = strain > SMALL_STRAIN, rotation > SMALL_ROTATION
         strained, rotated = (tissue.energy_share(body, strain, cells) for cells in beyond)
         values, directions = tissue.principal(stress)
         at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
-        numbers = *at_nodes, strain, rotation, tissue.energy_density(body, U)
-        shares = tissue.volume_ratio(body, U), tissue.nodal_volume_ratio(body, U), strained, rotated
+        numbers = *at_nodes, strain, rotation, energy
+        shares = tissue.volume_ratio(body, U), nodal_ratio, strained, rotated
         turns = organ.surface.turns(body.nodal(U))
         crossed = 0.0 if self.open_lips is None else self.open_lips.crossed(U)
         surfaces = float(turns.max(initial=0.0)), *lips, crossed
