@@ -118,8 +118,10 @@ def test_both_ways_agree(name: str, solved: list[Asked]) -> None:
     """Consistency check: the same number of iterations and of them all unknowns, constraint forces and residuals, each
     relative to its own scale."""
     scene, steps = SCENES[name]
-    for _, _ in zip(range(steps + 1), prepare(scene()).advance(), strict=False):
-        pass
+    ready = prepare(scene())
+    now = ready.beginning()
+    for _ in range(steps):
+        now = ready.next(now)
     assert len(solved) >= steps
     assert any(asked.spans for asked in solved) == (name in LED)
     for asked in solved:
