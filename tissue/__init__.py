@@ -10,6 +10,7 @@ from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.finite import FiniteOrgan
 from tissue.organs.fixed import FixedSites, fixed_sites
 from tissue.organs.floating import FloatingOrgan
+from tissue.organs.krylov import KrylovOrgan, KrylovState, has_space
 from tissue.organs.lips import Gaps, Part, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, Lips, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
@@ -36,6 +37,8 @@ __all__ = [
     "FloatingOrgan",
     "Gaps",
     "Hyperelasticity",
+    "KrylovOrgan",
+    "KrylovState",
     "LinearAnswer",
     "Lips",
     "Loads",
@@ -74,6 +77,7 @@ __all__ = [
     "energy_share",
     "factorize",
     "fixed_sites",
+    "has_space",
     "held_components",
     "holds_still",
     "interpolation",

@@ -38,6 +38,7 @@ from studies.pictures.camera import Camera, along_arrows, camera_on, label_place
 from studies.pictures.scene import Frame
 from studies.pictures.view import (
     ARROW,
+    INTERVALS,
     KILO,
     LEFT,
     MARKER,
@@ -194,8 +195,6 @@ def _thread(frame: Frame, scale: Scale) -> list[Any]:
     """Return the thread as a tube coloured by its tension, at least as thick as can be seen, and the bar of its
     colours."""
     table = _table(tension_colours(scale), scale.tension)
-    if scale.tension[0] < 0.0 < scale.tension[1]:
-        table.SetAnnotation(0.0, "0")
     ends = np.cumsum(frame.thread.pieces[:-1], dtype=np.int64)
     pieces = zip(frame.thread.split(), np.split(frame.thread.tension, ends), strict=True)
     tubes = [_tube(points, tension, max(frame.thread.radius, 0.004 * scale.width)) for points, tension in pieces]
@@ -318,17 +317,12 @@ def _bar(table: Any, title: str, left: float) -> Any:
     bar.SetPosition(left, 0.04)
     bar.SetWidth(0.29)
     bar.SetHeight(0.125)
-    bar.SetNumberOfLabels(4)
+    bar.SetNumberOfLabels(INTERVALS + 1)
     bar.SetLabelFormat("%.3g")
     bar.SetTitle(f"{title}\n")
     bar.UnconstrainedFontSizeOn()
-    bar.AnnotationTextScalingOff()
-    for letters, size in (
-        (bar.GetTitleTextProperty(), BAR_TITLE),
-        (bar.GetLabelTextProperty(), BAR_LABEL),
-        (bar.GetAnnotationTextProperty(), BAR_LABEL),
-    ):
-        _write_in_black(letters, size)
+    _write_in_black(bar.GetTitleTextProperty(), BAR_TITLE)
+    _write_in_black(bar.GetLabelTextProperty(), BAR_LABEL)
     return bar
 
 
