@@ -174,7 +174,7 @@ def rgb(colour: str) -> Array:
     return np.frombuffer(bytes.fromhex(colour[1:]), np.uint8) / 255.0
 
 
-def between(names: Sequence[str], shares: Array) -> Array:
+def blend(names: Sequence[str], shares: Array) -> Array:
     """Return the colours at `shares` (n,) of the way from the first of some colours to the last, shape `(n, 3)`."""
     places = np.linspace(0.0, 1.0, len(names))
     return np.stack([np.interp(shares, places, part) for part in np.array([rgb(name) for name in names]).T], axis=1)
@@ -182,7 +182,7 @@ def between(names: Sequence[str], shares: Array) -> Array:
 
 def colours() -> Array:
     """Return the colours of the stress, from none to the highest, shape `(SHADES, 3)`."""
-    return between(TISSUE, np.linspace(0.0, 1.0, SHADES))
+    return blend(TISSUE, np.linspace(0.0, 1.0, SHADES))
 
 
 def tension_colours(scale: Scale) -> Array:
@@ -190,4 +190,4 @@ def tension_colours(scale: Scale) -> Array:
     below none, has its own, as strong as a tension of that size."""
     low, high = scale.tension
     values = np.linspace(low, high, SHADES) / max(-low, high)
-    return np.where(values[:, None] < 0.0, between(PRESSURE, -values), between(TENSION, values))
+    return np.where(values[:, None] < 0.0, blend(PRESSURE, -values), blend(TENSION, values))
