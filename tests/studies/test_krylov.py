@@ -177,22 +177,3 @@ def test_what_has_no_space_is_refused(case: str) -> None:
     """Independent check: by its key, before anything is made."""
     with pytest.raises(ScenarioError, match=r"solve\.organ = .krylov. is refused"):
         load("two_piercings", [KRYLOV, *REFUSED[case]])
-
-
-def test_steps_at_once_end_where_the_space_no_longer_holds() -> None:
-    """Independent check: motions of single steps last, with the forces that these remember; one whose accelerations
-    are no longer those of the equations of motion does not, nor what comes after it."""
-    simulation = prepared(KRYLOV)
-    now, states = simulation.beginning(), []
-    for _ in range(16):
-        now = simulation.next(now)
-        states.append(now.state.organ)
-    organ = simulation.assembly.organ
-    assert isinstance(organ, tissue.KrylovOrgan)
-    first, *later = [state for state in states if state.U.size == states[-1].U.size]
-    motions = [organ.motion(state) for state in later]
-    assert len(later) >= 3
-    assert [krylov.work_of(state) for state in organ.lasting(first, motions)] == [krylov.work_of(s) for s in later]
-    U, V, A, f_y, drift = motions[1]
-    off = U, V, A + 1e-3 * np.abs(A).max(), f_y, drift
-    assert len(organ.lasting(first, [motions[0], off, *motions[2:]])) == 1
