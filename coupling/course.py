@@ -23,7 +23,7 @@ from coupling.compiled.steps.organ import BODY, Going, Organ, Pace
 from coupling.compiled.steps.tension import Limits, Stages
 from coupling.contact import NO_FORCES
 from coupling.integrators import BDF2, Scheme
-from coupling.interfaces import Answer, Lasting, Modal, ModalMotion, Steady
+from coupling.interfaces import Answer, Modal, ModalMotion, Steady
 from coupling.motion import CROSSED
 from coupling.newton import Problem
 from coupling.recent import Recent
@@ -117,8 +117,6 @@ def body_of(
         mu, load, W, Y, y0, missed = (plain(x) for x in modes[:6])
         moving = Organ(False, 0.0, PLANE, mu, load, W, Y, y0, missed, *modes[6:])
         motions = organ.motion(state.organ), organ.motion(before.organ)
-        if motions[0][0].size != motions[1][0].size:  # more modes stand for it since the step before
-            return None
         return Body(moving, *motions, lambda motion: organ.moved(state.organ, motion))
     return None
 
@@ -205,28 +203,18 @@ class Course:
         """Return the state one step before, at a `time` [s]."""
         return self._state(self._earlier, time)
 
-    def end_of(self, step: int, time: float, organ: Any = None) -> State[Any]:
-        """Return the state at the end of a step that is kept, at a `time` [s], with that of its `organ` where it is
-        known."""
-        return self._state(Motion(*[each[step] for each in self.kept.ends]), time, organ)
+    def end_of(self, step: int, time: float) -> State[Any]:
+        """Return the state at the end of a step that is kept, at a `time` [s]."""
+        return self._state(Motion(*[each[step] for each in self.kept.ends]), time)
 
-    def lasting(self, organ: Lasting) -> list[Any]:
-        """Return the organ's states at the ends of the steps that are kept, up to the first for which it does not go on
-        by its modes."""
-        ends = [Motion(*[each[step] for each in self.kept.ends]) for step in range(self.made)]
-        return organ.lasting(self._like.organ, [self._of_body(end) for end in ends])
-
-    def _of_body(self, motion: Motion) -> ModalMotion:
-        """Return the organ's part of a motion."""
-        return motion.U, motion.V, motion.A, motion.f_y[: self._holes].ravel(), float(motion.drift[0])
-
-    def _state(self, motion: Motion, time: float, organ: Any = None) -> State[Any]:
+    def _state(self, motion: Motion, time: float) -> State[Any]:
+        f_y = motion.f_y[: self._holes].ravel()
         return State(
             time=time,
             q=motion.q,
             v=motion.v,
             N=motion.N,
-            organ=self._body.state(self._of_body(motion)) if organ is None else organ,
+            organ=self._body.state((motion.U, motion.V, motion.A, f_y, float(motion.drift[0]))),
             s=motion.s,
             s_dot=motion.s_dot,
             lam=motion.lam,

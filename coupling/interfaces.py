@@ -189,15 +189,6 @@ class Modal(Protocol):
 
 
 @runtime_checkable
-class Lasting(Protocol):
-    """What an organ that goes on by modes may say besides: that these stand for it only as long as it says so."""
-
-    def lasting(self, state: Any, motions: Sequence[ModalMotion]) -> list[Any]:
-        """Return the states of the `motions` that steps from a `state` come to, one after the other under its loads, up
-        to the first for which the modes do not stand."""
-
-
-@runtime_checkable
 class Certified(Protocol):
     """What the answer of a linear organ may offer besides: it stands for the organ in a space, under some forces."""
 

@@ -17,7 +17,7 @@ from coupling.audit import Energies
 from coupling.calls import ask_before_correction
 from coupling.constraints import Passage
 from coupling.integrators import BackwardEuler, Scheme
-from coupling.interfaces import Body, Lasting, Modal, Steady
+from coupling.interfaces import Body, Modal, Steady
 from coupling.newton import Iterate, Solution, evaluate
 from coupling.observation import Seen
 from coupling.solver import covers
@@ -76,11 +76,6 @@ def march(
 
     The organ is linear, under loads that stay what they are, and without inertia or one that goes on by modes.
     """
-    if isinstance(system.organ, Lasting):
-        found = march_by_steps(system, state, energies, dt, times, take, follow)
-        if found is None:
-            return None
-        return Marched(len(found.states), found.states[-1], found.energies[-1], sum(found.iterations))
     course = run_course(system, state, energies, dt, times, take, follow)
     if course is None:
         return None
@@ -100,16 +95,12 @@ def march_by_steps(
     take: Take[Body],
     follow: bool = True,
 ) -> Marks[Body] | None:
-    """Make the steps that `march` makes, and return where each of them comes to; of an organ that says how long its
-    modes stand for it (`coupling.interfaces.Lasting`), those up to there."""
+    """Make the steps that `march` makes, and return where each of them comes to."""
     course = run_course(system, state, energies, dt, times, take, follow, len(times))
     if course is None:
         return None
-    organs = course.lasting(system.organ) if isinstance(system.organ, Lasting) else [None] * course.made
-    made, ends = len(organs), course.kept.ends
-    if not made:
-        return None
-    states = [course.end_of(step, times[step], organ) for step, organ in enumerate(organs)]
+    made, ends = course.made, course.kept.ends
+    states = [course.end_of(step, times[step]) for step in range(made)]
     if take is bdf2_step:
         before = [forgetful(state), *states[:-1]]
         states = [replace(new, before=old, dt_before=dt) for old, new in zip(before, states, strict=True)]

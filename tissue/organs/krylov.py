@@ -32,7 +32,7 @@ from tissue.errors import TissueError
 from tissue.organs.basis import MASSLESS, Orthonormal
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.meshed import LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
-from tissue.organs.modal import Modes, ModesOfStep, Motion, OrganOfModes
+from tissue.organs.modal import Modes, OrganOfModes
 from tissue.organs.reduced import check_reducible
 
 log = logging.getLogger(__name__)
@@ -277,38 +277,6 @@ class KrylovOrgan(OrganOfModes):
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
         """Return the answer of the whole organ in a step in which nothing moves."""
         return self.full.displace(scheme, self.whole(state), y, f_y)
-
-    # -- steps of which many are made at once ----------------------------------------------------------------------
-
-    def modes(self, scheme: TimeScheme, state: OrganState, times: Sequence[float]) -> ModesOfStep | None:
-        """Return masses and loads (n,), W (n, 9p), Y, y0, no check, and Rayleigh's α and β; None of the whole organ,
-        and where the loads at the `times` [s] are not those of the state."""
-        level = self.level(state)
-        if level is None or not self.loads_stay(state, times):
-            return None
-        modes = level.modes
-        W, load = modes.operator(scheme.a, scheme.d).W, modes.load_under(state.shares)
-        return modes.mu, load, W, modes.Y, self.y0, np.zeros((0, 0)), *modes.rayleigh
-
-    def motion(self, state: OrganState) -> Motion:
-        """Return η, η̇, η̈ (n,), the forces on the sites (9p,), and nothing of a check."""
-        return state.U, state.V, state.A, state.f_y, 0.0
-
-    def moved(self, state: OrganState, motion: Motion) -> KrylovState:
-        """Return the state of a `motion` under the loads of a state that it comes from."""
-        level, new = self.level(state), KrylovState(*motion[:4], shares=state.shares)
-        return replace(new, work=max(work_of(state), level.forces(new) if level else 0.0))
-
-    def lasting(self, state: OrganState, motions: Sequence[Motion]) -> list[KrylovState]:
-        """Return the states of `motions` one after the other, up to the first that leaves more of the equations of
-        motion of all unknowns than the module allows."""
-        level, out = self.level(state), list[KrylovState]()
-        for motion in motions:
-            new = self.moved(out[-1] if out else state, motion)
-            if level is None or level.left(new) > self._allowed(new):
-                break
-            out.append(new)
-        return out
 
     # -- what the space leaves open --------------------------------------------------------------------------------
 

@@ -27,10 +27,6 @@ from tissue.organs.meshed import (
 from tissue.sites.site import Sites
 from tissue.solvers.choice import SolverChoice
 
-# What many steps at once read of modes, and go on with: as `Modes` and `ModalMotion` in `coupling.interfaces`.
-ModesOfStep = tuple[Array, Array, Array, Array, Array, Array, float, float]
-Motion = tuple[Array, Array, Array, Array, float]
-
 
 @dataclass(frozen=True)
 class ModalOperator:
@@ -175,10 +171,6 @@ class OrganOfModes:
     def load_resultants(self, state: OrganState) -> Array:
         """Return the sum of the forces of each whole load, `(l, 3)` [N]."""
         return self.full.load_resultants(state)
-
-    def loads_stay(self, state: OrganState, times: Sequence[float]) -> bool:
-        """Tell whether the loads at the `times` [s] are those of a state."""
-        return state.shares is None or all((self.surface.shares(time, 1.0) == state.shares).all() for time in times)
 
     def lips(self, state: OrganState) -> Lips:
         """Return no pairs: nothing touches."""

@@ -23,7 +23,7 @@ from tissue.errors import TissueError
 from tissue.organs.basis import Krylov, build_krylov, vibration_modes
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.meshed import SHARE, OrganEnergies, OrganState, SiteAnswer, TimeScheme
-from tissue.organs.modal import Modes, ModesOfStep, Motion, OrganOfModes
+from tissue.organs.modal import Modes, OrganOfModes
 from tissue.solvers.choice import GIGA
 from tissue.solvers.memory import free_memory
 from tissue.supports import holds_still
@@ -193,20 +193,23 @@ class ReducedOrgan(OrganOfModes):
         """Return the energies at `new` and the works of the step, exact for the model that answers."""
         return self.both.energies(old, new)
 
-    def modes(self, scheme: TimeScheme, state: OrganState, times: Sequence[float]) -> ModesOfStep | None:
+    def modes(
+        self, scheme: TimeScheme, state: OrganState, times: Sequence[float]
+    ) -> tuple[Array, Array, Array, Array, Array, Array, float, float] | None:
         """Return masses and loads of both models (n,), W (n, 9p), Y of the one that answers, y0, R of the check, and
         Rayleigh's α and β; None where the loads at the `times` [s] are not those of the state."""
-        if not self.loads_stay(state, times):
+        shares, given = state.shares, self.reduction
+        if shares is not None and any((self.surface.shares(time, 1.0) != shares).any() for time in times):
             return None
-        given, W = self.reduction, self.both.operator(scheme.a, scheme.d).W
-        loads, Y = self.both.load_under(state.shares), given.Y[:, : given.size]
+        W = self.both.operator(scheme.a, scheme.d).W
+        loads, Y = self.both.load_under(shares), given.Y[:, : given.size]
         return (given.mu, loads, W, Y, self.y0, given.missed, *self.full.rayleigh)
 
-    def motion(self, state: OrganState) -> Motion:
+    def motion(self, state: OrganState) -> tuple[Array, Array, Array, Array, float]:
         """Return η, η̇, η̈ of both models (n,), the forces on the sites (9p,), and Σ‖Δr‖ of the check so far [√J]."""
         return state.U, state.V, state.A, state.f_y, drift_of(state)
 
-    def moved(self, state: OrganState, motion: Motion) -> ReducedState:
+    def moved(self, state: OrganState, motion: tuple[Array, Array, Array, Array, float]) -> ReducedState:
         """Return the state of a `motion` under the loads of another."""
         U, V, A, f_y, drift = motion
         return ReducedState(U, V, A, f_y, shares=state.shares, drift=drift)
