@@ -9,6 +9,10 @@ organ back-substitution), and two baselines that solve the same step to the same
 - `prefactored`: the organ factored once by `scipy.sparse.linalg.splu` with W = A⁻¹Yᵀ kept, each Newton correction by
   one back-substitution and a dense Schur complement on thread, abscissae and multipliers.
 
+An organ with inertia is measured twice: whole, and in its Krylov space (`tissue.organs.krylov`), whose floor is that of
+the whole one. Of the space also what it took to make, in floors: after so many steps it has paid, for a step of the
+whole organ is no less.
+
 Measurements of a case are taken in turn, round after round, so that a machine that slows down slows all of them. Times
 are those of the processor, on one thread: other work on the machine does not count.
 """
@@ -19,6 +23,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import median
 from time import process_time
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_array, csr_matrix
@@ -40,6 +45,7 @@ from studies.output.provenance import provenance
 from studies.scenario import Scenario, load
 from studies.simulation.assembly import assemble
 from tissue.organs.dynamic import DynamicOrgan
+from tissue.organs.krylov import KrylovOrgan
 from tissue.organs.meshed import OrganState
 from tissue.organs.quasi_static import QuasiStaticOrgan
 
@@ -80,6 +86,7 @@ class Row:
     floor: float | None = None
     prefactored: float | None = None
     assembled: float | None = None
+    space: float | None = None
 
     def ratio(self, other: float | None) -> float | None:
         """Return `other` over our step, None where it was not measured."""
@@ -89,6 +96,11 @@ class Row:
     def over_floor(self) -> float | None:
         """Our step over one organ back-substitution."""
         return None if self.floor is None else self.step / self.floor
+
+    @property
+    def pays_after(self) -> float | None:
+        """Steps after which the organ's Krylov space has paid, None without one."""
+        return None if self.floor is None or self.space is None else self.space / self.floor
 
 
 def main(json_path: Path | None = None, solver: str = "auto") -> int:
@@ -100,9 +112,15 @@ def main(json_path: Path | None = None, solver: str = "auto") -> int:
             rows.append(row)
             print(line(row), flush=True)
     if json_path is not None:
-        table = [asdict(row) | {"over_floor": row.over_floor, "numpy_over_step": row.ratio(row.numpy)} for row in rows]
+        table = [asdict(row) | ratios_of(row) for row in rows]
         write_json(json_path, {"milliseconds_per_step": table, "provenance": provenance()})
     return 0
+
+
+def ratios_of(row: Row) -> dict[str, float | None]:
+    """Return what is compared in a row, by name."""
+    ratios = row.over_floor, row.ratio(row.numpy), row.pays_after
+    return dict(zip(("over_floor", "numpy_over_step", "pays_after"), ratios, strict=True))
 
 
 def measurements(
@@ -111,10 +129,10 @@ def measurements(
     """Measure every case, smallest first, with a solver of the organ."""
     for name, overrides in THREADS.items():
         yield measure_case(name, load(THREAD, [*overrides, COMPILED]), rounds)
-    for inertia in (True, False):
-        name = "dynamic" if inertia else "quasi-static"
+    ways = {"dynamic": ['solve.organ="whole"'], "Krylov": ['solve.organ="krylov"']}
+    for name, way in (ways | {"quasi-static": ["tissue.inertia=false"]}).items():
         for size, (h, h_site) in sizes.items():
-            overrides = [f"tissue.mesh.h={h}", f"tissue.mesh.h_site={h_site}", f"tissue.inertia={str(inertia).lower()}"]
+            overrides = [f"tissue.mesh.h={h}", f"tissue.mesh.h_site={h_site}", *way]
             scenario = load(COUPLED, [*FIXED, *overrides, COMPILED, f'tissue.solver="{solver}"'])
             yield measure_case(f"{name} {size}", scenario, rounds)
 
@@ -125,7 +143,11 @@ def measure_case(case: str, scenario: Scenario, rounds: int) -> Row:
     organ, run = assembly.organ, begin(assembly.system, assembly.start())
     for _ in range(WARM_UP):
         run = run.step(dt)
-    others = baselines(run.system, organ, dt) if isinstance(organ, DynamicOrgan | QuasiStaticOrgan) else {}
+    others: dict[str, Callable[[State], object]] = {}
+    if isinstance(organ, DynamicOrgan | QuasiStaticOrgan):
+        others = baselines(run.system, organ, dt)
+    if isinstance(organ, KrylovOrgan):
+        others = {"floor": floor_of(organ.full, BackwardEuler(dt))}
     at_once = ["at_once"] if isinstance(organ, Steady) else []
     times: dict[str, list[float]] = {name: [] for name in ("step", "numpy", *at_once, *others)}
     if at_once:
@@ -147,6 +169,8 @@ def measure_case(case: str, scenario: Scenario, rounds: int) -> Row:
         times["step"] += [process_time() - began]
         iterations += [run.iterations]
     medians = {name: median(values) / MILLI for name, values in times.items()}
+    if isinstance(organ, KrylovOrgan) and organ.vectors(run.state.organ):
+        medians["space"] = time_call(KrylovOrgan(organ.full).site_variables, run.state.organ) / MILLI
     counts = {"newton_iterations": float(np.mean(iterations)), "numpy_iterations": float(np.mean(by_numpy))}
     return Row(case, organ.size, **counts, **medians)
 
@@ -158,11 +182,18 @@ def numpy_step(system: System[Body], state: State[Body], dt: float) -> Step[Body
     return conclude(state, scheme, newton.solve(problem, predict(problem, state)))
 
 
-def time_call(call: Callable[[State], object], state: State) -> float:
+def time_call(call: Callable[[Any], object], state: Any) -> float:
     """Measure the processor time of a call [s]."""
     began = process_time()
     call(state)
     return process_time() - began
+
+
+def floor_of(organ: DynamicOrgan | QuasiStaticOrgan, scheme: BackwardEuler) -> Callable[[object], object]:
+    """Return one back-substitution of an organ with the factor of a scheme."""
+    factor = organ.operator(scheme.a, scheme.d).factor
+    right = np.random.default_rng(0).standard_normal(organ.size)
+    return lambda state: factor.solve(right)
 
 
 def baselines(
@@ -171,7 +202,6 @@ def baselines(
     """List what is measured in addition to our step from a state."""
     scheme = BackwardEuler(dt)
     operator = organ.operator(scheme.a, scheme.d)
-    right = np.random.default_rng(0).standard_normal(organ.size)
     lu = splu(csc_array(operator.A))
     sites = SiteColumns(organ.Y, lu.solve(np.asfortranarray(organ.Y.T.toarray())))
 
@@ -181,7 +211,7 @@ def baselines(
         return monolithic_solve(problem, predict(problem, state), organ.field(state.organ), linear).iterate
 
     out: dict[str, Callable[[State[OrganState]], object]] = {
-        "floor": lambda state: operator.factor.solve(right),
+        "floor": floor_of(organ, scheme),
         "prefactored": lambda state: baseline(state, lambda x: prefactored_correction(x, lu.solve, sites)),
     }
     if organ.size <= LARGEST_ASSEMBLED:
@@ -220,7 +250,7 @@ def prefactored_correction(system: BlockSystem, solve: Callable[[Array], Array],
 
 HEAD = (
     f"{'times in ms':18} {'unknowns':>9} {'Newton':>7} {'step':>9} {'in numpy':>18} {'at once':>9} {'floor':>9} "
-    f"{'step/floor':>11} {'prefactored':>12} {'assembled':>10}"
+    f"{'step/floor':>11} {'prefactored':>12} {'assembled':>10} {'pays after':>11}"
 )
 
 
@@ -232,4 +262,5 @@ def line(row: Row) -> str:
     theirs = f"{row.numpy_iterations:4.1f} {row.numpy:7.3f} {row.numpy / row.step:3.0f} ×"
     at_once = f"{row.at_once:9.3f}" if row.at_once is not None else " " * 9
     step = f"{row.case:18} {row.tissue_unknowns:9d} {ours} {theirs} {at_once}"
-    return f"{step} {floor} {others[0]:>12} {others[1]:>10}"
+    pays = f"{row.pays_after:11.0f}" if row.pays_after is not None else ""
+    return f"{step} {floor} {others[0]:>12} {others[1]:>10} {pays}".rstrip()
