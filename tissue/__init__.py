@@ -21,7 +21,7 @@ from tissue.sites.surface import depths, distances, landing
 from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
 from tissue.solvers.ranks import Ranks
-from tissue.strain import cell_strain, energy_density, energy_share, nodal_volume_ratio, volume_ratio
+from tissue.strain import cell_strain, energy_density, energy_share, nodal_volume_ratio, strains, volume_ratio
 from tissue.stress import StressRecovery, interpolation, principal, stress_recovery, von_mises
 from tissue.supports import held_components, holds_still, motions_in_words, rigid_motions
 
@@ -88,6 +88,7 @@ __all__ = [
     "principal_stretch",
     "reduce_organ",
     "rigid_motions",
+    "strains",
     "stress_recovery",
     "surface_gaps",
     "volume_ratio",

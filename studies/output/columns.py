@@ -330,7 +330,12 @@ SOLVED: tuple[Column[StepRecord], ...] = (
     Column("slide_speed", "m/s", "largest speed of the thread in a hole", lambda step: step.slide_speed),
     *(reaction for reaction, _ in ENDS.values()),
     *(torque for _, torque in ENDS.values()),
-    Column("seconds", "s", "wall-clock time of this step, compiling its loops left out", lambda step: step.seconds),
+    Column(
+        "seconds",
+        "s",
+        "wall-clock time of this step, compiling its loops left out; of steps made at once their mean",
+        lambda step: step.seconds,
+    ),
 )
 
 PAIR: Column[ContactRecord] = text("pair", "names of the two surfaces", lambda lips: lips.pair)
