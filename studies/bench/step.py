@@ -158,7 +158,7 @@ def measure_case(case: str, scenario: Scenario, rounds: int) -> Row:
         others = baselines(run.system, organ, dt)
     if isinstance(organ, KrylovOrgan):
         others = {"floor": floor_of(organ.full, BackwardEuler(dt))}
-    at_once = ["at_once", "recorded"] if isinstance(organ, Steady) else []
+    at_once = ["at_once", "recorded"] if isinstance(organ, Steady | KrylovOrgan) else []
     times: dict[str, list[float]] = {name: [] for name in ("step", "numpy", *at_once, *others)}
     if at_once:
         smooth_ones(run, dt)  # loads or compiles the loops
