@@ -234,8 +234,8 @@ def errors(
 
 
 def measure_main_job() -> dict[str, float]:
-    """Measure the main job from its command to its picture, without one, in numpy and in a small basis; to compile the
-    loops; and to be told how to go on [s]: by loops that were compiled before."""
+    """Measure the main job from its command to its picture, without one, in numpy, in a small basis and whole; to
+    compile the loops; and to be told how to go on [s]: by loops that were compiled before."""
     short = ["--no-picture", "--set=solve.duration=2e-3"]
     time_command("run", *short)
     with TemporaryDirectory() as kept:
