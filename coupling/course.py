@@ -106,9 +106,8 @@ def body_of(
         if loads is None:
             return None
         at_rest = NONE, NONE, NONE, loads[2], 0.0
-        still = Organ(
-            True, loads[0], over_holds(loads[1], system.holds), NONE, NONE, PLANE, PLANE, NONE, PLANE, 0.0, 0.0
-        )
+        sag, none = over_holds(loads[1], system.holds), (NONE, NONE, PLANE, PLANE, NONE, PLANE)
+        still = Organ(True, loads[0], sag, *none, 0.0, 0.0, 0.0, 0.0)
         return Body(still, at_rest, at_rest, lambda motion: answer.accept(motion[3], NO_FORCES))
     if isinstance(organ, Modal):
         modes = organ.modes(scheme, state.organ, times)
@@ -116,7 +115,7 @@ def body_of(
             return None
         mu, load, W, Y, y0, missed = (plain(x) for x in modes[:6])
         moving = Organ(False, 0.0, PLANE, mu, load, W, Y, y0, missed, *modes[6:])
-        motions = organ.motion(state.organ), organ.motion(before.organ)
+        motions = organ.motion(state.organ, state.organ), organ.motion(before.organ, state.organ)
         return Body(moving, *motions, lambda motion: organ.moved(state.organ, motion))
     return None
 

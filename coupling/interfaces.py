@@ -27,8 +27,10 @@ OrganEnergies = tuple[float, float, float, float, float, float, float]
 SteadyLoads = tuple[float, Array, Array]
 # Of an organ by modes of stiffness one, of which the first r answer and the others check them: masses and loads (n,),
 # its way by the site forces in a step W (n, 9p), Y (9p, r), y0 (9p,), what the others leave open (k, n − r), Rayleigh's
-# α [1/s] and β [s]. And its motion: η, η̇, η̈ (n,), the forces on the sites (9p,), and what the check left open so far.
-Modes = tuple[Array, Array, Array, Array, Array, Array, float, float]
+# α [1/s] and β [s]; where all answer, what these leave open (k, n), and as what part of the largest forces and by what
+# round-off [√J] that may be, else zeros. And its motion: η, η̇, η̈ (n,), the forces on the sites (9p,), and what the
+# check left open so far, or the largest forces.
+Modes = tuple[Array, Array, Array, Array, Array, Array, float, float, float, float]
 ModalMotion = tuple[Array, Array, Array, Array, float]
 # Of each pair that may touch: its gap g [m], its contact force p [N] and how far it has slid since the reference [m],
 # shape `(pairs,)` each, the friction of its node on what that faces, `(pairs, 3)` [N], and whether that slips.
@@ -181,8 +183,8 @@ class Modal(Protocol):
         """Return what steps of a scheme read of it; None where the loads at the `times` [s] are not those of a
         state."""
 
-    def motion(self, state: Any) -> ModalMotion:
-        """Return the motion of a state."""
+    def motion(self, state: Any, like: Any) -> ModalMotion:
+        """Return the motion of a state by the modes of a later one."""
 
     def moved(self, state: Any, motion: ModalMotion) -> Any:
         """Return the state of a `motion` under the loads of another."""

@@ -39,6 +39,7 @@ MESHES = {"10k": SIZES["10k"], "100k": (1.5e-3, 0.5e-3)}  # far from and at the 
 NUMPY = '--set=solve.newton="numpy"'
 MEGA = 1e6
 SMALL = "tissue.reduction={ blocks = 2 }"
+WHOLE = 'solve.organ="whole"'
 STEPS = 60  # of which the second half is timed
 REPEATED = 10  # answers of an organ, and calls for steps at once
 SOFT = tissue.Material(4.0e4, 0.45, 1070.0)
@@ -156,7 +157,7 @@ def measure_job(case: str, mesh: Sequence[str]) -> Reduced:
     """Step the main job by both organs, in turn, with Newton in compiled loops."""
     store = Shared()
     keys = [*FIXED, *mesh, COMPILED]
-    whole, began = assemble(load(COUPLED, keys), store), process_time()
+    whole, began = assemble(load(COUPLED, [*keys, WHOLE]), store), process_time()
     small = assemble(load(COUPLED, [*keys, SMALL]), store)
     taken, full, organ = process_time() - began, whole.organ, small.organ
     assert isinstance(full, tissue.DynamicOrgan) and isinstance(organ, tissue.ReducedOrgan)
@@ -233,8 +234,8 @@ def errors(
 
 
 def measure_main_job() -> dict[str, float]:
-    """Measure the main job from its command to its picture, without one, in numpy and in a small basis; to compile the
-    loops; and to be told how to go on [s]: by loops that were compiled before."""
+    """Measure the main job from its command to its picture, without one, in numpy, in a small basis and whole; to
+    compile the loops; and to be told how to go on [s]: by loops that were compiled before."""
     short = ["--no-picture", "--set=solve.duration=2e-3"]
     time_command("run", *short)
     with TemporaryDirectory() as kept:
@@ -242,6 +243,7 @@ def measure_main_job() -> dict[str, float]:
         compiling = first - time_command("run", *short, kept=kept)
     whole = {"to its picture": time_command("run"), "without one": time_command("run", "--no-picture")}
     others = {"in numpy": time_command("run", NUMPY), "in a small basis": time_command("run", f"--set={SMALL}")}
+    others |= {"with the organ solved whole": time_command("run", f"--set={WHOLE}")}
     return whole | others | {"to compile the loops": compiling, "for --help": time_words("--help")}
 
 

@@ -10,6 +10,10 @@ back-substitution), and two baselines that solve the same step to the same toler
 - `prefactored`: the organ factored once by `scipy.sparse.linalg.splu` with W = A⁻¹Yᵀ kept, each Newton correction by
   one back-substitution and a dense Schur complement on thread, abscissae and multipliers.
 
+An organ with inertia is measured twice: whole, and in its Krylov space (`tissue.organs.krylov`), whose floor is that of
+the whole one. Of the space also what it took to make, in floors: after so many steps it has paid, for a step of the
+whole organ is no less.
+
 Measurements of a case are taken in turn, round after round, so that a machine that slows down slows all of them. Times
 are those of the processor, on one thread: other work on the machine does not count.
 """
@@ -21,6 +25,7 @@ from itertools import accumulate
 from pathlib import Path
 from statistics import median
 from time import process_time
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_array, csr_matrix
@@ -44,6 +49,7 @@ from studies.scenario import Scenario, load
 from studies.simulation.assembly import assemble
 from studies.simulation.recording import step_record
 from tissue.organs.dynamic import DynamicOrgan
+from tissue.organs.krylov import KrylovOrgan
 from tissue.organs.meshed import OrganState
 from tissue.organs.quasi_static import QuasiStaticOrgan
 
@@ -85,6 +91,7 @@ class Row:
     floor: float | None = None
     prefactored: float | None = None
     assembled: float | None = None
+    space: float | None = None
 
     def ratio(self, other: float | None) -> float | None:
         """Return `other` over our step, None where it was not measured."""
@@ -99,6 +106,11 @@ class Row:
     def over_floor(self) -> float | None:
         """Our step over one organ back-substitution."""
         return None if self.floor is None else self.step / self.floor
+
+    @property
+    def pays_after(self) -> float | None:
+        """Steps after which the organ's Krylov space has paid, None without one."""
+        return None if self.floor is None or self.space is None else self.space / self.floor
 
 
 def main(json_path: Path | None = None, solver: str = "auto") -> int:
@@ -117,8 +129,8 @@ def main(json_path: Path | None = None, solver: str = "auto") -> int:
 
 def ratios(row: Row) -> dict[str, float | None]:
     """Return what is told of a row beside its times."""
-    numpy_over_step, recorded = row.ratio(row.numpy), row.over_at_once
-    return {"over_floor": row.over_floor, "numpy_over_step": numpy_over_step, "recorded_over_at_once": recorded}
+    told = {"over_floor": row.over_floor, "numpy_over_step": row.ratio(row.numpy)}
+    return told | {"recorded_over_at_once": row.over_at_once, "pays_after": row.pays_after}
 
 
 def measurements(
@@ -127,10 +139,10 @@ def measurements(
     """Measure every case, smallest first, with a solver of the organ."""
     for name, overrides in THREADS.items():
         yield measure_case(name, load(THREAD, [*overrides, COMPILED]), rounds)
-    for inertia in (True, False):
-        name = "dynamic" if inertia else "quasi-static"
+    ways = {"dynamic": ['solve.organ="whole"'], "Krylov": ['solve.organ="krylov"']}
+    for name, way in (ways | {"quasi-static": ["tissue.inertia=false"]}).items():
         for size, (h, h_site) in sizes.items():
-            overrides = [f"tissue.mesh.h={h}", f"tissue.mesh.h_site={h_site}", f"tissue.inertia={str(inertia).lower()}"]
+            overrides = [f"tissue.mesh.h={h}", f"tissue.mesh.h_site={h_site}", *way]
             scenario = load(COUPLED, [*FIXED, *overrides, COMPILED, f'tissue.solver="{solver}"'])
             yield measure_case(f"{name} {size}", scenario, rounds)
 
@@ -141,8 +153,12 @@ def measure_case(case: str, scenario: Scenario, rounds: int) -> Row:
     organ, run = assembly.organ, begin(assembly.system, assembly.start())
     for _ in range(WARM_UP):
         run = run.step(dt)
-    others = baselines(run.system, organ, dt) if isinstance(organ, DynamicOrgan | QuasiStaticOrgan) else {}
-    at_once = ["at_once", "recorded"] if isinstance(organ, Steady) else []
+    others: dict[str, Callable[[State], object]] = {}
+    if isinstance(organ, DynamicOrgan | QuasiStaticOrgan):
+        others = baselines(run.system, organ, dt)
+    if isinstance(organ, KrylovOrgan):
+        others = {"floor": floor_of(organ.full, BackwardEuler(dt))}
+    at_once = ["at_once", "recorded"] if isinstance(organ, Steady | KrylovOrgan) else []
     times: dict[str, list[float]] = {name: [] for name in ("step", "numpy", *at_once, *others)}
     if at_once:
         smooth_ones(run, dt)  # loads or compiles the loops
@@ -167,6 +183,8 @@ def measure_case(case: str, scenario: Scenario, rounds: int) -> Row:
         times["step"] += [process_time() - began]
         iterations += [run.iterations]
     medians = {name: median(values) / MILLI for name, values in times.items()}
+    if isinstance(organ, KrylovOrgan) and organ.vectors(run.state.organ):
+        medians["space"] = time_call(KrylovOrgan(organ.full).site_variables, run.state.organ) / MILLI
     counts = {"newton_iterations": float(np.mean(iterations)), "numpy_iterations": float(np.mean(by_numpy))}
     return Row(case, organ.size, **counts, **medians)
 
@@ -184,11 +202,18 @@ def numpy_step(system: System[Body], state: State[Body], dt: float) -> Step[Body
     return conclude(state, scheme, newton.solve(problem, predict(problem, state)))
 
 
-def time_call(call: Callable[[State], object], state: State) -> float:
+def time_call(call: Callable[[Any], object], state: Any) -> float:
     """Measure the processor time of a call [s]."""
     began = process_time()
     call(state)
     return process_time() - began
+
+
+def floor_of(organ: DynamicOrgan | QuasiStaticOrgan, scheme: BackwardEuler) -> Callable[[object], object]:
+    """Return one back-substitution of an organ with the factor of a scheme."""
+    factor = organ.operator(scheme.a, scheme.d).factor
+    right = np.random.default_rng(0).standard_normal(organ.size)
+    return lambda state: factor.solve(right)
 
 
 def baselines(
@@ -197,7 +222,6 @@ def baselines(
     """List what is measured in addition to our step from a state."""
     scheme = BackwardEuler(dt)
     operator = organ.operator(scheme.a, scheme.d)
-    right = np.random.default_rng(0).standard_normal(organ.size)
     lu = splu(csc_array(operator.A))
     sites = SiteColumns(organ.Y, lu.solve(np.asfortranarray(organ.Y.T.toarray())))
 
@@ -207,7 +231,7 @@ def baselines(
         return monolithic_solve(problem, predict(problem, state), organ.field(state.organ), linear).iterate
 
     out: dict[str, Callable[[State[OrganState]], object]] = {
-        "floor": lambda state: operator.factor.solve(right),
+        "floor": floor_of(organ, scheme),
         "prefactored": lambda state: baseline(state, lambda x: prefactored_correction(x, lu.solve, sites)),
     }
     if organ.size <= LARGEST_ASSEMBLED:
@@ -246,7 +270,7 @@ def prefactored_correction(system: BlockSystem, solve: Callable[[Array], Array],
 
 HEAD = (
     f"{'times in ms':18} {'unknowns':>9} {'Newton':>7} {'step':>9} {'in numpy':>18} {'at once':>9} {'recorded':>9} "
-    f"{'floor':>9} {'step/floor':>11} {'prefactored':>12} {'assembled':>10}"
+    f"{'floor':>9} {'step/floor':>11} {'prefactored':>12} {'assembled':>10} {'pays after':>11}"
 )
 
 
@@ -259,4 +283,5 @@ def line(row: Row) -> str:
     at_once = f"{row.at_once:9.3f}" if row.at_once is not None else " " * 9
     recorded = f"{row.over_at_once:7.2f} ×" if row.over_at_once is not None else " " * 9
     step = f"{row.case:18} {row.tissue_unknowns:9d} {ours} {theirs} {at_once} {recorded}"
-    return f"{step} {floor} {others[0]:>12} {others[1]:>10}"
+    pays = f"{row.pays_after:11.0f}" if row.pays_after is not None else ""
+    return f"{step} {floor} {others[0]:>12} {others[1]:>10} {pays}".rstrip()

@@ -56,13 +56,14 @@ def test_bench_many(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypa
     assert all(row["vectors"] == 54 < row["tissue_unknowns"] for row in written["reduced"])
     assert all(row["bound_over_error"] > 1.0 and row["error"] > 0.0 for row in written["reduced"])
     assert [row["times_as_cheap"] for row in written["tensions"]] == [2.0, 2.0, 2.0]
-    short, others = ["run", "--no-picture", "--set=solve.duration=2e-3"], ([many.NUMPY], [f"--set={many.SMALL}"])
-    assert asked[:7] == [short, short, short, ["run"], ["run", "--no-picture"], *(["run", *words] for words in others)]
+    short = ["run", "--no-picture", "--set=solve.duration=2e-3"]
+    others = [many.NUMPY], *([f"--set={key}"] for key in (many.SMALL, many.WHOLE))
+    assert asked[:8] == [short, short, short, ["run"], ["run", "--no-picture"], *(["run", *words] for words in others)]
     job = written["main_job_seconds"]
     assert (job["to its picture"], job["without one"], job["in numpy"]) == (100.0, 100.0, 100.0)
     assert 0.0 < job["for --help"] < 100.0 and job["to compile the loops"] == 0.0
     assert written["main_job_megabytes"] == 12.0
-    options = [read([verb, str(many.COUPLED), "--out", "out", *words]) for verb, *words in asked[7:]]
+    options = [read([verb, str(many.COUPLED), "--out", "out", *words]) for verb, *words in asked[8:]]
     sweeps = [cases_of(each) for each in options[::3]]
     assert [[len(cases), len(cases[0])] for cases in sweeps] == [[2, 1], [2, 2], [2, 2]]
     for cases, each, run in zip(sweeps, options[::3], options[1::3], strict=True):

@@ -270,6 +270,31 @@ class KrylovOrgan(OrganOfModes):
             return self.full.energies(self.whole(old), self.whole(new))
         return level.modes.energies(self._at(level, old), self._at(level, new))
 
+    def modes(
+        self, scheme: TimeScheme, state: OrganState, times: Sequence[float]
+    ) -> tuple[Array, Array, Array, Array, Array, Array, float, float, float, float] | None:
+        """Return masses and loads (n,), W (n, 9p), Y, y0, R, Rayleigh's α and β, and what a step may leave: as part of
+        the largest forces, and by round-off [√J]. None where the loads at the `times` [s] are not those of the state,
+        and where that is one of the whole organ."""
+        level = self.level(state)
+        if level is None or not self.has_loads_of(state, times):
+            return None
+        modes, load = level.modes, level.modes.load_under(state.shares)
+        W, within = modes.operator(scheme.a, scheme.d).W, (ACCURACY, self._rounded)
+        return (modes.mu, load, W, modes.Y, self.y0, level.missed, *modes.rayleigh, *within)
+
+    def motion(self, state: OrganState, like: OrganState) -> tuple[Array, Array, Array, Array, float]:
+        """Return η, η̇, η̈ of a state at the level of a later one (n,), the forces on the sites (9p,), and the largest
+        forces so far [√J]."""
+        level = self.level(like)
+        at = state if level is None else self._at(level, state)
+        return at.U, at.V, at.A, at.f_y, work_of(at)
+
+    def moved(self, state: OrganState, motion: tuple[Array, Array, Array, Array, float]) -> KrylovState:
+        """Return the state of a `motion` under the loads of another."""
+        U, V, A, f_y, work = motion
+        return KrylovState(U, V, A, f_y, shares=state.shares, work=work)
+
     def impulse(self, state: OrganState) -> SiteAnswer[OrganState]:
         """Return the answer of the whole organ to an impulse on the sites."""
         return self.full.impulse(self.whole(state))

@@ -172,6 +172,11 @@ class OrganOfModes:
         """Return the sum of the forces of each whole load, `(l, 3)` [N]."""
         return self.full.load_resultants(state)
 
+    def has_loads_of(self, state: OrganState, times: Sequence[float]) -> bool:
+        """Tell whether the parts of the loads at the `times` [s] are those of a state."""
+        shares = state.shares
+        return shares is None or all(bool((self.surface.shares(time, 1.0) == shares).all()) for time in times)
+
     def lips(self, state: OrganState) -> Lips:
         """Return no pairs: nothing touches."""
         return NO_LIPS

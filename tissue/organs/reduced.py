@@ -195,17 +195,18 @@ class ReducedOrgan(OrganOfModes):
 
     def modes(
         self, scheme: TimeScheme, state: OrganState, times: Sequence[float]
-    ) -> tuple[Array, Array, Array, Array, Array, Array, float, float] | None:
-        """Return masses and loads of both models (n,), W (n, 9p), Y of the one that answers, y0, R of the check, and
-        Rayleigh's α and β; None where the loads at the `times` [s] are not those of the state."""
+    ) -> tuple[Array, Array, Array, Array, Array, Array, float, float, float, float] | None:
+        """Return masses and loads of both models (n,), W (n, 9p), Y of the one that answers, y0, R of the check,
+        Rayleigh's α and β, and that nothing else is asked of a step; None where the loads at the `times` [s] are not
+        those of the state."""
         shares, given = state.shares, self.reduction
-        if shares is not None and any((self.surface.shares(time, 1.0) != shares).any() for time in times):
+        if not self.has_loads_of(state, times):
             return None
         W = self.both.operator(scheme.a, scheme.d).W
         loads, Y = self.both.load_under(shares), given.Y[:, : given.size]
-        return (given.mu, loads, W, Y, self.y0, given.missed, *self.full.rayleigh)
+        return (given.mu, loads, W, Y, self.y0, given.missed, *self.full.rayleigh, 0.0, 0.0)
 
-    def motion(self, state: OrganState) -> tuple[Array, Array, Array, Array, float]:
+    def motion(self, state: OrganState, like: OrganState) -> tuple[Array, Array, Array, Array, float]:
         """Return η, η̇, η̈ of both models (n,), the forces on the sites (9p,), and Σ‖Δr‖ of the check so far [√J]."""
         return state.U, state.V, state.A, state.f_y, drift_of(state)
 

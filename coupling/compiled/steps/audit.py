@@ -23,7 +23,7 @@ TURNS = 8
 class Motion(NamedTuple):
     """A state of thread and holds, as `coupling.system.State`; `layers` are infinite where there is no tension, and
     `f_y` (m, 9) the forces on the sites. Of modes of the organ `U`, `V`, `A` (n,) and what their check leaves open so
-    far, `drift` (1,)."""
+    far, or the largest forces, `drift` (1,)."""
 
     q: Array
     v: Array

@@ -57,7 +57,7 @@ from coupling.compiled.steps.tension import (
 from coupling.compiled.vectors import cross, dot, norm, vector
 
 # Why no further step is made.
-MADE, TO_LEARN, NOT_SOLVED, TOO_FAST, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL = range(10)
+MADE, TO_LEARN, NOT_SOLVED, TOO_FAST, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL, TOO_NARROW = range(11)
 SOURCES = "**/*.py"  # that the loops are compiled from
 ENERGIES = 10  # numbers of `coupling.audit.Energies` that steps change
 
@@ -504,8 +504,8 @@ def end_step(
     p, more = len(scene.strength), ends.more[step]
     works = Works(scene.damping, scene.epsilon, p, scene.rough, pace.a, room.at, pace.two_step, more, scene.bearing)
     audit_step(curve, knots, law, given, works, room.found, now, room.end, room.was, room.mid, room.back, room.turns)
-    if not organ.still:
-        bear(pace, organ, now, room.end, room.going)
+    if not organ.still and not bear(pace, organ, now, room.end, room.going):
+        return TOO_NARROW, KNOWN
     audit_organ(organ, pace.two_step, given.C, now, room.end, room.body)
     book(room.turns, room.body, energies, room.after)
     give = (knots.breaks[-1] - knots.breaks[0]) / curve.EA

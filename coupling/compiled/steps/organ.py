@@ -32,7 +32,8 @@ class Organ(NamedTuple):
     """An organ without inertia (`still`): its `elastic` energy under the loads alone [J], and how far they move the
     sites, `sag` (m, 9). Or modes of stiffness one, of which the first r answer: masses `mu` and `load` (n,), `W`
     (n, 9p), of the r `Y` (9p, r) and `y0` (9p,), of the others R, `missed` (k, n − r), and Rayleigh's `alpha` [1/s] and
-    `beta` [s]."""
+    `beta` [s]. Where all answer, `missed` is theirs, and what a step leaves of the equations of motion is below the
+    `accuracy` times the largest forces so far, and what is `rounded` [√J]."""
 
     still: bool
     elastic: float
@@ -45,6 +46,8 @@ class Organ(NamedTuple):
     missed: Array
     alpha: float
     beta: float
+    accuracy: float
+    rounded: float
 
 
 class Going(NamedTuple):
@@ -74,14 +77,18 @@ def go_free(pace: Pace, organ: Organ, given: Given, now: Motion, earlier: Motion
 
 
 @loop
-def bear(pace: Pace, organ: Organ, now: Motion, new: Motion, going: Going) -> None:
-    """Write the modes at the end of a step under its site forces, and what their check leaves open so far."""
-    n, answering, open_ = len(organ.mu), organ.Y.shape[1], 0.0
+def bear(pace: Pace, organ: Organ, now: Motion, new: Motion, going: Going) -> bool:
+    """Write the modes at the end of a step under its site forces, and what their check leaves open so far, or the
+    largest forces; returns whether they hold for the whole organ."""
+    n, answering = len(organ.mu), organ.Y.shape[1]
     for i in range(n):
         U = going.free[i]
         for j in range(len(organ.y0)):
             U += organ.W[i, j] * new.f_y[j // 9, j % 9]
         new.U[i], new.V[i], new.A[i] = U, pace.d * (U - going.damping[i]), pace.a * (U - going.inertia[i])
+    if n == answering:
+        return holds_for_whole(organ, now, new)
+    open_ = 0.0
     for k in range(len(organ.missed)):
         left = 0.0
         for c in range(n - answering):
@@ -89,6 +96,24 @@ def bear(pace: Pace, organ: Organ, now: Motion, new: Motion, going: Going) -> No
             left += organ.missed[k, c] * (new.A[i] - now.A[i] + organ.alpha * (new.V[i] - now.V[i]))
         open_ += left**2
     new.drift[0] = now.drift[0] + np.sqrt(open_)
+    return True
+
+
+@loop
+def holds_for_whole(organ: Organ, now: Motion, new: Motion) -> bool:
+    """Write the largest forces so far; returns whether modes that all answer leave little of the equations of motion of
+    the whole organ (`tissue.organs.krylov`)."""
+    inertia, elastic, open_ = 0.0, 0.0, 0.0
+    for i in range(len(organ.mu)):
+        inertia += (organ.mu[i] * (new.A[i] + organ.alpha * new.V[i])) ** 2
+        elastic += (new.U[i] + organ.beta * new.V[i]) ** 2
+    new.drift[0] = max(now.drift[0], np.sqrt(inertia) + np.sqrt(elastic))
+    for k in range(len(organ.missed)):
+        left = 0.0
+        for i in range(len(organ.mu)):
+            left += organ.missed[k, i] * (new.A[i] + organ.alpha * new.V[i])
+        open_ += left**2
+    return np.sqrt(open_) <= organ.accuracy * new.drift[0] + organ.rounded
 
 
 @loop
