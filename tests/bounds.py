@@ -15,6 +15,7 @@ ELASTICA_FINE = 1e-5  # with 60, above the stretch P/EA of a real suture (6e-6)
 CATENARY = 1e-4  # of sag and forces; the model's own EI and EA change them by less than 1e-5
 ADAPTED = 1e-2  # of the tension: the default of thread.tolerance
 LOCATED = 0.02  # of a step: the time of an event where the acceleration is constant; the first step is of first order
+SWING = 0.01  # of a force: how far BDF2 at 400 steps a period damps a swing, and the mass of the thread slows it
 SAME_TIME = 0.02  # of an event's time: what a run at a quarter of the step on adaptive knots may differ by
 BAR = 0.01  # peak of a bar of 25 Hz under a step load, at 1 ms: BDF2's damping and dispersion there are below 1 %
 MOVED = 1e-3  # of a pull: mass times acceleration and damping of 20 mm of suture at 0.05 m/s are below 1e-4 of 0.05 N

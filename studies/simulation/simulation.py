@@ -105,7 +105,10 @@ class Simulation:
     def methods(self) -> dict[str, str | None]:
         """By what the run is solved; `solver` is that of the organ, as `auto` chose it, None without one."""
         solve, choice = self.scenario.solve, getattr(self.assembly.organ, "choice", None)
-        ways = {name: str(getattr(solve, name)) for name in ("kind", "scheme", "integrator", "coupling", "friction")}
+        ways = {
+            name: str(getattr(solve, name))
+            for name in ("kind", "start", "scheme", "integrator", "coupling", "friction")
+        }
         return {"solver": choice.name if choice else None, "newton": self._newton, **ways}
 
     @property
@@ -145,11 +148,15 @@ class Simulation:
         With the `memory` of a step's record: that step again, then those after it. Raises `ScenarioError` for a memory
         that is none of this simulation.
         """
-        return self._from(self.beginning() if memory is None else recall(self.beginning(), memory))
+        if memory is None:
+            return self._from(self._laid(), self._starts_at_rest)
+        return self._from(recall(replace(self._laid(), fresh=not self._starts_at_rest), memory), False)
 
-    def _from(self, now: OrganRun) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
-        """Keep BLAS to one thread while stepping: two of them on busy cores cost more than they bring."""
+    def _from(self, now: OrganRun, rests: bool) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
+        """Step on from where the run is, or from its rest. BLAS keeps to one thread: two of them on busy cores cost
+        more than they bring."""
         with threadpool_limits(limits=1, user_api="blas"):
+            now = now.rested() if rests else now
             yield from self._told(self.record(now), now)
             while now.number < self.steps:
                 now, seconds = timed(partial(self.next, now), self._newton == "compiled")
@@ -172,8 +179,20 @@ class Simulation:
         longer than the `deadline` [s], None: than it stands for. Raises `ScenarioError`."""
         return Stepper(self, end, deadline)
 
+    @property
+    def _starts_at_rest(self) -> bool:
+        """Whether slack is taken up before the clock starts."""
+        return self.scenario.solve.start == "rest"
+
     def beginning(self) -> OrganRun:
-        """Return the run before the first step."""
+        """Return the run before the first step. Raises `RestError` where it is to start at rest, and there is none."""
+        if not self._starts_at_rest:
+            return self._laid()
+        with threadpool_limits(limits=1, user_api="blas"):
+            return self._laid().rested()
+
+    def _laid(self) -> OrganRun:
+        """Return the run with the thread where it was laid."""
         made, solve = self.assembly, self.scenario.solve
         one_system = (solve.scheme, solve.coupling, solve.friction) == ("newton", "monolithic", "implicit")
         cuts = tuple(Cut(table.s, table.time) for table in self.scenario.cut)
