@@ -97,7 +97,7 @@ def changes(system: System[Body], old: State[Body], new: State[Body], times: Tim
     strengths = np.array([piercing.strength for piercing in system.piercings])
     if np.isinf(strengths).all():
         return out
-    before, after = (bearing_pressures(system, state) - strengths for state in (old, new))
+    before, after = (bearing_pressures(system, state.lam) - strengths for state in (old, new))
     torn = np.flatnonzero((after > 0.0) & (before <= 0.0) & new.present[: len(strengths)])
     when = times.between(before[torn], after[torn]).tolist()
     torn_at = zip(torn, when, strict=True)

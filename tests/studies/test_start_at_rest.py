@@ -25,6 +25,7 @@ ORGANS: dict[str, dict[str, Any]] = {
     "none": {},
     "with inertia": {"rayleigh": [5.7, 5.8e-4]},
     "without inertia": {"inertia": False},
+    "in its Krylov space": {},
     "in a small basis": {"reduction": {"blocks": 2, "modes": 0}},
     "at finite strain": {"material": "neo-hookean", "mesh": {**TISSUE["mesh"], "h": 5e-3}},
 }
@@ -49,6 +50,8 @@ def stitched(organ: str = "none", **solve: Any) -> dict[str, Any]:
         ],
         "solve": {"start": "rest", "duration": 0.02, **solve},
     }
+    if organ == "in its Krylov space":
+        scene["solve"]["organ"] = "krylov"
     if organ == "none":
         scene["piercing"][0]["direction"] = [0, 0, -1]
         return scene
