@@ -392,7 +392,7 @@ def prepare(
 
 def sound_start(assembly: Assembly, store: Store) -> State:
     """Return the consistent start, that of the `store` where it has it. Raises `ScenarioError` where there is none, the
-    constraints cannot be met, or statics asks for the equilibrium of dead loads that have none."""
+    constraints cannot be met, or statics or a start at rest asks for the equilibrium of dead loads that have none."""
     try:
         state = store.take("start", start_key(assembly.scenario), assembly.start)
     except StepError as error:
@@ -403,10 +403,12 @@ def sound_start(assembly: Assembly, store: Store) -> State:
     problems = faults(assembly.system, state)
     if problems:
         raise ScenarioError(problems)
-    if assembly.scenario.solve.kind == "static":
+    solve = assembly.scenario.solve
+    if solve.kind == "static" or solve.start == "rest":
         try:
-            refuse_unbalanced(assembly.system, state, assembly.scenario.solve.duration)
+            refuse_unbalanced(assembly.system, state, solve.duration if solve.kind == "static" else 0.0)
         except UnbalancedError as error:
-            told = f"{error.cause}, and no equilibrium; {error.remedy}"
+            otherwise = ', or set solve.start = "path"' if solve.start == "rest" else ""
+            told = f"{error.cause}, and no equilibrium; {error.remedy}{otherwise}"
             raise ScenarioError(f"thread.start.force and thread.end.force are refused: {told}") from error
     return state

@@ -196,11 +196,14 @@ def test_the_way_out_of_no_rest_is_tried() -> None:
 
 def test_what_has_no_rest_is_refused_in_words() -> None:
     """Independent check: a thread that is drawn out of its holes has none, the error says so and what starts without;
-    statics has no clock to start."""
+    one that slides freely is refused before, and statics, which has no clock to start."""
     scene = stitched()
     scene["thread"]["end"] = {"kind": "pulled", "force": [0, 0, 4 * PULL]}
     with pytest.raises(RestError, match=r'no rest to start from.*runs out of its last hole.*solve\.start = "path"'):
         records_of(scene)
+    scene["piercing"] = [{**hole, "friction": {"static": 0.0, "kinetic": 0.0}} for hole in scene["piercing"]]
+    with pytest.raises(ScenarioError, match=r'dead loads are unbalanced.*solve\.start = "path"'):
+        prepare(parse(scene))
     still = deepcopy(stitched())
     still["solve"]["kind"] = "static"
     with pytest.raises(ScenarioError, match=r'solve\.start = "rest" is refused'):
