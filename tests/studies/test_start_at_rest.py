@@ -201,6 +201,7 @@ def test_what_has_no_rest_is_refused_in_words() -> None:
     scene["thread"]["end"] = {"kind": "pulled", "force": [0, 0, 4 * PULL]}
     with pytest.raises(RestError, match=r'no rest to start from.*runs out of its last hole.*solve\.start = "path"'):
         records_of(scene)
+    scene["thread"]["start"]["force"], scene["thread"]["end"]["force"] = [0, 0, 10 * PULL], [0, 0, 40 * PULL]
     scene["piercing"] = [{**hole, "friction": {"static": 0.0, "kinetic": 0.0}} for hole in scene["piercing"]]
     with pytest.raises(ScenarioError, match=r'dead loads are unbalanced.*solve\.start = "path"'):
         prepare(parse(scene))
