@@ -7,9 +7,10 @@ A step sees its ends alone. Between them what decides is interpolated, with an e
     leaves     s less the end of the thread, a cubic by s and ds/dt at both ends of the step in which it passes that
     tears      the bearing pressure less the strength
 
-What would be the end is the step solved again with the old active set, which Newton's method left where it changed the
-set. One that turns back in a step stops in between and slips from there, its force rising from one bound to the other.
-The motion itself is not cut there: what a switch changes of it within its step is of second order too.
+What would be the end is the step solved again as if nothing switched: with the hole held, or under the friction of the
+old sense. One that turns back in a step stops in between and slips from there, its force rising from one bound to the
+other. The motion itself is not cut there: a switch acts over the whole of its step, and of what is not smooth an
+integrator is of first order (`coupling.integrators`).
 
 What happens at rest has no time within a load step, and what comes to no solution bears the time of the step's end.
 """
@@ -24,8 +25,9 @@ from coupling.constraints import Passage
 from coupling.errors import StepError
 from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body
-from coupling.newton import Iterate, Solution, correct, solve_set
-from coupling.sliding import admissible_sigma, judged_forces
+from coupling.newton import Iterate, Solution
+from coupling.sliding import Law, judged_forces, kinetic_bound
+from coupling.solver import solve
 from coupling.stepping import Step, abscissa_rates, scheme_of
 from coupling.system import State, System
 
@@ -74,11 +76,11 @@ def locate(old: State[Body], step: Step[Body]) -> Times:
 def slipping_times(old: State[Body], step: Step[Body], started: Flags, since: Array) -> Array:
     """Return when the holds that `started` to slip in a step did, shape `(m,)` [s], which stuck `since` then (m,) [s]:
     those that slid before under the bound on the other side."""
-    new, end = step.new, np.full(len(started), step.new.time)
-    held = tried(step, np.where(started, 0.0, new.sigma))
+    law, end = step.solution.problem.law, np.full(len(started), step.new.time)
+    held = tried(step, replace(law, may_slide=law.may_slide & ~started))
     if held is None:
         return end
-    system, law, sigma, z = held.problem.system, held.problem.law, new.sigma, held.iterate
+    system, sigma, z = held.problem.system, step.new.sigma, held.iterate
 
     def excess(at: Passage, state: State[Body] | Iterate) -> Array:
         f, bound = judged_forces(law, at, state.s, state.lam, state.y)
@@ -92,7 +94,7 @@ def sticking_times(old: State[Body], step: Step[Body], stopped: Flags) -> Array:
     """Return when the holds that `stopped` sliding as they did in a step did, shape `(m,)` [s]: in the step before
     where they slid back at its end already, but not over the whole of it."""
     end, before = np.full(len(stopped), step.new.time), old.before
-    slid = tried(step, np.where(stopped, old.sigma, step.new.sigma))
+    slid = tried(step, rubbed_on(step, stopped, old.sigma))
     if slid is None:
         return end
     scheme = BackwardEuler(step.dt) if step.new.before is None else scheme_of(step.old, step.dt)
@@ -105,13 +107,18 @@ def sticking_times(old: State[Body], step: Step[Body], stopped: Flags) -> Array:
     return np.where(stopped, out, end)
 
 
-def tried(step: Step[Body], sigma: Array) -> Solution[Body] | None:
-    """Return the solution of a step with another active set `sigma` (m,), whether its forces allow that or not; None
-    where there is none."""
-    solution, z = step.solution, step.solution.iterate
-    problem = replace(solution.problem, closed=z.pressed, rubbing=z.rubbing)
+def rubbed_on(step: Step[Body], stopped: Flags, sigma: Array) -> Law:
+    """Return the law of a step in which the holds that `stopped` slide on under the friction of the sense `sigma` (m,)
+    that they had, as large as what presses at its end makes it."""
+    law, z = step.solution.problem.law, step.solution.iterate
+    friction = sigma * kinetic_bound(law, step.solution.residual.passage, z.lam, z.y)
+    return replace(law, rough=law.rough & ~stopped, injected=law.injected + np.where(stopped, friction, 0.0))
+
+
+def tried(step: Step[Body], law: Law) -> Solution[Body] | None:
+    """Return the solution of a step under another law of sliding, None where there is none."""
     try:
-        return solve_set(problem, replace(z, sigma=admissible_sigma(problem.law, sigma)), correct, 1)
+        return solve(replace(step.solution.problem, law=law), step.solution.iterate)
     except StepError:
         return None
 
