@@ -160,11 +160,12 @@ def test_a_dead_load_without_a_ramp_acts_in_full() -> None:
         assert abs(start.start_reaction[2] - load) < 1e-2 * weight
 
 
-@pytest.mark.parametrize("step", [0, 3])
-def test_a_run_from_rest_goes_on_to_the_same_bits(step: int) -> None:
-    """Consistency check: from the memory of its start, and of a later step, on knots that follow the thread."""
+@pytest.mark.parametrize(("step", "resolution"), [(0, "fixed"), (0, "holes"), (3, "holes")])
+def test_a_run_from_rest_goes_on_to_the_same_bits(step: int, resolution: str) -> None:
+    """Consistency check: from the memory of its start, and of a later step, where steps are made at once and on knots
+    that follow the thread."""
     scene = stitched("without inertia", duration=0.006)
-    scene["thread"] |= {"resolution": "holes", "control_points": 30}
+    scene["thread"] |= {"resolution": resolution, "control_points": 30}
     scene["thread"]["end"]["waypoints"] = [[0, 0.005, 0, 0.02], [0.02, 0.005, 0, 0.021]]
     whole = records_of(scene)
     kept = whole[step].kept
