@@ -615,7 +615,8 @@ def load_steps(
     loose: bool = False,
 ) -> Iterator[Step[Body]]:
     """Go on to the part `share` of the loads, in parts where that fails, and yield the steps as they are made; `loose`
-    as for `settle`. Raises as `go_on` does, and `SpentError` after MOST_CORRECTIONS."""
+    as for `settle`. Without a `duration` all loads are those at t = 0, and begin with none. Raises as `go_on` does, and
+    `SpentError` after MOST_CORRECTIONS."""
     left = iter(range(MOST_CORRECTIONS))
 
     def count() -> None:
@@ -623,7 +624,7 @@ def load_steps(
             raise SpentError(state.time, share, MOST_CORRECTIONS, *what_it_does(system, state))
 
     with asked_before_corrections(count):
-        yield from go_on(system, state, share, duration, loose)
+        yield from go_on(system, state, share, duration, loose, state.time / duration if duration else 0.0)
 
 
 def go_on(
@@ -632,28 +633,30 @@ def go_on(
     share: float,
     duration: float,
     loose: bool,
+    begun: float,
     depth: int = 0,
 ) -> Iterator[Step[Body]]:
-    """Go on to the part `share` of the loads, in halves of the increment where it fails, where the thread flips through
-    a hole or folds within a span, and where tissue at finite strain goes on as only another branch does; yield the
-    steps. Raises `StepError`, `InversionError`, `ConstraintError` where a hand has drawn the thread out."""
+    """Go on from the part `begun` of the loads to the part `share`, in halves of the increment where it fails, where
+    the thread flips through a hole or folds within a span, and where tissue at finite strain goes on as only another
+    branch does; yield the steps. Raises `StepError`, `InversionError`, `ConstraintError` where a hand has drawn the
+    thread out."""
     try:
         step = settle_or_snap(system, state, share, duration, loose, depth >= SNAPS)
         step, gone = accepted(system, step, depth)
     except LeavingError as error:
         gone = error.gone
     except (StepError, InversionError) as error:
-        if depth == DEEPEST or share * duration <= state.time:  # after a cut the loads stay what they are
+        if depth == DEEPEST or share <= begun:  # after a cut the loads stay what they are
             raise without_equilibrium(error, share) from error
-        for part in (0.5 * (state.time / duration + share), share):
-            for step in go_on(system, state, part, duration, loose, depth=depth + 1):
+        for part in (0.5 * (begun + share), share):
+            for step in go_on(system, state, part, duration, loose, begun, depth=depth + 1):
                 yield step
-            state, loose = step.new, step.loose
+            state, loose, begun = step.new, step.loose, part
         return
     if gone.any():
         left = release(state, gone)
         refuse_loose(system, left, share, duration)
-        yield from go_on(system, left, share, duration, loose, depth=depth)
+        yield from go_on(system, left, share, duration, loose, begun, depth=depth)
         return
     yield from [step, *pair_lips(system, step, share, duration)]
 

@@ -122,6 +122,19 @@ class OutError(EquilibriumError):
 
 
 @dataclass
+class RestError(CouplingError):
+    """A run that was to start at rest, without a rest to start from; `cause` is what the equilibrium ended with."""
+
+    cause: str
+
+    def __str__(self) -> str:
+        return (
+            f'there is no rest to start from: {self.cause}; solve.start = "path" starts the clock where the thread is '
+            "laid"
+        )
+
+
+@dataclass
 class BranchError(CouplingError):
     """A branch of equilibria that was lost before it led to the loads asked for: `cause` says how far it was followed
     from `time` [s] on, and why not further."""

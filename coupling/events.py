@@ -4,9 +4,10 @@ Surfaces in contact slip where all of their pairs that press do, and stick again
 a thread along a tract, by the balls of it.
 
 A piercing begins (`coupling.impact`) and ends between two steps: at the first end of a step that reaches its time
-(`coupling.run`). All other events bear the time of the end of the step in which they were found, at most one step
-late. An end of a piercing changes neither positions nor velocities. What the compliance that the spline lacks there
-stored is let go, and counts as numerical dissipation.
+(`coupling.run`). A hole is left, a strand slips or sticks, and tissue tears within the step in which that was found
+(`coupling.location`); one that turns back in a step sticks and slips in it. All other events bear the time of its end.
+An end of a piercing changes neither positions nor velocities. What the compliance that the spline lacks there stored is
+let go, and counts as numerical dissipation.
 """
 
 from collections.abc import Sequence
@@ -17,6 +18,7 @@ from typing import Literal
 import numpy as np
 
 from coupling.interfaces import Body, Rubs
+from coupling.location import Times, locate, nearer_end
 from coupling.observation import bearing_pressures
 from coupling.stepping import Step
 from coupling.system import State, System
@@ -70,8 +72,10 @@ class Event:
 
 def find_events(system: System[Body], old: State[Body], taken: Sequence[Step[Body]]) -> list[Event]:
     """Find the events in the steps taken from `old`, in the order of their times."""
-    states = [old, *(step.new for step in taken)]
-    out = [event for before, after in pairwise(states) for event in changes(system, before, after)]
+    states, out = [old, *(step.new for step in taken)], list[Event]()
+    for (before, after), step in zip(pairwise(states), taken, strict=True):
+        found = changes(system, before, after, locate(before, step))
+        out += sorted(found, key=lambda event: event.time)
     out += [Event(step.new.time, "snaps") for step in taken if step.snapped]
     out += [Event(step.new.time, "branch") for step in [each for each in taken if each.along][-1:]]
     if len(taken) > 1:
@@ -79,38 +83,47 @@ def find_events(system: System[Body], old: State[Body], taken: Sequence[Step[Bod
     return out
 
 
-def changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Event]:
+def changes(system: System[Body], old: State[Body], new: State[Body], times: Times) -> list[Event]:
     """Find the holes left, the stitches that began to slip or to stick, and those that the tissue no longer bears,
-    between two states."""
+    between two states, with the `times` of what the holds did."""
     out = []
     for k, piercing in enumerate(system.piercings):
-        turned = new.present[k] and system.rough[k] and (old.sigma[k] == 0.0) != (new.sigma[k] == 0.0)
         if old.present[k] and not new.present[k]:
-            out.append(Event(new.time, "leaves", piercing.name, nearer_end(system, float(new.s[k]))))
-        elif turned and not piercing.tract:
-            kind: Kind = "sticks" if new.sigma[k] == 0.0 else "slips"
-            out.append(Event(new.time, kind, piercing.name, float(new.s[k])))
-    out += tie_changes(system, old, new) + tract_changes(system, old, new) + surface_changes(system, old, new)
+            out.append(Event(float(times.leaves[k]), "leaves", piercing.name, nearer_end(system, float(new.s[k]))))
+        elif new.present[k] and system.rough[k] and not piercing.tract:
+            out += switches(old, new, times, k, piercing.name)
+    out += tie_changes(system, old, new, times) + tract_changes(system, old, new, times)
+    out += surface_changes(system, old, new)
     strengths = np.array([piercing.strength for piercing in system.piercings])
     if np.isinf(strengths).all():
         return out
-    before, after = (bearing_pressures(system, state.lam) > strengths for state in (old, new))
-    torn = np.flatnonzero(after & ~before & new.present[: len(strengths)])
-    return out + [Event(new.time, "tears", system.piercings[k].name, float(new.s[k])) for k in torn]
+    before, after = (bearing_pressures(system, state.lam) - strengths for state in (old, new))
+    torn = np.flatnonzero((after > 0.0) & (before <= 0.0) & new.present[: len(strengths)])
+    when = times.between(before[torn], after[torn]).tolist()
+    torn_at = zip(torn, when, strict=True)
+    return out + [Event(time, "tears", system.piercings[k].name, float(new.s[k])) for k, time in torn_at]
 
 
-def tie_changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Event]:
+def switches(old: State[Body], new: State[Body], times: Times, k: int, name: str) -> list[Event]:
+    """Return that hold `k`, of a `name`, sticks, slips, or does both in this order where it turned back."""
+    if old.sigma[k] == new.sigma[k]:
+        return []
+    sticks = [Event(float(times.sticks[k]), "sticks", name, float(new.s[k]))] if old.sigma[k] else []
+    return sticks + ([Event(float(times.slips[k]), "slips", name, float(new.s[k]))] if new.sigma[k] else [])
+
+
+def tie_changes(system: System[Body], old: State[Body], new: State[Body], times: Times) -> list[Event]:
     """Find the ties that came undone, or began to slip or to stick, between two states."""
     out = []
     for tie, (k, _) in zip(system.ties, system.strands, strict=True):
         if old.present[k] and not new.present[k]:
-            out.append(Event(new.time, "unties", tie.name, float(new.s[k])))
-        elif new.present[k] and tie.is_locked(old.time) and (old.sigma[k] == 0.0) != (new.sigma[k] == 0.0):
-            out.append(Event(new.time, "sticks" if new.sigma[k] == 0.0 else "slips", tie.name, float(new.s[k])))
+            out.append(Event(float(times.leaves[k]), "unties", tie.name, float(new.s[k])))
+        elif new.present[k] and tie.is_locked(old.time):
+            out += switches(old, new, times, k, tie.name)
     return out
 
 
-def tract_changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Event]:
+def tract_changes(system: System[Body], old: State[Body], new: State[Body], times: Times) -> list[Event]:
     """Find the tracts along which the thread began to slip as a whole, or sticks again somewhere, between two
     states."""
     out = []
@@ -118,8 +131,11 @@ def tract_changes(system: System[Body], old: State[Body], new: State[Body]) -> l
         balls = np.flatnonzero([piercing.tract == name for piercing in system.piercings])
         balls = balls[system.rough[balls] & new.present[balls]]
         before, now = (bool(balls.size and (state.sigma[balls] != 0.0).all()) for state in (old, new))
-        if before != now:
-            out.append(Event(new.time, "slips" if now else "sticks", name))
+        changed = balls[old.sigma[balls] != new.sigma[balls]]
+        if now and not before:
+            out.append(Event(float(times.slips[changed].max()), "slips", name))
+        elif before and not now:
+            out.append(Event(float(times.sticks[changed].min(initial=times.end)), "sticks", name))
     return out
 
 
@@ -131,10 +147,3 @@ def surface_changes(system: System[Body], old: State[Body], new: State[Body]) ->
     before, now = (system.organ.slipping_surfaces(state.organ) for state in (old, new))
     changed = [(name, slips) for name, slips in now.items() if slips != before.get(name, False)]
     return [Event(new.time, "slips" if slips else "sticks", name) for name, slips in changed]
-
-
-def nearer_end(system: System[Body], s: float) -> float:
-    """Return the end of its piece of thread by which a hole at `s` was left [m]."""
-    spline = system.thread.spline
-    start, end = spline.piece_ends[spline.piece_of(s) + np.arange(2)]
-    return float(start if s - start < end - s else end)

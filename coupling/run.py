@@ -25,17 +25,18 @@ from coupling.configuration import Configuration, configuration_of
 from coupling.constraints import held_energy
 from coupling.cutting import Cut, cut_thread
 from coupling.equilibrium import refuse_unbalanced, settle_near
-from coupling.errors import CouplingError, InversionError, StepError
+from coupling.errors import CouplingError, InversionError, RestError, StepError
 from coupling.events import Event, find_events
 from coupling.impact import begin_piercing
 from coupling.interfaces import Body
 from coupling.march import march, march_by_steps
 from coupling.observation import PiercingObservation, Sight, largest_gap, largest_residual, look, observe
 from coupling.stepping import CURVED, HALVINGS, Step, Take, advance, release, try_step
-from coupling.system import State, System
+from coupling.system import State, System, forgetful
 from coupling.tying import TieObservation, begin_tie, let_go_of_cut, lock_tie, observe_ties
 from coupling.watch import Watch
 from thread.knots import LEVELS
+from tissue.errors import FactorError
 
 log = logging.getLogger(__name__)
 
@@ -225,16 +226,49 @@ class Run(Generic[Body]):
             first = first.held_together()
         else:
             first = first.refitted(0.0, True)
-        run = first._audited(reach(first.system, first.state, share, duration, self.loose))
+        run = first._settled(share, duration)._scheduled(self.state.time, share * duration - self.state.time)
+        if not any(event.kind == "cut" for event in run.events):
+            return run
+        return run._audited(reach(run.system, run.state, share, duration))
+
+    def rested(self) -> "Run[Body]":
+        """Return the run before its first step from the equilibrium under the loads that act at its time: slack
+        is taken up before the clock starts.
+
+        Nothing moves, rough holes stick under the forces that were found, and slip counts from there. What was
+        released on the way is no part of the audit; holes that were left and other knots are events. Raises
+        `RestError` where no rest is found.
+        """
+        log.info("looking for the rest that the run starts from")
+        first = replace(self, at_once=0, taken=(), events=())
+        try:
+            refuse_unbalanced(first.system, first.state, first.state.time)
+            run = first._settled(1.0, first.state.time)
+        except (CouplingError, FactorError) as error:
+            raise RestError(str(error)) from error
+        state = forgetful(run.state)
+        state = replace(state, sigma=np.where(run.system.rough, 0.0, state.sigma))
+        told = tuple(event for event in run.events if event.kind not in ("slips", "sticks"))
+        return replace(
+            self,
+            system=run.system,
+            state=state,
+            energies=initial_energies(run.system, state),
+            s_begun=state.s,
+            fresh=False,
+            events=self.events + told,
+        )
+
+    def _settled(self, share: float, duration: float) -> "Run[Body]":
+        """Return the run at the equilibrium under a part of the loads, on the knots that fit it. Raises as `load`
+        does."""
+        first, run = self, self._audited(reach(self.system, self.state, share, duration, self.loose))
         for _ in range(EQUILIBRIA):
             found = run._found_again(first, share, duration)
             if found is None:
                 break
             first, run = found
-        run = run._scheduled(self.state.time, share * duration - self.state.time)
-        if not any(event.kind == "cut" for event in run.events):
-            return run
-        return run._audited(reach(run.system, run.state, share, duration))
+        return run
 
     def _found_again(self, first: "Run[Body]", share: float, duration: float) -> "tuple[Run[Body], Run[Body]] | None":
         """Return the run before a load step, which was `first`, on the knots that this one asks for after it, and the

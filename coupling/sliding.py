@@ -250,14 +250,20 @@ def next_sigma(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y:
     friction. Holds that slide as one are judged together, by |T̂| f and its bound as their equation has them."""
     if not law.rough.any():
         return admissible_sigma(law, sigma)
-    f, bound = force_along_thread(law, thread, s, lam, y), static_bound(law, thread, lam, y)
-    if law.pairs.size:
-        size = tangent(thread, lam, y)[0]
-        size = size / in_pairs(law.pairs, size)
-        f, bound = in_pairs(law.pairs, size * f, -1.0), in_pairs(law.pairs, size * bound)
+    f, bound = judged_forces(law, thread, s, lam, y)
     from_stick = np.where(np.abs(f) > bound + margin, np.sign(f), 0.0)
     from_slip = np.where(sigma * (s - law.s_old) < 0.0, 0.0, sigma)
     return admissible_sigma(law, np.where(sigma == 0.0, from_stick, from_slip))
+
+
+def judged_forces(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> tuple[Array, Array]:
+    """Return f and the bound F₀ + μ_s N by which a stuck point is judged, shape `(m,)` each [N]."""
+    f, bound = force_along_thread(law, thread, s, lam, y), static_bound(law, thread, lam, y)
+    if not law.pairs.size:
+        return f, bound
+    size = tangent(thread, lam, y)[0]
+    size = size / in_pairs(law.pairs, size)
+    return in_pairs(law.pairs, size * f, -1.0), in_pairs(law.pairs, size * bound)
 
 
 def cone_residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:

@@ -43,7 +43,8 @@ GROWTH = 2.0  # largest ratio of a step to the one before; zero-stability ends a
 class Step(Generic[Body]):
     """One accepted step from `old` to `new` over `dt` [s], its solution, and the thread's configuration at its end;
     whether the tissue `snapped` to an equilibrium that was not near, and whether a load step was found with rough holes
-    that let the thread slide while it was tied (`loose`), or `along` its branch (`coupling.branch`)."""
+    that let the thread slide while it was tied (`loose`), or `along` its branch (`coupling.branch`); where the thread
+    would have been `beyond` the holes that it left in it, one state for each time that the step was taken again."""
 
     old: State[Body]
     new: State[Body]
@@ -53,6 +54,7 @@ class Step(Generic[Body]):
     snapped: bool = False
     loose: bool = False
     along: bool = False
+    beyond: tuple[State[Body], ...] = ()
 
 
 def end_load(system: System[Body], time: float) -> Array:
@@ -347,7 +349,7 @@ def advance(
     fault or a hand has drawn the thread out, `InversionError` where it flips in the smallest step.
     """
     taken: list[Step[Body]] = []
-    pending, end, tries = [(dt, depth, True)], state.time + dt, 0
+    pending, end, tries, beyond = [(dt, depth, True)], state.time + dt, 0, list[State[Body]]()
     while pending:
         part, level, remembers = pending.pop()
         forgetful_halves = [(0.5 * part, level + 1, False)] * 2
@@ -361,7 +363,7 @@ def advance(
             step = take(system, state if remembers else forgetful(state), part)
             gone = refuse_impossible(system, step)
             if gone.any():
-                state = release(state, gone)
+                state, beyond = release(state, gone), [*beyond, step.new]
                 pending.append((part, level, remembers))
                 continue
             if tolerance < np.inf and level < depth + REFINED and local_error(step) > tolerance:
@@ -386,7 +388,8 @@ def advance(
                 raise
             pending += forgetful_halves
             continue
-        taken.append(step)
+        taken.append(replace(step, beyond=tuple(beyond)))
+        beyond = []
         state = step.new if remembers else forgetful(step.new)
     return taken if state is taken[-1].new else [*taken[:-1], replace(taken[-1], new=state)]
 

@@ -21,10 +21,11 @@ def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
     """Write the summary of a run for a person."""
     iterations = summary["newton_iterations"] / max(summary["steps"], 1)
     pace = summary["seconds_per_step"]
+    begun = " from rest" if scenario.solve.start == "rest" else ""
     speed = f" and {pace / MILLI:.3g} ms" if pace is not None else ""
     lines = [
         f"{scenario.title or 'run'}: {summary['status']} at t = {summary['time']:.6g} s "
-        f"after {summary['steps']} steps ({iterations:.2g} Newton iterations{speed} a step)",
+        f"after {summary['steps']} steps{begun} ({iterations:.2g} Newton iterations{speed} a step)",
     ]
     if "energy" in summary:
         lines += ["", *_energy_lines(summary["energy"])]

@@ -709,7 +709,10 @@ def _part_column(place: int, column: Column[Any]) -> Column[Any]:
 
 
 EVENT_TIME: Column[Event] = Column(
-    "time", "s", "when it was found: at the end of a step or of a part of it", lambda event: event.time
+    "time",
+    "s",
+    "when it happened; of what only the ends of a step tell, the end of that step or of a part of it",
+    lambda event: event.time,
 )
 
 PIERCINGS: Layout[StepItem[PiercingRecord]] = Layout(

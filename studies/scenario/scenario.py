@@ -413,11 +413,13 @@ def schema() -> dict[str, Any]:
 def ramped(end: End, solve: Solve) -> End:
     """Return an end whose dead load, if it has one, has a ramp.
 
-    A dead load that is there at once throws a thread of some milligrams through its holes at several metres a second.
+    A dead load that is there at once throws a thread of some milligrams through its holes at several metres a second;
+    at a start at rest it has been there before.
     """
     if not isinstance(end, PulledEnd) or end.ramp is not None:
         return end
-    return end.model_copy(update={"ramp": min(RAMP, solve.duration) if solve.kind == "dynamic" else 0.0})
+    grows = solve.kind == "dynamic" and solve.start == "path"
+    return end.model_copy(update={"ramp": min(RAMP, solve.duration) if grows else 0.0})
 
 
 def with_given_mesh(scenario: Scenario, sha256: str) -> Scenario:

@@ -19,6 +19,11 @@ class Solve(ScenarioTable):
     )
     dt: Positive = Field(default=1.0e-3, description="time step [s]")
     duration: Positive = Field(default=1.0, description="simulated time [s]")
+    start: Literal["path", "rest"] = Field(
+        default="path",
+        description='where the clock starts: with the thread laid along its "path", or at "rest", in the equilibrium '
+        "under the loads that act at t = 0, dead loads without a ramp in full",
+    )
     load_steps: Whole = Field(default=10, description="number of load steps [-] of a static solution")
     scheme: Literal["newton", "linear"] = Field(
         default="newton", description='time step: "newton", or "linear" (Baumgarte, one linear solve)'
@@ -111,6 +116,11 @@ class Solve(ScenarioTable):
             raise ValueError(
                 '.friction = "two-pass" is refused: it is a step in time of backward Euler; use friction = "implicit", '
                 'or kind = "dynamic" with integrator = "euler"'
+            )
+        if self.start == "rest" and self.kind == "static":
+            raise ValueError(
+                '.start = "rest" is refused: solve.kind is static, where every load step ends at rest; leave it out, '
+                'or use kind = "dynamic"'
             )
         if self.tolerance is not None and not self.is_one_system:
             raise ValueError(

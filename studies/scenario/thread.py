@@ -77,7 +77,7 @@ class PulledEnd(_End):
     ramp: NotNegative | None = Field(
         default=None,
         description="time in which the load grows linearly from zero [s], 0: at once; default: 0.05 s in a "
-        "dynamic run or all of a shorter one, none in a static one, which has its load steps",
+        "dynamic run or all of a shorter one, none in a static one, which has its load steps, and at a start at rest",
         examples=[0.1],
     )
 

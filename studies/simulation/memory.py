@@ -52,7 +52,7 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         s_begun=s_begun,
         tie_works=tie_works,
         number=number,
-        fresh=number == 0,
+        fresh=number == 0 and beginning.fresh,
         loose=loose,
         apart=(waits, pause),
     )

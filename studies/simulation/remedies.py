@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from coupling.errors import CouplingError, TogetherError, TurnedHoleError
+from coupling.errors import CouplingError, RestError, TogetherError, TurnedHoleError
 from meshes.errors import MeshError
 from studies.output.records import StepRecord
 from studies.output.remarks import Remark, remark
@@ -71,6 +71,9 @@ def try_remedies(scenario: Scenario, failure: CouplingError, last: StepRecord | 
 def remedies(scenario: Scenario, failure: CouplingError) -> Iterator[Settings]:
     """Yield what may help, the likeliest first."""
     solve, thread, organ = scenario.solve, scenario.thread, scenario.tissue
+    if isinstance(failure, RestError):
+        yield {"solve.start": "path"}
+        return
     if isinstance(failure, TogetherError | TurnedHoleError) and organ is not None and organ.material == "linear":
         yield {"tissue.material": "neo-hookean"}
     if solve.coupling == "staggered":

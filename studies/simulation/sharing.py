@@ -18,12 +18,23 @@ from studies.scenario.toml import mesh_file, tables
 Made = TypeVar("Made")
 
 NOT_OF_ORGAN = ("title", "thread", "cut", "tie", "output")
-OF_STEPS = ("dt", "duration", "load_steps", "scheme", "newton", "integrator", "coupling", "friction", "epsilon")
+OF_STEPS = (
+    "start",
+    "dt",
+    "duration",
+    "load_steps",
+    "scheme",
+    "newton",
+    "integrator",
+    "coupling",
+    "friction",
+    "epsilon",
+)
 OF_THREAD = ("kind", "s", "friction", "from", "until", "draw", "pull", "channel")  # of a piercing
 # of the organ, beside its mesh and stiffness
 OF_MOTION = ("inertia", "rayleigh", "solver", "contact", "load", "reduction")
 OF_PULL = ("force", "ramp")  # of an end of the thread: it is laid before anything pulls
-OF_LENGTH = ("dt", "duration", "load_steps")  # of a run, before which the thread is laid
+OF_LENGTH = ("start", "dt", "duration", "load_steps")  # of a run, before which the thread is laid
 OF_MATERIAL = ("youngs_modulus", "poisson_ratio", "density", "dilatation")
 
 

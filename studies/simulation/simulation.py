@@ -110,7 +110,8 @@ class Simulation:
         solve, choice = self.scenario.solve, getattr(self.assembly.organ, "choice", None)
         spaces = {tissue.KrylovOrgan: "krylov", tissue.ReducedOrgan: "basis"}
         organ = spaces.get(type(self.assembly.organ), "whole") if choice else None
-        ways = {name: str(getattr(solve, name)) for name in ("kind", "scheme", "integrator", "coupling", "friction")}
+        named = ("kind", "start", "scheme", "integrator", "coupling", "friction")
+        ways = {name: str(getattr(solve, name)) for name in named}
         return {
             "solver": choice.name if choice else None,
             "organ": organ if choice else None,
@@ -155,11 +156,15 @@ class Simulation:
         With the `memory` of a step's record: that step again, then those after it. Raises `ScenarioError` for a memory
         that is none of this simulation.
         """
-        return self._from(self.beginning() if memory is None else recall(self.beginning(), memory))
+        if memory is None:
+            return self._from(self._laid(), self._starts_at_rest)
+        return self._from(recall(replace(self._laid(), fresh=not self._starts_at_rest), memory), False)
 
-    def _from(self, now: OrganRun) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
-        """Keep BLAS to one thread while stepping: two of them on busy cores cost more than they bring."""
+    def _from(self, now: OrganRun, rests: bool) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
+        """Step on from where the run is, or from its rest. BLAS keeps to one thread: two of them on busy cores cost
+        more than they bring."""
         with threadpool_limits(limits=1, user_api="blas"):
+            now = now.rested() if rests else now
             yield from self._told(self.record(now), now)
             while now.number < self.steps:
                 runs, seconds = timed(partial(self.onward, now), self._newton == "compiled")
@@ -184,8 +189,20 @@ class Simulation:
         longer than the `deadline` [s], None: than it stands for. Raises `ScenarioError`."""
         return Stepper(self, end, deadline)
 
+    @property
+    def _starts_at_rest(self) -> bool:
+        """Whether slack is taken up before the clock starts."""
+        return self.scenario.solve.start == "rest"
+
     def beginning(self) -> OrganRun:
-        """Return the run before the first step."""
+        """Return the run before the first step. Raises `RestError` where it is to start at rest, and there is none."""
+        if not self._starts_at_rest:
+            return self._laid()
+        with threadpool_limits(limits=1, user_api="blas"):
+            return self._laid().rested()
+
+    def _laid(self) -> OrganRun:
+        """Return the run with the thread where it was laid."""
         made, solve = self.assembly, self.scenario.solve
         one_system = (solve.scheme, solve.coupling, solve.friction) == ("newton", "monolithic", "implicit")
         cuts = tuple(Cut(table.s, table.time) for table in self.scenario.cut)
@@ -375,7 +392,7 @@ def prepare(
 
 def sound_start(assembly: Assembly, store: Store) -> State:
     """Return the consistent start, that of the `store` where it has it. Raises `ScenarioError` where there is none, the
-    constraints cannot be met, or statics asks for the equilibrium of dead loads that have none."""
+    constraints cannot be met, or statics or a start at rest asks for the equilibrium of dead loads that have none."""
     try:
         state = store.take("start", start_key(assembly.scenario), assembly.start)
     except StepError as error:
@@ -386,10 +403,12 @@ def sound_start(assembly: Assembly, store: Store) -> State:
     problems = faults(assembly.system, state)
     if problems:
         raise ScenarioError(problems)
-    if assembly.scenario.solve.kind == "static":
+    solve = assembly.scenario.solve
+    if solve.kind == "static" or solve.start == "rest":
         try:
-            refuse_unbalanced(assembly.system, state, assembly.scenario.solve.duration)
+            refuse_unbalanced(assembly.system, state, solve.duration if solve.kind == "static" else 0.0)
         except UnbalancedError as error:
-            told = f"{error.cause}, and no equilibrium; {error.remedy}"
+            otherwise = ', or set solve.start = "path"' if solve.start == "rest" else ""
+            told = f"{error.cause}, and no equilibrium; {error.remedy}{otherwise}"
             raise ScenarioError(f"thread.start.force and thread.end.force are refused: {told}") from error
     return state

@@ -12,6 +12,7 @@ import pytest
 import tissue
 from coupling.events import changes
 from coupling.integrators import Equilibrium
+from coupling.location import times_at_end
 from coupling.observation import site_compliance
 from coupling.stepping import ask_organ
 from studies.scenario import ScenarioError, parse
@@ -216,9 +217,10 @@ end = {{ kind = "driven", waypoints = [[0, {TIP}, 0, -0.006], [1, {TIP + 1e-3}, 
     assert [(event.kind, event.piercing) for event in now.events] == [("slips", "in-out")]
     assert tract.slipping == len(tract.balls)
     some = replace(now.state, sigma=np.where(np.arange(now.system.holds) == 3, 0.0, now.state.sigma))
-    assert [(each.kind, each.piercing) for each in changes(now.system, now.state, some)] == [("sticks", "in-out")]
+    stuck = now.system, now.state, some, times_at_end(now.state, some)
+    assert [(each.kind, each.piercing) for each in changes(*stuck)] == [("sticks", "in-out")]
     none = replace(now.state, sigma=np.zeros_like(some.sigma))
-    assert changes(now.system, some, none) == []
+    assert changes(now.system, some, none, times_at_end(some, none)) == []
     assert abs(tract.balls[0].tension_before - TAUT) <= GRIPPED * TAUT
     assert abs(tract.balls[-1].tension_after - TAUT - GRIP) <= GRIPPED * TAUT
     assert abs(tract.friction + GRIP) <= GRIPPED * GRIP

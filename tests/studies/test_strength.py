@@ -11,7 +11,7 @@ from studies.output.records import nothing_met
 from studies.scenario import load, parse
 from studies.simulation import prepare
 from studies.simulation.assembly import assemble
-from tests.bounds import IDENTITY
+from tests.bounds import IDENTITY, LOCATED
 from thread.catalogue import suture
 
 PULL, FOOTPRINT = 0.05, 1.5e-3
@@ -46,6 +46,18 @@ def test_the_bearing_pressure_is_force_over_diameter_and_length() -> None:
     assert found[1:] == pytest.approx([expected * k / 5 for k in range(1, 6)], rel=1e-8)
     torn = [(record.step, event.piercing) for record in records for event in record.events if event.kind == "tears"]
     assert torn == [(int(np.ceil(5 * 2.5e4 / expected)), "hole")]
+
+
+def test_tissue_tears_within_the_step_as_its_strength_is_reached() -> None:
+    """Independent check: under a pull that grows evenly in time, after the share of the ramp that the strength is of
+    what the whole pull bears with; the thread's own weight and swing are below the bound."""
+    scene, ramp = deepcopy(SCENE), 0.1
+    scene["tissue"] |= {"inertia": False}
+    scene["thread"]["end"]["ramp"] = ramp
+    scene["solve"] = {"dt": 1e-3, "duration": 0.06}
+    torn = [event.time for record, _ in prepare(parse(scene)).advance() for event in record.events]
+    expected = ramp * 2.5e4 / (PULL / (suture("2-0 polypropylene").diameter * 2.0 * FOOTPRINT))
+    assert torn == [pytest.approx(expected, abs=LOCATED * 1e-3)]
 
 
 @pytest.mark.parametrize(

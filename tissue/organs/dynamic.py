@@ -80,6 +80,8 @@ class DynamicOperator(LipCompliance):
 
         def guess() -> Array:
             """Return the field as if acceleration and site forces stayed what they are."""
+            if not self.a:
+                return np.asarray(-self.W @ state.f_y)
             return history.inertia + state.A / self.a - state.U - self.W @ state.f_y
 
         return state.U + self.factor.solve(self.residual(history, self.organ.products(state), load), guess)
@@ -163,10 +165,12 @@ class DynamicOrgan(MeshedOrgan):
     def operator(self, a: float, d: float) -> DynamicOperator:
         """Return the factorised operator of a time scheme; the last few operators are kept.
 
-        Raises `TissueError` unless a > 0 and d ≥ 0.
+        Without motion, a = d = 0, it is K. Raises `TissueError` for what no scheme has.
         """
-        if not (0.0 < a < np.inf and 0.0 <= d < np.inf):
-            raise TissueError(f"a = {a} 1/s², d = {d} 1/s: allowed are a > 0 and d ≥ 0; give a positive time step")
+        if not ((0.0 < a < np.inf and 0.0 <= d < np.inf) or a == d == 0.0):
+            raise TissueError(
+                f"a = {a} 1/s², d = {d} 1/s: allowed are a > 0 and d ≥ 0, or zeros at rest; give a positive time step"
+            )
         if (a, d) not in self._operators:
             while len(self._operators) >= min(KEPT_OPERATORS, self.choice.room):
                 self._operators.popitem(last=False)
@@ -233,7 +237,10 @@ class DynamicOrgan(MeshedOrgan):
         )
 
     def history(self, scheme: TimeScheme, past: Sequence[OrganState]) -> History:
-        """Return the reference fields U_a = Σ_k (α_k U_k + β_k V_k), U_d = Σ_k γ_k U_k of a scheme."""
+        """Return the reference fields U_a = Σ_k (α_k U_k + β_k V_k), U_d = Σ_k γ_k U_k of a scheme; zeros at rest,
+        which looks back at none."""
+        if not scheme.coefficients:
+            return History(*np.zeros((5, self.size)))
         alpha, beta, gamma = zip(*scheme.coefficients, strict=True)
         MU, MV, KU = zip(*map(self.products, past), strict=True)
         U, V = zip(*((state.U, state.V) for state in past), strict=True)
