@@ -18,7 +18,7 @@ from coupling.compiled.friction import Law
 from coupling.compiled.iteration import Bounds, Given, Passing, Unknowns
 from coupling.compiled.steps import march
 from coupling.compiled.steps.audit import TURNS, Motion
-from coupling.compiled.steps.march import ENERGIES, Ends, Scene, Scratch
+from coupling.compiled.steps.march import ENERGIES, Ends, Kept, Scene, Scratch
 from coupling.compiled.steps.organ import BODY, Going, Organ, Pace
 from coupling.compiled.steps.tension import Limits, Stages
 from coupling.contact import NO_FORCES
@@ -168,14 +168,18 @@ def make_fixture(problem: Problem[Any], present: Flags, motion: Motion) -> Fixtu
 
 class Course:
     """Steps of a scheme from a state, as far as they are `made`: the motion `now` and `earlier`, one step before, the
-    `energies` and the `iterations` of each. `answer` is the organ's to the first."""
+    `energies` and the `iterations` of each; and what is `kept` of so many of them as are to be kept, `keep`. `answer`
+    is the organ's to the first."""
 
-    def __init__(self, system: System[Any], scheme: Scheme, state: State[Any], answer: Answer[Any], body: Body) -> None:
+    def __init__(
+        self, system: System[Any], scheme: Scheme, state: State[Any], answer: Answer[Any], body: Body, keep: int = 0
+    ) -> None:
         self._like, self._holes, self._body, self._pace = state, len(system.piercings), body, pace_of(scheme)
         self._tables, self._lacking = tables_of(system.thread), lacking_of(system.thread)
         self._now, self._earlier = motion_of(state, body.now), motion_of(state.before or state, body.earlier)
         self._fixture = fixture_of(system, scheme, state, answer, self._now)
         self.made, self.energies, self.iterations = 0, np.empty(0), np.zeros(0, np.int64)
+        self.kept = room_to_keep(self._now, keep)
 
     def make_steps(self, energies: Sequence[float], ends: tuple[Array, ...], follow: bool) -> None:
         """Make as many steps as go smoothly between the `ends` that `coupling.march.tabled_ends` gives; the other
@@ -186,7 +190,7 @@ class Course:
             self.made, why, missing = run_march(
                 thread.curve, thread.knots, given.law, given.given, given.bounds, given.scene, self._pace,
                 given.limits, self._lacking.stages, self._body.organ, Ends(*ends), self._now, self._earlier,
-                given.room, self.energies, self.iterations, self.made, follow,
+                given.room, self.energies, self.iterations, self.made, follow, self.kept,
             )  # fmt: skip
             if why != march.TO_LEARN or not self._lacking.learn(missing):
                 return
@@ -198,6 +202,10 @@ class Course:
     def earlier(self, time: float) -> State[Any]:
         """Return the state one step before, at a `time` [s]."""
         return self._state(self._earlier, time)
+
+    def end_of(self, step: int, time: float) -> State[Any]:
+        """Return the state at the end of a step that is kept, at a `time` [s]."""
+        return self._state(Motion(*[each[step] for each in self.kept.ends]), time)
 
     def _state(self, motion: Motion, time: float) -> State[Any]:
         f_y = motion.f_y[: self._holes].ravel()
@@ -313,6 +321,18 @@ def empty_room(motion: Motion, points: int) -> Scratch:
     )
 
 
-def empty_passing(m: int) -> Passing:
-    """Return room for the thread at `m` holes."""
-    return Passing(np.zeros(m, np.int64), np.zeros((m, ORDERS, ORDERS)), np.zeros((m, ORDERS, 3)), np.zeros((m, 3, 3)))
+def room_to_keep(motion: Motion, steps: int) -> Kept:
+    """Return room for what is known of so many steps of a motion."""
+    return Kept(
+        ends=Motion(*[np.empty((steps, *x.shape)) for x in motion]),
+        elastic=np.empty((steps, *motion.q.shape)),
+        strain=np.empty(steps),
+        at=empty_passing(steps, len(motion.s)),
+        energies=np.empty((steps, ENERGIES + 1)),
+    )
+
+
+def empty_passing(*m: int) -> Passing:
+    """Return room for the thread at the holes of an array of that shape."""
+    first, b, D, c = np.zeros(m, np.int64), *(np.zeros((*m, *of)) for of in ((ORDERS, ORDERS), (ORDERS, 3), (3, 3)))
+    return Passing(first, b, D, c)

@@ -94,7 +94,7 @@ def changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Ev
     strengths = np.array([piercing.strength for piercing in system.piercings])
     if np.isinf(strengths).all():
         return out
-    before, after = (bearing_pressures(system, state) > strengths for state in (old, new))
+    before, after = (bearing_pressures(system, state.lam) > strengths for state in (old, new))
     torn = np.flatnonzero(after & ~before & new.present[: len(strengths)])
     return out + [Event(new.time, "tears", system.piercings[k].name, float(new.s[k])) for k in torn]
 

@@ -189,6 +189,15 @@ class Modal(Protocol):
 
 
 @runtime_checkable
+class Certified(Protocol):
+    """What the answer of a linear organ may offer besides: it stands for the organ in a space, under some forces."""
+
+    def certified(self, f_y: Array) -> Answer[Any]:
+        """Return the answer that holds for the whole organ under the forces `f_y` (9p,) of a solved step: itself, or
+        that of a wider space or of the whole organ."""
+
+
+@runtime_checkable
 class KnowsDirections(Protocol):
     """What an organ may say besides: which of its sites were given a direction."""
 

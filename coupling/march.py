@@ -8,18 +8,24 @@ left or passed or whose frame turns through itself, stick that becomes slip, and
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
-from typing import Generic
+from typing import TYPE_CHECKING, Generic
 
 import numpy as np
 
+from coupling.arrays import Array
 from coupling.audit import Energies
 from coupling.calls import ask_before_correction
+from coupling.constraints import Passage
 from coupling.integrators import BackwardEuler, Scheme
 from coupling.interfaces import Body, Modal, Steady
 from coupling.newton import Iterate, Solution, evaluate
+from coupling.observation import Seen
 from coupling.solver import covers
 from coupling.stepping import Take, bdf2_step, dynamic_problem, organ_answer, scheme_of, try_step
 from coupling.system import State, System, forgetful
+
+if TYPE_CHECKING:
+    from coupling.course import Course
 
 
 @dataclass(frozen=True)
@@ -31,6 +37,18 @@ class Marched(Generic[Body]):
     state: State[Body]
     energies: Energies
     iterations: int
+
+
+@dataclass(frozen=True)
+class Marks(Generic[Body]):
+    """Where the loops come to step by step: the `states` at their ends, with the `energies` and the Newton `iterations`
+    of each, and what there is to see of the thread in them, `seen`, with its largest axial `strains` (k,) [-]."""
+
+    states: list[State[Body]]
+    energies: list[Energies]
+    iterations: list[int]
+    seen: Seen
+    strains: Array
 
 
 def covered_scheme(system: System[Body], state: State[Body], dt: float, take: Take[Body]) -> Scheme | None:
@@ -58,6 +76,55 @@ def march(
 
     The organ is linear, under loads that stay what they are, and without inertia or one that goes on by modes.
     """
+    course = run_course(system, state, energies, dt, times, take, follow)
+    if course is None:
+        return None
+    made, new = course.made, course.now(times[course.made - 1])
+    if take is bdf2_step:
+        before = course.earlier(times[made - 2]) if made > 1 else forgetful(state)
+        new = replace(new, before=before, dt_before=dt)
+    return Marched(made, new, Energies(*course.energies.tolist()), int(course.iterations.sum()))
+
+
+def march_by_steps(
+    system: System[Body],
+    state: State[Body],
+    energies: Energies,
+    dt: float,
+    times: Sequence[float],
+    take: Take[Body],
+    follow: bool = True,
+) -> Marks[Body] | None:
+    """Make the steps that `march` makes, and return where each of them comes to."""
+    course = run_course(system, state, energies, dt, times, take, follow, len(times))
+    if course is None:
+        return None
+    made, ends = course.made, course.kept.ends
+    states = [course.end_of(step, times[step]) for step in range(made)]
+    if take is bdf2_step:
+        before = [forgetful(state), *states[:-1]]
+        states = [replace(new, before=old, dt_before=dt) for old, new in zip(before, states, strict=True)]
+    first, kept = course.kept.at.first[:made].ravel(), course.kept.at
+    b, D, c = (x[:made].reshape(-1, *x.shape[2:]) for x in (kept.b, kept.D, kept.c))
+    at = Passage(first, b, D[:, 0], D[:, 1], D[:, 2], D[:, 3], c, np.tile(system.rows[:, 3], made))
+    q, s, sigma, lam, y = (x[:made] for x in (ends.q, ends.s, ends.sigma, ends.lam, ends.y))
+    seen = Seen(state.present, np.array(times[:made]), q, course.kept.elastic[:made], s, sigma, lam, y, at)
+    booked = [Energies(*each) for each in course.kept.energies[:made].tolist()]
+    return Marks(states, booked, course.iterations[:made].tolist(), seen, course.kept.strain[:made])
+
+
+def run_course(
+    system: System[Body],
+    state: State[Body],
+    energies: Energies,
+    dt: float,
+    times: Sequence[float],
+    take: Take[Body],
+    follow: bool,
+    keep: int = 0,
+) -> "Course | None":
+    """Return the course of the steps that the loops make, of which so many are kept, None where they make none; the
+    other arguments are those of `march`."""
     scheme = covered_scheme(system, state, dt, take)
     if scheme is None or not isinstance(system.organ, Steady | Modal):
         return None
@@ -67,18 +134,11 @@ def march(
     body = body_of(system, scheme, state, times, answer)
     if body is None:
         return None
-    course = Course(system, scheme, state, answer, body)
+    course = Course(system, scheme, state, answer, body, keep)
     course.make_steps(astuple(energies), tabled_ends(system, state.time, times, dt), follow)
-    made, iterations = course.made, int(course.iterations.sum())
-    if not made:
-        return None
-    for _ in range(iterations):  # the loops do not ask themselves, and each correction counts
+    for _ in range(int(course.iterations.sum())):  # the loops do not ask themselves, and each correction counts
         ask_before_correction()
-    new = course.now(times[made - 1])
-    if take is bdf2_step:
-        before = course.earlier(times[made - 2]) if made > 1 else forgetful(state)
-        new = replace(new, before=before, dt_before=dt)
-    return Marched(made, new, Energies(*course.energies.tolist()), iterations)
+    return course if course.made else None
 
 
 def solution_at(system: System[Body], state: State[Body]) -> Solution[Body]:

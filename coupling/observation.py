@@ -1,17 +1,23 @@
 """What one wants to know of a piercing, from the state."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from coupling.arrays import Array, Indices
+from coupling.arrays import Array, Flags
 from coupling.configuration import Configuration, configuration_of
 from coupling.constraints import LOCAL, Passage, couple_on_thread, phi, site_force, tangent, thread_force
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Body
-from coupling.sliding import Law, cone_residual, law_of, normal_force
-from coupling.system import State, System
+from coupling.sliding import cone_residual, law_of, normal_force, side_by_side
+from coupling.system import Piercing, State, System
 from thread.vectors import dot
+
+Number = TypeVar("Number", bound="np.generic[Any]")
 
 BEND = 5.0  # lengths √(EI/T) over which a bend at a hole falls to less than 1 % of its angle
 
@@ -56,6 +62,44 @@ class PiercingObservation:
     bearing: float | None = None
 
 
+@dataclass(frozen=True)
+class Seen:
+    """A thread and its holes in `k` states, one after the other, in all of which the holds `present` (m,) are there:
+    `times` (k,) [s]; `q` (k, n, c) and the `elastic` forces (k, n, 3) [N] on it; `s`, `sigma` (k, m), `lam` (k, m, 5)
+    and `y` (k, m, 9) as in a `State`; and `at`, the passage through the m holds of the first state, the second, …"""
+
+    present: Flags
+    times: Array
+    q: Array
+    elastic: Array
+    s: Array
+    sigma: Array
+    lam: Array
+    y: Array
+    at: Passage
+
+    @cached_property
+    def each_lam(self) -> Array:
+        """The multipliers of all holds of all states, shape `(k m, 5)`."""
+        return self.lam.reshape(-1, 5)
+
+    @cached_property
+    def each_y(self) -> Array:
+        """The site variables of all holds of all states, shape `(k m, 9)`."""
+        return self.y.reshape(-1, 9)
+
+    def by_state(self, values: NDArray[Number]) -> NDArray[Number]:
+        """Return numbers of all holds of all states, `(k m, …)`, by state, `(k, m, …)`."""
+        return values.reshape(*self.s.shape, *values.shape[1:])
+
+
+def seen_at(state: State[Body], now: Configuration) -> Seen:
+    """Return what there is to see of one state, with its configuration."""
+    q, elastic, s, sigma = (x[None] for x in (state.q, now.elastic[:, :3], state.s, state.sigma))
+    time = np.array([state.time])
+    return Seen(state.present, time, q, elastic, s, sigma, state.lam[None], state.y[None], now.at)
+
+
 def observe(
     system: System[Body], start: State[Body], state: State[Body], now: Configuration | None = None
 ) -> tuple[PiercingObservation, ...]:
@@ -63,56 +107,72 @@ def observe(
 
     `now` is the configuration of the state where that is known already.
     """
-    now = now or configuration_of(system, state)
-    at = now.at
-    _, t = tangent(at, state.lam, state.y)
-    couple = couple_on_thread(at, state.lam, state.y)
-    shares = at.b[:, :2].swapaxes(1, 2) @ thread_force(at, state.lam, state.y)
-    transmitted = transmitted_forces(now.elastic[:, :3], at.first, shares, state.s)[: len(system.piercings)]
-    law = law_of(system, state.s, state.present, 0.0, state.s)
-    normal = normal_force(at, state.lam, state.y, law.per_channel)
-    cone = broken_cones(system, law, state, at)
-    tensions = axial_forces(system, state, transmitted)
-    pressures = bearing_pressures(system, state)
-    strains, turns = strains_and_turns(system.organ.y0, state.y[: len(system.piercings)])
-    out = []
-    for k, piercing in enumerate(system.piercings):
-        force, y = state.lam[k, :3], state.y[k]
-        along = float(force @ t[k])
-        before, after = tensions[k]
-        out.append(
+    return observe_each(system, start.s, seen_at(state, now or configuration_of(system, state)))[0]
+
+
+def observe_each(system: System[Body], s_begun: Array, seen: Seen) -> list[tuple[PiercingObservation, ...]]:
+    """Return all piercings of every state, slip measured from the abscissae `s_begun` (m,) [m]."""
+    p, at, lam, y = len(system.piercings), seen.at, seen.each_lam, seen.each_y
+    _, t = tangent(at, lam, y)
+    normal = normal_force(at, lam, y, np.tile(system.friction[3], len(seen.s)))
+    strains, turns = strains_and_turns(np.tile(system.organ.y0, len(seen.s)), seen.y[:, :p].reshape(-1, 9))
+    force, tangents = seen.lam[:, :, :3], seen.by_state(t)
+    tensions = axial_forces(system, seen, transmitted_forces(seen)[:, :p])
+    numbers = {
+        "s": seen.s,
+        "slip": s_begun - seen.s,
+        "normal_force": seen.by_state(normal),
+        "tangential_force": dot(force, tangents),
+        "tension_before": tensions[:, :, 0],
+        "tension_after": tensions[:, :, 1],
+        "cone_residual": broken_cones(system, seen),
+        "mean_strain": strains.reshape(len(seen.s), p),
+        "turn": turns.reshape(len(seen.s), p),
+        "bearing_pressure": bearing_pressures(system, seen.lam),
+    }
+    vectors = {
+        "x": seen.y[:, :, :3],
+        "displacement": seen.y[:, :p, :3] - system.organ.y0.reshape(-1, 9)[:, :3],
+        "force": force,
+        "couple": seen.by_state(couple_on_thread(at, lam, y)),
+        "tangent": tangents,
+        "u": seen.y[:, :, 3:6],
+        "v": seen.y[:, :, 6:],
+    }
+    plain = {name: values.tolist() for name, values in numbers.items()}
+    return [
+        tuple(
             PiercingObservation(
                 name=piercing.name,
-                s=float(state.s[k]),
-                slip=float(start.s[k] - state.s[k]),
-                x=y[:3],
-                displacement=y[:3] - system.organ.y0.reshape(-1, 9)[k, :3],
-                force=force,
-                normal_force=float(normal[k]),
-                tangential_force=along,
-                couple=couple[k],
-                tension_before=float(before),
-                tension_after=float(after),
-                state=sliding_state(system, state, k),
-                tangent=t[k],
-                u=y[3:6],
-                v=y[6:],
-                cone_residual=float(cone[k]),
-                mean_strain=float(strains[k]),
-                turn=float(turns[k]),
-                bearing_pressure=float(pressures[k]),
+                state=sliding_state(piercing, bool(seen.present[k]), seen.sigma[step, k]),
                 channel=piercing.friction.channel if piercing.friction else None,
                 tract=piercing.tract,
                 bearing=piercing.bearing,
+                **{name: values[step][k] for name, values in plain.items()},
+                **{name: values[step, k] for name, values in vectors.items()},
             )
+            for k, piercing in enumerate(system.piercings)
         )
-    return tuple(out)
+        for step in range(len(seen.s))
+    ]
 
 
-def bearing_pressures(system: System[Body], state: State[Body]) -> Array:
-    """Return |λ|/(d ℓ), the force of the thread on each hole over the area on which it bears, shape `(p,)` [Pa]: d is
-    its diameter and ℓ the length of the bearing. Zero where that is not known."""
-    return np.asarray(np.linalg.norm(state.lam[: len(system.piercings), :3], axis=1) / system.bearing_areas)
+@dataclass(frozen=True)
+class Sight(Generic[Body]):
+    """What is seen of the thread in a `state`: its `piercings`, the largest `gap` and `residual` at its holes
+    (`largest_gap`, `largest_residual`) [m] and its largest axial `strain` [-]."""
+
+    state: State[Body]
+    piercings: tuple[PiercingObservation, ...]
+    gap: float
+    residual: float
+    strain: float
+
+
+def bearing_pressures(system: System[Body], lam: Array) -> Array:
+    """Return |λ|/(d ℓ), the force of the thread on each hole over the area on which it bears, shape `(…, p)` [Pa], from
+    the multipliers (…, m, 5): d is its diameter and ℓ the length of the bearing. Zero where that is not known."""
+    return np.asarray(np.linalg.norm(lam[..., : len(system.piercings), :3], axis=-1) / system.bearing_areas)
 
 
 def strains_and_turns(y0: Array, y: Array) -> tuple[Array, Array]:
@@ -151,13 +211,16 @@ def site_compliance(system: System[Body], state: State[Body]) -> Array:
     return system.organ.answer(Equilibrium(), [state.organ], state.time).C
 
 
-def broken_cones(system: System[Body], law: Law, state: State[Body], at: Passage) -> Array:
-    """Return by how much the force along the thread breaks Coulomb's law at every hold, shape `(m,)` [N]."""
+def broken_cones(system: System[Body], seen: Seen) -> Array:
+    """Return by how much the force along the thread breaks Coulomb's law at every hold of every state, shape `(k, m)`
+    [N]."""
     if not system.rough.any():
-        return np.zeros(system.holds)
-    in_hand = [k for k, piercing in enumerate(system.piercings) if piercing.was_in_hand(state.time)]
-    broken = cone_residual(law, state.sigma, at, state.s, state.lam, state.y)
-    broken[in_hand] = 0.0
+        return np.zeros_like(seen.s)
+    law = side_by_side(law_of(system, seen.s[0], seen.present, 0.0, seen.s[0]), len(seen.s))
+    broken = seen.by_state(cone_residual(law, seen.sigma.ravel(), seen.at, seen.s.ravel(), seen.each_lam, seen.each_y))
+    if system.by_hand.any():
+        in_hand = [[piercing.was_in_hand(time) for piercing in system.piercings] for time in seen.times.tolist()]
+        broken[:, : len(system.piercings)][np.array(in_hand)] = 0.0
     return broken
 
 
@@ -165,73 +228,98 @@ def largest_gap(system: System[Body], state: State[Body], at: Passage | None = N
     """Return the largest |P(s) − x| of the drawn curve over the holes the thread is in [m]: what the spline lacks in
     compliance there, and the residual."""
     at = at or system.passage_of(state)
-    return largest_at_holes(system, state, at.P - state.y[:, :3])
+    return float(largest_at_holes(system, state.present, drawn_gaps(at, state.y)))
 
 
 def largest_residual(system: System[Body], state: State[Body], at: Passage | None = None) -> float:
     """Return the largest |P̂ − x| over the holes the thread is in [m]: what the solve leaves open of the constraint."""
     at = at or system.passage_of(state)
-    return largest_at_holes(system, state, phi(at, state.lam, state.y)[:, :3])
+    return float(largest_at_holes(system, state.present, open_gaps(at, state.lam, state.y)))
 
 
-def largest_at_holes(system: System[Body], state: State[Body], gap: Array) -> float:
-    """Return the length of the longest of vectors (holds, 3) at the holes the thread is in."""
-    size = np.linalg.norm(gap, axis=1)
-    return float(np.max(size[system.rows[:, 0] & state.present], initial=0.0))
+def drawn_gaps(at: Passage, y: Array) -> Array:
+    """Return |P(s) − x| of the drawn curve at every hold, shape `(m,)` [m]."""
+    return np.asarray(np.linalg.norm(at.P - y[:, :3], axis=1))
 
 
-def sliding_state(system: System[Body], state: State[Body], k: int) -> str:
+def open_gaps(at: Passage, lam: Array, y: Array) -> Array:
+    """Return |P̂ − x| at every hold, shape `(m,)` [m]."""
+    return np.asarray(np.linalg.norm(phi(at, lam, y)[:, :3], axis=1))
+
+
+def largest_at_holes(system: System[Body], present: Flags, sizes: Array) -> Array:
+    """Return the largest of the sizes (…, m) at the holes the thread is in, shape `(…,)`."""
+    return np.asarray(np.max(sizes, axis=-1, where=system.rows[:, 0] & present, initial=0.0))
+
+
+def look(
+    system: System[Body], s_begun: Array, seen: Seen, states: Sequence[State[Body]], strains: Array
+) -> list[Sight[Body]]:
+    """Return what is seen of the thread in the `states`, with its largest axial `strains` (k,) [-];
+    slip is measured from `s_begun` (m,) [m]."""
+    sizes = drawn_gaps(seen.at, seen.each_y), open_gaps(seen.at, seen.each_lam, seen.each_y)
+    gaps, residuals = (largest_at_holes(system, seen.present, seen.by_state(size)).tolist() for size in sizes)
+    each = states, observe_each(system, s_begun, seen), gaps, residuals, strains.tolist()
+    return [Sight(*one) for one in zip(*each, strict=True)]
+
+
+def sliding_state(piercing: Piercing, present: bool, sigma: float) -> str:
     """Return "left", "anchored", "slip" or "stick"."""
-    if not state.present[k]:
+    if not present:
         return "left"
-    if not system.piercings[k].slides:
+    if not piercing.slides:
         return "anchored"
-    return "slip" if state.sigma[k] else "stick"
+    return "slip" if sigma else "stick"
 
 
-def transmitted_forces(internal: Array, first: Indices, shares: Array, s: Array) -> Array:
-    """Return the forces that the thread transmits just before and just after every hold, shape `(m, 2, 3)` [N], from
-    the elastic forces (n, 3) on the control points. Each is the force of what lies beyond on what lies before.
+def transmitted_forces(seen: Seen) -> Array:
+    """Return the forces that the thread transmits just before and just after every hold, shape `(k, m, 2, 3)` [N]. Each
+    is the force of what lies beyond on what lies before.
 
     ψ = Σ b_i over the points beyond the hole rises from 0 to 1 over the spans next to it, so the sum of their elastic
     forces is the force ∫(EA ε T + …)·ψ' ds that the thread transmits there: in equilibrium exactly the pull on that
     side. A pointwise strain would not do, since a C² curve cannot jump at the hole. What another hole puts on the
-    points on this one's far side, `shares` (m, 4, 3) at the points from `first` (m,) on, is counted with the others of
-    its side. Zero where no point lies beyond.
+    points on this one's far side is counted with the others of its side. Zero where no point lies beyond.
     """
-    points, last = first[:, None] + LOCAL, first + len(LOCAL)
-    sums = np.concatenate([np.zeros((1, 3)), np.cumsum(internal, axis=0)])
-    beyond = (points >= first[:, None, None]) & (s < s[:, None])[:, :, None]
-    behind = (points < last[:, None, None]) & (s > s[:, None])[:, :, None]
-    sides = np.stack([beyond, behind], axis=1).reshape(len(s), 2, len(LOCAL) * len(s))
-    before_after = np.stack([-sums[first], sums[-1] - sums[last]], axis=1)
-    return np.asarray(before_after + np.array([[-1.0], [1.0]]) * (sides @ shares.reshape(-1, 3)))
+    at, (count, m) = seen.at, seen.s.shape
+    shares = at.b[:, :2].swapaxes(1, 2) @ thread_force(at, seen.each_lam, seen.each_y)  # on four points each
+    first, s = seen.by_state(at.first), seen.s
+    points, last = first[:, :, None] + LOCAL, first + len(LOCAL)
+    sums = np.concatenate([np.zeros((count, 1, 3)), np.cumsum(seen.elastic, axis=1)], axis=1)
+    beyond = (points[:, None] >= first[:, :, None, None]) & (s[:, None] < s[:, :, None])[:, :, :, None]
+    behind = (points[:, None] < last[:, :, None, None]) & (s[:, None] > s[:, :, None])[:, :, :, None]
+    sides = np.stack([beyond, behind], axis=2).reshape(count, m, 2, len(LOCAL) * m)
+    step = np.arange(count)[:, None]
+    before_after = np.stack([-sums[step, first], sums[:, -1:] - sums[step, last]], axis=2)
+    by_others = sides @ shares.reshape(count, 1, len(LOCAL) * m, 3)
+    return np.asarray(before_after + np.array([[-1.0], [1.0]]) * by_others)
 
 
-def axial_forces(system: System[Body], state: State[Body], forces: Array) -> Array:
-    """Return the tensions F·t of the strands before and after every hole, shape `(p, 2)` [N], a push negative, from the
-    `forces` (p, 2, 3) [N] that they transmit.
+def axial_forces(system: System[Body], seen: Seen, forces: Array) -> Array:
+    """Return the tensions F·t of the strands before and after every hole, shape `(k, p, 2)` [N], a push negative, from
+    the `forces` (k, p, 2, 3) [N] that they transmit.
 
     In the bend at the hole a part of F is shear, and the tangent is that of the hole. So t is taken where the bend has
     died out, BEND lengths √(EI/|F|) along the strand, or in the middle of a strand that is shorter: without a load
     between, the same tension at both its ends.
     """
-    sizes = np.maximum(np.linalg.norm(forces, axis=2), np.finfo(float).tiny)
-    here, ends = strands(system, state)
-    way = ends - here[:, None]
+    sizes = np.maximum(np.linalg.norm(forces, axis=3), np.finfo(float).tiny)
+    here, ends = strands(system, seen)
+    way = ends - here[:, :, None]
     way = np.sign(way) * np.minimum(BEND * np.sqrt(system.thread.EI / sizes), 0.5 * np.abs(way))
-    places = here[:, None] + way
-    tangents = system.thread.spline.curve(state.q[:, :3], places.ravel())[:, 1].reshape(forces.shape)
-    return dot(forces, tangents) / np.linalg.norm(tangents, axis=2)
+    first, b = system.thread.spline.basis((here[:, :, None] + way).ravel())
+    step = np.repeat(np.arange(len(seen.q)), way[0].size)[:, None]
+    tangents = (b @ seen.q[step, first[:, None] + LOCAL, :3])[:, 1].reshape(forces.shape)
+    return dot(forces, tangents) / np.linalg.norm(tangents, axis=3)
 
 
-def strands(system: System[Body], state: State[Body]) -> tuple[Array, Array]:
-    """Return where each hole is on its piece of the thread, shape `(p,)` [m], and the abscissae before and after it up
-    to which the thread is in no other, shape `(p, 2)` [m]."""
+def strands(system: System[Body], seen: Seen) -> tuple[Array, Array]:
+    """Return where each hole is on its piece of the thread, shape `(k, p)` [m], and the abscissae before and after it
+    up to which the thread is in no other, shape `(k, p, 2)` [m]."""
     spline, p = system.thread.spline, len(system.piercings)
-    s = state.s[:p]
-    low, high = spline.piece_ends[spline.piece_of(s)[:, None] + np.arange(2)].T
-    there = state.present[:p]
-    before = np.where(there & (s < s[:, None]), s, -np.inf).max(axis=1, initial=-np.inf)
-    after = np.where(there & (s > s[:, None]), s, np.inf).min(axis=1, initial=np.inf)
-    return s.clip(low, high), np.stack([np.maximum(before, low), np.minimum(after, high)], axis=1)
+    s, there = seen.s[:, :p], seen.present[:p]
+    low, high = np.moveaxis(spline.piece_ends[spline.piece_of(s)[:, :, None] + np.arange(2)], 2, 0)
+    others, own = s[:, None], s[:, :, None]
+    before = np.where(there & (others < own), others, -np.inf).max(axis=2, initial=-np.inf)
+    after = np.where(there & (others > own), others, np.inf).min(axis=2, initial=np.inf)
+    return s.clip(low, high), np.stack([np.maximum(before, low), np.minimum(after, high)], axis=2)

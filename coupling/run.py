@@ -29,8 +29,8 @@ from coupling.errors import CouplingError, InversionError, StepError
 from coupling.events import Event, find_events
 from coupling.impact import begin_piercing
 from coupling.interfaces import Body
-from coupling.march import march
-from coupling.observation import PiercingObservation, observe
+from coupling.march import march, march_by_steps
+from coupling.observation import PiercingObservation, Sight, largest_gap, largest_residual, look, observe
 from coupling.stepping import CURVED, HALVINGS, Step, Take, advance, release, try_step
 from coupling.system import State, System
 from coupling.tying import TieObservation, begin_tie, let_go_of_cut, lock_tie, observe_ties
@@ -58,7 +58,8 @@ class Run(Generic[Body]):
     `fresh` is a thread under no tension yet that knots could go by. Of the last step: whether it was sought `loose`, as
     the next one then is first (`coupling.equilibrium.settle`), the steps `taken` (several where it was halved, none
     where it was made in whole by compiled loops), the Newton iterations of those made `at_once`, and the `events`.
-    `apart`: how many steps are made one by one until the loops are asked again, and how many if they then make none.
+    `apart`: how many steps are made one by one until the loops are asked again, and how many if they then make none,
+    zero where they have just made some. `seen`: what these saw of the thread at the end of the last step.
     """
 
     system: System[Body]
@@ -80,6 +81,7 @@ class Run(Generic[Body]):
     apart: tuple[int, int] = (0, 1)
     taken: tuple[Step[Body], ...] = ()
     events: tuple[Event, ...] = ()
+    seen: Sight[Body] | None = None
 
     @cached_property
     def configuration(self) -> Configuration:
@@ -91,7 +93,19 @@ class Run(Generic[Body]):
     @cached_property
     def piercings(self) -> tuple[PiercingObservation, ...]:
         """All piercings as they are now, slip measured from where each began."""
+        if self.seen is not None and self.seen.state is self.state:
+            return self.seen.piercings
         return observe(self.system, replace(self.state, s=self.s_begun), self.state, self.configuration)
+
+    @cached_property
+    def sight(self) -> Sight[Body]:
+        """What is seen of the thread as it is now; the largest gap and residual are those of all steps `taken`."""
+        if self.seen is not None and self.seen.state is self.state:
+            return self.seen
+        ends = [(step.solution.problem.system, step.new, step.end.at) for step in self.taken]
+        ends = ends or [(self.system, self.state, self.configuration.at)]
+        gap, residual = (max(largest(*end) for end in ends) for largest in (largest_gap, largest_residual))
+        return Sight(self.state, self.piercings, gap, residual, float(np.max(self.configuration.points.strain)))
 
     @cached_property
     def ties(self) -> tuple[TieObservation, ...]:
@@ -116,7 +130,7 @@ class Run(Generic[Body]):
         to go.
         """
         refuse_no_time(dt)
-        run = replace(self, at_once=0, taken=(), events=())
+        run = replace(self, at_once=0, taken=(), events=(), seen=None)
         if not run.fresh:
             run = run.refitted(dt, run.number % INTERVAL == 0)
         watch = Watch([run.energies], run.downhill, bool(run.events), dt / 2 ** min(CURVED, run.halvings))
@@ -133,41 +147,64 @@ class Run(Generic[Body]):
         refuse_no_time(dt)
         run, events, iterations, last = self, list[Event](), 0, self.number + count
         while run.number < last:
-            waits, pause = run.apart
-            smooth = None if waits else run._smoothly(dt, min(AT_ONCE, last - run.number))
-            if smooth is not None:  # what they stopped before is made next
-                run, iterations = replace(smooth, apart=(int(smooth.number < last), 1)), iterations + smooth.iterations
-                continue
-            apart = (waits - 1, pause) if waits else (pause - 1, min(2 * pause, LONGEST_PAUSE))
-            run = replace(run.step(dt), apart=apart)
+            times = list(accumulate([dt] * min(AT_ONCE, last - run.number), initial=run.state.time))[1:]
+            run = run._smoothly(dt, times) or run._apart(dt, times[0])
             events, iterations = [*events, *run.events], iterations + run.iterations
         of_last = sum(step.solution.iterations for step in run.taken)
         return replace(run, events=tuple(events), at_once=iterations - of_last)
 
-    def _smoothly(self, dt: float, count: int) -> "Run[Body] | None":
-        """Return the run after as many of so many steps of `dt` [s] as the loops make at once, None where that is none.
-        What is looked at between steps is left to them: knots that follow the thread, and the error of a step."""
-        if self.fresh or not self.downhill or self.resolution is not None or self.tolerance < np.inf:
-            return None
-        times = self._before_due(dt, list(accumulate([dt] * count, initial=self.state.time))[1:])
-        if not times:
-            return None
-        found = march(self.system, self.state, self.energies, dt, times, self.take, self.is_jumping)
+    def each_of_steps(self, dt: float, times: Sequence[float]) -> "list[Run[Body]]":
+        """Make steps of `dt` [s] whose ends bear the `times` [s], and return the run after each: as many as go on
+        smoothly in compiled loops, as for `steps`, else the first alone. Raises as `step` does."""
+        refuse_no_time(dt)
+        return self._each_smoothly(dt, times) or [self._apart(dt, times[0])]
+
+    def _apart(self, dt: float, time: float) -> "Run[Body]":
+        """Return the run a step further that is made by itself."""
+        waits, pause = self.apart
+        apart = (waits - 1, max(pause, 1)) if waits else (max(pause - 1, 0), min(max(2 * pause, 1), LONGEST_PAUSE))
+        return replace(self.step(dt, time), apart=apart)
+
+    def _smoothly(self, dt: float, times: Sequence[float]) -> "Run[Body] | None":
+        """Return the run after as many of the steps of `dt` [s] to the `times` [s] as the loops make at once, None
+        where that is none."""
+        before = self._before_due(dt, times)
+        found = (
+            march(self.system, self.state, self.energies, dt, before, self.take, self.is_jumping) if before else None
+        )
         if found is None:
             return None
-        return replace(
-            self,
-            state=found.state,
-            energies=found.energies,
-            number=self.number + found.made,
-            loose=False,
-            at_once=found.iterations,
-            taken=(),
-            events=(),
-        )
+        made = replace(self._marched(found.made, len(times)), state=found.state, energies=found.energies)
+        return replace(made, at_once=found.iterations)
 
-    def _before_due(self, dt: float, times: list[float]) -> list[float]:
-        """Return those of the `times` [s] that steps of `dt` [s] go to before anything is scheduled."""
+    def _each_smoothly(self, dt: float, times: Sequence[float]) -> "list[Run[Body]]":
+        """Return the runs after each of those steps, none where the loops make none."""
+        before = self._before_due(dt, times)
+        if not before:
+            return []
+        found = march_by_steps(self.system, self.state, self.energies, dt, before, self.take, self.is_jumping)
+        if found is None:
+            return []
+        sights = look(self.system, self.s_begun, found.seen, found.states, found.strains)
+        each = zip(found.states, found.energies, found.iterations, sights, strict=True)
+        runs = [
+            replace(self._marched(made, made), state=state, energies=energies, at_once=iterations, seen=sight)
+            for made, (state, energies, iterations, sight) in enumerate(each, 1)
+        ]
+        return [*runs[:-1], replace(runs[-1], apart=(int(len(runs) < len(times)), 0))]
+
+    def _marched(self, made: int, asked: int) -> "Run[Body]":
+        """Return the run after so many steps `made` by the loops of those `asked` for, but for where they came to: what
+        they stopped before is made next."""
+        number, apart = self.number + made, (int(made < asked), 0)
+        return replace(self, number=number, apart=apart, loose=False, taken=(), events=(), seen=None)
+
+    def _before_due(self, dt: float, times: Sequence[float]) -> Sequence[float]:
+        """Return those of the `times` [s] that steps of `dt` [s] go to before anything is scheduled; none where the
+        loops are not to be asked now, or something is looked at between steps that they know nothing of: knots that
+        follow the thread, and the error of a step."""
+        if self.fresh or not self.downhill or self.resolution is not None or self.tolerance < np.inf or self.apart[0]:
+            return []
         holds = zip(self.system.piercings, self.state.present, strict=False)
         planned = [cut.time for cut in self.cuts] + [p.ends if there else p.begins for p, there in holds]
         due = [time - ON_TIME * dt for time in planned]
@@ -182,7 +219,7 @@ class Run(Generic[Body]):
         equilibrium under the same loads, with friction from there. Raises `StepError`, before the first load step
         where dead loads are unbalanced, `InversionError`, `ConstraintError`.
         """
-        first = replace(self, at_once=0, taken=(), events=())
+        first = replace(self, at_once=0, taken=(), events=(), seen=None)
         if first.fresh:
             refuse_unbalanced(first.system, first.state, duration)
             first = first.held_together()

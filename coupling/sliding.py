@@ -162,6 +162,25 @@ def prescribed(law: Law, held: Flags, injected: Array) -> Law:
     return replace(law, rough=smooth, may_slide=law.may_slide & ~held, injected=law.injected + injected)
 
 
+def side_by_side(law: Law, times: int) -> Law:
+    """Return the law of the same holds so many times, one after the other, as if nothing tied one to another."""
+    return Law(
+        s_old=np.tile(law.s_old, times),
+        s_held=np.tile(law.s_held, times),
+        static=np.tile(law.static, times),
+        kinetic=np.tile(law.kinetic, times),
+        grip=np.tile(law.grip, times),
+        per_channel=np.tile(law.per_channel, times),
+        rough=np.tile(law.rough, times),
+        may_slide=np.tile(law.may_slide, times),
+        inertia=np.tile(np.broadcast_to(law.inertia, law.s_old.shape), times),
+        s_free=np.tile(law.s_free, times),
+        injected=np.tile(law.injected, times),
+        own=law.own * times,
+        factor=law.factor,
+    )
+
+
 def channel_forces(lam: Array, y: Array, per_channel: Array) -> Array:
     """Return λ/2 ± m/ℓ_c, the force of each end of the channel on the thread, shape `(2, m, 3)` [N]."""
     half, couple = 0.5 * lam[:, :3], per_channel[:, None] * force_on_tangent(lam, y)

@@ -1,6 +1,7 @@
 """A step solved in numpy (`coupling.newton`), or by compiled loops (`coupling.compiled`) where the system asks for them
 and they cover it."""
 
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ from coupling import newton
 from coupling.bordered import SINGULAR_HOLDS, SINGULAR_THREAD
 from coupling.calls import ask_before_correction
 from coupling.configuration import evaluate_thread
-from coupling.interfaces import Body
+from coupling.interfaces import Body, Certified
 from coupling.newton import Iterate, Problem, Residual, Solution
 from coupling.system import System
 
@@ -23,7 +24,22 @@ def solve(problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: 
     loops where the system asks for them and they cover the problem, else by `coupling.newton`. Raises `StepError`.
 
     No abscissa goes uphill, nor further than so many `spans` in a correction, where they are given; there may be
-    `patience` times the corrections of a plain solve."""
+    `patience` times the corrections of a plain solve. What an organ answered in a space too narrow for the forces that
+    are found is solved again with the answer that holds under them."""
+    solution = solve_once(problem, start, spans, patience)
+    answer = solution.problem.answer
+    if not isinstance(answer, Certified):
+        return solution
+    sites = len(problem.system.piercings)
+    certified = answer.certified(solution.residual.f_y[:sites].ravel())
+    if certified is answer:
+        return solution
+    again = solve(replace(solution.problem, answer=certified), solution.iterate, spans, patience)
+    return replace(again, iterations=solution.iterations + again.iterations)
+
+
+def solve_once(problem: Problem[Body], start: Iterate, spans: float, patience: int) -> Solution[Body]:
+    """Solve with the organ's answer as it is, as `solve` says. Raises `StepError`."""
     if problem.system.compiled and is_covered(problem):
         return solve_compiled(problem, start, spans, patience)
     correct = partial(newton.correct_downhill, spans=spans) if spans else newton.correct

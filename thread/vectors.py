@@ -26,6 +26,11 @@ def cross(a: Array, b: Array) -> Array:
     return a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT]
 
 
+def curvature(first: Array, second: Array) -> Array:
+    """Return |P' × P''|/|P'|³ [1/m] from derivatives of a curve by any parameter over the last axis; 0/0 is NaN."""
+    return np.asarray(np.linalg.norm(cross(first, second), axis=-1) / np.linalg.norm(first, axis=-1) ** 3)
+
+
 def unit_vector(x: Array) -> Array:
     """Return x/|x| over the last axis."""
     return x / np.linalg.norm(x, axis=-1, keepdims=True)

@@ -10,6 +10,7 @@ from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.finite import FiniteOrgan
 from tissue.organs.fixed import FixedSites, fixed_sites
 from tissue.organs.floating import FloatingOrgan
+from tissue.organs.krylov import KrylovOrgan, KrylovState, has_space
 from tissue.organs.lips import Gaps, Part, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, Lips, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
@@ -20,7 +21,7 @@ from tissue.sites.surface import depths, distances, landing
 from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
 from tissue.solvers.ranks import Ranks
-from tissue.strain import cell_strain, energy_density, energy_share, nodal_volume_ratio, volume_ratio
+from tissue.strain import cell_strain, energy_density, energy_share, nodal_volume_ratio, strains, volume_ratio
 from tissue.stress import StressRecovery, interpolation, principal, stress_recovery, von_mises
 from tissue.supports import held_components, holds_still, motions_in_words, rigid_motions
 
@@ -36,6 +37,8 @@ __all__ = [
     "FloatingOrgan",
     "Gaps",
     "Hyperelasticity",
+    "KrylovOrgan",
+    "KrylovState",
     "LinearAnswer",
     "Lips",
     "Loads",
@@ -74,6 +77,7 @@ __all__ = [
     "energy_share",
     "factorize",
     "fixed_sites",
+    "has_space",
     "held_components",
     "holds_still",
     "interpolation",
@@ -84,6 +88,7 @@ __all__ = [
     "principal_stretch",
     "reduce_organ",
     "rigid_motions",
+    "strains",
     "stress_recovery",
     "surface_gaps",
     "volume_ratio",

@@ -5,6 +5,7 @@ second order in either, and no displacement tells how much that is: a body may g
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +21,33 @@ Flags = NDArray[np.bool_]
 PAIRS = ((0, 1), (1, 2), (0, 2))  # of axes, in VTK's order of a symmetric tensor
 
 
+class Strains(NamedTuple):
+    """What a displacement does to cells: what `cell_strain`, `energy_density` and `nodal_volume_ratio` return."""
+
+    strain: Array
+    rotation: Array
+    energy_density: Array
+    nodal_volume_ratio: Array
+
+
+def strains(elasticity: Elasticity, U: Array) -> Strains:
+    """Return all that is read off the gradient of a field over all unknowns `(N,)` [m], which is made once."""
+    corners, mean = elasticity.corner_slopes, elasticity.mean_slopes[0]
+    at_corners = gradient(elasticity, corners, U)
+    slope = at_corners if mean is corners else gradient(elasticity, mean, U)
+    return Strains(
+        *_strain_of(elasticity, at_corners), _energy_of(elasticity, U, slope), _nodal_ratio_of(elasticity, slope)
+    )
+
+
 def cell_strain(elasticity: Elasticity, U: Array) -> tuple[Array, Array]:
     """Return the largest principal strain [-], in magnitude, and the largest rotation |½ curl U| [rad] of each cell,
     shape `(c,)` each. `U` [m] is a field over all unknowns `(N,)`.
     """
-    slope = gradient(elasticity, elasticity.corner_slopes, U)
+    return _strain_of(elasticity, gradient(elasticity, elasticity.corner_slopes, U))
+
+
+def _strain_of(elasticity: Elasticity, slope: Array) -> tuple[Array, Array]:
     shear = [0.5 * (slope[i, j] + slope[j, i]) for i, j in PAIRS]
     low, high = extreme_values([slope[0, 0], slope[1, 1], slope[2, 2], *shear])
     strain = np.maximum(high, -low)
@@ -65,8 +88,9 @@ def volume_ratio(elasticity: Elasticity, U: Array) -> Array:
     """Return the volume between the corners of each cell over that of the reference shape, J, shape `(c,)` [-]; `U` [m]
     is a field over all unknowns `(N,)`."""
     corners = elasticity.mesh.t
-    x = (elasticity.points + elasticity.nodal(U))[: elasticity.mesh.nvertices].T
-    six_volumes = determinant(np.array([x[:, corners[k]] - x[:, corners[0]] for k in (1, 2, 3)]))
+    x = np.ascontiguousarray((elasticity.points + elasticity.nodal(U))[: elasticity.mesh.nvertices].T)
+    first, *others = (x[:, corner] for corner in corners)
+    six_volumes = determinant(np.array([other - first for other in others]))
     return np.asarray(six_volumes / elasticity.signed_six_volumes)
 
 
@@ -77,13 +101,19 @@ def nodal_volume_ratio(elasticity: Elasticity, U: Array) -> Array:
     It is what the law of nearly incompressible tissue acts on (Bonet and Burton, Commun. Numer. Meth. Engng. 14, 1998):
     the J of single cells alternates where this one is smooth.
     """
+    return _nodal_ratio_of(elasticity, gradient(elasticity, elasticity.mean_slopes[0], U))  # those of the law
+
+
+def _nodal_ratio_of(elasticity: Elasticity, slope: Array) -> Array:
     element, corners, mesh = ELEMENTS[elasticity.element](), ElementTetP1(), elasticity.mesh
-    slopes, places, weights = elasticity.mean_slopes  # those of the law
-    J = determinant(gradient(elasticity, slopes, U) + np.eye(3)[:, :, None]).reshape(len(weights), -1)
+    _, places, weights = elasticity.mean_slopes
+    J = determinant(slope + np.eye(3)[:, :, None]).reshape(len(weights), -1)
     hats = weights * np.array([corners.lbasis(places.T, n)[0] for n in range(VERTICES)])
     volume = elasticity.six_volumes
     shares = volume * (hats @ J), volume * hats.sum(axis=1)[:, None]
     now, before = (np.bincount(mesh.t.ravel(), each.ravel(), mesh.nvertices) for each in shares)
+    if elasticity.element == "P1":
+        return np.asarray(now / before)
     between = np.array([corners.lbasis(np.asarray(element.doflocs).T, n)[0] for n in range(VERTICES)])
     out = np.ones(len(elasticity.points))
     out[elasticity.cells] = (now / before)[mesh.t.T] @ between
@@ -94,8 +124,12 @@ def energy_density(elasticity: Elasticity, U: Array) -> Array:
     """Return the strain energy per volume of each cell, on its mean, shape `(c,)` [J/m³]: λ/2 (div U)² + μ ε : ε, and
     half of pressure times dilatation for what is averaged at the vertices. `U` [m] is a field over all unknowns `(N,)`.
     """
-    material, (slopes, places, weights) = elasticity.material, elasticity.mean_slopes
-    slope = gradient(elasticity, slopes, U).reshape(3, 3, len(weights), -1)
+    return _energy_of(elasticity, U, gradient(elasticity, elasticity.mean_slopes[0], U))
+
+
+def _energy_of(elasticity: Elasticity, U: Array, slope: Array) -> Array:
+    material, (_, places, weights) = elasticity.material, elasticity.mean_slopes
+    slope = slope.reshape(3, 3, len(weights), -1)
     dilatation = slope[0, 0] + slope[1, 1] + slope[2, 2]
     squares = sum(np.square(slope[i, i]) for i in range(3))
     squares = squares + 0.5 * sum(np.square(slope[i, j] + slope[j, i]) for i, j in PAIRS)

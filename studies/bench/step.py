@@ -2,8 +2,9 @@
 
 Of every case: our step as it is taken, with the iteration in compiled loops where they are switched on
 (`coupling.solver`), and the same step with the iteration in numpy; where the loops make many steps at once
-(`coupling.run.Run.steps`), one of those. With an organ also the floor below which no step with this factor can be (one
-organ back-substitution), and two baselines that solve the same step to the same tolerance:
+(`coupling.run.Run.steps`), one of those, and one of which all is found that a run records, as a multiple of that; of so
+many as go on smoothly. With an organ also the floor below which no step with this factor can be (one organ
+back-substitution), and two baselines that solve the same step to the same tolerance:
 
 - `assembled`: Newton on the one assembled matrix, each correction by `scipy.sparse.linalg.spsolve`;
 - `prefactored`: the organ factored once by `scipy.sparse.linalg.splu` with W = A⁻¹Yᵀ kept, each Newton correction by
@@ -16,6 +17,7 @@ are those of the processor, on one thread: other work on the machine does not co
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from itertools import accumulate
 from pathlib import Path
 from statistics import median
 from time import process_time
@@ -31,14 +33,16 @@ from coupling.errors import StepError
 from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body, Steady
 from coupling.newton import Iterate
-from coupling.run import begin
+from coupling.run import Run, begin
 from coupling.stepping import Step, conclude, dynamic_problem, organ_answer, predict
 from coupling.system import State, System
 from studies.arrays import Array
 from studies.output.files import write_json
 from studies.output.provenance import provenance
+from studies.output.records import StepRecord
 from studies.scenario import Scenario, load
 from studies.simulation.assembly import assemble
+from studies.simulation.recording import step_record
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.meshed import OrganState
 from tissue.organs.quasi_static import QuasiStaticOrgan
@@ -77,6 +81,7 @@ class Row:
     numpy_iterations: float
     numpy: float
     at_once: float | None = None
+    recorded: float | None = None
     floor: float | None = None
     prefactored: float | None = None
     assembled: float | None = None
@@ -84,6 +89,11 @@ class Row:
     def ratio(self, other: float | None) -> float | None:
         """Return `other` over our step, None where it was not measured."""
         return None if other is None else other / self.step
+
+    @property
+    def over_at_once(self) -> float | None:
+        """A step that is recorded over one that is not, of those made at once."""
+        return None if self.at_once is None or self.recorded is None else self.recorded / self.at_once
 
     @property
     def over_floor(self) -> float | None:
@@ -100,9 +110,15 @@ def main(json_path: Path | None = None, solver: str = "auto") -> int:
             rows.append(row)
             print(line(row), flush=True)
     if json_path is not None:
-        table = [asdict(row) | {"over_floor": row.over_floor, "numpy_over_step": row.ratio(row.numpy)} for row in rows]
+        table = [asdict(row) | ratios(row) for row in rows]
         write_json(json_path, {"milliseconds_per_step": table, "provenance": provenance()})
     return 0
+
+
+def ratios(row: Row) -> dict[str, float | None]:
+    """Return what is told of a row beside its times."""
+    numpy_over_step, recorded = row.ratio(row.numpy), row.over_at_once
+    return {"over_floor": row.over_floor, "numpy_over_step": numpy_over_step, "recorded_over_at_once": recorded}
 
 
 def measurements(
@@ -126,10 +142,10 @@ def measure_case(case: str, scenario: Scenario, rounds: int) -> Row:
     for _ in range(WARM_UP):
         run = run.step(dt)
     others = baselines(run.system, organ, dt) if isinstance(organ, DynamicOrgan | QuasiStaticOrgan) else {}
-    at_once = ["at_once"] if isinstance(organ, Steady) else []
+    at_once = ["at_once", "recorded"] if isinstance(organ, Steady) else []
     times: dict[str, list[float]] = {name: [] for name in ("step", "numpy", *at_once, *others)}
     if at_once:
-        run.steps(dt, AT_ONCE)  # loads or compiles the loops
+        smooth_ones(run, dt)  # loads or compiles the loops
     iterations, by_numpy = [], []
     for _ in range(rounds):
         for name, call in others.items():
@@ -139,9 +155,13 @@ def measure_case(case: str, scenario: Scenario, rounds: int) -> Row:
         by_numpy += [replace(run, take=numpy_step).step(dt).iterations]
         times["numpy"] += [process_time() - began]
         if at_once:
+            count = len(smooth_ones(run, dt))
             began = process_time()
-            run.steps(dt, AT_ONCE)
-            times["at_once"] += [(process_time() - began) / AT_ONCE]
+            run.steps(dt, count)
+            times["at_once"] += [(process_time() - began) / count]
+            began = process_time()
+            smooth_ones(run, dt)
+            times["recorded"] += [(process_time() - began) / count]
         began = process_time()
         run = run.step(dt)
         times["step"] += [process_time() - began]
@@ -149,6 +169,12 @@ def measure_case(case: str, scenario: Scenario, rounds: int) -> Row:
     medians = {name: median(values) / MILLI for name, values in times.items()}
     counts = {"newton_iterations": float(np.mean(iterations)), "numpy_iterations": float(np.mean(by_numpy))}
     return Row(case, organ.size, **counts, **medians)
+
+
+def smooth_ones(run: Run[OrganState], dt: float) -> list[StepRecord]:
+    """Return the records of the steps that are made at once from a run, AT_ONCE at most."""
+    times = list(accumulate([dt] * AT_ONCE, initial=run.state.time))[1:]
+    return [step_record(each) for each in run.each_of_steps(dt, times)]
 
 
 def numpy_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
@@ -219,8 +245,8 @@ def prefactored_correction(system: BlockSystem, solve: Callable[[Array], Array],
 
 
 HEAD = (
-    f"{'times in ms':18} {'unknowns':>9} {'Newton':>7} {'step':>9} {'in numpy':>18} {'at once':>9} {'floor':>9} "
-    f"{'step/floor':>11} {'prefactored':>12} {'assembled':>10}"
+    f"{'times in ms':18} {'unknowns':>9} {'Newton':>7} {'step':>9} {'in numpy':>18} {'at once':>9} {'recorded':>9} "
+    f"{'floor':>9} {'step/floor':>11} {'prefactored':>12} {'assembled':>10}"
 )
 
 
@@ -231,5 +257,6 @@ def line(row: Row) -> str:
     ours = f"{row.newton_iterations:7.1f} {row.step:9.3f}"
     theirs = f"{row.numpy_iterations:4.1f} {row.numpy:7.3f} {row.numpy / row.step:3.0f} ×"
     at_once = f"{row.at_once:9.3f}" if row.at_once is not None else " " * 9
-    step = f"{row.case:18} {row.tissue_unknowns:9d} {ours} {theirs} {at_once}"
+    recorded = f"{row.over_at_once:7.2f} ×" if row.over_at_once is not None else " " * 9
+    step = f"{row.case:18} {row.tissue_unknowns:9d} {ours} {theirs} {at_once} {recorded}"
     return f"{step} {floor} {others[0]:>12} {others[1]:>10}"

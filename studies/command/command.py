@@ -41,7 +41,7 @@ from studies.scenario.reference import reference
 from studies.scenario.toml import scenario_file
 from studies.simulation.interface import AnySimulation, Moments
 from studies.simulation.recorded import begin
-from studies.simulation.remedies import may_help, try_remedies
+from studies.simulation.remedies import try_remedies
 from studies.simulation.sharing import Shared, Store
 from studies.status import FAILED, INTERRUPTED, REFUSED, SIGNALLED, UNSUPPORTED
 from studies.study import NAMES, StudyError, arguments, carry_out, study
@@ -112,7 +112,7 @@ def _run(options: argparse.Namespace, simulation: AnySimulation) -> int:
     log = RunLog(options.out, " ".join(["suture", *options.words]))
     status, outcome, failure = _simulate(simulation, moments, recorder, options.quiet or options.json, log)
     picture = "" if options.no_picture else _draw(simulation, recorder)
-    if failure is not None and not options.no_remedies and may_help(failure):
+    if failure is not None and not options.no_remedies:
         _try_remedies(options, simulation, recorder, failure)
     log.end(outcome, recorder.remarks)
     if options.json:

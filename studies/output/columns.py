@@ -23,6 +23,7 @@ from studies.output.records import (
     EnergyRecord,
     Extremes,
     GapRecord,
+    KrylovRecord,
     LoadRecord,
     PiercingRecord,
     ReductionRecord,
@@ -329,7 +330,12 @@ SOLVED: tuple[Column[StepRecord], ...] = (
     Column("slide_speed", "m/s", "largest speed of the thread in a hole", lambda step: step.slide_speed),
     *(reaction for reaction, _ in ENDS.values()),
     *(torque for _, torque in ENDS.values()),
-    Column("seconds", "s", "wall-clock time of this step, compiling its loops left out", lambda step: step.seconds),
+    Column(
+        "seconds",
+        "s",
+        "wall-clock time of this step, compiling its loops left out; of steps made at once their mean",
+        lambda step: step.seconds,
+    ),
 )
 
 PAIR: Column[ContactRecord] = text("pair", "names of the two surfaces", lambda lips: lips.pair)
@@ -627,6 +633,21 @@ HOLE_REDUCTION: tuple[Column[tuple[float, float, float]], ...] = (
     Column("force_bound", "N", "`bound` times that stiffness", lambda small: small[1] * small[2]),
 )
 
+KRYLOV: tuple[Column[tuple[int, float]], ...] = (
+    count(
+        "vectors",
+        "of the space in which the organ is solved; 0 where it no longer follows the motion, and the organ is solved "
+        "whole",
+        lambda known: known[0],
+    ),
+    Column(
+        "residual",
+        "-",
+        "largest residual of the equations of motion of all unknowns, over the largest forces of the tissue so far",
+        lambda known: known[1],
+    ),
+)
+
 RUN: tuple[Column[RunRecord], ...] = (
     text("status", "`completed`, `failed` or `interrupted`", lambda run: run.status),
     text("error", "what ended a run that was not completed; else empty", lambda run: run.error),
@@ -787,6 +808,11 @@ def reduction_summary(names: Iterable[str], extremes: Extremes, small: Reduction
     return {**values([REDUCTION], small), "piercings": holes}
 
 
+def krylov_summary(extremes: Extremes, now: KrylovRecord) -> dict[str, Value]:
+    """Make what ``summary.json`` says of the Krylov space of the organ."""
+    return values(KRYLOV, (now.vectors, extremes.residual))
+
+
 def _end_summary(end: str, step: StepRecord) -> dict[str, Value]:
     """Take the reaction at an end of the thread from a step, and the torque where there is one."""
     found = values(ENDS[end], step)
@@ -819,8 +845,9 @@ def manual_tables() -> dict[str, str]:
     holes = [replace(column, name=f"piercings.NAME.{column.name}") for column in told]
     small: list[Column[Any]] = [replace(REDUCTION, name=f"reduction.{REDUCTION.name}")]
     small += [replace(column, name=f"reduction.piercings.NAME.{column.name}") for column in HOLE_REDUCTION]
+    spaces: list[Column[Any]] = [replace(column, name=f"krylov.{column.name}") for column in KRYLOV]
     return {
-        "summary.json": markdown([*RUN, *ends, *sums, *holes, *ranges, *small], "key"),
+        "summary.json": markdown([*RUN, *ends, *sums, *holes, *ranges, *small, *spaces], "key"),
         "remarks": remarks.markdown(),
         **{f"{layout.name}.csv": markdown(layout.columns, "column") for layout in TABLES},
         "gap_profile.csv": markdown(GAP_PROFILE, "column"),

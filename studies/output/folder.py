@@ -219,17 +219,21 @@ def can_resume(folder: Path | str, scenario: Scenario) -> bool:
     if before is None or not holds_run(folder):
         return False
     changed, (_, digests) = _changes(folder, scenario), _scenario_text(scenario)
-    if _is_longer(scenario, changed):
-        del changed[DURATION]
-    reason = first_in_words(changed)
-    if reason is None and before.get("mesh_sha256") != digests.get("mesh_sha256"):
-        reason = "the contents of tissue.mesh.path changed"
-    if reason is not None:
+    same_mesh = before.get("mesh_sha256") == digests.get("mesh_sha256")
+    _refuse_another(folder, scenario, changed, "" if same_mesh else "the contents of tissue.mesh.path changed")
+    return True
+
+
+def _refuse_another(folder: Path, scenario: Scenario, changed: Mapping[str, tuple[Any, Any]], more: str = "") -> None:
+    """Refuse to go on with the run of another scenario, for the first of the keys that `changed` or for one `more`
+    reason."""
+    longer = _is_longer(scenario, changed)
+    left = {key: values for key, values in changed.items() if not (longer and key == DURATION)}
+    if reason := first_in_words(left) or more:
         raise ScenarioError(
             f"--resume is refused: {folder} holds the run of another scenario ({reason}); restore the scenario (in "
             f"time, solve.duration may grow), give another folder, or {ANEW}"
         )
-    return True
 
 
 def completed_run(folder: Path | str, scenario: Scenario) -> dict[str, Any] | None:
@@ -267,7 +271,8 @@ def check_folder(
     replace or continue them.
 
     Earlier results are replaced, but not before the new run has been prepared. The `file` that is run must lie
-    elsewhere, since it would be replaced with them; `scenario` is what it says.
+    elsewhere, since it would be replaced with them; `scenario` is what it says. A key that it gives another value than
+    the run that it is to go on with is refused before anything is prepared.
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
@@ -279,6 +284,9 @@ def check_folder(
         _refuse_replacing(folder, [file, mesh_file(scenario) if scenario else None], overwrite)
     if scenario is not None:
         refuse_foreign(folder, scenario)
+        if resume and holds_run(folder):
+            given = {key: values for key, values in _changes(folder, scenario).items() if values[1] is not None}
+            _refuse_another(folder, scenario, given)
 
 
 def _refuse_others(folder: Path) -> None:

@@ -15,6 +15,7 @@ from studies.output.columns import (
     HOLE_RANGE,
     HOLE_REDUCTION,
     HOLE_SUMMARY,
+    KRYLOV,
     LOAD,
     MAX_STRAIN,
     MOVED,
@@ -114,6 +115,7 @@ COLUMNS: dict[tuple[str, ...], tuple[Column[Any], ...]] = {
     ("loads", ANY): LOAD,
     ("range",): RANGE,
     ("range", "piercings", ANY): HOLE_RANGE,
+    ("krylov",): KRYLOV,
     ("reduction",): (REDUCTION,),
     ("reduction", "piercings", ANY): HOLE_REDUCTION,
 }

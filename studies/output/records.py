@@ -157,6 +157,14 @@ class ReductionRecord:
 
 
 @dataclass(frozen=True)
+class KrylovRecord:
+    """How an organ in its Krylov space is solved at one time."""
+
+    vectors: int  # of the space; 0 once the organ is solved whole
+    residual: float  # of the equations of motion of all unknowns, over the largest forces so far [-]
+
+
+@dataclass(frozen=True)
 class StepRecord:
     """What is known at the end of a step; step 0 is the start."""
 
@@ -182,6 +190,7 @@ class StepRecord:
     loads: tuple[LoadRecord, ...] = ()
     tracts: tuple[TractRecord, ...] = ()
     reduction: ReductionRecord | None = None  # of an organ in a small basis
+    krylov: KrylovRecord | None = None  # of an organ in its Krylov space
     ties: tuple[TieRecord, ...] = ()
     profile: Callable[[], tuple[GapRecord, ...]] = tuple  # makes the gaps along all rims, of the last step alone
     torques: tuple[float, float] | None = None  # of the holders of start and end about the tangent [N m], with twist
@@ -258,6 +267,7 @@ class Extremes:
     crossed: float = 0.0  # of lips that do not touch, through one another, over their extent [-]
     branches: float = 0.0  # load steps that followed one by arc length
     fallen: float = 0.0  # of the loads along one [s of their clock]
+    residual: float = 0.0  # of an organ in its Krylov space [-]
 
     def after_step(self, step: StepRecord) -> "Extremes":
         """Return the extremes with a step more."""
@@ -279,6 +289,7 @@ class Extremes:
             layered=max(self.layered, abs(energy.layer_work)),
             branches=self.branches + (step.fallen is not None),
             fallen=max(self.fallen, step.fallen or 0.0),
+            residual=self.residual if step.krylov is None else max(self.residual, step.krylov.residual),
         )
 
     @property

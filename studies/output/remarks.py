@@ -17,6 +17,7 @@ SMALL_STRAIN = 0.2  # linear elasticity leaves out ½ε² beside ε: a tenth of 
 SMALL_ROTATION = 0.2  # rad: a rotation alone strains a linear body by 1 − cos θ, which is 0.02 here
 SHARE = 0.05  # of the organ's strain energy: what less of it does decides no force
 THREAD_STRAIN = 0.1  # a line through the origin fits the stress of monofilaments about as far (assumption)
+KINKED = 1.0  # diameters: in a bend of a smaller radius the fibres inside would be at half their length, and less
 OFF_PATH = 10.0  # diameters: as far as the thread is drawn into a hole that begins
 CREATED = 1e-4  # of a run's energy: round-off is 1e-9 of it, and the shipped scenes create none at their steps
 DISSIPATED = 0.05  # of a run's energy
@@ -265,6 +266,12 @@ KINDS = (
         "note",
         f"a piercing more than {OFF_PATH:g} diameters from `thread.path`",
         "the thread is bent to it at the start, and the energy of that goes where the damping takes it",
+    ),
+    Kind(
+        "kinked",
+        "note",
+        f"a thread laid in a bend whose radius is less than {KINKED:g} of its diameters",
+        "no suture bends so and stays elastic; at the start it swings back from there",
     ),
     Kind(
         "after-end",

@@ -1,11 +1,11 @@
 """Time series for ParaView: ``results.pvd`` naming one file per frame of organ, thread, piercings and ties.
 
 VTK XML with its arrays behind it as plain bytes, a quarter fewer than as text, in float32 and int32: a form that VTK
-reads since 8.2, and so ParaView 5.11. The organ's are compressed by LZMA, the few others by zlib, done before LZMA has
-begun. It is written here rather than by VTK because the organ's mesh can then be encoded once, and no graphics package
-is needed to run. Rows of the mesh are like
-those before them: packed as differences, by a filter of the format that every reader knows, a structured mesh takes a
-fiftieth of its bytes. Points of the organ are those of the reference shape, with ``displacement`` beside them (Warp By
+reads since 8.2, and so ParaView 5.11. Organ and thread are compressed by LZMA, the few numbers of piercings and ties by
+zlib, done before LZMA has begun. It is written here rather than by VTK because the organ's mesh can then be encoded
+once, and no graphics package is needed to run. Rows of the mesh and of the thread are like those before them: packed as
+differences, by a filter of the format that every reader knows, a structured mesh takes a fiftieth of its bytes, and the
+thread less than half. Points of the organ are those of the reference shape, with ``displacement`` beside them (Warp By
 Vector); thread and piercings are where they are.
 
 Which arrays there are is said in ``studies.output.columns``.
@@ -47,10 +47,11 @@ COMPONENTS = {6: ("XX", "YY", "ZZ", "XY", "YZ", "XZ")}  # VTK's order of a symme
 FRAME = re.compile(r"(?:organ|thread|piercings|ties)_(\d{6,})\.vt[pu]")
 PARTS = ("organ", "thread", "piercings", "ties")  # of a frame, each a file
 FILE = re.compile(r'file="([^"]*)"')
-COMPRESSORS = {"UnstructuredGrid": "vtkLZMADataCompressor", "PolyData": "vtkZLibDataCompressor"}
+LZMA = "vtkLZMADataCompressor"
 WORDS = {"id": lzma.FILTER_LZMA2, "lc": 0, "lp": 2, "pb": 2}  # numbers of four bytes
-SMALLEST = {"preset": 6, **WORDS}  # of the mesh, which is encoded once
-SAMPLE = 10_000  # rows of an array of the mesh by which it is told how it is packed
+SMALLEST = {"preset": 6, "dict_size": 2**20, **WORDS}  # of the mesh, which is encoded once
+QUICK = {"preset": 1, "dict_size": 2**20, **WORDS}  # tells how it is packed, on a sample of so many rows:
+SAMPLE = 10_000
 FASTEST = {"preset": 0, "dict_size": 4096, "depth": 1, "nice_len": 4, **WORDS}  # of fields, which hardly repeat
 # What the elements are wrong in by far more is noise that does not shrink, and half of a frame's bytes. What is derived
 # from the displacement keeps 10 of the 23 bits behind the point, 4.9e-4, and none below 1.2e-4 of the largest in its
@@ -65,7 +66,7 @@ BITS_OF_LARGEST |= dict.fromkeys(("displacement", "s"), 20)
 BITS_OF_EXTENT = 20  # that are kept of the places of a thread
 
 
-Pack = Callable[[bytes], bytes]
+Pack = Callable[[NDArray[Any]], bytes]
 PLACE = "\0"  # stands for the place of an array until all before it are known
 
 
@@ -92,18 +93,28 @@ class Markup:
         )
 
 
-def lzma_fastest(data: bytes) -> bytes:
-    """Return the data of a field of the organ, packed."""
-    return _lzma([FASTEST], data)
+def as_it_is(array: NDArray[Any]) -> bytes:
+    """Return a field of the organ, packed."""
+    return _lzma([FASTEST], array)
 
 
-def zlib_fastest(data: bytes) -> bytes:
-    """Return the data of what is no organ, packed."""
-    return zlib.compress(data, 1)
+def as_differences(array: NDArray[Any]) -> bytes:
+    """Return what goes along the thread, packed as differences between its rows."""
+    return _lzma([_between_rows(array), FASTEST], array)
 
 
-def _lzma(filters: Sequence[dict[str, int]], data: bytes) -> bytes:
-    return lzma.compress(data, lzma.FORMAT_XZ, lzma.CHECK_CRC32, filters=filters)
+def by_zlib(array: NDArray[Any]) -> bytes:
+    """Return what a few points have, packed."""
+    return zlib.compress(array.tobytes(), 1)
+
+
+def _lzma(filters: Sequence[dict[str, int]], array: NDArray[Any]) -> bytes:
+    return lzma.compress(array.tobytes(), lzma.FORMAT_XZ, lzma.CHECK_CRC32, filters=filters)
+
+
+def _between_rows(array: NDArray[Any]) -> dict[str, int]:
+    """Return the filter that takes from each row the one before it."""
+    return {"id": lzma.FILTER_DELTA, "dist": array.strides[0]}
 
 
 class Series:
@@ -188,8 +199,8 @@ def encode_mesh(topology: OrganTopology) -> Markup:
 
 def organ_file(mesh: Markup, organ: OrganRecord) -> bytes:
     """Write the organ of one frame as ``.vtu``."""
-    data = _arrays("PointData", values(ORGAN_ARRAYS, organ), 'Vectors="displacement"', lzma_fastest)
-    data += _arrays("CellData", values(ORGAN_CELLS, organ), 'Scalars="strain"', lzma_fastest)
+    data = _arrays("PointData", values(ORGAN_ARRAYS, organ), 'Vectors="displacement"', as_it_is)
+    data += _arrays("CellData", values(ORGAN_CELLS, organ), 'Scalars="strain"', as_it_is)
     piece = f'Piece NumberOfPoints="{len(organ.displacement)}" NumberOfCells="{len(organ.strain)}"'
     return _file("UnstructuredGrid", (mesh + data).within(piece))
 
@@ -197,8 +208,8 @@ def organ_file(mesh: Markup, organ: OrganRecord) -> bytes:
 def thread_file(thread: ThreadRecord) -> bytes:
     """Write the thread of one frame as a polyline in ``.vtp``; ``radius`` is for the Tube filter."""
     count = len(thread.points)
-    data = _arrays("PointData", values(THREAD_ARRAYS, thread), 'Scalars="tension"')
-    return _poly_data(thread.points, "Lines", thread.pieces or ([count] if count else []), data)
+    data = _arrays("PointData", values(THREAD_ARRAYS, thread), 'Scalars="tension"', as_differences)
+    return _poly_data(thread.points, "Lines", thread.pieces or ([count] if count else []), data, as_differences)
 
 
 def piercings_file(piercings: Sequence[PiercingRecord]) -> bytes:
@@ -215,10 +226,10 @@ def _vertices(items: Sequence[Any], columns: Sequence[Column[Any]], active: str)
     """Write what has a place each as vertices."""
     arrays = {column.name: np.array([column.of(item) for item in items]) for column in columns}
     points = np.array([item.x for item in items])
-    return _poly_data(points, "Verts", [1] * len(items), _arrays("PointData", arrays, active))
+    return _poly_data(points, "Verts", [1] * len(items), _arrays("PointData", arrays, active, by_zlib), by_zlib)
 
 
-def _data_array(name: str, values: ArrayLike, kind: str, unit: str = "", pack: Pack = zlib_fastest) -> Markup:
+def _data_array(name: str, values: ArrayLike, kind: str, pack: Pack, unit: str = "") -> Markup:
     """Write a field, shape `(n,)` or `(n, components)`, as a compressed ``DataArray`` with its unit."""
     array = np.ascontiguousarray(values, dtype=np.dtype(kind))
     return _array(name, _encoded(array, pack), kind, array.shape[1] if array.ndim == 2 else 1, unit)
@@ -243,18 +254,17 @@ def _unit_key(unit: str) -> str:
 def _small(values: NDArray[Any], kind: str) -> bytes:
     """Encode an array of the mesh as it is or as differences between its rows, by which its first rows are smaller."""
     array = np.ascontiguousarray(values, dtype=np.dtype(kind))
-    step = {"id": lzma.FILTER_DELTA, "dist": array.strides[0]}
-    ways = [partial(_lzma, filters) for filters in ([SMALLEST], [step, SMALLEST])]
-    return _encoded(array, min(ways, key=lambda pack: len(_encoded(array[:SAMPLE], pack))))
+    step, sample = _between_rows(array), array[:SAMPLE]
+    filters = min(([], [step]), key=lambda filters: len(_lzma([*filters, QUICK], sample)))
+    return _encoded(array, partial(_lzma, [*filters, SMALLEST]))
 
 
 def _encoded(array: NDArray[Any], pack: Pack) -> bytes:
     """Encode one compressed block after its header: blocks, their size, that of a partial last one, packed size."""
-    data = array.tobytes()
-    if not data:
+    if not array.size:
         return np.zeros(3, dtype=np.uint32).tobytes()
-    packed = pack(data)
-    return np.array([1, len(data), 0, len(packed)], dtype=np.uint32).tobytes() + packed
+    packed = pack(array)
+    return np.array([1, array.nbytes, 0, len(packed)], dtype=np.uint32).tobytes() + packed
 
 
 def _rounded(name: str, values: NDArray[Any]) -> NDArray[Any]:
@@ -279,21 +289,22 @@ def _without_last_bits(values: NDArray[Any]) -> NDArray[Any]:
     return ((bits + half) & mask).view(np.float32)
 
 
-def _poly_data(points: NDArray[np.float64], kind: str, counts: Sequence[int], data: Markup) -> bytes:
-    """Write points joined in order into cells of ``counts`` points."""
-    cells = _data_array("connectivity", np.arange(sum(counts)), "i4")
-    cells += _data_array("offsets", np.cumsum(counts, dtype=np.int64), "i4")
+def _poly_data(points: NDArray[np.float64], kind: str, counts: Sequence[int], data: Markup, pack: Pack) -> bytes:
+    """Write points joined in order into cells of ``counts`` points, with their data, which is packed alike."""
+    cells = _data_array("connectivity", np.arange(sum(counts)), "i4", pack)
+    cells += _data_array("offsets", np.cumsum(counts, dtype=np.int64), "i4", pack)
     extent = float(np.ptp(points, axis=0).max(initial=0.0)) if len(points) else 0.0
-    places = _data_array("points", _on_grid(points, extent, BITS_OF_EXTENT), "f4").within("Points")
+    places = _data_array("points", _on_grid(points, extent, BITS_OF_EXTENT), "f4", pack).within("Points")
     piece = f'Piece NumberOfPoints="{len(points)}" NumberOf{kind}="{len(counts)}"'
-    return _file("PolyData", (places + cells.within(kind) + data).within(piece))
+    compressor = "vtkZLibDataCompressor" if pack is by_zlib else LZMA
+    return _file("PolyData", (places + cells.within(kind) + data).within(piece), compressor)
 
 
-def _arrays(kind: str, arrays: Mapping[str, Any], active: str, pack: Pack = zlib_fastest) -> Markup:
+def _arrays(kind: str, arrays: Mapping[str, Any], active: str, pack: Pack) -> Markup:
     """Write fields by name, whole numbers as integers; those that are None are left out."""
     given = {name: _rounded(name, np.asarray(values)) for name, values in arrays.items() if values is not None}
     fields = (
-        _data_array(name, values, "i4" if values.dtype.kind == "i" else "f4", UNITS[name], pack)
+        _data_array(name, values, "i4" if values.dtype.kind == "i" else "f4", pack, UNITS[name])
         for name, values in given.items()
     )
     return _joined(fields).within(f"{kind} {active}")
@@ -305,9 +316,9 @@ def _entry(time: float, name: str) -> str:
     return f'<DataSet timestep="{float(time)!r}" group="" part="{part}" name="{label}" file="frames/{name}"/>\n'
 
 
-def _file(kind: str, piece: Markup) -> bytes:
+def _file(kind: str, piece: Markup, compressor: str = LZMA) -> bytes:
     """Write a file of one data set: its XML, then its arrays, which a reader finds by their places."""
-    packed = f' header_type="UInt32" compressor="{COMPRESSORS[kind]}"'
+    packed = f' header_type="UInt32" compressor="{compressor}"'
     text = _head(kind, "1.0", packed) + piece.within(kind).placed + '<AppendedData encoding="raw">\n_'
     return text.encode() + b"".join(piece.arrays) + b"\n</AppendedData>\n</VTKFile>\n"
 

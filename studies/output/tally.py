@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from studies.output.checkpoint import Arrays, pack, unpack
-from studies.output.columns import RUN, range_summary, reduction_summary, state_summary, values
+from studies.output.columns import RUN, krylov_summary, range_summary, reduction_summary, state_summary, values
 from studies.output.fields import OrganRecord
 from studies.output.records import Ending, RunRecord, StepRecord, nothing_met
 from studies.output.remarks import Remark
@@ -87,4 +87,6 @@ class Tally:
             said["range"] = range_summary(self._names, self._extremes)
         if step is not None and step.reduction is not None:
             said["reduction"] = reduction_summary(self._names, self._extremes, step.reduction)
+        if step is not None and step.krylov is not None:
+            said["krylov"] = krylov_summary(self._extremes, step.krylov)
         return head | said | (state_summary(step, self._holes) if step else {})

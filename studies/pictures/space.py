@@ -15,6 +15,7 @@ from studies.pictures.camera import Camera, along_arrows, camera_on, label_place
 from studies.pictures.scene import Frame
 from studies.pictures.view import (
     ARROW,
+    INTERVALS,
     KILO,
     LEFT,
     MARKER,
@@ -39,7 +40,7 @@ MARGINS = (60.0, 60.0, 170.0, 110.0)  # pixels left, right, below for the bars o
 TITLE, SMALL, NAMES = 14, 10, 10  # sizes of letters, of two pixels each
 LETTER = 0.56  # mean width of a letter over its height
 BAR = {"color": "black", "vertical": False, "width": 0.29, "height": 0.125, "position_y": 0.04}
-BAR |= {"title_font_size": 18, "label_font_size": 16, "n_labels": 4, "fmt": "%.3g"}
+BAR |= {"title_font_size": 18, "label_font_size": 16, "n_labels": INTERVALS + 1, "fmt": "%.3g"}
 
 
 @dataclass(frozen=True)
@@ -117,14 +118,13 @@ def _add_thread(plotter: Any, frame: Frame, scale: Scale) -> None:
     """Add the thread as a tube coloured by its tension, at least as thick as can be seen."""
     radius = max(frame.thread.radius, 0.004 * scale.width)
     bar = BAR | {"title": f"{tension_words(frame)}\n", "position_x": 0.68}
-    marks = {0.0: "0"} if scale.tension[0] < 0.0 < scale.tension[1] else {}
     ends = np.cumsum(frame.thread.pieces[:-1], dtype=np.int64)
     for points, tension in zip(frame.thread.split(), np.split(frame.thread.tension, ends), strict=True):
         line = pv.lines_from_points(points)
         line["tension of the thread [N]"] = tension
         plotter.add_mesh(
             line.tube(radius=radius, n_sides=24), scalars="tension of the thread [N]", cmap=tension_colours(scale),
-            clim=scale.tension, annotations=marks, smooth_shading=True, ambient=0.35, diffuse=0.65, scalar_bar_args=bar,
+            clim=scale.tension, smooth_shading=True, ambient=0.35, diffuse=0.65, scalar_bar_args=bar,
         )  # fmt: skip
 
 

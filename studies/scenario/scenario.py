@@ -166,6 +166,31 @@ class Scenario(ScenarioTable):
                     raise ValueError(problem)
         return self
 
+    @property
+    def has_krylov(self) -> bool:
+        """Whether steps of the organ may be made in its Krylov space: not where they are not asked to be, nor where a
+        hole begins later, which strikes the tissue, unless they are asked to be."""
+        later = any(hole.from_ for hole in self.piercing)
+        return self.solve.organ != "whole" and not self.without_krylov and (self.solve.organ == "krylov" or not later)
+
+    @property
+    def without_krylov(self) -> str:
+        """Why no step of the organ can be made in its Krylov space, empty where it can."""
+        organ = self.tissue
+        if organ is None:
+            return "there is no organ; add [tissue]"
+        if not (organ.inertia and self.solve.is_one_system):
+            return "it is of an organ with inertia, in time, by Newton's method in one system with the thread"
+        if organ.material != "linear" or self.touching:
+            return "it is of a linear organ whose surfaces do not touch"
+        return "tissue.reduction asks for another basis; leave one of them out" if organ.reduction is not None else ""
+
+    @model_validator(mode="after")
+    def _check_krylov(self) -> Self:
+        if self.solve.organ == "krylov" and self.without_krylov:
+            raise ValueError(refusal("solve.organ", "krylov", self.without_krylov))
+        return self
+
     @model_validator(mode="after")
     def _check_reduction(self) -> Self:
         if self.tissue is None or self.tissue.reduction is None:

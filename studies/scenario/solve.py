@@ -30,6 +30,13 @@ class Solve(ScenarioTable):
         "where they can be kept, and numpy at rest; what they do not cover is solved in numpy, and provenance.json "
         "says which it is",
     )
+    organ: Literal["auto", "whole", "krylov"] = Field(
+        default="auto",
+        description='how a step solves a linear organ with inertia: "whole", by all its unknowns, or in the "krylov" '
+        "space of what pulls at it, whose residual is checked at every step; where that is above 1e-9 of the forces it "
+        'is widened, or given up for the whole; "auto" takes the space where it pays, by the unknowns and the number '
+        "of holes, and no hole begins later; summary.json says how many vectors it has",
+    )
     integrator: Literal["euler", "bdf2"] = Field(
         default="bdf2",
         description='integration in time: "bdf2" (order 2) or "euler" (backward, order 1; unless given, the way of '
@@ -61,7 +68,8 @@ class Solve(ScenarioTable):
         return self
 
     @property
-    def _is_one_system(self) -> bool:
+    def is_one_system(self) -> bool:
+        """Whether it goes in time by Newton's method, thread and organ in one system."""
         ways = (self.kind, self.scheme, self.coupling, self.friction)
         return ways == ("dynamic", "newton", "monolithic", "implicit")
 
@@ -104,7 +112,7 @@ class Solve(ScenarioTable):
                 '.friction = "two-pass" is refused: it is a step in time of backward Euler; use friction = "implicit", '
                 'or kind = "dynamic" with integrator = "euler"'
             )
-        if self.tolerance is not None and not self._is_one_system:
+        if self.tolerance is not None and not self.is_one_system:
             raise ValueError(
                 f".tolerance = {self.tolerance} is refused: it is of steps in time by Newton's method, thread and "
                 'organ in one system; leave it out, or use kind = "dynamic" with scheme = "newton", coupling = '

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from studies.scenario.organ import FileMesh
-from studies.scenario.refusal import BARE, as_key, as_toml, dotted_key, refusal
+from studies.scenario.refusal import BARE, as_key, as_toml, dotted_key, nearest, refusal
 from studies.scenario.scenario import Scenario, parse
 from studies.scenario.table import ScenarioError
 
@@ -112,8 +112,10 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))  # editors of Windows write a mark first
     except FileNotFoundError:
+        near = nearest(path.name, scenes())
+        meant = f"the scene nearest to it is {near}; " if near else ""
         remedy = f"give the path of a scenario file (.toml), or a scene that is shipped: {', '.join(scenes())}"
-        raise ScenarioError(f"{path} does not exist; {remedy}") from None
+        raise ScenarioError(f"{path} does not exist; {meant}{remedy}") from None
     except UnicodeDecodeError as error:
         raise ScenarioError(
             f"{path} is not UTF-8 text (byte {error.start}); give a scenario file (.toml) saved as UTF-8"

@@ -37,14 +37,19 @@ from thread.path import RoundedPath, rounded_path
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
+from tissue.solvers.direct import LIBRARIES
 
 log = logging.getLogger(__name__)
 
-AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | tissue.DynamicOrgan | tissue.ReducedOrgan | tissue.FiniteOrgan
+Moving = tissue.DynamicOrgan | tissue.KrylovOrgan | tissue.ReducedOrgan
+AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | Moving | tissue.FiniteOrgan
 
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
 REACH = 0.1  # of the thread's length: how far from a piercing its spans are fine
 AT_COARSE = 0.04  # tolerance at holes that the coarse spans do not resolve: spans of a fifth of √(EI/T)
+SMALLEST = 5_000  # unknowns of an organ whose Krylov space pays: of a smaller one all of them cost hardly more a step
+LARGEST = 100_000  # and beyond, it takes as long as all else before the first step together
+MOST_PULLS = 40  # sites' variables and loads, to each of which it has eight vectors: four holes
 CHANNEL_FOOTPRINTS = 2.0  # length of a channel that imposes a direction, where none is given: the bite's own size
 CHANNEL_DIAMETERS = 10.0  # of the thread, where there is no footprint to go by: shorter, a hole would hardly guide it
 
@@ -350,7 +355,7 @@ def organ_of(
     scenario: Scenario, holes: Sequence[model.Piercing], body: tissue.Elasticity | None, given: Given, store: Store
 ) -> AnyOrgan:
     """Return the organ with its holes as the coupling sees it: linear or at finite strain, with inertia or without, in
-    a small basis, which is that of the `store` where it has it, or points fixed in space."""
+    its Krylov space or in a small basis, which is that of the `store` where it has it, or points fixed in space."""
     sites = [site_of(hole) for hole in holes]
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
@@ -364,7 +369,9 @@ def organ_of(
         return tissue.FiniteOrgan(*known, hyper=hyper, inertia=inertia, damping=scenario.tissue.rayleigh[0])
     if inertia:
         full = tissue.DynamicOrgan(*known, rayleigh=scenario.tissue.rayleigh)
-        return full if scenario.tissue.reduction is None else reduced(full, scenario, store)
+        if scenario.tissue.reduction is not None:
+            return reduced(full, scenario, store)
+        return tissue.KrylovOrgan(full) if takes_krylov(scenario, full) else full
     held = (scenario.tissue.clamp, scenario.tissue.roller)
     if scenario.floats and any(motions.size for motions in motions_left(body.mesh, *held)[1]):
         return tissue.FloatingOrgan(*known)
@@ -372,6 +379,18 @@ def organ_of(
     if given.ranks is not None:
         still.operator(0.0, 0.0)  # while all ranks are here: what they do later is their own affair
     return still
+
+
+def takes_krylov(scenario: Scenario, full: tissue.DynamicOrgan) -> bool:
+    """Tell whether steps of an organ are made in its Krylov space: where they are asked to be, or where that pays.
+
+    How long a run is does not count: one that is lengthened goes on as it began.
+    """
+    if not scenario.has_krylov or scenario.solve.organ == "krylov":
+        return scenario.has_krylov
+    pulls = full.Y.shape[0] + full.surface_load.shape[1]
+    pays = SMALLEST <= full.size <= LARGEST and pulls <= MOST_PULLS and full.choice.name in LIBRARIES
+    return pays and tissue.has_space(full)
 
 
 def reduced(full: tissue.DynamicOrgan, scenario: Scenario, store: Store) -> tissue.ReducedOrgan:

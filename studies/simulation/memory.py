@@ -27,6 +27,7 @@ def memory_of(now: OrganRun) -> Arrays:
     own = {"step": np.array(now.number), "s_begun": now.s_begun, "knots": now.system.thread.spline.knots}
     own |= {"tie_works": now.tie_works} if now.system.ties else {}
     own |= {"loose": np.array(now.loose)} if now.system.rough.any() else {}
+    own |= {"apart": np.array(now.apart)} if now.system.compiled else {}
     state = {name: value for name, value in pack(now.state, "state").items() if name not in REMADE}
     return own | state | pack(now.energies, "energies")
 
@@ -40,6 +41,7 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         energies, s_begun = unpack(beginning.energies, memory, "energies"), memory["s_begun"]
         tie_works = memory["tie_works"] if system.ties else beginning.tie_works
         loose = bool(memory["loose"]) if system.rough.any() else beginning.loose
+        waits, pause = memory["apart"].tolist() if system.compiled else beginning.apart
     except (KeyError, TypeError, ValueError) as error:
         raise ScenarioError(f"{CHECKPOINT} is of another version of this code ({error}); {ANEW}") from None
     return replace(
@@ -52,4 +54,5 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         number=number,
         fresh=number == 0,
         loose=loose,
+        apart=(waits, pause),
     )

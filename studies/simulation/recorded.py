@@ -14,7 +14,7 @@ from studies.scenario import Scenario, ScenarioError
 from studies.scenario.scenario import check_given
 from studies.simulation.given import Given
 from studies.simulation.interface import AnySimulation, Moments
-from studies.simulation.remedies import may_help, try_remedies
+from studies.simulation.remedies import try_remedies
 from studies.simulation.sharing import Shared, Store
 from studies.simulation.simulation import OnStep, Simulation, prepare
 
@@ -33,9 +33,8 @@ def run(
     `mesh` and `on_step` as in `prepare`, None leaves those of what is prepared. A folder that holds a run is refused,
     unless the run goes on (`resume`) or is replaced (`overwrite`); one with laws of one's own cannot go on, since no
     file says whether they are the same. What helps a run that fails is tried on copies and said in a remark, unless
-    `remedies` is False or dead loads are unbalanced, where nothing tried can help. A step is recorded before `on_step`
-    is called with it; an exception from it ends the run, whose folder then says so. Raises the errors of input that
-    cannot be run, and of a run that fails.
+    `remedies` is False. A step is recorded before `on_step` is called with it; an exception from it ends the run, whose
+    folder then says so. Raises the errors of input that cannot be run, and of a run that fails.
     """
     folder, ready = Path(folder), scenario if isinstance(scenario, Simulation) else None
     if ready is not None:
@@ -53,7 +52,7 @@ def run(
                     for step, frame in moments:
                         recorder.record(step, frame)
             except CouplingError as failure:
-                if remedies and may_help(failure):
+                if remedies:
                     copy = partial(prepare_copy, simulation.assembly.given, Shared())
                     recorder.remark(try_remedies(simulation.scenario, failure, recorder.last_step, copy))
                 raise

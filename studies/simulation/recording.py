@@ -10,15 +10,25 @@ import tissue
 from coupling.adaptivity import span_ratio, spans_between
 from coupling.contact import ContactObservation, observe_contact
 from coupling.march import solution_at
-from coupling.observation import PiercingObservation, largest_gap, largest_residual
+from coupling.observation import PiercingObservation
 from coupling.stability import is_squeezed, would_stay
 from coupling.system import State, System
 from coupling.tension import unsettled_layers
 from studies.arrays import Array
 from studies.output.fields import ThreadRecord
-from studies.output.records import APART, ContactRecord, GapRecord, LoadRecord, ReductionRecord, StepRecord, TractRecord
+from studies.output.records import (
+    APART,
+    ContactRecord,
+    GapRecord,
+    KrylovRecord,
+    LoadRecord,
+    ReductionRecord,
+    StepRecord,
+    TractRecord,
+)
 from studies.simulation.memory import OrganRun, memory_of
 from studies.simulation.wound import Wound, wounds_of
+from thread.vectors import curvature
 
 SAMPLES = 6  # points drawn on each span of the thread
 
@@ -26,36 +36,43 @@ SAMPLES = 6  # points drawn on each span of the thread
 def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | None = None) -> StepRecord:
     """Return what is written of a step; `open_lips` are those of a wound that do not press on one another."""
     system, state = now.system, now.state
-    ends = [(step.solution.problem.system, step.new, step.end.at) for step in now.taken]
-    ends = ends or [(system, state, now.configuration.at)]
+    seen = now.sight
     return StepRecord(
         time=state.time,
         step=now.number,
-        piercings=own_holes(now.piercings),
+        piercings=own_holes(seen.piercings),
         energy=now.energies,
         newton_iterations=now.iterations,
-        constraint_max=max(largest_gap(*end) for end in ends),
-        constraint_residual=max(largest_residual(*end) for end in ends),
+        constraint_max=seen.gap,
+        constraint_residual=seen.residual,
         start_reaction=state.reaction[0, :3],
         end_reaction=state.reaction[1, :3],
         torques=end_torques(state) if system.thread.twist else None,
-        max_strain=float(np.max(np.sqrt(1.0 + 2.0 * now.configuration.points.strain) - 1.0)),
+        max_strain=float(np.sqrt(1.0 + 2.0 * seen.strain) - 1.0),
         slide_speed=float(np.abs(state.s_dot[: len(system.piercings)]).max(initial=0.0)),
         spans=partial(span_ratio, system, state),
         apart=partial(spans_between, system, state),
-        unsettled=partial(unsettled_layers, *ends[-1][:2]),
+        unsettled=partial(unsettled_after, now),
         stays=partial(would_stay_after, now),
         seconds=seconds,
         fallen=now.fallen,
         events=now.events,
         contact=contact_records(now, open_lips),
         loads=load_records(system, state),
-        tracts=tract_records(now.piercings),
+        tracts=tract_records(seen.piercings),
         reduction=reduction_record(system, state),
+        krylov=krylov_record(system, state),
         ties=now.ties,
         profile=partial(gap_profile, now, open_lips),
         kept=partial(memory_of, now),
     )
+
+
+def unsettled_after(now: OrganRun) -> float:
+    """Return by how much of it the length that the thread bends over at a hole differs from that which the last step
+    was solved with [-]."""
+    solved = [(step.solution.problem.system, step.new) for step in now.taken[-1:]]
+    return unsettled_layers(*(solved[0] if solved else (now.system, now.state)))
 
 
 def would_stay_after(now: OrganRun) -> bool:
@@ -161,6 +178,14 @@ def reduction_record(system: System, state: State) -> ReductionRecord | None:
     return ReductionRecord(small.size, *(values[own] for values in each))
 
 
+def krylov_record(system: System, state: State) -> KrylovRecord | None:
+    """Return how the organ is solved in a state, None of one that has no Krylov space."""
+    organ = system.organ
+    if not isinstance(organ, tissue.KrylovOrgan):
+        return None
+    return KrylovRecord(organ.vectors(state.organ), organ.residual(state.organ))
+
+
 def lip_fields(system: System, state: State, nodes: int) -> tuple[Array, Array] | tuple[None, None]:
     """Return the pressure and gap of the lips at all nodes of the organ, `(nodes,)` each [Pa, m]."""
     lips = observe_contact(system, state)
@@ -190,14 +215,13 @@ def thread_record(now: OrganRun) -> ThreadRecord:
     pieces = tuple((SAMPLES * np.diff(ends) + 1).tolist())
     home = np.repeat(spline.piece_ends[:-1], pieces)
     P, T, K, _ = spline.curve(state.q[:, :3], s, home).swapaxes(0, 1)
-    speed = np.linalg.norm(T, axis=1)
     strain = now.configuration.points.strain
     tension = thread.EA * strain * np.sqrt(1.0 + 2.0 * strain)
     return ThreadRecord(
         points=P,
         s=s,
         tension=spline.interpolate(s, home, thread.axial.s, thread.axial.home, tension),
-        curvature=np.linalg.norm(np.cross(T, K), axis=1) / speed**3,
+        curvature=curvature(T, K),
         radius=0.5 * thread.section.diameter,
         pieces=pieces if spline.cuts.size else (),
         torque=None if state.frame is None else thread.torque_at(s, home, state.q, state.frame),

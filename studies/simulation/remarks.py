@@ -25,6 +25,7 @@ from studies.output.remarks import (
     DISSIPATED,
     FALLEN,
     IN_TISSUE,
+    KINKED,
     LAYERED,
     MOVED,
     NEAR,
@@ -51,6 +52,8 @@ from studies.simulation.given import Given, shear_moduli
 from studies.simulation.tracts import Ball, across_wounds, radius_of
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED, unrest
 from thread.catalogue import knot_pull
+from thread.thread import Thread
+from thread.vectors import curvature
 
 MILLI = 1e-3
 LOOKS = 9  # places between two holes at which it is asked how deep the thread lies
@@ -65,10 +68,13 @@ PLAUSIBLE = {  # what organs and sutures have, with room to spare
 }
 
 
-def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]]) -> list[Remark]:
-    """Return what can be said before the first step."""
+def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]], q: Array) -> list[Remark]:
+    """Return what can be said before the first step, of a thread laid with control points `q` (n, c) [m]."""
     scenario, system = assembly.scenario, assembly.system
-    out = [*unlike_units(values_of(assembly)), *off_path(assembly), *handed_over(assembly.given, assembly.body)]
+    thread = system.thread
+    straight = thread.bending and not thread.coil
+    bends = bent_sharply(*sharpest_bend(thread, q), thread.section.diameter) if straight else []
+    out = [*unlike_units(values_of(assembly)), *off_path(assembly), *bends, *handed_over(assembly.given, assembly.body)]
     out += after_end(times_of(scenario), scenario.solve.duration)
     out += spans_left(scenario)
     out += undetermined_slip(scenario.solve.kind == "static" and slides_freely(system, system.rows[:, 0]))
@@ -453,8 +459,9 @@ def audited(numerical: float, extremes: Extremes, rough: bool) -> list[Remark]:
             remark(
                 "numerical-dissipation",
                 "solve.dt",
-                f"the steps in time dissipated {numerical:.2g} J, {numerical / scale:.0%} of the run's energy "
-                f"({scale:.2g} J): what swings is damped by them; where that matters take a smaller solve.dt",
+                f"the steps in time dissipated {numerical:.2g} J, {numerical / scale:.0%} of the most that the run "
+                f"held at once ({scale:.2g} J): what swings is damped by them; where that matters take a smaller "
+                "solve.dt",
             )
         )
     if extremes.layered > LAYERED * scale:
@@ -613,6 +620,28 @@ def off_path(assembly: Assembly) -> list[Remark]:
         for hole, gap in zip(assembly.holes, away, strict=True)
         if hole.from_ == 0.0 and gap > bound and not isinstance(hole, Ball)
     ]
+
+
+def sharpest_bend(thread: Thread, q: Array) -> tuple[float, float]:
+    """Return the smallest radius of a thread with control points `q` (n, c) [m] at the points of its bending energy,
+    and its abscissa [m]."""
+    rule = thread.elastic_rule
+    first, second = (np.einsum("egi,eia->ega", rule.b[:, :, d], q[thread.points_of_span, :3]) for d in (1, 2))
+    bent = curvature(first, second)
+    sharpest = np.unravel_index(np.nanargmax(bent), bent.shape)
+    return float(1.0 / max(bent[sharpest], np.finfo(float).tiny)), float(rule.s[sharpest])
+
+
+def bent_sharply(radius: float, at: float, diameter: float) -> list[Remark]:
+    """Judge the smallest `radius` [m] in which a thread of a `diameter` [m] is laid, at the abscissa `at` [m]."""
+    if radius >= KINKED * diameter:
+        return []
+    text = (
+        f"along its path the thread is laid in a bend of radius {radius / MILLI:.2g} mm at s = {at:.4g} m, less than "
+        f"its diameter of {diameter / MILLI:.2g} mm: its fibres would be strained by {0.5 * diameter / radius:.0%}, "
+        "and it swings back from there; lead the path round in a wider bend"
+    )
+    return [remark("kinked", "thread.path", text)]
 
 
 def along_path(assembly: Assembly) -> list[Remark]:

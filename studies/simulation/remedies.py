@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from coupling.errors import CouplingError, TogetherError, TurnedHoleError, UnbalancedError
+from coupling.errors import CouplingError, TogetherError, TurnedHoleError
 from meshes.errors import MeshError
 from studies.output.records import StepRecord
 from studies.output.remarks import Remark, remark
@@ -50,11 +50,6 @@ class Trial:
 def written(settings: Settings) -> str:
     """Write settings as a person does."""
     return ", ".join(f"{key} = {as_toml(value)}" for key, value in settings.items())
-
-
-def may_help(failure: CouplingError) -> bool:
-    """Tell whether another way to solve a scenario may help: not where its dead loads are unbalanced."""
-    return not isinstance(failure, UnbalancedError)
 
 
 def try_remedies(scenario: Scenario, failure: CouplingError, last: StepRecord | None, make: Make) -> Remark:

@@ -62,7 +62,7 @@ class Shared:
 
 def organ_key(scenario: Scenario) -> str:
     """Return the digest of all that the organ with its holes is made from."""
-    return digest(organ_tables(scenario), scenario)
+    return digest(organ_tables(scenario) | {"krylov": scenario.has_krylov}, scenario)
 
 
 def reduction_key(scenario: Scenario) -> str:

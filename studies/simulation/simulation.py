@@ -14,7 +14,8 @@ import tissue
 from coupling import stepping
 from coupling.cutting import Cut
 from coupling.diagnosis import faults
-from coupling.errors import StepError
+from coupling.equilibrium import refuse_unbalanced
+from coupling.errors import StepError, UnbalancedError
 from coupling.interfaces import FrictionLaw
 from coupling.paper.linear_step import checked, linear_step, linear_two_pass
 from coupling.paper.staggered import backward_euler, stagger
@@ -43,6 +44,7 @@ from studies.simulation.timing import timed
 from studies.simulation.tracts import Ball
 
 OnStep = Callable[[StepRecord], None]
+AT_ONCE = 50  # steps at most before they are recorded: until then nobody sees them or can call them off
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ class Simulation:
     @cached_property
     def foreseen(self) -> list[Remark]:
         """What is to be said of the run before its first step."""
-        return foreseen(self.assembly, self.subgrid)
+        return foreseen(self.assembly, self.subgrid, self.start.q)
 
     def remarks(self, ending: Ending | None = None) -> list[Remark]:
         """Return what is to be said of the run: what is foreseen, and what it met until an `ending`."""
@@ -103,10 +105,18 @@ class Simulation:
 
     @property
     def methods(self) -> dict[str, str | None]:
-        """By what the run is solved; `solver` is that of the organ, as `auto` chose it, None without one."""
+        """By what the run is solved; `solver` is that of the organ, as `auto` chose it, and `organ` whether its steps
+        begin "whole", in its "krylov" space or in a small "basis"; None without one."""
         solve, choice = self.scenario.solve, getattr(self.assembly.organ, "choice", None)
+        spaces = {tissue.KrylovOrgan: "krylov", tissue.ReducedOrgan: "basis"}
+        organ = spaces.get(type(self.assembly.organ), "whole") if choice else None
         ways = {name: str(getattr(solve, name)) for name in ("kind", "scheme", "integrator", "coupling", "friction")}
-        return {"solver": choice.name if choice else None, "newton": self._newton, **ways}
+        return {
+            "solver": choice.name if choice else None,
+            "organ": organ if choice else None,
+            "newton": self._newton,
+            **ways,
+        }
 
     @property
     def _newton(self) -> str:
@@ -152,9 +162,11 @@ class Simulation:
         with threadpool_limits(limits=1, user_api="blas"):
             yield from self._told(self.record(now), now)
             while now.number < self.steps:
-                now, seconds = timed(partial(self.next, now), self._newton == "compiled")
-                record = self.record(now, seconds)
-                yield from self._told(record if self.is_on_grid(now) else replace(record, kept=None), now)
+                runs, seconds = timed(partial(self.onward, now), self._newton == "compiled")
+                for run in runs:
+                    record = self.record(run, seconds / len(runs))
+                    yield from self._told(record if self.is_on_grid(run) else replace(record, kept=None), run)
+                now = runs[-1]
 
     def _told(self, record: StepRecord, now: OrganRun) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
         """Yield a step, and tell of it once the caller is done with it: what records a run has recorded it then."""
@@ -193,10 +205,30 @@ class Simulation:
         solve, number = self.scenario.solve, now.number + 1
         if solve.kind == "static":
             return now.load(number / self.steps, solve.duration)
-        last = number == self.steps
-        dt = solve.duration - (number - 1) * solve.dt if last else solve.dt
-        whole = abs(dt - solve.dt) < WHOLE * solve.dt
-        return now.step(solve.dt if whole else dt, solve.duration if last else number * solve.dt)
+        dt = self.length_of(number)
+        return now.step(solve.dt if self.is_whole(dt) else dt, self.time_of(number))
+
+    def onward(self, now: OrganRun) -> list[OrganRun]:
+        """Return the runs after the next steps: of all that are made at once, else of one alone."""
+        solve, numbers = self.scenario.solve, range(now.number + 1, min(now.number + AT_ONCE, self.steps) + 1)
+        whole = [number for number in numbers if self.is_whole(self.length_of(number))]
+        if solve.kind == "static" or not whole:
+            return [self.next(now)]
+        return now.each_of_steps(solve.dt, [self.time_of(number) for number in whole])
+
+    def time_of(self, number: int) -> float:
+        """Return the time of the end of a step [s]."""
+        solve = self.scenario.solve
+        return solve.duration if number == self.steps else number * solve.dt
+
+    def length_of(self, number: int) -> float:
+        """Return how long a step is [s]."""
+        solve = self.scenario.solve
+        return solve.duration - (number - 1) * solve.dt if number == self.steps else solve.dt
+
+    def is_whole(self, dt: float) -> bool:
+        """Tell whether a step of so many seconds is as long as the others, but for round-off."""
+        return abs(dt - self.scenario.solve.dt) < WHOLE * self.scenario.solve.dt
 
     def snapshot(self, now: OrganRun) -> Snapshot:
         """Return what is drawn of a state."""
@@ -238,13 +270,13 @@ class Simulation:
         U = organ.displacement(state.organ)
         stress = self.recovery.stress(U)
         lips = lip_fields(self.assembly.system, state, len(body.points))
-        strain, rotation = tissue.cell_strain(body, U)
+        strain, rotation, energy, nodal_ratio = tissue.strains(body, U)
         beyond = strain > SMALL_STRAIN, rotation > SMALL_ROTATION
         strained, rotated = (tissue.energy_share(body, strain, cells) for cells in beyond)
         values, directions = tissue.principal(stress)
         at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
-        numbers = *at_nodes, strain, rotation, tissue.energy_density(body, U)
-        shares = tissue.volume_ratio(body, U), tissue.nodal_volume_ratio(body, U), strained, rotated
+        numbers = *at_nodes, strain, rotation, energy
+        shares = tissue.volume_ratio(body, U), nodal_ratio, strained, rotated
         turns = organ.surface.turns(body.nodal(U))
         crossed = 0.0 if self.open_lips is None else self.open_lips.crossed(U)
         surfaces = float(turns.max(initial=0.0)), *lips, crossed
@@ -342,8 +374,8 @@ def prepare(
 
 
 def sound_start(assembly: Assembly, store: Store) -> State:
-    """Return the consistent start, that of the `store` where it has it. Raises `ScenarioError` where there is none, or
-    the constraints cannot be met."""
+    """Return the consistent start, that of the `store` where it has it. Raises `ScenarioError` where there is none, the
+    constraints cannot be met, or statics asks for the equilibrium of dead loads that have none."""
     try:
         state = store.take("start", start_key(assembly.scenario), assembly.start)
     except StepError as error:
@@ -354,4 +386,10 @@ def sound_start(assembly: Assembly, store: Store) -> State:
     problems = faults(assembly.system, state)
     if problems:
         raise ScenarioError(problems)
+    if assembly.scenario.solve.kind == "static":
+        try:
+            refuse_unbalanced(assembly.system, state, assembly.scenario.solve.duration)
+        except UnbalancedError as error:
+            told = f"{error.cause}, and no equilibrium; {error.remedy}"
+            raise ScenarioError(f"thread.start.force and thread.end.force are refused: {told}") from error
     return state

@@ -139,10 +139,13 @@ class Stepper:
         no place or no time, and `StepError`, `ConstraintError`, `InversionError`, `FormingError`.
         """
         began = perf_counter()
-        place = np.asarray(end_position, dtype=float)
-        if place.shape != (3,) or not np.all(np.isfinite(place)) or not 0.0 < dt < np.inf:
+        try:
+            place, length = np.asarray(end_position, dtype=float), float(dt)
+        except (TypeError, ValueError):
+            place, length = np.empty(0), 0.0
+        if place.shape != (3,) or not np.all(np.isfinite(place)) or not 0.0 < length < np.inf:
             raise ValueError(
-                f"dt = {dt} s, end_position = {end_position!r}: allowed are a positive time and three finite numbers "
+                f"dt = {dt!r} s, end_position = {end_position!r}: allowed are a positive time and three finite numbers "
                 "[m]; give the place of the hand at the end of the step"
             )
         with self._threads.limit(limits=1, user_api="blas"):

@@ -18,7 +18,7 @@ from studies.scenario import ScenarioError, parse
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
-from studies.simulation.remarks import foreseen, stiff_in_tract, without_tract
+from studies.simulation.remarks import stiff_in_tract, without_tract
 from studies.simulation.tracts import Ball, across_wounds
 from tests.bounds import RESIDUAL
 
@@ -264,12 +264,13 @@ def test_the_way_across_a_wound_is_no_fault_of_a_tract() -> None:
     near = deepcopy(deep)
     near["thread"]["path"][1:3] = [[-0.006, 0, -6e-3], [-0.0014, 0, -1e-3], [0.0014, 0, -1e-3], [0.006, 0, -6e-3]]
     for tables, codes in ((deep, []), (near, ["tract-bare"])):
-        assembly = prepare(parse(tables)).assembly
+        simulation = prepare(parse(tables))
+        assembly = simulation.assembly
         balls = [(hole, float(s)) for hole, s in zip(assembly.holes, assembly.s, strict=True) if isinstance(hole, Ball)]
         assert {ball.part for ball, _ in balls} == {0, 1} and assembly.body is not None
         across = across_wounds(assembly.scenario, assembly.body.mesh, balls)
         assert across == pytest.approx(0.0 if codes else 3e-3, rel=BORDER)
-        assert [each.code for each in foreseen(assembly, {}) if each.code == "tract-bare"] == codes
+        assert [each.code for each in simulation.foreseen if each.code == "tract-bare"] == codes
 
 
 def test_a_thread_is_cut_in_its_tract() -> None:

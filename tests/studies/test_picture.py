@@ -13,7 +13,7 @@ from studies.output.fields import OrganTopology
 from studies.pictures import picture as chooser
 from studies.pictures.picture import draw_picture, draw_scene
 from studies.pictures.section import cut, draw_section
-from studies.pictures.view import TENSION, scale_of, surface, tension_colours, tension_words
+from studies.pictures.view import INTERVALS, TENSION, between_ticks, scale_of, surface, tension_colours, tension_words
 from tests.studies.samples import LINEAR, frame, quadratic
 
 SHADE = 0.02  # of a colour: two shades of 256
@@ -121,3 +121,16 @@ def test_a_thread_that_is_pressed_has_other_colours_than_one_that_is_pulled() ->
     assert tension_words(frame(0.0)).endswith(f"at most {frame(0.0).thread.tension.max():.3g}")
     pushed = replace(frame(0.0), thread=replace(frame(0.0).thread, tension=-frame(0.0).thread.tension - 0.1))
     assert tension_words(pushed).endswith(f"{pushed.thread.tension.min():.3g} to {pushed.thread.tension.max():.3g}")
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 34.1e3), (-0.0433, 0.181), (0.0, 1.0), (-2e-7, 3.1e-9), (-7.0, 0.0)])
+def test_colours_end_at_round_numbers_with_zero_among_them(low: float, high: float) -> None:
+    """Independent check: the range holds what it is for, is at most twice as wide beside the part that holds zero, and
+    each of its ticks is a multiple of the part between two, which has two digits."""
+    bottom, top = between_ticks(low, high)
+    part = (top - bottom) / INTERVALS
+    assert bottom <= low <= high <= top * (1.0 + 1e-12)
+    assert top - bottom <= 2.0 * (high - low) + part
+    for tick in (bottom, top):
+        assert tick / part == pytest.approx(round(tick / part), abs=1e-9)
+    assert float(f"{part:.2g}") == pytest.approx(part, rel=1e-12)

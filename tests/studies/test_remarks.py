@@ -27,6 +27,7 @@ from studies.output.remarks import (
     FALLEN,
     IN_TISSUE,
     KINDS,
+    KINKED,
     LAYERED,
     MOVED,
     NEAR,
@@ -106,6 +107,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "lips-cross": (CROSSED, 1, lambda x: judging.crossed_lips(met(crossed=x))),
     "pressure-turn": (SMALL_ROTATION, 1, lambda x: judging.turned_pressure(met(pressed_turn=x))),
     "thread-strength": (14.122, 1, lambda x: judging.overloaded(met(tension=x), 14.122)),
+    "kinked": (1e-3 * KINKED, -1, lambda x: judging.bent_sharply(x, 0.02, 1e-3)),
     "thread-strain": (THREAD_STRAIN, 1, lambda x: judging.overloaded(met(thread_strain=x), None)),
     "spans": (RESOLVED, 1, judging.coarse_spans),
     "spans-between": (BETWEEN, -1, judging.few_spans),
@@ -465,6 +467,20 @@ def test_off_path_is_said_beyond_ten_diameters(scene: Path) -> None:
         path = f"thread.path=[[{x}, 0, -0.008], [{x}, 0, 0.03]]"
         found = prepare(load(scene, [path])).remarks()
         assert ("off-path" in {each.code for each in found}) == said
+
+
+def test_the_bend_that_a_thread_is_laid_in_is_found_where_it_is() -> None:
+    """Independent check: a path that turns back within a fifth of a millimetre is said to be kinked, and one that
+    goes round in 10 mm is not."""
+    thread = {"suture": "2-0 polypropylene", "control_points": 200}
+    ring = [{"name": "ring", "at": [0.0, 0.0, 0.0], "direction": "free"}]
+    for width, said in ((2e-4, True), (1e-2, False)):
+        path = [[0.02, 0, 0], [-0.02, 0, 0], [-0.02, 0, width], [0.02, 0, width]]
+        simulation = prepare(parse({"thread": thread | {"path": path}, "piercing": ring}))
+        assert ("kinked" in {each.code for each in simulation.foreseen}) == said
+        radius, at = judging.sharpest_bend(simulation.assembly.system.thread, simulation.start.q)
+        assert at == pytest.approx(0.04, abs=0.01)
+        assert said or 0.25 * width <= radius <= 0.5 * width  # of its corners, and of the half circle between them
 
 
 def test_an_organ_in_millimetres_and_kilopascals_is_foreseen(scene: Path) -> None:

@@ -1,6 +1,7 @@
 """What helps a run that failed, tried on copies of it."""
 
 import json
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,8 +10,8 @@ from typing import Any
 import pytest
 
 import studies
-from coupling.errors import CouplingError, CreatedEnergyError, TogetherError, TurnedHoleError, UnbalancedError
-from studies import load
+from coupling.errors import CouplingError, CreatedEnergyError, TogetherError, TurnedHoleError
+from studies import load, prepare
 from studies.command import command
 from studies.output.records import Snapshot, StepRecord
 from studies.scenario import Scenario, ScenarioError
@@ -138,18 +139,23 @@ def test_a_run_that_fails_leaves_what_helps(tmp_path: Path) -> None:
     assert remedy_in(tmp_path / "none") == []
 
 
-def test_nothing_is_tried_where_dead_loads_are_unbalanced(tmp_path: Path) -> None:
+def test_unbalanced_dead_loads_are_refused_before_anything_is_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Independent check: 1 N and 2 N at the ends of a thread through a ring without friction have no equilibrium,
-    whatever the steps and the knots are."""
+    whatever the steps and the knots are; in time they have a motion. Nothing is written, and `check` says the same."""
     thread = scenario_of().thread.model_dump(exclude_unset=True)
     loads = {"start": {"kind": "pulled", "force": [-1, 0, 0]}, "end": {"kind": "pulled", "force": [2, 0, 0]}}
     unequal = parse(tables(scenario_of(kind="static")) | {"thread": thread | loads})
-    with pytest.raises(UnbalancedError, match=r"1 N at the start and 2 N at the end .* let the loads differ by less$"):
+    reason = r"1 N at the start and 2 N at the end .* let the loads differ by less"
+    with pytest.raises(ScenarioError, match=f"^thread.start.force and thread.end.force are refused: .* {reason}$"):
         studies.run(unequal, tmp_path / "python")
+    assert not list((tmp_path / "python").glob("*.csv"))
     (tmp_path / "unequal.toml").write_text(dump(unequal), encoding="utf-8")
-    words = ["run", str(tmp_path / "unequal.toml"), "--quiet", "--no-picture", "--out", str(tmp_path / "command")]
-    assert command.main(words) == 1
-    assert remedy_in(tmp_path / "python") == remedy_in(tmp_path / "command") == []
+    for words in (["run", "--out", str(tmp_path / "command")], ["check"]):
+        assert command.main([*words, str(tmp_path / "unequal.toml")]) == 2
+        assert re.search(reason, capsys.readouterr().err)
+    assert prepare(parse(tables(scenario_of()) | {"thread": thread | loads})).steps == scenario_of().solve.steps
 
 
 def remedy_in(folder: Path) -> list[str]:

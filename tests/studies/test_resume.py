@@ -321,9 +321,10 @@ def test_a_completed_run_is_left_alone(file: Path, whole: Path, capsys: pytest.C
 def test_another_scenario_is_refused(
     file: Path, whole: Path, capsys: pytest.CaptureFixture[str], override: str, said: str
 ) -> None:
-    """Independent check: the first key that changed is named with both values, status 2."""
+    """Independent check: the first key that changed is named with both values, status 2, before a mesh is made."""
     assert start(file, whole, "--resume", "--set", override) == command.REFUSED
     message = capsys.readouterr().err
+    assert message.startswith("suture: --resume is refused: ")
     assert said in message
     assert "run with --overwrite to begin anew" in message
 

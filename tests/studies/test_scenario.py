@@ -425,7 +425,9 @@ def test_a_shipped_scene_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (tmp_path / "paper_figure_1").rmdir()
     (tmp_path / "paper_figure_1").write_text(CONTRACT, encoding="utf-8")
     assert load("paper_figure_1") == parse(tomllib.loads(CONTRACT))
-    with pytest.raises(ScenarioError, match=r"paper_figure_2 does not exist; .*paper_figure_1, .*two_piercings"):
+    with pytest.raises(
+        ScenarioError, match=r"paper_figure_2 does not exist; the scene nearest to it is paper_figure_1; .*two_pi"
+    ):
         load("paper_figure_2")
 
 

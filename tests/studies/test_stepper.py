@@ -111,6 +111,7 @@ def test_what_cannot_be_stepped_is_refused(simulation: Simulation) -> None:
     still = prepare(scenario_of(tissue=None, piercing=[], solve={"kind": "static"}))
     with pytest.raises(ScenarioError, match=r'solve\.kind = "static"'):
         Stepper(still)
-    for dt, place in ((0.0, [0, 0, 0]), (DT, [0, 0]), (DT, [0, 0, np.nan])):
+    here = [0, 0, 0]
+    for dt, place in ((0.0, here), (float("nan"), here), (DT, [0, 0]), (DT, [0, 0, np.nan]), (DT, "there")):
         with pytest.raises(ValueError, match="allowed are a positive time"):
             simulation.stepper().step(dt, place)

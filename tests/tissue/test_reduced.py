@@ -1,7 +1,6 @@
 """An organ in a small basis: what it keeps exactly, and the bound of what it leaves open."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,30 +10,15 @@ from coupling.integrators import BDF2, BackwardEuler, Equilibrium, Scheme
 from meshes.block import block
 from meshes.wound import Wound
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
+from tests.tissue.pulled import DT, PULL, SITES, SOFT, organ_of, schemes
 from tests.tissue.wounds import cut_block, gaps_on
 from tissue.arrays import Array
 
-SOFT = tissue.Material(4.0e4, 0.45, 1070.0)
-SITES = [tissue.Site((x, 0.0, 0.0), 2.0e-3, direction="normal") for x in (-0.005, 0.005)]
-PULL = np.zeros(18)
-PULL[[0, 2, 11]] = 0.02, 0.05, 0.03  # N
-DT = 2.0e-4
 BOTH = pytest.mark.parametrize("scheme", [BackwardEuler, BDF2])
-
-
-def organ_of(h: float = 3.5e-3, subgrid: bool = False, **keys: object) -> tissue.DynamicOrgan:
-    body = tissue.elasticity(block((0.03, 0.02, 0.015), h), SOFT, "P1", ("bottom",))
-    holes = [replace(site, subgrid=subgrid) for site in SITES]
-    return tissue.DynamicOrgan(body, tissue.build_sites(body, holes), **keys)  # type: ignore[arg-type]
 
 
 def reduced(organ: tissue.DynamicOrgan, blocks: int = 2, modes: int = 0) -> tissue.ReducedOrgan:
     return tissue.ReducedOrgan(organ, tissue.reduce_organ(organ, blocks, modes))
-
-
-def schemes(kind: type[Scheme], steps: int) -> list[Scheme]:
-    """BDF2 begins by a step of backward Euler."""
-    return [BDF2(DT, DT) if kind is BDF2 and n else BackwardEuler(DT) for n in range(steps)]
 
 
 def states(

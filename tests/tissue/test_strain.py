@@ -95,6 +95,18 @@ def test_a_uniform_deformation_has_its_determinant(element: str) -> None:
     assert tissue.nodal_volume_ratio(body, U).shape == (len(body.points),)
 
 
+@pytest.mark.parametrize(("element", "nu"), [("P1", 0.3), ("P2", 0.3), ("P2", 0.49)])
+def test_what_is_read_off_one_gradient_is_what_each_is_alone(element: str, nu: float) -> None:
+    """Consistency check: strain, rotation, energy density and averaged J of a field of any shape, to the bit; with P2
+    the first two are those of the corners, the others those of the mean."""
+    body = body_of(element, nu)
+    U = 1e-3 * np.random.default_rng(2).standard_normal(body.N)
+    all_at_once = tissue.strains(body, U)
+    alone = *tissue.cell_strain(body, U), tissue.energy_density(body, U), tissue.nodal_volume_ratio(body, U)
+    for found, expected in zip(all_at_once, alone, strict=True):
+        assert np.array_equal(found, expected)
+
+
 @pytest.mark.parametrize("element", ["P1", "P2"])
 def test_the_averaged_volume_ratio_is_what_the_law_acts_on(element: str) -> None:
     """Consistency check: in tissue of one stiffness the law's pressure at the vertices goes as J − 1 there, with a

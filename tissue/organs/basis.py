@@ -64,7 +64,7 @@ def build_krylov(
 ) -> Krylov:
     """Return the basis of `modes` (N, m), of the static answers to `forces` (N, f) and of `blocks` + 1 blocks, by
     `solve`, which makes K⁻¹ b."""
-    inner_products = _Orthonormal(K)
+    inner_products = Orthonormal(K)
     inner_products.extend(modes)
     last = inner_products.extend(solve(forces))
     for _ in range(blocks):
@@ -88,7 +88,7 @@ def vibration_modes(K: csr_matrix, M: csr_matrix, solve: Callable[[Array], Array
     return np.asarray(modes)
 
 
-class _Orthonormal:
+class Orthonormal:
     """Vectors orthonormal in K, to which others are added block by block."""
 
     def __init__(self, K: csr_matrix) -> None:

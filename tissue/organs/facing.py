@@ -88,8 +88,8 @@ def _nearest(at: Array, corners: Array) -> tuple[Indices, Array, Array]:
     """Return the triangles of `corners` `(m, 3, d)` nearest to points `(k, d)`, the barycentric coordinates of the
     nearest points, `(k, 3)`, and their distances, `(k,)`."""
     near = cKDTree(corners.mean(axis=1)).query(at, min(NEAREST, len(corners)))[1].reshape(len(at), -1)
-    inside = _barycentric(at[:, None], corners[near])
-    held = np.stack([_held_inside(at, corners[near[:, j]], inside[:, j]) for j in range(near.shape[1])], axis=1)
+    inside, each = _barycentric(at[:, None], corners[near]), corners[near].reshape(-1, *corners.shape[1:])
+    held = _held_inside(at.repeat(near.shape[1], axis=0), each, inside.reshape(-1, 3)).reshape(inside.shape)
     away = np.linalg.norm(np.einsum("kjc,kjcx->kjx", held, corners[near]) - at[:, None], axis=2)
     best, rows = np.argmin(away, axis=1), np.arange(len(at))
     return near[rows, best], held[rows, best], away[rows, best]

@@ -12,31 +12,19 @@ by BDF2 and without steps. An impulse and a way between two steps leave more ope
 What is not in the bound is that the thread, too, would pull otherwise.
 """
 
-from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from tissue.arrays import Array
-from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
-from tissue.loads import Loads
 from tissue.organs.basis import Krylov, build_krylov, vibration_modes
 from tissue.organs.dynamic import DynamicOrgan
-from tissue.organs.meshed import (
-    KEPT_OPERATORS,
-    NO_LIPS,
-    SHARE,
-    Lips,
-    OrganEnergies,
-    OrganState,
-    SiteAnswer,
-    TimeScheme,
-)
-from tissue.sites.site import Sites
-from tissue.solvers.choice import GIGA, SolverChoice
+from tissue.organs.meshed import SHARE, OrganEnergies, OrganState, SiteAnswer, TimeScheme
+from tissue.organs.modal import Modes, OrganOfModes
+from tissue.solvers.choice import GIGA
 from tissue.solvers.memory import free_memory
 from tissue.supports import holds_still
 
@@ -154,131 +142,40 @@ def _reduction(organ: DynamicOrgan, made: Krylov) -> Reduction:
     )
 
 
-@dataclass(frozen=True)
-class ReducedOperator:
-    """The diagonal a μ + d (α μ + β) + 1 of a time scheme, W = its inverse times Yᵀ `(n, 9p)`, and C `(9p, 9p)`."""
-
-    a: float
-    d: float
-    diagonal: Array
-    W: Array
-    C: Array
-
-
 @dataclass(frozen=True, eq=False)
-class ReducedOrgan:
+class ReducedOrgan(OrganOfModes):
     """A linear organ with inertia as its reduction answers; `full` has the mesh, the sites and the loads."""
 
-    full: DynamicOrgan
     reduction: Reduction
-    _operators: OrderedDict[tuple[float, float], ReducedOperator] = field(
-        default_factory=OrderedDict, init=False, repr=False
-    )
 
-    @property
-    def y0(self) -> Array:
-        """Reference site variables, shape `(9p,)` [m, -, -]."""
-        return self.full.y0
-
-    @property
-    def directed(self) -> tuple[bool, ...]:
-        """Whether each site was given a direction."""
-        return self.full.directed
-
-    @property
-    def size(self) -> int:
-        """Number of free unknowns of the organ that is reduced."""
-        return self.full.size
-
-    @property
-    def elasticity(self) -> Elasticity:
-        """The organ's discrete elasticity."""
-        return self.full.elasticity
-
-    @property
-    def sites(self) -> Sites:
-        """The organ's sites."""
-        return self.full.sites
-
-    @property
-    def surface(self) -> Loads:
-        """The loads on its boundaries."""
-        return self.full.surface
-
-    @property
-    def choice(self) -> SolverChoice:
-        """What solved it for its basis."""
-        return self.full.choice
+    @cached_property
+    def both(self) -> Modes:
+        """Both models, of which the first answers."""
+        given = self.reduction
+        return Modes(given.mu, given.Y, given.load, given.surface_load, self.full.rayleigh, given.size)
 
     def start(self) -> ReducedState:
         """Return the state undeformed and at rest; gravity and loads act from the first step."""
         rest = np.zeros(self.reduction.mu.size)
         return ReducedState(rest, rest, rest, np.zeros(self.y0.size), shares=self.full.no_shares)
 
-    def operator(self, a: float, d: float) -> ReducedOperator:
-        """Return the operator of a time scheme; the last few are kept."""
-        if (a, d) not in self._operators:
-            while len(self._operators) >= KEPT_OPERATORS:
-                self._operators.popitem(last=False)
-            self._operators[a, d] = self._operator(a, d)
-        self._operators.move_to_end((a, d))
-        return self._operators[a, d]
-
-    def _operator(self, a: float, d: float) -> ReducedOperator:
-        (alpha, beta), given = self.full.rayleigh, self.reduction
-        diagonal = (a + alpha * d) * given.mu + (1.0 + beta * d)
-        W = given.Y.T / diagonal[:, None]
-        C = given.Y[:, : given.size] @ W[: given.size]
-        return ReducedOperator(a, d, diagonal, W, 0.5 * (C + C.T))
-
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
     ) -> SiteAnswer[OrganState]:
         """Return the answer of a step of `scheme` from the states `past`, the newest first, under `share` of the loads
         at `time` [s]."""
-        operator, shares = self.operator(scheme.a, scheme.d), self.full.shares_at(time, share)
-        terms = list(zip(scheme.coefficients, past, strict=False))  # an equilibrium looks back at none
-        inertia = sum((alpha * s.U + beta * s.V for (alpha, beta, _), s in terms), np.zeros(1))
-        damping = sum((gamma * s.U for (_, _, gamma), s in terms), np.zeros(1))
-        free = self._free(operator, past[0], inertia, damping, self.load_under(shares))
+        shares = self.full.shares_at(time, share)
 
-        def accept(f_y: Array, p: Array) -> ReducedState:
-            """Return the state of η = η_free + W f_y."""
-            U = free + operator.W @ f_y
-            V, A = operator.d * (U - damping), operator.a * (U - inertia)
+        def accept(U: Array, V: Array, A: Array, f_y: Array) -> ReducedState:
+            """Return the state of a motion, with what the check has left open until then."""
             new = ReducedState(U, V, A, f_y, shares=shares)
             return replace(new, drift=drift_of(past[0]) + self._left_open(new, past[0]))
 
-        return SiteAnswer(self.site_variables_of(free), lambda: operator.C, accept)
-
-    def _free(self, operator: ReducedOperator, now: OrganState, inertia: Array, damping: Array, load: Array) -> Array:
-        """Return η⁺ under a load without site forces, `(n,)`: by its increment, so that round-off is relative to it."""
-        (alpha, beta), mu = self.full.rayleigh, self.reduction.mu
-        moved = operator.a * (inertia - now.U) + alpha * operator.d * (damping - now.U)
-        left = load + mu * moved + beta * operator.d * (damping - now.U) - now.U
-        return np.asarray(now.U + left / operator.diagonal)
-
-    def load_under(self, shares: Array | None) -> Array:
-        """Return the forces of gravity and of parts of the loads `(l,)` on both models, `(n,)`."""
-        given = self.reduction
-        return given.load if shares is None else given.load + given.surface_load @ shares
-
-    def load_resultants(self, state: OrganState) -> Array:
-        """Return the sum of the forces of each whole load, `(l, 3)` [N]."""
-        return self.full.load_resultants(state)
-
-    def site_variables_of(self, U: Array) -> Array:
-        """Return y = y0 + Y η of the model that answers, shape `(9p,)`."""
-        own = self.reduction.size
-        return np.asarray(self.y0 + self.reduction.Y[:, :own] @ U[:own])
+        return self.both.answer(self.y0, scheme, past, shares, accept)
 
     def site_variables(self, state: OrganState) -> Array:
         """Return y, shape `(9p,)`."""
-        return self.site_variables_of(state.U)
-
-    def lips(self, state: OrganState) -> Lips:
-        """Return no pairs: nothing touches."""
-        return NO_LIPS
+        return self.both.site_variables(self.y0, state.U)
 
     def displacement(self, state: OrganState) -> Array:
         """Return the displacement of all unknowns of the mesh, shape `(N_all,)` [m]."""
@@ -293,18 +190,8 @@ class ReducedOrgan:
         return self.full.whole(self.reduction.vectors @ state.V[: self.reduction.size])
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return the energies at `new` and the works of the step, exact for the model that answers, as in
-        `tissue.organs.dynamic`."""
-        (alpha, beta), own = self.full.rayleigh, slice(self.reduction.size)
-        mu, U, V, A = self.reduction.mu[own], new.U[own], new.V[own], new.A[own]
-        dU, dV = U - old.U[own], V - old.V[own]
-        return OrganEnergies(
-            kinetic=float(0.5 * V @ (mu * V)),
-            elastic=float(0.5 * U @ U),
-            load_work=float(self.load_under(new.shares)[own] @ dU),
-            viscous=float(alpha * (mu * V) @ dU + beta * V @ dU),
-            numerical=float(0.5 * dU @ dU + 0.5 * dV @ (mu * dV) + (mu * A) @ dU - (mu * V) @ dV),
-        )
+        """Return the energies at `new` and the works of the step, exact for the model that answers."""
+        return self.both.energies(old, new)
 
     def modes(
         self, scheme: TimeScheme, state: OrganState, times: Sequence[float]
@@ -314,8 +201,8 @@ class ReducedOrgan:
         shares, given = state.shares, self.reduction
         if shares is not None and any((self.surface.shares(time, 1.0) != shares).any() for time in times):
             return None
-        W = self.operator(scheme.a, scheme.d).W
-        loads, Y = self.load_under(shares), given.Y[:, : given.size]
+        W = self.both.operator(scheme.a, scheme.d).W
+        loads, Y = self.both.load_under(shares), given.Y[:, : given.size]
         return (given.mu, loads, W, Y, self.y0, given.missed, *self.full.rayleigh)
 
     def motion(self, state: OrganState) -> tuple[Array, Array, Array, Array, float]:
@@ -351,7 +238,7 @@ class ReducedOrgan:
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> SiteAnswer[OrganState]:
         """Return the answer of a step in which nothing moves from `y` (9p,) while the forces stay the same; V is
         kept."""
-        operator = self.operator(scheme.a, scheme.d)
+        operator = self.both.operator(scheme.a, scheme.d)
 
         def displaced(f_new: Array, p: Array) -> ReducedState:
             way = operator.W @ (f_new - f_y)
@@ -374,16 +261,12 @@ class ReducedOrgan:
     def bound(self, state: OrganState) -> Array:
         """Return how far the points of the sites may be from those of the whole organ under the same forces, `(p,)`
         [m]."""
-        left = self._dual_norm(self._rates(state)) + drift_of(state)
+        left = self._dual_norm(self.both.rates(state)) + drift_of(state)
         return np.asarray(self.difference(state) + self.reduction.reach * left)
 
     def _left_open(self, new: OrganState, old: OrganState) -> float:
         """Return ‖Δr‖ of the check between two states [√J]."""
-        return self._dual_norm(self._rates(new) - self._rates(old))
-
-    def _rates(self, state: OrganState) -> Array:
-        """Return η̈ + α η̇ of both models, `(n,)`."""
-        return np.asarray(state.A + self.full.rayleigh[0] * state.V)
+        return self._dual_norm(self.both.rates(new) - self.both.rates(old))
 
     def _dual_norm(self, rates: Array) -> float:
         """Return the norm in K⁻¹ of what the check leaves open at these rates `(n,)` [√J]."""

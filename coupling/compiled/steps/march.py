@@ -122,6 +122,18 @@ class Scratch(NamedTuple):
     after: Array
 
 
+class Kept(NamedTuple):
+    """What is kept of steps, of as many as there is room for, (steps, …) each: the state at the `ends` of them, the
+    `elastic` forces (n, 3) [N] on the thread there, its largest axial `strain` [-], and its passage `at` the holes; the
+    `energies` (11,)."""
+
+    ends: Motion
+    elastic: Array
+    strain: Array
+    at: Passing
+    energies: Array
+
+
 @loop
 def put_references(pace: Pace, scene: Scene, law: Law, given: Given, now: Motion, earlier: Motion, at: Array) -> float:
     """Write the references of inertia and damping of a step, and the law's of sliding; returns the largest place of
@@ -310,6 +322,35 @@ def copy_motion(a: Motion, b: Motion) -> None:
 
 
 @loop
+def motion_at(all_of: Motion, step: int) -> Motion:
+    """Return one of many states."""
+    return Motion(
+        all_of.q[step], all_of.v[step], all_of.N[step], all_of.s[step], all_of.s_dot[step], all_of.lam[step],
+        all_of.y[step], all_of.sigma[step], all_of.sense[step], all_of.reaction[step], all_of.layers[step],
+        all_of.f_y[step], all_of.U[step], all_of.V[step], all_of.A[step], all_of.drift[step],
+    )  # fmt: skip
+
+
+@loop
+def keep(kept: Kept, step: int, r: Found, end: Motion, energies: Array) -> None:
+    """Keep what is known of a step that is made, where there is room for it."""
+    if step >= len(kept.energies):
+        return
+    copy_motion(end, motion_at(kept.ends, step))
+    copy_all(r.elastic, kept.elastic[step])
+    copy_row(energies, kept.energies[step])
+    kept.strain[step] = r.strain[0, 0]
+    for e in range(len(r.strain)):
+        for g in range(r.strain.shape[1]):
+            kept.strain[step] = max(kept.strain[step], r.strain[e, g])
+    for k in range(len(r.first)):
+        kept.at.first[step, k] = r.first[k]
+        copy_all(r.b[k], kept.at.b[step, k])
+        copy_all(r.D[k], kept.at.D[step, k])
+        copy_all(r.c[k], kept.at.c[step, k])
+
+
+@loop
 def go_on(now: Motion, earlier: Motion, new: Motion) -> None:
     """Make the end of a step the start of the next."""
     copy_motion(now, earlier)
@@ -479,7 +520,7 @@ def march_of(digest: int) -> Any:
     def march(
         curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, scene: Scene, pace: Pace, limits: Limits,
         stages: Stages, organ: Organ, ends: Ends, now: Motion, earlier: Motion, room: Scratch, energies: Array,
-        iterations: Indices, first: int, follow: bool,
+        iterations: Indices, first: int, follow: bool, kept: Kept,
     ) -> tuple[int, int, int]:  # fmt: skip
         """Make the steps from number `first` on, as many as there is room for their `iterations` (steps,). Returns how
         many of all are made, why there are no more, and of what the spline lacks the slot that is asked for.
@@ -511,6 +552,7 @@ def march_of(digest: int) -> Any:
             if why != MADE:
                 return step, why, missing
             copy_row(room.after, energies)
+            keep(kept, step, room.found, room.end, energies)
             go_on(now, earlier, room.end)
             iterations[step] = found
         return len(iterations), MADE, KNOWN

@@ -1,0 +1,305 @@
+"""An organ with inertia solved in the Krylov space of what pulls at it, to the accuracy of a solve of all its unknowns.
+
+    V = [K⁻¹F, (K⁻¹M) K⁻¹F, …, (K⁻¹M)ᵏ K⁻¹F],   F = [Yᵀ, weight, loads],   U = V η
+
+as in `tissue.organs.basis`. A body that starts at rest and is pulled by F alone moves in this space but for what falls
+with every block, so that a few blocks leave less than a solver does. What they leave is known at every step: the
+residual of the equations of motion of all unknowns,
+
+    r = F f − M (Ü + α U̇) − K (U + β U̇),   ‖r‖ in K⁻¹ = ‖R (η̈ + α η̇)‖,
+
+with one small matrix R, since F, K V, and M V but for its last block are in K V. A step is accepted where
+
+    ‖r‖  ≤  ε ‖forces‖,   ‖forces‖ = ‖M (Ü + α U̇)‖ + ‖K (U + β U̇)‖ in K⁻¹, the largest so far,
+
+and else solved again in a wider space, which gets blocks as long as that helps, or by the whole organ, as all steps
+after it are then. The sites are nearer than that: what they miss is a product of two residuals, of the motion and of
+the answer to a pull at a site, since r has no part along V, and V nearly has that answer.
+
+What strikes the sites between two steps is answered by the whole organ, since an impulse leaves nodes alone in motion,
+which is nowhere near the space.
+"""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from tissue.arrays import Array
+from tissue.errors import TissueError
+from tissue.organs.basis import MASSLESS, Orthonormal
+from tissue.organs.dynamic import DynamicOrgan
+from tissue.organs.meshed import LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
+from tissue.organs.modal import Modes, OrganOfModes
+from tissue.organs.reduced import check_reducible
+
+log = logging.getLogger(__name__)
+
+# ε. Fields are as near, and sites to 1e-12 where the space has a thousandth of their answers. In the norm of
+# `tissue.solvers.factor.RESIDUAL`, which weighs what varies from node to node, it is below 1e-10.
+ACCURACY = 1e-9
+FIRST = 4  # blocks at the start: with seven a body that is pulled no faster than it swings is at ε
+MOST = 16  # blocks; what they do not hold is no smooth motion, and they cost as much as 350 steps at two holes
+ROUNDED = 1e-13  # of a place: a site that is off by this little is where it is to round-off of the constraints
+
+
+@dataclass(frozen=True)
+class KrylovState(OrganState):
+    """A state whose U, V, A are η, η̇, η̈ of as many vectors as they are long [√J, …], or the fields of the whole organ;
+    `work` is the largest norm of the forces so far [√J]."""
+
+    work: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """The organ in so many `blocks` of its Krylov space: its `modes`, the way from them to the vectors of the space,
+    `turn` (n, n), and `missed` (m, n), R of the module."""
+
+    blocks: int
+    modes: Modes
+    turn: Array
+    missed: Array
+
+    def left(self, state: OrganState) -> float:
+        """Return the norm in K⁻¹ of what a state leaves of the equations of motion of all unknowns [√J]."""
+        return float(np.linalg.norm(self.missed @ self.modes.rates(state)))
+
+    def forces(self, state: OrganState) -> float:
+        """Return the norm of the forces of inertia, stiffness and damping in a state [√J]."""
+        inertia = self.modes.mu * self.modes.rates(state)
+        return float(np.linalg.norm(inertia) + np.linalg.norm(state.U + self.modes.rayleigh[1] * state.V))
+
+
+class Space:
+    """The Krylov space of an organ, whose blocks are made one after the other as they are asked for."""
+
+    def __init__(self, organ: DynamicOrgan) -> None:
+        self._organ, self._factor = organ, organ.solver_of(organ.K)
+        self._basis, self._ends, self._M = Orthonormal(organ.K), list[int](), np.zeros((0, 0))
+        forces = np.column_stack([organ.Y.T.toarray(), organ.load, organ.surface_load])
+        self._next = forces[:, forces.any(axis=0)]
+        self._levels: dict[int, Level] = {}
+
+    @property
+    def vectors(self) -> Array:
+        """What there is so far, shape `(N, r)`."""
+        return self._basis.V
+
+    def level(self, blocks: int) -> Level:
+        """Return the organ in the static answers and so many blocks more."""
+        if blocks not in self._levels:
+            while len(self._ends) < blocks + 2:  # the block behind them says what they leave
+                self._extend()
+            self._levels[blocks] = self._make(blocks)
+        return self._levels[blocks]
+
+    def level_of(self, vectors: int) -> Level:
+        """Return the organ in so many vectors. Raises `TissueError` where no number of blocks has them."""
+        while vectors not in self._ends and len(self._ends) <= MOST:
+            self._extend()
+        if vectors not in self._ends:
+            raise TissueError(f"no number of blocks of the organ's Krylov space has {vectors} vectors; begin anew")
+        return self.level(self._ends.index(vectors))
+
+    def _extend(self) -> None:
+        """Add a block."""
+        block = self._basis.extend(self._factor.solve(self._next))
+        self._next = np.asarray(self._organ.M @ block)
+        V, before = self._basis.V, self._M.shape[0]
+        beside = V.T @ self._next
+        corner = 0.5 * (beside[before:] + beside[before:].T)
+        self._M = np.block([[self._M, beside[:before]], [beside[:before].T, corner]])
+        self._ends.append(V.shape[1])
+
+    def _make(self, blocks: int) -> Level:
+        organ, r, behind = self._organ, self._ends[blocks], self._ends[blocks + 1]
+        mu, turn = np.linalg.eigh(self._M[:r, :r])
+        mu, V = np.where(mu > MASSLESS * mu[-1], mu, 0.0), self._basis.V[:, :r]
+        Y, load, surface_load = (np.asarray(F) @ turn for F in (organ.Y @ V, organ.load @ V, organ.surface_load.T @ V))
+        modes = Modes(mu, Y, load, surface_load.T, organ.rayleigh, r)
+        return Level(blocks, modes, turn, self._M[r:behind, :r] @ turn)
+
+
+@dataclass(frozen=True)
+class KrylovAnswer(SiteAnswer[OrganState]):
+    """An answer in the Krylov space; `checked` makes the one that holds under the forces f_y (9p,) to the accuracy of
+    the module, itself where it does."""
+
+    checked: "Callable[[KrylovAnswer, Array], SiteAnswer[OrganState] | LinearAnswer]"
+
+    def certified(self, f_y: Array) -> "SiteAnswer[OrganState] | LinearAnswer":
+        """Return the answer that holds under the forces `f_y` (9p,)."""
+        return self.checked(self, f_y)
+
+
+@dataclass(frozen=True, eq=False)
+class KrylovOrgan(OrganOfModes):
+    """A linear organ with inertia, solved in its Krylov space as long as that is accurate, and else by `full`.
+
+    Raises `TissueError` for an organ whose lips may touch, one that is not held, and one for which there is no memory.
+    """
+
+    def __post_init__(self) -> None:
+        check_reducible(self.full, MOST, 0)
+
+    @cached_property
+    def space(self) -> Space:
+        """The space, of as many blocks as were asked for so far."""
+        return Space(self.full)
+
+    def level(self, state: OrganState) -> Level | None:
+        """Return the level of a state, None of one of the whole organ."""
+        return None if state.U.size == self.full.size else self.space.level_of(state.U.size)
+
+    def start(self) -> KrylovState:
+        """Return the state undeformed and at rest; gravity and loads act from the first step."""
+        rest = np.zeros(self.space.level(FIRST).modes.size)
+        return KrylovState(rest, rest, rest, np.zeros(self.y0.size), shares=self.full.no_shares)
+
+    def answer(
+        self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
+    ) -> SiteAnswer[OrganState] | LinearAnswer:
+        """Return the answer of a step of `scheme` from the states `past`, the newest first, under `share` of the loads
+        at `time` [s]."""
+        level = self.level(max(past, key=lambda state: state.U.size))
+        if level is None:
+            return self._whole_answer(scheme, past, time, share)
+        return self._answer(level, scheme, past, time, share)
+
+    def _answer(
+        self, level: Level, scheme: TimeScheme, past: Sequence[OrganState], time: float, share: float
+    ) -> KrylovAnswer:
+        """Return the answer at a level."""
+        shares, past = self.full.shares_at(time, share), [self._at(level, state) for state in past]
+
+        def accept(U: Array, V: Array, A: Array, f_y: Array) -> KrylovState:
+            """Return the state of a motion."""
+            new = KrylovState(U, V, A, f_y, shares=shares)
+            return replace(new, work=max(work_of(past[0]), level.forces(new)))
+
+        def checked(answer: KrylovAnswer, f_y: Array) -> SiteAnswer[OrganState] | LinearAnswer:
+            """Return the answer, of a level as wide as it takes."""
+            return self._certified(
+                level, answer, lambda wider: self._answer(wider, scheme, past, time, share), f_y
+            ) or (self._whole_answer(scheme, past, time, share))
+
+        found = level.modes.answer(self.y0, scheme, past, shares, accept)
+        return KrylovAnswer(found.y_free, found.compliance, found.accepted, checked)
+
+    def _certified(
+        self, level: Level, answer: KrylovAnswer, widened: Callable[[Level], KrylovAnswer], f_y: Array
+    ) -> KrylovAnswer | None:
+        """Return the first of an answer and those of wider levels that holds under `f_y` (9p,), None where it is not to
+        be seen that one of them does."""
+        before = np.inf
+        while True:
+            state = answer.accept(f_y)
+            left, allowed = level.left(state), self._allowed(state)
+            if left <= allowed:
+                return answer
+            falls = min(left / before, 1.0) if before < np.inf else 0.0
+            if level.blocks == MOST or left * falls ** (MOST - level.blocks) > allowed:
+                log.info(
+                    "organ: %d vectors leave %.1g of the forces: solved whole", state.U.size, left / work_of(state)
+                )
+                return None
+            before, level = left, self.space.level(level.blocks + 1)
+            answer = widened(level)
+
+    def _allowed(self, state: OrganState) -> float:
+        """Return what a state may leave of the equations of motion [√J]."""
+        return ACCURACY * work_of(state) + self._rounded
+
+    @cached_property
+    def _rounded(self) -> float:
+        """What moves no site by more than round-off of its place [√J]."""
+        ways = self.space.level(FIRST).modes.Y.reshape(-1, 9, self.space.level(FIRST).modes.size)[:, :3]
+        reach = np.linalg.norm(ways, 2, axis=(1, 2)).max(initial=0.0) if ways.size else 0.0
+        points = self.full.elasticity.points
+        return float(ROUNDED * np.ptp(points, axis=0).max() / reach) if reach else 0.0
+
+    def _whole_answer(self, scheme: TimeScheme, past: Sequence[OrganState], time: float, share: float) -> LinearAnswer:
+        """Return the answer of the whole organ."""
+        found, work = self.full.answer(scheme, [self.whole(s) for s in past], time, share), work_of(past[0])
+        return replace(found, accepted=lambda f_y, p: KrylovState(**vars(found.accepted(f_y, p)), work=work))
+
+    def _at(self, level: Level, state: OrganState) -> OrganState:
+        """Return a state at a level that is not lower than its own: it has nothing in the blocks between."""
+        own = self.level(state)
+        if own is level or own is None:
+            return state
+        U, V, A = (level.turn[: own.modes.size].T @ (own.turn @ x) for x in (state.U, state.V, state.A))
+        return replace(state, U=U, V=V, A=A)
+
+    def whole(self, state: OrganState) -> OrganState:
+        """Return a state with the fields over the free unknowns, as the full organ has it."""
+        if self.level(state) is None:
+            return state
+        U, V, A = (self._spread(state, x) for x in (state.U, state.V, state.A))
+        return replace(state, U=U, V=V, A=A)
+
+    def _spread(self, state: OrganState, x: Array) -> Array:
+        """Return the field over the free unknowns (N,) of U, V or A of a state."""
+        level = self.level(state)
+        return x if level is None else np.asarray(self.space.vectors[:, : level.modes.size] @ (level.turn @ x))
+
+    def site_variables(self, state: OrganState) -> Array:
+        """Return y, shape `(9p,)`."""
+        level = self.level(state)
+        return self.full.site_variables(state) if level is None else level.modes.site_variables(self.y0, state.U)
+
+    def displacement(self, state: OrganState) -> Array:
+        """Return the displacement of all unknowns of the mesh, shape `(N_all,)` [m]."""
+        return self.full.whole(self.field(state))
+
+    def field(self, state: OrganState) -> Array:
+        """Return the displacement over the free unknowns, shape `(N,)` [m]."""
+        return self._spread(state, state.U)
+
+    def velocity(self, state: OrganState) -> Array:
+        """Return the velocity of all unknowns of the mesh, shape `(N_all,)` [m/s]."""
+        return self.full.whole(self._spread(state, state.V))
+
+    def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
+        """Return the energies at `new` and the works of the step."""
+        level = self.level(max(old, new, key=lambda state: state.U.size))
+        if level is None:
+            return self.full.energies(self.whole(old), self.whole(new))
+        return level.modes.energies(self._at(level, old), self._at(level, new))
+
+    def impulse(self, state: OrganState) -> SiteAnswer[OrganState]:
+        """Return the answer of the whole organ to an impulse on the sites."""
+        return self.full.impulse(self.whole(state))
+
+    def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
+        """Return the answer of the whole organ in a step in which nothing moves."""
+        return self.full.displace(scheme, self.whole(state), y, f_y)
+
+    # -- what the space leaves open --------------------------------------------------------------------------------
+
+    def vectors(self, state: OrganState) -> int:
+        """Return the number of vectors that a state is in, 0 of one of the whole organ."""
+        return 0 if self.level(state) is None else state.U.size
+
+    def residual(self, state: OrganState) -> float:
+        """Return what a state leaves of the equations of motion over the largest forces so far [-]; nothing of one of
+        the whole organ."""
+        level, work = self.level(state), work_of(state)
+        return 0.0 if level is None or not work else level.left(state) / work
+
+
+def has_space(organ: DynamicOrgan) -> bool:
+    """Tell whether an organ has a Krylov space, and there is memory for it."""
+    try:
+        check_reducible(organ, MOST, 0)
+    except TissueError:
+        return False
+    return True
+
+
+def work_of(state: OrganState) -> float:
+    """Return the largest norm of the forces so far [√J]."""
+    return state.work if isinstance(state, KrylovState) else 0.0

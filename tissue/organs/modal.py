@@ -1,0 +1,177 @@
+"""A linear organ with inertia by modes: stiffness is the identity, mass is diagonal, and a step is one small product.
+
+    (a + α d) μ (η − η_a) + …  becomes  η⁺ = η_free + W f_y,   W = Yᵀ / (a μ + d (α μ + β) + 1),   y = y0 + Y η
+
+as in `tissue.organs.meshed`, with numbers in the place of matrices. Rayleigh damping is α μ + β in each mode.
+"""
+
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tissue.arrays import Array
+from tissue.elasticity import Elasticity
+from tissue.loads import Loads
+from tissue.organs.dynamic import DynamicOrgan
+from tissue.organs.meshed import (
+    KEPT_OPERATORS,
+    NO_LIPS,
+    Lips,
+    OrganEnergies,
+    OrganState,
+    SiteAnswer,
+    TimeScheme,
+)
+from tissue.sites.site import Sites
+from tissue.solvers.choice import SolverChoice
+
+
+@dataclass(frozen=True)
+class ModalOperator:
+    """The diagonal a μ + d (α μ + β) + 1 of a time scheme, W = its inverse times Yᵀ `(n, 9p)`, and C `(9p, 9p)`."""
+
+    a: float
+    d: float
+    diagonal: Array
+    W: Array
+    C: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Modes of an organ, of which the first `size` answer: their masses `mu` (n,) = 1/ω² [s²], stiffness being one, `Y`
+    (9p, n), `load` (n,) of gravity, `surface_load` (n, l), and `rayleigh` = (α [1/s], β [s])."""
+
+    mu: Array
+    Y: Array
+    load: Array
+    surface_load: Array
+    rayleigh: tuple[float, float]
+    size: int
+    _operators: OrderedDict[tuple[float, float], ModalOperator] = field(
+        default_factory=OrderedDict, init=False, repr=False
+    )
+
+    def operator(self, a: float, d: float) -> ModalOperator:
+        """Return the operator of a time scheme; the last few are kept."""
+        if (a, d) not in self._operators:
+            while len(self._operators) >= KEPT_OPERATORS:
+                self._operators.popitem(last=False)
+            self._operators[a, d] = self._operator(a, d)
+        self._operators.move_to_end((a, d))
+        return self._operators[a, d]
+
+    def _operator(self, a: float, d: float) -> ModalOperator:
+        alpha, beta = self.rayleigh
+        diagonal = (a + alpha * d) * self.mu + (1.0 + beta * d)
+        W = self.Y.T / diagonal[:, None]
+        C = self.Y[:, : self.size] @ W[: self.size]
+        return ModalOperator(a, d, diagonal, W, 0.5 * (C + C.T))
+
+    def answer(
+        self,
+        y0: Array,
+        scheme: TimeScheme,
+        past: Sequence[OrganState],
+        shares: Array | None,
+        state: Callable[[Array, Array, Array, Array], OrganState],
+    ) -> SiteAnswer[OrganState]:
+        """Return the answer of a step of `scheme` from the states `past`, the newest first, under parts of the loads
+        `(l,)`, to sites whose reference is `y0` (9p,); `state` makes the state of η, η̇, η̈ (n,) and f_y."""
+        operator = self.operator(scheme.a, scheme.d)
+        terms = list(zip(scheme.coefficients, past, strict=False))  # an equilibrium looks back at none
+        inertia = sum((alpha * s.U + beta * s.V for (alpha, beta, _), s in terms), np.zeros(1))
+        damping = sum((gamma * s.U for (_, _, gamma), s in terms), np.zeros(1))
+        free = self._free(operator, past[0], inertia, damping, self.load_under(shares))
+
+        def accept(f_y: Array, p: Array) -> OrganState:
+            """Return the state of η = η_free + W f_y."""
+            U = free + operator.W @ f_y
+            return state(U, operator.d * (U - damping), operator.a * (U - inertia), f_y)
+
+        return SiteAnswer(self.site_variables(y0, free), lambda: operator.C, accept)
+
+    def _free(self, operator: ModalOperator, now: OrganState, inertia: Array, damping: Array, load: Array) -> Array:
+        """Return η⁺ under a load without site forces, `(n,)`: by its increment, so that round-off is relative to it."""
+        alpha, beta = self.rayleigh
+        moved = operator.a * (inertia - now.U) + alpha * operator.d * (damping - now.U)
+        left = load + self.mu * moved + beta * operator.d * (damping - now.U) - now.U
+        return np.asarray(now.U + left / operator.diagonal)
+
+    def load_under(self, shares: Array | None) -> Array:
+        """Return the forces of gravity and of parts of the loads `(l,)`, `(n,)`."""
+        return self.load if shares is None else self.load + self.surface_load @ shares
+
+    def site_variables(self, y0: Array, U: Array) -> Array:
+        """Return y = y0 + Y η of the modes that answer, shape `(9p,)`."""
+        return np.asarray(y0 + self.Y[:, : self.size] @ U[: self.size])
+
+    def rates(self, state: OrganState) -> Array:
+        """Return η̈ + α η̇, which times μ is what inertia and its damping take, `(n,)`."""
+        return np.asarray(state.A + self.rayleigh[0] * state.V)
+
+    def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
+        """Return the energies at `new` and the works of the step, exact for the modes that answer, as in
+        `tissue.organs.dynamic`."""
+        (alpha, beta), own = self.rayleigh, slice(self.size)
+        mu, U, V, A = self.mu[own], new.U[own], new.V[own], new.A[own]
+        dU, dV = U - old.U[own], V - old.V[own]
+        return OrganEnergies(
+            kinetic=float(0.5 * V @ (mu * V)),
+            elastic=float(0.5 * U @ U),
+            load_work=float(self.load_under(new.shares)[own] @ dU),
+            viscous=float(alpha * (mu * V) @ dU + beta * V @ dU),
+            numerical=float(0.5 * dU @ dU + 0.5 * dV @ (mu * dV) + (mu * A) @ dU - (mu * V) @ dV),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class OrganOfModes:
+    """What organs that go on by modes have of the `full` one, with its mesh, its sites and its loads."""
+
+    full: DynamicOrgan
+
+    @property
+    def y0(self) -> Array:
+        """Reference site variables, shape `(9p,)` [m, -, -]."""
+        return self.full.y0
+
+    @property
+    def directed(self) -> tuple[bool, ...]:
+        """Whether each site was given a direction."""
+        return self.full.directed
+
+    @property
+    def size(self) -> int:
+        """Number of free unknowns of the full organ."""
+        return self.full.size
+
+    @property
+    def elasticity(self) -> Elasticity:
+        """The organ's discrete elasticity."""
+        return self.full.elasticity
+
+    @property
+    def sites(self) -> Sites:
+        """The organ's sites."""
+        return self.full.sites
+
+    @property
+    def surface(self) -> Loads:
+        """The loads on its boundaries."""
+        return self.full.surface
+
+    @property
+    def choice(self) -> SolverChoice:
+        """What solved it for its basis."""
+        return self.full.choice
+
+    def load_resultants(self, state: OrganState) -> Array:
+        """Return the sum of the forces of each whole load, `(l, 3)` [N]."""
+        return self.full.load_resultants(state)
+
+    def lips(self, state: OrganState) -> Lips:
+        """Return no pairs: nothing touches."""
+        return NO_LIPS
