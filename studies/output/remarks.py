@@ -146,7 +146,8 @@ KINDS = (
         "unsupported",
         "`thread.span_ratio` above 0.5 at the end",
         "forces along the thread are then off by several per cent, and at a single moment the friction of a hole that "
-        "gives the thread its direction by a tenth, by a fifth to all of it where the thread bends there and back",
+        "gives the thread its direction by a tenth to two fifths, by a fifth to one and a half times where the thread "
+        "bends there and back",
     ),
     Kind(
         "spans-between",

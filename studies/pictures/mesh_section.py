@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from studies.pictures.mesh_report import MeshScene
@@ -21,7 +22,7 @@ def draw_section(scene: MeshScene, path: Path) -> None:
     y = float(np.clip(middle, low, high - 2 * ASIDE * (high - low)) + ASIDE * (high - low))
     points, triangles, size = cut(scene.points, np.asarray(scene.cells), _sizes(scene) / MILLI, y)
     x, z = (points / MILLI).T
-    filled = axes.tripcolor(x, z, size, triangles=triangles, shading="gouraud", cmap=colours())
+    filled = axes.tripcolor(x, z, size, triangles=triangles, shading="gouraud", cmap=ListedColormap(colours()))
     axes.triplot(x, z, triangles, color="#55453c", linewidth=0.4)
     axes.plot(*(scene.sites[:, [0, 2]] / MILLI).T, "o", color=MARKER, markersize=8)
     figure.colorbar(filled, ax=axes, label="edge length [mm]", shrink=0.8)

@@ -1,6 +1,6 @@
 """A picture of one frame: the deformed organ, the thread and its piercings.
 
-In three dimensions by pyvista where that renders, else a section by matplotlib. Without OpenGL a plotter ends
+In three dimensions by VTK where that renders, else a section by matplotlib. Without OpenGL a renderer ends
 its process by a segmentation fault, and that the library is there proves nothing; so pictures are drawn in a
 child process, and whether one came out is the probe.
 """
@@ -47,17 +47,17 @@ def draw_scene(scene: object, path: Path | str, space: str, section: str, patien
         source = Path(folder) / "scene.pickle"
         source.write_bytes(pickle.dumps(scene))
         for window in WINDOWS:
-            # what renders is found by drawing: pyvista's own look takes a window more
+            # what renders is found by drawing: the look that pyvista takes, for a mesh, takes a window more
             setting = {"VTK_DEFAULT_OPENGL_WINDOW": window, "ALLOW_PLOTTING": "true"}
             causes.append(draw_apart(space, source, Path(path), setting, patience))
             if not causes[-1]:
-                return Drawn(f"{path}: 3-D picture (pyvista)")
+                return Drawn(f"{path}: 3-D picture (VTK)")
         causes.append(draw_apart(section, source, Path(path), {"MPLCONFIGDIR": folder}, patience))
     remedy = f"for the 3-D picture: apt-get install --no-install-recommends {PACKAGES}"
     no_space = f"no OpenGL renders here ({causes[-2]})"
     if not causes[-1]:
         return Drawn(f"{path}: section (matplotlib); {no_space}, {remedy}")
-    failure = f"by pyvista: {causes[-2]}; by matplotlib: {causes[-1]}"
+    failure = f"by VTK: {causes[-2]}; by matplotlib: {causes[-1]}"
     return Drawn(f"{path}: none, {failure}", failure)
 
 

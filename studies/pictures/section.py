@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from studies.arrays import Array
@@ -65,7 +66,7 @@ def _section_organ(axes: Axes, topology: OrganTopology, frame: Frame, scale: Sca
     deformed = topology.points + frame.organ.displacement
     points, triangles, stress = cut(deformed, topology.cells[:, :4], frame.organ.von_mises, _section_y(frame, deformed))
     low, high = (value / KILO for value in scale.stress)
-    look: Any = {"triangles": triangles, "cmap": colours(), "vmin": low, "vmax": high}
+    look: Any = {"triangles": triangles, "cmap": ListedColormap(colours()), "vmin": low, "vmax": high}
     x, z = (points / MILLI).T
     axes.tripcolor(x, z, stress / KILO, edgecolors="face", linewidth=0.8, **look)  # behind the joints of the next
     return axes.tripcolor(x, z, stress / KILO, shading="gouraud", **look)
@@ -96,7 +97,9 @@ def _section_thread(axes: Axes, frame: Frame, scale: Scale) -> Any:
         places = points[:, [0, 2]] / MILLI
         lines.append(
             LineCollection(
-                list(np.stack([places[:-1], places[1:]], axis=1)), cmap=tension_colours(scale), linewidth=2.5
+                list(np.stack([places[:-1], places[1:]], axis=1)),
+                cmap=ListedColormap(tension_colours(scale)),
+                linewidth=2.5,
             )
         )
         lines[-1].set(array=tension[:-1], clim=scale.tension, capstyle="round")

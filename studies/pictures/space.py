@@ -1,13 +1,36 @@
-"""The picture in three dimensions, by pyvista; in a child process, for a plotter without OpenGL ends it."""
+"""The picture in three dimensions, by VTK; in a child process, for a renderer without OpenGL ends it.
+
+VTK's modules are loaded one by one, and pyvista, which loads twice as much as it takes to draw, is not.
+"""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyvista as pv
+import vtkmodules.vtkRenderingFreeType  # noqa: F401  # letters
+from numpy.typing import NDArray
+from PIL import Image
+from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkLookupTable, vtkPoints, vtkUnsignedCharArray
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+from vtkmodules.vtkCommonMath import vtkMatrix4x4
+from vtkmodules.vtkFiltersCore import vtkCleanPolyData, vtkFeatureEdges, vtkPolyDataNormals, vtkTubeFilter
+from vtkmodules.vtkFiltersSources import vtkArrowSource, vtkSphereSource
+from vtkmodules.vtkRenderingAnnotation import vtkAxesActor, vtkScalarBarActor
+from vtkmodules.vtkRenderingCore import (
+    vtkActor,
+    vtkActor2D,
+    vtkLightKit,
+    vtkPolyDataMapper,
+    vtkPolyDataMapper2D,
+    vtkRenderer,
+    vtkRenderWindow,
+    vtkTextActor,
+)
+from vtkmodules.vtkRenderingOpenGL2 import vtkRenderStepsPass, vtkSSAAPass
 
 from studies.arrays import Array
 from studies.output.fields import OrganTopology
@@ -20,6 +43,7 @@ from studies.pictures.view import (
     LEFT,
     MARKER,
     SIZE,
+    Indices,
     Scale,
     aimed_at,
     caption,
@@ -28,6 +52,7 @@ from studies.pictures.view import (
     legend,
     places_of,
     read_scene,
+    rgb,
     scale_of,
     stress_words,
     surface,
@@ -37,10 +62,13 @@ from studies.pictures.view import (
 
 BLANK = 2.0  # standard deviation of the pixels' values below which nothing has been drawn
 MARGINS = (60.0, 60.0, 170.0, 110.0)  # pixels left, right, below for the bars of colours, above for the title
-TITLE, SMALL, NAMES = 14, 10, 10  # sizes of letters, of two pixels each
+TITLE, SMALL, NAMES = 28, 20, 20  # pixels of letters
+BAR_TITLE, BAR_LABEL = 18, 16  # the same of a bar of colours
 LETTER = 0.56  # mean width of a letter over its height
-BAR = {"color": "black", "vertical": False, "width": 0.29, "height": 0.125, "position_y": 0.04}
-BAR |= {"title_font_size": 18, "label_font_size": 16, "n_labels": INTERVALS + 1, "fmt": "%.3g"}
+SHARP = 50.0  # degrees by which two faces meet in an edge that is seen
+BLACK = (0.0, 0.0, 0.0)
+AXES = ("#ff6347", "#3cb371", "#0000ff")  # of x, y and z
+CORNER = (0.0, 0.0, 0.12, 0.18)  # of the picture, where they are: left, below, right, above
 
 
 @dataclass(frozen=True)
@@ -67,93 +95,169 @@ def draw_space(frame: Frame, topology: OrganTopology | None, path: Path, title: 
 
 def draw_staged(frame: Frame, stage: Stage, path: Path) -> None:
     """Draw a frame on a stage into a PNG file. Raises `RuntimeError` where the renderer draws nothing."""
-    plotter: Any = pv.Plotter(off_screen=True, window_size=list(SIZE))
-    plotter.enable_anti_aliasing("ssaa")
-    add_scene(plotter, frame, stage)
-    image = np.asarray(plotter.screenshot(str(path), return_img=True))
-    plotter.close()
+    window, renderer = vtkRenderWindow(), vtkRenderer()
+    window.SetOffScreenRendering(True)
+    window.SetSize(*SIZE)
+    window.SetMultiSamples(0)
+    window.SetNumberOfLayers(2)
+    smooth = vtkSSAAPass()
+    smooth.SetDelegatePass(vtkRenderStepsPass())
+    renderer.SetPass(smooth)
+    renderer.SetBackground(1.0, 1.0, 1.0)
+    vtkLightKit().AddLightsToRenderer(renderer)
+    for prop in props_of(frame, stage):
+        renderer.AddViewProp(prop)
+    place_camera(renderer, stage.camera)
+    window.AddRenderer(renderer)
+    window.AddRenderer(_axes(stage.camera))
+    window.Render()
+    image = _pixels(window)
+    window.Finalize()
     if image[::4, ::4].std() < BLANK:
         raise RuntimeError("the renderer drew nothing")
+    Image.fromarray(image).save(path)
 
 
-def add_scene(plotter: Any, frame: Frame, stage: Stage) -> None:
-    """Add a frame to a plotter, with what is written and measured in its picture."""
-    plotter.set_background("white")
-    place_camera(plotter, stage.camera)
-    if stage.topology is not None and frame.organ is not None:
-        _add_organ(plotter, stage.topology, frame, stage.scale)
-    _add_thread(plotter, frame, stage.scale)
-    _add_piercings(plotter, frame, stage.scale)
-    _add_names(plotter, frame, stage)
-    _add_words(plotter, frame, stage)
-    plotter.add_axes(color="black", line_width=3, viewport=(0.0, 0.0, 0.12, 0.18))
+def _pixels(window: Any) -> NDArray[np.uint8]:
+    """Return the picture in a window, shape `(height, width, 3)`, from the top."""
+    width, height = window.GetSize()
+    values = vtkUnsignedCharArray()
+    window.GetPixelData(0, 0, width - 1, height - 1, 0, values, 0)
+    return np.asarray(vtk_to_numpy(values).reshape(height, width, 3)[::-1])
 
 
-def place_camera(plotter: Any, camera: Camera) -> None:
+def place_camera(renderer: Any, camera: Camera) -> None:
     """Look at a scene without perspective."""
-    plotter.enable_parallel_projection()
-    eye = camera.focus + 2.0 * camera.half_height * camera.towards
-    plotter.camera_position = [tuple(map(float, place)) for place in (eye, camera.focus, camera.up)]
-    plotter.camera.parallel_scale = camera.half_height
+    eye, view = camera.focus + 2.0 * camera.half_height * camera.towards, renderer.GetActiveCamera()
+    view.SetParallelProjection(True)
+    view.SetPosition(*eye)
+    view.SetFocalPoint(*camera.focus)
+    view.SetViewUp(*camera.up)
+    view.SetParallelScale(camera.half_height)
+    renderer.ResetCameraClippingRange()
 
 
-def _add_organ(plotter: Any, topology: OrganTopology, frame: Frame, scale: Scale) -> None:
-    assert frame.organ is not None
-    deformed = topology.points + frame.organ.displacement
-    mesh: Any = pv.PolyData.from_regular_faces(deformed, surface(topology))
-    mesh["von Mises stress [kPa]"] = frame.organ.von_mises / KILO
-    mesh = mesh.clean()
-    plotter.add_mesh(
-        mesh, scalars="von Mises stress [kPa]", cmap=colours(), clim=[value / KILO for value in scale.stress],
-        smooth_shading=True, split_sharp_edges=True, feature_angle=50, opacity=0.6, culling="back",
-        ambient=0.45, diffuse=0.65, specular=0.1,
-        scalar_bar_args=BAR | {"title": f"{stress_words(frame)}\n", "position_x": 0.34},
-    )  # fmt: skip
-    edges = mesh.extract_feature_edges(feature_angle=50, boundary_edges=False, manifold_edges=False)
-    if edges.n_cells:
-        plotter.add_mesh(edges, color="#8a6d5c", line_width=2)
+def _axes(camera: Camera) -> Any:
+    """Return what draws the directions of x, y and z in a corner, as a camera sees them."""
+    axes, renderer = vtkAxesActor(), vtkRenderer()
+    for axis, colour in zip("XYZ", AXES, strict=True):
+        for part in ("Shaft", "Tip"):
+            getattr(axes, f"Get{axis}Axis{part}Property")().SetColor(*rgb(colour))
+            getattr(axes, f"Get{axis}Axis{part}Property")().SetLineWidth(3.0)
+        letter = getattr(axes, f"Get{axis}AxisCaptionActor2D")().GetCaptionTextProperty()
+        letter.SetColor(*BLACK)
+        letter.SetShadow(False)
+    renderer.AddViewProp(axes)
+    renderer.SetViewport(*CORNER)
+    renderer.SetLayer(1)
+    view = renderer.GetActiveCamera()
+    view.SetParallelProjection(True)
+    view.SetPosition(*camera.towards)
+    view.SetFocalPoint(0.0, 0.0, 0.0)
+    view.SetViewUp(*camera.up)
+    renderer.ResetCamera()
+    return renderer
 
 
-def _add_thread(plotter: Any, frame: Frame, scale: Scale) -> None:
-    """Add the thread as a tube coloured by its tension, at least as thick as can be seen."""
-    radius = max(frame.thread.radius, 0.004 * scale.width)
-    bar = BAR | {"title": f"{tension_words(frame)}\n", "position_x": 0.68}
+def props_of(frame: Frame, stage: Stage) -> list[Any]:
+    """Return what is drawn of a frame, with what is written and measured in its picture."""
+    organ = [] if stage.topology is None else _organ(stage.topology, frame, stage.scale)
+    return [*organ, *_thread(frame, stage.scale), *_piercings(frame, stage.scale), *_names(frame, stage),
+            *_words(frame, stage)]  # fmt: skip
+
+
+def _organ(topology: OrganTopology, frame: Frame, scale: Scale) -> list[Any]:
+    """Return the organ's surface coloured by its stress, its edges, and the bar of its colours."""
+    if frame.organ is None:
+        return []
+    skin, clean, smooth = vtkPolyData(), vtkCleanPolyData(), vtkPolyDataNormals()
+    skin.SetPoints(_points(topology.points + frame.organ.displacement))
+    skin.SetPolys(_cells(surface(topology)))
+    skin.GetPointData().SetScalars(_array(frame.organ.von_mises / KILO))
+    clean.SetInputData(skin)
+    smooth.SetInputConnection(clean.GetOutputPort())
+    smooth.SetFeatureAngle(SHARP)
+    smooth.SplittingOn()
+    table = _table(colours(), [value / KILO for value in scale.stress])
+    actor = _coloured(smooth, table, ambient=0.45)
+    actor.GetProperty().SetOpacity(0.6)
+    actor.GetProperty().BackfaceCullingOn()
+    actor.GetProperty().SetSpecular(0.1)
+    edges = vtkFeatureEdges()
+    edges.SetInputConnection(clean.GetOutputPort())
+    edges.SetFeatureAngle(SHARP)
+    edges.BoundaryEdgesOff()
+    edges.ColoringOff()
+    return [actor, _plain(edges, "#8a6d5c", line_width=2.0), _bar(table, stress_words(frame), 0.34)]
+
+
+def _thread(frame: Frame, scale: Scale) -> list[Any]:
+    """Return the thread as a tube coloured by its tension, at least as thick as can be seen, and the bar of its
+    colours."""
+    table = _table(tension_colours(scale), scale.tension)
     ends = np.cumsum(frame.thread.pieces[:-1], dtype=np.int64)
-    for points, tension in zip(frame.thread.split(), np.split(frame.thread.tension, ends), strict=True):
-        line = pv.lines_from_points(points)
-        line["tension of the thread [N]"] = tension
-        plotter.add_mesh(
-            line.tube(radius=radius, n_sides=24), scalars="tension of the thread [N]", cmap=tension_colours(scale),
-            clim=scale.tension, smooth_shading=True, ambient=0.35, diffuse=0.65, scalar_bar_args=bar,
-        )  # fmt: skip
+    pieces = zip(frame.thread.split(), np.split(frame.thread.tension, ends), strict=True)
+    tubes = [_tube(points, tension, max(frame.thread.radius, 0.004 * scale.width)) for points, tension in pieces]
+    return [*(_coloured(tube, table, ambient=0.35) for tube in tubes), _bar(table, tension_words(frame), 0.68)]
 
 
-def _add_piercings(plotter: Any, frame: Frame, scale: Scale) -> None:
-    """Add the holes as balls, with the force of the organ's hole on the thread as arrows to one scale."""
+def _tube(points: Array, values: Array, radius: float) -> Any:
+    """Return what makes a tube along points `(k, 3)` [m] with their values `(k,)`."""
+    line, tube = _line(points), vtkTubeFilter()
+    line.GetPointData().SetScalars(_array(values))
+    tube.SetInputData(line)
+    tube.SetRadius(radius)
+    tube.SetNumberOfSides(24)
+    tube.CappingOn()
+    return tube
+
+
+def _piercings(frame: Frame, scale: Scale) -> list[Any]:
+    """Return the holes as balls, with the force of the organ's hole on the thread as arrows to one scale."""
+    props = []
     for hole in frame.piercings:
-        plotter.add_mesh(pv.Sphere(radius=0.008 * scale.width, center=hole.x), color=MARKER, smooth_shading=True)
+        ball = vtkSphereSource()
+        ball.SetRadius(0.008 * scale.width)
+        ball.SetCenter(*hole.x)
+        ball.SetThetaResolution(30)
+        ball.SetPhiResolution(30)
+        props.append(_plain(ball, MARKER))
         force = float(np.linalg.norm(hole.force))
         if scale.shows(force):
-            arrow = pv.Arrow(
-                start=hole.x, direction=hole.force, scale=scale.reach * force / scale.force,
-                shaft_radius=0.018, tip_radius=0.05, tip_length=0.2,
-            )  # fmt: skip
-            plotter.add_mesh(arrow, color=ARROW)
+            props.append(_arrow(hole.x, scale.reach / scale.force * hole.force))
+    return props
 
 
-def _add_names(plotter: Any, frame: Frame, stage: Stage) -> None:
-    """Write what each hole is called and its force, beside what is drawn, with a line to the hole."""
+def _arrow(start: Array, way: Array) -> Any:
+    """Return an arrow from a place along a way, `(3,)` each [m]."""
+    source, placed = vtkArrowSource(), np.eye(4)
+    source.SetShaftRadius(0.018)
+    source.SetTipRadius(0.05)
+    source.SetTipLength(0.2)
+    source.SetShaftResolution(20)
+    source.SetTipResolution(20)
+    length = float(np.linalg.norm(way))
+    across = np.cross(way, np.eye(3)[np.argmin(np.abs(way))])
+    across *= length / np.linalg.norm(across)
+    placed[:3] = np.column_stack([way, across, np.cross(way, across) / length, start])
+    actor, matrix = _plain(source, ARROW), vtkMatrix4x4()
+    matrix.DeepCopy(placed.ravel().tolist())
+    actor.SetUserMatrix(matrix)
+    return actor
+
+
+def _names(frame: Frame, stage: Stage) -> list[Any]:
+    """Return what each hole is called and its force, beside what is drawn, with a line to the hole."""
     named = [hole for hole in frame.piercings if hole.state != LEFT]
     if not named:
-        return
+        return []
     words = [label(hole.name, float(np.linalg.norm(hole.force))) for hole in named]
     anchors = stage.camera.pixels(np.array([hole.x for hole in named]))
-    boxes = np.array([[LETTER * 2 * NAMES * len(text), 2.4 * NAMES] for text in words])
-    for text, anchor, box, corner in zip(
-        words, anchors, boxes, label_places(anchors, boxes, taken_pixels(frame, stage), SIZE), strict=True
-    ):
-        plotter.add_text(text, position=tuple(map(float, corner)), font_size=NAMES, color="black")
-        _add_lines(plotter, np.array([anchor, np.clip(anchor, corner, corner + box)]), 1.5)
+    boxes = np.array([[LETTER * NAMES * len(text), 1.2 * NAMES] for text in words])
+    corners = label_places(anchors, boxes, taken_pixels(frame, stage), SIZE)
+    nearest = np.clip(anchors, corners, corners + boxes)
+    lines = [_pixel_line(np.array(ends), 1.5) for ends in zip(anchors, nearest, strict=True)]
+    return [*(_text(text, corner, NAMES) for text, corner in zip(words, corners, strict=True)), *lines]
 
 
 def taken_pixels(frame: Frame, stage: Stage) -> Array:
@@ -162,28 +266,125 @@ def taken_pixels(frame: Frame, stage: Stage) -> Array:
     return np.concatenate([stage.camera.pixels(frame.thread.points), along_arrows(holes, tips)])
 
 
-def _add_words(plotter: Any, frame: Frame, stage: Stage) -> None:
-    """Write the title, what the arrows are, and how long a length is."""
+def _words(frame: Frame, stage: Stage) -> list[Any]:
+    """Return the title, what the arrows are, and how long a length is."""
     height = SIZE[1]
-    plotter.add_text(caption(frame, stage.title), position=(24.0, height - 48.0), font_size=TITLE, color="black")
-    plotter.add_text(legend(stage.scale), position=(24.0, height - 84.0), font_size=SMALL, color="black")
     length, words = scale_bar(stage.camera.scale, 240.0)
     left, right, low = 200.0, 200.0 + stage.camera.scale * length, 60.0
     places = [[left, low + 8], [left, low - 8], [left, low], [right, low], [right, low + 8], [right, low - 8]]
-    _add_lines(plotter, np.array(places), 3.0)
-    plotter.add_text(words, position=(left, low + 14.0), font_size=SMALL, color="black")
+    return [
+        _text(caption(frame, stage.title), (24.0, height - 48.0), TITLE),
+        _text(legend(stage.scale), (24.0, height - 84.0), SMALL),
+        _pixel_line(np.array(places), 3.0),
+        _text(words, (left, low + 14.0), SMALL),
+    ]
 
 
-def _add_lines(plotter: Any, places: Array, width: float) -> None:
-    """Add a line through pixels `(n, 2)`."""
-    from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D
+def _coloured(source: Any, table: Any, ambient: float) -> Any:
+    """Return what a source makes, coloured by its values."""
+    actor, mapper = _actor(source)
+    mapper.SetLookupTable(table)
+    mapper.UseLookupTableScalarRangeOn()
+    mapper.InterpolateScalarsBeforeMappingOn()
+    actor.GetProperty().SetInterpolationToPhong()
+    actor.GetProperty().SetAmbient(ambient)
+    actor.GetProperty().SetDiffuse(0.65)
+    return actor
 
-    mapper, actor = vtkPolyDataMapper2D(), vtkActor2D()
-    mapper.SetInputData(pv.lines_from_points(np.column_stack([places, np.zeros(len(places))])))
+
+def _plain(source: Any, colour: str, line_width: float = 1.0) -> Any:
+    """Return what a source makes in one colour."""
+    actor, mapper = _actor(source)
+    mapper.ScalarVisibilityOff()
+    actor.GetProperty().SetColor(*rgb(colour))
+    actor.GetProperty().SetLineWidth(line_width)
+    return actor
+
+
+def _actor(source: Any) -> tuple[Any, Any]:
+    actor, mapper = vtkActor(), vtkPolyDataMapper()
+    mapper.SetInputConnection(source.GetOutputPort())
     actor.SetMapper(mapper)
-    actor.GetProperty().SetColor(0.0, 0.0, 0.0)
+    return actor, mapper
+
+
+def _bar(table: Any, title: str, left: float) -> Any:
+    """Return a bar of colours under its title, from a share of the picture's width on."""
+    bar = vtkScalarBarActor()
+    bar.SetLookupTable(table)
+    bar.SetMaximumNumberOfColors(table.GetNumberOfTableValues())
+    bar.SetOrientationToHorizontal()
+    bar.SetPosition(left, 0.04)
+    bar.SetWidth(0.29)
+    bar.SetHeight(0.125)
+    bar.SetNumberOfLabels(INTERVALS + 1)
+    bar.SetLabelFormat("%.3g")
+    bar.SetTitle(f"{title}\n")
+    bar.UnconstrainedFontSizeOn()
+    _write_in_black(bar.GetTitleTextProperty(), BAR_TITLE)
+    _write_in_black(bar.GetLabelTextProperty(), BAR_LABEL)
+    return bar
+
+
+def _text(words: str, corner: Iterable[float], size: int) -> Any:
+    """Return words whose lower left corner is in a pixel."""
+    text = vtkTextActor()
+    text.SetInput(words)
+    text.SetPosition(*corner)
+    _write_in_black(text.GetTextProperty(), size)
+    return text
+
+
+def _write_in_black(letters: Any, size: int) -> None:
+    letters.SetFontFamilyToArial()
+    letters.SetFontSize(size)
+    letters.SetColor(*BLACK)
+    letters.SetBold(False)
+    letters.SetItalic(False)
+    letters.SetShadow(False)
+
+
+def _pixel_line(places: Array, width: float) -> Any:
+    """Return a line through pixels `(n, 2)`."""
+    mapper, actor = vtkPolyDataMapper2D(), vtkActor2D()
+    mapper.SetInputData(_line(np.column_stack([places, np.zeros(len(places))])))
+    actor.SetMapper(mapper)
+    actor.GetProperty().SetColor(*BLACK)
     actor.GetProperty().SetLineWidth(width)
-    plotter.add_actor(actor)
+    return actor
+
+
+def _line(points: Array) -> Any:
+    """Return a line through points `(n, 3)`."""
+    line = vtkPolyData()
+    line.SetPoints(_points(points))
+    line.SetLines(_cells(np.arange(len(points))[None]))
+    return line
+
+
+def _points(places: Array) -> Any:
+    points = vtkPoints()
+    points.SetData(_array(places))
+    return points
+
+
+def _cells(corners: Indices) -> Any:
+    cells = vtkCellArray()
+    cells.SetData(corners.shape[1], numpy_to_vtkIdTypeArray(corners.ravel().astype(np.int64), deep=True))
+    return cells
+
+
+def _array(values: Array) -> Any:
+    return numpy_to_vtk(np.ascontiguousarray(values, dtype=np.float64), deep=True)
+
+
+def _table(shades: Array, ends: Sequence[float]) -> Any:
+    """Return the table of colours `(n, 3)` from a value to another."""
+    table, opaque = vtkLookupTable(), np.ones(len(shades))
+    whole = np.rint(255.0 * np.column_stack([shades, opaque])).astype(np.uint8)
+    table.SetTable(numpy_to_vtk(whole, deep=True))
+    table.SetRange(*ends)
+    return table
 
 
 if __name__ == "__main__":

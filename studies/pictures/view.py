@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 from numpy.typing import NDArray
 
 from studies.arrays import Array
@@ -170,15 +169,25 @@ def caption(frame: Frame, title: str) -> str:
     return f"{title}, {time}" if title else time
 
 
-def colours() -> LinearSegmentedColormap:
-    """Return the colours of the stress, from none to the highest."""
-    return LinearSegmentedColormap.from_list("tissue", TISSUE)
+def rgb(colour: str) -> Array:
+    """Return red, green and blue of a colour that is written `#rrggbb`, shape `(3,)`, each up to one."""
+    return np.frombuffer(bytes.fromhex(colour[1:]), np.uint8) / 255.0
 
 
-def tension_colours(scale: Scale) -> ListedColormap:
-    """Return the colours of the thread's tension, from the lowest to the highest: compression, below none, has its own,
-    as strong as a tension of that size."""
+def blend(names: Sequence[str], shares: Array) -> Array:
+    """Return the colours at `shares` (n,) of the way from the first of some colours to the last, shape `(n, 3)`."""
+    places = np.linspace(0.0, 1.0, len(names))
+    return np.stack([np.interp(shares, places, part) for part in np.array([rgb(name) for name in names]).T], axis=1)
+
+
+def colours() -> Array:
+    """Return the colours of the stress, from none to the highest, shape `(SHADES, 3)`."""
+    return blend(TISSUE, np.linspace(0.0, 1.0, SHADES))
+
+
+def tension_colours(scale: Scale) -> Array:
+    """Return the colours of the thread's tension, from the lowest to the highest, shape `(SHADES, 3)`: compression,
+    below none, has its own, as strong as a tension of that size."""
     low, high = scale.tension
     values = np.linspace(low, high, SHADES) / max(-low, high)
-    pull, push = (LinearSegmentedColormap.from_list("", names) for names in (TENSION, PRESSURE))
-    return ListedColormap(np.where(values[:, None] < 0.0, push(-values), pull(values)), "tension")
+    return np.where(values[:, None] < 0.0, blend(PRESSURE, -values), blend(TENSION, values))

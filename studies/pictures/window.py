@@ -7,7 +7,7 @@ import pyvista as pv
 
 from studies.output.reading import FrameFiles, read_run, snapshot_of, topology_of
 from studies.pictures.scene import Frame, frame_of
-from studies.pictures.space import add_scene, stage_of
+from studies.pictures.space import place_camera, props_of, stage_of
 from studies.pictures.view import SIZE
 
 
@@ -22,18 +22,24 @@ def show(folder: str) -> None:
     last = read(run.frames[-1])
     stage = stage_of([read(run.frames[0]), last], topology, run.title)
     plotter: Any = pv.Plotter(window_size=list(SIZE), title=f"suture view {run.name}")
-    add_scene(plotter, last, stage)
+    plotter.set_background("white")
+    plotter.add_axes(color="black", line_width=3, viewport=(0.0, 0.0, 0.12, 0.18))
+    shown: list[Any] = []
 
     def choose(number: float) -> None:
-        camera = plotter.camera.copy()
-        plotter.clear_actors()
-        add_scene(plotter, read(run.frames[round(number)]), stage)
-        plotter.camera = camera
+        """Show a frame in place of the one before."""
+        while shown:
+            plotter.renderer.RemoveViewProp(shown.pop())
+        shown.extend(props_of(read(run.frames[round(number)]), stage))
+        for prop in shown:
+            plotter.renderer.AddViewProp(prop)
 
     plotter.add_slider_widget(
         choose, [0, len(run.frames) - 1], value=len(run.frames) - 1, title="frame", fmt="%.0f", color="black",
         pointa=(0.62, 0.93), pointb=(0.95, 0.93),
     )  # fmt: skip
+    place_camera(plotter.renderer, stage.camera)
+    plotter.renderer.camera_set = True  # else it is placed anew
     plotter.show()
 
 

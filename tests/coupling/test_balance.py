@@ -7,6 +7,7 @@ import pytest
 from scipy.interpolate import BSpline
 
 from coupling.audit import initial_energies
+from coupling.constraints import tangent
 from coupling.observation import largest_gap, observe
 from coupling.stepping import Step
 from coupling.system import Friction, Piercing, State, System
@@ -119,8 +120,8 @@ def trapezium(force: Array, way: Array) -> float:
 @pytest.mark.parametrize("rough", [None, Friction(0.1, 0.1, 2e-3, channel=4e-3)], ids=["ideal", "rough"])
 def test_the_hands_work_is_stored_or_rubbed_away(rough: Friction | None) -> None:
     """Independent check (the force is the slope of the energy): the hand's work, by differences of its place and the
-    force recorded there, is what thread and organ store, and F₀ + μN times the length drawn where the holes are rough.
-    The difference is that of the trapezoidal rule: it falls with the square of the step."""
+    force recorded there, is what thread and organ store, and F₀ + μN times the stretched length drawn where the holes
+    are rough. The difference is that of the trapezoidal rule: it falls with the square of the step."""
     open_ = []
     for parts in (6, 12):
         system, states = drawn_slowly(rough, parts)
@@ -129,7 +130,8 @@ def test_the_hands_work_is_stored_or_rubbed_away(rough: Friction | None) -> None
         seen = [observe(system, states[0], state) for state in states]
         law = rough or Friction()
         friction = np.array([[law.grip + law.kinetic * hole.normal_force for hole in at] for at in seen])
-        rubbed = trapezium(friction, np.array([[hole.slip for hole in at] for at in seen]))
+        stretched = np.array([tangent(system.passage_of(state), state.lam, state.y)[0] for state in states])
+        rubbed = trapezium(friction * stretched, np.array([[hole.slip for hole in at] for at in seen]))
         assert all(hole.state == "slip" for at in seen for hole in at)
         open_.append(abs(work - (stored[1] - stored[0]) - rubbed) / work)
     assert (rubbed > 0.05 * work) == (rough is not None)

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgba
+from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
+from studies.arrays import Array
 from studies.output.fields import OrganTopology
 from studies.pictures import picture as chooser
 from studies.pictures.picture import draw_picture, draw_scene
@@ -33,7 +34,7 @@ def test_a_picture_comes_out_and_says_how(tmp_path: Path) -> None:
     drawn = draw_picture(frame(0.1), LINEAR, tmp_path / "picture.png", "title")
     assert is_drawn(tmp_path / "picture.png")
     assert not drawn.failure
-    assert "3-D picture (pyvista)" in drawn.line or "apt-get install" in drawn.line
+    assert "3-D picture (VTK)" in drawn.line or "apt-get install" in drawn.line
 
 
 def test_a_child_that_dies_leaves_the_section_and_its_last_words(tmp_path: Path) -> None:
@@ -106,18 +107,23 @@ def test_a_cut_through_two_and_two_nodes_is_a_quadrangle() -> None:
     assert abs(doubled.sum()) / 2 == pytest.approx(0.5, rel=1e-12)
 
 
+def at(bar: Array, share: float) -> Array:
+    """The colour at a share of a bar's length."""
+    return np.asarray(bar[round(share * (len(bar) - 1))])
+
+
 def test_a_thread_that_is_pressed_has_other_colours_than_one_that_is_pulled() -> None:
     """Independent check: from none, which is where it is on the bar, the colours go two ways, each as strong as its
     tension over the largest; without compression they begin at none."""
     reaching = partial(replace, scale_of([frame(0.0)]))
     taut, both = tension_colours(reaching(tension=(0.0, 0.8))), tension_colours(reaching(tension=(-0.2, 0.8)))
-    rest, most = np.array(to_rgba(TENSION[0])), np.array(to_rgba(TENSION[-1]))
+    rest, most = np.array(to_rgb(TENSION[0])), np.array(to_rgb(TENSION[-1]))
     for bar, none in ((taut, 0.0), (both, 0.2)):
-        assert np.abs(np.array(bar(none)) - rest).max() < SHADE
-        assert np.abs(np.array(bar(1.0)) - most).max() < SHADE
-    pressed, pulled = np.array(both(0.0)), np.array(both(0.4))  # by a quarter of the largest, each its way
+        assert np.abs(at(bar, none) - rest).max() < SHADE
+        assert np.abs(at(bar, 1.0) - most).max() < SHADE
+    pressed, pulled = at(both, 0.0), at(both, 0.4)  # by a quarter of the largest, each its way
     assert pressed[1] > pressed[2] and pulled[1] < pulled[2]  # green and blue
-    assert np.abs(np.array(taut(0.25)) - pulled).max() < SHADE
+    assert np.abs(at(taut, 0.25) - pulled).max() < SHADE
     assert tension_words(frame(0.0)).endswith(f"at most {frame(0.0).thread.tension.max():.3g}")
     pushed = replace(frame(0.0), thread=replace(frame(0.0).thread, tension=-frame(0.0).thread.tension - 0.1))
     assert tension_words(pushed).endswith(f"{pushed.thread.tension.min():.3g} to {pushed.thread.tension.max():.3g}")

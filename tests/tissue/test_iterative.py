@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
+from scipy.sparse import bsr_matrix, csr_matrix
 from skfem import MeshTet
 
 import tissue
@@ -11,10 +11,11 @@ from coupling.integrators import Equilibrium
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tissue.organs.meshed import compliance
 from tissue.solvers import iterative
-from tissue.solvers.multigrid import multigrid, rigid_motions
+from tissue.solvers.multigrid import Blocks, multigrid, rigid_motions
 
 Array = NDArray[np.float64]
 DT = 1.0e-3
+SINGLE = 1e-6  # of the size of a sum: a dozen roundings of 6e-8
 HOLES = [tissue.Site((x, 0.02, 0.02), 3.0e-3, direction="normal") for x in (0.025, 0.035)]
 GROWTH = 1.5  # of the iterations while h falls to a quarter: without multigrid they grow like 1/h, fourfold
 
@@ -81,6 +82,20 @@ def test_the_cycle_is_symmetric_and_positive() -> None:
     assert x @ cycle(x) > 0.0
     together = cycle(np.column_stack([x, y]))
     assert np.abs(together[:, 1] - cycle(y)).max() <= 1e-5 * np.abs(together).max()
+
+
+@pytest.mark.parametrize("columns", [1, 2, 9])
+def test_a_product_in_blocks_is_that_of_the_matrix(columns: int) -> None:
+    """Consistency check: of a matrix that is not square, with rows of blocks that are empty, to single precision."""
+    rng = np.random.default_rng(6)
+    pattern = rng.random((7, 5)) < 0.4
+    pattern[2] = False
+    whole = np.kron(pattern, np.ones((3, 3)))
+    A = (whole * rng.standard_normal(whole.shape)).astype(np.float32)
+    x = rng.standard_normal((A.shape[1], columns)).astype(np.float32)
+    got, size = Blocks(bsr_matrix(A, blocksize=(3, 3))) @ x, np.abs(A) @ np.abs(x)
+    assert not whole.any(axis=1).all()
+    assert np.all(np.abs(got - A @ x) <= SINGLE * size)
 
 
 def test_rigid_motions_take_no_force() -> None:

@@ -6,9 +6,12 @@ each. Sums are in double precision and in the order of the rows.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tissue.arrays import Array, Single
 from tissue.loops import compiled
+
+Numbers = NDArray[np.int32]
 
 
 @compiled
@@ -53,6 +56,40 @@ def advance(step: Array, p: Array, q: Array, x: Array, r: Array) -> tuple[Array,
             rr[k] += r[i, k] * r[i, k]
             xx[k] += x[i, k] * x[i, k]
     return rr, xx
+
+
+@compiled
+def product(first: Numbers, at: Numbers, blocks: Single, x: Single, out: Single) -> None:
+    """Write A x into `out`, `(m, k)`, with A in blocks of 3 × 3: of a row of them from its `first` on, where they stand
+    `at` `(b,)` and what is in them, `blocks` `(b, 3, 3)`; sums in the order of the columns."""
+    for i in range(first.size - 1):
+        y0, y1, y2 = out[3 * i], out[3 * i + 1], out[3 * i + 2]
+        for k in range(x.shape[1]):
+            y0[k] = y1[k] = y2[k] = 0.0
+        for j in range(first[i], first[i + 1]):
+            a, c = blocks[j], 3 * at[j]
+            a00, a01, a02 = a[0, 0], a[0, 1], a[0, 2]  # read here: the compiler cannot tell that `out` is none of them
+            a10, a11, a12 = a[1, 0], a[1, 1], a[1, 2]
+            a20, a21, a22 = a[2, 0], a[2, 1], a[2, 2]
+            for k in range(x.shape[1]):
+                u, v, w = x[c, k], x[c + 1, k], x[c + 2, k]
+                y0[k] = ((y0[k] + a00 * u) + a01 * v) + a02 * w
+                y1[k] = ((y1[k] + a10 * u) + a11 * v) + a12 * w
+                y2[k] = ((y2[k] + a20 * u) + a21 * v) + a22 * w
+
+
+@compiled
+def product_of_one(first: Numbers, at: Numbers, blocks: Single, x: Single, out: Single) -> None:
+    """Write `product` for a single column `(n, 1)`, whose sums need no memory."""
+    for i in range(first.size - 1):
+        y0 = y1 = y2 = np.float32(0.0)
+        for j in range(first[i], first[i + 1]):
+            a, c = blocks[j], 3 * at[j]
+            u, v, w = x[c, 0], x[c + 1, 0], x[c + 2, 0]
+            y0 = ((y0 + a[0, 0] * u) + a[0, 1] * v) + a[0, 2] * w
+            y1 = ((y1 + a[1, 0] * u) + a[1, 1] * v) + a[1, 2] * w
+            y2 = ((y2 + a[2, 0] * u) + a[2, 1] * v) + a[2, 2] * w
+        out[3 * i, 0], out[3 * i + 1, 0], out[3 * i + 2, 0] = y0, y1, y2
 
 
 @compiled
