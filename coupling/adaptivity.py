@@ -19,7 +19,7 @@ from coupling.events import Event
 from coupling.interfaces import Body
 from coupling.recent import Recent
 from coupling.system import State, System
-from coupling.tension import REST, layers_at, strand_tensions
+from coupling.tension import layers_at, lengths_bent_over
 from thread.knots import Tree, spans_at_holes, spans_by_curvature
 from thread.refit import Refit, refit
 from thread.spline import Spline
@@ -122,12 +122,8 @@ def spans_near_holes(thread: Thread, s: Array) -> Array:
 
 
 def bending_layers(system: System[Body], state: State[Body]) -> Array:
-    """Return √(EI/T) of every hold, at most the thread's length, shape `(m,)` [m]. T is the larger of the mean axial
-    forces in the parts of the thread before and after the hole: at the hole itself the axial force is not that of the
-    pull."""
-    thread = system.thread
-    pull = np.maximum(strand_tensions(system, state.s, state.N, state.present).max(axis=1), REST * thread.EA)
-    return np.asarray(np.minimum(np.sqrt(thread.EI / pull), thread.spline.end - thread.spline.start))
+    """Return √(EI/T) of every hold, at most the thread's length, shape `(m,)` [m]: `coupling.tension`."""
+    return lengths_bent_over(system, state.s, state.N, state.present)
 
 
 def span_ratio(system: System[Body], state: State[Body]) -> float:

@@ -88,6 +88,7 @@ class Problem(Generic[Body]):
     exact row operation); `frame`, that of the start of the step, of a thread with twist; `layers` (m,) [m], √(EI/T)
     that the thread bends over at its holes, None without tension; `closed` (k,), the pairs of lips that are held
     closed, whatever their force, and how they are `rubbing`; `gaps` (t, 3) [m], between the strands of every tie;
+    `by_turns`: a correction turns no tangent by more than LARGEST_TURN (`coupling.continuation.solve_held`);
     `along` makes a correction where the loads are unknown too, and returns the problem under others with it, None
     where they are given (`coupling.branch`).
     """
@@ -107,6 +108,7 @@ class Problem(Generic[Body]):
     closed: Flags = field(default_factory=lambda: NO_PAIRS)
     rubbing: Rubbing = field(default_factory=Rubbing)
     gaps: Array = field(default_factory=lambda: NO_GAPS)
+    by_turns: bool = False
     along: "Callable[[Problem[Body], Iterate, Residual], tuple[Problem[Body], Iterate]] | None" = None
 
     @cached_property
@@ -118,6 +120,11 @@ class Problem(Generic[Body]):
     def tied(self) -> bool:
         """Whether a thread in rough holes is at rest and tied to where it is (`coupling.equilibrium.relax_ties`)."""
         return self.stiffen and self.mass_factor > 0.0 and bool(self.system.rough.any())
+
+    @property
+    def largest_turn(self) -> float:
+        """The most that a correction turns a tangent [rad], infinite where nothing bounds it."""
+        return LARGEST_TURN if self.tied or self.by_turns else np.inf
 
     @property
     def floats(self) -> bool:
@@ -344,16 +351,16 @@ def add_constraint_stiffness(
 
 def allowed_share(problem: Problem[Body], dq: Array) -> float:
     """Return the part of a correction that is applied: all of it, or what moves no control point further than
-    LONGEST_MOVE, of a thread that floats beside the mean of all, and, of a thread that is tied at rest, turns no
-    tangent by more than LARGEST_TURN."""
+    LONGEST_MOVE, of a thread that floats beside the mean of all, and turns no tangent by more than
+    `Problem.largest_turn`."""
     thread = problem.system.thread
     away = dq - dq.mean(axis=0) if problem.floats else dq
     spline, longest = thread.spline, float(np.abs(away * thread.lever).max())
     share = min(1.0, LONGEST_MOVE * (spline.end - spline.start) / max(longest, np.finfo(float).tiny))
-    if not problem.tied:
+    if problem.largest_turn == np.inf:
         return share
     turn = np.linalg.norm(np.diff(dq[:, :3], axis=0), axis=1) / spline.spacing
-    return min(share, LARGEST_TURN / max(float(turn.max()), np.finfo(float).tiny))
+    return min(share, problem.largest_turn / max(float(turn.max()), np.finfo(float).tiny))
 
 
 def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:

@@ -172,7 +172,7 @@ def bounds_of(problem: Problem, spans: float, patience: int) -> Bounds:
         newton.GAP_TOLERANCE * thread.section.diameter,
         newton.DIRECTION_TOLERANCE,
         newton.LONGEST_MOVE * (spline.end - spline.start),
-        newton.LARGEST_TURN if problem.tied else np.inf,
+        problem.largest_turn,
         newton.MARGIN,
         patience * newton.MAX_ITERATIONS,
         newton.MAX_SETS,

@@ -22,6 +22,15 @@ def strand_tensions(system: System[Body], s: Array, N: Array, present: Flags) ->
     return np.stack([mean[np.minimum(at + side, parts - 1)] for side in (0, 1)], axis=1)
 
 
+def lengths_bent_over(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
+    """Return √(EI/T) of every hold, at most the thread's length, shape `(m,)` [m]. T is the larger of the mean axial
+    forces in the parts of the thread before and after the hole: at the hole itself the axial force is not that of the
+    pull."""
+    thread = system.thread
+    pull = np.maximum(strand_tensions(system, s, N, present).max(axis=1), REST * thread.EA)
+    return np.asarray(np.minimum(np.sqrt(thread.EI / pull), thread.spline.end - thread.spline.start))
+
+
 def strands(system: System[Body], s: Array, present: Flags) -> tuple[Array, Indices]:
     """Return the abscissae that part the thread, of its holds at `s` (m,) and its cuts, rising, `(k,)` [m], and the
     number of the part that each point is in at which the axial force is known, of the shape of that."""
