@@ -230,6 +230,16 @@ def test_where_an_organ_is_solved_in_its_space(case: str) -> None:
     assert type(prepared(*keys).assembly.organ) is kind
 
 
+def test_the_memory_of_a_machine_does_not_choose(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: where there is no memory for the space, a scenario whose organ is solved there on another
+    machine is refused, with the key that solves it whole: it would neither have the same numbers nor go on from a
+    checkpoint."""
+    monkeypatch.setattr("tissue.organs.reduced.free_memory", lambda: 1e5)
+    with pytest.raises(tissue.TissueError, match=r'GB can be had; set solve\.organ = "whole"'):
+        prepared(*FINE)
+    assert isinstance(prepared(*FINE, WHOLE).assembly.organ, tissue.DynamicOrgan)
+
+
 def test_an_organ_is_shared_by_what_is_solved_alike() -> None:
     """Consistency check: cases that differ in duration share organ and space, one that is staggered does not."""
     store = Shared()

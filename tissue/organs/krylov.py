@@ -33,7 +33,7 @@ from tissue.organs.basis import MASSLESS, Orthonormal
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.meshed import LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.modal import Modes, OrganOfModes
-from tissue.organs.reduced import check_reducible
+from tissue.organs.reduced import check_held, check_memory
 
 log = logging.getLogger(__name__)
 
@@ -156,7 +156,8 @@ class KrylovOrgan(OrganOfModes):
     """
 
     def __post_init__(self) -> None:
-        check_reducible(self.full, MOST, 0)
+        check_held(self.full)
+        check_memory(self.full, MOST, 0, 'set solve.organ = "whole"')
 
     @cached_property
     def space(self) -> Space:
@@ -337,9 +338,10 @@ class KrylovOrgan(OrganOfModes):
 
 
 def has_space(organ: DynamicOrgan) -> bool:
-    """Tell whether an organ has a Krylov space, and there is memory for it."""
+    """Tell whether an organ has a Krylov space; not whether there is memory for it: the same scenario is solved in the
+    same way on every machine, and goes on there from a checkpoint of another."""
     try:
-        check_reducible(organ, MOST, 0)
+        check_held(organ)
     except TissueError:
         return False
     return True
