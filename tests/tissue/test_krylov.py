@@ -157,6 +157,21 @@ def test_a_state_in_a_wider_space_and_whole_is_the_same() -> None:
     assert np.abs(energies[0] - energies[1]).max() <= RESIDUAL * scale
 
 
+@BOTH
+def test_a_space_as_large_as_its_organ_is_the_organ(scheme: type[Scheme], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: where the blocks come to hold all unknowns of a coarse organ, it is solved whole; a state in
+    as many vectors would be read as fields."""
+    full = organ_of(9e-3)
+    for name, value in (("ACCURACY", 1e-20), ("ROUNDED", 0.0), ("MOST", 1000)):  # widened until nothing is left
+        monkeypatch.setattr(krylov, name, value)
+    organ = tissue.KrylovOrgan(full)
+    one, other = (states(each, scheme, 30, lambda t: shock(50.0 * t), 0.02 * SLOW) for each in (full, organ))
+    assert organ.vectors(other[0]) > 0 and organ.vectors(other[-1]) == 0
+    way = max(np.abs(full.site_variables(U) - full.y0).max() for U in one)
+    for U, eta in zip(one, other, strict=True):
+        assert np.abs(full.site_variables(U) - organ.site_variables(eta)).max() <= RESIDUAL * way
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_how_far_compliances_fall_short_is_bounded(kind: str) -> None:
     """Theory: Galerkin's compliances never exceed those of all unknowns, and fall short by no more than the square of

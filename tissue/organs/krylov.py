@@ -223,6 +223,8 @@ class KrylovOrgan(OrganOfModes):
                 log.info("organ: %d vectors miss %.1g times what they may: solved whole", level.modes.size, left)
                 return None
             before, level = left, self.space.level(level.blocks + 1)
+            if level.modes.size == self.full.size:  # the whole organ, by whose size a state is known
+                return None
             answer = answer_of(level)
         return answer
 
