@@ -289,7 +289,7 @@ def _simulate(
     progress = Progress(simulation.steps, quiet)
     with _signals() as received:
         try:
-            with recorder, stages(quiet, TOLD_IN_STEPS):
+            with recorder, stages(quiet, TOLD_IN_STEPS, progress.begin_anew):
                 for step, frame in moments:
                     recorder.record(step, frame)
                     progress.update(step.step, step.time, step.newton_iterations, step.seconds)

@@ -2,7 +2,6 @@
 
 import io
 import json
-import logging
 import os
 import signal
 import subprocess
@@ -11,9 +10,11 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
+from coupling import course, tables
 from coupling.calls import ask_before_correction
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
@@ -173,11 +174,13 @@ def test_a_signal_within_a_long_step_ends_it_between_two_corrections(
     ask_before_correction()
 
 
-def test_what_the_first_step_waits_for_is_said(
-    contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("module", [tables, course])
+def test_what_a_step_waits_for_is_said(
+    module: ModuleType, contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Independent check: that a step is compiled is a line of the console, unless it is to be quiet."""
-    stub(lambda: logging.getLogger("coupling.tables").info("compiling the step"))
+    """Independent check: that loops are compiled, of a step or of steps at once, is a line of the console, unless it is
+    to be quiet."""
+    stub(lambda: module.log.info("compiling the step"))
     run = ["run", contract, "--no-picture", "--out"]
     assert command.main([*run, str(tmp_path / "told")]) == 0
     assert "compiling the step" in capsys.readouterr().err

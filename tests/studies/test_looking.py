@@ -14,6 +14,7 @@ import pytest
 import pyvista as pv
 from PIL import Image
 
+from coupling.tables import OVER
 from studies.command.command import main
 from studies.command.progress import TERMINAL, Progress, Stages, stages
 from studies.output.columns import CONTACTS, LOADS
@@ -282,6 +283,20 @@ def test_the_first_step_tells_what_is_left_by_its_own_time() -> None:
     plain = io.StringIO()
     Progress(10, stream=plain).update(1, 1e-3, 4, 2.0)
     assert "18 s left" in plain.getvalue()
+
+
+def test_what_is_waited_for_between_two_steps_is_no_measure_of_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: steps of 1 s, and 40 s of compiling before the third: six more take 6 s."""
+    now, plain = 0.0, io.StringIO()
+    monkeypatch.setattr("studies.command.progress.monotonic", lambda: now)
+    bar = Progress(10, stream=plain)
+    with stages(told=("coupling.course",), waited=bar.begin_anew):
+        for number, at in ((1, 1.0), (2, 2.0), (3, 43.0), (4, 44.0)):
+            now = at
+            if number == 3:
+                logging.getLogger("coupling.course").info("compiled", extra=OVER)
+            bar.update(number, 1e-3 * number, 4, 1.0)
+    assert plain.getvalue().splitlines()[-1].endswith(", 6 s left")
 
 
 def test_a_line_of_progress_fits_a_narrow_terminal() -> None:
