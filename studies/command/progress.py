@@ -36,7 +36,7 @@ class Progress:
         if step <= 1 or self._first_step is None:
             self._first = monotonic()  # the first step prepares what the others use: no measure of their pace
             self._first_step = max(step, 1)
-        if self._quiet or step == 0 or not self._is_due(step):
+        if self._quiet or seconds == 0.0 or not self._is_due(step):  # 0: where the run starts, or goes on
             return
         self._drawn = monotonic()
         try:

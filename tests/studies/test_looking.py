@@ -285,6 +285,16 @@ def test_the_first_step_tells_what_is_left_by_its_own_time() -> None:
     assert "18 s left" in plain.getvalue()
 
 
+def test_where_a_run_goes_on_is_not_told_as_a_step() -> None:
+    """Independent check: the step that was left is nothing done, and says nothing of what is left."""
+    plain = io.StringIO()
+    bar = Progress(10, stream=plain)
+    bar.update(4, 4e-3, 0, 0.0)
+    assert plain.getvalue() == ""
+    bar.update(5, 5e-3, 3, 2.0)
+    assert "step 5/10" in plain.getvalue()
+
+
 def test_what_is_waited_for_between_two_steps_is_no_measure_of_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: steps of 1 s, and 40 s of compiling before the third: six more take 6 s."""
     now, plain = 0.0, io.StringIO()
