@@ -26,7 +26,7 @@ from studies.command.lines import complain, print_lines
 from studies.command.parser import read
 from studies.command.progress import TOLD_IN_STEPS, Progress, StudyProgress, stages
 from studies.command.summary import MILLI, place_lines, print_summary, remark_lines
-from studies.output.budget import GIGA, frame_bytes, row_bytes
+from studies.output.budget import frame_bytes, row_bytes, size_text
 from studies.output.files import as_json
 from studies.output.folder import Recorder, check_folder
 from studies.output.lock import locked
@@ -133,7 +133,7 @@ def check(options: argparse.Namespace) -> int:
         print(as_json(told), end="")
         return strict_status(options.strict, remarks)
     counts = counts_of(simulation)
-    size = f"{counts['steps']} steps, about {counts['bytes'] / GIGA:.2g} GB of results"
+    size = f"{counts['steps']} steps, about {size_text(counts['bytes'])} of results"
     size_line = f"{options.file} can be run: {parts_of(simulation.scenario, counts)}, {size}"
     places = place_lines(simulation.scenario.piercing)
     print_lines([size_line, *places, *remark_lines(remarks), *([f"picture    {picture}"] if picture else [])])
@@ -146,7 +146,8 @@ def parts_of(scenario: Scenario, counts: Mapping[str, Any]) -> str:
     tracts = f"{counts['tracts']} tracts of {counts['balls']} balls in all" if counts["tracts"] else ""
     more = {"ties": counts["ties"], "pieces of thread": counts["pieces"] if counts["pieces"] > 1 else 0}
     few = [f"{number} {name}" for name, number in more.items() if number]
-    parts = [f"{counts['piercings']} piercings", tracts, *few, f"{counts['control_points']} control points", organ]
+    holes = "1 piercing" if counts["piercings"] == 1 else f"{counts['piercings']} piercings"
+    parts = [holes, tracts, *few, f"{counts['control_points']} control points", organ]
     return ", ".join(filter(None, parts))
 
 

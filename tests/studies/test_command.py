@@ -22,6 +22,7 @@ from studies.command import command, help
 from studies.command.lines import print_lines
 from studies.command.parser import TABLE
 from studies.command.progress import Progress, duration
+from studies.output.budget import size_text
 from studies.output.version import ROOT
 from studies.scenario import Scenario, load
 from tests.studies.samples import CONTRACT, Stub
@@ -334,3 +335,8 @@ def test_progress_on_a_terminal_redraws_one_line() -> None:
 
 def test_durations() -> None:
     assert [duration(value) for value in (3.4, 61, 7322)] == ["3 s", "1 min 01 s", "2 h 02 min"]
+
+
+def test_sizes() -> None:
+    told = [size_text(size) for size in (340.0, 92e3, 0.95e6, 16.6e6, 1.26e9, 123e9)]
+    assert told == ["0.34 kB", "92 kB", "950 kB", "17 MB", "1.3 GB", "123 GB"]

@@ -193,6 +193,9 @@ def test_columns_are_drawn_over_time(run: Path, tmp_path: Path, capsys: pytest.C
     target = tmp_path / "plot.png"
     assert main(["plot", str(run), "piercings.exit.slip", "energy.kinetic", "--out", str(target)]) == 0
     assert target.stat().st_size > 10_000
+    assert main(["plot", str(run), "tension"]) == 2
+    told = capsys.readouterr().err
+    assert "piercings.entry.tension_before" in told and "piercings.exit.tension_after" in told and "steps" not in told
     assert main(["plot", str(run), "piercings.exit.slipp"]) == 2
     told = capsys.readouterr().err
     assert "the nearest is piercings.exit.slip;" in told and "piercings.entry.force" in told and "energy." not in told
