@@ -14,7 +14,9 @@ TICK = 1.0  # s between two times of what is being done
 REFRESH = 0.1  # s between two drawings on a terminal
 TERMINAL = 79  # characters of a line that is written over
 TOLD = ("tissue", "coupling", "studies")  # packages that say what they begin
-TOLD_IN_STEPS = ("coupling.tables", "coupling.course")  # say that a step is compiled, and steps at once
+TOLD_IN_STEPS = (  # say that a rest is sought, that loops are compiled, that an organ is solved whole from now on
+    "coupling.run", "coupling.tables", "coupling.course", "tissue.organs.krylov",
+)  # fmt: skip
 TENTHS = 10  # plain lines when the output is not a terminal
 
 

@@ -14,7 +14,7 @@ from types import ModuleType
 
 import pytest
 
-from coupling import course, tables
+from coupling import course, run, tables
 from coupling.calls import ask_before_correction
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
@@ -26,6 +26,7 @@ from studies.output.budget import size_text
 from studies.output.version import ROOT
 from studies.scenario import Scenario, load
 from tests.studies.samples import CONTRACT, Stub
+from tissue.organs import krylov
 
 Prepare = Callable[..., None]
 
@@ -175,17 +176,17 @@ def test_a_signal_within_a_long_step_ends_it_between_two_corrections(
     ask_before_correction()
 
 
-@pytest.mark.parametrize("module", [tables, course])
+@pytest.mark.parametrize("module", [run, tables, course, krylov])
 def test_what_a_step_waits_for_is_said(
     module: ModuleType, contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Independent check: that loops are compiled, of a step or of steps at once, is a line of the console, unless it is
-    to be quiet."""
+    """Independent check: that a rest is sought, that loops are compiled, of a step or of steps at once, and that an
+    organ goes on whole, is a line of the console, unless it is to be quiet."""
     stub(lambda: module.log.info("compiling the step"))
-    run = ["run", contract, "--no-picture", "--out"]
-    assert command.main([*run, str(tmp_path / "told")]) == 0
+    asked = ["run", contract, "--no-picture", "--out"]
+    assert command.main([*asked, str(tmp_path / "told")]) == 0
     assert "compiling the step" in capsys.readouterr().err
-    assert command.main([*run, str(tmp_path / "quiet"), "--quiet"]) == 0
+    assert command.main([*asked, str(tmp_path / "quiet"), "--quiet"]) == 0
     assert capsys.readouterr().err == ""
 
 
