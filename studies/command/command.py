@@ -24,7 +24,7 @@ from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.command.lines import complain, print_lines
 from studies.command.parser import read
-from studies.command.progress import TOLD_IN_STEPS, Progress, StudyProgress, stages
+from studies.command.progress import TOLD_IN_STEPS, TOLD_OF_LOOPS, Progress, StudyProgress, stages
 from studies.command.summary import MILLI, place_lines, print_summary, remark_lines
 from studies.output.budget import frame_bytes, row_bytes, size_text
 from studies.output.files import as_json
@@ -247,7 +247,8 @@ def run_study(options: argparse.Namespace) -> int:
     progress = StudyProgress()
     try:
         workers = None if options.jobs == 1 else workers_of(options.jobs)
-        carry_out(options.name, options.preset, given, folder, progress.update, workers)
+        with stages(told=TOLD_OF_LOOPS):
+            carry_out(options.name, options.preset, given, folder, progress.update, workers)
     except (CouplingError, FactorError, WorkersError, OSError) as error:
         return _stopped(str(error), progress, folder, FAILED)
     except KeyboardInterrupt:

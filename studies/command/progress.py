@@ -14,9 +14,12 @@ TICK = 1.0  # s between two times of what is being done
 REFRESH = 0.1  # s between two drawings on a terminal
 TERMINAL = 79  # characters of a line that is written over
 TOLD = ("tissue", "coupling", "studies")  # packages that say what they begin
-TOLD_IN_STEPS = (  # say that a rest is sought, that loops are compiled, that an organ is solved whole from now on
-    "coupling.run", "coupling.tables", "coupling.course", "tissue.organs.krylov",
-)  # fmt: skip
+TOLD_OF_LOOPS = ("coupling.tables", "coupling.course")  # say that loops are compiled, of a step and of steps at once
+TOLD_IN_STEPS = (
+    "coupling.run",
+    *TOLD_OF_LOOPS,
+    "tissue.organs.krylov",
+)  # of a rest and of a whole organ too
 TENTHS = 10  # plain lines when the output is not a terminal
 
 
@@ -85,8 +88,8 @@ class Progress:
 
 class Stages(logging.Handler):
     """Tells what is being done before a step is done, elsewhere than on a terminal a line for each; there one line that
-    is written over, with how long that has taken so far, until a record that is `over` or the end. After such a record
-    `waited` is called, if given."""
+    is written over, with how long that has taken so far, until a record that is `over`, which stays, or the end. After
+    such a record `waited` is called, if given."""
 
     def __init__(
         self, stream: TextIO | None = None, every: float = TICK, waited: Callable[[], None] | None = None
@@ -108,8 +111,9 @@ class Stages(logging.Handler):
             return
         self._stop()
         self._told = text
-        self._write(f"\r\x1b[K{text[:TERMINAL]}" if self._is_terminal else f"{text}\n")
-        if self._is_terminal and not over:
+        stays = over or not self._is_terminal
+        self._write((f"\r\x1b[K{text[:TERMINAL]}" if self._is_terminal else text) + "\n" * stays)
+        if not stays:
             self._clock = Clock(self._every, partial(self._tell_time, text))
 
     def close(self) -> None:

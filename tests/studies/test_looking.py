@@ -259,7 +259,8 @@ def test_what_begins_is_told_once_and_taken_away_on_a_terminal() -> None:
 
 
 def test_on_a_terminal_one_sees_for_how_long_something_is_waited_for() -> None:
-    """Independent check: the line of what is being done goes on with its time, until a record says that it is over."""
+    """Independent check: the line of what is being done goes on with its time, until a record says that it is over,
+    whose line stays."""
     told = threading.Event()
 
     class Watched(Terminal):
@@ -268,7 +269,8 @@ def test_on_a_terminal_one_sees_for_how_long_something_is_waited_for() -> None:
                 told.set()
             return super().write(text)
 
-    handler = Stages(Watched(), every=1e-3)
+    watched = Watched()
+    handler = Stages(watched, every=1e-3)
     begins, ends = (
         logging.LogRecord("coupling", logging.INFO, "", 0, text, (), None) for text in ("compiling", "done")
     )
@@ -277,6 +279,7 @@ def test_on_a_terminal_one_sees_for_how_long_something_is_waited_for() -> None:
     assert told.wait(timeout=60.0)
     before = threading.active_count()
     handler.emit(ends)
+    assert watched.getvalue().endswith("\r\x1b[Kdone\n")
     assert threading.active_count() == before - 1
     handler.close()
 
