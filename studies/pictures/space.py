@@ -38,7 +38,6 @@ from studies.pictures.camera import Camera, along_arrows, camera_on, label_place
 from studies.pictures.scene import Frame
 from studies.pictures.view import (
     ARROW,
-    INTERVALS,
     KILO,
     LEFT,
     MARKER,
@@ -58,6 +57,7 @@ from studies.pictures.view import (
     surface,
     tension_colours,
     tension_words,
+    ticks,
 )
 
 BLANK = 2.0  # standard deviation of the pixels' values below which nothing has been drawn
@@ -69,6 +69,7 @@ SHARP = 50.0  # degrees by which two faces meet in an edge that is seen
 BLACK = (0.0, 0.0, 0.0)
 AXES = ("#ff6347", "#3cb371", "#0000ff")  # of x, y and z
 CORNER = (0.0, 0.0, 0.12, 0.18)  # of the picture, where they are: left, below, right, above
+BARS = (0.34, 0.04, 0.97, 0.165)  # the same of the bars of colours with their titles
 
 
 @dataclass(frozen=True)
@@ -261,9 +262,11 @@ def _names(frame: Frame, stage: Stage) -> list[Any]:
 
 
 def taken_pixels(frame: Frame, stage: Stage) -> Array:
-    """Return the pixels of thread, holes and arrows `(k, 2)`, which names are not to cover."""
+    """Return the pixels of thread, holes, arrows and bars of colours `(k, 2)`, which names are not to cover."""
     holes, tips = (stage.camera.pixels(places) for places in (places_of(frame), stage.scale.tips(frame)))
-    return np.concatenate([stage.camera.pixels(frame.thread.points), along_arrows(holes, tips)])
+    left, below, right, above = np.array(BARS) * (*SIZE, *SIZE)
+    bars = np.stack(np.meshgrid(np.arange(left, right, NAMES), np.arange(below, above, NAMES)), axis=-1).reshape(-1, 2)
+    return np.concatenate([stage.camera.pixels(frame.thread.points), along_arrows(holes, tips), bars])
 
 
 def _words(frame: Frame, stage: Stage) -> list[Any]:
@@ -314,10 +317,11 @@ def _bar(table: Any, title: str, left: float) -> Any:
     bar.SetLookupTable(table)
     bar.SetMaximumNumberOfColors(table.GetNumberOfTableValues())
     bar.SetOrientationToHorizontal()
-    bar.SetPosition(left, 0.04)
+    bar.SetPosition(left, BARS[1])
     bar.SetWidth(0.29)
-    bar.SetHeight(0.125)
-    bar.SetNumberOfLabels(INTERVALS + 1)
+    bar.SetHeight(BARS[3] - BARS[1])
+    bar.SetCustomLabels(_array(ticks(*table.GetRange())))
+    bar.UseCustomLabelsOn()
     bar.SetLabelFormat("%.3g")
     bar.SetTitle(f"{title}\n")
     bar.UnconstrainedFontSizeOn()

@@ -24,8 +24,8 @@ LEFT = "left"  # the state of a hole that the thread is not in
 UNFELT = 1e-9  # N: less than a millimetre of the thinnest suture weighs, and what round-off leaves of a slack thread
 REACH = 0.16  # of the longest arrow, of the diagonal of what is seen
 KILO, MILLI = 1e3, 1e-3
-INTERVALS = 3  # between the numbers at a bar of colours
-ROUND = np.array([1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0])  # of a decade, what such an interval may be
+TICKS = 4  # numbers at a bar of colours
+ROUND = np.array([1.0, 2.0, 5.0])  # of a decade, what may be between two of them
 
 
 def read_scene(path: str) -> Scene:
@@ -117,20 +117,20 @@ def forces_of(frame: Frame) -> Array:
 
 
 def limits(values: Array, least: float = 0.0) -> tuple[float, float]:
-    """Choose the range of the colours, between round numbers with zero in it; the highest and the lowest 0.5 %, at the
-    holes, are not to drown the rest and have the colours of its ends, and what is `least` or less is nothing."""
+    """Choose the range of the colours, zero in it; the highest and the lowest 0.5 %, at the holes, are not to drown the
+    rest and have the colours of its ends, and what is `least` or less is nothing."""
     low, high = (value if abs(value) > least else 0.0 for value in np.quantile(values, [0.005, 0.995]))
-    return between_ticks(min(0.0, float(low)), max(0.0, float(high)) or 1.0)
+    return min(0.0, float(low)), max(0.0, float(high)) or 1.0
 
 
-def between_ticks(low: float, high: float) -> tuple[float, float]:
-    """Return the narrowest range around `low` ≤ 0 ≤ `high` whose `INTERVALS` equal parts end at multiples of a round
-    number."""
-    decade = 10.0 ** np.floor(np.log10((high - low) / INTERVALS))
-    parts = decade * np.append(ROUND, 10.0 * ROUND)  # the last is more than all of the range
-    first = np.floor(low / parts)
-    k = int(np.argmax((first + INTERVALS) * parts >= high))
-    return float(first[k] * parts[k]), float((first[k] + INTERVALS) * parts[k])
+def ticks(low: float, high: float) -> Array:
+    """Return the multiples of a round number between `low` ≤ 0 ≤ `high` that stand at a bar of colours, at most
+    `TICKS`, zero among them."""
+    decade = 10.0 ** np.floor(np.log10((high - low) / TICKS))
+    parts = decade * np.append(ROUND, 10.0 * ROUND)
+    first, last = np.ceil(low / parts), np.floor(high / parts)
+    k = int(np.argmax(last - first < TICKS))
+    return np.asarray(parts[k] * np.arange(first[k], last[k] + 1.0) + 0.0)
 
 
 def stress_words(frame: Frame) -> str:

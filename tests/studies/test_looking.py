@@ -23,7 +23,7 @@ from studies.output.tables import CsvFile
 from studies.pictures import film_section, looking
 from studies.pictures.camera import CLEAR, camera_on, label_places, scale_bar
 from studies.pictures.plotting import columns_of, line_of
-from studies.pictures.view import aimed_at, between_ticks, force_text, legend, scale_of
+from studies.pictures.view import aimed_at, force_text, legend, scale_of
 from studies.report.charts import series_of
 from tests.studies.samples import LINEAR, frame, step
 from tests.studies.test_report import record_run
@@ -164,13 +164,8 @@ def test_what_round_off_leaves_of_a_slack_thread_is_not_drawn() -> None:
         piercings=tuple(replace(hole, force=1e-9 * hole.force) for hole in holes),
     )
     scale, none = scale_of([felt]), scale_of([slack])
-    assert scale.shows(1e-3) and scale.tension == between_ticks(0.0, 1e-3) and force_text(1e-3) == "1 mN"
-    assert (
-        not none.shows(1e-12)
-        and none.tension == between_ticks(0.0, 1.0)
-        and not legend(none)
-        and force_text(1e-12) == "0 mN"
-    )
+    assert scale.shows(1e-3) and scale.tension == (0.0, 1e-3) and force_text(1e-3) == "1 mN"
+    assert not none.shows(1e-12) and none.tension == (0.0, 1.0) and not legend(none) and force_text(1e-12) == "0 mN"
 
 
 def test_a_picture_of_a_time_is_that_of_the_nearest_frame(run: Path) -> None:

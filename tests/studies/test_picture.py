@@ -14,7 +14,7 @@ from studies.output.fields import OrganTopology
 from studies.pictures import picture as chooser
 from studies.pictures.picture import draw_picture, draw_scene
 from studies.pictures.section import cut, draw_section
-from studies.pictures.view import INTERVALS, TENSION, between_ticks, scale_of, surface, tension_colours, tension_words
+from studies.pictures.view import TENSION, TICKS, scale_of, surface, tension_colours, tension_words, ticks
 from tests.studies.samples import LINEAR, frame, quadratic
 
 SHADE = 0.02  # of a colour: two shades of 256
@@ -130,13 +130,13 @@ def test_a_thread_that_is_pressed_has_other_colours_than_one_that_is_pulled() ->
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.0, 34.1e3), (-0.0433, 0.181), (0.0, 1.0), (-2e-7, 3.1e-9), (-7.0, 0.0)])
-def test_colours_end_at_round_numbers_with_zero_among_them(low: float, high: float) -> None:
-    """Independent check: the range holds what it is for, is at most twice as wide beside the part that holds zero, and
-    each of its ticks is a multiple of the part between two, which has two digits."""
-    bottom, top = between_ticks(low, high)
-    part = (top - bottom) / INTERVALS
-    assert bottom <= low <= high <= top * (1.0 + 1e-12)
-    assert top - bottom <= 2.0 * (high - low) + part
-    for tick in (bottom, top):
-        assert tick / part == pytest.approx(round(tick / part), abs=1e-9)
-    assert float(f"{part:.2g}") == pytest.approx(part, rel=1e-12)
+def test_bars_have_round_numbers_with_zero_among_them(low: float, high: float) -> None:
+    """Independent check: two to four numbers of one digit times a power of ten, evenly, all within the range, with no
+    room for one more at either end, and a zero that is written so."""
+    found = ticks(low, high)
+    part = found[1] - found[0]
+    assert 2 <= len(found) <= TICKS
+    assert np.diff(found) == pytest.approx(part, rel=1e-12)
+    assert low <= found[0] < low + part and high - part < found[-1] <= high
+    assert float(f"{part:.1g}") == pytest.approx(part, rel=1e-12)
+    assert "0" in [f"{tick:.3g}" for tick in found]
