@@ -198,6 +198,9 @@ class Certified(Protocol):
         """Return the answer that holds for the whole organ under the forces `f_y` (9p,) of a solved step: itself, or
         that of a wider space or of the whole organ."""
 
+    def faithful(self) -> Answer[Any]:
+        """Return the answer that is the whole organ's under all forces, for a step without a solution: as for one."""
+
 
 @runtime_checkable
 class KnowsDirections(Protocol):

@@ -11,6 +11,7 @@ from coupling import newton
 from coupling.bordered import SINGULAR_HOLDS, SINGULAR_THREAD
 from coupling.calls import ask_before_correction
 from coupling.configuration import evaluate_thread
+from coupling.errors import StepError
 from coupling.interfaces import Body, Certified
 from coupling.newton import Iterate, Problem, Residual, Solution
 from coupling.system import System
@@ -25,8 +26,16 @@ def solve(problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: 
 
     No abscissa goes uphill, nor further than so many `spans` in a correction, where they are given; there may be
     `patience` times the corrections of a plain solve. What an organ answered in a space too narrow for the forces that
-    are found is solved again with the answer that holds under them."""
-    solution = solve_once(problem, start, spans, patience)
+    are found is solved again with the answer that holds under them, from the same start: a step may have several
+    solutions, and what another organ came to may lead to another one. Where no solution is found, nor is one with the
+    answer that holds under all forces."""
+    try:
+        solution = solve_once(problem, start, spans, patience)
+    except StepError:
+        faithful = problem.answer.faithful() if isinstance(problem.answer, Certified) else problem.answer
+        if faithful is problem.answer:
+            raise
+        return solve(replace(problem, answer=faithful), start, spans, patience)
     answer = solution.problem.answer
     if not isinstance(answer, Certified):
         return solution
@@ -34,7 +43,7 @@ def solve(problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: 
     certified = answer.certified(solution.residual.f_y[:sites].ravel())
     if certified is answer:
         return solution
-    again = solve(replace(solution.problem, answer=certified), solution.iterate, spans, patience)
+    again = solve(replace(problem, answer=certified), start, spans, patience)
     return replace(again, iterations=solution.iterations + again.iterations)
 
 

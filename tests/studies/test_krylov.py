@@ -1,5 +1,6 @@
 """A scenario whose organ is solved in its Krylov space: the whole organ's numbers, what is said, and where it is so."""
 
+import tomllib
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,7 +10,7 @@ import tissue
 from coupling import solver
 from studies.output.records import StepRecord
 from studies.output.tally import Tally
-from studies.scenario import ScenarioError, load
+from studies.scenario import ScenarioError, load, parse
 from studies.simulation import prepare
 from studies.simulation.sharing import Shared
 from studies.simulation.simulation import Simulation
@@ -100,6 +101,83 @@ def test_a_run_goes_on_from_a_checkpoint_to_the_same_bits(scene: str, at: int, v
         assert np.array_equal(value, whole[-1].memory[name]), name
 
 
+# Stiff thread through four holes close together, that both ends pull at from the first moment.
+SUDDEN = """
+[tissue]
+youngs_modulus = 316994
+poisson_ratio = 0.3
+density = 1070.0
+clamp = ["left", "right"]
+mesh = { kind = "block", generator = "structured", size = [0.0438592, 0.022, 0.014], h = 5e-3, h_site = 0.00194 }
+[thread]
+suture = "6-0 polyester"
+control_points = 61
+damping = 50
+resolution = "adaptive"
+path = [
+    [-0.0206497, -0.000273262, 0.0140711], [-0.0152782, -0.000273262, 0.00455906],
+    [-0.00845044, -0.000273262, -0.00153423], [-0.00232148, 0.000543145, -0.00199162],
+    [0.00228079, 0.000543145, 0.00591824], [-0.000105778, -0.000542082, 0.00472471],
+    [0.00651778, -0.000542082, -0.00158997], [0.00886136, -0.000135247, -0.0018968],
+    [0.0140572, -0.000135247, 0.00563648], [0.0170974, 0.00977302, 0.0104288], [0.0201376, 0.00369201, 0.0152211],
+]
+start = { kind = "pulled", force = [-0.491718, 0, 0.870754], ramp = 0 }
+end = { kind = "pulled", force = [0.507614, 0.31951, 0.800151], ramp = 0 }
+[[piercing]]
+name = "first"
+at = [-0.0101696, -0.000273262, 0]
+direction = "free"
+footprint = 0.00194
+[[piercing]]
+name = "second"
+at = [-0.00116267, 0.000543145, 0]
+direction = [0.502907, 0, 0.86434]
+footprint = 0.00194
+[[piercing]]
+name = "third"
+at = [0.00485003, -0.000542082, 0]
+direction = [0.723781, 0, -0.69003]
+footprint = 0.00194
+[[piercing]]
+name = "fourth"
+at = [0.0101696, -0.000135247, 0]
+direction = [0.567765, 0, 0.82319]
+footprint = 0.00194
+[solve]
+dt = 5e-4
+duration = 5e-4
+newton = "numpy"
+"""
+
+
+def test_a_step_without_a_solution_in_the_space_is_asked_of_the_whole_organ() -> None:
+    """Consistency check: a sudden load whose first step is halved four times and goes downhill. In the space some of
+    the parts have no solution that have one with the whole organ, and their halves, or the way downhill, would lead to
+    another equilibrium: abscissae are off by 5.7e-6 m after the first part, and the run ends in its second step."""
+    ends = []
+    for way in ("whole", "krylov"):
+        tables = tomllib.loads(SUDDEN)
+        tables["solve"]["organ"] = way
+        simulation = prepare(parse(tables))
+        ends.append(simulation.next(simulation.beginning()))
+    whole, small = ends
+    assert [step.dt for step in small.taken] == [step.dt for step in whole.taken] and len(whole.taken) > 1
+    assert np.array_equal(small.state.s, whole.state.s)  # from the same start, by the same answer
+
+
+def test_a_step_that_leaves_the_space_starts_where_that_of_the_whole_organ_does() -> None:
+    """Consistency check: a sudden load in a short step, which no space follows: the first step is that of the whole
+    organ to the bits, from the same start by the same answer."""
+    sudden = [*SHAKEN, "thread.start.ramp=0", "solve.dt=1e-4", 'solve.newton="numpy"']
+    ends = []
+    for way in (WHOLE, KRYLOV):
+        simulation = prepared(*sudden, way)
+        ends.append(simulation.next(simulation.beginning()))
+    organ = ends[1].system.organ
+    assert isinstance(organ, tissue.KrylovOrgan) and organ.vectors(ends[1].state.organ) == 0
+    assert np.array_equal(ends[0].state.q, ends[1].state.q)
+
+
 def test_holes_that_begin_later_and_a_cut() -> None:
     """Consistency check: a hole that begins strikes the tissue, which is solved whole from there; a thread that is cut
     leaves the space as it is, or asks for more of it; forces are the whole organ's."""
@@ -150,6 +228,16 @@ def test_where_an_organ_is_solved_in_its_space(case: str) -> None:
     """Independent check: by its unknowns, its holes and what is done to it, not by how long the run is."""
     keys, kind = AUTO[case]
     assert type(prepared(*keys).assembly.organ) is kind
+
+
+def test_the_memory_of_a_machine_does_not_choose(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: where there is no memory for the space, a scenario whose organ is solved there on another
+    machine is refused, with the key that solves it whole: it would neither have the same numbers nor go on from a
+    checkpoint."""
+    monkeypatch.setattr("tissue.organs.reduced.free_memory", lambda: 1e5)
+    with pytest.raises(tissue.TissueError, match=r'GB can be had; set solve\.organ = "whole"'):
+        prepared(*FINE)
+    assert isinstance(prepared(*FINE, WHOLE).assembly.organ, tissue.DynamicOrgan)
 
 
 def test_an_organ_is_shared_by_what_is_solved_alike() -> None:

@@ -157,6 +157,40 @@ def test_a_state_in_a_wider_space_and_whole_is_the_same() -> None:
     assert np.abs(energies[0] - energies[1]).max() <= RESIDUAL * scale
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_how_far_compliances_fall_short_is_bounded(kind: str) -> None:
+    """Theory: Galerkin's compliances never exceed those of all unknowns, and fall short by no more than the square of
+    what their answers leave of the equations, from steps that a few blocks follow to those that none do."""
+    full = organ_of(4.5e-3, **KINDS[kind])  # type: ignore[arg-type]
+    organ = tissue.KrylovOrgan(full)
+    short = []
+    for dt in (0.3 * SLOW, 0.1 * SLOW, 0.03 * SLOW):
+        scheme = BackwardEuler(dt)
+        level, exact = organ.space.level(1), full.answer(scheme, [full.start()]).C.diagonal()
+        own = level.modes.operator(scheme.a, scheme.d).C.diagonal()
+        off = (exact - own) / own
+        assert off.min() >= -TWO_SOLVERS
+        assert off.max() <= level.shortfall(scheme) + TWO_SOLVERS
+        short.append(level.shortfall(scheme) / off.max())
+    assert min(short) <= 10.0  # where the step is slow, and inertia adds little to what K resists
+
+
+def test_an_answer_under_all_forces_is_that_of_the_whole_organ() -> None:
+    """Consistency check: compliances are the whole organ's to what Newton sees of them, in a wider space or in none,
+    also under no forces, which say nothing; an answer that has them is its own."""
+    full = organ_of(4.5e-3)
+    organ, kinds = tissue.KrylovOrgan(full), set()
+    for dt in (10.0 * SLOW, 0.5 * SLOW, 0.01 * SLOW):
+        answer = organ.answer(BackwardEuler(dt), [organ.start()])
+        assert isinstance(answer, KrylovAnswer)
+        faithful, exact = answer.faithful(), full.answer(BackwardEuler(dt), [full.start()]).C
+        kinds.add("own" if faithful is answer else type(faithful).__name__)
+        scale = np.sqrt(np.outer(exact.diagonal(), exact.diagonal()))
+        assert np.abs((faithful.C - exact) / scale).max() <= 2.0 * krylov.SHORT
+        assert answer.certified(np.zeros(len(full.y0))) is answer
+    assert kinds >= {"own", "LinearAnswer"}
+
+
 def test_what_strikes_is_answered_whole() -> None:
     """Consistency check: after an impulse and a displacement the motion is that of the whole organ, to round-off of
     what was there before."""

@@ -33,7 +33,7 @@ from tissue.organs.basis import MASSLESS, Orthonormal
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.meshed import LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.modal import Modes, OrganOfModes
-from tissue.organs.reduced import check_reducible
+from tissue.organs.reduced import check_held, check_memory
 
 log = logging.getLogger(__name__)
 
@@ -42,6 +42,7 @@ log = logging.getLogger(__name__)
 ACCURACY = 1e-9
 FIRST = 4  # blocks at the start: with seven a body that is pulled no faster than it swings is at ε
 MOST = 16  # blocks; what they do not hold is no smooth motion, and they cost as much as 350 steps at two holes
+SHORT = 1e-8  # of a compliance by which one may fall short where no solution of a step was found: Newton sees no more
 ROUNDED = 1e-13  # of a place: a site that is off by this little is where it is to round-off of the constraints
 
 
@@ -71,6 +72,14 @@ class Level:
         """Return the norm of the forces of inertia, stiffness and damping in a state [√J]."""
         inertia = self.modes.mu * self.modes.rates(state)
         return float(np.linalg.norm(inertia) + np.linalg.norm(state.U + self.modes.rayleigh[1] * state.V))
+
+    def shortfall(self, scheme: TimeScheme) -> float:
+        """Return the part by which a site's compliance in a step falls short of that of all unknowns, at most [-]: by
+        the square of what its answer to a pull leaves of the equations, as Galerkin's do."""
+        operator = self.modes.operator(scheme.a, scheme.d)
+        left = (scheme.a + self.modes.rayleigh[0] * scheme.d) * (self.missed @ operator.W)
+        own = operator.C.diagonal()
+        return float(((left**2).sum(axis=0)[own > 0.0] / own[own > 0.0]).max(initial=0.0))
 
 
 class Space:
@@ -126,13 +135,17 @@ class Space:
 @dataclass(frozen=True)
 class KrylovAnswer(SiteAnswer[OrganState]):
     """An answer in the Krylov space; `checked` makes the one that holds under the forces f_y (9p,) to the accuracy of
-    the module, itself where it does."""
+    the module, without forces the one that holds under all of them, itself where it does."""
 
-    checked: "Callable[[KrylovAnswer, Array], SiteAnswer[OrganState] | LinearAnswer]"
+    checked: "Callable[[KrylovAnswer, Array | None], SiteAnswer[OrganState] | LinearAnswer]"
 
     def certified(self, f_y: Array) -> "SiteAnswer[OrganState] | LinearAnswer":
         """Return the answer that holds under the forces `f_y` (9p,)."""
         return self.checked(self, f_y)
+
+    def faithful(self) -> "SiteAnswer[OrganState] | LinearAnswer":
+        """Return the answer whose compliance is the whole organ's."""
+        return self.checked(self, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +156,8 @@ class KrylovOrgan(OrganOfModes):
     """
 
     def __post_init__(self) -> None:
-        check_reducible(self.full, MOST, 0)
+        check_held(self.full)
+        check_memory(self.full, MOST, 0, 'set solve.organ = "whole"')
 
     @cached_property
     def space(self) -> Space:
@@ -180,34 +194,41 @@ class KrylovOrgan(OrganOfModes):
             new = KrylovState(U, V, A, f_y, shares=shares)
             return replace(new, work=max(work_of(past[0]), level.forces(new)))
 
-        def checked(answer: KrylovAnswer, f_y: Array) -> SiteAnswer[OrganState] | LinearAnswer:
+        def checked(answer: KrylovAnswer, f_y: Array | None) -> SiteAnswer[OrganState] | LinearAnswer:
             """Return the answer, of a level as wide as it takes."""
-            return self._certified(
-                level, answer, lambda wider: self._answer(wider, scheme, past, time, share), f_y
-            ) or (self._whole_answer(scheme, past, time, share))
+
+            def excess(level: Level, answer: KrylovAnswer) -> float:
+                """Return what an answer misses over what it may."""
+                return level.shortfall(scheme) / SHORT if f_y is None else self._excess(level, answer.accept(f_y))
+
+            found = self._widened(level, answer, lambda wider: self._answer(wider, scheme, past, time, share), excess)
+            return found or self._whole_answer(scheme, past, time, share)
 
         found = level.modes.answer(self.y0, scheme, past, shares, accept)
         return KrylovAnswer(found.y_free, found.compliance, found.accepted, checked)
 
-    def _certified(
-        self, level: Level, answer: KrylovAnswer, widened: Callable[[Level], KrylovAnswer], f_y: Array
+    def _widened(
+        self,
+        level: Level,
+        answer: KrylovAnswer,
+        answer_of: Callable[[Level], KrylovAnswer],
+        excess: Callable[[Level, KrylovAnswer], float],
     ) -> KrylovAnswer | None:
-        """Return the first of an answer and those of wider levels that holds under `f_y` (9p,), None where it is not to
-        be seen that one of them does."""
+        """Return the first of an answer and those of wider levels without `excess`, what it misses over what it may,
+        None where it is not to be seen that one of them has none."""
         before = np.inf
-        while True:
-            state = answer.accept(f_y)
-            left, allowed = level.left(state), self._allowed(state)
-            if left <= allowed:
-                return answer
+        while (left := excess(level, answer)) > 1.0:
             falls = min(left / before, 1.0) if before < np.inf else 0.0
-            if level.blocks == MOST or left * falls ** (MOST - level.blocks) > allowed:
-                log.info(
-                    "organ: %d vectors leave %.1g of the forces: solved whole", state.U.size, left / work_of(state)
-                )
+            if level.blocks == MOST or left * falls ** (MOST - level.blocks) > 1.0:
+                log.info("organ: %d vectors miss %.1g times what they may: solved whole", level.modes.size, left)
                 return None
             before, level = left, self.space.level(level.blocks + 1)
-            answer = widened(level)
+            answer = answer_of(level)
+        return answer
+
+    def _excess(self, level: Level, state: OrganState) -> float:
+        """Return what a state leaves of the equations of motion over what it may."""
+        return level.left(state) / max(self._allowed(state), np.finfo(float).tiny)
 
     def _allowed(self, state: OrganState) -> float:
         """Return what a state may leave of the equations of motion [√J]."""
@@ -317,9 +338,10 @@ class KrylovOrgan(OrganOfModes):
 
 
 def has_space(organ: DynamicOrgan) -> bool:
-    """Tell whether an organ has a Krylov space, and there is memory for it."""
+    """Tell whether an organ has a Krylov space; not whether there is memory for it: the same scenario is solved in the
+    same way on every machine, and goes on there from a checkpoint of another."""
     try:
-        check_reducible(organ, MOST, 0)
+        check_held(organ)
     except TissueError:
         return False
     return True

@@ -86,7 +86,18 @@ def reduce_organ(organ: DynamicOrgan, blocks: int, modes: int = 0) -> Reduction:
 
 
 def check_reducible(organ: DynamicOrgan, blocks: int, modes: int) -> None:
-    """Refuse what no small basis is made of. Raises `TissueError`."""
+    """Refuse what no small basis is made of, and one for which there is no memory. Raises `TissueError`."""
+    check_held(organ)
+    if blocks < 0 or not (0 <= modes <= organ.mesh_size // 2):
+        raise TissueError(
+            f"reduction: blocks = {blocks}, modes = {modes}; allowed are none and more, and modes up to half of the "
+            f"{organ.mesh_size} unknowns"
+        )
+    check_memory(organ, blocks, modes, "take fewer blocks, modes or holes, or a coarser mesh")
+
+
+def check_held(organ: DynamicOrgan) -> None:
+    """Refuse an organ whose lips may touch, and one that is not held. Raises `TissueError`."""
     body = organ.elasticity
     held = np.ones(body.N, dtype=bool)
     held[body.free] = False
@@ -97,17 +108,16 @@ def check_reducible(organ: DynamicOrgan, blocks: int, modes: int) -> None:
         )
     if not holds_still(body.points, body.nodal(held.astype(float)).astype(bool)):
         raise TissueError("reduction: the organ is not held, so nothing is its static answer; clamp a boundary")
-    if blocks < 0 or not (0 <= modes <= organ.mesh_size // 2):
-        raise TissueError(
-            f"reduction: blocks = {blocks}, modes = {modes}; allowed are none and more, and modes up to half of the "
-            f"{organ.mesh_size} unknowns"
-        )
+
+
+def check_memory(organ: DynamicOrgan, blocks: int, modes: int, remedy: str) -> None:
+    """Refuse so many blocks and modes where there is no memory for them, with a remedy. Raises `TissueError`."""
     vectors = modes + (blocks + ALSO_MADE) * (organ.Y.shape[0] + 1 + organ.surface_load.shape[1])
     need, room = 8.0 * TIMES_HELD * vectors * organ.size, SHARE * free_memory()
     if need > room:
         raise TissueError(
             f"reduction: making {vectors} vectors of {organ.size} unknowns takes about {need / GIGA:.2g} GB and "
-            f"{room / GIGA:.2g} GB can be had; take fewer blocks, modes or holes, or a coarser mesh"
+            f"{room / GIGA:.2g} GB can be had; {remedy}"
         )
 
 
