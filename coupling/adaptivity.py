@@ -34,6 +34,7 @@ TURN = 0.1  # turn of the tangent that taking out a knot may cause, of the toler
 ONCE = 0.75  # of a span: one that may be no longer is halved, and its halves are short enough
 AGAIN = 1.2  # of what a span at a hole may be: beyond, an equilibrium with friction is found again
 INTERVAL = 4  # steps from one look at the knots to the next
+AHEAD = 8.0  # √(EI/T) that a hole has knots ahead of it at most: a thread that snaps passes thousands of spans a step
 SAME = 1e-6  # of the finest span: breaks that are no further apart are one, but for round-off
 
 
@@ -68,10 +69,12 @@ class Resolution:
         return float(self.tolerance**0.25)
 
     def largest_spans(self, system: System[Body], state: State[Body], ahead: float) -> Array:
-        """Return the largest span allowed on each finest cell of the tree [m], for the next `ahead` [s]."""
+        """Return the largest span allowed on each finest cell of the tree [m], for the next `ahead` [s], or as far as
+        the thread runs through a hole by AHEAD."""
         here, spline = holds_in_force(system, state), system.thread.spline
         holes, layers = state.s[here], self.layers_to_resolve(system, state)
-        way = np.stack([holes, holes + ahead * state.s_dot[here]], axis=1)
+        reach = AHEAD * layers
+        way = np.stack([holes, holes + np.clip(ahead * state.s_dot[here], -reach, reach)], axis=1)
         between = gaps(spline, holes) / (ACROSS * self.ratio_next_to_hole)
         layers = np.where(np.isfinite(layers), np.minimum(layers, between), np.inf)
         cells, ratios = self.tree_of(spline).middles, (self.ratio_at_hole, self.ratio_next_to_hole)

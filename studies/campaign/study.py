@@ -29,7 +29,7 @@ from matplotlib.figure import Figure
 from coupling.adaptivity import span_ratio
 from coupling.audit import audit_step, is_of_bdf2
 from coupling.diagnosis import frame_areas
-from coupling.errors import CouplingError, InversionError, StepError, TurnedHoleError, UphillError
+from coupling.errors import CouplingError, InversionError, StepError, TogetherError, TurnedHoleError, UphillError
 from coupling.watch import CREATED, CREATED_BDF2, given_back
 from studies.campaign.generator import KINDS, Case, cases
 from studies.campaign.quarter import PARTS, forces_apart, lengths_apart, with_shorter_steps
@@ -57,6 +57,7 @@ CAUSES = (
     "hole turned beyond a linear organ",
     "no step found",
     "another branch",
+    "holes drawn together",
     "constraints",
     "corrections spent",
 )
@@ -191,6 +192,8 @@ def cause_of(error: CouplingError, now: OrganRun) -> str:
         return "flip: hole turned beyond a linear organ" if smallest < TURNED else "flip"
     if isinstance(error, TurnedHoleError):
         return "hole turned beyond a linear organ"
+    if isinstance(error, TogetherError):
+        return "holes drawn together"
     if isinstance(error, UphillError):
         return "another branch"
     return "no step found" if isinstance(error, StepError) else "constraints"

@@ -24,9 +24,9 @@ from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.command.lines import complain, print_lines
 from studies.command.parser import read
-from studies.command.progress import TOLD_IN_STEPS, Progress, StudyProgress, stages
+from studies.command.progress import TOLD_IN_STEPS, TOLD_OF_LOOPS, Progress, StudyProgress, stages
 from studies.command.summary import MILLI, place_lines, print_summary, remark_lines
-from studies.output.budget import GIGA, frame_bytes, row_bytes
+from studies.output.budget import frame_bytes, row_bytes, size_text
 from studies.output.files import as_json
 from studies.output.folder import Recorder, check_folder
 from studies.output.lock import locked
@@ -133,7 +133,7 @@ def check(options: argparse.Namespace) -> int:
         print(as_json(told), end="")
         return strict_status(options.strict, remarks)
     counts = counts_of(simulation)
-    size = f"{counts['steps']} steps, about {counts['bytes'] / GIGA:.2g} GB of results"
+    size = f"{counts['steps']} steps, about {size_text(counts['bytes'])} of results"
     size_line = f"{options.file} can be run: {parts_of(simulation.scenario, counts)}, {size}"
     places = place_lines(simulation.scenario.piercing)
     print_lines([size_line, *places, *remark_lines(remarks), *([f"picture    {picture}"] if picture else [])])
@@ -146,7 +146,8 @@ def parts_of(scenario: Scenario, counts: Mapping[str, Any]) -> str:
     tracts = f"{counts['tracts']} tracts of {counts['balls']} balls in all" if counts["tracts"] else ""
     more = {"ties": counts["ties"], "pieces of thread": counts["pieces"] if counts["pieces"] > 1 else 0}
     few = [f"{number} {name}" for name, number in more.items() if number]
-    parts = [f"{counts['piercings']} piercings", tracts, *few, f"{counts['control_points']} control points", organ]
+    holes = "1 piercing" if counts["piercings"] == 1 else f"{counts['piercings']} piercings"
+    parts = [holes, tracts, *few, f"{counts['control_points']} control points", organ]
     return ", ".join(filter(None, parts))
 
 
@@ -246,7 +247,8 @@ def run_study(options: argparse.Namespace) -> int:
     progress = StudyProgress()
     try:
         workers = None if options.jobs == 1 else workers_of(options.jobs)
-        carry_out(options.name, options.preset, given, folder, progress.update, workers)
+        with stages(told=TOLD_OF_LOOPS):
+            carry_out(options.name, options.preset, given, folder, progress.update, workers)
     except (CouplingError, FactorError, WorkersError, OSError) as error:
         return _stopped(str(error), progress, folder, FAILED)
     except KeyboardInterrupt:
@@ -289,7 +291,7 @@ def _simulate(
     progress = Progress(simulation.steps, quiet)
     with _signals() as received:
         try:
-            with recorder, stages(quiet, TOLD_IN_STEPS):
+            with recorder, stages(quiet, TOLD_IN_STEPS, progress.begin_anew):
                 for step, frame in moments:
                     recorder.record(step, frame)
                     progress.update(step.step, step.time, step.newton_iterations, step.seconds)

@@ -14,7 +14,12 @@ TICK = 1.0  # s between two times of what is being done
 REFRESH = 0.1  # s between two drawings on a terminal
 TERMINAL = 79  # characters of a line that is written over
 TOLD = ("tissue", "coupling", "studies")  # packages that say what they begin
-TOLD_IN_STEPS = ("coupling.tables",)  # says that the first step is compiled
+TOLD_OF_LOOPS = ("coupling.tables", "coupling.course")  # say that loops are compiled, of a step and of steps at once
+TOLD_IN_STEPS = (
+    "coupling.run",
+    *TOLD_OF_LOOPS,
+    "tissue.organs.krylov",
+)  # of a rest and of a whole organ too
 TENTHS = 10  # plain lines when the output is not a terminal
 
 
@@ -36,13 +41,17 @@ class Progress:
         if step <= 1 or self._first_step is None:
             self._first = monotonic()  # the first step prepares what the others use: no measure of their pace
             self._first_step = max(step, 1)
-        if self._quiet or step == 0 or not self._is_due(step):
+        if self._quiet or seconds == 0.0 or not self._is_due(step):  # 0: where the run starts, or goes on
             return
         self._drawn = monotonic()
         try:
             self._draw(step, time, newton_iterations, seconds)
         except BrokenPipeError:  # nobody looks any more; the run goes on
             self._quiet = True
+
+    def begin_anew(self) -> None:
+        """Measure the pace from the next step on: what was waited for since the first is no measure of it."""
+        self._first_step = None
 
     def _draw(self, step: int, time: float, newton_iterations: int, seconds: float) -> None:
         text = f"step {step}/{self._steps}, t = {time:.4g} s, Newton {newton_iterations}, {self._left(step, seconds)}"
@@ -79,25 +88,32 @@ class Progress:
 
 class Stages(logging.Handler):
     """Tells what is being done before a step is done, elsewhere than on a terminal a line for each; there one line that
-    is written over, with how long that has taken so far, until a record that is `over` or the end."""
+    is written over, with how long that has taken so far, until a record that is `over`, which stays, or the end. After
+    such a record `waited` is called, if given."""
 
-    def __init__(self, stream: TextIO | None = None, every: float = TICK) -> None:
+    def __init__(
+        self, stream: TextIO | None = None, every: float = TICK, waited: Callable[[], None] | None = None
+    ) -> None:
         super().__init__(logging.INFO)
         self._stream = stream or sys.stderr
         self._is_terminal = self._stream.isatty()
         self._told = ""
         self._every = every
+        self._waited = waited
         self._clock: Clock | None = None
 
     def emit(self, record: logging.LogRecord) -> None:
         """Tell what begins, unless that is what was told last."""
-        text = record.getMessage()
+        text, over = record.getMessage(), getattr(record, "over", False)
+        if over and self._waited is not None:
+            self._waited()
         if text == self._told:
             return
         self._stop()
         self._told = text
-        self._write(f"\r\x1b[K{text[:TERMINAL]}" if self._is_terminal else f"{text}\n")
-        if self._is_terminal and not getattr(record, "over", False):
+        stays = over or not self._is_terminal
+        self._write((f"\r\x1b[K{text[:TERMINAL]}" if self._is_terminal else text) + "\n" * stays)
+        if not stays:
             self._clock = Clock(self._every, partial(self._tell_time, text))
 
     def close(self) -> None:
@@ -143,12 +159,13 @@ class Clock:
 
 
 @contextmanager
-def stages(quiet: bool = False, told: Sequence[str] = TOLD) -> Iterator[None]:
-    """Tell on standard error what packages or modules say that they begin."""
+def stages(quiet: bool = False, told: Sequence[str] = TOLD, waited: Callable[[], None] | None = None) -> Iterator[None]:
+    """Tell on standard error what packages or modules say that they begin; `waited` is called where they say that what
+    held everything up is over."""
     if quiet:
         yield
         return
-    handler = Stages()
+    handler = Stages(waited=waited)
     loggers = [logging.getLogger(name) for name in told]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

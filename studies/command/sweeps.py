@@ -3,11 +3,12 @@
 import argparse
 import json
 import sys
+from functools import partial
 from pathlib import Path
 from time import monotonic
 
 from studies.command.lines import complain, print_lines
-from studies.command.progress import duration
+from studies.command.progress import TOLD_OF_LOOPS, duration, stages
 from studies.output.files import as_json
 from studies.refinement.refine import in_words, refine
 from studies.refinement.refined import Refined
@@ -29,7 +30,9 @@ def run_sweep(options: argparse.Namespace) -> int:
     told.begin(len(cases) or 1)
     try:
         workers, wanted = workers_of(options.jobs, options.dask), options.plot or []
-        table = sweep(base, cases, options.out, workers, told.tell, check=lambda known: drawn_columns(known, wanted))
+        with stages(options.json, TOLD_OF_LOOPS):
+            check = partial(drawn_columns, names=wanted)
+            table = sweep(base, cases, options.out, workers, told.tell, check=check)
         if wanted:
             from studies.sweeps.figure import write_figure
 
@@ -121,16 +124,17 @@ def run_refinement(options: argparse.Namespace) -> int:
     told = Teller(options.json)
     told.begin(options.levels)
     try:
-        found = refine(
-            read(options.file, options.set),
-            options.quantity,
-            options.out,
-            options.over,
-            options.levels,
-            options.ratio,
-            workers_of(options.jobs, options.dask),
-            told.tell,
-        )
+        with stages(options.json, TOLD_OF_LOOPS):
+            found = refine(
+                read(options.file, options.set),
+                options.quantity,
+                options.out,
+                options.over,
+                options.levels,
+                options.ratio,
+                workers_of(options.jobs, options.dask),
+                told.tell,
+            )
     except WorkersError as error:
         return complain(error, FAILED)
     except KeyboardInterrupt:

@@ -13,6 +13,7 @@ from studies.scenario.refusal import refusal
 PER_NODE, PER_CONTROL_POINT, PER_HOLE_DRAWN = 49.0, 140.0, 1400.0
 PER_STEP, PER_HOLE = 400.0, 500.0
 GIGA = 1e9
+UNITS = ((GIGA, "GB"), (1e6, "MB"), (1e3, "kB"))
 
 
 def frame_bytes(scenario: Scenario, topology: OrganTopology | None) -> float:
@@ -27,6 +28,12 @@ def frame_bytes(scenario: Scenario, topology: OrganTopology | None) -> float:
 def row_bytes(scenario: Scenario) -> float:
     """Estimate what the tables of a run take [byte]."""
     return (PER_STEP + PER_HOLE * len(scenario.piercing)) * (scenario.solve.steps + 1)
+
+
+def size_text(size: float) -> str:
+    """Write a size [byte] to two digits or more, in the largest unit that it is one of."""
+    unit, name = next(((unit, name) for unit, name in UNITS if size >= unit), UNITS[-1])
+    return f"{size / unit:{'.0f' if size >= 9.95 * unit else '.2g'}} {name}"
 
 
 def check_disk(folder: Path | str, scenario: Scenario, topology: OrganTopology | None) -> None:

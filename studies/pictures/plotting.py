@@ -38,13 +38,17 @@ def plot(folder: Path, names: Sequence[str], out: Path | None) -> list[str]:
 
 
 def line_of(run: RunResults, name: str) -> Line:
-    """Return a column by its name, in the unit of the charts. Raises `ResultsError` with the nearest name."""
+    """Return a column by its name, in the unit of the charts. Raises `ResultsError` with the names it is a part of, or
+    the nearest one."""
     known = {key: (table, column) for key, table, column in columns_of(run)}
     if name not in known:
-        near = nearest(name, list(known))
+        alike = [key for key in known if name in key]
+        near = nearest(name, alike or list(known))
         hint = f"the nearest is {near}; " if near else ""
         beside = [key for key in known if key.partition(".")[0] == (near or name).partition(".")[0]]
-        raise ResultsError(f"{name} is refused: the run has no such column; {hint}it has {', '.join(beside or known)}")
+        raise ResultsError(
+            f"{name} is refused: the run has no such column; {hint}it has {', '.join(alike or beside or known)}"
+        )
     table, column = known[name]
     vectors = {key: (unit, values) for key, unit, values in lengths(table)}
     unit, values = vectors.get(column) or (table.units.get(column, ""), table.columns[column])

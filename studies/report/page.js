@@ -6,6 +6,7 @@ const DASHES = ["solid", "dash", "dot", "dashdot", "longdash"];
 const TISSUE = tissue.map((colour, place) => [place / (tissue.length - 1), colour]);
 const SIGNED = [[0, "#2166ac"], [0.5, "#f7f7f7"], [1, "#b2182b"]];
 const SHADES = 32; // of the colours of a tension
+const CHART = 320, ROOM = 2, ROW = 19; // px: of a chart with room for so many rows of its legend, and of one row more
 const CONFIG = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] };
 const FONT = { family: 'system-ui, "DejaVu Sans", sans-serif', size: 12, color: "#1c2430" };
 const element = (id) => document.getElementById(id);
@@ -38,7 +39,8 @@ function drawChart(where, title, keys) {
     const colour = COLOURS[(runs.length > 1 ? run : quantity) % COLOURS.length];
     return traceOf(one, colour, DASHES[(runs.length > 1 ? quantity : 0) % DASHES.length], runs.length > 1);
   });
-  const unit = shown.length ? shown[0].unit : "";
+  const unit = shown.length ? shown[0].unit : "", rows = runs.length > 1 ? shown.length : Math.ceil(shown.length / 2);
+  element(where).style.height = `${CHART + ROW * Math.max(0, rows - ROOM)}px`;
   return Plotly.react(where, traces, layoutOf(title, "time [s]", unit ? `[${unit}]` : ""), CONFIG);
 }
 

@@ -180,9 +180,9 @@ class Scenario(ScenarioTable):
         if organ is None:
             return "there is no organ; add [tissue]"
         if not (organ.inertia and self.solve.is_one_system):
-            return "it is of an organ with inertia, in time, by Newton's method in one system with the thread"
+            return "it is of an organ with inertia, in time, by Newton in one system with the thread; leave it out"
         if organ.material != "linear" or self.touching:
-            return "it is of a linear organ whose surfaces do not touch"
+            return "it is of a linear organ whose surfaces do not touch; leave it out"
         return "tissue.reduction asks for another basis; leave one of them out" if organ.reduction is not None else ""
 
     @model_validator(mode="after")

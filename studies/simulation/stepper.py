@@ -83,13 +83,16 @@ class Stepper:
 
     `end` is the end of the thread that the host moves, which its scenario must hold by its place: driven or fixed. What
     else the scenario does goes on by itself. `deadline` [s] is how long a step may take, None: as long as it stands
-    for. Raises `ScenarioError` for statics, for an end that is not held, and for no end.
+    for. Raises `ScenarioError` for statics, for an end that is not held, for no end, and for a deadline below 0 s.
     """
 
     def __init__(self, simulation: Stepped, end: WhichEnd = "end", deadline: float | None = None) -> None:
         scenario = simulation.scenario
         if end not in ENDS:
             raise ScenarioError(refusal("end", end, 'allowed are "start" and "end", of the thread'))
+        if deadline is not None and not deadline >= 0.0:
+            reason = "allowed are times from 0 s on; None is the time that a step stands for"
+            raise ScenarioError(refusal("deadline", deadline, reason))
         if scenario.solve.kind == "static":
             raise ScenarioError(refusal("solve.kind", "static", "a stepper goes on in time; use dynamic"))
         self._simulation, self._side, self._deadline = simulation, ENDS.index(end), deadline

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from coupling.adaptivity import (
+    AHEAD,
     Resolution,
     adapt,
     bending_layers,
@@ -16,6 +17,7 @@ from coupling.adaptivity import (
     on_breaks,
     refine_for,
 )
+from coupling.arrays import Array
 from coupling.audit import Energies, audit_step, initial_energies
 from coupling.run import book_events
 from coupling.stepping import advance
@@ -134,6 +136,27 @@ def test_nothing_is_done_where_nothing_is_due() -> None:
     assert len(events) == 1 and events[0].control_points == system.thread.n
     again = adapt(ADAPTIVE, system, state, 0.0)
     assert again[2] == [] and again[0] is system and again[1] is state
+
+
+def test_a_thread_that_snaps_has_no_more_knots_than_one_in_a_hurry() -> None:
+    """Independent check: a thread that runs through its holes so fast that it passes all of itself until the next look
+    has fine spans over AHEAD √(EI/T) ahead of each, and none further on; one in an ordinary pull has them all its
+    way."""
+    system = scene(None, 20)[0]
+    system = replace(system, thread=Thread(Spline(clamped_knots(ADAPTIVE.tree.coarse)), PP))
+    state = laid(system, ABSCISSAE, hairpin(RADIUS, LENGTH))
+    state = replace(state, N=np.full_like(state.N, PULL))
+    reach = AHEAD * bending_layers(system, state)
+
+    def breaks(way: Array) -> Array:
+        return adapt(ADAPTIVE, system, replace(state, s_dot=way / (4 * DT)), 4 * DT)[0].thread.spline.breaks
+
+    ordinary, hurried, snapping = breaks(0.5 * reach), breaks(reach), breaks(100.0 * LENGTH + 0.0 * reach)
+    assert np.array_equal(hurried, snapping) and len(ordinary) < len(hurried)
+    finest = ADAPTIVE.ratio_at_hole * reach.min() / AHEAD
+    for found, way in ((ordinary, 0.5 * reach), (snapping, reach)):
+        s = np.concatenate([np.linspace(hole, hole + far, 50) for hole, far in zip(ABSCISSAE, way, strict=True)])
+        assert np.diff(found)[np.searchsorted(found, s) - 1].max() <= finest * (1.0 + IDENTITY)
 
 
 def test_knots_come_a_halving_at_a_time() -> None:

@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling.errors import ConstraintError, CouplingError, InversionError, StepError, TurnedHoleError, UphillError
+from coupling.errors import (
+    ConstraintError,
+    CouplingError,
+    InversionError,
+    StepError,
+    TogetherError,
+    TurnedHoleError,
+    UphillError,
+)
 from studies.campaign import study
 from studies.campaign.generator import GENTLE, KINDS, SUTURES, cases
 from studies.campaign.quarter import forces_apart, lengths_apart, with_shorter_steps
@@ -47,6 +55,7 @@ def test_every_case_is_a_scenario_and_the_gentle_ones_load_slowly() -> None:
         (UphillError(0.0, 1e-3, "up"), 1.0, 1.0, "another branch"),
         (StepError(0.0, 1e-3, "no"), 1.0, 1.0, "no step found"),
         (TurnedHoleError(0.0, 1e-3, "no"), 1.0, 1.0, "hole turned beyond a linear organ"),
+        (TogetherError(0.0, "drawn to nothing"), 1.0, 1.0, "holes drawn together"),
         (ConstraintError(0.0, "two"), 1.0, 1.0, "constraints"),
     ],
 )

@@ -2,7 +2,6 @@
 
 import io
 import json
-import logging
 import os
 import signal
 import subprocess
@@ -11,9 +10,11 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
+from coupling import course, run, tables
 from coupling.calls import ask_before_correction
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
@@ -21,9 +22,11 @@ from studies.command import command, help
 from studies.command.lines import print_lines
 from studies.command.parser import TABLE
 from studies.command.progress import Progress, duration
+from studies.output.budget import size_text
 from studies.output.version import ROOT
 from studies.scenario import Scenario, load
 from tests.studies.samples import CONTRACT, Stub
+from tissue.organs import krylov
 
 Prepare = Callable[..., None]
 
@@ -173,15 +176,17 @@ def test_a_signal_within_a_long_step_ends_it_between_two_corrections(
     ask_before_correction()
 
 
-def test_what_the_first_step_waits_for_is_said(
-    contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("module", [run, tables, course, krylov])
+def test_what_a_step_waits_for_is_said(
+    module: ModuleType, contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Independent check: that a step is compiled is a line of the console, unless it is to be quiet."""
-    stub(lambda: logging.getLogger("coupling.tables").info("compiling the step"))
-    run = ["run", contract, "--no-picture", "--out"]
-    assert command.main([*run, str(tmp_path / "told")]) == 0
+    """Independent check: that a rest is sought, that loops are compiled, of a step or of steps at once, and that an
+    organ goes on whole, is a line of the console, unless it is to be quiet."""
+    stub(lambda: module.log.info("compiling the step"))
+    asked = ["run", contract, "--no-picture", "--out"]
+    assert command.main([*asked, str(tmp_path / "told")]) == 0
     assert "compiling the step" in capsys.readouterr().err
-    assert command.main([*run, str(tmp_path / "quiet"), "--quiet"]) == 0
+    assert command.main([*asked, str(tmp_path / "quiet"), "--quiet"]) == 0
     assert capsys.readouterr().err == ""
 
 
@@ -331,3 +336,8 @@ def test_progress_on_a_terminal_redraws_one_line() -> None:
 
 def test_durations() -> None:
     assert [duration(value) for value in (3.4, 61, 7322)] == ["3 s", "1 min 01 s", "2 h 02 min"]
+
+
+def test_sizes() -> None:
+    told = [size_text(size) for size in (340.0, 92e3, 0.95e6, 16.6e6, 1.26e9, 123e9)]
+    assert told == ["0.34 kB", "92 kB", "950 kB", "17 MB", "1.3 GB", "123 GB"]

@@ -14,6 +14,7 @@ import pytest
 import pyvista as pv
 from PIL import Image
 
+from coupling.tables import OVER
 from studies.command.command import main
 from studies.command.progress import TERMINAL, Progress, Stages, stages
 from studies.output.columns import CONTACTS, LOADS
@@ -187,6 +188,9 @@ def test_columns_are_drawn_over_time(run: Path, tmp_path: Path, capsys: pytest.C
     target = tmp_path / "plot.png"
     assert main(["plot", str(run), "piercings.exit.slip", "energy.kinetic", "--out", str(target)]) == 0
     assert target.stat().st_size > 10_000
+    assert main(["plot", str(run), "tension"]) == 2
+    told = capsys.readouterr().err
+    assert "piercings.entry.tension_before" in told and "piercings.exit.tension_after" in told and "steps" not in told
     assert main(["plot", str(run), "piercings.exit.slipp"]) == 2
     told = capsys.readouterr().err
     assert "the nearest is piercings.exit.slip;" in told and "piercings.entry.force" in told and "energy." not in told
@@ -250,7 +254,8 @@ def test_what_begins_is_told_once_and_taken_away_on_a_terminal() -> None:
 
 
 def test_on_a_terminal_one_sees_for_how_long_something_is_waited_for() -> None:
-    """Independent check: the line of what is being done goes on with its time, until a record says that it is over."""
+    """Independent check: the line of what is being done goes on with its time, until a record says that it is over,
+    whose line stays."""
     told = threading.Event()
 
     class Watched(Terminal):
@@ -259,7 +264,8 @@ def test_on_a_terminal_one_sees_for_how_long_something_is_waited_for() -> None:
                 told.set()
             return super().write(text)
 
-    handler = Stages(Watched(), every=1e-3)
+    watched = Watched()
+    handler = Stages(watched, every=1e-3)
     begins, ends = (
         logging.LogRecord("coupling", logging.INFO, "", 0, text, (), None) for text in ("compiling", "done")
     )
@@ -268,6 +274,7 @@ def test_on_a_terminal_one_sees_for_how_long_something_is_waited_for() -> None:
     assert told.wait(timeout=60.0)
     before = threading.active_count()
     handler.emit(ends)
+    assert watched.getvalue().endswith("\r\x1b[Kdone\n")
     assert threading.active_count() == before - 1
     handler.close()
 
@@ -277,6 +284,30 @@ def test_the_first_step_tells_what_is_left_by_its_own_time() -> None:
     plain = io.StringIO()
     Progress(10, stream=plain).update(1, 1e-3, 4, 2.0)
     assert "18 s left" in plain.getvalue()
+
+
+def test_where_a_run_goes_on_is_not_told_as_a_step() -> None:
+    """Independent check: the step that was left is nothing done, and says nothing of what is left."""
+    plain = io.StringIO()
+    bar = Progress(10, stream=plain)
+    bar.update(4, 4e-3, 0, 0.0)
+    assert plain.getvalue() == ""
+    bar.update(5, 5e-3, 3, 2.0)
+    assert "step 5/10" in plain.getvalue()
+
+
+def test_what_is_waited_for_between_two_steps_is_no_measure_of_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: steps of 1 s, and 40 s of compiling before the third: six more take 6 s."""
+    now, plain = 0.0, io.StringIO()
+    monkeypatch.setattr("studies.command.progress.monotonic", lambda: now)
+    bar = Progress(10, stream=plain)
+    with stages(told=("coupling.course",), waited=bar.begin_anew):
+        for number, at in ((1, 1.0), (2, 2.0), (3, 43.0), (4, 44.0)):
+            now = at
+            if number == 3:
+                logging.getLogger("coupling.course").info("compiled", extra=OVER)
+            bar.update(number, 1e-3 * number, 4, 1.0)
+    assert plain.getvalue().splitlines()[-1].endswith(", 6 s left")
 
 
 def test_a_line_of_progress_fits_a_narrow_terminal() -> None:

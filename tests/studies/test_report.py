@@ -259,6 +259,19 @@ def test_the_page_in_a_browser(text: str, run: Path, tmp_path: Path) -> None:
         assert opened.errors == []
 
 
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
+def test_many_lines_leave_a_chart_its_room(tmp_path: Path) -> None:
+    """Independent check: with eight names in its legend the curves of a chart have a third of its height or more."""
+    long = "a run whose name is as long as one may give it"
+    write_report([record_run(tmp_path / f"{long}, {name}") for name in "ab"], tmp_path / "page.html")
+    height = "document.querySelector('#chart0{}').getBoundingClientRect().height"
+    with browser(tmp_path) as opened:
+        opened.open(tmp_path / "page.html")
+        opened.wait("document.querySelector('#chart0 .nsewdrag')")
+        assert opened.ask("document.querySelectorAll('#chart0 .legendtext').length") == 8
+        assert opened.ask(height.format(" .nsewdrag")) > opened.ask(height.format("")) / 3
+
+
 def test_a_run_that_has_not_ended_is_not_said_to_be_sound(run: Path, tmp_path: Path) -> None:
     """Behaviour: without its summary, as a killed run leaves it, the page says so and has no word for its numbers."""
     killed = tmp_path / "killed"

@@ -106,6 +106,9 @@ def test_what_cannot_be_stepped_is_refused(simulation: Simulation) -> None:
     """Independent check: statics, an end that no hand holds by its place, and what is no place or no time."""
     with pytest.raises(ScenarioError, match=r'thread\.start\.kind = "pulled"'):
         simulation.stepper("start")
+    for deadline in (-1e-3, float("nan")):
+        with pytest.raises(ScenarioError, match=rf"deadline = {deadline} is refused: allowed are times from 0 s on"):
+            simulation.stepper(deadline=deadline)
     with pytest.raises(ScenarioError, match='end = "tip" is refused: allowed are "start" and "end"'):
         simulation.stepper("tip")  # type: ignore[arg-type]
     still = prepare(scenario_of(tissue=None, piercing=[], solve={"kind": "static"}))

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from matplotlib import rc_context
 
+from coupling import tables as loops
 from coupling.system import State
 from studies.command.command import main
 from studies.figure import COLOURS, PANEL, STYLE
@@ -273,6 +274,17 @@ def test_a_sweep_that_was_killed_goes_on(tmp_path: Path, monkeypatch: pytest.Mon
     assert resumed == whole
     sweep(changed(RING, {"title": "another"}), PULLS, tmp_path / "killed")
     assert len(ran) == 6  # of another scenario none is known
+
+
+def test_what_the_cases_wait_for_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Independent check: that loops are compiled in the first case is a line of the console."""
+    failed = Result(1, {"status": "failed", "error": "none"}, 0.0)
+    monkeypatch.setattr(sweeps, "run_case", lambda data: loops.log.info("compiling the step") or failed)
+    assert main(["sweep", "paper_figure_1", "--over", "thread.damping=[5.0]", "--out", str(tmp_path / "out")]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[:2] == ["1 case, each with a line when it is done", "compiling the step"]
 
 
 def test_a_shortage_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,9 +12,9 @@ with one small matrix R, since F, K V, and M V but for its last block are in K V
 
     ‖r‖  ≤  ε ‖forces‖,   ‖forces‖ = ‖M (Ü + α U̇)‖ + ‖K (U + β U̇)‖ in K⁻¹, the largest so far,
 
-and else solved again in a wider space, which gets blocks as long as that helps, or by the whole organ, as all steps
-after it are then. The sites are nearer than that: what they miss is a product of two residuals, of the motion and of
-the answer to a pull at a site, since r has no part along V, and V nearly has that answer.
+and else solved again in a wider space, which gets a few blocks where these are seen to do, or by the whole organ, as
+all steps after it are then. The sites are nearer than that: what they miss is a product of two residuals, of the motion
+and of the answer to a pull at a site, since r has no part along V, and V nearly has that answer.
 
 What strikes the sites between two steps is answered by the whole organ, since an impulse leaves nodes alone in motion,
 which is nowhere near the space.
@@ -43,6 +43,7 @@ ACCURACY = 1e-9
 FIRST = 4  # blocks at the start: with seven a body that is pulled no faster than it swings is at ε
 MOST = 16  # blocks; what they do not hold is no smooth motion, and they cost as much as 350 steps at two holes
 SHORT = 1e-8  # of a compliance by which one may fall short where no solution of a step was found: Newton sees no more
+AT_ONCE = 4  # blocks that one step may ask for: a motion that starts smoothly asks for one or two, and again later
 ROUNDED = 1e-13  # of a place: a site that is off by this little is where it is to round-off of the constraints
 
 
@@ -214,12 +215,12 @@ class KrylovOrgan(OrganOfModes):
         answer_of: Callable[[Level], KrylovAnswer],
         excess: Callable[[Level, KrylovAnswer], float],
     ) -> KrylovAnswer | None:
-        """Return the first of an answer and those of wider levels without `excess`, what it misses over what it may,
-        None where it is not to be seen that one of them has none."""
-        before = np.inf
+        """Return the first of an answer and those of levels wider by AT_ONCE at most without `excess`, what it misses
+        over what it may, None where it is not to be seen that one of them has none."""
+        before, most = np.inf, min(MOST, level.blocks + AT_ONCE)
         while (left := excess(level, answer)) > 1.0:
             falls = min(left / before, 1.0) if before < np.inf else 0.0
-            if level.blocks == MOST or left * falls ** (MOST - level.blocks) > 1.0:
+            if level.blocks == most or left * falls ** (most - level.blocks) > 1.0:
                 log.info("organ: %d vectors miss %.1g times what they may: solved whole", level.modes.size, left)
                 return None
             before, level = left, self.space.level(level.blocks + 1)
