@@ -44,6 +44,14 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         waits, pause = memory["apart"].tolist() if system.compiled else beginning.apart
     except (KeyError, TypeError, ValueError) as error:
         raise ScenarioError(f"{CHECKPOINT} is of another version of this code ({error}); {ANEW}") from None
+    whole = not isinstance(system.organ, tissue.KrylovOrgan)
+    if whole and state.organ.U.size != beginning.state.organ.U.size:
+        # `tissue.solver = "auto"` goes by the memory that is free, and the Krylov space by the solver
+        raise ScenarioError(
+            f"{CHECKPOINT} has an organ of {state.organ.U.size} unknowns and here it has "
+            f'{beginning.state.organ.U.size}: it was solved in its Krylov space, which "auto" does not choose on this '
+            f"machine; go on where the run began, or {ANEW}"
+        )
     return replace(
         beginning,
         system=system,

@@ -240,6 +240,14 @@ def test_the_memory_of_a_machine_does_not_choose(monkeypatch: pytest.MonkeyPatch
     assert isinstance(prepared(*FINE, WHOLE).assembly.organ, tissue.DynamicOrgan)
 
 
+def test_a_checkpoint_of_an_organ_solved_otherwise_is_refused() -> None:
+    """Independent check: what is kept of an organ in its Krylov space is no state of the whole one, which a machine
+    with less memory may take; that is said in words."""
+    kept = stepped(prepared(KRYLOV, "solve.duration=2e-3"))[-1].memory
+    with pytest.raises(ScenarioError, match=r"it was solved in its Krylov space, which .* go on where the run began"):
+        next(iter(prepared(WHOLE).advance(kept)))
+
+
 def test_an_organ_is_shared_by_what_is_solved_alike() -> None:
     """Consistency check: cases that differ in duration share organ and space, one that is staggered does not."""
     store = Shared()
