@@ -56,7 +56,7 @@ from tissue.organs.quasi_static import QuasiStaticOrgan
 SCENES = Path(__file__).parents[1] / "scenario" / "scenes"
 THREAD = SCENES / "paper_figure_1.toml"
 COUPLED = SCENES / "two_piercings.toml"
-SIZES = {"4k": (6.0e-3, 2.5e-3), "10k": (4.0e-3, 1.2e-3), "30k": (2.0e-3, 0.7e-3)}  # far from and at the holes [m]
+SIZES = {"4k": (6.0e-3, 2.5e-3), "10k": (4.0e-3, 1.2e-3), "43k": (2.0e-3, 0.7e-3)}  # far from and at the holes [m]
 FIXED = [  # whatever the scene has: the sizes are those of these meshes
     "thread.control_points=60",
     *(f"piercing.{name}.footprint=1.5e-3" for name in ("entry", "exit")),
