@@ -7,7 +7,7 @@ import pyvista as pv
 
 from studies.output.reading import FrameFiles, read_run, snapshot_of, topology_of
 from studies.pictures.scene import Frame, frame_of
-from studies.pictures.space import place_camera, props_of, stage_of
+from studies.pictures.space import CORNER, place_camera, props_of, stage_of
 from studies.pictures.view import SIZE
 
 
@@ -23,7 +23,7 @@ def show(folder: str) -> None:
     stage = stage_of([read(run.frames[0]), last], topology, run.title)
     plotter: Any = pv.Plotter(window_size=list(SIZE), title=f"suture view {run.name}")
     plotter.set_background("white")
-    plotter.add_axes(color="black", line_width=3, viewport=(0.0, 0.0, 0.12, 0.18))
+    plotter.add_axes(color="black", line_width=3, viewport=CORNER)
     shown: list[Any] = []
 
     def choose(number: float) -> None:

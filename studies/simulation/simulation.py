@@ -112,12 +112,7 @@ class Simulation:
         organ = spaces.get(type(self.assembly.organ), "whole") if choice else None
         named = ("kind", "start", "scheme", "integrator", "coupling", "friction")
         ways = {name: str(getattr(solve, name)) for name in named}
-        return {
-            "solver": choice.name if choice else None,
-            "organ": organ if choice else None,
-            "newton": self._newton,
-            **ways,
-        }
+        return {"solver": choice.name if choice else None, "organ": organ, "newton": self._newton, **ways}
 
     @property
     def _newton(self) -> str:

@@ -152,11 +152,11 @@ class Stepper:
                 "[m]; give the place of the hand at the end of the step"
             )
         with self._threads.limit(limits=1, user_api="blas"):
-            self._now = self._led(dt, place).steps(dt, 1)
+            self._now = self._led(length, place).steps(length, 1)
         forces = self.forces
         seconds = perf_counter() - began
         self._seconds.append(seconds)
-        self._missed += seconds > (dt if self._deadline is None else self._deadline)
+        self._missed += seconds > (length if self._deadline is None else self._deadline)
         return forces
 
     def _led(self, dt: float, place: Array) -> OrganRun:
