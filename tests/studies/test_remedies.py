@@ -67,7 +67,7 @@ def test_the_first_remedy_that_helps_is_named_with_those_that_do_not() -> None:
     """Independent check: copies of which that with the finer thread alone gets past the step that failed."""
     said, made = said_of({"points": {"ends": 1000}})
     assert "with thread.control_points = 40 the run gets past t = 0.03 s" in said
-    assert "in vain: solve.dt = 0.00025" in said and len(made) == 3
+    assert "in vain: solve.dt = 0.00025" in said and len(made) == 4
     said, made = said_of({"dt": {"ends": 1000}})
     assert "with solve.dt = 0.00025 the run gets past" in said and "vain" not in said and len(made) == 1
 
@@ -114,15 +114,17 @@ def test_what_is_tried_goes_by_scenario_and_failure() -> None:
     """Independent check: the paper's schemes are tried without, loads in smaller steps, tissue that turned a hole at
     finite strain; knots that follow already are not tried."""
     tried = [key for each in remedies(scenario_of(), FAILURE) for key in each]
-    assert tried == ["solve.dt", "thread.resolution", "thread.control_points"]
+    assert tried == ["solve.dt", "thread.resolution", "thread.resolution", "thread.control_points"]
     assert next(remedies(scenario_of(kind="static"), FAILURE)) == {"solve.load_steps": 40}
     assert next(remedies(load("paper_figure_1", LINEAR), FAILURE))["solve.scheme"] == "newton"
     scene = load("two_piercings")
     for collapsed in (TURNED, TogetherError(0.0, "drawn to nothing")):
         assert next(remedies(scene, collapsed)) == {"tissue.material": "neo-hookean"}
     assert "tissue.material" not in next(remedies(scene, FAILURE))
-    follows = load("two_piercings", ["thread.resolution=adaptive"])
-    assert "thread.resolution" not in [key for each in remedies(follows, FAILURE) for key in each]
+    for given, more in (("fixed", ["holes", "adaptive"]), ("holes", ["adaptive"]), ("adaptive", [])):
+        follows = load("two_piercings", [f"thread.resolution={given}"])
+        each = remedies(follows, FAILURE)
+        assert [settings["thread.resolution"] for settings in each if "thread.resolution" in settings] == more
 
 
 def test_a_run_that_fails_leaves_what_helps(tmp_path: Path) -> None:
