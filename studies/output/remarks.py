@@ -281,6 +281,13 @@ KINDS = (
         "it does not happen in this run; it may in one that goes on from it",
     ),
     Kind(
+        "rest-unloaded",
+        "note",
+        'with `solve.start = "rest"`, a dead load on an end of the thread that grows within a `ramp` of its own',
+        "there is none of it at t = 0: the rest that the run starts from is without it, and slack that it takes up is "
+        "taken up in time",
+    ),
+    Kind(
         "moved",
         "note",
         f"a piercing with `near` farther from it than {MOVED:g} times its footprint",

@@ -76,6 +76,7 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]], q: Ar
     bends = bent_sharply(*sharpest_bend(thread, q), thread.section.diameter) if straight else []
     out = [*unlike_units(values_of(assembly)), *off_path(assembly), *bends, *handed_over(assembly.given, assembly.body)]
     out += after_end(times_of(scenario), scenario.solve.duration)
+    out += [said for key, ramp in ramps_of(scenario).items() for said in unloaded_rest(key, ramp)]
     out += spans_left(scenario)
     out += undetermined_slip(scenario.solve.kind == "static" and slides_freely(system, system.rows[:, 0]))
     if assembly.body is None:
@@ -102,6 +103,27 @@ def times_of(scenario: Scenario) -> dict[str, float]:
     begins = {dotted_key(["piercing", hole.name, "from"]): hole.from_ for hole in scenario.piercing}
     closes = {dotted_key(["tie", tie.name, "from"]): tie.from_ for tie in scenario.tie}
     return begins | closes | {f"cut.{k}.time": table.time for k, table in enumerate(scenario.cut)}
+
+
+def ramps_of(scenario: Scenario) -> dict[str, float]:
+    """Return within what time the dead loads on the ends of a thread that starts at rest grow [s], by the key of the
+    end; none where the clock starts with the thread as it was laid."""
+    if scenario.solve.start != "rest":
+        return {}
+    ends = {"thread.start": scenario.thread.start, "thread.end": scenario.thread.end}
+    return {key: end.ramp for key, end in ends.items() if isinstance(end, model.PulledEnd) and end.ramp is not None}
+
+
+def unloaded_rest(key: str, ramp: float) -> list[Remark]:
+    """Judge whether the dead load on the end `key` of a thread, which grows within a `ramp` [s], is there at the rest
+    that a run starts from."""
+    if ramp == 0.0:
+        return []
+    text = (
+        f"the dead load on {key} grows within {ramp:.3g} s, and none of it is there at t = 0: the rest that the run "
+        f"starts from is without it, and slack is taken up in time; leave out {key}.ramp for a rest under all of it"
+    )
+    return [remark("rest-unloaded", key, text)]
 
 
 def spans_left(scenario: Scenario) -> list[Remark]:

@@ -346,7 +346,7 @@ def test_the_catalogue_has_every_code_once_and_each_is_judged() -> None:
     assert {kind.severity for kind in KINDS} == {"note", "unsupported"}
     assert CATALOGUE.keys() - JUDGED.keys() == {
         "would-not-stay", "slides-freely", "not-held", "bare-point", "off-path", "frames-missing", "no-picture",
-        "handed-over", "remedy", "stress-of-e-nu", "knots-stay"
+        "handed-over", "remedy", "stress-of-e-nu", "knots-stay", "rest-unloaded"
     }  # fmt: skip
     with pytest.raises(KeyError):
         remark("no-such-code", "", "")
