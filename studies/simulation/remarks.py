@@ -16,7 +16,7 @@ from coupling.equilibrium import slides_freely
 from meshes.quality import size_at
 from studies import scenario as model
 from studies.arrays import Array
-from studies.output.records import SEEN, Ending, EnergyRecord, Extremes, TractRecord
+from studies.output.records import SEEN, Ending, EnergyRecord, Extremes, StepRecord, TractRecord
 from studies.output.remarks import (
     BARE,
     COARSE,
@@ -30,6 +30,7 @@ from studies.output.remarks import (
     MOVED,
     NEAR,
     OFF_PATH,
+    OUTDONE,
     REDUCED,
     RESOLVED_SHARE,
     SHARE,
@@ -203,7 +204,7 @@ def met(assembly: Assembly, ending: Ending, springs: Mapping[str, float]) -> lis
         *([] if dynamic and moves(step.energy) else unstable(step.would_stay)),
         *followed(extremes.branches),
         *past_limit(extremes.fallen / scenario.solve.duration),
-        *(audited(step.energy.numerical_dissipation, extremes, rubs(assembly) or not names) if dynamic else []),
+        *(audited(step.energy, extremes, rubs(assembly) or not names, has_slid(assembly, step)) if dynamic else []),
         *(
             unsettled(step.energy, step.slide_speed * step.time, section_of(scenario.thread).diameter)
             if dynamic
@@ -463,10 +464,17 @@ def rubs(assembly: Assembly) -> bool:
     return bool(assembly.system.rough.any()) or any(pair.friction for pair in assembly.scenario.contact)
 
 
-def audited(numerical: float, extremes: Extremes, rough: bool) -> list[Remark]:
-    """Judge what the steps in time did to the energy, `numerical` [J] being their dissipation at the end; `rough`:
-    friction keeps what they did."""
-    out, scale = [], extremes.energy
+def has_slid(assembly: Assembly, step: StepRecord) -> bool:
+    """Tell whether a thread that rubs in its holes was drawn through one by more than its diameter."""
+    diameter = section_of(assembly.scenario.thread).diameter
+    drawn = (abs(hole.slip) for hole in step.piercings)
+    return bool(assembly.system.rough.any()) and max(drawn, default=0.0) > SLID * diameter
+
+
+def audited(energy: EnergyRecord, extremes: Extremes, rough: bool, slid: bool) -> list[Remark]:
+    """Judge what the steps in time did to the energy by its audit at the end; `rough`: friction keeps what they did,
+    and of a thread that has `slid` how far."""
+    out, scale, numerical = [], extremes.energy, energy.numerical_dissipation
     if extremes.created > CREATED * scale:
         out.append(
             remark(
@@ -484,6 +492,15 @@ def audited(numerical: float, extremes: Extremes, rough: bool) -> list[Remark]:
                 f"the steps in time dissipated {numerical:.2g} J, {numerical / scale:.0%} of the most that the run "
                 f"held at once ({scale:.2g} J): what swings is damped by them; where that matters take a smaller "
                 "solve.dt",
+            )
+        )
+    elif slid and numerical > OUTDONE * energy.friction_dissipation:
+        out.append(
+            remark(
+                "numerical-dissipation",
+                "solve.dt",
+                f"the steps in time dissipated {numerical:.2g} J, and friction {energy.friction_dissipation:.2g} J: "
+                "how far the thread slid, which friction keeps, is as much theirs; compare with a smaller solve.dt",
             )
         )
     if extremes.layered > LAYERED * scale:

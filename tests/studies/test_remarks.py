@@ -32,6 +32,7 @@ from studies.output.remarks import (
     MOVED,
     NEAR,
     OFF_PATH,
+    OUTDONE,
     REDUCED,
     RESOLVED_SHARE,
     SHARE,
@@ -77,8 +78,8 @@ def hole(**keys: Any) -> Any:
     return parse(table).piercing[0]
 
 
-def energy(kinetic: float, elastic: float) -> EnergyRecord:
-    return EnergyRecord(kinetic, elastic, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+def energy(kinetic: float = 0.0, elastic: float = 0.0, friction: float = 0.0, numerical: float = 0.0) -> EnergyRecord:
+    return EnergyRecord(kinetic, elastic, 0.0, 0.0, friction, 0.0, numerical, 0.0)
 
 
 # For each code the bound, and the judgement of a value; the sign says on which side of the bound it is said.
@@ -112,9 +113,13 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "spans": (RESOLVED, 1, judging.coarse_spans),
     "spans-between": (BETWEEN, -1, judging.few_spans),
     "bending-length": (UNSETTLED, 1, judging.unsettled_bending),
-    "energy-created": (CREATED, 1, lambda x: judging.audited(0.0, met(energy=1.0, created=x), False)),
-    "numerical-dissipation": (DISSIPATED, 1, lambda x: judging.audited(x, met(energy=1.0), True)),
-    "layer-energy": (LAYERED, 1, lambda x: judging.audited(0.0, met(energy=1.0, layered=x), False)),
+    "energy-created": (CREATED, 1, lambda x: judging.audited(energy(), met(energy=1.0, created=x), False, False)),
+    "numerical-dissipation": (
+        DISSIPATED,
+        1,
+        lambda x: judging.audited(energy(numerical=x, friction=1.0), met(energy=1.0), True, True),
+    ),
+    "layer-energy": (LAYERED, 1, lambda x: judging.audited(energy(), met(energy=1.0, layered=x), False, False)),
     "branch": (1.0, 1, lambda x: judging.followed(np.floor(x))),
     "limit-point": (FALLEN, 1, judging.past_limit),
     "not-at-rest": (SETTLED, 1, lambda x: judging.unsettled(energy(x, 1.0), 0.0, 3e-4)),
@@ -233,8 +238,13 @@ def test_damping_is_told_where_the_end_knows_of_it() -> None:
     """Independent check: what has come to rest without friction does not know what was damped on the way."""
     swings = course(lambda t: 1.0 + 0.8 * t * (1.0 + t))
     for extremes, rough, said in ((met(), False, False), (met(), True, True), (swings, False, True)):
-        found = judging.audited(2.0 * DISSIPATED, replace(extremes, energy=1.0), rough)
+        found = judging.audited(energy(numerical=2.0 * DISSIPATED), replace(extremes, energy=1.0), rough, False)
         assert [each.code for each in found] == ["numerical-dissipation"] * said
+    for share, slid, said in ((1.0 - ROUND, True, False), (1.0 + ROUND, True, True), (1.0 + ROUND, False, False)):
+        took = energy(friction=0.1 * DISSIPATED, numerical=0.1 * OUTDONE * DISSIPATED * share)
+        found = judging.audited(took, met(energy=1.0), True, slid)
+        assert [each.code for each in found] == ["numerical-dissipation"] * said
+        assert all(f"friction {took.friction_dissipation:.2g} J" in each.message for each in found)
 
 
 PENDULUM = """
