@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Literal
 
-from studies.output.records import SEEN
+from studies.output.records import SEEN, SWITCHES
 
 Severity = Literal["note", "unsupported"]
 
@@ -238,6 +238,13 @@ KINDS = (
         f"at the end of a dynamic run, the force of a hole over the last {SEEN} steps more than {SWUNG:.0%} of the "
         "largest off a straight course",
         "what swings within so few steps is late and damped by them, and shorter ones have it elsewhere at that time",
+    ),
+    Kind(
+        "chatter",
+        "note",
+        f"in a dynamic run, a hole that changes between stick and slip {SWITCHES} times within {SEEN} steps",
+        "when it slips and when it sticks is then a matter of the steps, and so are the times of these events; shorter "
+        "steps tell of more of them, or of fewer",
     ),
     Kind(
         "subgrid",

@@ -16,7 +16,7 @@ from coupling.equilibrium import slides_freely
 from meshes.quality import size_at
 from studies import scenario as model
 from studies.arrays import Array
-from studies.output.records import SEEN, Ending, EnergyRecord, Extremes, StepRecord, TractRecord
+from studies.output.records import SEEN, SWITCHES, Ending, EnergyRecord, Extremes, StepRecord, TractRecord
 from studies.output.remarks import (
     BARE,
     COARSE,
@@ -211,6 +211,7 @@ def met(assembly: Assembly, ending: Ending, springs: Mapping[str, float]) -> lis
             else []
         ),
         *(swinging(extremes.swing) if dynamic else []),
+        *(chattering(names, extremes.chattered) if dynamic else []),
     ]
 
 
@@ -544,6 +545,21 @@ def swinging(swing: float) -> list[Remark]:
         f"most {SWUNG:g} are slow enough for them: take a smaller solve.dt, or let it come to rest"
     )
     return [remark("forces-swing", "solve.dt", text)]
+
+
+def chattering(names: Sequence[str], times: Array) -> list[Remark]:
+    """Judge when holes changed again and again between stick and slip within a few steps, `times` (p,) [s], NaN where
+    one did not."""
+    chattered = np.flatnonzero(~np.isnan(times))
+    if not chattered.size:
+        return []
+    first, others = chattered[np.argmin(times[chattered])], len(chattered) - 1
+    also = f", and so did {others} other{'s' * (others > 1)} later," if others else ""
+    text = (
+        f"{names[first]!r} changed between stick and slip {SWITCHES} times within {SEEN} steps until t = "
+        f"{times[first]:.4g} s{also}: these steps do not resolve when; take a smaller solve.dt where that matters"
+    )
+    return [remark("chatter", names[first], text)]
 
 
 def outside_subgrid(gaps: Mapping[str, Mapping[str, Any]]) -> list[Remark]:

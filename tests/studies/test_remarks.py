@@ -14,9 +14,11 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 from coupling import equilibrium
+from coupling.events import Event
+from studies.campaign.generator import cases
 from studies.command import command
 from studies.output.folder import Recorder
-from studies.output.records import SEEN, STILL, Ending, EnergyRecord, Extremes, StepRecord, nothing_met
+from studies.output.records import SEEN, STILL, SWITCHES, Ending, EnergyRecord, Extremes, StepRecord, nothing_met
 from studies.output.remarks import (
     BARE,
     CATALOGUE,
@@ -247,6 +249,50 @@ def test_damping_is_told_where_the_end_knows_of_it() -> None:
         assert all(f"friction {took.friction_dissipation:.2g} J" in each.message for each in found)
 
 
+def switching(steps: Sequence[int], name: str = "entry") -> Extremes:
+    """What a run met whose hole of a name switched at each of the steps, a hundredth of a second before their end."""
+    out = nothing_met(len(step(1).piercings))
+    for number in range(1, 40):
+        told = tuple(Event(0.5 * number - 0.01, "slips", name) for at in steps if at == number)
+        out = replace(out.after_step(replace(step(number), events=told)), mean_strain=out.mean_strain)
+    return out
+
+
+def test_chatter_is_of_one_hole_and_few_steps() -> None:
+    """Independent check: as many switches within so many steps, twice in one too, are told with the hole and the time
+    of the last of them, the first such time; over a step more, or of other holes, they are not."""
+    last = 7 + SEEN - 1
+    near, far = [7, 9, 9, 11, 12, last], [7, 9, 9, 11, 12, last + 1]
+    assert len(near) == SWITCHES and len(step(1).piercings) > 1
+    names = [hole.name for hole in step(1).piercings]
+    (said,) = judging.chattering(names, switching([*near, 30, 31, 32, 33, 34, 35]).chattered)
+    assert (said.code, said.where) == ("chatter", "entry") and f"t = {0.5 * last - 0.01:.4g} s:" in said.message
+    for others in (far, near[1:]):
+        assert judging.chattering(names, switching(others).chattered) == []
+    assert judging.chattering(names, switching(near, "knot").chattered) == []
+    (both,) = judging.chattering(names, np.array([0.2, 0.1, *[np.nan] * (len(names) - 2)]))
+    assert both.where == names[1] and "and so did 1 other later" in both.message
+
+
+def test_holes_that_chatter_have_more_to_tell_in_shorter_steps() -> None:
+    """Independent check: what three changes to and fro within ten steps do not resolve are changes that shorter steps
+    find; those remark on nothing, and have what a pull through one hole begins with."""
+    (case,) = cases(1, 1, 22)
+    said, told = [], []
+    for dt in (2.5e-4, 6.25e-5):
+        simulation = prepare(parse(case.tables | {"solve": {"dt": dt, "duration": 0.012}}))
+        records = [record for record, _ in simulation.advance()]
+        extremes = nothing_met(1)
+        for record in records:
+            extremes = extremes.after_step(record)
+        said.append(
+            [each.where for each in simulation.remarks(Ending(records[-1], extremes)) if each.code == "chatter"]
+        )
+        told.append([event.kind for record in records for event in record.events if event.kind in ("slips", "sticks")])
+    assert said == [["hole1"], []]
+    assert len(told[1]) > 1.3 * len(told[0])
+
+
 PENDULUM = """
 [thread]
 suture = "2-0 polypropylene"
@@ -356,7 +402,8 @@ def test_the_catalogue_has_every_code_once_and_each_is_judged() -> None:
     assert {kind.severity for kind in KINDS} == {"note", "unsupported"}
     assert CATALOGUE.keys() - JUDGED.keys() == {
         "would-not-stay", "slides-freely", "not-held", "bare-point", "off-path", "frames-missing", "no-picture",
-        "handed-over", "remedy", "stress-of-e-nu", "knots-stay", "rest-unloaded"
+        "handed-over", "remedy", "stress-of-e-nu", "knots-stay", "rest-unloaded",
+            "chatter"
     }  # fmt: skip
     with pytest.raises(KeyError):
         remark("no-such-code", "", "")
