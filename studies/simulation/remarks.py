@@ -501,7 +501,8 @@ def audited(energy: EnergyRecord, extremes: Extremes, rough: bool, slid: bool) -
                 "numerical-dissipation",
                 "solve.dt",
                 f"the steps in time dissipated {numerical:.2g} J, and friction {energy.friction_dissipation:.2g} J: "
-                "how far the thread slid, which friction keeps, is as much theirs; compare with a smaller solve.dt",
+                "how far the thread slid, which friction keeps, is as much theirs; compare with a smaller solve.dt, or "
+                "with a solve.tolerance, by which what moves fast is followed in parts of a step",
             )
         )
     if extremes.layered > LAYERED * scale:

@@ -147,9 +147,13 @@ def test_a_case_agrees_with_itself_in_shorter_steps(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(study, "followed", lambda tables, most: replace(end, cause="another branch"))
     rows = [study.compared(case, found, end, 1000), replace(found, forces_apart=0.0, lengths_apart=0.0), found]
     said = "\n".join(remarks(rows))
-    assert "1 of 2, 1 of the others WITHOUT A REMARK" in said and "forces by inf" in said and "says nothing" in said
+    assert "1 of 2, 1 of the others WITHOUT A REMARK on the steps, 0 of them not at rest" in said
+    assert "forces by inf" in said and "says nothing" in said
     near = [
         replace(found, forces_apart=0.5 * ALIKE, lengths_apart=share * ALIKE, said=words)
-        for share, words in ((0.5, "not-at-rest"), (0.5, "no-tract"), (2.0, "not-at-rest"))
+        for share, words in ((0.5, "spans forces-swing"), (0.5, "no-tract"), (2.0, "forces-swing"))
     ]
     assert "remarked on that agree within 0.2% all the same: 1 of 2" in "\n".join(remarks(near))
+    far = [replace(found, forces_apart=2.0 * AGREED, lengths_apart=0.0, said=words) for words in ("not-at-rest", "")]
+    told = replace(far[0], said="not-at-rest numerical-dissipation")
+    assert "0 of 3, 2 of the others WITHOUT A REMARK on the steps, 1 of them not" in "\n".join(remarks([*far, told]))
