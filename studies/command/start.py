@@ -7,7 +7,7 @@ import sys
 from studies.status import INTERRUPTED
 
 # Bytes, near the largest that glibc goes by: it keeps twice the size of the largest block that was freed for what is
-# asked for next (mallopt(3), M_MMAP_THRESHOLD). Else pages of arrays go to the system, to be cleared in the next moment.
+# asked for next (mallopt(3), M_MMAP_THRESHOLD). Else pages of arrays go to the system, to be cleared a moment later.
 KEPT = 31 * 2**20
 
 
