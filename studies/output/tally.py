@@ -35,6 +35,7 @@ class Tally:
     ) -> None:
         self._judge = judge
         self._holes = scenario.piercing
+        self._thread = scenario.thread
         self._names = [hole.name for hole in scenario.piercing]
         self._has_organ = scenario.tissue is not None
         self._tissue_dofs = tissue_dofs
@@ -99,4 +100,4 @@ class Tally:
             said["reduction"] = reduction_summary(self._names, self._extremes, step.reduction)
         if step is not None and step.krylov is not None:
             said["krylov"] = krylov_summary(self._extremes, step.krylov)
-        return head | said | (state_summary(step, self._holes) if step else {})
+        return head | said | (state_summary(step, self._holes, self._thread) if step else {})
