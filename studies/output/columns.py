@@ -678,7 +678,11 @@ RUN: tuple[Column[RunRecord], ...] = (
         "wall-clock time of a step on average, compiling its loops left out; null before the first",
         lambda run: run.seconds / run.last.step if run.last and run.last.step else None,
     ),
-    count("tissue_dofs", "unknowns of the organ that are not held", lambda run: run.tissue_dofs),
+    count(
+        "tissue_dofs",
+        "unknowns of the organ that are not held, with those of the springs at its holes",
+        lambda run: run.tissue_dofs,
+    ),
 )
 
 

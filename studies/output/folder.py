@@ -140,6 +140,7 @@ class Recorder:
                 table.close()
             self._outcome = status, error
             write_json(self.folder / "summary.json", self.summary(status, error))
+            write_json(self.folder / MARK, self._origin())
             self._write_profile()
 
     def _write_profile(self) -> None:
@@ -170,7 +171,15 @@ class Recorder:
 
     def summary(self, status: Status, error: str = "") -> dict[str, Any]:
         """Make the contents of ``summary.json`` as of the last recorded step."""
-        return self._tally.summary(status, error) | {"provenance": self.provenance}
+        return self._tally.summary(status, error) | {"provenance": self._origin()}
+
+    def _origin(self) -> dict[str, Any]:
+        """Return where the run comes from, its methods as of the last recorded step."""
+        methods, step = dict(self.provenance.get("methods", {})), self._tally.whole_from
+        if methods.get("organ") is not None:
+            begun = methods["organ"].partition(",")[0]
+            methods["organ"] = begun if step is None else f"{begun}, whole from step {step}"
+        return self.provenance | {"methods": methods}
 
     def _write_frame(self) -> None:
         if self._pending is not None and self.last_step is not None:

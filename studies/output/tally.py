@@ -12,6 +12,7 @@ from studies.output.records import Ending, RunRecord, StepRecord, nothing_met
 from studies.output.remarks import Remark
 from studies.scenario import Scenario, ScenarioError
 
+NEVER = -1  # step
 Status = Literal["completed", "failed", "interrupted"]
 Judge = Callable[[Ending | None], Sequence[Remark]]  # what is to be said of a run, before its start and at its end
 
@@ -47,6 +48,7 @@ class Tally:
         self._constraint_max = float(counters.get("constraint_max", 0.0))
         self._constraint_residual = float(counters.get("constraint_residual", 0.0))
         self._seconds = float(counters.get("seconds", 0.0))
+        self._whole_from = int(counters.get("whole_from", NEVER))
         self._extremes = nothing_met(len(self._names))
         if memory is not None:
             try:
@@ -60,7 +62,14 @@ class Tally:
         self._constraint_max = max(self._constraint_max, step.constraint_max)
         self._constraint_residual = max(self._constraint_residual, step.constraint_residual)
         self._seconds += step.seconds if step.step else 0.0
+        if self._whole_from == NEVER and step.krylov is not None and not step.krylov.vectors:
+            self._whole_from = step.step
         self._extremes = self._extremes.after_step(step)
+
+    @property
+    def whole_from(self) -> int | None:
+        """The first step for which an organ gave its Krylov space up and was solved whole, None where it did not."""
+        return None if self._whole_from == NEVER else self._whole_from
 
     def see(self, organ: OrganRecord | None) -> None:
         """Add the organ of a frame, None without one."""
@@ -73,6 +82,7 @@ class Tally:
             "constraint_max": np.array(self._constraint_max),
             "constraint_residual": np.array(self._constraint_residual),
             "seconds": np.array(self._seconds),
+            "whole_from": np.array(self._whole_from),
         }
         return {**counters, **pack(self._extremes, "extremes")}
 
