@@ -157,15 +157,17 @@ def multigrid(A: csr_matrix, places: Array) -> Multigrid:
     motions = rigid_motions(places)
     coarser = A.tobsr(BLOCK)
     while coarser.shape[0] > COARSEST * coarser.blocksize[0]:
-        level, coarser, motions = _coarsened(coarser, motions)
+        level, P, motions = _level(coarser, motions)
         levels.append(level)
+        coarser = coarser @ P  # in two steps, by the first of which the finer matrix is let go
+        coarser = P.T @ coarser
     # A group of one or two nodes has fewer than six motions: some coarse unknowns are nothing.
     inverse = np.linalg.pinv(coarser.toarray(), rcond=RANK_TOLERANCE, hermitian=True).astype(np.float32)
     return Multigrid(tuple(levels), inverse)
 
 
-def _coarsened(A: bsr_matrix, motions: Array) -> tuple[Level, bsr_matrix, Array]:
-    """Return the level of a matrix, and the matrix and the motions of the next coarser one.
+def _level(A: bsr_matrix, motions: Array) -> tuple[Level, bsr_matrix, Array]:
+    """Return the level of a matrix, its P in double precision, and the motions of the next coarser level.
 
     P = (I − ω D⁻¹A / ρ) T smooths the motions T of the groups. D is the diagonal, so that ρ is the highest eigenvalue
     that the smoother needs, too, and nothing of the size of A is made.
@@ -183,9 +185,9 @@ def _coarsened(A: bsr_matrix, motions: Array) -> tuple[Level, bsr_matrix, Array]
     rows = np.repeat(np.arange(len(change.indptr) - 1), np.diff(change.indptr))
     change.data *= ((SMOOTHING / highest) * scaling.reshape(-1, A.blocksize[0]))[rows, :, None]
     P = bsr_matrix(T) - change
-    down = P.T
-    level = Level(own, scaling.astype(np.float32), MARGIN * highest, _single(P), _single(down))
-    return level, down @ (A @ P), coarse_motions
+    up = _single(P)
+    level = Level(own, scaling.astype(np.float32), MARGIN * highest, up, Blocks(up.matrix.T))
+    return level, P, coarse_motions
 
 
 def _single(matrix: bsr_matrix) -> Blocks:
