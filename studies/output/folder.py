@@ -76,6 +76,7 @@ class Recorder:
         self._every = scenario.output.every
         self._wounds = bool(scenario.wounds)
         self._pending: Callable[[], Snapshot] | None = None
+        self._tally = Tally(scenario, tissue_dofs, subgrid, judge, checkpoint)  # refuses before anything is changed
         self._recorded = -1 if checkpoint is None else int(checkpoint["step"])  # last step in the tables
         if checkpoint is None:
             refuse_foreign(self.folder, scenario)
@@ -85,7 +86,6 @@ class Recorder:
             _refuse_lost_rows(self.folder, self._recorded, tables_of(scenario))
             _refuse_torn_index(self.folder, range(0, self._recorded, self._every))
             self.provenance = _write_continuation(self.folder, scenario)
-        self._tally = Tally(scenario, tissue_dofs, subgrid, judge, checkpoint)
         self._series = Series(self.folder, topology, before=max(self._recorded, 0))
         if self._series.missing:
             gone = ", ".join(self._series.missing[:SHOWN]) + ", …" * (len(self._series.missing) > SHOWN)

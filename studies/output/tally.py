@@ -5,12 +5,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from studies.output.checkpoint import Arrays, pack, unpack
+from studies.output.checkpoint import ANEW, CHECKPOINT, Arrays, pack, unpack
 from studies.output.columns import RUN, krylov_summary, range_summary, reduction_summary, state_summary, values
 from studies.output.fields import OrganRecord
 from studies.output.records import Ending, RunRecord, StepRecord, nothing_met
 from studies.output.remarks import Remark
-from studies.scenario import Scenario
+from studies.scenario import Scenario, ScenarioError
 
 NEVER = -1  # step
 Status = Literal["completed", "failed", "interrupted"]
@@ -23,7 +23,8 @@ def nothing_to_say(ending: Ending | None) -> list[Remark]:
 
 
 class Tally:
-    """Gathers the summary of a run; with the ``memory`` of a checkpoint that of a run that goes on."""
+    """Gathers the summary of a run; with the ``memory`` of a checkpoint that of a run that goes on. Raises
+    `ScenarioError` for one that lacks what is gathered."""
 
     def __init__(
         self,
@@ -50,7 +51,10 @@ class Tally:
         self._whole_from = int(counters.get("whole_from", NEVER))
         self._extremes = nothing_met(len(self._names))
         if memory is not None:
-            self._extremes = unpack(self._extremes, memory, "extremes")
+            try:
+                self._extremes = unpack(self._extremes, memory, "extremes")
+            except KeyError as error:
+                raise ScenarioError(f"{CHECKPOINT} is of another version of this code ({error}); {ANEW}") from None
 
     def count(self, step: StepRecord) -> None:
         """Add a step that was taken."""

@@ -351,7 +351,7 @@ def test_an_empty_folder_begins_anew(file: Path, whole: Path, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    "damage", ["truncated", "rows lost", "arrays one by one", "other columns", "of another version"]
+    "damage", ["truncated", "rows lost", "arrays one by one", "other columns", "state.q", "extremes.forces"]
 )
 def test_a_damaged_folder_is_refused(
     file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str, monkeypatch: pytest.MonkeyPatch
@@ -376,10 +376,11 @@ def test_a_damaged_folder_is_refused(
     else:
         held = read_checkpoint(out)
         assert held is not None
-        write_checkpoint(out, {name: array for name, array in held.items() if name != "state.q"})
+        write_checkpoint(out, {name: array for name, array in held.items() if name != damage})  # of another version
     capsys.readouterr()
     assert start(file, out, "--resume") == command.REFUSED
     assert "run with --overwrite to begin anew" in capsys.readouterr().err
+    assert (out / "summary.json").is_file() or damage == "state.q"  # that is found out once the run is prepared
     assert start(file, out, "--overwrite") == 0
 
 
