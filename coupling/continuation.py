@@ -47,4 +47,4 @@ def solve_held(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
     """Solve a step with the thread held in its holes, by small turns: knots that came to a bent hole leave it to be
     bent anew, in which Newton turns short spans over. Raises `StepError`."""
     law = replace(problem.law, may_slide=np.zeros_like(problem.law.may_slide))
-    return solve(replace(problem, law=law, by_turns=True), replace(guess, s=law.s_held), patience=PATIENCE)
+    return solve(replace(problem, law=law, by_turns=True), replace(guess, s=law.s_held))

@@ -22,6 +22,7 @@ CROSSED = 2.0  # spans that may run through a hole in a step
 RESOLVED = 0.5  # of √(EI/T): spans at a hole on which its bend is one of the control points
 RUN = 0.25  # of √(EI/T): a way through a hole in a step on which they go round the bend
 BEND = 4.0  # √(EI/T) from a hole: there exp(−4) of its turn is left
+LOCAL = 0.1  # of the thread: as long as BEND √(EI/T) may be for the bend to be one at its hole, not of a limp thread
 BENDS = 16.0  # √(EI/T) that may run through a hole in a step on such spans
 SLACK = 1e-6  # of EA: a part of the thread under less tension is slack
 TURNED_BACK = 0.3  # cosine of the angle between thread and directed hole (73°) below which a thread is turned back
@@ -35,11 +36,13 @@ def crossing_rates(system: System[Body], state: State[Body]) -> Array:
 
 
 def resolved_bends(system: System[Body], state: State[Body]) -> Array:
-    """Return √(EI/T) at each hole whose spans resolve it, zero at the others, shape `(holds,)` [m]."""
+    """Return √(EI/T) at each hole at which the thread has a bend of its own, on spans that resolve it, zero at the
+    others, shape `(holds,)` [m]."""
     spline = system.thread.spline
     layers = lengths_bent_over(system, state.s, state.N, state.present)
     span = np.diff(spline.breaks)[spline.spans_of(state.s)]
-    return np.where((span <= RESOLVED * layers) & state.present & system.may_slide, layers, 0.0)
+    local = BEND * layers <= LOCAL * (spline.end - spline.start)
+    return np.where(local & (span <= RESOLVED * layers) & state.present & system.may_slide, layers, 0.0)
 
 
 def is_too_long(system: System[Body], state: State[Body], dt: float) -> bool:
