@@ -185,11 +185,14 @@ class Course:
         arguments are those of `coupling.compiled.steps.march.march`."""
         self.energies, self.iterations = np.array(energies), np.zeros(len(ends[0]), np.int64)
         thread, given = self._tables, self._fixture
+        solver = tables.solver_for(
+            thread.curve, thread.knots, given.law, given.given, given.bounds, given.room.z, given.room.found
+        )
         while True:
             self.made, why, missing = run_march(
                 thread.curve, thread.knots, given.law, given.given, given.bounds, given.scene, self._pace,
                 given.limits, self._lacking.stages, self._body.organ, Ends(*ends), self._now, self._earlier,
-                given.room, self.energies, self.iterations, self.made, follow, self.kept,
+                given.room, self.energies, self.iterations, self.made, follow, self.kept, solver,
             )  # fmt: skip
             if why != march.TO_LEARN or not self._lacking.learn(missing):
                 return

@@ -1,6 +1,8 @@
 """What the compiled loops read of a thread, made once, and what one step adds to it."""
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -13,6 +15,7 @@ from coupling import newton
 from coupling.arrays import Array, Flags, Indices
 from coupling.bordered import NINE
 from coupling.compiled import iteration
+from coupling.compiled.address import address_of
 from coupling.compiled.curve import Curve
 from coupling.compiled.friction import Law
 from coupling.compiled.iteration import Bounds, Found, Given, Knots, Trail, Unknowns
@@ -234,14 +237,27 @@ def is_kept(loops: object, name: str, sources: str) -> bool:
 
 
 def run_loops(*given: object) -> tuple[int, float]:
-    """Run the loops on their arrays; where they are to be compiled first, say so, and how long it took."""
-    if is_ready() or iteration.solve.signatures:
+    """Run the loops on their arrays."""
+    with telling():
         return cast(tuple[int, float], iteration.solve(*given))
+
+
+def solver_for(*given: object) -> int:
+    """Return the address of the loops for such arrays, zero where Numba is switched off."""
+    with telling():
+        return address_of(iteration.solve, given)
+
+
+@contextmanager
+def telling() -> Iterator[None]:
+    """Where the loops are to be compiled first, say so, and how long it took."""
+    if is_ready() or iteration.solve.signatures:
+        yield
+        return
     log.info("compiling the step, once: half a minute of one core, then it is kept")
     began = perf_counter()
-    found: tuple[int, float] = iteration.solve(*given)
+    yield
     log.info("the step is compiled, in %.0f s", perf_counter() - began, extra=OVER)
-    return found
 
 
 def run(tables: Tables, problem: Problem, start: Iterate, spans: float = 0.0, patience: int = 1) -> Ended:

@@ -200,12 +200,12 @@ def grid_points(lines: list[Array]) -> Array:
 
 def split(lines: list[Array], mirrored: bool = False) -> NDArray[np.int64]:
     """Split each cell of a tensor grid into five tetrahedra, shape `(5 cells, 4)`."""
-    nodes = tuple(len(line) for line in lines)
-    cells = np.stack(np.meshgrid(*(np.arange(n - 1) for n in nodes), indexing="ij"), axis=-1).reshape(-1, 1, 1, 3)
-    odd = (cells.sum(axis=-1, keepdims=True) + mirrored) % 2 == 1
-    corners = cells + np.where(odd, np.array(ODD_SPLIT), np.array(EVEN_SPLIT))
-    tets = np.ravel_multi_index(tuple(np.moveaxis(corners, -1, 0)), nodes)
-    return np.asarray(tets, dtype=np.int64).reshape(-1, 4)
+    strides = np.array([len(lines[1]) * len(lines[2]), len(lines[2]), 1])  # of the nodes, z fastest
+    x, y, z = np.ix_(*(np.arange(len(line) - 1) for line in lines))
+    first = (x * strides[0] + y * strides[1] + z).ravel()
+    odd = ((x + y + z + mirrored) % 2 == 1).ravel()
+    steps = np.array([EVEN_SPLIT, ODD_SPLIT]) @ strides
+    return np.asarray(first[:, None, None] + steps[odd.astype(np.intp)], dtype=np.int64).reshape(-1, 4)
 
 
 def with_faces(mesh: skfem.MeshTet, lower: Array, upper: Array) -> skfem.MeshTet:

@@ -89,7 +89,7 @@ def volume_ratio(elasticity: Elasticity, U: Array) -> Array:
     is a field over all unknowns `(N,)`."""
     corners = elasticity.mesh.t
     x = np.ascontiguousarray((elasticity.points + elasticity.nodal(U))[: elasticity.mesh.nvertices].T)
-    first, *others = (x[:, corner] for corner in corners)
+    first, *others = (x.take(corner, axis=1) for corner in corners)  # half the time of x[:, corner]
     six_volumes = determinant(np.array([other - first for other in others]))
     return np.asarray(six_volumes / elasticity.signed_six_volumes)
 

@@ -8,7 +8,7 @@ matrix is positive definite. Under compression it is not, and is solved with exc
 import numpy as np
 
 from coupling.arrays import Array, Flags
-from coupling.compiled.loops import loop, part
+from coupling.compiled.loops import loop, owning
 
 REACH = 3  # points to each side on a cubic
 HALF = 3 * (REACH + 1) - 1  # diagonals to each side
@@ -28,7 +28,7 @@ def hold_still(A: Array, held: Flags) -> None:
                 A[i, x, x] = 1.0
 
 
-@loop
+@owning
 def factorise(A: Array) -> bool:
     """Factorise in place: 1/D on the diagonal, the rows of Lᵀ to its right. False where A is not positive definite."""
     U = np.zeros((3, 12))
@@ -92,7 +92,7 @@ def solve_upper(A: Array, X: Array) -> None:
             x[j] -= xy * y[j] + xz * z[j]
 
 
-@loop
+@owning
 def full_band(A: Array) -> Array:
     """Return the matrix row by row with room for exchanges: entry (i, c) stands at (i, c − i + HALF)."""
     size = 3 * (len(A) - REACH)
@@ -134,7 +134,7 @@ def eliminate_by_exchanges(band: Array, X: Array) -> bool:
     return True
 
 
-@loop
+@owning
 def solve_by_exchanges(A: Array, X: Array) -> bool:
     """Replace `X` (n + 3, 3, k) by A⁻¹X, by elimination with exchanges of rows; False where A is singular."""
     band = full_band(A)
@@ -150,7 +150,7 @@ def solve_by_exchanges(A: Array, X: Array) -> bool:
     return True
 
 
-@part
+@owning
 def solve_band(A: Array, X: Array, first: int) -> bool:
     """Replace `X` (n + 3, 3, k) by A⁻¹X; all its columns but the first are zero before the point `first`. False where A
     is singular."""

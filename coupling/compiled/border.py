@@ -24,7 +24,7 @@ from coupling.compiled.holes import (
     tilting_rates,
     without,
 )
-from coupling.compiled.loops import loop, numbers, part
+from coupling.compiled.loops import loop, numbers, owning
 from coupling.compiled.vectors import (
     Matrix,
     Vector,
@@ -62,7 +62,7 @@ class Border(NamedTuple):
     R: Array
 
 
-@loop
+@owning
 def empty_border(m: int) -> Border:
     """Return the border of `m` holds."""
     return Border(
@@ -245,7 +245,7 @@ def values_at_hold(first: int, b: Array, X: Array, out: Array, at: int) -> None:
                 row[j] = b0 * r0[j] + b1 * r1[j] + b2 * r2[j] + b3 * r3[j]
 
 
-@part
+@owning
 def solve_holds(border: Border, C: Array, G: Array, r: Array, r_y: Array, rigid: bool, reach: Array, dz: Array) -> bool:
     """Solve the border once the thread is eliminated, Vᵀdq = w − G E dz, for `dz` (m, 15). The first column of `G`
     (9m, 1 + 9m) is w. `rigid`: no site gives way and each is in its place. The abscissae are led by `reach` (m,) [m],
@@ -266,7 +266,7 @@ def solve_holds(border: Border, C: Array, G: Array, r: Array, r_y: Array, rigid:
     return True
 
 
-@loop
+@owning
 def own_downhill(M: Array, own: int, reach: Array) -> bool:
     """Solve the border's own system with the abscissae led, its solution in place of the last column of `M`
     (k, k + 1): see `coupling.bordered.own_downhill`. `own` unknowns a hold. False where a matrix is singular."""
@@ -302,7 +302,7 @@ def own_downhill(M: Array, own: int, reach: Array) -> bool:
     return True
 
 
-@loop
+@owning
 def driven_holds(M: Array, own: int, m: int) -> Indices:
     """Return the holds whose law of sliding speaks of more than abscissae."""
     found, count = np.zeros(m, np.int64), 0
@@ -316,7 +316,7 @@ def driven_holds(M: Array, own: int, m: int) -> Indices:
     return found[:count]
 
 
-@loop
+@owning
 def step_downhill(H: Array) -> bool:
     """Solve H ds = f, or with the sizes of the eigenvalues where one is not positive, for ds in place of f, the last
     column of `H` (d, d + 1). False where H is singular."""
@@ -344,7 +344,7 @@ def step_downhill(H: Array) -> bool:
     return True
 
 
-@loop
+@owning
 def thread_by_holds(E: Array, G: Array, own: int) -> Array:
     """Return G E, shape `(9m, own m)`."""
     m = len(E)
@@ -375,7 +375,7 @@ def add_own_equations(border: Border, k: int, G: Array, GE: Array, r: Array, M: 
         row[last] -= r[k, i]
 
 
-@loop
+@owning
 def add_site_equations(border: Border, C: Array, G: Array, GE: Array, r_y: Array, M: Array) -> None:
     """Add dy − C (F dz + R Vᵀdq) = −r_y below the holds' own equations, the right-hand side last."""
     m = len(r_y)
@@ -401,7 +401,7 @@ def add_site_equations(border: Border, C: Array, G: Array, GE: Array, r_y: Array
         row[last] -= r_y[i // NINE, i % NINE]
 
 
-@loop
+@owning
 def thread_direction(E: Array, dz: Array, X: Array, dq: Array) -> float:
     """Write dq = −A⁻¹r_q − A⁻¹V E dz, shape `(n, 3)`, and return its largest entry, −1 where one is no number; `X`
     (n + 3, 3, 1 + 9m)."""

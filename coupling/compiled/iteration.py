@@ -40,7 +40,7 @@ from coupling.compiled.holes import (
     lacking_stiffness,
     site_force,
 )
-from coupling.compiled.loops import loop, outermost, part, sources
+from coupling.compiled.loops import loop, outermost, owning, sources
 from coupling.compiled.vectors import add_row, dot, sum_of
 
 SOLVED, RAN_AWAY, SINGULAR_THREAD, SINGULAR_HOLDS, NOT_CONVERGED, ALTERNATES, UNKNOWN = range(7)  # how one ends
@@ -240,7 +240,7 @@ def add_momentum(mass: Array, factor: float, q: Array, q_ref: Array, out: Array)
                 out[i, x] += mass[i, k] * factor * (q[i + k, x] - q_ref[i + k, x])
 
 
-@part
+@loop
 def evaluate(curve: Curve, knots: Knots, law: Law, given: Given, z: Unknowns, r: Found) -> tuple[float, bool]:
     """Evaluate all residuals of a step; returns the largest force [N] and whether the spline lacks nothing."""
     at, m = Stretched(r.T, r.K, r.T_axial, r.strain), len(z.s)
@@ -332,7 +332,7 @@ def is_converged(given: Given, bounds: Bounds, force: float, z: Unknowns, r: Fou
     return True
 
 
-@part
+@owning
 def border_of(law: Law, given: Given, z: Unknowns, r: Found, bare: bool) -> Border:
     """Linearise the holds."""
     border = empty_border(len(z.s))
@@ -345,7 +345,7 @@ def border_of(law: Law, given: Given, z: Unknowns, r: Found, bare: bool) -> Bord
     return border
 
 
-@part
+@owning
 def thread_matrix(curve: Curve, knots: Knots, given: Given, z: Unknowns, r: Found, bare: bool) -> Array:
     """Return the thread's own matrix as a block band: inertia, stiffness, and that of the axes at the holes."""
     n = len(z.q)
@@ -375,7 +375,7 @@ def largest_entry(A: Array) -> float:
     return largest
 
 
-@part
+@owning
 def add_constraint_stiffness(A: Array, border: Border, given: Given, r: Found) -> None:
     """Add Φ_qᵀ Γ (Φ_q dq + … + Φ) to the thread's equations: see `coupling.newton.add_constraint_stiffness`."""
     scale = largest_entry(A)
@@ -389,7 +389,7 @@ def add_constraint_stiffness(A: Array, border: Border, given: Given, r: Found) -
         stiffen_at_hold(A, border.E[k], border.B[k], border.D[k], gamma, b, r.first[k], r.holds[k], r.balance)
 
 
-@loop
+@owning
 def stiffen_at_hold(
     A: Array, E: Array, B: Array, D: Array, gamma: Array, b: Array, first: int, holds: Array, balance: Array
 ) -> None:
@@ -428,7 +428,7 @@ def has_any(M: Array) -> bool:
     return False
 
 
-@part
+@owning
 def newton_direction(
     A: Array, border: Border, given: Given, r: Found, reach: Array, dq: Array, dz: Array
 ) -> tuple[int, float]:
@@ -503,7 +503,7 @@ def add_correction(bounds: Bounds, spacing: Array, z: Unknowns, dq: Array, longe
             z.y[k, j] += share * dz[k, 6 + j]
 
 
-@part
+@owning
 def solve_set(
     curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
 ) -> tuple[int, float, bool]:
@@ -551,7 +551,7 @@ def times_seen(seen: Array, count: int, sigma: Array) -> int:
     return times
 
 
-@loop
+@owning
 def next_set(law: Law, given: Given, z: Unknowns, r: Found, bare: bool, margin: float, seen: Array, count: int) -> bool:
     """Take the active set that the forces of a solved iterate ask for; False where the iterate has it. `seen` (k, m)
     are the sets of the `count` iterates solved so far: where one comes back, the first hole that has to changes."""

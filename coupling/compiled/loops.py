@@ -14,7 +14,10 @@ from typing import TypeVar
 import numpy as np
 from numba import njit
 
+from coupling.compiled.parts import PartCompiler
+
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
+PART = {"pipeline_class": PartCompiler, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 def numbers(*constants: int) -> tuple[int, ...]:
@@ -23,22 +26,23 @@ def numbers(*constants: int) -> tuple[int, ...]:
 
 
 def loop(kernel: Kernel) -> Kernel:
-    """Return a function compiled into each loop that calls it; Python itself cannot, which halves the compilation."""
-    return njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(kernel)
+    """Return a function that is compiled into the loops that call it. It makes no array, returns none, and calls none
+    that does: so nobody counts who refers to its arrays, of which it is given some dozens."""
+    return njit(error_model="numpy", _nrt=False, **PART)(kernel)
 
 
-def part(kernel: Kernel) -> Kernel:
-    """Return a function that becomes a part of the one loop that calls it: a loop of many others is compiled once more
-    for each that it is called through."""
-    return njit(error_model="numpy", inline="always")(kernel)
+def owning(kernel: Kernel) -> Kernel:
+    """Return likewise a function that makes arrays, or calls one that returns them."""
+    return njit(error_model="numpy", _nrt=True, **PART)(kernel)
 
 
 def outermost(kernel: Kernel) -> Kernel:
-    """Return a compiled function that is kept on disk where one may write."""
+    """Return a compiled function that Python calls, kept on disk where one may write; it makes no arrays either."""
+    options = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
     try:
-        return njit(cache=True, error_model="numpy", no_cfunc_wrapper=True)(kernel)
+        return njit(cache=True, **options)(kernel)
     except RuntimeError:  # no folder for the cache can be written
-        return njit(error_model="numpy", no_cfunc_wrapper=True)(kernel)
+        return njit(**options)(kernel)
 
 
 def sources(pattern: str = "*.py") -> int:

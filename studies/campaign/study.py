@@ -43,9 +43,11 @@ from studies.study import Study, Table, each, unit_field
 
 ASKED = 0.97  # of the gentle cases to complete
 ASKED_SUDDEN = 0.9  # of the sudden dead loads
-TELLING = {"forces-swing", "not-at-rest", "numerical-dissipation", "energy-created"}  # of what the steps in time do
+TELLING = {"forces-swing", "numerical-dissipation", "energy-created"}  # of what the steps in time do
+MOVING = "not-at-rest"  # of what moves still: its numbers are of a moment, and of any steps
 LAYER = 2.0  # spans over √(EI/T) beyond which a flip is put down to spans that are too long
 AGREED = 0.02  # of the largest force or length: a step over the shortest time in which a load grows, the first order
+ALIKE = 0.002  # of the largest force or length: a tenth of that, where a remark on the steps told nothing
 TURNED = 0.8  # |u × v| of a hole below which a linear organ has turned it by more than 30°
 COMPLETED = "completed"
 CAUSES = (
@@ -288,16 +290,25 @@ def agreement(rows: Sequence[Row]) -> list[str]:
     if not again:
         return []
     apart = [row for row in again if max(row.forces_apart, row.lengths_apart) > AGREED]
-    silent = [row for row in apart if not set(row.said.split()) & TELLING]
-    word = f", {len(silent)} of the others WITHOUT A REMARK on it" if apart else ""
+    alike = [row for row in again if max(row.forces_apart, row.lengths_apart) <= ALIKE]
+    silent = [row for row in apart if not is_told(row)]
+    moving = sum(MOVING in row.said.split() for row in silent)
+    word = f", {len(silent)} of the others WITHOUT A REMARK on the steps, {moving} of them not at rest" if apart else ""
     return [
         f"cases whose forces and drawn lengths are within {AGREED:.0%} of those in steps a quarter as long: "
-        f"{len(again) - len(apart)} of {len(again)}{word}"
+        f"{len(again) - len(apart)} of {len(again)}{word}",
+        f"cases that are remarked on that agree within {ALIKE:.1%} all the same: "
+        f"{sum(map(is_told, alike))} of {len(alike)}",
     ] + [
         f"case {row.number} ({row.kind}): forces by {row.forces_apart:.2g}, drawn lengths by {row.lengths_apart:.2g} "
         f"of the largest from those in steps a quarter as long; it says {row.said or 'nothing'}"
         for row in apart
     ]
+
+
+def is_told(row: Row) -> bool:
+    """Tell whether a remark of the run says what its steps do."""
+    return bool(set(row.said.split()) & TELLING)
 
 
 def figure(rows: Sequence[Row]) -> Figure:

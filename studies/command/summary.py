@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 
 from studies.command.lines import print_lines
+from studies.output.columns import ENDS
 from studies.output.folder import Recorder
 from studies.output.manifest import files_of
 from studies.output.records import ContactRecord, PiercingRecord
 from studies.output.remarks import Remark
 from studies.output.tally import Status
-from studies.scenario import Piercing, Scenario
+from studies.scenario import Piercing, PulledEnd, Scenario, Thread
 
 MILLI = 1e-3
 SEEN = 1e-6  # m: nearer, a hole is at the place that was meant
@@ -97,6 +98,16 @@ def place_lines(holes: Sequence[Piercing]) -> list[str]:
     return lines
 
 
+def load_lines(thread: Thread) -> list[str]:
+    """Tell how the dead loads on the ends of the thread grow, where they do."""
+    ends = ((name, getattr(thread, name)) for name in ENDS)
+    return [
+        f"load       thread.{name}: {float(np.linalg.norm(end.force)):.4g} N, grows within {end.ramp:.3g} s"
+        for name, end in ends
+        if isinstance(end, PulledEnd) and end.ramp
+    ]
+
+
 def contact_line(contact: ContactRecord) -> str:
     """Tell how two surfaces press on one another."""
     rubs = f", {contact.friction:.3g} N along them, {contact.slipping} of them slip" if contact.friction else ""
@@ -149,6 +160,7 @@ def print_summary(scenario: Scenario, recorder: Recorder, status: Status, pictur
         lines += [line for line in (subgrid_line(recorder.subgrid),) if line]
         lines += [line for pair in step.contact for line in (contact_line(pair), *wound_lines(pair))]
     lines += place_lines(scenario.piercing)
+    lines += load_lines(scenario.thread)
     tables = [name for name in files_of(scenario) if name.endswith(".csv")]
     lines += [
         "",

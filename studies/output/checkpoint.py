@@ -1,7 +1,8 @@
 """Checkpoints: all that the next step depends on, in one file, complete or absent.
 
-``checkpoint.npz`` holds every array of a run's memory in full precision, under the names of the fields it comes
-from. A run that goes on from it computes the same numbers, bit by bit, as one that was never interrupted.
+``checkpoint.npz`` holds one record, in which every array of a run's memory is in full precision, under the name of the
+field it comes from: a file of its own for each of eighty arrays took five times as long. A run that goes on from it
+computes the same numbers, bit by bit, as one that was never interrupted.
 """
 
 import hashlib
@@ -59,15 +60,19 @@ def unpack(like: Record, arrays: Arrays, name: str, nested: Any = None) -> Recor
 
 def write_checkpoint(folder: Path, arrays: Arrays) -> None:
     """Replace the folder's checkpoint."""
+    given = {name: np.asarray(array) for name, array in arrays.items()}
+    record = np.empty((), dtype=[(name, array.dtype, array.shape) for name, array in given.items()])
+    for name, array in given.items():
+        record[name] = array
     data = io.BytesIO()
-    np.savez(data, **arrays)  # type: ignore[arg-type]
+    np.savez(data, record=record)
     write_bytes(folder / CHECKPOINT, sealed(data.getvalue()))
 
 
 def read_checkpoint(folder: Path) -> dict[str, NDArray[Any]] | None:
     """Read the folder's checkpoint; None where a run did not get as far as its first.
 
-    Raises `ScenarioError` for one that is not as it was written, to the last bit.
+    Raises `ScenarioError` for one that is not as it was written, to the last bit, or by another version.
     """
     path = folder / CHECKPOINT
     if not path.is_file():
@@ -79,7 +84,10 @@ def read_checkpoint(folder: Path) -> dict[str, NDArray[Any]] | None:
     if not is_sealed(data):
         raise ScenarioError(f"{path} is not as it was written: its checksum differs; {ANEW}")
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
-        return {name: file[name] for name in file.files}
+        if file.files != ["record"]:
+            raise ScenarioError(f"{path} is of another version of this code; {ANEW}")
+        record = file["record"]
+    return {name: record[name].copy() for name in record.dtype.names}
 
 
 def sealed(archive: bytes) -> bytes:

@@ -33,7 +33,7 @@ from studies.output.records import (
     TieRecord,
     TractRecord,
 )
-from studies.scenario import Piercing
+from studies.scenario import Piercing, PulledEnd, Thread
 
 Row = TypeVar("Row")
 Item = TypeVar("Item")
@@ -312,6 +312,12 @@ ENDS: dict[str, tuple[Column[StepRecord], Column[StepRecord]]] = {
         ),
     ),
 }
+GROWS: Column[PulledEnd] = Column(
+    "grows_within",
+    "s",
+    "time in which the dead load on it grows from zero, 0: at once; where it is pulled",
+    lambda end: end.ramp,
+)
 SOLVED: tuple[Column[StepRecord], ...] = (
     count("newton_iterations", "of this step", lambda step: step.newton_iterations),
     Column(
@@ -672,7 +678,11 @@ RUN: tuple[Column[RunRecord], ...] = (
         "wall-clock time of a step on average, compiling its loops left out; null before the first",
         lambda run: run.seconds / run.last.step if run.last and run.last.step else None,
     ),
-    count("tissue_dofs", "unknowns of the organ that are not held", lambda run: run.tissue_dofs),
+    count(
+        "tissue_dofs",
+        "unknowns of the organ that are not held, with those of the springs at its holes",
+        lambda run: run.tissue_dofs,
+    ),
 )
 
 
@@ -768,15 +778,15 @@ TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, TRACTS, ENERGIES, S
 # -- the summary -----------------------------------------------------------------------------------------------------
 
 
-def state_summary(step: StepRecord, holes: Iterable[Piercing] = ()) -> dict[str, Any]:
+def state_summary(step: StepRecord, holes: Iterable[Piercing] = (), thread: Thread | None = None) -> dict[str, Any]:
     """Take from a step what ``summary.json`` says of energy, thread, piercings, lips and ties, and from the scenario's
-    `holes` by how much they were moved."""
+    `holes` by how much they were moved, from its `thread` how its dead loads grow."""
     found = {hole.name: values((MOVED,), hole) for hole in holes if hole.moved is not None}
     contact = {"contact": {pair.pair: _contact_summary(pair) for pair in step.contact}} if step.contact else {}
     ties = {"ties": {tie.name: values(TIE, tie) for tie in step.ties}} if step.ties else {}
     loads = {"loads": [values(LOAD, load) for load in step.loads]} if step.loads else {}
     tracts = {"tracts": {tract.tract: values(TRACT, tract) for tract in step.tracts}} if step.tracts else {}
-    ends = {end: _end_summary(end, step) for end in ENDS}
+    ends = {end: _end_summary(end, step) | _growth_summary(getattr(thread, end, None)) for end in ENDS}
     return (
         {
             "energy": values(ENERGY, step.energy),
@@ -822,6 +832,11 @@ def _end_summary(end: str, step: StepRecord) -> dict[str, Value]:
     return {name.removeprefix(f"{end}_"): value for name, value in found.items() if value is not None}
 
 
+def _growth_summary(end: object) -> dict[str, Value]:
+    """Take how the dead load on an end of the thread grows from its table in the scenario; nothing of one without."""
+    return values((GROWS,), end) if isinstance(end, PulledEnd) else {}
+
+
 # -- the manual ------------------------------------------------------------------------------------------------------
 
 
@@ -836,11 +851,12 @@ def markdown(columns: Iterable[Column[Any]], what: str) -> str:
 
 def manual_tables() -> dict[str, str]:
     """Make the tables of the manual, by the name of their file."""
-    ends = [
+    ends: list[Column[Any]] = [
         replace(column, name=f"thread.{end}.{column.name.removeprefix(f'{end}_')}")
         for end, pair in ENDS.items()
         for column in pair
     ]
+    ends += [replace(GROWS, name=f"thread.{end}.{GROWS.name}") for end in ENDS]
     sums = [replace(column, name=f"thread.{column.name}") for column in (MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN)]
     ranges: list[Column[Any]] = [replace(column, name=f"range.{column.name}") for column in RANGE]
     ranges += [replace(column, name=f"range.piercings.NAME.{column.name}") for column in HOLE_RANGE]

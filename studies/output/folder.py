@@ -76,6 +76,7 @@ class Recorder:
         self._every = scenario.output.every
         self._wounds = bool(scenario.wounds)
         self._pending: Callable[[], Snapshot] | None = None
+        self._tally = Tally(scenario, tissue_dofs, subgrid, judge, checkpoint)  # refuses before anything is changed
         self._recorded = -1 if checkpoint is None else int(checkpoint["step"])  # last step in the tables
         if checkpoint is None:
             refuse_foreign(self.folder, scenario)
@@ -85,7 +86,6 @@ class Recorder:
             _refuse_lost_rows(self.folder, self._recorded, tables_of(scenario))
             _refuse_torn_index(self.folder, range(0, self._recorded, self._every))
             self.provenance = _write_continuation(self.folder, scenario)
-        self._tally = Tally(scenario, tissue_dofs, subgrid, judge, checkpoint)
         self._series = Series(self.folder, topology, before=max(self._recorded, 0))
         if self._series.missing:
             gone = ", ".join(self._series.missing[:SHOWN]) + ", …" * (len(self._series.missing) > SHOWN)
@@ -140,6 +140,7 @@ class Recorder:
                 table.close()
             self._outcome = status, error
             write_json(self.folder / "summary.json", self.summary(status, error))
+            write_json(self.folder / MARK, self._origin())
             self._write_profile()
 
     def _write_profile(self) -> None:
@@ -170,7 +171,15 @@ class Recorder:
 
     def summary(self, status: Status, error: str = "") -> dict[str, Any]:
         """Make the contents of ``summary.json`` as of the last recorded step."""
-        return self._tally.summary(status, error) | {"provenance": self.provenance}
+        return self._tally.summary(status, error) | {"provenance": self._origin()}
+
+    def _origin(self) -> dict[str, Any]:
+        """Return where the run comes from, its methods as of the last recorded step."""
+        methods, step = dict(self.provenance.get("methods", {})), self._tally.whole_from
+        if methods.get("organ") is not None:
+            begun = methods["organ"].partition(",")[0]
+            methods["organ"] = begun if step is None else f"{begun}, whole from step {step}"
+        return self.provenance | {"methods": methods}
 
     def _write_frame(self) -> None:
         if self._pending is not None and self.last_step is not None:

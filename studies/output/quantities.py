@@ -12,6 +12,7 @@ from studies.output.columns import (
     CONTACT,
     ENDS,
     ENERGY,
+    GROWS,
     HOLE_RANGE,
     HOLE_REDUCTION,
     HOLE_SUMMARY,
@@ -93,7 +94,7 @@ def column_at(place: tuple[str, ...]) -> Column[Any] | None:
 def at_end(end: str) -> tuple[Column[Any], ...]:
     """Return the columns of an end of the thread by the names that the summary gives them."""
     start = f"{end}_"
-    return tuple(
+    told = (
         replace(
             column,
             name=column.name.removeprefix(start),
@@ -101,6 +102,7 @@ def at_end(end: str) -> tuple[Column[Any], ...]:
         )
         for column in ENDS[end]
     )
+    return *told, GROWS
 
 
 COLUMNS: dict[tuple[str, ...], tuple[Column[Any], ...]] = {

@@ -16,6 +16,7 @@ from studies.arrays import Array
 from studies.output.fields import OrganRecord, ThreadRecord
 
 SEEN = 10  # steps before the last over which forces are seen to swing
+SWITCHES = 6  # between stick and slip within SEEN steps, three times to and fro: as short a period these do not resolve
 STILL = 1e-9  # of the largest tension: forces below are of round-off
 APART = 1e-6  # m: surfaces nearer are closed; a fluid of the body hardly passes, and tissue is rougher
 
@@ -254,6 +255,8 @@ class Extremes:
     cell_strain: Array  # (p,) of the cells on which each hole bears [-]
     cell_energy: Array  # (p,) strain energy per volume of them [Pa]
     forces: Array  # (SEEN + 1, p, 3) of each hole on the thread at the last steps, NaN before there were so many [N]
+    switches: Array  # (SWITCHES, p) numbers of the steps in which each hole last switched, NaN before it did so often
+    chattered: Array  # (p,) when each hole first switched so often within SEEN steps [s], NaN where it did not
     tension: float = 0.0  # of the thread at its holes and ends [N]
     thread_strain: float = 0.0  # [-]
     energy: float = 0.0  # kinetic and elastic, or work of whatever is outside [J]
@@ -290,7 +293,19 @@ class Extremes:
             branches=self.branches + (step.fallen is not None),
             fallen=max(self.fallen, step.fallen or 0.0),
             residual=self.residual if step.krylov is None else max(self.residual, step.krylov.residual),
-        )
+        ).after_switches(step)
+
+    def after_switches(self, step: StepRecord) -> "Extremes":
+        """Return the extremes with the changes between stick and slip in a step more."""
+        place = {hole.name: k for k, hole in enumerate(step.piercings)}
+        switched = [each for each in step.events if each.kind in ("slips", "sticks") and each.piercing in place]
+        switches, chattered = self.switches.copy(), self.chattered.copy()
+        for event in switched:
+            k = place[event.piercing]
+            switches[:, k] = [*switches[1:, k], step.step]
+            if np.isnan(chattered[k]) and step.step - switches[0, k] < SEEN:
+                chattered[k] = event.time
+        return replace(self, switches=switches, chattered=chattered) if switched else self
 
     @property
     def swing(self) -> float:
@@ -327,8 +342,8 @@ def at_least(met: Array, now: Array | None) -> Array:
 
 def nothing_met(piercings: int) -> Extremes:
     """Return the extremes of a run with so many piercings before its start."""
-    fields = [*np.zeros((9, piercings)), np.full((SEEN + 1, piercings, 3), np.nan)]
-    return Extremes(*fields)
+    unknown = (SEEN + 1, piercings, 3), (SWITCHES, piercings), (piercings,)
+    return Extremes(*np.zeros((9, piercings)), *(np.full(shape, np.nan) for shape in unknown))
 
 
 @dataclass(frozen=True)

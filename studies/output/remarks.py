@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Literal
 
-from studies.output.records import SEEN
+from studies.output.records import SEEN, SWITCHES
 
 Severity = Literal["note", "unsupported"]
 
@@ -21,6 +21,7 @@ KINKED = 1.0  # diameters: in a bend of a smaller radius the fibres inside would
 OFF_PATH = 10.0  # diameters: as far as the thread is drawn into a hole that begins
 CREATED = 1e-4  # of a run's energy: round-off is 1e-9 of it, and the shipped scenes create none at their steps
 DISSIPATED = 0.05  # of a run's energy
+OUTDONE = 1.0  # of what friction took: beyond, the steps had more to do with where a thread that slid came to stay
 LAYERED = 0.05  # of a run's energy: as much as the steps may take
 UNSETTLED = 0.01  # of √(EI/T): ten passes leave 1e-6 of it, and a hole's forces go with it by a part
 FALLEN = 1e-6  # of the loads: round-off is less
@@ -165,9 +166,9 @@ KINDS = (
         "numerical-dissipation",
         "note",
         f"above {DISSIPATED:.0%} of the run's energy at the end, where friction acts or forces still swing "
-        "(`forces-swing`)",
-        "what moves has been damped by the steps in time, and friction keeps what the way there did; what has come to "
-        "rest without it does not know how",
+        "(`forces-swing`); or above what friction took, where a thread slid through a hole by more than its diameter",
+        "what moves has been damped by the steps in time, and friction keeps what the way there did, and how far a "
+        "thread slid; what has come to rest without it does not know how",
     ),
     Kind(
         "knots-stay",
@@ -239,6 +240,13 @@ KINDS = (
         "what swings within so few steps is late and damped by them, and shorter ones have it elsewhere at that time",
     ),
     Kind(
+        "chatter",
+        "note",
+        f"in a dynamic run, a hole that changes between stick and slip {SWITCHES} times within {SEEN} steps",
+        "when it slips and when it sticks is then a matter of the steps, and so are the times of these events; shorter "
+        "steps tell of more of them, or of fewer",
+    ),
+    Kind(
         "subgrid",
         "unsupported",
         "no patch of the cells around a hole makes up for their coarseness",
@@ -279,6 +287,13 @@ KINDS = (
         "note",
         "a cut, a tie or a piercing that begins, after `solve.duration`",
         "it does not happen in this run; it may in one that goes on from it",
+    ),
+    Kind(
+        "rest-unloaded",
+        "note",
+        'with `solve.start = "rest"`, a dead load on an end of the thread that grows within a `ramp` of its own',
+        "there is none of it at t = 0: the rest that the run starts from is without it, and slack that it takes up is "
+        "taken up in time",
     ),
     Kind(
         "moved",

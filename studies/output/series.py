@@ -18,11 +18,11 @@ import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from html import escape  # that of xml.sax loads what speaks HTTP
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
-from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -237,7 +237,7 @@ def _data_array(name: str, values: ArrayLike, kind: str, pack: Pack, unit: str =
 
 def _array(name: str, encoded: bytes, kind: str, components: int = 1, unit: str = "") -> Markup:
     labels = "".join(f' ComponentName{index}="{label}"' for index, label in enumerate(COMPONENTS.get(components, ())))
-    tag = f'DataArray type="{TYPE_NAMES[kind]}" Name={quoteattr(name)} format="appended" offset="{PLACE}"'
+    tag = f'DataArray type="{TYPE_NAMES[kind]}" Name="{escape(name)}" format="appended" offset="{PLACE}"'
     return Markup(_unit_key(unit), (encoded,)).within(f'{tag} NumberOfComponents="{components}"{labels}')
 
 

@@ -5,13 +5,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from studies.output.checkpoint import Arrays, pack, unpack
+from studies.output.checkpoint import ANEW, CHECKPOINT, Arrays, pack, unpack
 from studies.output.columns import RUN, krylov_summary, range_summary, reduction_summary, state_summary, values
 from studies.output.fields import OrganRecord
 from studies.output.records import Ending, RunRecord, StepRecord, nothing_met
 from studies.output.remarks import Remark
-from studies.scenario import Scenario
+from studies.scenario import Scenario, ScenarioError
 
+NEVER = -1  # step
 Status = Literal["completed", "failed", "interrupted"]
 Judge = Callable[[Ending | None], Sequence[Remark]]  # what is to be said of a run, before its start and at its end
 
@@ -22,7 +23,8 @@ def nothing_to_say(ending: Ending | None) -> list[Remark]:
 
 
 class Tally:
-    """Gathers the summary of a run; with the ``memory`` of a checkpoint that of a run that goes on."""
+    """Gathers the summary of a run; with the ``memory`` of a checkpoint that of a run that goes on. Raises
+    `ScenarioError` for one that lacks what is gathered."""
 
     def __init__(
         self,
@@ -34,6 +36,7 @@ class Tally:
     ) -> None:
         self._judge = judge
         self._holes = scenario.piercing
+        self._thread = scenario.thread
         self._names = [hole.name for hole in scenario.piercing]
         self._has_organ = scenario.tissue is not None
         self._tissue_dofs = tissue_dofs
@@ -45,9 +48,13 @@ class Tally:
         self._constraint_max = float(counters.get("constraint_max", 0.0))
         self._constraint_residual = float(counters.get("constraint_residual", 0.0))
         self._seconds = float(counters.get("seconds", 0.0))
+        self._whole_from = int(counters.get("whole_from", NEVER))
         self._extremes = nothing_met(len(self._names))
         if memory is not None:
-            self._extremes = unpack(self._extremes, memory, "extremes")
+            try:
+                self._extremes = unpack(self._extremes, memory, "extremes")
+            except KeyError as error:
+                raise ScenarioError(f"{CHECKPOINT} is of another version of this code ({error}); {ANEW}") from None
 
     def count(self, step: StepRecord) -> None:
         """Add a step that was taken."""
@@ -55,7 +62,14 @@ class Tally:
         self._constraint_max = max(self._constraint_max, step.constraint_max)
         self._constraint_residual = max(self._constraint_residual, step.constraint_residual)
         self._seconds += step.seconds if step.step else 0.0
+        if self._whole_from == NEVER and step.krylov is not None and not step.krylov.vectors:
+            self._whole_from = step.step
         self._extremes = self._extremes.after_step(step)
+
+    @property
+    def whole_from(self) -> int | None:
+        """The first step for which an organ gave its Krylov space up and was solved whole, None where it did not."""
+        return None if self._whole_from == NEVER else self._whole_from
 
     def see(self, organ: OrganRecord | None) -> None:
         """Add the organ of a frame, None without one."""
@@ -68,6 +82,7 @@ class Tally:
             "constraint_max": np.array(self._constraint_max),
             "constraint_residual": np.array(self._constraint_residual),
             "seconds": np.array(self._seconds),
+            "whole_from": np.array(self._whole_from),
         }
         return {**counters, **pack(self._extremes, "extremes")}
 
@@ -89,4 +104,4 @@ class Tally:
             said["reduction"] = reduction_summary(self._names, self._extremes, step.reduction)
         if step is not None and step.krylov is not None:
             said["krylov"] = krylov_summary(self._extremes, step.krylov)
-        return head | said | (state_summary(step, self._holes) if step else {})
+        return head | said | (state_summary(step, self._holes, self._thread) if step else {})

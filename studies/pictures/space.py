@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import vtkmodules.vtkRenderingFreeType  # noqa: F401  # letters
+import vtkmodules.vtkRenderingFreeType  # letters
+import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  # what draws
 from numpy.typing import NDArray
 from PIL import Image
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
@@ -30,7 +31,6 @@ from vtkmodules.vtkRenderingCore import (
     vtkRenderWindow,
     vtkTextActor,
 )
-from vtkmodules.vtkRenderingOpenGL2 import vtkRenderStepsPass, vtkSSAAPass
 
 from studies.arrays import Array
 from studies.output.fields import OrganTopology
@@ -61,6 +61,7 @@ from studies.pictures.view import (
 )
 
 BLANK = 2.0  # standard deviation of the pixels' values below which nothing has been drawn
+SAMPLES = 8  # of a pixel at edges, or as many as the renderer has: to draw all of it larger takes a third longer
 MARGINS = (60.0, 60.0, 170.0, 110.0)  # pixels left, right, below for the bars of colours, above for the title
 TITLE, SMALL, NAMES = 28, 20, 20  # pixels of letters
 BAR_TITLE, BAR_LABEL = 18, 16  # the same of a bar of colours
@@ -99,11 +100,8 @@ def draw_staged(frame: Frame, stage: Stage, path: Path) -> None:
     window, renderer = vtkRenderWindow(), vtkRenderer()
     window.SetOffScreenRendering(True)
     window.SetSize(*SIZE)
-    window.SetMultiSamples(0)
+    window.SetMultiSamples(SAMPLES)
     window.SetNumberOfLayers(2)
-    smooth = vtkSSAAPass()
-    smooth.SetDelegatePass(vtkRenderStepsPass())
-    renderer.SetPass(smooth)
     renderer.SetBackground(1.0, 1.0, 1.0)
     vtkLightKit().AddLightsToRenderer(renderer)
     for prop in props_of(frame, stage):
@@ -189,7 +187,7 @@ def _organ(topology: OrganTopology, frame: Frame, scale: Scale) -> list[Any]:
     edges.SetFeatureAngle(SHARP)
     edges.BoundaryEdgesOff()
     edges.ColoringOff()
-    return [actor, _plain(edges, "#8a6d5c", line_width=2.0), _bar(table, stress_words(frame), 0.34)]
+    return [actor, _plain(edges, "#8a6d5c", line_width=1.5), _bar(table, stress_words(frame), 0.34)]
 
 
 def _thread(frame: Frame, scale: Scale) -> list[Any]:
@@ -257,7 +255,7 @@ def _names(frame: Frame, stage: Stage) -> list[Any]:
     boxes = np.array([[LETTER * NAMES * len(text), 1.2 * NAMES] for text in words])
     corners = label_places(anchors, boxes, taken_pixels(frame, stage), SIZE)
     nearest = np.clip(anchors, corners, corners + boxes)
-    lines = [_pixel_line(np.array(ends), 1.5) for ends in zip(anchors, nearest, strict=True)]
+    lines = [_pixel_line(np.array(ends), 1.0) for ends in zip(anchors, nearest, strict=True)]
     return [*(_text(text, corner, NAMES) for text, corner in zip(words, corners, strict=True)), *lines]
 
 
@@ -278,7 +276,7 @@ def _words(frame: Frame, stage: Stage) -> list[Any]:
     return [
         _text(caption(frame, stage.title), (24.0, height - 48.0), TITLE),
         _text(legend(stage.scale), (24.0, height - 84.0), SMALL),
-        _pixel_line(np.array(places), 3.0),
+        _pixel_line(np.array(places), 2.0),
         _text(words, (left, low + 14.0), SMALL),
     ]
 

@@ -16,6 +16,7 @@ from pydantic_core import ErrorDetails
 BARE = re.compile(r"[A-Za-z0-9_-]+")
 LONGEST_VALUE = 60  # characters of a refused value that are shown, unless it is text
 LONGEST_TEXT = 300  # characters of text that are shown: a path is of use only as a whole
+LONGEST_MEANING = 120  # characters of what a key means, above which its first clause is told alone
 LONGEST_WORD = 100  # characters of a word that another may be like
 MOST_DETAILS = 100  # faults of which sentences are made
 LARGEST_WHOLE = 10**100  # above it a whole number is told by its size: Python writes none of 4300 digits
@@ -146,10 +147,18 @@ def _remedy(place: Place) -> str:
     info = place.table.model_fields[place.field]
     name = info.alias or place.field
     key = dotted_key(place.parts[: len(place.parts) - place.parts[::-1].index(name)])
-    example = info.examples[0] if info.examples else info.default
+    example, meaning = info.examples[0] if info.examples else info.default, _in_short(str(info.description))
     if example is None:
-        return f"correct it, or leave {key} out ({info.description})"
-    return f"write for example {key} = {as_toml(example)} ({info.description})"
+        return f"correct it, or leave {key} out ({meaning})"
+    return f"write for example {key} = {as_toml(example)} ({meaning})"
+
+
+def _in_short(description: str) -> str:
+    """Return what a key means, of a long description its first clause: the rest is in the manual of keys."""
+    for mark in "; ", ": ":
+        if len(description) > LONGEST_MEANING:
+            description = re.split(mark + r"(?![^(]*\))", description)[0]  # but not within parentheses
+    return description
 
 
 def _place(loc: Sequence[int | str], model: type[BaseModel], data: object) -> Place:

@@ -16,7 +16,7 @@ from coupling.equilibrium import slides_freely
 from meshes.quality import size_at
 from studies import scenario as model
 from studies.arrays import Array
-from studies.output.records import SEEN, Ending, EnergyRecord, Extremes, TractRecord
+from studies.output.records import SEEN, SWITCHES, Ending, EnergyRecord, Extremes, StepRecord, TractRecord
 from studies.output.remarks import (
     BARE,
     COARSE,
@@ -30,6 +30,7 @@ from studies.output.remarks import (
     MOVED,
     NEAR,
     OFF_PATH,
+    OUTDONE,
     REDUCED,
     RESOLVED_SHARE,
     SHARE,
@@ -76,6 +77,7 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]], q: Ar
     bends = bent_sharply(*sharpest_bend(thread, q), thread.section.diameter) if straight else []
     out = [*unlike_units(values_of(assembly)), *off_path(assembly), *bends, *handed_over(assembly.given, assembly.body)]
     out += after_end(times_of(scenario), scenario.solve.duration)
+    out += [said for key, ramp in ramps_of(scenario).items() for said in unloaded_rest(key, ramp)]
     out += spans_left(scenario)
     out += undetermined_slip(scenario.solve.kind == "static" and slides_freely(system, system.rows[:, 0]))
     if assembly.body is None:
@@ -102,6 +104,27 @@ def times_of(scenario: Scenario) -> dict[str, float]:
     begins = {dotted_key(["piercing", hole.name, "from"]): hole.from_ for hole in scenario.piercing}
     closes = {dotted_key(["tie", tie.name, "from"]): tie.from_ for tie in scenario.tie}
     return begins | closes | {f"cut.{k}.time": table.time for k, table in enumerate(scenario.cut)}
+
+
+def ramps_of(scenario: Scenario) -> dict[str, float]:
+    """Return within what time the dead loads on the ends of a thread that starts at rest grow [s], by the key of the
+    end; none where the clock starts with the thread as it was laid."""
+    if scenario.solve.start != "rest":
+        return {}
+    ends = {"thread.start": scenario.thread.start, "thread.end": scenario.thread.end}
+    return {key: end.ramp for key, end in ends.items() if isinstance(end, model.PulledEnd) and end.ramp is not None}
+
+
+def unloaded_rest(key: str, ramp: float) -> list[Remark]:
+    """Judge whether the dead load on the end `key` of a thread, which grows within a `ramp` [s], is there at the rest
+    that a run starts from."""
+    if ramp == 0.0:
+        return []
+    text = (
+        f"the dead load on {key} grows within {ramp:.3g} s, and none of it is there at t = 0: the rest that the run "
+        f"starts from is without it, and slack is taken up in time; leave out {key}.ramp for a rest under all of it"
+    )
+    return [remark("rest-unloaded", key, text)]
 
 
 def spans_left(scenario: Scenario) -> list[Remark]:
@@ -181,13 +204,14 @@ def met(assembly: Assembly, ending: Ending, springs: Mapping[str, float]) -> lis
         *([] if dynamic and moves(step.energy) else unstable(step.would_stay)),
         *followed(extremes.branches),
         *past_limit(extremes.fallen / scenario.solve.duration),
-        *(audited(step.energy.numerical_dissipation, extremes, rubs(assembly) or not names) if dynamic else []),
+        *(audited(step.energy, extremes, rubs(assembly) or not names, has_slid(assembly, step)) if dynamic else []),
         *(
             unsettled(step.energy, step.slide_speed * step.time, section_of(scenario.thread).diameter)
             if dynamic
             else []
         ),
         *(swinging(extremes.swing) if dynamic else []),
+        *(chattering(names, extremes.chattered) if dynamic else []),
     ]
 
 
@@ -441,10 +465,17 @@ def rubs(assembly: Assembly) -> bool:
     return bool(assembly.system.rough.any()) or any(pair.friction for pair in assembly.scenario.contact)
 
 
-def audited(numerical: float, extremes: Extremes, rough: bool) -> list[Remark]:
-    """Judge what the steps in time did to the energy, `numerical` [J] being their dissipation at the end; `rough`:
-    friction keeps what they did."""
-    out, scale = [], extremes.energy
+def has_slid(assembly: Assembly, step: StepRecord) -> bool:
+    """Tell whether a thread that rubs in its holes was drawn through one by more than its diameter."""
+    diameter = section_of(assembly.scenario.thread).diameter
+    drawn = (abs(hole.slip) for hole in step.piercings)
+    return bool(assembly.system.rough.any()) and max(drawn, default=0.0) > SLID * diameter
+
+
+def audited(energy: EnergyRecord, extremes: Extremes, rough: bool, slid: bool) -> list[Remark]:
+    """Judge what the steps in time did to the energy by its audit at the end; `rough`: friction keeps what they did,
+    and of a thread that has `slid` how far."""
+    out, scale, numerical = [], extremes.energy, energy.numerical_dissipation
     if extremes.created > CREATED * scale:
         out.append(
             remark(
@@ -462,6 +493,16 @@ def audited(numerical: float, extremes: Extremes, rough: bool) -> list[Remark]:
                 f"the steps in time dissipated {numerical:.2g} J, {numerical / scale:.0%} of the most that the run "
                 f"held at once ({scale:.2g} J): what swings is damped by them; where that matters take a smaller "
                 "solve.dt",
+            )
+        )
+    elif slid and numerical > OUTDONE * energy.friction_dissipation:
+        out.append(
+            remark(
+                "numerical-dissipation",
+                "solve.dt",
+                f"the steps in time dissipated {numerical:.2g} J, and friction {energy.friction_dissipation:.2g} J: "
+                "how far the thread slid, which friction keeps, is as much theirs; compare with a smaller solve.dt, or "
+                "with a solve.tolerance, by which what moves fast is followed in parts of a step",
             )
         )
     if extremes.layered > LAYERED * scale:
@@ -505,6 +546,21 @@ def swinging(swing: float) -> list[Remark]:
         f"most {SWUNG:g} are slow enough for them: take a smaller solve.dt, or let it come to rest"
     )
     return [remark("forces-swing", "solve.dt", text)]
+
+
+def chattering(names: Sequence[str], times: Array) -> list[Remark]:
+    """Judge when holes changed again and again between stick and slip within a few steps, `times` (p,) [s], NaN where
+    one did not."""
+    chattered = np.flatnonzero(~np.isnan(times))
+    if not chattered.size:
+        return []
+    first, others = chattered[np.argmin(times[chattered])], len(chattered) - 1
+    also = f", and so did {others} other{'s' * (others > 1)} later," if others else ""
+    text = (
+        f"{names[first]!r} changed between stick and slip {SWITCHES} times within {SEEN} steps until t = "
+        f"{times[first]:.4g} s{also}: these steps do not resolve when; take a smaller solve.dt where that matters"
+    )
+    return [remark("chatter", names[first], text)]
 
 
 def outside_subgrid(gaps: Mapping[str, Mapping[str, Any]]) -> list[Remark]:

@@ -106,7 +106,8 @@ class Simulation:
     @property
     def methods(self) -> dict[str, str | None]:
         """By what the run is solved; `solver` is that of the organ, as `auto` chose it, and `organ` whether its steps
-        begin "whole", in its "krylov" space or in a small "basis"; None without one."""
+        begin "whole", in its "krylov" space or in a small "basis"; None without one. A recorder adds from which step
+        on the space was given up."""
         solve, choice = self.scenario.solve, getattr(self.assembly.organ, "choice", None)
         spaces = {tissue.KrylovOrgan: "krylov", tissue.ReducedOrgan: "basis"}
         organ = spaces.get(type(self.assembly.organ), "whole") if choice else None

@@ -21,7 +21,21 @@ from coupling.errors import (
 from studies.campaign import study
 from studies.campaign.generator import GENTLE, KINDS, SUTURES, cases
 from studies.campaign.quarter import forces_apart, lengths_apart, with_shorter_steps
-from studies.campaign.study import CAUSES, CREATED, CREATED_BDF2, Row, cause_of, figure, remarks, run, table
+from studies.campaign.study import (
+    AGREED,
+    ALIKE,
+    CAUSES,
+    CREATED,
+    CREATED_BDF2,
+    TELLING,
+    Row,
+    cause_of,
+    figure,
+    remarks,
+    run,
+    table,
+)
+from studies.output.remarks import DISSIPATED
 from studies.scenario import parse
 from studies.study import AT_WORK
 
@@ -87,6 +101,19 @@ def test_the_workers_of_a_study_do_the_cases() -> None:
     assert [item.args[0] for item in items] == list(cases(3, 4, 2))
 
 
+def test_a_thread_that_slides_as_its_swinging_is_damped_is_told() -> None:
+    """Independent check: a hand draws gently on a thread that swings as it was laid; steps a quarter as long leave it
+    more of that, and it slides further by far more than what agrees. Of the energy there was the steps took little, of
+    what friction took several times as much, and the run says so."""
+    (case,) = cases(1, 1, 65)
+    end = study.followed(case.tables, 20_000)
+    found = study.compared(case, study.row(case, end), end, 20_000)
+    assert end.tally is not None
+    assert end.tally.now.energies.numerical_dissipation < DISSIPATED * end.tally.extremes.energy
+    assert found.lengths_apart > 5.0 * AGREED
+    assert TELLING & set(end.said) == {"numerical-dissipation"}
+
+
 def test_what_did_not_arrive_is_counted_and_listed() -> None:
     """Independent check: a case stopped by its bound is no completed one, and table, remarks and figure say so."""
     (case,) = cases(1, 1, 22)
@@ -120,4 +147,13 @@ def test_a_case_agrees_with_itself_in_shorter_steps(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(study, "followed", lambda tables, most: replace(end, cause="another branch"))
     rows = [study.compared(case, found, end, 1000), replace(found, forces_apart=0.0, lengths_apart=0.0), found]
     said = "\n".join(remarks(rows))
-    assert "1 of 2, 1 of the others WITHOUT A REMARK" in said and "forces by inf" in said and "says nothing" in said
+    assert "1 of 2, 1 of the others WITHOUT A REMARK on the steps, 0 of them not at rest" in said
+    assert "forces by inf" in said and "says nothing" in said
+    near = [
+        replace(found, forces_apart=0.5 * ALIKE, lengths_apart=share * ALIKE, said=words)
+        for share, words in ((0.5, "spans forces-swing"), (0.5, "no-tract"), (2.0, "forces-swing"))
+    ]
+    assert "remarked on that agree within 0.2% all the same: 1 of 2" in "\n".join(remarks(near))
+    far = [replace(found, forces_apart=2.0 * AGREED, lengths_apart=0.0, said=words) for words in ("not-at-rest", "")]
+    told = replace(far[0], said="not-at-rest numerical-dissipation")
+    assert "0 of 3, 2 of the others WITHOUT A REMARK on the steps, 1 of them not" in "\n".join(remarks([*far, told]))

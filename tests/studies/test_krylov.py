@@ -1,7 +1,9 @@
 """A scenario whose organ is solved in its Krylov space: the whole organ's numbers, what is said, and where it is so."""
 
+import json
 import tomllib
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from studies.output.records import StepRecord
 from studies.output.tally import Tally
 from studies.scenario import ScenarioError, load, parse
 from studies.simulation import prepare
+from studies.simulation.recorded import begin
 from studies.simulation.sharing import Shared
 from studies.simulation.simulation import Simulation
 from tests.bounds import RESIDUAL
@@ -205,6 +208,36 @@ def test_the_summary_says_how_the_organ_was_solved() -> None:
     assert method == "krylov" and summary["krylov"]["vectors"] >= 90
     assert 0.0 < summary["krylov"]["residual"] <= 2.0 * krylov.ACCURACY
     assert said[WHOLE][1] == "whole" and "krylov" not in said[WHOLE][0]
+
+
+def recorded(folder: Path, *more: str, resume: bool = False) -> tuple[list[StepRecord], str]:
+    """Record a run that leaves its space when a hole begins; return the steps that were made, and the organ's method
+    as the folder has it."""
+    folder.mkdir(exist_ok=True)
+    begun = begin(
+        prepared(KRYLOV, "piercing.exit.from=9e-3", "output.every=4", "solve.duration=0.016", *more), folder, resume
+    )
+    assert begun is not None
+    steps = []
+    with begun[0] as recorder:
+        for step, frame in begun[1]:
+            recorder.record(step, frame)
+            steps.append(step)
+    said = json.loads((folder / "summary.json").read_text(encoding="utf-8"))["provenance"]
+    assert said == json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
+    return steps, said["methods"]["organ"]
+
+
+def test_the_methods_say_from_which_step_on_the_organ_was_solved_whole(tmp_path: Path) -> None:
+    """Independent check: the first step without vectors; none of a run that ends before it, and the same one of a run
+    that is gone on with from a checkpoint before it or after it."""
+    steps, said = recorded(tmp_path / "once")
+    first = next(step.step for step in steps if step.krylov is not None and not step.krylov.vectors)
+    assert said == f"krylov, whole from step {first}"
+    for name, last, before in (("early", first - 2, "krylov"), ("late", first + 4, said)):
+        assert recorded(tmp_path / name, f"solve.duration={last * 1e-3}")[1] == before
+        again, now = recorded(tmp_path / name, resume=True)
+        assert now == said and again[0].step == last - last % 4
 
 
 FINE = ["tissue.mesh.h_site=1.5e-3", "tissue.mesh.h=3.0e-3"]

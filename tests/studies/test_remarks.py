@@ -14,9 +14,11 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 from coupling import equilibrium
+from coupling.events import Event
+from studies.campaign.generator import cases
 from studies.command import command
 from studies.output.folder import Recorder
-from studies.output.records import SEEN, STILL, Ending, EnergyRecord, Extremes, StepRecord, nothing_met
+from studies.output.records import SEEN, STILL, SWITCHES, Ending, EnergyRecord, Extremes, StepRecord, nothing_met
 from studies.output.remarks import (
     BARE,
     CATALOGUE,
@@ -32,6 +34,7 @@ from studies.output.remarks import (
     MOVED,
     NEAR,
     OFF_PATH,
+    OUTDONE,
     REDUCED,
     RESOLVED_SHARE,
     SHARE,
@@ -77,8 +80,8 @@ def hole(**keys: Any) -> Any:
     return parse(table).piercing[0]
 
 
-def energy(kinetic: float, elastic: float) -> EnergyRecord:
-    return EnergyRecord(kinetic, elastic, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+def energy(kinetic: float = 0.0, elastic: float = 0.0, friction: float = 0.0, numerical: float = 0.0) -> EnergyRecord:
+    return EnergyRecord(kinetic, elastic, 0.0, 0.0, friction, 0.0, numerical, 0.0)
 
 
 # For each code the bound, and the judgement of a value; the sign says on which side of the bound it is said.
@@ -112,9 +115,13 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "spans": (RESOLVED, 1, judging.coarse_spans),
     "spans-between": (BETWEEN, -1, judging.few_spans),
     "bending-length": (UNSETTLED, 1, judging.unsettled_bending),
-    "energy-created": (CREATED, 1, lambda x: judging.audited(0.0, met(energy=1.0, created=x), False)),
-    "numerical-dissipation": (DISSIPATED, 1, lambda x: judging.audited(x, met(energy=1.0), True)),
-    "layer-energy": (LAYERED, 1, lambda x: judging.audited(0.0, met(energy=1.0, layered=x), False)),
+    "energy-created": (CREATED, 1, lambda x: judging.audited(energy(), met(energy=1.0, created=x), False, False)),
+    "numerical-dissipation": (
+        DISSIPATED,
+        1,
+        lambda x: judging.audited(energy(numerical=x, friction=1.0), met(energy=1.0), True, True),
+    ),
+    "layer-energy": (LAYERED, 1, lambda x: judging.audited(energy(), met(energy=1.0, layered=x), False, False)),
     "branch": (1.0, 1, lambda x: judging.followed(np.floor(x))),
     "limit-point": (FALLEN, 1, judging.past_limit),
     "not-at-rest": (SETTLED, 1, lambda x: judging.unsettled(energy(x, 1.0), 0.0, 3e-4)),
@@ -233,8 +240,57 @@ def test_damping_is_told_where_the_end_knows_of_it() -> None:
     """Independent check: what has come to rest without friction does not know what was damped on the way."""
     swings = course(lambda t: 1.0 + 0.8 * t * (1.0 + t))
     for extremes, rough, said in ((met(), False, False), (met(), True, True), (swings, False, True)):
-        found = judging.audited(2.0 * DISSIPATED, replace(extremes, energy=1.0), rough)
+        found = judging.audited(energy(numerical=2.0 * DISSIPATED), replace(extremes, energy=1.0), rough, False)
         assert [each.code for each in found] == ["numerical-dissipation"] * said
+    for share, slid, said in ((1.0 - ROUND, True, False), (1.0 + ROUND, True, True), (1.0 + ROUND, False, False)):
+        took = energy(friction=0.1 * DISSIPATED, numerical=0.1 * OUTDONE * DISSIPATED * share)
+        found = judging.audited(took, met(energy=1.0), True, slid)
+        assert [each.code for each in found] == ["numerical-dissipation"] * said
+        assert all(f"friction {took.friction_dissipation:.2g} J" in each.message for each in found)
+
+
+def switching(steps: Sequence[int], name: str = "entry") -> Extremes:
+    """What a run met whose hole of a name switched at each of the steps, a hundredth of a second before their end."""
+    out = nothing_met(len(step(1).piercings))
+    for number in range(1, 40):
+        told = tuple(Event(0.5 * number - 0.01, "slips", name) for at in steps if at == number)
+        out = replace(out.after_step(replace(step(number), events=told)), mean_strain=out.mean_strain)
+    return out
+
+
+def test_chatter_is_of_one_hole_and_few_steps() -> None:
+    """Independent check: as many switches within so many steps, twice in one too, are told with the hole and the time
+    of the last of them, the first such time; over a step more, or of other holes, they are not."""
+    last = 7 + SEEN - 1
+    near, far = [7, 9, 9, 11, 12, last], [7, 9, 9, 11, 12, last + 1]
+    assert len(near) == SWITCHES and len(step(1).piercings) > 1
+    names = [hole.name for hole in step(1).piercings]
+    (said,) = judging.chattering(names, switching([*near, 30, 31, 32, 33, 34, 35]).chattered)
+    assert (said.code, said.where) == ("chatter", "entry") and f"t = {0.5 * last - 0.01:.4g} s:" in said.message
+    for others in (far, near[1:]):
+        assert judging.chattering(names, switching(others).chattered) == []
+    assert judging.chattering(names, switching(near, "knot").chattered) == []
+    (both,) = judging.chattering(names, np.array([0.2, 0.1, *[np.nan] * (len(names) - 2)]))
+    assert both.where == names[1] and "and so did 1 other later" in both.message
+
+
+def test_holes_that_chatter_have_more_to_tell_in_shorter_steps() -> None:
+    """Independent check: what three changes to and fro within ten steps do not resolve are changes that shorter steps
+    find; those remark on nothing, and have what a pull through one hole begins with."""
+    (case,) = cases(1, 1, 22)
+    said, told = [], []
+    for dt in (2.5e-4, 6.25e-5):
+        simulation = prepare(parse(case.tables | {"solve": {"dt": dt, "duration": 0.012}}))
+        records = [record for record, _ in simulation.advance()]
+        extremes = nothing_met(1)
+        for record in records:
+            extremes = extremes.after_step(record)
+        said.append(
+            [each.where for each in simulation.remarks(Ending(records[-1], extremes)) if each.code == "chatter"]
+        )
+        told.append([event.kind for record in records for event in record.events if event.kind in ("slips", "sticks")])
+    assert said == [["hole1"], []]
+    assert len(told[1]) > 1.3 * len(told[0])
 
 
 PENDULUM = """
@@ -346,7 +402,8 @@ def test_the_catalogue_has_every_code_once_and_each_is_judged() -> None:
     assert {kind.severity for kind in KINDS} == {"note", "unsupported"}
     assert CATALOGUE.keys() - JUDGED.keys() == {
         "would-not-stay", "slides-freely", "not-held", "bare-point", "off-path", "frames-missing", "no-picture",
-        "handed-over", "remedy", "stress-of-e-nu", "knots-stay"
+        "handed-over", "remedy", "stress-of-e-nu", "knots-stay", "rest-unloaded",
+            "chatter"
     }  # fmt: skip
     with pytest.raises(KeyError):
         remark("no-such-code", "", "")

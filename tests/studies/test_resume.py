@@ -1,6 +1,7 @@
 """Checkpoint and resume: a run that was killed, interrupted or out of disk goes on to the same numbers, bit by bit."""
 
 import errno
+import io
 import json
 import os
 import signal
@@ -16,7 +17,7 @@ import pytest
 import pyvista as pv
 
 from studies.command import command
-from studies.output.checkpoint import CHECKPOINT, changes, first_in_words, read_checkpoint, write_checkpoint
+from studies.output.checkpoint import CHECKPOINT, changes, first_in_words, read_checkpoint, sealed, write_checkpoint
 from studies.output.folder import MARK, Recorder, can_resume
 from studies.output.records import StepRecord
 from studies.scenario import ScenarioError, dump, load, parse
@@ -349,7 +350,9 @@ def test_an_empty_folder_begins_anew(file: Path, whole: Path, tmp_path: Path) ->
     assert_same(tmp_path / "new", whole)
 
 
-@pytest.mark.parametrize("damage", ["truncated", "rows lost", "other columns", "of another version"])
+@pytest.mark.parametrize(
+    "damage", ["truncated", "rows lost", "arrays one by one", "other columns", "state.q", "extremes.forces"]
+)
 def test_a_damaged_folder_is_refused(
     file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -366,13 +369,18 @@ def test_a_damaged_folder_is_refused(
     elif damage == "other columns":
         rows = (out / "steps.csv").read_bytes()
         (out / "steps.csv").write_bytes(rows.replace(b"time [s]", b"time", 1))
+    elif damage == "arrays one by one":
+        written = io.BytesIO()
+        np.savez(written, **read_checkpoint(out) or {})  # type: ignore[arg-type]
+        (out / CHECKPOINT).write_bytes(sealed(written.getvalue()))
     else:
         held = read_checkpoint(out)
         assert held is not None
-        write_checkpoint(out, {name: array for name, array in held.items() if name != "state.q"})
+        write_checkpoint(out, {name: array for name, array in held.items() if name != damage})  # of another version
     capsys.readouterr()
     assert start(file, out, "--resume") == command.REFUSED
     assert "run with --overwrite to begin anew" in capsys.readouterr().err
+    assert (out / "summary.json").is_file() or damage == "state.q"  # that is found out once the run is prepared
     assert start(file, out, "--overwrite") == 0
 
 

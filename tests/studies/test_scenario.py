@@ -324,6 +324,17 @@ def test_a_missing_key_is_named(key: str) -> None:
         parse(data)
 
 
+def test_a_remedy_tells_what_a_key_means_and_not_its_whole_manual() -> None:
+    """Independent check: what is told of a key with a long manual is its first clause, whole."""
+    data = tomllib.loads(CONTRACT)
+    data["solve"] |= {"organ": "reduced", "integrator": "trapezoidal"}
+    with pytest.raises(ScenarioError) as caught:
+        parse(data)
+    integrator, organ = sorted(caught.value.problems)
+    assert organ.endswith("(how a step solves a linear organ with inertia)")
+    assert integrator.endswith("(integration in time)")
+
+
 def test_a_refused_value_without_a_default_is_shown_no_none() -> None:
     """Independent check: TOML has no None to write."""
     data = tomllib.loads(CONTRACT)

@@ -1,14 +1,19 @@
 """A run that starts at rest: it stays there, what comes later acts on it alone, and what has no rest is refused."""
 
+import json
 from copy import deepcopy
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from coupling.errors import RestError
+from studies.command.summary import print_summary
+from studies.output.folder import Recorder
 from studies.output.records import StepRecord
 from studies.scenario import Scenario, ScenarioError, parse
+from studies.scenario.scenario import RAMP
 from studies.simulation import prepare
 from studies.simulation.remedies import try_remedies
 from tests.bounds import MOVED, SWING, TWO_SOLVERS
@@ -158,6 +163,32 @@ def test_a_dead_load_without_a_ramp_acts_in_full() -> None:
     for ramp, load in ((0.0, 1.5 * weight), (0.05, weight)):
         (start,) = [record for record in records_of(hanging(ramp, duration=1e-3)) if record.time == 0.0]
         assert abs(start.start_reaction[2] - load) < 1e-2 * weight
+
+
+@pytest.mark.parametrize(
+    ("start", "ramp", "remarks", "grows"),
+    [("rest", None, [], 0.0), ("rest", 0.0, [], 0.0), ("rest", 0.1, ["rest-unloaded"], 0.1), ("path", None, [], RAMP)],
+)
+def test_a_run_says_how_its_dead_load_grows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], start: str, ramp: float | None, remarks: list[str], grows: float
+) -> None:
+    """Independent check: none of a load that grows is there at a rest, and that is remarked; a time that the scenario
+    leaves out stands in the summary, on the console and in the file, like one that it gives."""
+    scene = stitched(start=start, duration=1.0)
+    scene["thread"]["start"] |= {} if ramp is None else {"ramp": ramp}
+    scene["solve"]["dt"] = 0.5
+    simulation = prepare(parse(scene))
+    record, frame = next(simulation.advance())
+    pull = np.linalg.norm(record.start_reaction)
+    assert abs(pull - (PULL if grows == 0.0 else 0.0)) < TWO_SOLVERS * PULL
+    assert [said.code for said in simulation.foreseen if said.where == "thread.start"] == remarks
+    with Recorder(tmp_path, simulation.scenario) as recorder:
+        recorder.record(record, frame)
+    print_summary(simulation.scenario, recorder, "completed")
+    told = [line for line in capsys.readouterr().out.splitlines() if line.startswith("load")]
+    assert told == ([f"load       thread.start: {PULL:g} N, grows within {grows:g} s"] if grows else [])
+    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert summary["thread"]["start"]["grows_within"] == grows
 
 
 @pytest.mark.parametrize(("step", "resolution"), [(0, "fixed"), (0, "holes"), (3, "holes")])

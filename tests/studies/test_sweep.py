@@ -156,6 +156,7 @@ def test_every_quantity_has_its_unit() -> None:
         "piercings.ring.state": "",
         "energy.kinetic": "J",
         "thread.start.reaction_x": "N",
+        "thread.start.grows_within": "s",
         "range.largest_rotation": "rad",
         "range.strained_share": "-",
         "range.piercings.ring.turn": "rad",

@@ -12,6 +12,7 @@ from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tissue.organs.meshed import compliance
 from tissue.solvers import iterative
 from tissue.solvers.multigrid import Blocks, multigrid, rigid_motions
+from tissue.solvers.passes import product_by_rows
 
 Array = NDArray[np.float64]
 DT = 1.0e-3
@@ -84,18 +85,42 @@ def test_the_cycle_is_symmetric_and_positive() -> None:
     assert np.abs(together[:, 1] - cycle(y)).max() <= 1e-5 * np.abs(together).max()
 
 
+@pytest.mark.parametrize("block", [(3, 3), (3, 6), (6, 3), (6, 6)])
 @pytest.mark.parametrize("columns", [1, 2, 9])
-def test_a_product_in_blocks_is_that_of_the_matrix(columns: int) -> None:
+def test_a_product_in_blocks_is_that_of_the_matrix(columns: int, block: tuple[int, int]) -> None:
     """Consistency check: of a matrix that is not square, with rows of blocks that are empty, to single precision."""
     rng = np.random.default_rng(6)
     pattern = rng.random((7, 5)) < 0.4
     pattern[2] = False
-    whole = np.kron(pattern, np.ones((3, 3)))
+    whole = np.kron(pattern, np.ones(block))
     A = (whole * rng.standard_normal(whole.shape)).astype(np.float32)
     x = rng.standard_normal((A.shape[1], columns)).astype(np.float32)
-    got, size = Blocks(bsr_matrix(A, blocksize=(3, 3))) @ x, np.abs(A) @ np.abs(x)
+    got, size = Blocks(bsr_matrix(A, blocksize=block)) @ x, np.abs(A) @ np.abs(x)
     assert not whole.any(axis=1).all()
     assert np.all(np.abs(got - A @ x) <= SINGLE * size)
+
+
+@pytest.mark.parametrize("columns", [2, 9])
+def test_a_product_by_rows_is_that_of_the_matrix(columns: int) -> None:
+    """Consistency check: of rows of none to eight entries, which are added four at a time and what is left one by
+    one."""
+    rng = np.random.default_rng(7)
+    pattern = np.arange(8) < np.arange(9)[:, None]
+    A, x = pattern * rng.standard_normal(pattern.shape), rng.standard_normal((8, columns))
+    own, got = csr_matrix(A), np.full((9, columns), np.nan)
+    product_by_rows(own.indptr, own.indices, own.data, x, got)
+    assert np.all(np.abs(got - A @ x) <= IDENTITY * (np.abs(A) @ np.abs(x)))
+
+
+def test_a_cycle_forgets_the_one_before() -> None:
+    """Consistency check: the fields that cycles share carry nothing over, and what one has returned stays."""
+    A, places = system_of(body_of(6))
+    cycle, (x, y) = multigrid(A, places), np.random.default_rng(9).standard_normal((2, A.shape[0], 3))
+    first = cycle(x)
+    kept = first.copy()
+    cycle(y)
+    assert np.array_equal(first, kept)
+    assert np.array_equal(cycle(x), kept)
 
 
 def test_rigid_motions_take_no_force() -> None:

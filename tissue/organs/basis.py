@@ -91,8 +91,20 @@ def vibration_modes(K: csr_matrix, M: csr_matrix, solve: Callable[[Array], Array
 class Orthonormal:
     """Vectors orthonormal in K, to which others are added block by block."""
 
-    def __init__(self, K: csr_matrix) -> None:
-        self.K, self.V, self.KV = K, np.zeros((K.shape[0], 0)), np.zeros((K.shape[0], 0))
+    def __init__(self, K: csr_matrix, expected: int = 0) -> None:
+        """``expected``: vectors for which there is room at once; for more there is room made."""
+        self.K, self._size = K, 0
+        self._room = np.empty((2, K.shape[0], expected))  # V and K V: copied at every block they took half of its time
+
+    @property
+    def V(self) -> Array:
+        """The vectors, shape `(N, r)`."""
+        return np.asarray(self._room[0, :, : self._size])
+
+    @property
+    def KV(self) -> Array:
+        """What K makes of them, shape `(N, r)`."""
+        return np.asarray(self._room[1, :, : self._size])
 
     def extend(self, X: Array) -> Array:
         """Add what vectors `(N, k)` bring in that is new, and return it, orthonormal."""
@@ -102,8 +114,17 @@ class Orthonormal:
             X = self.without(X)
             w, Q = np.linalg.eigh(X.T @ np.asarray(self.K @ X))
             X = X @ (Q[:, w > tolerance**2] / np.sqrt(w[w > tolerance**2]))
-        self.V, self.KV = np.hstack([self.V, X]), np.hstack([self.KV, np.asarray(self.K @ X)])
+        self._append(X, np.asarray(self.K @ X))
         return X
+
+    def _append(self, X: Array, KX: Array) -> None:
+        """Put vectors `(N, k)`, and what K makes of them, behind those that are there."""
+        before, self._size = self._size, self._size + X.shape[1]
+        if self._size > self._room.shape[2]:
+            wider = np.empty((*self._room.shape[:2], max(self._size, before + before // 2)))
+            wider[:, :, :before] = self._room[:, :, :before]
+            self._room = wider
+        self._room[:, :, before : self._size] = X, KX
 
     def without(self, X: Array) -> Array:
         """Return what is left of vectors `(N, k)` beside those that are there."""

@@ -88,9 +88,10 @@ class Space:
 
     def __init__(self, organ: DynamicOrgan) -> None:
         self._organ, self._factor = organ, organ.solver_of(organ.K)
-        self._basis, self._ends, self._M = Orthonormal(organ.K), list[int](), np.zeros((0, 0))
         forces = np.column_stack([organ.Y.T.toarray(), organ.load, organ.surface_load])
         self._next = forces[:, forces.any(axis=0)]
+        self._basis = Orthonormal(organ.K, self._next.shape[1] * (FIRST + 2))
+        self._ends, self._M = list[int](), np.zeros((0, 0))
         self._levels: dict[int, Level] = {}
 
     @property

@@ -26,7 +26,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import block_diag, csr_matrix, eye_array, hstack, vstack
+from scipy.sparse import csr_matrix, hstack, vstack
 
 from tissue.arrays import Array
 from tissue.elasticity import Elasticity
@@ -280,8 +280,7 @@ class MeshedOrgan:
         K = csr_matrix(body.K[free][:, free])
         K.eliminate_zeros()  # a fifth of the entries on a block
         stiffness = float(body.K.diagonal().mean())
-        springs = stiffness * eye_array(B.shape[1])
-        object.__setattr__(self, "K", csr_matrix(block_diag([K, springs])) if B.shape[1] else K)
+        object.__setattr__(self, "K", followed(K, np.full(B.shape[1], stiffness)) if B.shape[1] else K)
         object.__setattr__(self, "Y", csr_matrix(hstack([self.sites.Y, np.sqrt(stiffness) * B])))
         object.__setattr__(self, "load", np.append(body.body_force(gravity)[free], np.zeros(B.shape[1])))
         object.__setattr__(self, "surface", Loads(body, tuple(self.loads)))
@@ -482,6 +481,14 @@ def leading(A: csr_matrix, N: int) -> csr_matrix:
     memory of A: of a large organ a copy is a third of a gigabyte."""
     end = A.indptr[N]
     return csr_matrix((A.data[:end], A.indices[:end], A.indptr[: N + 1]), shape=(N, N))
+
+
+def followed(A: csr_matrix, diagonal: Array) -> csr_matrix:
+    """Return a matrix `(N, N)` followed by a diagonal `(m,)`, shape `(N + m, N + m)`; by way of triplets, as scipy's
+    `block_diag` goes, a large matrix would be there three times."""
+    N, more = A.shape[0], np.arange(diagonal.size, dtype=A.indices.dtype)
+    indices, indptr = np.append(A.indices, N + more), np.append(A.indptr, A.indptr[-1] + 1 + more)
+    return csr_matrix((np.append(A.data, diagonal), indices, indptr), shape=(N + more.size, N + more.size))
 
 
 @dataclass(frozen=True)

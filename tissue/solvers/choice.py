@@ -69,7 +69,7 @@ def solver(
     """Return a solver, of a name that `choose_solver` gave, for a stiffness matrix over unknowns at `places`
     `(n, 3)`; `one_of_many` and `pattern` as in `tissue.solvers.factor.factorize`.
     """
-    log.info("factoring the organ: %d unknowns, by %s", A.shape[0], name)
+    log.info("factoring the organ: %d unknowns of its mesh, by %s", A.shape[0], name)
     return named(A, places, name, one_of_many, pattern)
 
 

@@ -106,9 +106,9 @@ def ordering(A: csr_matrix, places: Array) -> Indices:
     factorisation.
     """
     graph, points, node = node_graph(A, places)
-    by_degree = np.argsort(_trial(graph, "MMD_AT_PLUS_A").perm_c)
-    orders = (dissection(graph, points).order, by_degree)
-    return _spread(min(orders, key=lambda order: _trial(csr_matrix(graph[order][:, order]), "NATURAL").nnz), node)
+    by_degree, order = _trial(graph, "MMD_AT_PLUS_A"), dissection(graph, points).order
+    by_places = _trial(csr_matrix(graph[order][:, order]), "NATURAL")
+    return _spread(order if by_places.nnz <= by_degree.nnz else np.argsort(by_degree.perm_c), node)
 
 
 def dissect(A: csr_matrix, places: Array) -> Indices:

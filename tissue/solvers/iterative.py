@@ -68,8 +68,9 @@ class ConjugateGradients:
             z = self.preconditioner(r)
             new, along = passes.conjugation(r, q, z)
             passes.turn(z, _ratio(-step * along, rz), p)
-            del q, z  # before the next product: fields of many columns are what takes most memory of all
-            q, rz = self.A @ p, new
+            del z  # before the next cycle: fields of many columns are what takes most memory of all
+            self._multiply(p, q)
+            rz = new
             curvature = passes.dot(p, q)
             if not np.all(curvature >= 0.0):
                 raise FactorError("the matrix is not positive definite: pᵀAp < 0 in conjugate gradients")
@@ -80,6 +81,15 @@ class ConjugateGradients:
             f"conjugate gradients: ‖Ax − b‖ = {worst:.1e} ‖b‖ after {ITERATIONS} iterations, allowed is {tolerance:g}; "
             "take a direct solver, a Poisson ratio further from 0.5 or cells of better shape"
         )
+
+    def _multiply(self, p: Array, q: Array) -> None:
+        """Write A p into `q`, `(n, k)` each."""
+        from tissue.solvers.passes import product_by_rows
+
+        if p.shape[1] == 1:
+            q[:, 0] = self.A @ p[:, 0]
+        else:
+            product_by_rows(self.A.indptr, self.A.indices, self.A.data, p, q)
 
 
 def conjugate_gradients(A: csr_matrix, places: Array | None = None) -> ConjugateGradients:

@@ -1,14 +1,15 @@
 """Smoothed-aggregation multigrid (Vaněk, Mandel and Brezina, Computing 56, 1996) as a preconditioner.
 
 PyAMG aggregates; the coarse spaces hold the six rigid motions, so that the work per unknown does not grow with the
-mesh. The V-cycle here acts on several columns at once, in single precision: it only has to point the right way, and a
-cycle is as long as the memory it reads. So all matrices but that of the mesh, two fifths of which are zeros, are kept
-and multiplied in blocks of 3 × 3, which read a row of a field once for nine numbers.
+mesh. The motions of its groups are smoothed here, because PyAMG would make two more matrices of the size of the organ's
+for that. The V-cycle acts on several columns at once, in single precision: it only has to point the right way, and a
+cycle is as long as the memory it reads. So matrices are kept and multiplied in blocks, which read a row of a field once
+for nine numbers, though on the mesh two fifths of these are zeros; and fields are used again, for to fill memory that
+the system has just given costs as much as a pass over it.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix
@@ -22,31 +23,37 @@ DEGREE = 2  # of the Chebyshev smoother
 SMOOTHED_RANGE = 12.0  # ratio of the highest to the lowest eigenvalue that the smoother damps
 LANCZOS = 12  # steps: the highest eigenvalue to a few per cent
 MARGIN = 1.1
+SMOOTHING = 1.5  # step over 1/ρ by which the motions of a group are smoothed: 26 iterations at 320 000, by 4/3 28
 RANK_TOLERANCE = 1e-10  # of the highest eigenvalue of the coarsest matrix
 BLOCK = (3, 3)
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """A matrix `(m, n)` in blocks of 3 × 3 as one factor of products with several columns."""
+    """A matrix `(m, n)` in blocks, three or six unknowns of a node to a side, as one factor of products with several
+    columns."""
 
     matrix: bsr_matrix
 
     def __matmul__(self, x: Single) -> Single:
         """Return the product with columns `(n, k)`."""
+        out = np.empty((self.matrix.shape[0], x.shape[1]), dtype=np.float32)
+        self.multiply(x, out)
+        return out
+
+    def multiply(self, x: Single, out: Single) -> None:
+        """Write the product with columns `(n, k)` into `out`, `(m, k)`."""
         from tissue.solvers.passes import product, product_of_one
 
-        out = np.empty((self.matrix.shape[0], x.shape[1]), dtype=np.float32)
         multiply = product_of_one if x.shape[1] == 1 else product
         multiply(self.matrix.indptr, self.matrix.indices, self.matrix.data, x, out)
-        return out
 
 
 @dataclass(frozen=True)
 class Level:
     """A matrix, the inverse of its diagonal `(n,)`, its highest eigenvalue scaled by that, and the way up and down."""
 
-    A: csr_matrix | Blocks
+    A: Blocks
     scaling: Single
     highest: float
     P: Blocks
@@ -55,8 +62,24 @@ class Level:
     @property
     def bytes(self) -> int:
         """Memory of the matrices."""
-        parts = (part.matrix if isinstance(part, Blocks) else part for part in (self.A, self.P, self.R))
-        return sum(part.data.nbytes + part.indices.nbytes for part in parts)
+        return sum(part.matrix.data.nbytes + part.matrix.indices.nbytes for part in (self.A, self.P, self.R))
+
+
+@dataclass(frozen=True)
+class Fields:
+    """What a cycle writes on a level, `(n, k)` each: right-hand side, last correction of the smoother and product with
+    the matrix; and `(m, k)` the right-hand side of the next `coarse` level, then its answer."""
+
+    b: Single
+    d: Single
+    product: Single
+    coarse: Single
+
+    @classmethod
+    def of(cls, level: Level, columns: int) -> "Fields":
+        """Return fields of a level, not filled."""
+        n, coarse = level.P.matrix.shape
+        return cls(*(np.empty((size, columns), dtype=np.float32) for size in (n, n, n, coarse)))
 
 
 @dataclass(frozen=True)
@@ -68,23 +91,42 @@ class Multigrid:
 
     def __call__(self, residual: Array) -> Single:
         """Return B r for r of shape `(n,)` or `(n, k)`."""
-        columns = residual.reshape(len(residual), -1).astype(np.float32)
-        return self._cycle(0, columns).reshape(residual.shape)
+        columns = residual.reshape(len(residual), -1)
+        x = np.empty(columns.shape, dtype=np.float32)
+        self._cycle(0, columns, x)
+        return x.reshape(residual.shape)
 
     @property
     def bytes(self) -> int:
         """Memory of the levels."""
         return sum(level.bytes for level in self.levels)
 
-    def _cycle(self, depth: int, b: Single) -> Single:
+    @cached_property
+    def _used(self) -> dict[int, tuple[Fields, ...]]:
+        """The fields of the last cycle, by its number of columns."""
+        return {}
+
+    def _fields(self, columns: int) -> tuple[Fields, ...]:
+        if columns not in self._used:
+            self._used.clear()
+            self._used[columns] = tuple(Fields.of(level, columns) for level in self.levels)
+        return self._used[columns]
+
+    def _cycle(self, depth: int, b: Array | Single, x: Single) -> None:
+        """Write what a cycle from this level down makes of b into x."""
         if depth == len(self.levels):
-            return np.asarray(self.coarsest @ b)
-        level = self.levels[depth]
-        x = _smoothed(level, b, None)
-        left = level.A @ x
-        np.subtract(b, left, out=left)
-        x += level.P @ self._cycle(depth + 1, level.R @ left)
-        return _smoothed(level, b, x)
+            np.matmul(self.coarsest, b, out=x)
+            return
+        level, own = self.levels[depth], self._fields(x.shape[1])[depth]
+        own.b[...] = b
+        _smooth(level, own, x, is_zero=True)
+        level.A.multiply(x, own.product)
+        np.subtract(own.b, own.product, out=own.product)
+        level.R.multiply(own.product, own.coarse)
+        self._cycle(depth + 1, own.coarse, own.coarse)
+        level.P.multiply(own.coarse, own.product)
+        x += own.product
+        _smooth(level, own, x, is_zero=False)
 
 
 def is_by_nodes(places: Array) -> bool:
@@ -111,67 +153,58 @@ def rigid_motions(places: Array) -> Array:
 
 def multigrid(A: csr_matrix, places: Array) -> Multigrid:
     """Return the V-cycle for a stiffness matrix over nodes at `places` `(n, 3)` of its unknowns."""
-    from pyamg import smoothed_aggregation_solver
-
-    with _same_numbers():
-        hierarchy = smoothed_aggregation_solver(
-            A.tobsr((3, 3)),
-            B=rigid_motions(places),
-            strength=("symmetric", {"theta": STRENGTH}),
-            smooth=("jacobi", {"weighting": "block"}),
-            improve_candidates=None,
-            presmoother=None,
-            postsmoother=None,
-            max_coarse=COARSEST,
-            coarse_solver=None,
-            keep=False,
-        )
     levels: list[Level] = []
-    for level in hierarchy.levels[:-1]:
-        levels.append(_level(level.A.astype(np.float32), level.P.astype(np.float32), finest=not levels))
-        level.A = level.P = level.R = None
+    motions = rigid_motions(places)
+    coarser = A.tobsr(BLOCK)
+    while coarser.shape[0] > COARSEST * coarser.blocksize[0]:
+        level, P, motions = _level(coarser, motions)
+        levels.append(level)
+        coarser = coarser @ P  # in two steps, by the first of which the finer matrix is let go
+        coarser = P.T @ coarser
     # A group of one or two nodes has fewer than six motions: some coarse unknowns are nothing.
-    inverse = np.linalg.pinv(hierarchy.levels[-1].A.toarray(), rcond=RANK_TOLERANCE, hermitian=True).astype(np.float32)
+    inverse = np.linalg.pinv(coarser.toarray(), rcond=RANK_TOLERANCE, hermitian=True).astype(np.float32)
     return Multigrid(tuple(levels), inverse)
 
 
-@contextmanager
-def _same_numbers() -> Iterator[None]:
-    """Seed numpy's global random numbers and restore them afterwards.
+def _level(A: bsr_matrix, motions: Array) -> tuple[Level, bsr_matrix, Array]:
+    """Return the level of a matrix, its P in double precision, and the motions of the next coarser level.
 
-    PyAMG estimates eigenvalues from them: so the estimates are the same each time, and nobody else's numbers
-    change.
+    P = (I − ω D⁻¹A / ρ) T smooths the motions T of the groups. D is the diagonal, so that ρ is the highest eigenvalue
+    that the smoother needs, too, and nothing of the size of A is made.
     """
-    before = np.random.get_state()
-    np.random.seed(0)
-    try:
-        yield
-    finally:
-        np.random.set_state(before)
+    from pyamg.aggregation.aggregate import standard_aggregation
+    from pyamg.aggregation.tentative import fit_candidates
+    from pyamg.strength import symmetric_strength_of_connection
 
-
-def _level(A: bsr_matrix, P: bsr_matrix, finest: bool) -> Level:
-    """Return a level of matrices that are its own; on the finest the zeros in the blocks, two fifths of K, are left
-    out."""
-    own = csr_matrix(A) if finest else bsr_matrix(A, blocksize=BLOCK)
-    if isinstance(own, csr_matrix):
-        own.eliminate_zeros()
-    diagonal, up = own.diagonal(), bsr_matrix(P, blocksize=BLOCK)
+    groups, _ = standard_aggregation(symmetric_strength_of_connection(A, STRENGTH))
+    T, coarse_motions = fit_candidates(groups, motions)
+    own, diagonal = _single(A), A.diagonal()
     scaling = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0.0)
-    down = Blocks(bsr_matrix(up.T, blocksize=BLOCK))
-    kept = own if isinstance(own, csr_matrix) else Blocks(own)
-    return Level(kept, scaling, MARGIN * _highest(own, scaling), Blocks(up), down)
+    highest = _highest(own, scaling)
+    change = A @ bsr_matrix(T)
+    rows = np.repeat(np.arange(len(change.indptr) - 1), np.diff(change.indptr))
+    change.data *= ((SMOOTHING / highest) * scaling.reshape(-1, A.blocksize[0]))[rows, :, None]
+    P = bsr_matrix(T) - change
+    up = _single(P)
+    level = Level(own, scaling.astype(np.float32), MARGIN * highest, up, Blocks(up.matrix.T))
+    return level, P, coarse_motions
 
 
-def _highest(A: csr_matrix | bsr_matrix, scaling: Single) -> float:
+def _single(matrix: bsr_matrix) -> Blocks:
+    """Return a matrix in blocks in single precision, with the same indices, which are sorted."""
+    matrix.sort_indices()
+    return Blocks(bsr_matrix((matrix.data.astype(np.float32), matrix.indices, matrix.indptr), shape=matrix.shape))
+
+
+def _highest(A: Blocks, scaling: Array) -> float:
     """Return the highest eigenvalue of D⁻¹A by Lanczos' method from a fixed start."""
-    half = np.sqrt(scaling.astype(float))
-    v = np.random.default_rng(0).standard_normal(A.shape[0])
+    half = np.sqrt(scaling)
+    v = np.random.default_rng(0).standard_normal(len(half))
     v /= np.linalg.norm(v)
     before, beta = np.zeros_like(v), 0.0
     diagonal, off = [], []
     for _ in range(LANCZOS):
-        w = half * (A @ (half * v)) - beta * before
+        w = half * (A @ (half * v).astype(np.float32)[:, None])[:, 0] - beta * before
         diagonal.append(v @ w)
         w -= diagonal[-1] * v
         beta = float(np.linalg.norm(w))
@@ -181,20 +214,24 @@ def _highest(A: csr_matrix | bsr_matrix, scaling: Single) -> float:
     return float(np.linalg.eigvalsh(T)[-1])
 
 
-def _smoothed(level: Level, b: Single, x: Single | None) -> Single:
-    """Return x after Chebyshev iteration on the upper part of the spectrum of D⁻¹A (Saad, Iterative Methods,
-    alg. 12.1), None: from zero.
+def _smooth(level: Level, own: Fields, x: Single, is_zero: bool) -> None:
+    """Write x after Chebyshev iteration on the upper part of the spectrum of D⁻¹A (Saad, Iterative Methods, alg. 12.1)
+    into `x`, from there or, where that `is_zero`, from zero.
     """
-    from tissue.solvers.passes import relax
+    from tissue.solvers.passes import relax, relax_zero
 
     theta = np.float32(0.5 * level.highest * (1.0 + 1.0 / SMOOTHED_RANGE))
     delta = np.float32(0.5 * level.highest * (1.0 - 1.0 / SMOOTHED_RANGE))
     sigma = theta / delta
     rho = np.float32(1.0 / sigma)
-    d, out = np.zeros_like(b), np.zeros_like(b) if x is None else x.copy()
-    relax(np.float32(0.0), np.float32(1.0 / theta), level.scaling, b, out if x is None else level.A @ out, d, out)
+    if is_zero:
+        relax_zero(np.float32(1.0 / theta), level.scaling, own.b, own.d, x)
+    else:
+        level.A.multiply(x, own.product)
+        relax(np.float32(0.0), np.float32(1.0 / theta), level.scaling, own.b, own.product, own.d, x)
     for _ in range(DEGREE - 1):
         after = np.float32(1.0 / (2.0 * sigma - rho))
-        relax(np.float32(after * rho), np.float32(2.0 * after / delta), level.scaling, b, level.A @ out, d, out)
+        level.A.multiply(x, own.product)
+        keep, pull = np.float32(after * rho), np.float32(2.0 * after / delta)
+        relax(keep, pull, level.scaling, own.b, own.product, own.d, x)
         rho = after
-    return out

@@ -7,6 +7,7 @@ farthest neighbour has rank m is in the separator of every cut between r and m.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -18,14 +19,24 @@ LOPSIDED = 0.4  # smallest share of the nodes on one side of a cut: room to find
 OUTSIDE = -1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Dissection:
-    """An elimination order of the nodes `(m,)`, and the entries of the Cholesky factor of their graph, close to those
-    that the best orderings known leave.
-    """
+    """An elimination order of the nodes of a `graph` (m, m): the `pieces` one after the other, each behind the pieces
+    `below` it, which it parts."""
 
-    order: Indices
-    entries: int
+    graph: csr_matrix
+    pieces: tuple[Indices, ...]
+    below: tuple[tuple[int, ...], ...]
+
+    @cached_property
+    def order(self) -> Indices:
+        """The nodes in their order, shape `(m,)`."""
+        return np.concatenate(self.pieces)
+
+    @cached_property
+    def entries(self) -> int:
+        """The entries of the Cholesky factor of the graph, close to those that the best orderings known leave."""
+        return _entries(self.graph, self.order, self.pieces, self.below)
 
 
 @dataclass(frozen=True)
@@ -54,8 +65,7 @@ def dissection(graph: csr_matrix, places: Array) -> Dissection:
     pieces: list[Indices] = []
     children: list[tuple[int, ...]] = []
     _dissect(graph, places, np.arange(len(places)), pieces, children)
-    order = np.concatenate(pieces)
-    return Dissection(order, _entries(graph, order, pieces, children))
+    return Dissection(graph, tuple(pieces), tuple(children))
 
 
 def _dissect(
@@ -76,16 +86,24 @@ def _cuts(graph: csr_matrix, places: Array, nodes: Indices) -> Iterator[_Cut]:
     """Return, of each axis, the cuts with the fewest nodes in the separator, which is taken from one side or
     the other.
     """
-    part, rank = graph[nodes], np.full(graph.shape[0], OUTSIDE)
+    (joined, begins), rank = _neighbours(graph, nodes), np.full(graph.shape[0], OUTSIDE)
     for axis in range(3):
         rank[nodes[np.argsort(places[nodes, axis], kind="stable")]] = np.arange(nodes.size)
-        own, reach = rank[nodes], rank[part.indices]
-        far = np.maximum.reduceat(reach, part.indptr[:-1])
-        near = np.minimum.reduceat(np.where(reach == OUTSIDE, nodes.size, reach), part.indptr[:-1])
+        own, reach = rank[nodes], rank[joined]
+        far = np.maximum.reduceat(reach, begins)
+        near = np.minimum.reduceat(np.where(reach == OUTSIDE, nodes.size, reach), begins)
         for first, last in ((own + 1, far + 1), (near + 1, own + 1)):
             at = _narrowest(first, last, nodes.size)
             cut = (first <= at) & (at < last)
             yield _Cut(nodes[(own < at) & ~cut], nodes[(own >= at) & ~cut], nodes[cut])
+
+
+def _neighbours(graph: csr_matrix, nodes: Indices) -> tuple[Indices, Indices]:
+    """Return the nodes that some `nodes` (k,) are joined with, one node's after the other's, and where those of each
+    begin `(k,)`; by a matrix of these rows it takes four times as long."""
+    first, count = graph.indptr[nodes], np.diff(graph.indptr)[nodes]
+    begins = np.cumsum(count) - count
+    return graph.indices[np.repeat(first - begins, count) + np.arange(count.sum())], begins
 
 
 def _narrowest(first: Indices, last: Indices, size: int) -> int:
@@ -109,7 +127,7 @@ def _entries(graph: csr_matrix, order: Indices, pieces: Sequence[Indices], child
     stop = entries = 0
     for nodes, below in zip(pieces, children, strict=True):
         stop += nodes.size
-        touched = np.unique(np.concatenate([rank[graph[nodes].indices], *(borders[k] for k in below)]))
+        touched = np.unique(np.concatenate([rank[_neighbours(graph, nodes)[0]], *(borders[k] for k in below)]))
         borders.append(touched[touched >= stop])
         entries += nodes.size * (nodes.size + 1) // 2 + nodes.size * borders[-1].size
     return entries

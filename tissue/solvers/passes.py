@@ -59,37 +59,68 @@ def advance(step: Array, p: Array, q: Array, x: Array, r: Array) -> tuple[Array,
 
 
 @compiled
-def product(first: Numbers, at: Numbers, blocks: Single, x: Single, out: Single) -> None:
-    """Write A x into `out`, `(m, k)`, with A in blocks of 3 × 3: of a row of them from its `first` on, where they stand
-    `at` `(b,)` and what is in them, `blocks` `(b, 3, 3)`; sums in the order of the columns."""
+def product_by_rows(first: Numbers, at: Numbers, values: Array, x: Array, out: Array) -> None:
+    """Write A x into `out`, `(m, k)`, with A row by row: of a row from its `first` on, where its entries stand `at` and
+    their `values`, `(e,)` each. Four entries at a time are added to sums that are read and written once."""
+    sums = np.empty(x.shape[1])
     for i in range(first.size - 1):
-        y0, y1, y2 = out[3 * i], out[3 * i + 1], out[3 * i + 2]
-        for k in range(x.shape[1]):
-            y0[k] = y1[k] = y2[k] = 0.0
-        for j in range(first[i], first[i + 1]):
-            a, c = blocks[j], 3 * at[j]
-            a00, a01, a02 = a[0, 0], a[0, 1], a[0, 2]  # read here: the compiler cannot tell that `out` is none of them
-            a10, a11, a12 = a[1, 0], a[1, 1], a[1, 2]
-            a20, a21, a22 = a[2, 0], a[2, 1], a[2, 2]
+        sums[:] = 0.0
+        j, end = first[i], first[i + 1]
+        while j + 4 <= end:
+            a, b, c, d = values[j], values[j + 1], values[j + 2], values[j + 3]
+            u, v, w, z = x[at[j]], x[at[j + 1]], x[at[j + 2]], x[at[j + 3]]
             for k in range(x.shape[1]):
-                u, v, w = x[c, k], x[c + 1, k], x[c + 2, k]
-                y0[k] = ((y0[k] + a00 * u) + a01 * v) + a02 * w
-                y1[k] = ((y1[k] + a10 * u) + a11 * v) + a12 * w
-                y2[k] = ((y2[k] + a20 * u) + a21 * v) + a22 * w
+                sums[k] = (((sums[k] + a * u[k]) + b * v[k]) + c * w[k]) + d * z[k]
+            j += 4
+        while j < end:
+            a, u = values[j], x[at[j]]
+            for k in range(x.shape[1]):
+                sums[k] += a * u[k]
+            j += 1
+        out[i] = sums
+
+
+@compiled
+def product(first: Numbers, at: Numbers, blocks: Single, x: Single, out: Single) -> None:
+    """Write A x into `out`, `(m, k)`, with A in blocks whose sides are multiples of three: of a row of them from its
+    `first` on, where they stand `at` `(b,)` and what is in them, `blocks` `(b, r, c)`; sums in the order of the
+    columns."""
+    high, wide = blocks.shape[1], blocks.shape[2]
+    for i in range(first.size - 1):
+        for p in range(0, high, 3):
+            row = high * i + p
+            y0, y1, y2 = out[row], out[row + 1], out[row + 2]
+            for k in range(x.shape[1]):
+                y0[k] = y1[k] = y2[k] = 0.0
+            for j in range(first[i], first[i + 1]):
+                for q in range(0, wide, 3):
+                    a, c = blocks[j], wide * at[j] + q
+                    a00, a01, a02 = a[p, q], a[p, q + 1], a[p, q + 2]  # read here: the compiler cannot tell that
+                    a10, a11, a12 = a[p + 1, q], a[p + 1, q + 1], a[p + 1, q + 2]  # `out` is none of them
+                    a20, a21, a22 = a[p + 2, q], a[p + 2, q + 1], a[p + 2, q + 2]
+                    for k in range(x.shape[1]):
+                        u, v, w = x[c, k], x[c + 1, k], x[c + 2, k]
+                        y0[k] = ((y0[k] + a00 * u) + a01 * v) + a02 * w
+                        y1[k] = ((y1[k] + a10 * u) + a11 * v) + a12 * w
+                        y2[k] = ((y2[k] + a20 * u) + a21 * v) + a22 * w
 
 
 @compiled
 def product_of_one(first: Numbers, at: Numbers, blocks: Single, x: Single, out: Single) -> None:
     """Write `product` for a single column `(n, 1)`, whose sums need no memory."""
+    high, wide = blocks.shape[1], blocks.shape[2]
     for i in range(first.size - 1):
-        y0 = y1 = y2 = np.float32(0.0)
-        for j in range(first[i], first[i + 1]):
-            a, c = blocks[j], 3 * at[j]
-            u, v, w = x[c, 0], x[c + 1, 0], x[c + 2, 0]
-            y0 = ((y0 + a[0, 0] * u) + a[0, 1] * v) + a[0, 2] * w
-            y1 = ((y1 + a[1, 0] * u) + a[1, 1] * v) + a[1, 2] * w
-            y2 = ((y2 + a[2, 0] * u) + a[2, 1] * v) + a[2, 2] * w
-        out[3 * i, 0], out[3 * i + 1, 0], out[3 * i + 2, 0] = y0, y1, y2
+        for p in range(0, high, 3):
+            y0 = y1 = y2 = np.float32(0.0)
+            for j in range(first[i], first[i + 1]):
+                a, c = blocks[j], wide * at[j]
+                for q in range(wide):
+                    u = x[c + q, 0]
+                    y0 += a[p, q] * u
+                    y1 += a[p + 1, q] * u
+                    y2 += a[p + 2, q] * u
+            row = high * i + p
+            out[row, 0], out[row + 1, 0], out[row + 2, 0] = y0, y1, y2
 
 
 @compiled
@@ -102,3 +133,11 @@ def relax(
         for k in range(x.shape[1]):
             d[i, k] = keep * d[i, k] + pull * (scaling[i] * (b[i, k] - product[i, k]))
             x[i, k] += d[i, k]
+
+
+@compiled
+def relax_zero(pull: np.float32, scaling: Single, b: Single, d: Single, x: Single) -> None:
+    """Write `relax` where x is zero: pull D⁻¹b into `d` and into `x`, which need not be filled before."""
+    for i in range(x.shape[0]):
+        for k in range(x.shape[1]):
+            d[i, k] = x[i, k] = pull * (scaling[i] * b[i, k])

@@ -10,7 +10,7 @@ from coupling.compiled.curve import Curve, Stretched, point
 from coupling.compiled.friction import Law
 from coupling.compiled.holes import Hold, driving_force, held_energy, hold_at, share
 from coupling.compiled.iteration import Found, Given, Knots, Passing, Unknowns, add_momentum, pass_hold
-from coupling.compiled.loops import loop
+from coupling.compiled.loops import loop, owning
 from coupling.compiled.vectors import dot
 
 # What a step of the thread turns over, in this order [J]: kinetic and elastic energy at its end; the works from
@@ -176,7 +176,7 @@ def by_multipliers(h: Hold, c0: float, c1: float, c2: float, C: Array) -> None:
     C[3, 4] = C[4, 3] = turning * dot(h.u, h.v)
 
 
-@loop
+@owning
 def exchange_in_place(h: Hold, rows: Flags, after: Array) -> float:
     """Return the work of exchanging what the spline lacks at a hold for `after` (3,) while thread and hole stay where
     they are, where its constraints `rows` (5,) are in force [J]."""
@@ -255,7 +255,7 @@ def audit_sliding(
     out[NUMERICAL] += remainder
 
 
-@loop
+@owning
 def audit_inertia(works: Works, mass: Array, old: Motion, new: Motion, out: Array) -> None:
     """Add kinetic energy, what damping takes and what the integrator takes of the inertia to `out`."""
     moved, faster, none = np.zeros(new.q.shape), np.zeros(new.q.shape), np.zeros(new.q.shape)

@@ -11,11 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
+from coupling.compiled.address import by_address
 from coupling.compiled.curve import Curve
 from coupling.compiled.friction import Law
 from coupling.compiled.holes import AT_U, AT_V, FIRST
 from coupling.compiled.iteration import GOES_ON, HOW, UNKNOWN, Bounds, Found, Given, Knots, Passing, Unknowns, solve
-from coupling.compiled.loops import loop, outermost, part, sources
+from coupling.compiled.loops import loop, outermost, owning, sources
 from coupling.compiled.steps.audit import (
     ELASTIC,
     EXTERNAL,
@@ -60,6 +61,7 @@ from coupling.compiled.vectors import cross, dot, norm, vector
 MADE, TO_LEARN, NOT_SOLVED, TOO_FAST, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL, TOO_NARROW = range(11)
 SOURCES = "**/*.py"  # that the loops are compiled from
 ENERGIES = 10  # numbers of `coupling.audit.Energies` that steps change
+solve_at = by_address(solve)
 
 
 class Ends(NamedTuple):
@@ -225,7 +227,7 @@ def conclude(pace: Pace, scene: Scene, given: Given, r: Found, now: Motion, earl
             new.reaction[end, x] = r.balance[i, x] if held else given.load[i, x] - scene.weight[i, x]
 
 
-@loop
+@owning
 def may_be_squeezed(scene: Scene, knots: Knots, strain: Array, s: Array) -> bool:
     """Whether a part of the thread, between holds at `s` (m,) [m], may be pressed by more than it bears: half of its
     points are, without spans that have a hold in them (`coupling.tension.largest_pressure`)."""
@@ -322,21 +324,17 @@ def copy_motion(a: Motion, b: Motion) -> None:
 
 
 @loop
-def motion_at(all_of: Motion, step: int) -> Motion:
-    """Return one of many states."""
-    return Motion(
-        all_of.q[step], all_of.v[step], all_of.N[step], all_of.s[step], all_of.s_dot[step], all_of.lam[step],
-        all_of.y[step], all_of.sigma[step], all_of.sense[step], all_of.reaction[step], all_of.layers[step],
-        all_of.f_y[step], all_of.U[step], all_of.V[step], all_of.A[step], all_of.drift[step],
-    )  # fmt: skip
-
-
-@loop
 def keep(kept: Kept, step: int, r: Found, end: Motion, energies: Array) -> None:
     """Keep what is known of a step that is made, where there is room for it."""
     if step >= len(kept.energies):
         return
-    copy_motion(end, motion_at(kept.ends, step))
+    of = kept.ends
+    place = Motion(
+        of.q[step], of.v[step], of.N[step], of.s[step], of.s_dot[step], of.lam[step], of.y[step], of.sigma[step],
+        of.sense[step], of.reaction[step], of.layers[step], of.f_y[step], of.U[step], of.V[step], of.A[step],
+        of.drift[step],
+    )  # fmt: skip
+    copy_motion(end, place)
     copy_all(r.elastic, kept.elastic[step])
     copy_row(energies, kept.energies[step])
     kept.strain[step] = r.strain[0, 0]
@@ -430,7 +428,7 @@ def pass_with(
     return KNOWN
 
 
-@part
+@loop
 def begin_step(
     knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, limits: Limits, stages: Stages, organ: Organ,
     ends: Ends, step: int, now: Motion, earlier: Motion, room: Scratch,
@@ -449,10 +447,10 @@ def begin_step(
     return largest, missing
 
 
-@part
+@loop
 def solve_step(
     curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, scene: Scene, pace: Pace, limits: Limits,
-    stages: Stages, ends: Ends, step: int, now: Motion, room: Scratch,
+    stages: Stages, ends: Ends, step: int, now: Motion, room: Scratch, solver: int,
 ) -> tuple[int, int]:  # fmt: skip
     """Solve a step, on where a hole comes to a span of which nothing was known, and again with the tension that it
     ends with (`coupling.stepping.settle_layers`). Returns its iterations, −1 where it comes to no end, and what `learn`
@@ -465,7 +463,7 @@ def solve_step(
             missing = learn(stages, limits, knots, given, room.end.layers, room.z.s)
             if missing != KNOWN:
                 return -1, missing
-        iterations, _ = solve(curve, knots, law, given, bounds, room.z, room.found)
+        iterations, _ = solve_at(solver, (curve, knots, law, given, bounds, room.z, room.found))
         made[GOES_ON] = made[HOW] == UNKNOWN
         if made[GOES_ON]:
             continue
@@ -482,7 +480,7 @@ def solve_step(
         forget(given.lack)
 
 
-@part
+@loop
 def end_step(
     curve: Curve, knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, limits: Limits, stages: Stages,
     organ: Organ, ends: Ends, step: int, now: Motion, earlier: Motion, room: Scratch, energies: Array, rounded: float,
@@ -520,13 +518,14 @@ def march_of(digest: int) -> Any:
     def march(
         curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, scene: Scene, pace: Pace, limits: Limits,
         stages: Stages, organ: Organ, ends: Ends, now: Motion, earlier: Motion, room: Scratch, energies: Array,
-        iterations: Indices, first: int, follow: bool, kept: Kept,
+        iterations: Indices, first: int, follow: bool, kept: Kept, solver: int,
     ) -> tuple[int, int, int]:  # fmt: skip
         """Make the steps from number `first` on, as many as there is room for their `iterations` (steps,). Returns how
         many of all are made, why there are no more, and of what the spline lacks the slot that is asked for.
 
         Steps change `now`, `earlier` and `energies` (11,), those of `coupling.audit.Energies` in their order. `follow`:
-        a step that is too long for the motion is not made.
+        a step that is too long for the motion is not made. `solver` is the address of
+        `coupling.compiled.iteration.solve`.
         """
         assert digest
         for step in range(first, len(iterations)):
@@ -539,7 +538,7 @@ def march_of(digest: int) -> Any:
                 return step, TO_LEARN, missing
             here = bounds_at(bounds, rounded_force(scene, knots, largest))
             found, missing = solve_step(
-                curve, knots, law, given, here, scene, pace, limits, stages, ends, step, now, room
+                curve, knots, law, given, here, scene, pace, limits, stages, ends, step, now, room, solver
             )
             if missing != KNOWN:
                 return step, TO_LEARN, missing

@@ -7,7 +7,7 @@ import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
 from coupling.compiled.iteration import Given, Knots, span_of
-from coupling.compiled.loops import loop
+from coupling.compiled.loops import loop, owning
 
 KNOWN, BEYOND = -1, -2
 
@@ -43,7 +43,7 @@ def span_at(knots: Knots, given: Given, s: float, k: int) -> int:
     return span_of(knots.breaks, s, given.spans[k, 0], given.spans[k, 1])
 
 
-@loop
+@owning
 def bending_lengths(
     limits: Limits, knots: Knots, given: Given, axial: Array, s: Array, N: Array, present: Flags, layers: Array
 ) -> None:
