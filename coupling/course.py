@@ -240,7 +240,7 @@ def run_march(*given: object) -> tuple[int, int, int]:
     """Make steps in the loops; where these are to be compiled first, say so, and how long it took."""
     if is_ready() or march.march.signatures:
         return cast(tuple[int, int, int], march.march(*given))
-    log.info("compiling steps that are made at once, once: another half a minute, then they are kept")
+    log.info("compiling steps that are made at once, once: another quarter of a minute, then they are kept")
     began = perf_counter()
     made: tuple[int, int, int] = march.march(*given)
     log.info("such steps are compiled, in %.0f s", perf_counter() - began, extra=OVER)

@@ -254,7 +254,7 @@ def telling() -> Iterator[None]:
     if is_ready() or iteration.solve.signatures:
         yield
         return
-    log.info("compiling the step, once: half a minute of one core, then it is kept")
+    log.info("compiling the step, once: a quarter of a minute of one core, then it is kept")
     began = perf_counter()
     yield
     log.info("the step is compiled, in %.0f s", perf_counter() - began, extra=OVER)

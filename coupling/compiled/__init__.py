@@ -4,5 +4,6 @@ The functions have the names of those in numpy that they repeat, so that the two
 `curve` (`thread.energies`), `band` (`thread.banded`), `holes` (`coupling.constraints`), `friction`
 (`coupling.sliding`), `border` (`coupling.bordered`) and `iteration` (`coupling.newton`). What a hold is and has,
 `Hold`, is a tuple of numbers and of vectors, which are tuples of three. `coupling.solver` says what they cover, and
-`coupling.tables` makes the arrays; it imports the loops, and with them Numba, when the first step is solved.
+`coupling.tables` makes the arrays; it imports the loops, and with them Numba, when the first step is solved. `loops`,
+`parts` and `address` are how they are compiled.
 """

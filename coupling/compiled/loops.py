@@ -1,4 +1,4 @@
-"""How the loops are compiled: each when it is first called, the outermost kept on disk with all that it calls.
+"""How the loops are compiled: when an outermost one is first called, which is kept on disk with all that it calls.
 
 A function is compiled once for each constant integer that it is called with, unless that is a number of NumPy's; and
 what is done with a part of an array brings in a hundred functions of Numba's, so the loops go from number to number.
@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numba import njit
 
-from coupling.compiled.parts import PartCompiler
+from coupling.compiled.parts import PartCompiler, WholeCompiler
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 PART = {"pipeline_class": PartCompiler, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
@@ -38,7 +38,7 @@ def owning(kernel: Kernel) -> Kernel:
 
 def outermost(kernel: Kernel) -> Kernel:
     """Return a compiled function that Python calls, kept on disk where one may write; it makes no arrays either."""
-    options = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
+    options = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True, "pipeline_class": WholeCompiler}
     try:
         return njit(cache=True, **options)(kernel)
     except RuntimeError:  # no folder for the cache can be written

@@ -1,9 +1,9 @@
-"""Functions that Numba compiles as parts of others alone.
+"""Functions that Numba compiles as parts of others alone, and the others, of which each is a whole.
 
 By itself Numba optimises every function with all that it calls and makes machine code of it, once more at each level of
-calls. Of a part neither is done: the outermost function that calls it is optimised with all of its parts at once.
-`pipeline_class` is Numba's own door for this ("Notes on Custom Pipelines" in its manual); the methods are those of
-`numba.core.codegen.JITCodeLibrary`.
+calls. Of a part nothing is done but to write it down: a whole is linked of all its parts, those of parts too, and
+optimised at once. `pipeline_class` is Numba's own door for this ("Notes on Custom Pipelines" in its manual), the
+methods are those of `numba.core.codegen.JITCodeLibrary`. A part can be called by a whole and by parts alone.
 """
 
 from typing import Any
@@ -18,12 +18,9 @@ class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
 
-    def _optimize_final_module(self) -> None:
+    def finalize(self) -> None:
         """Leave the code as it is."""
-
-    def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
-        self._verify_declare_only_symbols()
         self._finalized = True
 
     @property
@@ -35,10 +32,44 @@ class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
         """Set no environment: it would be a place in memory."""
 
 
+class WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """The code of a function with all of its parts."""
+
+    _linking_libraries: list[Any]
+
+    def finalize(self) -> None:
+        """Link all parts, each once, optimise them together, and give them their place in memory."""
+        self._linking_libraries = linked(self._linking_libraries)
+        super().finalize()
+
+
+def linked(libraries: list[Any]) -> list[Any]:
+    """Return libraries with those that the parts among them call, each once."""
+    found = dict.fromkeys(libraries)
+    waiting = list(found)
+    while waiting:
+        library = waiting.pop()
+        if isinstance(library, PartLibrary):
+            new = [called for called in dict.fromkeys(library._linking_libraries) if called not in found]
+            found |= dict.fromkeys(new)
+            waiting += new
+    return list(found)
+
+
 class PartCompiler(Compiler):  # type: ignore[misc]
     """Numba's compiler of a part."""
 
     def define_pipelines(self) -> Any:
         """Return Numba's own passes, which write into the library of a part."""
         self.state.library = PartLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
+        return super().define_pipelines()
+
+
+class WholeCompiler(Compiler):  # type: ignore[misc]
+    """Numba's compiler of a whole, which may be kept on disk."""
+
+    def define_pipelines(self) -> Any:
+        """Return Numba's own passes, which write into the library of a whole."""
+        self.state.library = WholeLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
+        self.state.library.enable_object_caching()
         return super().define_pipelines()

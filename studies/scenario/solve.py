@@ -31,7 +31,8 @@ class Solve(ScenarioTable):
     newton: Literal["auto", "numpy", "compiled"] = Field(
         default="auto",
         description='how a step iterates: in "numpy", or by "compiled" loops, the same numbers but for round-off in a '
-        'third of the time: they are compiled once, in half a minute, and kept; "auto" takes the loops in time, '
+        "third of the time: they are compiled once, in a quarter of a minute, and kept; "
+        '"auto" takes the loops in time, '
         "where they can be kept, and numpy at rest; what they do not cover is solved in numpy, and provenance.json "
         "says which it is",
     )

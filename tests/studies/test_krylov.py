@@ -78,7 +78,7 @@ def test_forces_are_those_of_the_whole_organ(scene: str) -> None:
 def test_without_its_check_forces_are_off(monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: with one block whose steps nobody asks what they leave, the same run misses its forces by a
     hundred times what is allowed: it is the check that makes them those of the whole organ."""
-    monkeypatch.setattr(krylov, "FIRST", 1)
+    monkeypatch.setattr(krylov, "START", 1)
     whole, asked = (stepped(prepared(way)) for way in (WHOLE, KRYLOV))
     monkeypatch.setattr(solver, "Certified", type(None))
     unasked = stepped(prepared(KRYLOV))

@@ -112,6 +112,17 @@ def test_a_product_by_rows_is_that_of_the_matrix(columns: int) -> None:
     assert np.all(np.abs(got - A @ x) <= IDENTITY * (np.abs(A) @ np.abs(x)))
 
 
+def test_columns_too_large_to_be_kept_have_the_same_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: of products into fields that are used again, and of those that scipy makes."""
+    A, places = system_of(body_of(4))
+    b, solver = np.random.default_rng(10).standard_normal((A.shape[0], 3)), tissue.conjugate_gradients(A, places)
+    x, count = solver.iterate(b)
+    monkeypatch.setattr(iterative, "KEPT", 0)
+    again, as_many = solver.iterate(b)
+    assert as_many == count
+    assert np.abs(again - x).max() <= TWO_SOLVERS * np.abs(x).max()
+
+
 def test_a_cycle_forgets_the_one_before() -> None:
     """Consistency check: the fields that cycles share carry nothing over, and what one has returned stays."""
     A, places = system_of(body_of(6))

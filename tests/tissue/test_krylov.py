@@ -101,7 +101,7 @@ def test_without_its_check_a_space_is_off(monkeypatch: pytest.MonkeyPatch) -> No
     """Independent check: the agreement is the check's doing. One block alone, whose steps are not asked what they
     leave, misses the sites by more than ten thousand times the bound of those that are."""
     full = organ_of()
-    monkeypatch.setattr(krylov, "FIRST", 1)
+    monkeypatch.setattr(krylov, "START", 1)
     for certified in (True, False):
         organ = tissue.KrylovOrgan(full)
         pairs = list(
@@ -130,7 +130,7 @@ def test_a_step_that_asks_for_many_blocks_is_solved_whole_at_once() -> None:
     _, sudden = states(sharp, BackwardEuler, 1, lambda t: PULL, 0.3 * SLOW)
     block = full.Y.shape[0]
     assert slow.vectors(gentle) > (krylov.FIRST + 1) * block and sharp.vectors(sudden) == 0
-    assert sharp.space.vectors.shape[1] <= (krylov.FIRST + 3) * block
+    assert sharp.space.vectors.shape[1] <= (krylov.START + 3) * block
 
 
 @BOTH

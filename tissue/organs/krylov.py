@@ -40,10 +40,13 @@ log = logging.getLogger(__name__)
 # ε. Fields are as near, and sites to 1e-12 where the space has a thousandth of their answers. In the norm of
 # `tissue.solvers.factor.RESIDUAL`, which weighs what varies from node to node, it is below 1e-10.
 ACCURACY = 1e-9
-FIRST = 4  # blocks at the start: with seven a body that is pulled no faster than it swings is at ε
+START = 1  # blocks at the start: by what they miss, and those before, it is seen how many will do, or that none will
+FIRST = 4  # blocks that any step may ask for: with seven a body that is pulled no faster than it swings is at ε
 MOST = 16  # blocks; what they do not hold is no smooth motion, and they cost as much as 350 steps at two holes
 SHORT = 1e-8  # of a compliance by which one may fall short where no solution of a step was found: Newton sees no more
-AT_ONCE = 4  # blocks that one step may ask for: a motion that starts smoothly asks for one or two, and again later
+AT_ONCE = (
+    4  # blocks that one step may ask for beyond: a motion that starts smoothly asks for one or two, and again later
+)
 ROUNDED = 1e-13  # of a place: a site that is off by this little is where it is to round-off of the constraints
 
 
@@ -172,7 +175,7 @@ class KrylovOrgan(OrganOfModes):
 
     def start(self) -> KrylovState:
         """Return the state undeformed and at rest; gravity and loads act from the first step."""
-        rest = np.zeros(self.space.level(FIRST).modes.size)
+        rest = np.zeros(self.space.level(START).modes.size)
         return KrylovState(rest, rest, rest, np.zeros(self.y0.size), shares=self.full.no_shares)
 
     def answer(
@@ -216,9 +219,9 @@ class KrylovOrgan(OrganOfModes):
         answer_of: Callable[[Level], KrylovAnswer],
         excess: Callable[[Level, KrylovAnswer], float],
     ) -> KrylovAnswer | None:
-        """Return the first of an answer and those of levels wider by AT_ONCE at most without `excess`, what it misses
-        over what it may, None where it is not to be seen that one of them has none."""
-        before, most = np.inf, min(MOST, level.blocks + AT_ONCE)
+        """Return the first of an answer and those of wider levels without `excess`, what it misses over what it may,
+        None where it is not to be seen that one of them has none, by AT_ONCE wider at most than it or than FIRST."""
+        before, most = np.inf, min(MOST, max(level.blocks, FIRST) + AT_ONCE)
         while (left := excess(level, answer)) > 1.0:
             falls = min(left / before, 1.0) if before < np.inf else 0.0
             if level.blocks == most or left * falls ** (most - level.blocks) > 1.0:
@@ -241,7 +244,8 @@ class KrylovOrgan(OrganOfModes):
     @cached_property
     def _rounded(self) -> float:
         """What moves no site by more than round-off of its place [√J]."""
-        ways = self.space.level(FIRST).modes.Y.reshape(-1, 9, self.space.level(FIRST).modes.size)[:, :3]
+        modes = self.space.level(START).modes
+        ways = modes.Y.reshape(-1, 9, modes.size)[:, :3]
         reach = np.linalg.norm(ways, 2, axis=(1, 2)).max(initial=0.0) if ways.size else 0.0
         points = self.full.elasticity.points
         return float(ROUNDED * np.ptp(points, axis=0).max() / reach) if reach else 0.0

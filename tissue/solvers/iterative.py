@@ -24,6 +24,7 @@ ROUGH = 1e-7  # ‖r‖ / ‖b‖ of columns whose products are made to second o
 ROUND_OFF = 1e-15  # ‖r‖ / ‖A‖‖x‖ below which round-off is all that is left
 ITERATIONS = 500
 COLUMNS = 20  # solved side by side: those of two holes, whose product with K takes 1.3 times as long as that of half
+KEPT = 2**25  # bytes of a field beyond which malloc takes it from the system anew each time
 
 
 @dataclass(frozen=True)
@@ -86,8 +87,8 @@ class ConjugateGradients:
         """Write A p into `q`, `(n, k)` each."""
         from tissue.solvers.passes import product_by_rows
 
-        if p.shape[1] == 1:
-            q[:, 0] = self.A @ p[:, 0]
+        if p.nbytes <= KEPT:
+            q[...] = self.A @ p
         else:
             product_by_rows(self.A.indptr, self.A.indices, self.A.data, p, q)
 

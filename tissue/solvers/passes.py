@@ -113,12 +113,13 @@ def product_of_one(first: Numbers, at: Numbers, blocks: Single, x: Single, out: 
         for p in range(0, high, 3):
             y0 = y1 = y2 = np.float32(0.0)
             for j in range(first[i], first[i + 1]):
-                a, c = blocks[j], wide * at[j]
-                for q in range(wide):
-                    u = x[c + q, 0]
-                    y0 += a[p, q] * u
-                    y1 += a[p + 1, q] * u
-                    y2 += a[p + 2, q] * u
+                a = blocks[j]
+                for q in range(0, wide, 3):
+                    c = wide * at[j] + q
+                    u, v, w = x[c, 0], x[c + 1, 0], x[c + 2, 0]
+                    y0 = ((y0 + a[p, q] * u) + a[p, q + 1] * v) + a[p, q + 2] * w
+                    y1 = ((y1 + a[p + 1, q] * u) + a[p + 1, q + 1] * v) + a[p + 1, q + 2] * w
+                    y2 = ((y2 + a[p + 2, q] * u) + a[p + 2, q + 1] * v) + a[p + 2, q + 2] * w
             row = high * i + p
             out[row, 0], out[row + 1, 0], out[row + 2, 0] = y0, y1, y2
 
