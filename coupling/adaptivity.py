@@ -20,7 +20,7 @@ from coupling.interfaces import Body
 from coupling.recent import Recent
 from coupling.system import State, System
 from coupling.tension import layers_at, lengths_bent_over
-from thread.knots import Tree, spans_at_holes, spans_by_curvature
+from thread.knots import Tree, graded, spans_at_holes, spans_by_curvature
 from thread.refit import Refit, refit
 from thread.spline import Spline
 from thread.thread import Thread
@@ -34,7 +34,7 @@ TURN = 0.1  # turn of the tangent that taking out a knot may cause, of the toler
 ONCE = 0.75  # of a span: one that may be no longer is halved, and its halves are short enough
 AGAIN = 1.2  # of what a span at a hole may be: beyond, an equilibrium with friction is found again
 INTERVAL = 4  # steps from one look at the knots to the next
-AHEAD = 8.0  # √(EI/T) that a hole has knots ahead of it at most: a thread that snaps passes thousands of spans a step
+AHEAD = 16.0  # √(EI/T) that a hole has knots ahead of it at most: a thread that snaps passes thousands of spans a step
 SAME = 1e-6  # of the finest span: breaks that are no further apart are one, but for round-off
 
 
@@ -73,8 +73,7 @@ class Resolution:
         the thread runs through a hole by AHEAD."""
         here, spline = holds_in_force(system, state), system.thread.spline
         holes, layers = state.s[here], self.layers_to_resolve(system, state)
-        reach = AHEAD * layers
-        way = np.stack([holes, holes + np.clip(ahead * state.s_dot[here], -reach, reach)], axis=1)
+        way = np.stack([holes, holes + way_ahead(layers, state.s_dot[here], ahead)], axis=1)
         between = gaps(spline, holes) / (ACROSS * self.ratio_next_to_hole)
         layers = np.where(np.isfinite(layers), np.minimum(layers, between), np.inf)
         cells, ratios = self.tree_of(spline).middles, (self.ratio_at_hole, self.ratio_next_to_hole)
@@ -147,19 +146,30 @@ def spans_between(system: System[Body], state: State[Body]) -> float:
     return float(np.min(np.diff(places), where=np.diff(piece) == 0, initial=np.inf))
 
 
-def is_too_coarse(resolution: Resolution, system: System[Body], state: State[Body], beyond: float = 1.5) -> bool:
-    """Whether a span that holds a hole is longer than `beyond` times what it may be."""
-    spline, holes = system.thread.spline, state.s[holds_in_force(system, state)]
-    allowed = resolution.ratio_at_hole * resolution.layers_to_resolve(system, state)
-    return bool((np.diff(spline.breaks)[spline.spans_of(holes)] > beyond * allowed).any())
+def is_too_coarse(
+    resolution: Resolution, system: System[Body], state: State[Body], beyond: float = 1.5, ahead: float = 0.0
+) -> bool:
+    """Whether a span that holds a hole, or will within `ahead` [s], is longer than `beyond` times what it may be."""
+    spline, here = system.thread.spline, holds_in_force(system, state)
+    layers = resolution.layers_to_resolve(system, state)
+    spans, allowed = np.diff(spline.breaks), beyond * resolution.ratio_at_hole * layers
+    holes = state.s[here]
+    soon = holes + way_ahead(layers, state.s_dot[here], ahead)
+    return bool((np.maximum(spans[spline.spans_of(holes)], spans[spline.spans_of(soon, holes)]) > allowed).any())
+
+
+def way_ahead(layers: Array, rates: Array, ahead: float) -> Array:
+    """Return the ways (m,) [m] of holes at the `rates` (m,) [m/s] that knots are made for: those in the next `ahead`
+    [s], at most AHEAD of the `layers` (m,) [m]."""
+    return np.asarray(np.clip(ahead * rates, -AHEAD * layers, AHEAD * layers))
 
 
 def adapt_when_due(
     resolution: Resolution, system: System[Body], state: State[Body], dt: float, due: bool
 ) -> tuple[System[Body], State[Body], list[Event]]:
     """Adapt the knots for the next INTERVAL steps of `dt` [s], where that is `due` or the spans at a hole have grown
-    too coarse before. Elsewhere system and state are returned as they are."""
-    if not (due or is_too_coarse(resolution, system, state)):
+    too coarse before, or will in the next of them. Elsewhere system and state are returned as they are."""
+    if not (due or is_too_coarse(resolution, system, state, ahead=dt)):
         return system, state, []
     return adapt(resolution, system, state, INTERVAL * dt)
 
@@ -176,7 +186,7 @@ def adapt(
     wanted = resolution.largest_spans(system, state, ahead)
     places = on_breaks(tree, spline)
     kept = np.intersect1d(spline.breaks, places[tree.breaks(KEPT * wanted)])
-    due = np.union1d(places[tree.breaks(wanted)], kept)
+    due = graded(np.union1d(places[tree.breaks(wanted)], kept), places)
     if np.array_equal(due, spline.breaks):
         return system, state, []
     before = [] if state.before is None else [state.before.q, state.before.v]
@@ -203,7 +213,8 @@ def refine_for(
     wanted = resolution.largest_spans(*later, 0.0)
     if once:
         wanted = np.maximum(wanted, ONCE * np.diff(spline.breaks)[spline.spans_of(tree.middles)])
-    due = np.union1d(spline.breaks, on_breaks(tree, spline)[tree.breaks(wanted)])
+    places = on_breaks(tree, spline)
+    due = graded(np.union1d(spline.breaks, places[tree.breaks(wanted)]), places)
     if np.array_equal(due, spline.breaks):
         return system, state, []
     return exchange_spline(system, state, refit_state(system, state, due))

@@ -18,7 +18,7 @@ from coupling.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refu
 from coupling.errors import InversionError, LentError, StepError, UphillError
 from coupling.integrators import BDF2, BackwardEuler, Scheme
 from coupling.interfaces import Answer, Body
-from coupling.motion import is_too_long, what_it_does
+from coupling.motion import carried_on, is_too_long, what_it_does
 from coupling.newton import Iterate, Problem, Solution
 from coupling.sliding import law_of
 from coupling.solver import solve
@@ -181,12 +181,23 @@ def predict(problem: Problem[Body], state: State[Body]) -> Iterate:
     return Iterate(q, state.N, s, state.lam, state.y, state.sigma, pressed=pressed, rubbing=rubbing)
 
 
+def carry(straight: Iterate, problem: Problem[Body], state: State[Body]) -> Iterate:
+    """Return the first iterate in which the thread has gone `straight` with its bends left in their holes where it runs
+    round them (`coupling.motion.carried_on`), the very same one where it does not."""
+    carried = carried_on(problem.system, state, problem.dt)
+    if carried is None:
+        return straight
+    return replace(straight, q=with_ends(carried[0], problem.system, problem.time), N=carried[1])
+
+
 def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme | None = None) -> Step[Body]:
     """Try one step of `dt` [s] by `scheme`, backward Euler unless another is given. Raises `StepError`,
     `InversionError`; the state is not touched."""
     scheme = scheme or BackwardEuler(dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
-    return conclude(state, scheme, go_aside(find_settled(problem, predict(problem, state)), find_settled))
+    straight = predict(problem, state)
+    solution = settle_layers(find_solution(problem, carry(straight, problem, state), straight))
+    return conclude(state, scheme, go_aside(solution, find_settled))
 
 
 def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> Step[Body]:
@@ -234,14 +245,16 @@ def abscissa_rates(scheme: Scheme, state: State[Body], z: Iterate) -> Array:
     return np.where(z.sigma == 0.0, 0.0, rate)
 
 
-def find_solution(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
-    """Solve a step near the guess, or where the sliding thread comes to rest. Raises `StepError`."""
+def find_solution(problem: Problem[Body], guess: Iterate, straight: Iterate | None = None) -> Solution[Body]:
+    """Solve a step near the guess, or where the sliding thread comes to rest downhill from there, or from where it has
+    gone `straight`: it is held in its holes first, in which a bend that was carried along is no more. Raises
+    `StepError`."""
     try:
         return solve(problem, guess)
     except StepError:
         if not problem.law.may_slide.any():
             raise
-    return solve_downhill(problem, guess)
+    return solve_downhill(problem, guess if straight is None else straight)
 
 
 def find_settled(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
@@ -444,7 +457,8 @@ def bdf2_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]
         return remembering(try_step(system, state, dt), state, dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
     try:
-        solution = go_aside(settle_layers(solve(problem, predict(problem, state))), find_settled)
+        first = carry(predict(problem, state), problem, state)
+        solution = go_aside(settle_layers(solve(problem, first)), find_settled)
         return remembering(conclude(state, scheme, solution), state, dt)
     except (StepError, InversionError):
         return try_step(system, forgetful(state), dt)

@@ -18,6 +18,8 @@ from thread.spline import DEGREE, ORDERS, Spline
 
 LEVELS = 9  # halvings of a coarse span at most
 SLIVER = 0.25  # of a coarse span: what a cut leaves of one is no shorter, since neighbours differ too much then
+GRADE = 4.0  # ratio of neighbouring spans: from 5 on a row of them has no positive rule (`thread.thread.exact_weights`)
+ROUND_OFF = 1e-9  # of a span
 SLOPE = 0.5  # growth of the wanted span with the distance from a hole, at most
 LAYER = 3.0  # κ falls like exp(−x/ℓ) from a hole on, so the wanted span may grow like exp(x/3ℓ)
 
@@ -85,6 +87,23 @@ def graded_knots(length: float, n: int, centres: ArrayLike, ratio: float, reach:
         breaks[[0, -1]] = ends[k : k + 2]
         pieces.append(breaks)
     return piecewise_knots(pieces)
+
+
+def graded(breaks: Array, places: Array) -> Array:
+    """Return span ends `breaks` (k,) [m] with as many of the `places` (m,) [m] as it takes that no span is longer than
+    GRADE of its neighbours, each the nearest to the middle of such a span, where there are places in it."""
+    while True:
+        spans, left = np.diff(breaks), np.setdiff1d(places, breaks)
+        shortest = np.minimum(np.append(np.inf, spans[:-1]), np.append(spans[1:], np.inf))
+        steep = np.flatnonzero(spans > (1.0 + ROUND_OFF) * GRADE * shortest)
+        if not (steep.size and left.size):
+            return breaks
+        low, high = breaks[steep], breaks[steep + 1]
+        nearest = left[np.abs(left - 0.5 * (low + high)[:, None]).argmin(axis=1)]
+        inside = (nearest > low) & (nearest < high)
+        if not inside.any():
+            return breaks
+        breaks = np.union1d(breaks, nearest[inside])
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from scipy.sparse.linalg import splu
 
 from thread.arrays import Array
 from thread.errors import ThreadError
-from thread.knots import clamped_knots, piecewise_knots
+from thread.knots import clamped_knots, graded, piecewise_knots
 from thread.quadrature import gauss_rule
 from thread.spline import DEGREE, Spline
 
@@ -122,8 +122,9 @@ def refit(spline: Spline, wanted: Array, fields: Sequence[Array], kept: Array, b
     """Return the fields (n, c), the first of them the curve, on the breaks `wanted` [m], which the cuts are among.
 
     Missing knots are inserted, surplus ones are removed, on every piece of a cut curve by itself. A knot whose removal
-    would turn the tangent by more than `bound` [-] on a span next to the knot stays. Value and slope stay at the ends
-    of the pieces and at the abscissae `kept` (k,) [m].
+    would turn the tangent by more than `bound` [-] on a span next to the knot stays, and so does one without which
+    neighbouring spans would differ too much (`thread.knots.graded`). Value and slope stay at the ends of the pieces and
+    at the abscissae `kept` (k,) [m].
     """
     if spline.pieces == 1:
         return refit_piece(spline, wanted, fields, kept, bound)
@@ -143,7 +144,10 @@ def refit_piece(spline: Spline, wanted: Array, fields: Sequence[Array], kept: Ar
     fine, fields = insert_knots(spline, np.setdiff1d(wanted, present), fields)
     going = np.setdiff1d(present, wanted)
     while going.size:
-        staying = np.setdiff1d(fine.breaks, going)
+        staying = graded(np.setdiff1d(fine.breaks, going), fine.breaks)
+        going = np.setdiff1d(going, staying)
+        if not going.size:
+            break
         ends = np.concatenate([[spline.start], kept, [spline.end]])
         projection = Projection(fine, Spline(clamped_knots(staying)), ends)
         curve = projection.project(fields[0])

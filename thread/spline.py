@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import BSpline
+from scipy.interpolate import BSpline, make_interp_spline
 
 from thread.arrays import Array, Indices
 from thread.errors import ThreadError
@@ -110,6 +110,15 @@ class Spline:
         longer than the longest difference of control points over them, whose averages all tangents are."""
         distances = (self.knots[ORDERS:-1] - self.knots[1:-ORDERS]) / DEGREE
         return np.where(distances > 0.0, distances, np.inf)
+
+    @cached_property
+    def greville(self) -> Array:
+        """Greville abscissae of the control points, the means of the knots within their functions, shape `(n,)` [m]."""
+        return (self.knots[1:-3] + self.knots[2:-2] + self.knots[3:-1]) / DEGREE
+
+    def through(self, values: Array) -> Array:
+        """Return the control values of the curve in one piece that has `values` (n, c) at the Greville abscissae."""
+        return np.asarray(make_interp_spline(self.greville, values, DEGREE, self.knots).c)
 
     @cached_property
     def polynomials(self) -> Array:

@@ -9,11 +9,13 @@ from scipy.interpolate import make_lsq_spline
 from tests.bounds import IDENTITY, ORDER
 from tests.thread.threads import bent
 from thread.arrays import Array
+from thread.catalogue import suture
 from thread.errors import ThreadError
-from thread.knots import Tree, clamped_knots, spans_at_holes, spans_by_curvature, uniform_knots
+from thread.knots import GRADE, Tree, clamped_knots, graded, spans_at_holes, spans_by_curvature, uniform_knots
 from thread.quadrature import gauss_rule
 from thread.refit import Projection, insert_knots, refit
 from thread.spline import Spline
+from thread.thread import Thread
 
 TREE = Tree(np.linspace(0.0, 0.1, 11))
 ROOT = 0.01
@@ -137,3 +139,40 @@ def test_a_bend_wants_knots_and_a_straight_thread_does_not() -> None:
     h = 0.1 / 10
     assert np.allclose(spans_by_curvature(straight, line, 1e-3), 4 * h)
     assert spans_by_curvature(straight, bent(straight), 1e-3).min() < h
+
+
+def test_knots_of_any_request_have_a_positive_rule() -> None:
+    """Independent check: holes come and go, and of some crooked threads not all knots can go; no span that is left is
+    more than four times its neighbour, and the weights of the stretching energy are positive, which they are not where
+    one is 42 times as long."""
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        tree = Tree(np.linspace(0.0, 0.1, int(rng.integers(6, 31))))
+
+        def asked(rng: np.random.Generator = rng, tree: Tree = tree) -> Array:
+            m = int(rng.integers(0, 4))
+            holes, layers = rng.uniform(0.0, 0.1, m), 10.0 ** rng.uniform(-4.5, -2.3, m)
+            way = np.stack([holes, holes + rng.uniform(-10.0, 10.0, m) * layers], axis=1)
+            return graded(tree.places[tree.breaks(spans_at_holes(tree.middles, way, layers, 0.2, 0.45))], tree.places)
+
+        spline = Spline(clamped_knots(asked()))
+        q = np.outer(spline.greville, [1.0, 0.0, 0.0]) + 1e-4 * np.cumsum(rng.normal(size=(spline.n, 3)), axis=0)
+        for _ in range(3):
+            new = refit(spline, asked(), [q], np.zeros(0), 10.0 ** rng.uniform(-3.0, -0.3))
+            spline, q = new.spline, new.fields[0]
+            h = np.diff(spline.breaks)
+            assert max((h[1:] / h[:-1]).max(), (h[:-1] / h[1:]).max()) <= GRADE * (1.0 + 1e-6)
+            assert Thread(spline, suture("6-0 polyester")).axial_rule.w.min() > 0.0
+
+
+def test_graded_breaks_are_among_the_places_and_no_more_than_it_takes() -> None:
+    """Independent check: spans that are graded stay as they are; where places run out, so does the grading."""
+    places = np.linspace(0.0, 64.0, 65)
+    fine = np.array([0.0, 1.0, 2.0, 6.0, 22.0, 64.0])
+    assert np.array_equal(graded(fine, places), fine)
+    coarse = np.array([0.0, 1.0, 64.0])
+    found = graded(coarse, places)
+    assert np.isin(coarse, found).all() and np.isin(found, places).all()
+    assert np.diff(found)[1:].max() / np.diff(found)[0] > GRADE  # neighbours only
+    assert np.max(np.diff(found)[1:] / np.diff(found)[:-1]) <= GRADE
+    assert np.array_equal(graded(coarse, coarse), coarse)
