@@ -325,6 +325,7 @@ def _bar(table: Any, title: str, left: float) -> Any:
     bar.UnconstrainedFontSizeOn()
     _write_in_black(bar.GetTitleTextProperty(), BAR_TITLE)
     _write_in_black(bar.GetLabelTextProperty(), BAR_LABEL)
+    bar.GetLabelTextProperty().SetJustificationToCentered()  # VTK does so itself, but after what is drawn first
     return bar
 
 

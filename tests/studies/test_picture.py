@@ -14,7 +14,17 @@ from studies.output.fields import OrganTopology
 from studies.pictures import picture as chooser
 from studies.pictures.picture import draw_picture, draw_scene
 from studies.pictures.section import cut, draw_section
-from studies.pictures.view import TENSION, TICKS, scale_of, surface, tension_colours, tension_words, ticks
+from studies.pictures.view import (
+    KILO,
+    TENSION,
+    TICKS,
+    colours,
+    scale_of,
+    surface,
+    tension_colours,
+    tension_words,
+    ticks,
+)
 from tests.studies.samples import LINEAR, frame, quadratic
 
 SHADE = 0.02  # of a colour: two shades of 256
@@ -140,3 +150,21 @@ def test_bars_have_round_numbers_with_zero_among_them(low: float, high: float) -
     assert low <= found[0] < low + part and high - part < found[-1] <= high
     assert float(f"{part:.1g}") == pytest.approx(part, rel=1e-12)
     assert "0" in [f"{tick:.3g}" for tick in found]
+
+
+def test_numbers_stand_over_their_places_on_a_bar(tmp_path: Path) -> None:
+    """Independent check: the dark pixels of each number are centred over its share of the bar of stresses, which is
+    found by the colours of its ends."""
+    drawn = draw_picture(frame(0.1), LINEAR, tmp_path / "picture.png")
+    if "3-D picture" not in drawn.line:
+        pytest.skip(drawn.line)
+    image = imread(tmp_path / "picture.png")[..., :3]
+    lowest = len(image) - 50  # a row of pixels in the bars of colours
+    first, last = (np.nonzero(np.abs(image[lowest] - shade).max(axis=1) < SHADE)[0] for shade in colours()[[0, -1]])
+    left, right = first.min(), last.max()
+    dark = image[lowest - 60 : lowest - 30, left - 20 : right + 20].max(axis=2) < 0.3
+    places = np.nonzero(dark.any(axis=0))[0] + left - 20
+    numbers = [0.5 * (part[0] + part[-1]) for part in np.split(places, np.nonzero(np.diff(places) > 20)[0] + 1)]
+    low, high = scale_of([frame(0.1, LINEAR)]).stress
+    wanted = left + (right - left) * (np.array(ticks(low / KILO, high / KILO)) - low / KILO) / (high - low) * KILO
+    assert numbers == pytest.approx(wanted, abs=3.0)
