@@ -157,12 +157,12 @@ def override_key(text: str) -> list[str]:
 
 
 def _override_value(text: str) -> Any:
-    """Read the value in TOML; a bare word is a string, because a shell takes the quotes away."""
+    """Read the value in TOML; bare words are a string, because a shell takes the quotes away."""
     key, _, value = text.partition("=")
     try:
         return tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError as error:
-        if BARE.fullmatch(value.strip()):
+        if all(BARE.fullmatch(word) for word in value.strip().split(" ")):
             return value.strip()
         reason = str(error).partition(" (at")[0]
         raise ScenarioError(

@@ -175,6 +175,8 @@ REFUSED = [
     # the override itself
     ("solve.dt", ["--set solve.dt", "a dotted key, = and a value"]),
     ("solve.dt=1e-3,", ["--set solve.dt=1e-3,", "not TOML"]),
+    ("solve.dt=", ["--set solve.dt=", "not TOML"]),
+    ("thread.suture=3-0 nylons", ["thread.suture = '3-0 nylons'", "not in the catalogue"]),
     ("piercing.middle.at=[0,0,0]", ["--set piercing.middle.at", "no entry middle", "entry, exit"]),
     ("piercing.2.at=[0,0,0]", ["--set piercing.2.at", "no entry 2", "entry, exit"]),
     ("title.text='a'", ["--set title.text", "title is a value", "set title itself"]),
@@ -450,6 +452,7 @@ def test_overrides_reach_every_place(contract: Path) -> None:
             "piercing.exit.footprint=2e-3",
             "piercing.0.at=[-0.011, 0, 0]",
             "tissue.element=P2",
+            "thread.suture=3-0 nylon",
             "thread.end.mass=0.01",
             'thread.start={kind="pulled", force=[0, 0, 1]}',
             "output={every=1}",
@@ -459,6 +462,7 @@ def test_overrides_reach_every_place(contract: Path) -> None:
     assert scenario.solve.dt == 5e-4
     assert (exit_.footprint, entry.at) == (2e-3, (-0.011, 0.0, 0.0))
     assert scenario.tissue is not None and scenario.tissue.element == "P2"
+    assert scenario.thread.suture == "3-0 nylon"
     assert (scenario.thread.end.mass, scenario.thread.start.kind, scenario.output.every) == (
         0.01,
         "pulled",
