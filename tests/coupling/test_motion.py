@@ -81,8 +81,8 @@ def test_a_thread_that_drifts_as_it_runs_goes_on_but_at_its_bends() -> None:
 
 
 def test_points_go_straight_where_none_runs_round_a_bend() -> None:
-    """Independent check: a way of less than two spans, spans of which none resolves √(EI/T), or a limp thread that bends
-    over much of its length leave each point to itself."""
+    """Independent check: a way of less than two spans, spans of which none resolves √(EI/T), or a limp thread that
+    bends over much of its length leave each point to itself."""
     fine, now = running(1.0)
     spans = np.diff(fine.thread.spline.breaks)[fine.thread.spline.spans_of(now.s)]
     for share, goes_round in ((0.99, False), (1.01, True)):
