@@ -20,7 +20,6 @@ from thread.refit import evaluation
 
 CROSSED = 2.0  # spans that may run through a hole in a step
 RESOLVED = 0.5  # of √(EI/T): spans at a hole on which its bend is one of the control points
-RUN = 0.25  # of √(EI/T): a way through a hole in a step on which they go round the bend
 BEND = 4.0  # √(EI/T) from a hole: there exp(−4) of its turn is left
 LOCAL = 0.1  # of the thread: as long as BEND √(EI/T) may be for the bend to be one at its hole, not of a limp thread
 BENDS = 16.0  # √(EI/T) that may run through a hole in a step on such spans
@@ -58,7 +57,8 @@ def is_too_long(system: System[Body], state: State[Body], dt: float) -> bool:
 
 def carried_on(system: System[Body], state: State[Body], dt: float) -> tuple[Array, Array] | None:
     """Return control values (n, c) and axial forces (spans, g) [N] of a thread in one piece that goes on for `dt` [s]
-    with its bends left in their holes; None where it runs round none, and each point goes on by itself.
+    with its bends left in their holes; None where it runs round none, by CROSSED spans or less, and each point goes on
+    by itself: the compiled loops make such steps.
 
     It runs through the shape that it has: P(s) comes from P(s − w), w being the way on which s runs, linear from hole
     to hole, and goes on by dt v + w P', the way of the shape itself. Within a bend, and on what has run through it,
@@ -66,7 +66,7 @@ def carried_on(system: System[Body], state: State[Body], dt: float) -> tuple[Arr
     """
     thread, spline = system.thread, system.thread.spline
     layers, ways = resolved_bends(system, state), dt * state.s_dot
-    runs = (np.abs(ways) > RUN * layers) & (layers > 0.0)
+    runs = (dt * crossing_rates(system, state) > CROSSED) & (layers > 0.0)
     if not runs.any() or spline.cuts.size:
         return None
     holes = np.flatnonzero(state.present)[np.argsort(state.s[state.present])]
