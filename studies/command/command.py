@@ -143,11 +143,11 @@ def check(options: argparse.Namespace) -> int:
 def parts_of(scenario: Scenario, counts: Mapping[str, Any]) -> str:
     """Return in words what a run is of: every stitch's holes, what the thread bears on between them, and the rest."""
     organ = f"{counts['tissue_dofs']} tissue unknowns" if scenario.tissue else "no organ"
-    tracts = f"{counts['tracts']} tracts of {counts['balls']} balls in all" if counts["tracts"] else ""
-    more = {"ties": counts["ties"], "pieces of thread": counts["pieces"] if counts["pieces"] > 1 else 0}
-    few = [f"{number} {name}" for name, number in more.items() if number]
-    holes = "1 piercing" if counts["piercings"] == 1 else f"{counts['piercings']} piercings"
-    parts = [holes, tracts, *few, f"{counts['control_points']} control points", organ]
+    names = ("piercing", "tract", "tie")
+    holes, tracts, ties = (f"{counts[f'{name}s']} {name}{'s' * (counts[f'{name}s'] != 1)}" for name in names)
+    balls = f"{tracts} of {counts['balls']} balls in all" if counts["tracts"] else ""
+    pieces = f"{counts['pieces']} pieces of thread" if counts["pieces"] > 1 else ""
+    parts = [holes, balls, ties * (counts["ties"] > 0), pieces, f"{counts['control_points']} control points", organ]
     return ", ".join(filter(None, parts))
 
 

@@ -268,7 +268,11 @@ def test_a_file_too_large_for_the_memory_is_refused(tmp_path: Path, monkeypatch:
 @NEEDS_GMSH
 @pytest.mark.parametrize(
     ("name", "counted"),
-    [("running_stitch", "6 piercings, "), ("interrupted_stitches", "6 piercings, 3 pieces of thread, ")],
+    [
+        ("running_stitch", "6 piercings, "),
+        ("interrupted_stitches", "6 piercings, 3 pieces of thread, "),
+        ("mattress", "4 piercings, 1 tie, 120 control points, "),
+    ],
 )
 def test_the_stitched_wounds_can_be_run(name: str, counted: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert command.main(["check", str(Path(command.__file__).parents[1] / "scenario" / "scenes" / f"{name}.toml")]) == 0
