@@ -34,7 +34,7 @@ TURN = 0.1  # turn of the tangent that taking out a knot may cause, of the toler
 ONCE = 0.75  # of a span: one that may be no longer is halved, and its halves are short enough
 AGAIN = 1.2  # of what a span at a hole may be: beyond, an equilibrium with friction is found again
 INTERVAL = 4  # steps from one look at the knots to the next
-AHEAD = 16.0  # √(EI/T) that a hole has knots ahead of it at most: a thread that snaps passes thousands of spans a step
+AHEAD = 10.0  # √(EI/T) that a hole has knots ahead of it at most: a thread that snaps passes thousands of spans a step
 SAME = 1e-6  # of the finest span: breaks that are no further apart are one, but for round-off
 
 

@@ -22,7 +22,7 @@ CROSSED = 2.0  # spans that may run through a hole in a step
 RESOLVED = 0.5  # of √(EI/T): spans at a hole on which its bend is one of the control points
 BEND = 4.0  # √(EI/T) from a hole: there exp(−4) of its turn is left
 LOCAL = 0.1  # of the thread: as long as BEND √(EI/T) may be for the bend to be one at its hole, not of a limp thread
-BENDS = 16.0  # √(EI/T) that may run through a hole in a step on such spans
+BENDS = 2.0  # √(EI/T) that may run through a hole in a step on such spans: by six a snap came to a curl in its hole
 SLACK = 1e-6  # of EA: a part of the thread under less tension is slack
 TURNED_BACK = 0.3  # cosine of the angle between thread and directed hole (73°) below which a thread is turned back
 

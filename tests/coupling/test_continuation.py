@@ -32,7 +32,7 @@ def loaded(directed: bool, n: int, dt: float, compiled: bool = False, follow: bo
     system = replace(system, thread=Thread(system.thread.spline, suture("6-0 polyester"), damping=20.0))
     state = advance(system, laid(system, ABSCISSAE, hairpin(RADIUS, LENGTH)), DT)[-1].new
     if follow:
-        system, state, _ = adapt(Resolution(coarse_tree(0.0, LENGTH, n), 0.01), system, state, DT)
+        system, state, _ = adapt(Resolution(coarse_tree(0.0, LENGTH, n), 0.01), system, state, 4 * DT)
     scheme = BackwardEuler(dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
     return problem, predict(problem, state)
