@@ -98,8 +98,8 @@ def test_points_go_straight_where_none_runs_round_a_bend() -> None:
 
 
 def test_a_step_is_as_long_as_a_bend_is_carried() -> None:
-    """Independent check: 2 √(EI/T) run through a hole on spans that resolve it, many of them, at either side of that; on
-    spans that are all alike no more than two of them."""
+    """Independent check: 2 √(EI/T) run through a hole on spans that resolve it, many of them, at either side of that;
+    on spans that are all alike no more than two of them."""
     for share, too_long in ((0.99, False), (1.01, True)):
         system, state = running(share * BENDS)
         spans = np.diff(system.thread.spline.breaks)
