@@ -143,7 +143,7 @@ def made_by(now: OrganRun, new: OrganRun) -> Iterator[tuple[bool, float]]:
         energies = after
 
 
-def main(seed: int = 1, first: int = 0, count: int = 82, most: int = 20_000, quarter: int = 11) -> Iterator[Row]:
+def main(seed: int = 1, first: int = 0, count: int = 300, most: int = 20_000, quarter: int = 11) -> Iterator[Row]:
     """Run the cases of a seed, each until it ends or has taken `most` corrections; the first `quarter` of those again
     in steps a quarter as long where they complete."""
     given = enumerate(cases(seed, count, first))
