@@ -118,7 +118,8 @@ class Spline:
 
     def through(self, values: Array) -> Array:
         """Return the control values of the curve in one piece that has `values` (n, c) at the Greville abscissae."""
-        return np.asarray(make_interp_spline(self.greville, values, DEGREE, self.knots).c)
+        at = np.clip(self.greville, self.start, self.end)  # the mean of three ends may lie beyond them by round-off
+        return np.asarray(make_interp_spline(at, values, DEGREE, self.knots).c)
 
     @cached_property
     def polynomials(self) -> Array:

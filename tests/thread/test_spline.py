@@ -93,6 +93,19 @@ def test_the_ends_are_the_end_points() -> None:
     assert np.abs(D[:, 1] - slopes).max() <= IDENTITY * np.abs(slopes).max()
 
 
+def test_a_curve_goes_through_points_whatever_its_length() -> None:
+    """Independent check: of threads of seeded lengths, of which the last Greville abscissa is beyond the end of some by
+    round-off, each goes through its points."""
+    beyond = 0
+    for length in np.random.default_rng(5).uniform(0.01, 0.2, 100):
+        spline = Spline(uniform_knots(length, 24))
+        points = np.stack([np.sin(30.0 * spline.greville), spline.greville], axis=1)
+        curve = spline.curve(spline.through(points), np.minimum(spline.greville, spline.end))[:, 0]
+        assert np.abs(curve - points).max() <= IDENTITY
+        beyond += int(spline.greville[-1] > spline.end)
+    assert beyond > 0
+
+
 @pytest.mark.parametrize(("knot", "smooth"), [(0.1, 2), (0.35, 1), (0.8, 0)])
 def test_a_knot_takes_one_order_of_smoothness_each_time(knot: float, smooth: int) -> None:
     """Independent check: C² at a single knot, C¹ at a double, C⁰ at a triple, and the next derivative jumps."""
