@@ -58,7 +58,7 @@ def is_too_long(system: System[Body], state: State[Body], dt: float) -> bool:
 def carried_on(system: System[Body], state: State[Body], dt: float) -> tuple[Array, Array] | None:
     """Return control values (n, c) and axial forces (spans, g) [N] of a thread in one piece that goes on for `dt` [s]
     with its bends left in their holes; None where it runs round none, by CROSSED spans or less, and each point goes on
-    by itself: the compiled loops make such steps.
+    by itself, as in the compiled loops, and where it would run one hole past another.
 
     It runs through the shape that it has: P(s) comes from P(s − w), w being the way on which s runs, linear from hole
     to hole, and goes on by dt v + w P', the way of the shape itself. Within a bend, and on what has run through it,
@@ -70,14 +70,17 @@ def carried_on(system: System[Body], state: State[Body], dt: float) -> tuple[Arr
     if not runs.any() or spline.cuts.size:
         return None
     holes = np.flatnonzero(state.present)[np.argsort(state.s[state.present])]
-    w = np.interp(spline.greville, (state.s + ways)[holes], ways[holes])
+    ends = (state.s + ways)[holes]
+    if (np.diff(ends) <= 0.0).any():  # holes that would pass one another
+        return None
+    w = np.interp(spline.greville, ends, ways[holes])
     came_from = spline.greville - w
     place, own_way = shape_of(system, state, came_from, w, dt)
     away = np.abs(came_from[:, None] - state.s[runs]) / (np.abs(ways) + BEND * layers)[runs]
     known = np.clip(away.min(axis=1) - 1.0, 0.0, 1.0)
     q = spline.through(place + known[:, None] * own_way)
     at = thread.axial.s
-    N_from = at - np.interp(at, (state.s + ways)[holes], ways[holes])
+    N_from = at - np.interp(at, ends, ways[holes])
     return q, np.interp(N_from, at.ravel(), state.N.ravel())
 
 

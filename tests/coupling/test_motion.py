@@ -81,8 +81,8 @@ def test_a_thread_that_drifts_as_it_runs_goes_on_but_at_its_bends() -> None:
 
 
 def test_points_go_straight_where_none_runs_round_a_bend() -> None:
-    """Independent check: a way of less than two spans, spans of which none resolves √(EI/T), or a limp thread that
-    bends over much of its length leave each point to itself."""
+    """Independent check: a way of less than two spans, spans of which none resolves √(EI/T), a limp thread that bends
+    over much of its length, or holes that would pass one another leave each point to itself."""
     fine, now = running(1.0)
     spans = np.diff(fine.thread.spline.breaks)[fine.thread.spline.spans_of(now.s)]
     for share, goes_round in ((0.99, False), (1.01, True)):
@@ -91,6 +91,9 @@ def test_points_go_straight_where_none_runs_round_a_bend() -> None:
     for share, goes_round in ((0.99, True), (1.01, False)):
         limp = PULL * (BEND * bending_layers(*taut())[0] / (share * LOCAL * LENGTH)) ** 2
         assert (carried_on(*running(1.0, pull=limp), DT) is not None) == goes_round
+    meeting = np.array([1.01, -1.01]) * 0.5 * np.diff(now.s) / DT
+    assert carried_on(fine, replace(now, s_dot=0.98 * meeting), DT) is not None
+    assert carried_on(fine, replace(now, s_dot=meeting), DT) is None
     system, state = taut()
     layer = bending_layers(system, state)[0]
     assert np.diff(system.thread.spline.breaks).min() > layer
