@@ -247,7 +247,7 @@ def exchange_spline(
     N = system.thread.spline.interpolate(thread.axial.s, thread.axial.home, known.s, known.home, state.N)
     frame = None if state.frame is None else thread.interpolate_frame(state.frame, system.thread, q)
     earlier = None if state.before is None else replace(state.before, q=before[0], v=before[1])
-    layers = None if state.layers is None else layers_at(other, state.s, N, state.present)
+    layers = None if state.layers is None else layers_at(other, state.s, N, state.lam, state.present)
     moved = replace(state, q=q, v=v, N=N, before=earlier, frame=frame, layers=layers)
     energies = [initial_energies(*pair) for pair in ((system, state), (other, moved))]
     stored = [e.kinetic + e.elastic_thread for e in energies]

@@ -35,6 +35,7 @@ from coupling.constraints import (
     site_force,
     thread_force,
     tilt_of,
+    turned_compliance,
 )
 from coupling.integrators import BDF2
 from coupling.interfaces import Body
@@ -184,10 +185,12 @@ def exchange_between(step: Step[Body]) -> float:
     here = lack_at(system, new.s, old.layers) - after.c[:, 0]
     c = 0.5 * (there + here)
     across = parts(before, old.lam).across, parts(after, new.lam).across
-    share = 0.5 * (tilt_of(before, old.y).share + tilt_of(after, y).share)
+    tilts = tilt_of(before, old.y), tilt_of(after, y)
+    turned, size = 0.5 * (tilts[0].share + tilts[1].share) - 1.0, 0.5 * (tilts[0].size + tilts[1].size)[:, 0]
     m = force_on_tangent(old.lam, old.y), force_on_tangent(new.lam, y)
-    mixed = dot(old.lam[:, :3], m[1]) + dot(new.lam[:, :3], m[0])
-    return float(0.5 * np.sum(c[:, 0] * dot(*across) + c[:, 1] * mixed + c[:, 2] * share * dot(*m)))
+    mixed = size * (dot(old.lam[:, :3], m[1]) + dot(new.lam[:, :3], m[0]))
+    by_couple = (c[:, 2] + c[:, 3] * turned) * dot(*m)
+    return float(0.5 * np.sum(c[:, 0] * dot(*across) + c[:, 1] * mixed + by_couple))
 
 
 def exchange_in_place(before: Passage, after: Passage, rows: Flags, lam: Array, y: Array) -> float:
@@ -211,8 +214,8 @@ def exchange_in_place(before: Passage, after: Passage, rows: Flags, lam: Array, 
 def bears(before: Passage, after: Passage, y: Array) -> Flags:
     """Whether the c of the passage `after` takes up by forces of the size of those of `before` what the holes are off
     the drawn thread, shape `(m,)`: at a knot a spline without tension lacks nothing under a force."""
-    c0, c1, c2 = after.c[:, 0].T
-    turns = c0 * c2 * tilt_of(after, y).share - c1**2 > BORNE * c0 * c2
+    c0, c1, c2, _ = after.c[:, 0].T
+    turns = c0 * turned_compliance(after, y) - (c1 * tilt_of(after, y).size[:, 0]) ** 2 > BORNE * c0 * c2
     return np.asarray((c0 > BORNE * before.c[:, 0, 0]) & (turns | ~after.directed))
 
 
@@ -227,7 +230,7 @@ def lying_work(step: Step[Body]) -> float:
 
 
 def lack_at(system: System[Body], s: Array, layers: Array | None) -> Array:
-    """Return the compliance that the spline lacks at the abscissae `s` (m,) [m] of the holds, shape `(m, 3)`."""
+    """Return the compliance that the spline lacks at the abscissae `s` (m,) [m] of the holds, shape `(m, 4)`."""
     return system.thread.missing_compliance(s, None, layers)[:, 0]
 
 

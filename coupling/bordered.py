@@ -26,6 +26,7 @@ from coupling.constraints import (
     tilt_force,
     tilt_of,
     tilt_stiffness,
+    turned_compliance,
 )
 from thread.banded import half_band_of
 from thread.vectors import cross, dot
@@ -179,12 +180,13 @@ def add_compliance(border: Border, thread: Passage, lam: Array, y: Array) -> Non
 
 def derivatives_by_multipliers(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
     """Return the derivatives of P̂ and T̂ by a hold's multipliers and frame, each `(m, 3, 15)`."""
-    c0, c1, c2 = thread.c[:, 0].T[:, :, None, None]
+    c0, c1, _, c3 = thread.c[:, 0].T[:, :, None, None]
     unit, tilt, dm = parts(thread, lam).unit, tilt_of(thread, y), moment_by_border(lam, y)
-    dP, dT = c1 * dm, c2 * tilt.share[:, None, None] * dm
+    arm = c1 * tilt.size[:, :, None]
+    dP, dT = arm * dm, turned_compliance(thread, y)[:, None, None] * dm
     dP[:, :, LAM] += c0 * (I3 - unit[:, :, None] * unit[:, None])
-    dT[:, :, LAM] += c1 * I3
-    return dP, dT + 0.5 * c2 * force_on_tangent(lam, y)[:, :, None] * (tilt.by_n[:, None] @ normal_by_frame(y))
+    dT[:, :, LAM] += arm * I3
+    return dP, dT + c3 * force_on_tangent(lam, y)[:, :, None] * (tilt.by_n[:, None] @ normal_by_frame(y))
 
 
 def constraints_by(dP: Array, dT: Array, y: Array) -> Array:
@@ -222,7 +224,7 @@ def skew(a: Array) -> Array:
 def add_own_turning(border: Border, thread: Passage, lam: Array, y: Array) -> None:
     """Add what the thread's own axis brings into P̂, and what the missing compliance adds to the force on the thread
     along it."""
-    by_axis = force_by_axis(thread, lam)
+    by_axis = force_by_axis(thread, lam, y)
     border.B[:, LAM, AT_T] += by_axis
     border.E[:, AT_T, LAM] -= by_axis.swapaxes(1, 2)
     border.E[:, AT_T, S] -= lacking_force_rate(thread, lam, y)
@@ -230,11 +232,13 @@ def add_own_turning(border: Border, thread: Passage, lam: Array, y: Array) -> No
 
 
 def add_tilting(border: Border, thread: Passage, lam: Array, y: Array) -> None:
-    """Add what T̂ and the forces owe to ψ, which tells how far the thread leaves the frame."""
+    """Add what T̂ and the forces owe to Γ, which tells how far the thread leaves the frame, and to |T|."""
     tilt, e, dn = tilt_of(thread, y), tilt_force(thread, lam, y)[:, :, None], normal_by_frame(y)
     of_T_n, of_n = tilt_stiffness(tilt)[1:]
-    de = 0.5 * thread.c[:, 0, 2:] * np.vecmat(force_on_tangent(lam, y), moment_by_border(lam, y))
-    by_T = tilt.by_T[:, :, None] * de[:, None] + e * (of_T_n @ dn)
+    dm = moment_by_border(lam, y)
+    de = thread.c[:, 0, 3:] * np.vecmat(force_on_tangent(lam, y), dm)
+    both = thread.c[:, 0, 1:2] * np.vecmat(lam[:, :3], dm)
+    by_T = tilt.by_T[:, :, None] * de[:, None] + tilt.along[:, :, None] * both[:, None] + e * (of_T_n @ dn)
     by_n, turned = tilt.by_n[:, :, None] * de[:, None] + e * (of_n @ dn), e * skew(tilt.by_n)
     border.E[:, AT_T] -= by_T
     border.B[:, MU_U, AT_T] += by_T[:, :, MU_U]
@@ -250,7 +254,7 @@ def add_tilting(border: Border, thread: Passage, lam: Array, y: Array) -> None:
 
 
 def tilting_rates(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
-    """Return the derivatives by s of e ∂ψ/∂u and e ∂ψ/∂v, each `(m, 3)` [N]."""
+    """Return the derivatives by s of e ∂Γ/∂u and e ∂Γ/∂v, each `(m, 3)` [N]."""
     tilt = tilt_of(thread, y)
     turned = tilt_force(thread, lam, y) * np.vecmat(thread.K, tilt_stiffness(tilt)[1])
     rate = tilt_force(thread, lam, y, 1) * tilt.by_n + turned
@@ -258,13 +262,14 @@ def tilting_rates(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
 
 
 def lacking_force_rate(thread: Passage, lam: Array, y: Array) -> Array:
-    """Return d(w + e ∂ψ/∂T)/ds along the thread, whose tangent turns with its curvature, shape `(m, 3)` [N]."""
+    """Return the derivative of `lacking_force` by s along the thread, whose tangent turns with its curvature, shape
+    `(m, 3)` [N]."""
     return lacking_force(thread, lam, y, 1) + np.matvec(lacking_stiffness(thread, lam, y), thread.K)
 
 
 def own_stiffness(thread: Passage, lam: Array, y: Array) -> Array:
-    """Return what the thread's own axis at a hole adds to its matrix, −b' b'ᵀ ∂(w + e ∂ψ/∂T)/∂T on its four points,
-    shape `(m, 4, 4, 3, 3)` [N/m]."""
+    """Return what the thread's own axis at a hole adds to its matrix, −b' b'ᵀ times
+    `lacking_stiffness` on its four points, shape `(m, 4, 4, 3, 3)` [N/m]."""
     slope = thread.b[:, 1]
     return np.asarray(np.einsum("ma,mb,mij->mabij", slope, slope, -lacking_stiffness(thread, lam, y)))
 

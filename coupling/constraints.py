@@ -10,21 +10,30 @@ The spline lacks compliance where a force λ and m = μ_u u + μ_v v, the force 
 (`thread.compliance`): c₀ by the force across the thread, c₁, c₂ by m. Along itself it lacks next to nothing. With the
 axis a = T, â = a/|a|, τ = λ·â and n̂ the unit normal of the frame, u × v over its size, the hole acts on the thread at
 
-    P̂ = P + c₀ (λ − τâ) + c₁ m,   T̂ = T + c₁ λ + c₂γ m,   γ = ½(1 + ψ),   ψ = |â·n̂|,
+    P̂ = P + c₀ (λ − τâ) + c₁|a| m,   T̂ = T + c₁|a| λ + c m,   c = c₂ + c₃ (Γ − 1),
+    Γ = |a|²γ,   γ = ½(1 + ψ)·½(1 + √(½(1 + ψ))),   ψ = |â·n̂|,
 
 which stand for P, T in Φ. They are the slopes by λ and m of one potential,
 
-    λ·(P − x) + m·T + ½c₀(λ² − τ²) + c₁ λ·m + ½c₂γ m²,
+    λ·(P − x) + m·T + ½c₀(λ² − τ²) + c₁|a| λ·m + ½c m²,
 
 whose slopes by q, s and y are the forces on thread and abscissa and on the organ. It does not change when all turn
 together: λ along the thread, which acts at P̂ and not at P, turns the thread's tangent by the force conjugate to a,
 w = −c₀ τ (λ − τâ)/|a|. It does not turn the hole: the strands on both sides of it go through the hole, and not through
 P, which is the further from it the longer the spans.
 
-Where spans are much longer than √(EI/T), T leaves n̂ by an angle θ, half of that by which the strands do, and c₂ is all
-that turns it: with γ the couple is sin θ/c₂ of the elastica: strands turned by α bear 2√(EI T) sin α/2 each;
-without γ it would be sin θ cos θ/c₂. What γ adds to the forces, e ∂ψ with e = ¼c₂m², turns the thread and the frame and
-stretches neither: ψ is of directions alone, for the frame of a linear organ that turns far is longer than it was.
+Where spans are much longer than √(EI/T), T leaves n̂ by an angle φ, that by which the strands do on the mean, and c₂ is
+all that turns it. What the hole bears is then the elastica's: strands turned by φ + ½θ and φ − ½θ bear together
+
+    2√(EI T) (sin ½(φ + ½θ) + sin ½(φ − ½θ)) = 2 sin ½φ/g,   1/g = 2√(EI T) cos ¼θ,
+
+the slope of 4(1 − cos ½φ)/g; `coupling.tension` counts the cosine of ¼θ to √(EI T). With |a|m for the couple and
+c = g|a|²γ the potential stores ½ sin²φ/(gγ): that is the same where γ = cos²½φ cos²¼φ. On shorter spans the spline
+makes part of the turn itself. The share c₃ of c₂ is what then turns as far as the elastica does (`thread.compliance`),
+and the rest is of small turns. What Γ adds to the forces is e ∂Γ, with e = ½c₃m²: it turns the thread and the frame and
+draws the thread out, whose corner the spline rounds, |a| < 1. The frame it does not stretch: n̂ is a direction alone,
+for the frame of a linear organ that turns far is longer than it was. c₁ goes by the couple too: a turn moves T by |a|
+times itself.
 """
 
 from dataclasses import dataclass, replace
@@ -34,6 +43,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coupling.arrays import Array, Indices
+from thread.compliance import LACKS
 from thread.spline import Spline
 from thread.thread import Thread
 from thread.vectors import cross, dot
@@ -44,8 +54,8 @@ class Passage:
     """The thread where it passes the holes.
 
     `first` (p,) and `b` (p, 4, 4): the basis there; `P` [m], `T` [-], `K` = T' [1/m], `J` = T'' [1/m²], each (p, 3);
-    `c` (p, 3 derivatives by s, 3): the missing compliances c₀, c₁, c₂ [m/N, 1/N, 1/(N m)]; `directed` (p,): where the
-    hole's frame tells where the thread goes at the hole, and not the thread itself.
+    `c` (p, 3 derivatives by s, 4): the missing compliances c₀, c₁, c₂, c₃ [m/N, 1/N, 1/(N m) twice]; `directed` (p,):
+    where the hole's frame tells where the thread goes at the hole, and not the thread itself.
     """
 
     first: Indices
@@ -98,7 +108,7 @@ def bare_passage(spline: Spline, q: Array, s: Array, home: Array | None = None) 
     first, b = spline.basis(s, home)
     D = (b @ q[first[:, None] + LOCAL])[..., :3]
     none = np.zeros(len(s), dtype=bool)
-    return Passage(first, b, D[:, 0], D[:, 1], D[:, 2], D[:, 3], np.zeros((len(s), 3, 3)), none)
+    return Passage(first, b, D[:, 0], D[:, 1], D[:, 2], D[:, 3], np.zeros((len(s), 3, LACKS)), none)
 
 
 def force_on_tangent(lam: Array, y: Array) -> Array:
@@ -132,22 +142,30 @@ def parts(thread: Passage, lam: Array) -> Parts:
 
 @dataclass(frozen=True)
 class Tilt:
-    """How far the thread leaves the frames: ψ = |â·n̂|, `cosine` (p,) [-], and its derivatives by T and by n = u × v,
-    `by_T` and `by_n` (p, 3) [-]; the unit vectors `along` â and `normal` n̂, pointing as the thread goes, (p, 3), with
-    `size` |T| and `area` ±|n|, below zero where n points against the thread, (p, 1)."""
+    """How far the thread leaves the frames: ψ = |â·n̂|, `cosine` (p,) [-]; Γ = |T|²γ, `share` (p,) [-], and its
+    derivatives by T and by n = u × v, `by_T` and `by_n` (p, 3) [-]; γ with its first two derivatives by ψ, `profile`,
+    `(p, 1)` each; the unit vectors `along` â and `normal` n̂, pointing as the thread goes, (p, 3), with `size` |T| and
+    `area` ±|n|, below zero where n points against the thread, (p, 1)."""
 
     cosine: Array
+    share: Array
     by_T: Array
     by_n: Array
+    profile: tuple[Array, Array, Array]
     along: Array
     normal: Array
     size: Array
     area: Array
 
     @property
-    def share(self) -> Array:
-        """γ, shape `(p,)` [-]."""
-        return np.asarray(0.5 * (1.0 + self.cosine))
+    def of_along(self) -> Array:
+        """|T| ∂ψ/∂T = n̂ − ψâ, shape `(p, 3)` [-]."""
+        return self.normal - self.cosine[:, None] * self.along
+
+    @property
+    def of_normal(self) -> Array:
+        """±|n| ∂ψ/∂n = â − ψn̂, shape `(p, 3)` [-]."""
+        return self.along - self.cosine[:, None] * self.normal
 
 
 def tilt_of(thread: Passage, y: Array) -> Tilt:
@@ -158,17 +176,31 @@ def tilt_of(thread: Passage, y: Array) -> Tilt:
     n, size = cross(y[:, 3:6], y[:, 6:]), np.linalg.norm(thread.T, axis=1, keepdims=True)
     area = np.copysign(np.linalg.norm(n, axis=1), dot(thread.T, n))[:, None]
     along, normal = thread.T / size, n / area
-    cosine = dot(along, normal)
-    by_T, by_n = (normal - cosine[:, None] * along) / size, (along - cosine[:, None] * normal) / area
-    tilt = Tilt(cosine, by_T, by_n, along, normal, size, area)
+    cosine = dot(along, normal)[:, None]
+    profile = far_turned(cosine)
+    by_T = size * (2.0 * profile[0] * along + profile[1] * (normal - cosine * along))
+    by_n = size**2 / area * profile[1] * (along - cosine * normal)
+    tilt = Tilt(cosine[:, 0], (size**2 * profile[0])[:, 0], by_T, by_n, profile, along, normal, size, area)
     thread._tilted[:] = [(y, tilt)]
     return tilt
 
 
+def far_turned(cosine: Array) -> tuple[Array, Array, Array]:
+    """Return γ = ½(1 + ψ)·½(1 + √(½(1 + ψ))) and its first two derivatives by ψ, `cosine`, of the same shape each."""
+    squared = 0.5 * (1.0 + cosine)  # cos²½φ
+    half = np.sqrt(squared)
+    return 0.5 * squared * (1.0 + half), 0.25 * (1.0 + 1.5 * half), 0.09375 / half
+
+
+def turned_compliance(thread: Passage, y: Array, derivative: int = 0) -> Array:
+    """Return c = c₂ + c₃(Γ − 1), or its derivative by s with T held, shape `(p,)` [1/(N m)]."""
+    return np.asarray(thread.c[:, derivative, 2] + thread.c[:, derivative, 3] * (tilt_of(thread, y).share - 1.0))
+
+
 def tilt_force(thread: Passage, lam: Array, y: Array, derivative: int = 0) -> Array:
-    """Return e = ¼c₂m², the force conjugate to ψ, or its derivative by s, shape `(p, 1)` [N m]."""
+    """Return e = ½c₃m², the force conjugate to Γ, or its derivative by s, shape `(p, 1)` [N m]."""
     m = force_on_tangent(lam, y)
-    return np.asarray(0.25 * thread.c[:, derivative, 2] * dot(m, m))[:, None]
+    return np.asarray(0.5 * thread.c[:, derivative, 3] * dot(m, m))[:, None]
 
 
 def axis_force(thread: Passage, part: Parts, derivative: int = 0) -> Array:
@@ -190,21 +222,23 @@ def effective_place(thread: Passage, lam: Array, y: Array, derivative: int = 0) 
     if thread.bare:
         return P, T
     c, m, part = thread.c[:, derivative, :, None], force_on_tangent(lam, y), parts(thread, lam)
-    tilt = tilt_of(thread, y)
-    P_met = P + c[:, 0] * part.across + c[:, 1] * m
-    T_met = T + c[:, 1] * lam[:, :3] + c[:, 2] * tilt.share[:, None] * m
+    arm = c[:, 1] * part.size[:, None]
+    if derivative:
+        arm = arm + thread.c[:, 0, 1:2] * dot(part.unit, thread.K)[:, None]
+    P_met = P + c[:, 0] * part.across + arm * m
+    T_met = T + arm * lam[:, :3] + turned_compliance(thread, y, derivative)[:, None] * m
     if derivative:
         P_met -= thread.c[:, 0, :1] * axis_turned(part, thread.K)
-        T_met += (0.5 * thread.c[:, 0, 2] * dot(tilt.by_T, thread.K))[:, None] * m
+        T_met += (thread.c[:, 0, 3] * dot(tilt_of(thread, y).by_T, thread.K))[:, None] * m
     return P_met, T_met
 
 
 def held_energy(thread: Passage, lam: Array, y: Array, derivative: int = 0) -> Array:
-    """Return what the missing compliance stores, ½c₀(λ² − τ²) + c₁λ·m + ½c₂γm², or its derivative by s with T held,
+    """Return what the missing compliance stores, ½c₀(λ² − τ²) + c₁|a|λ·m + ½c m², or its derivative by s with T held,
     shape `(p,)` [J]."""
-    c, m, across = thread.c[:, derivative], force_on_tangent(lam, y), parts(thread, lam).across
-    by_couple = c[:, 2] * tilt_of(thread, y).share * dot(m, m)
-    return np.asarray(0.5 * (c[:, 0] * dot(across, across) + by_couple) + c[:, 1] * dot(lam[:, :3], m))
+    c, m, part = thread.c[:, derivative], force_on_tangent(lam, y), parts(thread, lam)
+    alone = c[:, 0] * dot(part.across, part.across) + turned_compliance(thread, y, derivative) * dot(m, m)
+    return np.asarray(0.5 * alone + c[:, 1] * part.size * dot(lam[:, :3], m))
 
 
 def shrinkage(thread: Passage, part: Parts) -> Array:
@@ -257,10 +291,15 @@ def driving_force(thread: Passage, lam: Array, y: Array) -> Array:
 
 
 def lacking_force(thread: Passage, lam: Array, y: Array, derivative: int = 0) -> Array:
-    """Return w + e ∂ψ/∂T, what the missing compliance adds to the force conjugate to T, or its derivative by s with T
-    held, shape `(p, 3)` [N m]."""
-    turn = tilt_force(thread, lam, y, derivative) * tilt_of(thread, y).by_T
-    return axis_force(thread, parts(thread, lam), derivative) + turn
+    """Return w + e ∂Γ/∂T + c₁(λ·m) â, what the missing compliance adds to the force conjugate to T, or its derivative
+    by s with T held, shape `(p, 3)` [N m]."""
+    part, turn = parts(thread, lam), tilt_force(thread, lam, y, derivative) * tilt_of(thread, y).by_T
+    return axis_force(thread, part, derivative) + turn + both_force(thread, lam, y, derivative) * part.unit
+
+
+def both_force(thread: Passage, lam: Array, y: Array, derivative: int = 0) -> Array:
+    """Return c₁ λ·m, the force conjugate to |a|, or its derivative by s, shape `(p, 1)` [N m]."""
+    return np.asarray(thread.c[:, derivative, 1] * dot(lam[:, :3], force_on_tangent(lam, y)))[:, None]
 
 
 def thread_force(thread: Passage, lam: Array, y: Array) -> Array:
@@ -273,8 +312,8 @@ def thread_force(thread: Passage, lam: Array, y: Array) -> Array:
 
 
 def site_force(thread: Passage, lam: Array, y: Array) -> Array:
-    """Return Φ_yᵀλ = (−λ, μ_u T̂ + e v × ψ_n, μ_v T̂ + e ψ_n × u), the force on the organ conjugate to y, shape
-    `(p, 9)` [N, N m]; ψ_n = ∂ψ/∂(u × v)."""
+    """Return Φ_yᵀλ = (−λ, μ_u T̂ + e v × Γ_n, μ_v T̂ + e Γ_n × u), the force on the organ conjugate to y, shape
+    `(p, 9)` [N, N m]; Γ_n = ∂Γ/∂(u × v)."""
     T = effective_place(thread, lam, y)[1]
     out = np.empty((len(lam), 9))
     out[:, :3], out[:, 3:6], out[:, 6:] = -lam[:, :3], lam[:, 3:4] * T, lam[:, 4:5] * T
@@ -303,29 +342,34 @@ def axis_stiffness(thread: Passage, lam: Array) -> Array:
 
 
 def tilt_stiffness(tilt: Tilt) -> tuple[Array, Array, Array]:
-    """Return ∂²ψ by T and T, by T and n, by n and n, each `(p, 3, 3)` [-]."""
+    """Return ∂²Γ by T and T, by T and n, by n and n, each `(p, 3, 3)` [-]."""
     one = np.eye(3)
-    along, normal, by_T, by_n = (a[:, :, None] for a in (tilt.along, tilt.normal, tilt.by_T, tilt.by_n))
+    along, normal, of_T, of_n = (a[:, :, None] for a in (tilt.along, tilt.normal, tilt.of_along, tilt.of_normal))
     size, area, cosine = tilt.size[:, :, None], tilt.area[:, :, None], tilt.cosine[:, None, None]
+    value, slope, bend = (each[:, :, None] for each in tilt.profile)
     T = lambda x: x.swapaxes(1, 2)  # noqa: E731
     across, flat = one - along * T(along), one - normal * T(normal)
-    of_T = -(along * T(by_T) + by_T * T(along) + cosine / size * across) / size
-    of_n = -(normal * T(by_n) + by_n * T(normal) + cosine / area * flat) / area
-    return of_T, across @ flat / (size * area), of_n
+    by_T = slope * (along * T(of_T) + of_T * T(along) - cosine * across) + bend * of_T * T(of_T)
+    mixed = slope * (2.0 * along * T(of_n) + across @ flat) + bend * of_T * T(of_n)
+    by_n = bend * of_n * T(of_n) - slope * (normal * T(of_n) + of_n * T(normal) + cosine * flat)
+    return 2.0 * value * one + by_T, size / area * mixed, (size / area) ** 2 * by_n
 
 
 def lacking_stiffness(thread: Passage, lam: Array, y: Array) -> Array:
-    """Return ∂(w + e ∂ψ/∂T)/∂T, symmetric, shape `(p, 3, 3)` [N m]."""
-    turn = tilt_force(thread, lam, y)[:, :, None] * tilt_stiffness(tilt_of(thread, y))[0]
-    return axis_stiffness(thread, lam) + turn
+    """Return ∂(w + e ∂Γ/∂T + c₁(λ·m) â)/∂T, symmetric, shape `(p, 3, 3)` [N m]."""
+    part, turn = parts(thread, lam), tilt_force(thread, lam, y)[:, :, None] * tilt_stiffness(tilt_of(thread, y))[0]
+    across = np.eye(3) - part.unit[:, :, None] * part.unit[:, None]
+    lengthwise = (both_force(thread, lam, y) / part.size[:, None])[:, :, None] * across
+    return axis_stiffness(thread, lam) + turn + lengthwise
 
 
-def force_by_axis(thread: Passage, lam: Array) -> Array:
-    """Return ∂P̂/∂a = (∂w/∂λ)ᵀ = −c₀ ∂(τâ)/∂a, shape `(p, 3, 3)` [m]."""
-    part = parts(thread, lam)
+def force_by_axis(thread: Passage, lam: Array, y: Array) -> Array:
+    """Return ∂P̂/∂a = −c₀ ∂(τâ)/∂a + c₁ m âᵀ, shape `(p, 3, 3)` [m]."""
+    part, m = parts(thread, lam), force_on_tangent(lam, y)[:, :, None]
     unit, across = part.unit[:, :, None], part.across[:, None, :]
     turn = unit * across + part.along[:, None, None] * (np.eye(3) - unit * unit.swapaxes(1, 2))
-    return np.asarray(-(thread.c[:, 0, 0] / part.size)[:, None, None] * turn)
+    c0, c1 = thread.c[:, 0, :2].T[:, :, None, None]
+    return np.asarray(c1 * m * unit.swapaxes(1, 2) - c0 / part.size[:, None, None] * turn)
 
 
 def spread(forces: Array, thread: Passage, n: int) -> Array:

@@ -33,7 +33,7 @@ from coupling.system import State, System
 from coupling.tables import OVER, bounds_of, empty_found, given_of, law_of, plain, tables_of
 from coupling.tension import FINE, REST, SETTLED
 from coupling.watch import CREATED, CREATED_BDF2, SHARE, TRACE
-from thread.compliance import POWERS, SLACK
+from thread.compliance import LACKS, POWERS, SLACK
 from thread.spline import ORDERS
 from thread.thread import STAGES, Thread
 
@@ -54,7 +54,7 @@ class Lacking:
             self._base = int(np.floor(STAGES * np.log2(np.sqrt(thread.EI / thread.EA))))
             last = int(np.ceil(STAGES * np.log2(spans.max() / SLACK)))
         self._slots = np.full((spans.size, max(last - self._base, 0) + 3), -1, np.int64)
-        self._known = np.empty((FIRST_ROOM, 3, 3, len(POWERS)))
+        self._known = np.empty((FIRST_ROOM, 3, LACKS, len(POWERS)))
         self._count = 0
 
     @property
@@ -313,8 +313,8 @@ def empty_room(motion: Motion, points: int) -> Scratch:
         was=empty_passing(m),
         other=empty_passing(m),
         at=np.zeros_like(end.q),
-        mid=np.zeros((m, 3)),
-        back=np.zeros((m, 3)),
+        mid=np.zeros((m, LACKS)),
+        back=np.zeros((m, LACKS)),
         layers=np.zeros(m),
         going=Going(*np.zeros((3, len(end.U)))),
         turns=np.zeros(TURNS),
@@ -336,5 +336,5 @@ def room_to_keep(motion: Motion, steps: int) -> Kept:
 
 def empty_passing(*m: int) -> Passing:
     """Return room for the thread at the holes of an array of that shape."""
-    first, b, D, c = np.zeros(m, np.int64), *(np.zeros((*m, *of)) for of in ((ORDERS, ORDERS), (ORDERS, 3), (3, 3)))
+    first, b, D, c = np.zeros(m, np.int64), *(np.zeros((*m, *of)) for of in ((ORDERS, ORDERS), (ORDERS, 3), (3, LACKS)))
     return Passing(first, b, D, c)

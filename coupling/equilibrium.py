@@ -126,7 +126,7 @@ def static_problem(
         law=law_of(system, first.s, state.present, 0.0, first.s, *by_hand, began),
         stiffen=True,
         frame=state.frame,
-        layers=layers_at(system, state.s, state.N, state.present),
+        layers=layers_at(system, state.s, state.N, state.lam, state.present),
         gaps=tie_gaps(system, state, time),
     )
 

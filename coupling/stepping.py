@@ -158,7 +158,7 @@ def dynamic_problem(
             state.time,
         ),
         frame=state.frame,
-        layers=layers_at(system, state.s, state.N, state.present),
+        layers=layers_at(system, state.s, state.N, state.lam, state.present),
         gaps=tie_gaps(system, state, time),
     )
 
@@ -272,7 +272,7 @@ def settle_layers(
     `ratio`: a thread that is drawn taut bends at its holes as a taut one. Raises `StepError`."""
     for _ in range(passes):
         problem, z = solution.problem, solution.iterate
-        ended = layers_at(problem.system, z.s, z.N, problem.rows[:, 0])
+        ended = layers_at(problem.system, z.s, z.N, z.lam, problem.rows[:, 0])
         if is_settled(problem.system, z.s, problem.rows[:, 0], (problem.layers, ended), ratio):
             break
         again = solve_again(replace(problem, layers=ended), z)

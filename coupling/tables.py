@@ -21,7 +21,7 @@ from coupling.compiled.friction import Law
 from coupling.compiled.iteration import Bounds, Found, Given, Knots, Trail, Unknowns
 from coupling.newton import Iterate, Problem
 from coupling.recent import Recent
-from thread.compliance import POWERS
+from thread.compliance import LACKS, POWERS
 from thread.spline import ORDERS
 from thread.thread import Thread
 
@@ -68,7 +68,7 @@ class Tables:
 
 def empty_lack(thread: Thread, holds: int) -> Array:
     """Return room for what the spline lacks on each span for each hold: no number until a hole comes there."""
-    shape = (holds, len(thread.spline.first), 3, 3, len(POWERS))
+    shape = (holds, len(thread.spline.first), 3, LACKS, len(POWERS))
     if thread.EI == 0.0 or not thread.hole_compliance:
         return np.zeros(shape)
     lack = np.empty(shape)
@@ -198,7 +198,7 @@ def empty_found(z: Iterate | Unknowns, points: int) -> Found:
         first=np.empty(m, np.int64),
         b=np.empty((m, ORDERS, ORDERS)),
         D=np.empty((m, ORDERS, 3)),
-        c=np.empty((m, 3, 3)),
+        c=np.empty((m, 3, LACKS)),
         T=np.empty((spans, points, 3)),
         K=np.empty((spans, points, 3)),
         T_axial=np.empty((spans, axial, 3)),

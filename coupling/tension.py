@@ -51,26 +51,36 @@ def largest_pressure(system: System[Body], s: Array, N: Array, present: Flags) -
     return max([0.0, *(-float(np.median(N[asked & (part == k)])) for k in np.unique(part[asked]))])
 
 
-def layers_at(system: System[Body], s: Array, N: Array, present: Flags) -> Array | None:
+def layers_at(system: System[Body], s: Array, N: Array, lam: Array, present: Flags) -> Array | None:
     """Return √(EI/T) of every hold, shape `(m,)` [m], None of a thread that does not bend.
 
-    Each strand resists the turn of a hole with √(EI T), so √T counts with its mean. Of T counts what is beyond that
-    which spans of FINE √(EI/T) have: on shorter ones the compliance is that without tension. The answer to what was
-    asked last is remembered: the end of a step is the start of the next.
+    Each strand resists the turn of a hole with √(EI T), so √T counts with its mean; where a direction is imposed on
+    strands that turn by θ from each other, both together with cos ¼θ of that (`coupling.constraints`). Of T counts
+    what is beyond that which spans of FINE √(EI/T) have: on shorter ones the compliance is that without tension. The
+    answer to what was asked last is remembered: the end of a step is the start of the next.
     """
     if system.thread.EI == 0.0 or not system.thread.hole_compliance or not system.holds:
         return None
     there = tuple(present.tolist())
-    return system.recent_layers.of((s, N), lambda: bending_lengths(system, s, N, present), there)
+    return system.recent_layers.of((s, N, lam), lambda: bending_lengths(system, s, N, lam, present), there)
 
 
-def bending_lengths(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
+def bending_lengths(system: System[Body], s: Array, N: Array, lam: Array, present: Flags) -> Array:
     """Return √(EI/T) of every hold of a thread that bends, shape `(m,)` [m]: see `layers_at`."""
     thread, spline = system.thread, system.thread.spline
     T = np.maximum(strand_tensions(system, s, N, present), REST * thread.EA)
     spans = np.diff(spline.breaks)[spline.spans_of(s)]
-    ratio = spans * np.sqrt(T).mean(axis=1) / np.sqrt(thread.EI)
+    together = np.where(system.rows[:, 3], quarter_cosine(T, lam), 1.0)
+    ratio = spans * np.sqrt(T).mean(axis=1) * together / np.sqrt(thread.EI)
     return np.asarray(spans / np.sqrt(np.maximum(ratio**2 - FINE**2, (0.5 * SLACK) ** 2)))
+
+
+def quarter_cosine(T: Array, lam: Array) -> Array:
+    """Return cos ¼θ of strands under the tensions `T` (m, 2) [N] that turn by θ at a hole which holds them with λ, the
+    first three of `lam` (m, 5) [N], shape `(m,)`: λ² = T₁² + T₂² − 2T₁T₂ cos θ."""
+    squares = (T**2).sum(axis=1) - (lam[:, :3] ** 2).sum(axis=1)
+    cosine = np.clip(squares / (2.0 * T[:, 0] * T[:, 1]), -1.0, 1.0)
+    return np.asarray(np.sqrt(0.5 + 0.5 * np.sqrt(0.5 + 0.5 * cosine)))
 
 
 def is_settled(
@@ -98,4 +108,5 @@ def unsettled_layers(system: System[Body], state: State[Body]) -> float:
     if state.layers is None:
         return 0.0
     present = system.rows[:, 0] & state.present
-    return change_of(system, state.s, present, (state.layers, layers_at(system, state.s, state.N, state.present))) - 1.0
+    ended = layers_at(system, state.s, state.N, state.lam, state.present)
+    return change_of(system, state.s, present, (state.layers, ended)) - 1.0

@@ -17,8 +17,17 @@ a spline with spans much longer than ℓ would give way like a beam of span h wh
 spline is a string, c₀ is what it rounds a corner by, and c₂ → 1/(2√(EI T)) is all of the rod's own. The patch is then
 pinned at its ends: what a spline lacks at a clamped end, a string carries to the hole. The rod's answer is then no
 polynomial, and is replaced by the one through as many points of the span.
+
+Of the turn under a couple the spline then makes a part itself and lacks the rest, the share c₂/g of g = 1/(2√(EI T)),
+that of an endless rod. That share of c₂ is what turns as the rod does, far (`coupling.constraints`):
+
+    c₃ = c₂²/g,
+
+which is c₂ where the spline is a string, of second order in h/ℓ where it resolves ℓ, and zero without tension. It goes
+through points of the span too.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from math import comb, perm
@@ -33,6 +42,7 @@ SLACK = 0.05  # spans at a hole over ℓ below which the tension changes c by le
 REACH = 6  # spans on each side of that of the hole; what a spline feels of its patch's ends falls by 0.27 a span
 
 POWERS = np.arange(7)  # of s on a span, in which c is a polynomial
+LACKS = 4  # c₀, c₁, c₂, c₃
 # Clamped beam of unit length and EI, a force or a couple at x: deflection by force x³(1 − x)³/3, slope by couple
 # x(1 − x)(1 − 3x + 3x²) (Roark, table of clamped beams). The slope by force is half the derivative of the first,
 # whatever the structure.
@@ -78,8 +88,8 @@ def missing_on(patch: Patch, layer: float = np.inf) -> Array:
     """Return the compliance at EI = 1 that the spline lacks on the span of a patch, as polynomials in the distance
     from its start [m], for a thread that bends over `layer` = √(EI/T) [m].
 
-    Shape `(3 derivatives by s, 3, 7 powers)`: deflection by force [m³ over EI], slope by force, slope by
-    couple.
+    Shape `(3 derivatives by s, 4, 7 powers)`: deflection by force [m³ over EI], slope by force, slope by couple, and
+    the share of that which turns far as the rod does.
     """
     values, inverse = patch.values, patch.inverse(np.inf if patch.is_slack(layer) else layer)
     slopes = np.append(FALLING[1][1:, None] * values[1:], np.zeros((1, ORDERS)), axis=0)
@@ -87,10 +97,20 @@ def missing_on(patch: Patch, layer: float = np.inf) -> Array:
     force = deflection - quadratic_form(values, inverse)
     couple = slope - quadratic_form(slopes, inverse)
     by_force = np.append(0.5 * POWERS[1:] * force[1:], 0.0)
-    out = np.zeros((3, 3, len(POWERS)))
+    far = np.zeros_like(couple) if patch.is_slack(layer) else share_of_rod(patch, layer, couple)
+    out = np.zeros((3, LACKS, len(POWERS)))
     for k in range(3):
-        out[k, :, : len(POWERS) - k] = (FALLING_POWERS[k] * np.stack([force, by_force, couple]))[:, k:]
+        out[k, :, : len(POWERS) - k] = (FALLING_POWERS[k] * np.stack([force, by_force, couple, far]))[:, k:]
     return out
+
+
+def share_of_rod(patch: Patch, layer: float, couple: Array) -> Array:
+    """Return c₃ = c₂²/g on the span of a patch, from c₂, `couple` (7,), as power coefficients of the distance from its
+    start. The polynomial goes through points of the span, its ends included: none jumps from span to span."""
+    at, powers = interpolation(np.polynomial.chebyshev.chebpts2)
+    h = patch.end - patch.start
+    c2 = (h * at)[:, None] ** POWERS @ couple
+    return np.asarray(2.0 / layer * h ** -POWERS.astype(np.float64) * (powers @ c2**2))
 
 
 def slack_rod(patch: Patch) -> tuple[Array, Array]:
@@ -105,7 +125,7 @@ def slack_rod(patch: Patch) -> tuple[Array, Array]:
 def taut_rod(patch: Patch, layer: float) -> tuple[Array, Array]:
     """Return the same of the pinned rod under the tension 1/`layer`², as the polynomials through points of the
     span."""
-    at, powers = interpolation()
+    at, powers = interpolation(np.polynomial.chebyshev.chebpts1)
     h, length = patch.end - patch.start, patch.high - patch.low
     answers = rod_answers((patch.start - patch.low + h * at) / length, layer / length)
     scale = h ** -POWERS.astype(np.float64)
@@ -113,10 +133,10 @@ def taut_rod(patch: Patch, layer: float) -> tuple[Array, Array]:
 
 
 @cache
-def interpolation() -> tuple[Array, Array]:
-    """Return Chebyshev's points on [0, 1], shape `(7,)`, and what makes the powers of the polynomial through values
-    there, shape `(7, 7)`."""
-    at = 0.5 + 0.5 * np.polynomial.chebyshev.chebpts1(len(POWERS))
+def interpolation(points: Callable[[int], Array]) -> tuple[Array, Array]:
+    """Return Chebyshev's points of one of both kinds on [0, 1], shape `(7,)`, and what makes the powers of the
+    polynomial through values there, shape `(7, 7)`."""
+    at = 0.5 + 0.5 * points(len(POWERS))
     return at, np.linalg.inv(at[:, None] ** POWERS).astype(np.float64)
 
 

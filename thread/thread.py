@@ -17,7 +17,7 @@ from scipy.sparse import csr_matrix, diags_array
 
 from thread.arrays import Array, Indices
 from thread.banded import Elements, diagonal_of
-from thread.compliance import POWERS, Patch, missing_on, patch_of
+from thread.compliance import LACKS, POWERS, Patch, missing_on, patch_of
 from thread.energies.coil import Coil
 from thread.energies.continuous import Continuous
 from thread.energies.interface import AxialEnergy, Energy
@@ -282,7 +282,7 @@ class Thread:
     def missing_on(self, span: int, layer: float) -> Array:
         """Return the missing compliance on a span where the thread bends over `layer` = √(EI/T) [m], as polynomials in
         the distance from its start [m]: straight in log ℓ between stages, which are remembered. Shape
-        `(3 derivatives, 3, 7 powers)`."""
+        `(3 derivatives, 4, 7 powers)`."""
         if self._patch(span).is_slack(layer):
             return self.missing_at(span, None)
         stage = STAGES * np.log2(layer)
@@ -307,11 +307,12 @@ class Thread:
         """Return the compliance that the spline lacks at the abscissae `s` (m,) [m], with its derivatives by s.
 
         `home` as for `Spline.spans_of`; `layers` (m,) [m], √(EI/T) at each, None without tension. Shape
-        `(m, 3 derivatives, 3)`: displacement by force [m/N], rotation by force [1/N], rotation by couple [1/(N m)].
-        Zero without bending, or without `hole_compliance`; zero at the ends of the thread's pieces.
+        `(m, 3 derivatives, 4)`: displacement by force [m/N], rotation by force [1/N], rotation by couple [1/(N m)] and
+        the share of that which turns far as the rod does. Zero without bending, or without `hole_compliance`; zero at
+        the ends of the thread's pieces.
         """
         if self.EI == 0.0 or not self.hole_compliance or not len(s):
-            return np.zeros((len(s), 3, 3))
+            return np.zeros((len(s), 3, LACKS))
         spline = self.spline
         spans, piece = spline.spans_of(s, home), spline.piece_of(s if home is None else home)
         taut = [np.inf] * len(s) if layers is None else layers.tolist()

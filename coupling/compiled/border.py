@@ -16,12 +16,12 @@ from coupling.compiled.holes import (
     lacking_stiffness,
     on_frame,
     place_rate,
-    second_slope,
-    share,
     tangent_rate,
+    tilt_by_frame,
     tilt_force,
     tilt_mixed,
     tilting_rates,
+    turned_compliance,
     without,
 )
 from coupling.compiled.loops import loop, numbers, owning
@@ -40,6 +40,7 @@ from coupling.compiled.vectors import (
     product,
     scaled,
     skew,
+    sum_of,
     transposed,
 )
 
@@ -115,7 +116,7 @@ def add_compliance(h: Hold, border: Border) -> None:
     """Add what Φ and the forces owe to the missing compliance."""
     E, B, D, F, _ = border
     add_matrix(h.c0[0], without(h.unit), D, G, LAM)
-    add_moment(h.c1[0], h, D, G)
+    add_moment(h.c1[0] * h.size, h, D, G)
     add_tangent_along(1.0, h.u, h, D, C1)
     add_tangent_along(1.0, h.v, h, D, C2)
     add_tangent(h.mu_u, h, F, OF_U)
@@ -137,23 +138,23 @@ def add_moment(x: float, h: Hold, M: Array, i: int) -> None:
 def add_tangent(x: float, h: Hold, M: Array, i: int) -> None:
     """Add x times the derivative of T̂ by the multipliers and the frame to the rows from i on."""
     by_u, by_v = on_frame(h, h.by_n)
-    add_matrix(x * h.c1[0], diagonal(1.0), M, i, LAM)
-    add_moment(x * h.c2[0] * share(h), h, M, i)
-    add_matrix(0.5 * x * h.c2[0], outer(h.m, by_u), M, i, U)
-    add_matrix(0.5 * x * h.c2[0], outer(h.m, by_v), M, i, V)
+    add_matrix(x * h.c1[0] * h.size, diagonal(1.0), M, i, LAM)
+    add_moment(x * turned_compliance(h, h.c2[0], h.c3[0]), h, M, i)
+    add_matrix(x * h.c3[0], outer(h.m, by_u), M, i, U)
+    add_matrix(x * h.c3[0], outer(h.m, by_v), M, i, V)
 
 
 @loop
 def add_tangent_along(x: float, a: Vector, h: Hold, M: Array, i: int) -> None:
     """Add x a times the derivative of T̂ by the multipliers and the frame to row i."""
-    (by_u, by_v), c2, half = on_frame(h, h.by_n), x * h.c2[0] * share(h), 0.5 * x * h.c2[0] * dot(a, h.m)
-    add_row(x * h.c1[0], a, M, i, LAM)
-    M[i, MU_U] += c2 * dot(a, h.u)
-    M[i, MU_V] += c2 * dot(a, h.v)
-    add_row(c2 * h.mu_u, a, M, i, U)
-    add_row(c2 * h.mu_v, a, M, i, V)
-    add_row(half, by_u, M, i, U)
-    add_row(half, by_v, M, i, V)
+    (by_u, by_v), c, far = on_frame(h, h.by_n), x * turned_compliance(h, h.c2[0], h.c3[0]), x * h.c3[0] * dot(a, h.m)
+    add_row(x * h.c1[0] * h.size, a, M, i, LAM)
+    M[i, MU_U] += c * dot(a, h.u)
+    M[i, MU_V] += c * dot(a, h.v)
+    add_row(c * h.mu_u, a, M, i, U)
+    add_row(c * h.mu_v, a, M, i, V)
+    add_row(far, by_u, M, i, U)
+    add_row(far, by_v, M, i, V)
 
 
 @loop
@@ -169,13 +170,13 @@ def add_own_turning(h: Hold, E: Array, B: Array) -> None:
 
 @loop
 def add_tilting(h: Hold, border: Border) -> None:
-    """Add what T̂ and the forces owe to ψ, which tells how far the thread leaves the frame."""
+    """Add what T̂ and the forces owe to Γ, which tells how far the thread leaves the frame, and to |T|."""
     _, B, _, F, _ = border
-    half, (by_u, by_v) = 0.5 * h.c2[0], tilting_rates(h)
-    add_row(half * dot(h.m, h.u), h.by_T, B, C1, AT_T)
-    add_row(half * dot(h.m, h.v), h.by_T, B, C2, AT_T)
-    add_column(-half * dot(h.m, h.u), h.by_T, border.E, AT_T, MU_U)
-    add_column(-half * dot(h.m, h.v), h.by_T, border.E, AT_T, MU_V)
+    by_u, by_v = tilting_rates(h)
+    for a, row, column in ((h.u, C1, MU_U), (h.v, C2, MU_V)):
+        by_couple = sum_of(h.c3[0] * dot(h.m, a), h.by_T, h.c1[0] * dot(h.lam, a), h.unit)
+        add_row(1.0, by_couple, B, row, AT_T)
+        add_column(-1.0, by_couple, border.E, AT_T, column)
     by_normal = scaled(-1.0, skew(h.v)), skew(h.u)  # of u × v by u and by v
     add_tilting_by(h.mu_u, by_normal[0], by_normal, h, border, U, OF_U)
     add_tilting_by(h.mu_v, by_normal[1], by_normal, h, border, V, OF_V)
@@ -184,28 +185,28 @@ def add_tilting(h: Hold, border: Border) -> None:
     add_matrix(1.0, turned, F, OF_V, U)
     add_column(1.0, by_u, F, OF_U, S)
     add_column(1.0, by_v, F, OF_V, S)
-    add_couples(half, h, F)
+    add_couples(h, F)
 
 
 @loop
-def add_couples(half: float, h: Hold, F: Array) -> None:
-    """Add the derivative of e by μ_u and μ_v times that of ψ by the frame."""
+def add_couples(h: Hold, F: Array) -> None:
+    """Add the derivative of e by μ_u and μ_v times that of Γ by the frame."""
     by_u, by_v = on_frame(h, h.by_n)
     for column, along in ((MU_U, dot(h.m, h.u)), (MU_V, dot(h.m, h.v))):
-        add_column(half * along, by_u, F, OF_U, column)
-        add_column(half * along, by_v, F, OF_V, column)
+        add_column(h.c3[0] * along, by_u, F, OF_U, column)
+        add_column(h.c3[0] * along, by_v, F, OF_V, column)
 
 
 @loop
 def add_tilting_by(
     mu: float, turn: Matrix, by_normal: tuple[Matrix, Matrix], h: Hold, border: Border, at: int, of: int
 ) -> None:
-    """Add what the forces owe to ψ by one of the frame's vectors, in whose column `at` and row `of` u × v turns by
-    `turn` and m by `mu`."""
-    e, half = tilt_force(h), 0.5 * h.c2[0] * mu
-    by_T = combined(half, outer(h.by_T, h.m), e, product(tilt_mixed(h), turn))
-    of_n = second_slope(h.normal, h.area, h.by_n, h.cosine)
-    by_n = combined(half, outer(h.by_n, h.m), e, product(of_n, turn))
+    """Add what the forces owe to Γ and |T| by one of the frame's vectors, in whose column `at` and row `of` u × v turns
+    by `turn` and m by `mu`."""
+    e, by_m = tilt_force(h), h.c3[0] * mu
+    by_T = combined(by_m, outer(h.by_T, h.m), e, product(tilt_mixed(h), turn))
+    by_T = combined(1.0, by_T, h.c1[0] * mu, outer(h.unit, h.lam))
+    by_n = combined(by_m, outer(h.by_n, h.m), e, product(tilt_by_frame(h), turn))
     add_matrix(-1.0, by_T, border.E, AT_T, at)
     add_matrix(1.0, transposed(by_T), border.R, of, AT_T)
     add_matrix(1.0, product(transposed(by_normal[0]), by_n), border.F, OF_U, at)

@@ -138,7 +138,7 @@ def linearise_law(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) -
     D[LAW, MU_V] += dot(T_s, h.v)
     add_row(T_u, T_s, D, LAW, U)
     add_row(T_v, T_s, D, LAW, V)
-    D[LAW, S] += dot(h.lam, h.K) + dot(h.m, h.J) + held_energy(h, h.c0[2], h.c1[2], h.c2[2]) - law.inertia[k]
+    D[LAW, S] += dot(h.lam, h.K) + dot(h.m, h.J) + held_energy(h, 2) - law.inertia[k]
     add_row(1.0, h.lam, B, LAW, AT_T)
     add_row(1.0, h.m, B, LAW, AT_K)
     if not h.bare:

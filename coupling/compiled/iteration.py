@@ -42,6 +42,7 @@ from coupling.compiled.holes import (
 )
 from coupling.compiled.loops import loop, outermost, owning, sources
 from coupling.compiled.vectors import add_row, dot, sum_of
+from thread.compliance import LACKS
 
 SOLVED, RAN_AWAY, SINGULAR_THREAD, SINGULAR_HOLDS, NOT_CONVERGED, ALTERNATES, UNKNOWN = range(7)  # how one ends
 HOW, TOTAL, SETS, OF_SET, GOES_ON = range(5)  # in the numbers of a trail
@@ -121,7 +122,7 @@ class Trail(NamedTuple):
 
 
 class Passing(NamedTuple):
-    """The thread at its holes, as `coupling.constraints.Passage`: `D` (m, 4, 3) P to T'', `b` (m, 4, 4), `c` (m, 3, 3),
+    """The thread at its holes, as `coupling.constraints.Passage`: `D` (m, 4, 3) P to T'', `b` (m, 4, 4), `c` (m, 3, 4),
     `first` (m,)."""
 
     first: Indices
@@ -194,7 +195,7 @@ def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found | Passin
         put(along_span(r.b[k, order], z.q, first), r.D[k], order, FIRST)
     inside = given.piece[k, 0] < s < given.piece[k, 1]
     for derivative in range(3):
-        for j in range(3):
+        for j in range(LACKS):
             powers, c = given.lack[k, span, derivative, j], 0.0
             for power in range(6, -1, -1):
                 c = c * x + powers[power]
@@ -203,10 +204,10 @@ def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found | Passin
 
 @loop
 def lacks(c: Array) -> bool:
-    """Whether the spline lacks any compliance at the holds, `c` (m, 3, 3)."""
+    """Whether the spline lacks any compliance at the holds, `c` (m, 3, 4)."""
     for k in range(len(c)):
         for derivative in range(3):
-            for j in range(3):
+            for j in range(LACKS):
                 if c[k, derivative, j] != 0.0:
                     return True
     return False
@@ -214,7 +215,7 @@ def lacks(c: Array) -> bool:
 
 @loop
 def is_unknown(c: Array, s: Array) -> bool:
-    """Whether it is not known what the spline lacks at a hold, `c` (m, 3, 3), though the hold has a place."""
+    """Whether it is not known what the spline lacks at a hold, `c` (m, 3, 4), though the hold has a place."""
     unknown = False
     for k in range(len(s)):
         unknown |= abs(s[k]) < LARGEST and not abs(c[k, 0, 0]) < LARGEST

@@ -171,13 +171,14 @@ def test_backward_euler_has_order_one() -> None:
 
 
 def test_order_two_with_steps_of_changing_length() -> None:
-    """Independent check (theory): long and short steps in turn, as after a step that had to be halved."""
+    """Independent check (theory): long and short steps in turn, as after a step that had to be halved; the rate of the
+    organ comes to its order late (2.36 from 70, 2.15 from 100, 2.03 from 200 on)."""
 
     def uneven(n: int) -> list[float]:
         pattern = np.tile([1.0, 0.5, 1.0, 1.5], n)
         return list(pattern * 0.6 * PERIOD / pattern.sum())
 
-    found = orders(stepping.bdf2_step, [uneven(n) for n in (100, 200, 400)])
+    found = orders(stepping.bdf2_step, [uneven(n) for n in (200, 400, 800)])
     for name in ("q", "v", "U", "V", "s", "ds/dt"):
         assert abs(found[name] - 2.0) <= ORDER, (name, found[name])
 

@@ -41,6 +41,7 @@ from thread.thread import Thread
 
 DT = 2e-3
 RNG = np.random.default_rng(11)
+LAYERS = np.array([0.05, 0.2])  # √(EI/T) at two holes [m], of a thread whose spans are 0.14 m long
 
 
 @dataclass(frozen=True)
@@ -56,11 +57,11 @@ class Point:
 
     def at(self, dq: Any = 0.0, ds: Any = 0.0, dy: Any = 0.0) -> tuple[constraints.Passage, np.ndarray, np.ndarray]:
         """The passage, λ and y, moved."""
-        at = passage(self.thread, self.q + dq, self.s + ds, np.array([True, False]))
+        at = passage(self.thread, self.q + dq, self.s + ds, np.array([True, False]), layers=LAYERS)
         return at, self.lam, self.y + dy
 
     def potential(self, **move: Any) -> np.ndarray:
-        """λ·(P − x) + m·T + ½c₀(λ² − τ²) + c₁λ·m + ½c₂m², which is λ·Φ less what the missing compliance stores."""
+        """λ·(P − x) + m·T + ½c₀(λ² − τ²) + c₁|T|λ·m + ½c m², which is λ·Φ less what the missing compliance stores."""
         moved = self.at(**move)
         return np.array(np.sum(self.lam * phi(*moved)) - np.sum(held_energy(*moved)))
 

@@ -52,7 +52,7 @@ SCENES: dict[str, Callable[[], Scenario]] = {
     "friction, BDF2": lambda: figure_1(BDF2, *(f"piercing.{hole}.{ROUGH}" for hole in ("entry", "exit"))),
     "directions": lambda: slow(drawn({"channel": 5e-3}), 5e-4, integrator="euler"),
     "directions, BDF2": lambda: slow(drawn({"channel": 5e-3}), 5e-4),
-    "taut on long spans": lambda: slow(drawn(suture="8-0 nylon"), 5e-4, integrator="euler"),
+    "taut on long spans": lambda: slow(drawn(suture="8-0 nylon"), 2.5e-4, integrator="euler"),
     "limp": lambda: slow(drawn({"friction": None}, bending=False), 5e-4),
     "organ without inertia": lambda: load("two_piercings", [*GENTLE, EULER]),
     "organ without inertia, BDF2": lambda: load("two_piercings", [*GENTLE, BDF2]),

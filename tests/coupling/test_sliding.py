@@ -38,6 +38,7 @@ from tests.thread.threads import (
     uniform,
     without_organ,
 )
+from thread.compliance import LACKS
 from thread.ends import Driven, Fixed, Free, Pulled
 from thread.thread import Thread
 from tissue.organs.meshed import NO_LIPS, Lips, SiteAnswer
@@ -330,7 +331,7 @@ def test_sleeve_force_wherever_it_sits() -> None:
 def test_the_bare_spline_is_a_lattice(monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: a C² curve alone cannot jump in curvature between knots. The force is off by a wave of one
     span, whose height h does not change."""
-    monkeypatch.setattr(Thread, "missing_compliance", lambda thread, s, *_: np.zeros((len(s), 3, 3)))
+    monkeypatch.setattr(Thread, "missing_compliance", lambda thread, s, *_: np.zeros((len(s), 3, LACKS)))
     heights = [swing(spans) for spans in (21, 42)]
     assert min(heights) > 0.1
     assert max(heights) < 0.3
@@ -355,7 +356,7 @@ def test_without_the_direction_terms_the_sleeve_holds_nothing(monkeypatch: pytes
     monkeypatch.setattr(coupling.sliding, "driving_force", T_only)
     monkeypatch.setattr(coupling.sliding, "force_on_tangent", lambda lam, y: np.zeros((len(lam), 3)))
     monkeypatch.setattr(coupling.sliding, "held_energy", lambda *at: np.zeros(1))
-    monkeypatch.setattr(Thread, "missing_compliance", lambda thread, s, *_: np.zeros((len(s), 3, 3)))
+    monkeypatch.setattr(Thread, "missing_compliance", lambda thread, s, *_: np.zeros((len(s), 3, LACKS)))
     monkeypatch.setattr(coupling.sliding, "phi_s", lambda *at: whole(*at) * [1.0, 1.0, 1.0, 0.0, 0.0])
     force, exact = sleeve(SLEEVE)
     assert abs(force) < TWO_SOLVERS * exact

@@ -36,5 +36,5 @@ def test_the_lack_goes_on_from_span_to_span(layer: float) -> None:
     lacks = [missing_on(patch_of(spline, span), layer)[0] for span in range(len(breaks) - 1)]
     for k in range(3, len(breaks) - 4):
         h, middle = breaks[k + 1] - breaks[k], lacks[k] @ (0.25 * (breaks[k + 1] - breaks[k])) ** POWERS
-        size = np.array([middle[0], np.sqrt(middle[0] * middle[2]), middle[2]])
+        size = np.array([middle[0], np.sqrt(middle[0] * middle[2]), middle[2], middle[2]])
         assert (np.abs(lacks[k] @ h**POWERS - lacks[k + 1][:, 0]) <= JUMP * size).all()

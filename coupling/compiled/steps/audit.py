@@ -8,7 +8,7 @@ from coupling.arrays import Array, Flags
 from coupling.compiled.band import solve_dense
 from coupling.compiled.curve import Curve, Stretched, point
 from coupling.compiled.friction import Law
-from coupling.compiled.holes import Hold, driving_force, held_energy, hold_at, share
+from coupling.compiled.holes import Hold, driving_force, held_energy, hold_at, turned_compliance
 from coupling.compiled.iteration import Found, Given, Knots, Passing, Unknowns, add_momentum, pass_hold
 from coupling.compiled.loops import loop, owning
 from coupling.compiled.vectors import dot
@@ -112,7 +112,7 @@ def work_along(force: Array, old: Array, new: Array) -> float:
 def layer_work(
     works: Works, given: Given, old: Motion, new: Motion, was: Passing, now: Passing, mid: Array, back: Array
 ) -> float:
-    """Return what the compliance of the holes takes in as √(EI/T) is taken anew [J]; `mid` (m, 3) is what the spline
+    """Return what the compliance of the holes takes in as √(EI/T) is taken anew [J]; `mid` (m, 4) is what the spline
     lacks where the holes were by the new one, `back` where they are by the old one."""
     if works.two_step or not bears_all(works, given, old, was, mid):
         return exchange_between(given, old, new, was, now, mid, back)
@@ -126,8 +126,9 @@ def layer_work(
 @loop
 def is_exchanged(given: Given, was: Passing, mid: Array, k: int) -> bool:
     """Whether the compliance of hold k is taken anew, and the hold imposes anything."""
-    other = was.c[k, 0, 0] != mid[k, 0] or was.c[k, 0, 1] != mid[k, 1] or was.c[k, 0, 2] != mid[k, 2]
-    imposed = False
+    other, imposed = False, False
+    for j in range(mid.shape[1]):
+        other |= was.c[k, 0, j] != mid[k, j]
     for j in range(5):
         imposed |= given.rows[k, j]
     return other and imposed
@@ -139,7 +140,8 @@ def bears_all(works: Works, given: Given, old: Motion, was: Passing, mid: Array)
     for k in range(len(mid)):
         if is_exchanged(given, was, mid, k):
             c0, c1, c2, one = mid[k, 0], mid[k, 1], mid[k, 2], hold_in(old, given.directed, was, k)
-            turns = not given.directed[k] or c0 * c2 * share(one) - c1**2 > works.borne * c0 * c2
+            own = c0 * turned_compliance(one, c2, mid[k, 3]) - (c1 * one.size) ** 2
+            turns = not given.directed[k] or own > works.borne * c0 * c2
             if not (c0 > works.borne * was.c[k, 0, 0] and turns):
                 return False
     return True
@@ -153,36 +155,41 @@ def exchange_between(
     work = 0.0
     for k in range(len(mid)):
         one, other = hold_in(old, given.directed, was, k), hold_in(new, given.directed, now, k)
-        c0 = was.c[k, 0, 0] - mid[k, 0] + (back[k, 0] - now.c[k, 0, 0])
-        c1 = was.c[k, 0, 1] - mid[k, 1] + (back[k, 1] - now.c[k, 0, 1])
-        c2 = was.c[k, 0, 2] - mid[k, 2] + (back[k, 2] - now.c[k, 0, 2])
-        turned = 0.5 * (share(one) + share(other))
-        mixed = dot(one.lam, other.m) + dot(other.lam, one.m)
-        work += c0 * dot(one.across, other.across) + c1 * mixed + c2 * turned * dot(one.m, other.m)
+        c0, c1 = lets_go(was, mid, back, now, k, 0), lets_go(was, mid, back, now, k, 1)
+        c2, c3 = lets_go(was, mid, back, now, k, 2), lets_go(was, mid, back, now, k, 3)
+        turned = c2 + c3 * (0.5 * (one.share + other.share) - 1.0)
+        mixed = 0.5 * (one.size + other.size) * (dot(one.lam, other.m) + dot(other.lam, one.m))
+        work += c0 * dot(one.across, other.across) + c1 * mixed + turned * dot(one.m, other.m)
     return 0.25 * work
 
 
 @loop
-def by_multipliers(h: Hold, c0: float, c1: float, c2: float, C: Array) -> None:
-    """Write ∂Φ/∂λ of a hold that lacks c₀, c₁, c₂ into `C` (5, 5)."""
-    turning = c2 * share(h)
+def lets_go(was: Passing, mid: Array, back: Array, now: Passing, k: int, j: int) -> float:
+    """Return by how much the compliance number `j` of hold k falls, at both ends of the step together."""
+    return was.c[k, 0, j] - mid[k, j] + (back[k, j] - now.c[k, 0, j])
+
+
+@loop
+def by_multipliers(h: Hold, c0: float, c1: float, turning: float, C: Array) -> None:
+    """Write ∂Φ/∂λ of a hold that lacks c₀, c₁ and, by its couple, `turning` into `C` (5, 5)."""
+    arm = c1 * h.size
     for i in range(3):
         for j in range(3):
             C[i, j] = -c0 * h.unit[i] * h.unit[j]
         C[i, i] += c0
-        C[i, 3] = C[3, i] = c1 * h.u[i]
-        C[i, 4] = C[4, i] = c1 * h.v[i]
+        C[i, 3] = C[3, i] = arm * h.u[i]
+        C[i, 4] = C[4, i] = arm * h.v[i]
     C[3, 3], C[4, 4] = turning * dot(h.u, h.u), turning * dot(h.v, h.v)
     C[3, 4] = C[4, 3] = turning * dot(h.u, h.v)
 
 
 @owning
 def exchange_in_place(h: Hold, rows: Flags, after: Array) -> float:
-    """Return the work of exchanging what the spline lacks at a hold for `after` (3,) while thread and hole stay where
+    """Return the work of exchanging what the spline lacks at a hold for `after` (4,) while thread and hole stay where
     they are, where its constraints `rows` (5,) are in force [J]."""
     before_C, C, free, M = np.zeros((5, 5)), np.zeros((5, 5)), np.zeros((5, 5)), np.zeros((5, 6))
-    by_multipliers(h, h.c0[0], h.c1[0], h.c2[0], before_C)
-    by_multipliers(h, after[0], after[1], after[2], C)
+    by_multipliers(h, h.c0[0], h.c1[0], turned_compliance(h, h.c2[0], h.c3[0]), before_C)
+    by_multipliers(h, after[0], after[1], turned_compliance(h, after[2], after[3]), C)
     lam = (h.lam[0], h.lam[1], h.lam[2], h.mu_u, h.mu_v)
     let_go, held = np.zeros(5), after[0] if after[0] > 0.0 else 1.0
     for i in range(5):
@@ -291,7 +298,7 @@ def audit_step(
     out[ELASTIC] = elastic_energy(curve, Stretched(r.T, r.K, r.T_axial, r.strain))
     for k in range(len(new.s)):
         h = hold_in(new, given.directed, now, k)
-        out[ELASTIC] += held_energy(h, h.c0[0], h.c1[0], h.c2[0])
+        out[ELASTIC] += held_energy(h, 0)
     out[EXTERNAL] = outside_work(given, r, old, new)
     out[NUMERICAL] = work_along(r.elastic, old.q, new.q)
     out[LAYERED] = layer_work(works, given, old, new, was, now, mid, back)

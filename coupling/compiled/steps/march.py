@@ -106,7 +106,7 @@ class Scene(NamedTuple):
 class Scratch(NamedTuple):
     """Room for what is made in a step and not kept: its unknowns and its `end`, which share their arrays, the residual
     `found`; the holds `was` at its start and `other` with another √(EI/T), q_a `at` (n, 3) of its inertia, the missing
-    compliances `mid` and `back` (m, 3), √(EI/T) there `layers` (m,), where modes are `going`, what thread and organ
+    compliances `mid` and `back` (m, 4), √(EI/T) there `layers` (m,), where modes are `going`, what thread and organ
     turn over, `turns` (8,) and `body` (6,) [J], and the energies `after` it (10,)."""
 
     z: Unknowns
@@ -296,9 +296,9 @@ def copy_row(a: Array, b: Array) -> None:
 
 @loop
 def copy_lack(at: Passing, out: Array) -> None:
-    """Write c₀, c₁, c₂ at the holes into `out` (m, 3)."""
+    """Write c₀, c₁, c₂, c₃ at the holes into `out` (m, 4)."""
     for k in range(len(out)):
-        for j in range(3):
+        for j in range(out.shape[1]):
             out[k, j] = at.c[k, 0, j]
 
 
@@ -442,7 +442,7 @@ def begin_step(
         go_free(pace, organ, given, now, earlier, room.going)
     missing = pass_with(stages, limits, knots, given, start, now.layers, room.was)
     if limits.bends:
-        bending_lengths(limits, knots, given, scene.axial, now.s, now.N, scene.present, room.end.layers)
+        bending_lengths(limits, knots, given, scene.axial, now.s, now.N, now.lam, scene.present, room.end.layers)
         forget(given.lack)
     return largest, missing
 
@@ -472,7 +472,7 @@ def solve_step(
         total += iterations
         if not limits.bends or passes == limits.passes:
             return total, KNOWN
-        bending_lengths(limits, knots, given, scene.axial, room.z.s, room.z.N, scene.here, room.layers)
+        bending_lengths(limits, knots, given, scene.axial, room.z.s, room.z.N, room.z.lam, scene.here, room.layers)
         if change_of(limits, knots, given, room.z.s, scene.here, room.end.layers, room.layers) <= limits.settled:
             return total, KNOWN
         passes += 1

@@ -8,13 +8,16 @@ import numpy as np
 from coupling.arrays import Array, Flags, Indices
 from coupling.compiled.iteration import Given, Knots, span_of
 from coupling.compiled.loops import loop, owning
+from coupling.compiled.vectors import Vector, dot, vector
+from thread.compliance import LACKS
 
 KNOWN, BEYOND = -1, -2
+FIRST = 0
 
 
 class Stages(NamedTuple):
     """What the spline lacks on each span at stages of √(EI/T), as far as it has been asked for
-    (`thread.thread.Thread.missing_on`): `slots` (spans, k), the rows of `known` (rows, 3 derivatives, 3, 7 powers) for
+    (`thread.thread.Thread.missing_on`): `slots` (spans, k), the rows of `known` (rows, 3 derivatives, 4, 7 powers) for
     the stages from number `base` on and, last, for a slack thread; below zero where not known yet."""
 
     slots: Indices
@@ -45,9 +48,11 @@ def span_at(knots: Knots, given: Given, s: float, k: int) -> int:
 
 @owning
 def bending_lengths(
-    limits: Limits, knots: Knots, given: Given, axial: Array, s: Array, N: Array, present: Flags, layers: Array
-) -> None:
-    """Write √(EI/T) of every hold into `layers` (m,) [m]; `axial` (spans, a) [m] are the abscissae of N."""
+    limits: Limits, knots: Knots, given: Given, axial: Array, s: Array, N: Array, lam: Array, present: Flags,
+    layers: Array,
+) -> None:  # fmt: skip
+    """Write √(EI/T) of every hold into `layers` (m,) [m]; `axial` (spans, a) [m] are the abscissae of N, `lam` (m, 5)
+    the forces [N] and couples of the holds."""
     bounds, count, last = np.empty(len(s)), 0, knots.breaks[len(knots.breaks) - 1]
     for k in range(len(s)):
         if present[k] and knots.breaks[0] < s[k] < last:
@@ -73,8 +78,16 @@ def bending_lengths(
         before, after = max(mean[at], limits.least), max(mean[min(at + 1, count)], limits.least)
         span = span_at(knots, given, s[k], k)
         h = knots.breaks[span + 1] - knots.breaks[span]
-        ratio = h * (0.5 * (sqrt(before) + sqrt(after))) / sqrt(limits.EI)
+        together = quarter_cosine(before, after, vector(lam[k], FIRST)) if given.directed[k] else 1.0
+        ratio = h * (0.5 * (sqrt(before) + sqrt(after))) * together / sqrt(limits.EI)
         layers[k] = h / sqrt(max(ratio**2 - limits.fine**2, (0.5 * limits.slack) ** 2))
+
+
+@loop
+def quarter_cosine(before: float, after: float, force: Vector) -> float:
+    """Return cos ¼θ of strands under two tensions [N] that turn by θ at a hole which holds them with a force [N]."""
+    cosine = (before**2 + after**2 - dot(force, force)) / (2.0 * before * after)
+    return sqrt(0.5 + 0.5 * sqrt(0.5 + 0.5 * min(max(cosine, -1.0), 1.0)))
 
 
 @loop
@@ -100,7 +113,7 @@ def forget(lack: Array) -> None:
 
 @loop
 def put_lack(stages: Stages, limits: Limits, h: float, span: int, layer: float, lack: Array) -> int:
-    """Write what the spline lacks on a span of length h for a thread that bends over `layer` into `lack` (3, 3, 7).
+    """Write what the spline lacks on a span of length h for a thread that bends over `layer` into `lack` (3, 4, 7).
     Returns KNOWN, or the number of the slot that is not, or BEYOND where there is none."""
     width, share = stages.slots.shape[1], 0.0
     lower = width - 1
@@ -116,7 +129,7 @@ def put_lack(stages: Stages, limits: Limits, h: float, span: int, layer: float, 
             return span * width + slot
     one, other = stages.known[stages.slots[span, lower]], stages.known[stages.slots[span, upper]]
     for derivative in range(3):
-        for j in range(3):
+        for j in range(LACKS):
             for power in range(7):
                 a, b = one[derivative, j, power], other[derivative, j, power]
                 lack[derivative, j, power] = (1.0 - share) * a + share * b
