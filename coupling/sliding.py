@@ -1,7 +1,7 @@
 """The law of sliding at a hole: the one scalar equation per piercing that fixes its abscissa.
 
-With t the tangent of the thread as it is met, g its length there per rest length, f = Φ_sᵀλ/g the driving force along
-the thread and N the force that presses it on the hole:
+With t = T̂/|T̂| the tangent of the thread as it is met, f = Φ_sᵀλ/|T̂| the driving force along the thread and N the force
+that presses it on the hole:
 
     ideal hole     ε s̈ = Φ_sᵀλ                      (eq. 7; eq. 6 at ε = 0)
     stick          s = s_old,            |f| ≤ F₀ + μ_s N
@@ -16,12 +16,12 @@ the one and −m/ℓ_c at the other, so
     N = |λ_n/2 + m/ℓ_c| + |λ_n/2 − m/ℓ_c|
 
 which is max(|λ_n|, 2|m|/ℓ_c) where both lie in a plane with the thread. The thread's velocity relative to the hole is
-v_t = −g ds/dt, so friction dissipates (F₀ + μ_k N) g |ds/dt|.
+v_t = −|T̂| ds/dt, so friction dissipates (F₀ + μ_k N)|T̂||ds/dt|.
 
 Φ_sᵀλ is what changes over the hole of the force conjugate to s, T + T²/2EA of a strand under the tension T: the
-difference of the tensions times g = 1 + T̄/EA, T̄ their mean. That is |T̂| of a thread that is resolved. On spans longer
-than √(EI/T) the spline rounds the corner at a direction that is imposed, and |T| is less there: such a hole has g from
-the tensions of its strands at the start of the step, of that load step's end at rest (`coupling.tension.stretches_at`).
+difference of the tensions times 1 + T̄/EA, T̄ their mean, and that is |T̂| of a thread that is resolved. On spans longer
+than √(EI/T) the spline rounds the corner at a direction that is imposed, and |T| is less there: |T̂| of such a hole is that
+of the tensions of its strands at the start of the step, at rest at the end (`coupling.tension.stretches_at`).
 
 Both bounds have a law of one's own added where a hole has one, F₀ + μN + F(N) (`coupling.interfaces.FrictionLaw`).
 
@@ -83,7 +83,7 @@ class Law:
     `s_old` (m,) [m]; `s_held` (m,) [m], where a thread that does not slide is at the end of the step; `static`,
     `kinetic`, `grip`, `per_channel` (m,); `inertia` = ε a [N/m], of all holds or of each, and `s_free` (m,) [m] make
     ε s̈ = inertia (s − s_free), and c ds/dt of a tie that is drawn; `rough` and `may_slide` (m,); `injected` (m,) [N],
-    a given force along the thread where it slides, added to the friction of the rough holds; `stretch` (m,) [-], g of
+    a given force along the thread where it slides, added to the friction of the rough holds; `stretch` (m,) [-], |T̂| of
     the holds that impose a direction where the spline lacks compliance; `strands` (t, 2) of ties
     in force; `loops` (k, 2), first and last hole of those that slide in them as one; `by_hand` (m,), where hands draw;
     `own`, the law of one's own of each hold, None or empty where there is none; `factor`, by which all friction is
@@ -141,9 +141,9 @@ def law_of(
     strands = system.strands[present[system.strands].all(axis=1)]
     loops = joined_loops(system, s_old, present, drawn_ties, in_hand)
     by_hand, s_held, own = in_hand | drawn_ties, s_old - drawn * (present & by_length), system.own_friction
-    g = np.ones(len(s_old)) if stretch is None else stretch
+    taut = np.ones(len(s_old)) if stretch is None else stretch
     return Law(
-        s_old, s_held, *system.friction, rough, may_slide, inertia, s_free, injected, g, strands, loops, by_hand, own
+        s_old, s_held, *system.friction, rough, may_slide, inertia, s_free, injected, taut, strands, loops, by_hand, own
     )
 
 
@@ -215,7 +215,7 @@ def net_drive(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Arra
 
 
 def stretch_met(law: Law, thread: Passage, lam: Array, y: Array) -> Array:
-    """Return g, how long the thread is at each hole per rest length, shape `(m,)` [-]."""
+    """Return |T̂|, how long the thread is at each hole per rest length, shape `(m,)` [-]."""
     size = tangent(thread, lam, y)[0]
     return size if thread.bare else np.where(thread.directed, law.stretch, size)
 
@@ -263,7 +263,7 @@ def admissible_sigma(law: Law, sigma: Array) -> Array:
 def next_sigma(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array, margin: float) -> Array:
     """Return the active set after a solved iterate, shape `(m,)`, in {−1, 0, 1}. A stuck point slips when f leaves
     the static cone by more than the `margin` [N] of the solve; a slipping one sticks when it moved against its own
-    friction. Holds that slide as one are judged together, by g f and its bound as their equation has them."""
+    friction. Holds that slide as one are judged together, by |T̂| f and its bound as their equation has them."""
     if not law.rough.any():
         return admissible_sigma(law, sigma)
     f, bound = judged_forces(law, thread, s, lam, y)
@@ -277,9 +277,9 @@ def judged_forces(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> 
     f, bound = force_along_thread(law, thread, s, lam, y), static_bound(law, thread, lam, y)
     if not law.pairs.size:
         return f, bound
-    g = stretch_met(law, thread, lam, y)
-    g = g / in_pairs(law.pairs, g)
-    return in_pairs(law.pairs, g * f, -1.0), in_pairs(law.pairs, g * bound)
+    size = stretch_met(law, thread, lam, y)
+    size = size / in_pairs(law.pairs, size)
+    return in_pairs(law.pairs, size * f, -1.0), in_pairs(law.pairs, size * bound)
 
 
 def cone_residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
@@ -353,15 +353,15 @@ def add_turning(row: Array, thread: Passage, lam: Array, y: Array) -> tuple[Arra
 
 
 def add_friction(row: Array, law: Law, sigma: Array, thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
-    """Subtract the derivative of g (injected + σ(F₀ + μ_k N)) from the row of s; its parts by T and T', each `(m, 3)`,
+    """Subtract the derivative of |T̂|(injected + σ(F₀ + μ_k N)) from the row of s; its parts by T and T', each `(m, 3)`,
     are returned."""
-    g, t = stretch_met(law, thread, lam, y), tangent(thread, lam, y)[1]
+    size, t = stretch_met(law, thread, lam, y), tangent(thread, lam, y)[1]
     ends = channel_forces(lam, y, law.per_channel)
     normal = unit_or_zero(part_across(ends, t))
     rough_sigma = sigma * law.rough
     given = law.injected + rough_sigma * kinetic_bound(law, thread, lam, y)
     N = np.linalg.norm(part_across(ends, t), axis=2).sum(axis=0)
-    press = rough_sigma * g * kinetic_slope(law, N)
+    press = rough_sigma * size * kinetic_slope(law, N)
     by_m = -(press * law.per_channel)[:, None] * (normal[0] - normal[1])
     row[:, LAM] -= (0.5 * press)[:, None] * (normal[0] + normal[1])
     row[:, MU_U] += dot(by_m, y[:, 3:6])
@@ -373,7 +373,7 @@ def add_friction(row: Array, law: Law, sigma: Array, thread: Passage, lam: Array
 
 
 def add_tangent(row: Array, thread: Passage, lam: Array, y: Array, by_size: Array, by_t: Array) -> tuple[Array, Array]:
-    """Add `by_size` (m,) times the derivative of g and `by_t` (m, 3), across t, times that of t to the row of s; the
+    """Add `by_size` (m,) times the derivative of |T̂| and `by_t` (m, 3), across t, times that of t to the row of s; the
     parts by T and T', each `(m, 3)`, are returned."""
     size, t = tangent(thread, lam, y)
     by_T, by_K = by_size[:, None] * t + by_t / size[:, None], np.zeros_like(t)

@@ -94,7 +94,7 @@ def net_drive(law: Law, k: int, h: Hold, s: float) -> float:
 
 @loop
 def stretch_met(law: Law, k: int, h: Hold) -> float:
-    """Return g."""
+    """Return |T̂|."""
     return law.stretch[k] if h.directed and not h.bare else norm(tangent(h))
 
 
@@ -175,7 +175,7 @@ def unit_or_zero(a: Vector) -> Vector:
 
 @loop
 def add_friction(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) -> None:
-    """Subtract the derivative of g (injected + σ(F₀ + μ_k N))."""
+    """Subtract the derivative of |T̂|(injected + σ(F₀ + μ_k N))."""
     T = tangent(h)
     size = norm(T)
     t = times(1.0 / size, T)
@@ -196,7 +196,7 @@ def add_friction(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) ->
 
 @loop
 def add_tangent(h: Hold, size: float, t: Vector, by_size: float, by_t: Vector, B: Array, D: Array) -> None:
-    """Add `by_size` times the derivative of g and `by_t`, across t, times that of t."""
+    """Add `by_size` times the derivative of |T̂| and `by_t`, across t, times that of t."""
     by_T, by_K = sum_of(by_size, t, 1.0 / size, by_t), ZERO
     if h.directed and not h.bare:
         by_u, by_v = on_frame(h, times(1.0 / h.area, by_t))
