@@ -20,8 +20,8 @@ v_t = −|T̂| ds/dt, so friction dissipates (F₀ + μ_k N)|T̂||ds/dt|.
 
 Φ_sᵀλ is what changes over the hole of the force conjugate to s, T + T²/2EA of a strand under the tension T: the
 difference of the tensions times 1 + T̄/EA, T̄ their mean, and that is |T̂| of a thread that is resolved. On spans longer
-than √(EI/T) the spline rounds the corner at a direction that is imposed, and |T| is less there: |T̂| of such a hole is that
-of the tensions of its strands at the start of the step, at rest at the end (`coupling.tension.stretches_at`).
+than √(EI/T) the spline rounds the corner at a direction that is imposed, and |T| is less there: |T̂| of such a hole is
+that of the tensions of its strands at the start of the step, at rest at the end (`coupling.tension.stretches_at`).
 
 Both bounds have a law of one's own added where a hole has one, F₀ + μN + F(N) (`coupling.interfaces.FrictionLaw`).
 
