@@ -8,6 +8,7 @@ from skfem import MeshTet
 
 import tissue
 from tests.bounds import TWO_SOLVERS
+from tissue.solvers import direct
 from tissue.solvers.direct import LIBRARIES, Pattern, is_installed, ordering
 from tissue.solvers.factor import METHODS, factorize_indefinite
 from tissue.solvers.ordering import dissection, node_graph
@@ -42,6 +43,25 @@ def test_every_direct_solver_gives_the_answer_of_a_dense_solve(method: str) -> N
         assert np.abs(x - dense).max() <= TWO_SOLVERS * np.abs(dense).max()
         assert np.abs(factor.solve(b[:, 1]) - dense[:, 1]).max() <= TWO_SOLVERS * np.abs(dense).max()
         assert np.array_equal(tissue.factorize(A, places, method).solve(b), x)
+
+
+@pytest.mark.parametrize("entries", [0, direct.ENTRIES])
+@pytest.mark.parametrize("method", DIRECT)
+def test_columns_of_few_entries_are_solved_as_one_by_one(
+    method: str, entries: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Consistency check: more columns than are taken at once, one of them zero, given by their entries and dense."""
+    monkeypatch.setattr(direct, "ENTRIES", entries)
+    body = block(("bottom",))
+    A, rng = csr_matrix(body.K[body.free][:, body.free]), np.random.default_rng(0)
+    b = np.zeros((A.shape[0], 2 * direct.COLUMNS + 1))
+    for column in range(1, b.shape[1]):
+        b[rng.choice(len(b), 20), column] = rng.standard_normal(20)
+    factor = tissue.factorize(A, None, method)
+    alone = np.column_stack([factor.solve(column) for column in b.T])
+    assert np.abs(factor.solve(b) - alone).max() <= TWO_SOLVERS * np.abs(alone).max()
+    assert not factor.solve(0.0 * b).any()
+    assert factor.solve(b[:, :0]).shape == (len(b), 0)
 
 
 @pytest.mark.parametrize("method", DIRECT)
