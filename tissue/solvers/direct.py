@@ -27,8 +27,7 @@ BackSubstitution = Callable[[Array], Array]
 LIBRARIES = {"cholmod": "cvxopt", "pardiso": "pypardiso", "superlu": "scipy"}  # the fastest first
 BYTES = {"cholmod": 10.0, "pardiso": 8.0, "superlu": 24.0}  # of memory per entry of the Cholesky factor, as measured
 DISSECT_BEYOND = 100_000  # unknowns beyond which CHOLMOD is faster on dissection than on minimum degree
-ENTRIES = 3000  # of a column up to which it is given by them: CHOLMOD then takes four at once, cvxopt's dense solve one
-COLUMNS = 12  # solved at once, to bound memory
+COLUMNS = 12  # given to CHOLMOD at once: by their entries it takes four together, cvxopt's dense solve one by one
 PARDISO_SPD = 2  # matrix type: real, symmetric, positive definite
 METIS = 2
 SOLVE = 33  # Pardiso's phase: back-substitution
@@ -157,13 +156,14 @@ def cholmod(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubsti
     except ArithmeticError as error:
         raise FactorError(f"the matrix is not positive definite or singular: pivot {error} is not positive") from error
 
-    def of_entries(b: Array) -> Array:
-        column, row = np.nonzero(b.T)
-        return np.array(matrix(library.spsolve(factor, spmatrix(b[row, column], row, column, b.shape))))
+    def together(b: Array) -> Array:
+        row, column = np.nonzero(b)
+        entries = spmatrix(b[row, column], column, row, b.T.shape).T  # it packs short columns fast
+        return np.array(matrix(library.spsolve(factor, entries)))
 
     def back_substitute(b: Array) -> Array:
-        if b.ndim > 1 and 0 < np.count_nonzero(b, axis=0).max(initial=0) <= ENTRIES:
-            return np.hstack([of_entries(b[:, k : k + COLUMNS]) for k in range(0, b.shape[1], COLUMNS)])
+        if b.ndim > 1 and b.any():
+            return np.hstack([together(b[:, k : k + COLUMNS]) for k in range(0, b.shape[1], COLUMNS)])
         x = matrix(np.asarray(b, dtype=float))
         library.solve(factor, x)
         return np.array(x).reshape(b.shape)
