@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.sparse import csc_matrix, csr_matrix, diags, identity, random_array
+from scipy.sparse import csc_matrix, csr_matrix, diags, identity
 from scipy.sparse.linalg import splu
 from skfem import MeshTet
 
@@ -66,11 +66,11 @@ def test_compliance_is_that_of_a_dense_solve(method: str) -> None:
     """Consistency check: of rows with few entries, with the places of the unknowns and without; of no entries, zero."""
     body = block(("bottom",))
     A, rng = csr_matrix(body.K[body.free][:, body.free]), np.random.default_rng(0)
-    R = random_array((7, A.shape[0]), density=0.02, rng=rng, format="csr")
+    R = csr_matrix(np.where(rng.random((7, A.shape[0])) < 0.02, rng.standard_normal((7, A.shape[0])), 0.0))
     dense = R @ np.linalg.solve(A.toarray(), R.T.toarray())
     for places in (None, body.basis.doflocs[:, body.free].T):
         factor = tissue.factorize(A, places, method)
-        assert np.abs(factor.compliance(csr_matrix(R)) - dense).max() <= TWO_SOLVERS * np.abs(dense).max()
+        assert np.abs(factor.compliance(R) - dense).max() <= TWO_SOLVERS * np.abs(dense).max()
         assert not factor.compliance(csr_matrix(0.0 * R)).any()
         assert not factor.compliance(csr_matrix(R.shape)).any()
 
