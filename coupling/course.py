@@ -33,7 +33,7 @@ from coupling.stepping import PASSES, dynamic_problem
 from coupling.system import State, System
 from coupling.tables import OVER, bounds_of, empty_found, given_of, law_of, plain, tables_of
 from coupling.tautness import STRETCHED, SWINGING, loose_ends, own_load
-from coupling.tension import FINE, REST, SETTLED
+from coupling.tension import FINE, REST, SETTLED, bends_at_holes
 from coupling.watch import CREATED, CREATED_BDF2, SHARE, TRACE
 from thread.compliance import POWERS, SLACK
 from thread.spline import ORDERS
@@ -169,7 +169,7 @@ def make_fixture(problem: Problem[Any], present: Flags, motion: Motion) -> Fixtu
         given._replace(q_ref=given.q_ref.copy(), load=given.load.copy()),
         bounds_of(problem, 0.0, 1),
         scene_of(problem, present),
-        limits_of(system.thread, system.holds),
+        limits_of(system),
         empty_room(motion, system.thread.elastic_rule.w.shape[1]),
     )
 
@@ -242,6 +242,7 @@ class Course:
             sense=motion.sense,
             reaction=motion.reaction,
             layers=motion.layers if self._fixture.limits.bends else None,
+            stretch=motion.stretch,
         )
 
 
@@ -319,10 +320,10 @@ def strands_of(system: System[Any], taut: Flags) -> Strands:
     )
 
 
-def limits_of(thread: Thread, holds: int) -> Limits:
-    """Return the constants of the tension of a thread at so many holds."""
-    bends = bool(thread.EI != 0.0 and thread.hole_compliance and holds)
-    return Limits(REST * thread.EA, FINE, SLACK, float(STAGES), float(thread.EI), SETTLED, PASSES, bends)
+def limits_of(system: System[Any]) -> Limits:
+    """Return the constants of the tension of a thread at its holds."""
+    EI, EA = float(system.thread.EI), float(system.thread.EA)
+    return Limits(REST * EA, FINE, SLACK, float(STAGES), EI, EA, SETTLED, PASSES, bends_at_holes(system))
 
 
 def motion_of(state: State[Any], body: ModalMotion) -> Motion:
@@ -330,7 +331,8 @@ def motion_of(state: State[Any], body: ModalMotion) -> Motion:
     names = state.q, state.v, state.N, state.s, state.s_dot, state.lam, state.y, state.sigma, state.sense
     layers = np.full(len(state.s), np.inf) if state.layers is None else state.layers
     U, V, A, f_y, drift = body
-    all_of = (*names, state.reaction, layers, over_holds(f_y, len(state.s)), U, V, A, [drift])
+    stretch = np.ones_like(state.s) if state.stretch is None else state.stretch
+    all_of = (*names, state.reaction, layers, stretch, over_holds(f_y, len(state.s)), U, V, A, [drift])
     return Motion(*[np.array(x, dtype=float, order="C") for x in all_of])
 
 
@@ -348,6 +350,7 @@ def empty_room(motion: Motion, points: int) -> Scratch:
         mid=np.zeros((m, 3)),
         back=np.zeros((m, 3)),
         layers=np.zeros(m),
+        stretch=np.ones(m),
         going=Going(*np.zeros((3, len(end.U)))),
         turns=np.zeros(TURNS),
         body=np.zeros(BODY),

@@ -59,7 +59,7 @@ from coupling.stepping import (
     with_sense,
 )
 from coupling.system import State, System
-from coupling.tension import layers_at, strand_tensions
+from coupling.tension import layers_at, strand_tensions, stretches_at
 from tissue.errors import OrganError
 
 log = logging.getLogger(__name__)
@@ -114,6 +114,7 @@ def static_problem(
     load = share * end_load(system, duration)
     load[loose_points(system, state)] = 0.0
     by_hand = system.drawn_lengths(first.time, time), system.pulling_forces(time)
+    stretch = stretches_at(system, state.s, state.N, state.present)
     return Problem(
         system=system,
         time=time,
@@ -123,7 +124,7 @@ def static_problem(
         load=load,
         answer=answer,
         rows=system.rows & state.present[:, None],
-        law=law_of(system, first.s, state.present, 0.0, first.s, *by_hand, began),
+        law=law_of(system, first.s, state.present, 0.0, first.s, *by_hand, began, stretch),
         stiffen=True,
         frame=state.frame,
         layers=layers_at(system, state.s, state.N, state.present),
@@ -497,6 +498,7 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
         reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.transport_frame(old.frame, z.q),
         layers=problem.layers,
+        stretch=problem.law.stretch,
     )
     return with_sense(system, old, new, residual.passage)
 

@@ -173,7 +173,7 @@ def closing_problem(system: System[Body], state: State[Body], k: int, scheme: Ba
         load=balanced,
         answer=system.organ.displace(scheme, state.organ, y, f_y),
         rows=system.rows & state.present[:, None],
-        law=law_of(system, state.s, others, system.epsilon * scheme.a, state.s),
+        law=law_of(system, state.s, others, system.epsilon * scheme.a, state.s, stretch=state.stretch),
         frame=state.frame,
         layers=state.layers,
         gaps=tie_gaps(system, state, state.time),

@@ -112,8 +112,8 @@ def march_by_steps(
     first, kept = course.kept.at.first[:made].ravel(), course.kept.at
     b, D, c = (x[:made].reshape(-1, *x.shape[2:]) for x in (kept.b, kept.D, kept.c))
     at = Passage(first, b, D[:, 0], D[:, 1], D[:, 2], D[:, 3], c, np.tile(system.rows[:, 3], made))
-    q, s, sigma, lam, y = (x[:made] for x in (ends.q, ends.s, ends.sigma, ends.lam, ends.y))
-    seen = Seen(state.present, np.array(times[:made]), q, course.kept.elastic[:made], s, sigma, lam, y, at)
+    q, s, sigma, stretch, lam, y = (x[:made] for x in (ends.q, ends.s, ends.sigma, ends.stretch, ends.lam, ends.y))
+    seen = Seen(state.present, np.array(times[:made]), q, course.kept.elastic[:made], s, sigma, stretch, lam, y, at)
     booked = [Energies(*each) for each in course.kept.energies[:made].tolist()]
     return Marks(states, booked, course.iterations[:made].tolist(), seen, course.kept.strain[:made])
 

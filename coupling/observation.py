@@ -1,7 +1,7 @@
 """What one wants to know of a piercing, from the state."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Generic, TypeVar
 
@@ -65,8 +65,9 @@ class PiercingObservation:
 @dataclass(frozen=True)
 class Seen:
     """A thread and its holes in `k` states, one after the other, in all of which the holds `present` (m,) are there:
-    `times` (k,) [s]; `q` (k, n, c) and the `elastic` forces (k, n, 3) [N] on it; `s`, `sigma` (k, m), `lam` (k, m, 5)
-    and `y` (k, m, 9) as in a `State`; and `at`, the passage through the m holds of the first state, the second, …"""
+    `times` (k,) [s]; `q` (k, n, c) and the `elastic` forces (k, n, 3) [N] on it; `s`, `sigma` and `stretch`
+    (k, m), `lam` (k, m, 5) and `y` (k, m, 9) as in a `State`; and `at`, the passage through the m holds of the first
+    state, the second, …"""
 
     present: Flags
     times: Array
@@ -74,6 +75,7 @@ class Seen:
     elastic: Array
     s: Array
     sigma: Array
+    stretch: Array
     lam: Array
     y: Array
     at: Passage
@@ -96,8 +98,8 @@ class Seen:
 def seen_at(state: State[Body], now: Configuration) -> Seen:
     """Return what there is to see of one state, with its configuration."""
     q, elastic, s, sigma = (x[None] for x in (state.q, now.elastic[:, :3], state.s, state.sigma))
-    time = np.array([state.time])
-    return Seen(state.present, time, q, elastic, s, sigma, state.lam[None], state.y[None], now.at)
+    time, stretch = np.array([state.time]), np.ones_like(state.s) if state.stretch is None else state.stretch
+    return Seen(state.present, time, q, elastic, s, sigma, stretch[None], state.lam[None], state.y[None], now.at)
 
 
 def observe(
@@ -217,6 +219,7 @@ def broken_cones(system: System[Body], seen: Seen) -> Array:
     if not system.rough.any():
         return np.zeros_like(seen.s)
     law = side_by_side(law_of(system, seen.s[0], seen.present, 0.0, seen.s[0]), len(seen.s))
+    law = replace(law, stretch=seen.stretch.ravel())
     broken = seen.by_state(cone_residual(law, seen.sigma.ravel(), seen.at, seen.s.ravel(), seen.each_lam, seen.each_y))
     if system.by_hand.any():
         in_hand = [[piercing.was_in_hand(time) for piercing in system.piercings] for time in seen.times.tolist()]

@@ -18,6 +18,11 @@ the one and −m/ℓ_c at the other, so
 which is max(|λ_n|, 2|m|/ℓ_c) where both lie in a plane with the thread. The thread's velocity relative to the hole is
 v_t = −|T̂| ds/dt, so friction dissipates (F₀ + μ_k N)|T̂||ds/dt|.
 
+Φ_sᵀλ is what changes over the hole of the force conjugate to s, T + T²/2EA of a strand under the tension T: the
+difference of the tensions times 1 + T̄/EA, T̄ their mean, and that is |T̂| of a thread that is resolved. On spans longer
+than √(EI/T) the spline rounds the corner at a direction that is imposed, and |T| is less there: |T̂| of such a hole is
+that of the tensions of its strands at the start of the step, at rest at the end (`coupling.tension.stretches_at`).
+
 Both bounds have a law of one's own added where a hole has one, F₀ + μN + F(N) (`coupling.interfaces.FrictionLaw`).
 
 Which of stick and slip holds is an active set, σ ∈ {−1, 0, 1} a hold. It changes only between solved iterates: one on
@@ -78,7 +83,8 @@ class Law:
     `s_old` (m,) [m]; `s_held` (m,) [m], where a thread that does not slide is at the end of the step; `static`,
     `kinetic`, `grip`, `per_channel` (m,); `inertia` = ε a [N/m], of all holds or of each, and `s_free` (m,) [m] make
     ε s̈ = inertia (s − s_free), and c ds/dt of a tie that is drawn; `rough` and `may_slide` (m,); `injected` (m,) [N],
-    a given force along the thread where it slides, added to the friction of the rough holds; `strands` (t, 2) of ties
+    a given force along the thread where it slides, added to the friction of the rough holds; `stretch` (m,) [-], |T̂| of
+    the holds that impose a direction where the spline lacks compliance; `strands` (t, 2) of ties
     in force; `loops` (k, 2), first and last hole of those that slide in them as one; `by_hand` (m,), where hands draw;
     `own`, the law of one's own of each hold, None or empty where there is none; `factor`, by which all friction is
     multiplied.
@@ -95,6 +101,7 @@ class Law:
     inertia: float | Array
     s_free: Array
     injected: Array
+    stretch: Array
     strands: Indices = field(default_factory=lambda: NO_JOINTS.strands)
     loops: Indices = field(default_factory=lambda: NO_JOINTS.strands)
     by_hand: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
@@ -121,10 +128,11 @@ def law_of(
     drawn: Array | float = 0.0,
     pulls: Array | float = 0.0,
     time: float = np.inf,
+    stretch: Array | None = None,
 ) -> Law:
     """Return the law at the start of a step, at `time` [s], in which lengths `drawn` (m,) [m] are drawn through, and at
-    whose end hands pull with the forces `pulls` (m,) [N]; an absent hold keeps its abscissa. Without a time no tie is
-    drawn."""
+    whose end hands pull with the forces `pulls` (m,) [N], of a thread with the `stretch` (m,) [-], else 1; an absent
+    hold keeps its abscissa. Without a time no tie is drawn."""
     drawn_ties, (by_length, by_force) = system.drawn_ties(time), system.in_hand(time)
     in_hand, tied = by_length | by_force, system.of_ties & ~drawn_ties
     rough = system.rough & ~drawn_ties & ~in_hand
@@ -133,8 +141,9 @@ def law_of(
     strands = system.strands[present[system.strands].all(axis=1)]
     loops = joined_loops(system, s_old, present, drawn_ties, in_hand)
     by_hand, s_held, own = in_hand | drawn_ties, s_old - drawn * (present & by_length), system.own_friction
+    taut = np.ones(len(s_old)) if stretch is None else stretch
     return Law(
-        s_old, s_held, *system.friction, rough, may_slide, inertia, s_free, injected, strands, loops, by_hand, own
+        s_old, s_held, *system.friction, rough, may_slide, inertia, s_free, injected, taut, strands, loops, by_hand, own
     )
 
 
@@ -176,6 +185,7 @@ def side_by_side(law: Law, times: int) -> Law:
         inertia=np.tile(np.broadcast_to(law.inertia, law.s_old.shape), times),
         s_free=np.tile(law.s_free, times),
         injected=np.tile(law.injected, times),
+        stretch=np.tile(law.stretch, times),
         own=law.own * times,
         factor=law.factor,
     )
@@ -204,9 +214,15 @@ def net_drive(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Arra
     return driving_force(thread, lam, y) - law.inertia * (s - law.s_free)
 
 
+def stretch_met(law: Law, thread: Passage, lam: Array, y: Array) -> Array:
+    """Return |T̂|, how long the thread is at each hole per rest length, shape `(m,)` [-]."""
+    size = tangent(thread, lam, y)[0]
+    return size if thread.bare else np.where(thread.directed, law.stretch, size)
+
+
 def force_along_thread(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
     """Return f, the driving force along the unit tangent, shape `(m,)` [N]."""
-    return np.asarray(net_drive(law, thread, s, lam, y) / tangent(thread, lam, y)[0])
+    return np.asarray(net_drive(law, thread, s, lam, y) / stretch_met(law, thread, lam, y))
 
 
 def static_bound(law: Law, thread: Passage, lam: Array, y: Array) -> Array:
@@ -261,7 +277,7 @@ def judged_forces(law: Law, thread: Passage, s: Array, lam: Array, y: Array) -> 
     f, bound = force_along_thread(law, thread, s, lam, y), static_bound(law, thread, lam, y)
     if not law.pairs.size:
         return f, bound
-    size = tangent(thread, lam, y)[0]
+    size = stretch_met(law, thread, lam, y)
     size = size / in_pairs(law.pairs, size)
     return in_pairs(law.pairs, size * f, -1.0), in_pairs(law.pairs, size * bound)
 
@@ -282,7 +298,7 @@ def residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: A
     drive = net_drive(law, thread, s, lam, y)
     if not law.ideal:
         given = law.injected + law.rough * sigma * kinetic_bound(law, thread, lam, y)
-        drive = drive - tangent(thread, lam, y)[0] * given
+        drive = drive - stretch_met(law, thread, lam, y) * given
     out = np.where(sigma == 0.0, s - law.s_held, drive)
     one, other = sliding_strands(law, sigma)
     out[other] -= out[one]
@@ -339,7 +355,7 @@ def add_turning(row: Array, thread: Passage, lam: Array, y: Array) -> tuple[Arra
 def add_friction(row: Array, law: Law, sigma: Array, thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
     """Subtract the derivative of |T̂|(injected + σ(F₀ + μ_k N)) from the row of s; its parts by T and T', each `(m, 3)`,
     are returned."""
-    size, t = tangent(thread, lam, y)
+    size, t = stretch_met(law, thread, lam, y), tangent(thread, lam, y)[1]
     ends = channel_forces(lam, y, law.per_channel)
     normal = unit_or_zero(part_across(ends, t))
     rough_sigma = sigma * law.rough
@@ -366,8 +382,7 @@ def add_tangent(row: Array, thread: Passage, lam: Array, y: Array, by_size: Arra
         by_axis = by_t / tilt_of(thread, y).area * directed
         row[:, U] += cross(y[:, 6:], by_axis)
         row[:, V] += cross(by_axis, y[:, 3:6])
-        of_free, by_K = add_effective_tangent(row, thread, parts(thread, lam), by_T * ~directed)
-        by_T = np.where(directed, (by_size / size)[:, None] * thread.T, of_free)
+        by_T, by_K = add_effective_tangent(row, thread, parts(thread, lam), by_T * ~directed)
     row[:, S] += dot(by_T, thread.K) + dot(by_K, thread.J)
     return by_T, by_K
 

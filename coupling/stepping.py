@@ -24,7 +24,7 @@ from coupling.sliding import law_of
 from coupling.solver import solve
 from coupling.stability import go_aside
 from coupling.system import State, System, forgetful
-from coupling.tension import SETTLED, is_settled, layers_at
+from coupling.tension import SETTLED, is_settled, layers_at, stretches_at
 from coupling.ties import gap_left
 from thread.vectors import cross, dot
 from tissue.errors import OrganError
@@ -156,6 +156,7 @@ def dynamic_problem(
             system.drawn_lengths(state.time, time),
             system.pulling_forces(time),
             state.time,
+            stretches_at(system, state.s, state.N, state.present),
         ),
         frame=state.frame,
         layers=layers_at(system, state.s, state.N, state.present),
@@ -220,6 +221,7 @@ def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> St
         reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.transport_frame(state.frame, z.q),
         layers=problem.layers,
+        stretch=problem.law.stretch,
     )
     new = with_sense(system, state, new, residual.passage)
     return Step(state, new, problem.dt, solution, end_configuration(new, solution))
@@ -268,16 +270,25 @@ def settle_layers(
     ratio: float = SETTLED,
     passes: int = PASSES,
 ) -> Solution[Body]:
-    """Solve again with the tension of the end while √(EI/T) there is another than it was solved with, by more than the
-    `ratio`: a thread that is drawn taut bends at its holes as a taut one. Raises `StepError`."""
+    """Solve again with the tension of the end while √(EI/T) there, or at rest the stretch by which friction goes, is
+    another than it was solved with by more than the `ratio`: a thread that is drawn taut bends at its holes as a taut
+    one. Raises `StepError`."""
     for _ in range(passes):
         problem, z = solution.problem, solution.iterate
-        ended = layers_at(problem.system, z.s, z.N, problem.rows[:, 0])
-        if is_settled(problem.system, z.s, problem.rows[:, 0], (problem.layers, ended), ratio):
+        there = problem.system, z.s, z.N, problem.rows[:, 0]
+        ended, stretch = layers_at(*there), stretches_at(*there)
+        alike = not problem.stiffen or problem.law.ideal or rises_by(problem.law.stretch, stretch) <= ratio
+        if alike and is_settled(problem.system, z.s, problem.rows[:, 0], (problem.layers, ended), ratio):
             break
-        again = solve_again(replace(problem, layers=ended), z)
+        taut = replace(problem, layers=ended, law=replace(problem.law, stretch=stretch))
+        again = solve_again(taut, z)
         solution = replace(again, iterations=solution.iterations + again.iterations)
     return solution
+
+
+def rises_by(one: Array, other: Array) -> float:
+    """Return the largest ratio, of 1 or more, between positive numbers and others."""
+    return float(np.exp(np.max(np.abs(np.log(other / one)), initial=0.0)))
 
 
 def reactions(system: System[Body], residual: Array, load: Array) -> Array:

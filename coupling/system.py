@@ -318,8 +318,8 @@ class System(Generic[Body]):
         return Recent()
 
     @cached_property
-    def recent_layers(self) -> Recent[Array]:
-        """What `coupling.tension.layers_at` made last, of s, N and the holds that are there."""
+    def recent_tensions(self) -> Recent[Array]:
+        """What `coupling.tension.strand_tensions` made last, of s, N and the holds that are there."""
         return Recent()
 
     def passage_of(self, state: "State[Body]") -> Passage:
@@ -435,7 +435,8 @@ class State(Generic[Body]):
     `sense` (holds,): sign of T·(u × v), which changes in a directed hole only where the frame does, not T; `reaction`
     (2, c) [N], force of the holders on the thread's ends, with twist their torque about the tangent too [N m]; `y_dot`
     (holds, 9) [m/s, 1/s], rate of y, None at rest; `frame`, what the twist is measured from, None without twist;
-    `layers` (holds,) [m], √(EI/T) that the thread bends over at its holes (`coupling.tension`), None without tension.
+    `layers` (holds,) [m], √(EI/T) that the thread bends over at its holes (`coupling.tension`), None without tension;
+    `stretch` (holds,) [-], 1 + T/EA of the strands there, None of a state that no step ended with.
 
     A two-step integrator keeps the state `before`, `dt_before` [s] earlier, which itself remembers nothing. None: the
     next step has no memory (the start, a one-step integrator, or a jump: see `forgetful`).
@@ -457,6 +458,7 @@ class State(Generic[Body]):
     y_dot: Array | None = None
     frame: Frame | None = None
     layers: Array | None = None
+    stretch: Array | None = None
     before: "State[Body] | None" = None
     dt_before: float | None = None
 

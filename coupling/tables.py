@@ -160,6 +160,7 @@ def law_of(problem: Problem) -> Law:
         may_slide=law.may_slide,
         s_free=plain(law.s_free),
         injected=plain(law.injected),
+        stretch=law.stretch.copy(),
         inertia=plain(law.inertia * np.ones(len(law.s_old))),
         ideal=law.ideal,
     )

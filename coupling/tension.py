@@ -1,4 +1,4 @@
-"""The tension of the strands next to the holes, and over what length the thread bends there under it."""
+"""The tension of the strands next to the holes, over what length the thread bends there under it, and its stretch."""
 
 import numpy as np
 
@@ -14,12 +14,27 @@ SETTLED = 1.15  # ratio of √(EI/T) at the end of a step to that which it was s
 
 def strand_tensions(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
     """Return the mean axial forces `N` [N] in the parts of the thread, from hold to hold or cut, before and after every
-    hold at `s` (m,) [m], shape `(m, 2)` [N]: at the hole itself the axial force is not that of the pull."""
+    hold at `s` (m,) [m], shape `(m, 2)` [N]: at the hole itself the axial force is not that of the pull. The answer to
+    what was asked last is remembered: the end of a step is the start of the next."""
+    there = tuple(present.tolist())
+    return system.recent_tensions.of((s, N), lambda: mean_forces(system, s, N, present), there)
+
+
+def mean_forces(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
+    """Return the mean axial forces before and after every hold, shape `(m, 2)` [N]: see `strand_tensions`."""
     bounds, part = strands(system, s, present)
     parts = len(bounds) + 1
     mean = np.bincount(part.ravel(), N.ravel(), parts) / np.maximum(np.bincount(part.ravel(), minlength=parts), 1)
     at = np.searchsorted(bounds, s)
     return np.stack([mean[np.minimum(at + side, parts - 1)] for side in (0, 1)], axis=1)
+
+
+def stretches_at(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
+    """Return 1 + T/EA of every hold, T the mean of the tensions before and after it, shape `(m,)` [-]; 1 of a thread
+    whose spline lacks nothing at holes."""
+    if not bends_at_holes(system):
+        return np.ones(len(s))
+    return np.asarray(1.0 + strand_tensions(system, s, N, present).mean(axis=1) / system.thread.EA)
 
 
 def lengths_bent_over(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
@@ -51,21 +66,20 @@ def largest_pressure(system: System[Body], s: Array, N: Array, present: Flags) -
     return max([0.0, *(-float(np.median(N[asked & (part == k)])) for k in np.unique(part[asked]))])
 
 
+def bends_at_holes(system: System[Body]) -> bool:
+    """Whether the spline lacks compliance at holes."""
+    thread = system.thread
+    return bool(thread.EI != 0.0 and thread.hole_compliance and system.holds)
+
+
 def layers_at(system: System[Body], s: Array, N: Array, present: Flags) -> Array | None:
     """Return √(EI/T) of every hold, shape `(m,)` [m], None of a thread that does not bend.
 
     Each strand resists the turn of a hole with √(EI T), so √T counts with its mean. Of T counts what is beyond that
-    which spans of FINE √(EI/T) have: on shorter ones the compliance is that without tension. The answer to what was
-    asked last is remembered: the end of a step is the start of the next.
+    which spans of FINE √(EI/T) have: on shorter ones the compliance is that without tension.
     """
-    if system.thread.EI == 0.0 or not system.thread.hole_compliance or not system.holds:
+    if not bends_at_holes(system):
         return None
-    there = tuple(present.tolist())
-    return system.recent_layers.of((s, N), lambda: bending_lengths(system, s, N, present), there)
-
-
-def bending_lengths(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
-    """Return √(EI/T) of every hold of a thread that bends, shape `(m,)` [m]: see `layers_at`."""
     thread, spline = system.thread, system.thread.spline
     T = np.maximum(strand_tensions(system, s, N, present), REST * thread.EA)
     spans = np.diff(spline.breaks)[spline.spans_of(s)]

@@ -49,6 +49,7 @@ class Law(NamedTuple):
     may_slide: Flags
     s_free: Array
     injected: Array
+    stretch: Array
     inertia: Array
     ideal: bool
 
@@ -92,6 +93,12 @@ def net_drive(law: Law, k: int, h: Hold, s: float) -> float:
 
 
 @loop
+def stretch_met(law: Law, k: int, h: Hold) -> float:
+    """Return |T̂|."""
+    return law.stretch[k] if h.directed and not h.bare else norm(tangent(h))
+
+
+@loop
 def residual(law: Law, k: int, sigma: float, h: Hold, s: float) -> float:
     """Return the left-hand side of the law: [N] where the thread slides, [m] where it is held."""
     if sigma == 0.0:
@@ -102,7 +109,7 @@ def residual(law: Law, k: int, sigma: float, h: Hold, s: float) -> float:
     given = law.injected[k]
     if law.rough[k]:
         given += sigma * kinetic_bound(law, k, h)
-    return drive - norm(tangent(h)) * given
+    return drive - stretch_met(law, k, h) * given
 
 
 @loop
@@ -120,7 +127,7 @@ def next_sigma(law: Law, k: int, sigma: float, h: Hold, s: float, margin: float)
         return admissible_sigma(law, k, sigma)
     if sigma != 0.0:
         return 0.0 if sigma * (s - law.s_old[k]) < 0.0 else sigma
-    f = net_drive(law, k, h, s) / norm(tangent(h))
+    f = net_drive(law, k, h, s) / stretch_met(law, k, h)
     if abs(f) > static_bound(law, k, h) + margin:
         return 1.0 if f > 0.0 else -1.0
     return 0.0
@@ -176,7 +183,7 @@ def add_friction(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) ->
     n_one, n_other = unit_or_zero(part_across(one, t)), unit_or_zero(part_across(other, t))
     rough_sigma = sigma if law.rough[k] else 0.0
     given = law.injected[k] + rough_sigma * kinetic_bound(law, k, h)
-    press = rough_sigma * size * law.kinetic[k]
+    press = rough_sigma * stretch_met(law, k, h) * law.kinetic[k]
     by_m = times(-press * law.per_channel[k], minus(n_one, n_other))
     add_row(-0.5 * press, plus(n_one, n_other), D, LAW, LAM)
     D[LAW, MU_U] += dot(by_m, h.u)
@@ -195,7 +202,7 @@ def add_tangent(h: Hold, size: float, t: Vector, by_size: float, by_t: Vector, B
         by_u, by_v = on_frame(h, times(1.0 / h.area, by_t))
         add_row(1.0, by_u, D, LAW, U)
         add_row(1.0, by_v, D, LAW, V)
-        by_T = times(by_size / size, h.T)
+        by_T = ZERO
     elif not h.bare:
         by_T, by_K = add_effective_tangent(h, by_T, D)
     D[LAW, S] += dot(by_T, h.K) + dot(by_K, h.J)

@@ -1,5 +1,6 @@
 """The table of the organ, `[tissue]`: mesh, boundaries, regions, material."""
 
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -51,8 +52,18 @@ class _Sized(ScenarioTable):
     )
     growth: Growth = Field(default=1.3, description=GROWTH)
 
+    @property
+    @abstractmethod
+    def longest(self) -> float:
+        """The longest side of what is meshed [m]."""
+
     @model_validator(mode="after")
     def _check_sizes(self) -> Self:
+        if self.h > self.longest:
+            raise ValueError(
+                f".h = {self.h} is refused: the body is {self.longest:g} m long and no cell is larger; lengths are in "
+                "metres, 4 mm is h = 4e-3"
+            )
         if self.h_site is not None and self.h_site > self.h:
             raise ValueError(f".h_site = {self.h_site} is refused: it must not exceed h = {self.h}; make it smaller")
         return self
@@ -68,6 +79,10 @@ class _Block(_Sized):
         default="structured",
         description='mesh generator; default "gmsh" when h_site is given, else "structured"',
     )
+
+    @property
+    def longest(self) -> float:
+        return max(self.size)
 
     @model_validator(mode="before")
     @classmethod
@@ -135,6 +150,10 @@ class CylinderMesh(_Sized):
     radius: Positive = Field(description="radius of the cylinder [m]", examples=[0.02])
     length: Positive = Field(description="length of the cylinder [m]", examples=[0.05])
 
+    @property
+    def longest(self) -> float:
+        return max(self.length, 2.0 * self.radius)
+
 
 class TubeMesh(_Sized):
     """Tube about the x axis, centred at the origin; boundaries left, right, inner, outer. Cut across in the middle it
@@ -150,6 +169,10 @@ class TubeMesh(_Sized):
         description="distance of the two stumps of a tube that is cut across [m]; 0: they touch; default: not cut",
         examples=[1.0e-3],
     )
+
+    @property
+    def longest(self) -> float:
+        return max(self.length, 2.0 * self.radius)
 
     @model_validator(mode="after")
     def _check_wall(self) -> Self:

@@ -10,6 +10,7 @@ from coupling.equilibrium import pair_lips
 from coupling.errors import CouplingError
 from coupling.sliding import force_along_thread, law_of
 from coupling.system import Friction, Piercing, State
+from coupling.tension import stretches_at
 from studies.output.records import StepRecord
 from studies.scenario import Scenario, parse
 from studies.simulation import Simulation, prepare
@@ -41,7 +42,8 @@ def run(table: dict[str, Any]) -> tuple[Simulation, list[StepRecord]]:
 def along(simulation: Simulation, state: State) -> np.ndarray:
     """The force along the unit tangent in each hole [N]."""
     system = simulation.assembly.system
-    law = law_of(system, state.s, state.present, 0.0, state.s)
+    stretch = stretches_at(system, state.s, state.N, state.present)
+    law = law_of(system, state.s, state.present, 0.0, state.s, stretch=stretch)
     return force_along_thread(law, system.passage_of(state), state.s, state.lam, state.y)
 
 

@@ -74,7 +74,7 @@ def test_the_signs_of_the_blocks() -> None:
     at = passage(thread, q, s, one > 0.0)
     V, border = columns(at, thread.n, 3), linearise(at, lam, y)
     none, untied = one < 0.0, np.zeros((0, 2), dtype=np.intp)
-    law = Law(s, s, 0 * one, 0 * one, 0 * one, 0 * one, none, ~none, inertia, s, 0 * one, untied, none)
+    law = Law(s, s, 0 * one, 0 * one, 0 * one, 0 * one, none, ~none, inertia, s, 0 * one, one, untied, none)
     linearise_law(border, law, one, at, lam, y)
 
     def slope(force: Callable[..., Array], dq: Array | float = 0.0, ds: float = 0.0) -> Array:

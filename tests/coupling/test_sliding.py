@@ -456,3 +456,27 @@ def test_a_thread_that_slides_far_at_rest_is_found_downhill(monkeypatch: pytest.
         assert len(asked) <= 150
         tensions.append(last.piercings[0].tension_after)
     assert tensions[1] - tensions[0] == pytest.approx(0.01, rel=0.1)
+
+
+HOLD, GRIP, SOFT = 0.1, 0.02, Strand(EA=1.0, EI=1e-9)  # N, N; √(EI/T) = 0.1 mm
+
+
+@pytest.mark.parametrize("spans", [40, 1000])
+def test_a_grip_is_the_difference_of_the_tensions_of_a_stretched_thread(spans: int) -> None:
+    """Independent check (statics of a strand): a sleeve of grip F₀ lets a thread through that is stretched by a tenth
+    under T + F₀, on spans of 25 √(EI/T) as of one: the mean over a span, drawn slowly, by the force on its end."""
+    half, rest, steps, dt = 0.05, 20, 24, 0.05
+    span = 2.0 * half / spans
+    rate = 1.1 * span / (steps * dt)
+    far = half * 1.1 + 4e-3
+    way = np.array([[0.0, half], [0.5 * rest * dt, far], [rest * dt, far], [100.0, far + rate * (100.0 - rest * dt)]])
+    hand = Driven(np.column_stack([way, np.zeros((len(way), 2))]))
+    hole = (Piercing("sleeve", friction=Friction(grip=GRIP)),)
+    thread = uniform(2.0 * half, spans + 3, SOFT, damping=30.0)
+    system = without_organ(thread, (Pulled(-HOLD * X), hand), hole, ((ORIGIN, X),))
+    rows = []
+    for step in run(system, laid(system, [half], line(-half * X, X)), dt, rest + 2 * steps):
+        rows.append((step.new.s[0], step.new.reaction[1, 0] - HOLD))
+    s, force = np.array(rows[-steps - 1 :]).T
+    assert s[0] - s[-1] == pytest.approx(span, rel=0.05)
+    assert np.trapezoid(force, s) / (s[-1] - s[0]) == pytest.approx(GRIP, rel=5e-3)

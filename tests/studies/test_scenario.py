@@ -112,6 +112,7 @@ REFUSED = [
     ("tissue.mesh.h=true", ["tissue.mesh.h = true", "number", "[m]"]),
     ("tissue.mesh.h='4 mm'", ['tissue.mesh.h = "4 mm"', "number", "[m]"]),
     ("tissue.mesh.h_site=0.01", ["tissue.mesh.h_site = 0.01", "must not exceed h", "smaller"]),
+    ("tissue.mesh.h=5", ["tissue.mesh.h = 5.0", "in metres", "h = 4e-3"]),
     ("tissue.mesh.generator=netgen", ['tissue.mesh.generator = "netgen"', '"structured" or "gmsh"']),
     ("tissue.boundary.bed.box=[[0,0,0],[1,0,1]]", ["tissue.boundary.bed.box", "must differ", "corners"]),
     ("tissue.boundary.bed.name=top", ["tissue.boundary.top", "has a top already", "rename"]),

@@ -36,6 +36,7 @@ class Motion(NamedTuple):
     sense: Array
     reaction: Array
     layers: Array
+    stretch: Array
     f_y: Array
     U: Array
     V: Array

@@ -50,7 +50,7 @@ from coupling.compiled.steps.tension import (
     KNOWN,
     Limits,
     Stages,
-    bending_lengths,
+    ask_tension,
     change_of,
     forget,
     learn,
@@ -108,8 +108,8 @@ class Scene(NamedTuple):
 class Scratch(NamedTuple):
     """Room for what is made in a step and not kept: its unknowns and its `end`, which share their arrays, the residual
     `found`; the holds `was` at its start and `other` with another √(EI/T), q_a `at` (n, 3) of its inertia, the missing
-    compliances `mid` and `back` (m, 3), √(EI/T) there `layers` (m,), where modes are `going`, what thread and organ
-    turn over, `turns` (8,) and `body` (6,) [J], and the energies `after` it (10,)."""
+    compliances `mid` and `back` (m, 3), √(EI/T) and 1 + T/EA there, `layers` and `stretch` (m,), where modes are
+    `going`, what thread and organ turn over, `turns` (8,) and `body` (6,) [J], and the energies `after` it (10,)."""
 
     z: Unknowns
     end: Motion
@@ -120,6 +120,7 @@ class Scratch(NamedTuple):
     mid: Array
     back: Array
     layers: Array
+    stretch: Array
     going: Going
     turns: Array
     body: Array
@@ -321,6 +322,7 @@ def copy_motion(a: Motion, b: Motion) -> None:
     copy_row(a.sigma, b.sigma)
     copy_row(a.sense, b.sense)
     copy_row(a.layers, b.layers)
+    copy_row(a.stretch, b.stretch)
     copy_row(a.U, b.U)
     copy_row(a.V, b.V)
     copy_row(a.A, b.A)
@@ -335,8 +337,8 @@ def keep(kept: Kept, step: int, r: Found, end: Motion, energies: Array) -> None:
     of = kept.ends
     place = Motion(
         of.q[step], of.v[step], of.N[step], of.s[step], of.s_dot[step], of.lam[step], of.y[step], of.sigma[step],
-        of.sense[step], of.reaction[step], of.layers[step], of.f_y[step], of.U[step], of.V[step], of.A[step],
-        of.drift[step],
+        of.sense[step], of.reaction[step], of.layers[step], of.stretch[step], of.f_y[step], of.U[step], of.V[step],
+        of.A[step], of.drift[step],
     )  # fmt: skip
     copy_motion(end, place)
     copy_all(r.elastic, kept.elastic[step])
@@ -446,7 +448,9 @@ def begin_step(
         go_free(pace, organ, given, now, earlier, room.going)
     missing = pass_with(stages, limits, knots, given, start, now.layers, room.was)
     if limits.bends:
-        bending_lengths(limits, knots, given, scene.axial, now.s, now.N, scene.present, room.end.layers)
+        ask_tension(
+            limits, knots, given, scene.axial, now.s, now.N, scene.present, room.end.layers, law.stretch
+        )  # fmt: skip
         forget(given.lack)
     return largest, missing
 
@@ -476,11 +480,14 @@ def solve_step(
         total += iterations
         if not limits.bends or passes == limits.passes:
             return total, KNOWN
-        bending_lengths(limits, knots, given, scene.axial, room.z.s, room.z.N, scene.here, room.layers)
+        ask_tension(
+            limits, knots, given, scene.axial, room.z.s, room.z.N, scene.here, room.layers, room.stretch
+        )  # fmt: skip
         if change_of(limits, knots, given, room.z.s, scene.here, room.end.layers, room.layers) <= limits.settled:
             return total, KNOWN
         passes += 1
         copy_row(room.layers, room.end.layers)
+        copy_row(room.stretch, law.stretch)
         forget(given.lack)
 
 
@@ -499,6 +506,7 @@ def end_step(
         copy_lack(room.other, room.back)
     if missing != KNOWN:
         return TO_LEARN, missing
+    copy_row(law.stretch, room.end.stretch)
     conclude(pace, scene, given, room.found, now, earlier, room.end)
     happened = what_happened(scene, given, room.found.strain, knots, now, room.end)
     if happened != MADE:

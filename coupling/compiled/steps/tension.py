@@ -1,4 +1,5 @@
-"""Over what length the thread bends at its holes (`coupling.tension`), and what the spline lacks there under that."""
+"""Over what length the thread bends at its holes, what the spline lacks there under that, and how far the thread is
+stretched (`coupling.tension`)."""
 
 from math import exp, floor, log, log2, sqrt
 from typing import NamedTuple
@@ -24,14 +25,15 @@ class Stages(NamedTuple):
 
 class Limits(NamedTuple):
     """Constants of the tension: the `least` that counts [N], spans over √(EI/T) up to which it is `fine` without and up
-    to which the thread is `slack`, stages of √(EI/T) in a factor of two, EI [N m²], the ratio at which it is `settled`,
-    and passes of a step until it is left as it is, and whether the thread `bends` at all."""
+    to which the thread is `slack`, stages of √(EI/T) in a factor of two, EI [N m²], EA [N], the ratio at which it is
+    `settled`, and passes of a step until it is left as it is, and whether the thread `bends` at all."""
 
     least: float
     fine: float
     slack: float
     stages: float
     EI: float
+    EA: float
     settled: float
     passes: int
     bends: bool
@@ -59,10 +61,12 @@ def put_bounds(knots: Knots, s: Array, present: Flags, bounds: Array) -> int:
 
 
 @owning
-def bending_lengths(
-    limits: Limits, knots: Knots, given: Given, axial: Array, s: Array, N: Array, present: Flags, layers: Array
-) -> None:
-    """Write √(EI/T) of every hold into `layers` (m,) [m]; `axial` (spans, a) [m] are the abscissae of N."""
+def ask_tension(
+    limits: Limits, knots: Knots, given: Given, axial: Array, s: Array, N: Array, present: Flags, layers: Array,
+    stretch: Array,
+) -> None:  # fmt: skip
+    """Write √(EI/T) of every hold into `layers` (m,) [m] and 1 + T/EA into `stretch` (m,) [-]; `axial` (spans, a) [m]
+    are the abscissae of N."""
     bounds = np.empty(len(s))
     count = put_bounds(knots, s, present, bounds)
     mean, points, part = np.zeros(count + 1), np.zeros(count + 1), 0
@@ -78,7 +82,9 @@ def bending_lengths(
         at = 0
         while at < count and bounds[at] < s[k]:
             at += 1
-        before, after = max(mean[at], limits.least), max(mean[min(at + 1, count)], limits.least)
+        one, other = mean[at], mean[min(at + 1, count)]
+        stretch[k] = 1.0 + 0.5 * (one + other) / limits.EA
+        before, after = max(one, limits.least), max(other, limits.least)
         span = span_at(knots, given, s[k], k)
         h = knots.breaks[span + 1] - knots.breaks[span]
         ratio = h * (0.5 * (sqrt(before) + sqrt(after))) / sqrt(limits.EI)
