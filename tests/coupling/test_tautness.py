@@ -143,6 +143,33 @@ def test_a_skipping_rope_is_not_taut(part: float, taut: bool) -> None:
     assert taut_strands(system, replace(turning, v=0.0 * v)).tolist() == [True]
 
 
+@pytest.mark.parametrize("compiled", [False, True])
+def test_weight_and_speed_count_with_euler_s_load(compiled: bool) -> None:
+    """Independent check: a straight strand flies at 5 m/s, pulled down along itself by a weight as large as Euler's
+    load, and its hands stretch it evenly; step by step, and in compiled loops."""
+    g, speed, rate, until = EULER / (PP.rhoA * STRAND), 5.0, 0.016, 0.012
+    enough = 2.0 * EULER + 1e-6 * PP.EA + 10.0 * PP.rhoA * speed**2
+    far = STRAND * (1.0 + rate * until)
+    near_hand = Driven(np.array([[0.0, 0.0, 0.0, 0.0], [until, 0.0, 0.0, speed * until]]))
+    far_hand = Driven(np.array([[0.0, STRAND, 0.0, 0.0], [until, far, 0.0, speed * until]]))
+    thread = uniform(STRAND, 30)
+    system = without_organ(thread, (near_hand, far_hand), gravity=g * X, compiled=compiled)
+    state = laid(system, [], line(ORIGIN, X))
+    run = begin(system, replace(state, v=np.tile(speed * Z, (thread.n, 1))))
+    run = run.step(0.37e-3).steps(0.37e-3, 30)
+    (event,) = [event for event in run.events if event.kind in KINDS]
+    assert event.time == pytest.approx(enough / (PP.EA * rate), rel=TAKEN_UP)
+
+
+@pytest.mark.parametrize(("end", "mass", "taut"), [(Free(), 0.0, False), (Free(), 1e-3, True), (Pulled(X), 0.0, True)])
+def test_a_strand_whose_end_nothing_holds_is_never_taut(end: End, mass: float, taut: bool) -> None:
+    """Independent check: whatever its tension is; a mass or a pull at the end holds it."""
+    thread = uniform(STRAND, 20, point_masses=(0.0, mass))
+    system = without_organ(thread, (Fixed(ORIGIN), end))
+    state = laid(system, [], line(ORIGIN, X))
+    assert taut_strands(system, replace(state, N=np.full_like(state.N, 1.0))).tolist() == [taut]
+
+
 def test_what_is_taut_at_the_start_is_no_event_and_what_is_cut_goes_slack() -> None:
     """Independent check: a strand laid under strain; both of its parts let go where it is cut, not the tail on the
     other side of the hole."""
