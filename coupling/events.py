@@ -24,7 +24,7 @@ from coupling.location import Times, locate, nearer_end
 from coupling.observation import bearing_pressures
 from coupling.stepping import Step
 from coupling.system import State, System
-from coupling.tautness import carried_over, middles, still_taut, strand_names, tension_over
+from coupling.tautness import carried_over, middles, still_taut, strand_count, strand_names, tension_over
 
 Kind = Literal[
     "begins",
@@ -153,14 +153,14 @@ def strand_changes(
 ) -> tuple[list[Event], Flags]:
     """Find the strands that became taut or slack between two states, and return with them which are taut at the second,
     `(k + 1,)`, of which those `taut` were at the first. What lies along a tract is not told."""
-    s = middles(system, new)
-    if not np.array_equal(old.present, new.present) or len(taut) != len(s):
+    if not np.array_equal(old.present, new.present) or len(taut) != strand_count(system, new):
         taut = carried_over(system, taut, old, system, new)
     now = still_taut(system, new, taut)
     changed = np.flatnonzero(now != taut).tolist()
     if not changed:
         return [], now
     ends, names = (replace(old, present=new.present), new), strand_names(system, new)
+    s = middles(system, new)
     over = ([tension_over(system, end, k, bool(now[k])) for k in changed] for end in ends)
     out = []
     for k, time in zip(changed, times.between(*map(np.array, over)).tolist(), strict=True):

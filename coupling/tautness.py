@@ -24,6 +24,7 @@ from coupling.interfaces import Body
 from coupling.system import State, System
 from coupling.tension import strands
 from thread.ends import Free
+from thread.vectors import dot
 
 STRETCHED = 1e-6  # [-]: forty nanometres of a strand of 40 mm
 SWINGING = 10.0  # ℓ/e down to which a slack strand that swings is none that is taut [-]
@@ -31,7 +32,7 @@ SWINGING = 10.0  # ℓ/e down to which a slack strand that swings is none that i
 
 def taut_strands(system: System[Body], state: State[Body]) -> Flags:
     """Return which strands of a state are taut by their tension alone, in the order of the thread, shape `(k + 1,)`."""
-    return still_taut(system, state, np.zeros(len(middles(system, state)), dtype=bool))
+    return still_taut(system, state, np.zeros(strand_count(system, state), dtype=bool))
 
 
 def still_taut(system: System[Body], state: State[Body], taut: Flags) -> Flags:
@@ -50,10 +51,11 @@ def borne(system: System[Body], bounds: Array, v: Array) -> tuple[Array, Array]:
     """Return the tensions above which the strands between `bounds` (k,) [m] become taut, and below which they become
     slack, shape `(k + 1,)` [N] each, of a thread whose control points have the velocities `v` (n, c) [m/s]."""
     thread, spline = system.thread, system.thread.spline
-    length = np.maximum(np.diff(bounds, prepend=spline.start, append=spline.end), np.finfo(float).eps * spline.end)
+    edges = np.concatenate([[spline.start], bounds, [spline.end]])
+    length = np.maximum(edges[1:] - edges[:-1], np.finfo(float).eps * spline.end)
     light = own_load(system) * length + STRETCHED * thread.EA
     part, parts = np.searchsorted(bounds, spline.greville), len(bounds) + 1
-    squares = np.bincount(part, (v[:, :3] ** 2).sum(axis=1), parts) / np.maximum(np.bincount(part, minlength=parts), 1)
+    squares = np.bincount(part, dot(v[:, :3], v[:, :3]), parts) / np.maximum(np.bincount(part, minlength=parts), 1)
     held = thread.EI * (np.pi / length) ** 2 + SWINGING * thread.section.rhoA * squares
     return light + np.where(loose_strands(system, bounds), np.inf, held), 0.5 * light
 
@@ -81,9 +83,19 @@ def loose_ends(system: System[Body]) -> Flags:
 
 def loose_strands(system: System[Body], bounds: Array) -> Flags:
     """Return which strands between the `bounds` (k,) [m] have a loose end, or one at a cut, shape `(k + 1,)`."""
-    cut = np.isin(bounds, system.thread.spline.cuts)
-    start, end = loose_ends(system)
-    return np.append(start, cut) | np.append(cut, end)
+    loose, cuts = np.zeros(len(bounds) + 1, dtype=bool), system.thread.spline.cuts
+    if cuts.size:
+        at = np.searchsorted(bounds, cuts)
+        loose[at] = loose[at + 1] = True
+    loose[[0, -1]] |= loose_ends(system)
+    return loose
+
+
+def strand_count(system: System[Body], state: State[Body]) -> int:
+    """Return the number of strands, k + 1."""
+    spline = system.thread.spline
+    inside = state.present & (state.s > spline.start) & (state.s < spline.end)
+    return int(np.count_nonzero(inside)) + spline.pieces
 
 
 def middles(system: System[Body], state: State[Body]) -> Array:

@@ -34,49 +34,34 @@ def is_switched(strands: Strands, knots: Knots, axial: Array, s: Array, N: Array
     count = put_bounds(knots, s, present, bounds)
     if count + 1 != len(strands.taut):
         return True
-    bounds[count] = knots.breaks[len(knots.breaks) - 1]
-    squares = np.empty(count + 1)
-    put_squares(strands, bounds, v, squares)
-    turned, part, bound = np.zeros(count + 1), 0, bound_of(strands, knots, bounds, squares, 0)
-    for e in range(len(axial)):
-        for g in range(axial.shape[1]):
-            while part < count and bounds[part] < axial[e, g]:
-                part += 1
-                bound = bound_of(strands, knots, bounds, squares, part)
-            is_over = N[e, g] < bound if strands.taut[part] else N[e, g] > bound
-            turned[part] += 1.0 if is_over else -1.0
-    switched = False
+    last = bounds[count] = knots.breaks[len(knots.breaks) - 1]
+    start, point, e, g = knots.breaks[0], 0, 0, 0
     for part in range(count + 1):
-        switched |= turned[part] > 0.0
-    return switched
+        end, square, points = bounds[part], 0.0, 0.0
+        while point < len(v) and (part == count or strands.greville[point] <= end):
+            square += v[point, 0] ** 2 + v[point, 1] ** 2 + v[point, 2] ** 2
+            points += 1.0
+            point += 1
+        bound = bound_of(strands, end - start, square / max(points, 1.0), part == 0, end == last, part)
+        sign, ahead = -1.0 if strands.taut[part] else 1.0, 0
+        while e < len(axial) and (part == count or axial[e, g] <= end):
+            ahead += 1 if sign * (N[e, g] - bound) > 0.0 else -1
+            g += 1
+            if g == axial.shape[1]:
+                e, g = e + 1, 0
+        if ahead > 0:
+            return True
+        start = end
+    return False
 
 
 @loop
-def put_squares(strands: Strands, bounds: Array, v: Array, squares: Array) -> None:
-    """Write the mean square of the speeds of the control points in each strand into `squares` (k + 1,) [m²/s²]."""
-    part, points, last = 0, 0.0, len(squares) - 1
-    squares[0] = 0.0
-    for i in range(len(v)):
-        while part < last and bounds[part] < strands.greville[i]:
-            squares[part] /= max(points, 1.0)
-            part, points = part + 1, 0.0
-            squares[part] = 0.0
-        squares[part] += v[i, 0] ** 2 + v[i, 1] ** 2 + v[i, 2] ** 2
-        points += 1.0
-    squares[part] /= max(points, 1.0)
-    for empty in range(part + 1, last + 1):
-        squares[empty] = 0.0
-
-
-@loop
-def bound_of(strands: Strands, knots: Knots, bounds: Array, squares: Array, part: int) -> float:
+def bound_of(strands: Strands, length: float, square: float, first: bool, last: bool, part: int) -> float:
     """Return the tension below which a strand that is taut becomes slack, or above which one that is not becomes taut
-    [N]; `bounds` (m,) are the abscissae of their ends [m], `squares` (k + 1,) [m²/s²] what `put_squares` writes."""
-    start, last = part == 0, bounds[part] == knots.breaks[len(knots.breaks) - 1]
-    length = bounds[part] - (knots.breaks[0] if start else bounds[part - 1])
+    [N]: of a `length` [m] and a mean `square` of its speed [m²/s²], whether it is the thread's `first` or `last`."""
     light = strands.weight * length + strands.least
     if strands.taut[part]:
         return 0.5 * light
-    if (strands.start and start) or (strands.end and last):
+    if (strands.start and first) or (strands.end and last):
         return np.inf
-    return light + strands.euler / length**2 + strands.swing * squares[part]
+    return light + strands.euler / length**2 + strands.swing * square
