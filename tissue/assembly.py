@@ -6,7 +6,7 @@ functions and quadrature give (`ReferenceMeans`). The loops are compiled by Numb
 called and kept on disk.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,13 @@ class ReferenceMeans:
     slopes: Array
     shapes: Array
     fluxes: Array
+
+    @property
+    def apart(self) -> "ReferenceMeans":
+        """The same with `slopes` of the means of s_ic times those of s_jd: what acts on the mean slope of a cell."""
+        mean = self.fluxes.sum(axis=0)  # of the four linear functions, which sum to one
+        mean[np.abs(mean) <= NONE] = 0.0
+        return replace(self, slopes=np.einsum("ic,jd->ijcd", mean, mean))
 
 
 def reference_means(element: Element) -> ReferenceMeans:

@@ -8,6 +8,7 @@ from skfem import MeshTet
 
 import tissue
 from tests.bounds import TWO_SOLVERS
+from tissue.solvers import direct
 from tissue.solvers.direct import LIBRARIES, Pattern, is_installed, ordering
 from tissue.solvers.factor import METHODS, factorize_indefinite
 from tissue.solvers.ordering import dissection, node_graph
@@ -42,6 +43,47 @@ def test_every_direct_solver_gives_the_answer_of_a_dense_solve(method: str) -> N
         assert np.abs(x - dense).max() <= TWO_SOLVERS * np.abs(dense).max()
         assert np.abs(factor.solve(b[:, 1]) - dense[:, 1]).max() <= TWO_SOLVERS * np.abs(dense).max()
         assert np.array_equal(tissue.factorize(A, places, method).solve(b), x)
+
+
+@pytest.mark.parametrize("method", DIRECT)
+def test_columns_are_solved_together_as_one_by_one(method: str) -> None:
+    """Consistency check: more columns than are taken at once, of few entries, of none and of all; no column at all."""
+    body = block(("bottom",))
+    A, rng = csr_matrix(body.K[body.free][:, body.free]), np.random.default_rng(0)
+    b = np.zeros((A.shape[0], 2 * direct.COLUMNS + 1))
+    for column in range(1, b.shape[1]):
+        b[rng.choice(len(b), 20), column] = rng.standard_normal(20)
+    b[:, -1] = rng.standard_normal(len(b))
+    factor = tissue.factorize(A, None, method)
+    alone = np.column_stack([factor.solve(column) for column in b.T])
+    assert np.abs(factor.solve(b) - alone).max() <= TWO_SOLVERS * np.abs(alone).max()
+    assert not factor.solve(0.0 * b).any()
+    assert factor.solve(b[:, :0]).shape == (len(b), 0)
+
+
+@pytest.mark.parametrize("method", DIRECT)
+def test_compliance_is_that_of_a_dense_solve(method: str) -> None:
+    """Consistency check: of rows with few entries, with the places of the unknowns and without; of no entries, zero."""
+    body = block(("bottom",))
+    A, rng = csr_matrix(body.K[body.free][:, body.free]), np.random.default_rng(0)
+    R = csr_matrix(np.where(rng.random((7, A.shape[0])) < 0.02, rng.standard_normal((7, A.shape[0])), 0.0))
+    dense = R @ np.linalg.solve(A.toarray(), R.T.toarray())
+    for places in (None, body.basis.doflocs[:, body.free].T):
+        factor = tissue.factorize(A, places, method)
+        assert np.abs(factor.compliance(R) - dense).max() <= TWO_SOLVERS * np.abs(dense).max()
+        assert not factor.compliance(csr_matrix(0.0 * R)).any()
+        assert not factor.compliance(csr_matrix(R.shape)).any()
+
+
+def test_a_compliance_that_misses_its_residual_is_an_error() -> None:
+    """The factor of another matrix is not taken, by CHOLMOD's half solve nor by a whole one."""
+    body = block(("bottom",))
+    A = csr_matrix(body.K[body.free][:, body.free])
+    for method in (method for method in METHODS if is_installed(method)):
+        other = tissue.factorize(csr_matrix(1.0001 * A), None, method)
+        wrong = tissue.Factor(A, other.norm, other.back_substitute)
+        with pytest.raises(tissue.FactorError, match="allowed is 1e-10"):
+            wrong.compliance(csr_matrix((np.ones(3), (np.arange(3), np.arange(3))), shape=(3, A.shape[0])))
 
 
 @pytest.mark.parametrize("method", DIRECT)

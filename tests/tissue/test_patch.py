@@ -1,7 +1,9 @@
 """Patches of cells: bisection, and their stiffness of second order."""
 
 import numpy as np
-from skfem import Basis, ElementTetP2, ElementVector, MeshTet
+from scipy.sparse import diags_array
+from skfem import Basis, BilinearForm, ElementTetP0, ElementTetP2, ElementVector, MeshTet
+from skfem.helpers import div
 
 import tissue
 from meshes.block import block
@@ -37,6 +39,17 @@ def test_quadratic_stiffness_is_that_of_the_organ() -> None:
     lam, mu = np.random.default_rng(0).uniform(1.0, 2.0, (2, mesh.nelements))
     K = stiffness(basis, lam, mu)
     assert abs(quadratic_stiffness(basis, lam, mu, 0.0) - K).max() <= IDENTITY * abs(K).max()
+
+
+def test_a_cells_mean_dilatation_is_its_own() -> None:
+    """Independent check: ∫ div φ_i dx by scikit-fem's piecewise constants, squared over the volume, cell by cell."""
+    mesh = block((0.03, 0.02, 0.01), 5e-3)
+    basis = Basis(mesh, ElementVector(ElementTetP2()), intorder=1)
+    lam, mu, mean = np.random.default_rng(0).uniform(1.0, 2.0, (3, mesh.nelements))
+    D = BilinearForm(lambda u, q, w: div(u) * q).assemble(basis, basis.with_element(ElementTetP0()))
+    volumes = cell_sizes(mesh.p.T[mesh.t.T]) ** 3 / 6.0
+    K = stiffness(basis, lam, mu) + D.T @ diags_array(mean / volumes) @ D
+    assert abs(quadratic_stiffness(basis, lam, mu, mean) - K).max() <= IDENTITY * abs(K).max()
 
 
 def test_a_patch_keeps_the_clamps_and_rollers_of_its_organ_and_is_held_where_it_is_cut() -> None:

@@ -205,3 +205,16 @@ def test_how_deep_points_lie_in_a_box() -> None:
     outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
     exact = np.where(outside > 0.0, -outside, -beyond.max(axis=1))
     assert np.abs(tissue.depths(skfem.MeshTet.init_tensor(*lines))(points) - exact).max() <= IDENTITY * size.max()
+
+
+def test_a_line_through_a_box_lands_on_its_nearer_side() -> None:
+    """Independent check: of the two places where an oblique line leaves a box the nearer, on graded cells."""
+    half, rng = 0.5 * np.array([0.03, 0.02, 0.01]), np.random.default_rng(5)
+    lines = [size * np.linspace(-1.0, 1.0, 9) ** 3 for size in half]
+    land = tissue.landing(skfem.MeshTet.init_tensor(*lines))
+    for point, along in zip(rng.uniform(-1.0, 1.0, (30, 3)) * half, rng.standard_normal((30, 3)), strict=True):
+        ways = np.concatenate([(half - point) / along, (-half - point) / along])
+        ahead, back = ways[ways > 0.0].min(), ways[ways < 0.0].max()
+        exact = point + min(ahead, back, key=abs) * along
+        found = land(point, along)
+        assert found is not None and np.abs(found - exact).max() <= IDENTITY * half.max()

@@ -35,11 +35,8 @@ def bisect(points: Array, cells: Indices, size: Callable[[Array], Array]) -> Bis
     A cell is as large as the edge of a cube of six such cells.
     """
     parents, cut, middles = np.arange(len(cells)), np.zeros(0, np.int64), np.zeros(0, np.intp)
-    while True:
-        keys, longest = _edges(points, cells)
-        split = (cell_sizes(points[cells]) > size(points[cells])) | np.isin(keys, cut).any(axis=1)
-        if not split.any():
-            return Bisected(points, cells, parents)
+    (keys, longest), split = _edges(points, cells), cell_sizes(points[cells]) > size(points[cells])
+    while split.any():
         own = keys[np.arange(len(cells)), longest][split]
         fresh = np.setdiff1d(own, cut)
         ends = np.stack([fresh >> BITS, fresh & ((1 << BITS) - 1)])
@@ -50,8 +47,16 @@ def bisect(points: Array, cells: Indices, size: Callable[[Array], Array]) -> Bis
         halves = np.repeat(cells[split][None], 2, axis=0)
         for half, end in zip(halves, PAIRS[longest[split]].T, strict=True):
             half[np.arange(len(half)), end] = middles[np.searchsorted(cut, own)]
-        cells = np.concatenate([cells[~split], *halves])
-        parents = np.concatenate([parents[~split], parents[split], parents[split]])
+        whole, parts = ~split, np.concatenate(halves)
+        parents = np.concatenate([parents[whole], parents[split], parents[split]])
+        edges = _edges(points, parts)
+        # A cell that was left whole is small enough, and of the edges cut before none is its own.
+        too_large = cell_sizes(points[parts]) > size(points[parts])
+        hanging = np.isin(keys[whole], fresh).any(axis=1)
+        split = np.concatenate([hanging, too_large | np.isin(edges[0], cut).any(axis=1)])
+        cells = np.concatenate([cells[whole], parts])
+        keys, longest = (np.concatenate([old[whole], new]) for old, new in zip((keys, longest), edges, strict=True))
+    return Bisected(points, cells, parents)
 
 
 def cell_sizes(corners: Array) -> Array:

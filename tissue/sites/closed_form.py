@@ -16,6 +16,7 @@ from tissue.elasticity import Elasticity
 from tissue.sites import footprint
 from tissue.sites.surface import Surface
 from tissue.sites.unbounded import (
+    DISC,
     TWELVE,
     ball_compliance,
     disc_compliance,
@@ -62,19 +63,28 @@ def unbounded(site: Footprint, E: float, nu: float) -> Array:
     """The site's compliance in the unbounded body, shape `(9, 9)`; infinite where a couple has no limit."""
     of = {"disc": disc_compliance, "half ball": half_ball_compliance, "ball": ball_compliance}
     twelve = of[site.kind](site.weight, nu)
-    endless = np.isinf(np.diag(twelve)).any()
     finite = scaled(np.where(np.isinf(twelve), 0.0, twelve), site.radius, E)
     C = site.frame @ site.turn @ finite @ site.turn.T @ site.frame.T
-    if endless:
+    if is_endless(site):
         C[3:] = C[:, 3:] = np.inf
     return np.asarray(C)
+
+
+def is_endless(site: Footprint) -> bool:
+    """Whether the site's couples have no limit: those of a disc whose weight does not fall to zero at its rim."""
+    return site.kind == "disc" and bool(np.isinf(DISC[site.weight]).any())
 
 
 def moduli(body: Elasticity, touched: NDArray[np.bool_]) -> tuple[float, float]:
     """E [Pa] and ν at the site: their means over the cells that the footprint touches."""
     cells, material = np.all(touched[body.cells], axis=1), body.material
     E, nu = (np.broadcast_to(m, cells.shape) for m in (material.youngs_modulus, material.poisson_ratio))
-    return float(E[cells].mean()), float(nu[cells].mean())
+    return mean(E[cells]), mean(nu[cells])
+
+
+def mean(values: Array) -> float:
+    """The mean, which is the value itself where all are equal: what is known of one ν is not worked out twice."""
+    return float(values[0] + (values - values[0]).mean())
 
 
 def answer(body: Elasticity, site: Footprint, rows: csr_matrix, inner: Indices, modulus: tuple[float, float]) -> Array:

@@ -44,10 +44,9 @@ def fibre_rows(gradient: csr_matrix, u0: Array) -> csr_matrix:
 def value_rows(elasticity: Elasticity, average: Average) -> csr_matrix:
     """Return the rows ⟨N⟩ of the averaged displacement, shape `(3, N)`."""
     phi, _ = shapes(elasticity, average.reference)
-    dofs = elasticity.basis.element_dofs[:, average.cells].reshape(len(phi), 3, -1)
-    data = np.broadcast_to((phi * average.weights)[:, None], dofs.shape)
-    rows = np.broadcast_to(np.arange(3)[None, :, None], dofs.shape)
-    return csr_matrix((data.ravel(), (rows.ravel(), dofs.ravel())), shape=(3, elasticity.N))
+    unknowns, weights = _by_node(elasticity, average.cells, (phi * average.weights)[:, None])
+    rows = np.tile(np.arange(3), len(unknowns))
+    return csr_matrix((weights[0].repeat(3), (rows, unknowns.ravel())), shape=(3, elasticity.N))
 
 
 def gradient_rows(elasticity: Elasticity, surface: Surface, average: Average, slope: AverageSlope) -> csr_matrix:
@@ -66,11 +65,20 @@ def gradient_rows(elasticity: Elasticity, surface: Surface, average: Average, sl
 
 def _slope_rows(elasticity: Elasticity, cells: Indices, slopes: Array) -> csr_matrix:
     """Sum slopes of shape functions `(n, 3, k)` at points in `cells` into row 3i + j for ∂U_i/∂x_j."""
-    dofs = elasticity.basis.element_dofs[:, cells].reshape(len(slopes), 3, 1, -1)
-    shape = (len(slopes), 3, 3, cells.size)
-    rows = np.broadcast_to(np.arange(9).reshape(1, 3, 3, 1), shape)
-    data, columns = np.broadcast_to(slopes[:, None], shape), np.broadcast_to(dofs, shape)
+    unknowns, sums = _by_node(elasticity, cells, slopes)
+    shape = (3, 3, len(unknowns))
+    rows = np.broadcast_to(np.arange(9).reshape(3, 3, 1), shape)
+    data, columns = np.broadcast_to(sums, shape), np.broadcast_to(unknowns.T[:, None], shape)
     return csr_matrix((data.ravel(), (rows.ravel(), columns.ravel())), shape=(9, elasticity.N))
+
+
+def _by_node(elasticity: Elasticity, cells: Indices, values: Array) -> tuple[Indices, Array]:
+    """Sum `values` `(n, j, k)` of the shape functions at points in `cells` `(k,)` by their nodes: the unknowns of
+    these, `(m, 3)`, and the sums `(j, m)`. There are far more points than nodes."""
+    unknowns = elasticity.basis.element_dofs[:, cells].reshape(len(values), 3, -1)
+    _, first, node = np.unique(unknowns[:, 0], return_index=True, return_inverse=True)
+    sums = np.array([np.bincount(node.ravel(), own.ravel(), first.size) for own in values.swapaxes(0, 1)])
+    return unknowns.swapaxes(1, 2).reshape(-1, 3)[first], sums
 
 
 def shapes(elasticity: Elasticity, reference: Array) -> tuple[Array, Array]:

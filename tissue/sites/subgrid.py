@@ -38,7 +38,7 @@ from scipy.spatial.distance import cdist
 from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
 from tissue.sites.bisection import PAIRS
-from tissue.sites.closed_form import Footprint, answer, foreign, moduli, unbounded
+from tissue.sites.closed_form import Footprint, answer, foreign, is_endless, moduli, unbounded
 from tissue.sites.line import FORCES, line_gap, rows_of
 from tissue.sites.patch import Patch
 from tissue.sites.surface import Surface, closest_on_triangles
@@ -236,7 +236,7 @@ def by_patch(patches: "Patches", around: Sequence[Around]) -> list[Missing]:
     gap, whole, settled = patches.gap()
     if not settled:
         return [nothing(here, False) for here in around]
-    endless = np.concatenate([~np.isfinite(np.diag(unbounded(hole.seen, 1.0, 0.0))) for hole in holes])
+    endless = np.concatenate([np.repeat([False, is_endless(hole.seen)], [3, 6]) for hole in holes])
     gap[endless] = gap[:, endless] = 0.0
     scale = np.concatenate([np.repeat([1.0, hole.seen.radius], [3, 6]) for hole in holes])
     B = springs(gap, whole, scale)
@@ -364,23 +364,29 @@ class Patches:
 
     def gap(self) -> tuple[Array, Array, bool]:
         """ΔC `(9p, 9p)`, the compliance with it in the widest patch, and whether what linear cells owe is settled."""
-        first, local = self.patch(min(1.0, self.widest)), self.local
-        own = first.compliance(self.rows)
+        local, second = self.local, self.second
         if self.body.element == "P2":
-            return local, own + local, True
-        second = first.refined_compliance(unlimited, self.on)
-        return self.widened(local, second - own, second + local)
+            return local, second + local, True
+        return self.widened(local, second - self.first.compliance(self.rows), second + local)
+
+    @cached_property
+    def first(self) -> Patch:
+        """The patch within the reach, or within as much of it as the most cells allow."""
+        return self.patch(min(1.0, self.widest))
+
+    @cached_property
+    def second(self) -> Array:
+        """The compliance in the first patch by its cells as they are, of second order, `(9p, 9p)`."""
+        quadratic = self.body.element == "P2"
+        return self.first.compliance(self.rows) if quadratic else self.first.refined_compliance(unlimited, self.on)
 
     @cached_property
     def local(self) -> Array:
         """What cells of second order owe to their size, `(9p, 9p)`; between holes of different clusters nothing."""
-        gap = np.zeros((9 * len(self.holes),) * 2)
-        for members in self.clusters:
-            own = self.among(members)
-            patch, rows = own.patch(min(1.0, own.widest)), of_holes(members)
-            quadratic = self.body.element == "P2"
-            as_is = patch.compliance(own.rows) if quadratic else patch.refined_compliance(unlimited, own.on)
-            gap[np.ix_(rows, rows)] = patch.refined_compliance(own.size, own.on) - as_is
+        gap, clusters = np.zeros((9 * len(self.holes),) * 2), self.clusters
+        for members in clusters:
+            own, rows = self if len(clusters) == 1 else self.among(members), of_holes(members)
+            gap[np.ix_(rows, rows)] = own.first.refined_compliance(own.size, own.on) - own.second
         return gap
 
     @property

@@ -16,8 +16,9 @@ from tissue.arrays import Array, Indices
 
 INSIDE = 1e-9  # barycentric coordinates down to −INSIDE count as inside: the round-off of a point on a face
 ON_SURFACE = 1e-3  # of the bounding-box diagonal: a site this near the surface is meant to be on it
+OVERLAP = 1e-6  # of a facet's size: boxes seen along a line are larger by that, which is far above round-off
 EDGE_ON = 1e-9  # cosine between a line and a facet's normal below which it runs along the facet
-BLOCK = 4_000_000  # point–cell pairs tested at a time, to bound memory
+TOGETHER = 64  # points that are looked for at once, one beside the other: most boxes are far from all of them
 
 
 @dataclass(frozen=True)
@@ -90,32 +91,36 @@ class Surface:
 
         Hits are points `(k, 3)` and facets `(k,)`, −1 where a line hits none.
         """
-        step = max(1, BLOCK // (3 * max(1, facets.size)))
-        parts = [self._project(points[k : k + step], normal, facets, reach) for k in range(0, len(points), step)]
-        return np.concatenate([hits for hits, _ in parts]), np.concatenate([struck for _, struck in parts])
-
-    def _project(self, points: Array, normal: Array, facets: Indices, reach: float) -> tuple[Array, Indices]:
-        a, b, c = np.moveaxis(self.triangles[facets], 1, 0)
-        slope = self.normals[facets] @ normal
-        height = (np.einsum("fi,fi->f", a, self.normals[facets]) - points @ self.normals[facets].T) / slope
-        hit = points[:, None] + height[..., None] * normal
+        point, facet = self._seen_along(points, normal, facets)
+        across, (a, b, c) = self.normals[facet], np.moveaxis(self.triangles[facet], 1, 0)
+        offset = points[point]
+        height = np.einsum("ki,ki->k", a - offset, across) / (across @ normal)
+        hit = offset + height[:, None] * normal
         bary = _triangle_coordinates(hit, a, b, c)
-        height = np.where((bary.min(axis=-1) >= -INSIDE) & (np.abs(height) <= reach), np.abs(height), np.inf)
-        best = np.argmin(height, axis=1)
-        rows = np.arange(len(points))
-        return hit[rows, best], np.where(np.isfinite(height[rows, best]), facets[best], -1)
+        struck = np.flatnonzero((bary.min(axis=-1) >= -INSIDE) & (np.abs(height) <= reach))
+        best = struck[first_of_each(point[struck], np.abs(height[struck]), facet[struck])]
+        hits, found = np.full(points.shape, np.nan), np.full(len(points), -1, np.intp)
+        hits[point[best]], found[point[best]] = hit[best], facet[best]
+        return hits, found
+
+    def _seen_along(self, points: Array, normal: Array, facets: Indices) -> tuple[Indices, Indices]:
+        """Return the pairs of points and facets, `(k,)` each, whose boxes overlap when seen along a vector: most do
+        not."""
+        across, triangles = np.linalg.svd(normal[None])[2][1:], self.triangles[facets]
+        corners, slack = triangles @ across.T, OVERLAP * np.ptp(triangles, axis=1).max(axis=1)[:, None]
+        point, facet = overlapping(points @ across.T, corners.min(axis=1) - slack, corners.max(axis=1) + slack)
+        return point, facets[facet]
 
     def containing(self, points: Array) -> Indices:
         """Return a cell that holds each point, shape `(k,)`; −1 for points outside the body."""
-        low, high = points.min(axis=0), points.max(axis=0)
         slack = INSIDE * self.diagonal
-        box = (self.corners.max(axis=1) >= low - slack) & (self.corners.min(axis=1) <= high + slack)
-        near = np.flatnonzero(box.all(axis=1))
-        if near.size == 0:
-            return np.full(len(points), -1, np.intp)
-        step = max(1, BLOCK // near.size)
-        parts = [self._containing(points[k : k + step], near) for k in range(0, len(points), step)]
-        return np.concatenate(parts)
+        point, cell = overlapping(points, self.corners.min(axis=1) - slack, self.corners.max(axis=1) + slack)
+        depth = self._depth(points[point], cell)
+        held = np.flatnonzero(depth >= -INSIDE)
+        best = held[first_of_each(point[held], -depth[held], cell[held])]
+        found = np.full(len(points), -1, np.intp)
+        found[point[best]] = cell[best]
+        return found
 
     def depths(self, points: Array) -> Array:
         """Return how deep points `(k, 3)` lie below the nearest surface, shape `(k,)` [m]; negative outside."""
@@ -129,28 +134,42 @@ class Surface:
 
     def sharing(self, point: Array) -> Indices:
         """Return every cell that holds `point`, faces and corners included."""
-        return np.flatnonzero(self._depth(point[None], np.arange(self.mesh.nelements))[0] >= -INSIDE)
+        every = np.arange(self.mesh.nelements)
+        return np.flatnonzero(self._depth(np.broadcast_to(point, (every.size, 3)), every) >= -INSIDE)
 
     def reference(self, points: Array, cells: Indices) -> Array:
         """Return the reference coordinates of points in cells, shape `(k, 3)`."""
         return np.einsum("kij,kj->ki", self.to_reference[cells], points - self.corners[cells, 0])
 
-    def _containing(self, points: Array, near: Indices) -> Indices:
-        depth = self._depth(points, near)
-        best = np.argmax(depth, axis=1)
-        return np.where(depth[np.arange(len(points)), best] >= -INSIDE, near[best], -1)
-
     def _depth(self, points: Array, cells: Indices) -> Array:
-        """Return the smallest barycentric coordinate of every point in every cell, shape `(k, c)`."""
-        B = self.to_reference[cells]
-        origin = np.einsum("cij,cj->ci", B, self.corners[cells, 0])
-        depth = 1.0
-        total = np.zeros((len(points), len(cells)))
-        for i in range(3):
-            xi = points @ B[:, i].T - origin[:, i]
-            total += xi
-            depth = np.minimum(depth, xi)
-        return np.minimum(depth, 1.0 - total)
+        """Return the smallest barycentric coordinate of points in cells, shape `(k,)`."""
+        xi = self.reference(points, cells)
+        return np.minimum(xi.min(axis=1), 1.0 - xi.sum(axis=1))
+
+
+def overlapping(points: Array, low: Array, high: Array) -> tuple[Indices, Indices]:
+    """Return the pairs of points `(k, d)` and boxes from `low` to `high` `(b, d)` that hold them, `(n,)` each."""
+    order, pairs, every = np.argsort(points[:, 0]), [np.zeros((2, 0), np.intp)], _met(points, low, high)
+    for own in (order[k : k + TOGETHER] for k in range(0, len(order), TOGETHER)):
+        near = every[_met(points[own], low[every], high[every])]
+        sides = zip(points[own].T[..., None], low[near].T, high[near].T, strict=True)
+        point, box = np.nonzero(np.logical_and.reduce([(x >= least) & (x <= most) for x, least, most in sides]))
+        pairs.append(np.stack([own[point], near[box]]))
+    point, box = np.hstack(pairs)
+    return point, box
+
+
+def _met(points: Array, low: Array, high: Array) -> Indices:
+    """Return which boxes the box of all points meets."""
+    least, most = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
+    return np.flatnonzero(((low <= most) & (high >= least)).all(axis=1))
+
+
+def first_of_each(points: Indices, measure: Array, other: Indices) -> Indices:
+    """Return which of the pairs of `points` and `other` things, `(n,)` each, is that of the least `measure` `(n,)` of
+    its point, of equals the first other."""
+    order = np.lexsort((other, measure, points))
+    return np.asarray(order[np.unique(points[order], return_index=True)[1]])
 
 
 def outer_surface(mesh: MeshTet) -> Surface:

@@ -129,7 +129,9 @@ def depth_answers(k: Array, weight: str, nu: float) -> NDArray[np.complex128]:
     phase, surface = np.diag([-1j, 1.0, 1.0]), np.eye(n)[-1]
     loads = [disc[:, None] * surface, 1j * k[:, None] * ((ball * dz) @ N), (ball * dz) @ D]
     F = np.stack([np.einsum("ab,kn->kabn", phase, load) for load in loads], axis=1).reshape(k.size, 9, 3 * n)
-    return np.asarray(F @ np.linalg.solve(K.reshape(k.size, 3 * n, 3 * n), np.conj(F).swapaxes(1, 2)))
+    parts = np.concatenate([F.real, -F.imag], axis=1).swapaxes(1, 2)  # complex columns take four times as long
+    u = np.linalg.solve(K.reshape(k.size, 3 * n, 3 * n), parts)
+    return np.asarray(F @ (u[..., :9] + 1j * u[..., 9:]))
 
 
 def line_elements(breaks: Array, degree: int) -> tuple[Array, Array, Array, Array]:
