@@ -87,7 +87,9 @@ def loose_strands(system: System[Body], bounds: Array) -> Flags:
     if cuts.size:
         at = np.searchsorted(bounds, cuts)
         loose[at] = loose[at + 1] = True
-    loose[[0, -1]] |= loose_ends(system)
+    start, end = loose_ends(system)
+    loose[0] |= start
+    loose[-1] |= end
     return loose
 
 

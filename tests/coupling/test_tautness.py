@@ -162,10 +162,11 @@ def test_weight_and_speed_count_with_euler_s_load(compiled: bool) -> None:
 @pytest.mark.parametrize(("end", "mass", "taut"), [(Free(), 0.0, False), (Free(), 1e-3, True), (Pulled(X), 0.0, True)])
 def test_a_strand_whose_end_nothing_holds_is_never_taut(end: End, mass: float, taut: bool) -> None:
     """Independent check: whatever its tension is; a mass or a pull at the end holds it."""
-    thread = uniform(STRAND, 20, point_masses=(0.0, mass))
-    system = without_organ(thread, (Fixed(ORIGIN), end))
-    state = laid(system, [], line(ORIGIN, X))
-    assert taut_strands(system, replace(state, N=np.full_like(state.N, 1.0))).tolist() == [taut]
+    for turned in (1, -1):
+        thread = uniform(STRAND, 20, point_masses=(0.0, mass)[::turned])
+        system = without_organ(thread, (Fixed(ORIGIN), end)[::turned])
+        state = laid(system, [], line(min(0.0, turned * STRAND) * X, X))
+        assert taut_strands(system, replace(state, N=np.full_like(state.N, 1.0))).tolist() == [taut]
 
 
 def test_what_is_taut_at_the_start_is_no_event_and_what_is_cut_goes_slack() -> None:
