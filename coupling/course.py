@@ -20,6 +20,7 @@ from coupling.compiled.steps import march
 from coupling.compiled.steps.audit import TURNS, Motion
 from coupling.compiled.steps.march import ENERGIES, Ends, Kept, Scene, Scratch
 from coupling.compiled.steps.organ import BODY, Going, Organ, Pace
+from coupling.compiled.steps.tautness import Strands
 from coupling.compiled.steps.tension import Limits, Stages
 from coupling.contact import NO_FORCES
 from coupling.integrators import BDF2, Scheme
@@ -31,6 +32,7 @@ from coupling.stability import borne_pressure
 from coupling.stepping import PASSES, dynamic_problem
 from coupling.system import State, System
 from coupling.tables import OVER, bounds_of, empty_found, given_of, law_of, plain, tables_of
+from coupling.tautness import STRETCHED, SWINGING, loose_ends, own_load
 from coupling.tension import FINE, REST, SETTLED, bends_at_holes
 from coupling.watch import CREATED, CREATED_BDF2, SHARE, TRACE
 from thread.compliance import LACKS, POWERS, SLACK
@@ -136,9 +138,12 @@ class Fixture:
 FIXTURES: Recent[Fixture] = Recent()
 
 
-def fixture_of(system: System[Any], scheme: Scheme, state: State[Any], answer: Answer[Any], motion: Motion) -> Fixture:
-    """Return the fixture of steps from a state, which is a `motion`, with the organ's `answer` to the first, where it
-    is among the last that were made that. The organ is no part of what is remembered: it may be large."""
+def fixture_of(
+    system: System[Any], scheme: Scheme, state: State[Any], answer: Answer[Any], motion: Motion, taut: Flags
+) -> Fixture:
+    """Return the fixture of steps from a state, which is a `motion` with strands `taut` (k + 1,), with the organ's
+    `answer` to the first, where it is among the last that were made that. The organ is no part of what is remembered:
+    it may be large."""
     held = tuple(end.position(0.0) is not None for end in system.ends)
     of_ends = held, system.clamps, system.clamp_frames.tobytes()
     values = scheme.dt, scheme.d, scheme.weights, system.epsilon, *of_ends, state.present.tobytes(), len(motion.U)
@@ -148,7 +153,11 @@ def fixture_of(system: System[Any], scheme: Scheme, state: State[Any], answer: A
         values,
     )
     y_free, C = all_holds(system, answer.y_free), pad_compliance(system, answer.C)
-    return replace(fixture, given=fixture.given._replace(y_free=plain(y_free), C=plain(C)))
+    return replace(
+        fixture,
+        given=fixture.given._replace(y_free=plain(y_free), C=plain(C)),
+        scene=fixture.scene._replace(strands=strands_of(system, taut)),
+    )
 
 
 def make_fixture(problem: Problem[Any], present: Flags, motion: Motion) -> Fixture:
@@ -168,15 +177,22 @@ def make_fixture(problem: Problem[Any], present: Flags, motion: Motion) -> Fixtu
 class Course:
     """Steps of a scheme from a state, as far as they are `made`: the motion `now` and `earlier`, one step before, the
     `energies` and the `iterations` of each; and what is `kept` of so many of them as are to be kept, `keep`. `answer`
-    is the organ's to the first."""
+    is the organ's to the first; `taut` (k + 1,), which strands are, and stay so."""
 
     def __init__(
-        self, system: System[Any], scheme: Scheme, state: State[Any], answer: Answer[Any], body: Body, keep: int = 0
+        self,
+        system: System[Any],
+        scheme: Scheme,
+        state: State[Any],
+        answer: Answer[Any],
+        body: Body,
+        taut: Flags,
+        keep: int = 0,
     ) -> None:
         self._like, self._holes, self._body, self._pace = state, len(system.piercings), body, pace_of(scheme)
         self._tables, self._lacking = tables_of(system.thread), lacking_of(system.thread)
         self._now, self._earlier = motion_of(state, body.now), motion_of(state.before or state, body.earlier)
-        self._fixture = fixture_of(system, scheme, state, answer, self._now)
+        self._fixture = fixture_of(system, scheme, state, answer, self._now, taut)
         self.made, self.energies, self.iterations = 0, np.empty(0), np.zeros(0, np.int64)
         self.kept = room_to_keep(self._now, keep)
 
@@ -285,6 +301,22 @@ def scene_of(problem: Problem[Any], present: Flags) -> Scene:
         there=TRACE,
         turned=SHARE,
         bearing=BORNE,
+        strands=strands_of(system, np.zeros(1, dtype=bool)),
+    )
+
+
+def strands_of(system: System[Any], taut: Flags) -> Strands:
+    """Return the strands of a thread, of which those `taut` (k + 1,) are."""
+    thread, (start, end) = system.thread, loose_ends(system).tolist()
+    return Strands(
+        taut=np.ascontiguousarray(taut),
+        euler=float(thread.EI * np.pi**2),
+        weight=own_load(system),
+        least=float(STRETCHED * thread.EA),
+        swing=float(SWINGING * thread.section.rhoA),
+        start=start,
+        end=end,
+        greville=plain(thread.spline.greville),
     )
 
 

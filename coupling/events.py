@@ -1,27 +1,30 @@
-"""What happens to piercings: they begin and end at their times, the thread leaves them, slips or sticks in them.
+"""What happens to piercings: they begin and end at their times, the thread leaves them, slips or sticks in them; and to
+the strands between them, which become taut and slack (`coupling.tautness`).
 
 Surfaces in contact slip where all of their pairs that press do, and stick again where the first of them sticks; so does
 a thread along a tract, by the balls of it.
 
 A piercing begins (`coupling.impact`) and ends between two steps: at the first end of a step that reaches its time
-(`coupling.run`). A hole is left, a strand slips or sticks, and tissue tears within the step in which that was found
-(`coupling.location`); one that turns back in a step sticks and slips in it. All other events bear the time of its end.
-An end of a piercing changes neither positions nor velocities. What the compliance that the spline lacks there stored is
-let go, and counts as numerical dissipation.
+(`coupling.run`). A hole is left, a strand slips or sticks, becomes taut or slack, and tissue tears within the step in
+which that was found (`coupling.location`); one that turns back in a step sticks and slips in it. All other events bear
+the time of its end. An end of a piercing changes neither positions nor velocities. What the compliance that the spline
+lacks there stored is let go, and counts as numerical dissipation.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
+from coupling.arrays import Flags
 from coupling.interfaces import Body, Rubs
 from coupling.location import Times, locate, nearer_end
 from coupling.observation import bearing_pressures
 from coupling.stepping import Step
 from coupling.system import State, System
+from coupling.tautness import carried_over, middles, still_taut, strand_count, strand_names, tension_over
 
 Kind = Literal[
     "begins",
@@ -30,6 +33,8 @@ Kind = Literal[
     "slips",
     "sticks",
     "tears",
+    "taut",
+    "slack",
     "closes",
     "tied",
     "unties",
@@ -45,8 +50,8 @@ Kind = Literal[
 class Event:
     """One event.
 
-    `time` [s]; `piercing`, tie, tract or surfaces in contact by name, empty for a halved step, tissue that snaps, a
-    branch that was followed, a cut and other knots; `s` [m].
+    `time` [s]; `piercing`, tie, tract, strand or surfaces in contact by name, empty for a halved step, tissue that
+    snaps, a branch that was followed, a cut and other knots; `s` [m], of a strand its middle.
     Of a piercing that begins: `gap` [m] and `angle` [rad] that were closed, `work` [J] done in closing them, `loss` [J]
     of kinetic energy and `impulse` (3,) [N s] of the hole on the thread; of a tie that closes: `gap`. Of a cut and of
     other knots: `control_points` after it, `loss` and `impulse`, what the change cost of the thread's energy and
@@ -70,17 +75,21 @@ class Event:
         return self.work - self.loss
 
 
-def find_events(system: System[Body], old: State[Body], taken: Sequence[Step[Body]]) -> list[Event]:
-    """Find the events in the steps taken from `old`, in the order of their times."""
+def find_events(
+    system: System[Body], old: State[Body], taken: Sequence[Step[Body]], taut: Flags
+) -> tuple[list[Event], Flags]:
+    """Find the events in the steps taken from `old`, in the order of their times, and which strands are taut after them
+    `(k + 1,)`, of which those `taut` were before."""
     states, out = [old, *(step.new for step in taken)], list[Event]()
     for (before, after), step in zip(pairwise(states), taken, strict=True):
-        found = changes(system, before, after, locate(before, step))
-        out += sorted(found, key=lambda event: event.time)
+        times = locate(before, step)
+        of_strands, taut = strand_changes(system, before, after, taut, times)
+        out += sorted(changes(system, before, after, times) + of_strands, key=lambda event: event.time)
     out += [Event(step.new.time, "snaps") for step in taken if step.snapped]
     out += [Event(step.new.time, "branch") for step in [each for each in taken if each.along][-1:]]
     if len(taken) > 1:
         out.append(Event(taken[-1].new.time, "halved"))
-    return out
+    return out, taut
 
 
 def changes(system: System[Body], old: State[Body], new: State[Body], times: Times) -> list[Event]:
@@ -137,6 +146,28 @@ def tract_changes(system: System[Body], old: State[Body], new: State[Body], time
         elif before and not now:
             out.append(Event(float(times.sticks[changed].min(initial=times.end)), "sticks", name))
     return out
+
+
+def strand_changes(
+    system: System[Body], old: State[Body], new: State[Body], taut: Flags, times: Times
+) -> tuple[list[Event], Flags]:
+    """Find the strands that became taut or slack between two states, and return with them which are taut at the second,
+    `(k + 1,)`, of which those `taut` were at the first. What lies along a tract is not told."""
+    if not np.array_equal(old.present, new.present) or len(taut) != strand_count(system, new):
+        taut = carried_over(system, taut, old, system, new)
+    now = still_taut(system, new, taut)
+    changed = np.flatnonzero(now != taut).tolist()
+    if not changed:
+        return [], now
+    ends, names = (replace(old, present=new.present), new), strand_names(system, new)
+    s = middles(system, new)
+    over = ([tension_over(system, end, k, bool(now[k])) for k in changed] for end in ends)
+    out = []
+    for k, time in zip(changed, times.between(*map(np.array, over)).tolist(), strict=True):
+        name, in_the_open = names[k]
+        if in_the_open:
+            out.append(Event(time, "taut" if now[k] else "slack", name, float(s[k])))
+    return out, now
 
 
 def surface_changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Event]:

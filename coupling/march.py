@@ -3,7 +3,8 @@
 A step that goes on smoothly from the one before is predicted, solved, concluded, looked at and audited in the loops,
 and the next one after it. What is out of the ordinary is left to `coupling.stepping.advance`, which gives the same step
 the same numbers but for round-off: a step that does not converge, a thread that is pressed along itself, a hole that is
-left or passed or whose frame turns through itself, stick that becomes slip, and a step uphill.
+left or passed or whose frame turns through itself, stick that becomes slip, a strand that becomes taut or slack, and a
+step uphill.
 """
 
 from collections.abc import Sequence
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Generic
 
 import numpy as np
 
-from coupling.arrays import Array
+from coupling.arrays import Array, Flags
 from coupling.audit import Energies
 from coupling.calls import ask_before_correction
 from coupling.constraints import Passage
@@ -23,6 +24,7 @@ from coupling.observation import Seen
 from coupling.solver import covers
 from coupling.stepping import Take, bdf2_step, dynamic_problem, organ_answer, scheme_of, try_step
 from coupling.system import State, System, forgetful
+from coupling.tautness import taut_strands
 
 if TYPE_CHECKING:
     from coupling.course import Course
@@ -70,13 +72,15 @@ def march(
     times: Sequence[float],
     take: Take[Body],
     follow: bool = True,
+    taut: Flags | None = None,
 ) -> Marched[Body] | None:
     """Make steps of `dt` [s] from a state, whose ends bear the `times` [s], as long as each goes on smoothly; None
-    where the first does not, or the loops do not cover it. `follow` is as for `coupling.stepping.advance`.
+    where the first does not, or the loops do not cover it. `follow` is as for `coupling.stepping.advance`; `taut`
+    (k + 1,) says which strands are, None that those are whose tension alone says so.
 
     The organ is linear, under loads that stay what they are, and without inertia or one that goes on by modes.
     """
-    course = run_course(system, state, energies, dt, times, take, follow)
+    course = run_course(system, state, energies, dt, times, take, follow, taut)
     if course is None:
         return None
     made, new = course.made, course.now(times[course.made - 1])
@@ -94,9 +98,10 @@ def march_by_steps(
     times: Sequence[float],
     take: Take[Body],
     follow: bool = True,
+    taut: Flags | None = None,
 ) -> Marks[Body] | None:
     """Make the steps that `march` makes, and return where each of them comes to."""
-    course = run_course(system, state, energies, dt, times, take, follow, len(times))
+    course = run_course(system, state, energies, dt, times, take, follow, taut, len(times))
     if course is None:
         return None
     made, ends = course.made, course.kept.ends
@@ -121,6 +126,7 @@ def run_course(
     times: Sequence[float],
     take: Take[Body],
     follow: bool,
+    taut: Flags | None,
     keep: int = 0,
 ) -> "Course | None":
     """Return the course of the steps that the loops make, of which so many are kept, None where they make none; the
@@ -134,7 +140,7 @@ def run_course(
     body = body_of(system, scheme, state, times, answer)
     if body is None:
         return None
-    course = Course(system, scheme, state, answer, body, keep)
+    course = Course(system, scheme, state, answer, body, taut_strands(system, state) if taut is None else taut, keep)
     course.make_steps(astuple(energies), tabled_ends(system, state.time, times, dt), follow)
     for _ in range(int(course.iterations.sum())):  # the loops do not ask themselves, and each correction counts
         ask_before_correction()

@@ -18,7 +18,7 @@ from typing import Generic
 import numpy as np
 
 from coupling.adaptivity import INTERVAL, Resolution, adapt_when_due, exchange_spline, refine_for, refit_state
-from coupling.arrays import Array
+from coupling.arrays import Array, Flags
 from coupling.audit import Energies, audit_step, closing_works, drawing_works, initial_energies
 from coupling.branch import reach
 from coupling.configuration import Configuration, configuration_of
@@ -33,6 +33,7 @@ from coupling.march import march, march_by_steps
 from coupling.observation import PiercingObservation, Sight, largest_gap, largest_residual, look, observe
 from coupling.stepping import CURVED, HALVINGS, Step, Take, advance, release, try_step
 from coupling.system import State, System, forgetful
+from coupling.tautness import carried_over, taut_strands
 from coupling.tying import TieObservation, begin_tie, let_go_of_cut, lock_tie, observe_ties
 from coupling.watch import Watch
 from thread.knots import LEVELS
@@ -55,7 +56,8 @@ class Run(Generic[Body]):
     and `halvings`, how often one that fails is halved; `tolerance` [m], how far one may be off before it is halved
     (`coupling.stepping.local_error`); `downhill`, whether one that makes energy has failed (`coupling.watch`);
     `resolution`, how the knots follow the thread, None where they do not; `given` (p,) [m], the abscissae of piercings
-    that begin, NaN where the thread's nearest place is taken; `tie_works` (t,) [J], of the hands on each tie so far.
+    that begin, NaN where the thread's nearest place is taken; `tie_works` (t,) [J], of the hands on each tie so far;
+    `taut` (k + 1,), which strands of the thread are, between its k holds and cuts (`coupling.tautness`).
     `fresh` is a thread under no tension yet that knots could go by. Of the last step: whether it was sought `loose`, as
     the next one then is first (`coupling.equilibrium.settle`), the steps `taken` (several where it was halved, none
     where it was made in whole by compiled loops), the Newton iterations of those made `at_once`, and the `events`.
@@ -71,6 +73,7 @@ class Run(Generic[Body]):
     resolution: Resolution | None
     given: Array
     tie_works: Array = field(default_factory=lambda: np.zeros(0))
+    taut: Flags = field(default_factory=lambda: np.zeros(1, dtype=bool))
     halvings: int = HALVINGS
     tolerance: float = np.inf
     downhill: bool = True
@@ -170,9 +173,10 @@ class Run(Generic[Body]):
         """Return the run after as many of the steps of `dt` [s] to the `times` [s] as the loops make at once, None
         where that is none."""
         before = self._before_due(dt, times)
-        found = (
-            march(self.system, self.state, self.energies, dt, before, self.take, self.is_jumping) if before else None
-        )
+        if not before:
+            return None
+        follow, taut = self.is_jumping, self.taut
+        found = march(self.system, self.state, self.energies, dt, before, self.take, follow, taut)
         if found is None:
             return None
         made = replace(self._marched(found.made, len(times)), state=found.state, energies=found.energies)
@@ -183,7 +187,8 @@ class Run(Generic[Body]):
         before = self._before_due(dt, times)
         if not before:
             return []
-        found = march_by_steps(self.system, self.state, self.energies, dt, before, self.take, self.is_jumping)
+        follow, taut = self.is_jumping, self.taut
+        found = march_by_steps(self.system, self.state, self.energies, dt, before, self.take, follow, taut)
         if found is None:
             return []
         sights = look(self.system, self.s_begun, found.seen, found.states, found.strains)
@@ -248,13 +253,14 @@ class Run(Generic[Body]):
             raise RestError(str(error)) from error
         state = forgetful(run.state)
         state = replace(state, sigma=np.where(run.system.rough, 0.0, state.sigma))
-        told = tuple(event for event in run.events if event.kind not in ("slips", "sticks"))
+        told = tuple(event for event in run.events if event.kind not in ("slips", "sticks", "taut", "slack"))
         return replace(
             self,
             system=run.system,
             state=state,
             energies=initial_energies(run.system, state),
             s_begun=state.s,
+            taut=run.taut,
             fresh=False,
             events=self.events + told,
         )
@@ -336,14 +342,16 @@ class Run(Generic[Body]):
 
     def _after(self, taken: Sequence[Step[Body]], energies: Energies) -> "Run[Body]":
         """Return the run after the steps `taken`, with the `energies` after them and their events."""
+        found, taut = find_events(self.system, self.state, taken, self.taut)
         return replace(
             self,
             state=taken[-1].new,
             energies=energies,
             tie_works=self.tie_works + sum(closing_works(step) + drawing_works(step) for step in taken),
             loose=any(step.loose for step in taken),
+            taut=taut,
             taken=self.taken + tuple(taken),
-            events=self.events + tuple(find_events(self.system, self.state, taken)),
+            events=self.events + tuple(found),
         )
 
     def refitted(self, dt: float, due: bool) -> "Run[Body]":
@@ -371,15 +379,22 @@ class Run(Generic[Body]):
         """Return the run after the cuts, and the piercings that end or begin, later than `earlier` [s]."""
         run = replace(self, number=self.number + 1, fresh=False).cut_when_due(earlier, dt).tied_when_due(earlier, dt)
         state, due = schedule_piercings(run.system, earlier, run.state, dt, run.given)
-        if not due:
-            return run
-        return replace(
-            run,
-            state=state,
-            energies=book_events(run.system, run.energies, state, due),
-            s_begun=np.where(state.present & ~run.state.present, state.s, run.s_begun),
-            events=run.events + tuple(due),
-        )
+        if due:
+            run = replace(
+                run,
+                state=state,
+                energies=book_events(run.system, run.energies, state, due),
+                s_begun=np.where(state.present & ~run.state.present, state.s, run.s_begun),
+                events=run.events + tuple(due),
+            )
+        return run._carried_from(self)
+
+    def _carried_from(self, earlier: "Run[Body]") -> "Run[Body]":
+        """Return the run with the strands taut that were so in one that is no earlier in time, and has other holds or
+        cuts."""
+        if self.state is earlier.state:
+            return self
+        return replace(self, taut=carried_over(earlier.system, earlier.taut, earlier.state, self.system, self.state))
 
     def cut_when_due(self, earlier: float, dt: float) -> "Run[Body]":
         """Return the run with the thread cut where that is due later than `earlier` [s]. Raises `CouplingError`."""
@@ -401,7 +416,7 @@ class Run(Generic[Body]):
         for k in np.flatnonzero(open_ties):
             state, event = begin_tie(self.system, state, int(k))
             events.append(event)
-        return replace(self, state=state, events=tuple(events)) if open_ties.any() else self
+        return replace(self, state=state, events=tuple(events))._carried_from(self)
 
     def tied_when_due(self, earlier: float, dt: float) -> "Run[Body]":
         """Return the run with the ties that begin or are locked later than `earlier` [s]. Raises `FormingError`."""
@@ -451,6 +466,7 @@ def begin(
         resolution=resolution,
         given=nearest if given is None else given,
         tie_works=np.zeros(len(system.ties)),
+        taut=taut_strands(system, state),
         halvings=halvings,
         tolerance=tolerance,
         downhill=downhill,

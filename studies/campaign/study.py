@@ -109,7 +109,7 @@ class Tally:
 
     def follow(self, new: OrganRun) -> None:
         """Count a step."""
-        if not new.events:  # knots and piercings change what there is between two steps
+        if all(event.kind in ("taut", "slack") for event in new.events):  # others change what there is between steps
             for second, share in made_by(self.now, new):
                 if second:
                     self.created_bdf2 = max(self.created_bdf2, share)

@@ -188,6 +188,7 @@ EVENT: tuple[Column[Event], ...] = (
     text(
         "event",
         "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing, `tears` where the tissue's strength is exceeded; "
+        "`taut`, `slack` of a strand; "
         "`closes`, `tied`, `slips`, `sticks`, `unties` of a tie; `slips`, `sticks` of surfaces in contact, and "
         "along a tract, as a whole or no more; `cut`: the thread was; `halved`: the step was; "
         "`snaps`: the tissue, or a thread that buckles, went to an equilibrium that was not near; "
@@ -197,10 +198,16 @@ EVENT: tuple[Column[Event], ...] = (
     ),
     text(
         "piercing",
-        "name of the piercing, tie, tract or pair of surfaces; empty for `cut`, `halved`, `snaps`, `branch`, `knots`",
+        "name of the piercing, tie, tract or pair of surfaces, of a strand those of what it lies between, as in "
+        "`entry-exit`, `start-entry`, `exit-end`; empty for `cut`, `halved`, `snaps`, `branch`, `knots`",
         lambda event: event.piercing,
     ),
-    Column("s", "m", "abscissa of the thread in the hole, or of the cut", lambda event: event.s),
+    Column(
+        "s",
+        "m",
+        "abscissa of the thread in the hole, of the cut, or in the middle of the strand",
+        lambda event: event.s,
+    ),
     Column("energy", "J", "change of kinetic and elastic energy: `work` less `loss`", lambda event: event.energy),
     Column("work", "J", "done in drawing the thread into a hole that begins", lambda event: event.work),
     Column(

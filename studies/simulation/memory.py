@@ -24,7 +24,12 @@ def on_knots(system: System, knots: Array) -> System:
 
 def memory_of(now: OrganRun) -> Arrays:
     """Gather all that the steps after this one depend on, as arrays by name."""
-    own = {"step": np.array(now.number), "s_begun": now.s_begun, "knots": now.system.thread.spline.knots}
+    own = {
+        "step": np.array(now.number),
+        "s_begun": now.s_begun,
+        "taut": now.taut,
+        "knots": now.system.thread.spline.knots,
+    }
     own |= {"tie_works": now.tie_works} if now.system.ties else {}
     own |= {"loose": np.array(now.loose)} if now.system.rough.any() else {}
     own |= {"apart": np.array(now.apart)} if now.system.compiled else {}
@@ -39,6 +44,7 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         system, number = on_knots(beginning.system, memory["knots"]), int(memory["step"])
         state = unpack(beginning.state, memory, "state", beginning.state)
         energies, s_begun = unpack(beginning.energies, memory, "energies"), memory["s_begun"]
+        taut = memory["taut"]
         tie_works = memory["tie_works"] if system.ties else beginning.tie_works
         loose = bool(memory["loose"]) if system.rough.any() else beginning.loose
         waits, pause = memory["apart"].tolist() if system.compiled else beginning.apart
@@ -58,6 +64,7 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         state=state,
         energies=energies,
         s_begun=s_begun,
+        taut=taut,
         tie_works=tie_works,
         number=number,
         fresh=number == 0 and beginning.fresh,

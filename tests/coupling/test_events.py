@@ -20,6 +20,7 @@ from coupling.observation import observe
 from coupling.run import book_events, schedule_piercings
 from coupling.stepping import advance
 from coupling.system import Friction, Piercing, State, System
+from coupling.tautness import taut_strands
 from studies.command import command
 from tests.bounds import GAP, IDENTITY, RESIDUAL
 from tests.thread.threads import (
@@ -316,10 +317,11 @@ def test_slip_and_stick_are_noticed() -> None:
     hole = Piercing("hole", directed=False, friction=Friction(0.2, 0.1))
     system = without_organ(uniform(LENGTH, N), piercings=(hole,), sites=((0.02 * X, None),), gravity=-9.81 * Z)
     state = replace(laid(system, [0.02], line(0.0 * X, X)), v=np.tile(0.3 * X, (N, 1)))
-    words, events = [state.sigma[0] != 0.0], []
+    words, events, taut = [state.sigma[0] != 0.0], list[Event](), taut_strands(system, state)
     for _ in range(60):
         taken = advance(system, state, DT)
-        events += [event for event in find_events(system, state, taken) if event.kind != "halved"]
+        found, taut = find_events(system, state, taken, taut)
+        events += [event for event in found if event.kind in ("slips", "sticks", "leaves")]
         words += [step.new.sigma[0] != 0.0 for step in taken]
         state = taken[-1].new
     turns = int(np.count_nonzero(np.diff(words)))

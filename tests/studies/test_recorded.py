@@ -14,7 +14,7 @@ from studies.output.records import StepRecord
 from studies.scenario import Scenario, load
 from studies.simulation import prepare, simulation
 from studies.simulation.simulation import Simulation
-from tests.bounds import AXIAL, RESIDUAL
+from tests.bounds import AXIAL, RESIDUAL, TWO_SOLVERS
 from tests.coupling.test_compiled import ROUGH, drawn
 from tests.coupling.test_march import BDF2, EULER, GENTLE, SMALL, figure_1, slow
 from tests.studies.test_krylov import COARSE
@@ -77,9 +77,8 @@ def test_rows_of_steps_made_at_once_are_those_of_single_steps(name: str, monkeyp
     scales["bearing_pressure"] = force / float(area.min())
     for one, other in zip(found, singly, strict=True):
         assert (one.time, one.step, one.newton_iterations) == (other.time, other.step, other.newton_iterations)
-        assert [(e.kind, e.piercing, e.time) for e in one.events] == [
-            (e.kind, e.piercing, e.time) for e in other.events
-        ]
+        assert [(e.kind, e.piercing) for e in one.events] == [(e.kind, e.piercing) for e in other.events]
+        assert [e.time for e in one.events] == pytest.approx([e.time for e in other.events], rel=TWO_SOLVERS)
         for hole, alone in zip(one.piercings, other.piercings, strict=True):
             for each in fields(hole):
                 here, there = getattr(hole, each.name), getattr(alone, each.name)

@@ -45,6 +45,7 @@ from coupling.compiled.steps.organ import (
     bear,
     go_free,
 )
+from coupling.compiled.steps.tautness import Strands, is_switched
 from coupling.compiled.steps.tension import (
     KNOWN,
     Limits,
@@ -80,8 +81,8 @@ class Scene(NamedTuple):
     ε [kg]; what places are multiplied by for `round_off` of forces [N/m], and what of that is of the thread itself
     [N]; the pressure that the thread bears [N] over EA, `borne`; spans that may run through a hole, `crossed`; shares
     of energies that a step may make [-]: of what there is `create`, one of BDF2 `create_bdf2` besides what it gives
-    back, and with that `there`, or `turned` of what it turns over; and of a compliance that is exchanged in place,
-    `bearing` [-]."""
+    back, and with that `there`, or `turned` of what it turns over; of a compliance that is exchanged in place,
+    `bearing` [-]; and the `strands` between the holds."""
 
     weight: Array
     axial: Array
@@ -101,6 +102,7 @@ class Scene(NamedTuple):
     there: float
     turned: float
     bearing: float
+    strands: Strands
 
 
 class Scratch(NamedTuple):
@@ -254,6 +256,8 @@ def what_happened(scene: Scene, given: Given, strain: Array, knots: Knots, now: 
     """Return what is out of the ordinary in a solved step, MADE where nothing is."""
     if may_be_squeezed(scene, knots, strain, new.s):
         return SQUEEZED
+    if is_switched(scene.strands, knots, scene.axial, new.s, new.N, new.v, scene.present):
+        return EVENT
     last = knots.breaks[len(knots.breaks) - 1]
     for k in range(len(new.s)):
         if scene.present[k]:

@@ -48,14 +48,10 @@ def span_at(knots: Knots, given: Given, s: float, k: int) -> int:
     return span_of(knots.breaks, s, given.spans[k, 0], given.spans[k, 1])
 
 
-@owning
-def ask_tension(
-    limits: Limits, knots: Knots, given: Given, axial: Array, s: Array, N: Array, lam: Array, present: Flags,
-    layers: Array, stretch: Array,
-) -> None:  # fmt: skip
-    """Write √(EI/T) of every hold into `layers` (m,) [m] and 1 + T/EA into `stretch` (m,) [-]; `axial` (spans, a) [m]
-    are the abscissae of N, `lam` (m, 5) the forces [N] and couples of the holds."""
-    bounds, count, last = np.empty(len(s)), 0, knots.breaks[len(knots.breaks) - 1]
+@loop
+def put_bounds(knots: Knots, s: Array, present: Flags, bounds: Array) -> int:
+    """Write the abscissae of the holds that part the thread, rising, into `bounds` (m,) [m]; returns how many."""
+    count, last = 0, knots.breaks[len(knots.breaks) - 1]
     for k in range(len(s)):
         if present[k] and knots.breaks[0] < s[k] < last:
             at = count
@@ -64,6 +60,18 @@ def ask_tension(
                 at -= 1
             bounds[at] = s[k]
             count += 1
+    return count
+
+
+@owning
+def ask_tension(
+    limits: Limits, knots: Knots, given: Given, axial: Array, s: Array, N: Array, lam: Array, present: Flags,
+    layers: Array, stretch: Array,
+) -> None:  # fmt: skip
+    """Write √(EI/T) of every hold into `layers` (m,) [m] and 1 + T/EA into `stretch` (m,) [-]; `axial` (spans, a) [m]
+    are the abscissae of N, `lam` (m, 5) the forces [N] and couples of the holds."""
+    bounds = np.empty(len(s))
+    count = put_bounds(knots, s, present, bounds)
     mean, points, part = np.zeros(count + 1), np.zeros(count + 1), 0
     for e in range(len(axial)):
         for g in range(axial.shape[1]):
