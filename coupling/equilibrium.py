@@ -323,7 +323,8 @@ def drop_tie(problem: Problem[Body], now: State[Body], lately: bool) -> Solution
         if not lately:
             raise
         solution = find_rest(rubbing_from(problem, now.s), guess(problem, now, now.sigma), solve)
-    return replace(solution, problem=replace(solution.problem, law=problem.law))
+    law = replace(problem.law, stretch=solution.problem.law.stretch)
+    return replace(solution, problem=replace(solution.problem, law=law))
 
 
 def sense_of(problem: Problem[Body], now: State[Body]) -> Array:

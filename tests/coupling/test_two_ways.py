@@ -1,6 +1,5 @@
 """The coupled system solved condensed and assembled, and what must hold at the end of every step of a coupled run."""
 
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -15,7 +14,19 @@ from coupling.newton import solve
 from coupling.stepping import Step, dynamic_problem, organ_answer, predict, try_step
 from coupling.system import State, System
 from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
-from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, X, Z, block_organ, hairpin, hairpin_system, laid, taken
+from tests.thread.threads import (
+    ABSCISSAE,
+    LENGTH,
+    RADIUS,
+    X,
+    Z,
+    as_solved,
+    block_organ,
+    hairpin,
+    hairpin_system,
+    laid,
+    taken,
+)
 from thread.ends import Driven, Fixed, Pulled
 
 DT, STEPS = 2e-3, 8
@@ -65,7 +76,7 @@ def test_condensed_and_assembled_agree(name: str) -> None:
     for step in (steps(name)[4], steps(name)[-1]):
         scheme, state = BackwardEuler(DT), step.old
         problem = dynamic_problem(system, state, DT, organ_answer(system, scheme, state))
-        problem = replace(problem, layers=step.solution.problem.layers)
+        problem = as_solved(problem, step)
         whole = equation_of(problem)
         first = predict(problem, state)
         a = solve(problem, first)

@@ -13,6 +13,7 @@ import tissue
 from coupling.bordered import columns
 from coupling.equilibrium import load_steps
 from coupling.laying import start
+from coupling.newton import Problem
 from coupling.stepping import Step, advance, try_step
 from coupling.system import Piercing, State, System
 from tests.bounds import IDENTITY, SLOPE
@@ -121,6 +122,12 @@ def without_organ(
     """A system whose holes are fixed in space: `sites` as (point, direction)."""
     placed = tissue.fixed_sites([tissue.Site(point, direction=direction) for point, direction in sites])
     return System(thread, ends, placed, piercings, **options)
+
+
+def as_solved(problem: Problem[Any], step: Step[Any]) -> Problem[Any]:
+    """The problem with the tension of the strands that a step was solved with."""
+    own = step.solution.problem
+    return replace(problem, layers=own.layers, law=replace(problem.law, stretch=own.law.stretch))
 
 
 def load_step(system: System, state: State, share: float, duration: float) -> list[Step]:
