@@ -76,25 +76,31 @@ def layers_at(system: System[Body], s: Array, N: Array, lam: Array, present: Fla
     """Return √(EI/T) of every hold, shape `(m,)` [m], None of a thread that does not bend.
 
     Each strand resists the turn of a hole with √(EI T), so √T counts with its mean; where a direction is imposed on
-    strands that turn by θ from each other, both together with cos ¼θ of that (`coupling.constraints`). Of T counts
-    what is beyond that which spans of FINE √(EI/T) have: on shorter ones the compliance is that without tension.
+    strands that turn by θ from each other, both together with less of that, cos ¼θ under equal tensions
+    (`coupling.constraints`). Of T counts what is beyond that which spans of FINE √(EI/T) have: on shorter ones the
+    compliance is that without tension.
     """
     if not bends_at_holes(system):
         return None
     thread, spline = system.thread, system.thread.spline
     T = np.maximum(strand_tensions(system, s, N, present), REST * thread.EA)
     spans = np.diff(spline.breaks)[spline.spans_of(s)]
-    together = np.where(system.rows[:, 3], quarter_cosine(T, lam), 1.0)
+    together = np.where(system.rows[:, 3], resisting_together(T, lam), 1.0)
     ratio = spans * np.sqrt(T).mean(axis=1) * together / np.sqrt(thread.EI)
     return np.asarray(spans / np.sqrt(np.maximum(ratio**2 - FINE**2, (0.5 * SLACK) ** 2)))
 
 
-def quarter_cosine(T: Array, lam: Array) -> Array:
-    """Return cos ¼θ of strands under the tensions `T` (m, 2) [N] that turn by θ at a hole which holds them with λ, the
-    first three of `lam` (m, 5) [N], shape `(m,)`: λ² = T₁² + T₂² − 2T₁T₂ cos θ."""
+def resisting_together(T: Array, lam: Array) -> Array:
+    """Return the mean, by √T, of cos ½α of strands under the tensions `T` (m, 2) [N] that turn by θ at a hole which
+    holds them with λ, the first three of `lam` (m, 5) [N], shape `(m,)`: λ² = T₁² + T₂² − 2T₁T₂ cos θ.
+
+    The thread leaves the hole by the mean of both directions by tension, and each strand by α from that: ½θ both under
+    equal tensions, and one that is slack by θ, which then is not told by λ and does not count.
+    """
     squares = (T**2).sum(axis=1) - (lam[:, :3] ** 2).sum(axis=1)
-    cosine = np.clip(squares / (2.0 * T[:, 0] * T[:, 1]), -1.0, 1.0)
-    return np.asarray(np.sqrt(0.5 + 0.5 * np.sqrt(0.5 + 0.5 * cosine)))
+    theta = np.arccos(np.clip(squares / (2.0 * T[:, 0] * T[:, 1]), -1.0, 1.0))
+    off = 0.5 * theta[:, None] * T[:, ::-1] / T.sum(axis=1, keepdims=True)
+    return np.asarray((np.sqrt(T) * np.cos(off)).sum(axis=1) / np.sqrt(T).sum(axis=1))
 
 
 def is_settled(

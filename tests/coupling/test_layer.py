@@ -16,7 +16,7 @@ import pytest
 from coupling.constraints import far_turned
 from coupling.run import Run, begin
 from coupling.system import Friction, Piercing
-from coupling.tension import quarter_cosine
+from coupling.tension import resisting_together
 from tests.bounds import IDENTITY
 from tests.thread.threads import ORIGIN, PP, Array, assert_slope, laid, uniform, without_organ
 from thread.ends import Driven, Pulled
@@ -132,12 +132,28 @@ def test_what_turns_far_stores_what_the_elastica_does(degrees: float) -> None:
 
 
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 120.0, 180.0])
-def test_the_angle_between_strands_is_told_by_their_tensions(degrees: float) -> None:
-    """Independent check (statics): what a hole bears is the difference of both tensions as vectors."""
-    theta, T = np.radians(degrees), np.array([[1.0, 0.7]])
+@pytest.mark.parametrize("other", [1.0, 0.7, 0.01])
+def test_the_angle_between_strands_is_told_by_their_tensions(degrees: float, other: float) -> None:
+    """Independent check (statics): what a hole bears is the difference of both tensions as vectors; each strand leaves
+    the mean of their directions by tension, by ½θ where they are equal."""
+    theta, T = np.radians(degrees), np.array([[1.0, other]])
     lam = np.zeros((1, 5))
-    lam[0, :3] = T[0, 1] * along(theta) - T[0, 0] * along(0.0)
-    assert abs(quarter_cosine(T, lam)[0] - np.cos(0.25 * theta)) <= np.sqrt(IDENTITY)
+    lam[0, :3] = other * along(theta) - along(0.0)
+    mean = theta * other / (1.0 + other)
+    exact = np.average(np.cos(0.5 * np.array([mean, theta - mean])), weights=np.sqrt(T[0]))
+    assert abs(resisting_together(T, lam)[0] - exact) <= np.sqrt(IDENTITY)
+    if other == 1.0:
+        assert abs(exact - np.cos(0.25 * theta)) <= IDENTITY
+
+
+@pytest.mark.parametrize("size", [0.9, 1.0, 1.1])
+def test_what_a_slack_strand_turns_by_does_not_count(size: float) -> None:
+    """A strand without tension leaves no force by which its direction were told, and resists no turn: the other
+    does, with all of its √(EI T), whatever the hole's force is off by."""
+    slack = 1e-8
+    lam = np.array([[size, 0.0, 0.0, 0.0, 0.0]])
+    for T in ([1.0, slack], [slack, 1.0]):
+        assert abs(resisting_together(np.array([T]), lam)[0] - 1.0) <= 2.0 * np.sqrt(slack)
 
 
 def main() -> None:

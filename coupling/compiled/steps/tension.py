@@ -1,7 +1,7 @@
 """Over what length the thread bends at its holes, what the spline lacks there under that, and how far the thread is
 stretched (`coupling.tension`)."""
 
-from math import exp, floor, log, log2, sqrt
+from math import acos, cos, exp, floor, log, log2, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -90,16 +90,19 @@ def ask_tension(
         before, after = max(one, limits.least), max(other, limits.least)
         span = span_at(knots, given, s[k], k)
         h = knots.breaks[span + 1] - knots.breaks[span]
-        together = quarter_cosine(before, after, vector(lam[k], FIRST)) if given.directed[k] else 1.0
+        together = resisting_together(before, after, vector(lam[k], FIRST)) if given.directed[k] else 1.0
         ratio = h * (0.5 * (sqrt(before) + sqrt(after))) * together / sqrt(limits.EI)
         layers[k] = h / sqrt(max(ratio**2 - limits.fine**2, (0.5 * limits.slack) ** 2))
 
 
 @loop
-def quarter_cosine(before: float, after: float, force: Vector) -> float:
-    """Return cos ¼θ of strands under two tensions [N] that turn by θ at a hole which holds them with a force [N]."""
+def resisting_together(before: float, after: float, force: Vector) -> float:
+    """Return the mean, by √T, of cos ½α of strands under two tensions [N] that leave a hole, which holds them with a
+    force [N], by α from the direction of the thread there."""
     cosine = (before**2 + after**2 - dot(force, force)) / (2.0 * before * after)
-    return sqrt(0.5 + 0.5 * sqrt(0.5 + 0.5 * min(max(cosine, -1.0), 1.0)))
+    half = 0.5 * acos(min(max(cosine, -1.0), 1.0)) / (before + after)
+    one, other = sqrt(before), sqrt(after)
+    return (one * cos(half * after) + other * cos(half * before)) / (one + other)
 
 
 @loop
