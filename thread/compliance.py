@@ -24,10 +24,9 @@ that of an endless rod. That share of c₂ is what turns as the rod does, far (`
     c₃ = c₂²/g,
 
 which is c₂ where the spline is a string, of second order in h/ℓ where it resolves ℓ, and zero without tension. It goes
-through points of the span too.
+through points of the span too, and its slope from span to span as that of c₂ does.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from math import comb, perm
@@ -43,6 +42,8 @@ REACH = 6  # spans on each side of that of the hole; what a spline feels of its 
 
 POWERS = np.arange(7)  # of s on a span, in which c is a polynomial
 LACKS = 4  # c₀, c₁, c₂, c₃
+AT = np.linspace(0.0, 1.0, len(POWERS) - 2)
+SLOPES = np.stack([np.eye(len(POWERS))[1], POWERS.astype(np.float64)])  # of the powers at 0 and at 1
 # Clamped beam of unit length and EI, a force or a couple at x: deflection by force x³(1 − x)³/3, slope by couple
 # x(1 − x)(1 − 3x + 3x²) (Roark, table of clamped beams). The slope by force is half the derivative of the first,
 # whatever the structure.
@@ -106,11 +107,12 @@ def missing_on(patch: Patch, layer: float = np.inf) -> Array:
 
 def share_of_rod(patch: Patch, layer: float, couple: Array) -> Array:
     """Return c₃ = c₂²/g on the span of a patch, from c₂, `couple` (7,), as power coefficients of the distance from its
-    start. The polynomial goes through points of the span, its ends included: none jumps from span to span."""
-    at, powers = interpolation(np.polynomial.chebyshev.chebpts2)
-    h = patch.end - patch.start
-    c2 = (h * at)[:, None] ** POWERS @ couple
-    return np.asarray(2.0 / layer * h ** -POWERS.astype(np.float64) * (powers @ c2**2))
+    start. The polynomial has c₃ at points of the span and its slope at both ends: where a slope jumps from span to span
+    the force along the thread does, and a thread that comes to rest there finds no balance."""
+    powers, length = osculation(), (patch.end - patch.start) ** POWERS.astype(np.float64)
+    c2 = AT[:, None] ** POWERS @ (length * couple)
+    slopes = SLOPES @ (length * couple)
+    return np.asarray(2.0 / layer / length * (powers @ np.concatenate([c2**2, 2.0 * c2[[0, -1]] * slopes])))
 
 
 def slack_rod(patch: Patch) -> tuple[Array, Array]:
@@ -125,7 +127,7 @@ def slack_rod(patch: Patch) -> tuple[Array, Array]:
 def taut_rod(patch: Patch, layer: float) -> tuple[Array, Array]:
     """Return the same of the pinned rod under the tension 1/`layer`², as the polynomials through points of the
     span."""
-    at, powers = interpolation(np.polynomial.chebyshev.chebpts1)
+    at, powers = interpolation()
     h, length = patch.end - patch.start, patch.high - patch.low
     answers = rod_answers((patch.start - patch.low + h * at) / length, layer / length)
     scale = h ** -POWERS.astype(np.float64)
@@ -133,11 +135,18 @@ def taut_rod(patch: Patch, layer: float) -> tuple[Array, Array]:
 
 
 @cache
-def interpolation(points: Callable[[int], Array]) -> tuple[Array, Array]:
-    """Return Chebyshev's points of one of both kinds on [0, 1], shape `(7,)`, and what makes the powers of the
-    polynomial through values there, shape `(7, 7)`."""
-    at = 0.5 + 0.5 * points(len(POWERS))
+def interpolation() -> tuple[Array, Array]:
+    """Return Chebyshev's points on [0, 1], shape `(7,)`, and what makes the powers of the polynomial through values
+    there, shape `(7, 7)`."""
+    at = 0.5 + 0.5 * np.polynomial.chebyshev.chebpts1(len(POWERS))
     return at, np.linalg.inv(at[:, None] ** POWERS).astype(np.float64)
+
+
+@cache
+def osculation() -> Array:
+    """Return what makes the powers of the polynomial on [0, 1] with given values `AT` and slopes at both ends, shape
+    `(7, 7)`."""
+    return np.linalg.inv(np.concatenate([AT[:, None] ** POWERS, SLOPES])).astype(np.float64)
 
 
 def rod_answers(x: Array, layer: float) -> Array:

@@ -10,7 +10,7 @@ from thread.spline import FALLING, POWER, Spline
 SPANS = 31
 MIDDLE = 15
 INTERPOLATED = 1e-6  # the rod's answer on a span by a polynomial
-JUMP = 1e-3
+JUMP = 1e-3  # of what is lacked in a span, and of its slope over one
 SPLINE = Spline(clamped_knots(np.linspace(0.0, 1.0, SPANS + 1)))
 
 
@@ -30,11 +30,15 @@ def test_spline_and_lack_are_a_rod_under_tension(ratio: float) -> None:
 
 @pytest.mark.parametrize("layer", [np.inf, 0.03, 0.01, 1e-3])
 def test_the_lack_goes_on_from_span_to_span(layer: float) -> None:
-    """Independent check (the rod knows of no knots, so what a hole there stores cannot jump): on spans that differ."""
+    """Independent check (the rod knows of no knots, so what a hole there stores cannot jump, nor the force along the
+    thread by which it goes, the slope of c₀, c₂ and c₃): on spans that differ."""
     breaks = np.cumsum(np.append(0.0, 0.03 + 0.01 * np.sin(np.arange(30.0) ** 2)))
     spline = Spline(clamped_knots(breaks))
-    lacks = [missing_on(patch_of(spline, span), layer)[0] for span in range(len(breaks) - 1)]
+    of_spans = [missing_on(patch_of(spline, span), layer) for span in range(len(breaks) - 1)]
+    lacks, slopes = ([each[k] for each in of_spans] for k in (0, 1))
     for k in range(3, len(breaks) - 4):
         h, middle = breaks[k + 1] - breaks[k], lacks[k] @ (0.25 * (breaks[k + 1] - breaks[k])) ** POWERS
         size = np.array([middle[0], np.sqrt(middle[0] * middle[2]), middle[2], middle[2]])
         assert (np.abs(lacks[k] @ h**POWERS - lacks[k + 1][:, 0]) <= JUMP * size).all()
+        steeper = np.abs(slopes[k] @ h**POWERS - slopes[k + 1][:, 0])[[0, 2, 3]]
+        assert (steeper * h <= JUMP * size[[0, 2, 3]]).all()
