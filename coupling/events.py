@@ -161,7 +161,7 @@ def strand_changes(
         return [], now
     ends, names = (replace(old, present=new.present), new), strand_names(system, new)
     s = middles(system, new)
-    over = ([tension_over(system, end, k, bool(now[k])) for k in changed] for end in ends)
+    over = ([tension_over(system, end, float(s[k]), bool(now[k])) for k in changed] for end in ends)
     out = []
     for k, time in zip(changed, times.between(*map(np.array, over)).tolist(), strict=True):
         name, in_the_open = names[k]

@@ -60,11 +60,12 @@ def borne(system: System[Body], bounds: Array, v: Array) -> tuple[Array, Array]:
     return light + np.where(loose_strands(system, bounds), np.inf, held), 0.5 * light
 
 
-def tension_over(system: System[Body], state: State[Body], k: int, taut: bool) -> float:
-    """Return by how much the tension of strand `k` is beyond where it becomes `taut`, or slack [N]: the median over its
-    points."""
+def tension_over(system: System[Body], state: State[Body], s: float, taut: bool) -> float:
+    """Return by how much the tension of the strand at `s` [m] is beyond where it becomes `taut`, or slack [N]: the
+    median over its points."""
     bounds, part = strands(system, state.s, state.present)
     enough, least = borne(system, bounds, state.v)
+    k = int(np.searchsorted(bounds, s))
     here = part == k
     T = float(np.median(state.N[here])) if here.any() else np.nan
     return float(T - enough[k] if taut else least[k] - T)

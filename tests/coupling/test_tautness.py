@@ -8,7 +8,8 @@ import pytest
 from scipy.optimize import brentq
 
 from coupling.cutting import Cut
-from coupling.events import Event
+from coupling.events import Event, strand_changes
+from coupling.location import times_at_end
 from coupling.run import Run, begin
 from coupling.stepping import Take, bdf2_step, try_step
 from coupling.system import Piercing, State, System
@@ -183,10 +184,10 @@ def test_what_is_taut_at_the_start_is_no_event_and_what_is_cut_goes_slack() -> N
     assert all(6e-3 <= event.time <= 8e-3 for event in events)
 
 
-def through(places: list[float]) -> tuple[System, State]:
+def through(places: list[float], ends: tuple[End, End] = FREE) -> tuple[System, State]:
     """A straight thread through holes at these abscissae [m]."""
     holes = tuple(replace(ANCHOR, name=str(place)) for place in places)
-    system = without_organ(uniform(STRAND, 10), FREE, holes, tuple((place * X, None) for place in places))
+    system = without_organ(uniform(STRAND, 10), ends, holes, tuple((place * X, None) for place in places))
     return system, laid(system, places, line(ORIGIN, X))
 
 
@@ -200,6 +201,18 @@ def test_a_strand_is_what_that_was_in_which_its_middle_lies() -> None:
         (two, two, [False, True, True], [False, True, True]),
     ):
         assert carried_over(system, np.array(was), before, system, after).tolist() == now
+
+
+def test_a_hole_that_is_past_the_end_for_a_step_parts_no_strand_then() -> None:
+    """Independent check: between a step that ends with a hole past the thread's start, in force still, and one that
+    ends with it on the thread again, the strand beyond the other hole becomes taut half way."""
+    system, new = through([0.02, 0.028], (Fixed(ORIGIN), Fixed(STRAND * X)))
+    old = replace(new, s=np.array([-1e-5, 0.028]), N=np.zeros_like(new.N), time=-1e-3)
+    enough = PP.EI * (np.pi / (STRAND - 0.028)) ** 2 + 1e-6 * PP.EA
+    new = replace(new, N=np.full_like(new.N, 2.0 * enough), time=0.0)
+    events, taut = strand_changes(system, old, new, np.array([False, False]), times_at_end(old, new))
+    assert taut.tolist()[-1] and [event.piercing for event in events][-1] == "0.028-end"
+    assert events[-1].time == pytest.approx(-0.5e-3, rel=TWO_SOLVERS)
 
 
 def test_a_hole_that_is_left_leaves_one_strand() -> None:
