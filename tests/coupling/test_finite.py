@@ -123,7 +123,7 @@ def test_newton_converges_quadratically(name: str) -> None:
     organ's over their scales, is within ten times the square of the one before; a kept factor leaves a quarter."""
     (system, _), old = scene(name, keep=0.0), steps(name)[-1].old
     made: Any = system.organ
-    dt = 3.0 * DT
+    dt = 2.5 * DT
     problem = dynamic_problem(system, old, dt, organ_answer(system, BackwardEuler(dt), old))
     seen: list[float] = []
     answers: list[Any] = []
