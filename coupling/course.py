@@ -147,28 +147,29 @@ def fixture_of(
     held = tuple(end.position(0.0) is not None for end in system.ends)
     of_ends = held, system.clamps, system.clamp_frames.tobytes()
     values = scheme.dt, scheme.d, scheme.weights, system.epsilon, *of_ends, state.present.tobytes(), len(motion.U)
+    strands = strands_of(system, state, taut)
     fixture = FIXTURES.of(
         (system.thread, system.piercings, system.gravity),
-        lambda: make_fixture(dynamic_problem(system, state, scheme.dt, answer, scheme), state.present, motion),
+        lambda: make_fixture(dynamic_problem(system, state, scheme.dt, answer, scheme), state.present, strands, motion),
         values,
     )
     y_free, C = all_holds(system, answer.y_free), pad_compliance(system, answer.C)
     return replace(
         fixture,
         given=fixture.given._replace(y_free=plain(y_free), C=plain(C)),
-        scene=fixture.scene._replace(strands=strands_of(system, taut)),
+        scene=fixture.scene._replace(strands=strands),
     )
 
 
-def make_fixture(problem: Problem[Any], present: Flags, motion: Motion) -> Fixture:
+def make_fixture(problem: Problem[Any], present: Flags, strands: Strands, motion: Motion) -> Fixture:
     """Return the fixture of steps of which a problem is the first and a `motion` the start, with the holds that are
-    `present` (m,)."""
+    `present` (m,) and the thread's `strands`."""
     system, law, given = problem.system, law_of(problem), given_of(problem)
     return Fixture(
         law._replace(s_old=law.s_old.copy(), s_held=law.s_held.copy(), s_free=law.s_free.copy()),
         given._replace(q_ref=given.q_ref.copy(), load=given.load.copy()),
         bounds_of(problem, 0.0, 1),
-        scene_of(problem, present),
+        scene_of(problem, present, strands),
         limits_of(system),
         empty_room(motion, system.thread.elastic_rule.w.shape[1]),
     )
@@ -277,8 +278,9 @@ def pace_of(scheme: Scheme) -> Pace:
     return Pace(float(scheme.dt), float(scheme.a), float(scheme.d), now, before, isinstance(scheme, BDF2))
 
 
-def scene_of(problem: Problem[Any], present: Flags) -> Scene:
-    """Return what does not change in steps of which a problem is the first, with the holds that are `present` (m,)."""
+def scene_of(problem: Problem[Any], present: Flags, strands: Strands) -> Scene:
+    """Return what does not change in steps of which a problem is the first, with the holds that are `present` (m,) and
+    the thread's `strands`."""
     system, thread, factor = problem.system, problem.system.thread, problem.mass_factor
     strength = np.array([piercing.strength for piercing in system.piercings], dtype=float) * system.bearing_areas
     by_place = thread.largest_bending + factor * thread.largest_mass
@@ -301,13 +303,13 @@ def scene_of(problem: Problem[Any], present: Flags) -> Scene:
         there=TRACE,
         turned=SHARE,
         bearing=BORNE,
-        strands=strands_of(system, np.zeros(1, dtype=bool)),
+        strands=strands,
     )
 
 
-def strands_of(system: System[Any], taut: Flags) -> Strands:
-    """Return the strands of a thread, of which those `taut` (k + 1,) are."""
-    thread, (start, end) = system.thread, loose_ends(system).tolist()
+def strands_of(system: System[Any], state: State[Any], taut: Flags) -> Strands:
+    """Return the strands of a state, of which those `taut` (k + 1,) are."""
+    thread, (start, end) = system.thread, loose_ends(system, state).tolist()
     return Strands(
         taut=np.ascontiguousarray(taut),
         euler=float(thread.EI * np.pi**2),

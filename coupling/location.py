@@ -149,6 +149,7 @@ def nearer_end(system: System[Body], s: float) -> float:
 
 def share_until_zero(before: Array, after: Array) -> Array:
     """Return the part of a way at which what goes evenly from values `before` it to those `after` it, `(m,)` each,
-    rises through zero: 0 where it has already, 1 where it does not."""
-    rise = after - before
-    return np.clip(np.divide(-before, rise, out=(before < 0.0).astype(np.float64), where=rise > 0.0), 0.0, 1.0)
+    rises through zero: 0 where it has already, 1 where it does not, or from −∞."""
+    rise = np.subtract(after, before, out=np.full(np.shape(before), np.inf), where=np.isfinite(before))
+    whole, rises = np.where(before < 0.0, 1.0, 0.0), (rise > 0.0) & np.isfinite(rise)
+    return np.clip(np.divide(-before, rise, out=whole, where=rises), 0.0, 1.0)

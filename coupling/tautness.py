@@ -22,7 +22,7 @@ import numpy as np
 from coupling.arrays import Array, Flags
 from coupling.interfaces import Body
 from coupling.system import State, System
-from coupling.tension import strands
+from coupling.tension import strands, within
 from thread.ends import Free
 from thread.vectors import dot
 
@@ -40,31 +40,31 @@ def still_taut(system: System[Body], state: State[Body], taut: Flags) -> Flags:
     jumps, at a hole, that of a spline swings about it: so a strand changes where it is beyond the bound at most of its
     points."""
     bounds, part = strands(system, state.s, state.present)
-    enough, least = borne(system, bounds, state.v)
+    enough, least = borne(system, state, bounds)
     over = state.N - np.where(taut, least, enough)[part]
     is_beyond = np.where(taut[part], over < 0.0, over > 0.0)
     beyond = np.bincount(part.ravel(), np.where(is_beyond, 1.0, -1.0).ravel(), len(taut))
     return np.asarray(taut ^ (beyond > 0.0))
 
 
-def borne(system: System[Body], bounds: Array, v: Array) -> tuple[Array, Array]:
-    """Return the tensions above which the strands between `bounds` (k,) [m] become taut, and below which they become
-    slack, shape `(k + 1,)` [N] each, of a thread whose control points have the velocities `v` (n, c) [m/s]."""
-    thread, spline = system.thread, system.thread.spline
+def borne(system: System[Body], state: State[Body], bounds: Array) -> tuple[Array, Array]:
+    """Return the tensions above which the strands of a state between `bounds` (k,) [m] become taut, and below which
+    they become slack, shape `(k + 1,)` [N] each."""
+    thread, spline, v = system.thread, system.thread.spline, state.v
     edges = np.concatenate([[spline.start], bounds, [spline.end]])
     length = np.maximum(edges[1:] - edges[:-1], np.finfo(float).eps * spline.end)
     light = own_load(system) * length + STRETCHED * thread.EA
     part, parts = np.searchsorted(bounds, spline.greville), len(bounds) + 1
     squares = np.bincount(part, dot(v[:, :3], v[:, :3]), parts) / np.maximum(np.bincount(part, minlength=parts), 1)
     held = thread.EI * (np.pi / length) ** 2 + SWINGING * thread.section.rhoA * squares
-    return light + np.where(loose_strands(system, bounds), np.inf, held), 0.5 * light
+    return light + np.where(loose_strands(system, state, bounds), np.inf, held), 0.5 * light
 
 
 def tension_over(system: System[Body], state: State[Body], s: float, taut: bool) -> float:
     """Return by how much the tension of the strand at `s` [m] is beyond where it becomes `taut`, or slack [N]: the
     median over its points."""
     bounds, part = strands(system, state.s, state.present)
-    enough, least = borne(system, bounds, state.v)
+    enough, least = borne(system, state, bounds)
     k = int(np.searchsorted(bounds, s))
     here = part == k
     T = float(np.median(state.N[here])) if here.any() else np.nan
@@ -76,19 +76,23 @@ def own_load(system: System[Body]) -> float:
     return float(system.thread.section.rhoA * np.linalg.norm(system.gravity))
 
 
-def loose_ends(system: System[Body]) -> Flags:
-    """Return which ends of the thread nothing holds or pulls and that carry no mass, shape `(2,)`."""
-    masses = system.thread.point_masses
-    return np.array([type(end) is Free and mass == 0.0 for end, mass in zip(system.ends, masses, strict=True)])
+def loose_ends(system: System[Body], state: State[Body]) -> Flags:
+    """Return which ends of the thread nothing holds or pulls, no anchor at them either, and that carry no mass, shape
+    `(2,)`."""
+    spline, masses = system.thread.spline, system.thread.point_masses
+    free = np.array([type(end) is Free and mass == 0.0 for end, mass in zip(system.ends, masses, strict=True)])
+    anchors = state.s[state.present & ~system.may_slide & ~within(system, state.s)]
+    half = 0.5 * (spline.start + spline.end)
+    return free & ~np.array([(anchors < half).any(), (anchors > half).any()])
 
 
-def loose_strands(system: System[Body], bounds: Array) -> Flags:
+def loose_strands(system: System[Body], state: State[Body], bounds: Array) -> Flags:
     """Return which strands between the `bounds` (k,) [m] have a loose end, or one at a cut, shape `(k + 1,)`."""
     loose, cuts = np.zeros(len(bounds) + 1, dtype=bool), system.thread.spline.cuts
     if cuts.size:
         at = np.searchsorted(bounds, cuts)
         loose[at] = loose[at + 1] = True
-    start, end = loose_ends(system)
+    start, end = loose_ends(system, state)
     loose[0] |= start
     loose[-1] |= end
     return loose
@@ -96,9 +100,7 @@ def loose_strands(system: System[Body], bounds: Array) -> Flags:
 
 def strand_count(system: System[Body], state: State[Body]) -> int:
     """Return the number of strands, k + 1."""
-    spline = system.thread.spline
-    inside = state.present & (state.s > spline.start) & (state.s < spline.end)
-    return int(np.count_nonzero(inside)) + spline.pieces
+    return int(np.count_nonzero(state.present & within(system, state.s))) + system.thread.spline.pieces
 
 
 def middles(system: System[Body], state: State[Body]) -> Array:
@@ -118,8 +120,8 @@ def carried_over(earlier: System[Body], taut: Flags, old: State[Body], system: S
 def strand_names(system: System[Body], state: State[Body]) -> list[tuple[str, bool]]:
     """Return the names of the strands of a state, by those of what they lie between, each with whether it lies in the
     open, not along a tract."""
-    start, *cuts, end = system.thread.spline.piece_ends
-    inside = np.flatnonzero(state.present & (state.s > start) & (state.s < end))
+    cuts = system.thread.spline.cuts
+    inside = np.flatnonzero(state.present & within(system, state.s))
     names = [p.name for p in system.piercings] + ["clamp"] * len(system.clamps)
     names += [tie.name for tie in system.ties for _ in range(2)]
     along = [bool(p.tract) for p in system.piercings] + [False] * system.holds_off_organ

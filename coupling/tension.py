@@ -9,6 +9,7 @@ from thread.compliance import SLACK
 
 REST = 1e-9  # of EA: a thread under less tension than this bends over all its length
 FINE = 0.5  # spans over √(EI/T) up to which a beam without tension stands for the thread
+AT_END = 1e-9  # of the thread's length: a hold nearer to an end than this is at that end
 SETTLED = 1.15  # ratio of √(EI/T) at the end of a step to that which it was solved with
 
 
@@ -26,7 +27,7 @@ def mean_forces(system: System[Body], s: Array, N: Array, present: Flags) -> Arr
     parts = len(bounds) + 1
     mean = np.bincount(part.ravel(), N.ravel(), parts) / np.maximum(np.bincount(part.ravel(), minlength=parts), 1)
     at = np.searchsorted(bounds, s)
-    return np.stack([mean[np.minimum(at + side, parts - 1)] for side in (0, 1)], axis=1)
+    return np.stack([mean[at], mean[np.minimum(at + within(system, s), parts - 1)]], axis=1)
 
 
 def stretches_at(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
@@ -49,9 +50,16 @@ def lengths_bent_over(system: System[Body], s: Array, N: Array, present: Flags) 
 def strands(system: System[Body], s: Array, present: Flags) -> tuple[Array, Indices]:
     """Return the abscissae that part the thread, of its holds at `s` (m,) and its cuts, rising, `(k,)` [m], and the
     number of the part that each point is in at which the axial force is known, of the shape of that."""
-    start, *cuts, end = system.thread.spline.piece_ends
-    bounds = np.sort(np.append(s[present & (s > start) & (s < end)], cuts))
+    bounds = np.sort(np.append(s[present & within(system, s)], system.thread.spline.cuts))
     return bounds, np.searchsorted(bounds, system.thread.axial.s)
+
+
+def within(system: System[Body], s: Array) -> Flags:
+    """Return which abscissae `s` (m,) [m] part the thread: those that are neither past its ends nor at them, where
+    round-off decides which."""
+    spline = system.thread.spline
+    near = AT_END * (spline.end - spline.start)
+    return np.asarray((s > spline.start + near) & (s < spline.end - near))
 
 
 def largest_pressure(system: System[Body], s: Array, N: Array, present: Flags) -> float:

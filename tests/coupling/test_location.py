@@ -131,6 +131,8 @@ def test_a_finer_run_has_its_events_at_the_same_times() -> None:
 
 
 def test_the_share_of_a_way_at_which_zero_is_passed() -> None:
-    """Independent check: of an even course; none of one that is past zero, all of one that does not reach it."""
-    before, after = np.array([-1.0, -1.0, 0.0, 1.0, -1.0, -2.0, 0.0]), np.array([3.0, 0.0, 1.0, 2.0, -0.5, -3.0, 0.0])
-    assert share_until_zero(before, after).tolist() == [0.25, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0]
+    """Independent check: of an even course; none of one that is past zero, all of one that does not reach it, or that
+    begins infinitely far below it."""
+    before = np.array([-1.0, -1.0, 0.0, 1.0, -1.0, -2.0, 0.0, -np.inf])
+    after = np.array([3.0, 0.0, 1.0, 2.0, -0.5, -3.0, 0.0, 1.0])
+    assert share_until_zero(before, after).tolist() == [0.25, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0]

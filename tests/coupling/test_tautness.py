@@ -170,6 +170,22 @@ def test_a_strand_whose_end_nothing_holds_is_never_taut(end: End, mass: float, t
         assert taut_strands(system, replace(state, N=np.full_like(state.N, 1.0))).tolist() == [taut]
 
 
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("off", [-1e-27, 0.0, 1e-27])
+def test_an_anchor_at_an_end_holds_it(off: float, compiled: bool) -> None:
+    """Independent check: whether its abscissa is at the end, past it or short of it by round-off, the thread is one
+    strand, which becomes taut as it is pulled at the other end, and an anchor that is gone holds nothing."""
+    for place, ends in ((off, (Free(), Pulled(X))), (STRAND + off, (Pulled(-X), Free()))):
+        system, state = through([place], ends)
+        system = replace(system, compiled=compiled)
+        state = replace(state, s=np.array([place]), N=np.zeros_like(state.N))
+        run = begin(system, state).steps(1e-4, 3)
+        assert [(e.kind, e.piercing) for e in run.events if e.kind in KINDS] == [("taut", "start-end")]
+        assert run.taut.tolist() == [True]
+        gone = replace(state, present=np.array([False]), N=np.ones_like(state.N))
+        assert taut_strands(system, gone).tolist() == [False]
+
+
 def test_what_is_taut_at_the_start_is_no_event_and_what_is_cut_goes_slack() -> None:
     """Independent check: a strand laid under strain; both of its parts let go where it is cut, not the tail on the
     other side of the hole."""

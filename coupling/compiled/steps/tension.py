@@ -10,6 +10,7 @@ from coupling.arrays import Array, Flags, Indices
 from coupling.compiled.iteration import Given, Knots, span_of
 from coupling.compiled.loops import loop, owning
 from coupling.compiled.vectors import Vector, dot, vector
+from coupling.tension import AT_END
 from thread.compliance import LACKS
 
 KNOWN, BEYOND = -1, -2
@@ -49,11 +50,19 @@ def span_at(knots: Knots, given: Given, s: float, k: int) -> int:
 
 
 @loop
+def is_within(knots: Knots, s: float) -> bool:
+    """Whether an abscissa s [m] parts the thread: it is neither past its ends nor at them."""
+    start, end = knots.breaks[0], knots.breaks[len(knots.breaks) - 1]
+    near = AT_END * (end - start)
+    return start + near < s < end - near
+
+
+@loop
 def put_bounds(knots: Knots, s: Array, present: Flags, bounds: Array) -> int:
     """Write the abscissae of the holds that part the thread, rising, into `bounds` (m,) [m]; returns how many."""
-    count, last = 0, knots.breaks[len(knots.breaks) - 1]
+    count = 0
     for k in range(len(s)):
-        if present[k] and knots.breaks[0] < s[k] < last:
+        if present[k] and is_within(knots, s[k]):
             at = count
             while at > 0 and bounds[at - 1] > s[k]:
                 bounds[at] = bounds[at - 1]
@@ -85,7 +94,7 @@ def ask_tension(
         at = 0
         while at < count and bounds[at] < s[k]:
             at += 1
-        one, other = mean[at], mean[min(at + 1, count)]
+        one, other = mean[at], mean[min(at + 1, count) if is_within(knots, s[k]) else at]
         stretch[k] = 1.0 + 0.5 * (one + other) / limits.EA
         before, after = max(one, limits.least), max(other, limits.least)
         span = span_at(knots, given, s[k], k)
