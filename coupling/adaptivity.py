@@ -165,25 +165,29 @@ def way_ahead(layers: Array, rates: Array, ahead: float) -> Array:
 
 
 def adapt_when_due(
-    resolution: Resolution, system: System[Body], state: State[Body], dt: float, due: bool
+    resolution: Resolution, system: System[Body], state: State[Body], dt: float, due: bool, once: bool = False
 ) -> tuple[System[Body], State[Body], list[Event]]:
     """Adapt the knots for the next INTERVAL steps of `dt` [s], where that is `due` or the spans at a hole have grown
-    too coarse before, or will in the next of them. Elsewhere system and state are returned as they are."""
+    too coarse before, or will in the next of them; spans are halved `once` at most, or as often as the state asks for.
+    Elsewhere system and state are returned as they are."""
     if not (due or is_too_coarse(resolution, system, state, ahead=dt)):
         return system, state, []
-    return adapt(resolution, system, state, INTERVAL * dt)
+    return adapt(resolution, system, state, INTERVAL * dt, once)
 
 
 def adapt(
-    resolution: Resolution, system: System[Body], state: State[Body], ahead: float
+    resolution: Resolution, system: System[Body], state: State[Body], ahead: float, once: bool = False
 ) -> tuple[System[Body], State[Body], list[Event]]:
-    """Exchange the knots for those that the state asks for, and the way of the holes in the next `ahead` [s]. Returns
-    system and state, the same ones where no knot changes, and the event that says what the change cost."""
+    """Exchange the knots for those that the state asks for, and the way of the holes in the next `ahead` [s], or for
+    those of them that halve a span `once`. Returns system and state, the same ones where no knot changes, and the event
+    that says what the change cost."""
     spline = system.thread.spline
     tree = resolution.tree_of(spline)
     if resolution.is_content(system, state):
         return system, state, []
     wanted = resolution.largest_spans(system, state, ahead)
+    if once:
+        wanted = halved_once(spline, tree, wanted)
     places = on_breaks(tree, spline)
     kept = np.intersect1d(spline.breaks, places[tree.breaks(KEPT * wanted)])
     due = graded(np.union1d(places[tree.breaks(wanted)], kept), places)
@@ -212,12 +216,18 @@ def refine_for(
     tree = resolution.tree_of(spline)
     wanted = resolution.largest_spans(*later, 0.0)
     if once:
-        wanted = np.maximum(wanted, ONCE * np.diff(spline.breaks)[spline.spans_of(tree.middles)])
+        wanted = halved_once(spline, tree, wanted)
     places = on_breaks(tree, spline)
     due = graded(np.union1d(spline.breaks, places[tree.breaks(wanted)]), places)
     if np.array_equal(due, spline.breaks):
         return system, state, []
     return exchange_spline(system, state, refit_state(system, state, due))
+
+
+def halved_once(spline: Spline, tree: Tree, wanted: Array) -> Array:
+    """Return the largest spans allowed on each finest cell of a tree [m], of those `wanted`, that halve none of a
+    spline more than once."""
+    return np.asarray(np.maximum(wanted, ONCE * np.diff(spline.breaks)[spline.spans_of(tree.middles)]))
 
 
 def refit_state(system: System[Body], state: State[Body], breaks: Array) -> Refit:

@@ -128,21 +128,40 @@ class Run(Generic[Body]):
         return self.downhill and not self.fresh and self.state.before is None
 
     def step(self, dt: float, time: float | None = None) -> "Run[Body]":
-        """Go `dt` [s] further; the end bears the `time` [s] given, to keep round-off from adding up.
+        """Go `dt` [s] further; the end bears the `time` [s] given, to keep round-off from adding up. Where knots follow
+        the thread and that fails, spans are halved a part of the step at a time.
 
         Raises `StepError`, `ConstraintError`, `InversionError`, `FormingError`, and `CouplingError` for what is no time
         to go.
         """
         refuse_no_time(dt)
-        run = replace(self, at_once=0, taken=(), events=(), seen=None)
-        if not run.fresh:
-            run = run.refitted(dt, run.number % INTERVAL == 0)
-        watch = Watch([run.energies], run.downhill, bool(run.events), dt / 2 ** min(CURVED, run.halvings))
-        depth = HALVINGS - run.halvings
-        taken = advance(run.system, run.state, dt, run.take, depth, watch, run.is_jumping, run.tolerance)
-        if time is not None:
-            taken = [*taken[:-1], replace(taken[-1], new=replace(taken[-1].new, time=time))]
-        return run._after(taken, watch.energies[-1])._scheduled(self.state.time, dt)
+        first = replace(self, at_once=0, taken=(), events=(), seen=None)
+        return first._gone(dt, self.state.time + dt if time is None else time)._scheduled(self.state.time, dt)
+
+    def _gone(self, dt: float, time: float, level: int = 0) -> "Run[Body]":
+        """Return the run `dt` [s] further, at the `time` [s], a part of a step that was halved `level` times, before
+        what is scheduled.
+
+        A thread that is drawn taut asks for spans a thousand times shorter than those on which it is bent at its holes,
+        and from these Newton may not come to it: where a step on the knots that fit fails, its halves are made, each
+        with spans half as long at the least. Raises as `step` does.
+        """
+        due = level > 0 or self.number % INTERVAL == 0
+        run = self if self.fresh else self.refitted(dt, due, once=level > 0)
+        watch = Watch([run.energies], run.downhill, run is not self, dt / 2 ** min(CURVED, run.halvings))
+        depth = HALVINGS - run.halvings + level
+        try:
+            taken = advance(run.system, run.state, dt, run.take, depth, watch, run.is_jumping, run.tolerance)
+        except (StepError, InversionError) as error:
+            if run.resolution is None or level >= run.halvings:
+                raise
+            log.debug("knots are brought up a part of the step at a time: %s", error)
+            half = self._gone(0.5 * dt, self.state.time + 0.5 * dt, level + 1)
+            whole = half._gone(0.5 * dt, time, level + 1)
+            others = [event for event in whole.events if event.kind != "halved"]
+            return replace(whole, events=(*others, Event(time, "halved")))
+        taken = [*taken[:-1], replace(taken[-1], new=replace(taken[-1].new, time=time))]
+        return replace(run._after(taken, watch.energies[-1]), fresh=False)
 
     def steps(self, dt: float, count: int) -> "Run[Body]":
         """Make so many steps of `dt` [s], each as `step` makes it, but as many at once in compiled loops as go on
@@ -354,12 +373,12 @@ class Run(Generic[Body]):
             events=self.events + tuple(found),
         )
 
-    def refitted(self, dt: float, due: bool) -> "Run[Body]":
-        """Return the run on the knots that fit its state, itself where they do already. The knots are looked at where
-        that is `due`, or a span at a hole is too long."""
+    def refitted(self, dt: float, due: bool, once: bool = False) -> "Run[Body]":
+        """Return the run on the knots that fit its state, or those of them that halve a span `once`, itself where they
+        do already. The knots are looked at where that is `due`, or a span at a hole is too long."""
         if self.resolution is None:
             return self
-        return self._on(*adapt_when_due(self.resolution, self.system, self.state, dt, due))
+        return self._on(*adapt_when_due(self.resolution, self.system, self.state, dt, due, once))
 
     def refined_for(self, later: "Run[Body]", once: bool = False) -> "Run[Body]":
         """Return the run with the knots too that a later one asks for, or those of them that halve a span `once`;

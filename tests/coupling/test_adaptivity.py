@@ -1,6 +1,7 @@
 """Knots that follow the holes of a sliding thread."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,9 +20,12 @@ from coupling.adaptivity import (
 )
 from coupling.arrays import Array
 from coupling.audit import Energies, audit_step, initial_energies
+from coupling.constraints import force_on_tangent
 from coupling.run import book_events
 from coupling.stepping import advance
 from coupling.system import State, System
+from studies.scenario import Scenario
+from studies.simulation import prepare
 from tests.bounds import IDENTITY, RESIDUAL
 from tests.thread.threads import ABSCISSAE, LENGTH, PP, RADIUS, Z, hairpin, hairpin_sites, hairpin_system, laid
 from thread.ends import Driven, Pulled
@@ -188,3 +192,53 @@ def test_a_thread_that_is_cut_at_a_break_gets_no_spans_of_round_off() -> None:
         assert len(found) == len(cut_tree.places)
         missed += len(np.union1d(cut_tree.places, spline.breaks)) - len(found)
     assert missed > 0  # by round-off some differ
+
+
+def stitched(suture: str, pull: float, direction: tuple[float, float]) -> dict[str, Any]:
+    """A fine suture through four holes in a row, down and up by `direction` in x and z, whose ends are pulled up by
+    `pull` [N] at once."""
+    (x, z), holes = direction, [(6e-3 * k, -1.0 if k % 2 == 0 else 1.0) for k in range(4)]
+    bites = [[[place - 1e-3, 0.0, -3e-3 * way], [place + 1e-3, 0.0, 3e-3 * way]] for place, way in holes]
+    tail = [0.5 * pull, 0.0, 0.87 * pull]
+    return {
+        "thread": {
+            "suture": suture,
+            "control_points": 61,
+            "path": [[-12e-3, 0.0, 10e-3], *(point for bite in bites for point in bite), [30e-3, 0.0, 10e-3]],
+            "damping": 50.0,
+            "resolution": "adaptive",
+            "start": {"kind": "pulled", "force": [-tail[0], 0.0, tail[2]], "ramp": 0.0},
+            "end": {"kind": "pulled", "force": tail, "ramp": 0.0},
+        },
+        "piercing": [
+            {"name": f"hole {k}", "at": [place, 0.0, 0.0], "direction": [x, 0.0, way * z]}
+            for k, (place, way) in enumerate(holes)
+        ],
+        "solve": {"dt": 5e-4, "duration": 0.02},
+    }
+
+
+@pytest.mark.parametrize(
+    ("suture", "pull", "direction"),
+    [("8-0 nylon", 0.05, (0.2, 0.8)), ("6-0 nylon", 0.2, (0.6, 0.8)), ("6-0 nylon", 0.4, (0.2, 0.8))],
+)
+def test_a_limp_thread_drawn_taut_in_one_step_comes_to_the_elastica(
+    suture: str, pull: float, direction: tuple[float, float]
+) -> None:
+    """Independent check: its spans have to become a thousand times shorter. At rest the couples of the holes are those
+    of an inextensible elastica, 2√(EI T) sin ½α of each strand, which is turned by α from the hole's direction, but for
+    a share of the order of the strain."""
+    now = prepare(Scenario.model_validate(stitched(suture, pull, direction))).beginning()
+    counts = [now.system.thread.n]
+    for _ in range(40):
+        now = now.step(5e-4)
+        counts.append(now.system.thread.n)
+    thread, state = now.system.thread, now.state
+    T, steep, pulled = pull * np.hypot(0.5, 0.87), np.arctan2(direction[1], direction[0]), np.arctan2(0.87, 0.5)
+    outer, inner = np.sin(0.5 * (pulled - steep)), np.sin(0.5 * steep)
+    expected = 2.0 * np.sqrt(thread.EI * T) * np.array([inner - outer, 2.0 * inner, 2.0 * inner, inner - outer])
+    size = np.linalg.norm(now.system.passage_of(state).T, axis=1)
+    couples = size * np.linalg.norm(force_on_tangent(state.lam, state.y), axis=1)
+    assert max(counts) > 200
+    assert now.energies.kinetic < RESIDUAL * now.energies.at_stake
+    assert couples == pytest.approx(expected, rel=T / thread.EA)
