@@ -144,7 +144,8 @@ class Run(Generic[Body]):
 
         A thread that is drawn taut asks for spans a thousand times shorter than those on which it is bent at its holes,
         and from these Newton may not come to it: where a step on the knots that fit fails, its halves are made, each
-        with spans half as long at the least. Raises as `step` does.
+        with spans half as long at the least, and without memory, as the parts of any step that fails
+        (`coupling.stepping.advance`). Raises as `step` does.
         """
         due = level > 0 or self.number % INTERVAL == 0
         run = self if self.fresh else self.refitted(dt, due, once=level > 0)
@@ -156,11 +157,13 @@ class Run(Generic[Body]):
             if run.resolution is None or level >= run.halvings:
                 raise
             log.debug("knots are brought up a part of the step at a time: %s", error)
-            half = self._gone(0.5 * dt, self.state.time + 0.5 * dt, level + 1)
+            first = replace(self, state=forgetful(self.state))
+            half = first._gone(0.5 * dt, self.state.time + 0.5 * dt, level + 1)
             whole = half._gone(0.5 * dt, time, level + 1)
             others = [event for event in whole.events if event.kind != "halved"]
             return replace(whole, events=(*others, Event(time, "halved")))
-        taken = [*taken[:-1], replace(taken[-1], new=replace(taken[-1].new, time=time))]
+        new = replace(taken[-1].new, time=time)
+        taken = [*taken[:-1], replace(taken[-1], new=forgetful(new) if level else new)]
         return replace(run._after(taken, watch.energies[-1]), fresh=False)
 
     def steps(self, dt: float, count: int) -> "Run[Body]":
