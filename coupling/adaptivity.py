@@ -19,7 +19,7 @@ from coupling.events import Event
 from coupling.interfaces import Body
 from coupling.recent import Recent
 from coupling.system import State, System
-from coupling.tension import layers_at, lengths_bent_over
+from coupling.tension import layers_at, lengths_bent_over, within
 from thread.knots import Tree, graded, spans_at_holes, spans_by_curvature
 from thread.refit import Refit, refit
 from thread.spline import Spline
@@ -194,7 +194,7 @@ def adapt(
     if np.array_equal(due, spline.breaks):
         return system, state, []
     before = [] if state.before is None else [state.before.q, state.before.v]
-    held = state.s[(state.s > spline.start) & (state.s < spline.end) & state.present]
+    held = state.s[state.present & within(system, state.s)]
     new = refit(spline, due, [state.q, state.v, *before], held, TURN * resolution.tolerance)
     if np.array_equal(new.spline.breaks, spline.breaks):
         return system, state, []

@@ -143,28 +143,31 @@ class Run(Generic[Body]):
         what is scheduled.
 
         A thread that is drawn taut asks for spans a thousand times shorter than those on which it is bent at its holes,
-        and from these Newton may not come to it: where a step on the knots that fit fails, its halves are made, each
-        with spans half as long at the least, and without memory, as the parts of any step that fails
-        (`coupling.stepping.advance`). Raises as `step` does.
+        and from these Newton may not come to it: where a step on the knots that fit fails, its halves are made, before
+        each of which no span is halved more than once, without memory, as the parts of any step that fails
+        (`coupling.stepping.advance`). One that fails in its first part with such knots, or with no tension to have
+        knots by, would again. Raises as `step` does.
         """
         due = level > 0 or self.number % INTERVAL == 0
         run = self if self.fresh else self.refitted(dt, due, once=level > 0)
-        watch = Watch([run.energies], run.downhill, run is not self, dt / 2 ** min(CURVED, run.halvings))
+        watch = Watch([run.energies], run.downhill, run is not self, dt / 2 ** min(CURVED, run.halvings - level))
         depth = HALVINGS - run.halvings + level
         try:
             taken = advance(run.system, run.state, dt, run.take, depth, watch, run.is_jumping, run.tolerance)
         except (StepError, InversionError) as error:
-            if run.resolution is None or level >= run.halvings:
+            would_again = (level > 0 or self.fresh) and error.time <= self.state.time
+            if run.resolution is None or level >= run.halvings or would_again:
                 raise
             log.debug("knots are brought up a part of the step at a time: %s", error)
-            first = replace(self, state=forgetful(self.state))
-            half = first._gone(0.5 * dt, self.state.time + 0.5 * dt, level + 1)
-            whole = half._gone(0.5 * dt, time, level + 1)
-            others = [event for event in whole.events if event.kind != "halved"]
-            return replace(whole, events=(*others, Event(time, "halved")))
-        new = replace(taken[-1].new, time=time)
-        taken = [*taken[:-1], replace(taken[-1], new=forgetful(new) if level else new)]
-        return replace(run._after(taken, watch.energies[-1]), fresh=False)
+        else:
+            new = replace(taken[-1].new, time=time)
+            taken = [*taken[:-1], replace(taken[-1], new=forgetful(new) if level else new)]
+            return replace(run._after(taken, watch.energies[-1]), fresh=False)
+        first = replace(self, state=forgetful(self.state))
+        half = first._gone(0.5 * dt, self.state.time + 0.5 * dt, level + 1)
+        whole = half._gone(0.5 * dt, time, level + 1)
+        others = [event for event in whole.events if event.kind != "halved"]
+        return replace(whole, events=(*others, Event(time, "halved")))
 
     def steps(self, dt: float, count: int) -> "Run[Body]":
         """Make so many steps of `dt` [s], each as `step` makes it, but as many at once in compiled loops as go on
