@@ -4,8 +4,8 @@ and the strands of ties, which take no part in it."""
 import numpy as np
 
 from coupling.arrays import Array
-from coupling.bordered import NINE
 from coupling.interfaces import Body, Organ
+from coupling.kernels.bordered import NINE
 from coupling.system import System
 from tissue.organs.meshed import SiteAnswer
 

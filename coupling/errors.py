@@ -30,18 +30,19 @@ class StepError(CouplingError):
 
 @dataclass
 class UphillError(StepError):
-    """A step that makes energy: it was solved, on another branch than the motion (`coupling.watch`)."""
+    """A step that makes energy: it was solved, on another branch than the motion (`coupling.run.watch`)."""
 
 
 @dataclass
 class LentError(StepError):
-    """A step of BDF2 that gives back so much of what the one before took that it is to forget it (`coupling.watch`)."""
+    """A step of BDF2 that gives back so much of what the one before took that it is to forget it
+    (`coupling.run.watch`)."""
 
 
 @dataclass
 class TurnedHoleError(StepError):
     """A step that was not solved where a linear organ has turned a hole so far that its frame hardly says a direction
-    (`coupling.diagnosis`)."""
+    (`coupling.step.diagnosis`)."""
 
 
 @dataclass

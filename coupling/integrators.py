@@ -5,9 +5,9 @@ positions before it, newest first. Used twice it gives the acceleration a (x⁺ 
 x_a = x_d + v_d/d, v_d = Σ w_k v_k. The constraints are met at the end of the step, at position level.
 
 Steps of second order are BDF2 for thread, organ and abscissae. The first one, one after a jump
-(`coupling.system.forgetful`), one in which the thread snaps (`coupling.stepping.bdf2_step`), and one much longer than
-the one before it are steps of backward Euler: the error of a single one is of second order, so the run's is too. For
-a constrained motion that holds for positions and velocities; the multipliers, which stand at the place of
+(`coupling.system.forgetful`), one in which the thread snaps (`coupling.step.stepping.bdf2_step`), and one much longer
+than the one before it are steps of backward Euler: the error of a single one is of second order, so the run's is too.
+For a constrained motion that holds for positions and velocities; the multipliers, which stand at the place of
 accelerations, are of second order from the third step on. Motion that is not smooth (a hand that turns a corner of
 its way, a hole that begins to stick) is followed with first order there, as by any integrator that does not stop at
 the corner.

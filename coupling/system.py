@@ -8,9 +8,9 @@ from typing import Generic
 import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
-from coupling.constraints import Passage, passage
 from coupling.errors import CouplingError
 from coupling.interfaces import Body, FrictionLaw, KnowsDirections, Organ
+from coupling.kernels.constraints import Passage, passage
 from coupling.recent import Recent
 from coupling.ties import ON_TIME, Tie
 from thread.banded import diagonal_of
@@ -29,7 +29,8 @@ class Friction:
     """Coulomb's coefficients `static`, `kinetic` [-], and `grip` F₀ [N], independent of the tension.
 
     `channel` [m] is the length over which a hole imposes a direction: the couple that this takes presses on both its
-    ends (`coupling.sliding`). None: it does not press. `own` is a law of one's own that is added, None: there is none.
+    ends (`coupling.step.sliding`). None: it does not press. `own` is a law of one's own that is added, None: there is
+    none.
     """
 
     static: float = 0.0
@@ -177,7 +178,7 @@ class System(Generic[Body]):
 
     `piercings` are in the order of the organ's sites. `gravity` (3,) [m/s²] acts on the thread here (the organ
     carries its own). `epsilon` is ε of eq. 7, zero for eq. 6. `ties` close loops of the thread. `compiled`: steps that
-    the compiled loops cover are solved by them (`coupling.solver`).
+    the compiled loops cover are solved by them (`coupling.step.solver`).
     """
 
     thread: Thread
@@ -302,8 +303,8 @@ class System(Generic[Body]):
 
     def passage(self, q: Array, s: Array, home: Array | None = None, layers: Array | None = None) -> Passage:
         """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (holds,) of its holds; `home` and
-        `layers` as for `coupling.constraints.passage`. That of the arrays asked last is remembered: the end of a step
-        is the start of the next."""
+        `layers` as for `coupling.kernels.constraints.passage`. That of the arrays asked last is remembered: the end
+        of a step is the start of the next."""
 
         def make() -> Passage:
             return passage(self.thread, q, s, self.rows[:, 3], home, layers)
@@ -319,7 +320,7 @@ class System(Generic[Body]):
 
     @cached_property
     def recent_tensions(self) -> Recent[Array]:
-        """What `coupling.tension.strand_tensions` made last, of s, N and the holds that are there."""
+        """What `coupling.step.tension.strand_tensions` made last, of s, N and the holds that are there."""
         return Recent()
 
     def passage_of(self, state: "State[Body]") -> Passage:
@@ -435,8 +436,8 @@ class State(Generic[Body]):
     `sense` (holds,): sign of T·(u × v), which changes in a directed hole only where the frame does, not T; `reaction`
     (2, c) [N], force of the holders on the thread's ends, with twist their torque about the tangent too [N m]; `y_dot`
     (holds, 9) [m/s, 1/s], rate of y, None at rest; `frame`, what the twist is measured from, None without twist;
-    `layers` (holds,) [m], √(EI/T) that the thread bends over at its holes (`coupling.tension`), None without tension;
-    `stretch` (holds,) [-], 1 + T/EA of the strands there, None of a state that no step ended with.
+    `layers` (holds,) [m], √(EI/T) that the thread bends over at its holes (`coupling.step.tension`), None without
+    tension; `stretch` (holds,) [-], 1 + T/EA of the strands there, None of a state that no step ended with.
 
     A two-step integrator keeps the state `before`, `dt_before` [s] earlier, which itself remembers nothing. None: the
     next step has no memory (the start, a one-step integrator, or a jump: see `forgetful`).

@@ -5,6 +5,7 @@ import ast
 import tomllib
 from fnmatch import fnmatchcase
 from graphlib import TopologicalSorter
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -74,9 +75,28 @@ def test_no_circle_of_imports() -> None:
     TopologicalSorter({name: modules_of(path) & set(names) - {name} for name, path in names.items()}).prepare()
 
 
+def room_of(module: str) -> str:
+    """Name of the room of `coupling` that a module stands in; of a module beside the rooms its own name."""
+    _, first, *_ = module.split(".")
+    return first
+
+
+def test_no_circle_between_the_rooms_of_the_coupling() -> None:
+    """Independent check: the text of every module; `coupling/README.md` names the order."""
+    names = {name_of(path): path for path in FILES if path.parts[-2:] != ("coupling", "__init__.py")}
+    names = {name.removesuffix(".__init__"): path for name, path in names.items() if name.startswith("coupling.")}
+    above: dict[str, set[str]] = {}
+    for name, path in names.items():
+        asked = {room_of(module) for module in modules_of(path) & set(names)}
+        above.setdefault(room_of(name), set()).update(asked - {room_of(name)})
+    for lower, upper in pairwise(["kernels", "joins", "step", "rest", "reports", "paper", "run"]):
+        above[upper].add(lower)
+    TopologicalSorter(above).prepare()
+
+
 def test_imports_of_modules_are_seen_in_functions_too() -> None:
     """Independent check: the solver of a step imports the compiled loops' tables when it first needs them."""
-    assert "coupling.tables" in modules_of(ROOT / "coupling/solver.py")
+    assert "coupling.step.tables" in modules_of(ROOT / "coupling/step/solver.py")
 
 
 def test_the_check_sees_what_it_should() -> None:

@@ -19,7 +19,7 @@ pinned at its ends: what a spline lacks at a clamped end, a string carries to th
 polynomial, and is replaced by the one through as many points of the span.
 
 Of the turn under a couple the spline then makes a part itself and lacks the rest, the share c₂/g of g = 1/(2√(EI T)),
-that of an endless rod. That share of c₂ is what turns as the rod does, far (`coupling.constraints`):
+that of an endless rod. That share of c₂ is what turns as the rod does, far (`coupling.kernels.constraints`):
 
     c₃ = c₂²/g,
 

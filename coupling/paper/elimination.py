@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from coupling.arrays import Array
-from coupling.assembled import sparse_band
-from coupling.bordered import (
+from coupling.errors import CouplingError
+from coupling.interfaces import Body
+from coupling.kernels.bordered import (
     BORDER,
     NINE,
     PHI,
@@ -18,8 +19,7 @@ from coupling.bordered import (
     plus_diagonal,
     values_at_holds,
 )
-from coupling.errors import CouplingError
-from coupling.interfaces import Body
+from coupling.paper.assembled import sparse_band
 from coupling.paper.linear_step import Answer, Posed
 
 

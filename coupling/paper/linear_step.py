@@ -34,18 +34,18 @@ import numpy as np
 from scipy.linalg.blas import dgbmv
 
 from coupling.arrays import Array, Flags
-from coupling.audit import audit_step, initial_energies
-from coupling.bordered import NINE, PHI, Border, S, SingularError, newton_direction, values_at_holds
-from coupling.configuration import Configuration
-from coupling.constraints import Passage, bare_passage, phi, site_force, spread, thread_force
-from coupling.contact import NO_FORCES
 from coupling.errors import CouplingError, CreatedEnergyError, StepError
 from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body
-from coupling.newton import ROUND_OFF, Iterate, Problem, Residual, Solution, border_of, failure
+from coupling.joins.contact import NO_FORCES
+from coupling.kernels.bordered import NINE, PHI, Border, S, SingularError, newton_direction, values_at_holds
+from coupling.kernels.constraints import Passage, bare_passage, phi, site_force, spread, thread_force
 from coupling.paper.two_pass import PASSES, Verdict, first_verdict, is_settled, judge, motion
-from coupling.sliding import Law, law_of, prescribed
-from coupling.stepping import Step, Take, dynamic_problem, organ_answer, reactions, with_ends, with_sense
+from coupling.reports.audit import audit_step, initial_energies
+from coupling.step.configuration import Configuration
+from coupling.step.newton import ROUND_OFF, Iterate, Problem, Residual, Solution, border_of, failure
+from coupling.step.sliding import Law, law_of, prescribed
+from coupling.step.stepping import Step, Take, dynamic_problem, organ_answer, reactions, with_ends, with_sense
 from coupling.system import State, System, forgetful
 from thread.banded import half_band_of
 from thread.thread import Points

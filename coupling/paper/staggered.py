@@ -18,12 +18,12 @@ import numpy as np
 
 from coupling.answer import all_holds, hold_still
 from coupling.arrays import Array
-from coupling.constraints import site_force
-from coupling.contact import NO_FORCES, solve_contact
 from coupling.errors import RunAwayError
 from coupling.integrators import BackwardEuler, Scheme
 from coupling.interfaces import Answer, Body, Lips, Organ, OrganEnergies
-from coupling.stepping import Step, Take, organ_answer, try_step, with_sense
+from coupling.joins.contact import NO_FORCES, solve_contact
+from coupling.kernels.constraints import site_force
+from coupling.step.stepping import Step, Take, organ_answer, try_step, with_sense
 from coupling.system import State, System
 from tissue.organs.meshed import SiteAnswer
 

@@ -23,13 +23,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from coupling.arrays import Array
-from coupling.constraints import bare_passage
 from coupling.errors import CouplingError
 from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body
-from coupling.newton import FORCE_TOLERANCE, Iterate, Problem, Solution
-from coupling.sliding import Law, force_along_thread, normal_force, prescribed
-from coupling.stepping import Step, conclude, dynamic_problem, find_solution, organ_answer, predict
+from coupling.kernels.constraints import bare_passage
+from coupling.step.newton import FORCE_TOLERANCE, Iterate, Problem, Solution
+from coupling.step.sliding import Law, force_along_thread, normal_force, prescribed
+from coupling.step.stepping import Step, conclude, dynamic_problem, find_solution, organ_answer, predict
 from coupling.system import State, System
 
 PASSES = 2  # the paper's

@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 import tissue
 from coupling.integrators import BDF2, BackwardEuler
 from coupling.run import begin
-from coupling.stepping import bdf2_step
+from coupling.step.stepping import bdf2_step
 from meshes.block import block
 from studies.arrays import Array
 from studies.bench.step import COMPILED, COUPLED, FIXED, MILLI, SIZES

@@ -1,9 +1,9 @@
 """`suture bench`: milliseconds per step, and those of what a competent user would write, as ratios measured in one run.
 
 Of every case: our step as it is taken, with the iteration in compiled loops where they are switched on
-(`coupling.solver`), and the same step with the iteration in numpy; where the loops make many steps at once
-(`coupling.run.Run.steps`), one of those, and one of which all is found that a run records, as a multiple of that; of so
-many as go on smoothly. With an organ also the floor below which no step with this factor can be (one organ
+(`coupling.step.solver`), and the same step with the iteration in numpy; where the loops make many steps at once
+(`coupling.run.run.Run.steps`), one of those, and one of which all is found that a run records, as a multiple of that;
+of so many as go on smoothly. With an organ also the floor below which no step with this factor can be (one organ
 back-substitution), and two baselines that solve the same step to the same tolerance:
 
 - `assembled`: Newton on the one assembled matrix, each correction by `scipy.sparse.linalg.spsolve`;
@@ -32,14 +32,14 @@ from scipy.sparse import csc_array, csr_matrix
 from scipy.sparse.linalg import splu, spsolve
 from threadpoolctl import threadpool_limits
 
-from coupling import newton
-from coupling.assembled import BlockSystem, monolithic_solve
 from coupling.errors import StepError
 from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body, Steady
-from coupling.newton import Iterate
-from coupling.run import Run, begin
-from coupling.stepping import Step, conclude, dynamic_problem, organ_answer, predict
+from coupling.paper.assembled import BlockSystem, monolithic_solve
+from coupling.run.run import Run, begin
+from coupling.step import newton
+from coupling.step.newton import Iterate
+from coupling.step.stepping import Step, conclude, dynamic_problem, organ_answer, predict
 from coupling.system import State, System
 from studies.arrays import Array
 from studies.output.files import write_json

@@ -10,7 +10,7 @@ and the lengths drawn through them are compared at the end. Where they differ, a
 
 What a step makes is told for steps of backward Euler and of BDF2 apart: the one makes none where it goes downhill, the
 other falls in a norm of its own, over two steps, and may take in one step and give back in the next. Of it is told what
-it makes beyond that loan (`coupling.watch`).
+it makes beyond that loan (`coupling.run.watch`).
 
 A case is gentle where its loads grow and a linear estimate moves its holes by less than three footprints. Those are
 what a user expects to arrive; a hole that moves further is beyond a linear organ.
@@ -26,11 +26,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from coupling.adaptivity import span_ratio
-from coupling.audit import audit_step, is_of_bdf2
-from coupling.diagnosis import frame_areas
 from coupling.errors import CouplingError, InversionError, StepError, TogetherError, TurnedHoleError, UphillError
-from coupling.watch import CREATED, CREATED_BDF2, given_back
+from coupling.reports.audit import audit_step, is_of_bdf2
+from coupling.run.adaptivity import span_ratio
+from coupling.run.watch import CREATED, CREATED_BDF2, given_back
+from coupling.step.diagnosis import frame_areas
 from studies.campaign.generator import KINDS, Case, cases
 from studies.campaign.quarter import PARTS, forces_apart, lengths_apart, with_shorter_steps
 from studies.figure import COLOURS, panels

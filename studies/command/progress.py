@@ -14,8 +14,8 @@ TICK = 1.0  # s between two times of what is being done
 REFRESH = 0.1  # s between two drawings on a terminal
 TERMINAL = 79  # characters of a line that is written over
 TOLD = ("tissue", "coupling", "studies")  # packages that say what they begin
-TOLD_OF_LOOPS = ("coupling.tables", "coupling.course")  # say that loops are compiled, of a step and of steps at once
-TOLD_IN_STEPS = (*TOLD_OF_LOOPS, "coupling.run", "tissue.organs.krylov")  # of a rest and of a whole organ too
+TOLD_OF_LOOPS = ("coupling.step.tables", "coupling.run.course")  # say that kernels are compiled
+TOLD_IN_STEPS = (*TOLD_OF_LOOPS, "coupling.run.run", "tissue.organs.krylov")  # of a rest and of a whole organ too
 TENTHS = 10  # plain lines when the output is not a terminal
 
 

@@ -20,13 +20,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
-from coupling.audit import Energies, sliding_work
 from coupling.errors import CouplingError
-from coupling.observation import largest_residual
 from coupling.paper import staggered
 from coupling.paper.linear_step import linear_step
+from coupling.reports.audit import Energies, sliding_work
+from coupling.reports.observation import largest_residual
 from coupling.run import begin
-from coupling.stepping import Step, Take, try_step
+from coupling.step.stepping import Step, Take, try_step
 from coupling.system import State, System
 from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, panels, ticks

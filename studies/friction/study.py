@@ -20,8 +20,8 @@ from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
 import tissue
-from coupling.laying import start
 from coupling.paper.two_pass import two_pass
+from coupling.rest.laying import start
 from coupling.run import begin
 from coupling.system import Friction, Piercing, State, System
 from studies.arrays import Array

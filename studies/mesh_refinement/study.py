@@ -34,7 +34,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from coupling.observation import site_compliance
+from coupling.reports.observation import site_compliance
 from studies.figure import COLOURS, MARKERS, panels, ticks
 from studies.scenario import Scenario, parse
 from studies.simulation import prepare

@@ -13,7 +13,7 @@ from typing import Any, Generic, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from coupling.events import Event
+from coupling.run.events import Event
 from studies.manual import with_blocks
 from studies.output import remarks
 from studies.output.fields import OrganRecord, ThreadRecord

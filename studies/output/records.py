@@ -8,10 +8,10 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
 
-from coupling.audit import Energies
-from coupling.events import Event
-from coupling.observation import PiercingObservation
-from coupling.tying import TieObservation
+from coupling.reports.audit import Energies
+from coupling.reports.observation import PiercingObservation
+from coupling.run.events import Event
+from coupling.run.tying import TieObservation
 from studies.arrays import Array
 from studies.output.fields import OrganRecord, ThreadRecord
 

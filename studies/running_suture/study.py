@@ -27,11 +27,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
-from coupling.adaptivity import Resolution, span_ratio
-from coupling.audit import initial_energies
-from coupling.impact import begin_piercing
-from coupling.observation import observe
+from coupling.reports.audit import initial_energies
+from coupling.reports.observation import observe
 from coupling.run import begin
+from coupling.run.adaptivity import Resolution, span_ratio
+from coupling.run.impact import begin_piercing
 from coupling.system import State, System
 from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, panels, ticks

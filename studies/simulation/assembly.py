@@ -10,9 +10,9 @@ import numpy as np
 import skfem
 
 import tissue
-from coupling.adaptivity import Resolution, coarse_tree, first_breaks
-from coupling.laying import start
-from coupling.solver import are_kept
+from coupling.rest.laying import start
+from coupling.run.adaptivity import Resolution, coarse_tree, first_breaks
+from coupling.step.solver import are_kept
 from coupling.system import Friction, Piercing, State, System
 from coupling.ties import Tie
 from meshes.wound import lips

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import tissue
-from coupling.run import Run
+from coupling.run.run import Run
 from coupling.system import System
 from studies.arrays import Array
 from studies.output.checkpoint import ANEW, CHECKPOINT, Arrays, pack, unpack

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 import tissue
-from coupling.adaptivity import span_ratio, spans_between
-from coupling.contact import ContactObservation, observe_contact
-from coupling.march import solution_at
-from coupling.observation import PiercingObservation
-from coupling.stability import is_squeezed, would_stay
+from coupling.joins.contact import ContactObservation, observe_contact
+from coupling.reports.observation import PiercingObservation
+from coupling.run.adaptivity import span_ratio, spans_between
+from coupling.run.march import solution_at
+from coupling.step.stability import is_squeezed, would_stay
+from coupling.step.tension import unsettled_layers
 from coupling.system import State, System
-from coupling.tension import unsettled_layers
 from studies.arrays import Array
 from studies.output.fields import ThreadRecord
 from studies.output.records import (

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import tissue
-from coupling.equilibrium import slides_freely
+from coupling.rest.equilibrium import slides_freely
 from meshes.quality import size_at
 from studies import scenario as model
 from studies.arrays import Array

@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 import tissue
-from coupling import stepping
-from coupling.cutting import Cut
-from coupling.diagnosis import faults
-from coupling.equilibrium import refuse_unbalanced
 from coupling.errors import StepError, UnbalancedError
 from coupling.interfaces import FrictionLaw
 from coupling.paper.linear_step import checked, linear_step, linear_two_pass
 from coupling.paper.staggered import backward_euler, stagger
 from coupling.paper.two_pass import two_pass
+from coupling.rest.equilibrium import refuse_unbalanced
 from coupling.run import begin
-from coupling.solver import covers
-from coupling.stepping import Take, try_step
+from coupling.run.cutting import Cut
+from coupling.step import stepping
+from coupling.step.diagnosis import faults
+from coupling.step.solver import covers
+from coupling.step.stepping import Take, try_step
 from coupling.system import State
 from studies.arrays import Array
 from studies.output.checkpoint import Arrays

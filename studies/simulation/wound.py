@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 
 import tissue
 from coupling.arrays import Flags, Indices
-from coupling.contact import ContactObservation
-from coupling.observation import PiercingObservation
+from coupling.joins.contact import ContactObservation
+from coupling.reports.observation import PiercingObservation
 from coupling.system import System
 from studies.arrays import Array
 from studies.output.records import GapRecord, StitchRecord

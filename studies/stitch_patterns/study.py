@@ -30,8 +30,8 @@ from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
 import tissue
-from coupling.laying import start
-from coupling.run import Run, begin
+from coupling.rest.laying import start
+from coupling.run.run import Run, begin
 from coupling.system import Friction, Piercing, System
 from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, panels

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 import tissue
-from coupling.observation import site_compliance, site_forces
+from coupling.reports.observation import site_compliance, site_forces
 from meshes.block import graded_block_structured
 from meshes.grading import Grading
 from studies.arrays import Array

@@ -30,7 +30,7 @@ from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling.arrays import Flags
-from coupling.contact import observe_contact
+from coupling.joins.contact import observe_contact
 from coupling.run import begin
 from coupling.system import State, System
 from studies.arrays import Array

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from coupling.integrators import BDF2, BackwardEuler, Scheme
-from coupling.run import Run, begin
-from coupling.stepping import REFINED, Take, bdf2_step, local_error, try_step
+from coupling.run.run import Run, begin
+from coupling.step.stepping import REFINED, Take, bdf2_step, local_error, try_step
 from studies.scenario import ScenarioError, parse
 from tests.bounds import IDENTITY
 from tests.studies.samples import CONTRACT

@@ -6,7 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling.adaptivity import (
+from coupling.arrays import Array
+from coupling.kernels.constraints import force_on_tangent
+from coupling.reports.audit import Energies, audit_step, initial_energies
+from coupling.run.adaptivity import (
     AHEAD,
     Resolution,
     adapt,
@@ -18,11 +21,8 @@ from coupling.adaptivity import (
     on_breaks,
     refine_for,
 )
-from coupling.arrays import Array
-from coupling.audit import Energies, audit_step, initial_energies
-from coupling.constraints import force_on_tangent
-from coupling.run import book_events
-from coupling.stepping import advance
+from coupling.run.run import book_events
+from coupling.step.stepping import advance
 from coupling.system import State, System
 from studies.scenario import Scenario
 from studies.simulation import prepare

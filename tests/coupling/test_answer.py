@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix, diags_array
 
-from coupling.assembled import Monolith, monolithic_solve
 from coupling.integrators import BackwardEuler, Scheme
-from coupling.newton import Iterate, Problem, Residual, correct, solve
-from coupling.stepping import Step, dynamic_problem, organ_answer, predict, try_step
+from coupling.paper.assembled import Monolith, monolithic_solve
+from coupling.step.newton import Iterate, Problem, Residual, correct, solve
+from coupling.step.stepping import Step, dynamic_problem, organ_answer, predict, try_step
 from coupling.system import System
 from tests.bounds import TWO_SOLVERS
 from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, Array, X, Z, hairpin, hairpin_sites, hairpin_system, laid

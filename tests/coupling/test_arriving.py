@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from coupling import branch, equilibrium
-from coupling.adaptivity import exchange_spline, refit_state
-from coupling.bordered import OWN, own_downhill, solve_own
-from coupling.continuation import solve_downhill
 from coupling.errors import EquilibriumError, InversionError, SpentError, StepError
 from coupling.integrators import BackwardEuler
-from coupling.motion import CROSSED, is_too_long, what_it_does
-from coupling.newton import LARGEST_TURN, LONGEST_MOVE, allowed_share, solve
-from coupling.run import Run, begin
-from coupling.stepping import (
+from coupling.kernels.bordered import OWN, own_downhill, solve_own
+from coupling.rest import branch, equilibrium
+from coupling.run.adaptivity import exchange_spline, refit_state
+from coupling.run.run import Run, begin
+from coupling.step.continuation import solve_downhill
+from coupling.step.motion import CROSSED, is_too_long, what_it_does
+from coupling.step.newton import LARGEST_TURN, LONGEST_MOVE, allowed_share, solve
+from coupling.step.stepping import (
     HALVINGS,
     MOST_TRIES,
     Step,
@@ -242,7 +242,7 @@ def test_unbalanced_dead_loads_are_recognised_before_the_first_step(
     def tried(*given: Any) -> Any:
         raise StepError(0.0, 0.0, "tried")
 
-    monkeypatch.setattr("coupling.run.reach", tried)
+    monkeypatch.setattr("coupling.run.run.reach", tried)
     if refused:
         with pytest.raises(EquilibriumError, match="unbalanced"):
             run.load(1.0, 1.0)

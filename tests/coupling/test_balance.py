@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from coupling.audit import initial_energies
-from coupling.constraints import tangent
-from coupling.observation import largest_gap, observe
-from coupling.stepping import Step
+from coupling.kernels.constraints import tangent
+from coupling.reports.audit import initial_energies
+from coupling.reports.observation import largest_gap, observe
+from coupling.step.stepping import Step
 from coupling.system import Friction, Piercing, State, System
 from tests.bounds import GAP, ORDER, TWO_SOLVERS
 from tests.coupling.test_two_ways import DT, END, ORGANS, START, scene, steps

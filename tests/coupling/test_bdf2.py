@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coupling import stepping
-from coupling.assembled import Monolith, monolithic_solve
-from coupling.audit import audit_step, initial_energies, two_step_inertia
-from coupling.constraints import driving_force, phi
 from coupling.integrators import BDF2, BackwardEuler
-from coupling.newton import solve
-from coupling.stepping import (
+from coupling.kernels.constraints import driving_force, phi
+from coupling.paper.assembled import Monolith, monolithic_solve
+from coupling.reports.audit import audit_step, initial_energies, two_step_inertia
+from coupling.step import stepping
+from coupling.step.newton import solve
+from coupling.step.stepping import (
     GROWTH,
     Step,
     Take,

@@ -12,12 +12,12 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
 
 import tissue
-from coupling import branch, equilibrium
-from coupling.bordered import S
-from coupling.branch import Branch, follow, walk
 from coupling.errors import BranchError, EquilibriumError, SpentError, StepError
-from coupling.laying import start
-from coupling.run import Run, begin
+from coupling.kernels.bordered import S
+from coupling.rest import branch, equilibrium
+from coupling.rest.branch import Branch, follow, walk
+from coupling.rest.laying import start
+from coupling.run.run import Run, begin
 from coupling.system import Piercing, State, System
 from tests.bounds import ELASTICA_COARSE, TWO_SOLVERS
 from tests.coupling.test_snapping import RISE, THICK, arch

@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
-from coupling.run import Run, begin
-from coupling.stability import holds
-from coupling.stepping import bdf2_step
+from coupling.run.run import Run, begin
+from coupling.step.stability import holds
+from coupling.step.stepping import bdf2_step
 from coupling.system import Piercing, State, System
 from tests.bounds import FIRST_ORDER, ORACLE, TWO_SOLVERS
 from tests.thread.threads import LENGTH, ORIGIN, PP, X, Y, laid, line, uniform, without_organ

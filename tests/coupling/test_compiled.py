@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-import coupling.equilibrium
-import coupling.stepping
-from coupling import newton, solver, tables
-from coupling.bordered import empty_border, linearise
+import coupling.rest.equilibrium
+import coupling.step.stepping
 from coupling.calls import asked_before_corrections
-from coupling.compiled import border, iteration
-from coupling.compiled.holes import hold_at
-from coupling.compiled.loops import outermost
-from coupling.constraints import passage
 from coupling.errors import StepError
 from coupling.integrators import BackwardEuler
-from coupling.newton import Iterate, Problem, Solution
-from coupling.stepping import dynamic_problem, organ_answer, predict
-from coupling.tables import tables_of
+from coupling.kernels import border, iteration
+from coupling.kernels.bordered import empty_border, linearise
+from coupling.kernels.constraints import passage
+from coupling.kernels.holes import hold_at
+from coupling.kernels.loops import outermost
+from coupling.step import newton, solver, tables
+from coupling.step.newton import Iterate, Problem, Solution
+from coupling.step.stepping import dynamic_problem, organ_answer, predict
+from coupling.step.tables import tables_of
 from studies.scenario import Scenario, load
 from studies.simulation import prepare
 from tests.bounds import AXIAL, IDENTITY, RESIDUAL
@@ -113,8 +113,8 @@ def solved(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Asked]]:
         asked.append(Asked(problem, start, spans, patience, found))
         return found
 
-    monkeypatch.setattr(coupling.stepping, "solve", solve)
-    monkeypatch.setattr(coupling.equilibrium, "solve", solve)
+    monkeypatch.setattr(coupling.step.stepping, "solve", solve)
+    monkeypatch.setattr(coupling.rest.equilibrium, "solve", solve)
     yield asked
 
 
@@ -266,7 +266,7 @@ def test_that_the_step_is_compiled_is_said_and_that_it_is_done(
     monkeypatch.setattr(solve, "signatures", known, raising=False)
     monkeypatch.setattr(tables.iteration, "solve", solve)
     monkeypatch.setattr(tables, "is_ready", lambda: ready)
-    with caplog.at_level("INFO", logger="coupling.tables"):
+    with caplog.at_level("INFO", logger="coupling.step.tables"):
         assert tables.run_loops(3) == (3, 0.5)
     told = [(record.getMessage().partition(",")[0], hasattr(record, "over")) for record in caplog.records]
     new = [("compiling the step", False), ("the step is compiled", True)]

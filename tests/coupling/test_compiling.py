@@ -9,9 +9,9 @@ import pytest
 from numba import config
 from numba.core.codegen import JITCPUCodegen
 
-from coupling.compiled import iteration, loops
-from coupling.compiled.address import address_of, by_address
-from coupling.compiled.steps import march
+from coupling.kernels import iteration, loops
+from coupling.kernels.address import address_of, by_address
+from coupling.kernels.steps import march
 from coupling.run import begin
 from studies.simulation.assembly import assemble
 from tests.coupling.test_compiled import drawn

@@ -11,19 +11,19 @@ import meshio
 import numpy as np
 import pytest
 
-from coupling import stepping
-from coupling.assembled import Monolith, equation_of, monolithic_solve
-from coupling.audit import Energies, audit_step, initial_energies, multiplier_imbalance
-from coupling.constraints import phi
-from coupling.contact import observe_contact
 from coupling.errors import CouplingError, EquilibriumError
 from coupling.integrators import BackwardEuler
-from coupling.newton import solve
+from coupling.joins.contact import observe_contact
+from coupling.kernels.constraints import phi
+from coupling.paper.assembled import Monolith, equation_of, monolithic_solve
 from coupling.paper.linear_step import linear_step
 from coupling.paper.staggered import staggered_step
 from coupling.paper.two_pass import two_pass
-from coupling.run import schedule_piercings
-from coupling.stepping import Step, dynamic_problem, find_solution, organ_answer, predict, try_step
+from coupling.reports.audit import Energies, audit_step, initial_energies, multiplier_imbalance
+from coupling.run.run import schedule_piercings
+from coupling.step import stepping
+from coupling.step.newton import solve
+from coupling.step.stepping import Step, dynamic_problem, find_solution, organ_answer, predict, try_step
 from coupling.system import Friction, Piercing, State, System
 from meshes.block import block
 from studies.command import command

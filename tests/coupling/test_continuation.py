@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coupling.adaptivity import Resolution, adapt, coarse_tree
-from coupling.continuation import reach_in_spans, solve_downhill, solve_held
 from coupling.integrators import BackwardEuler
-from coupling.newton import REACH, Iterate, Problem
-from coupling.stepping import advance, dynamic_problem, organ_answer, predict
+from coupling.run.adaptivity import Resolution, adapt, coarse_tree
+from coupling.step.continuation import reach_in_spans, solve_downhill, solve_held
+from coupling.step.newton import REACH, Iterate, Problem
+from coupling.step.stepping import advance, dynamic_problem, organ_answer, predict
+from coupling.step.tension import lengths_bent_over
 from coupling.system import Piercing
-from coupling.tension import lengths_bent_over
 from tests.bounds import GAP, IDENTITY, RESIDUAL
 from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, Z, hairpin, hairpin_sites, hairpin_system, laid
 from thread.catalogue import suture

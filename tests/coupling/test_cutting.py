@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling.adaptivity import momentum
-from coupling.audit import initial_energies
-from coupling.cutting import Cut, cut_thread
 from coupling.errors import CouplingError
-from coupling.run import Run, begin
+from coupling.reports.audit import initial_energies
+from coupling.run.adaptivity import momentum
+from coupling.run.cutting import Cut, cut_thread
+from coupling.run.run import Run, begin
 from studies.command import command
 from studies.scenario import ScenarioError, dump, parse
 from studies.simulation import prepare
@@ -174,7 +174,7 @@ def test_a_twisted_thread_that_is_cut_at_rest_bears_no_torque(more: dict[str, An
 def test_a_coil_that_is_cut_curls_up(monkeypatch: pytest.MonkeyPatch, more: dict[str, Any], dropped: float) -> None:
     """Independent check: a thread that remembers its coil is held straight between two clamps; cut, each piece lies
     along a circle of the coil's radius and stores nothing, whatever the last tie is on the way."""
-    monkeypatch.setattr("coupling.equilibrium.DROPPED", dropped)
+    monkeypatch.setattr("coupling.rest.equilibrium.DROPPED", dropped)
     clamps = {"start": {"kind": "clamped"}, "end": {"kind": "clamped"}}
     coil = {"twist": True, "coil_radius": 0.02, "coil_towards": [0, 0, 1.0], "length": LENGTH}
     table = {

@@ -10,13 +10,22 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import splu
 
-from coupling import constraints
 from coupling.answer import all_holds
-from coupling.assembled import Equation, Monolith, assemble, equation_of
-from coupling.constraints import driving_force, held_energy, passage, phi, phi_s, site_force, spread, thread_force
 from coupling.integrators import BackwardEuler
-from coupling.newton import LONGEST_MOVE, Problem, allowed_share, correct, evaluate
-from coupling.stepping import dynamic_problem, organ_answer
+from coupling.kernels import constraints
+from coupling.kernels.constraints import (
+    driving_force,
+    held_energy,
+    passage,
+    phi,
+    phi_s,
+    site_force,
+    spread,
+    thread_force,
+)
+from coupling.paper.assembled import Equation, Monolith, assemble, equation_of
+from coupling.step.newton import LONGEST_MOVE, Problem, allowed_share, correct, evaluate
+from coupling.step.stepping import dynamic_problem, organ_answer
 from coupling.system import Friction, Piercing, System
 from tests.bounds import IDENTITY, TWO_SOLVERS
 from tests.coupling.test_friction_own import Howell

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling import stepping
-from coupling.constraints import phi
-from coupling.diagnosis import (
+from coupling.errors import ConstraintError, StepError, TogetherError
+from coupling.kernels.constraints import phi
+from coupling.step import stepping
+from coupling.step.diagnosis import (
     DEPENDENT,
     NO_TANGENT,
     dependence_faults,
@@ -22,8 +23,7 @@ from coupling.diagnosis import (
     refuse_turning,
     scaled_rows,
 )
-from coupling.errors import ConstraintError, StepError, TogetherError
-from coupling.stepping import advance
+from coupling.step.stepping import advance
 from coupling.system import Piercing, State, System
 from studies.command import command
 from studies.scenario import Scenario, ScenarioError, load, parse

@@ -8,9 +8,9 @@ import pytest
 
 import tissue
 from coupling.errors import CouplingError
-from coupling.laying import start
-from coupling.observation import observe
 from coupling.paper.linear_step import linear_step
+from coupling.reports.observation import observe
+from coupling.rest.laying import start
 from coupling.system import Piercing, System
 from studies.output.records import StepRecord
 from studies.scenario import Scenario, ScenarioError

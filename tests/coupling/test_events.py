@@ -11,16 +11,16 @@ import pytest
 import skfem
 
 import tissue
-from coupling.audit import Energies, audit_step, initial_energies
-from coupling.constraints import bare_passage, held_energy, phi, phi_s
 from coupling.errors import FormingError
-from coupling.events import Event, find_events
-from coupling.impact import NEAR, constraint_rate
-from coupling.observation import observe
-from coupling.run import book_events, schedule_piercings
-from coupling.stepping import advance
+from coupling.kernels.constraints import bare_passage, held_energy, phi, phi_s
+from coupling.reports.audit import Energies, audit_step, initial_energies
+from coupling.reports.observation import observe
+from coupling.run.events import Event, find_events
+from coupling.run.impact import NEAR, constraint_rate
+from coupling.run.run import book_events, schedule_piercings
+from coupling.run.tautness import taut_strands
+from coupling.step.stepping import advance
 from coupling.system import Friction, Piercing, State, System
-from coupling.tautness import taut_strands
 from studies.command import command
 from tests.bounds import GAP, IDENTITY, RESIDUAL
 from tests.thread.threads import (

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-import coupling.audit
-from coupling.audit import audit_step, bears, exchange_in_place
-from coupling.constraints import Passage, effective_place, held_energy, parts
-from coupling.run import Run, begin
+import coupling.reports.audit
+from coupling.kernels.constraints import Passage, effective_place, held_energy, parts
+from coupling.reports.audit import audit_step, bears, exchange_in_place
+from coupling.run.run import Run, begin
+from coupling.run.watch import CREATED
 from coupling.system import Piercing
-from coupling.watch import CREATED
 from tests.bounds import RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import ORIGIN, PP, Array, laid, uniform, without_organ
 from thread.ends import Driven, Fixed
@@ -114,8 +114,8 @@ def test_backward_euler_only_takes_as_the_tension_swings(monkeypatch: pytest.Mon
     """Independent check: a step goes downhill in the potential that it has, so what is exchanged before it in place
     leaves nothing that it could make. By the mean of both ends it would seem to."""
     assert most_made(replace(strummed(), downhill=False)) <= CREATED
-    monkeypatch.setattr(coupling.audit, "exchange_in_place", lambda *_: np.nan)
-    monkeypatch.setattr(coupling.audit, "bears", lambda *given: np.zeros(len(given[-1]), dtype=bool))
+    monkeypatch.setattr(coupling.reports.audit, "exchange_in_place", lambda *_: np.nan)
+    monkeypatch.setattr(coupling.reports.audit, "bears", lambda *given: np.zeros(len(given[-1]), dtype=bool))
     assert most_made(replace(strummed(), downhill=False)) > 100.0 * CREATED
 
 

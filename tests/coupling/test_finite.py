@@ -8,12 +8,12 @@ import pytest
 import skfem
 
 import tissue
-from coupling.assembled import Monolith, monolithic_solve
-from coupling.audit import audit_step, initial_energies
 from coupling.errors import StepError
 from coupling.integrators import BackwardEuler, Equilibrium
-from coupling.newton import Iterate, Problem, Residual, correct, solve
-from coupling.stepping import Step, dynamic_problem, organ_answer, predict
+from coupling.paper.assembled import Monolith, monolithic_solve
+from coupling.reports.audit import audit_step, initial_energies
+from coupling.step.newton import Iterate, Problem, Residual, correct, solve
+from coupling.step.stepping import Step, dynamic_problem, organ_answer, predict
 from coupling.system import System
 from tests.bounds import RESIDUAL, TWO_SOLVERS
 from tests.coupling.test_answer import size

@@ -8,14 +8,14 @@ import pytest
 import skfem
 
 import tissue
-from coupling.assembled import Monolith, monolithic_solve
-from coupling.audit import audit_step, initial_energies
-from coupling.contact import observe_contact
-from coupling.equilibrium import PAIRED
 from coupling.integrators import BackwardEuler
-from coupling.newton import solve
+from coupling.joins.contact import observe_contact
+from coupling.paper.assembled import Monolith, monolithic_solve
+from coupling.reports.audit import audit_step, initial_energies
+from coupling.rest.equilibrium import PAIRED
 from coupling.run import begin
-from coupling.stepping import Step, dynamic_problem, organ_answer, predict
+from coupling.step.newton import solve
+from coupling.step.stepping import Step, dynamic_problem, organ_answer, predict
 from coupling.system import State, System
 from meshes.grading import Grading
 from meshes.wound import Wound, lips, wounded_block_structured

@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from coupling.observation import observe
-from coupling.stepping import try_step
+from coupling.reports.observation import observe
+from coupling.step.stepping import try_step
 from coupling.system import Friction, Piercing, State, System
 from tests.bounds import ORDER, RESIDUAL
 from tests.thread.threads import ORIGIN, Array, Strand, X, laid, line, run, uniform, without_organ

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from coupling.audit import audit_step, initial_energies
-from coupling.constraints import driving_force
 from coupling.errors import CouplingError
-from coupling.observation import observe
+from coupling.kernels.constraints import driving_force
+from coupling.reports.audit import audit_step, initial_energies
+from coupling.reports.observation import observe
 from coupling.system import Friction, Piercing, State, System
 from tests.bounds import IDENTITY, RESIDUAL
 from tests.thread.threads import FREE, ORIGIN, Array, Strand, X, Z, laid, line, run, uniform, without_organ

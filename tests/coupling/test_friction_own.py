@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from coupling.errors import CouplingError
 from coupling.interfaces import FrictionLaw
 from coupling.paper.two_pass import two_pass
-from coupling.stepping import try_step
+from coupling.step.stepping import try_step
 from coupling.system import Friction
 from tests.bounds import IDENTITY
 from tests.coupling.test_friction_capstan import DT, HOLD, THRESHOLD, rod, slips

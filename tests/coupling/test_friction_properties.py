@@ -11,10 +11,10 @@ import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from coupling.audit import audit_step, initial_energies, multiplier_imbalance
-from coupling.constraints import phi
-from coupling.observation import observe
-from coupling.stepping import advance
+from coupling.kernels.constraints import phi
+from coupling.reports.audit import audit_step, initial_energies, multiplier_imbalance
+from coupling.reports.observation import observe
+from coupling.step.stepping import advance
 from coupling.system import Friction, Piercing, State, System
 from tests.bounds import GAP, TWO_SOLVERS
 from tests.thread.threads import (

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from coupling.constraints import far_turned
-from coupling.run import Run, begin
+from coupling.kernels.constraints import far_turned
+from coupling.run.run import Run, begin
+from coupling.step.tension import resisting_together
 from coupling.system import Friction, Piercing
-from coupling.tension import resisting_together
 from tests.bounds import IDENTITY
 from tests.thread.threads import ORIGIN, PP, Array, assert_slope, laid, uniform, without_organ
 from thread.ends import Driven, Pulled

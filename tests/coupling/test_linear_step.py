@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling.audit import Energies, audit_step, initial_energies, multiplier_imbalance
-from coupling.constraints import bare_passage, driving_force, phi
 from coupling.errors import CouplingError, CreatedEnergyError, StepError
+from coupling.kernels.constraints import bare_passage, driving_force, phi
 from coupling.paper.elimination import elimination, solve_by_elimination, whole_matrix
 from coupling.paper.linear_step import (
     CREATED,
@@ -25,8 +24,9 @@ from coupling.paper.linear_step import (
     velocity_terms,
 )
 from coupling.paper.two_pass import two_pass
-from coupling.sliding import normal_force
-from coupling.stepping import advance, try_step
+from coupling.reports.audit import Energies, audit_step, initial_energies, multiplier_imbalance
+from coupling.step.sliding import normal_force
+from coupling.step.stepping import advance, try_step
 from coupling.system import Friction, Piercing, State, System
 from studies.scenario import ScenarioError, Solve, load
 from studies.simulation import prepare

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling.events import Event
-from coupling.location import share_until_zero
 from coupling.run import begin
-from coupling.stepping import Take, bdf2_step, try_step
+from coupling.run.events import Event
+from coupling.run.location import share_until_zero
+from coupling.step.stepping import Take, bdf2_step, try_step
 from coupling.system import Friction, Piercing, State, System
 from studies.scenario import parse
 from studies.simulation import prepare

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-import coupling.run
+import coupling.run.run
 import tissue
 from coupling.calls import asked_before_corrections
-from coupling.cutting import Cut
 from coupling.errors import CouplingError
-from coupling.laying import start
-from coupling.march import Marched, march
-from coupling.run import Run, begin
-from coupling.stepping import bdf2_step, release
+from coupling.rest.laying import start
+from coupling.run.cutting import Cut
+from coupling.run.march import Marched, march
+from coupling.run.run import Run, begin
+from coupling.step.stepping import bdf2_step, release
 from coupling.system import Piercing, System
 from studies.scenario import Scenario, load
 from studies.simulation import prepare
@@ -86,7 +86,7 @@ def both(run: Run, dt: float, count: int, monkeypatch: pytest.MonkeyPatch) -> Bo
         made.append(0 if found is None else found.made)
         return found
 
-    monkeypatch.setattr(coupling.run, "march", watched)
+    monkeypatch.setattr(coupling.run.run, "march", watched)
     at_once, now, events, iterations = run.steps(dt, count), run, [], 0
     for _ in range(count):
         now = now.step(dt)
@@ -303,7 +303,7 @@ def test_loops_that_make_no_step_are_asked_ever_less(monkeypatch: pytest.MonkeyP
         asked.append(1)
 
     with monkeypatch.context() as broken:
-        broken.setattr(coupling.run, "march", stops)
+        broken.setattr(coupling.run.run, "march", stops)
         for _ in range(40):
             run = run.steps(dt, 1)
     assert len(asked) == 6

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coupling.adaptivity import AHEAD, Resolution, adapt, adapt_when_due, bending_layers, coarse_tree
-from coupling.motion import BEND, BENDS, CROSSED, LOCAL, carried_on, is_too_long
+from coupling.run.adaptivity import AHEAD, Resolution, adapt, adapt_when_due, bending_layers, coarse_tree
+from coupling.step.motion import BEND, BENDS, CROSSED, LOCAL, carried_on, is_too_long
 from coupling.system import State, System
 from tests.thread.threads import (
     ABSCISSAE,

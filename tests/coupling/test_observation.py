@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from coupling.observation import strains_and_turns
+from coupling.reports.observation import strains_and_turns
 from tests.bounds import IDENTITY
 
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling.observation import site_compliance
-from coupling.run import Run
+from coupling.reports.observation import site_compliance
+from coupling.run.run import Run
 from studies.scenario import load
 from studies.simulation import Simulation, prepare
 from tests.bounds import IDENTITY, ORACLE

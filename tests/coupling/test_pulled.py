@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling.equilibrium import pair_lips
 from coupling.errors import CouplingError
-from coupling.sliding import force_along_thread, law_of
+from coupling.rest.equilibrium import pair_lips
+from coupling.step.sliding import force_along_thread, law_of
+from coupling.step.tension import stretches_at
 from coupling.system import Friction, Piercing, State
-from coupling.tension import stretches_at
 from studies.output.records import StepRecord
 from studies.scenario import Scenario, parse
 from studies.simulation import Simulation, prepare

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from coupling.bordered import columns, linearise
-from coupling.constraints import driving_force, passage, site_force, spread, thread_force
-from coupling.sliding import Law, linearise_law
+from coupling.kernels.bordered import columns, linearise
+from coupling.kernels.constraints import driving_force, passage, site_force, spread, thread_force
+from coupling.step.sliding import Law, linearise_law
 from tests.bounds import DIFFERENCE, IDENTITY
 from tests.thread.threads import Array, Strand, bent, uniform
 
@@ -53,7 +53,9 @@ def test_what_is_named_exists(file: str, name: str) -> None:
 def test_the_tables_are_read() -> None:
     """Independent check: the other tests look at many names and rows, not at none."""
     assert len(NAMED) > 50 and len(ROWS) > 50
-    assert "Border.H_qs" in defined("coupling/bordered.py") and "no_such" not in defined("coupling/bordered.py")
+    assert "Border.H_qs" in defined("coupling/kernels/bordered.py") and "no_such" not in defined(
+        "coupling/kernels/bordered.py"
+    )
     assert all((ROOT / file).is_file() for file in FILES) and FILES
 
 
@@ -95,9 +97,10 @@ def test_the_signs_of_the_blocks() -> None:
 
 
 def test_every_module_is_listed() -> None:
-    """Independent check: the modules of the folder, `arrays` apart."""
-    listed = TEXT[TEXT.index("## Modules") : TEXT.index("## Stepping")]
-    modules = {path.stem for path in (ROOT / "coupling").glob("*.py")} - {"__init__", "arrays"}
+    """Independent check: the modules of the folder and of its rooms, `arrays` and the kernels apart."""
+    listed = TEXT[TEXT.index("## Rooms") : TEXT.index("## Stepping")]
+    folders = [ROOT / "coupling", *(ROOT / "coupling" / room for room in ("joins", "step", "rest", "reports", "run"))]
+    modules = {path.stem for folder in folders for path in folder.glob("*.py")} - {"__init__", "arrays"}
     assert {name for name in modules if f"`{name}`" not in listed} == set()
 
 

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling.assembled import Monolith, monolithic_solve
-from coupling.audit import audit_step, initial_energies
-from coupling.contact import observe_contact
 from coupling.integrators import BackwardEuler
-from coupling.newton import solve
-from coupling.rubbing import stuck
-from coupling.run import schedule_piercings
-from coupling.stepping import Step, bdf2_step, dynamic_problem, find_solution, organ_answer, predict
+from coupling.joins.contact import observe_contact
+from coupling.joins.rubbing import stuck
+from coupling.paper.assembled import Monolith, monolithic_solve
+from coupling.reports.audit import audit_step, initial_energies
+from coupling.run.run import schedule_piercings
+from coupling.step.newton import solve
+from coupling.step.stepping import Step, bdf2_step, dynamic_problem, find_solution, organ_answer, predict
 from coupling.system import Piercing, State, System
 from studies.scenario import ScenarioError, load, parse
 from studies.simulation import prepare

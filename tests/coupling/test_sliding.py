@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-import coupling.sliding
-from coupling import newton
-from coupling.audit import audit_step, initial_energies
-from coupling.constraints import driving_force, phi, tangent
+import coupling.step.sliding
 from coupling.integrators import Scheme
-from coupling.newton import evaluate
-from coupling.observation import largest_gap, largest_residual, observe
+from coupling.kernels.constraints import driving_force, phi, tangent
+from coupling.reports.audit import audit_step, initial_energies
+from coupling.reports.observation import largest_gap, largest_residual, observe
+from coupling.step import newton
+from coupling.step.newton import evaluate
 from coupling.system import Friction, Piercing, State, System
 from studies.scenario import load
 from studies.simulation import prepare
@@ -265,9 +265,9 @@ def test_a_channel_bears_force_and_couple_at_its_ends(turn: float) -> None:
     lam = np.concatenate([F * u + along * X, [M * across @ u, M * across @ v]])[None]
     at = replace(system.passage_of(state), c=np.zeros((1, 3, 3)))
     ends = [np.linalg.norm(0.5 * F * u + sign * M / channel * across) for sign in (1.0, -1.0)]
-    seen = coupling.sliding.normal_force(at, lam, y, np.array([1.0 / channel]))
+    seen = coupling.step.sliding.normal_force(at, lam, y, np.array([1.0 / channel]))
     assert np.abs(seen - sum(ends)).max() <= RESIDUAL * F
-    assert np.abs(coupling.sliding.normal_force(at, lam, y, np.zeros(1)) - F).max() <= RESIDUAL * F
+    assert np.abs(coupling.step.sliding.normal_force(at, lam, y, np.zeros(1)) - F).max() <= RESIDUAL * F
 
 
 # -- a sleeve --------------------------------------------------------------------------------------------------------
@@ -352,12 +352,12 @@ def test_without_the_direction_terms_the_sleeve_holds_nothing(monkeypatch: pytes
     """Independent check: the law λ·T = 0 (eq. 6 as printed) gives a rod in a sleeve no axial force at all."""
     with_terms = sleeve(SLEEVE)[0]
     T_only = lambda thread, lam, y: np.einsum("mi,mi->m", lam[:, :3], thread.T)  # noqa: E731
-    whole = coupling.sliding.phi_s
-    monkeypatch.setattr(coupling.sliding, "driving_force", T_only)
-    monkeypatch.setattr(coupling.sliding, "force_on_tangent", lambda lam, y: np.zeros((len(lam), 3)))
-    monkeypatch.setattr(coupling.sliding, "held_energy", lambda *at: np.zeros(1))
+    whole = coupling.step.sliding.phi_s
+    monkeypatch.setattr(coupling.step.sliding, "driving_force", T_only)
+    monkeypatch.setattr(coupling.step.sliding, "force_on_tangent", lambda lam, y: np.zeros((len(lam), 3)))
+    monkeypatch.setattr(coupling.step.sliding, "held_energy", lambda *at: np.zeros(1))
     monkeypatch.setattr(Thread, "missing_compliance", lambda thread, s, *_: np.zeros((len(s), 3, LACKS)))
-    monkeypatch.setattr(coupling.sliding, "phi_s", lambda *at: whole(*at) * [1.0, 1.0, 1.0, 0.0, 0.0])
+    monkeypatch.setattr(coupling.step.sliding, "phi_s", lambda *at: whole(*at) * [1.0, 1.0, 1.0, 0.0, 0.0])
     force, exact = sleeve(SLEEVE)
     assert abs(force) < TWO_SOLVERS * exact
     assert abs(with_terms) > 0.9 * exact

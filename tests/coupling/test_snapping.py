@@ -9,8 +9,8 @@ import skfem
 
 import tissue
 from coupling.integrators import Equilibrium
-from coupling.laying import start
-from coupling.run import Run, begin
+from coupling.rest.laying import start
+from coupling.run.run import Run, begin
 from coupling.system import Piercing, System
 from tests.bounds import RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import Array, Y, Z

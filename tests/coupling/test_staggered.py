@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling import stepping
-from coupling.audit import audit_step, initial_energies, sliding_work
-from coupling.constraints import effective_place, phi, site_force
 from coupling.errors import CouplingError, RunAwayError
 from coupling.integrators import BackwardEuler
-from coupling.observation import largest_residual, site_compliance
+from coupling.kernels.constraints import effective_place, phi, site_force
 from coupling.paper import staggered
-from coupling.stepping import Step, Take, advance, organ_answer, try_step
+from coupling.reports.audit import audit_step, initial_energies, sliding_work
+from coupling.reports.observation import largest_residual, site_compliance
+from coupling.step import stepping
+from coupling.step.stepping import Step, Take, advance, organ_answer, try_step
 from coupling.system import State, System
 from studies.coupling_variants.study import scenario
 from studies.scenario import ScenarioError, parse

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-import coupling.newton
+import coupling.step.newton
 import tissue
-from coupling.audit import audit_step, initial_energies
-from coupling.constraints import phi
 from coupling.errors import CouplingError, InversionError, StepError
-from coupling.observation import observe
-from coupling.stepping import HALVINGS, advance, try_step, with_sense
+from coupling.kernels.constraints import phi
+from coupling.reports.audit import audit_step, initial_energies
+from coupling.reports.observation import observe
+from coupling.step.stepping import HALVINGS, advance, try_step, with_sense
 from coupling.system import Friction, Piercing, State, System
 from tests.bounds import GAP, IDENTITY, TWO_SOLVERS
 from tests.thread.threads import (
@@ -62,7 +62,7 @@ def test_a_step_that_cannot_converge_raises_and_changes_nothing(monkeypatch: pyt
     tells time and step, and the state is what it was."""
     system, state = scene((Fixed(START), pulled_up(5e-3)))
     before = arrays(state)
-    monkeypatch.setattr(coupling.newton, "MAX_ITERATIONS", 1)
+    monkeypatch.setattr(coupling.step.newton, "MAX_ITERATIONS", 1)
     with pytest.raises(StepError) as caught:
         advance(system, state, 2e-3)
     error = caught.value
@@ -76,7 +76,7 @@ def test_a_step_that_cannot_converge_raises_and_changes_nothing(monkeypatch: pyt
 def test_a_step_error_names_the_piercing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: the worst constraint of a step that failed is told."""
     system, state = scene((Fixed(START), pulled_up(5e-3)))
-    monkeypatch.setattr(coupling.newton, "MAX_ITERATIONS", 1)
+    monkeypatch.setattr(coupling.step.newton, "MAX_ITERATIONS", 1)
     with pytest.raises(StepError) as caught:
         advance(system, state, 2e-3)
     assert caught.value.piercing in ("entry", "exit")
@@ -101,13 +101,13 @@ def test_an_iterate_just_off_the_solution_is_not_accepted(unknown: str) -> None:
     system, state = scene((Fixed(START), pulled_up(5e-3)), block_organ("P1", False))
     solution = run(system, state, 2e-3, 3)[-1].solution
     problem, z = solution.problem, solution.iterate
-    assert coupling.newton.is_converged(problem, z, coupling.newton.evaluate(problem, z))
+    assert coupling.step.newton.is_converged(problem, z, coupling.step.newton.evaluate(problem, z))
     off = {name: getattr(z, name).copy() for name in ("q", "s", "lam", "y")}
     scale = {"lam": np.abs(z.lam[0, 0])}.get(unknown, system.thread.section.diameter)
     place = system.thread.n // 2 if unknown == "q" else 0
     off[unknown][place] += 10 * GAP * scale * (1.0 if unknown == "s" else np.eye(off[unknown].shape[1])[0])
     moved = replace(z, **off)
-    assert not coupling.newton.is_converged(problem, moved, coupling.newton.evaluate(problem, moved))
+    assert not coupling.step.newton.is_converged(problem, moved, coupling.step.newton.evaluate(problem, moved))
 
 
 def test_a_failing_step_is_halved() -> None:

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from coupling.cutting import Cut
-from coupling.events import Event, strand_changes
-from coupling.location import times_at_end
-from coupling.run import Run, begin
-from coupling.stepping import Take, bdf2_step, try_step
+from coupling.run.cutting import Cut
+from coupling.run.events import Event, strand_changes
+from coupling.run.location import times_at_end
+from coupling.run.run import Run, begin
+from coupling.run.tautness import carried_over, still_taut, taut_strands
+from coupling.step.stepping import Take, bdf2_step, try_step
 from coupling.system import Piercing, State, System
-from coupling.tautness import carried_over, still_taut, taut_strands
 from studies.simulation.memory import memory_of, recall
 from tests.bounds import SAME_TIME, TWO_SOLVERS
 from tests.thread.threads import FREE, ORIGIN, PP, Array, Path, Strand, X, Z, laid, line, uniform, without_organ

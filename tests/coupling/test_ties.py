@@ -10,22 +10,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling import run
-from coupling.adaptivity import Resolution
-from coupling.assembled import Monolith, equation_of, monolithic_solve
-from coupling.audit import multiplier_imbalance
-from coupling.cutting import Cut, cut_thread
-from coupling.diagnosis import refuse_held_end
-from coupling.equilibrium import settle
 from coupling.errors import CouplingError, FormingError, StepError
 from coupling.integrators import BackwardEuler, Scheme
-from coupling.laying import start
-from coupling.newton import solve
-from coupling.sliding import force_along_thread, next_sigma
-from coupling.stepping import dynamic_problem, organ_answer, predict
+from coupling.paper.assembled import Monolith, equation_of, monolithic_solve
+from coupling.reports.audit import multiplier_imbalance
+from coupling.rest.equilibrium import settle
+from coupling.rest.laying import start
+from coupling.run import run
+from coupling.run.adaptivity import Resolution
+from coupling.run.cutting import Cut, cut_thread
+from coupling.run.tying import begin_tie, observe_ties, with_strands
+from coupling.step.diagnosis import refuse_held_end
+from coupling.step.newton import solve
+from coupling.step.sliding import force_along_thread, next_sigma
+from coupling.step.stepping import dynamic_problem, organ_answer, predict
 from coupling.system import Piercing, State, System
 from coupling.ties import Tie, gap_left
-from coupling.tying import begin_tie, observe_ties, with_strands
 from studies.output.records import StepRecord
 from studies.scenario import ScenarioError, parse
 from studies.simulation import Simulation, prepare

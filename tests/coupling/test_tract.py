@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import tissue
-from coupling.events import changes
 from coupling.integrators import Equilibrium
-from coupling.location import times_at_end
-from coupling.observation import site_compliance
-from coupling.stepping import ask_organ
+from coupling.reports.observation import site_compliance
+from coupling.run.events import changes
+from coupling.run.location import times_at_end
+from coupling.step.stepping import ask_organ
 from studies.scenario import ScenarioError, parse
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun

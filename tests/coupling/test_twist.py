@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import splu
 
-from coupling import stepping
-from coupling.assembled import Monolith, assemble, equation_of
-from coupling.audit import audit_step, initial_energies
-from coupling.constraints import phi
 from coupling.errors import StepError
 from coupling.integrators import BackwardEuler
-from coupling.newton import Iterate, allowed_share, correct, evaluate, solve
+from coupling.kernels.constraints import phi
+from coupling.paper.assembled import Monolith, assemble, equation_of
 from coupling.paper.linear_step import linear_step
-from coupling.stepping import Step, Take, advance, dynamic_problem, organ_answer, try_step
+from coupling.reports.audit import audit_step, initial_energies
+from coupling.step import stepping
+from coupling.step.newton import Iterate, allowed_share, correct, evaluate, solve
+from coupling.step.stepping import Step, Take, advance, dynamic_problem, organ_answer, try_step
 from coupling.system import Piercing, State, System
 from tests.bounds import GAP, LINEAR, RESIDUAL, TWO_SOLVERS
 from tests.coupling.test_derivatives import Setting

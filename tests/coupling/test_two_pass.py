@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from coupling.audit import multiplier_imbalance
-from coupling.observation import observe
 from coupling.paper.two_pass import two_pass
-from coupling.stepping import try_step
+from coupling.reports.audit import multiplier_imbalance
+from coupling.reports.observation import observe
+from coupling.step.stepping import try_step
 from coupling.system import Friction, Piercing, State, System
 from tests.bounds import RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import (

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling.assembled import Monolith, equation_of, monolithic_solve
-from coupling.audit import Energies, audit_step, initial_energies, multiplier_imbalance
-from coupling.constraints import driving_force, phi
 from coupling.integrators import BackwardEuler
-from coupling.newton import solve
-from coupling.stepping import Step, dynamic_problem, organ_answer, predict, try_step
+from coupling.kernels.constraints import driving_force, phi
+from coupling.paper.assembled import Monolith, equation_of, monolithic_solve
+from coupling.reports.audit import Energies, audit_step, initial_energies, multiplier_imbalance
+from coupling.step.newton import solve
+from coupling.step.stepping import Step, dynamic_problem, organ_answer, predict, try_step
 from coupling.system import State, System
 from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import (

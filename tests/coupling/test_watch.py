@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-import coupling.stepping
-import coupling.watch
-from coupling.audit import Energies, is_of_bdf2
+import coupling.run.watch
+import coupling.step.stepping
 from coupling.errors import LentError, StepError, UphillError
-from coupling.newton import ROUND_OFF
-from coupling.run import Run, begin
-from coupling.stepping import Step, advance, bdf2_step, try_step
+from coupling.reports.audit import Energies, is_of_bdf2
+from coupling.run.run import Run, begin
+from coupling.run.watch import CREATED, LOOSENED, SHARE, TRACE, Watch, given_back
+from coupling.step.newton import ROUND_OFF
+from coupling.step.stepping import Step, advance, bdf2_step, try_step
 from coupling.system import Piercing, State, System
-from coupling.watch import CREATED, LOOSENED, SHARE, TRACE, Watch, given_back
 from studies import load, parse, prepare
 from tests.bounds import FIRST_ORDER, IDENTITY
 from tests.thread.threads import LENGTH, X, Z, laid, line, straight, uniform, without_organ
@@ -57,7 +57,7 @@ def taut(dt: float, downhill: bool, soft: bool = True) -> tuple[Run, float]:
     run, most = replace(simulation.beginning(), downhill=downhill), 0.0
     with pytest.MonkeyPatch.context() as patched:
         if soft:
-            patched.setattr(coupling.stepping, "layers_at", lambda *_: None)
+            patched.setattr(coupling.step.stepping, "layers_at", lambda *_: None)
         while run.number < simulation.steps:
             before, run = run.energies, simulation.next(run)
             made = before.numerical_dissipation - run.energies.numerical_dissipation
@@ -117,7 +117,7 @@ def test_a_step_is_judged_at_its_bound(
     before = energies(0.0, kinetic if work < 1.0 else 0.0, 0.0)
     for share, refused in ((0.999, False), (1.001, True)):
         after = energies(work, kinetic, -share * bound)
-        monkeypatch.setattr(coupling.watch, "audit_step", lambda system, energies, step, after=after: after)
+        monkeypatch.setattr(coupling.run.watch, "audit_step", lambda system, energies, step, after=after: after)
         system, state = over_its_start(Free())
         watcher, step = Watch([before], **watch), try_step(system, state, 1e-4)
         if refused:
@@ -141,7 +141,7 @@ def test_what_a_shock_lends_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> Non
     for share, forgotten in ((0.999, False), (1.001, True)):
         made = before.numerical_dissipation - share * TRACE * before.at_stake
         after = replace(before, numerical_dissipation=made)
-        monkeypatch.setattr(coupling.watch, "audit_step", lambda system, energies, step, after=after: after)
+        monkeypatch.setattr(coupling.run.watch, "audit_step", lambda system, energies, step, after=after: after)
         watcher = Watch([before])
         if forgotten:
             with pytest.raises(LentError, match="give back"):
@@ -224,7 +224,7 @@ def test_the_energy_of_round_off_may_be_made(monkeypatch: pytest.MonkeyPatch, st
     system, state = over_its_start(Free())
     stored = 0.5 * system.thread.EA * LENGTH * strain**2
     before, after = energies(0.0, stored, 0.0), energies(0.0, stored, -(1.001 * CREATED if refused else 1.0) * stored)
-    monkeypatch.setattr(coupling.watch, "audit_step", lambda system, energies, step: after)
+    monkeypatch.setattr(coupling.run.watch, "audit_step", lambda system, energies, step: after)
     watcher, step = Watch([before]), try_step(system, state, 1e-4)
     if refused:
         with pytest.raises(StepError, match="make energy"):

@@ -5,7 +5,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from coupling.observation import largest_residual
+from coupling.reports.observation import largest_residual
 from studies.scenario import parse
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun

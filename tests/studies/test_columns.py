@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coupling.events import Event
+from coupling.run.events import Event
 from studies.output.columns import (
     CONTACT,
     ENERGY,

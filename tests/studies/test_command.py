@@ -14,9 +14,10 @@ from types import ModuleType
 
 import pytest
 
-from coupling import course, run, tables
 from coupling.calls import ask_before_correction
 from coupling.errors import CouplingError
+from coupling.run import course, run
+from coupling.step import tables
 from meshes.errors import MeshError
 from studies.command import command, help
 from studies.command.lines import print_lines

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tissue
-from coupling import solver
+from coupling.step import solver
 from studies.output.records import StepRecord
 from studies.output.tally import Tally
 from studies.scenario import ScenarioError, load, parse

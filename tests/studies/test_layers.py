@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from coupling import equilibrium
-from coupling.adaptivity import span_ratio, spans_between
+from coupling.rest import equilibrium
+from coupling.run.adaptivity import span_ratio, spans_between
 from studies.output.records import Ending, nothing_met
 from studies.scenario import parse
 from studies.simulation import Simulation, prepare

@@ -14,7 +14,7 @@ import pytest
 import pyvista as pv
 from PIL import Image
 
-from coupling.tables import OVER
+from coupling.step.tables import OVER
 from studies.command.command import main
 from studies.command.progress import TERMINAL, Progress, Stages, stages
 from studies.output.columns import CONTACTS, LOADS
@@ -301,11 +301,11 @@ def test_what_is_waited_for_between_two_steps_is_no_measure_of_what_is_left(monk
     now, plain = 0.0, io.StringIO()
     monkeypatch.setattr("studies.command.progress.monotonic", lambda: now)
     bar = Progress(10, stream=plain)
-    with stages(told=("coupling.course",), waited=bar.begin_anew):
+    with stages(told=("coupling.run.course",), waited=bar.begin_anew):
         for number, at in ((1, 1.0), (2, 2.0), (3, 43.0), (4, 44.0)):
             now = at
             if number == 3:
-                logging.getLogger("coupling.course").info("compiled", extra=OVER)
+                logging.getLogger("coupling.run.course").info("compiled", extra=OVER)
             bar.update(number, 1e-3 * number, 4, 1.0)
     assert plain.getvalue().splitlines()[-1].endswith(", 6 s left")
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-import coupling.run
-from coupling.march import Marks, march_by_steps
+import coupling.run.run
+from coupling.run.march import Marks, march_by_steps
 from studies.output.records import StepRecord
 from studies.scenario import Scenario, load
 from studies.simulation import prepare, simulation
@@ -57,7 +57,7 @@ def made_at_once(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         made.append(len(found.states) if found else 0)
         return found
 
-    monkeypatch.setattr(coupling.run, "march_by_steps", watched)
+    monkeypatch.setattr(coupling.run.run, "march_by_steps", watched)
     return made
 
 

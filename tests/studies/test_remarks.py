@@ -13,8 +13,8 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
-from coupling import equilibrium
-from coupling.events import Event
+from coupling.rest import equilibrium
+from coupling.run.events import Event
 from studies.campaign.generator import cases
 from studies.command import command
 from studies.output.folder import Recorder
@@ -684,7 +684,7 @@ def test_loops_that_nothing_keeps_are_compiled_where_they_are_asked_for_alone(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Independent check: on a machine without a folder to keep them in a run says so, and goes by numpy."""
-    monkeypatch.setattr("coupling.tables.folder_of_loops", lambda: None)
+    monkeypatch.setattr("coupling.step.tables.folder_of_loops", lambda: None)
     with caplog.at_level("INFO"):
         assert prepare(load("paper_figure_1")).methods["newton"] == "numpy"
     assert "NUMBA_CACHE_DIR" in caplog.text

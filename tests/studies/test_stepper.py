@@ -80,8 +80,8 @@ def test_the_hand_goes_where_it_likes_and_a_step_that_fails_is_none(
     assert np.allclose(stepper.frame().thread.points[-1], [0.0005, 0.0003, 0.0203], atol=1e-12)
     assert np.linalg.norm(more.hand) > np.linalg.norm(one.hand)
     with monkeypatch.context() as broken, pytest.raises(CouplingError):
-        broken.setattr("coupling.run.advance", fail)
-        broken.setattr("coupling.run.march", lambda *arguments: None)
+        broken.setattr("coupling.run.run.advance", fail)
+        broken.setattr("coupling.run.run.march", lambda *arguments: None)
         stepper.step(DT, [0.0, 0.0, 0.03])
     assert stepper.time == pytest.approx(1.5 * DT, rel=1e-12)
     assert np.all(np.isfinite(stepper.step(DT, [0.0005, 0.0003, 0.0203]).hand))

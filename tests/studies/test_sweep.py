@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from matplotlib import rc_context
 
-from coupling import tables as loops
+from coupling.step import tables as loops
 from coupling.system import State
 from studies.command.command import main
 from studies.figure import COLOURS, PANEL, STYLE

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from coupling.contact import observe_contact
+from coupling.joins.contact import observe_contact
 from studies.simulation.assembly import assemble
 from studies.study import StudyError, arguments
 from studies.wound_closure.study import (

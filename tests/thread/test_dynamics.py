@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from coupling.audit import audit_step, initial_energies
-from coupling.stepping import Step
+from coupling.reports.audit import audit_step, initial_energies
+from coupling.step.stepping import Step
 from coupling.system import State, System
 from tests.bounds import IDENTITY, ORDER, TWO_SOLVERS
 from tests.thread.threads import ORIGIN, PP, Strand, X, Y, Z, bent, laid, line, run, straight, uniform, without_organ

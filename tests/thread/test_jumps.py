@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from coupling.run import Run, begin
-from coupling.stepping import bdf2_step
-from coupling.watch import SHARE, TRACE
+from coupling.run.run import Run, begin
+from coupling.run.watch import SHARE, TRACE
+from coupling.step.stepping import bdf2_step
 from tests.bounds import RESIDUAL
 from tests.thread.test_twist import wave
 from tests.thread.threads import ORIGIN, PP, Array, Path, X, Z, laid, uniform, without_organ

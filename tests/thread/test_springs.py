@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import splu
 
-from coupling.assembled import Monolith, assemble, equation_of
-from coupling.audit import audit_step, initial_energies
-from coupling.constraints import phi
 from coupling.integrators import BackwardEuler
-from coupling.newton import allowed_share, correct, evaluate
-from coupling.stepping import advance, dynamic_problem, organ_answer, predict
+from coupling.kernels.constraints import phi
+from coupling.paper.assembled import Monolith, assemble, equation_of
+from coupling.reports.audit import audit_step, initial_energies
+from coupling.step.newton import allowed_share, correct, evaluate
+from coupling.step.stepping import advance, dynamic_problem, organ_answer, predict
 from coupling.system import Piercing, System
 from tests.bounds import GAP, IDENTITY, ORDER, RESIDUAL, TWO_SOLVERS
 from tests.thread.test_statics import ALONG_X, cantilever, equilibrium, tip_error

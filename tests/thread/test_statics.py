@@ -171,5 +171,5 @@ def test_pinned_column(alpha: float) -> None:
 def test_a_ring_turns_nowhere(monkeypatch: pytest.MonkeyPatch, dropped: float) -> None:
     """Independent check: where both ends of a pinned column meet it costs nothing to turn it about them, and it stays
     in the plane, and along the axis, that it was laid in, whatever the last tie is on the way."""
-    monkeypatch.setattr("coupling.equilibrium.DROPPED", dropped)
+    monkeypatch.setattr("coupling.rest.equilibrium.DROPPED", dropped)
     test_pinned_column(130.7099)

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 
-from coupling.audit import audit_step, initial_energies
+from coupling.reports.audit import audit_step, initial_energies
 from tests.bounds import IDENTITY, LINEAR, RESIDUAL, TWISTED
 from tests.thread.threads import (
     ORIGIN,

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 import tissue
-from coupling.bordered import columns
-from coupling.equilibrium import load_steps
-from coupling.laying import start
-from coupling.newton import Problem
-from coupling.stepping import Step, advance, try_step
+from coupling.kernels.bordered import columns
+from coupling.rest.equilibrium import load_steps
+from coupling.rest.laying import start
+from coupling.step.newton import Problem
+from coupling.step.stepping import Step, advance, try_step
 from coupling.system import Piercing, State, System
 from tests.bounds import IDENTITY, SLOPE
 from thread.banded import diagonal_of

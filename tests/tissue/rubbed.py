@@ -7,8 +7,8 @@ import numpy as np
 import skfem
 
 import tissue
-from coupling.contact import Contact, find_sets
 from coupling.integrators import BackwardEuler, Equilibrium
+from coupling.joins.contact import Contact, find_sets
 from meshes.block import block
 from tests.tissue.test_surfaces import FAR, MEETING, SIDE, joined
 from tests.tissue.wounds import SOFT, Array, organ_of

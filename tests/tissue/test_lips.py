@@ -12,8 +12,8 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import brentq, minimize, nnls
 
 import tissue
-from coupling.contact import Contact, find_pressed, forces, misfits
 from coupling.integrators import BackwardEuler, Equilibrium
+from coupling.joins.contact import Contact, find_pressed, forces, misfits
 from meshes.wound import Wound, lips
 from tests.bounds import IDENTITY, ORDER, RESIDUAL, TWO_SOLVERS
 from tests.tissue.wounds import (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tissue
-from coupling.rubbing import Law, active_sets, find_forces, law_of_pairs, projected, rows_of, stuck, swept
+from coupling.joins.rubbing import Law, active_sets, find_forces, law_of_pairs, projected, rows_of, stuck, swept
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.tissue.rubbed import at_rest_on, bear_uniform_strain, motion, on_slope, rough_cubes
 from tests.tissue.test_lips import SQUEEZE

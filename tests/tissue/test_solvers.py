@@ -11,8 +11,8 @@ from scipy.sparse.linalg import splu
 from skfem import MeshTet
 
 import tissue
-from coupling.audit import audit_step, initial_energies
-from coupling.stepping import advance
+from coupling.reports.audit import audit_step, initial_energies
+from coupling.step.stepping import advance
 from studies.scenario import ScenarioError, load
 from studies.simulation.assembly import assemble
 from tests.bounds import TWO_SOLVERS

@@ -7,8 +7,8 @@ import skfem
 from numpy.typing import NDArray
 
 import tissue
-from coupling.contact import Contact, find_pressed, forces
 from coupling.integrators import Equilibrium
+from coupling.joins.contact import Contact, find_pressed, forces
 from meshes.grading import Grading
 from meshes.wound import Wound, lips, wounded_block_structured
 from tests.thread.threads import SITES

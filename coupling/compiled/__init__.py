@@ -1,9 +1,0 @@
-"""Newton's method of `coupling.newton` in compiled loops over plain arrays: the same equations, corrections and bounds.
-
-The functions have the names of those in numpy that they repeat, so that the two can be read side by side:
-`curve` (`thread.energies`), `band` (`thread.banded`), `holes` (`coupling.constraints`), `friction`
-(`coupling.sliding`), `border` (`coupling.bordered`) and `iteration` (`coupling.newton`). What a hold is and has,
-`Hold`, is a tuple of numbers and of vectors, which are tuples of three. `coupling.solver` says what they cover, and
-`coupling.tables` makes the arrays; it imports the loops, and with them Numba, when the first step is solved. `loops`,
-`parts` and `address` are how they are compiled.
-"""

@@ -1,0 +1,244 @@
+"""Unilateral contact of a wound's lips: in every pair a gap g ≥ 0, a force p ≥ 0 that pushes them apart, and p g = 0.
+
+The p are multipliers of the same system as those of the piercings. The organ exactly condensed says
+
+    y = y_free + C f_y + C_yc p,    g = g_free + C_cy f_y + C_cc p,    f_y = Φ_yᵀλ
+
+and where the pairs 𝒜 are pressed, p_𝒜 = −C_𝒜𝒜⁻¹ (g_free + C_cy f_y)_𝒜 and g_𝒜 = 0, the others being open with p = 0.
+The thread then meets an organ of compliance C − C_y𝒜 C_𝒜𝒜⁻¹ C_𝒜y: Newton's method stays what it is without contact.
+
+Which pairs are pressed is an active set. Under given site forces it is the answer of a linear complementarity problem
+with a symmetric positive definite matrix: there is one, and only one, and it is found by exchanging all pairs that are
+wrong at once, or the first of them where that makes no headway (block principal pivoting, Júdice & Pires, Computers &
+Operations Research 21, 1994; the single exchange is Murty's rule, which always ends). As with stick and slip, it is
+judged by the forces of solved iterates only (`coupling.step.newton.solve`).
+
+Pairs that rub have slips behind the gaps and forces along them behind the p (`coupling.joins.rubbing`). Then the
+active set is that of Coulomb's law, C_𝒜𝒜⁻¹ is what its tangent makes of it, and what the thread meets is no longer
+symmetric.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Generic, TypeVar
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from coupling.arrays import Array, Flags
+from coupling.errors import CouplingError
+from coupling.interfaces import Answer, Body
+from coupling.joins.rubbing import NO_HOLD, Law, Rubbing, find_forces, forces_by_tangent, law_of_pairs, stuck
+from coupling.kernels.bordered import NINE
+from coupling.kernels.constraints import site_force
+from coupling.system import State, System
+from tissue.errors import OrganError
+
+Factor = TypeVar("Factor")
+
+ROUND_OFF = 1e-12  # of the largest gap without contact: a compliance of condition 10³ times what is rounded
+CHANCES = 3  # exchanges of all wrong pairs that may pass without fewer being wrong
+EXCHANGES = 20  # per pair, at most; some ten in all are the rule
+NO_FORCES = np.zeros(0)
+
+
+@dataclass(frozen=True)
+class Contact(Generic[Body]):
+    """What the pairs see of a step: `g_free` (k,) [m], `C_cy` (k, 9m), the organ's answer, and the coefficient of
+    `friction` of each pair [-], none at all where none rubs."""
+
+    g_free: Array
+    C_cy: Array
+    answer: Answer[Body]
+    friction: Array = field(default_factory=lambda: NO_FORCES)
+
+    @property
+    def rubs(self) -> bool:
+        """Whether any pair has friction."""
+        return bool(self.friction.any())
+
+    @cached_property
+    def law(self) -> Law:
+        """Coulomb's law of pairs that rub; as expensive as `C_cc`."""
+        return law_of_pairs(self)
+
+    @property
+    def stuck(self) -> Rubbing:
+        """The active set of the rough pairs that all stick."""
+        return stuck(int(np.count_nonzero(self.friction)))
+
+    @property
+    def C_cc(self) -> Array:
+        """Gaps by contact forces, shape `(k, k)` [m/N]; expensive, not asked for while all pairs are open."""
+        return self.answer.C_cc
+
+    def gaps_when_open(self, f: Array) -> Array:
+        """Return the gaps without contact forces under the site forces `f` (9m,), shape `(k,)` [m]."""
+        return np.asarray(self.g_free + self.C_cy @ f)
+
+    def slack(self, open_gaps: Array, force: float) -> float:
+        """Return what a gap may be off by [m] where the holes' forces are known to within `force` [N]."""
+        by_forces = np.abs(self.C_cy[:, np.arange(self.C_cy.shape[1]) % NINE < 3]).sum(axis=1)
+        return float(ROUND_OFF * np.abs(open_gaps).max() + force * by_forces.max())
+
+
+def forces_and_gaps(contact: Contact[Body], pressed: Flags, open_gaps: Array) -> tuple[Array, Array]:
+    """Return the forces p and gaps g of all pairs, `(k,)` each [N, m], where the pairs `pressed` are closed."""
+    p = np.zeros_like(open_gaps)
+    if not pressed.any():
+        return p, open_gaps
+    p[pressed] = -cho_solve(factorize_pressed(contact, pressed, cho_factor), open_gaps[pressed])
+    return p, open_gaps + contact.C_cc @ p
+
+
+def factorize_pressed(contact: Contact[Body], pressed: Flags, factorize: Callable[[Array], Factor]) -> Factor:
+    """Return the Cholesky factor of C_cc of the pairs `pressed`. Raises `OrganError` where a force on the lips would
+    draw them together: beyond a point where tissue at finite strain snaps."""
+    try:
+        return factorize(contact.C_cc[np.ix_(pressed, pressed)])
+    except np.linalg.LinAlgError as error:
+        raise OrganError(NO_HOLD) from error
+
+
+def misfits(contact: Contact[Body], f: Array, pressed: Flags, force: float = 0.0) -> Flags:
+    """Find the pairs that are pressed and pull, or open and cross, under the site forces `f` (9m,) known to within
+    `force` [N], shape `(k,)`. A force counts by the gap that it opens."""
+    open_gaps = contact.gaps_when_open(f)
+    (p, g), slack = forces_and_gaps(contact, pressed, open_gaps), contact.slack(open_gaps, force)
+    return np.where(pressed, p * np.diag(contact.C_cc), g) < -slack if pressed.any() else g < -slack
+
+
+def find_pressed(contact: Contact[Body], f: Array, pressed: Flags) -> Flags:
+    """Find the pairs that are pressed under the site forces `f` (9m,), starting from `pressed`, shape `(k,)`.
+
+    The answer does not depend on where the search begins. Raises `CouplingError` where there is none, which a body
+    that something holds never comes to.
+    """
+    fewest, chances = len(pressed) + 1, CHANCES
+    for _ in range(EXCHANGES * (1 + len(pressed))):
+        wrong = misfits(contact, f, pressed)
+        count = int(wrong.sum())
+        if count == 0:
+            return pressed
+        fewest, chances = (count, CHANCES) if count < fewest else (fewest, chances - 1)
+        pressed = pressed ^ (wrong if chances > 0 else first_of(wrong))
+    raise CouplingError(f"contact of {len(pressed)} pairs of the lips: no set of pressed pairs was found")
+
+
+def first_of(flags: Flags) -> Flags:
+    """Keep only the first flag that is set."""
+    return flags & (np.cumsum(flags) == 1)
+
+
+def condense(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, y_free: Array, C: Array) -> tuple[Array, Array]:
+    """Close the pairs `pressed` in `y_free` (m, 9) and `C` (9m, 9m) of the organ, as they rub."""
+    if contact.rubs:
+        given = np.column_stack([contact.C_cy, contact.g_free])
+        P = forces_by_tangent(contact.law, pressed, rubbing, given)
+        return y_free + (contact.C_cy.T @ P[:, -1]).reshape(y_free.shape), C + contact.C_cy.T @ P[:, :-1]
+    factor = factorize_pressed(contact, pressed, np.linalg.cholesky)
+    closing = np.column_stack([contact.C_cy[pressed], contact.g_free[pressed]])
+    half = solve_triangular(factor, closing, lower=True)
+    by_sites = half[:, :-1]
+    return y_free - (by_sites.T @ half[:, -1]).reshape(y_free.shape), C - by_sites.T @ by_sites
+
+
+# -- of a system -------------------------------------------------------------------------------------------------------
+
+
+def contact_of(system: System[Body], answer: Answer[Body]) -> Contact[Body] | None:
+    """Return the contact of a step, None where the organ has no lips that may touch; no other hold opens any."""
+    if not answer.g_free.size:
+        return None
+    C_cy, friction = np.pad(answer.C_cy, ((0, 0), (0, NINE * system.holds_off_organ))), answer.friction
+    return Contact(answer.g_free, C_cy, answer, friction if friction.any() else NO_FORCES)
+
+
+def first_sets(contact: Contact[Body] | None, system: System[Body], state: State[Body]) -> tuple[Flags, Rubbing]:
+    """Return the pairs that the site forces of a state press in the step of a contact, shape `(k,)`, and how they rub;
+    those of the state, sticking, where an organ that is nonlinear, or surfaces that rub, cannot tell before the step is
+    solved."""
+    if contact is None:
+        return np.zeros(0, dtype=bool), Rubbing()
+    f = site_force(system.passage_of(state), state.lam, state.y).ravel()
+    before = system.organ.lips(state.organ)[1] > 0.0
+    if before.any():  # what has slid off the other surface since faces nothing that could press
+        before &= np.diag(contact.C_cc)[: len(before)] > 0.0
+    try:
+        return find_sets(contact, f, before, contact.stuck)[:2]
+    except (CouplingError, OrganError):
+        if contact.answer.linear and not contact.rubs:
+            raise
+        return before, contact.stuck
+
+
+def find_sets(contact: Contact[Body], f: Array, pressed: Flags, rubbing: Rubbing) -> tuple[Flags, Rubbing, Array]:
+    """Find the pairs that are pressed under the site forces `f` (9m,), how they rub, and their forces (k,) [N],
+    starting from `pressed` and `rubbing`. Raises `CouplingError`, and `OrganError` of surfaces that rub."""
+    if not contact.rubs:
+        pressed = find_pressed(contact, f, pressed)
+        return pressed, rubbing, forces(contact, pressed, f)
+    open_gaps = contact.gaps_when_open(f)
+    if (open_gaps[: len(pressed)] >= 0.0).all():
+        return np.zeros_like(pressed), contact.stuck, np.zeros_like(open_gaps)
+    return find_forces(contact.law, open_gaps, pressed, rubbing)
+
+
+def closing_forces(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, f: Array) -> Array:
+    """Return what the pairs `pressed` and how they rub ask for under the site forces `f` (9m,), pulls too, which end
+    the set, shape `(k,)` [N]."""
+    open_gaps = contact.gaps_when_open(f)
+    if not contact.rubs:
+        return forces_and_gaps(contact, pressed, open_gaps)[0]
+    if not pressed.any():
+        return np.zeros_like(open_gaps)
+    return forces_by_tangent(contact.law, pressed, rubbing, open_gaps)
+
+
+def solve_contact(system: System[Body], f_y: Array, answer: Answer[Body]) -> Array:
+    """Solve for the contact forces of a step under given site forces `f_y` (9p,), shape `(k,)` [N]."""
+    contact = contact_of(system, answer)
+    if contact is None:
+        return NO_FORCES
+    f, k = np.pad(f_y, (0, NINE * system.holds_off_organ)), len(contact.friction) or len(contact.g_free)
+    return find_sets(contact, f, np.zeros(k, dtype=bool), contact.stuck)[2]
+
+
+def forces(contact: Contact[Body], pressed: Flags, f: Array) -> Array:
+    """Return p of all pairs under the site forces `f` (9m,), shape `(k,)` [N]; a pull of round-off is set to zero."""
+    return np.maximum(forces_and_gaps(contact, pressed, contact.gaps_when_open(f))[0], 0.0)
+
+
+@dataclass(frozen=True)
+class ContactObservation:
+    """The lips at one time: `gap` (k,) [m] and `force` (k,) [N] of every pair, its `slide` (k,) [m], how far its
+    nodes have moved past one another along the lips, its `friction` (k, 3) [N], of the node on what it faces, and
+    whether it `slips` (k,)."""
+
+    gap: Array
+    force: Array
+    slide: Array
+    friction: Array
+    slips: Flags
+
+    def of(self, pairs: slice) -> "ContactObservation":
+        """Return the same of some pairs."""
+        along = self.slide[pairs], self.friction[pairs], self.slips[pairs]
+        return ContactObservation(self.gap[pairs], self.force[pairs], *along)
+
+    @property
+    def pressed(self) -> int:
+        """Number of pairs under a force."""
+        return int(np.count_nonzero(self.force > 0.0))
+
+    @property
+    def complementarity(self) -> float:
+        """Largest |p g| over the pairs [J], zero but for round-off."""
+        return float(np.abs(self.force * self.gap).max())
+
+
+def observe_contact(system: System[Body], state: State[Body]) -> ContactObservation | None:
+    """Observe the lips of a state; None where the organ has none that may touch."""
+    lips = system.organ.lips(state.organ)
+    return ContactObservation(*lips) if lips[0].size else None

@@ -1,0 +1,198 @@
+"""Coulomb's law of surfaces that press on one another: a slip w in the tangent plane of every rough pair, a force τ.
+
+    |τ| ≤ μ p,   w = 0 where |τ| < μ p,   τ = −μ p w/|w| where w ≠ 0
+
+with w counted from the start of the step, so that what sticks stays where it is and nothing else is remembered. With
+g ≥ 0, p ≥ 0 and p g = 0 it says that these are zero (Alart & Curnier, Computer Methods in Applied Mechanics and
+Engineering 92, 1991), with any r > 0 [N/m]:
+
+    p − ⟨p − r g⟩,   τ − b min(1, μ p/|b|) with b = τ − r w
+
+The pairs and slips answer as c = c_open + C_cc P does, c = (g, w) and P = (p, τ). Under given site forces the law is
+solved by a semismooth Newton method: each pair is open, sticks or slips as the last forces say, and where it slips b
+turns as it did. That law is homogeneous, so that its tangent is linear, with the unit vector n = b/|b| and β = μ p/|b|:
+
+    (1 − β (1 − n nᵀ)) τ + β r (1 − n nᵀ) w − μ p n = 0
+
+It is the part that contact takes in a correction of the coupled system too (`coupling.joins.contact`). Where the
+method does not settle, some rounds from pair to pair lead it on (Jourdan, Alart & Jean, ibid. 155, 1998).
+"""
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from scipy.sparse import block_diag, bsr_array, coo_array, csr_array, diags_array
+
+from coupling.arrays import Array, Flags, Indices
+from tissue.errors import OrganError
+
+NO_PAIRS = np.zeros(0, dtype=bool)
+LAW = 1e-10  # of the largest contact force: what the law may be broken by, where corrections do not better it any more
+BETTER = 0.5  # part of what it was that a correction must leave
+FIRM = 1e-12  # part of its own give that a pair which sticks may slip: a roller may hold a node of it besides
+CORRECTIONS = 40
+SWEEPS = 60  # rounds from pair to pair, between two tries
+TRIES = 8
+TINY = np.finfo(float).tiny
+NO_HOLD = "lips that press on one another do not hold one another apart, as where tissue snaps"
+
+
+@dataclass(frozen=True)
+class Rubbing:
+    """Which of the m rough pairs slip where they are pressed, `slips` (m,), and the tangent of their law: n, `along`
+    `(m, 2)`, and β, `share` `(m,)`."""
+
+    slips: Flags = field(default_factory=lambda: NO_PAIRS)
+    along: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    share: Array = field(default_factory=lambda: np.zeros(0))
+
+
+def stuck(pairs: int) -> Rubbing:
+    """Return the active set of so many rough pairs that all stick."""
+    return Rubbing(np.zeros(pairs, dtype=bool), np.zeros((pairs, 2)), np.zeros(pairs))
+
+
+class Pairs(Protocol):
+    """What the law asks of a contact."""
+
+    @property
+    def friction(self) -> Array:
+        """Coefficient of each pair, shape `(k,)` [-]."""
+
+    @property
+    def C_cc(self) -> Array:
+        """Gaps and slips by their forces, shape `(k + 2m, k + 2m)` [m/N]."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """Coulomb's law of `k` pairs with compliance `C` `(k + 2m, k + 2m)` [m/N]: the `rough` ones `(m,)`, μ `(m,)` [-],
+    and r of gaps `(k,)` and of slips `(m,)` [N/m]."""
+
+    C: Array
+    k: int
+    rough: Indices
+    mu: Array
+    r_gap: Array
+    r_slip: Array
+
+
+def law_of_pairs(pairs: Pairs) -> Law:
+    """Return the law of a contact, with r about as stiff as each pair is."""
+    k, rough, give = len(pairs.friction), np.flatnonzero(pairs.friction), np.diag(pairs.C_cc)
+    least = TINY + np.finfo(float).eps * give.max()
+    slips = give[k:].reshape(-1, 2).mean(axis=1)
+    return Law(
+        pairs.C_cc,
+        k,
+        rough,
+        pairs.friction[rough],
+        1.0 / np.maximum(give[:k], least),
+        1.0 / np.maximum(slips, least),
+    )
+
+
+def rows_of(law: Law, pressed: Flags, rubbing: Rubbing) -> tuple[csr_array, csr_array]:
+    """Return L_c and L_P of the tangent of the law, L_c c + L_P P = 0 [N], shape `(k + 2m, k + 2m)` each."""
+    on, m = pressed[law.rough], len(law.rough)
+    slips = on & rubbing.slips
+    across = np.eye(2) - rubbing.along[:, :, None] * rubbing.along[:, None]
+    beta, sticks = (rubbing.share * slips)[:, None, None], (on & ~slips)[:, None, None]
+    by_slip = law.r_slip[:, None, None] * (beta * across + sticks * np.eye(2))
+    by_force = np.where(sticks, FIRM * np.eye(2), np.eye(2) - beta * across)
+    by_push = -(law.mu * slips)[:, None] * rubbing.along
+    at = (law.k + np.arange(2 * m), np.repeat(law.rough, 2))
+    size = law.k + 2 * m
+    L_c = block_diag([diags_array(np.where(pressed, law.r_gap, 0.0)), on_diagonal(by_slip)], format="csr")
+    L_P = block_diag([diags_array(np.where(pressed, 0.0, 1.0)), on_diagonal(by_force)], format="csr")
+    return csr_array(L_c), csr_array(L_P + coo_array((by_push.ravel(), at), shape=(size, size)))
+
+
+def on_diagonal(blocks: Array) -> bsr_array:
+    """Put blocks (m, 2, 2) on the diagonal of a sparse matrix."""
+    m = len(blocks)
+    return bsr_array((blocks, np.arange(m), np.arange(m + 1)), shape=(2 * m, 2 * m))
+
+
+def forces_by_tangent(law: Law, pressed: Flags, rubbing: Rubbing, c_open: Array) -> Array:
+    """Return P by the tangent of the law where the pairs would be at `c_open` without forces; `c_open` and P of shape
+    `(k + 2m, …)`, so that several columns may be given. Raises `OrganError`."""
+    L_c, L_P = rows_of(law, pressed, rubbing)
+    acts = np.concatenate([pressed, np.repeat(pressed[law.rough], 2)])
+    P = np.zeros_like(c_open)
+    if acts.any():
+        matrix = (L_c[acts] @ law.C[:, acts]) + L_P[acts][:, acts].toarray()
+        try:
+            P[acts] = np.linalg.solve(matrix, -(L_c[acts] @ c_open))
+        except np.linalg.LinAlgError as error:
+            raise OrganError(NO_HOLD) from error
+    return P
+
+
+def targets(law: Law, P: Array, c: Array) -> tuple[Array, Array]:
+    """Return p − r g `(k,)` and b = τ − r w `(m, 2)` [N]."""
+    by_slip = np.repeat(law.r_slip, 2) * c[law.k :]
+    return P[: law.k] - law.r_gap * c[: law.k], (P[law.k :] - by_slip).reshape(-1, 2)
+
+
+def bounds(law: Law, P: Array) -> Array:
+    """Return μ p of the rough pairs, shape `(m,)` [N]."""
+    return np.asarray(law.mu * np.maximum(P[law.rough], 0.0))
+
+
+def projected(law: Law, P: Array, c: Array) -> Array:
+    """Return what P has to be by the law, shape `(k + 2m,)` [N]."""
+    push, b = targets(law, P, c)
+    size = np.linalg.norm(b, axis=1)
+    share = np.minimum(1.0, bounds(law, P) / np.maximum(size, TINY))
+    return np.concatenate([np.maximum(push, 0.0), (share[:, None] * b).ravel()])
+
+
+def active_sets(law: Law, P: Array, c: Array) -> tuple[Flags, Rubbing]:
+    """Return which pairs are pressed and slip at forces and gaps, and the tangent of the law there."""
+    push, b = targets(law, P, c)
+    size, bound = np.linalg.norm(b, axis=1), bounds(law, P)
+    along = b / np.maximum(size, TINY)[:, None]
+    return push > 0.0, Rubbing(size > bound, along, np.minimum(1.0, bound / np.maximum(size, TINY)))
+
+
+def breach(law: Law, P: Array, c: Array) -> float:
+    """Return what forces and gaps break the law by, over the largest force [-]."""
+    return float(np.abs(P - projected(law, P, c)).max() / np.abs(P).max(initial=TINY))
+
+
+def find_forces(law: Law, c_open: Array, pressed: Flags, rubbing: Rubbing) -> tuple[Flags, Rubbing, Array]:
+    """Solve the law where the pairs would be at `c_open` (k + 2m,) [m] without forces, starting from an active set:
+    the pairs pressed, how they rub, and P (k + 2m,) [N]. Raises `OrganError`, for the step to be taken again in
+    halves."""
+    for _ in range(TRIES):
+        last = np.inf
+        for _ in range(CORRECTIONS):
+            P = forces_by_tangent(law, pressed, rubbing, c_open)
+            c = c_open + law.C @ P
+            off = breach(law, P, c)
+            if off == 0.0 or BETTER * last <= off <= LAW:
+                return pressed, rubbing, P
+            (pressed, rubbing), last = active_sets(law, P, c), off
+        pressed, rubbing = active_sets(law, *swept(law, c_open, projected(law, P, c)))
+    raise OrganError(f"no forces of {law.k} pairs in contact obey Coulomb's law; take shorter steps, or less friction")
+
+
+def swept(law: Law, c_open: Array, P: Array) -> tuple[Array, Array]:
+    """Return forces and gaps after some rounds from pair to pair, each of which obeys the law while the others' forces
+    stay."""
+    P, slips = P.copy(), np.full(law.k, -1)
+    slips[law.rough] = np.arange(len(law.rough))
+    c = c_open + law.C @ P
+    for _ in range(SWEEPS):
+        for pair, slip in enumerate(slips):
+            before = P[pair]
+            P[pair] = max(0.0, before - law.r_gap[pair] * c[pair])
+            c += law.C[:, pair] * (P[pair] - before)
+            if slip >= 0:
+                own = law.k + 2 * slip + np.arange(2)
+                b, old = P[own] - law.r_slip[slip] * c[own], P[own].copy()
+                P[own] = b * min(1.0, law.mu[slip] * P[pair] / max(float(np.linalg.norm(b)), TINY))
+                c += law.C[:, own] @ (P[own] - old)
+    return P, c

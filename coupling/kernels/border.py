@@ -1,0 +1,425 @@
+"""The linearised holds, and one Newton direction of thread and holds (`coupling.kernels.bordered`)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from coupling.arrays import Array, Indices
+from coupling.kernels.band import REACH, solve_dense
+from coupling.kernels.bordered import FLAT
+from coupling.kernels.holes import (
+    Hold,
+    effective_tangent,
+    force_by_axis,
+    lacking_force,
+    lacking_force_rate,
+    lacking_stiffness,
+    on_frame,
+    place_rate,
+    tangent_rate,
+    tilt_by_frame,
+    tilt_force,
+    tilt_mixed,
+    tilting_rates,
+    turned_compliance,
+    without,
+)
+from coupling.kernels.loops import loop, numbers, owning
+from coupling.kernels.vectors import (
+    Matrix,
+    Vector,
+    add_column,
+    add_matrix,
+    add_row,
+    applied,
+    combined,
+    diagonal,
+    dot,
+    outer,
+    plus,
+    product,
+    scaled,
+    skew,
+    sum_of,
+    transposed,
+)
+
+S, LAM, MU_U, MU_V, X, U, V = numbers(
+    0, 1, 4, 5, 6, 9, 12
+)  # columns of a hold's unknowns, as in `coupling.kernels.bordered`
+G, C1, C2 = numbers(1, 4, 5)  # rows of B and D: after the law of sliding
+AT_P, AT_T, AT_K = numbers(0, 3, 6)  # the thread's nine numbers
+OF_X, OF_U, OF_V = numbers(0, 3, 6)  # the organ's
+NINE, OWN, BORDER = 9, 6, 15
+TINY = 2.2250738585072014e-308
+LARGEST = 1e300  # where sums are reordered, x − x is zero although x is no number: so compare
+
+
+class Border(NamedTuple):
+    """The blocks of all holds, as `coupling.kernels.bordered.Border`."""
+
+    E: Array
+    B: Array
+    D: Array
+    F: Array
+    R: Array
+
+
+@owning
+def empty_border(m: int) -> Border:
+    """Return the border of `m` holds."""
+    return Border(
+        np.zeros((m, NINE, BORDER)),
+        np.zeros((m, OWN, NINE)),
+        np.zeros((m, OWN, BORDER)),
+        np.zeros((m, NINE, BORDER)),
+        np.zeros((m, NINE, NINE)),
+    )
+
+
+@loop
+def linearise(h: Hold, border: Border) -> None:
+    """Linearise Φ = (g, c₁, c₂) and the forces Φ_qᵀλ, Φ_yᵀλ of one hold, all blocks zero before."""
+    E, B, D, F, R = border
+    T, P_s, T_s, one = effective_tangent(h), place_rate(h), tangent_rate(h), diagonal(1.0)
+
+    add_matrix(1.0, one, B, G, AT_P)
+    add_row(1.0, h.u, B, C1, AT_T)
+    add_row(1.0, h.v, B, C2, AT_T)
+    add_column(1.0, P_s, D, G, S)
+    D[C1, S] += dot(T_s, h.u)
+    D[C2, S] += dot(T_s, h.v)
+    add_matrix(-1.0, one, D, G, X)
+    add_row(1.0, T, D, C1, U)
+    add_row(1.0, T, D, C2, V)
+
+    add_column(-1.0, h.lam, E, AT_T, S)
+    add_column(-1.0, h.m, E, AT_K, S)
+    add_matrix(-1.0, one, E, AT_P, LAM)
+    add_column(-1.0, h.u, E, AT_T, MU_U)
+    add_column(-1.0, h.v, E, AT_T, MU_V)
+    add_matrix(-h.mu_u, one, E, AT_T, U)
+    add_matrix(-h.mu_v, one, E, AT_T, V)
+
+    add_matrix(-1.0, one, F, OF_X, LAM)
+    add_column(1.0, T, F, OF_U, MU_U)
+    add_column(1.0, T, F, OF_V, MU_V)
+    add_column(h.mu_u, T_s, F, OF_U, S)
+    add_column(h.mu_v, T_s, F, OF_V, S)
+
+    add_matrix(h.mu_u, one, R, OF_U, AT_T)
+    add_matrix(h.mu_v, one, R, OF_V, AT_T)
+    if not h.bare:
+        add_compliance(h, border)
+
+
+@loop
+def add_compliance(h: Hold, border: Border) -> None:
+    """Add what Φ and the forces owe to the missing compliance."""
+    E, B, D, F, _ = border
+    add_matrix(h.c0[0], without(h.unit), D, G, LAM)
+    add_moment(h.c1[0] * h.size, h, D, G)
+    add_tangent_along(1.0, h.u, h, D, C1)
+    add_tangent_along(1.0, h.v, h, D, C2)
+    add_tangent(h.mu_u, h, F, OF_U)
+    add_tangent(h.mu_v, h, F, OF_V)
+    add_own_turning(h, E, B)
+    add_tilting(h, border)
+
+
+@loop
+def add_moment(x: float, h: Hold, M: Array, i: int) -> None:
+    """Add x times the derivative of m = μ_u u + μ_v v to the rows of an array from i on."""
+    add_column(x, h.u, M, i, MU_U)
+    add_column(x, h.v, M, i, MU_V)
+    add_matrix(x, diagonal(h.mu_u), M, i, U)
+    add_matrix(x, diagonal(h.mu_v), M, i, V)
+
+
+@loop
+def add_tangent(x: float, h: Hold, M: Array, i: int) -> None:
+    """Add x times the derivative of T̂ by the multipliers and the frame to the rows from i on."""
+    by_u, by_v = on_frame(h, h.by_n)
+    add_matrix(x * h.c1[0] * h.size, diagonal(1.0), M, i, LAM)
+    add_moment(x * turned_compliance(h, h.c2[0], h.c3[0]), h, M, i)
+    add_matrix(x * h.c3[0], outer(h.m, by_u), M, i, U)
+    add_matrix(x * h.c3[0], outer(h.m, by_v), M, i, V)
+
+
+@loop
+def add_tangent_along(x: float, a: Vector, h: Hold, M: Array, i: int) -> None:
+    """Add x a times the derivative of T̂ by the multipliers and the frame to row i."""
+    (by_u, by_v), c, far = on_frame(h, h.by_n), x * turned_compliance(h, h.c2[0], h.c3[0]), x * h.c3[0] * dot(a, h.m)
+    add_row(x * h.c1[0] * h.size, a, M, i, LAM)
+    M[i, MU_U] += c * dot(a, h.u)
+    M[i, MU_V] += c * dot(a, h.v)
+    add_row(c * h.mu_u, a, M, i, U)
+    add_row(c * h.mu_v, a, M, i, V)
+    add_row(far, by_u, M, i, U)
+    add_row(far, by_v, M, i, V)
+
+
+@loop
+def add_own_turning(h: Hold, E: Array, B: Array) -> None:
+    """Add what the thread's own axis brings into P̂, and what the missing compliance adds to the force on the thread
+    along it; the stiffness of the axis is left to the thread's band."""
+    by_axis = force_by_axis(h)
+    add_matrix(1.0, by_axis, B, G, AT_T)
+    add_matrix(-1.0, transposed(by_axis), E, AT_T, LAM)
+    add_column(-1.0, plus(lacking_force_rate(h), applied(lacking_stiffness(h), h.K)), E, AT_T, S)
+    add_column(-1.0, lacking_force(h), E, AT_K, S)
+
+
+@loop
+def add_tilting(h: Hold, border: Border) -> None:
+    """Add what T̂ and the forces owe to Γ, which tells how far the thread leaves the frame, and to |T|."""
+    _, B, _, F, _ = border
+    by_u, by_v = tilting_rates(h)
+    for a, row, column in ((h.u, C1, MU_U), (h.v, C2, MU_V)):
+        by_couple = sum_of(h.c3[0] * dot(h.m, a), h.by_T, h.c1[0] * dot(h.lam, a), h.unit)
+        add_row(1.0, by_couple, B, row, AT_T)
+        add_column(-1.0, by_couple, border.E, AT_T, column)
+    by_normal = scaled(-1.0, skew(h.v)), skew(h.u)  # of u × v by u and by v
+    add_tilting_by(h.mu_u, by_normal[0], by_normal, h, border, U, OF_U)
+    add_tilting_by(h.mu_v, by_normal[1], by_normal, h, border, V, OF_V)
+    turned = scaled(tilt_force(h), skew(h.by_n))
+    add_matrix(-1.0, turned, F, OF_U, V)
+    add_matrix(1.0, turned, F, OF_V, U)
+    add_column(1.0, by_u, F, OF_U, S)
+    add_column(1.0, by_v, F, OF_V, S)
+    add_couples(h, F)
+
+
+@loop
+def add_couples(h: Hold, F: Array) -> None:
+    """Add the derivative of e by μ_u and μ_v times that of Γ by the frame."""
+    by_u, by_v = on_frame(h, h.by_n)
+    for column, along in ((MU_U, dot(h.m, h.u)), (MU_V, dot(h.m, h.v))):
+        add_column(h.c3[0] * along, by_u, F, OF_U, column)
+        add_column(h.c3[0] * along, by_v, F, OF_V, column)
+
+
+@loop
+def add_tilting_by(
+    mu: float, turn: Matrix, by_normal: tuple[Matrix, Matrix], h: Hold, border: Border, at: int, of: int
+) -> None:
+    """Add what the forces owe to Γ and |T| by one of the frame's vectors, in whose column `at` and row `of` u × v turns
+    by `turn` and m by `mu`."""
+    e, by_m = tilt_force(h), h.c3[0] * mu
+    by_T = combined(by_m, outer(h.by_T, h.m), e, product(tilt_mixed(h), turn))
+    by_T = combined(1.0, by_T, h.c1[0] * mu, outer(h.unit, h.lam))
+    by_n = combined(by_m, outer(h.by_n, h.m), e, product(tilt_by_frame(h), turn))
+    add_matrix(-1.0, by_T, border.E, AT_T, at)
+    add_matrix(1.0, transposed(by_T), border.R, of, AT_T)
+    add_matrix(1.0, product(transposed(by_normal[0]), by_n), border.F, OF_U, at)
+    add_matrix(1.0, product(transposed(by_normal[1]), by_n), border.F, OF_V, at)
+
+
+@loop
+def drop_constraints(B: Array, D: Array, rows: Array) -> None:
+    """Replace the rows of the constraints that are not in force, `rows` (5,), by λ = 0."""
+    for j in range(5):
+        if not rows[j]:
+            for z in range(NINE):
+                B[1 + j, z] = 0.0
+            for z in range(BORDER):
+                D[1 + j, z] = 0.0
+            D[1 + j, 1 + j] = 1.0
+
+
+@loop
+def put_columns(first: int, b: Array, X: Array, column: int) -> None:
+    """Write V = (b, b', b'') ⊗ I₃ of one hold into nine columns of `X` (n + 3, 3, k), zero before."""
+    for order in range(3):
+        for i in range(4):
+            for x in range(3):
+                X[first + i, x, column + 3 * order + x] = b[order, i]
+
+
+@loop
+def values_at_hold(first: int, b: Array, X: Array, out: Array, at: int) -> None:
+    """Write Vᵀ X of one hold, shape `(9, k)`, to the rows from `at` on."""
+    for order in range(3):
+        b0, b1, b2, b3 = b[order, 0], b[order, 1], b[order, 2], b[order, 3]
+        for x in range(3):
+            row = out[at + 3 * order + x]
+            r0, r1, r2, r3 = X[first, x], X[first + 1, x], X[first + 2, x], X[first + 3, x]
+            for j in range(len(row)):
+                row[j] = b0 * r0[j] + b1 * r1[j] + b2 * r2[j] + b3 * r3[j]
+
+
+@owning
+def solve_holds(border: Border, C: Array, G: Array, r: Array, r_y: Array, rigid: bool, reach: Array, dz: Array) -> bool:
+    """Solve the border once the thread is eliminated, Vᵀdq = w − G E dz, for `dz` (m, 15). The first column of `G`
+    (9m, 1 + 9m) is w. `rigid`: no site gives way and each is in its place. The abscissae are led by `reach` (m,) [m],
+    unless there is none, `(0,)`. False where the matrix is singular."""
+    m = len(r)
+    own = OWN if rigid else BORDER
+    M = np.zeros((own * m, own * m + 1))
+    GE = thread_by_holds(border.E, G, own)
+    for k in range(m):
+        add_own_equations(border, k, G, GE, r, M, own)
+    if not rigid:
+        add_site_equations(border, C, G, GE, r_y, M)
+    if not (own_downhill(M, own, reach) if len(reach) else solve_dense(M)):
+        return False
+    for k in range(m):
+        for j in range(BORDER):
+            dz[k, j] = M[own * k + j, own * m] if j < own else 0.0
+    return True
+
+
+@owning
+def own_downhill(M: Array, own: int, reach: Array) -> bool:
+    """Solve the border's own system with the abscissae led, its solution in place of the last column of `M`
+    (k, k + 1): see `coupling.kernels.bordered.own_downhill`. `own` unknowns a hold. False where a matrix is
+    singular."""
+    size, driven = len(M), driven_holds(M, own, len(reach))
+    d = len(driven)
+    whole, H = np.zeros((size, size + 1 + d)), np.zeros((d, d + 1))
+    for i in range(size):
+        for c in range(size + 1):
+            whole[i, c] = M[i, c]
+    for j in range(d):
+        row = whole[OWN * driven[j]]
+        for c in range(size + 1):
+            row[c] = 0.0
+        row[own * driven[j]] = row[size + 1 + j] = 1.0
+    if not solve_dense(whole):
+        return False
+    for i in range(d):
+        law = M[OWN * driven[i]]
+        H[i, d] = -law[size]
+        for c in range(size):
+            H[i, d] += law[c] * whole[c, size]
+            for j in range(d):
+                H[i, j] -= law[c] * whole[c, size + 1 + j]
+    if d > 0 and not step_downhill(H):
+        return False
+    share = 1.0
+    for j in range(d):
+        share = min(share, reach[driven[j]] / max(abs(H[j, d]), TINY))
+    for i in range(size):
+        M[i, size] = whole[i, size]
+        for j in range(d):
+            M[i, size] += whole[i, size + 1 + j] * share * H[j, d]
+    return True
+
+
+@owning
+def driven_holds(M: Array, own: int, m: int) -> Indices:
+    """Return the holds whose law of sliding speaks of more than abscissae."""
+    found, count = np.zeros(m, np.int64), 0
+    for k in range(m):
+        driven = False
+        for c in range(len(M)):
+            driven |= M[OWN * k, c] != 0.0 and not (c < own * m and c % own == 0)
+        if driven:
+            found[count] = k
+            count += 1
+    return found[:count]
+
+
+@owning
+def step_downhill(H: Array) -> bool:
+    """Solve H ds = f, or with the sizes of the eigenvalues where one is not positive, for ds in place of f, the last
+    column of `H` (d, d + 1). False where H is singular."""
+    d = len(H)
+    even = np.zeros((d, d))
+    for i in range(d):
+        for j in range(d):
+            even[i, j] = 0.5 * (H[i, j] + H[j, i])
+            if not abs(even[i, j]) < LARGEST:
+                return False
+    sizes, axes = np.linalg.eigh(even)
+    if sizes[0] > 0.0:
+        return solve_dense(H)
+    least = max(FLAT * max(abs(sizes[0]), abs(sizes[d - 1])), TINY)
+    ds = np.zeros(d)
+    for j in range(d):
+        along = 0.0
+        for i in range(d):
+            along += axes[i, j] * H[i, d]
+        along /= max(abs(sizes[j]), least)
+        for i in range(d):
+            ds[i] += axes[i, j] * along
+    for i in range(d):
+        H[i, d] = ds[i]
+    return True
+
+
+@owning
+def thread_by_holds(E: Array, G: Array, own: int) -> Array:
+    """Return G E, shape `(9m, own m)`."""
+    m = len(E)
+    GE = np.zeros((NINE * m, own * m))
+    for i in range(NINE * m):
+        for k in range(m):
+            for j in range(NINE):
+                g, row = G[i, 1 + NINE * k + j], E[k, j]
+                for z in range(own):
+                    GE[i, own * k + z] += g * row[z]
+    return GE
+
+
+@loop
+def add_own_equations(border: Border, k: int, G: Array, GE: Array, r: Array, M: Array, own: int) -> None:
+    """Add D − B G E and −r − B w of hold k to its six rows, the right-hand side last."""
+    last = M.shape[1] - 1
+    for i in range(OWN):
+        row = M[OWN * k + i]
+        for j in range(NINE):
+            b, at = border.B[k, i, j], NINE * k + j
+            if b != 0.0:
+                for z in range(last):
+                    row[z] -= b * GE[at, z]
+                row[last] -= b * G[at, 0]
+        for z in range(own):
+            row[own * k + z] += border.D[k, i, z]
+        row[last] -= r[k, i]
+
+
+@owning
+def add_site_equations(border: Border, C: Array, G: Array, GE: Array, r_y: Array, M: Array) -> None:
+    """Add dy − C (F dz + R Vᵀdq) = −r_y below the holds' own equations, the right-hand side last."""
+    m = len(r_y)
+    force, last = np.zeros((NINE * m, BORDER * m + 1)), BORDER * m  # of the sites, by dz, and −R w
+    for k in range(m):
+        for i in range(NINE):
+            row = force[NINE * k + i]
+            for j in range(NINE):
+                push, at = border.R[k, i, j], NINE * k + j
+                if push != 0.0:
+                    for z in range(last):
+                        row[z] -= push * GE[at, z]
+                    row[last] -= push * G[at, 0]
+            for z in range(BORDER):
+                row[BORDER * k + z] += border.F[k, i, z]
+    for i in range(NINE * m):
+        row = M[OWN * m + i]
+        for j in range(NINE * m):
+            c = C[i, j]
+            for z in range(last + 1):
+                row[z] -= c * force[j, z]
+        row[BORDER * (i // NINE) + OWN + i % NINE] += 1.0
+        row[last] -= r_y[i // NINE, i % NINE]
+
+
+@owning
+def thread_direction(E: Array, dz: Array, X: Array, dq: Array) -> float:
+    """Write dq = −A⁻¹r_q − A⁻¹V E dz, shape `(n, 3)`, and return its largest entry, −1 where one is no number; `X`
+    (n + 3, 3, 1 + 9m)."""
+    push, longest = np.zeros(NINE * len(E)), 0.0
+    for k in range(len(E)):
+        for i in range(NINE):
+            for z in range(BORDER):
+                push[NINE * k + i] += E[k, i, z] * dz[k, z]
+    for i in range(len(X) - REACH):
+        for x in range(3):
+            moved = X[i, x, 0]
+            for j in range(len(push)):
+                moved -= X[i, x, 1 + j] * push[j]
+            if not abs(moved) < LARGEST:
+                return -1.0
+            dq[i, x], longest = moved, max(longest, abs(moved))
+    return longest

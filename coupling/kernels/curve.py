@@ -1,0 +1,164 @@
+"""Stretch and bending of the thread, span by span (`thread.energies.continuous`, `thread.energies.densities`)."""
+
+from typing import NamedTuple
+
+from coupling.arrays import Array, Indices
+from coupling.kernels.loops import loop, numbers
+from coupling.kernels.vectors import (
+    Matrix,
+    Vector,
+    add_matrix,
+    add_row,
+    added,
+    combined,
+    diagonal,
+    dot,
+    outer,
+    sum_of,
+    times,
+    transposed,
+)
+
+FIRST, *_ = numbers(0)
+
+
+class Curve(NamedTuple):
+    """The elastic thread on its knots.
+
+    `first` (spans,); b' and b'' at the points of the bending, `slope` and `bend` (spans, g, 4), with `w` (spans, g)
+    [m]; b' at those of the stretch, `axial_slope` (spans, a, 4), with `axial_w` (spans, a) [m]; EA [N], EI [N m²].
+    """
+
+    first: Indices
+    slope: Array
+    bend: Array
+    w: Array
+    axial_slope: Array
+    axial_w: Array
+    EA: float
+    EI: float
+
+
+class Stretched(NamedTuple):
+    """The curve at its points, as `thread.energies.continuous.Stretched`."""
+
+    T: Array
+    K: Array
+    T_axial: Array
+    strain: Array
+
+
+@loop
+def along_span(b: Array, q: Array, first: int) -> Vector:
+    """Return Σ b_i q_i over the four points from `first` on."""
+    x = b[0] * q[first, 0] + b[1] * q[first + 1, 0] + b[2] * q[first + 2, 0] + b[3] * q[first + 3, 0]
+    y = b[0] * q[first, 1] + b[1] * q[first + 1, 1] + b[2] * q[first + 2, 1] + b[3] * q[first + 3, 1]
+    z = b[0] * q[first, 2] + b[1] * q[first + 1, 2] + b[2] * q[first + 2, 2] + b[3] * q[first + 3, 2]
+    return x, y, z
+
+
+@loop
+def put(a: Vector, M: Array, i: int, j: int) -> None:
+    """Write a vector into row i of an array, from column j on."""
+    M[i, j], M[i, j + 1], M[i, j + 2] = a
+
+
+@loop
+def evaluate(curve: Curve, q: Array, at: Stretched) -> None:
+    """Evaluate the curve at its points, into `at`."""
+    for e in range(len(curve.first)):
+        first = curve.first[e]
+        for g in range(curve.w.shape[1]):
+            put(along_span(curve.slope[e, g], q, first), at.T[e], g, FIRST)
+            put(along_span(curve.bend[e, g], q, first), at.K[e], g, FIRST)
+        for g in range(curve.axial_w.shape[1]):
+            T = along_span(curve.axial_slope[e, g], q, first)
+            put(T, at.T_axial[e], g, FIRST)
+            at.strain[e, g] = 0.5 * (dot(T, T) - 1.0)
+
+
+@loop
+def point(a: Array, e: int, g: int) -> Vector:
+    """Return the vector at point g of span e."""
+    return a[e, g, 0], a[e, g, 1], a[e, g, 2]
+
+
+@loop
+def bending_gradient(curve: Curve, T: Vector, K: Vector) -> tuple[Vector, Vector]:
+    """Return the derivatives of ½EI κ² + ½EA (−ε)⁴, shortened, by T and T'."""
+    a, b, c = dot(T, T), dot(T, K), dot(K, K)
+    phi_a = (2.0 * b * b / a - c) / a**2
+    phi_b = -2.0 * b / a**2
+    p, half = max(0.5 * (1.0 - a), 0.0), 0.5 * curve.EI
+    by_T = sum_of(half * 2.0 * phi_a - 2.0 * curve.EA * p**3, T, half * phi_b, K)
+    return by_T, sum_of(half * phi_b, T, half * 2.0 / a, K)
+
+
+@loop
+def bending_hessian(curve: Curve, T: Vector, K: Vector) -> tuple[Matrix, Matrix, Matrix]:
+    """Return the second derivatives of the same by (T, T), (T, T') and (T', T')."""
+    a, b, c = dot(T, T), dot(T, K), dot(K, K)
+    half = 0.5 * curve.EI
+    phi_b, phi_bb = half * -2.0 * b / a**2, half * -2.0 / a**2
+    phi_ab = -2.0 * phi_b / a
+    phi_a = -half * c / a**2 + 0.5 * b * phi_ab
+    phi_aa = half * (2.0 * c - 6.0 * b * b / a) / a**3
+    p = max(0.5 * (1.0 - a), 0.0)
+    by_TT = sum_of(4.0 * phi_aa + 6.0 * curve.EA * p**2, T, 2.0 * phi_ab, K)
+    TT = added(outer(T, by_TT), outer(K, sum_of(2.0 * phi_ab, T, phi_bb, K)))
+    TK = added(outer(T, sum_of(2.0 * phi_ab, T, 2.0 * phi_bb, K)), outer(K, times(phi_bb, T)))
+    KK = added(diagonal(half * 2.0 / a), outer(T, times(phi_bb, T)))
+    return added(TT, diagonal(2.0 * phi_a - 2.0 * curve.EA * p**3)), added(TK, diagonal(phi_b)), KK
+
+
+@loop
+def add_gradient(curve: Curve, at: Stretched, F: Array) -> None:
+    """Add ∂E/∂q to `F` (n, 3) [N]."""
+    for e in range(len(curve.first)):
+        first = curve.first[e]
+        for g in range(curve.w.shape[1]):
+            by_T, by_K = bending_gradient(curve, point(at.T, e, g), point(at.K, e, g))
+            w, slope, bend = curve.w[e, g], curve.slope[e, g], curve.bend[e, g]
+            for i in range(4):
+                add_row(1.0, sum_of(w * slope[i], by_T, w * bend[i], by_K), F, first + i, FIRST)
+        for g in range(curve.axial_w.shape[1]):
+            N, slope = curve.axial_w[e, g] * curve.EA * at.strain[e, g], curve.axial_slope[e, g]
+            T = point(at.T_axial, e, g)
+            for i in range(4):
+                add_row(N * slope[i], T, F, first + i, FIRST)
+
+
+@loop
+def add_block(A: Array, i: int, j: int, x: float, block: Matrix) -> None:
+    """Add x times the block of the points i and j ≥ i to a symmetric block band."""
+    add_matrix(x, block, A[i], FIRST, 3 * (j - i))
+
+
+@loop
+def add_tangent(curve: Curve, at: Stretched, N: Array, A: Array) -> None:
+    """Add ∂²E/∂q² to a block band, with the axial force `N` (spans, a) [N] as an unknown of its own."""
+    for e in range(len(curve.first)):
+        first = curve.first[e]
+        for g in range(curve.w.shape[1]):
+            TT, TK, KK = bending_hessian(curve, point(at.T, e, g), point(at.K, e, g))
+            KT, w, slope, bend = transposed(TK), curve.w[e, g], curve.slope[e, g], curve.bend[e, g]
+            for i in range(4):
+                of_T = combined(w * slope[i], TT, w * bend[i], KT)
+                of_K = combined(w * slope[i], TK, w * bend[i], KK)
+                for j in range(i, 4):
+                    add_block(A, first + i, first + j, 1.0, combined(slope[j], of_T, bend[j], of_K))
+        for g in range(curve.axial_w.shape[1]):
+            w, slope, T = curve.axial_w[e, g], curve.axial_slope[e, g], point(at.T_axial, e, g)
+            stiff = added(diagonal(w * N[e, g]), outer(T, times(w * curve.EA, T)))
+            for i in range(4):
+                for j in range(i, 4):
+                    add_block(A, first + i, first + j, slope[i] * slope[j], stiff)
+
+
+@loop
+def next_axial_force(curve: Curve, at: Stretched, dq: Array, N: Array) -> None:
+    """Write EA (ε + T·δT), N of the next iterate, into `N` (spans, a) [N]."""
+    for e in range(len(curve.first)):
+        for g in range(curve.axial_w.shape[1]):
+            d_T = along_span(curve.axial_slope[e, g], dq, curve.first[e])
+            N[e, g] = curve.EA * (at.strain[e, g] + dot(point(at.T_axial, e, g), d_T))

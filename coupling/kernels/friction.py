@@ -1,0 +1,229 @@
+"""The law of sliding at one hold (`coupling.step.sliding`)."""
+
+from typing import NamedTuple
+
+from coupling.arrays import Array, Flags
+from coupling.kernels.holes import (
+    Hold,
+    driving_force,
+    held_energy,
+    lacking_force,
+    lacking_force_rate,
+    lacking_stiffness,
+    on_frame,
+    place_rate,
+    shrinkage,
+    tangent,
+    tangent_rate,
+    tilting_rates,
+)
+from coupling.kernels.loops import loop, numbers
+from coupling.kernels.vectors import (
+    ZERO,
+    Vector,
+    add_row,
+    applied,
+    dot,
+    minus,
+    norm,
+    plus,
+    sum_of,
+    times,
+)
+
+LAW, S, LAM, MU_U, MU_V, U, V = numbers(
+    0, 0, 1, 4, 5, 9, 12
+)  # row of the law; columns as in `coupling.kernels.bordered`
+AT_T, AT_K = numbers(3, 6)
+TINY = 2.2250738585072014e-308
+
+
+class Law(NamedTuple):
+    """The law of all holds, as `coupling.step.sliding.Law`."""
+
+    s_old: Array
+    s_held: Array
+    static: Array
+    kinetic: Array
+    grip: Array
+    per_channel: Array
+    rough: Flags
+    may_slide: Flags
+    s_free: Array
+    injected: Array
+    stretch: Array
+    inertia: Array
+    ideal: bool
+
+
+@loop
+def channel_forces(h: Hold, per_channel: float) -> tuple[Vector, Vector]:
+    """Return λ/2 ± m/ℓ_c [N]."""
+    return sum_of(0.5, h.lam, per_channel, h.m), sum_of(0.5, h.lam, -per_channel, h.m)
+
+
+@loop
+def part_across(force: Vector, t: Vector) -> Vector:
+    """Return the part of a force across the unit tangent t."""
+    return sum_of(1.0, force, -dot(force, t), t)
+
+
+@loop
+def normal_force(h: Hold, per_channel: float) -> float:
+    """Return N = |λ_n/2 + m/ℓ_c| + |λ_n/2 − m/ℓ_c| [N]."""
+    T = tangent(h)
+    t, ends = times(1.0 / norm(T), T), channel_forces(h, per_channel)
+    return norm(part_across(ends[0], t)) + norm(part_across(ends[1], t))
+
+
+@loop
+def kinetic_bound(law: Law, k: int, h: Hold) -> float:
+    """Return F₀ + μ_k N [N]."""
+    return law.grip[k] + law.kinetic[k] * normal_force(h, law.per_channel[k])
+
+
+@loop
+def static_bound(law: Law, k: int, h: Hold) -> float:
+    """Return F₀ + μ_s N [N]."""
+    return law.grip[k] + law.static[k] * normal_force(h, law.per_channel[k])
+
+
+@loop
+def net_drive(law: Law, k: int, h: Hold, s: float) -> float:
+    """Return Φ_sᵀλ − ε s̈ [N]."""
+    return driving_force(h) - law.inertia[k] * (s - law.s_free[k])
+
+
+@loop
+def stretch_met(law: Law, k: int, h: Hold) -> float:
+    """Return |T̂|."""
+    return law.stretch[k] if h.directed and not h.bare else norm(tangent(h))
+
+
+@loop
+def residual(law: Law, k: int, sigma: float, h: Hold, s: float) -> float:
+    """Return the left-hand side of the law: [N] where the thread slides, [m] where it is held."""
+    if sigma == 0.0:
+        return s - law.s_held[k]
+    drive = net_drive(law, k, h, s)
+    if law.ideal:
+        return drive
+    given = law.injected[k]
+    if law.rough[k]:
+        given += sigma * kinetic_bound(law, k, h)
+    return drive - stretch_met(law, k, h) * given
+
+
+@loop
+def admissible_sigma(law: Law, k: int, sigma: float) -> float:
+    """Fit σ to the hold: an ideal hole slides, one that may not slide sticks."""
+    if not law.may_slide[k]:
+        return 0.0
+    return sigma if law.rough[k] else 1.0
+
+
+@loop
+def next_sigma(law: Law, k: int, sigma: float, h: Hold, s: float, margin: float) -> float:
+    """Return σ after a solved iterate: see `coupling.step.sliding.next_sigma`."""
+    if not (law.may_slide[k] and law.rough[k]):
+        return admissible_sigma(law, k, sigma)
+    if sigma != 0.0:
+        return 0.0 if sigma * (s - law.s_old[k]) < 0.0 else sigma
+    f = net_drive(law, k, h, s) / stretch_met(law, k, h)
+    if abs(f) > static_bound(law, k, h) + margin:
+        return 1.0 if f > 0.0 else -1.0
+    return 0.0
+
+
+@loop
+def linearise_law(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) -> None:
+    """Write the row of s: row 0 of `B` (6, 9) and of `D` (6, 15), both zero before."""
+    if sigma == 0.0:
+        D[LAW, S] = 1.0
+        return
+    P_s, T_s, T_u, T_v = place_rate(h), tangent_rate(h), h.mu_u, h.mu_v
+    add_row(1.0, P_s, D, LAW, LAM)
+    D[LAW, MU_U] += dot(T_s, h.u)
+    D[LAW, MU_V] += dot(T_s, h.v)
+    add_row(T_u, T_s, D, LAW, U)
+    add_row(T_v, T_s, D, LAW, V)
+    D[LAW, S] += dot(h.lam, h.K) + dot(h.m, h.J) + held_energy(h, 2) - law.inertia[k]
+    add_row(1.0, h.lam, B, LAW, AT_T)
+    add_row(1.0, h.m, B, LAW, AT_K)
+    if not h.bare:
+        add_turning(h, B, D)
+    if not law.ideal:
+        add_friction(law, k, sigma, h, B, D)
+
+
+@loop
+def add_turning(h: Hold, B: Array, D: Array) -> None:
+    """Add the slope of the missing compliance's share in the driving force by the axis that it acts across and by the
+    frame."""
+    rate, by_K, (by_u, by_v) = lacking_force_rate(h), lacking_force(h), tilting_rates(h)
+    by_T = plus(rate, applied(lacking_stiffness(h), h.K))
+    add_row(1.0, by_u, D, LAW, U)
+    add_row(1.0, by_v, D, LAW, V)
+    D[LAW, S] += dot(plus(by_T, rate), h.K) + dot(by_K, h.J)
+    add_row(1.0, by_T, B, LAW, AT_T)
+    add_row(1.0, by_K, B, LAW, AT_K)
+
+
+@loop
+def unit_or_zero(a: Vector) -> Vector:
+    """Return a/|a|, zero where a is."""
+    return times(1.0 / max(norm(a), TINY), a)
+
+
+@loop
+def add_friction(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) -> None:
+    """Subtract the derivative of |T̂|(injected + σ(F₀ + μ_k N))."""
+    T = tangent(h)
+    size = norm(T)
+    t = times(1.0 / size, T)
+    one, other = channel_forces(h, law.per_channel[k])
+    n_one, n_other = unit_or_zero(part_across(one, t)), unit_or_zero(part_across(other, t))
+    rough_sigma = sigma if law.rough[k] else 0.0
+    given = law.injected[k] + rough_sigma * kinetic_bound(law, k, h)
+    press = rough_sigma * stretch_met(law, k, h) * law.kinetic[k]
+    by_m = times(-press * law.per_channel[k], minus(n_one, n_other))
+    add_row(-0.5 * press, plus(n_one, n_other), D, LAW, LAM)
+    D[LAW, MU_U] += dot(by_m, h.u)
+    D[LAW, MU_V] += dot(by_m, h.v)
+    add_row(h.mu_u, by_m, D, LAW, U)
+    add_row(h.mu_v, by_m, D, LAW, V)
+    by_t = sum_of(press * dot(one, t), n_one, press * dot(other, t), n_other)
+    add_tangent(h, size, t, -given, by_t, B, D)
+
+
+@loop
+def add_tangent(h: Hold, size: float, t: Vector, by_size: float, by_t: Vector, B: Array, D: Array) -> None:
+    """Add `by_size` times the derivative of |T̂| and `by_t`, across t, times that of t."""
+    by_T, by_K = sum_of(by_size, t, 1.0 / size, by_t), ZERO
+    if h.directed and not h.bare:
+        by_u, by_v = on_frame(h, times(1.0 / h.area, by_t))
+        add_row(1.0, by_u, D, LAW, U)
+        add_row(1.0, by_v, D, LAW, V)
+        by_T = ZERO
+    elif not h.bare:
+        by_T, by_K = add_effective_tangent(h, by_T, D)
+    D[LAW, S] += dot(by_T, h.K) + dot(by_K, h.J)
+    add_row(1.0, by_T, B, LAW, AT_T)
+    add_row(1.0, by_K, B, LAW, AT_K)
+
+
+@loop
+def add_effective_tangent(h: Hold, by: Vector, D: Array) -> tuple[Vector, Vector]:
+    """Add `by` times the derivative of T̂ of a free hole by λ and by s where T, T' are held; its parts by T and T' are
+    returned."""
+    square = dot(h.T, h.T)
+    per_square = dot(by, h.T) / square
+    bend = per_square * dot(h.across, h.K)
+    by_across = sum_of(h.c1[0], by, -h.c0[0] * per_square, h.K)
+    lengthwise = dot(by_across, h.unit)
+    crosswise = sum_of(1.0, by_across, -lengthwise, h.unit)
+    add_row(1.0, crosswise, D, LAW, LAM)
+    D[LAW, S] += h.c1[1] * dot(by, h.across) - h.c0[1] * bend
+    turned = sum_of(lengthwise / h.size, h.across, h.along / h.size, crosswise)
+    stretched = sum_of(shrinkage(h), by, 2.0 * h.c0[0] * bend / square, h.T)
+    return minus(stretched, turned), times(-h.c0[0] * per_square, h.across)

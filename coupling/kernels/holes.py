@@ -1,0 +1,322 @@
+"""The constraints at one hold, and the forces that come with them (`coupling.kernels.constraints`)."""
+
+from math import sqrt
+from typing import NamedTuple
+
+from coupling.arrays import Array
+from coupling.kernels.loops import loop, numbers
+from coupling.kernels.vectors import (
+    Matrix,
+    Vector,
+    added,
+    applied,
+    combined,
+    cross,
+    diagonal,
+    dot,
+    minus,
+    norm,
+    outer,
+    plus,
+    product,
+    scaled,
+    sum_of,
+    times,
+    transposed,
+    vector,
+)
+
+FIRST, AT_U, AT_V = numbers(0, 3, 6)
+
+
+class Hold(NamedTuple):
+    """One hold at an iterate.
+
+    Of the thread P [m], T, K = T' [1/m], J = T'' [1/m²] and c₀, c₁, c₂, c₃ of the missing compliance, each with two
+    derivatives by s; λ [N], μ_u, μ_v [N m]; of the organ x [m], u, v. `m` = μ_u u + μ_v v [N m]. The axis a is T: its
+    `unit` vector and `size`, and λ `along` and `across` it [N]. How far T leaves the frame, as
+    `coupling.kernels.constraints.Tilt`: `normal` n̂, `area`, `cosine` ψ, n̂ − ψâ `of_along` and â − ψn̂ `of_normal`,
+    γ with its derivatives `slope` and `bend` by ψ, `share` Γ, `by_T`, `by_n`. `directed`: the frame tells where the
+    thread goes. `bare`: no hold of the thread lacks compliance.
+    """
+
+    P: Vector
+    T: Vector
+    K: Vector
+    J: Vector
+    c0: Vector
+    c1: Vector
+    c2: Vector
+    c3: Vector
+    directed: bool
+    bare: bool
+    lam: Vector
+    mu_u: float
+    mu_v: float
+    x: Vector
+    u: Vector
+    v: Vector
+    m: Vector
+    unit: Vector
+    size: float
+    along: float
+    across: Vector
+    normal: Vector
+    area: float
+    cosine: float
+    of_along: Vector
+    of_normal: Vector
+    gamma: float
+    slope: float
+    bend: float
+    share: float
+    by_T: Vector
+    by_n: Vector
+
+
+@loop
+def hold_at(D: Array, c: Array, directed: bool, bare: bool, lam: Array, y: Array) -> Hold:
+    """Return a hold from P to T'', `D` (4, 3), c `(3 derivatives, 4)`, `lam` (5,) and `y` (9,)."""
+    T, force, u, v = vector(D[1], FIRST), vector(lam, FIRST), vector(y, AT_U), vector(y, AT_V)
+    size = norm(T)
+    unit = times(1.0 / size, T)
+    along, n = dot(force, unit), cross(u, v)
+    area = norm(n) if dot(T, n) >= 0.0 else -norm(n)
+    normal = times(1.0 / area, n)
+    cosine = dot(unit, normal)
+    of_along, of_normal = sum_of(1.0, normal, -cosine, unit), sum_of(1.0, unit, -cosine, normal)
+    half = sqrt(0.5 * (1.0 + cosine))  # cos ½φ
+    gamma, slope = 0.5 * half**2 * (1.0 + half), 0.25 * (1.0 + 1.5 * half)
+    return Hold(
+        vector(D[0], FIRST),
+        T,
+        vector(D[2], FIRST),
+        vector(D[3], FIRST),
+        (c[0, 0], c[1, 0], c[2, 0]),
+        (c[0, 1], c[1, 1], c[2, 1]),
+        (c[0, 2], c[1, 2], c[2, 2]),
+        (c[0, 3], c[1, 3], c[2, 3]),
+        directed,
+        bare,
+        force,
+        lam[3],
+        lam[4],
+        vector(y, FIRST),
+        u,
+        v,
+        sum_of(lam[3], u, lam[4], v),
+        unit,
+        size,
+        along,
+        sum_of(1.0, force, -along, unit),
+        normal,
+        area,
+        cosine,
+        of_along,
+        of_normal,
+        gamma,
+        slope,
+        0.09375 / half,
+        size**2 * gamma,
+        times(size, sum_of(2.0 * gamma, unit, slope, of_along)),
+        times(size**2 / area * slope, of_normal),
+    )
+
+
+@loop
+def axis_force(h: Hold) -> Vector:
+    """Return w = −c₀ τ (λ − τâ)/|a| [N m]."""
+    return times(-h.c0[0] * h.along / h.size, h.across)
+
+
+@loop
+def axis_force_rate(h: Hold) -> Vector:
+    """Return its derivative by s with a held [N]."""
+    return times(-h.c0[1] * h.along / h.size, h.across)
+
+
+@loop
+def tilt_force(h: Hold) -> float:
+    """Return e = ½c₃m² [N m]."""
+    return 0.5 * h.c3[0] * dot(h.m, h.m)
+
+
+@loop
+def tilt_force_rate(h: Hold) -> float:
+    """Return its derivative by s [N]."""
+    return 0.5 * h.c3[1] * dot(h.m, h.m)
+
+
+@loop
+def turned_compliance(h: Hold, c2: float, c3: float) -> float:
+    """Return c = c₂ + c₃(Γ − 1) [1/(N m)]."""
+    return c2 + c3 * (h.share - 1.0)
+
+
+@loop
+def lacking_force(h: Hold) -> Vector:
+    """Return w + e ∂Γ/∂T + c₁(λ·m) â [N m]."""
+    turned = sum_of(1.0, axis_force(h), tilt_force(h), h.by_T)
+    return sum_of(1.0, turned, h.c1[0] * dot(h.lam, h.m), h.unit)
+
+
+@loop
+def lacking_force_rate(h: Hold) -> Vector:
+    """Return its derivative by s with T held [N]."""
+    turned = sum_of(1.0, axis_force_rate(h), tilt_force_rate(h), h.by_T)
+    return sum_of(1.0, turned, h.c1[1] * dot(h.lam, h.m), h.unit)
+
+
+@loop
+def on_frame(h: Hold, by_n: Vector) -> tuple[Vector, Vector]:
+    """Return what a force conjugate to u × v is on u and on v."""
+    return cross(h.v, by_n), cross(by_n, h.u)
+
+
+@loop
+def tilting_rates(h: Hold) -> tuple[Vector, Vector]:
+    """Return the derivatives by s of e ∂Γ/∂u and e ∂Γ/∂v [N]."""
+    turned = applied(transposed(tilt_mixed(h)), h.K)
+    return on_frame(h, sum_of(tilt_force_rate(h), h.by_n, tilt_force(h), turned))
+
+
+@loop
+def axis_turned(h: Hold, da: Vector) -> Vector:
+    """Return the change of τâ as the axis changes by `da` [N]."""
+    turned = sum_of(dot(h.across, da), h.unit, h.along, sum_of(1.0, da, -dot(h.unit, da), h.unit))
+    return times(1.0 / h.size, turned)
+
+
+@loop
+def effective_place(h: Hold) -> Vector:
+    """Return P̂ [m]."""
+    return plus(h.P, sum_of(h.c0[0], h.across, h.c1[0] * h.size, h.m))
+
+
+@loop
+def effective_tangent(h: Hold) -> Vector:
+    """Return T̂."""
+    return plus(h.T, sum_of(h.c1[0] * h.size, h.lam, turned_compliance(h, h.c2[0], h.c3[0]), h.m))
+
+
+@loop
+def arm_rate(h: Hold) -> float:
+    """Return the derivative of c₁|a| by s [1/(N m)]."""
+    return h.c1[1] * h.size + h.c1[0] * dot(h.unit, h.K)
+
+
+@loop
+def place_rate(h: Hold) -> Vector:
+    """Return ∂P̂/∂s at constant multipliers."""
+    rate = plus(h.T, sum_of(h.c0[1], h.across, arm_rate(h), h.m))
+    return sum_of(1.0, rate, -h.c0[0], axis_turned(h, h.K))
+
+
+@loop
+def tangent_rate(h: Hold) -> Vector:
+    """Return ∂T̂/∂s at constant multipliers [1/m]."""
+    by_couple = turned_compliance(h, h.c2[1], h.c3[1]) + h.c3[0] * dot(h.by_T, h.K)
+    return plus(h.K, sum_of(arm_rate(h), h.lam, by_couple, h.m))
+
+
+@loop
+def held_energy(h: Hold, k: int) -> float:
+    """Return ½c₀(λ² − τ²) + c₁|a|λ·m + ½c m² [J], or its derivative number `k` by s with T held [N, N/m]."""
+    turned = turned_compliance(h, h.c2[k], h.c3[k])
+    alone = h.c0[k] * dot(h.across, h.across) + turned * dot(h.m, h.m)
+    return 0.5 * alone + h.c1[k] * h.size * dot(h.lam, h.m)
+
+
+@loop
+def shrinkage(h: Hold) -> float:
+    """Return 1 − c₀ (λ − τâ)·T'/|T|²."""
+    return 1.0 - h.c0[0] * dot(h.across, h.K) / dot(h.T, h.T)
+
+
+@loop
+def tangent(h: Hold) -> Vector:
+    """Return the thread's tangent at P̂, of length |T̂|."""
+    if h.bare:
+        return h.T
+    if h.directed:
+        return times(h.size, h.normal)
+    return sum_of(shrinkage(h), h.T, h.c1[0], h.across)
+
+
+@loop
+def driving_force(h: Hold) -> float:
+    """Return Φ_sᵀλ [N]."""
+    return dot(h.lam, h.T) + dot(h.m, h.K) + held_energy(h, 1) + dot(lacking_force(h), h.K)
+
+
+@loop
+def force_on_tangent(h: Hold) -> Vector:
+    """Return Φ_qᵀλ conjugate to T [N m]; that conjugate to P is λ."""
+    return plus(h.m, lacking_force(h))
+
+
+@loop
+def site_force(h: Hold) -> tuple[Vector, Vector, Vector]:
+    """Return Φ_yᵀλ conjugate to x, u and v."""
+    T, turn = effective_tangent(h), on_frame(h, times(tilt_force(h), h.by_n))
+    return times(-1.0, h.lam), sum_of(h.mu_u, T, 1.0, turn[0]), sum_of(h.mu_v, T, 1.0, turn[1])
+
+
+@loop
+def axis_stiffness(h: Hold) -> Matrix:
+    """Return ∂w/∂a [N m]."""
+    mixed = outer(h.unit, h.across)
+    across = added(outer(h.across, h.across), scaled(-h.along, added(mixed, transposed(mixed))))
+    inner = combined(1.0, across, -(h.along**2), without(h.unit))
+    return scaled(-h.c0[0] / h.size**2, inner)
+
+
+@loop
+def lacking_stiffness(h: Hold) -> Matrix:
+    """Return ∂(w + e ∂Γ/∂T + c₁(λ·m) â)/∂T [N m]."""
+    turned = combined(1.0, axis_stiffness(h), tilt_force(h), tilt_by_thread(h))
+    return combined(1.0, turned, h.c1[0] * dot(h.lam, h.m) / h.size, without(h.unit))
+
+
+@loop
+def tilt_by_thread(h: Hold) -> Matrix:
+    """Return the second derivative of Γ by T."""
+    mixed = outer(h.unit, h.of_along)
+    turned = combined(1.0, added(mixed, transposed(mixed)), -h.cosine, without(h.unit))
+    turned = combined(h.slope, turned, h.bend, outer(h.of_along, h.of_along))
+    return combined(1.0, turned, 2.0 * h.gamma, diagonal(1.0))
+
+
+@loop
+def tilt_mixed(h: Hold) -> Matrix:
+    """Return the second derivative of Γ by T and u × v."""
+    turned = combined(2.0, outer(h.unit, h.of_normal), 1.0, product(without(h.unit), without(h.normal)))
+    return scaled(h.size / h.area, combined(h.slope, turned, h.bend, outer(h.of_along, h.of_normal)))
+
+
+@loop
+def tilt_by_frame(h: Hold) -> Matrix:
+    """Return the second derivative of Γ by u × v."""
+    mixed = outer(h.normal, h.of_normal)
+    turned = combined(1.0, added(mixed, transposed(mixed)), h.cosine, without(h.normal))
+    bent = outer(h.of_normal, h.of_normal)
+    return scaled((h.size / h.area) ** 2, combined(-h.slope, turned, h.bend, bent))
+
+
+@loop
+def force_by_axis(h: Hold) -> Matrix:
+    """Return ∂P̂/∂a [m]."""
+    turned = combined(1.0, outer(h.unit, h.across), h.along, without(h.unit))
+    return combined(-h.c0[0] / h.size, turned, h.c1[0], outer(h.m, h.unit))
+
+
+@loop
+def without(unit: Vector) -> Matrix:
+    """Return 1 − ââᵀ."""
+    return combined(1.0, diagonal(1.0), -1.0, outer(unit, unit))
+
+
+@loop
+def gap(h: Hold) -> Vector:
+    """Return g = P̂ − x [m]."""
+    return minus(effective_place(h), h.x)

@@ -1,0 +1,609 @@
+"""Newton's iteration on one step, active set after active set (`coupling.step.newton`)."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from coupling.arrays import Array, Flags, Indices
+from coupling.kernels import curve as on_curve
+from coupling.kernels.band import REACH, hold_still, solve_band
+from coupling.kernels.border import (
+    BORDER,
+    LARGEST,
+    NINE,
+    OF_U,
+    OF_V,
+    OF_X,
+    Border,
+    drop_constraints,
+    empty_border,
+    linearise,
+    put_columns,
+    solve_holds,
+    thread_direction,
+    values_at_hold,
+)
+from coupling.kernels.curve import FIRST, Curve, Stretched, add_block, along_span, put
+from coupling.kernels.friction import (
+    Law,
+    admissible_sigma,
+    linearise_law,
+    next_sigma,
+    residual,
+)
+from coupling.kernels.holes import (
+    Hold,
+    effective_tangent,
+    force_on_tangent,
+    gap,
+    hold_at,
+    lacking_stiffness,
+    site_force,
+)
+from coupling.kernels.loops import loop, outermost, owning, sources
+from coupling.kernels.vectors import add_row, dot, sum_of
+from thread.compliance import LACKS
+
+SOLVED, RAN_AWAY, SINGULAR_THREAD, SINGULAR_HOLDS, NOT_CONVERGED, ALTERNATES, UNKNOWN = range(7)  # how one ends
+HOW, TOTAL, SETS, OF_SET, GOES_ON = range(5)  # in the numbers of a trail
+TINY = 2.2250738585072014e-308
+
+
+class Knots(NamedTuple):
+    """The spline: `breaks` (spans + 1,) [m], `first` (spans,), `spacing` (n − 1,) [m], `polynomials` (spans, 4, 4),
+    `mass` (n, 4) [kg] the upper band of M."""
+
+    breaks: Array
+    first: Indices
+    spacing: Array
+    polynomials: Array
+    mass: Array
+
+
+class Given(NamedTuple):
+    """What one step is solved under: `q_ref`, `load` (n, 3) and the unknowns `held` (n, 3) of the thread; `y_free`
+    (m, 9), `C` (9m, 9m); constraints in force, `rows` (m, 5), and `directed` (m,); the piece of each hold: its outer
+    `spans` (m, 2) and its ends, `piece` (m, 2) [m]; what the spline lacks on each span for each hold, `lack`
+    (m, spans, 3 derivatives, 3, 7 powers); whether the constraints `stiffen` the thread's band."""
+
+    q_ref: Array
+    load: Array
+    held: Flags
+    y_free: Array
+    C: Array
+    rows: Flags
+    directed: Flags
+    spans: Indices
+    piece: Array
+    lack: Array
+    mass_factor: float
+    stiffen: bool
+
+
+class Bounds(NamedTuple):
+    """What counts as solved and how far a correction goes: `force` of the largest force, and `rounded` [N] beside it;
+    the `least` largest force [N]; `gap` [m], `direction`; `longest` move [m] and largest `turn` of a tangent; margin
+    between two solved sets; `iterations` for one set, how many `sets`, and how many `returns` to one of them; `spans`
+    that a correction moves an abscissa at most, downhill, zero where it is not led; whether the thread `floats`."""
+
+    force: float
+    rounded: float
+    least: float
+    gap: float
+    direction: float
+    longest: float
+    turn: float
+    margin: float
+    iterations: int
+    sets: int
+    returns: int
+    spans: float
+    floats: bool
+
+
+class Unknowns(NamedTuple):
+    """The iterate, as `coupling.step.newton.Iterate`."""
+
+    q: Array
+    N: Array
+    s: Array
+    lam: Array
+    y: Array
+    sigma: Array
+
+
+class Trail(NamedTuple):
+    """How an iteration went: the active sets `seen` (sets, m), and the numbers `made` (5,): HOW it ended, corrections
+    in TOTAL, SETS solved and corrections OF the SET that is not. Where it ended because it is UNKNOWN what the spline
+    lacks on a span that a hold came to, it GOES ON from there once its caller has learnt that, and says so."""
+
+    seen: Array
+    made: Indices
+
+
+class Passing(NamedTuple):
+    """The thread at its holes, as `coupling.kernels.constraints.Passage`: `D` (m, 4, 3) P to T'', `b` (m, 4, 4), `c`
+    (m, 3, 4), `first` (m,)."""
+
+    first: Indices
+    b: Array
+    D: Array
+    c: Array
+
+
+class Found(NamedTuple):
+    """The residual at the iterate, as `coupling.step.newton.Residual` with its passage, as `Passing`, and the
+    `trail` that led there."""
+
+    elastic: Array
+    balance: Array
+    push: Array
+    holds: Array
+    site: Array
+    f_y: Array
+    first: Indices
+    b: Array
+    D: Array
+    c: Array
+    T: Array
+    K: Array
+    T_axial: Array
+    strain: Array
+    trail: Trail
+
+
+@loop
+def clear(M: Array) -> None:
+    """Set a matrix to zero."""
+    for i in range(M.shape[0]):
+        for j in range(M.shape[1]):
+            M[i, j] = 0.0
+
+
+@loop
+def copy_into(a: Array, b: Array) -> None:
+    """Write the numbers of a vector into another."""
+    for i in range(len(a)):
+        b[i] = a[i]
+
+
+@loop
+def span_of(breaks: Array, s: float, low: int, high: int) -> int:
+    """Return the index of the span from `low` to `high` that holds s, or is nearest to it."""
+    while low < high:
+        middle = (low + high + 1) // 2
+        if s < breaks[middle]:
+            high = middle - 1
+        else:
+            low = middle
+    return low
+
+
+@loop
+def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found | Passing) -> None:
+    """Evaluate the thread at hold k, and what it lacks there."""
+    s = z.s[k]
+    span = span_of(knots.breaks, s, given.spans[k, 0], given.spans[k, 1])
+    x, p, first = s - knots.breaks[span], knots.polynomials[span], knots.first[span]
+    r.first[k] = first
+    for i in range(4):
+        r.b[k, 0, i] = p[0, i] + x * (p[1, i] + x * (p[2, i] + x * p[3, i]))
+        r.b[k, 1, i] = p[1, i] + x * (2.0 * p[2, i] + x * 3.0 * p[3, i])
+        r.b[k, 2, i] = 2.0 * p[2, i] + 6.0 * x * p[3, i]
+        r.b[k, 3, i] = 6.0 * p[3, i]
+    for order in range(4):
+        put(along_span(r.b[k, order], z.q, first), r.D[k], order, FIRST)
+    inside = given.piece[k, 0] < s < given.piece[k, 1]
+    for derivative in range(3):
+        for j in range(LACKS):
+            powers, c = given.lack[k, span, derivative, j], 0.0
+            for power in range(6, -1, -1):
+                c = c * x + powers[power]
+            r.c[k, derivative, j] = c if inside else 0.0
+
+
+@loop
+def lacks(c: Array) -> bool:
+    """Whether the spline lacks any compliance at the holds, `c` (m, 3, 4)."""
+    for k in range(len(c)):
+        for derivative in range(3):
+            for j in range(LACKS):
+                if c[k, derivative, j] != 0.0:
+                    return True
+    return False
+
+
+@loop
+def is_unknown(c: Array, s: Array) -> bool:
+    """Whether it is not known what the spline lacks at a hold, `c` (m, 3, 4), though the hold has a place."""
+    unknown = False
+    for k in range(len(s)):
+        unknown |= abs(s[k]) < LARGEST and not abs(c[k, 0, 0]) < LARGEST
+    return unknown
+
+
+@loop
+def hold_of(given: Given, z: Unknowns, r: Found, k: int, bare: bool) -> Hold:
+    """Return hold k."""
+    return hold_at(r.D[k], r.c[k], given.directed[k], bare, z.lam[k], z.y[k])
+
+
+@loop
+def add_momentum(mass: Array, factor: float, q: Array, q_ref: Array, out: Array) -> None:
+    """Add factor M (q − q_ref) to `out` (n, 3)."""
+    n = len(q)
+    for i in range(n):
+        for x in range(3):
+            moved = factor * (q[i, x] - q_ref[i, x])
+            out[i, x] += mass[i, 0] * moved
+            for k in range(1, min(REACH, n - 1 - i) + 1):
+                out[i + k, x] += mass[i, k] * moved
+                out[i, x] += mass[i, k] * factor * (q[i + k, x] - q_ref[i + k, x])
+
+
+@loop
+def evaluate(curve: Curve, knots: Knots, law: Law, given: Given, z: Unknowns, r: Found) -> tuple[float, bool]:
+    """Evaluate all residuals of a step; returns the largest force [N] and whether the spline lacks nothing."""
+    at, m = Stretched(r.T, r.K, r.T_axial, r.strain), len(z.s)
+    on_curve.evaluate(curve, z.q, at)
+    clear(r.elastic)
+    clear(r.push)
+    on_curve.add_gradient(curve, at, r.elastic)
+    scale = balance_elastic(r, given.load)
+    if given.mass_factor != 0.0:
+        add_momentum(knots.mass, given.mass_factor, z.q, given.q_ref, r.balance)
+    for k in range(m):
+        pass_hold(knots, given, z, k, r)
+    bare = not lacks(r.c)
+    for k in range(m):
+        h = hold_of(given, z, r, k, bare)
+        scale = max(scale, abs(h.lam[0]), abs(h.lam[1]), abs(h.lam[2]))
+        couple, b = force_on_tangent(h), r.b[k]
+        for i in range(4):
+            add_row(1.0, sum_of(b[0, i], h.lam, b[1, i], couple), r.push, r.first[k] + i, FIRST)
+        evaluate_hold(law, given, z, k, h, r)
+    subtract_push(r)
+    evaluate_sites(given, z, r)
+    return scale, bare
+
+
+@loop
+def balance_elastic(r: Found, load: Array) -> float:
+    """Begin the balance with elastic force less load; returns the largest of these [N]."""
+    largest = 0.0
+    for i in range(len(load)):
+        for x in range(3):
+            r.balance[i, x] = r.elastic[i, x] - load[i, x]
+            largest = max(largest, abs(r.elastic[i, x]), abs(load[i, x]))
+    return largest
+
+
+@loop
+def subtract_push(r: Found) -> None:
+    """Subtract the forces of the holes from the balance."""
+    for i in range(len(r.push)):
+        for x in range(3):
+            r.balance[i, x] -= r.push[i, x]
+
+
+@loop
+def evaluate_hold(law: Law, given: Given, z: Unknowns, k: int, h: Hold, r: Found) -> None:
+    """Evaluate the law of sliding, Φ and the force on the site of one hold."""
+    holds, T = r.holds[k], effective_tangent(h)
+    holds[0] = residual(law, k, z.sigma[k], h, z.s[k])
+    holds[1], holds[2], holds[3] = gap(h)
+    holds[4], holds[5] = dot(T, h.u), dot(T, h.v)
+    for j in range(5):
+        if not given.rows[k, j]:
+            holds[1 + j] = z.lam[k, j]
+    f_x, f_u, f_v = site_force(h)
+    put(f_x, r.f_y, k, OF_X)
+    put(f_u, r.f_y, k, OF_U)
+    put(f_v, r.f_y, k, OF_V)
+
+
+@loop
+def evaluate_sites(given: Given, z: Unknowns, r: Found) -> None:
+    """Evaluate y − y_free − C f_y."""
+    for i in range(len(given.C)):
+        moved = 0.0
+        for j in range(len(given.C)):
+            moved += given.C[i, j] * r.f_y[j // NINE, j % NINE]
+        k, x = i // NINE, i % NINE
+        r.site[k, x] = z.y[k, x] - given.y_free[k, x] - moved
+
+
+@loop
+def is_converged(given: Given, bounds: Bounds, force: float, z: Unknowns, r: Found) -> bool:
+    """Whether every equation holds to its tolerance, forces to `force` [N]."""
+    for i in range(len(r.balance)):
+        for x in range(3):
+            if not given.held[i, x] and not abs(r.balance[i, x]) <= force:
+                return False
+    for k in range(len(r.holds)):
+        if not abs(r.holds[k, 0]) <= (bounds.gap if z.sigma[k] == 0.0 else force):
+            return False
+        for j in range(5):
+            limit = bounds.gap if j < 3 else bounds.direction
+            if not abs(r.holds[k, 1 + j]) <= (limit if given.rows[k, j] else force):
+                return False
+        for j in range(NINE):
+            if not abs(r.site[k, j]) <= (bounds.gap if j < 3 else bounds.direction):
+                return False
+    return True
+
+
+@owning
+def border_of(law: Law, given: Given, z: Unknowns, r: Found, bare: bool) -> Border:
+    """Linearise the holds."""
+    border = empty_border(len(z.s))
+    for k in range(len(z.s)):
+        h = hold_of(given, z, r, k, bare)
+        B, D = border.B[k], border.D[k]
+        linearise(h, Border(border.E[k], B, D, border.F[k], border.R[k]))
+        linearise_law(law, k, z.sigma[k], h, B, D)
+        drop_constraints(B, D, given.rows[k])
+    return border
+
+
+@owning
+def thread_matrix(curve: Curve, knots: Knots, given: Given, z: Unknowns, r: Found, bare: bool) -> Array:
+    """Return the thread's own matrix as a block band: inertia, stiffness, and that of the axes at the holes."""
+    n = len(z.q)
+    A = np.zeros((n + REACH, 3, 3 * (REACH + 1)))
+    for i in range(n):
+        for k in range(REACH + 1):
+            for x in range(3):
+                A[i, x, 3 * k + x] = given.mass_factor * knots.mass[i, k]
+    on_curve.add_tangent(curve, Stretched(r.T, r.K, r.T_axial, r.strain), z.N, A)
+    for k in range(len(z.s)):
+        if not bare:
+            slope, turn = r.b[k, 1], lacking_stiffness(hold_of(given, z, r, k, bare))
+            for i in range(4):
+                for j in range(i, 4):
+                    add_block(A, r.first[k] + i, r.first[k] + j, -slope[i] * slope[j], turn)
+    return A
+
+
+@loop
+def largest_entry(A: Array) -> float:
+    """Return the size of the largest entry of a block band."""
+    largest = 0.0
+    for i in range(len(A)):
+        for x in range(3):
+            for c in range(A.shape[2]):
+                largest = max(largest, abs(A[i, x, c]))
+    return largest
+
+
+@owning
+def add_constraint_stiffness(A: Array, border: Border, given: Given, r: Found) -> None:
+    """Add Φ_qᵀ Γ (Φ_q dq + … + Φ) to the thread's equations: see `coupling.step.newton.add_constraint_stiffness`."""
+    scale = largest_entry(A)
+    for k in range(len(r.holds)):
+        b, gamma = r.b[k], np.zeros(5)
+        square = 0.0
+        for i in range(4):
+            square += b[0, i] ** 2 + b[1, i] ** 2
+        for j in range(5):
+            gamma[j] = (scale if j < 3 else scale / square) if given.rows[k, j] else 0.0
+        stiffen_at_hold(A, border.E[k], border.B[k], border.D[k], gamma, b, r.first[k], r.holds[k], r.balance)
+
+
+@owning
+def stiffen_at_hold(
+    A: Array, E: Array, B: Array, D: Array, gamma: Array, b: Array, first: int, holds: Array, balance: Array
+) -> None:
+    """Add the stiffness of the constraints of one hold, `gamma` (5,) [N/m, N m]: to the block band, to `E` (9, 15), and
+    what they are off by to the `balance` (n, 3)."""
+    K = np.zeros((NINE, NINE))
+    for c in range(5):
+        row, by_hold, off = B[1 + c], D[1 + c], holds[1 + c]
+        for i in range(NINE):
+            weighted = gamma[c] * row[i]
+            if weighted != 0.0:
+                for j in range(BORDER):
+                    E[i, j] += weighted * by_hold[j]
+                for j in range(NINE):
+                    K[i, j] += weighted * row[j]
+                for j in range(4):
+                    balance[first + j, i % 3] += b[i // 3, j] * weighted * off
+    for i in range(4):
+        for j in range(i, 4):
+            for x in range(3):
+                for y in range(3):
+                    stiff = 0.0
+                    for one in range(3):
+                        for other in range(3):
+                            stiff += b[one, i] * K[3 * one + x, 3 * other + y] * b[other, j]
+                    A[first + i, x, 3 * (j - i) + y] += stiff
+
+
+@loop
+def has_any(M: Array) -> bool:
+    """Whether an entry of a matrix is not zero."""
+    for i in range(M.shape[0]):
+        for j in range(M.shape[1]):
+            if M[i, j] != 0.0:
+                return True
+    return False
+
+
+@owning
+def newton_direction(
+    A: Array, border: Border, given: Given, r: Found, reach: Array, dq: Array, dz: Array
+) -> tuple[int, float]:
+    """Solve for the direction `dq` (n, 3), `dz` (m, 15), led by `reach` as in `solve_holds`; returns SOLVED or which
+    matrix is singular, and the longest entry of dq [m]."""
+    n, m = len(r.balance), len(r.holds)
+    X, first = np.zeros((n + REACH, 3, 1 + NINE * m)), n
+    for k in range(m):
+        put_columns(r.first[k], r.b[k], X, 1 + NINE * k)
+        first = min(first, r.first[k])
+    for i in range(n):
+        for x in range(3):
+            X[i, x, 0] = -r.balance[i, x]
+            if given.held[i, x]:
+                for j in range(X.shape[2]):
+                    X[i, x, j] = 0.0
+    if not solve_band(A, X, first):
+        return SINGULAR_THREAD, 0.0
+    G = np.zeros((NINE * m, 1 + NINE * m))
+    for k in range(m):
+        values_at_hold(r.first[k], r.b[k], X, G, NINE * k)
+    rigid = not (has_any(given.C) or has_any(r.site))
+    if not solve_holds(border, given.C, G, r.holds, r.site, rigid, reach, dz):
+        return SINGULAR_HOLDS, 0.0
+    longest = thread_direction(border.E, dz, X, dq)
+    return (SOLVED, longest) if longest >= 0.0 else (SINGULAR_HOLDS, 0.0)
+
+
+@loop
+def largest_turn(spacing: Array, dq: Array) -> float:
+    """Return the most that a move `dq` (n, 3) [m] of the control points turns a tangent by."""
+    square = 0.0
+    for i in range(len(spacing)):
+        here = 0.0
+        for x in range(3):
+            here += (dq[i + 1, x] - dq[i, x]) ** 2
+        square = max(square, here / spacing[i] ** 2)
+    return float(np.sqrt(square))
+
+
+@loop
+def longest_away(dq: Array) -> float:
+    """Return the most that a move `dq` (n, 3) [m] of the control points moves one beside the mean of all [m]."""
+    longest = 0.0
+    for x in range(3):
+        mean = 0.0
+        for i in range(len(dq)):
+            mean += dq[i, x]
+        mean /= len(dq)
+        for i in range(len(dq)):
+            longest = max(longest, abs(dq[i, x] - mean))
+    return longest
+
+
+@loop
+def add_correction(bounds: Bounds, spacing: Array, z: Unknowns, dq: Array, longest: float, dz: Array) -> None:
+    """Add a correction, or the share of it that moves no point further than it may, of a thread that floats beside the
+    mean of all, and turns no tangent by more; `dq` becomes what is added."""
+    away = longest_away(dq) if bounds.floats else longest
+    share = min(1.0, bounds.longest / max(away, TINY))
+    if bounds.turn < np.inf:
+        share = min(share, bounds.turn / max(largest_turn(spacing, dq), TINY))
+    for i in range(len(dq)):
+        for x in range(3):
+            dq[i, x] *= share
+            z.q[i, x] += dq[i, x]
+    for k in range(len(z.s)):
+        z.s[k] += share * dz[k, 0]
+        for j in range(5):
+            z.lam[k, j] += share * dz[k, 1 + j]
+        for j in range(NINE):
+            z.y[k, j] += share * dz[k, 6 + j]
+
+
+@owning
+def solve_set(
+    curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
+) -> tuple[int, float, bool]:
+    """Iterate by Newton with the active set, the corrections counted in the trail; returns how that ended, and at the
+    last iterate, where the residual is, the largest force [N] and whether the spline lacks nothing."""
+    dq, dz = np.zeros((len(z.q), 3)), np.zeros((len(z.s), BORDER))
+    reach = np.zeros(len(z.s) if bounds.spans > 0.0 else 0)
+    made = r.trail.made
+    while True:
+        scale, bare = evaluate(curve, knots, law, given, z, r)
+        scale = max(scale, bounds.least)
+        if is_unknown(r.c, z.s):
+            return UNKNOWN, scale, bare
+        if made[OF_SET] == bounds.iterations:
+            return NOT_CONVERGED, scale, bare
+        if not scale < LARGEST:
+            return RAN_AWAY, scale, bare
+        if is_converged(given, bounds, bounds.force * scale + bounds.rounded, z, r):
+            return SOLVED, scale, bare
+        A, border = thread_matrix(curve, knots, given, z, r, bare), border_of(law, given, z, r, bare)
+        if given.stiffen:
+            add_constraint_stiffness(A, border, given, r)
+        hold_still(A, given.held)
+        for k in range(len(reach)):
+            span = span_of(knots.breaks, z.s[k], given.spans[k, 0], given.spans[k, 1])
+            reach[k] = bounds.spans * (knots.breaks[span + 1] - knots.breaks[span])
+        ending, longest = newton_direction(A, border, given, r, reach, dq, dz)
+        if ending != SOLVED:
+            return ending, scale, bare
+        add_correction(bounds, knots.spacing, z, dq, longest, dz)
+        on_curve.next_axial_force(curve, Stretched(r.T, r.K, r.T_axial, r.strain), dq, z.N)
+        made[OF_SET] += 1
+        made[TOTAL] += 1
+
+
+@loop
+def times_seen(seen: Array, count: int, sigma: Array) -> int:
+    """Return how often an active set is among the first `count` of those `seen`."""
+    times = 0
+    for i in range(count):
+        same = True
+        for k in range(len(sigma)):
+            same &= seen[i, k] == sigma[k]
+        times += same
+    return times
+
+
+@owning
+def next_set(law: Law, given: Given, z: Unknowns, r: Found, bare: bool, margin: float, seen: Array, count: int) -> bool:
+    """Take the active set that the forces of a solved iterate ask for; False where the iterate has it. `seen` (k, m)
+    are the sets of the `count` iterates solved so far: where one comes back, the first hole that has to changes."""
+    m, first = len(z.s), -1
+    fitting = np.zeros(m)
+    for k in range(m):
+        fitting[k] = next_sigma(law, k, z.sigma[k], hold_of(given, z, r, k, bare), z.s[k], margin)
+        if first < 0 and fitting[k] != z.sigma[k]:
+            first = k
+    if first < 0:
+        return False
+    if times_seen(seen, count, fitting) > 0:
+        z.sigma[first] = fitting[first]
+    else:
+        copy_into(fitting, z.sigma)
+    return True
+
+
+def solve_of(digest: int) -> Any:
+    """Return the function that solves a step, kept on disk for the modules of this `digest`."""
+
+    @outermost
+    def solve(
+        curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
+    ) -> tuple[int, float]:
+        """Iterate until every equation holds and stick and slip fit the answer; returns the corrections, −1 where that
+        was not reached, and the largest force [N] at the last iterate, where the residual is."""
+        assert digest
+        (seen, made), scale = r.trail, 0.0
+        if not made[GOES_ON]:
+            for i in range(len(made)):
+                made[i] = 0
+            for k in range(len(z.s)):
+                z.sigma[k] = admissible_sigma(law, k, z.sigma[k])
+        while made[SETS] < bounds.sets:
+            made[HOW], scale, bare = solve_set(curve, knots, law, given, bounds, z, r)
+            if made[HOW] != SOLVED:
+                return -1, scale
+            copy_into(z.sigma, seen[made[SETS]])
+            made[SETS] += 1
+            made[OF_SET] = 0
+            often = times_seen(seen, made[SETS], z.sigma)
+            margin = bounds.margin * (bounds.force * scale + bounds.rounded)
+            if not next_set(law, given, z, r, bare, margin, seen, made[SETS]):
+                return made[TOTAL], scale
+            if often > bounds.returns:
+                break
+        made[HOW] = ALTERNATES
+        return -1, scale
+
+    return solve
+
+
+solve = solve_of(sources())

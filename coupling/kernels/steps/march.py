@@ -1,0 +1,574 @@
+"""Whole steps, one after the other, as long as nothing out of the ordinary happens (`coupling.step.stepping`,
+`coupling.run.run`): each predicted, solved with the tension that it ends with, concluded, looked at and audited.
+
+A step that does not converge, or in which anything happens that is more than the next step of a smooth motion, is not
+made: the arrays stay what they were at its start, and the numbers that are returned say why.
+"""
+
+from math import sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from coupling.arrays import Array, Flags, Indices
+from coupling.kernels.address import by_address
+from coupling.kernels.curve import Curve
+from coupling.kernels.friction import Law
+from coupling.kernels.holes import AT_U, AT_V, FIRST
+from coupling.kernels.iteration import GOES_ON, HOW, UNKNOWN, Bounds, Found, Given, Knots, Passing, Unknowns, solve
+from coupling.kernels.loops import loop, outermost, owning, sources
+from coupling.kernels.steps.audit import (
+    ELASTIC,
+    EXTERNAL,
+    FRICTION,
+    KINETIC,
+    LAYERED,
+    NUMERICAL,
+    TWO_STEP,
+    VISCOUS,
+    Motion,
+    Works,
+    audit_step,
+    pass_holds,
+)
+from coupling.kernels.steps.organ import (
+    BODY_ELASTIC,
+    BODY_KINETIC,
+    BODY_LOADS,
+    BODY_NUMERICAL,
+    BODY_TWO_STEP,
+    BODY_VISCOUS,
+    Going,
+    Organ,
+    Pace,
+    audit_organ,
+    bear,
+    go_free,
+)
+from coupling.kernels.steps.tautness import Strands, is_switched
+from coupling.kernels.steps.tension import (
+    KNOWN,
+    Limits,
+    Stages,
+    ask_tension,
+    change_of,
+    forget,
+    learn,
+    span_at,
+)
+from coupling.kernels.vectors import cross, dot, norm, vector
+
+# Why no further step is made.
+MADE, TO_LEARN, NOT_SOLVED, TOO_FAST, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL, TOO_NARROW = range(11)
+SOURCES = "**/*.py"  # that the loops are compiled from
+ENERGIES = 10  # numbers of `coupling.reports.audit.Energies` that steps change
+solve_at = by_address(solve)
+
+
+class Ends(NamedTuple):
+    """What holds and pulls the two ends in each step, (steps, 2, 3) each: the `places` [m] and the `forces` [N] at its
+    end, and by how much `more` the forces are at its start."""
+
+    places: Array
+    forces: Array
+    more: Array
+
+
+class Scene(NamedTuple):
+    """What does not change in steps: the `weight` (n, 3) [N]; abscissae `axial` (spans, a) [m] of the axial force;
+    holds that are `present`, those of them that have a place (`here`), those that may `slide`, and those that are
+    `rough`, (m,) each; the largest force that the tissue bears at each piercing, `strength` (p,) [N]; `damping` [1/s],
+    ε [kg]; what places are multiplied by for `round_off` of forces [N/m], and what of that is of the thread itself
+    [N]; the pressure that the thread bears [N] over EA, `borne`; spans that may run through a hole, `crossed`; shares
+    of energies that a step may make [-]: of what there is `create`, one of BDF2 `create_bdf2` besides what it gives
+    back, and with that `there`, or `turned` of what it turns over; of a compliance that is exchanged in place,
+    `bearing` [-]; and the `strands` between the holds."""
+
+    weight: Array
+    axial: Array
+    present: Flags
+    here: Flags
+    slide: Flags
+    rough: Flags
+    strength: Array
+    damping: float
+    epsilon: float
+    round_off: float
+    rounded: float
+    borne: float
+    crossed: float
+    create: float
+    create_bdf2: float
+    there: float
+    turned: float
+    bearing: float
+    strands: Strands
+
+
+class Scratch(NamedTuple):
+    """Room for what is made in a step and not kept: its unknowns and its `end`, which share their arrays, the residual
+    `found`; the holds `was` at its start and `other` with another √(EI/T), q_a `at` (n, 3) of its inertia, the missing
+    compliances `mid` and `back` (m, 4), √(EI/T) and 1 + T/EA there, `layers` and `stretch` (m,), where modes are
+    `going`, what thread and organ turn over, `turns` (8,) and `body` (6,) [J], and the energies `after` it (10,)."""
+
+    z: Unknowns
+    end: Motion
+    found: Found
+    was: Passing
+    other: Passing
+    at: Array
+    mid: Array
+    back: Array
+    layers: Array
+    stretch: Array
+    going: Going
+    turns: Array
+    body: Array
+    after: Array
+
+
+class Kept(NamedTuple):
+    """What is kept of steps, of as many as there is room for, (steps, …) each: the state at the `ends` of them, the
+    `elastic` forces (n, 3) [N] on the thread there, its largest axial `strain` [-], and its passage `at` the holes; the
+    `energies` (11,)."""
+
+    ends: Motion
+    elastic: Array
+    strain: Array
+    at: Passing
+    energies: Array
+
+
+@loop
+def put_references(pace: Pace, scene: Scene, law: Law, given: Given, now: Motion, earlier: Motion, at: Array) -> float:
+    """Write the references of inertia and damping of a step, and the law's of sliding; returns the largest place of
+    the first [m]."""
+    factor, largest = given.mass_factor, 0.0
+    for i in range(len(now.q)):
+        for x in range(3):
+            place = pace.now * now.q[i, x] + pace.before * earlier.q[i, x]
+            at[i, x] = place + (pace.now * now.v[i, x] + pace.before * earlier.v[i, x]) / pace.d
+            given.q_ref[i, x] = (pace.a * at[i, x] + pace.d * scene.damping * place) / factor
+            largest = max(largest, abs(given.q_ref[i, x]))
+    for k in range(len(now.s)):
+        place = pace.now * now.s[k] + pace.before * earlier.s[k]
+        law.s_old[k] = law.s_held[k] = now.s[k]
+        law.s_free[k] = place + (pace.now * now.s_dot[k] + pace.before * earlier.s_dot[k]) / pace.d
+    return largest
+
+
+@loop
+def put_load(scene: Scene, given: Given, ends: Ends, step: int) -> None:
+    """Write weight and pulls at the end of a step."""
+    last = len(given.load) - 1
+    for i in range(len(given.load)):
+        for x in range(3):
+            given.load[i, x] = scene.weight[i, x]
+    for x in range(3):
+        given.load[0, x] += ends.forces[step, 0, x]
+        given.load[last, x] += ends.forces[step, 1, x]
+
+
+@loop
+def predict(pace: Pace, given: Given, ends: Ends, step: int, now: Motion, z: Unknowns) -> None:
+    """Write the first iterate: the thread goes on as it went, under the forces that it had."""
+    n = len(z.q)
+    for i in range(n):
+        for x in range(3):
+            z.q[i, x] = now.q[i, x] + pace.dt * now.v[i, x]
+    for end in range(2):
+        for x in range(3):
+            if given.held[end * (n - 1), x]:
+                z.q[end * (n - 1), x] = ends.places[step, end, x]
+    for e in range(len(z.N)):
+        for g in range(z.N.shape[1]):
+            z.N[e, g] = now.N[e, g]
+    for k in range(len(z.s)):
+        z.s[k], z.sigma[k] = now.s[k] + pace.dt * now.s_dot[k], now.sigma[k]
+        for j in range(5):
+            z.lam[k, j] = now.lam[k, j]
+        for j in range(9):
+            z.y[k, j] = now.y[k, j]
+
+
+@loop
+def is_too_long(pace: Pace, scene: Scene, knots: Knots, given: Given, now: Motion) -> bool:
+    """Whether the thread runs further through a hole in the step, at the rate it has, than one step sees."""
+    for k in range(len(now.s)):
+        span = span_at(knots, given, now.s[k], k)
+        h = knots.breaks[span + 1] - knots.breaks[span]
+        if scene.present[k] and scene.slide[k] and abs(now.s_dot[k]) / h * pace.dt > scene.crossed:
+            return True
+    return False
+
+
+@loop
+def conclude(pace: Pace, scene: Scene, given: Given, r: Found, now: Motion, earlier: Motion, new: Motion) -> None:
+    """Write what follows from the solved unknowns of a step: rates, forces in force, reactions, the sense in which the
+    thread passes its holes."""
+    n = len(new.q)
+    for i in range(n):
+        for x in range(3):
+            new.v[i, x] = pace.d * (new.q[i, x] - (pace.now * now.q[i, x] + pace.before * earlier.q[i, x]))
+    for k in range(len(new.s)):
+        new.s_dot[k] = pace.d * (new.s[k] - (pace.now * now.s[k] + pace.before * earlier.s[k]))
+        if new.sigma[k] == 0.0:
+            new.s_dot[k] = 0.0
+        for j in range(5):
+            if not given.rows[k, j]:
+                new.lam[k, j] = 0.0
+        for j in range(9):
+            new.f_y[k, j] = r.f_y[k, j]
+        new.sense[k] = now.sense[k]
+        if scene.present[k]:
+            normal = cross(vector(new.y[k], AT_U), vector(new.y[k], AT_V))
+            new.sense[k] = np.sign(dot(vector(r.D[k, 1], FIRST), normal))
+    for end in range(2):
+        i = end * (n - 1)
+        for x in range(3):
+            held = given.held[i, x]
+            new.reaction[end, x] = r.balance[i, x] if held else given.load[i, x] - scene.weight[i, x]
+
+
+@owning
+def may_be_squeezed(scene: Scene, knots: Knots, strain: Array, s: Array) -> bool:
+    """Whether a part of the thread, between holds at `s` (m,) [m], may be pressed by more than it bears: half of its
+    points are, without spans that have a hold in them (`coupling.step.tension.largest_pressure`)."""
+    points, bearing = np.zeros(len(s) + 1), np.zeros(len(s) + 1)
+    for e in range(len(strain)):
+        held, piece = False, 0
+        for k in range(len(s)):
+            if scene.here[k] and knots.breaks[0] < s[k] < knots.breaks[len(strain)]:
+                held |= knots.breaks[e] < s[k] <= knots.breaks[e + 1]
+                piece += 1 if s[k] <= knots.breaks[e] else 0
+        if not held:
+            for g in range(strain.shape[1]):
+                points[piece] += 1.0
+                bearing[piece] += 1.0 if strain[e, g] >= -scene.borne else 0.0
+    squeezed = False
+    for piece in range(len(points)):
+        squeezed |= points[piece] > 0.0 and not 2.0 * bearing[piece] > points[piece]
+    return squeezed
+
+
+@loop
+def what_happened(scene: Scene, given: Given, strain: Array, knots: Knots, now: Motion, new: Motion) -> int:
+    """Return what is out of the ordinary in a solved step, MADE where nothing is."""
+    if may_be_squeezed(scene, knots, strain, new.s):
+        return SQUEEZED
+    if is_switched(scene.strands, knots, scene.axial, new.s, new.N, new.v, scene.present):
+        return EVENT
+    last = knots.breaks[len(knots.breaks) - 1]
+    for k in range(len(new.s)):
+        if scene.present[k]:
+            if scene.slide[k] and not knots.breaks[0] <= new.s[k] <= last:
+                return LEFT
+            if given.directed[k] and now.sense[k] * new.sense[k] < 0.0:
+                return TURNED
+            if scene.rough[k] and (now.sigma[k] == 0.0) != (new.sigma[k] == 0.0):
+                return EVENT
+    return at_piercings(scene, now, new)
+
+
+@loop
+def at_piercings(scene: Scene, now: Motion, new: Motion) -> int:
+    """Return whether one piercing came past another or the tissue no longer bears one, MADE where neither is."""
+    for k in range(len(scene.strength)):
+        for other in range(len(scene.strength)):
+            both = scene.present[k] and scene.present[other]
+            if both and now.s[k] < now.s[other] and new.s[k] >= new.s[other]:
+                return CROSSED
+        before, after = norm(vector(now.lam[k], FIRST)), norm(vector(new.lam[k], FIRST))
+        if scene.present[k] and before <= scene.strength[k] < after:
+            return EVENT
+    return MADE
+
+
+@loop
+def copy_all(a: Array, b: Array) -> None:
+    """Write the entries of an array of two axes into another."""
+    for i in range(a.shape[0]):
+        for j in range(a.shape[1]):
+            b[i, j] = a[i, j]
+
+
+@loop
+def copy_row(a: Array, b: Array) -> None:
+    """Write the entries of an array of one axis into another."""
+    for i in range(len(a)):
+        b[i] = a[i]
+
+
+@loop
+def copy_lack(at: Passing, out: Array) -> None:
+    """Write c₀, c₁, c₂, c₃ at the holes into `out` (m, 4)."""
+    for k in range(len(out)):
+        for j in range(out.shape[1]):
+            out[k, j] = at.c[k, 0, j]
+
+
+@loop
+def copy_motion(a: Motion, b: Motion) -> None:
+    """Write one state into another."""
+    copy_all(a.q, b.q)
+    copy_all(a.v, b.v)
+    copy_all(a.N, b.N)
+    copy_all(a.lam, b.lam)
+    copy_all(a.y, b.y)
+    copy_all(a.f_y, b.f_y)
+    copy_all(a.reaction, b.reaction)
+    copy_row(a.s, b.s)
+    copy_row(a.s_dot, b.s_dot)
+    copy_row(a.sigma, b.sigma)
+    copy_row(a.sense, b.sense)
+    copy_row(a.layers, b.layers)
+    copy_row(a.stretch, b.stretch)
+    copy_row(a.U, b.U)
+    copy_row(a.V, b.V)
+    copy_row(a.A, b.A)
+    copy_row(a.drift, b.drift)
+
+
+@loop
+def keep(kept: Kept, step: int, r: Found, end: Motion, energies: Array) -> None:
+    """Keep what is known of a step that is made, where there is room for it."""
+    if step >= len(kept.energies):
+        return
+    of = kept.ends
+    place = Motion(
+        of.q[step], of.v[step], of.N[step], of.s[step], of.s_dot[step], of.lam[step], of.y[step], of.sigma[step],
+        of.sense[step], of.reaction[step], of.layers[step], of.stretch[step], of.f_y[step], of.U[step], of.V[step],
+        of.A[step], of.drift[step],
+    )  # fmt: skip
+    copy_motion(end, place)
+    copy_all(r.elastic, kept.elastic[step])
+    copy_row(energies, kept.energies[step])
+    kept.strain[step] = r.strain[0, 0]
+    for e in range(len(r.strain)):
+        for g in range(r.strain.shape[1]):
+            kept.strain[step] = max(kept.strain[step], r.strain[e, g])
+    for k in range(len(r.first)):
+        kept.at.first[step, k] = r.first[k]
+        copy_all(r.b[k], kept.at.b[step, k])
+        copy_all(r.D[k], kept.at.D[step, k])
+        copy_all(r.c[k], kept.at.c[step, k])
+
+
+@loop
+def go_on(now: Motion, earlier: Motion, new: Motion) -> None:
+    """Make the end of a step the start of the next."""
+    copy_motion(now, earlier)
+    copy_motion(new, now)
+
+
+@loop
+def book(turns: Array, body: Array, energies: Array, out: Array) -> None:
+    """Write the energies after a step into `out` (10,), as `coupling.reports.audit.audit_step`, from those before it
+    and what thread and organ, `body` (6,), turned over."""
+    layered, kinetic = turns[LAYERED], turns[KINETIC] + body[BODY_KINETIC]
+    external, viscous = turns[EXTERNAL] + body[BODY_LOADS], turns[VISCOUS] + body[BODY_VISCOUS]
+    numerical = turns[NUMERICAL] - (turns[ELASTIC] - energies[1] - layered) + body[BODY_NUMERICAL]
+    change = kinetic - energies[0] + turns[ELASTIC] - energies[1] + body[BODY_ELASTIC] - energies[2]
+    out[0], out[1], out[2] = kinetic, turns[ELASTIC], body[BODY_ELASTIC]
+    out[3] = energies[3] + external
+    out[4] = energies[4] + turns[FRICTION]
+    out[5] = energies[5] + viscous
+    out[6] = energies[6] + numerical
+    out[7] = energies[7] + (external + layered - change - turns[FRICTION] - viscous - numerical)
+    out[8] = energies[8] + layered
+    out[9] = numerical - 2.0 * (turns[TWO_STEP] + body[BODY_TWO_STEP])
+
+
+@loop
+def rounded_work(rounded: float, give: float, at_stake: float) -> float:
+    """Return the work of the round-off of forces, `rounded` [N], where so much is `at_stake` [J] of a thread that is
+    drawn out by `give` [m/N]."""
+    return rounded * (sqrt(2.0 * give * max(at_stake, 0.0)) + give * rounded)
+
+
+@loop
+def goes_uphill(
+    scene: Scene, pace: Pace, old: Array, new: Array, prestretch: float, rounded: float, give: float
+) -> bool:
+    """Whether a step makes energy, as `coupling.run.watch.Watch` says of one that is not a part; `rounded` and `give`
+    are as for `rounded_work`."""
+    made = old[6] - new[6]
+    lent, create = 0.0, scene.create
+    if pace.two_step:
+        lent, create = -pace.before * max(old[9], 0.0), scene.create_bdf2
+    at_stake = new[0] + new[1] + abs(new[2] - prestretch) + abs(new[3])
+    turned = abs(new[3] - old[3]) + abs(new[0] - old[0]) + abs(new[1] - old[1]) + abs(new[2] - old[2])
+    least = rounded_work(rounded, give, at_stake)
+    within = made <= max(scene.turned * turned, scene.there * at_stake, least)
+    return not (within and made - lent <= max(create * at_stake, least))
+
+
+@loop
+def bounds_at(bounds: Bounds, rounded: float) -> Bounds:
+    """Return the bounds of a step whose forces are rounded by so much [N]."""
+    return Bounds(
+        bounds.force, rounded, bounds.least, bounds.gap, bounds.direction, bounds.longest, bounds.turn, bounds.margin,
+        bounds.iterations, bounds.sets, bounds.returns, bounds.spans, bounds.floats,
+    )  # fmt: skip
+
+
+@loop
+def rounded_force(scene: Scene, knots: Knots, largest: float) -> float:
+    """Return the round-off of forces that cancel [N] where the largest place is so far away [m]."""
+    far = max(1.0, largest / (knots.breaks[-1] - knots.breaks[0]))
+    return scene.rounded * far + scene.round_off * largest
+
+
+@loop
+def pass_with(
+    stages: Stages, limits: Limits, knots: Knots, given: Given, z: Unknowns, layers: Array, at: Passing
+) -> int:
+    """Evaluate the thread at its holes with the compliance that it lacks where it bends over `layers` (m,) [m]; returns
+    what `learn` does."""
+    if limits.bends:
+        forget(given.lack)
+        missing = learn(stages, limits, knots, given, layers, z.s)
+        if missing != KNOWN:
+            return missing
+    pass_holds(knots, given, z, at)
+    return KNOWN
+
+
+@loop
+def begin_step(
+    knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, limits: Limits, stages: Stages, organ: Organ,
+    ends: Ends, step: int, now: Motion, earlier: Motion, room: Scratch,
+) -> tuple[float, int]:  # fmt: skip
+    """Write what a step is solved under. Returns the largest place [m], by which its forces are rounded, and what
+    `learn` does."""
+    start = Unknowns(now.q, now.N, now.s, now.lam, now.y, now.sigma)
+    largest = put_references(pace, scene, law, given, now, earlier, room.at)
+    put_load(scene, given, ends, step)
+    if not organ.still:
+        go_free(pace, organ, given, now, earlier, room.going)
+    missing = pass_with(stages, limits, knots, given, start, now.layers, room.was)
+    if limits.bends:
+        ask_tension(
+            limits, knots, given, scene.axial, now.s, now.N, now.lam, scene.present, room.end.layers, law.stretch
+        )  # fmt: skip
+        forget(given.lack)
+    return largest, missing
+
+
+@loop
+def solve_step(
+    curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, scene: Scene, pace: Pace, limits: Limits,
+    stages: Stages, ends: Ends, step: int, now: Motion, room: Scratch, solver: int,
+) -> tuple[int, int]:  # fmt: skip
+    """Solve a step, on where a hole comes to a span of which nothing was known, and again with the tension that it
+    ends with (`coupling.step.stepping.settle_layers`). Returns its iterations, −1 where it comes to no end, and what
+    `learn` does."""
+    total, passes, made = 0, 0, room.found.trail.made
+    made[GOES_ON] = 0
+    predict(pace, given, ends, step, now, room.z)
+    while True:
+        if limits.bends:
+            missing = learn(stages, limits, knots, given, room.end.layers, room.z.s)
+            if missing != KNOWN:
+                return -1, missing
+        iterations, _ = solve_at(solver, (curve, knots, law, given, bounds, room.z, room.found))
+        made[GOES_ON] = made[HOW] == UNKNOWN
+        if made[GOES_ON]:
+            continue
+        if iterations < 0:
+            return -1, KNOWN
+        total += iterations
+        if not limits.bends or passes == limits.passes:
+            return total, KNOWN
+        ask_tension(
+            limits, knots, given, scene.axial, room.z.s, room.z.N, room.z.lam, scene.here, room.layers, room.stretch
+        )  # fmt: skip
+        if change_of(limits, knots, given, room.z.s, scene.here, room.end.layers, room.layers) <= limits.settled:
+            return total, KNOWN
+        passes += 1
+        copy_row(room.layers, room.end.layers)
+        copy_row(room.stretch, law.stretch)
+        forget(given.lack)
+
+
+@loop
+def end_step(
+    curve: Curve, knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, limits: Limits, stages: Stages,
+    organ: Organ, ends: Ends, step: int, now: Motion, earlier: Motion, room: Scratch, energies: Array, rounded: float,
+) -> tuple[int, int]:  # fmt: skip
+    """Look at a solved step, whose forces are `rounded` [N], and audit it; returns why it is not made, MADE where it
+    is, and what `learn` does."""
+    start = Unknowns(now.q, now.N, now.s, now.lam, now.y, now.sigma)
+    missing = pass_with(stages, limits, knots, given, start, room.end.layers, room.other)
+    copy_lack(room.other, room.mid)
+    if missing == KNOWN:
+        missing = pass_with(stages, limits, knots, given, room.z, now.layers, room.other)
+        copy_lack(room.other, room.back)
+    if missing != KNOWN:
+        return TO_LEARN, missing
+    copy_row(law.stretch, room.end.stretch)
+    conclude(pace, scene, given, room.found, now, earlier, room.end)
+    happened = what_happened(scene, given, room.found.strain, knots, now, room.end)
+    if happened != MADE:
+        return happened, KNOWN
+    p, more = len(scene.strength), ends.more[step]
+    works = Works(scene.damping, scene.epsilon, p, scene.rough, pace.a, room.at, pace.two_step, more, scene.bearing)
+    audit_step(curve, knots, law, given, works, room.found, now, room.end, room.was, room.mid, room.back, room.turns)
+    if not organ.still and not bear(pace, organ, now, room.end, room.going):
+        return TOO_NARROW, KNOWN
+    audit_organ(organ, pace.two_step, given.C, now, room.end, room.body)
+    book(room.turns, room.body, energies, room.after)
+    give = (knots.breaks[-1] - knots.breaks[0]) / curve.EA
+    uphill = goes_uphill(scene, pace, energies, room.after, energies[ENERGIES], rounded, give)
+    return UPHILL if uphill else MADE, KNOWN
+
+
+def march_of(digest: int) -> Any:
+    """Return the function that makes steps, kept on disk for the modules of this `digest`."""
+
+    @outermost
+    def march(
+        curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, scene: Scene, pace: Pace, limits: Limits,
+        stages: Stages, organ: Organ, ends: Ends, now: Motion, earlier: Motion, room: Scratch, energies: Array,
+        iterations: Indices, first: int, follow: bool, kept: Kept, solver: int,
+    ) -> tuple[int, int, int]:  # fmt: skip
+        """Make the steps from number `first` on, as many as there is room for their `iterations` (steps,). Returns how
+        many of all are made, why there are no more, and of what the spline lacks the slot that is asked for.
+
+        Steps change `now`, `earlier` and `energies` (11,), those of `coupling.reports.audit.Energies` in their order.
+        `follow`: a step that is too long for the motion is not made. `solver` is the address of
+        `coupling.kernels.iteration.solve`.
+        """
+        assert digest
+        for step in range(first, len(iterations)):
+            if follow and is_too_long(pace, scene, knots, given, now):
+                return step, TOO_FAST, KNOWN
+            largest, missing = begin_step(
+                knots, law, given, scene, pace, limits, stages, organ, ends, step, now, earlier, room
+            )
+            if missing != KNOWN:
+                return step, TO_LEARN, missing
+            here = bounds_at(bounds, rounded_force(scene, knots, largest))
+            found, missing = solve_step(
+                curve, knots, law, given, here, scene, pace, limits, stages, ends, step, now, room, solver
+            )
+            if missing != KNOWN:
+                return step, TO_LEARN, missing
+            if found < 0:
+                return step, NOT_SOLVED, KNOWN
+            why, missing = end_step(
+                curve, knots, law, given, scene, pace, limits, stages, organ, ends, step, now, earlier, room, energies,
+                here.rounded,
+            )  # fmt: skip
+            if why != MADE:
+                return step, why, missing
+            copy_row(room.after, energies)
+            keep(kept, step, room.found, room.end, energies)
+            go_on(now, earlier, room.end)
+            iterations[step] = found
+        return len(iterations), MADE, KNOWN
+
+    return march
+
+
+march = march_of(sources(SOURCES))

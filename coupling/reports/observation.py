@@ -1,0 +1,328 @@
+"""What one wants to know of a piercing, from the state."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coupling.arrays import Array, Flags
+from coupling.integrators import Equilibrium
+from coupling.interfaces import Body
+from coupling.kernels.constraints import LOCAL, Passage, couple_on_thread, phi, site_force, tangent, thread_force
+from coupling.step.configuration import Configuration, configuration_of
+from coupling.step.sliding import cone_residual, law_of, normal_force, side_by_side
+from coupling.system import Piercing, State, System
+from thread.vectors import dot
+
+Number = TypeVar("Number", bound="np.generic[Any]")
+
+BEND = 5.0  # lengths √(EI/T) over which a bend at a hole falls to less than 1 % of its angle
+
+
+@dataclass(frozen=True)
+class PiercingObservation:
+    """One piercing at one time.
+
+    `s`, `slip` [m, thread drawn through towards rising s at the end of the thread since the start]; `x`,
+    `displacement`, `tangent` (unit), `u`, `v` (3,); `force` (3,) [N] of the hole on the thread, `tangential_force` λ·t
+    [N], `normal_force` [N] that of the law of sliding (`coupling.step.sliding.normal_force`), with the couple's share
+    where the hole has a `channel` [m], None where it has none; `couple` (3,) [N m] of the direction constraint on the
+    thread; `tension_before`, `tension_after` [N] of the strands at lower and higher s (`axial_forces`); `state`:
+    "stick", "slip", "anchored" or "left"; `cone_residual` [N], by how much the force along the thread breaks
+    Coulomb's law (`coupling.step.sliding.cone_residual`; what accelerates an abscissa with ε counts as well);
+    `mean_strain` [-] and `turn` [rad] of the tissue, averaged over the footprint (`strains_and_turns`);
+    `bearing_pressure` [Pa] of the thread on the tissue (`bearing_pressures`); the `tract` that it is a ball of, empty
+    for none, and the length `bearing` [m] on which the thread bears, None where that is not known.
+    """
+
+    name: str
+    s: float
+    slip: float
+    x: Array
+    displacement: Array
+    force: Array
+    normal_force: float
+    tangential_force: float
+    couple: Array
+    tension_before: float
+    tension_after: float
+    state: str
+    tangent: Array
+    u: Array
+    v: Array
+    cone_residual: float
+    mean_strain: float = 0.0
+    turn: float = 0.0
+    bearing_pressure: float = 0.0
+    channel: float | None = None
+    tract: str = ""
+    bearing: float | None = None
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A thread and its holes in `k` states, one after the other, in all of which the holds `present` (m,) are there:
+    `times` (k,) [s]; `q` (k, n, c) and the `elastic` forces (k, n, 3) [N] on it; `s`, `sigma` and `stretch`
+    (k, m), `lam` (k, m, 5) and `y` (k, m, 9) as in a `State`; and `at`, the passage through the m holds of the first
+    state, the second, …"""
+
+    present: Flags
+    times: Array
+    q: Array
+    elastic: Array
+    s: Array
+    sigma: Array
+    stretch: Array
+    lam: Array
+    y: Array
+    at: Passage
+
+    @cached_property
+    def each_lam(self) -> Array:
+        """The multipliers of all holds of all states, shape `(k m, 5)`."""
+        return self.lam.reshape(-1, 5)
+
+    @cached_property
+    def each_y(self) -> Array:
+        """The site variables of all holds of all states, shape `(k m, 9)`."""
+        return self.y.reshape(-1, 9)
+
+    def by_state(self, values: NDArray[Number]) -> NDArray[Number]:
+        """Return numbers of all holds of all states, `(k m, …)`, by state, `(k, m, …)`."""
+        return values.reshape(*self.s.shape, *values.shape[1:])
+
+
+def seen_at(state: State[Body], now: Configuration) -> Seen:
+    """Return what there is to see of one state, with its configuration."""
+    q, elastic, s, sigma = (x[None] for x in (state.q, now.elastic[:, :3], state.s, state.sigma))
+    time, stretch = np.array([state.time]), np.ones_like(state.s) if state.stretch is None else state.stretch
+    return Seen(state.present, time, q, elastic, s, sigma, stretch[None], state.lam[None], state.y[None], now.at)
+
+
+def observe(
+    system: System[Body], start: State[Body], state: State[Body], now: Configuration | None = None
+) -> tuple[PiercingObservation, ...]:
+    """Return all piercings of a state; `start` is the state that slip and displacement are measured from.
+
+    `now` is the configuration of the state where that is known already.
+    """
+    return observe_each(system, start.s, seen_at(state, now or configuration_of(system, state)))[0]
+
+
+def observe_each(system: System[Body], s_begun: Array, seen: Seen) -> list[tuple[PiercingObservation, ...]]:
+    """Return all piercings of every state, slip measured from the abscissae `s_begun` (m,) [m]."""
+    p, at, lam, y = len(system.piercings), seen.at, seen.each_lam, seen.each_y
+    _, t = tangent(at, lam, y)
+    normal = normal_force(at, lam, y, np.tile(system.friction[3], len(seen.s)))
+    strains, turns = strains_and_turns(np.tile(system.organ.y0, len(seen.s)), seen.y[:, :p].reshape(-1, 9))
+    force, tangents = seen.lam[:, :, :3], seen.by_state(t)
+    tensions = axial_forces(system, seen, transmitted_forces(seen)[:, :p])
+    numbers = {
+        "s": seen.s,
+        "slip": s_begun - seen.s,
+        "normal_force": seen.by_state(normal),
+        "tangential_force": dot(force, tangents),
+        "tension_before": tensions[:, :, 0],
+        "tension_after": tensions[:, :, 1],
+        "cone_residual": broken_cones(system, seen),
+        "mean_strain": strains.reshape(len(seen.s), p),
+        "turn": turns.reshape(len(seen.s), p),
+        "bearing_pressure": bearing_pressures(system, seen.lam),
+    }
+    vectors = {
+        "x": seen.y[:, :, :3],
+        "displacement": seen.y[:, :p, :3] - system.organ.y0.reshape(-1, 9)[:, :3],
+        "force": force,
+        "couple": seen.by_state(couple_on_thread(at, lam, y)),
+        "tangent": tangents,
+        "u": seen.y[:, :, 3:6],
+        "v": seen.y[:, :, 6:],
+    }
+    plain = {name: values.tolist() for name, values in numbers.items()}
+    return [
+        tuple(
+            PiercingObservation(
+                name=piercing.name,
+                state=sliding_state(piercing, bool(seen.present[k]), seen.sigma[step, k]),
+                channel=piercing.friction.channel if piercing.friction else None,
+                tract=piercing.tract,
+                bearing=piercing.bearing,
+                **{name: values[step][k] for name, values in plain.items()},
+                **{name: values[step, k] for name, values in vectors.items()},
+            )
+            for k, piercing in enumerate(system.piercings)
+        )
+        for step in range(len(seen.s))
+    ]
+
+
+@dataclass(frozen=True)
+class Sight(Generic[Body]):
+    """What is seen of the thread in a `state`: its `piercings`, the largest `gap` and `residual` at its holes
+    (`largest_gap`, `largest_residual`) [m] and its largest axial `strain` [-]."""
+
+    state: State[Body]
+    piercings: tuple[PiercingObservation, ...]
+    gap: float
+    residual: float
+    strain: float
+
+
+def bearing_pressures(system: System[Body], lam: Array) -> Array:
+    """Return |λ|/(d ℓ), the force of the thread on each hole over the area on which it bears, shape `(…, p)` [Pa], from
+    the multipliers (…, m, 5): d is its diameter and ℓ the length of the bearing. Zero where that is not known."""
+    return np.asarray(np.linalg.norm(lam[..., : len(system.piercings), :3], axis=-1) / system.bearing_areas)
+
+
+def strains_and_turns(y0: Array, y: Array) -> tuple[Array, Array]:
+    """Return the mean strain [-] and the turn [rad] of the tissue at every hole, shape `(p,)` each, from the site
+    variables in the reference shape `y0` (9p,) and now `y` (p, 9).
+
+    u and v change by ⟨∇U⟩ or by −⟨∇U⟩ᵀ, the averages over the footprint (`tissue.sites.site`): either way the strain
+    is the largest principal value, in magnitude, of sym ⟨∇U⟩ across the hole's direction. The turn is the angle of the
+    rotation nearest to what carries the frame (u, v, u × v) from there to here.
+    """
+    before, now = hole_frames(y0.reshape(-1, 9)), hole_frames(y)
+    slope = (now - before)[:, :2] @ before[:, :2].swapaxes(1, 2)
+    strain = np.abs(np.linalg.eigvalsh(0.5 * (slope + slope.swapaxes(1, 2)))).max(axis=1, initial=0.0)
+    left, _, right = np.linalg.svd(now.swapaxes(1, 2) @ before)
+    rotation = left @ right
+    sine = np.linalg.norm(rotation - rotation.swapaxes(1, 2), axis=(1, 2)) / np.sqrt(8.0)
+    return strain, np.arctan2(sine, 0.5 * (np.trace(rotation, axis1=1, axis2=2) - 1.0))
+
+
+def hole_frames(y: Array) -> Array:
+    """Return u, v and the unit vector along u × v of every hole as rows, shape `(p, 3, 3)`."""
+    u, v = y[:, 3:6], y[:, 6:]
+    t = np.cross(u, v)
+    length = np.linalg.norm(t, axis=1, keepdims=True)
+    return np.stack([u, v, t / np.maximum(length, np.finfo(float).tiny)], axis=1)
+
+
+def site_forces(system: System[Body], state: State[Body]) -> Array:
+    """Return the forces f_y on the organ conjugate to y, shape `(p, 9)` [N, N m]."""
+    at = system.passage_of(state)
+    return site_force(at, state.lam, state.y)[: len(system.piercings)]
+
+
+def site_compliance(system: System[Body], state: State[Body]) -> Array:
+    """Return the compliance C of the sites of an organ at rest, shape `(9p, 9p)`."""
+    return system.organ.answer(Equilibrium(), [state.organ], state.time).C
+
+
+def broken_cones(system: System[Body], seen: Seen) -> Array:
+    """Return by how much the force along the thread breaks Coulomb's law at every hold of every state, shape `(k, m)`
+    [N]."""
+    if not system.rough.any():
+        return np.zeros_like(seen.s)
+    law = side_by_side(law_of(system, seen.s[0], seen.present, 0.0, seen.s[0]), len(seen.s))
+    law = replace(law, stretch=seen.stretch.ravel())
+    broken = seen.by_state(cone_residual(law, seen.sigma.ravel(), seen.at, seen.s.ravel(), seen.each_lam, seen.each_y))
+    if system.by_hand.any():
+        in_hand = [[piercing.was_in_hand(time) for piercing in system.piercings] for time in seen.times.tolist()]
+        broken[:, : len(system.piercings)][np.array(in_hand)] = 0.0
+    return broken
+
+
+def largest_gap(system: System[Body], state: State[Body], at: Passage | None = None) -> float:
+    """Return the largest |P(s) − x| of the drawn curve over the holes the thread is in [m]: what the spline lacks in
+    compliance there, and the residual."""
+    at = at or system.passage_of(state)
+    return float(largest_at_holes(system, state.present, drawn_gaps(at, state.y)))
+
+
+def largest_residual(system: System[Body], state: State[Body], at: Passage | None = None) -> float:
+    """Return the largest |P̂ − x| over the holes the thread is in [m]: what the solve leaves open of the constraint."""
+    at = at or system.passage_of(state)
+    return float(largest_at_holes(system, state.present, open_gaps(at, state.lam, state.y)))
+
+
+def drawn_gaps(at: Passage, y: Array) -> Array:
+    """Return |P(s) − x| of the drawn curve at every hold, shape `(m,)` [m]."""
+    return np.asarray(np.linalg.norm(at.P - y[:, :3], axis=1))
+
+
+def open_gaps(at: Passage, lam: Array, y: Array) -> Array:
+    """Return |P̂ − x| at every hold, shape `(m,)` [m]."""
+    return np.asarray(np.linalg.norm(phi(at, lam, y)[:, :3], axis=1))
+
+
+def largest_at_holes(system: System[Body], present: Flags, sizes: Array) -> Array:
+    """Return the largest of the sizes (…, m) at the holes the thread is in, shape `(…,)`."""
+    return np.asarray(np.max(sizes, axis=-1, where=system.rows[:, 0] & present, initial=0.0))
+
+
+def look(
+    system: System[Body], s_begun: Array, seen: Seen, states: Sequence[State[Body]], strains: Array
+) -> list[Sight[Body]]:
+    """Return what is seen of the thread in the `states`, with its largest axial `strains` (k,) [-];
+    slip is measured from `s_begun` (m,) [m]."""
+    sizes = drawn_gaps(seen.at, seen.each_y), open_gaps(seen.at, seen.each_lam, seen.each_y)
+    gaps, residuals = (largest_at_holes(system, seen.present, seen.by_state(size)).tolist() for size in sizes)
+    each = states, observe_each(system, s_begun, seen), gaps, residuals, strains.tolist()
+    return [Sight(*one) for one in zip(*each, strict=True)]
+
+
+def sliding_state(piercing: Piercing, present: bool, sigma: float) -> str:
+    """Return "left", "anchored", "slip" or "stick"."""
+    if not present:
+        return "left"
+    if not piercing.slides:
+        return "anchored"
+    return "slip" if sigma else "stick"
+
+
+def transmitted_forces(seen: Seen) -> Array:
+    """Return the forces that the thread transmits just before and just after every hold, shape `(k, m, 2, 3)` [N]. Each
+    is the force of what lies beyond on what lies before.
+
+    ψ = Σ b_i over the points beyond the hole rises from 0 to 1 over the spans next to it, so the sum of their elastic
+    forces is the force ∫(EA ε T + …)·ψ' ds that the thread transmits there: in equilibrium exactly the pull on that
+    side. A pointwise strain would not do, since a C² curve cannot jump at the hole. What another hole puts on the
+    points on this one's far side is counted with the others of its side. Zero where no point lies beyond.
+    """
+    at, (count, m) = seen.at, seen.s.shape
+    shares = at.b[:, :2].swapaxes(1, 2) @ thread_force(at, seen.each_lam, seen.each_y)  # on four points each
+    first, s = seen.by_state(at.first), seen.s
+    points, last = first[:, :, None] + LOCAL, first + len(LOCAL)
+    sums = np.concatenate([np.zeros((count, 1, 3)), np.cumsum(seen.elastic, axis=1)], axis=1)
+    beyond = (points[:, None] >= first[:, :, None, None]) & (s[:, None] < s[:, :, None])[:, :, :, None]
+    behind = (points[:, None] < last[:, :, None, None]) & (s[:, None] > s[:, :, None])[:, :, :, None]
+    sides = np.stack([beyond, behind], axis=2).reshape(count, m, 2, len(LOCAL) * m)
+    step = np.arange(count)[:, None]
+    before_after = np.stack([-sums[step, first], sums[:, -1:] - sums[step, last]], axis=2)
+    by_others = sides @ shares.reshape(count, 1, len(LOCAL) * m, 3)
+    return np.asarray(before_after + np.array([[-1.0], [1.0]]) * by_others)
+
+
+def axial_forces(system: System[Body], seen: Seen, forces: Array) -> Array:
+    """Return the tensions F·t of the strands before and after every hole, shape `(k, p, 2)` [N], a push negative, from
+    the `forces` (k, p, 2, 3) [N] that they transmit.
+
+    In the bend at the hole a part of F is shear, and the tangent is that of the hole. So t is taken where the bend has
+    died out, BEND lengths √(EI/|F|) along the strand, or in the middle of a strand that is shorter: without a load
+    between, the same tension at both its ends.
+    """
+    sizes = np.maximum(np.linalg.norm(forces, axis=3), np.finfo(float).tiny)
+    here, ends = strands(system, seen)
+    way = ends - here[:, :, None]
+    way = np.sign(way) * np.minimum(BEND * np.sqrt(system.thread.EI / sizes), 0.5 * np.abs(way))
+    first, b = system.thread.spline.basis((here[:, :, None] + way).ravel())
+    step = np.repeat(np.arange(len(seen.q)), way[0].size)[:, None]
+    tangents = (b @ seen.q[step, first[:, None] + LOCAL, :3])[:, 1].reshape(forces.shape)
+    return dot(forces, tangents) / np.linalg.norm(tangents, axis=3)
+
+
+def strands(system: System[Body], seen: Seen) -> tuple[Array, Array]:
+    """Return where each hole is on its piece of the thread, shape `(k, p)` [m], and the abscissae before and after it
+    up to which the thread is in no other, shape `(k, p, 2)` [m]."""
+    spline, p = system.thread.spline, len(system.piercings)
+    s, there = seen.s[:, :p], seen.present[:p]
+    low, high = np.moveaxis(spline.piece_ends[spline.piece_of(s)[:, :, None] + np.arange(2)], 2, 0)
+    others, own = s[:, None], s[:, :, None]
+    before = np.where(there & (others < own), others, -np.inf).max(axis=2, initial=-np.inf)
+    after = np.where(there & (others > own), others, np.inf).min(axis=2, initial=np.inf)
+    return s.clip(low, high), np.stack([np.maximum(before, low), np.minimum(after, high)], axis=2)

@@ -1,0 +1,281 @@
+"""A branch of equilibria, followed by arc length where load steps fail.
+
+Beyond a limit point no equilibrium is near under more of the loads, but the branch goes on under less. There the share
+κ of the loads is an unknown as the others are. What takes the place of the loads that were given is a plane across the
+way so far, in which all corrections stay (Riks, Int. J. Solids Struct. 15, 1979, §3):
+
+    n·(dq, ds, dκ) = 0,   (dq, ds) = a + b dκ
+
+with a Newton's correction under the loads as they are and b how that goes with κ, both of the same condensed system.
+Lengths count over that of the thread. The plane is a means: a solved point is an equilibrium under loads that it names.
+"""
+
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Generic
+
+import numpy as np
+
+from coupling.arrays import Array
+from coupling.calls import asked_before_corrections
+from coupling.errors import (
+    BranchError,
+    CouplingError,
+    EquilibriumError,
+    InversionError,
+    OutError,
+    SpentError,
+    StepError,
+)
+from coupling.integrators import Equilibrium
+from coupling.interfaces import Answer, Body, Creeping, Floats
+from coupling.kernels.bordered import PHI, S, SingularError, Y
+from coupling.rest.equilibrium import (
+    AT_REST,
+    MOST_CORRECTIONS,
+    TENSIONS,
+    equilibrium_state,
+    guess,
+    let_lie,
+    load_steps,
+    pair_lips,
+    static_problem,
+)
+from coupling.step.newton import Iterate, Problem, Residual, allowed_share, direction, evaluate, moved, solve
+from coupling.step.stepping import Step, ask_organ, end_configuration, refuse_impossible, settle_layers, with_ends
+from coupling.system import State, System
+
+log = logging.getLogger(__name__)
+
+AHEAD = 1e-6  # of the loads, over which it is seen how a correction goes with them: half of the digits are left
+FIRST = 0.1  # of the way that is left, as it looks at the start
+LONGEST = 0.02  # of the thread's length and of the loads together: what a step goes along a branch at most
+SHORTEST = 2.0**-12  # of that
+LONGER, SHORTER = 1.5, 0.5  # the next step, after one that took few corrections, and after one that failed
+FEW = 8  # corrections
+NEAR = 2.0  # steps along the plane's normal: an equilibrium that is further away lies on another branch
+POINTS = 300
+ON_TIME = 1e-12  # of the loads
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way in the space of the unknowns: `q` (n, c) [m, with twist rad] of the control points, `z` (m, 15) of the
+    holds as `coupling.kernels.bordered` numbers them, and `share` of the loads; `scale` [m] is the thread's length."""
+
+    q: Array
+    z: Array
+    share: float
+    scale: float
+
+    def along(self, other: "Way") -> float:
+        """Return the product of two ways: places, abscissae and share."""
+        places = np.sum(self.q[:, :3] * other.q[:, :3]) / len(self.q) + self.z[:, S] @ other.z[:, S]
+        return float(places / self.scale**2 + self.share * other.share)
+
+    @property
+    def length(self) -> float:
+        """Its length [-]."""
+        return float(np.sqrt(self.along(self)))
+
+    def times(self, factor: float) -> "Way":
+        """Return a way that is longer or shorter."""
+        return replace(self, q=factor * self.q, z=factor * self.z, share=factor * self.share)
+
+    def plus(self, other: "Way") -> "Way":
+        """Return both ways, one after the other."""
+        return replace(self, q=self.q + other.q, z=self.z + other.z, share=self.share + other.share)
+
+
+@dataclass(frozen=True)
+class Branch(Generic[Body]):
+    """A branch of equilibria at one of them, `state`, of a load step over `duration` [s] that `began` [s] then."""
+
+    system: System[Body]
+    state: State[Body]
+    duration: float
+    began: float
+
+    @property
+    def share(self) -> float:
+        """Of the loads [-]."""
+        return self.state.time / self.duration
+
+    def problem(self, share: float, answer: Answer[Body]) -> Problem[Body]:
+        """Return the problem of equilibrium under a share of the loads, from the last one."""
+        return static_problem(self.system, self.state, share, self.duration, 0.0, answer, self.state, self.began)
+
+    def under(self, problem: Problem[Body], z: Iterate, share: float) -> tuple[Problem[Body], Iterate]:
+        """Return a problem under another share of the loads, and its iterate with the ends where hands hold them."""
+        organ, answer = self.system.organ, problem.answer
+        if isinstance(organ, Creeping) and not answer.linear:
+            answer = organ.under(answer, self.duration, share)
+        else:
+            answer = ask_organ(self.system, Equilibrium(), [self.state], self.duration, share)
+        sets = {name: getattr(problem, name) for name in ("layers", "closed", "rubbing", "along")}
+        there = replace(self.problem(share, answer), **sets)
+        return there, replace(z, q=with_ends(z.q, self.system, there.time))
+
+    def ways(self, problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Way, Way]:
+        """Return Newton's correction under the loads as they are, and how it goes with their share. Raises
+        `SingularError`."""
+        scale = self.system.thread.spline.end - self.system.thread.spline.start
+        here, share = direction(problem, z, r), problem.time / self.duration
+        there, shifted = self.under(problem, z, share + AHEAD)
+        beyond = direction(there, shifted, evaluate(there, shifted))
+        b_q, b_z = (shifted.q - z.q + beyond[0] - here[0]) / AHEAD, (beyond[1] - here[1]) / AHEAD
+        return Way(*here, 0.0, scale), Way(b_q, b_z, 1.0, scale)
+
+    def start(self) -> tuple[Problem[Body], Iterate]:
+        """Return the problem whose solution the last equilibrium is, and that."""
+        answer = ask_organ(self.system, Equilibrium(), [self.state], self.duration, self.share)
+        problem = self.problem(self.share, answer)
+        return problem, guess(problem, self.state, self.state.sigma)
+
+    def outset(self) -> Way:
+        """Return the way on which more of the loads leads, as it looks at the last equilibrium. Raises
+        `SingularError`."""
+        problem, z = self.start()
+        way = self.ways(problem, z, evaluate(problem, z))[1]
+        return way.times(1.0 / way.length)
+
+    def onward(self, way: Way, length: float) -> Step[Body]:
+        """Go on along the branch by about a `length` of a unit `way`. Raises `StepError`, `InversionError`."""
+
+        def correct(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Body], Iterate]:
+            a, b = self.ways(problem, z, r)
+            step = a.plus(b.times(-way.along(a) / way.along(b)))
+            part = allowed_share(problem, step.q)
+            went = moved(problem, z, r, part * step.q, part * step.z)
+            return self.under(problem, went, problem.time / self.duration + part * step.share)
+
+        problem, z = self.start()
+        ahead = way.times(length)
+        first = moved(problem, z, evaluate(problem, z), ahead.q, ahead.z)
+        problem, first = self.under(problem, first, self.share + ahead.share)
+        return self.concluded(replace(problem, along=correct), first)
+
+    def arrived(self, step: Step[Body], share: float) -> Step[Body]:
+        """Return the step to the equilibrium under a `share` of the loads that a `step` along the branch has passed.
+        Raises `StepError`, `InversionError`."""
+        return self.concluded(*self.under(step.solution.problem, step.solution.iterate, share))
+
+    def concluded(self, problem: Problem[Body], first: Iterate) -> Step[Body]:
+        """Solve, and return the step that this makes. Raises `StepError`, `InversionError`."""
+        solution = let_lie(settle_layers(solve(problem, first), solve, AT_REST, TENSIONS))
+        solution = replace(solution, problem=replace(solution.problem, along=None))
+        new = equilibrium_state(self.state, solution)
+        end = end_configuration(new, solution)
+        return Step(self.state, new, solution.problem.dt, solution, end, along=True)
+
+    def way_of(self, step: Step[Body]) -> Way:
+        """Return the way of a step."""
+        old, new, scale = step.old, step.new, self.system.thread.spline.end - self.system.thread.spline.start
+        z = np.zeros((len(new.s), Y.stop))
+        z[:, S], z[:, PHI], z[:, Y] = new.s - old.s, new.lam - old.lam, new.y - old.y
+        return Way(new.q - old.q, z, (new.time - old.time) / self.duration, scale)
+
+
+def reach(
+    system: System[Body], state: State[Body], share: float, duration: float, loose: bool = False
+) -> list[Step[Body]]:
+    """Go on to the part `share` of the loads by load steps, and from where these fail along the branch; `loose` as for
+    `coupling.rest.equilibrium.settle`. Raises as `coupling.rest.equilibrium.load_steps` does."""
+    taken: list[Step[Body]] = []
+    try:
+        for step in load_steps(system, state, share, duration, loose):
+            taken.append(step)
+    except OutError:  # no branch leads beyond
+        raise
+    except (StepError, InversionError, SpentError) as error:
+        last = taken[-1].new if taken else state
+        if isinstance(system.organ, Floats) or share * duration <= last.time:
+            raise
+        log.info("load steps end at %.4g of the loads; on along the branch by arc length", last.time / duration)
+        try:
+            taken += follow(Branch(system, last, duration, state.time), share)
+        except CouplingError as lost:
+            log.info("%s", lost)
+            raise with_branch(error, lost) from error
+    return taken
+
+
+def with_branch(error: CouplingError, lost: CouplingError) -> CouplingError:
+    """Return the error of a load step with what became of the branch beyond it."""
+    if not isinstance(lost, BranchError):
+        return error
+    if isinstance(error, SpentError):
+        return replace(error, beyond=lost.cause)
+    return replace(error, cause=f"{error.cause}; {lost.cause}") if isinstance(error, EquilibriumError) else error
+
+
+def follow(branch: Branch[Body], share: float) -> list[Step[Body]]:
+    """Follow a branch to the `share` of the loads. Raises `BranchError`, and `ConstraintError` where a hand draws the
+    thread out."""
+    taken: list[Step[Body]] = []
+    left = iter(range(MOST_CORRECTIONS))
+
+    def count() -> None:
+        if next(left, None) is None:
+            raise lost(branch, taken, f"takes more than {MOST_CORRECTIONS} corrections")
+
+    with asked_before_corrections(count):
+        try:
+            for step in walk(branch, share):
+                taken.append(step)
+            return [*taken, *pair_lips(branch.system, taken[-1], share, branch.duration)]
+        except (StepError, SingularError) as error:
+            raise lost(branch, taken, getattr(error, "cause", str(error))) from error
+
+
+def walk(branch: Branch[Body], share: float) -> Iterator[Step[Body]]:
+    """Yield the steps along a branch to the `share` of the loads. Raises `StepError`, `SingularError`."""
+    way = branch.outset()
+    length = min(LONGEST, FIRST * (share - branch.share) / way.share)
+    for _ in range(POINTS):
+        step, length = further(branch, way, length, share)
+        yield step
+        if abs(step.new.time - share * branch.duration) <= ON_TIME * branch.duration:
+            return
+        branch, way = replace(branch, state=step.new), branch.way_of(step)
+        way = way.times(1.0 / way.length)
+        if branch.share <= 0.0:
+            raise StepError(step.old.time, step.dt, "leads back to no loads at all")
+    raise StepError(step.old.time, step.dt, "does not lead to them")
+
+
+def further(branch: Branch[Body], way: Way, length: float, share: float) -> tuple[Step[Body], float]:
+    """Return the next step along a branch, to the `share` of the loads where it passes that, and how long the one after
+    it may be. Raises `StepError`, `ConstraintError`."""
+    while length >= SHORTEST * LONGEST:
+        try:
+            step = near(branch, branch.onward(way, length), length)
+            if branch.share < share <= step.new.time / branch.duration:
+                step = near(branch, branch.arrived(step, share), length)
+            few = step.solution.iterations <= FEW
+            return step, min(LONGEST, LONGER * length) if few else length
+        except (StepError, InversionError) as error:
+            log.debug("a step of %.3g along the branch fails: %s", length, error)
+            length *= SHORTER
+    raise StepError(branch.state.time, 0.0, "has no equilibrium near there")
+
+
+def near(branch: Branch[Body], step: Step[Body], length: float) -> Step[Body]:
+    """Return a step along a branch. Raises `StepError` where it went much further than a `length`, or the thread left a
+    hole, and `ConstraintError` where a hand drew the thread out."""
+    if branch.way_of(step).length > NEAR * length:
+        raise StepError(step.old.time, step.dt, "the equilibrium lies on another branch")
+    if refuse_impossible(branch.system, step).any():
+        raise StepError(step.old.time, step.dt, "the thread runs out of a hole")
+    return step
+
+
+def lost(first: Branch[Body], taken: Sequence[Step[Body]], why: str) -> BranchError:
+    """Return the error of a branch that was lost after the steps `taken`."""
+    furthest = max([first.share, *(step.new.time / first.duration for step in taken)])
+    cause = (
+        f"the branch beyond was followed by arc length through {len(taken)} equilibria, to {100 * furthest:.4g} % of "
+        f"the loads at most, and {why}"
+    )
+    return BranchError(first.state.time, cause)

@@ -1,0 +1,214 @@
+"""A consistent start: Φ = 0, the thread as near a given path as that allows, nothing strained but by its length.
+
+The thread is laid as an equilibrium: nearly inextensible, on an elastic bed along the path, with some bending
+stiffness that rounds what the bed would kink, the abscissae held. The bed has the form of the inertia term of a step,
+so the same Newton serves.
+"""
+
+import logging
+from dataclasses import dataclass, replace
+from typing import Generic
+
+import numpy as np
+
+from coupling.answer import all_holds, hold_still
+from coupling.arrays import Array, Flags
+from coupling.errors import StepError
+from coupling.integrators import Equilibrium
+from coupling.interfaces import Body
+from coupling.joins.contact import solve_contact
+from coupling.step.newton import Iterate, Problem, solve
+from coupling.step.sliding import law_of, prescribed
+from coupling.step.stepping import sense, with_ends
+from coupling.system import State, System
+from thread.quadrature import gauss_rule
+from thread.spline import Spline
+from thread.thread import Thread
+from tissue.organs.meshed import SiteAnswer
+
+log = logging.getLogger(__name__)
+
+BED_SPANS = 2.0  # the bed lets go of the path over this many spans next to a hole that imposes another direction
+# Axial stiffness EA h²/EI of the laid thread, soft on the path at first. Then the bed is moved under it, so that what
+# strain the path's corners left is let go into its bends and not locked by the bed, and the thread made stiffer.
+ON_PATH = 1e2
+SETTLING = (1e3,) * 2 + (1e4,) * 12 + (1e6,) * 3 + (1e8,) * 3
+UNSTRAINED = 1e-6
+# Axial stiffness and patience of each attempt; where the path bends back within a few spans, the thread may fold into a
+# span and be locked there, and one that is softer at first comes round the bend.
+ATTEMPTS = ((ON_PATH, 1), (ON_PATH, 4), (0.1 * ON_PATH, 4))
+FEED_SPANS = 4.0  # a loose abscissa gives way by this many spans at the axial strain 1
+
+
+@dataclass(frozen=True)
+class Cord:
+    """Section of the thread while it is laid, without twist: unit bending stiffness, nearly inextensible."""
+
+    EA: float
+    EI: float = 1.0
+    GJ: float = 1.0
+    rhoA: float = 1.0
+    rhoJ: float = 1.0
+    diameter: float = 1.0
+
+
+def project_path(thread: Thread, path: Array) -> Array:
+    """Project values `path` (spans, g, 3) at the points of the thread's mass rule on control points (n, 3), by least
+    squares."""
+    rule = gauss_rule(thread.spline, path.shape[1])
+    load = thread.vector(np.einsum("eg,egi,ega->eia", rule.w, rule.b[:, :, 0], path))
+    M = thread.mass_matrix.toarray()
+    return np.asarray(np.linalg.solve(M, load))
+
+
+def laid_thread(thread: Thread, stretch: float, axial: float) -> Thread:
+    """Return the thread over the path's own arc length (`stretch` times its rest length), with the section of a cord
+    whose EA is `axial` EI/h², h the mean span."""
+    spline = Spline(thread.spline.knots * stretch)
+    span = (spline.end - spline.start) / (len(spline.breaks) - 1)
+    cord = Cord(EA=axial / span**2, diameter=span)
+    plain = replace(thread, bending=True, point_masses=(0.0, 0.0), twist=False, springs=None, coil=0.0)
+    return replace(plain, spline=spline, section=cord, hole_compliance=False)
+
+
+@dataclass(frozen=True)
+class Laying(Generic[Body]):
+    """Where the thread is to lie: the `answer` of an organ that is held, the `path` (spans, g, 3) [m] at its mass rule,
+    and `stretch`, the path's length over the thread's rest length."""
+
+    answer: SiteAnswer[Body]
+    path: Array
+    stretch: float
+
+
+def lay(system: System[Body], laying: Laying[Body], s: Array) -> tuple[Array, Array]:
+    """Lay the thread: its control points (n, 3) [m] and abscissae (m,) [m]. Raises `StepError`.
+
+    Where it cannot be laid, or lies folded within a span, it is laid with more patience, and softer at first.
+    """
+    laid: list[tuple[Array, Array, float]] = []
+    errors: list[StepError] = []
+    for axial, patience in ATTEMPTS:
+        try:
+            laid.append(lay_or_slide(system, laying, s, axial, patience))
+        except StepError as error:
+            errors.append(error)
+            continue
+        q, places, _ = laid[-1]
+        if not system.thread.spline.folds(q, places[system.from_start]).any():
+            return q, places
+    if not laid:
+        raise errors[0]
+    return min(laid, key=lambda result: result[2])[:2]
+
+
+def lay_or_slide(
+    system: System[Body], laying: Laying[Body], s: Array, axial: float, patience: int
+) -> tuple[Array, Array, float]:
+    """Lay the thread, at first of the stiffness `axial`; returns q, s and its largest strain. Raises `StepError`.
+
+    Where no unstrained thread fits with the abscissae `s` (a hole may impose a direction that needs more length), it
+    slides in its holes until one does; what is strained then is held so by its ends and anchors.
+    """
+    held = lay_on_bed(system, laying, s, np.zeros(system.holds, dtype=bool), axial, patience)
+    if held[2] < UNSTRAINED or not system.may_slide.any():
+        return held
+    loose = lay_on_bed(system, laying, s, system.may_slide & system.from_start, axial, patience)
+    return min(held, loose, key=lambda result: result[2])
+
+
+def lay_on_bed(
+    system: System[Body], laying: Laying[Body], s: Array, loose: Flags, axial: float, patience: int
+) -> tuple[Array, Array, float]:
+    """Lay the thread with the holds `loose` sliding, of the stiffness `axial` at first and then as stiff as Newton
+    allows; returns q, s and its largest strain."""
+    m, abscissae = system.holds, s * laying.stretch
+    first = laid_thread(system.thread, laying.stretch, axial)
+    on_path = project_path(first, laying.path)
+    soft, none = with_laid_thread(system, laying, axial), np.zeros(m, dtype=bool)
+    q = with_ends(on_path, soft, 0.0)
+    y = all_holds(system, laying.answer.y_free)
+    z = Iterate(q, np.zeros_like(first.axial.s), abscissae, np.zeros((m, 5)), y, np.zeros(m))
+    z = solve(bed_problem(soft, on_path, laying.answer, z.s, none), z, patience=patience).iterate
+    for stiffer in SETTLING:
+        problem = bed_problem(with_laid_thread(system, laying, stiffer), z.q, laying.answer, z.s, loose)
+        try:
+            z = solve(problem, replace(z, sigma=loose.astype(float)), patience=patience).iterate
+        except StepError:
+            break
+    strain = float(np.abs(first.points(z.q).strain).max())
+    return z.q, z.s / laying.stretch, strain
+
+
+def with_laid_thread(system: System[Body], laying: Laying[Body], axial: float) -> System[Body]:
+    """Return the system with the laid thread in place of its own."""
+    return replace(system, thread=laid_thread(system.thread, laying.stretch, axial), epsilon=0.0)
+
+
+def bed_problem(
+    system: System[Body], on_path: Array, answer: SiteAnswer[Body], s: Array, loose: Flags
+) -> Problem[Body]:
+    """Return the problem of a thread on an elastic bed along `on_path` (n, 3), its abscissae held but for those that
+    are `loose`. Springs hold these back, so that they go the way the thread pulls them and not to some balance
+    beyond.
+
+    The bed gives way over BED_SPANS mean spans h: (4 EI/k)^¼ = BED_SPANS h with k the bed's stiffness, EI = 1.
+    """
+    thread, m = system.thread, system.holds
+    span = (thread.spline.end - thread.spline.start) / (len(thread.spline.breaks) - 1)
+    bed = 4.0 / (BED_SPANS * span) ** 4
+    law = law_of(system, s, ~system.of_ties, thread.EA / (FEED_SPANS * span), s)
+    return Problem(
+        system=system,
+        time=0.0,
+        dt=0.0,
+        mass_factor=bed,
+        q_ref=on_path,
+        load=np.zeros_like(on_path),
+        answer=answer,
+        rows=system.rows & system.from_start[:, None],
+        law=prescribed(law, ~loose, np.zeros(m)),
+    )
+
+
+def resting_organ(system: System[Body]) -> Body:
+    """Return the organ's state at the start, its lips held apart where the organ's own weight would make them cross."""
+    organ = system.organ
+    state = organ.start()
+    if organ.lips(state)[0].min(initial=0.0) >= 0.0:
+        return state
+    # An organ with inertia starts undeformed, and never comes here.
+    answer, f_y = organ.answer(Equilibrium(), [state], 0.0), np.zeros(organ.y0.size)
+    return answer.accept(f_y, solve_contact(system, f_y, answer))
+
+
+def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[Body]:
+    """Return the state at t = 0, at rest: `s` (p,) [m] abscissae of the piercings, `path` and `stretch` as for
+    `Laying`.
+
+    Piercings that begin later do not hold the thread yet.
+    """
+    log.info("laying the thread along its path")
+    organ = resting_organ(system)
+    y = all_holds(system, system.organ.site_variables(organ))
+    s = np.concatenate([s, system.clamp_abscissae, np.full(2 * len(system.ties), system.thread.spline.start)])
+    q, s = lay(system, Laying(hold_still(system.organ, organ), path, stretch), s)
+    m, thread = system.holds, system.thread
+    q = np.pad(q, ((0, 0), (0, thread.coordinates - 3)))
+    frame = thread.untwisted_frame(q)
+    return State(
+        time=0.0,
+        q=q,
+        v=np.zeros_like(q),
+        N=thread.EA * thread.points(q, frame).strain,
+        organ=organ,
+        s=s,
+        s_dot=np.zeros(m),
+        lam=np.zeros((m, 5)),
+        y=y,
+        sigma=np.where(system.may_slide & ~system.rough & system.from_start, 1.0, 0.0),
+        present=system.from_start,
+        sense=sense(system.passage(q, s), y),
+        reaction=np.zeros((2, thread.coordinates)),
+        frame=frame,
+    )

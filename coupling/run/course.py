@@ -1,0 +1,377 @@
+"""The arrays of whole steps in compiled loops (`coupling.kernels.steps`), from those of the first one."""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from time import perf_counter
+from typing import Any, cast
+
+import numpy as np
+
+from coupling.answer import all_holds, pad_compliance
+from coupling.arrays import Array, Flags
+from coupling.integrators import BDF2, Scheme
+from coupling.interfaces import Answer, Modal, ModalMotion, Steady
+from coupling.joins.contact import NO_FORCES
+from coupling.kernels.bordered import NINE
+from coupling.kernels.friction import Law
+from coupling.kernels.iteration import Bounds, Given, Passing, Unknowns
+from coupling.kernels.steps import march
+from coupling.kernels.steps.audit import TURNS, Motion
+from coupling.kernels.steps.march import ENERGIES, Ends, Kept, Scene, Scratch
+from coupling.kernels.steps.organ import BODY, Going, Organ, Pace
+from coupling.kernels.steps.tautness import Strands
+from coupling.kernels.steps.tension import Limits, Stages
+from coupling.recent import Recent
+from coupling.reports.audit import BORNE
+from coupling.run.tautness import STRETCHED, SWINGING, loose_ends, own_load
+from coupling.run.watch import CREATED, CREATED_BDF2, SHARE, TRACE
+from coupling.step import newton, tables
+from coupling.step.motion import CROSSED
+from coupling.step.newton import Problem
+from coupling.step.stability import borne_pressure
+from coupling.step.stepping import PASSES, dynamic_problem
+from coupling.step.tables import OVER, bounds_of, empty_found, given_of, law_of, plain, tables_of
+from coupling.step.tension import FINE, REST, SETTLED, bends_at_holes
+from coupling.system import State, System
+from thread.compliance import LACKS, POWERS, SLACK
+from thread.spline import ORDERS
+from thread.thread import STAGES, Thread
+
+log = logging.getLogger(__name__)
+
+KEPT = "march.march_of."  # begins the names of the loops' files on disk
+NONE, PLANE = np.zeros(0), np.zeros((0, 0))
+FIRST_ROOM = 64  # stages on spans, of which a run asks for some at first
+
+
+class Lacking:
+    """What the spline of a thread lacks on its spans at stages of √(EI/T), as the loops have asked for it so far."""
+
+    def __init__(self, thread: Thread) -> None:
+        self._thread, spans = thread, np.diff(thread.spline.breaks)
+        self._base = last = 0
+        if thread.EI:
+            self._base = int(np.floor(STAGES * np.log2(np.sqrt(thread.EI / thread.EA))))
+            last = int(np.ceil(STAGES * np.log2(spans.max() / SLACK)))
+        self._slots = np.full((spans.size, max(last - self._base, 0) + 3), -1, np.int64)
+        self._known = np.empty((FIRST_ROOM, 3, LACKS, len(POWERS)))
+        self._count = 0
+
+    @property
+    def stages(self) -> Stages:
+        """What is known so far."""
+        return Stages(self._slots, self._known, self._base)
+
+    def learn(self, slot: int) -> bool:
+        """Learn what the loops asked for; whether there is such a stage."""
+        if slot < 0:
+            return False
+        span, stage = divmod(slot, self._slots.shape[1])
+        slack = stage == self._slots.shape[1] - 1
+        if self._count == len(self._known):
+            self._known = np.concatenate([self._known, np.empty_like(self._known)])
+        self._known[self._count] = self._thread.missing_at(span, None if slack else self._base + stage)
+        self._slots[span, stage] = self._count
+        self._count += 1
+        return True
+
+
+RECENT: Recent[Lacking] = Recent()
+
+
+def lacking_of(thread: Thread) -> Lacking:
+    """Return what the spline of a thread lacks, where it is among the last that were asked for that."""
+    return RECENT.of((thread,), lambda: Lacking(thread))
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """An organ as the loops go on with it from a state: what they read of it, `organ`, its motion, `now` and `earlier`,
+    and `state`, which makes the organ's own state of such a motion."""
+
+    organ: Organ
+    now: ModalMotion
+    earlier: ModalMotion
+    state: Callable[[ModalMotion], Any]
+
+
+def body_of(
+    system: System[Any], scheme: Scheme, state: State[Any], times: Sequence[float], answer: Answer[Any]
+) -> Body | None:
+    """Return the organ of a system in steps of a scheme from a state, with its `answer` to the first; None where the
+    loops do not go on with it, or its loads change until the last of the `times` [s]."""
+    organ, before = system.organ, state.before or state
+    if isinstance(organ, Steady):
+        loads = organ.steady_loads(state.organ, times)
+        if loads is None:
+            return None
+        at_rest = NONE, NONE, NONE, loads[2], 0.0
+        sag, none = over_holds(loads[1], system.holds), (NONE, NONE, PLANE, PLANE, NONE, PLANE)
+        still = Organ(True, loads[0], sag, *none, 0.0, 0.0, 0.0, 0.0)
+        return Body(still, at_rest, at_rest, lambda motion: answer.accept(motion[3], NO_FORCES))
+    if isinstance(organ, Modal):
+        modes = organ.modes(scheme, state.organ, times)
+        if modes is None:
+            return None
+        mu, load, W, Y, y0, missed = (plain(x) for x in modes[:6])
+        moving = Organ(False, 0.0, PLANE, mu, load, W, Y, y0, missed, *modes[6:])
+        motions = organ.motion(state.organ, state.organ), organ.motion(before.organ, state.organ)
+        return Body(moving, *motions, lambda motion: organ.moved(state.organ, motion))
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class Fixture:
+    """What steps of a scheme have in common as long as the same holds are there, and room for what they write: the
+    places, loads and references among it are those of the step that is made."""
+
+    law: Law
+    given: Given
+    bounds: Bounds
+    scene: Scene
+    limits: Limits
+    room: Scratch
+
+
+FIXTURES: Recent[Fixture] = Recent()
+
+
+def fixture_of(
+    system: System[Any], scheme: Scheme, state: State[Any], answer: Answer[Any], motion: Motion, taut: Flags
+) -> Fixture:
+    """Return the fixture of steps from a state, which is a `motion` with strands `taut` (k + 1,), with the organ's
+    `answer` to the first, where it is among the last that were made that. The organ is no part of what is remembered:
+    it may be large."""
+    held = tuple(end.position(0.0) is not None for end in system.ends)
+    of_ends = held, system.clamps, system.clamp_frames.tobytes()
+    values = scheme.dt, scheme.d, scheme.weights, system.epsilon, *of_ends, state.present.tobytes(), len(motion.U)
+    strands = strands_of(system, state, taut)
+    fixture = FIXTURES.of(
+        (system.thread, system.piercings, system.gravity),
+        lambda: make_fixture(dynamic_problem(system, state, scheme.dt, answer, scheme), state.present, strands, motion),
+        values,
+    )
+    y_free, C = all_holds(system, answer.y_free), pad_compliance(system, answer.C)
+    return replace(
+        fixture,
+        given=fixture.given._replace(y_free=plain(y_free), C=plain(C)),
+        scene=fixture.scene._replace(strands=strands),
+    )
+
+
+def make_fixture(problem: Problem[Any], present: Flags, strands: Strands, motion: Motion) -> Fixture:
+    """Return the fixture of steps of which a problem is the first and a `motion` the start, with the holds that are
+    `present` (m,) and the thread's `strands`."""
+    system, law, given = problem.system, law_of(problem), given_of(problem)
+    return Fixture(
+        law._replace(s_old=law.s_old.copy(), s_held=law.s_held.copy(), s_free=law.s_free.copy()),
+        given._replace(q_ref=given.q_ref.copy(), load=given.load.copy()),
+        bounds_of(problem, 0.0, 1),
+        scene_of(problem, present, strands),
+        limits_of(system),
+        empty_room(motion, system.thread.elastic_rule.w.shape[1]),
+    )
+
+
+class Course:
+    """Steps of a scheme from a state, as far as they are `made`: the motion `now` and `earlier`, one step before, the
+    `energies` and the `iterations` of each; and what is `kept` of so many of them as are to be kept, `keep`. `answer`
+    is the organ's to the first; `taut` (k + 1,), which strands are, and stay so."""
+
+    def __init__(
+        self,
+        system: System[Any],
+        scheme: Scheme,
+        state: State[Any],
+        answer: Answer[Any],
+        body: Body,
+        taut: Flags,
+        keep: int = 0,
+    ) -> None:
+        self._like, self._holes, self._body, self._pace = state, len(system.piercings), body, pace_of(scheme)
+        self._tables, self._lacking = tables_of(system.thread), lacking_of(system.thread)
+        self._now, self._earlier = motion_of(state, body.now), motion_of(state.before or state, body.earlier)
+        self._fixture = fixture_of(system, scheme, state, answer, self._now, taut)
+        self.made, self.energies, self.iterations = 0, np.empty(0), np.zeros(0, np.int64)
+        self.kept = room_to_keep(self._now, keep)
+
+    def make_steps(self, energies: Sequence[float], ends: tuple[Array, ...], follow: bool) -> None:
+        """Make as many steps as go smoothly between the `ends` that `coupling.run.march.tabled_ends` gives; the other
+        arguments are those of `coupling.kernels.steps.march.march`."""
+        self.energies, self.iterations = np.array(energies), np.zeros(len(ends[0]), np.int64)
+        thread, given = self._tables, self._fixture
+        solver = tables.solver_for(
+            thread.curve, thread.knots, given.law, given.given, given.bounds, given.room.z, given.room.found
+        )
+        while True:
+            self.made, why, missing = run_march(
+                thread.curve, thread.knots, given.law, given.given, given.bounds, given.scene, self._pace,
+                given.limits, self._lacking.stages, self._body.organ, Ends(*ends), self._now, self._earlier,
+                given.room, self.energies, self.iterations, self.made, follow, self.kept, solver,
+            )  # fmt: skip
+            if why != march.TO_LEARN or not self._lacking.learn(missing):
+                return
+
+    def now(self, time: float) -> State[Any]:
+        """Return the state that the steps have come to, at a `time` [s]."""
+        return self._state(self._now, time)
+
+    def earlier(self, time: float) -> State[Any]:
+        """Return the state one step before, at a `time` [s]."""
+        return self._state(self._earlier, time)
+
+    def end_of(self, step: int, time: float) -> State[Any]:
+        """Return the state at the end of a step that is kept, at a `time` [s]."""
+        return self._state(Motion(*[each[step] for each in self.kept.ends]), time)
+
+    def _state(self, motion: Motion, time: float) -> State[Any]:
+        f_y = motion.f_y[: self._holes].ravel()
+        return State(
+            time=time,
+            q=motion.q,
+            v=motion.v,
+            N=motion.N,
+            organ=self._body.state((motion.U, motion.V, motion.A, f_y, float(motion.drift[0]))),
+            s=motion.s,
+            s_dot=motion.s_dot,
+            lam=motion.lam,
+            y=motion.y,
+            sigma=motion.sigma,
+            present=self._like.present,
+            sense=motion.sense,
+            reaction=motion.reaction,
+            layers=motion.layers if self._fixture.limits.bends else None,
+            stretch=motion.stretch,
+        )
+
+
+@cache
+def is_ready() -> bool:
+    """Whether the loops were on disk, compiled since a module of theirs last changed, when this was first asked, or
+    Numba is switched off."""
+    return tables.is_kept(march.march, KEPT, march.SOURCES)
+
+
+def run_march(*given: object) -> tuple[int, int, int]:
+    """Make steps in the loops; where these are to be compiled first, say so, and how long it took."""
+    if is_ready() or march.march.signatures:
+        return cast(tuple[int, int, int], march.march(*given))
+    log.info("compiling steps that are made at once, once: another quarter of a minute, then they are kept")
+    began = perf_counter()
+    made: tuple[int, int, int] = march.march(*given)
+    log.info("such steps are compiled, in %.0f s", perf_counter() - began, extra=OVER)
+    return made
+
+
+def over_holds(x: Array, holds: int) -> Array:
+    """Return numbers of the sites (9p,) over all holds, zero for those off the organ, shape `(m, 9)`."""
+    out = np.zeros((holds, NINE))
+    out[: x.size // NINE] = x.reshape(-1, NINE)
+    return out
+
+
+def pace_of(scheme: Scheme) -> Pace:
+    """Return the numbers of a scheme."""
+    now, before = (*scheme.weights, 0.0)[:2]
+    return Pace(float(scheme.dt), float(scheme.a), float(scheme.d), now, before, isinstance(scheme, BDF2))
+
+
+def scene_of(problem: Problem[Any], present: Flags, strands: Strands) -> Scene:
+    """Return what does not change in steps of which a problem is the first, with the holds that are `present` (m,) and
+    the thread's `strands`."""
+    system, thread, factor = problem.system, problem.system.thread, problem.mass_factor
+    strength = np.array([piercing.strength for piercing in system.piercings], dtype=float) * system.bearing_areas
+    by_place = thread.largest_bending + factor * thread.largest_mass
+    return Scene(
+        weight=plain(system.weight),
+        axial=plain(thread.axial.s),
+        present=present,
+        here=np.ascontiguousarray(problem.rows[:, 0]),
+        slide=system.may_slide,
+        rough=system.rough,
+        strength=strength,
+        damping=float(thread.damping),
+        epsilon=float(system.epsilon),
+        round_off=float(newton.ROUND_OFF * by_place),
+        rounded=float(newton.ROUND_OFF * thread.EA),
+        borne=float(borne_pressure(thread, factor) / thread.EA),
+        crossed=CROSSED,
+        create=CREATED,
+        create_bdf2=CREATED_BDF2,
+        there=TRACE,
+        turned=SHARE,
+        bearing=BORNE,
+        strands=strands,
+    )
+
+
+def strands_of(system: System[Any], state: State[Any], taut: Flags) -> Strands:
+    """Return the strands of a state, of which those `taut` (k + 1,) are."""
+    thread, (start, end) = system.thread, loose_ends(system, state).tolist()
+    return Strands(
+        taut=np.ascontiguousarray(taut),
+        euler=float(thread.EI * np.pi**2),
+        weight=own_load(system),
+        least=float(STRETCHED * thread.EA),
+        swing=float(SWINGING * thread.section.rhoA),
+        start=start,
+        end=end,
+        greville=plain(thread.spline.greville),
+    )
+
+
+def limits_of(system: System[Any]) -> Limits:
+    """Return the constants of the tension of a thread at its holds."""
+    EI, EA = float(system.thread.EI), float(system.thread.EA)
+    return Limits(REST * EA, FINE, SLACK, float(STAGES), EI, EA, SETTLED, PASSES, bends_at_holes(system))
+
+
+def motion_of(state: State[Any], body: ModalMotion) -> Motion:
+    """Return copies of what a state has of thread and holds, with the motion of its organ."""
+    names = state.q, state.v, state.N, state.s, state.s_dot, state.lam, state.y, state.sigma, state.sense
+    layers = np.full(len(state.s), np.inf) if state.layers is None else state.layers
+    U, V, A, f_y, drift = body
+    stretch = np.ones_like(state.s) if state.stretch is None else state.stretch
+    all_of = (*names, state.reaction, layers, stretch, over_holds(f_y, len(state.s)), U, V, A, [drift])
+    return Motion(*[np.array(x, dtype=float, order="C") for x in all_of])
+
+
+def empty_room(motion: Motion, points: int) -> Scratch:
+    """Return room for what is made in steps of a motion, with so many `points` of the bending on a span."""
+    end, m = Motion(*[np.zeros_like(x) for x in motion]), len(motion.s)
+    z = Unknowns(end.q, end.N, end.s, end.lam, end.y, end.sigma)
+    return Scratch(
+        z=z,
+        end=end,
+        found=empty_found(z, points),
+        was=empty_passing(m),
+        other=empty_passing(m),
+        at=np.zeros_like(end.q),
+        mid=np.zeros((m, LACKS)),
+        back=np.zeros((m, LACKS)),
+        layers=np.zeros(m),
+        stretch=np.ones(m),
+        going=Going(*np.zeros((3, len(end.U)))),
+        turns=np.zeros(TURNS),
+        body=np.zeros(BODY),
+        after=np.zeros(ENERGIES),
+    )
+
+
+def room_to_keep(motion: Motion, steps: int) -> Kept:
+    """Return room for what is known of so many steps of a motion."""
+    return Kept(
+        ends=Motion(*[np.empty((steps, *x.shape)) for x in motion]),
+        elastic=np.empty((steps, *motion.q.shape)),
+        strain=np.empty(steps),
+        at=empty_passing(steps, len(motion.s)),
+        energies=np.empty((steps, ENERGIES + 1)),
+    )
+
+
+def empty_passing(*m: int) -> Passing:
+    """Return room for the thread at the holes of an array of that shape."""
+    first, b, D, c = np.zeros(m, np.int64), *(np.zeros((*m, *of)) for of in ((ORDERS, ORDERS), (ORDERS, 3), (3, LACKS)))
+    return Passing(first, b, D, c)

@@ -1,0 +1,174 @@
+"""Whole steps in compiled loops (`coupling.kernels.steps`), many in a call: what they cover and what they leave.
+
+A step that goes on smoothly from the one before is predicted, solved, concluded, looked at and audited in the loops,
+and the next one after it. What is out of the ordinary is left to `coupling.step.stepping.advance`, which gives the
+same step the same numbers but for round-off: a step that does not converge, a thread that is pressed along itself, a
+hole that is left or passed or whose frame turns through itself, stick that becomes slip, a strand that becomes taut
+or slack, and a step uphill.
+"""
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, replace
+from typing import TYPE_CHECKING, Generic
+
+import numpy as np
+
+from coupling.arrays import Array, Flags
+from coupling.calls import ask_before_correction
+from coupling.integrators import BackwardEuler, Scheme
+from coupling.interfaces import Body, Modal, Steady
+from coupling.kernels.constraints import Passage
+from coupling.reports.audit import Energies
+from coupling.reports.observation import Seen
+from coupling.run.tautness import taut_strands
+from coupling.step.newton import Iterate, Solution, evaluate
+from coupling.step.solver import covers
+from coupling.step.stepping import Take, bdf2_step, dynamic_problem, organ_answer, scheme_of, try_step
+from coupling.system import State, System, forgetful
+
+if TYPE_CHECKING:
+    from coupling.run.course import Course
+
+
+@dataclass(frozen=True)
+class Marched(Generic[Body]):
+    """Where the loops come to: the `state` after so many steps `made`, its `energies`, and the Newton `iterations` of
+    all of them."""
+
+    made: int
+    state: State[Body]
+    energies: Energies
+    iterations: int
+
+
+@dataclass(frozen=True)
+class Marks(Generic[Body]):
+    """Where the loops come to step by step: the `states` at their ends, with the `energies` and the Newton `iterations`
+    of each, and what there is to see of the thread in them, `seen`, with its largest axial `strains` (k,) [-]."""
+
+    states: list[State[Body]]
+    energies: list[Energies]
+    iterations: list[int]
+    seen: Seen
+    strains: Array
+
+
+def covered_scheme(system: System[Body], state: State[Body], dt: float, take: Take[Body]) -> Scheme | None:
+    """Return the scheme of steps from a state that the loops cover, None where they do not: the thread and the holes
+    that `coupling.step.solver.covers`, without ties and without hands on holes, by backward Euler, or by BDF2 where
+    it goes on with steps of the same length."""
+    if not system.compiled or system.ties or system.by_hand.any() or not covers(system):
+        return None
+    if take is try_step and state.before is None:
+        return BackwardEuler(dt)
+    return scheme_of(state, dt) if take is bdf2_step and state.dt_before == dt else None
+
+
+def march(
+    system: System[Body],
+    state: State[Body],
+    energies: Energies,
+    dt: float,
+    times: Sequence[float],
+    take: Take[Body],
+    follow: bool = True,
+    taut: Flags | None = None,
+) -> Marched[Body] | None:
+    """Make steps of `dt` [s] from a state, whose ends bear the `times` [s], as long as each goes on smoothly; None
+    where the first does not, or the loops do not cover it. `follow` is as for `coupling.step.stepping.advance`; `taut`
+    (k + 1,) says which strands are, None that those are whose tension alone says so.
+
+    The organ is linear, under loads that stay what they are, and without inertia or one that goes on by modes.
+    """
+    course = run_course(system, state, energies, dt, times, take, follow, taut)
+    if course is None:
+        return None
+    made, new = course.made, course.now(times[course.made - 1])
+    if take is bdf2_step:
+        before = course.earlier(times[made - 2]) if made > 1 else forgetful(state)
+        new = replace(new, before=before, dt_before=dt)
+    return Marched(made, new, Energies(*course.energies.tolist()), int(course.iterations.sum()))
+
+
+def march_by_steps(
+    system: System[Body],
+    state: State[Body],
+    energies: Energies,
+    dt: float,
+    times: Sequence[float],
+    take: Take[Body],
+    follow: bool = True,
+    taut: Flags | None = None,
+) -> Marks[Body] | None:
+    """Make the steps that `march` makes, and return where each of them comes to."""
+    course = run_course(system, state, energies, dt, times, take, follow, taut, len(times))
+    if course is None:
+        return None
+    made, ends = course.made, course.kept.ends
+    states = [course.end_of(step, times[step]) for step in range(made)]
+    if take is bdf2_step:
+        before = [forgetful(state), *states[:-1]]
+        states = [replace(new, before=old, dt_before=dt) for old, new in zip(before, states, strict=True)]
+    first, kept = course.kept.at.first[:made].ravel(), course.kept.at
+    b, D, c = (x[:made].reshape(-1, *x.shape[2:]) for x in (kept.b, kept.D, kept.c))
+    at = Passage(first, b, D[:, 0], D[:, 1], D[:, 2], D[:, 3], c, np.tile(system.rows[:, 3], made))
+    q, s, sigma, stretch, lam, y = (x[:made] for x in (ends.q, ends.s, ends.sigma, ends.stretch, ends.lam, ends.y))
+    seen = Seen(state.present, np.array(times[:made]), q, course.kept.elastic[:made], s, sigma, stretch, lam, y, at)
+    booked = [Energies(*each) for each in course.kept.energies[:made].tolist()]
+    return Marks(states, booked, course.iterations[:made].tolist(), seen, course.kept.strain[:made])
+
+
+def run_course(
+    system: System[Body],
+    state: State[Body],
+    energies: Energies,
+    dt: float,
+    times: Sequence[float],
+    take: Take[Body],
+    follow: bool,
+    taut: Flags | None,
+    keep: int = 0,
+) -> "Course | None":
+    """Return the course of the steps that the loops make, of which so many are kept, None where they make none; the
+    other arguments are those of `march`."""
+    scheme = covered_scheme(system, state, dt, take)
+    if scheme is None or not isinstance(system.organ, Steady | Modal):
+        return None
+    from coupling.run.course import Course, body_of
+
+    answer = organ_answer(system, scheme, state)
+    body = body_of(system, scheme, state, times, answer)
+    if body is None:
+        return None
+    course = Course(system, scheme, state, answer, body, taut_strands(system, state) if taut is None else taut, keep)
+    course.make_steps(astuple(energies), tabled_ends(system, state.time, times, dt), follow)
+    for _ in range(int(course.iterations.sum())):  # the loops do not ask themselves, and each correction counts
+        ask_before_correction()
+    return course if course.made else None
+
+
+def solution_at(system: System[Body], state: State[Body]) -> Solution[Body]:
+    """Return a solution at a state that the loops came to, which keep none, to ask the thread's own motions: of a step
+    from there, of any length, since neither its inertia nor its loads count in these."""
+    scheme = BackwardEuler(1.0)
+    problem = dynamic_problem(system, state, scheme.dt, organ_answer(system, scheme, state), scheme)
+    z = Iterate(state.q, state.N, state.s, state.lam, state.y, state.sigma)
+    problem = replace(problem, layers=state.layers)
+    return Solution(problem, z, evaluate(problem, z), 0)
+
+
+def tabled_ends(system: System[Body], start: float, times: Sequence[float], dt: float) -> tuple[np.ndarray, ...]:
+    """Return what holds and pulls the ends in steps of `dt` [s] from `start` [s] on whose ends bear the `times` [s]:
+    places [m] and forces [N] at their ends, and by how much more the forces are at their starts, `(steps, 2, 3)`
+    each; places of ends that are free are zero."""
+    starts = [start, *times[:-1]]
+    places, forces, more = np.zeros((3, len(times), 2, 3))
+    for side, end in enumerate(system.ends):
+        for step, begun in enumerate(starts):
+            place = end.position(begun + dt)
+            if place is not None:
+                places[step, side] = place
+            else:
+                forces[step, side] = end.force(begun + dt)
+                more[step, side] = end.force(begun) - forces[step, side]
+    return places, forces, more

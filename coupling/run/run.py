@@ -1,0 +1,543 @@
+"""A run: steps one after the other, each with its audit and events, on knots that follow the thread.
+
+    run = begin(system, state)
+    while run.state.time < duration:
+        run = run.step(dt)
+
+A step goes through four stages: the knots that fit the state it begins with; the step itself, in halves where it fails;
+its audit and the events in it; the cuts, and the piercings that begin or end, with it.
+"""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from itertools import accumulate
+from typing import Generic
+
+import numpy as np
+
+from coupling.arrays import Array, Flags
+from coupling.errors import CouplingError, InversionError, RestError, StepError
+from coupling.interfaces import Body
+from coupling.kernels.constraints import held_energy
+from coupling.reports.audit import Energies, audit_step, closing_works, drawing_works, initial_energies
+from coupling.reports.observation import PiercingObservation, Sight, largest_gap, largest_residual, look, observe
+from coupling.rest.branch import reach
+from coupling.rest.equilibrium import refuse_unbalanced, settle_near
+from coupling.run.adaptivity import INTERVAL, Resolution, adapt_when_due, exchange_spline, refine_for, refit_state
+from coupling.run.cutting import Cut, cut_thread
+from coupling.run.events import Event, find_events
+from coupling.run.impact import begin_piercing
+from coupling.run.march import march, march_by_steps
+from coupling.run.tautness import carried_over, taut_strands
+from coupling.run.tying import TieObservation, begin_tie, let_go_of_cut, lock_tie, observe_ties
+from coupling.run.watch import Watch
+from coupling.step.configuration import Configuration, configuration_of
+from coupling.step.stepping import CURVED, HALVINGS, Step, Take, advance, release, try_step
+from coupling.system import State, System, forgetful
+from thread.knots import LEVELS
+from tissue.errors import FactorError
+
+log = logging.getLogger(__name__)
+
+AT_ONCE = 500  # steps at most, for nobody can call them off in between
+LONGEST_PAUSE = 64  # steps made one by one at most before the loops are asked again
+EQUILIBRIA = 4  # further ones of a load step at most, on knots that fit the one before
+ON_TIME = 1e-9  # of a step: a time this near the end of a step is that of its end
+
+
+@dataclass(frozen=True)
+class Run(Generic[Body]):
+    """Where a run is: all that its next steps depend on, and how it came there.
+
+    `system` is the one whose knots the thread has; `cuts`, those made in it at their times; `s_begun` (holds,) [m] the
+    abscissae that slip is measured from, where each piercing began; `number`, the steps made; `take`, how one is made,
+    and `halvings`, how often one that fails is halved; `tolerance` [m], how far one may be off before it is halved
+    (`coupling.step.stepping.local_error`); `downhill`, whether one that makes energy has failed (`coupling.run.watch`);
+    `resolution`, how the knots follow the thread, None where they do not; `given` (p,) [m], the abscissae of piercings
+    that begin, NaN where the thread's nearest place is taken; `tie_works` (t,) [J], of the hands on each tie so far;
+    `taut` (k + 1,), which strands of the thread are, between its k holds and cuts (`coupling.run.tautness`).
+    `fresh` is a thread under no tension yet that knots could go by. Of the last step: whether it was sought `loose`, as
+    the next one then is first (`coupling.rest.equilibrium.settle`), the steps `taken` (several where it was halved,
+    none where it was made in whole by compiled loops), the Newton iterations of those made `at_once`, and the `events`.
+    `apart`: how many steps are made one by one until the loops are asked again, and how many if they then make none,
+    zero where they have just made some. `seen`: what these saw of the thread at the end of the last step.
+    """
+
+    system: System[Body]
+    state: State[Body]
+    energies: Energies
+    s_begun: Array
+    take: Take[Body]
+    resolution: Resolution | None
+    given: Array
+    tie_works: Array = field(default_factory=lambda: np.zeros(0))
+    taut: Flags = field(default_factory=lambda: np.zeros(1, dtype=bool))
+    halvings: int = HALVINGS
+    tolerance: float = np.inf
+    downhill: bool = True
+    cuts: tuple[Cut, ...] = ()
+    number: int = 0
+    fresh: bool = True
+    loose: bool = False
+    at_once: int = 0
+    apart: tuple[int, int] = (0, 1)
+    taken: tuple[Step[Body], ...] = ()
+    events: tuple[Event, ...] = ()
+    seen: Sight[Body] | None = None
+
+    @cached_property
+    def configuration(self) -> Configuration:
+        """The thread as it is now: at the end of the last step, unless a cut, a tie or a piercing came after it."""
+        if self.taken and self.taken[-1].new is self.state:
+            return self.taken[-1].end
+        return configuration_of(self.system, self.state)
+
+    @cached_property
+    def piercings(self) -> tuple[PiercingObservation, ...]:
+        """All piercings as they are now, slip measured from where each began."""
+        if self.seen is not None and self.seen.state is self.state:
+            return self.seen.piercings
+        return observe(self.system, replace(self.state, s=self.s_begun), self.state, self.configuration)
+
+    @cached_property
+    def sight(self) -> Sight[Body]:
+        """What is seen of the thread as it is now; the largest gap and residual are those of all steps `taken`."""
+        if self.seen is not None and self.seen.state is self.state:
+            return self.seen
+        ends = [(step.solution.problem.system, step.new, step.end.at) for step in self.taken]
+        ends = ends or [(self.system, self.state, self.configuration.at)]
+        gap, residual = (max(largest(*end) for end in ends) for largest in (largest_gap, largest_residual))
+        return Sight(self.state, self.piercings, gap, residual, float(np.max(self.configuration.points.strain)))
+
+    @cached_property
+    def ties(self) -> tuple[TieObservation, ...]:
+        """All ties as they are now."""
+        return observe_ties(self.system, self.state, self.tie_works)
+
+    @property
+    def iterations(self) -> int:
+        """Newton iterations of the last step, or of all that `steps` made."""
+        return self.at_once + sum(step.solution.iterations for step in self.taken)
+
+    @property
+    def is_jumping(self) -> bool:
+        """Whether the step before left nothing to look back at, so that the next one may be too long for the motion;
+        always by backward Euler, never by the paper's variants."""
+        return self.downhill and not self.fresh and self.state.before is None
+
+    def step(self, dt: float, time: float | None = None) -> "Run[Body]":
+        """Go `dt` [s] further; the end bears the `time` [s] given, to keep round-off from adding up. Where knots follow
+        the thread and that fails, spans are halved a part of the step at a time.
+
+        Raises `StepError`, `ConstraintError`, `InversionError`, `FormingError`, and `CouplingError` for what is no time
+        to go.
+        """
+        refuse_no_time(dt)
+        first = replace(self, at_once=0, taken=(), events=(), seen=None)
+        return first._gone(dt, self.state.time + dt if time is None else time)._scheduled(self.state.time, dt)
+
+    def _gone(self, dt: float, time: float, level: int = 0) -> "Run[Body]":
+        """Return the run `dt` [s] further, at the `time` [s], a part of a step that was halved `level` times, before
+        what is scheduled.
+
+        A thread that is drawn taut asks for spans a thousand times shorter than those on which it is bent at its holes,
+        and from these Newton may not come to it: where a step on the knots that fit fails, its halves are made, before
+        each of which no span is halved more than once, without memory, as the parts of any step that fails
+        (`coupling.step.stepping.advance`). One that fails in its first part with such knots, or with no tension to have
+        knots by, would again. Raises as `step` does.
+        """
+        due = level > 0 or self.number % INTERVAL == 0
+        run = self if self.fresh else self.refitted(dt, due, once=level > 0)
+        watch = Watch([run.energies], run.downhill, run is not self, dt / 2 ** min(CURVED, run.halvings - level))
+        depth = HALVINGS - run.halvings + level
+        try:
+            taken = advance(run.system, run.state, dt, run.take, depth, watch, run.is_jumping, run.tolerance)
+        except (StepError, InversionError) as error:
+            would_again = (level > 0 or self.fresh) and error.time <= self.state.time
+            if run.resolution is None or level >= run.halvings or would_again:
+                raise
+            log.debug("knots are brought up a part of the step at a time: %s", error)
+        else:
+            new = replace(taken[-1].new, time=time)
+            taken = [*taken[:-1], replace(taken[-1], new=forgetful(new) if level else new)]
+            return replace(run._after(taken, watch.energies[-1]), fresh=False)
+        first = replace(self, state=forgetful(self.state))
+        half = first._gone(0.5 * dt, self.state.time + 0.5 * dt, level + 1)
+        whole = half._gone(0.5 * dt, time, level + 1)
+        others = [event for event in whole.events if event.kind != "halved"]
+        return replace(whole, events=(*others, Event(time, "halved")))
+
+    def steps(self, dt: float, count: int) -> "Run[Body]":
+        """Make so many steps of `dt` [s], each as `step` makes it, but as many at once in compiled loops as go on
+        smoothly (`coupling.run.march`), where the system asks for these: no solution of such a step is kept. The events
+        and iterations are those of all. Raises as `step` does; who wants the steps before that one asks for fewer."""
+        refuse_no_time(dt)
+        run, events, iterations, last = self, list[Event](), 0, self.number + count
+        while run.number < last:
+            times = list(accumulate([dt] * min(AT_ONCE, last - run.number), initial=run.state.time))[1:]
+            run = run._smoothly(dt, times) or run._apart(dt, times[0])
+            events, iterations = [*events, *run.events], iterations + run.iterations
+        of_last = sum(step.solution.iterations for step in run.taken)
+        return replace(run, events=tuple(events), at_once=iterations - of_last)
+
+    def each_of_steps(self, dt: float, times: Sequence[float]) -> "list[Run[Body]]":
+        """Make steps of `dt` [s] whose ends bear the `times` [s], and return the run after each: as many as go on
+        smoothly in compiled loops, as for `steps`, else the first alone. Raises as `step` does."""
+        refuse_no_time(dt)
+        return self._each_smoothly(dt, times) or [self._apart(dt, times[0])]
+
+    def _apart(self, dt: float, time: float) -> "Run[Body]":
+        """Return the run a step further that is made by itself."""
+        waits, pause = self.apart
+        apart = (waits - 1, max(pause, 1)) if waits else (max(pause - 1, 0), min(max(2 * pause, 1), LONGEST_PAUSE))
+        return replace(self.step(dt, time), apart=apart)
+
+    def _smoothly(self, dt: float, times: Sequence[float]) -> "Run[Body] | None":
+        """Return the run after as many of the steps of `dt` [s] to the `times` [s] as the loops make at once, None
+        where that is none."""
+        before = self._before_due(dt, times)
+        if not before:
+            return None
+        follow, taut = self.is_jumping, self.taut
+        found = march(self.system, self.state, self.energies, dt, before, self.take, follow, taut)
+        if found is None:
+            return None
+        made = replace(self._marched(found.made, len(times)), state=found.state, energies=found.energies)
+        return replace(made, at_once=found.iterations)
+
+    def _each_smoothly(self, dt: float, times: Sequence[float]) -> "list[Run[Body]]":
+        """Return the runs after each of those steps, none where the loops make none."""
+        before = self._before_due(dt, times)
+        if not before:
+            return []
+        follow, taut = self.is_jumping, self.taut
+        found = march_by_steps(self.system, self.state, self.energies, dt, before, self.take, follow, taut)
+        if found is None:
+            return []
+        sights = look(self.system, self.s_begun, found.seen, found.states, found.strains)
+        each = zip(found.states, found.energies, found.iterations, sights, strict=True)
+        runs = [
+            replace(self._marched(made, made), state=state, energies=energies, at_once=iterations, seen=sight)
+            for made, (state, energies, iterations, sight) in enumerate(each, 1)
+        ]
+        return [*runs[:-1], replace(runs[-1], apart=(int(len(runs) < len(times)), 0))]
+
+    def _marched(self, made: int, asked: int) -> "Run[Body]":
+        """Return the run after so many steps `made` by the loops of those `asked` for, but for where they came to: what
+        they stopped before is made next."""
+        number, apart = self.number + made, (int(made < asked), 0)
+        return replace(self, number=number, apart=apart, loose=False, taken=(), events=(), seen=None)
+
+    def _before_due(self, dt: float, times: Sequence[float]) -> Sequence[float]:
+        """Return those of the `times` [s] that steps of `dt` [s] go to before anything is scheduled; none where the
+        loops are not to be asked now, or something is looked at between steps that they know nothing of: knots that
+        follow the thread, and the error of a step."""
+        if self.fresh or not self.downhill or self.resolution is not None or self.tolerance < np.inf or self.apart[0]:
+            return []
+        holds = zip(self.system.piercings, self.state.present, strict=False)
+        planned = [cut.time for cut in self.cuts] + [p.ends if there else p.begins for p, there in holds]
+        due = [time - ON_TIME * dt for time in planned]
+        next_one = min((time for time in due if time > self.state.time), default=np.inf)
+        return [time for time in times if time < next_one]
+
+    def load(self, share: float, duration: float) -> "Run[Body]":
+        """Go on to the equilibrium under the part `share` of the loads at `duration` [s].
+
+        An equilibrium is far from where it began: it is found again on the knots that fit it, with friction all the
+        way from where the load step began, since it depends on the way. A thread that is cut at its end finds another
+        equilibrium under the same loads, with friction from there. Raises `StepError`, before the first load step
+        where dead loads are unbalanced, `InversionError`, `ConstraintError`.
+        """
+        first = replace(self, at_once=0, taken=(), events=(), seen=None)
+        if first.fresh:
+            refuse_unbalanced(first.system, first.state, duration)
+            first = first.held_together()
+        else:
+            first = first.refitted(0.0, True)
+        run = first._settled(share, duration)._scheduled(self.state.time, share * duration - self.state.time)
+        if not any(event.kind == "cut" for event in run.events):
+            return run
+        return run._audited(reach(run.system, run.state, share, duration))
+
+    def rested(self) -> "Run[Body]":
+        """Return the run before its first step from the equilibrium under the loads that act at its time: slack
+        is taken up before the clock starts.
+
+        Nothing moves, rough holes stick under the forces that were found, and slip counts from there. What was
+        released on the way is no part of the audit; holes that were left and other knots are events. Raises
+        `RestError` where no rest is found.
+        """
+        log.info("looking for the rest that the run starts from")
+        first = replace(self, at_once=0, taken=(), events=())
+        try:
+            refuse_unbalanced(first.system, first.state, first.state.time)
+            run = first._settled(1.0, first.state.time)
+        except (CouplingError, FactorError) as error:
+            raise RestError(str(error)) from error
+        state = forgetful(run.state)
+        state = replace(state, sigma=np.where(run.system.rough, 0.0, state.sigma))
+        told = tuple(event for event in run.events if event.kind not in ("slips", "sticks", "taut", "slack"))
+        return replace(
+            self,
+            system=run.system,
+            state=state,
+            energies=initial_energies(run.system, state),
+            s_begun=state.s,
+            taut=run.taut,
+            fresh=False,
+            events=self.events + told,
+        )
+
+    def _settled(self, share: float, duration: float) -> "Run[Body]":
+        """Return the run at the equilibrium under a part of the loads, on the knots that fit it. Raises as `load`
+        does."""
+        first, run = self, self._audited(reach(self.system, self.state, share, duration, self.loose))
+        for _ in range(EQUILIBRIA):
+            found = run._found_again(first, share, duration)
+            if found is None:
+                break
+            first, run = found
+        return run
+
+    def _found_again(self, first: "Run[Body]", share: float, duration: float) -> "tuple[Run[Body], Run[Body]] | None":
+        """Return the run before a load step, which was `first`, on the knots that this one asks for after it, and the
+        run after it there; None where the knots fit. With friction it is found from where this one is, at once or a
+        halving of the spans at a time, or else from the start of the load step. Raises as `load` does."""
+        knots = first.refined_for(self) if self.rubs else self.refitted(0.0, True)
+        if knots is first or knots is self:
+            return None
+        if self.rubs:
+            for find in (partial(self._near_at_once, knots), partial(self._near_by_halves, first)):
+                try:
+                    return find(share, duration)
+                except (StepError, InversionError) as error:
+                    log.debug("the equilibrium of other knots leads to none on these: %s", error)
+        return knots, knots._audited(reach(knots.system, knots.state, share, duration, self.loose))
+
+    def _near_at_once(self, knots: "Run[Body]", share: float, duration: float) -> "tuple[Run[Body], Run[Body]]":
+        """Return what `_found_again` does, on all `knots` at once. Raises `StepError`, `InversionError`."""
+        return knots, self._near_on(knots, share, duration)
+
+    def _near_by_halves(self, first: "Run[Body]", share: float, duration: float) -> "tuple[Run[Body], Run[Body]]":
+        """Return what `_found_again` does, a halving of the spans at a time, as far as that leads. Raises
+        `StepError`, `InversionError`."""
+        run = self
+        for _ in range(LEVELS):
+            knots = first.refined_for(run, once=True)
+            if knots is first:
+                break
+            try:
+                first, run = knots, run._near_on(knots, share, duration)
+            except (StepError, InversionError):
+                if run is self:
+                    raise
+                break
+        return first, run
+
+    def _near_on(self, knots: "Run[Body]", share: float, duration: float) -> "Run[Body]":
+        """Return the run after the load step that begins with `knots`, found from where this one is after it on others.
+        Raises `StepError`, `InversionError`."""
+        if not np.array_equal(self.state.present, knots.state.present):
+            raise StepError(self.state.time, 0.0, "the thread has left a hole")
+        refit = refit_state(self.system, self.state, knots.system.thread.spline.breaks)
+        near = exchange_spline(self.system, self.state, refit)[1]
+        return knots._audited(settle_near(knots.system, knots.state, share, duration, near, self.loose))
+
+    @property
+    def fallen(self) -> float | None:
+        """How far the loads fell on a branch that the last load step followed, as a part of their clock [s]; None where
+        it followed none."""
+        times = [time for step in self.taken if step.along for time in (step.old.time, step.new.time)]
+        return float(np.max(np.maximum.accumulate(times) - times)) if times else None
+
+    @property
+    def rubs(self) -> bool:
+        """Whether the last load step depends on the way that it took: holes have friction, or surfaces in contact."""
+        contact = self.taken[-1].solution.problem.contact
+        return bool(self.system.rough.any()) or (contact is not None and contact.rubs)
+
+    def _audited(self, taken: Sequence[Step[Body]]) -> "Run[Body]":
+        """Return the run after the steps `taken`, with their audit and events."""
+        energies = self.energies
+        for step in taken:
+            energies = audit_step(self.system, energies, step)
+        return self._after(taken, energies)
+
+    def _after(self, taken: Sequence[Step[Body]], energies: Energies) -> "Run[Body]":
+        """Return the run after the steps `taken`, with the `energies` after them and their events."""
+        found, taut = find_events(self.system, self.state, taken, self.taut)
+        return replace(
+            self,
+            state=taken[-1].new,
+            energies=energies,
+            tie_works=self.tie_works + sum(closing_works(step) + drawing_works(step) for step in taken),
+            loose=any(step.loose for step in taken),
+            taut=taut,
+            taken=self.taken + tuple(taken),
+            events=self.events + tuple(found),
+        )
+
+    def refitted(self, dt: float, due: bool, once: bool = False) -> "Run[Body]":
+        """Return the run on the knots that fit its state, or those of them that halve a span `once`, itself where they
+        do already. The knots are looked at where that is `due`, or a span at a hole is too long."""
+        if self.resolution is None:
+            return self
+        return self._on(*adapt_when_due(self.resolution, self.system, self.state, dt, due, once))
+
+    def refined_for(self, later: "Run[Body]", once: bool = False) -> "Run[Body]":
+        """Return the run with the knots too that a later one asks for, or those of them that halve a span `once`;
+        itself where it has them all."""
+        if self.resolution is None:
+            return self
+        return self._on(*refine_for(self.resolution, self.system, self.state, (later.system, later.state), once))
+
+    def _on(self, system: System[Body], state: State[Body], knots: list[Event]) -> "Run[Body]":
+        """Return the run on other knots, with their events; itself where there are none."""
+        if not knots:
+            return self
+        energies = book_events(system, self.energies, state, knots)
+        return replace(self, system=system, state=state, energies=energies, events=self.events + tuple(knots))
+
+    def _scheduled(self, earlier: float, dt: float) -> "Run[Body]":
+        """Return the run after the cuts, and the piercings that end or begin, later than `earlier` [s]."""
+        run = replace(self, number=self.number + 1, fresh=False).cut_when_due(earlier, dt).tied_when_due(earlier, dt)
+        state, due = schedule_piercings(run.system, earlier, run.state, dt, run.given)
+        if due:
+            run = replace(
+                run,
+                state=state,
+                energies=book_events(run.system, run.energies, state, due),
+                s_begun=np.where(state.present & ~run.state.present, state.s, run.s_begun),
+                events=run.events + tuple(due),
+            )
+        return run._carried_from(self)
+
+    def _carried_from(self, earlier: "Run[Body]") -> "Run[Body]":
+        """Return the run with the strands taut that were so in one that is no earlier in time, and has other holds or
+        cuts."""
+        if self.state is earlier.state:
+            return self
+        return replace(self, taut=carried_over(earlier.system, earlier.taut, earlier.state, self.system, self.state))
+
+    def cut_when_due(self, earlier: float, dt: float) -> "Run[Body]":
+        """Return the run with the thread cut where that is due later than `earlier` [s]. Raises `CouplingError`."""
+        run = self
+        for cut in self.cuts:
+            if is_due(cut.time, earlier, self.state.time, dt):
+                system, state, event = cut_thread(run.system, run.state, cut.s)
+                state, loops = let_go_of_cut(system, state)
+                energies = book_events(system, run.energies, state, [event])
+                events = *run.events, event, *loops
+                run = replace(run, system=system, state=state, energies=energies, events=events)
+        return run
+
+    def held_together(self) -> "Run[Body]":
+        """Return the run with the strands of every tie held where they are nearest to one another: at rest hands hold
+        them until they draw, since a slack thread would straighten and part them. Raises `FormingError`."""
+        state, open_ties = self.state, ~self.state.present[self.system.strands[:, 0]]
+        events = list(self.events)
+        for k in np.flatnonzero(open_ties):
+            state, event = begin_tie(self.system, state, int(k))
+            events.append(event)
+        return replace(self, state=state, events=tuple(events))._carried_from(self)
+
+    def tied_when_due(self, earlier: float, dt: float) -> "Run[Body]":
+        """Return the run with the ties that begin or are locked later than `earlier` [s]. Raises `FormingError`."""
+        state, due = self.state, []
+        for k, tie in enumerate(self.system.ties):
+            begun = state.present[self.system.strands[k, 0]]
+            if begun and tie.is_locked(state.time) and not tie.is_locked(earlier):
+                state, event = lock_tie(self.system, state, k)
+                due.append(event)
+            elif not begun and is_due(tie.begins, earlier, state.time, dt):
+                state, event = begin_tie(self.system, state, k)
+                due.append(event)
+        if not due:
+            return self
+        return replace(self, state=state, events=(*self.events, *due))
+
+
+def refuse_no_time(dt: float) -> None:
+    """Refuse a step that does not go on: backwards in time the damping of the scheme makes energy. Raises
+    `CouplingError`."""
+    if not 0.0 < dt < np.inf:
+        raise CouplingError(f"dt = {dt} s; allowed are finite numbers above 0; give how long the step is")
+
+
+def begin(
+    system: System[Body],
+    state: State[Body],
+    take: Take[Body] = try_step,
+    resolution: Resolution | None = None,
+    given: Array | None = None,
+    halvings: int = HALVINGS,
+    downhill: bool = True,
+    cuts: tuple[Cut, ...] = (),
+    tolerance: float = np.inf,
+) -> Run[Body]:
+    """Return the run before its first step; the arguments are as for `Run`."""
+    nearest, closed = np.full(len(system.piercings), np.nan), []
+    for k in [k for k, tie in enumerate(system.ties) if tie.begins == 0.0]:
+        state, event = begin_tie(system, state, k)
+        closed.append(event)
+    return Run(
+        system=system,
+        state=state,
+        energies=initial_energies(system, state),
+        s_begun=state.s,
+        take=take,
+        resolution=resolution,
+        given=nearest if given is None else given,
+        tie_works=np.zeros(len(system.ties)),
+        taut=taut_strands(system, state),
+        halvings=halvings,
+        tolerance=tolerance,
+        downhill=downhill,
+        cuts=cuts,
+        events=tuple(closed),
+    )
+
+
+def schedule_piercings(
+    system: System[Body], earlier: float, state: State[Body], dt: float, given: Array
+) -> tuple[State[Body], list[Event]]:
+    """Begin and end every piercing whose time lies after `earlier` [s] and not after the state's time; returns the
+    state and the events.
+
+    `dt` [s] is the step; `given` (p,) [m] the abscissae of piercings that begin, NaN where the thread's nearest place
+    is taken. Raises `FormingError`, `ConstraintError`.
+    """
+    out = []
+    for k, piercing in enumerate(system.piercings):
+        if state.present[k] and is_due(piercing.ends, earlier, state.time, dt):
+            let_go = float(held_energy(system.passage_of(state), state.lam, state.y)[k])
+            out.append(Event(state.time, "ends", piercing.name, float(state.s[k]), loss=let_go))
+            state = release(state, np.arange(system.holds) == k)
+    for k, piercing in enumerate(system.piercings):
+        if not state.present[k] and is_due(piercing.begins, earlier, state.time, dt):
+            state, event = begin_piercing(system, state, k, dt, float(given[k]))
+            out.append(event)
+    return state, out
+
+
+def is_due(time: float, earlier: float, now: float, dt: float) -> bool:
+    """Whether a time lies after `earlier` and not after `now` [s]."""
+    return earlier < time - ON_TIME * dt <= now
+
+
+def book_events(system: System[Body], energies: Energies, state: State[Body], events: list[Event]) -> Energies:
+    """Book events in the audit: what was done to draw the thread in is external work, the impulse's loss
+    numerical."""
+    if not events:
+        return energies
+    now = initial_energies(system, state)
+    return replace(
+        energies,
+        kinetic=now.kinetic,
+        elastic_thread=now.elastic_thread,
+        elastic_tissue=now.elastic_tissue,
+        external_work=energies.external_work + sum(event.work for event in events),
+        numerical_dissipation=energies.numerical_dissipation + sum(event.loss for event in events),
+    )

@@ -1,0 +1,43 @@
+"""What the thread is at one place: its curve, its passage through the holes, and its elastic forces."""
+
+from dataclasses import dataclass
+
+from coupling.arrays import Array
+from coupling.interfaces import Body
+from coupling.kernels.constraints import Passage
+from coupling.system import State, System
+from thread.frames import Frame
+from thread.thread import Points
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """The thread evaluated once: `points` of the curve, `at` the holes, and the `elastic` forces ∂E/∂q, shape `(n, c)`
+    [N, with twist N m]."""
+
+    points: Points
+    at: Passage
+    elastic: Array
+
+
+def evaluate_thread(
+    system: System[Body],
+    q: Array,
+    s: Array,
+    frame: Frame | None = None,
+    home: Array | None = None,
+    layers: Array | None = None,
+) -> Configuration:
+    """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (m,) [m].
+
+    `frame` is what the twist is measured from, `home` (m,) [m] names the pieces of a cut thread that hold `s`,
+    `layers` (m,) [m] over what it bends there.
+    """
+    thread = system.thread
+    points = thread.points(q, frame)
+    return Configuration(points, system.passage(q, s, home, layers), thread.gradient(points))
+
+
+def configuration_of(system: System[Body], state: State[Body]) -> Configuration:
+    """Evaluate the thread of a state."""
+    return evaluate_thread(system, state.q, state.s, state.frame, layers=state.layers)

@@ -1,0 +1,543 @@
+"""Full Newton on the condensed monolithic system of one implicit step, the constraints at its end.
+
+    inertia (q − q_ref) + ∂E/∂q − F − Φ_qᵀλ = 0        thread
+    law of sliding                                     one a hold
+    Φ(q, s, y) = 0                                     five a hold
+    y − y_free − C Φ_yᵀλ = 0                           organ, exactly condensed
+
+Where the lips of a wound touch, y_free and C are those of the organ with these pairs closed (`coupling.joins.contact`).
+Every second-order term is kept. The axial force at each quadrature point is iterated on its own (mixed integration
+points, Magisano, Leonetti & Garcea 2017): plain Newton diverges at the stretch-to-inertia ratio of a real suture.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Container
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Generic
+
+import numpy as np
+
+from coupling.answer import all_holds, pad_compliance
+from coupling.arrays import Array, Flags
+from coupling.calls import ask_before_correction
+from coupling.errors import StepError
+from coupling.interfaces import Answer, Body
+from coupling.joins.contact import (
+    NO_FORCES,
+    Contact,
+    closing_forces,
+    condense,
+    contact_of,
+    find_pressed,
+    find_sets,
+    first_of,
+    forces,
+    misfits,
+)
+from coupling.joins.rubbing import Rubbing
+from coupling.kernels.bordered import (
+    NINE,
+    PHI,
+    Border,
+    Joints,
+    S,
+    SingularError,
+    Y,
+    drop_constraints,
+    linearise,
+    newton_direction,
+    own_stiffness,
+)
+from coupling.kernels.constraints import Passage, phi, site_force, spread, thread_force
+from coupling.step.configuration import Configuration, evaluate_thread
+from coupling.step.sliding import Law, admissible_sigma, in_metres, linearise_law, next_sigma, sliding_strands
+from coupling.step.sliding import residual as law_residual
+from coupling.system import System
+from thread.frames import Frame
+from thread.thread import Points
+from tissue.errors import OrganError
+
+MAX_ITERATIONS = 25  # for one active set of friction and contact
+MAX_SETS = 20  # and one more for every pair of lips that may touch
+RETURNS = 2  # to one active set: the first asks for another way on, the second goes round again
+WAYS = 6  # digits in which the ways of pairs that slip are compared
+MARGIN = 4.0  # of the force tolerance: two solved sets differ by two of them
+FORCE_TOLERANCE = 1e-10  # of the largest force in the step
+GAP_TOLERANCE = 1e-11  # of the thread's diameter
+DIRECTION_TOLERANCE = 1e-11  # of |T||u| ≈ 1
+ROUND_OFF = 2e-14  # of EA: the axial force is a difference of numbers near 1, times EA; and of stiffness times place
+REACH = 0.25  # of a span; the most that a correction downhill moves an abscissa
+LONGEST_MOVE = 0.01  # of the thread's length; a Newton correction is cut down to it
+LARGEST_TURN = 0.5  # rad; a tie bounds the way of a thread, but on short spans its tangents turn over and over in that.
+# In smooth holes it slides furthest, its tangents turn with it, and this would slow it down
+RAN_AWAY = "a force is not finite: the iteration ran away, or a load is not a number"
+STICK_OR_SLIP = "stick and slip of the friction alternate without end"
+TOUCH_OR_OPEN = "friction's or the lips' active sets alternate without end"
+NO_PAIRS = np.zeros(0, dtype=bool)
+NO_GAPS = np.zeros((0, 3))
+
+
+@dataclass(frozen=True)
+class Problem(Generic[Body]):
+    """One step, ready to be solved.
+
+    `time` [s] at its end; `mass_factor` [1/s²] with `q_ref` (n, c): the inertia and viscous force is
+    mass_factor·M (q − q_ref); `load` (n, c) [N, with twist N m]; `answer`, the organ's; `rows` (m, 5) constraints in
+    force; `stiffen`: add the constraints' own stiffness to the thread's band, needed where there is no inertia (an
+    exact row operation); `frame`, that of the start of the step, of a thread with twist; `layers` (m,) [m], √(EI/T)
+    that the thread bends over at its holes, None without tension; `closed` (k,), the pairs of lips that are held
+    closed, whatever their force, and how they are `rubbing`; `gaps` (t, 3) [m], between the strands of every tie;
+    `by_turns`: a correction turns no tangent by more than LARGEST_TURN (`coupling.step.continuation.solve_held`);
+    `along` makes a correction where the loads are unknown too, and returns the problem under others with it, None
+    where they are given (`coupling.rest.branch`).
+    """
+
+    system: System[Body]
+    time: float
+    dt: float
+    mass_factor: float
+    q_ref: Array
+    load: Array
+    answer: Answer[Body]
+    rows: Flags
+    law: Law
+    stiffen: bool = False
+    frame: Frame | None = None
+    layers: Array | None = None
+    closed: Flags = field(default_factory=lambda: NO_PAIRS)
+    rubbing: Rubbing = field(default_factory=Rubbing)
+    gaps: Array = field(default_factory=lambda: NO_GAPS)
+    by_turns: bool = False
+    along: "Callable[[Problem[Body], Iterate, Residual], tuple[Problem[Body], Iterate]] | None" = None
+
+    @cached_property
+    def inertia(self) -> Array:
+        """mass_factor·M, banded."""
+        return self.mass_factor * self.system.thread.mass_band
+
+    @property
+    def tied(self) -> bool:
+        """Whether a thread in rough holes is at rest and tied to where it is
+        (`coupling.rest.equilibrium.relax_ties`)."""
+        return self.stiffen and self.mass_factor > 0.0 and bool(self.system.rough.any())
+
+    @property
+    def largest_turn(self) -> float:
+        """The most that a correction turns a tangent [rad], infinite where nothing bounds it."""
+        return LARGEST_TURN if self.tied or self.by_turns else np.inf
+
+    @property
+    def floats(self) -> bool:
+        """Whether nothing holds the thread, no hole and no end: where it is as a whole matters to no force, and a dead
+        load takes it many lengths away in a step."""
+        return not (self.rows.any() or self.system.held.size)
+
+    @cached_property
+    def tie_compliance(self) -> float:
+        """Compliance of the thread, by which the balance of a tie becomes a length [m/N]."""
+        thread = self.system.thread
+        return float((thread.spline.end - thread.spline.start) / thread.EA)
+
+    def joints(self, sigma: Array) -> Joints:
+        """Return how strands are joined where the holds slide by `sigma` (m,)."""
+        return Joints(self.law.strands, *sliding_strands(self.law, sigma), self.tie_compliance)
+
+    @cached_property
+    def contact(self) -> Contact[Body] | None:
+        """Contact of the lips, None where nothing may touch."""
+        return contact_of(self.system, self.answer)
+
+    @cached_property
+    def organ_at_holds(self) -> tuple[Array, Array]:
+        """y_free, shape `(m, 9)`, and C, shape `(9m, 9m)`, of all holds, with the pairs that are closed."""
+        y_free, C = all_holds(self.system, self.answer.y_free), pad_compliance(self.system, self.answer.C)
+        if self.contact is None or not self.closed.any():
+            return y_free, C
+        return condense(self.contact, self.closed, self.rubbing, y_free, C)
+
+    @property
+    def y_free(self) -> Array:
+        """Site variables of all holds without forces, shape `(m, 9)`."""
+        return self.organ_at_holds[0]
+
+    @property
+    def C(self) -> Array:
+        """Compliance of all holds, shape `(9m, 9m)`."""
+        return self.organ_at_holds[1]
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """Unknowns of a step: `q` (n, c), `N` (spans, g), `s` (m,), `lam` (m, 5), `y` (m, 9); active sets `sigma` (m,)
+    of the friction and `pressed` (k,) of the contact, with how it is `rubbing`, whose forces follow from the others.
+    """
+
+    q: Array
+    N: Array
+    s: Array
+    lam: Array
+    y: Array
+    sigma: Array
+    pressed: Flags = field(default_factory=lambda: NO_PAIRS, kw_only=True)
+    rubbing: Rubbing = field(default_factory=Rubbing, kw_only=True)
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Residuals at an iterate, and what the tangent needs again.
+
+    `configuration`: the thread evaluated there; `f_y` (m, 9): site forces Φ_yᵀλ;
+    `push` (n, 3) [N]: Φ_qᵀλ, forces of the holes on the control points; `thread` (n, c) [N, with twist N m]
+    (at held unknowns: the reaction), `holds` (m, 6): law of sliding, Φ; `site` (m, 9); `force_scale` [N],
+    `torque_scale` [N m].
+    """
+
+    configuration: Configuration
+    f_y: Array
+    push: Array
+    thread: Array
+    holds: Array
+    site: Array
+    force_scale: float
+    torque_scale: float = 0.0
+
+    @property
+    def points(self) -> Points:
+        """The curve."""
+        return self.configuration.points
+
+    @property
+    def passage(self) -> Passage:
+        """The thread where it passes the holes."""
+        return self.configuration.at
+
+
+@dataclass(frozen=True)
+class Solution(Generic[Body]):
+    """A converged step: its problem, the iterate, the residual, and the number of Newton directions it took.
+
+    The constraint forces are those of `residual.passage` and `iterate.y`: the end of the step, but its start for the
+    linear one, whose elastic force does the work `linearisation` [J] beyond the true one's. `p` (k,) [N] are the
+    contact forces.
+    """
+
+    problem: Problem[Body]
+    iterate: Iterate
+    residual: Residual
+    iterations: int
+    linearisation: float = 0.0
+    p: Array = field(default_factory=lambda: NO_FORCES)
+
+
+def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
+    """Evaluate all residuals of a step."""
+    thread = problem.system.thread
+    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, problem.layers)
+    at, elastic = now.at, now.elastic
+    balance, push = elastic - problem.load, spread(thread_force(at, z.lam, z.y), at, thread.n)
+    balance[:, :3] -= push
+    if problem.mass_factor:
+        balance += problem.mass_factor * thread.momentum(z.q - problem.q_ref)
+    holds = np.empty((len(z.s), 6))
+    holds[:, S] = law_residual(problem.law, z.sigma, at, z.s, z.lam, z.y)
+    holds[:, PHI] = np.where(problem.rows, phi(at, z.lam, z.y), z.lam)
+    f_y = site_force(at, z.lam, z.y)
+    scale = max(np.abs(elastic[:, :3]).max(), np.abs(problem.load[:, :3]).max(), np.abs(z.lam[:, :3]).max(initial=0.0))
+    return Residual(
+        now,
+        f_y,
+        push,
+        balance,
+        holds,
+        site_residual(problem, z, f_y),
+        max(float(scale), thread.force_unit),
+        float(np.abs(elastic[:, 3:]).max()) if thread.twist else 0.0,
+    )
+
+
+def site_residual(problem: Problem[Body], z: Iterate, f_y: Array) -> Array:
+    """Return y − y_free − C f_y of all holds, shape `(m, 9)`."""
+    r_y = z.y - problem.y_free - (problem.C @ f_y.ravel()).reshape(-1, NINE)
+    return r_y if not problem.law.strands.size else problem.joints(z.sigma).residual(r_y, z.y, f_y, problem.gaps)
+
+
+def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Body], Residual, bool]:
+    """Ask the organ again under the forces of an iterate: the problem and the residual with its answer, and whether
+    the answer stood. Raises `StepError` where it has none."""
+    sites = len(problem.system.piercings)
+    try:
+        answer = problem.answer.again(r.f_y[:sites].ravel(), forces_that_close(problem.contact, z, r))
+    except OrganError as error:
+        raise failure(problem, r.holds, str(error)) from error
+    if answer is problem.answer:
+        return problem, r, True
+    problem = replace(problem, answer=answer)
+    return problem, replace(r, site=site_residual(problem, z, r.f_y)), False
+
+
+def force_tolerance(problem: Problem[Body], r: Residual) -> float:
+    """Return what a force may be off by in a solved step [N]: a part of the largest, or the round-off of those that
+    cancel."""
+    return FORCE_TOLERANCE * r.force_scale + rounded_force(problem)
+
+
+def rounded_force(problem: Problem[Body]) -> float:
+    """Return the round-off of forces that cancel [N]. That of the axial force is of a strain, which has fewer digits
+    where the thread is further from the origin than it is long."""
+    thread, place = problem.system.thread, np.abs(problem.q_ref[:, :3]).max()
+    by_place = thread.largest_bending + problem.mass_factor * thread.largest_mass
+    far = max(1.0, place / (thread.spline.end - thread.spline.start))
+    return ROUND_OFF * float(thread.EA * far + by_place * place)
+
+
+def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
+    """Whether every equation holds to its tolerance, each relative to a named scale."""
+    thread = problem.system.thread
+    force = force_tolerance(problem, r)
+    gap = GAP_TOLERANCE * thread.section.diameter
+    free = np.abs(r.thread)
+    free.ravel()[problem.system.held] = 0.0
+    torque = max(force * thread.section.diameter, FORCE_TOLERANCE * r.torque_scale)
+    limits = np.empty_like(r.holds)
+    limits[:, S] = np.where(in_metres(problem.law, z.sigma), gap, force)
+    limits[:, PHI] = np.where(problem.rows, (gap, gap, gap, DIRECTION_TOLERANCE, DIRECTION_TOLERANCE), force)
+    site = np.abs(r.site)
+    return bool(
+        free[:, :3].max() <= force
+        and (free.shape[1] == 3 or free[:, 3].max() <= torque)
+        and (np.abs(r.holds) <= limits).all()
+        and (site <= np.maximum(np.repeat((gap, DIRECTION_TOLERANCE), (3, 6)), rounded_places(problem))).all()
+    )
+
+
+def rounded_places(problem: Problem[Body]) -> Array:
+    """Return what round-off of the forces moves the sites of a nonlinear organ by, shape `(m, 9)` [m, -]: much, near a
+    limit point of the organ alone, where its compliance is without end. None of a linear one, which has no such point.
+    """
+    m = problem.system.holds
+    if problem.answer.linear:
+        return np.zeros((m, NINE))
+    by_force = np.abs(problem.C.reshape(m, NINE, m, NINE)[..., :3])
+    return np.asarray(rounded_force(problem) * by_force.max(axis=(2, 3), initial=0.0))
+
+
+def border_of(problem: Problem[Body], z: Iterate, at: Passage) -> Border:
+    """Linearise the holds, with the rows of constraints that are not in force replaced by λ = 0."""
+    border = linearise(at, z.lam, z.y)
+    linearise_law(border, problem.law, z.sigma, at, z.lam, z.y)
+    return border if problem.rows.all() else drop_constraints(border, ~problem.rows)
+
+
+def add_constraint_stiffness(
+    problem: Problem[Body], A: Array, border: Border, r: Residual
+) -> tuple[Array, Border, Array]:
+    """Add Φ_qᵀ Γ (Φ_q dq + … + Φ) to the thread's equations: the same solution, and a matrix that is regular although
+    without the constraints the thread could move or turn freely (statics). Γ is of the size of the band's diagonal."""
+    thread = problem.system.thread
+    rows, at = border.B[:, PHI], r.passage
+    scale = np.abs(A).max()
+    reach = np.einsum("mki,mki->m", at.b[:, :2], at.b[:, :2])[:, None]
+    gamma = problem.rows * scale / np.where(np.arange(5) < 3, 1.0, reach)
+    weighted = rows * gamma[:, :, None]
+    E = border.E + np.einsum("mki,mkj->mij", weighted, border.D[:, PHI])
+    push = np.einsum("mki,mk->mi", weighted, r.holds[:, PHI]).reshape(-1, 3, 3)[:, :2]
+    K = np.einsum("mki,mkj->mij", weighted, rows).reshape(-1, 3, 3, 3, 3)
+    blocks = np.einsum("mki,mkalb,mlj->mijab", at.b[:, :3], K, at.b[:, :3])
+    A = A + thread.band_at(at.first, blocks)
+    r_q = r.thread.copy()
+    r_q[:, :3] += spread(push, at, thread.n)
+    return A, replace(border, E=E), r_q
+
+
+def allowed_share(problem: Problem[Body], dq: Array) -> float:
+    """Return the part of a correction that is applied: all of it, or what moves no control point further than
+    LONGEST_MOVE, of a thread that floats beside the mean of all, and turns no tangent by more than
+    `Problem.largest_turn`."""
+    thread = problem.system.thread
+    away = dq - dq.mean(axis=0) if problem.floats else dq
+    spline, longest = thread.spline, float(np.abs(away * thread.lever).max())
+    share = min(1.0, LONGEST_MOVE * (spline.end - spline.start) / max(longest, np.finfo(float).tiny))
+    if problem.largest_turn == np.inf:
+        return share
+    turn = np.linalg.norm(np.diff(dq[:, :3], axis=0), axis=1) / spline.spacing
+    return min(share, problem.largest_turn / max(float(turn.max()), np.finfo(float).tiny))
+
+
+def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
+    """Return the thread's own matrix, banded: inertia, stiffness, and what a force along it does at a hole
+    (`coupling.kernels.bordered.own_stiffness`)."""
+    at, thread = r.passage, problem.system.thread
+    A = thread.tangent(r.points, z.N)
+    A += problem.inertia
+    if not at.bare:
+        A += thread.band_at(at.first, own_stiffness(at, z.lam, z.y))
+    return A
+
+
+def direction(problem: Problem[Body], z: Iterate, r: Residual, reach: Array | None = None) -> tuple[Array, Array]:
+    """Return Newton's direction dq (n, c), dz (m, 15) at an iterate, the whole of it; `reach` as for
+    `coupling.kernels.bordered.newton_direction`. Raises `SingularError`."""
+    A = thread_matrix(problem, z, r)
+    border, r_q = border_of(problem, z, r.passage), r.thread
+    if problem.stiffen:
+        A, border, r_q = add_constraint_stiffness(problem, A, border, r)
+    A, joints = problem.system.hold_still(A), problem.joints(z.sigma)
+    residuals = r_q, r.holds, r.site
+    return newton_direction(A, problem.system.held, border, problem.C, r.passage, *residuals, joints, reach)
+
+
+def moved(problem: Problem[Body], z: Iterate, r: Residual, dq: Array, dz: Array) -> Iterate:
+    """Return an iterate moved by dq (n, c) and dz (m, 15)."""
+    N = problem.system.thread.next_axial_force(r.points, dq)
+    return replace(z, q=z.q + dq, N=N, s=z.s + dz[:, S], lam=z.lam + dz[:, PHI], y=z.y + dz[:, Y])
+
+
+def correct(problem: Problem[Body], z: Iterate, r: Residual, reach: Array | None = None) -> Iterate:
+    """Make one Newton correction; `reach` as for `coupling.kernels.bordered.newton_direction`. Raises
+    `SingularError`."""
+    dq, dz = direction(problem, z, r, reach)
+    share = allowed_share(problem, dq)
+    return moved(problem, z, r, share * dq, share * dz)
+
+
+def correct_downhill(problem: Problem[Body], z: Iterate, r: Residual, spans: float = REACH) -> Iterate:
+    """Make one Newton correction in which no abscissa goes uphill, nor further than so many of its span. Raises
+    `SingularError`."""
+    spline = problem.system.thread.spline
+    return correct(problem, z, r, spans * np.diff(spline.breaks)[spline.spans_of(z.s)])
+
+
+Corrector = Callable[[Problem[Body], Iterate, Residual], Iterate]
+
+
+def solve(
+    problem: Problem[Body], start: Iterate, correct: Corrector[Body] = correct, patience: int = 1
+) -> Solution[Body]:
+    """Iterate from `start` until every equation holds, and stick and slip, touch and open fit the answer. Raises
+    `StepError`.
+
+    `correct` makes one Newton correction; the default one condenses the organ. `patience`: how many times the
+    corrections of a plain solve there may be. Each active set of friction and contact is solved out before it is
+    judged. Where a set comes back, one hole or pair changes at a time, the first that has to (Murty's least-index
+    rule); what goes round in a circle, or is not at rest after MAX_SETS, is given up.
+    """
+    try:
+        return solve_sets(problem, start, correct, patience)
+    except OrganError as error:
+        raise StepError(problem.time - problem.dt, problem.dt, str(error)) from error
+
+
+def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body], patience: int) -> Solution[Body]:
+    """Solve one active set after another, as `solve` says. Raises `StepError`, and `OrganError` where the lips of a
+    nonlinear organ have no answer."""
+    z, iterations = replace(start, sigma=admissible_sigma(problem.law, start.sigma)), 0
+    rubs = problem.contact is not None and problem.contact.rubs  # whose directions follow in the same set
+    seen: Counter[bytes] = Counter()
+    for _ in range(MAX_SETS + len(z.pressed)):
+        solution = solve_set(replace(problem, closed=z.pressed, rubbing=z.rubbing), z, correct, patience)
+        iterations += solution.iterations
+        z, r = solution.iterate, solution.residual
+        problem = replace(solution.problem, closed=problem.closed, rubbing=problem.rubbing)
+        seen[sets_of(z)] += 1
+        fitting = with_next_sets(problem, z, r, seen)
+        if fitting is z:
+            return replace(solution, problem=problem, iterations=iterations, p=contact_forces(problem.contact, z, r))
+        if seen[sets_of(z)] > RETURNS and not rubs:
+            break
+        z = fitting
+    raise failure(problem, r.holds, STICK_OR_SLIP if problem.contact is None else TOUCH_OR_OPEN)
+
+
+def sets_of(z: Iterate) -> bytes:
+    """Return the active sets of an iterate as bytes, to recognise them; what slips another way is another one."""
+    ways = np.round(z.rubbing.along, WAYS) + 0.0  # no negative zeros
+    return z.sigma.tobytes() + z.pressed.tobytes() + z.rubbing.slips.tobytes() + ways.tobytes()
+
+
+def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: Container[bytes]) -> Iterate:
+    """Return a solved iterate with the active sets that its forces ask for, the very same object where it has them.
+
+    Pairs are judged to round-off first, and within what the solve leaves open only where that leads back.
+    """
+    margin = MARGIN * force_tolerance(problem, r)
+    sigma = next_sigma(problem.law, z.sigma, r.passage, z.s, z.lam, z.y, margin)
+    contact = problem.contact
+    if contact is not None and contact.rubs:
+        return with_rubbing_sets(problem, contact, z, r, sigma, seen)
+    pressed = z.pressed if contact is None else find_pressed(contact, r.f_y.ravel(), z.pressed)
+    fitting = replace(z, sigma=sigma, pressed=pressed)
+    if np.array_equal(sigma, z.sigma) and np.array_equal(pressed, z.pressed):
+        return z
+    if sets_of(fitting) not in seen:
+        return fitting
+    other = sigma != z.sigma
+    if other.any():
+        return replace(z, sigma=admissible_sigma(problem.law, np.where(first_of(other), sigma, z.sigma)))
+    wrong = NO_PAIRS if contact is None else misfits(contact, r.f_y.ravel(), z.pressed, margin)
+    return replace(z, pressed=z.pressed ^ first_of(wrong)) if wrong.any() else z
+
+
+def with_rubbing_sets(
+    problem: Problem[Body], contact: Contact[Body], z: Iterate, r: Residual, sigma: Array, seen: Container[bytes]
+) -> Iterate:
+    """Return a solved iterate with the active sets that its forces ask for, of the thread's friction `sigma` and where
+    surfaces rub: the very same object where their forces are those that Coulomb's law asks for, whatever the set."""
+    f = r.f_y.ravel()
+    pressed, rubbing, P = find_sets(contact, f, z.pressed, z.rubbing)
+    other, off = sigma != z.sigma, P - closing_forces(contact, z.pressed, z.rubbing, f)
+    if not other.any() and np.abs(off).max() <= FORCE_TOLERANCE * np.abs(P).max():
+        return z
+    fitting = replace(z, sigma=sigma, pressed=pressed, rubbing=rubbing)
+    if other.any() and sets_of(fitting) in seen:
+        return replace(fitting, sigma=admissible_sigma(problem.law, np.where(first_of(other), sigma, z.sigma)))
+    return fitting
+
+
+def forces_that_close(contact: Contact[Body] | None, z: Iterate, r: Residual) -> Array:
+    """Return what the active set of an iterate asks of the pairs, shape `(k,)` [N]."""
+    return NO_FORCES if contact is None else closing_forces(contact, z.pressed, z.rubbing, r.f_y.ravel())
+
+
+def contact_forces(contact: Contact[Body] | None, z: Iterate, r: Residual) -> Array:
+    """Return p of a solved iterate, shape `(k,)` [N]."""
+    if contact is None:
+        return NO_FORCES
+    if contact.rubs:
+        return closing_forces(contact, z.pressed, z.rubbing, r.f_y.ravel())
+    return forces(contact, z.pressed, r.f_y.ravel())
+
+
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")  # a try that runs away is refused in words
+def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body], patience: int) -> Solution[Body]:
+    """Iterate by Newton from `z` with its active set. Raises `StepError`."""
+    r = evaluate(problem, z)
+    for iteration in range(patience * MAX_ITERATIONS):
+        if not np.isfinite(r.force_scale) or not np.all(np.isfinite(r.thread)):
+            raise failure(problem, r.holds, RAN_AWAY)
+        problem, r, stands = follow(problem, z, r)
+        if stands and is_converged(problem, z, r):
+            if problem.system.thread.turns_too_far(problem.frame, z.q):
+                raise failure(problem, r.holds, "a tangent turned by more than 120°, further than the twist can follow")
+            return Solution(problem, z, r, iteration)
+        ask_before_correction()
+        try:
+            problem, z = problem.along(problem, z, r) if problem.along else (problem, correct(problem, z, r))
+        except SingularError as error:
+            raise failure(problem, r.holds, str(error)) from error
+        r = evaluate(problem, z)
+    raise failure(problem, r.holds, too_many(patience * MAX_ITERATIONS))
+
+
+def too_many(corrections: int) -> str:
+    """Say that so many corrections of one active set led to no solution."""
+    return f"no convergence in {corrections} Newton iterations"
+
+
+def failure(problem: Problem[Body], holds: Array, cause: str) -> StepError:
+    """Return the error of a step, with the piercing whose constraints are violated most; `holds` (m, 6), as of
+    `Residual`."""
+    piercings = problem.system.piercings
+    gap = np.nan_to_num(np.abs(holds[: len(piercings), PHI]), nan=np.inf).max(axis=1, initial=0.0)
+    name = piercings[int(np.argmax(gap))].name if piercings else ""
+    return StepError(problem.time - problem.dt, problem.dt, cause, name)

@@ -1,0 +1,116 @@
+"""A step solved in numpy (`coupling.step.newton`), or by compiled loops (`coupling.kernels`) where the system asks
+for them and they cover it."""
+
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from coupling.calls import ask_before_correction
+from coupling.errors import StepError
+from coupling.interfaces import Body, Certified
+from coupling.kernels.bordered import SINGULAR_HOLDS, SINGULAR_THREAD
+from coupling.step import newton
+from coupling.step.configuration import evaluate_thread
+from coupling.step.newton import Iterate, Problem, Residual, Solution
+from coupling.system import System
+
+if TYPE_CHECKING:
+    from coupling.step.tables import Ended
+
+
+def solve(problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: int = 1) -> Solution[Body]:
+    """Iterate from `start` until every equation holds, and stick and slip, touch and open fit the answer: by compiled
+    loops where the system asks for them and they cover the problem, else by `coupling.step.newton`. Raises `StepError`.
+
+    No abscissa goes uphill, nor further than so many `spans` in a correction, where they are given; there may be
+    `patience` times the corrections of a plain solve. What an organ answered in a space too narrow for the forces that
+    are found is solved again with the answer that holds under them, from the same start: a step may have several
+    solutions, and what another organ came to may lead to another one. Where no solution is found, nor is one with the
+    answer that holds under all forces."""
+    try:
+        solution = solve_once(problem, start, spans, patience)
+    except StepError:
+        faithful = problem.answer.faithful() if isinstance(problem.answer, Certified) else problem.answer
+        if faithful is problem.answer:
+            raise
+        return solve(replace(problem, answer=faithful), start, spans, patience)
+    answer = solution.problem.answer
+    if not isinstance(answer, Certified):
+        return solution
+    sites = len(problem.system.piercings)
+    certified = answer.certified(solution.residual.f_y[:sites].ravel())
+    if certified is answer:
+        return solution
+    again = solve(replace(problem, answer=certified), start, spans, patience)
+    return replace(again, iterations=solution.iterations + again.iterations)
+
+
+def solve_once(problem: Problem[Body], start: Iterate, spans: float, patience: int) -> Solution[Body]:
+    """Solve with the organ's answer as it is, as `solve` says. Raises `StepError`."""
+    if problem.system.compiled and is_covered(problem):
+        return solve_compiled(problem, start, spans, patience)
+    correct = partial(newton.correct_downhill, spans=spans) if spans else newton.correct
+    return newton.solve(problem, start, correct, patience)
+
+
+def are_kept() -> bool:
+    """Whether compiled loops are kept on disk, for the next process: there is a folder that one may write, and Numba is
+    not switched off."""
+    from coupling.step.tables import folder_of_loops
+
+    return folder_of_loops() is not None
+
+
+def covers(system: System[Body]) -> bool:
+    """Whether the loops know the thread, in one piece with stretch and bending as integrals, and the holes' laws of
+    friction, Coulomb's."""
+    thread, own = system.thread, any(law is not None for law in system.own_friction)
+    return not (thread.twist or thread.coil or thread.springs is not None or thread.spline.cuts.size or own)
+
+
+def is_covered(problem: Problem[Body]) -> bool:
+    """Whether the loops know all of a problem: besides the thread a linear organ none of whose surfaces may touch, and
+    holes, but no ties."""
+    linear = problem.answer.linear and problem.contact is None
+    return linear and not problem.law.strands.size and covers(problem.system)
+
+
+def solve_compiled(problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: int = 1) -> Solution[Body]:
+    """Solve by the loops, as `solve` says. Raises `StepError`, where they end as `coupling.step.newton` does."""
+    from coupling.step.tables import run, tables_of
+
+    ask_before_correction()
+    ended = run(tables_of(problem.system.thread), problem, start, spans, patience)
+    for _ in range(ended.corrections - 1):  # the loops do not ask themselves, and each correction counts
+        ask_before_correction()
+    cause = cause_of(ended, patience)
+    if cause:
+        raise newton.failure(problem, ended.found.holds, cause)
+    return Solution(problem, ended.z, residual_of(problem, ended), ended.corrections)
+
+
+def cause_of(ended: "Ended", patience: int) -> str:
+    """Return why the loops found no solution, in the words of `coupling.step.newton`; empty where they found one."""
+    from coupling.kernels import iteration
+
+    if ended.how == iteration.SOLVED:
+        return ""
+    causes = {
+        iteration.SINGULAR_THREAD: SINGULAR_THREAD,
+        iteration.SINGULAR_HOLDS: SINGULAR_HOLDS,
+        iteration.NOT_CONVERGED: newton.too_many(patience * newton.MAX_ITERATIONS),
+        iteration.ALTERNATES: newton.STICK_OR_SLIP,
+    }
+    if not np.isfinite(ended.found.balance).all():  # no number compares, and what has one in it may pass for singular
+        return newton.RAN_AWAY
+    return causes.get(ended.how, newton.RAN_AWAY)
+
+
+def residual_of(problem: Problem[Body], ended: "Ended") -> Residual:
+    """Return the residual at a solved iterate from the arrays that the loops left. The thread itself is evaluated as a
+    run that goes on from there evaluates it, to the same bits."""
+    z, found = ended.z, ended.found
+    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, problem.layers)
+    return Residual(now, found.f_y, found.push, found.balance, found.holds, found.site, ended.force_scale)

@@ -1,0 +1,481 @@
+"""Implicit steps with the constraints at their end, and what a step that fails does: halve itself.
+
+A step that did not converge is never accepted.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Generic
+
+import numpy as np
+
+from coupling.arrays import Array, Flags
+from coupling.errors import InversionError, LentError, StepError, UphillError
+from coupling.integrators import BDF2, BackwardEuler, Scheme
+from coupling.interfaces import Answer, Body
+from coupling.joins.contact import first_sets
+from coupling.kernels.constraints import Passage, bare_passage
+from coupling.step.configuration import Configuration, configuration_of
+from coupling.step.continuation import solve_downhill
+from coupling.step.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refuse_held_end
+from coupling.step.motion import carried_on, is_too_long, what_it_does
+from coupling.step.newton import Iterate, Problem, Solution
+from coupling.step.sliding import law_of
+from coupling.step.solver import solve
+from coupling.step.stability import go_aside
+from coupling.step.tension import SETTLED, is_settled, layers_at, stretches_at
+from coupling.system import State, System, forgetful
+from coupling.ties import gap_left
+from thread.vectors import cross, dot
+from tissue.errors import OrganError
+
+HALVINGS = 8  # a step is given up below dt / 2^8
+FOLLOWED = 4  # halvings that the motion itself may ask for before a step is tried
+CURVED = 4  # halvings that a step may take because it makes energy on a curved way
+REFINED = 6  # halvings for accuracy: a jump of velocity is an error of first order in any step
+MOST_TRIES = 256  # of steps and parts of steps until one is given up: as many as the smallest parts
+
+PASSES = 3  # of a step with another tension at its holes
+GROWTH = 2.0  # largest ratio of a step to the one before; zero-stability ends at 1 + √2
+
+
+@dataclass(frozen=True)
+class Step(Generic[Body]):
+    """One accepted step from `old` to `new` over `dt` [s], its solution, and the thread's configuration at its end;
+    whether the tissue `snapped` to an equilibrium that was not near, and whether a load step was found with rough holes
+    that let the thread slide while it was tied (`loose`), or `along` its branch (`coupling.rest.branch`); where the
+    thread would have been `beyond` the holes that it left in it, one state for each time that the step was taken
+    again."""
+
+    old: State[Body]
+    new: State[Body]
+    dt: float
+    solution: Solution[Body]
+    end: Configuration
+    snapped: bool = False
+    loose: bool = False
+    along: bool = False
+    beyond: tuple[State[Body], ...] = ()
+
+
+def end_load(system: System[Body], time: float) -> Array:
+    """Return the weight and pulling forces on the control points at `time`, shape `(n, c)` [N]."""
+    load = system.weight.copy()
+    load[0, :3] += system.ends[0].force(time)
+    load[-1, :3] += system.ends[1].force(time)
+    return load
+
+
+def prescribed_positions(system: System[Body], time: float) -> list[tuple[int, Array]]:
+    """Return the control points that are held, with their positions at `time` [m]: P(start) = q_0, P(end) = q_(n−1)."""
+    places = [(point, end.position(time)) for point, end in zip((0, -1), system.ends, strict=True)]
+    return [(point, place) for point, place in places if place is not None]
+
+
+def prescribed_angles(system: System[Body], time: float) -> list[tuple[int, float]]:
+    """Return the control points whose angle is held, with their angles at `time` [rad]: none without twist."""
+    if not system.thread.twist:
+        return []
+    angles = [(point, end.angle(time)) for point, end in zip((0, -1), system.ends, strict=True)]
+    return [(point, angle) for point, angle in angles if angle is not None]
+
+
+def with_ends(q: Array, system: System[Body], time: float) -> Array:
+    """Return the control values with the prescribed ends in place and turned."""
+    q = q.copy()
+    for point, place in prescribed_positions(system, time):
+        q[point, :3] = place
+    for point, angle in prescribed_angles(system, time):
+        q[point, 3] = angle
+    return q
+
+
+def past_states(scheme: Scheme, state: State[Body]) -> tuple[State[Body], ...]:
+    """Return the states that a scheme looks back at, the newest first."""
+    states = (state,) if state.before is None else (state, state.before)
+    return states[: len(scheme.weights)]
+
+
+def thread_motion(scheme: Scheme, state: State[Body]) -> tuple[Array, ...]:
+    """Return q, v of the thread at the start of the step, and of the one before where the scheme looks back."""
+    return tuple(x for past in past_states(scheme, state) for x in (past.q, past.v))
+
+
+def sliding_motion(scheme: Scheme, state: State[Body]) -> tuple[Array, ...]:
+    """Return s, ds/dt of the holds, likewise."""
+    return tuple(x for past in past_states(scheme, state) for x in (past.s, past.s_dot))
+
+
+def organ_answer(system: System[Body], scheme: Scheme, state: State[Body]) -> Answer[Body]:
+    """Return the organ's answer to the step of a scheme from a state. Raises `StepError` where it has none."""
+    return ask_organ(system, scheme, past_states(scheme, state), state.time + scheme.dt)
+
+
+def ask_organ(
+    system: System[Body], scheme: Scheme, past: Sequence[State[Body]], time: float, share: float = 1.0
+) -> Answer[Body]:
+    """Return the organ's answer from the states `past`, the newest first, under a `share` of the loads at `time` [s].
+    Raises `StepError` where it has none."""
+    try:
+        return system.organ.answer(scheme, [each.organ for each in past], time, share)
+    except OrganError as error:
+        raise StepError(past[0].time, scheme.dt, str(error)) from error
+
+
+def dynamic_problem(
+    system: System[Body],
+    state: State[Body],
+    dt: float,
+    answer: Answer[Body],
+    scheme: Scheme | None = None,
+) -> Problem[Body]:
+    """Return the step of a scheme, backward Euler unless another is given, from `state` with the organ's `answer`."""
+    scheme, thread, time = scheme or BackwardEuler(dt), system.thread, state.time + dt
+    factor, motion = scheme.a + scheme.d * thread.damping, thread_motion(scheme, state)
+    q_ref = (
+        scheme.a * scheme.inertia_reference(*motion)
+        + scheme.d * thread.damping * scheme.damping_reference(*motion[::2])
+    ) / factor
+    motion_s = sliding_motion(scheme, state)
+    s_free = np.where(system.of_ties, scheme.damping_reference(*motion_s[::2]), scheme.inertia_reference(*motion_s))
+    rows = system.rows & state.present[:, None]
+    return Problem(
+        system=system,
+        time=time,
+        dt=dt,
+        mass_factor=factor,
+        q_ref=q_ref,
+        load=end_load(system, time),
+        answer=answer,
+        rows=rows,
+        law=law_of(
+            system,
+            state.s,
+            state.present,
+            system.epsilon * scheme.a + scheme.d * system.yielding * system.drawn_ties(state.time),
+            s_free,
+            system.drawn_lengths(state.time, time),
+            system.pulling_forces(time),
+            state.time,
+            stretches_at(system, state.s, state.N, state.present),
+        ),
+        frame=state.frame,
+        layers=layers_at(system, state.s, state.N, state.lam, state.present),
+        gaps=tie_gaps(system, state, time),
+    )
+
+
+def tie_gaps(system: System[Body], state: State[Body], time: float) -> Array:
+    """Return the gaps at `time` [s] between the strands of the ties that are in force in a state, shape `(t, 3)`
+    [m]."""
+    one, other = system.strands.T
+    gaps = gap_left(system.ties, state.y[one, :3] - state.y[other, :3], state.time, time)
+    return gaps[state.present[one]]
+
+
+def predict(problem: Problem[Body], state: State[Body]) -> Iterate:
+    """Predict the first iterate: the thread goes on as it went, under the forces that it had, and the sites are where
+    these forces held them. (From the sites of an organ without forces a step at rest in holes that turned far does not
+    come back to its own answer.)"""
+    q = with_ends(state.q + problem.dt * state.v, problem.system, problem.time)
+    s = state.s + problem.dt * state.s_dot
+    pressed, rubbing = first_sets(problem.contact, problem.system, state)
+    return Iterate(q, state.N, s, state.lam, state.y, state.sigma, pressed=pressed, rubbing=rubbing)
+
+
+def carry(straight: Iterate, problem: Problem[Body], state: State[Body]) -> Iterate:
+    """Return the first iterate in which the thread has gone `straight` with its bends left in their holes where it runs
+    round them (`coupling.step.motion.carried_on`), the very same one where it does not."""
+    carried = carried_on(problem.system, state, problem.dt)
+    if carried is None:
+        return straight
+    return replace(straight, q=with_ends(carried[0], problem.system, problem.time), N=carried[1])
+
+
+def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme | None = None) -> Step[Body]:
+    """Try one step of `dt` [s] by `scheme`, backward Euler unless another is given. Raises `StepError`,
+    `InversionError`; the state is not touched."""
+    scheme = scheme or BackwardEuler(dt)
+    problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
+    straight = predict(problem, state)
+    solution = settle_layers(find_solution(problem, carry(straight, problem, state), straight))
+    return conclude(state, scheme, go_aside(solution, find_settled))
+
+
+def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> Step[Body]:
+    """Return the step from `state` that a solution of its problem makes. Raises `InversionError`."""
+    problem, z, residual = solution.problem, solution.iterate, solution.residual
+    system = problem.system
+    new: State[Body] = State(
+        time=problem.time,
+        q=z.q,
+        v=scheme.d * (z.q - scheme.damping_reference(*thread_motion(scheme, state)[::2])),
+        N=z.N,
+        organ=accept_organ(solution),
+        s=z.s,
+        s_dot=abscissa_rates(scheme, state, z),
+        lam=np.where(problem.rows, z.lam, 0.0),
+        y=z.y,
+        sigma=z.sigma,
+        present=state.present,
+        sense=state.sense,
+        reaction=reactions(system, residual.thread, problem.load),
+        frame=system.thread.transport_frame(state.frame, z.q),
+        layers=problem.layers,
+        stretch=problem.law.stretch,
+    )
+    new = with_sense(system, state, new, residual.passage)
+    return Step(state, new, problem.dt, solution, end_configuration(new, solution))
+
+
+def accept_organ(solution: Solution[Body]) -> Body:
+    """Return the organ's state at the end of a solved step."""
+    sites = len(solution.problem.system.piercings)
+    return solution.problem.answer.accept(solution.residual.f_y[:sites].ravel(), solution.p)
+
+
+def end_configuration(new: State[Body], solution: Solution[Body]) -> Configuration:
+    """Return the thread's configuration at the end of a solved step: the one Newton ended with, but that the twist is
+    measured from the frame carried to the end."""
+    if new.frame is None:
+        return solution.residual.configuration
+    return configuration_of(solution.problem.system, new)
+
+
+def abscissa_rates(scheme: Scheme, state: State[Body], z: Iterate) -> Array:
+    """Return ds/dt of every hold at the end of the step, `(m,)` [m/s]: none where the thread sticks."""
+    rate = scheme.d * (z.s - scheme.damping_reference(*sliding_motion(scheme, state)[::2]))
+    return np.where(z.sigma == 0.0, 0.0, rate)
+
+
+def find_solution(problem: Problem[Body], guess: Iterate, straight: Iterate | None = None) -> Solution[Body]:
+    """Solve a step near the guess, or where the sliding thread comes to rest downhill from there, or from where it has
+    gone `straight`: it is held in its holes first, in which a bend that was carried along is no more. Raises
+    `StepError`."""
+    try:
+        return solve(problem, guess)
+    except StepError:
+        if not problem.law.may_slide.any():
+            raise
+    return solve_downhill(problem, guess if straight is None else straight)
+
+
+def find_settled(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
+    """Solve a step as `find_solution` does, with the tension that it ends with. Raises `StepError`."""
+    return settle_layers(find_solution(problem, guess))
+
+
+def settle_layers(
+    solution: Solution[Body],
+    solve_again: Callable[[Problem[Body], Iterate], Solution[Body]] = find_solution,
+    ratio: float = SETTLED,
+    passes: int = PASSES,
+) -> Solution[Body]:
+    """Solve again with the tension of the end while √(EI/T) there, or at rest the stretch by which friction goes, is
+    another than it was solved with by more than the `ratio`: a thread that is drawn taut bends at its holes as a taut
+    one. Raises `StepError`."""
+    for _ in range(passes):
+        problem, z = solution.problem, solution.iterate
+        s, N, here = z.s, z.N, problem.rows[:, 0]
+        ended, stretch = layers_at(problem.system, s, N, z.lam, here), stretches_at(problem.system, s, N, here)
+        alike = not problem.stiffen or problem.law.ideal or rises_by(problem.law.stretch, stretch) <= ratio
+        if alike and is_settled(problem.system, s, here, (problem.layers, ended), ratio):
+            break
+        taut = replace(problem, layers=ended, law=replace(problem.law, stretch=stretch))
+        again = solve_again(taut, z)
+        solution = replace(again, iterations=solution.iterations + again.iterations)
+    return solution
+
+
+def rises_by(one: Array, other: Array) -> float:
+    """Return the largest ratio, of 1 or more, between positive numbers and others."""
+    return float(np.exp(np.max(np.abs(np.log(other / one)), initial=0.0)))
+
+
+def reactions(system: System[Body], residual: Array, load: Array) -> Array:
+    """Return the force of the holders on the thread's ends, `(2, c)` [N], with twist their torque too [N m]: the
+    reaction where an end is held, else its load."""
+    out = np.array([load[k] - system.weight[k] for k in (0, -1)])
+    for point, _ in prescribed_positions(system, 0.0):
+        out[point, :3] = residual[point, :3]
+    for point, _ in prescribed_angles(system, 0.0):
+        out[point, 3] = residual[point, 3]
+    return out
+
+
+def with_sense(system: System[Body], old: State[Body], new: State[Body], at: Passage) -> State[Body]:
+    """Return the new state with the sense in which the thread passes its holes. Raises `InversionError` where the
+    tangent reversed in a directed hole.
+
+    T·(u × v) may change its sign although the thread does not jump: a linear organ under a couple shrinks its frame by
+    the cosine of the turn, to nothing at 90° and through itself beyond, and on long spans the drawn tangent leaves the
+    direction by what the spline lacks.
+    """
+    now = np.where(new.present, sense(at, new.y), new.sense)
+    turned = (old.sense * now < 0.0) & system.rows[:, 3] & new.present
+    if turned.any():
+        flipped = turned & (dot(at.T, bare_passage(system.thread.spline, old.q, old.s).T) < 0.0)
+        if flipped.any():
+            names = [p.name for p in system.piercings] + ["clamped end"] * len(system.clamps)
+            raise InversionError(old.time, names[int(np.argmax(flipped))])
+    return replace(new, sense=now)
+
+
+def sense(at: Passage, y: Array) -> Array:
+    """Return the sign of T·(u × v) of every hold, shape `(m,)`: +1 where the thread leaves along the frame's normal."""
+    return np.sign(dot(at.T, cross(y[:, 3:6], y[:, 6:])))
+
+
+def emptied_holds(system: System[Body], old: State[Body], new: State[Body]) -> Flags:
+    """Return the holes that the thread has left, shape `(m,)`: present, with an abscissa beyond an end of the piece
+    of thread that was in them; of a tie both strands."""
+    gone = np.asarray(new.present & system.may_slide & system.thread.spline.has_left(new.s, home=old.s))
+    gone[system.strands] = gone[system.strands].any(axis=1, keepdims=True)
+    return gone
+
+
+def release(state: State[Body], gone: Flags) -> State[Body]:
+    """Release the holes `gone`; what the thread did in them is no guide to what it does next."""
+    lam = np.where(gone[:, None], 0.0, state.lam)
+    s_dot, sigma = (np.where(gone, 0.0, x) for x in (state.s_dot, state.sigma))
+    return replace(forgetful(state), present=state.present & ~gone, lam=lam, s_dot=s_dot, sigma=sigma)
+
+
+Take = Callable[[System[Body], State[Body], float], Step[Body]]
+Watcher = Callable[[System[Body], Step[Body]], None]
+
+
+def accept(system: System[Body], step: Step[Body]) -> None:
+    """Accept any step."""
+
+
+def advance(
+    system: System[Body],
+    state: State[Body],
+    dt: float,
+    take: Take[Body] = try_step,
+    depth: int = 0,
+    watch: Watcher[Body] = accept,
+    follow: bool = True,
+    tolerance: float = np.inf,
+) -> list[Step[Body]]:
+    """Go `dt` [s] further, in one step or, where it fails, in halves of it down to dt/2⁸. Parts of a step that fails
+    are of backward Euler without memory: it is no smooth motion, and an organ with inertia then has one operator for
+    each length of a part. One whose `local_error` exceeds the `tolerance` [m] is halved too, down to dt/2⁶, by the
+    integrator that it has; the parts behind it are as long again as the motion allows.
+
+    `take` makes one step and is the monolithic implicit one unless another is named; `watch` sees each before it is
+    accepted, in their order, and raises `StepError` where it is not to be; one that makes energy is halved, down to
+    dt/2⁴, by the integrator that it has, and one of BDF2 that still does, or gives back what a shock took, is taken
+    again by backward Euler. `follow`: a step in which the thread moves further than one sees is halved before it is
+    tried (`coupling.step.motion`). A step at whose end the thread has left a hole is taken again without that hole,
+    one in which it flipped through a hole in halves: it may have jumped where the motion would have gone. Raises
+    `StepError` when the smallest step fails too or MOST_TRIES did not reach the end, `ConstraintError` where the
+    constraints are at fault or a hand has drawn the thread out, `InversionError` where it flips in the smallest step.
+    """
+    taken: list[Step[Body]] = []
+    pending, end, tries, beyond = [(dt, depth, True)], state.time + dt, 0, list[State[Body]]()
+    while pending:
+        part, level, remembers = pending.pop()
+        forgetful_halves = [(0.5 * part, level + 1, False)] * 2
+        if follow and level < FOLLOWED and is_too_long(system, state, part):
+            pending += forgetful_halves
+            continue
+        tries += 1
+        if tries > MOST_TRIES:
+            raise diagnose(system, state, given_up(system, state, end - state.time))
+        try:
+            step = take(system, state if remembers else forgetful(state), part)
+            gone = refuse_impossible(system, step)
+            if gone.any():
+                state, beyond = release(state, gone), [*beyond, step.new]
+                pending.append((part, level, remembers))
+                continue
+            if tolerance < np.inf and level < depth + REFINED and local_error(step) > tolerance:
+                pending += [(0.5 * part, level + 1, remembers)] * 2
+                continue
+            watch(system, step)
+        except LentError:
+            state = forgetful(state)
+            pending.append((part, level, remembers))
+            continue
+        except (StepError, InversionError) as error:
+            if isinstance(error, UphillError) and level < min(depth + CURVED, HALVINGS):
+                pending += [(0.5 * part, level + 1, remembers)] * 2
+                continue
+            if isinstance(error, UphillError) and remembers and state.before is not None:
+                state = forgetful(state)
+                pending.append((part, level, remembers))
+                continue
+            if level >= HALVINGS:
+                if isinstance(error, StepError):
+                    raise diagnose(system, state, error) from error
+                raise
+            pending += forgetful_halves
+            continue
+        taken.append(replace(step, beyond=tuple(beyond)))
+        beyond = []
+        state = step.new if remembers else forgetful(step.new)
+    return taken if state is taken[-1].new else [*taken[:-1], replace(taken[-1], new=state)]
+
+
+def local_error(step: Step[Body]) -> float:
+    """Return what a step adds to the error of the motion by itself: the largest of a control point that is not held,
+    and of an abscissa in its hole [m] (`coupling.integrators.Scheme.local_error`)."""
+    old, new, system = step.old, step.new, step.solution.problem.system
+    scheme: Scheme = BackwardEuler(step.dt) if new.before is None else scheme_of(old, step.dt)
+    past = past_states(scheme, old)
+    of_points = scheme.local_error(*(each.v[:, :3] for each in (new, *past)))
+    of_holes = scheme.local_error(*(each.s_dot for each in (new, *past)))
+    moving = np.abs(of_points[~system.held_flags[:, :3]])
+    return float(max(moving.max(initial=0.0), np.abs(of_holes[new.present]).max(initial=0.0)))
+
+
+def given_up(system: System[Body], state: State[Body], left: float) -> StepError:
+    """Return the error of a step that went on for MOST_TRIES, with `left` [s] of it to go."""
+    doing, piercing = what_it_does(system, state)
+    cause = (
+        f"{MOST_TRIES} parts of a step were tried and {left:.3g} s of it are left; {doing}; let the loads grow more "
+        "slowly (ramp), take up the slack in the path, or take a smaller solve.dt"
+    )
+    return StepError(state.time, left, cause, piercing)
+
+
+def refuse_impossible(system: System[Body], step: Step[Body]) -> Flags:
+    """Refuse a step in which holes cross or a held end leaves one; returns the holes that it has left, shape `(m,)`."""
+    refuse_drawn_out(system, step.old, step.new)
+    refuse_crossing(system, step.old, step.new)
+    gone = emptied_holds(system, step.old, step.new)
+    refuse_held_end(system, step.old, step.new, gone)
+    return gone
+
+
+def scheme_of(state: State[Body], dt: float) -> Scheme:
+    """Return BDF2 where there is a step to look back at, else backward Euler."""
+    if state.dt_before is None or dt > GROWTH * state.dt_before:
+        return BackwardEuler(dt)
+    return BDF2(dt, state.dt_before)
+
+
+def bdf2_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
+    """Make one step of `dt` [s] by BDF2 where it can. Raises `StepError`, `InversionError`; the state is not
+    touched.
+
+    Where Newton's method does not come from the motion so far to that of BDF2, the thread snaps: a jump, and a step
+    of backward Euler without memory, and so is the next.
+    """
+    scheme = scheme_of(state, dt)
+    if isinstance(scheme, BackwardEuler):
+        return remembering(try_step(system, state, dt), state, dt)
+    problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
+    try:
+        first = carry(predict(problem, state), problem, state)
+        solution = go_aside(settle_layers(solve(problem, first)), find_settled)
+        return remembering(conclude(state, scheme, solution), state, dt)
+    except (StepError, InversionError):
+        return try_step(system, forgetful(state), dt)
+
+
+def remembering(step: Step[Body], old: State[Body], dt: float) -> Step[Body]:
+    """Return the step with a new state that remembers the one from `old` that led to it."""
+    return replace(step, new=replace(step.new, before=forgetful(old), dt_before=dt))

@@ -1,0 +1,277 @@
+"""What the compiled loops read of a thread, made once, and what one step adds to it."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from time import perf_counter
+from typing import cast
+
+import numpy as np
+
+from coupling.arrays import Array, Flags, Indices
+from coupling.kernels import iteration
+from coupling.kernels.address import address_of
+from coupling.kernels.bordered import NINE
+from coupling.kernels.curve import Curve
+from coupling.kernels.friction import Law
+from coupling.kernels.iteration import Bounds, Found, Given, Knots, Trail, Unknowns
+from coupling.recent import Recent
+from coupling.step import newton
+from coupling.step.newton import Iterate, Problem
+from thread.compliance import LACKS, POWERS
+from thread.spline import ORDERS
+from thread.thread import Thread
+
+log = logging.getLogger(__name__)
+
+REACH = ORDERS - 1
+OVER = {"over": True}  # of what is logged: nothing is waited for any more
+KEPT = "iteration.solve_of."  # begins the names of the loops' files on disk
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """The plain arrays of a thread."""
+
+    thread: Thread
+
+    @cached_property
+    def curve(self) -> Curve:
+        """The elastic thread."""
+        thread, bending, stretch = self.thread, self.thread.elastic_rule, self.thread.axial_rule
+        return Curve(
+            first=self._first,
+            slope=plain(bending.b[:, :, 1]),
+            bend=plain(bending.b[:, :, 2]),
+            w=plain(bending.w),
+            axial_slope=plain(stretch.b[:, :, 1]),
+            axial_w=plain(stretch.w),
+            EA=float(thread.EA),
+            EI=float(thread.EI),
+        )
+
+    @cached_property
+    def knots(self) -> Knots:
+        """The spline."""
+        spline, M = self.thread.spline, self.thread.mass_matrix
+        mass = np.array([np.pad(M.diagonal(k), (0, k)) for k in range(REACH + 1)]).T
+        places = plain(spline.breaks), self._first, plain(spline.spacing)
+        return Knots(*places, plain(spline.polynomials), plain(mass))
+
+    @cached_property
+    def _first(self) -> Indices:
+        return self.thread.spline.first.astype(np.int64)
+
+
+def empty_lack(thread: Thread, holds: int) -> Array:
+    """Return room for what the spline lacks on each span for each hold: no number until a hole comes there."""
+    shape = (holds, len(thread.spline.first), 3, LACKS, len(POWERS))
+    if thread.EI == 0.0 or not thread.hole_compliance:
+        return np.zeros(shape)
+    lack = np.empty(shape)
+    lack[:, :, 0, 0, 0] = np.nan
+    return lack
+
+
+def learn(lack: Array, problem: Problem, s: Array) -> bool:
+    """Learn what the spline lacks on the spans that hold the abscissae `s` (m,) [m]; whether there was anything to
+    learn."""
+    thread, layers = problem.system.thread, problem.layers
+    spans = enumerate(thread.spline.spans_of(s).tolist())
+    unknown = [(hold, span) for hold, span in spans if np.isnan(lack[hold, span, 0, 0, 0])]
+    for hold, span in unknown:
+        lack[hold, span] = thread.missing_on(span, np.inf if layers is None else float(layers[hold]))
+    return bool(unknown)
+
+
+@dataclass(frozen=True, eq=False)
+class Ended:
+    """What the loops came to: `how` they ended (`coupling.kernels.iteration`), the `corrections` made, the largest
+    force [N], the last iterate `z`, and the residual `found` there."""
+
+    how: int
+    corrections: int
+    force_scale: float
+    z: Iterate
+    found: Found
+
+
+RECENT: Recent[Tables] = Recent()  # a host program that moves an end makes another system in every step
+
+
+def tables_of(thread: Thread) -> Tables:
+    """Return the tables of a thread, where they are among the last that were made those."""
+    return RECENT.of((thread,), lambda: Tables(thread))
+
+
+def plain(x: Array) -> Array:
+    """Return an array as the loops want it, in the order of C."""
+    return np.ascontiguousarray(x, dtype=float)
+
+
+def given_of(problem: Problem) -> Given:
+    """Return what a step is solved under."""
+    system, (y_free, C) = problem.system, problem.organ_at_holds
+    spans, piece = pieces_of(system.thread, problem.law.s_old)
+    return Given(
+        plain(problem.q_ref),
+        plain(problem.load),
+        system.held_flags,
+        plain(y_free),
+        plain(C),
+        problem.rows,
+        plain_flags(system.rows[:, 3]),
+        spans,
+        piece,
+        empty_lack(system.thread, system.holds),
+        float(problem.mass_factor),
+        problem.stiffen,
+    )
+
+
+def plain_flags(x: Flags) -> Flags:
+    """Return flags as the loops want them, in the order of C."""
+    return np.ascontiguousarray(x)
+
+
+def pieces_of(thread: Thread, home: Array) -> tuple[Indices, Array]:
+    """Return the outer spans (m, 2) and the ends (m, 2) [m] of the pieces of a cut thread that hold abscissae `home`
+    (m,) [m]."""
+    spline = thread.spline
+    piece = spline.piece_of(home)[:, None] + np.arange(2)
+    ends = np.searchsorted(spline.breaks, spline.piece_ends)
+    return ends[piece] - np.arange(2), spline.piece_ends[piece]
+
+
+def law_of(problem: Problem) -> Law:
+    """Return the law of sliding of all holds."""
+    law = problem.law
+    return Law(
+        s_old=plain(law.s_old),
+        s_held=plain(law.s_held),
+        static=plain(law.factor * law.static),
+        kinetic=plain(law.factor * law.kinetic),
+        grip=plain(law.factor * law.grip),
+        per_channel=plain(law.per_channel),
+        rough=law.rough,
+        may_slide=law.may_slide,
+        s_free=plain(law.s_free),
+        injected=plain(law.injected),
+        stretch=law.stretch.copy(),
+        inertia=plain(law.inertia * np.ones(len(law.s_old))),
+        ideal=law.ideal,
+    )
+
+
+def bounds_of(problem: Problem, spans: float, patience: int) -> Bounds:
+    """Return what counts as solved, and how far a correction goes."""
+    thread, spline = problem.system.thread, problem.system.thread.spline
+    return Bounds(
+        newton.FORCE_TOLERANCE,
+        newton.rounded_force(problem),
+        float(thread.force_unit),
+        newton.GAP_TOLERANCE * thread.section.diameter,
+        newton.DIRECTION_TOLERANCE,
+        newton.LONGEST_MOVE * (spline.end - spline.start),
+        problem.largest_turn,
+        newton.MARGIN,
+        patience * newton.MAX_ITERATIONS,
+        newton.MAX_SETS,
+        newton.RETURNS,
+        spans,
+        problem.floats,
+    )
+
+
+def empty_found(z: Iterate | Unknowns, points: int) -> Found:
+    """Return room for a residual at an iterate, with so many `points` of the bending on a span."""
+    (n, _), (spans, axial), m = z.q.shape, z.N.shape, len(z.s)
+    return Found(
+        elastic=np.empty((n, 3)),
+        balance=np.empty((n, 3)),
+        push=np.empty((n, 3)),
+        holds=np.empty((m, 6)),
+        site=np.empty((m, NINE)),
+        f_y=np.empty((m, NINE)),
+        first=np.empty(m, np.int64),
+        b=np.empty((m, ORDERS, ORDERS)),
+        D=np.empty((m, ORDERS, 3)),
+        c=np.empty((m, 3, LACKS)),
+        T=np.empty((spans, points, 3)),
+        K=np.empty((spans, points, 3)),
+        T_axial=np.empty((spans, axial, 3)),
+        strain=np.empty((spans, axial)),
+        trail=Trail(np.empty((newton.MAX_SETS, m)), np.zeros(5, np.int64)),
+    )
+
+
+def folder_of_loops() -> Path | None:
+    """Return the folder that the loops are kept in; None where there is none that one may write, or Numba is switched
+    off."""
+    return folder_of(iteration.solve)
+
+
+def folder_of(loops: object) -> Path | None:
+    """Return the folder that compiled loops are kept in, likewise."""
+    stats = getattr(loops, "stats", None)
+    return Path(stats.cache_path) if stats is not None and stats.cache_path else None
+
+
+@cache
+def is_ready() -> bool:
+    """Whether the loops were on disk, compiled since a module of theirs last changed, when this was first asked; where
+    Numba is switched off nothing is to be compiled."""
+    return is_kept(iteration.solve, KEPT, "*.py")
+
+
+def is_kept(loops: object, name: str, sources: str) -> bool:
+    """Whether compiled loops, whose files on disk begin with a `name`, were compiled since a module among their
+    `sources` in `coupling.kernels` last changed; also where Numba is switched off."""
+    folder = folder_of(loops)
+    if folder is None:
+        return not hasattr(loops, "stats")
+    changed = max(path.stat().st_mtime for path in Path(iteration.__file__).parent.glob(sources))
+    return any(path.stat().st_mtime > changed for path in folder.glob(f"{name}*.nbi"))
+
+
+def run_loops(*given: object) -> tuple[int, float]:
+    """Run the loops on their arrays."""
+    with telling():
+        return cast(tuple[int, float], iteration.solve(*given))
+
+
+def solver_for(*given: object) -> int:
+    """Return the address of the loops for such arrays, zero where Numba is switched off."""
+    with telling():
+        return address_of(iteration.solve, given)
+
+
+@contextmanager
+def telling() -> Iterator[None]:
+    """Where the loops are to be compiled first, say so, and how long it took."""
+    if is_ready() or iteration.solve.signatures:
+        yield
+        return
+    log.info("compiling the step, once: a quarter of a minute of one core, then it is kept")
+    began = perf_counter()
+    yield
+    log.info("the step is compiled, in %.0f s", perf_counter() - began, extra=OVER)
+
+
+def run(tables: Tables, problem: Problem, start: Iterate, spans: float = 0.0, patience: int = 1) -> Ended:
+    """Run the loops from an iterate. Where a hold comes to a span of which it is not known what the spline lacks there,
+    that is learnt, and they go on."""
+    given, law, bounds = given_of(problem), law_of(problem), bounds_of(problem, spans, patience)
+    learn(given.lack, problem, start.s)
+    arrays = (np.array(x, dtype=float) for x in (start.q, start.N, start.s, start.lam, start.y, start.sigma))
+    z = Iterate(*arrays)
+    found, unknowns = empty_found(z, tables.curve.w.shape[1]), Unknowns(z.q, z.N, z.s, z.lam, z.y, z.sigma)
+    made = found.trail.made
+    while True:
+        _, scale = run_loops(tables.curve, tables.knots, law, given, bounds, unknowns, found)
+        if made[iteration.HOW] != iteration.UNKNOWN or not learn(given.lack, problem, z.s):
+            return Ended(int(made[iteration.HOW]), int(made[iteration.TOTAL]), scale, z, found)
+        made[iteration.GOES_ON] = 1
