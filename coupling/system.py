@@ -11,6 +11,7 @@ from coupling.arrays import Array, Flags, Indices
 from coupling.errors import CouplingError
 from coupling.interfaces import Body, FrictionLaw, KnowsDirections, Organ
 from coupling.kernels.constraints import Passage, passage
+from coupling.kernels.steps.tension import Pull
 from coupling.recent import Recent
 from coupling.ties import ON_TIME, Tie
 from thread.banded import diagonal_of
@@ -319,8 +320,8 @@ class System(Generic[Body]):
         return Recent()
 
     @cached_property
-    def recent_tensions(self) -> Recent[Array]:
-        """What `coupling.step.tension.strand_tensions` made last, of s, N and the holds that are there."""
+    def recent_pulls(self) -> Recent[Pull]:
+        """What `coupling.step.tension.pull_at` made last, of s, N, λ and the holds that are there."""
         return Recent()
 
     def passage_of(self, state: "State[Body]") -> Passage:

@@ -58,7 +58,7 @@ from coupling.step.stepping import (
     with_ends,
     with_sense,
 )
-from coupling.step.tension import layers_at, strand_tensions, stretches_at
+from coupling.step.tension import layers_at, pull_at, stretches_at
 from coupling.system import State, System
 from tissue.errors import OrganError
 
@@ -114,7 +114,7 @@ def static_problem(
     load = share * end_load(system, duration)
     load[loose_points(system, state)] = 0.0
     by_hand = system.drawn_lengths(first.time, time), system.pulling_forces(time)
-    stretch = stretches_at(system, state.s, state.N, state.present)
+    stretch = stretches_at(system, state.s, state.N, state.lam, state.present)
     return Problem(
         system=system,
         time=time,
@@ -395,8 +395,8 @@ def drawing_force(problem: Problem[Body], state: State[Body]) -> float:
     that it is under in a state, which held and driven ends make. Ties draw a thread tighter for a while than it is in
     the end, so that it is asked where they are not yet."""
     dead = np.linalg.norm(problem.load[:, :3], axis=1).max()
-    tension = strand_tensions(problem.system, state.s, state.N, problem.rows[:, 0]).max(initial=0.0)
-    return float(max(dead, np.abs(problem.law.injected).max(initial=0.0), tension))
+    pull = pull_at(problem.system, state.s, state.N, state.lam, problem.rows[:, 0])
+    return float(max(dead, np.abs(problem.law.injected).max(initial=0.0), pull.T.max(initial=0.0)))
 
 
 def let_go(problem: Problem[Body], held: Iterate) -> Solution[Body]:

@@ -125,7 +125,7 @@ def spans_near_holes(thread: Thread, s: Array) -> Array:
 
 def bending_layers(system: System[Body], state: State[Body]) -> Array:
     """Return √(EI/T) of every hold, at most the thread's length, shape `(m,)` [m]: `coupling.step.tension`."""
-    return lengths_bent_over(system, state.s, state.N, state.present)
+    return lengths_bent_over(system, state.s, state.N, state.lam, state.present)
 
 
 def span_ratio(system: System[Body], state: State[Body]) -> float:

@@ -25,15 +25,15 @@ from coupling.kernels.steps.tautness import Strands
 from coupling.kernels.steps.tension import Limits, Stages
 from coupling.recent import Recent
 from coupling.reports.audit import BORNE
-from coupling.run.tautness import STRETCHED, SWINGING, loose_ends, own_load
+from coupling.run.tautness import strands_of
 from coupling.run.watch import CREATED, CREATED_BDF2, SHARE, TRACE
 from coupling.step import newton, tables
 from coupling.step.motion import CROSSED
 from coupling.step.newton import Problem
 from coupling.step.stability import borne_pressure
-from coupling.step.stepping import PASSES, dynamic_problem
+from coupling.step.stepping import dynamic_problem
 from coupling.step.tables import OVER, bounds_of, empty_found, given_of, law_of, plain, tables_of
-from coupling.step.tension import FINE, REST, SETTLED, bends_at_holes
+from coupling.step.tension import along_of, limits_of
 from coupling.system import State, System
 from thread.compliance import LACKS, POWERS, SLACK
 from thread.spline import ORDERS
@@ -286,7 +286,7 @@ def scene_of(problem: Problem[Any], present: Flags, strands: Strands) -> Scene:
     by_place = thread.largest_bending + factor * thread.largest_mass
     return Scene(
         weight=plain(system.weight),
-        axial=plain(thread.axial.s),
+        along=along_of(system),
         present=present,
         here=np.ascontiguousarray(problem.rows[:, 0]),
         slide=system.may_slide,
@@ -305,27 +305,6 @@ def scene_of(problem: Problem[Any], present: Flags, strands: Strands) -> Scene:
         bearing=BORNE,
         strands=strands,
     )
-
-
-def strands_of(system: System[Any], state: State[Any], taut: Flags) -> Strands:
-    """Return the strands of a state, of which those `taut` (k + 1,) are."""
-    thread, (start, end) = system.thread, loose_ends(system, state).tolist()
-    return Strands(
-        taut=np.ascontiguousarray(taut),
-        euler=float(thread.EI * np.pi**2),
-        weight=own_load(system),
-        least=float(STRETCHED * thread.EA),
-        swing=float(SWINGING * thread.section.rhoA),
-        start=start,
-        end=end,
-        greville=plain(thread.spline.greville),
-    )
-
-
-def limits_of(system: System[Any]) -> Limits:
-    """Return the constants of the tension of a thread at its holds."""
-    EI, EA = float(system.thread.EI), float(system.thread.EA)
-    return Limits(REST * EA, FINE, SLACK, float(STAGES), EI, EA, SETTLED, PASSES, bends_at_holes(system))
 
 
 def motion_of(state: State[Any], body: ModalMotion) -> Motion:
@@ -351,6 +330,7 @@ def empty_room(motion: Motion, points: int) -> Scratch:
         at=np.zeros_like(end.q),
         mid=np.zeros((m, LACKS)),
         back=np.zeros((m, LACKS)),
+        T=np.zeros((m, 2)),
         layers=np.zeros(m),
         stretch=np.ones(m),
         going=Going(*np.zeros((3, len(end.U)))),

@@ -38,7 +38,7 @@ def reach_in_spans(problem: Problem[Body], guess: Iterate) -> float:
     all holes in which the thread may slide are shorter than √(EI/T), REACH of that, at most of the longest span."""
     thread, slides = problem.system.thread, problem.law.may_slide
     spans = np.diff(thread.spline.breaks)
-    layers = lengths_bent_over(problem.system, guess.s, guess.N, problem.rows[:, 0])
+    layers = lengths_bent_over(problem.system, guess.s, guess.N, guess.lam, problem.rows[:, 0])
     ratios = np.minimum(layers, spans.max()) / spans[thread.spline.spans_of(guess.s)]
     return REACH * max(1.0, float(ratios[slides].min()))
 

@@ -38,7 +38,7 @@ def resolved_bends(system: System[Body], state: State[Body]) -> Array:
     """Return √(EI/T) at each hole at which the thread has a bend of its own, on spans that resolve it, zero at the
     others, shape `(holds,)` [m]."""
     spline = system.thread.spline
-    layers = lengths_bent_over(system, state.s, state.N, state.present)
+    layers = lengths_bent_over(system, state.s, state.N, state.lam, state.present)
     span = np.diff(spline.breaks)[spline.spans_of(state.s)]
     local = BEND * layers <= LOCAL * (spline.end - spline.start)
     return np.where(local & (span <= RESOLVED * layers) & state.present & system.may_slide, layers, 0.0)

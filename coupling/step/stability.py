@@ -38,7 +38,7 @@ from coupling.step.newton import (
     evaluate,
     thread_matrix,
 )
-from coupling.step.tension import largest_pressure
+from coupling.step.tension import is_pressed
 from coupling.system import State
 from thread.banded import diagonal_of, half_band_of
 from thread.thread import Thread
@@ -106,10 +106,10 @@ def is_squeezed(solution: Solution[Body], mass_factor: float = 0.0) -> bool:
     thread = problem.system.thread
     if not thread.EI:
         return False
-    N, borne = thread.EA * solution.residual.configuration.points.strain, borne_pressure(thread, mass_factor)
-    if thread.twist or N.min() >= -borne:
+    strain, borne = solution.residual.configuration.points.strain, borne_pressure(thread, mass_factor) / thread.EA
+    if thread.twist or strain.min() >= -borne:
         return thread.twist
-    return largest_pressure(problem.system, z.s, N, problem.rows[:, 0]) > borne
+    return is_pressed(problem.system, z.s, strain, borne, problem.rows[:, 0])
 
 
 def borne_pressure(thread: Thread, mass_factor: float) -> float:

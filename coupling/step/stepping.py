@@ -23,7 +23,7 @@ from coupling.step.newton import Iterate, Problem, Solution
 from coupling.step.sliding import law_of
 from coupling.step.solver import solve
 from coupling.step.stability import go_aside
-from coupling.step.tension import SETTLED, is_settled, layers_at, stretches_at
+from coupling.step.tension import PASSES, SETTLED, change_of, layers_at, stretches_at
 from coupling.system import State, System, forgetful
 from coupling.ties import gap_left
 from thread.vectors import cross, dot
@@ -35,7 +35,6 @@ CURVED = 4  # halvings that a step may take because it makes energy on a curved 
 REFINED = 6  # halvings for accuracy: a jump of velocity is an error of first order in any step
 MOST_TRIES = 256  # of steps and parts of steps until one is given up: as many as the smallest parts
 
-PASSES = 3  # of a step with another tension at its holes
 GROWTH = 2.0  # largest ratio of a step to the one before; zero-stability ends at 1 + √2
 
 
@@ -157,7 +156,7 @@ def dynamic_problem(
             system.drawn_lengths(state.time, time),
             system.pulling_forces(time),
             state.time,
-            stretches_at(system, state.s, state.N, state.present),
+            stretches_at(system, state.s, state.N, state.lam, state.present),
         ),
         frame=state.frame,
         layers=layers_at(system, state.s, state.N, state.lam, state.present),
@@ -276,10 +275,11 @@ def settle_layers(
     one. Raises `StepError`."""
     for _ in range(passes):
         problem, z = solution.problem, solution.iterate
-        s, N, here = z.s, z.N, problem.rows[:, 0]
-        ended, stretch = layers_at(problem.system, s, N, z.lam, here), stretches_at(problem.system, s, N, here)
+        system, here = problem.system, problem.rows[:, 0]
+        now = system, z.s, z.N, z.lam, here
+        ended, stretch = layers_at(*now), stretches_at(*now)
         alike = not problem.stiffen or problem.law.ideal or rises_by(problem.law.stretch, stretch) <= ratio
-        if alike and is_settled(problem.system, s, here, (problem.layers, ended), ratio):
+        if alike and change_of(system, z.s, here, (problem.layers, ended)) <= ratio:
             break
         taut = replace(problem, layers=ended, law=replace(problem.law, stretch=stretch))
         again = solve_again(taut, z)

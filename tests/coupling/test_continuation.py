@@ -45,7 +45,7 @@ def test_a_correction_downhill_goes_as_far_as_the_thread_bends_over() -> None:
     problem, guess = loaded(directed=False, n=40, dt=DT)
     spline = problem.system.thread.spline
     spans = np.diff(spline.breaks)[spline.spans_of(guess.s)]
-    layers = lengths_bent_over(problem.system, guess.s, guess.N, problem.rows[:, 0])
+    layers = lengths_bent_over(problem.system, guess.s, guess.N, guess.lam, problem.rows[:, 0])
     assert np.all(spans < 0.2 * layers) and np.diff(spline.breaks).max() > layers.max()
     share = reach_in_spans(problem, guess) * spans / (REACH * layers)
     assert share.max() == pytest.approx(1.0, rel=IDENTITY)

@@ -14,14 +14,16 @@ import numpy as np
 import pytest
 
 from coupling.kernels.constraints import far_turned
+from coupling.kernels.steps.tension import resisting_together
 from coupling.run.run import Run, begin
-from coupling.step.tension import resisting_together
 from coupling.system import Friction, Piercing
 from tests.bounds import IDENTITY
+from tests.coupling.wholes import whole
 from tests.thread.threads import ORIGIN, PP, Array, assert_slope, laid, uniform, without_organ
 from thread.ends import Driven, Pulled
 
 HOLD, MU = 1.0, 0.2  # [N], [-]
+TOGETHER = whole(resisting_together)
 SPANS, LAYERS = 20, 6.0  # of the whole thread, and √(EI/T) on each side of the hole, at least
 STEPS, DT = 24, 2e-2  # in which a span runs through; [s], so slow that nothing is damped
 RATIOS = (0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)  # spans over √(EI/T)
@@ -136,12 +138,11 @@ def test_what_turns_far_stores_what_the_elastica_does(degrees: float) -> None:
 def test_the_angle_between_strands_is_told_by_their_tensions(degrees: float, other: float) -> None:
     """Independent check (statics): what a hole bears is the difference of both tensions as vectors; each strand leaves
     the mean of their directions by tension, by ½θ where they are equal."""
-    theta, T = np.radians(degrees), np.array([[1.0, other]])
-    lam = np.zeros((1, 5))
-    lam[0, :3] = other * along(theta) - along(0.0)
+    theta, T = np.radians(degrees), (1.0, other)
+    force = other * along(theta) - along(0.0)
     mean = theta * other / (1.0 + other)
-    exact = np.average(np.cos(0.5 * np.array([mean, theta - mean])), weights=np.sqrt(T[0]))
-    assert abs(resisting_together(T, lam)[0] - exact) <= np.sqrt(IDENTITY)
+    exact = np.average(np.cos(0.5 * np.array([mean, theta - mean])), weights=np.sqrt(T))
+    assert abs(TOGETHER(*T, tuple(force)) - exact) <= np.sqrt(IDENTITY)
     if other == 1.0:
         assert abs(exact - np.cos(0.25 * theta)) <= IDENTITY
 
@@ -151,9 +152,8 @@ def test_what_a_slack_strand_turns_by_does_not_count(size: float) -> None:
     """A strand without tension leaves no force by which its direction were told, and resists no turn: the other
     does, with all of its √(EI T), whatever the hole's force is off by."""
     slack = 1e-8
-    lam = np.array([[size, 0.0, 0.0, 0.0, 0.0]])
-    for T in ([1.0, slack], [slack, 1.0]):
-        assert abs(resisting_together(np.array([T]), lam)[0] - 1.0) <= 2.0 * np.sqrt(slack)
+    for T in ((1.0, slack), (slack, 1.0)):
+        assert abs(TOGETHER(*T, (size, 0.0, 0.0)) - 1.0) <= 2.0 * np.sqrt(slack)
 
 
 def main() -> None:

@@ -16,7 +16,7 @@ from coupling.kernels.curve import Curve
 from coupling.kernels.friction import Law
 from coupling.kernels.holes import AT_U, AT_V, FIRST
 from coupling.kernels.iteration import GOES_ON, HOW, UNKNOWN, Bounds, Found, Given, Knots, Passing, Unknowns, solve
-from coupling.kernels.loops import loop, outermost, owning, sources
+from coupling.kernels.loops import loop, outermost, sources
 from coupling.kernels.steps.audit import (
     ELASTIC,
     EXTERNAL,
@@ -48,11 +48,14 @@ from coupling.kernels.steps.organ import (
 from coupling.kernels.steps.tautness import Strands, is_switched
 from coupling.kernels.steps.tension import (
     KNOWN,
+    Along,
     Limits,
+    Pull,
     Stages,
     ask_tension,
     change_of,
     forget,
+    is_pressed,
     learn,
     span_at,
 )
@@ -75,17 +78,17 @@ class Ends(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What does not change in steps: the `weight` (n, 3) [N]; abscissae `axial` (spans, a) [m] of the axial force;
-    holds that are `present`, those of them that have a place (`here`), those that may `slide`, and those that are
-    `rough`, (m,) each; the largest force that the tissue bears at each piercing, `strength` (p,) [N]; `damping` [1/s],
-    ε [kg]; what places are multiplied by for `round_off` of forces [N/m], and what of that is of the thread itself
-    [N]; the pressure that the thread bears [N] over EA, `borne`; spans that may run through a hole, `crossed`; shares
-    of energies that a step may make [-]: of what there is `create`, one of BDF2 `create_bdf2` besides what it gives
-    back, and with that `there`, or `turned` of what it turns over; of a compliance that is exchanged in place,
-    `bearing` [-]; and the `strands` between the holds."""
+    """What does not change in steps: the `weight` (n, 3) [N]; abscissae of the thread, `along`; holds that are
+    `present`, those of them that have a place (`here`), those that may `slide`, and those that are `rough`, (m,) each;
+    the largest force that the tissue bears at each piercing, `strength` (p,) [N]; `damping` [1/s], ε [kg]; what places
+    are multiplied by for `round_off` of forces [N/m], and what of that is of the thread itself [N]; the pressure that
+    the thread bears [N] over EA, `borne`; spans that may run through a hole, `crossed`; shares of energies that a step
+    may make [-]: of what there is `create`, one of BDF2 `create_bdf2` besides what it gives back, and with that
+    `there`, or `turned` of what it turns over; of a compliance that is exchanged in place, `bearing` [-]; and the
+    `strands` between the holds."""
 
     weight: Array
-    axial: Array
+    along: Along
     present: Flags
     here: Flags
     slide: Flags
@@ -108,7 +111,7 @@ class Scene(NamedTuple):
 class Scratch(NamedTuple):
     """Room for what is made in a step and not kept: its unknowns and its `end`, which share their arrays, the residual
     `found`; the holds `was` at its start and `other` with another √(EI/T), q_a `at` (n, 3) of its inertia, the missing
-    compliances `mid` and `back` (m, 4), √(EI/T) and 1 + T/EA there, `layers` and `stretch` (m,), where modes are
+    compliances `mid` and `back` (m, 4), the tension there, `T` (m, 2), `layers` and `stretch` (m,), where modes are
     `going`, what thread and organ turn over, `turns` (8,) and `body` (6,) [J], and the energies `after` it (10,)."""
 
     z: Unknowns
@@ -119,6 +122,7 @@ class Scratch(NamedTuple):
     at: Array
     mid: Array
     back: Array
+    T: Array
     layers: Array
     stretch: Array
     going: Going
@@ -230,33 +234,12 @@ def conclude(pace: Pace, scene: Scene, given: Given, r: Found, now: Motion, earl
             new.reaction[end, x] = r.balance[i, x] if held else given.load[i, x] - scene.weight[i, x]
 
 
-@owning
-def may_be_squeezed(scene: Scene, knots: Knots, strain: Array, s: Array) -> bool:
-    """Whether a part of the thread, between holds at `s` (m,) [m], may be pressed by more than it bears: half of its
-    points are, without spans that have a hold in them (`coupling.step.tension.largest_pressure`)."""
-    points, bearing = np.zeros(len(s) + 1), np.zeros(len(s) + 1)
-    for e in range(len(strain)):
-        held, piece = False, 0
-        for k in range(len(s)):
-            if scene.here[k] and knots.breaks[0] < s[k] < knots.breaks[len(strain)]:
-                held |= knots.breaks[e] < s[k] <= knots.breaks[e + 1]
-                piece += 1 if s[k] <= knots.breaks[e] else 0
-        if not held:
-            for g in range(strain.shape[1]):
-                points[piece] += 1.0
-                bearing[piece] += 1.0 if strain[e, g] >= -scene.borne else 0.0
-    squeezed = False
-    for piece in range(len(points)):
-        squeezed |= points[piece] > 0.0 and not 2.0 * bearing[piece] > points[piece]
-    return squeezed
-
-
 @loop
 def what_happened(scene: Scene, given: Given, strain: Array, knots: Knots, now: Motion, new: Motion) -> int:
     """Return what is out of the ordinary in a solved step, MADE where nothing is."""
-    if may_be_squeezed(scene, knots, strain, new.s):
+    if is_pressed(scene.along, strain, scene.borne, new.s, scene.here):
         return SQUEEZED
-    if is_switched(scene.strands, knots, scene.axial, new.s, new.N, new.v, scene.present):
+    if is_switched(scene.strands, scene.along, new.s, new.N, new.v, scene.present):
         return EVENT
     last = knots.breaks[len(knots.breaks) - 1]
     for k in range(len(new.s)):
@@ -448,9 +431,8 @@ def begin_step(
         go_free(pace, organ, given, now, earlier, room.going)
     missing = pass_with(stages, limits, knots, given, start, now.layers, room.was)
     if limits.bends:
-        ask_tension(
-            limits, knots, given, scene.axial, now.s, now.N, now.lam, scene.present, room.end.layers, law.stretch
-        )  # fmt: skip
+        pull = Pull(room.T, room.end.layers, law.stretch)
+        ask_tension(limits, scene.along, given.directed, now.s, now.N, now.lam, scene.present, pull)
         forget(given.lack)
     return largest, missing
 
@@ -480,10 +462,9 @@ def solve_step(
         total += iterations
         if not limits.bends or passes == limits.passes:
             return total, KNOWN
-        ask_tension(
-            limits, knots, given, scene.axial, room.z.s, room.z.N, room.z.lam, scene.here, room.layers, room.stretch
-        )  # fmt: skip
-        if change_of(limits, knots, given, room.z.s, scene.here, room.end.layers, room.layers) <= limits.settled:
+        pull = Pull(room.T, room.layers, room.stretch)
+        ask_tension(limits, scene.along, given.directed, room.z.s, room.z.N, room.z.lam, scene.here, pull)
+        if change_of(limits, scene.along, room.z.s, scene.here, room.end.layers, room.layers) <= limits.settled:
             return total, KNOWN
         passes += 1
         copy_row(room.layers, room.end.layers)
