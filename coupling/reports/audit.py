@@ -1,14 +1,4 @@
-"""The energy audit of a step: every joule of work goes somewhere, each place by its own formula.
-
-Dot the thread's equation with Δq and the organ's with ΔU. With Φ = 0 at both ends of the step the constraints' work
-is what the driving force Φ_sᵀλ takes through the hole, −Φ_sᵀλ Δs, plus a remainder of second order in the step, which
-belongs to the integrator. Backward Euler dissipates ½Δvᵀ M Δv, and of the elastic energy ∂E(q⁺)·Δq − ΔE. Under BDF2,
-a⁺ ≠ Δv/Δt and Δq ≠ Δt v⁺, and the inertia takes a⁺ᵀMΔq − v⁺ᵀMΔv more, of either sign. All these works are those of the
-forces at the end of the step along it, a rectangle rule of first order; what separates it from the exact work stands
-with the integrator's share. After a step of BDF2 the works from outside, of damping and of a friction that goes on are
-those of the mean of the forces at both ends, the trapezoidal rule, and so the integrator's share is of second order as
-its motion is (`mean_force_works`). Where a hand draws the thread through a hole, by a length or
-with a force, −Φ_sᵀλ Δs is its work, and external.
+"""The energy audit of a step (`coupling.kernels.steps.audit`), with what some threads and organs add to it.
 
 When thread and organ are stepped one after the other (`coupling.paper.staggered`) the holes move after the thread has,
 and the constraints' work on the two does not cancel: `coupling.paper.staggered.work_of_the_lag`, which is in the
@@ -20,37 +10,31 @@ the start, and Φ is not zero at its ends: exact are kinetic, elastic, external,
 is the constraints' work on what they let the thread do.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from coupling.arrays import Array, Flags
+from coupling.arrays import Array
 from coupling.integrators import BDF2
 from coupling.interfaces import Body
-from coupling.kernels.bordered import lacking_give
-from coupling.kernels.constraints import (
-    Passage,
-    driving_force,
-    force_on_tangent,
-    held_energy,
-    parts,
-    site_force,
-    thread_force,
-    tilt_of,
-    turned_compliance,
-)
+from coupling.kernels.constraints import Passage, driving_force, held_energy, site_force, thread_force
+from coupling.kernels.iteration import Passing
+from coupling.kernels.steps import audit
+from coupling.kernels.steps.audit import Holes, Met, Motion, OnThread, Works
+from coupling.kernels.steps.watch import at_stake
 from coupling.step.stepping import Step, end_load, scheme_of, thread_motion
+from coupling.step.tables import plain
 from coupling.system import State, System
-from thread.vectors import dot, outer
 
 BORNE = 0.01  # of a compliance: with less of it left, a hole that stays in place is met under forces without measure
+NONE, PLANE = np.zeros(0), np.zeros((0, 0))
 
 
 @dataclass(frozen=True)
 class Energies:
     """Energies at a time and works since the start, all [J].
 
-    `layer_work`: what the holes' compliance takes in as the tension that it is of is taken anew (`layer_work`).
+    `layer_work`: what the holes' compliance takes in as the tension that it is of is taken anew.
     `loan`: what the last step took only to give back, of which the next one may by BDF2 (`coupling.run.watch`).
     `prestretch`: `elastic_tissue` at the start where a prestretch stores it, what gapes having released its part.
     `balance_error` = external work + layer work − change of kinetic and elastic energy − friction − viscous −
@@ -82,21 +66,21 @@ class Energies:
     @property
     def at_stake(self) -> float:
         """Kinetic energy, the elastic one of deformation, and the work done so far, of either sign."""
-        return self.kinetic + self.of_deformation + abs(self.external_work)
+        return at_stake(self.kinetic, self.elastic_thread, self.elastic_tissue, self.prestretch, self.external_work)
 
 
 def initial_energies(system: System[Body], state: State[Body]) -> Energies:
     """Return the energies at the start; no work has been done."""
     organ_kinetic, organ_elastic, *_, stored = system.organ.energies(state.organ, state.organ)
-    kinetic, thread = thread_kinetic(system, state) + organ_kinetic, thread_elastic(system, state)
+    v, s_dot = map(np.ascontiguousarray, (state.v, state.s_dot))
+    kinetic = audit.kinetic(v, momentum_of(system, v), s_dot, float(system.epsilon)) + organ_kinetic
     there = organ_elastic if stored else 0.0
-    return Energies(kinetic, thread, organ_elastic, 0.0, 0.0, 0.0, 0.0, 0.0, prestretch=there)
+    return Energies(kinetic, thread_elastic(system, state), organ_elastic, 0.0, 0.0, 0.0, 0.0, 0.0, prestretch=there)
 
 
-def thread_kinetic(system: System[Body], state: State[Body]) -> float:
-    """Return ½ vᵀ M v of the thread, and ½ ε ṡ² of eq. 7 [J]."""
-    momentum = system.thread.momentum(state.v)
-    return float(0.5 * np.sum(state.v * momentum) + 0.5 * system.epsilon * np.sum(state.s_dot**2))
+def momentum_of(system: System[Body], v: Array) -> Array:
+    """Return M v of the thread as the kernels want it, shape `(n, c)`."""
+    return np.ascontiguousarray(system.thread.momentum(v))
 
 
 def thread_elastic(system: System[Body], state: State[Body]) -> float:
@@ -108,115 +92,100 @@ def thread_elastic(system: System[Body], state: State[Body]) -> float:
 
 def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Energies:
     """Add a step to the audit `before` it."""
-    old, new, thread = step.old, step.new, system.thread
-    dq, dv = new.q - old.q, new.v - old.v
-    solution, now = step.solution, step.solution.residual.configuration
-    elastic = thread.energy(now.points) + float(held_energy(now.at, new.lam, solution.iterate.y).sum())
-    organ_kinetic, organ_elastic, load_work, organ_viscous, organ_numerical, rubbed, _ = system.organ.energies(
-        old.organ, new.organ
+    energies = np.array(astuple(before))
+    after = energies.copy()
+    audit.enter(turned_over(step), body_of(step), energies, after)
+    return Energies(*after.tolist())
+
+
+def turned_over(step: Step[Body]) -> Array:
+    """Return what a step of the thread turns over, `coupling.kernels.steps.audit.TURNS` numbers [J]."""
+    old, new, solution = step.old, step.new, step.solution
+    residual, y, thread = solution.residual, solution.iterate.y, solution.problem.system.thread
+    lag = residual.f_y * (new.y - y)  # y: where the holes were when the thread was solved
+    turns = np.zeros(audit.TURNS)
+    turns[audit.ELASTIC] = thread.energy(residual.configuration.points)
+    turns[audit.EXTERNAL] = closing_works(step).sum()
+    turns[audit.NUMERICAL] = lying_work(step) + solution.linearisation
+    turns[audit.REMAINDER] = -lag.sum()
+    motions = motion_of(old, old.y, residual.f_y), motion_of(new, y, residual.f_y)
+    audit.audit(works_of(step), holes_of(step), forces_on(step), *motions, met_by(step), turns)
+    return turns
+
+
+def works_of(step: Step[Body]) -> Works:
+    """Return what the audit reads of a step."""
+    system, problem, two_step = step.solution.problem.system, step.solution.problem, is_of_bdf2(step)
+    a, at, more = 0.0, np.zeros_like(step.new.q), np.zeros((2, 3))
+    if two_step:
+        scheme = scheme_of(step.old, step.dt)
+        a, at = float(scheme.a), plain(scheme.inertia_reference(*thread_motion(scheme, step.old)))
+        more = plain((end_load(system, step.old.time) - problem.load)[[0, -1], :3])
+    return Works(float(system.thread.damping), a, at, two_step, more, two_step or problem.stiffen, BORNE)
+
+
+def holes_of(step: Step[Body]) -> Holes:
+    """Return what the audit reads of the holds; what hands draw through goes as the hands do."""
+    problem, law = step.solution.problem, step.solution.problem.law
+    system = problem.system
+    return Holes(
+        rows=np.ascontiguousarray(problem.rows),
+        directed=np.ascontiguousarray(system.rows[:, 3]),
+        rough=system.rough,
+        by_hand=np.ascontiguousarray(law.by_hand),
+        slides=law.may_slide & ~system.of_ties,
+        inertia=plain(law.inertia * np.ones(system.holds)),
+        s_free=plain(law.s_free),
+        epsilon=float(system.epsilon),
     )
 
-    layered = layer_work(step)
-    external = np.sum(step.solution.problem.load * dq) + load_work + held_work(step)
-    friction, eps_numerical, remainder, by_hand = sliding_work(system, step)
-    more_external, more_friction, more_viscous = mean_force_works(system, step, load_work, organ_viscous)
-    external, friction = external + by_hand + more_external, friction + more_friction + rubbed
-    viscous = thread.damping * np.sum(new.v * thread.momentum(dq)) + organ_viscous + more_viscous
-    lost = (
-        0.5 * np.sum(dv * thread.momentum(dv))
-        + lying_work(step)
-        + np.sum(now.elastic * dq)
-        - (elastic - before.elastic_thread - layered)
-        + organ_numerical
-        + eps_numerical
-        + remainder
-        + step.solution.linearisation
+
+def forces_on(step: Step[Body]) -> OnThread:
+    """Return what acts on the thread at the end of a step."""
+    old, new, problem, r = step.old, step.new, step.solution.problem, step.solution.residual
+    moved, faster, momentum = (momentum_of(problem.system, x) for x in (new.q - old.q, new.v - old.v, new.v))
+    elastic, load, balance = map(plain, (r.configuration.elastic, problem.load, r.thread.reshape(new.q.shape)))
+    return OnThread(elastic, load, balance, problem.system.held_flags, plain(r.push), moved, faster, momentum)
+
+
+def motion_of(state: State[Body], y: Array, f_y: Array) -> Motion:
+    """Return what the audit reads of a state, with the sites at `y` (m, 9) under the forces `f_y` (m, 9)."""
+    q, v, s, s_dot, lam, y, sigma, reaction, f_y = map(
+        plain, (state.q, state.v, state.s, state.s_dot, state.lam, y, state.sigma, state.reaction, f_y)
     )
-    numerical = lost + two_step_inertia(system, step) + more_external - more_friction - more_viscous
-    kinetic = thread_kinetic(system, new) + organ_kinetic
-    change = kinetic - before.kinetic + elastic - before.elastic_thread + organ_elastic - before.elastic_tissue
-    error = external + layered - change - friction - viscous - numerical
-    return Energies(
-        kinetic,
-        elastic,
-        organ_elastic,
-        before.external_work + float(external),
-        before.friction_dissipation + float(friction),
-        before.viscous_dissipation + float(viscous),
-        before.numerical_dissipation + float(numerical),
-        before.balance_error + float(error),
-        before.layer_work + layered,
-        float(2.0 * lost - numerical),
-        before.prestretch,
-    )
+    return Motion(q, v, PLANE, s, s_dot, lam, y, sigma, NONE, reaction, NONE, NONE, f_y, NONE, NONE, NONE, NONE)
 
 
-def layer_work(step: Step[Body]) -> float:
-    """Return what the compliance c of the holes takes in as the √(EI/T) of a step replaces that of the state before it
-    [J].
-
-    A step has c as a number, and there is no path from the one to the other. Before a step of backward Euler it is
-    exchanged in place. Between both ends it is under BDF2, whose other works are means of both, at rest, where load
-    steps are long and the sum over them is to be of second order, and where c⁺ does not bear a hole in place.
-    """
+def met_by(step: Step[Body]) -> Met:
+    """Return the thread at the holes at both ends of a step, and what the spline would lack there by the √(EI/T) of the
+    other."""
     old, problem = step.old, step.solution.problem
-    system, layers = problem.system, problem.layers
-    if not old.lam.any() or layers is old.layers:
-        return 0.0
-    if layers is not None and old.layers is not None and np.array_equal(layers, old.layers):
-        return 0.0
-    if problem.stiffen or is_of_bdf2(step):
-        return exchange_between(step)
-    before = system.passage_of(old)
-    after = replace(before, c=system.thread.missing_compliance(old.s, None, layers))
-    rows = problem.rows & (before.c[:, 0] != after.c[:, 0]).any(axis=1, keepdims=True)
-    if not bears(before, after, old.y)[rows.any(axis=1)].all():
-        return exchange_between(step)
-    return exchange_in_place(before, after, rows, old.lam, old.y)
+    was, now = passing_of(problem.system.passage_of(old)), passing_of(step.solution.residual.passage)
+    mid, back, (one, other) = was.c[:, 0], now.c[:, 0], (old.layers, problem.layers)
+    alike = one is other or (one is not None and other is not None and np.array_equal(one, other))
+    if old.lam.any() and not alike:
+        lack = problem.system.thread.missing_compliance
+        mid, back = lack(old.s, None, other)[:, 0], lack(step.new.s, None, one)[:, 0]
+    return Met(was, now, plain(mid), plain(back))
 
 
-def exchange_between(step: Step[Body]) -> float:
-    """Return ½λ⁻(c⁻ − c⁺)λ⁺ [J], the work of a c that goes from c⁻ to c⁺ on any path under a constant force, as in a
-    constant place."""
-    old, new, layers = step.old, step.new, step.solution.problem.layers
-    system, y = step.solution.problem.system, step.solution.iterate.y
-    before, after = system.passage_of(old), step.solution.residual.passage
-    there = before.c[:, 0] - lack_at(system, old.s, layers)
-    here = lack_at(system, new.s, old.layers) - after.c[:, 0]
-    c = 0.5 * (there + here)
-    across = parts(before, old.lam).across, parts(after, new.lam).across
-    tilts = tilt_of(before, old.y), tilt_of(after, y)
-    turned, size = 0.5 * (tilts[0].share + tilts[1].share) - 1.0, 0.5 * (tilts[0].size + tilts[1].size)[:, 0]
-    m = force_on_tangent(old.lam, old.y), force_on_tangent(new.lam, y)
-    mixed = size * (dot(old.lam[:, :3], m[1]) + dot(new.lam[:, :3], m[0]))
-    by_couple = (c[:, 2] + c[:, 3] * turned) * dot(*m)
-    return float(0.5 * np.sum(c[:, 0] * dot(*across) + c[:, 1] * mixed + by_couple))
+def passing_of(at: Passage) -> Passing:
+    """Return the thread at its holes as the kernels want it."""
+    D = np.stack([at.P, at.T, at.K, at.J], axis=1)
+    return Passing(at.first.astype(np.int64), plain(at.b), D, plain(at.c))
 
 
-def exchange_in_place(before: Passage, after: Passage, rows: Flags, lam: Array, y: Array) -> float:
-    """Return the work of exchanging the c of the passage `before` for that of `after` while thread and holes stay where
-    they are, where the constraints `rows` (m, 5) feel it [J].
-
-    Backward Euler goes downhill in a potential that has c⁺ all along, from where the thread is. There the holes are
-    met under other forces λ*: with C = ∂Φ/∂λ, C⁺λ* = C⁻λ. That stores ½λ*ᵀC⁺λ* − ½λᵀC⁻λ = ½λᵀ(C⁻ − C⁺)λ* more; what
-    the step then loses is never negative where the potential is convex. The spline lacks nothing along the thread,
-    where λ* is λ.
-    """
-    C, C_after = (lacking_give(each, lam, y) for each in (before, after))
-    let_go, unit = np.matvec(C - C_after, lam), parts(before, lam).unit
-    free = rows[:, :, None] * np.eye(5)
-    free[:, :3, :3] -= rows[:, :1, None] * outer(unit, unit)
-    held = np.where(after.c[:, 0, :1] > 0.0, after.c[:, 0, :1], 1.0)[:, :, None] * (np.eye(5) - free)
-    taken_up = np.linalg.solve(free @ C_after @ free + held, np.matvec(free, let_go)[..., None])[..., 0]
-    return float(0.5 * np.sum(let_go * (lam + taken_up)))
-
-
-def bears(before: Passage, after: Passage, y: Array) -> Flags:
-    """Whether the c of the passage `after` takes up by forces of the size of those of `before` what the holes are off
-    the drawn thread, shape `(m,)`: at a knot a spline without tension lacks nothing under a force."""
-    c0, c1, c2, _ = after.c[:, 0].T
-    turns = c0 * turned_compliance(after, y) - (c1 * tilt_of(after, y).size[:, 0]) ** 2 > BORNE * c0 * c2
-    return np.asarray((c0 > BORNE * before.c[:, 0, 0]) & (turns | ~after.directed))
+def body_of(step: Step[Body]) -> Array:
+    """Return what a step of the organ turns over, `coupling.kernels.steps.audit.BODY` numbers [J]; of BDF2 the works of
+    loads and damping by the mean of the forces at both ends."""
+    old, new, organ = step.old.organ, step.new.organ, step.solution.problem.system.organ
+    kinetic, elastic, loads, viscous, numerical, rubbed, _ = organ.energies(old, new)
+    more_loads, more_viscous = 0.0, 0.0
+    if is_of_bdf2(step):
+        _, _, loads_back, viscous_back, *_ = organ.energies(new, old)  # by the forces of the start
+        more_loads, more_viscous = -0.5 * (loads_back + loads), -0.5 * (viscous_back + viscous)
+    by_mean, works = more_loads - more_viscous, (loads + more_loads, viscous + more_viscous)
+    return np.array([kinetic, elastic, *works, numerical + by_mean, rubbed, by_mean])
 
 
 def lying_work(step: Step[Body]) -> float:
@@ -227,18 +196,6 @@ def lying_work(step: Step[Body]) -> float:
         return 0.0
     pull = problem.mass_factor * problem.system.thread.momentum(step.new.q - problem.q_ref)
     return float(np.sum(pull * (step.new.q - step.old.q)))
-
-
-def lack_at(system: System[Body], s: Array, layers: Array | None) -> Array:
-    """Return the compliance that the spline lacks at the abscissae `s` (m,) [m] of the holds, shape `(m, 4)`."""
-    return system.thread.missing_compliance(s, None, layers)[:, 0]
-
-
-def held_work(step: Step[Body]) -> float:
-    """Return the work of the holders of the ends, whose reactions are the residuals at the prescribed unknowns [J]."""
-    held = step.solution.problem.system.held
-    dq = (step.new.q - step.old.q).ravel()
-    return float(step.solution.residual.thread.ravel()[held] @ dq[held]) + float(closing_works(step).sum())
 
 
 def closing_works(step: Step[Body]) -> Array:
@@ -262,75 +219,6 @@ def drawing_works(step: Step[Body]) -> Array:
 def is_of_bdf2(step: Step[Body]) -> bool:
     """Whether a step was made by BDF2."""
     return step.new.before is not None and isinstance(scheme_of(step.old, step.dt), BDF2)
-
-
-def mean_force_works(
-    system: System[Body], step: Step[Body], load_work: float, organ_viscous: float
-) -> tuple[float, float, float]:
-    """Return by how much more the mean of the forces at both ends of a step of BDF2 does from outside, takes by
-    friction and takes by damping than the forces at its end [J]; zero after one of backward Euler.
-
-    `load_work` and `organ_viscous` [J] are what the organ's loads at the end do, and its damping there takes.
-    Friction counts where the thread slides on, the same way and without ε: elsewhere its force jumps, and what the
-    force at the end takes is never negative.
-    """
-    old, new, thread = step.old, step.new, system.thread
-    if not is_of_bdf2(step):
-        return 0.0, 0.0, 0.0
-    _, _, load_back, viscous_back, *_ = system.organ.energies(new.organ, old.organ)  # by the forces of the start
-    dq, outside, rubbed = new.q - old.q, more_outside(system, step) - load_back - load_work, 0.0
-    by_hand = step.solution.problem.law.by_hand
-    if (system.rough | by_hand).any():
-        ds, at, now = new.s - old.s, system.passage_of(old), step.solution.residual.passage
-        drive = driving_force(at, old.lam, old.y) - driving_force(now, new.lam, step.solution.iterate.y)
-        goes_on = system.rough & ~by_hand & (old.sigma == new.sigma) & (system.epsilon == 0.0)
-        outside, rubbed = outside - float(drive @ (ds * by_hand)), float(drive @ (ds * goes_on))
-    damped = -thread.damping * np.sum((new.v - old.v) * thread.momentum(dq)) - organ_viscous
-    return 0.5 * outside, 0.5 * rubbed, 0.5 * float(damped - viscous_back)
-
-
-def more_outside(system: System[Body], step: Step[Body]) -> float:
-    """Return what the loads and holders at the start of a step would do along it more than those at its end [J]."""
-    old, new, held = step.old, step.new, system.held
-    dq, holders = (new.q - old.q).ravel(), np.zeros_like(new.q)
-    holders[[0, -1]] = old.reaction - new.reaction
-    load = (end_load(system, old.time) - step.solution.problem.load).ravel()
-    return float(load @ dq + holders.ravel()[held] @ dq[held])
-
-
-def two_step_inertia(system: System[Body], step: Step[Body]) -> float:
-    """Return a⁺ᵀMΔq − v⁺ᵀMΔv of the thread under BDF2 [J]; zero after a step without memory, of backward Euler."""
-    old, new, momentum = step.old, step.new, system.thread.momentum
-    if new.before is None:
-        return 0.0
-    scheme = scheme_of(old, step.dt)
-    acceleration = scheme.a * (new.q - scheme.inertia_reference(*thread_motion(scheme, old)))
-    work = np.sum(acceleration * momentum(new.q - old.q)) - np.sum(new.v * momentum(new.v - old.v))
-    return float(work)
-
-
-def sliding_work(system: System[Body], step: Step[Body]) -> tuple[float, float, float, float]:
-    """Return friction's dissipation, ε's own dissipation, the remainder of the constraints' work, and that of the
-    hands that draw the thread through holes [J]."""
-    old, new, at = step.old, step.new, step.solution.residual.passage
-    ds, p = new.s - old.s, len(system.piercings)
-    y = step.solution.iterate.y  # where the holes were when the thread was solved; new.y but in a staggered step
-    drive = driving_force(at, new.lam, y)
-    law = step.solution.problem.law
-    slides, hand = ds * ~law.by_hand, ds * law.by_hand
-    # what is drawn goes as the hand goes
-    ideal_inertia = law.inertia * (new.s - law.s_free) * (law.may_slide & ~system.of_ties)
-    friction = np.sum((drive - ideal_inertia) * slides)
-    eps_numerical = ideal_inertia @ ds - 0.5 * system.epsilon * np.sum(new.s_dot**2 - old.s_dot**2)
-    work = np.sum(step.solution.residual.push * (new.q - old.q)[:, :3])
-    at_sites = step.solution.residual.f_y * (new.y - old.y)
-    work += np.sum(at_sites[:p]) + np.sum(at_sites[system.of_ties])
-    return (
-        float(friction),
-        float(eps_numerical),
-        float(-work - np.sum(drive * ds)),
-        float(-np.sum((drive - ideal_inertia) * hand)),
-    )
 
 
 def multiplier_imbalance(system: System[Body], state: State[Body]) -> tuple[float, float]:

@@ -18,9 +18,9 @@ from coupling.kernels.bordered import NINE
 from coupling.kernels.friction import Law
 from coupling.kernels.iteration import Bounds, Given, Passing, Unknowns
 from coupling.kernels.steps import march
-from coupling.kernels.steps.audit import TURNS, Motion
+from coupling.kernels.steps.audit import BODY, TURNS, Motion
 from coupling.kernels.steps.march import ENERGIES, Ends, Kept, Scene, Scratch
-from coupling.kernels.steps.organ import BODY, Going, Organ, Pace
+from coupling.kernels.steps.organ import Going, Organ, Pace
 from coupling.kernels.steps.tautness import Strands
 from coupling.kernels.steps.tension import Limits, Stages
 from coupling.recent import Recent
@@ -291,6 +291,7 @@ def scene_of(problem: Problem[Any], present: Flags, strands: Strands) -> Scene:
         here=np.ascontiguousarray(problem.rows[:, 0]),
         slide=system.may_slide,
         rough=system.rough,
+        by_hand=system.by_hand,
         strength=strength,
         damping=float(thread.damping),
         epsilon=float(system.epsilon),

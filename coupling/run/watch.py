@@ -1,9 +1,4 @@
-"""A watch on accepted steps: none of them goes uphill.
-
-A step of backward Euler without friction is a stationary point of the incremental potential; the one that mechanics
-means is the minimum reached downhill from where the thread was. A root of the same equations that lies higher is
-another branch, on which Newton has landed: its residuals are as small and its balance closes, but it makes energy,
-which the audit books as numerical dissipation below zero. Friction and damping only take more.
+"""A watch on accepted steps: none of them goes uphill (`coupling.kernels.steps.watch`).
 
 A step along a curved way makes a little too, of second order in its size by backward Euler and of third by BDF2, of
 either sign. So one that makes more than CREATED of what there is, by BDF2 more than CREATED_BDF2, as a thread does that
@@ -13,33 +8,23 @@ that they are refused. Knots that were exchanged leave the thread a little off i
 which short steps just after it turn into motion and later ones take back: in the step before which they were, a
 LOOSENED part of what there is passes.
 
-BDF2 falls in a norm of its own, over two steps: where a stiff motion begins at once it takes in one step what it gives
-back in the next. For linear motion with losses, in the norm of its energy E, the formula
-A δ − B δ⁻ of the last two ways, A = (1+2ω)/(1+ω), B = ω²/(1+ω) (`coupling.integrators.BDF2`), dotted with x⁺ is
-
-    A (ΔE + β) − B (ΔE⁻ + β⁻ + δ·δ⁻) = A W − B W⁻ − losses,
-
-W being the work from outside and β = ½δ² what backward Euler takes on the same way. With 2 δ·δ⁻ ≤ δ² + δ⁻², and
-D = W − ΔE what a step takes,
-
-    −D ≤ r (2β⁻ − D⁻) − (1 − r) β,     r = B/A = ω²/(1+2ω),
-
-and r < 1 where the formula is zero-stable, a third at equal steps (Dahlquist's G-stability, BIT 18, 1978). 2β⁻ − D⁻ is
-the loan of the step before, of which the next one may give back the part r. An organ's β is taken to be its D.
-Forces from outside that change, steps that do, and a curved way add terms of either sign that the bound leaves out:
-such a step may be halved although its motion is the right one. What gives back more than such a share or trace follows
-a shock: it is taken by backward Euler, without memory of it.
+What gives back more than such a share or trace follows a shock: it is taken by backward Euler, without memory of it.
+Forces from outside that change, steps that do, and a curved way are not in the bound of what BDF2 gives back: such a
+step may be halved although its motion is the right one.
 
 A thread that rests without tension has the energy of its round-off alone, and makes and takes all of it in any step:
-what the round-off of forces does on the way that stores what there is, `rounded_work`, passes always.
+what the round-off of forces does on the way that stores what there is passes always
+(`coupling.kernels.steps.watch.rounded_work`).
 """
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
 from coupling.errors import LentError, UphillError
 from coupling.interfaces import Body
+from coupling.kernels.steps import watch
+from coupling.kernels.steps.watch import Shares
 from coupling.reports.audit import Energies, audit_step, is_of_bdf2
 from coupling.step.newton import rounded_force
 from coupling.step.stepping import Step, scheme_of
@@ -69,44 +54,39 @@ class Watch:
     def __call__(self, system: System[Body], step: Step[Body]) -> None:
         """Audit a step. Raises `UphillError` where it makes energy, `LentError` where it gives back too much."""
         old, new = self.energies[-1], audit_step(system, self.energies[-1], step)
-        made = old.numerical_dissipation - new.numerical_dissipation
-        if self.downhill and made - given_back(step, old) > self.bound(step, old, new):
+        made, lent, bound, loose = self.weigh(step, old, new)
+        if self.downhill and made - lent > bound:
             cause = (
                 f"it would make energy, {made:.3g} J of the {new.at_stake:.3g} J there are: the solution found is on "
                 "another branch than the motion"
             )
             raise UphillError(step.old.time, step.dt, cause)
-        if self.downhill and made > self.loose_bound(step, old, new):
+        if self.downhill and made > loose:
             raise LentError(step.old.time, step.dt, f"it would give back {made:.3g} J that the step before took")
         self.energies.append(new)
 
-    def bound(self, step: Step[Body], old: Energies, new: Energies) -> float:
-        """Return what a step may make, besides what it gives back [J]."""
-        if step.dt > self.least and not self.refitted:
-            create = CREATED_BDF2 if is_of_bdf2(step) else CREATED
-            return max(create * new.at_stake, rounded_work(step, new.at_stake))
-        return self.loose_bound(step, old, new)
+    def weigh(self, step: Step[Body], old: Energies, new: Energies) -> tuple[float, float, float, float]:
+        """Return what a step makes, what of that it may give back, what it may make besides that, and what it may make
+        in all [J]."""
+        problem = step.solution.problem
+        thread, there = problem.system.thread, LOOSENED if self.refitted else TRACE
+        give = float((thread.spline.end - thread.spline.start) / thread.EA)
+        shares = Shares(created(step), there, SHARE, float(rounded_force(problem)), give)
+        energies = (np.array(astuple(each)) for each in (old, new))
+        made, lent, bound, loose = watch.ask(shares, memory_of(step), *energies)
+        return made, lent, loose if step.dt <= self.least or self.refitted else bound, loose
 
-    def loose_bound(self, step: Step[Body], old: Energies, new: Energies) -> float:
-        """Return what no step may make, whether it gives it back or not [J]."""
-        loose = LOOSENED if self.refitted else TRACE
-        return max(SHARE * turned_over(old, new), loose * new.at_stake, rounded_work(step, new.at_stake))
+
+def created(step: Step[Body]) -> float:
+    """Return the share of what there is that a step may make without being halved for it [-]."""
+    return CREATED_BDF2 if is_of_bdf2(step) else CREATED
 
 
-def rounded_work(step: Step[Body], at_stake: float) -> float:
-    """Return the work of the round-off F of forces where so much is `at_stake` [J]: on the way √(2 E L/EA) on which a
-    thread that is drawn out stores that energy E, and on the way F L/EA on which F itself draws it out."""
-    thread, force = step.solution.problem.system.thread, rounded_force(step.solution.problem)
-    give = (thread.spline.end - thread.spline.start) / thread.EA
-    return float(force * (np.sqrt(2.0 * give * max(at_stake, 0.0)) + give * force))
+def memory_of(step: Step[Body]) -> float:
+    """Return the weight of the position before the last in the scheme of a step; zero of backward Euler."""
+    return float(scheme_of(step.old, step.dt).weights[1]) if is_of_bdf2(step) else 0.0
 
 
 def given_back(step: Step[Body], old: Energies) -> float:
     """Return the loan that a step of BDF2 may give back [J]; zero of backward Euler, which has none."""
-    return -scheme_of(step.old, step.dt).weights[1] * max(old.loan, 0.0) if is_of_bdf2(step) else 0.0
-
-
-def turned_over(old: Energies, new: Energies) -> float:
-    """Return what a step moves between work, motion, thread and organ [J]."""
-    names = ("external_work", "kinetic", "elastic_thread", "elastic_tissue")
-    return sum(abs(getattr(new, name) - getattr(old, name)) for name in names)
+    return watch.given_back(memory_of(step), old.loan)

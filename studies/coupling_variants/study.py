@@ -21,9 +21,10 @@ from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
 from coupling.errors import CouplingError
+from coupling.kernels.steps.audit import REMAINDER
 from coupling.paper import staggered
 from coupling.paper.linear_step import linear_step
-from coupling.reports.audit import Energies, sliding_work
+from coupling.reports.audit import Energies, turned_over
 from coupling.reports.observation import largest_residual
 from coupling.run import begin
 from coupling.step.stepping import Step, Take, try_step
@@ -186,7 +187,7 @@ class Way:
 def constraint_energy(system: System, met: Array, step: Step) -> float:
     """Return the energy created by a linear step [J]: its constraint forces are those of its start, its elastic force
     the linearised one."""
-    return -sliding_work(system, step)[2] - step.solution.linearisation
+    return -turned_over(step)[REMAINDER] - step.solution.linearisation
 
 
 WAYS = {

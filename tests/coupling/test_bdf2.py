@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from coupling.integrators import BDF2, BackwardEuler
 from coupling.kernels.constraints import driving_force, phi
+from coupling.kernels.steps.audit import TWO_STEP
 from coupling.paper.assembled import Monolith, monolithic_solve
-from coupling.reports.audit import audit_step, initial_energies, two_step_inertia
+from coupling.reports.audit import audit_step, initial_energies, turned_over
 from coupling.step import stepping
 from coupling.step.newton import solve
 from coupling.step.stepping import (
@@ -199,7 +200,7 @@ def test_constraints_hold_and_the_audit_closes_at_every_step() -> None:
         assert violation[:, 3:].max() <= GAP
         before, energies = energies, audit_step(system, energies, step)
         errors.append(energies.balance_error - before.balance_error)
-        added += abs(two_step_inertia(system, step))
+        added += abs(turned_over(step)[TWO_STEP])
     scale = energies.external_work
     assert np.abs(errors).max() <= RESIDUAL * scale
     assert added > 1e-4 * scale

@@ -23,12 +23,17 @@ from tests.thread.threads import ORIGIN, PP, Array, assert_slope, laid, uniform,
 from thread.ends import Driven, Pulled
 
 HOLD, MU = 1.0, 0.2  # [N], [-]
-TOGETHER = whole(resisting_together)
 SPANS, LAYERS = 20, 6.0  # of the whole thread, and √(EI/T) on each side of the hole, at least
 STEPS, DT = 24, 2e-2  # in which a span runs through; [s], so slow that nothing is damped
 RATIOS = (0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)  # spans over √(EI/T)
 TURNS = ((60.0, 30.0), (60.0, 0.0), (30.0, 60.0))  # degrees that the thread turns in all, and before the hole
 ASKED = 0.03
+
+
+@whole
+def together(before: float, after: float, force: tuple[float, float, float]) -> float:
+    """The mean, by √T, of cos ½α of two strands."""
+    return resisting_together(before, after, force)
 
 
 @dataclass(frozen=True)
@@ -142,7 +147,7 @@ def test_the_angle_between_strands_is_told_by_their_tensions(degrees: float, oth
     force = other * along(theta) - along(0.0)
     mean = theta * other / (1.0 + other)
     exact = np.average(np.cos(0.5 * np.array([mean, theta - mean])), weights=np.sqrt(T))
-    assert abs(TOGETHER(*T, tuple(force)) - exact) <= np.sqrt(IDENTITY)
+    assert abs(together(*T, tuple(force)) - exact) <= np.sqrt(IDENTITY)
     if other == 1.0:
         assert abs(exact - np.cos(0.25 * theta)) <= IDENTITY
 
@@ -153,7 +158,7 @@ def test_what_a_slack_strand_turns_by_does_not_count(size: float) -> None:
     does, with all of its √(EI T), whatever the hole's force is off by."""
     slack = 1e-8
     for T in ((1.0, slack), (slack, 1.0)):
-        assert abs(TOGETHER(*T, (size, 0.0, 0.0)) - 1.0) <= 2.0 * np.sqrt(slack)
+        assert abs(together(*T, (size, 0.0, 0.0)) - 1.0) <= 2.0 * np.sqrt(slack)
 
 
 def main() -> None:

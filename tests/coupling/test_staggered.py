@@ -11,8 +11,9 @@ import pytest
 from coupling.errors import CouplingError, RunAwayError
 from coupling.integrators import BackwardEuler
 from coupling.kernels.constraints import effective_place, phi, site_force
+from coupling.kernels.steps.audit import REMAINDER
 from coupling.paper import staggered
-from coupling.reports.audit import audit_step, initial_energies, sliding_work
+from coupling.reports.audit import audit_step, initial_energies, turned_over
 from coupling.reports.observation import largest_residual, site_compliance
 from coupling.step import stepping
 from coupling.step.stepping import Step, Take, advance, organ_answer, try_step
@@ -180,7 +181,7 @@ def test_energy_that_is_created_shows_with_its_sign() -> None:
     assert energies.numerical_dissipation < 0.0
     assert gained > energies.external_work
     assert sum(lags(system, first, steps)) > -energies.numerical_dissipation
-    assert sum(-sliding_work(system, step)[2] for step in steps) > -energies.numerical_dissipation
+    assert sum(-turned_over(step)[REMAINDER] for step in steps) > -energies.numerical_dissipation
     assert abs(energies.balance_error) <= RESIDUAL * gained
 
 

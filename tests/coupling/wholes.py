@@ -1,4 +1,4 @@
-"""Parts of the kernels that a test calls by themselves."""
+"""Kernels that a test calls by themselves."""
 
 from typing import Any
 
@@ -7,10 +7,6 @@ from numba import njit
 from coupling.kernels.parts import WholeCompiler
 
 
-def whole(part: Any) -> Any:
-    """A function that Python calls, of a part that only kernels can call; compiled in each process."""
-
-    def call(*given: Any) -> Any:
-        return part(*given)
-
-    return njit(error_model="numpy", pipeline_class=WholeCompiler)(call)
+def whole(function: Any) -> Any:
+    """A function that calls parts of the kernels, compiled in each process so that Python can call it."""
+    return njit(error_model="numpy", pipeline_class=WholeCompiler)(function)

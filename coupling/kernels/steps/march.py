@@ -5,46 +5,29 @@ A step that does not converge, or in which anything happens that is more than th
 made: the arrays stay what they were at its start, and the numbers that are returned say why.
 """
 
-from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
 from coupling.kernels.address import by_address
-from coupling.kernels.curve import Curve
+from coupling.kernels.curve import Curve, Stretched
 from coupling.kernels.friction import Law
 from coupling.kernels.holes import AT_U, AT_V, FIRST
 from coupling.kernels.iteration import GOES_ON, HOW, UNKNOWN, Bounds, Found, Given, Knots, Passing, Unknowns, solve
 from coupling.kernels.loops import loop, outermost, sources
 from coupling.kernels.steps.audit import (
     ELASTIC,
-    EXTERNAL,
-    FRICTION,
-    KINETIC,
-    LAYERED,
-    NUMERICAL,
-    TWO_STEP,
-    VISCOUS,
+    Holes,
+    Met,
     Motion,
     Works,
-    audit_step,
+    audit_march,
+    book,
+    elastic_energy,
     pass_holds,
 )
-from coupling.kernels.steps.organ import (
-    BODY_ELASTIC,
-    BODY_KINETIC,
-    BODY_LOADS,
-    BODY_NUMERICAL,
-    BODY_TWO_STEP,
-    BODY_VISCOUS,
-    Going,
-    Organ,
-    Pace,
-    audit_organ,
-    bear,
-    go_free,
-)
+from coupling.kernels.steps.organ import Going, Organ, Pace, audit_organ, bear, go_free
 from coupling.kernels.steps.tautness import Strands, is_switched
 from coupling.kernels.steps.tension import (
     KNOWN,
@@ -59,6 +42,7 @@ from coupling.kernels.steps.tension import (
     learn,
     span_at,
 )
+from coupling.kernels.steps.watch import Shares, goes_uphill
 from coupling.kernels.vectors import cross, dot, norm, vector
 
 # Why no further step is made.
@@ -79,13 +63,13 @@ class Ends(NamedTuple):
 
 class Scene(NamedTuple):
     """What does not change in steps: the `weight` (n, 3) [N]; abscissae of the thread, `along`; holds that are
-    `present`, those of them that have a place (`here`), those that may `slide`, and those that are `rough`, (m,) each;
-    the largest force that the tissue bears at each piercing, `strength` (p,) [N]; `damping` [1/s], ε [kg]; what places
-    are multiplied by for `round_off` of forces [N/m], and what of that is of the thread itself [N]; the pressure that
-    the thread bears [N] over EA, `borne`; spans that may run through a hole, `crossed`; shares of energies that a step
-    may make [-]: of what there is `create`, one of BDF2 `create_bdf2` besides what it gives back, and with that
-    `there`, or `turned` of what it turns over; of a compliance that is exchanged in place, `bearing` [-]; and the
-    `strands` between the holds."""
+    `present`, those of them that have a place (`here`), those that may `slide`, those that are `rough`, and those where
+    a hand has the thread, (m,) each; the largest force that the tissue bears at each piercing, `strength` (p,) [N];
+    `damping` [1/s], ε [kg]; what places are multiplied by for `round_off` of forces [N/m], and what of that is of the
+    thread itself [N]; the pressure that the thread bears [N] over EA, `borne`; spans that may run through a hole,
+    `crossed`; shares of energies that a step may make [-]: of what there is `create`, one of BDF2 `create_bdf2` besides
+    what it gives back, and with that `there`, or `turned` of what it turns over; of a compliance that is exchanged in
+    place, `bearing` [-]; and the `strands` between the holds."""
 
     weight: Array
     along: Along
@@ -93,6 +77,7 @@ class Scene(NamedTuple):
     here: Flags
     slide: Flags
     rough: Flags
+    by_hand: Flags
     strength: Array
     damping: float
     epsilon: float
@@ -112,7 +97,7 @@ class Scratch(NamedTuple):
     """Room for what is made in a step and not kept: its unknowns and its `end`, which share their arrays, the residual
     `found`; the holds `was` at its start and `other` with another √(EI/T), q_a `at` (n, 3) of its inertia, the missing
     compliances `mid` and `back` (m, 4), the tension there, `T` (m, 2), `layers` and `stretch` (m,), where modes are
-    `going`, what thread and organ turn over, `turns` (8,) and `body` (6,) [J], and the energies `after` it (10,)."""
+    `going`, what thread and organ turn over, `turns` (10,) and `body` (7,) [J], and the energies `after` it (10,)."""
 
     z: Unknowns
     end: Motion
@@ -345,48 +330,6 @@ def go_on(now: Motion, earlier: Motion, new: Motion) -> None:
 
 
 @loop
-def book(turns: Array, body: Array, energies: Array, out: Array) -> None:
-    """Write the energies after a step into `out` (10,), as `coupling.reports.audit.audit_step`, from those before it
-    and what thread and organ, `body` (6,), turned over."""
-    layered, kinetic = turns[LAYERED], turns[KINETIC] + body[BODY_KINETIC]
-    external, viscous = turns[EXTERNAL] + body[BODY_LOADS], turns[VISCOUS] + body[BODY_VISCOUS]
-    numerical = turns[NUMERICAL] - (turns[ELASTIC] - energies[1] - layered) + body[BODY_NUMERICAL]
-    change = kinetic - energies[0] + turns[ELASTIC] - energies[1] + body[BODY_ELASTIC] - energies[2]
-    out[0], out[1], out[2] = kinetic, turns[ELASTIC], body[BODY_ELASTIC]
-    out[3] = energies[3] + external
-    out[4] = energies[4] + turns[FRICTION]
-    out[5] = energies[5] + viscous
-    out[6] = energies[6] + numerical
-    out[7] = energies[7] + (external + layered - change - turns[FRICTION] - viscous - numerical)
-    out[8] = energies[8] + layered
-    out[9] = numerical - 2.0 * (turns[TWO_STEP] + body[BODY_TWO_STEP])
-
-
-@loop
-def rounded_work(rounded: float, give: float, at_stake: float) -> float:
-    """Return the work of the round-off of forces, `rounded` [N], where so much is `at_stake` [J] of a thread that is
-    drawn out by `give` [m/N]."""
-    return rounded * (sqrt(2.0 * give * max(at_stake, 0.0)) + give * rounded)
-
-
-@loop
-def goes_uphill(
-    scene: Scene, pace: Pace, old: Array, new: Array, prestretch: float, rounded: float, give: float
-) -> bool:
-    """Whether a step makes energy, as `coupling.run.watch.Watch` says of one that is not a part; `rounded` and `give`
-    are as for `rounded_work`."""
-    made = old[6] - new[6]
-    lent, create = 0.0, scene.create
-    if pace.two_step:
-        lent, create = -pace.before * max(old[9], 0.0), scene.create_bdf2
-    at_stake = new[0] + new[1] + abs(new[2] - prestretch) + abs(new[3])
-    turned = abs(new[3] - old[3]) + abs(new[0] - old[0]) + abs(new[1] - old[1]) + abs(new[2] - old[2])
-    least = rounded_work(rounded, give, at_stake)
-    within = made <= max(scene.turned * turned, scene.there * at_stake, least)
-    return not (within and made - lent <= max(create * at_stake, least))
-
-
-@loop
 def bounds_at(bounds: Bounds, rounded: float) -> Bounds:
     """Return the bounds of a step whose forces are rounded by so much [N]."""
     return Bounds(
@@ -473,6 +416,24 @@ def solve_step(
 
 
 @loop
+def audit(
+    curve: Curve, knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, more: Array, now: Motion,
+    room: Scratch,
+) -> None:  # fmt: skip
+    """Write what a solved step of the thread turns over; `more` is as for `Works`."""
+    r = room.found
+    works = Works(scene.damping, pace.a, room.at, pace.two_step, more, pace.two_step, scene.bearing)
+    holes = Holes(
+        given.rows, given.directed, scene.rough, scene.by_hand, law.may_slide, law.inertia, law.s_free, scene.epsilon
+    )  # fmt: skip
+    met = Met(room.was, Passing(r.first, r.b, r.D, r.c), room.mid, room.back)
+    for i in range(len(room.turns)):
+        room.turns[i] = 0.0
+    room.turns[ELASTIC] = elastic_energy(curve, Stretched(r.T, r.K, r.T_axial, r.strain))
+    audit_march(knots, given, works, holes, r, now, room.end, met, room.turns)
+
+
+@loop
 def end_step(
     curve: Curve, knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, limits: Limits, stages: Stages,
     organ: Organ, ends: Ends, step: int, now: Motion, earlier: Motion, room: Scratch, energies: Array, rounded: float,
@@ -492,16 +453,15 @@ def end_step(
     happened = what_happened(scene, given, room.found.strain, knots, now, room.end)
     if happened != MADE:
         return happened, KNOWN
-    p, more = len(scene.strength), ends.more[step]
-    works = Works(scene.damping, scene.epsilon, p, scene.rough, pace.a, room.at, pace.two_step, more, scene.bearing)
-    audit_step(curve, knots, law, given, works, room.found, now, room.end, room.was, room.mid, room.back, room.turns)
+    audit(curve, knots, law, given, scene, pace, ends.more[step], now, room)
     if not organ.still and not bear(pace, organ, now, room.end, room.going):
         return TOO_NARROW, KNOWN
     audit_organ(organ, pace.two_step, given.C, now, room.end, room.body)
     book(room.turns, room.body, energies, room.after)
+    create, weight = (scene.create_bdf2, pace.before) if pace.two_step else (scene.create, 0.0)
     give = (knots.breaks[-1] - knots.breaks[0]) / curve.EA
-    uphill = goes_uphill(scene, pace, energies, room.after, energies[ENERGIES], rounded, give)
-    return UPHILL if uphill else MADE, KNOWN
+    shares = Shares(create, scene.there, scene.turned, rounded, give)
+    return UPHILL if goes_uphill(shares, weight, energies, room.after) else MADE, KNOWN
 
 
 def march_of(digest: int) -> Any:

@@ -8,12 +8,15 @@ import numpy as np
 from coupling.arrays import Array
 from coupling.kernels.iteration import Given
 from coupling.kernels.loops import loop
-from coupling.kernels.steps.audit import Motion
-
-# What a step of the organ turns over, as in `coupling.interfaces.OrganEnergies`, and what of BODY_NUMERICAL is by the
-# mean of the forces at both ends [J].
-BODY_KINETIC, BODY_ELASTIC, BODY_LOADS, BODY_VISCOUS, BODY_NUMERICAL, BODY_TWO_STEP = range(6)
-BODY = 6
+from coupling.kernels.steps.audit import (
+    BODY_BY_MEAN,
+    BODY_ELASTIC,
+    BODY_KINETIC,
+    BODY_LOADS,
+    BODY_NUMERICAL,
+    BODY_VISCOUS,
+    Motion,
+)
 
 
 class Pace(NamedTuple):
@@ -118,7 +121,7 @@ def holds_for_whole(organ: Organ, now: Motion, new: Motion) -> bool:
 
 @loop
 def audit_organ(organ: Organ, two_step: bool, C: Array, now: Motion, new: Motion, out: Array) -> None:
-    """Write what a step of the organ turns over into `out` (6,)."""
+    """Write what a step of the organ turns over into `out` (7,)."""
     for i in range(len(out)):
         out[i] = 0.0
     if organ.still:
@@ -157,4 +160,4 @@ def audit_modes(organ: Organ, two_step: bool, now: Motion, new: Motion, out: Arr
         out[BODY_LOADS] += organ.load[i] * dU
         out[BODY_VISCOUS] += taken + more
         out[BODY_NUMERICAL] += 0.5 * dU * dU + mu * (0.5 * dV * dV + new.A[i] * dU - V * dV) - more
-        out[BODY_TWO_STEP] -= more
+        out[BODY_BY_MEAN] -= more
