@@ -5,7 +5,7 @@ import numpy as np
 
 from coupling.arrays import Array
 from coupling.interfaces import Body, Organ
-from coupling.kernels.bordered import NINE
+from coupling.kernels.border import NINE
 from coupling.system import System
 from tissue.organs.meshed import SiteAnswer
 

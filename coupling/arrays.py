@@ -1,8 +1,5 @@
 """The kinds of arrays that thread and organ exchange."""
 
-import numpy as np
-from numpy.typing import NDArray
+from thread.arrays import Array, Flags, Indices
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.intp]
+__all__ = ["Array", "Flags", "Indices"]

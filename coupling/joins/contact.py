@@ -30,7 +30,7 @@ from coupling.arrays import Array, Flags
 from coupling.errors import CouplingError
 from coupling.interfaces import Answer, Body
 from coupling.joins.rubbing import NO_HOLD, Law, Rubbing, find_forces, forces_by_tangent, law_of_pairs, stuck
-from coupling.kernels.bordered import NINE
+from coupling.kernels.border import NINE
 from coupling.kernels.constraints import site_force
 from coupling.system import State, System
 from tissue.errors import OrganError

@@ -8,7 +8,7 @@ matrix is positive definite. Under compression it is not, and is solved with exc
 import numpy as np
 
 from coupling.arrays import Array, Flags
-from coupling.kernels.loops import loop, owning
+from thread.kernels.loops import loop, owning
 
 REACH = 3  # points to each side on a cubic
 HALF = 3 * (REACH + 1) - 1  # diagonals to each side

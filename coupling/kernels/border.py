@@ -1,16 +1,17 @@
 """The linearised holds, and one Newton direction of thread and holds (`coupling.kernels.bordered`)."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from coupling.arrays import Array, Indices
+from coupling.arrays import Array, Flags, Indices
 from coupling.kernels.band import REACH, solve_dense
-from coupling.kernels.bordered import FLAT
+from coupling.kernels.friction import Joints, Law, linearise_law
 from coupling.kernels.holes import (
     Hold,
     effective_tangent,
     force_by_axis,
+    hold_at,
     lacking_force,
     lacking_force_rate,
     lacking_stiffness,
@@ -24,8 +25,9 @@ from coupling.kernels.holes import (
     turned_compliance,
     without,
 )
-from coupling.kernels.loops import loop, numbers, owning
-from coupling.kernels.vectors import (
+from thread.kernels.curve import FIRST
+from thread.kernels.loops import loop, numbers, outermost, owning, sources
+from thread.kernels.vectors import (
     Matrix,
     Vector,
     add_column,
@@ -44,25 +46,67 @@ from coupling.kernels.vectors import (
     transposed,
 )
 
-S, LAM, MU_U, MU_V, X, U, V = numbers(
-    0, 1, 4, 5, 6, 9, 12
-)  # columns of a hold's unknowns, as in `coupling.kernels.bordered`
+LAW, S, LAM, MU_U, MU_V, X, U, V = numbers(0, 0, 1, 4, 5, 6, 9, 12)  # row of the law; columns of a hold's unknowns
 G, C1, C2 = numbers(1, 4, 5)  # rows of B and D: after the law of sliding
 AT_P, AT_T, AT_K = numbers(0, 3, 6)  # the thread's nine numbers
 OF_X, OF_U, OF_V = numbers(0, 3, 6)  # the organ's
 NINE, OWN, BORDER = 9, 6, 15
+FLAT = 1e-3  # of the largest stiffness along the thread: a smaller one is taken for this
 TINY = 2.2250738585072014e-308
 LARGEST = 1e300  # where sums are reordered, x − x is zero although x is no number: so compare
 
 
 class Border(NamedTuple):
-    """The blocks of all holds, as `coupling.kernels.bordered.Border`."""
+    """The linearised holds, block by block over `m` holds.
+
+    Thread: A dq + V E dz = −r_q. Holds: B Vᵀdq + D dz = −r. Organ: dy − C (F dz + R Vᵀdq) = −r_y.
+    `E` (m, 9, 15), `B` (m, 6, 9), `D` (m, 6, 15), `F` (m, 9, 15), `R` (m, 9, 9).
+
+    E = (H_qs, −Φ_qᵀ, H_qy), F = (−H_ys, Φ_yᵀ, −H_yy) and R = −H_yq, where q stands for the thread's nine numbers at a
+    hold, (P, T, T'). The first row of B and D is the law of sliding, the others are Φ_q and (Φ_s, Φ_λ, Φ_y). The blocks
+    that have a name here are views: who writes into one writes into the border.
+    """
 
     E: Array
     B: Array
     D: Array
     F: Array
     R: Array
+
+    @property
+    def H_qs(self) -> Array:
+        """−∂(Φ_qᵀλ)/∂s, shape `(m, 9)`."""
+        return self.E[:, :, 0]
+
+    @property
+    def H_qy(self) -> Array:
+        """−∂(Φ_qᵀλ)/∂y, shape `(m, 9, 9)`; H_qU = H_qy Y."""
+        return self.E[:, :, OWN:]
+
+    @property
+    def Phi_q(self) -> Array:
+        """∂Φ/∂(P, T, T'), shape `(m, 5, 9)`; Φ_q of the control points is `Phi_q` Vᵀ."""
+        return self.B[:, 1:]
+
+    @property
+    def Phi_s(self) -> Array:
+        """∂Φ/∂s, shape `(m, 5)`."""
+        return self.D[:, 1:, 0]
+
+    @property
+    def Phi_lam(self) -> Array:
+        """∂Φ/∂λ, the block c of the compliance that the spline lacks, shape `(m, 5, 5)`; zero where it lacks none."""
+        return self.D[:, 1:, 1:OWN]
+
+    @property
+    def Phi_y(self) -> Array:
+        """∂Φ/∂y, shape `(m, 5, 9)`."""
+        return self.D[:, 1:, OWN:]
+
+    @property
+    def minus_H_ys(self) -> Array:
+        """∂(Φ_yᵀλ)/∂s, shape `(m, 9)`."""
+        return self.F[:, :, 0]
 
 
 @owning
@@ -216,7 +260,16 @@ def add_tilting_by(
 
 
 @loop
-def drop_constraints(B: Array, D: Array, rows: Array) -> None:
+def linearise_hold(law: Law, k: int, sigma: float, h: Hold, rows: Flags, border: Border) -> None:
+    """Linearise hold number k into its part of a border, with the constraints `rows` (5,) in force."""
+    B, D = border.B[k], border.D[k]
+    linearise(h, Border(border.E[k], B, D, border.F[k], border.R[k]))
+    linearise_law(law, k, sigma, h, B, D)
+    drop_constraints(B, D, rows)
+
+
+@loop
+def drop_constraints(B: Array, D: Array, rows: Flags) -> None:
     """Replace the rows of the constraints that are not in force, `rows` (5,), by λ = 0."""
     for j in range(5):
         if not rows[j]:
@@ -248,47 +301,130 @@ def values_at_hold(first: int, b: Array, X: Array, out: Array, at: int) -> None:
                 row[j] = b0 * r0[j] + b1 * r1[j] + b2 * r2[j] + b3 * r3[j]
 
 
+@loop
+def site_residual(joints: Joints, C: Array, y_free: Array, gaps: Array, y: Array, f_y: Array, out: Array) -> None:
+    """Write y − y_free − C f_y into `out` (m, 9); of a tie x_a − x_b less the gap, `gaps` (t, 3) [m], between its
+    strands, and the balance of their forces."""
+    for i in range(len(C)):
+        moved = 0.0
+        for j in range(len(C)):
+            moved += C[i, j] * f_y[j // NINE, j % NINE]
+        k, x = i // NINE, i % NINE
+        out[k, x] = y[k, x] - y_free[k, x] - moved
+    for tie in range(len(joints.strands)):
+        a, b = joints.strands[tie, 0], joints.strands[tie, 1]
+        for x in range(3):
+            out[a, x] = y[a, x] - y[b, x] - gaps[tie, x]
+            out[b, x] = joints.compliance * (f_y[a, x] + f_y[b, x])
+
+
+@loop
+def stiffen_hold(
+    scale: float, rows: Flags, b: Array, border: Border, holds: Array, k: int, K: Array, push: Array
+) -> None:
+    """Add Φ_qᵀ Γ (… + Φ_s ds + Φ_y dy) of hold k to its E, and write Φ_qᵀ Γ Φ_q over (P, T, T') into `K` (9, 9) and
+    Φ_qᵀ Γ Φ into `push` (9,). Γ is of the `scale` [N/m] of the thread's band on its control points."""
+    B, D, E, square = border.B[k], border.D[k], border.E[k], 0.0
+    for i in range(4):
+        square += b[0, i] ** 2 + b[1, i] ** 2
+    for c in range(5):
+        gamma = (scale if c < 3 else scale / square) if rows[c] else 0.0
+        row, by_hold = B[1 + c], D[1 + c]
+        for i in range(NINE):
+            weighted = gamma * row[i]
+            if weighted != 0.0:
+                for j in range(BORDER):
+                    E[i, j] += weighted * by_hold[j]
+                for j in range(NINE):
+                    K[i, j] += weighted * row[j]
+                push[i] += weighted * holds[1 + c]
+
+
 @owning
-def solve_holds(border: Border, C: Array, G: Array, r: Array, r_y: Array, rigid: bool, reach: Array, dz: Array) -> bool:
+def numbers_in_use(C: Array, r_y: Array, joints: Joints) -> tuple[Indices, int]:
+    """Return the place of each unknown of the holds (15m,) among those that are solved for, −1 for the others, and how
+    many there are. A number of a site that does not give way, with its row of C zero, and is in its place does not
+    move."""
+    at, count = np.empty(BORDER * len(r_y), np.int64), 0
+    for i in range(len(at)):
+        k, j = i // BORDER, i % BORDER - OWN
+        in_use = j < 0 or len(joints.strands) > 0 or r_y[k, max(j, 0)] != 0.0
+        if not in_use:
+            for other in range(C.shape[1]):
+                in_use |= C[NINE * k + j, other] != 0.0
+        at[i] = count if in_use else -1
+        count += in_use
+    return at, count
+
+
+@owning
+def solve_holds(
+    border: Border, C: Array, G: Array, r: Array, r_y: Array, joints: Joints, sigma: Array, reach: Array, dz: Array
+) -> bool:
     """Solve the border once the thread is eliminated, Vᵀdq = w − G E dz, for `dz` (m, 15). The first column of `G`
-    (9m, 1 + 9m) is w. `rigid`: no site gives way and each is in its place. The abscissae are led by `reach` (m,) [m],
-    unless there is none, `(0,)`. False where the matrix is singular."""
-    m = len(r)
-    own = OWN if rigid else BORDER
-    M = np.zeros((own * m, own * m + 1))
-    GE = thread_by_holds(border.E, G, own)
+    (9m, 1 + 9m) is w. The abscissae are led by `reach` (m,) [m], unless there is none, `(0,)`. False where the matrix
+    is singular."""
+    m, (at, size) = len(r), numbers_in_use(C, r_y, joints)
+    M, GE = np.zeros((size, size + 1)), thread_by_holds(border.E, G, at, size)
     for k in range(m):
-        add_own_equations(border, k, G, GE, r, M, own)
-    if not rigid:
-        add_site_equations(border, C, G, GE, r_y, M)
-    if not (own_downhill(M, own, reach) if len(reach) else solve_dense(M)):
+        add_own_equations(border, k, G, GE, r, at, M)
+    if size > OWN * m:
+        add_site_equations(border, C, G, GE, r_y, joints, at, M)
+    join_laws(joints, sigma, r, at, M)
+    if not (own_downhill(M, at, reach) if len(reach) else solve_dense(M)):
         return False
     for k in range(m):
         for j in range(BORDER):
-            dz[k, j] = M[own * k + j, own * m] if j < own else 0.0
+            place = at[BORDER * k + j]
+            dz[k, j] = M[place, size] if place >= 0 else 0.0
     return True
 
 
+@loop
+def join_laws(joints: Joints, sigma: Array, r: Array, at: Indices, M: Array) -> None:
+    """Join the laws of holds that slide as one: the first equation says that their abscissae keep their sum, the second
+    is the difference of both; their residuals in `r` (m, 6) are joined already."""
+    last = M.shape[1] - 1
+    for pair in range(len(joints.pairs)):
+        first = joints.pairs[pair, 0]
+        if sigma[first] == 0.0:
+            continue
+        one, other = at[BORDER * first], at[BORDER * joints.pairs[pair, 1]]
+        for c in range(last + 1):
+            M[other, c] -= M[one, c]
+            M[one, c] = 0.0
+        M[other, last] -= r[first, LAW]
+        M[one, last] = -r[first, LAW]
+        M[one, one] = M[one, other] = 1.0
+
+
 @owning
-def own_downhill(M: Array, own: int, reach: Array) -> bool:
+def own_downhill(M: Array, at: Indices, reach: Array) -> bool:
     """Solve the border's own system with the abscissae led, its solution in place of the last column of `M`
-    (k, k + 1): see `coupling.kernels.bordered.own_downhill`. `own` unknowns a hold. False where a matrix is
-    singular."""
-    size, driven = len(M), driven_holds(M, own, len(reach))
+    (k, k + 1): none goes further than `reach` (m,) [m], and none uphill. False where a matrix is singular.
+
+    All else is eliminated first, so that the laws of sliding read H ds = f: f (d,) [N] the force that drives the thread
+    along itself, H (d, d) [N/m] the stiffness against it, the second derivative of the potential along the way that all
+    else follows. Where H is not positive, Newton's way leads up to a saddle, and the sizes of its eigenvalues make one
+    that leads down (Nocedal & Wright, Numerical Optimization, 2006, §3.4). Laws with abscissae alone, of strands that
+    stick or are tied, stay as they are.
+    """
+    size, driven = len(M), driven_holds(M, at, len(reach))
     d = len(driven)
     whole, H = np.zeros((size, size + 1 + d)), np.zeros((d, d + 1))
     for i in range(size):
         for c in range(size + 1):
             whole[i, c] = M[i, c]
     for j in range(d):
-        row = whole[OWN * driven[j]]
+        s = at[BORDER * driven[j]]
+        row = whole[s]
         for c in range(size + 1):
             row[c] = 0.0
-        row[own * driven[j]] = row[size + 1 + j] = 1.0
+        row[s] = row[size + 1 + j] = 1.0
     if not solve_dense(whole):
         return False
     for i in range(d):
-        law = M[OWN * driven[i]]
+        law = M[at[BORDER * driven[i]]]
         H[i, d] = -law[size]
         for c in range(size):
             H[i, d] += law[c] * whole[c, size]
@@ -307,13 +443,13 @@ def own_downhill(M: Array, own: int, reach: Array) -> bool:
 
 
 @owning
-def driven_holds(M: Array, own: int, m: int) -> Indices:
-    """Return the holds whose law of sliding speaks of more than abscissae."""
+def driven_holds(M: Array, at: Indices, m: int) -> Indices:
+    """Return the holds whose law of sliding has other unknowns than abscissae."""
     found, count = np.zeros(m, np.int64), 0
     for k in range(m):
         driven = False
-        for c in range(len(M)):
-            driven |= M[OWN * k, c] != 0.0 and not (c < own * m and c % own == 0)
+        for i in range(len(at)):
+            driven |= i % BORDER != S and at[i] >= 0 and M[at[BORDER * k], at[i]] != 0.0
         if driven:
             found[count] = k
             count += 1
@@ -349,67 +485,92 @@ def step_downhill(H: Array) -> bool:
 
 
 @owning
-def thread_by_holds(E: Array, G: Array, own: int) -> Array:
-    """Return G E, shape `(9m, own m)`."""
+def thread_by_holds(E: Array, G: Array, at: Indices, size: int) -> Array:
+    """Return G E over the unknowns in use, shape `(9m, size)`."""
     m = len(E)
-    GE = np.zeros((NINE * m, own * m))
+    GE = np.zeros((NINE * m, size))
     for i in range(NINE * m):
         for k in range(m):
             for j in range(NINE):
                 g, row = G[i, 1 + NINE * k + j], E[k, j]
-                for z in range(own):
-                    GE[i, own * k + z] += g * row[z]
+                for z in range(OWN):
+                    GE[i, at[BORDER * k] + z] += g * row[z]
+                for z in range(OWN, BORDER):
+                    if at[BORDER * k + z] >= 0:
+                        GE[i, at[BORDER * k + z]] += g * row[z]
     return GE
 
 
 @loop
-def add_own_equations(border: Border, k: int, G: Array, GE: Array, r: Array, M: Array, own: int) -> None:
+def add_own_equations(border: Border, k: int, G: Array, GE: Array, r: Array, at: Indices, M: Array) -> None:
     """Add D − B G E and −r − B w of hold k to its six rows, the right-hand side last."""
     last = M.shape[1] - 1
     for i in range(OWN):
-        row = M[OWN * k + i]
+        row = M[at[BORDER * k + i]]
         for j in range(NINE):
-            b, at = border.B[k, i, j], NINE * k + j
+            b, of_thread = border.B[k, i, j], NINE * k + j
             if b != 0.0:
                 for z in range(last):
-                    row[z] -= b * GE[at, z]
-                row[last] -= b * G[at, 0]
-        for z in range(own):
-            row[own * k + z] += border.D[k, i, z]
+                    row[z] -= b * GE[of_thread, z]
+                row[last] -= b * G[of_thread, 0]
+        for z in range(BORDER):
+            if at[BORDER * k + z] >= 0:
+                row[at[BORDER * k + z]] += border.D[k, i, z]
         row[last] -= r[k, i]
 
 
 @owning
-def add_site_equations(border: Border, C: Array, G: Array, GE: Array, r_y: Array, M: Array) -> None:
-    """Add dy − C (F dz + R Vᵀdq) = −r_y below the holds' own equations, the right-hand side last."""
-    m = len(r_y)
-    force, last = np.zeros((NINE * m, BORDER * m + 1)), BORDER * m  # of the sites, by dz, and −R w
+def add_site_equations(
+    border: Border, C: Array, G: Array, GE: Array, r_y: Array, joints: Joints, at: Indices, M: Array
+) -> None:
+    """Add dy − C (F dz + R Vᵀdq) = −r_y of the numbers of the sites in use, the right-hand side last, and in the place
+    of those of strands in ties their equations."""
+    m, last = len(r_y), M.shape[1] - 1
+    force = np.zeros((NINE * m, last + 1))  # of the sites, by the unknowns, and −R w
     for k in range(m):
         for i in range(NINE):
             row = force[NINE * k + i]
             for j in range(NINE):
-                push, at = border.R[k, i, j], NINE * k + j
+                push, of_thread = border.R[k, i, j], NINE * k + j
                 if push != 0.0:
                     for z in range(last):
-                        row[z] -= push * GE[at, z]
-                    row[last] -= push * G[at, 0]
+                        row[z] -= push * GE[of_thread, z]
+                    row[last] -= push * G[of_thread, 0]
             for z in range(BORDER):
-                row[BORDER * k + z] += border.F[k, i, z]
+                if at[BORDER * k + z] >= 0:
+                    row[at[BORDER * k + z]] += border.F[k, i, z]
     for i in range(NINE * m):
-        row = M[OWN * m + i]
-        for j in range(NINE * m):
-            c = C[i, j]
+        place = at[BORDER * (i // NINE) + OWN + i % NINE]
+        if place >= 0:
+            for j in range(NINE * m):
+                if C[i, j] != 0.0:
+                    for z in range(last + 1):
+                        M[place, z] -= C[i, j] * force[j, z]
+            M[place, place] += 1.0
+            M[place, last] -= r_y[i // NINE, i % NINE]
+    join_sites(joints, force, r_y, at, M)
+
+
+@loop
+def join_sites(joints: Joints, force: Array, r_y: Array, at: Indices, M: Array) -> None:
+    """Put the equations of ties in the place of those of their strands' x: both are at one place, and the forces on
+    them vanish together."""
+    last = M.shape[1] - 1
+    for tie in range(len(joints.strands)):
+        for x in range(3):
+            a, b = joints.strands[tie, 0], joints.strands[tie, 1]
+            first, second = at[BORDER * a + OWN + x], at[BORDER * b + OWN + x]
             for z in range(last + 1):
-                row[z] -= c * force[j, z]
-        row[BORDER * (i // NINE) + OWN + i % NINE] += 1.0
-        row[last] -= r_y[i // NINE, i % NINE]
+                M[first, z] = 0.0
+                M[second, z] = joints.compliance * (force[NINE * a + x, z] + force[NINE * b + x, z])
+            M[first, first], M[first, second], M[first, last] = 1.0, -1.0, -r_y[a, x]
+            M[second, last] -= r_y[b, x]
 
 
 @owning
-def thread_direction(E: Array, dz: Array, X: Array, dq: Array) -> float:
-    """Write dq = −A⁻¹r_q − A⁻¹V E dz, shape `(n, 3)`, and return its largest entry, −1 where one is no number; `X`
-    (n + 3, 3, 1 + 9m)."""
-    push, longest = np.zeros(NINE * len(E)), 0.0
+def thread_direction(E: Array, dz: Array, X: Array, dq: Array) -> bool:
+    """Write dq = −A⁻¹r_q − A⁻¹V E dz, shape `(n, 3)`; `X` (n + 3, 3, 1 + 9m). False where an entry is no number."""
+    push = np.zeros(NINE * len(E))
     for k in range(len(E)):
         for i in range(NINE):
             for z in range(BORDER):
@@ -420,6 +581,69 @@ def thread_direction(E: Array, dz: Array, X: Array, dq: Array) -> float:
             for j in range(len(push)):
                 moved -= X[i, x, 1 + j] * push[j]
             if not abs(moved) < LARGEST:
-                return -1.0
-            dq[i, x], longest = moved, max(longest, abs(moved))
-    return longest
+                return False
+            dq[i, x] = moved
+    return True
+
+
+def linearise_of(digest: int) -> Any:
+    """Return the function that linearises holds, kept on disk for the modules of this `digest`."""
+
+    @outermost
+    def linearise_holds(
+        law: Law, sigma: Array, rows: Flags, D: Array, c: Array, directed: Flags, bare: bool, lam: Array, y: Array,
+        border: Border, own: Array,
+    ) -> None:  # fmt: skip
+        """Linearise all holds into a `border` of zeros, with constraints in force `rows` (m, 5), and add the stiffness
+        of the thread's own axis at each of them to `own` (m, 3, 3) [N m]."""
+        assert digest
+        for k in range(len(lam)):
+            h = hold_at(D[k], c[k], directed[k], bare, lam[k], y[k])
+            linearise_hold(law, k, sigma[k], h, rows[k], border)
+            if not bare:
+                add_matrix(1.0, lacking_stiffness(h), own[k], FIRST, FIRST)
+
+    return linearise_holds
+
+
+def solve_of(digest: int) -> Any:
+    """Return the function that solves a border, kept on disk for the modules of this `digest`."""
+
+    @outermost
+    def solve_border(
+        border: Border, C: Array, G: Array, r: Array, r_y: Array, joints: Joints, sigma: Array, reach: Array, dz: Array
+    ) -> bool:
+        """Solve the border as `solve_holds` does."""
+        assert digest
+        return solve_holds(border, C, G, r, r_y, joints, sigma, reach, dz)
+
+    return solve_border
+
+
+def site_residual_of(digest: int) -> Any:
+    """Return the function that evaluates the equations of the sites, kept on disk for the modules of this `digest`."""
+
+    @outermost
+    def site_residuals(joints: Joints, C: Array, y_free: Array, gaps: Array, y: Array, f_y: Array, out: Array) -> None:
+        """Evaluate the equations of the sites as `site_residual` does."""
+        assert digest
+        site_residual(joints, C, y_free, gaps, y, f_y, out)
+
+    return site_residuals
+
+
+def stiffen_of(digest: int) -> Any:
+    """Return the function that stiffens a thread by its constraints, kept on disk for the modules of this `digest`."""
+
+    @outermost
+    def stiffen_holds(scale: float, rows: Flags, b: Array, border: Border, holds: Array, K: Array, push: Array) -> None:
+        """Stiffen the thread at every hold as `stiffen_hold` does: `K` (m, 9, 9) and `push` (m, 9), zero before."""
+        assert digest
+        for k in range(len(holds)):
+            stiffen_hold(scale, rows[k], b[k], border, holds[k], k, K[k], push[k])
+
+    return stiffen_holds
+
+
+linearise_holds, solve_border = linearise_of(sources(__file__)), solve_of(sources(__file__))
+site_residuals, stiffen_holds = site_residual_of(sources(__file__)), stiffen_of(sources(__file__))

@@ -1,12 +1,15 @@
 """The law of sliding at one hold (`coupling.step.sliding`)."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from coupling.arrays import Array, Flags
+import numpy as np
+
+from coupling.arrays import Array, Flags, Indices
 from coupling.kernels.holes import (
     Hold,
     driving_force,
     held_energy,
+    hold_at,
     lacking_force,
     lacking_force_rate,
     lacking_stiffness,
@@ -17,8 +20,8 @@ from coupling.kernels.holes import (
     tangent_rate,
     tilting_rates,
 )
-from coupling.kernels.loops import loop, numbers
-from coupling.kernels.vectors import (
+from thread.kernels.loops import loop, numbers, outermost, owning, sources
+from thread.kernels.vectors import (
     ZERO,
     Vector,
     add_row,
@@ -38,8 +41,19 @@ AT_T, AT_K = numbers(3, 6)
 TINY = 2.2250738585072014e-308
 
 
+class Joints(NamedTuple):
+    """How strands are joined in ties (`coupling.ties`): the holds `strands` (t, 2) in force; holds that slide as one,
+    `pairs` (k, 2), with their equations joined; a `compliance` [m/N] that makes a length of the balance of forces."""
+
+    strands: Indices
+    pairs: Indices
+    compliance: float
+
+
 class Law(NamedTuple):
-    """The law of all holds, as `coupling.step.sliding.Law`."""
+    """The law of sliding of `m` holds, as `coupling.step.sliding.Law`, with a law
+    of friction of one's own at the normal forces of the iterate: `own_static`, `own_kinetic` (m,) [N], `own_slope` (m,)
+    [-]."""
 
     s_old: Array
     s_held: Array
@@ -53,7 +67,34 @@ class Law(NamedTuple):
     injected: Array
     stretch: Array
     inertia: Array
+    own_static: Array
+    own_kinetic: Array
+    own_slope: Array
+    joints: Joints
     ideal: bool
+
+
+class Ruled(NamedTuple):
+    """The law of sliding over `m` holds: normal force `N` [N]; force along the thread `f` [N] and the tangent's length
+    `met` [-]; bounds `static` and `kinetic` [N]; f and bound as a hold that sticks is `judged` (m, 2) [N]; the
+    `residual` (m, 1) [N, m]; and the active set that `fits` (m,)."""
+
+    N: Array
+    f: Array
+    met: Array
+    static: Array
+    kinetic: Array
+    judged: Array
+    residual: Array
+    fits: Array
+
+
+@owning
+def empty_ruled(m: int) -> Ruled:
+    """Return room for the law of `m` holds."""
+    return Ruled(
+        np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, 2)), np.zeros((m, 1)), np.zeros(m)
+    )
 
 
 @loop
@@ -79,13 +120,13 @@ def normal_force(h: Hold, per_channel: float) -> float:
 @loop
 def kinetic_bound(law: Law, k: int, h: Hold) -> float:
     """Return F₀ + μ_k N [N]."""
-    return law.grip[k] + law.kinetic[k] * normal_force(h, law.per_channel[k])
+    return law.grip[k] + law.kinetic[k] * normal_force(h, law.per_channel[k]) + law.own_kinetic[k]
 
 
 @loop
 def static_bound(law: Law, k: int, h: Hold) -> float:
     """Return F₀ + μ_s N [N]."""
-    return law.grip[k] + law.static[k] * normal_force(h, law.per_channel[k])
+    return law.grip[k] + law.static[k] * normal_force(h, law.per_channel[k]) + law.own_static[k]
 
 
 @loop
@@ -115,24 +156,85 @@ def residual(law: Law, k: int, sigma: float, h: Hold, s: float) -> float:
 
 
 @loop
-def admissible_sigma(law: Law, k: int, sigma: float) -> float:
-    """Fit σ to the hold: an ideal hole slides, one that may not slide sticks."""
-    if not law.may_slide[k]:
-        return 0.0
-    return sigma if law.rough[k] else 1.0
+def slides_as_one(law: Law, sigma: Array, pair: int) -> bool:
+    """Whether a pair of holds slides."""
+    return sigma[law.joints.pairs[pair, 0]] != 0.0
 
 
 @loop
-def next_sigma(law: Law, k: int, sigma: float, h: Hold, s: float, margin: float) -> float:
-    """Return σ after a solved iterate: see `coupling.step.sliding.next_sigma`."""
-    if not (law.may_slide[k] and law.rough[k]):
-        return admissible_sigma(law, k, sigma)
+def join_residuals(law: Law, sigma: Array, s: Array, out: Array) -> None:
+    """Join the residuals of the law, first column of `out` (m, …), where holds slide as one: the first equation says
+    that their abscissae keep their sum, the second is the difference of both."""
+    for pair in range(len(law.joints.pairs)):
+        if slides_as_one(law, sigma, pair):
+            one, other = law.joints.pairs[pair, 0], law.joints.pairs[pair, 1]
+            out[other, LAW] -= out[one, LAW]
+            out[one, LAW] = s[one] - law.s_old[one] + s[other] - law.s_old[other]
+
+
+@loop
+def is_length(law: Law, sigma: Array, k: int) -> bool:
+    """Whether the residual of the law is a length at a hold."""
+    length = sigma[k] == 0.0
+    for pair in range(len(law.joints.pairs)):
+        length |= slides_as_one(law, sigma, pair) and law.joints.pairs[pair, 0] == k
+    return length
+
+
+@loop
+def fit_sigma(law: Law, sigma: Array) -> None:
+    """Fit the active set to the holds, in place: an ideal hole slides, one that may not slide sticks, and holds that
+    slide as one do so against one another."""
+    for k in range(len(sigma)):
+        if not law.may_slide[k]:
+            sigma[k] = 0.0
+        elif not law.rough[k]:
+            sigma[k] = 1.0
+    for pair in range(len(law.joints.pairs)):
+        sigma[law.joints.pairs[pair, 1]] = -sigma[law.joints.pairs[pair, 0]]
+
+
+@loop
+def judge(law: Law, judged: Array, met: Array) -> None:
+    """Replace force and bound, `judged` (m, 2), of holds that slide as one by those of their common equation."""
+    for pair in range(len(law.joints.pairs)):
+        one, other = law.joints.pairs[pair, 0], law.joints.pairs[pair, 1]
+        size = 0.5 * (met[one] + met[other])
+        f = 0.5 * (met[other] * judged[other, 0] - met[one] * judged[one, 0]) / size
+        bound = 0.5 * (met[other] * judged[other, 1] + met[one] * judged[one, 1]) / size
+        judged[other, 0], judged[one, 0] = f, -f
+        judged[other, 1], judged[one, 1] = bound, bound
+
+
+@loop
+def next_sigma(law: Law, k: int, sigma: float, s: float, f: float, bound: float) -> float:
+    """Return σ after a solved iterate: a stuck point slips when |f| exceeds the bound [N], and a slipping one sticks
+    when it moved against its own friction."""
     if sigma != 0.0:
         return 0.0 if sigma * (s - law.s_old[k]) < 0.0 else sigma
-    f = net_drive(law, k, h, s) / stretch_met(law, k, h)
-    if abs(f) > static_bound(law, k, h) + margin:
+    if abs(f) > bound:
         return 1.0 if f > 0.0 else -1.0
     return 0.0
+
+
+@loop
+def rule_hold(law: Law, k: int, sigma: float, h: Hold, s: float, out: Ruled) -> None:
+    """Evaluate the law at one hold."""
+    out.N[k], out.met[k] = normal_force(h, law.per_channel[k]), stretch_met(law, k, h)
+    out.f[k] = net_drive(law, k, h, s) / out.met[k]
+    out.static[k], out.kinetic[k] = static_bound(law, k, h), kinetic_bound(law, k, h)
+    out.residual[k, LAW] = residual(law, k, sigma, h, s)
+    out.judged[k, 0], out.judged[k, 1] = out.f[k], out.static[k]
+
+
+@loop
+def rule_set(law: Law, sigma: Array, s: Array, margin: float, out: Ruled) -> None:
+    """Join the laws of holds that slide as one, and choose the active set that fits, once every hold is evaluated."""
+    join_residuals(law, sigma, s, out.residual)
+    judge(law, out.judged, out.met)
+    for k in range(len(sigma)):
+        out.fits[k] = next_sigma(law, k, sigma[k], s[k], out.judged[k, 0], out.judged[k, 1] + margin)
+    fit_sigma(law, out.fits)
 
 
 @loop
@@ -185,7 +287,7 @@ def add_friction(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) ->
     n_one, n_other = unit_or_zero(part_across(one, t)), unit_or_zero(part_across(other, t))
     rough_sigma = sigma if law.rough[k] else 0.0
     given = law.injected[k] + rough_sigma * kinetic_bound(law, k, h)
-    press = rough_sigma * stretch_met(law, k, h) * law.kinetic[k]
+    press = rough_sigma * stretch_met(law, k, h) * (law.kinetic[k] + law.own_slope[k])
     by_m = times(-press * law.per_channel[k], minus(n_one, n_other))
     add_row(-0.5 * press, plus(n_one, n_other), D, LAW, LAM)
     D[LAW, MU_U] += dot(by_m, h.u)
@@ -227,3 +329,24 @@ def add_effective_tangent(h: Hold, by: Vector, D: Array) -> tuple[Vector, Vector
     turned = sum_of(lengthwise / h.size, h.across, h.along / h.size, crosswise)
     stretched = sum_of(shrinkage(h), by, 2.0 * h.c0[0] * bend / square, h.T)
     return minus(stretched, turned), times(-h.c0[0] * per_square, h.across)
+
+
+def rule_of(digest: int) -> Any:
+    """Return the function that evaluates the law of sliding, kept on disk for the modules of this `digest`."""
+
+    @outermost
+    def rule(
+        law: Law, sigma: Array, s: Array, margin: float, D: Array, c: Array, directed: Flags, bare: bool, lam: Array,
+        y: Array, out: Ruled,
+    ) -> None:  # fmt: skip
+        """Evaluate the law of sliding of all holds, into `out`."""
+        assert digest
+        for k in range(len(s)):
+            h = hold_at(D[k], c[k], directed[k], bare, lam[k], y[k])
+            rule_hold(law, k, sigma[k], h, s[k], out)
+        rule_set(law, sigma, s, margin, out)
+
+    return rule
+
+
+rule = rule_of(sources(__file__))

@@ -1,11 +1,44 @@
-"""The constraints at one hold, and the forces that come with them (`coupling.kernels.constraints`)."""
+"""The constraints at one hold (eqs. 4, 8, 9), and the forces that come with them.
+
+    g = P(s) − x,   c₁ = T·u,   c₂ = T·v
+
+The spline lacks compliance where a force λ and m = μ_u u + μ_v v, the force conjugate to T, act on it
+(`thread.compliance`): c₀ by the force across the thread, c₁, c₂ by m. Along itself it lacks next to nothing. With the
+axis a = T, â = a/|a|, τ = λ·â and n̂ the unit normal of the frame, u × v over its size, the hole acts on the thread at
+
+    P̂ = P + c₀ (λ − τâ) + c₁|a| m,   T̂ = T + c₁|a| λ + c m,   c = c₂ + c₃ (Γ − 1),
+    Γ = |a|²γ,   γ = ½(1 + ψ)·½(1 + √(½(1 + ψ))),   ψ = |â·n̂|,
+
+which stand for P, T in Φ. They are the slopes by λ and m of one potential,
+
+    λ·(P − x) + m·T + ½c₀(λ² − τ²) + c₁|a| λ·m + ½c m²,
+
+whose slopes by q, s and y are the forces on thread and abscissa and on the organ. It does not change when all turn
+together: λ along the thread, which acts at P̂ and not at P, turns the thread's tangent by the force conjugate to a,
+w = −c₀ τ (λ − τâ)/|a|. It does not turn the hole: the strands on both sides of it go through the hole, and not through
+P, which is the further from it the longer the spans.
+
+Where spans are much longer than √(EI/T), T leaves n̂ by an angle φ, that by which the strands do on the mean, and c₂ is
+all that turns it. What the hole bears is then the elastica's: strands turned by φ + ½θ and φ − ½θ bear together
+
+    2√(EI T) (sin ½(φ + ½θ) + sin ½(φ − ½θ)) = 2 sin ½φ/g,   1/g = 2√(EI T) cos ¼θ,
+
+the slope of 4(1 − cos ½φ)/g; `coupling.step.tension` counts the cosine of ¼θ to √(EI T). With |a|m for the couple and
+c = g|a|²γ the potential stores ½ sin²φ/(gγ): that is the same where γ = cos²½φ cos²¼φ. On shorter spans the spline
+makes part of the turn itself. The share c₃ of c₂ is what then turns as far as the elastica does (`thread.compliance`),
+and the rest is of small turns. What Γ adds to the forces is e ∂Γ, with e = ½c₃m²: it turns the thread and the frame and
+draws the thread out, whose corner the spline rounds, |a| < 1. The frame it does not stretch: n̂ is a direction alone,
+for the frame of a linear organ that turns far is longer than it was. c₁ goes by the couple too: a turn moves T by |a|
+times itself.
+"""
 
 from math import sqrt
 from typing import NamedTuple
 
 from coupling.arrays import Array
-from coupling.kernels.loops import loop, numbers
-from coupling.kernels.vectors import (
+from thread.kernels.loops import loop, numbers
+from thread.kernels.vectors import (
+    ZERO,
     Matrix,
     Vector,
     added,
@@ -156,6 +189,8 @@ def turned_compliance(h: Hold, c2: float, c3: float) -> float:
 @loop
 def lacking_force(h: Hold) -> Vector:
     """Return w + e ∂Γ/∂T + c₁(λ·m) â [N m]."""
+    if h.bare:
+        return ZERO
     turned = sum_of(1.0, axis_force(h), tilt_force(h), h.by_T)
     return sum_of(1.0, turned, h.c1[0] * dot(h.lam, h.m), h.unit)
 
@@ -163,6 +198,8 @@ def lacking_force(h: Hold) -> Vector:
 @loop
 def lacking_force_rate(h: Hold) -> Vector:
     """Return its derivative by s with T held [N]."""
+    if h.bare:
+        return ZERO
     turned = sum_of(1.0, axis_force_rate(h), tilt_force_rate(h), h.by_T)
     return sum_of(1.0, turned, h.c1[1] * dot(h.lam, h.m), h.unit)
 
@@ -190,12 +227,16 @@ def axis_turned(h: Hold, da: Vector) -> Vector:
 @loop
 def effective_place(h: Hold) -> Vector:
     """Return P̂ [m]."""
+    if h.bare:
+        return h.P
     return plus(h.P, sum_of(h.c0[0], h.across, h.c1[0] * h.size, h.m))
 
 
 @loop
 def effective_tangent(h: Hold) -> Vector:
     """Return T̂."""
+    if h.bare:
+        return h.T
     return plus(h.T, sum_of(h.c1[0] * h.size, h.lam, turned_compliance(h, h.c2[0], h.c3[0]), h.m))
 
 
@@ -208,6 +249,8 @@ def arm_rate(h: Hold) -> float:
 @loop
 def place_rate(h: Hold) -> Vector:
     """Return ∂P̂/∂s at constant multipliers."""
+    if h.bare:
+        return h.T
     rate = plus(h.T, sum_of(h.c0[1], h.across, arm_rate(h), h.m))
     return sum_of(1.0, rate, -h.c0[0], axis_turned(h, h.K))
 
@@ -215,6 +258,8 @@ def place_rate(h: Hold) -> Vector:
 @loop
 def tangent_rate(h: Hold) -> Vector:
     """Return ∂T̂/∂s at constant multipliers [1/m]."""
+    if h.bare:
+        return h.K
     by_couple = turned_compliance(h, h.c2[1], h.c3[1]) + h.c3[0] * dot(h.by_T, h.K)
     return plus(h.K, sum_of(arm_rate(h), h.lam, by_couple, h.m))
 
@@ -222,6 +267,8 @@ def tangent_rate(h: Hold) -> Vector:
 @loop
 def held_energy(h: Hold, k: int) -> float:
     """Return ½c₀(λ² − τ²) + c₁|a|λ·m + ½c m² [J], or its derivative number `k` by s with T held [N, N/m]."""
+    if h.bare:
+        return 0.0
     turned = turned_compliance(h, h.c2[k], h.c3[k])
     alone = h.c0[k] * dot(h.across, h.across) + turned * dot(h.m, h.m)
     return 0.5 * alone + h.c1[k] * h.size * dot(h.lam, h.m)
@@ -258,7 +305,10 @@ def force_on_tangent(h: Hold) -> Vector:
 @loop
 def site_force(h: Hold) -> tuple[Vector, Vector, Vector]:
     """Return Φ_yᵀλ conjugate to x, u and v."""
-    T, turn = effective_tangent(h), on_frame(h, times(tilt_force(h), h.by_n))
+    T = effective_tangent(h)
+    if h.bare:
+        return times(-1.0, h.lam), times(h.mu_u, T), times(h.mu_v, T)
+    turn = on_frame(h, times(tilt_force(h), h.by_n))
     return times(-1.0, h.lam), sum_of(h.mu_u, T, 1.0, turn[0]), sum_of(h.mu_v, T, 1.0, turn[1])
 
 
@@ -320,3 +370,17 @@ def without(unit: Vector) -> Matrix:
 def gap(h: Hold) -> Vector:
     """Return g = P̂ − x [m]."""
     return minus(effective_place(h), h.x)
+
+
+@loop
+def phi(h: Hold) -> tuple[Vector, float, float]:
+    """Return Φ = (g, c₁, c₂) [m, -]."""
+    T = effective_tangent(h)
+    return gap(h), dot(T, h.u), dot(T, h.v)
+
+
+@loop
+def phi_s(h: Hold) -> tuple[Vector, float, float]:
+    """Return ∂Φ/∂s = (P̂', T̂'·u, T̂'·v) at constant multipliers [-, 1/m]."""
+    T_s = tangent_rate(h)
+    return place_rate(h), dot(T_s, h.u), dot(T_s, h.v)

@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
-from coupling.kernels import curve as on_curve
 from coupling.kernels.band import REACH, hold_still, solve_band
 from coupling.kernels.border import (
     BORDER,
@@ -15,21 +14,24 @@ from coupling.kernels.border import (
     OF_V,
     OF_X,
     Border,
-    drop_constraints,
     empty_border,
-    linearise,
+    linearise_hold,
     put_columns,
+    site_residual,
     solve_holds,
+    stiffen_hold,
     thread_direction,
     values_at_hold,
 )
-from coupling.kernels.curve import FIRST, Curve, Stretched, add_block, along_span, put
 from coupling.kernels.friction import (
     Law,
-    admissible_sigma,
-    linearise_law,
-    next_sigma,
+    empty_ruled,
+    fit_sigma,
+    is_length,
+    join_residuals,
     residual,
+    rule_hold,
+    rule_set,
 )
 from coupling.kernels.holes import (
     Hold,
@@ -40,9 +42,11 @@ from coupling.kernels.holes import (
     lacking_stiffness,
     site_force,
 )
-from coupling.kernels.loops import loop, outermost, owning, sources
-from coupling.kernels.vectors import add_row, dot, sum_of
 from thread.compliance import LACKS
+from thread.kernels import curve as on_curve
+from thread.kernels.curve import FIRST, Curve, Stretched, add_block, along_span, put
+from thread.kernels.loops import loop, outermost, owning, sources
+from thread.kernels.vectors import Vector, add_row, dot, sum_of
 
 SOLVED, RAN_AWAY, SINGULAR_THREAD, SINGULAR_HOLDS, NOT_CONVERGED, ALTERNATES, UNKNOWN = range(7)  # how one ends
 HOW, TOTAL, SETS, OF_SET, GOES_ON = range(5)  # in the numbers of a trail
@@ -78,6 +82,8 @@ class Given(NamedTuple):
     lack: Array
     mass_factor: float
     stiffen: bool
+    gaps: Array
+    rounded: Array
 
 
 class Bounds(NamedTuple):
@@ -262,8 +268,9 @@ def evaluate(curve: Curve, knots: Knots, law: Law, given: Given, z: Unknowns, r:
         for i in range(4):
             add_row(1.0, sum_of(b[0, i], h.lam, b[1, i], couple), r.push, r.first[k] + i, FIRST)
         evaluate_hold(law, given, z, k, h, r)
+    join_residuals(law, z.sigma, z.s, r.holds)
     subtract_push(r)
-    evaluate_sites(given, z, r)
+    site_residual(law.joints, given.C, given.y_free, given.gaps, z.y, r.f_y, r.site)
     return scale, bare
 
 
@@ -303,32 +310,32 @@ def evaluate_hold(law: Law, given: Given, z: Unknowns, k: int, h: Hold, r: Found
 
 
 @loop
-def evaluate_sites(given: Given, z: Unknowns, r: Found) -> None:
-    """Evaluate y − y_free − C f_y."""
-    for i in range(len(given.C)):
-        moved = 0.0
-        for j in range(len(given.C)):
-            moved += given.C[i, j] * r.f_y[j // NINE, j % NINE]
-        k, x = i // NINE, i % NINE
-        r.site[k, x] = z.y[k, x] - given.y_free[k, x] - moved
-
-
-@loop
-def is_converged(given: Given, bounds: Bounds, force: float, z: Unknowns, r: Found) -> bool:
+def is_converged(law: Law, given: Given, bounds: Bounds, force: float, z: Unknowns, r: Found) -> bool:
     """Whether every equation holds to its tolerance, forces to `force` [N]."""
     for i in range(len(r.balance)):
         for x in range(3):
             if not given.held[i, x] and not abs(r.balance[i, x]) <= force:
                 return False
-    for k in range(len(r.holds)):
-        if not abs(r.holds[k, 0]) <= (bounds.gap if z.sigma[k] == 0.0 else force):
+    limits = force, bounds.gap, bounds.direction
+    return are_holds_solved(law, z.sigma, given.rows, limits, r.holds, r.site, given.rounded)
+
+
+@loop
+def are_holds_solved(
+    law: Law, sigma: Array, rows: Flags, limits: Vector, holds: Array, site: Array, rounded: Array
+) -> bool:
+    """Whether the law of sliding, Φ and the equations of the sites hold to the `limits` of a force [N], a gap [m] and a
+    direction [-], or the sites to what round-off moves them by, `rounded` (m, 9)."""
+    force, gap, direction = limits
+    for k in range(len(holds)):
+        if not abs(holds[k, 0]) <= (gap if is_length(law, sigma, k) else force):
             return False
         for j in range(5):
-            limit = bounds.gap if j < 3 else bounds.direction
-            if not abs(r.holds[k, 1 + j]) <= (limit if given.rows[k, j] else force):
+            limit = gap if j < 3 else direction
+            if not abs(holds[k, 1 + j]) <= (limit if rows[k, j] else force):
                 return False
         for j in range(NINE):
-            if not abs(r.site[k, j]) <= (bounds.gap if j < 3 else bounds.direction):
+            if not abs(site[k, j]) <= max(gap if j < 3 else direction, rounded[k, j]):
                 return False
     return True
 
@@ -338,11 +345,7 @@ def border_of(law: Law, given: Given, z: Unknowns, r: Found, bare: bool) -> Bord
     """Linearise the holds."""
     border = empty_border(len(z.s))
     for k in range(len(z.s)):
-        h = hold_of(given, z, r, k, bare)
-        B, D = border.B[k], border.D[k]
-        linearise(h, Border(border.E[k], B, D, border.F[k], border.R[k]))
-        linearise_law(law, k, z.sigma[k], h, B, D)
-        drop_constraints(B, D, given.rows[k])
+        linearise_hold(law, k, z.sigma[k], hold_of(given, z, r, k, bare), given.rows[k], border)
     return border
 
 
@@ -378,36 +381,21 @@ def largest_entry(A: Array) -> float:
 
 @owning
 def add_constraint_stiffness(A: Array, border: Border, given: Given, r: Found) -> None:
-    """Add Φ_qᵀ Γ (Φ_q dq + … + Φ) to the thread's equations: see `coupling.step.newton.add_constraint_stiffness`."""
+    """Add Φ_qᵀ Γ (Φ_q dq + … + Φ) to the thread's equations: the same solution, and a matrix that is regular although
+    without the constraints the thread could move or turn freely (statics)."""
     scale = largest_entry(A)
     for k in range(len(r.holds)):
-        b, gamma = r.b[k], np.zeros(5)
-        square = 0.0
-        for i in range(4):
-            square += b[0, i] ** 2 + b[1, i] ** 2
-        for j in range(5):
-            gamma[j] = (scale if j < 3 else scale / square) if given.rows[k, j] else 0.0
-        stiffen_at_hold(A, border.E[k], border.B[k], border.D[k], gamma, b, r.first[k], r.holds[k], r.balance)
+        K, push = np.zeros((NINE, NINE)), np.zeros(NINE)
+        stiffen_hold(scale, given.rows[k], r.b[k], border, r.holds[k], k, K, push)
+        add_at_hold(A, r.balance, K, push, r.b[k], r.first[k])
 
 
-@owning
-def stiffen_at_hold(
-    A: Array, E: Array, B: Array, D: Array, gamma: Array, b: Array, first: int, holds: Array, balance: Array
-) -> None:
-    """Add the stiffness of the constraints of one hold, `gamma` (5,) [N/m, N m]: to the block band, to `E` (9, 15), and
-    what they are off by to the `balance` (n, 3)."""
-    K = np.zeros((NINE, NINE))
-    for c in range(5):
-        row, by_hold, off = B[1 + c], D[1 + c], holds[1 + c]
+@loop
+def add_at_hold(A: Array, balance: Array, K: Array, push: Array, b: Array, first: int) -> None:
+    """Add a stiffness `K` (9, 9) and a force `push` (9,) of (P, T, T') at a hold to its four points."""
+    for j in range(4):
         for i in range(NINE):
-            weighted = gamma[c] * row[i]
-            if weighted != 0.0:
-                for j in range(BORDER):
-                    E[i, j] += weighted * by_hold[j]
-                for j in range(NINE):
-                    K[i, j] += weighted * row[j]
-                for j in range(4):
-                    balance[first + j, i % 3] += b[i // 3, j] * weighted * off
+            balance[first + j, i % 3] += b[i // 3, j] * push[i]
     for i in range(4):
         for j in range(i, 4):
             for x in range(3):
@@ -419,22 +407,12 @@ def stiffen_at_hold(
                     A[first + i, x, 3 * (j - i) + y] += stiff
 
 
-@loop
-def has_any(M: Array) -> bool:
-    """Whether an entry of a matrix is not zero."""
-    for i in range(M.shape[0]):
-        for j in range(M.shape[1]):
-            if M[i, j] != 0.0:
-                return True
-    return False
-
-
 @owning
 def newton_direction(
-    A: Array, border: Border, given: Given, r: Found, reach: Array, dq: Array, dz: Array
-) -> tuple[int, float]:
+    A: Array, border: Border, law: Law, sigma: Array, given: Given, r: Found, reach: Array, dq: Array, dz: Array
+) -> int:
     """Solve for the direction `dq` (n, 3), `dz` (m, 15), led by `reach` as in `solve_holds`; returns SOLVED or which
-    matrix is singular, and the longest entry of dq [m]."""
+    matrix is singular."""
     n, m = len(r.balance), len(r.holds)
     X, first = np.zeros((n + REACH, 3, 1 + NINE * m)), n
     for k in range(m):
@@ -447,15 +425,13 @@ def newton_direction(
                 for j in range(X.shape[2]):
                     X[i, x, j] = 0.0
     if not solve_band(A, X, first):
-        return SINGULAR_THREAD, 0.0
+        return SINGULAR_THREAD
     G = np.zeros((NINE * m, 1 + NINE * m))
     for k in range(m):
         values_at_hold(r.first[k], r.b[k], X, G, NINE * k)
-    rigid = not (has_any(given.C) or has_any(r.site))
-    if not solve_holds(border, given.C, G, r.holds, r.site, rigid, reach, dz):
-        return SINGULAR_HOLDS, 0.0
-    longest = thread_direction(border.E, dz, X, dq)
-    return (SOLVED, longest) if longest >= 0.0 else (SINGULAR_HOLDS, 0.0)
+    if not solve_holds(border, given.C, G, r.holds, r.site, law.joints, sigma, reach, dz):
+        return SINGULAR_HOLDS
+    return SOLVED if thread_direction(border.E, dz, X, dq) else SINGULAR_HOLDS
 
 
 @loop
@@ -471,27 +447,33 @@ def largest_turn(spacing: Array, dq: Array) -> float:
 
 
 @loop
-def longest_away(dq: Array) -> float:
-    """Return the most that a move `dq` (n, 3) [m] of the control points moves one beside the mean of all [m]."""
-    longest = 0.0
-    for x in range(3):
+def longest_way(dq: Array, lever: Array, floats: bool) -> float:
+    """Return the most that a move `dq` (n, c) of the control points moves the thread, less the mean of all where it
+    `floats` [m]."""
+    longest, n = 0.0, len(dq)
+    for x in range(dq.shape[1]):
         mean = 0.0
-        for i in range(len(dq)):
-            mean += dq[i, x]
-        mean /= len(dq)
-        for i in range(len(dq)):
-            longest = max(longest, abs(dq[i, x] - mean))
+        if floats:
+            for i in range(n):
+                mean += dq[i, x] / n
+        for i in range(n):
+            longest = max(longest, abs((dq[i, x] - mean) * lever[x]))
     return longest
 
 
 @loop
-def add_correction(bounds: Bounds, spacing: Array, z: Unknowns, dq: Array, longest: float, dz: Array) -> None:
-    """Add a correction, or the share of it that moves no point further than it may, of a thread that floats beside the
-    mean of all, and turns no tangent by more; `dq` becomes what is added."""
-    away = longest_away(dq) if bounds.floats else longest
-    share = min(1.0, bounds.longest / max(away, TINY))
-    if bounds.turn < np.inf:
-        share = min(share, bounds.turn / max(largest_turn(spacing, dq), TINY))
+def allowed_share(longest: float, turn: float, floats: bool, spacing: Array, lever: Array, dq: Array) -> float:
+    """Return the part of a correction `dq` (n, c) that is applied: all of it, or what moves no control point further
+    than the `longest` way [m], of a thread that `floats` apart from the mean of all, and turns no tangent by more than
+    `turn` [rad]. A coordinate moves the thread by its `lever` (c,) [-, m]."""
+    share = min(1.0, longest / max(longest_way(dq, lever, floats), TINY))
+    return min(share, turn / max(largest_turn(spacing, dq), TINY)) if turn < np.inf else share
+
+
+@loop
+def add_correction(bounds: Bounds, spacing: Array, lever: Array, z: Unknowns, dq: Array, dz: Array) -> None:
+    """Add the share of a correction that is allowed; `dq` becomes what is added."""
+    share = allowed_share(bounds.longest, bounds.turn, bounds.floats, spacing, lever, dq)
     for i in range(len(dq)):
         for x in range(3):
             dq[i, x] *= share
@@ -511,7 +493,7 @@ def solve_set(
     """Iterate by Newton with the active set, the corrections counted in the trail; returns how that ended, and at the
     last iterate, where the residual is, the largest force [N] and whether the spline lacks nothing."""
     dq, dz = np.zeros((len(z.q), 3)), np.zeros((len(z.s), BORDER))
-    reach = np.zeros(len(z.s) if bounds.spans > 0.0 else 0)
+    reach, lever = np.zeros(len(z.s) if bounds.spans > 0.0 else 0), np.ones(3)
     made = r.trail.made
     while True:
         scale, bare = evaluate(curve, knots, law, given, z, r)
@@ -522,7 +504,7 @@ def solve_set(
             return NOT_CONVERGED, scale, bare
         if not scale < LARGEST:
             return RAN_AWAY, scale, bare
-        if is_converged(given, bounds, bounds.force * scale + bounds.rounded, z, r):
+        if is_converged(law, given, bounds, bounds.force * scale + bounds.rounded, z, r):
             return SOLVED, scale, bare
         A, border = thread_matrix(curve, knots, given, z, r, bare), border_of(law, given, z, r, bare)
         if given.stiffen:
@@ -531,10 +513,10 @@ def solve_set(
         for k in range(len(reach)):
             span = span_of(knots.breaks, z.s[k], given.spans[k, 0], given.spans[k, 1])
             reach[k] = bounds.spans * (knots.breaks[span + 1] - knots.breaks[span])
-        ending, longest = newton_direction(A, border, given, r, reach, dq, dz)
+        ending = newton_direction(A, border, law, z.sigma, given, r, reach, dq, dz)
         if ending != SOLVED:
             return ending, scale, bare
-        add_correction(bounds, knots.spacing, z, dq, longest, dz)
+        add_correction(bounds, knots.spacing, lever, z, dq, dz)
         on_curve.next_axial_force(curve, Stretched(r.T, r.K, r.T_axial, r.strain), dq, z.N)
         made[OF_SET] += 1
         made[TOTAL] += 1
@@ -557,15 +539,19 @@ def next_set(law: Law, given: Given, z: Unknowns, r: Found, bare: bool, margin: 
     """Take the active set that the forces of a solved iterate ask for; False where the iterate has it. `seen` (k, m)
     are the sets of the `count` iterates solved so far: where one comes back, the first hole that has to changes."""
     m, first = len(z.s), -1
-    fitting = np.zeros(m)
+    out = empty_ruled(m)
     for k in range(m):
-        fitting[k] = next_sigma(law, k, z.sigma[k], hold_of(given, z, r, k, bare), z.s[k], margin)
+        rule_hold(law, k, z.sigma[k], hold_of(given, z, r, k, bare), z.s[k], out)
+    rule_set(law, z.sigma, z.s, margin, out)
+    fitting = out.fits
+    for k in range(m):
         if first < 0 and fitting[k] != z.sigma[k]:
             first = k
     if first < 0:
         return False
     if times_seen(seen, count, fitting) > 0:
         z.sigma[first] = fitting[first]
+        fit_sigma(law, z.sigma)
     else:
         copy_into(fitting, z.sigma)
     return True
@@ -585,8 +571,7 @@ def solve_of(digest: int) -> Any:
         if not made[GOES_ON]:
             for i in range(len(made)):
                 made[i] = 0
-            for k in range(len(z.s)):
-                z.sigma[k] = admissible_sigma(law, k, z.sigma[k])
+            fit_sigma(law, z.sigma)
         while made[SETS] < bounds.sets:
             made[HOW], scale, bare = solve_set(curve, knots, law, given, bounds, z, r)
             if made[HOW] != SOLVED:
@@ -606,4 +591,33 @@ def solve_of(digest: int) -> Any:
     return solve
 
 
-solve = solve_of(sources())
+solve = solve_of(sources(__file__))
+
+
+def share_of(digest: int) -> Any:
+    """Return the function that bounds a correction, kept on disk for the modules of this `digest`."""
+
+    @outermost
+    def share(longest: float, turn: float, floats: bool, spacing: Array, lever: Array, dq: Array) -> float:
+        """Return the part of a correction that is applied, as `allowed_share`."""
+        assert digest
+        return allowed_share(longest, turn, floats, spacing, lever, dq)
+
+    return share
+
+
+def solved_of(digest: int) -> Any:
+    """Return the function that judges the equations of the holds, kept on disk for the modules of this `digest`."""
+
+    @outermost
+    def holds_solved(
+        law: Law, sigma: Array, rows: Flags, limits: Vector, holds: Array, site: Array, rounded: Array
+    ) -> bool:
+        """Whether the equations of the holds are solved, as `are_holds_solved`."""
+        assert digest
+        return are_holds_solved(law, sigma, rows, limits, holds, site, rounded)
+
+    return holds_solved
+
+
+share, holds_solved = share_of(sources(__file__)), solved_of(sources(__file__))

@@ -29,7 +29,8 @@ from coupling.errors import CouplingError
 from coupling.interfaces import Body
 from coupling.joins.contact import NO_FORCES
 from coupling.joins.rubbing import rows_of
-from coupling.kernels.bordered import LAM, MU_V, NINE, OF_X, OWN, Border, S, Y, columns
+from coupling.kernels.border import NINE, OWN, Border
+from coupling.kernels.bordered import LAM, MU_V, OF_X, S, Y, columns
 from coupling.step.newton import Iterate, Problem, Residual, Solution, allowed_share, border_of, solve, thread_matrix
 from coupling.step.sliding import sliding_strands
 from thread.banded import diagonal_of

@@ -7,16 +7,14 @@ import numpy as np
 from coupling.arrays import Array
 from coupling.errors import CouplingError
 from coupling.interfaces import Body
+from coupling.kernels.border import BORDER, NINE
 from coupling.kernels.bordered import (
-    BORDER,
-    NINE,
     PHI,
     S,
     SingularError,
     Y,
     banded_solve,
     columns,
-    plus_diagonal,
     values_at_holds,
 )
 from coupling.paper.assembled import sparse_band
@@ -100,4 +98,6 @@ def whole_matrix(posed: Posed[Body]) -> Array:
 def block_diagonal(blocks: Array) -> Array:
     """Put blocks (m, r, k) on the diagonal of a dense matrix, shape `(m r, m k)`."""
     m, r, k = blocks.shape
-    return plus_diagonal(np.zeros((m, r, m * k)), blocks).reshape(m * r, m * k)
+    out = np.zeros((m, r, m, k))
+    out[np.arange(m), :, np.arange(m)] = blocks
+    return out.reshape(m * r, m * k)

@@ -38,7 +38,8 @@ from coupling.errors import CouplingError, CreatedEnergyError, StepError
 from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body
 from coupling.joins.contact import NO_FORCES
-from coupling.kernels.bordered import NINE, PHI, Border, S, SingularError, newton_direction, values_at_holds
+from coupling.kernels.border import NINE, Border
+from coupling.kernels.bordered import PHI, S, SingularError, newton_direction, values_at_holds
 from coupling.kernels.constraints import Passage, bare_passage, phi, site_force, spread, thread_force
 from coupling.paper.two_pass import PASSES, Verdict, first_verdict, is_settled, judge, motion
 from coupling.reports.audit import audit_step, initial_energies
@@ -225,9 +226,8 @@ Solver = Callable[[Posed[Body]], Answer]
 def solve_whole(posed: Posed[Body]) -> Answer:
     """Solve the whole system, ε = 0 included: a banded thread with a dense border. Raises `SingularError`."""
     problem, site = posed.problem, np.zeros_like(posed.guess.y)
-    return newton_direction(
-        posed.band(), problem.system.held, posed.border, problem.C, posed.at, posed.r_q, posed.r, site
-    )
+    residuals = posed.r_q, posed.r, site
+    return newton_direction(posed.band(), problem.system.held, posed.border, problem.C, posed.at, residuals)
 
 
 # -- the step ----------------------------------------------------------------------------------------------------------

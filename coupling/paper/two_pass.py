@@ -28,7 +28,7 @@ from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body
 from coupling.kernels.constraints import bare_passage
 from coupling.step.newton import FORCE_TOLERANCE, Iterate, Problem, Solution
-from coupling.step.sliding import Law, force_along_thread, normal_force, prescribed
+from coupling.step.sliding import Law, prescribed, ruled
 from coupling.step.stepping import Step, conclude, dynamic_problem, find_solution, organ_answer, predict
 from coupling.system import State, System
 
@@ -94,7 +94,8 @@ def first_verdict(system: System[Body], law: Law, state: State[Body], dt: float)
 def judge(law: Law, verdict: Verdict, solution: Solution[Body], frictionless: bool) -> Verdict:
     """Judge the holes by the multipliers of a pass; after a `frictionless` one, motion against V_t means nothing."""
     z, at = solution.iterate, solution.residual.passage
-    f, N = force_along_thread(law, at, z.s, z.lam, z.y), normal_force(at, z.lam, z.y, law.per_channel)
+    now = ruled(law, z.sigma, at, z.s, z.lam, z.y)
+    f, N = now.f, now.N
     held = verdict.sense == 0.0
     loose = held & law.rough & law.may_slide & (np.abs(f) >= law.grip + law.static * N)
     driven = (not frictionless) & (verdict.sense * (z.s - law.s_old) < 0.0)

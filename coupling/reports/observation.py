@@ -11,9 +11,18 @@ from numpy.typing import NDArray
 from coupling.arrays import Array, Flags
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Body
-from coupling.kernels.constraints import LOCAL, Passage, couple_on_thread, phi, site_force, tangent, thread_force
+from coupling.kernels.constraints import (
+    LOCAL,
+    Passage,
+    couple_on_thread,
+    phi,
+    pressing_force,
+    site_force,
+    tangent,
+    thread_force,
+)
 from coupling.step.configuration import Configuration, configuration_of
-from coupling.step.sliding import cone_residual, law_of, normal_force, side_by_side
+from coupling.step.sliding import cone_residual, law_of, side_by_side
 from coupling.system import Piercing, State, System
 from thread.vectors import dot
 
@@ -28,9 +37,9 @@ class PiercingObservation:
 
     `s`, `slip` [m, thread drawn through towards rising s at the end of the thread since the start]; `x`,
     `displacement`, `tangent` (unit), `u`, `v` (3,); `force` (3,) [N] of the hole on the thread, `tangential_force` λ·t
-    [N], `normal_force` [N] that of the law of sliding (`coupling.step.sliding.normal_force`), with the couple's share
-    where the hole has a `channel` [m], None where it has none; `couple` (3,) [N m] of the direction constraint on the
-    thread; `tension_before`, `tension_after` [N] of the strands at lower and higher s (`axial_forces`); `state`:
+    [N], `normal_force` [N] that of the law of sliding (`coupling.kernels.friction.normal_force`), with the couple's
+    share where the hole has a `channel` [m], None where it has none; `couple` (3,) [N m] of the direction constraint
+    on the thread; `tension_before`, `tension_after` [N] of the strands at lower and higher s (`axial_forces`); `state`:
     "stick", "slip", "anchored" or "left"; `cone_residual` [N], by how much the force along the thread breaks
     Coulomb's law (`coupling.step.sliding.cone_residual`; what accelerates an abscissa with ε counts as well);
     `mean_strain` [-] and `turn` [rad] of the tissue, averaged over the footprint (`strains_and_turns`);
@@ -116,7 +125,7 @@ def observe_each(system: System[Body], s_begun: Array, seen: Seen) -> list[tuple
     """Return all piercings of every state, slip measured from the abscissae `s_begun` (m,) [m]."""
     p, at, lam, y = len(system.piercings), seen.at, seen.each_lam, seen.each_y
     _, t = tangent(at, lam, y)
-    normal = normal_force(at, lam, y, np.tile(system.friction[3], len(seen.s)))
+    normal = pressing_force(at, lam, y, np.tile(system.friction[3], len(seen.s)))
     strains, turns = strains_and_turns(np.tile(system.organ.y0, len(seen.s)), seen.y[:, :p].reshape(-1, 9))
     force, tangents = seen.lam[:, :, :3], seen.by_state(t)
     tensions = axial_forces(system, seen, transmitted_forces(seen)[:, :p])

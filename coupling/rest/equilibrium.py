@@ -41,7 +41,7 @@ from coupling.kernels.bordered import SingularError
 from coupling.step.diagnosis import has_turned, refuse_crossing, refuse_drawn_out, refuse_held_end, refuse_turning
 from coupling.step.motion import what_it_does
 from coupling.step.newton import Iterate, Problem, Solution, correct, evaluate, force_tolerance
-from coupling.step.sliding import admissible_sigma, force_along_thread, law_of, prescribed, static_bound
+from coupling.step.sliding import admissible_sigma, law_of, prescribed, ruled
 from coupling.step.solver import solve
 from coupling.step.stability import costs_nothing, downhill, given_a_little, is_squeezed, would_stay
 from coupling.step.stepping import (
@@ -417,7 +417,8 @@ def let_down_friction(problem: Problem[Body], held: Iterate) -> Solution[Body]:
     """
     z, ratio = replace(held, sigma=admissible_sigma(problem.law, np.zeros_like(held.s))), LOOSER
     at, law = evaluate(problem, z).passage, problem.law
-    pull, bound = np.abs(force_along_thread(law, at, z.s, z.lam, z.y)), static_bound(law, at, z.lam, z.y)
+    now = ruled(law, z.sigma, at, z.s, z.lam, z.y)
+    pull, bound = np.abs(now.f), now.static
     firm = float(np.max(pull / np.maximum(bound, np.finfo(float).tiny), where=law.rough, initial=1.0))
     iterations, failed = 0, StepError(problem.time - problem.dt, problem.dt, "the friction could not be let down")
     if firm > LOOSER**-ATTEMPTS:  # a hole that nothing presses on rubs by no factor

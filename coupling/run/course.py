@@ -14,7 +14,8 @@ from coupling.arrays import Array, Flags
 from coupling.integrators import BDF2, Scheme
 from coupling.interfaces import Answer, Modal, ModalMotion, Steady
 from coupling.joins.contact import NO_FORCES
-from coupling.kernels.bordered import NINE
+from coupling.kernels import iteration
+from coupling.kernels.border import NINE
 from coupling.kernels.friction import Law
 from coupling.kernels.iteration import Bounds, Given, Passing, Unknowns
 from coupling.kernels.steps import march
@@ -32,7 +33,7 @@ from coupling.step.motion import CROSSED
 from coupling.step.newton import Problem
 from coupling.step.stability import borne_pressure
 from coupling.step.stepping import dynamic_problem
-from coupling.step.tables import OVER, bounds_of, empty_found, given_of, law_of, plain, tables_of
+from coupling.step.tables import OVER, bounds_of, empty_found, given_of, plain, tables_of
 from coupling.step.tension import along_of, limits_of
 from coupling.system import State, System
 from thread.compliance import LACKS, POWERS, SLACK
@@ -164,7 +165,7 @@ def fixture_of(
 def make_fixture(problem: Problem[Any], present: Flags, strands: Strands, motion: Motion) -> Fixture:
     """Return the fixture of steps of which a problem is the first and a `motion` the start, with the holds that are
     `present` (m,) and the thread's `strands`."""
-    system, law, given = problem.system, law_of(problem), given_of(problem)
+    system, law, given = problem.system, problem.law.table, given_of(problem)
     return Fixture(
         law._replace(s_old=law.s_old.copy(), s_held=law.s_held.copy(), s_free=law.s_free.copy()),
         given._replace(q_ref=given.q_ref.copy(), load=given.load.copy()),
@@ -251,7 +252,7 @@ class Course:
 def is_ready() -> bool:
     """Whether the loops were on disk, compiled since a module of theirs last changed, when this was first asked, or
     Numba is switched off."""
-    return tables.is_kept(march.march, KEPT, march.SOURCES)
+    return tables.is_kept(march.march, KEPT, iteration.__file__, march.__file__)
 
 
 def run_march(*given: object) -> tuple[int, int, int]:

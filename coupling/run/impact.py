@@ -20,13 +20,15 @@ from coupling.errors import FormingError, StepError
 from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body
 from coupling.joins.contact import NO_FORCES, first_sets
-from coupling.kernels.bordered import NO_JOINTS, PHI, Border, Joints, S, drop_constraints, linearise, newton_direction
+from coupling.kernels.border import Border
+from coupling.kernels.bordered import PHI, S, linearise, newton_direction
 from coupling.kernels.constraints import Passage, bare_passage, phi, site_force, spread, thread_force
+from coupling.kernels.friction import Joints
 from coupling.reports.audit import initial_energies
 from coupling.run.events import Event
 from coupling.step.diagnosis import refuse_faults
 from coupling.step.newton import Iterate, Problem
-from coupling.step.sliding import law_of, linearise_law
+from coupling.step.sliding import law_of
 from coupling.step.stepping import accept_organ, find_solution, sense, tie_gaps
 from coupling.system import State, System, forgetful
 from thread.vectors import dot
@@ -196,11 +198,10 @@ def strike(system: System[Body], state: State[Body], k: int) -> tuple[State[Body
     rates[k, PHI] = np.where(system.rows[k], constraint_rate(system, state, at, answer.y_free)[k], 0.0)
     slides = np.where(this, system.may_slide, (state.sigma != 0.0) & ~system.of_ties)
     border, in_force = impact_border(system, state, at, slides), state.present[system.strands].all(axis=1)
-    joints = Joints(system.strands[in_force], *NO_JOINTS.strands.T)
+    joints = Joints(system.strands[in_force], np.zeros((0, 2), dtype=np.intp), 1.0)
     M, none = system.hold_still(system.thread.mass_band.copy()), np.zeros_like(state.q)
-    dv, dz = newton_direction(
-        M, system.held, border, pad_compliance(system, answer.C), at, none, rates, np.zeros_like(state.y), joints
-    )
+    residuals, joined = (none, rates, np.zeros_like(state.y)), (joints, np.zeros(system.holds))
+    dv, dz = newton_direction(M, system.held, border, pad_compliance(system, answer.C), at, residuals, joined)
     j, s_dot = dz[:, PHI], state.s_dot + np.where(slides, dz[:, S], 0.0)
     organ = answer.accept(site_force(at, j, state.y)[:p].ravel(), NO_FORCES)
     sigma = np.where(this & system.rough, np.sign(s_dot), state.sigma)
@@ -226,6 +227,5 @@ def impact_border(system: System[Body], state: State[Body], at: Passage, slides:
     law = replace(
         law_of(system, state.s, state.present, system.epsilon, state.s), rough=np.zeros(system.holds, dtype=bool)
     )
-    border = linearise(at, none, state.y)
-    linearise_law(border, law, slides.astype(np.float64), at, none, state.y)
-    return drop_constraints(border, ~(system.rows & state.present[:, None]))
+    rows = system.rows & state.present[:, None]
+    return linearise(law.table, slides.astype(np.float64), rows, at, none, state.y)[0]

@@ -26,7 +26,7 @@ from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body
 from coupling.kernels.constraints import Passage
 from coupling.step.newton import Iterate, Solution
-from coupling.step.sliding import Law, judged_forces, kinetic_bound
+from coupling.step.sliding import Law, ruled
 from coupling.step.solver import solve
 from coupling.step.stepping import Step, abscissa_rates, scheme_of
 from coupling.system import State, System
@@ -83,7 +83,7 @@ def slipping_times(old: State[Body], step: Step[Body], started: Flags, since: Ar
     system, sigma, z = held.problem.system, step.new.sigma, held.iterate
 
     def excess(at: Passage, state: State[Body] | Iterate) -> Array:
-        f, bound = judged_forces(law, at, state.s, state.lam, state.y)
+        f, bound = ruled(law, state.sigma, at, state.s, state.lam, state.y).judged.T
         return np.asarray(sigma * f - bound)
 
     before, after = excess(system.passage_of(old), old), excess(held.residual.passage, z)
@@ -111,7 +111,7 @@ def rubbed_on(step: Step[Body], stopped: Flags, sigma: Array) -> Law:
     """Return the law of a step in which the holds that `stopped` slide on under the friction of the sense `sigma` (m,)
     that they had, as large as what presses at its end makes it."""
     law, z = step.solution.problem.law, step.solution.iterate
-    friction = sigma * kinetic_bound(law, step.solution.residual.passage, z.lam, z.y)
+    friction = sigma * ruled(law, z.sigma, step.solution.residual.passage, z.s, z.lam, z.y).kinetic
     return replace(law, rough=law.rough & ~stopped, injected=law.injected + np.where(stopped, friction, 0.0))
 
 

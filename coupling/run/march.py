@@ -57,7 +57,13 @@ def covered_scheme(system: System[Body], state: State[Body], dt: float, take: Ta
     """Return the scheme of steps from a state that the loops cover, None where they do not: the thread and the holes
     that `coupling.step.solver.covers`, without ties and without hands on holes, by backward Euler, or by BDF2 where
     it goes on with steps of the same length."""
-    if not system.compiled or system.ties or system.by_hand.any() or not covers(system):
+    if (
+        not system.compiled
+        or system.ties
+        or system.by_hand.any()
+        or system.thread.spline.cuts.size
+        or not covers(system)
+    ):
         return None
     if take is try_step and state.before is None:
         return BackwardEuler(dt)
@@ -111,7 +117,7 @@ def march_by_steps(
         states = [replace(new, before=old, dt_before=dt) for old, new in zip(before, states, strict=True)]
     first, kept = course.kept.at.first[:made].ravel(), course.kept.at
     b, D, c = (x[:made].reshape(-1, *x.shape[2:]) for x in (kept.b, kept.D, kept.c))
-    at = Passage(first, b, D[:, 0], D[:, 1], D[:, 2], D[:, 3], c, np.tile(system.rows[:, 3], made))
+    at = Passage(first, b, D, c, np.tile(system.rows[:, 3], made))
     q, s, sigma, stretch, lam, y = (x[:made] for x in (ends.q, ends.s, ends.sigma, ends.stretch, ends.lam, ends.y))
     seen = Seen(state.present, np.array(times[:made]), q, course.kept.elastic[:made], s, sigma, stretch, lam, y, at)
     booked = [Energies(*each) for each in course.kept.energies[:made].tolist()]

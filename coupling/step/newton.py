@@ -36,23 +36,12 @@ from coupling.joins.contact import (
     misfits,
 )
 from coupling.joins.rubbing import Rubbing
-from coupling.kernels.bordered import (
-    NINE,
-    PHI,
-    Border,
-    Joints,
-    S,
-    SingularError,
-    Y,
-    drop_constraints,
-    linearise,
-    newton_direction,
-    own_stiffness,
-)
+from coupling.kernels.border import NINE, Border, site_residuals, stiffen_holds
+from coupling.kernels.bordered import FREE, PHI, S, SingularError, Y, linearise, newton_direction, own_stiffness
 from coupling.kernels.constraints import Passage, phi, site_force, spread, thread_force
+from coupling.kernels.iteration import holds_solved, share
 from coupling.step.configuration import Configuration, evaluate_thread
-from coupling.step.sliding import Law, admissible_sigma, in_metres, linearise_law, next_sigma, sliding_strands
-from coupling.step.sliding import residual as law_residual
+from coupling.step.sliding import Law, admissible_sigma, ruled, with_own_laws
 from coupling.system import System
 from thread.frames import Frame
 from thread.thread import Points
@@ -132,16 +121,6 @@ class Problem(Generic[Body]):
         """Whether nothing holds the thread, no hole and no end: where it is as a whole matters to no force, and a dead
         load takes it many lengths away in a step."""
         return not (self.rows.any() or self.system.held.size)
-
-    @cached_property
-    def tie_compliance(self) -> float:
-        """Compliance of the thread, by which the balance of a tie becomes a length [m/N]."""
-        thread = self.system.thread
-        return float((thread.spline.end - thread.spline.start) / thread.EA)
-
-    def joints(self, sigma: Array) -> Joints:
-        """Return how strands are joined where the holds slide by `sigma` (m,)."""
-        return Joints(self.law.strands, *sliding_strands(self.law, sigma), self.tie_compliance)
 
     @cached_property
     def contact(self) -> Contact[Body] | None:
@@ -240,7 +219,7 @@ def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
     if problem.mass_factor:
         balance += problem.mass_factor * thread.momentum(z.q - problem.q_ref)
     holds = np.empty((len(z.s), 6))
-    holds[:, S] = law_residual(problem.law, z.sigma, at, z.s, z.lam, z.y)
+    holds[:, S] = ruled(problem.law, z.sigma, at, z.s, z.lam, z.y).residual[:, 0]
     holds[:, PHI] = np.where(problem.rows, phi(at, z.lam, z.y), z.lam)
     f_y = site_force(at, z.lam, z.y)
     scale = max(np.abs(elastic[:, :3]).max(), np.abs(problem.load[:, :3]).max(), np.abs(z.lam[:, :3]).max(initial=0.0))
@@ -257,9 +236,11 @@ def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
 
 
 def site_residual(problem: Problem[Body], z: Iterate, f_y: Array) -> Array:
-    """Return y − y_free − C f_y of all holds, shape `(m, 9)`."""
-    r_y = z.y - problem.y_free - (problem.C @ f_y.ravel()).reshape(-1, NINE)
-    return r_y if not problem.law.strands.size else problem.joints(z.sigma).residual(r_y, z.y, f_y, problem.gaps)
+    """Return the residuals of the sites under their forces `f_y` (m, 9), shape `(m, 9)`."""
+    out = np.empty_like(f_y)
+    y_free, C = (np.ascontiguousarray(x) for x in problem.organ_at_holds)
+    site_residuals(problem.law.table.joints, C, y_free, problem.gaps, np.ascontiguousarray(z.y), f_y, out)
+    return out
 
 
 def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Body], Residual, bool]:
@@ -299,15 +280,11 @@ def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
     free = np.abs(r.thread)
     free.ravel()[problem.system.held] = 0.0
     torque = max(force * thread.section.diameter, FORCE_TOLERANCE * r.torque_scale)
-    limits = np.empty_like(r.holds)
-    limits[:, S] = np.where(in_metres(problem.law, z.sigma), gap, force)
-    limits[:, PHI] = np.where(problem.rows, (gap, gap, gap, DIRECTION_TOLERANCE, DIRECTION_TOLERANCE), force)
-    site = np.abs(r.site)
+    limits, rounded = (force, gap, DIRECTION_TOLERANCE), rounded_places(problem)
     return bool(
         free[:, :3].max() <= force
         and (free.shape[1] == 3 or free[:, 3].max() <= torque)
-        and (np.abs(r.holds) <= limits).all()
-        and (site <= np.maximum(np.repeat((gap, DIRECTION_TOLERANCE), (3, 6)), rounded_places(problem))).all()
+        and holds_solved(problem.law.table, z.sigma, problem.rows, limits, r.holds, r.site, rounded)
     )
 
 
@@ -322,11 +299,17 @@ def rounded_places(problem: Problem[Body]) -> Array:
     return np.asarray(rounded_force(problem) * by_force.max(axis=(2, 3), initial=0.0))
 
 
+def linearised(problem: Problem[Body], z: Iterate, at: Passage) -> tuple[Border, Array]:
+    """Linearise the holds: the border, with the rows of constraints that are not in force replaced by λ = 0, and the
+    stiffness (m, 3, 3) [N m] of the thread's own axis at them."""
+    law, sigma = problem.law, np.ascontiguousarray(z.sigma, dtype=float)
+    table = with_own_laws(law, ruled(law, sigma, at, z.s, z.lam, z.y).N) if any(law.own) else law.table
+    return linearise(table, sigma, problem.rows, at, z.lam, z.y)
+
+
 def border_of(problem: Problem[Body], z: Iterate, at: Passage) -> Border:
-    """Linearise the holds, with the rows of constraints that are not in force replaced by λ = 0."""
-    border = linearise(at, z.lam, z.y)
-    linearise_law(border, problem.law, z.sigma, at, z.lam, z.y)
-    return border if problem.rows.all() else drop_constraints(border, ~problem.rows)
+    """Linearise the holds, as `linearised` does, without the stiffness of the thread's own axis."""
+    return linearised(problem, z, at)[0]
 
 
 def add_constraint_stiffness(
@@ -334,20 +317,14 @@ def add_constraint_stiffness(
 ) -> tuple[Array, Border, Array]:
     """Add Φ_qᵀ Γ (Φ_q dq + … + Φ) to the thread's equations: the same solution, and a matrix that is regular although
     without the constraints the thread could move or turn freely (statics). Γ is of the size of the band's diagonal."""
-    thread = problem.system.thread
-    rows, at = border.B[:, PHI], r.passage
-    scale = np.abs(A).max()
-    reach = np.einsum("mki,mki->m", at.b[:, :2], at.b[:, :2])[:, None]
-    gamma = problem.rows * scale / np.where(np.arange(5) < 3, 1.0, reach)
-    weighted = rows * gamma[:, :, None]
-    E = border.E + np.einsum("mki,mkj->mij", weighted, border.D[:, PHI])
-    push = np.einsum("mki,mk->mi", weighted, r.holds[:, PHI]).reshape(-1, 3, 3)[:, :2]
-    K = np.einsum("mki,mkj->mij", weighted, rows).reshape(-1, 3, 3, 3, 3)
-    blocks = np.einsum("mki,mkalb,mlj->mijab", at.b[:, :3], K, at.b[:, :3])
-    A = A + thread.band_at(at.first, blocks)
+    thread, at, m = problem.system.thread, r.passage, len(r.holds)
+    border = border._replace(E=border.E.copy())
+    K, push = np.zeros((m, NINE, NINE)), np.zeros((m, NINE))
+    stiffen_holds(float(np.abs(A).max()), problem.rows, at.b, border, r.holds, K, push)
+    blocks = np.einsum("mki,mkalb,mlj->mijab", at.b[:, :3], K.reshape(-1, 3, 3, 3, 3), at.b[:, :3])
     r_q = r.thread.copy()
-    r_q[:, :3] += spread(push, at, thread.n)
-    return A, replace(border, E=E), r_q
+    r_q[:, :3] += spread(push.reshape(-1, 3, 3)[:, :2], at, thread.n)
+    return A + thread.band_at(at.first, blocks), border, r_q
 
 
 def allowed_share(problem: Problem[Body], dq: Array) -> float:
@@ -355,13 +332,12 @@ def allowed_share(problem: Problem[Body], dq: Array) -> float:
     LONGEST_MOVE, of a thread that floats beside the mean of all, and turns no tangent by more than
     `Problem.largest_turn`."""
     thread = problem.system.thread
-    away = dq - dq.mean(axis=0) if problem.floats else dq
-    spline, longest = thread.spline, float(np.abs(away * thread.lever).max())
-    share = min(1.0, LONGEST_MOVE * (spline.end - spline.start) / max(longest, np.finfo(float).tiny))
-    if problem.largest_turn == np.inf:
-        return share
-    turn = np.linalg.norm(np.diff(dq[:, :3], axis=0), axis=1) / spline.spacing
-    return min(share, problem.largest_turn / max(float(turn.max()), np.finfo(float).tiny))
+    longest = LONGEST_MOVE * (thread.spline.end - thread.spline.start)
+    return float(
+        share(
+            longest, problem.largest_turn, problem.floats, thread.spline.spacing, thread.lever, np.ascontiguousarray(dq)
+        )
+    )
 
 
 def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
@@ -371,20 +347,19 @@ def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
     A = thread.tangent(r.points, z.N)
     A += problem.inertia
     if not at.bare:
-        A += thread.band_at(at.first, own_stiffness(at, z.lam, z.y))
+        A += thread.band_at(at.first, own_stiffness(at, linearised(problem, z, at)[1]))
     return A
 
 
-def direction(problem: Problem[Body], z: Iterate, r: Residual, reach: Array | None = None) -> tuple[Array, Array]:
+def direction(problem: Problem[Body], z: Iterate, r: Residual, reach: Array = FREE) -> tuple[Array, Array]:
     """Return Newton's direction dq (n, c), dz (m, 15) at an iterate, the whole of it; `reach` as for
     `coupling.kernels.bordered.newton_direction`. Raises `SingularError`."""
     A = thread_matrix(problem, z, r)
     border, r_q = border_of(problem, z, r.passage), r.thread
     if problem.stiffen:
         A, border, r_q = add_constraint_stiffness(problem, A, border, r)
-    A, joints = problem.system.hold_still(A), problem.joints(z.sigma)
-    residuals = r_q, r.holds, r.site
-    return newton_direction(A, problem.system.held, border, problem.C, r.passage, *residuals, joints, reach)
+    A, joined = problem.system.hold_still(A), (problem.law.table.joints, z.sigma)
+    return newton_direction(A, problem.system.held, border, problem.C, r.passage, (r_q, r.holds, r.site), joined, reach)
 
 
 def moved(problem: Problem[Body], z: Iterate, r: Residual, dq: Array, dz: Array) -> Iterate:
@@ -393,7 +368,7 @@ def moved(problem: Problem[Body], z: Iterate, r: Residual, dq: Array, dz: Array)
     return replace(z, q=z.q + dq, N=N, s=z.s + dz[:, S], lam=z.lam + dz[:, PHI], y=z.y + dz[:, Y])
 
 
-def correct(problem: Problem[Body], z: Iterate, r: Residual, reach: Array | None = None) -> Iterate:
+def correct(problem: Problem[Body], z: Iterate, r: Residual, reach: Array = FREE) -> Iterate:
     """Make one Newton correction; `reach` as for `coupling.kernels.bordered.newton_direction`. Raises
     `SingularError`."""
     dq, dz = direction(problem, z, r, reach)
@@ -461,7 +436,7 @@ def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: Contai
     Pairs are judged to round-off first, and within what the solve leaves open only where that leads back.
     """
     margin = MARGIN * force_tolerance(problem, r)
-    sigma = next_sigma(problem.law, z.sigma, r.passage, z.s, z.lam, z.y, margin)
+    sigma = ruled(problem.law, z.sigma, r.passage, z.s, z.lam, z.y, margin).fits
     contact = problem.contact
     if contact is not None and contact.rubs:
         return with_rubbing_sets(problem, contact, z, r, sigma, seen)

@@ -64,17 +64,16 @@ def are_kept() -> bool:
 
 
 def covers(system: System[Body]) -> bool:
-    """Whether the loops know the thread, in one piece with stretch and bending as integrals, and the holes' laws of
+    """Return whether the kernels know the thread, with stretch and bending as integrals, and the holes' laws of
     friction, Coulomb's."""
     thread, own = system.thread, any(law is not None for law in system.own_friction)
-    return not (thread.twist or thread.coil or thread.springs is not None or thread.spline.cuts.size or own)
+    return not (thread.twist or thread.coil or thread.springs is not None or own)
 
 
 def is_covered(problem: Problem[Body]) -> bool:
-    """Whether the loops know all of a problem: besides the thread a linear organ none of whose surfaces may touch, and
-    holes, but no ties."""
-    linear = problem.answer.linear and problem.contact is None
-    return linear and not problem.law.strands.size and covers(problem.system)
+    """Return whether the kernels know all of a problem: besides the thread and its holes a linear organ none of whose
+    surfaces may touch."""
+    return problem.answer.linear and problem.contact is None and covers(problem.system)
 
 
 def solve_compiled(problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: int = 1) -> Solution[Body]:

@@ -27,7 +27,8 @@ from scipy.sparse import dia_array
 from coupling.arrays import Array
 from coupling.errors import StepError
 from coupling.interfaces import Body
-from coupling.kernels.bordered import NINE, columns
+from coupling.kernels.border import NINE
+from coupling.kernels.bordered import columns
 from coupling.step.newton import (
     Iterate,
     Problem,

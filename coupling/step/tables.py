@@ -14,14 +14,15 @@ import numpy as np
 from coupling.arrays import Array, Flags, Indices
 from coupling.kernels import iteration
 from coupling.kernels.address import address_of
-from coupling.kernels.bordered import NINE
-from coupling.kernels.curve import Curve
-from coupling.kernels.friction import Law
+from coupling.kernels.border import NINE
 from coupling.kernels.iteration import Bounds, Found, Given, Knots, Trail, Unknowns
 from coupling.recent import Recent
 from coupling.step import newton
 from coupling.step.newton import Iterate, Problem
 from thread.compliance import LACKS, POWERS
+from thread.energies.continuous import Continuous
+from thread.kernels.curve import Curve
+from thread.kernels.loops import files_of
 from thread.spline import ORDERS
 from thread.thread import Thread
 
@@ -41,29 +42,16 @@ class Tables:
     @cached_property
     def curve(self) -> Curve:
         """The elastic thread."""
-        thread, bending, stretch = self.thread, self.thread.elastic_rule, self.thread.axial_rule
-        return Curve(
-            first=self._first,
-            slope=plain(bending.b[:, :, 1]),
-            bend=plain(bending.b[:, :, 2]),
-            w=plain(bending.w),
-            axial_slope=plain(stretch.b[:, :, 1]),
-            axial_w=plain(stretch.w),
-            EA=float(thread.EA),
-            EI=float(thread.EI),
-        )
+        assert isinstance(self.thread.axial, Continuous)  # `coupling.step.solver.covers` no springs
+        return self.thread.axial.curve
 
     @cached_property
     def knots(self) -> Knots:
         """The spline."""
         spline, M = self.thread.spline, self.thread.mass_matrix
         mass = np.array([np.pad(M.diagonal(k), (0, k)) for k in range(REACH + 1)]).T
-        places = plain(spline.breaks), self._first, plain(spline.spacing)
+        places = plain(spline.breaks), self.curve.first, plain(spline.spacing)
         return Knots(*places, plain(spline.polynomials), plain(mass))
-
-    @cached_property
-    def _first(self) -> Indices:
-        return self.thread.spline.first.astype(np.int64)
 
 
 def empty_lack(thread: Thread, holds: int) -> Array:
@@ -129,6 +117,8 @@ def given_of(problem: Problem) -> Given:
         empty_lack(system.thread, system.holds),
         float(problem.mass_factor),
         problem.stiffen,
+        plain(problem.gaps),
+        np.zeros((system.holds, NINE)),
     )
 
 
@@ -144,26 +134,6 @@ def pieces_of(thread: Thread, home: Array) -> tuple[Indices, Array]:
     piece = spline.piece_of(home)[:, None] + np.arange(2)
     ends = np.searchsorted(spline.breaks, spline.piece_ends)
     return ends[piece] - np.arange(2), spline.piece_ends[piece]
-
-
-def law_of(problem: Problem) -> Law:
-    """Return the law of sliding of all holds."""
-    law = problem.law
-    return Law(
-        s_old=plain(law.s_old),
-        s_held=plain(law.s_held),
-        static=plain(law.factor * law.static),
-        kinetic=plain(law.factor * law.kinetic),
-        grip=plain(law.factor * law.grip),
-        per_channel=plain(law.per_channel),
-        rough=law.rough,
-        may_slide=law.may_slide,
-        s_free=plain(law.s_free),
-        injected=plain(law.injected),
-        stretch=law.stretch.copy(),
-        inertia=plain(law.inertia * np.ones(len(law.s_old))),
-        ideal=law.ideal,
-    )
 
 
 def bounds_of(problem: Problem, spans: float, patience: int) -> Bounds:
@@ -224,16 +194,16 @@ def folder_of(loops: object) -> Path | None:
 def is_ready() -> bool:
     """Whether the loops were on disk, compiled since a module of theirs last changed, when this was first asked; where
     Numba is switched off nothing is to be compiled."""
-    return is_kept(iteration.solve, KEPT, "*.py")
+    return is_kept(iteration.solve, KEPT, iteration.__file__)
 
 
-def is_kept(loops: object, name: str, sources: str) -> bool:
-    """Whether compiled loops, whose files on disk begin with a `name`, were compiled since a module among their
-    `sources` in `coupling.kernels` last changed; also where Numba is switched off."""
+def is_kept(loops: object, name: str, *modules: str) -> bool:
+    """Whether compiled loops, whose files on disk begin with a `name`, were compiled since a file in the folders of
+    their `modules` last changed; also where Numba is switched off."""
     folder = folder_of(loops)
     if folder is None:
         return not hasattr(loops, "stats")
-    changed = max(path.stat().st_mtime for path in Path(iteration.__file__).parent.glob(sources))
+    changed = max(path.stat().st_mtime for path in files_of(*modules))
     return any(path.stat().st_mtime > changed for path in folder.glob(f"{name}*.nbi"))
 
 
@@ -264,7 +234,7 @@ def telling() -> Iterator[None]:
 def run(tables: Tables, problem: Problem, start: Iterate, spans: float = 0.0, patience: int = 1) -> Ended:
     """Run the loops from an iterate. Where a hold comes to a span of which it is not known what the spline lacks there,
     that is learnt, and they go on."""
-    given, law, bounds = given_of(problem), law_of(problem), bounds_of(problem, spans, patience)
+    given, law, bounds = given_of(problem), problem.law.table, bounds_of(problem, spans, patience)
     learn(given.lack, problem, start.s)
     arrays = (np.array(x, dtype=float) for x in (start.q, start.N, start.s, start.lam, start.y, start.sigma))
     z = Iterate(*arrays)

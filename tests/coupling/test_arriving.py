@@ -9,7 +9,8 @@ from scipy.optimize import brentq
 
 from coupling.errors import EquilibriumError, InversionError, SpentError, StepError
 from coupling.integrators import BackwardEuler
-from coupling.kernels.bordered import OWN, own_downhill, solve_own
+from coupling.kernels.border import NINE, OWN, solve_border
+from coupling.kernels.bordered import FREE, NO_JOINTS, empty_border
 from coupling.rest import branch, equilibrium
 from coupling.run.adaptivity import exchange_spline, refit_state
 from coupling.run.run import Run, begin
@@ -175,6 +176,16 @@ def holds_of(stiffness: float, drive: float) -> tuple[Array, Array]:
     return matrix, rhs
 
 
+def solved_alone(matrix: Array, rhs: Array, reach: Array) -> Array:
+    """Return the solution of the equations of two holds without thread and organ, led by `reach`."""
+    border, dz, no_thread = empty_border(2), np.zeros((2, 15)), np.zeros((2 * NINE, 1 + 2 * NINE))
+    border.D[:, :, :OWN] = matrix.reshape(2, OWN, 2, OWN)[np.arange(2), :, np.arange(2)]
+    C, r_y = np.zeros((2 * NINE, 2 * NINE)), np.zeros((2, NINE))
+    assert solve_border(border, C, no_thread, -rhs.reshape(2, OWN), r_y, NO_JOINTS, np.ones(2), reach, dz)
+    assert not dz[:, OWN:].any()
+    return dz[:, :OWN].ravel()
+
+
 @pytest.mark.parametrize("drive", [2.0, -2.0])
 def test_corrections_downhill_follow_the_force(drive: float) -> None:
     """Independent check: where the thread is held against its way, the correction is Newton's; where it snaps it goes
@@ -182,8 +193,7 @@ def test_corrections_downhill_follow_the_force(drive: float) -> None:
     hold."""
     for stiffness, reach in ((4.0, 1.0), (-4.0, 1.0), (4.0, 0.1), (-4.0, 0.1)):
         matrix, rhs = holds_of(stiffness, drive)
-        newton = solve_own(matrix.copy(), rhs)
-        led = own_downhill(matrix.copy(), rhs, np.full(2, reach), OWN * np.arange(2))
+        newton, led = (solved_alone(matrix, rhs, reach) for reach in (FREE, np.full(2, reach)))
         expected = min(abs(drive / stiffness), reach) * np.sign(drive)
         assert abs(newton[0] - drive / stiffness) <= IDENTITY
         assert abs(led[0] - expected) <= IDENTITY

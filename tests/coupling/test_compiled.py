@@ -15,19 +15,14 @@ import coupling.step.stepping
 from coupling.calls import asked_before_corrections
 from coupling.errors import StepError
 from coupling.integrators import BackwardEuler
-from coupling.kernels import border, iteration
-from coupling.kernels.bordered import empty_border, linearise
-from coupling.kernels.constraints import passage
-from coupling.kernels.holes import hold_at
-from coupling.kernels.loops import outermost
+from coupling.kernels import iteration
 from coupling.step import newton, solver, tables
 from coupling.step.newton import Iterate, Problem, Solution
 from coupling.step.stepping import dynamic_problem, organ_answer, predict
 from coupling.step.tables import tables_of
 from studies.scenario import Scenario, load
 from studies.simulation import prepare
-from tests.bounds import AXIAL, IDENTITY, RESIDUAL
-from tests.thread.threads import Strand, bent, uniform
+from tests.bounds import AXIAL, RESIDUAL
 from thread.ends import Free
 
 ROUGH = "friction={static=0.2,kinetic=0.1,grip=0.002}"
@@ -271,23 +266,3 @@ def test_that_the_step_is_compiled_is_said_and_that_it_is_done(
     told = [(record.getMessage().partition(",")[0], hasattr(record, "over")) for record in caplog.records]
     new = [("compiling the step", False), ("the step is compiled", True)]
     assert told == ([] if ready or known else new)
-
-
-def test_the_loops_linearise_a_hold_as_numpy_does() -> None:
-    """Independent check (the same derivatives, written twice): Newton's method would arrive with others, too."""
-
-    def fill(P: Any, c: Any, directed: Any, lam: Any, y: Any, E: Any, B: Any, D: Any, F: Any, R: Any) -> None:
-        for k in range(len(lam)):
-            h = hold_at(P[k], c[k], directed[k], False, lam[k], y[k])
-            border.linearise(h, border.Border(E[k], B[k], D[k], F[k], R[k]))
-
-    rng, thread = np.random.default_rng(5), uniform(1.0, 10, Strand(EI=1.0))
-    s, directed, layers = np.array([0.31, 0.77]), np.array([True, False]), np.array([0.05, 0.2])
-    at = passage(thread, bent(thread.spline), s, directed, layers=layers)
-    lam, y = rng.standard_normal((2, 5)), rng.standard_normal((2, 9))
-    made, exact = empty_border(2), linearise(at, lam, y)
-    places = np.stack([at.P, at.T, at.K, at.J], axis=1)
-    outermost(fill)(places, at.c, directed, lam, y, made.E, made.B, made.D, made.F, made.R)
-    for name in "EBDFR":
-        block = getattr(exact, name)
-        assert np.abs(getattr(made, name) - block).max() <= IDENTITY * np.abs(block).max()

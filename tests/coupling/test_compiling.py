@@ -9,15 +9,15 @@ import pytest
 from numba import config
 from numba.core.codegen import JITCPUCodegen
 
-from coupling.kernels import iteration, loops
+from coupling.kernels import iteration
 from coupling.kernels.address import address_of, by_address
 from coupling.kernels.steps import march
 from coupling.run import begin
 from studies.simulation.assembly import assemble
 from tests.coupling.test_compiled import drawn
+from thread.kernels import loops
 
-FOLDER = Path(loops.__file__).parent
-MODULES = sorted(FOLDER.rglob("*.py"))
+MODULES = loops.files_of(iteration.__file__, march.__file__)
 ARRAYS = {"Array", "Indices", "Flags", "Border", "Motion", "Found", "Passing", "Unknowns", "Stretched", "Any"}
 
 

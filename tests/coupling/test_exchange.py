@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import minimize
 
 import coupling.reports.audit
-from coupling.kernels.constraints import Passage, effective_place, held_energy, parts
+from coupling.kernels.constraints import Passage, held_energy, meeting
 from coupling.kernels.holes import hold_at
 from coupling.kernels.steps.audit import bears, exchange_in_place
 from coupling.reports.audit import BORNE, audit_step, passing_of
@@ -88,7 +88,8 @@ def test_what_an_exchange_stores_under_a_force(ratio: float) -> None:
     run = after_some_steps(False)
     before, after = exchanged(run, ratio)
     old, new = before.c[0, 0, 0], after.c[0, 0, 0]
-    force = np.linalg.norm(parts(before, run.state.lam).across)
+    tangent = before.T[0] / np.linalg.norm(before.T[0])
+    force = np.linalg.norm(np.cross(run.state.lam[0, :3], tangent))  # across the thread
     expected = 0.5 * (old * force) ** 2 * (1.0 / new - 1.0 / old)
     found = stored_more(*only_hold(before, run), run.system.rows[0], after.c[0, 0])
     assert abs(found - expected) <= RESIDUAL * abs(expected)
@@ -101,15 +102,15 @@ def test_what_an_exchange_stores_under_force_and_couple(ratio: float) -> None:
     run = after_some_steps(True)
     before, after = exchanged(run, ratio)
     lam, y = run.state.lam, run.state.y
-    part = parts(before, lam)
-    P, T = effective_place(before, lam, y)
-    off, turn = P - before.P, T - before.T
-    sides = np.linalg.svd(part.unit)[2][1:]  # across the thread
+    met, unit_tangent = meeting(before, lam, y), before.T / np.linalg.norm(before.T, axis=1, keepdims=True)
+    off, turn = met.place - before.P, met.tangent - before.T
+    along = lam[0, :3] @ unit_tangent[0]
+    sides = np.linalg.svd(unit_tangent)[2][1:]  # across the thread
     d = np.concatenate([sides @ off[0], turn[0] @ y.reshape(3, 3)[1:].T])
     x = np.concatenate([sides @ lam[0, :3], lam[0, 3:]])
 
     def stored(at: Passage, x: Array) -> float:
-        there = np.concatenate([x[:2] @ sides + part.along[0] * part.unit[0], x[2:]])
+        there = np.concatenate([x[:2] @ sides + along * unit_tangent[0], x[2:]])
         return float(d @ x - held_energy(at, there[None], y)[0])
 
     scale = np.abs(x).max() * np.array([1.0, 1.0, 1e-3, 1e-3])

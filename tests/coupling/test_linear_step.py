@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from coupling.errors import CouplingError, CreatedEnergyError, StepError
-from coupling.kernels.constraints import bare_passage, driving_force, phi
+from coupling.kernels.constraints import bare_passage, driving_force, phi, pressing_force
 from coupling.paper.elimination import elimination, solve_by_elimination, whole_matrix
 from coupling.paper.linear_step import (
     CREATED,
@@ -25,7 +25,6 @@ from coupling.paper.linear_step import (
 )
 from coupling.paper.two_pass import two_pass
 from coupling.reports.audit import Energies, audit_step, initial_energies, multiplier_imbalance
-from coupling.step.sliding import normal_force
 from coupling.step.stepping import advance, try_step
 from coupling.system import Friction, Piercing, State, System
 from studies.scenario import ScenarioError, Solve, load
@@ -518,7 +517,7 @@ def test_two_linear_passes_hold_and_let_slip() -> None:
         taken.append(energies.friction_dissipation)
         at, lam = step.solution.residual.passage, step.new.lam
         f = driving_force(at, lam, step.old.y) / np.linalg.norm(at.T, axis=1)
-        ratio.append(step.new.sigma[1] * f[1] / normal_force(at, lam, step.old.y, np.zeros(2))[1])
+        ratio.append(step.new.sigma[1] * f[1] / pressing_force(at, lam, step.old.y, np.zeros(2))[1])
     assert np.all(np.diff(taken)[5:] >= 0.0)  # once the thread bears on its corners
     assert taken[-1] > 1e-3 * energies.external_work
     assert abs(energies.balance_error) <= RESIDUAL * energies.external_work

@@ -8,7 +8,7 @@ import pytest
 
 from coupling.errors import CouplingError
 from coupling.rest.equilibrium import pair_lips
-from coupling.step.sliding import force_along_thread, law_of
+from coupling.step.sliding import law_of, ruled
 from coupling.step.tension import stretches_at
 from coupling.system import Friction, Piercing, State
 from studies.output.records import StepRecord
@@ -44,7 +44,7 @@ def along(simulation: Simulation, state: State) -> np.ndarray:
     system = simulation.assembly.system
     stretch = stretches_at(system, state.s, state.N, state.lam, state.present)
     law = law_of(system, state.s, state.present, 0.0, state.s, stretch=stretch)
-    return force_along_thread(law, system.passage_of(state), state.s, state.lam, state.y)
+    return ruled(law, state.sigma, system.passage_of(state), state.s, state.lam, state.y).f
 
 
 @pytest.mark.parametrize("direction", ["free", [1.0, 0.0, 0.0]])

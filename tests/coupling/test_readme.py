@@ -11,7 +11,7 @@ import pytest
 
 from coupling.kernels.bordered import columns, linearise
 from coupling.kernels.constraints import driving_force, passage, site_force, spread, thread_force
-from coupling.step.sliding import Law, linearise_law
+from coupling.step.sliding import Law
 from tests.bounds import DIFFERENCE, IDENTITY
 from tests.thread.threads import Array, Strand, bent, uniform
 
@@ -53,8 +53,8 @@ def test_what_is_named_exists(file: str, name: str) -> None:
 def test_the_tables_are_read() -> None:
     """Independent check: the other tests look at many names and rows, not at none."""
     assert len(NAMED) > 50 and len(ROWS) > 50
-    assert "Border.H_qs" in defined("coupling/kernels/bordered.py") and "no_such" not in defined(
-        "coupling/kernels/bordered.py"
+    assert "Border.H_qs" in defined("coupling/kernels/border.py") and "no_such" not in defined(
+        "coupling/kernels/border.py"
     )
     assert all((ROOT / file).is_file() for file in FILES) and FILES
 
@@ -74,10 +74,9 @@ def test_the_signs_of_the_blocks() -> None:
     q, s, dq = bent(thread.spline), np.array([0.43]), rng.standard_normal((10, 3))
     lam, y = rng.standard_normal((1, 5)), rng.standard_normal((1, 9))
     at = passage(thread, q, s, one > 0.0)
-    V, border = columns(at, thread.n, 3), linearise(at, lam, y)
-    none, untied = one < 0.0, np.zeros((0, 2), dtype=np.intp)
-    law = Law(s, s, 0 * one, 0 * one, 0 * one, 0 * one, none, ~none, inertia, s, 0 * one, one, untied, none)
-    linearise_law(border, law, one, at, lam, y)
+    V, none, untied = columns(at, thread.n, 3), one < 0.0, np.zeros((0, 2), dtype=np.intp)
+    law = Law(s, s, 0 * one, 0 * one, 0 * one, 0 * one, none, ~none, inertia, s, 0 * one, one, untied)
+    border, _ = linearise(law.table, one, np.ones((1, 5), dtype=bool), at, lam, y)
 
     def slope(force: Callable[..., Array], dq: Array | float = 0.0, ds: float = 0.0) -> Array:
         ends = [force(passage(thread, q + h * dq, s + h * ds, one > 0.0), lam, y) for h in (1e-5, -1e-5)]

@@ -7,13 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-import coupling.step.sliding
 from coupling.integrators import Scheme
-from coupling.kernels.constraints import driving_force, phi, tangent
+from coupling.kernels import bordered
+from coupling.kernels.border import Border
+from coupling.kernels.constraints import Passage, driving_force, phi, pressing_force, tangent
+from coupling.kernels.friction import Ruled
 from coupling.reports.audit import audit_step, initial_energies
 from coupling.reports.observation import largest_gap, largest_residual, observe
-from coupling.step import newton
+from coupling.step import newton, sliding
 from coupling.step.newton import evaluate
+from coupling.step.sliding import Law
 from coupling.system import Friction, Piercing, State, System
 from studies.scenario import load
 from studies.simulation import prepare
@@ -265,9 +268,9 @@ def test_a_channel_bears_force_and_couple_at_its_ends(turn: float) -> None:
     lam = np.concatenate([F * u + along * X, [M * across @ u, M * across @ v]])[None]
     at = replace(system.passage_of(state), c=np.zeros((1, 3, 3)))
     ends = [np.linalg.norm(0.5 * F * u + sign * M / channel * across) for sign in (1.0, -1.0)]
-    seen = coupling.step.sliding.normal_force(at, lam, y, np.array([1.0 / channel]))
+    seen = pressing_force(at, lam, y, np.array([1.0 / channel]))
     assert np.abs(seen - sum(ends)).max() <= RESIDUAL * F
-    assert np.abs(coupling.step.sliding.normal_force(at, lam, y, np.zeros(1)) - F).max() <= RESIDUAL * F
+    assert np.abs(pressing_force(at, lam, y, np.zeros(1)) - F).max() <= RESIDUAL * F
 
 
 # -- a sleeve --------------------------------------------------------------------------------------------------------
@@ -351,13 +354,21 @@ def test_sleeve_bent_on_both_sides(offset: float) -> None:
 def test_without_the_direction_terms_the_sleeve_holds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: the law λ·T = 0 (eq. 6 as printed) gives a rod in a sleeve no axial force at all."""
     with_terms = sleeve(SLEEVE)[0]
-    T_only = lambda thread, lam, y: np.einsum("mi,mi->m", lam[:, :3], thread.T)  # noqa: E731
-    whole = coupling.step.sliding.phi_s
-    monkeypatch.setattr(coupling.step.sliding, "driving_force", T_only)
-    monkeypatch.setattr(coupling.step.sliding, "force_on_tangent", lambda lam, y: np.zeros((len(lam), 3)))
-    monkeypatch.setattr(coupling.step.sliding, "held_energy", lambda *at: np.zeros(1))
+
+    def ruled(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array, margin: float = 0.0) -> Ruled:
+        out = sliding.ruled(law, sigma, thread, s, lam, y, margin)
+        return out._replace(residual=np.vecdot(lam[:, :3], thread.T)[:, None])
+
+    def linearise(*given: Any) -> tuple[Border, Array]:
+        (border, own), (thread, lam, _) = bordered.linearise(*given), given[-3:]
+        border.B[:, 0], border.D[:, 0] = 0.0, 0.0
+        border.B[:, 0, 3:6], border.D[:, 0, 1:4] = lam[:, :3], thread.T
+        border.D[:, 0, 0] = np.vecdot(lam[:, :3], thread.K)
+        return border, own
+
+    monkeypatch.setattr(newton, "ruled", ruled)
+    monkeypatch.setattr(newton, "linearise", linearise)
     monkeypatch.setattr(Thread, "missing_compliance", lambda thread, s, *_: np.zeros((len(s), 3, LACKS)))
-    monkeypatch.setattr(coupling.step.sliding, "phi_s", lambda *at: whole(*at) * [1.0, 1.0, 1.0, 0.0, 0.0])
     force, exact = sleeve(SLEEVE)
     assert abs(force) < TWO_SOLVERS * exact
     assert abs(with_terms) > 0.9 * exact

@@ -10,7 +10,7 @@ import pytest
 
 from coupling.errors import CouplingError, RunAwayError
 from coupling.integrators import BackwardEuler
-from coupling.kernels.constraints import effective_place, phi, site_force
+from coupling.kernels.constraints import meeting, phi, site_force
 from coupling.kernels.steps.audit import REMAINDER
 from coupling.paper import staggered
 from coupling.reports.audit import audit_step, initial_energies, turned_over
@@ -94,7 +94,7 @@ def test_the_thread_meets_the_holes_where_they_were(kind: str) -> None:
         violation = np.abs(phi(at, step.new.lam, step.old.y))
         assert violation[:, :3].max() <= GAP * system.thread.section.diameter
         assert violation[:, 3:].max() <= GAP
-        drift = np.linalg.norm(effective_place(at, step.new.lam, step.old.y)[0] - step.new.y[:, :3], axis=1)
+        drift = np.linalg.norm(meeting(at, step.new.lam, step.old.y).place - step.new.y[:, :3], axis=1)
         way = np.linalg.norm((step.new.y - step.old.y)[:, :3], axis=1)
         assert np.abs(drift - way).max() <= GAP * system.thread.section.diameter
         assert largest_residual(system, step.new) == pytest.approx(

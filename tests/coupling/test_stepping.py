@@ -136,7 +136,9 @@ def test_a_flipped_tangent_is_an_inversion() -> None:
     system, state = scene((Free(), Free()), holes=holes)
     assert list(state.sense) == [-1.0, 1.0]  # down through the first, up through the second
     at = system.passage_of(state)
-    mirrored = replace(at, T=at.T * np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0]]))
+    D = at.D.copy()
+    D[1, 1, 2] *= -1.0
+    mirrored = replace(at, D=D)
     with pytest.raises(InversionError, match="'exit'") as caught:
         with_sense(system, state, state, mirrored)
     assert caught.value.time == 0.0

@@ -22,7 +22,7 @@ from coupling.run.cutting import Cut, cut_thread
 from coupling.run.tying import begin_tie, observe_ties, with_strands
 from coupling.step.diagnosis import refuse_held_end
 from coupling.step.newton import solve
-from coupling.step.sliding import force_along_thread, next_sigma
+from coupling.step.sliding import ruled
 from coupling.step.stepping import dynamic_problem, organ_answer, predict
 from coupling.system import Piercing, State, System
 from coupling.ties import Tie, gap_left
@@ -347,12 +347,12 @@ def test_a_loop_that_slides_is_at_the_edge_of_sticking() -> None:
     solution = settle(simulation.assembly.system, simulation.beginning().state, 0.25, 1.0).solution
     law, z = solution.problem.law, solution.iterate
     pair = law.pairs[law.rough[law.pairs].all(axis=1)][0]
-    f = np.abs(force_along_thread(law, solution.residual.passage, z.s, z.lam, z.y)[pair])
+    f = np.abs(ruled(law, z.sigma, solution.residual.passage, z.s, z.lam, z.y).f[pair])
     assert z.sigma[pair].all() and abs(f[1] - f[0]) > 1e-3 * f[0]
     stuck = np.where(np.isin(np.arange(len(z.s)), pair), 0.0, z.sigma)
     for factor, slides in ((1.0 + 1e-9, False), (1.0 - 1e-9, True)):
         known = replace(law, factor=factor), stuck, solution.residual.passage
-        assert next_sigma(*known, z.s, z.lam, z.y, 0.0)[pair].all() == slides
+        assert ruled(*known, z.s, z.lam, z.y).fits[pair].all() == slides
 
 
 @cache

@@ -4,7 +4,7 @@ from typing import Any
 
 from numba import njit
 
-from coupling.kernels.parts import WholeCompiler
+from thread.kernels.parts import WholeCompiler
 
 
 def whole(function: Any) -> Any:

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from tests.bounds import IDENTITY, ORDER
 from tests.thread.threads import PP, Strand, assert_slope, bent, dense, greville, straight, thread_on, uniform
-from thread.energies.densities import curvature_squared, curvature_squared_gradient, curvature_squared_hessian
 from thread.errors import ThreadError
+from thread.kernels.curve import Curve, Stretched, energy_of, gradient_of, tangent_of
 from thread.knots import clamped_knots
 from thread.thread import Thread
 
@@ -20,6 +20,28 @@ SECTIONS = {
 }
 KNOTS = clamped_knots(np.array([0.0, 0.1, 0.18, 0.3, 0.3, 0.45, 0.5, 0.7, 0.9, 1.0]))
 RNG = np.random.default_rng(5)
+
+# Five points whose first two control values are T and T' themselves, with EI = 2: the energy is the sum of κ².
+FIRST, SECOND, NOTHING = (np.tile(row, (5, 1, 1)) for row in np.vstack([np.eye(4)[:2], np.zeros(4)]))
+POINTS = Curve(np.zeros(5, np.int64), FIRST, SECOND, np.ones((5, 1)), NOTHING, np.zeros((5, 1)), 0.0, 2.0)
+
+
+def at_points(T: np.ndarray, K: np.ndarray) -> Stretched:
+    """The five points with given derivatives (5, 3) each."""
+    return Stretched(T[:, None].copy(), K[:, None].copy(), np.zeros((5, 1, 3)), np.zeros((5, 1)))
+
+
+def curvature_squared_gradient(T: np.ndarray, K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of κ² by T and T', (5, 3) each."""
+    F = np.zeros((5, 4, 3))
+    gradient_of(POINTS, at_points(T, K), F)
+    return F[:, 0], F[:, 1]
+
+
+def curvature_squared(T: np.ndarray, K: np.ndarray) -> np.ndarray:
+    """κ² of each of the five points, shape `(5,)`."""
+    each = (np.ascontiguousarray(row)[:, None] for row in np.eye(5))
+    return np.array([energy_of(POINTS._replace(w=w), at_points(T, K)) for w in each])
 
 
 @pytest.fixture(params=SECTIONS)
@@ -91,13 +113,16 @@ def test_curvature_derivatives(seed: int) -> None:
     T, K, dT, dK = rng.standard_normal((4, 5, 3))
     T *= 2.0 / np.linalg.norm(T, axis=1)[:, None]
     g_T, g_K = curvature_squared_gradient(T, K)
-    H_TT, H_TK, H_KK = curvature_squared_hessian(T, K)
+    H = np.zeros((5, 4, 3, 12))
+    tangent_of(POINTS, at_points(T, K), np.zeros((5, 1)), H)
+    H_TT, H_TK, H_KK = H[:, 0, :, :3], H[:, 0, :, 3:6], H[:, 1, :, :3]
     assert_slope(lambda h: curvature_squared(T + h * dT, K + h * dK), (g_T * dT + g_K * dK).sum(axis=1), h=0.03)
     exact_T = np.einsum("mij,mj->mi", H_TT, dT) + np.einsum("mij,mj->mi", H_TK, dK)
     exact_K = np.einsum("mji,mj->mi", H_TK, dT) + np.einsum("mij,mj->mi", H_KK, dK)
     assert_slope(lambda h: curvature_squared_gradient(T + h * dT, K + h * dK)[0], exact_T, h=0.03)
     assert_slope(lambda h: curvature_squared_gradient(T + h * dT, K + h * dK)[1], exact_K, h=0.03)
     cross = np.linalg.norm(np.cross(T, K), axis=1) ** 2 / np.linalg.norm(T, axis=1) ** 4
+    assert abs(energy_of(POINTS, at_points(T, K)) - cross.sum()) <= 1e2 * IDENTITY * cross.max()
     assert np.abs(curvature_squared(T, K) - cross).max() <= 1e2 * IDENTITY * cross.max()
 
 

@@ -23,7 +23,6 @@ from functools import cached_property
 import numpy as np
 
 from thread.arrays import Array, Indices
-from thread.energies.densities import axial_stiffness, axial_strain
 from thread.errors import ThreadError
 from thread.frames import Stations
 from thread.knots import apportion
@@ -211,7 +210,7 @@ class Springs:
     def evaluate(self, q: Array, frame: object = None) -> Taut:
         """Evaluate the directions before and after each point."""
         d = (self._rows @ q[self._points])[..., :3]
-        return Taut(d[:, 0], d[:, 1], axial_strain(d[:, 1]))
+        return Taut(d[:, 0], d[:, 1], 0.5 * (dot(d[:, 1], d[:, 1]) - 1.0))
 
     def energy(self, at: Taut) -> float:
         """Return the elastic energy [J]."""
@@ -234,7 +233,7 @@ class Springs:
         aa, ab, bb = bend_hessian(at.a, at.b)
         H = np.empty((len(N), 2, 2, 3, 3))
         H[:, 0, 0], H[:, 0, 1], H[:, 1, 0] = k * aa, k * ab, k * ab.swapaxes(-1, -2)
-        H[:, 1, 1] = k * bb + self._length[:, None, None] * axial_stiffness(at.b, N, self.EA)
+        H[:, 1, 1] = k * bb + self._length[:, None, None] * (N[:, None, None] * IDENTITY + self.EA * outer(at.b, at.b))
         return np.einsum("mki,mklab,mlj->mijab", self._rows, H, self._rows, optimize=True)
 
     def next_axial_force(self, at: Taut, dq: Array) -> Array:

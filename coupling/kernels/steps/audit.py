@@ -22,12 +22,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coupling.arrays import Array, Flags
+from coupling.kernels import iteration
 from coupling.kernels.band import solve_dense
-from coupling.kernels.curve import Curve, Stretched, point
 from coupling.kernels.holes import Hold, driving_force, held_energy, hold_at, turned_compliance
 from coupling.kernels.iteration import Found, Given, Knots, Passing, Unknowns, add_momentum, pass_hold
-from coupling.kernels.loops import loop, outermost, owning, sources
-from coupling.kernels.vectors import dot
+from thread.kernels.loops import loop, outermost, owning, sources
+from thread.kernels.vectors import dot
 
 # What a step of the thread turns over, in this order [J]: kinetic and elastic energy at its end; the works from
 # outside, of friction and of damping; what the integrator took, but for the change of the elastic energy; the remainder
@@ -131,21 +131,6 @@ def pass_holds(knots: Knots, given: Given, z: Unknowns, at: Passing) -> None:
     """Evaluate the thread at its holes, and what it lacks there by what is known of that now."""
     for k in range(len(z.s)):
         pass_hold(knots, given, z, k, at)
-
-
-@loop
-def elastic_energy(curve: Curve, at: Stretched) -> float:
-    """Return the energy of stretch and bending [J]."""
-    energy = 0.0
-    for e in range(len(curve.first)):
-        for g in range(curve.w.shape[1]):
-            T, K = point(at.T, e, g), point(at.K, e, g)
-            a, b, c = dot(T, T), dot(T, K), dot(K, K)
-            crushed = max(0.5 * (1.0 - a), 0.0) ** 4
-            energy += curve.w[e, g] * (curve.EI * ((a * c - b * b) / a**2) + curve.EA * crushed)
-        for g in range(curve.axial_w.shape[1]):
-            energy += curve.EA * curve.axial_w[e, g] * at.strain[e, g] ** 2
-    return 0.5 * energy
 
 
 @loop
@@ -427,4 +412,4 @@ def entries_of(digest: int) -> Any:
     return audit, enter, kinetic
 
 
-audit, enter, kinetic = entries_of(sources("**/*.py"))
+audit, enter, kinetic = entries_of(sources(iteration.__file__, __file__))

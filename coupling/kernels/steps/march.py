@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
+from coupling.kernels import iteration
 from coupling.kernels.address import by_address
-from coupling.kernels.curve import Curve, Stretched
 from coupling.kernels.friction import Law
 from coupling.kernels.holes import AT_U, AT_V, FIRST
 from coupling.kernels.iteration import GOES_ON, HOW, UNKNOWN, Bounds, Found, Given, Knots, Passing, Unknowns, solve
-from coupling.kernels.loops import loop, outermost, sources
 from coupling.kernels.steps.audit import (
     ELASTIC,
     Holes,
@@ -24,7 +23,6 @@ from coupling.kernels.steps.audit import (
     Works,
     audit_march,
     book,
-    elastic_energy,
     pass_holds,
 )
 from coupling.kernels.steps.organ import Going, Organ, Pace, audit_organ, bear, go_free
@@ -43,11 +41,12 @@ from coupling.kernels.steps.tension import (
     span_at,
 )
 from coupling.kernels.steps.watch import Shares, goes_uphill
-from coupling.kernels.vectors import cross, dot, norm, vector
+from thread.kernels.curve import Curve, Stretched, elastic_energy
+from thread.kernels.loops import loop, outermost, sources
+from thread.kernels.vectors import cross, dot, norm, vector
 
 # Why no further step is made.
 MADE, TO_LEARN, NOT_SOLVED, TOO_FAST, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL, TOO_NARROW = range(11)
-SOURCES = "**/*.py"  # that the loops are compiled from
 ENERGIES = 10  # numbers of `coupling.reports.audit.Energies` that steps change
 solve_at = by_address(solve)
 
@@ -512,4 +511,4 @@ def march_of(digest: int) -> Any:
     return march
 
 
-march = march_of(sources(SOURCES))
+march = march_of(sources(iteration.__file__, __file__))

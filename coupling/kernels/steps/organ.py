@@ -7,7 +7,6 @@ import numpy as np
 
 from coupling.arrays import Array
 from coupling.kernels.iteration import Given
-from coupling.kernels.loops import loop
 from coupling.kernels.steps.audit import (
     BODY_BY_MEAN,
     BODY_ELASTIC,
@@ -17,6 +16,7 @@ from coupling.kernels.steps.audit import (
     BODY_VISCOUS,
     Motion,
 )
+from thread.kernels.loops import loop
 
 
 class Pace(NamedTuple):

@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coupling.arrays import Array, Flags
-from coupling.kernels.loops import loop, outermost, owning, sources
+from coupling.kernels import iteration
 from coupling.kernels.steps.tension import Along, put_bounds
+from thread.kernels.loops import loop, outermost, owning, sources
 
 SHORTEST = 2.220446049250313e-16  # of the thread's end: the least length of a strand
 
@@ -116,4 +117,4 @@ def look_of(digest: int) -> Any:
     return look
 
 
-look = look_of(sources("**/*.py"))
+look = look_of(sources(iteration.__file__, __file__))

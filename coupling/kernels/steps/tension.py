@@ -13,10 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
+from coupling.kernels import iteration
 from coupling.kernels.iteration import Given, Knots, span_of
-from coupling.kernels.loops import loop, outermost, owning, sources
-from coupling.kernels.vectors import Vector, dot, vector
 from thread.compliance import LACKS
+from thread.kernels.loops import loop, outermost, owning, sources
+from thread.kernels.vectors import Vector, dot, vector
 
 AT_END = 1e-9  # of the thread's length: a hold nearer to an end than this is at that end
 KNOWN, BEYOND = -1, -2
@@ -276,4 +277,4 @@ def entries_of(digest: int) -> Any:
     return ask, change, pressed
 
 
-ask, change, pressed = entries_of(sources("**/*.py"))
+ask, change, pressed = entries_of(sources(iteration.__file__, __file__))

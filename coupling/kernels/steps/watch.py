@@ -25,7 +25,8 @@ from math import sqrt
 from typing import Any, NamedTuple
 
 from coupling.arrays import Array
-from coupling.kernels.loops import loop, outermost, sources
+from coupling.kernels import iteration
+from thread.kernels.loops import loop, outermost, sources
 
 
 class Shares(NamedTuple):
@@ -90,4 +91,4 @@ def ask_of(digest: int) -> Any:
     return ask
 
 
-ask = ask_of(sources("**/*.py"))
+ask = ask_of(sources(iteration.__file__, __file__))

@@ -1,7 +1,7 @@
 """Vectors as tuples of three numbers and matrices as tuples of three rows: they stay in registers."""
 
-from coupling.arrays import Array
-from coupling.kernels.loops import loop
+from thread.arrays import Array
+from thread.kernels.loops import loop
 
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numba import njit
 
-from coupling.kernels.parts import PartCompiler, WholeCompiler
+from thread.kernels.parts import PartCompiler, WholeCompiler
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 PART = {"pipeline_class": PartCompiler, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
@@ -45,13 +45,19 @@ def outermost(kernel: Kernel) -> Kernel:
         return njit(**options)(kernel)
 
 
-def sources(pattern: str = "*.py") -> int:
-    """Return a digest of the modules of this package whose paths in it match a `pattern`, not zero.
+def files_of(*modules: str) -> list[Path]:
+    """Return the modules of this folder and of the folders that the files `modules` stand in."""
+    folders = dict.fromkeys(Path(module).parent for module in (__file__, *modules))
+    return [path for folder in folders for path in sorted(folder.glob("*.py"))]
+
+
+def sources(*modules: str) -> int:
+    """Return a digest of the modules of `files_of`, not zero.
 
     Numba keeps a function on disk by the text of its own module, and would not see that one it calls has changed. Of a
     function made within another what it takes from there counts too, so it takes this.
     """
     digest = sha256()
-    for path in sorted(Path(__file__).parent.glob(pattern)):
+    for path in files_of(*modules):
         digest.update(path.read_bytes())
     return 1 + int.from_bytes(digest.digest()[:7])

@@ -1,0 +1,244 @@
+"""Stretch and bending of the thread, span by span: ½∫EA ε² ds + ½∫EI κ² ds (§3), straight at rest.
+
+ε = ½(|T|² − 1) is Green and Lagrange's strain (Nocent & Rémion 2001). The axial force N is an unknown of the iteration:
+at N = EA ε the tangent is the exact second derivative (mixed integration points, Magisano, Leonetti & Garcea 2017).
+"""
+
+from typing import Any, NamedTuple
+
+from thread.arrays import Array, Indices
+from thread.kernels.loops import loop, numbers, outermost, sources
+from thread.kernels.vectors import (
+    Matrix,
+    Vector,
+    add_matrix,
+    add_row,
+    added,
+    combined,
+    diagonal,
+    dot,
+    outer,
+    sum_of,
+    times,
+    transposed,
+)
+
+FIRST, *_ = numbers(0)
+
+
+class Curve(NamedTuple):
+    """The elastic thread on its knots.
+
+    `first` (spans,); b' and b'' at the points of the bending, `slope` and `bend` (spans, g, 4), with `w` (spans, g)
+    [m]; b' at those of the stretch, `axial_slope` (spans, a, 4), with `axial_w` (spans, a) [m]; EA [N], EI [N m²].
+    """
+
+    first: Indices
+    slope: Array
+    bend: Array
+    w: Array
+    axial_slope: Array
+    axial_w: Array
+    EA: float
+    EI: float
+
+
+class Stretched(NamedTuple):
+    """The curve at its quadrature points: `T`, `K` (spans, g, 3), first and second derivative of P at those of the
+    bending [-, 1/m]; `T_axial` (spans, a, 3) and the `strain` (spans, a) at those of the stretch."""
+
+    T: Array
+    K: Array
+    T_axial: Array
+    strain: Array
+
+
+@loop
+def along_span(b: Array, q: Array, first: int) -> Vector:
+    """Return Σ b_i q_i over the four points from `first` on."""
+    x = b[0] * q[first, 0] + b[1] * q[first + 1, 0] + b[2] * q[first + 2, 0] + b[3] * q[first + 3, 0]
+    y = b[0] * q[first, 1] + b[1] * q[first + 1, 1] + b[2] * q[first + 2, 1] + b[3] * q[first + 3, 1]
+    z = b[0] * q[first, 2] + b[1] * q[first + 1, 2] + b[2] * q[first + 2, 2] + b[3] * q[first + 3, 2]
+    return x, y, z
+
+
+@loop
+def put(a: Vector, M: Array, i: int, j: int) -> None:
+    """Write a vector into row i of an array, from column j on."""
+    M[i, j], M[i, j + 1], M[i, j + 2] = a
+
+
+@loop
+def evaluate(curve: Curve, q: Array, at: Stretched) -> None:
+    """Evaluate the curve at its points, into `at`."""
+    for e in range(len(curve.first)):
+        first = curve.first[e]
+        for g in range(curve.w.shape[1]):
+            put(along_span(curve.slope[e, g], q, first), at.T[e], g, FIRST)
+            put(along_span(curve.bend[e, g], q, first), at.K[e], g, FIRST)
+        for g in range(curve.axial_w.shape[1]):
+            T = along_span(curve.axial_slope[e, g], q, first)
+            put(T, at.T_axial[e], g, FIRST)
+            at.strain[e, g] = 0.5 * (dot(T, T) - 1.0)
+
+
+@loop
+def point(a: Array, e: int, g: int) -> Vector:
+    """Return the vector at point g of span e."""
+    return a[e, g, 0], a[e, g, 1], a[e, g, 2]
+
+
+@loop
+def bending_gradient(curve: Curve, T: Vector, K: Vector) -> tuple[Vector, Vector]:
+    """Return the derivatives of ½EI κ² + ½EA (−ε)⁴, shortened, by T and T'."""
+    a, b, c = dot(T, T), dot(T, K), dot(K, K)
+    phi_a = (2.0 * b * b / a - c) / a**2
+    phi_b = -2.0 * b / a**2
+    p, half = max(0.5 * (1.0 - a), 0.0), 0.5 * curve.EI
+    by_T = sum_of(half * 2.0 * phi_a - 2.0 * curve.EA * p**3, T, half * phi_b, K)
+    return by_T, sum_of(half * phi_b, T, half * 2.0 / a, K)
+
+
+@loop
+def bending_hessian(curve: Curve, T: Vector, K: Vector) -> tuple[Matrix, Matrix, Matrix]:
+    """Return the second derivatives of the same by (T, T), (T, T') and (T', T')."""
+    a, b, c = dot(T, T), dot(T, K), dot(K, K)
+    half = 0.5 * curve.EI
+    phi_b, phi_bb = half * -2.0 * b / a**2, half * -2.0 / a**2
+    phi_ab = -2.0 * phi_b / a
+    phi_a = -half * c / a**2 + 0.5 * b * phi_ab
+    phi_aa = half * (2.0 * c - 6.0 * b * b / a) / a**3
+    p = max(0.5 * (1.0 - a), 0.0)
+    by_TT = sum_of(4.0 * phi_aa + 6.0 * curve.EA * p**2, T, 2.0 * phi_ab, K)
+    TT = added(outer(T, by_TT), outer(K, sum_of(2.0 * phi_ab, T, phi_bb, K)))
+    TK = added(outer(T, sum_of(2.0 * phi_ab, T, 2.0 * phi_bb, K)), outer(K, times(phi_bb, T)))
+    KK = added(diagonal(half * 2.0 / a), outer(T, times(phi_bb, T)))
+    return added(TT, diagonal(2.0 * phi_a - 2.0 * curve.EA * p**3)), added(TK, diagonal(phi_b)), KK
+
+
+@loop
+def add_span_gradient(curve: Curve, at: Stretched, e: int, F: Array, first: int) -> None:
+    """Add ∂E/∂q of one span to the four rows of `F` (…, 3) [N] from the `first` on."""
+    for g in range(curve.w.shape[1]):
+        by_T, by_K = bending_gradient(curve, point(at.T, e, g), point(at.K, e, g))
+        w, slope, bend = curve.w[e, g], curve.slope[e, g], curve.bend[e, g]
+        for i in range(4):
+            add_row(1.0, sum_of(w * slope[i], by_T, w * bend[i], by_K), F, first + i, FIRST)
+    for g in range(curve.axial_w.shape[1]):
+        N, slope = curve.axial_w[e, g] * curve.EA * at.strain[e, g], curve.axial_slope[e, g]
+        T = point(at.T_axial, e, g)
+        for i in range(4):
+            add_row(N * slope[i], T, F, first + i, FIRST)
+
+
+@loop
+def add_gradient(curve: Curve, at: Stretched, F: Array) -> None:
+    """Add ∂E/∂q to `F` (n, 3) [N]."""
+    for e in range(len(curve.first)):
+        add_span_gradient(curve, at, e, F, curve.first[e])
+
+
+@loop
+def add_block(A: Array, i: int, j: int, x: float, block: Matrix) -> None:
+    """Add x times the block of the points i and j ≥ i to a symmetric block band."""
+    add_matrix(x, block, A[i], FIRST, 3 * (j - i))
+
+
+@loop
+def add_span_tangent(curve: Curve, at: Stretched, N: Array, e: int, A: Array, first: int) -> None:
+    """Add ∂²E/∂q² of one span to the rows of a block band from the `first` point on, with the axial force `N` (spans,
+    a) [N] as an unknown of its own."""
+    for g in range(curve.w.shape[1]):
+        TT, TK, KK = bending_hessian(curve, point(at.T, e, g), point(at.K, e, g))
+        KT, w, slope, bend = transposed(TK), curve.w[e, g], curve.slope[e, g], curve.bend[e, g]
+        for i in range(4):
+            of_T = combined(w * slope[i], TT, w * bend[i], KT)
+            of_K = combined(w * slope[i], TK, w * bend[i], KK)
+            for j in range(i, 4):
+                add_block(A, first + i, first + j, 1.0, combined(slope[j], of_T, bend[j], of_K))
+    for g in range(curve.axial_w.shape[1]):
+        w, slope, T = curve.axial_w[e, g], curve.axial_slope[e, g], point(at.T_axial, e, g)
+        stiff = added(diagonal(w * N[e, g]), outer(T, times(w * curve.EA, T)))
+        for i in range(4):
+            for j in range(i, 4):
+                add_block(A, first + i, first + j, slope[i] * slope[j], stiff)
+
+
+@loop
+def add_tangent(curve: Curve, at: Stretched, N: Array, A: Array) -> None:
+    """Add ∂²E/∂q² to a block band, with the axial force `N` as for one span."""
+    for e in range(len(curve.first)):
+        add_span_tangent(curve, at, N, e, A, curve.first[e])
+
+
+@loop
+def bending_energy(curve: Curve, T: Vector, K: Vector) -> float:
+    """Return ½EI κ² + ½EA (−ε)⁴, shortened [N]: κ = |T × T'|/|T|² is the turn of the tangent per rest length, as in
+    Reissner's rod, whose bending moment exerts no axial force; per deformed length the axial force would jump by twice
+    EI κ² where the curvature does. The second part is against |T| → 0 between the points of the stretch; at a
+    shortening of 1 % it is 1e-4 of the energy of the stretch."""
+    a, b, c = dot(T, T), dot(T, K), dot(K, K)
+    return 0.5 * (curve.EI * ((a * c - b * b) / a**2) + curve.EA * max(0.5 * (1.0 - a), 0.0) ** 4)
+
+
+@loop
+def elastic_energy(curve: Curve, at: Stretched) -> float:
+    """Return the energy of stretch and bending [J]."""
+    energy = 0.0
+    for e in range(len(curve.first)):
+        for g in range(curve.w.shape[1]):
+            energy += curve.w[e, g] * bending_energy(curve, point(at.T, e, g), point(at.K, e, g))
+        for g in range(curve.axial_w.shape[1]):
+            energy += 0.5 * curve.EA * curve.axial_w[e, g] * at.strain[e, g] ** 2
+    return energy
+
+
+@loop
+def next_axial_force(curve: Curve, at: Stretched, dq: Array, N: Array) -> None:
+    """Write EA (ε + T·δT), N of the next iterate, into `N` (spans, a) [N]."""
+    for e in range(len(curve.first)):
+        for g in range(curve.axial_w.shape[1]):
+            d_T = along_span(curve.axial_slope[e, g], dq, curve.first[e])
+            N[e, g] = curve.EA * (at.strain[e, g] + dot(point(at.T_axial, e, g), d_T))
+
+
+def whole_of(digest: int) -> tuple[Any, ...]:
+    """Return the functions that Python calls, kept on disk for the modules of this `digest`: they evaluate a curve,
+    its energy, the gradient and the tangent span by span, and the axial force of the next iterate."""
+
+    @outermost
+    def evaluated(curve: Curve, q: Array, at: Stretched) -> None:
+        """Evaluate the curve, into `at`."""
+        assert digest
+        evaluate(curve, q, at)
+
+    @outermost
+    def energy_of(curve: Curve, at: Stretched) -> float:
+        """Return the energy [J]."""
+        assert digest
+        return elastic_energy(curve, at)
+
+    @outermost
+    def gradient_of(curve: Curve, at: Stretched, F: Array) -> None:
+        """Add the gradient of each span to `F` (spans, 4, 3)."""
+        assert digest
+        for e in range(len(F)):
+            add_span_gradient(curve, at, e, F[e], FIRST)
+
+    @outermost
+    def tangent_of(curve: Curve, at: Stretched, N: Array, A: Array) -> None:
+        """Add the tangent of each span to `A` (spans, 4, 3, 12), a block band for each."""
+        assert digest
+        for e in range(len(A)):
+            add_span_tangent(curve, at, N, e, A[e], FIRST)
+
+    @outermost
+    def force_of(curve: Curve, at: Stretched, dq: Array, N: Array) -> None:
+        """Write the axial force of the next iterate into `N` (spans, a)."""
+        assert digest
+        next_axial_force(curve, at, dq, N)
+
+    return evaluated, energy_of, gradient_of, tangent_of, force_of
+
+
+evaluated, energy_of, gradient_of, tangent_of, force_of = whole_of(sources(__file__))
