@@ -1,6 +1,6 @@
 """The linearised holds, and one Newton direction of thread and holds (`coupling.kernels.bordered`)."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from coupling.kernels.holes import (
     without,
 )
 from thread.kernels.curve import FIRST
-from thread.kernels.loops import loop, numbers, outermost, owning, sources
+from thread.kernels.loops import entry, loop, numbers, owning
 from thread.kernels.vectors import (
     Matrix,
     Vector,
@@ -586,64 +586,26 @@ def thread_direction(E: Array, dz: Array, X: Array, dq: Array) -> bool:
     return True
 
 
-def linearise_of(digest: int) -> Any:
-    """Return the function that linearises holds, kept on disk for the modules of this `digest`."""
-
-    @outermost
-    def linearise_holds(
-        law: Law, sigma: Array, rows: Flags, D: Array, c: Array, directed: Flags, bare: bool, lam: Array, y: Array,
-        border: Border, own: Array,
-    ) -> None:  # fmt: skip
-        """Linearise all holds into a `border` of zeros, with constraints in force `rows` (m, 5), and add the stiffness
-        of the thread's own axis at each of them to `own` (m, 3, 3) [N m]."""
-        assert digest
-        for k in range(len(lam)):
-            h = hold_at(D[k], c[k], directed[k], bare, lam[k], y[k])
-            linearise_hold(law, k, sigma[k], h, rows[k], border)
-            if not bare:
-                add_matrix(1.0, lacking_stiffness(h), own[k], FIRST, FIRST)
-
-    return linearise_holds
+@loop
+def linearise_all(
+    law: Law, sigma: Array, rows: Flags, D: Array, c: Array, directed: Flags, bare: bool, lam: Array, y: Array,
+    border: Border, own: Array,
+) -> None:  # fmt: skip
+    """Linearise all holds into a `border` of zeros, with constraints in force `rows` (m, 5), and add the stiffness of
+    the thread's own axis at each of them to `own` (m, 3, 3) [N m]."""
+    for k in range(len(lam)):
+        h = hold_at(D[k], c[k], directed[k], bare, lam[k], y[k])
+        linearise_hold(law, k, sigma[k], h, rows[k], border)
+        if not bare:
+            add_matrix(1.0, lacking_stiffness(h), own[k], FIRST, FIRST)
 
 
-def solve_of(digest: int) -> Any:
-    """Return the function that solves a border, kept on disk for the modules of this `digest`."""
-
-    @outermost
-    def solve_border(
-        border: Border, C: Array, G: Array, r: Array, r_y: Array, joints: Joints, sigma: Array, reach: Array, dz: Array
-    ) -> bool:
-        """Solve the border as `solve_holds` does."""
-        assert digest
-        return solve_holds(border, C, G, r, r_y, joints, sigma, reach, dz)
-
-    return solve_border
+@loop
+def stiffen_all(scale: float, rows: Flags, b: Array, border: Border, holds: Array, K: Array, push: Array) -> None:
+    """Stiffen the thread at every hold as `stiffen_hold` does: `K` (m, 9, 9) and `push` (m, 9), zero before."""
+    for k in range(len(holds)):
+        stiffen_hold(scale, rows[k], b[k], border, holds[k], k, K[k], push[k])
 
 
-def site_residual_of(digest: int) -> Any:
-    """Return the function that evaluates the equations of the sites, kept on disk for the modules of this `digest`."""
-
-    @outermost
-    def site_residuals(joints: Joints, C: Array, y_free: Array, gaps: Array, y: Array, f_y: Array, out: Array) -> None:
-        """Evaluate the equations of the sites as `site_residual` does."""
-        assert digest
-        site_residual(joints, C, y_free, gaps, y, f_y, out)
-
-    return site_residuals
-
-
-def stiffen_of(digest: int) -> Any:
-    """Return the function that stiffens a thread by its constraints, kept on disk for the modules of this `digest`."""
-
-    @outermost
-    def stiffen_holds(scale: float, rows: Flags, b: Array, border: Border, holds: Array, K: Array, push: Array) -> None:
-        """Stiffen the thread at every hold as `stiffen_hold` does: `K` (m, 9, 9) and `push` (m, 9), zero before."""
-        assert digest
-        for k in range(len(holds)):
-            stiffen_hold(scale, rows[k], b[k], border, holds[k], k, K[k], push[k])
-
-    return stiffen_holds
-
-
-linearise_holds, solve_border = linearise_of(sources(__file__)), solve_of(sources(__file__))
-site_residuals, stiffen_holds = site_residual_of(sources(__file__)), stiffen_of(sources(__file__))
+linearise_holds, solve_border = entry(linearise_all), entry(solve_holds)
+site_residuals, stiffen_holds = entry(site_residual), entry(stiffen_all)

@@ -9,7 +9,7 @@ and never see the global matrix:
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from coupling.kernels.holes import AT_U, AT_V, hold_at
 from coupling.recent import Recent
 from thread.compliance import LACKS
 from thread.kernels.curve import FIRST, put
-from thread.kernels.loops import numbers, outermost, sources
+from thread.kernels.loops import entry, loop, numbers
 from thread.spline import ORDERS, Spline
 from thread.thread import Thread
 from thread.vectors import cross
@@ -117,37 +117,31 @@ class Meeting(NamedTuple):
     pressing: Array
 
 
-def meet_of(digest: int) -> Any:
-    """Return the function that evaluates meetings, kept on disk for the modules of this `digest`."""
-
-    @outermost
-    def meet(
-        D: Array, c: Array, directed: Flags, bare: bool, lam: Array, y: Array, per_channel: Array, out: Meeting
-    ) -> None:
-        """Evaluate thread and holes, into `out`."""
-        assert digest
-        for k in range(len(lam)):
-            h = hold_at(D[k], c[k], directed[k], bare, lam[k], y[k])
-            put(holes.effective_place(h), out.place, k, FIRST)
-            put(holes.effective_tangent(h), out.tangent, k, FIRST)
-            place, out.phi[k, C1], out.phi[k, C2] = holes.phi(h)
-            rate, out.phi_s[k, C1], out.phi_s[k, C2] = holes.phi_s(h)
-            put(place, out.phi, k, FIRST)
-            put(rate, out.phi_s, k, FIRST)
-            put(holes.force_on_tangent(h), out.on_tangent, k, FIRST)
-            f_x, f_u, f_v = holes.site_force(h)
-            put(f_x, out.on_site, k, FIRST)
-            put(f_u, out.on_site, k, AT_U)
-            put(f_v, out.on_site, k, AT_V)
-            out.drive[k] = holes.driving_force(h)
-            out.stored[k] = holes.held_energy(h, 0)
-            put(holes.tangent(h), out.along, k, FIRST)
-            out.pressing[k] = normal_force(h, per_channel[k])
-
-    return meet
+@loop
+def meet_all(
+    D: Array, c: Array, directed: Flags, bare: bool, lam: Array, y: Array, per_channel: Array, out: Meeting
+) -> None:
+    """Evaluate thread and holes, into `out`."""
+    for k in range(len(lam)):
+        h = hold_at(D[k], c[k], directed[k], bare, lam[k], y[k])
+        put(holes.effective_place(h), out.place, k, FIRST)
+        put(holes.effective_tangent(h), out.tangent, k, FIRST)
+        place, out.phi[k, C1], out.phi[k, C2] = holes.phi(h)
+        rate, out.phi_s[k, C1], out.phi_s[k, C2] = holes.phi_s(h)
+        put(place, out.phi, k, FIRST)
+        put(rate, out.phi_s, k, FIRST)
+        put(holes.force_on_tangent(h), out.on_tangent, k, FIRST)
+        f_x, f_u, f_v = holes.site_force(h)
+        put(f_x, out.on_site, k, FIRST)
+        put(f_u, out.on_site, k, AT_U)
+        put(f_v, out.on_site, k, AT_V)
+        out.drive[k] = holes.driving_force(h)
+        out.stored[k] = holes.held_energy(h, 0)
+        put(holes.tangent(h), out.along, k, FIRST)
+        out.pressing[k] = normal_force(h, per_channel[k])
 
 
-meet = meet_of(sources(__file__))
+meet = entry(meet_all)
 
 
 def meeting(thread: Passage, lam: Array, y: Array, per_channel: Array | None = None) -> Meeting:

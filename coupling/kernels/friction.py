@@ -1,6 +1,6 @@
 """The law of sliding at one hold (`coupling.step.sliding`)."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from coupling.kernels.holes import (
     tangent_rate,
     tilting_rates,
 )
-from thread.kernels.loops import loop, numbers, outermost, owning, sources
+from thread.kernels.loops import entry, loop, numbers, owning
 from thread.kernels.vectors import (
     ZERO,
     Vector,
@@ -331,22 +331,16 @@ def add_effective_tangent(h: Hold, by: Vector, D: Array) -> tuple[Vector, Vector
     return minus(stretched, turned), times(-h.c0[0] * per_square, h.across)
 
 
-def rule_of(digest: int) -> Any:
-    """Return the function that evaluates the law of sliding, kept on disk for the modules of this `digest`."""
-
-    @outermost
-    def rule(
-        law: Law, sigma: Array, s: Array, margin: float, D: Array, c: Array, directed: Flags, bare: bool, lam: Array,
-        y: Array, out: Ruled,
-    ) -> None:  # fmt: skip
-        """Evaluate the law of sliding of all holds, into `out`."""
-        assert digest
-        for k in range(len(s)):
-            h = hold_at(D[k], c[k], directed[k], bare, lam[k], y[k])
-            rule_hold(law, k, sigma[k], h, s[k], out)
-        rule_set(law, sigma, s, margin, out)
-
-    return rule
+@loop
+def rule_all(
+    law: Law, sigma: Array, s: Array, margin: float, D: Array, c: Array, directed: Flags, bare: bool, lam: Array,
+    y: Array, out: Ruled,
+) -> None:  # fmt: skip
+    """Evaluate the law of sliding of all holds, into `out`."""
+    for k in range(len(s)):
+        h = hold_at(D[k], c[k], directed[k], bare, lam[k], y[k])
+        rule_hold(law, k, sigma[k], h, s[k], out)
+    rule_set(law, sigma, s, margin, out)
 
 
-rule = rule_of(sources(__file__))
+rule = entry(rule_all)

@@ -45,7 +45,7 @@ from coupling.kernels.holes import (
 from thread.compliance import LACKS
 from thread.kernels import curve as on_curve
 from thread.kernels.curve import FIRST, Curve, Stretched, add_block, along_span, put
-from thread.kernels.loops import loop, outermost, owning, sources
+from thread.kernels.loops import entry, loop, outermost, owning, sources
 from thread.kernels.vectors import Vector, add_row, dot, sum_of
 
 SOLVED, RAN_AWAY, SINGULAR_THREAD, SINGULAR_HOLDS, NOT_CONVERGED, ALTERNATES, UNKNOWN = range(7)  # how one ends
@@ -557,67 +557,48 @@ def next_set(law: Law, given: Given, z: Unknowns, r: Found, bare: bool, margin: 
     return True
 
 
+@owning
+def solve_step(
+    curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
+) -> tuple[int, float]:
+    """Iterate until every equation holds and stick and slip fit the answer; returns the corrections, −1 where that
+    was not reached, and the largest force [N] at the last iterate, where the residual is."""
+    (seen, made), scale = r.trail, 0.0
+    if not made[GOES_ON]:
+        for i in range(len(made)):
+            made[i] = 0
+        fit_sigma(law, z.sigma)
+    while made[SETS] < bounds.sets:
+        made[HOW], scale, bare = solve_set(curve, knots, law, given, bounds, z, r)
+        if made[HOW] != SOLVED:
+            return -1, scale
+        copy_into(z.sigma, seen[made[SETS]])
+        made[SETS] += 1
+        made[OF_SET] = 0
+        often = times_seen(seen, made[SETS], z.sigma)
+        margin = bounds.margin * (bounds.force * scale + bounds.rounded)
+        if not next_set(law, given, z, r, bare, margin, seen, made[SETS]):
+            return made[TOTAL], scale
+        if often > bounds.returns:
+            break
+    made[HOW] = ALTERNATES
+    return -1, scale
+
+
 def solve_of(digest: int) -> Any:
-    """Return the function that solves a step, kept on disk for the modules of this `digest`."""
+    """Return the function that solves a step, kept on disk for kernels of this `digest`. It has an address, by which
+    the loops of whole steps call it, and so arguments of its own, unlike an `entry`."""
 
     @outermost
     def solve(
         curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
     ) -> tuple[int, float]:
-        """Iterate until every equation holds and stick and slip fit the answer; returns the corrections, −1 where that
-        was not reached, and the largest force [N] at the last iterate, where the residual is."""
+        """Solve a step, as `solve_step`."""
         assert digest
-        (seen, made), scale = r.trail, 0.0
-        if not made[GOES_ON]:
-            for i in range(len(made)):
-                made[i] = 0
-            fit_sigma(law, z.sigma)
-        while made[SETS] < bounds.sets:
-            made[HOW], scale, bare = solve_set(curve, knots, law, given, bounds, z, r)
-            if made[HOW] != SOLVED:
-                return -1, scale
-            copy_into(z.sigma, seen[made[SETS]])
-            made[SETS] += 1
-            made[OF_SET] = 0
-            often = times_seen(seen, made[SETS], z.sigma)
-            margin = bounds.margin * (bounds.force * scale + bounds.rounded)
-            if not next_set(law, given, z, r, bare, margin, seen, made[SETS]):
-                return made[TOTAL], scale
-            if often > bounds.returns:
-                break
-        made[HOW] = ALTERNATES
-        return -1, scale
+        return solve_step(curve, knots, law, given, bounds, z, r)
 
     return solve
 
 
 solve = solve_of(sources(__file__))
-
-
-def share_of(digest: int) -> Any:
-    """Return the function that bounds a correction, kept on disk for the modules of this `digest`."""
-
-    @outermost
-    def share(longest: float, turn: float, floats: bool, spacing: Array, lever: Array, dq: Array) -> float:
-        """Return the part of a correction that is applied, as `allowed_share`."""
-        assert digest
-        return allowed_share(longest, turn, floats, spacing, lever, dq)
-
-    return share
-
-
-def solved_of(digest: int) -> Any:
-    """Return the function that judges the equations of the holds, kept on disk for the modules of this `digest`."""
-
-    @outermost
-    def holds_solved(
-        law: Law, sigma: Array, rows: Flags, limits: Vector, holds: Array, site: Array, rounded: Array
-    ) -> bool:
-        """Whether the equations of the holds are solved, as `are_holds_solved`."""
-        assert digest
-        return are_holds_solved(law, sigma, rows, limits, holds, site, rounded)
-
-    return holds_solved
-
-
-share, holds_solved = share_of(sources(__file__)), solved_of(sources(__file__))
+share, holds_solved = entry(allowed_share), entry(are_holds_solved)  # as Python calls them

@@ -14,7 +14,6 @@ from coupling.arrays import Array, Flags
 from coupling.integrators import BDF2, Scheme
 from coupling.interfaces import Answer, Modal, ModalMotion, Steady
 from coupling.joins.contact import NO_FORCES
-from coupling.kernels import iteration
 from coupling.kernels.border import NINE
 from coupling.kernels.friction import Law
 from coupling.kernels.iteration import Bounds, Given, Passing, Unknowns
@@ -252,7 +251,7 @@ class Course:
 def is_ready() -> bool:
     """Whether the loops were on disk, compiled since a module of theirs last changed, when this was first asked, or
     Numba is switched off."""
-    return tables.is_kept(march.march, KEPT, iteration.__file__, march.__file__)
+    return tables.is_kept(march.march, KEPT, march.__file__)
 
 
 def run_march(*given: object) -> tuple[int, int, int]:

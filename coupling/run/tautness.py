@@ -35,9 +35,9 @@ def look_at(system: System[Body], state: State[Body], taut: Flags) -> Looked:
     """Return what there is to see of the strands of a state, of which those `taut` (k + 1,) were so before."""
     along, count = along_of(system), strand_count(system, state)
     out = Looked(*np.empty((4, count)))
-    N = state.N.reshape(along.axial.shape)
-    arrays = map(np.ascontiguousarray, (state.s, N, state.v, state.present))
-    tautness.look(strands_of(system, state, taut), along, *arrays, out)
+    s, present = np.ascontiguousarray(state.s), np.ascontiguousarray(state.present)
+    N, v = np.ascontiguousarray(state.N.reshape(along.axial.shape)), np.ascontiguousarray(state.v)
+    tautness.look(strands_of(system, state, taut), along, s, N, v, present, out)
     return out
 
 

@@ -197,13 +197,13 @@ def is_ready() -> bool:
     return is_kept(iteration.solve, KEPT, iteration.__file__)
 
 
-def is_kept(loops: object, name: str, *modules: str) -> bool:
-    """Whether compiled loops, whose files on disk begin with a `name`, were compiled since a file in the folders of
-    their `modules` last changed; also where Numba is switched off."""
+def is_kept(loops: object, name: str, module: str) -> bool:
+    """Whether loops, whose files on disk begin with a `name`, were compiled since one of the kernels that their
+    `module` may call last changed; also where Numba is switched off."""
     folder = folder_of(loops)
     if folder is None:
         return not hasattr(loops, "stats")
-    changed = max(path.stat().st_mtime for path in files_of(*modules))
+    changed = max(path.stat().st_mtime for path in files_of(module))
     return any(path.stat().st_mtime > changed for path in folder.glob(f"{name}*.nbi"))
 
 

@@ -47,8 +47,9 @@ def make_pull(system: System[Body], s: Array, N: Array, lam: Array, present: Fla
     """Return what `pull_at` does."""
     along, m = along_of(system), len(s)
     pull = Pull(np.empty((m, 2)), np.empty(m), np.empty(m))
-    arrays = system.rows[:, 3], s, N.reshape(along.axial.shape), lam, present
-    tension.ask(limits_of(system), along, *map(np.ascontiguousarray, arrays), pull)
+    directed, present = np.ascontiguousarray(system.rows[:, 3]), np.ascontiguousarray(present)
+    forces = np.ascontiguousarray(N.reshape(along.axial.shape)), np.ascontiguousarray(lam)
+    tension.ask(limits_of(system), along, directed, np.ascontiguousarray(s), *forces, present, pull)
     return pull
 
 
@@ -90,8 +91,8 @@ def change_of(system: System[Body], s: Array, here: Flags, layers: tuple[Array |
     one, other = layers
     if one is None or other is None:
         return 1.0 if one is other else np.inf
-    arrays = map(np.ascontiguousarray, (s, here, one, other))
-    return float(tension.change(limits_of(system), along_of(system), *arrays))
+    s, here = np.ascontiguousarray(s), np.ascontiguousarray(here)
+    return float(tension.change(limits_of(system), along_of(system), s, here, one, other))
 
 
 def unsettled_layers(system: System[Body], state: State[Body]) -> float:

@@ -17,7 +17,7 @@ from studies.simulation.assembly import assemble
 from tests.coupling.test_compiled import drawn
 from thread.kernels import loops
 
-MODULES = loops.files_of(iteration.__file__, march.__file__)
+MODULES = loops.files_of(march.__file__)
 ARRAYS = {"Array", "Indices", "Flags", "Border", "Motion", "Found", "Passing", "Unknowns", "Stretched", "Any"}
 
 

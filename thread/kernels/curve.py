@@ -4,10 +4,10 @@
 at N = EA ε the tangent is the exact second derivative (mixed integration points, Magisano, Leonetti & Garcea 2017).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from thread.arrays import Array, Indices
-from thread.kernels.loops import loop, numbers, outermost, sources
+from thread.kernels.loops import entry, loop, numbers
 from thread.kernels.vectors import (
     Matrix,
     Vector,
@@ -202,43 +202,19 @@ def next_axial_force(curve: Curve, at: Stretched, dq: Array, N: Array) -> None:
             N[e, g] = curve.EA * (at.strain[e, g] + dot(point(at.T_axial, e, g), d_T))
 
 
-def whole_of(digest: int) -> tuple[Any, ...]:
-    """Return the functions that Python calls, kept on disk for the modules of this `digest`: they evaluate a curve,
-    its energy, the gradient and the tangent span by span, and the axial force of the next iterate."""
-
-    @outermost
-    def evaluated(curve: Curve, q: Array, at: Stretched) -> None:
-        """Evaluate the curve, into `at`."""
-        assert digest
-        evaluate(curve, q, at)
-
-    @outermost
-    def energy_of(curve: Curve, at: Stretched) -> float:
-        """Return the energy [J]."""
-        assert digest
-        return elastic_energy(curve, at)
-
-    @outermost
-    def gradient_of(curve: Curve, at: Stretched, F: Array) -> None:
-        """Add the gradient of each span to `F` (spans, 4, 3)."""
-        assert digest
-        for e in range(len(F)):
-            add_span_gradient(curve, at, e, F[e], FIRST)
-
-    @outermost
-    def tangent_of(curve: Curve, at: Stretched, N: Array, A: Array) -> None:
-        """Add the tangent of each span to `A` (spans, 4, 3, 12), a block band for each."""
-        assert digest
-        for e in range(len(A)):
-            add_span_tangent(curve, at, N, e, A[e], FIRST)
-
-    @outermost
-    def force_of(curve: Curve, at: Stretched, dq: Array, N: Array) -> None:
-        """Write the axial force of the next iterate into `N` (spans, a)."""
-        assert digest
-        next_axial_force(curve, at, dq, N)
-
-    return evaluated, energy_of, gradient_of, tangent_of, force_of
+@loop
+def add_gradients(curve: Curve, at: Stretched, F: Array) -> None:
+    """Add the gradient of each span to `F` (spans, 4, 3) [N]."""
+    for e in range(len(F)):
+        add_span_gradient(curve, at, e, F[e], FIRST)
 
 
-evaluated, energy_of, gradient_of, tangent_of, force_of = whole_of(sources(__file__))
+@loop
+def add_tangents(curve: Curve, at: Stretched, N: Array, A: Array) -> None:
+    """Add the tangent of each span to `A` (spans, 4, 3, 12), a block band for each."""
+    for e in range(len(A)):
+        add_span_tangent(curve, at, N, e, A[e], FIRST)
+
+
+evaluated, energy_of, force_of = entry(evaluate), entry(elastic_energy), entry(next_axial_force)
+gradient_of, tangent_of = entry(add_gradients), entry(add_tangents)

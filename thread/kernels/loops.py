@@ -6,10 +6,12 @@ Sums stay in their order: where the compiler may choose it, it chooses by where 
 does not go on to the same bits.
 """
 
+import sys
 from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
-from typing import TypeVar
+from types import FunctionType
+from typing import Any, TypeVar
 
 import numpy as np
 from numba import njit
@@ -17,6 +19,7 @@ from numba import njit
 from thread.kernels.parts import PartCompiler, WholeCompiler
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
+entered: Any = None  # the part that an entry calls: each entry has its own
 PART = {"pipeline_class": PartCompiler, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
@@ -45,19 +48,35 @@ def outermost(kernel: Kernel) -> Kernel:
         return njit(**options)(kernel)
 
 
-def files_of(*modules: str) -> list[Path]:
-    """Return the modules of this folder and of the folders that the files `modules` stand in."""
-    folders = dict.fromkeys(Path(module).parent for module in (__file__, *modules))
-    return [path for folder in folders for path in sorted(folder.glob("*.py"))]
+def entry(part: Kernel) -> Kernel:
+    """Return a part as Python calls it, kept on disk for the kernels as they are (`files_of`).
 
-
-def sources(*modules: str) -> int:
-    """Return a digest of the modules of `files_of`, not zero.
-
-    Numba keeps a function on disk by the text of its own module, and would not see that one it calls has changed. Of a
-    function made within another what it takes from there counts too, so it takes this.
+    Numba keeps a function on disk by its name, its code and the values that it takes from the function around it, here
+    a digest: by itself Numba would not see that a function which the part calls has changed. The part stands among
+    the global names, since no two processes would find the same one in a closure.
     """
+    digest = sources(str(sys.modules[part.__module__].__file__))
+
+    def call(*given: Any) -> Any:
+        assert digest
+        return entered(*given)
+
+    names = {**call.__globals__, "entered": part}
+    whole: Any = FunctionType(call.__code__, names, part.__name__, None, call.__closure__)
+    whole.__qualname__ = f"{part.__module__}.{part.__qualname__}"
+    return outermost(whole)
+
+
+def files_of(module: str) -> list[Path]:
+    """Return the kernels of the thread, and those of the room "kernels" that the file of a `module` stands in."""
+    here = Path(__file__).parent
+    rooms = [here, *(folder for folder in Path(module).parents if folder.name == here.name and folder != here)]
+    return [path for room in rooms for path in sorted(room.rglob("*.py"))]
+
+
+def sources(module: str) -> int:
+    """Return a digest of the kernels that a module may call (`files_of`), not zero."""
     digest = sha256()
-    for path in files_of(*modules):
+    for path in files_of(module):
         digest.update(path.read_bytes())
     return 1 + int.from_bytes(digest.digest()[:7])

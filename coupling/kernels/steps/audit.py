@@ -17,16 +17,15 @@ of both, at rest, where load steps are long and the sum over them is to be of se
 hole in place.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from coupling.arrays import Array, Flags
-from coupling.kernels import iteration
 from coupling.kernels.band import solve_dense
 from coupling.kernels.holes import Hold, driving_force, held_energy, hold_at, turned_compliance
 from coupling.kernels.iteration import Found, Given, Knots, Passing, Unknowns, add_momentum, pass_hold
-from thread.kernels.loops import loop, outermost, owning, sources
+from thread.kernels.loops import entry, loop, owning
 from thread.kernels.vectors import dot
 
 # What a step of the thread turns over, in this order [J]: kinetic and elastic energy at its end; the works from
@@ -154,18 +153,6 @@ def work_along(force: Array, old: Array, new: Array) -> float:
 
 
 @loop
-def layer_work(works: Works, holes: Holes, old: Motion, new: Motion, met: Met) -> float:
-    """Return what the compliance of the holes takes in as √(EI/T) is taken anew [J]."""
-    if works.between or not bears_all(works, holes, old, met):
-        return exchange_between(holes, old, new, met)
-    work = 0.0
-    for k in range(len(met.mid)):
-        if is_exchanged(holes, met, k):
-            work += exchange_in_place(hold_in(old, holes.directed, met.was, k), holes.rows[k], met.mid[k])
-    return work
-
-
-@loop
 def is_exchanged(holes: Holes, met: Met, k: int) -> bool:
     """Whether the compliance of hold k is taken anew, and the hold imposes anything."""
     other, imposed = False, False
@@ -174,16 +161,6 @@ def is_exchanged(holes: Holes, met: Met, k: int) -> bool:
     for j in range(5):
         imposed |= holes.rows[k, j]
     return other and imposed
-
-
-@loop
-def bears_all(works: Works, holes: Holes, old: Motion, met: Met) -> bool:
-    """Whether all holds whose compliance is taken anew bear that."""
-    for k in range(len(met.mid)):
-        h = hold_in(old, holes.directed, met.was, k)
-        if is_exchanged(holes, met, k) and not bears(h, met.mid[k], works.borne):
-            return False
-    return True
 
 
 @loop
@@ -196,17 +173,13 @@ def bears(h: Hold, after: Array, borne: float) -> bool:
 
 
 @loop
-def exchange_between(holes: Holes, old: Motion, new: Motion, met: Met) -> float:
-    """Return ½λ⁻(c⁻ − c⁺)λ⁺ [J], the work of a c that goes from c⁻ to c⁺ on any path under a constant force, as in a
-    constant place."""
-    work = 0.0
-    for k in range(len(met.mid)):
-        one, other = hold_in(old, holes.directed, met.was, k), hold_in(new, holes.directed, met.now, k)
-        c0, c1, c2, c3 = lets_go(met, k, 0), lets_go(met, k, 1), lets_go(met, k, 2), lets_go(met, k, 3)
-        turned = c2 + c3 * (0.5 * (one.share + other.share) - 1.0)
-        mixed = 0.5 * (one.size + other.size) * (dot(one.lam, other.m) + dot(other.lam, one.m))
-        work += c0 * dot(one.across, other.across) + c1 * mixed + turned * dot(one.m, other.m)
-    return 0.25 * work
+def exchange_between(one: Hold, other: Hold, met: Met, k: int) -> float:
+    """Return ½λ⁻(c⁻ − c⁺)λ⁺ [J] of hold k, as it is at the start and at the end of a step: the work of a c that goes
+    from c⁻ to c⁺ on any path under a constant force, as in a constant place."""
+    c0, c1, c2, c3 = lets_go(met, k, 0), lets_go(met, k, 1), lets_go(met, k, 2), lets_go(met, k, 3)
+    turned = c2 + c3 * (0.5 * (one.share + other.share) - 1.0)
+    mixed = 0.5 * (one.size + other.size) * (dot(one.lam, other.m) + dot(other.lam, one.m))
+    return 0.25 * (c0 * dot(one.across, other.across) + c1 * mixed + turned * dot(one.m, other.m))
 
 
 @loop
@@ -292,27 +265,41 @@ def more_outside(works: Works, held: Flags, old: Motion, new: Motion) -> float:
 
 
 @loop
-def audit_sliding(works: Works, holes: Holes, old: Motion, new: Motion, met: Met, out: Array) -> None:
-    """Add what sliding takes to `out`: friction or the work of hands, ε's own dissipation and the remainder of the
-    constraints' work; and after BDF2 by how much more the mean of the driving forces takes."""
+def audit_holes(works: Works, holes: Holes, old: Motion, new: Motion, met: Met, out: Array) -> None:
+    """Add what the holes store, what sliding takes, and what the compliance takes in as √(EI/T) is taken anew."""
+    between, in_place, borne = 0.0, 0.0, not works.between
     for k in range(len(new.s)):
         one, other = hold_in(old, holes.directed, met.was, k), hold_in(new, holes.directed, met.now, k)
-        ds, drive, ideal = new.s[k] - old.s[k], driving_force(other), 0.0
-        if holes.slides[k]:
-            ideal = holes.inertia[k] * (new.s[k] - holes.s_free[k])
-        out[NUMERICAL] += ideal * ds - 0.5 * holes.epsilon * (new.s_dot[k] ** 2 - old.s_dot[k] ** 2)
-        out[REMAINDER] -= drive * ds
-        for j in range(9):
-            out[REMAINDER] -= new.f_y[k, j] * (new.y[k, j] - old.y[k, j])
-        more = 0.5 * (driving_force(one) - drive) * ds if works.two_step else 0.0
-        if holes.by_hand[k]:
-            out[EXTERNAL] -= (drive - ideal) * ds + more
-            out[BY_MEAN] -= more
-            continue
-        out[FRICTION] += (drive - ideal) * ds
-        if holes.rough[k] and old.sigma[k] == new.sigma[k] and holes.epsilon == 0.0:
-            out[FRICTION] += more
-            out[BY_MEAN] -= more
+        out[ELASTIC] += held_energy(other, 0)
+        audit_sliding(works, holes, old, new, k, (driving_force(one), driving_force(other)), out)
+        between += exchange_between(one, other, met, k)
+        if borne and is_exchanged(holes, met, k):
+            borne = bears(one, met.mid[k], works.borne)
+            in_place += exchange_in_place(one, holes.rows[k], met.mid[k]) if borne else 0.0
+    out[LAYERED] += in_place if borne else between
+
+
+@loop
+def audit_sliding(
+    works: Works, holes: Holes, old: Motion, new: Motion, k: int, drives: tuple[float, float], out: Array
+) -> None:
+    """Add what sliding takes at hold k to `out`, under the driving forces Φ_sᵀλ at both ends of a step, `drives` [N]:
+    friction or the work of hands, ε's own dissipation and the remainder of the constraints' work; and after BDF2 by how
+    much more the mean of the driving forces takes."""
+    ds, drive, ideal = new.s[k] - old.s[k], drives[1], 0.0
+    if holes.slides[k]:
+        ideal = holes.inertia[k] * (new.s[k] - holes.s_free[k])
+    out[NUMERICAL] += ideal * ds - 0.5 * holes.epsilon * (new.s_dot[k] ** 2 - old.s_dot[k] ** 2)
+    out[REMAINDER] -= drive * ds
+    for j in range(9):
+        out[REMAINDER] -= new.f_y[k, j] * (new.y[k, j] - old.y[k, j])
+    goes_on = holes.rough[k] and old.sigma[k] == new.sigma[k] and holes.epsilon == 0.0
+    more = 0.5 * (drives[0] - drive) * ds if works.two_step and (holes.by_hand[k] or goes_on) else 0.0
+    out[BY_MEAN] -= more
+    if holes.by_hand[k]:
+        out[EXTERNAL] -= (drive - ideal) * ds + more
+    else:
+        out[FRICTION] += (drive - ideal) * ds + more
 
 
 @loop
@@ -341,14 +328,11 @@ def audit_inertia(works: Works, on: OnThread, old: Motion, new: Motion, out: Arr
 def audit_step(works: Works, holes: Holes, on: OnThread, old: Motion, new: Motion, met: Met, out: Array) -> None:
     """Add what a step of the thread turns over to `out` (10,) [J], in which the elastic energy of the thread itself at
     its end stands already."""
-    for k in range(len(new.s)):
-        out[ELASTIC] += held_energy(hold_in(new, holes.directed, met.now, k), 0)
     out[KINETIC] += kinetic_energy(new.v, on.momentum, new.s_dot, holes.epsilon)
     out[EXTERNAL] += outside_work(on, old.q, new.q)
     out[NUMERICAL] += work_along(on.elastic, old.q, new.q)
     out[REMAINDER] -= work_along(on.push, old.q, new.q)
-    out[LAYERED] += layer_work(works, holes, old, new, met)
-    audit_sliding(works, holes, old, new, met, out)
+    audit_holes(works, holes, old, new, met, out)
     audit_inertia(works, on, old, new, out)
     if works.two_step:
         more = 0.5 * more_outside(works, on.held, old, new)
@@ -390,26 +374,4 @@ def book(turns: Array, body: Array, energies: Array, out: Array) -> None:
     out[9] = numerical - 2.0 * (two_step + body[BODY_BY_MEAN])
 
 
-def entries_of(digest: int) -> Any:
-    """Return `audit_step`, `book` and `kinetic_energy` as Python calls them, kept on disk for the modules of this
-    `digest`."""
-
-    @outermost
-    def audit(works: Works, holes: Holes, on: OnThread, old: Motion, new: Motion, met: Met, out: Array) -> None:
-        assert digest
-        audit_step(works, holes, on, old, new, met, out)
-
-    @outermost
-    def enter(turns: Array, body: Array, energies: Array, out: Array) -> None:
-        assert digest
-        book(turns, body, energies, out)
-
-    @outermost
-    def kinetic(v: Array, momentum: Array, s_dot: Array, epsilon: float) -> float:
-        assert digest
-        return kinetic_energy(v, momentum, s_dot, epsilon)
-
-    return audit, enter, kinetic
-
-
-audit, enter, kinetic = entries_of(sources(iteration.__file__, __file__))
+audit, enter, kinetic = entry(audit_step), entry(book), entry(kinetic_energy)  # as Python calls them

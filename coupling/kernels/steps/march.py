@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
-from coupling.kernels import iteration
 from coupling.kernels.address import by_address
 from coupling.kernels.friction import Law
 from coupling.kernels.holes import AT_U, AT_V, FIRST
@@ -511,4 +510,4 @@ def march_of(digest: int) -> Any:
     return march
 
 
-march = march_of(sources(iteration.__file__, __file__))
+march = march_of(sources(__file__))

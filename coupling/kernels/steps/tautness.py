@@ -15,14 +15,13 @@ stays what it was, so that one which swings does not change with every swing.
 A strand with an end that nothing holds does not become taut: what drags it along is but its inertia.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from coupling.arrays import Array, Flags
-from coupling.kernels import iteration
 from coupling.kernels.steps.tension import Along, put_bounds
-from thread.kernels.loops import loop, outermost, owning, sources
+from thread.kernels.loops import entry, loop, owning
 
 SHORTEST = 2.220446049250313e-16  # of the thread's end: the least length of a strand
 
@@ -106,15 +105,4 @@ def is_switched(strands: Strands, along: Along, s: Array, N: Array, v: Array, pr
     return switched
 
 
-def look_of(digest: int) -> Any:
-    """Return `look_at` as Python asks it, kept on disk for the modules of this `digest`."""
-
-    @outermost
-    def look(strands: Strands, along: Along, s: Array, N: Array, v: Array, present: Flags, out: Looked) -> int:
-        assert digest
-        return look_at(strands, along, s, N, v, present, out)
-
-    return look
-
-
-look = look_of(sources(iteration.__file__, __file__))
+look = entry(look_at)  # as Python calls it

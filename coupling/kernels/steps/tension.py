@@ -13,10 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
-from coupling.kernels import iteration
 from coupling.kernels.iteration import Given, Knots, span_of
 from thread.compliance import LACKS
-from thread.kernels.loops import loop, outermost, owning, sources
+from thread.kernels.loops import entry, loop, owning
 from thread.kernels.vectors import Vector, dot, vector
 
 AT_END = 1e-9  # of the thread's length: a hold nearer to an end than this is at that end
@@ -253,28 +252,4 @@ def learn(stages: Stages, limits: Limits, knots: Knots, given: Given, layers: Ar
     return KNOWN
 
 
-def entries_of(digest: int) -> Any:
-    """Return what Python asks: `ask_tension`, `change_of` and `is_pressed`, kept on disk for the modules of this
-    `digest`."""
-
-    @outermost
-    def ask(
-        limits: Limits, along: Along, directed: Flags, s: Array, N: Array, lam: Array, present: Flags, out: Pull
-    ) -> None:
-        assert digest
-        ask_tension(limits, along, directed, s, N, lam, present, out)
-
-    @outermost
-    def change(limits: Limits, along: Along, s: Array, here: Flags, one: Array, other: Array) -> float:
-        assert digest
-        return change_of(limits, along, s, here, one, other)
-
-    @outermost
-    def pressed(along: Along, strain: Array, borne: float, s: Array, here: Flags) -> bool:
-        assert digest
-        return is_pressed(along, strain, borne, s, here)
-
-    return ask, change, pressed
-
-
-ask, change, pressed = entries_of(sources(iteration.__file__, __file__))
+ask, change, pressed = entry(ask_tension), entry(change_of), entry(is_pressed)  # as Python calls them

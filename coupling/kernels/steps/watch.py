@@ -22,11 +22,10 @@ Forces from outside that change, steps that do, and a curved way add terms of ei
 """
 
 from math import sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from coupling.arrays import Array
-from coupling.kernels import iteration
-from thread.kernels.loops import loop, outermost, sources
+from thread.kernels.loops import entry, loop
 
 
 class Shares(NamedTuple):
@@ -80,15 +79,4 @@ def goes_uphill(shares: Shares, weight: float, old: Array, new: Array) -> bool:
     return not (made - back <= bound and made <= loose)
 
 
-def ask_of(digest: int) -> Any:
-    """Return `weigh` as Python asks it, kept on disk for the modules of this `digest`."""
-
-    @outermost
-    def ask(shares: Shares, weight: float, old: Array, new: Array) -> tuple[float, float, float, float]:
-        assert digest
-        return weigh(shares, weight, old, new)
-
-    return ask
-
-
-ask = ask_of(sources(iteration.__file__, __file__))
+ask = entry(weigh)  # as Python calls it
