@@ -15,6 +15,8 @@ AT_TIE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0])  # x, and any u
 def all_holds(system: System[Body], y: Array) -> Array:
     """Return the site variables of the piercings, `(9p,)`, followed by those of the clamped ends and of ties, whose
     place is left open; shape `(m, 9)`."""
+    if not system.holds_off_organ:
+        return y.reshape(-1, NINE)
     return np.concatenate([y.reshape(-1, NINE), system.clamp_frames, np.tile(AT_TIE, (2 * len(system.ties), 1))])
 
 

@@ -1,6 +1,7 @@
 """The coupled system: a thread, its ends, an organ, and the piercings that join them."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Generic
@@ -215,6 +216,14 @@ class System(Generic[Body]):
                     f"piercing {piercing.name!r}: directed = True, but its site was given no direction; give the site "
                     'one (a vector, or "normal" on an organ), or take directed=False'
                 )
+
+    def led(self, side: int, end: End) -> "System[Body]":
+        """Return the system with another end of the thread at a `side`, where one is held by its place alone as this
+        one is: all that was derived from the system stays valid, and is not derived again."""
+        led, ends = copy(self), list(self.ends)
+        ends[side] = end
+        object.__setattr__(led, "ends", tuple(ends))
+        return led
 
     @cached_property
     def held(self) -> Indices:
@@ -468,4 +477,4 @@ class State(Generic[Body]):
 def forgetful(state: State[Body]) -> State[Body]:
     """Return the state without the step before it: after a jump of velocity or of the constraints, which no
     integrator of second order may look across."""
-    return replace(state, before=None, dt_before=None)
+    return state if state.before is None and state.dt_before is None else replace(state, before=None, dt_before=None)

@@ -17,8 +17,9 @@ ZERO = np.zeros(3)
 class Free:
     """An end that nothing holds."""
 
-    def position(self, time: float) -> Array | None:
-        """Return the prescribed position [m] at `time` [s]; None means that the end is free to move."""
+    def position(self, time: float | Array) -> Array | None:
+        """Return the prescribed position [m] at `time` [s], shape `(3,)`, at times (k,) `(k, 3)` or what is the same at
+        all of them; None means that the end is free to move."""
         return None
 
     def angle(self, time: float) -> float | None:
@@ -28,8 +29,8 @@ class Free:
         """
         return None
 
-    def force(self, time: float) -> Array:
-        """Return the dead load [N] at `time` [s], shape `(3,)`."""
+    def force(self, time: float | Array) -> Array:
+        """Return the dead load [N] at `time` [s], shape as for `position`."""
         return ZERO
 
 
@@ -63,7 +64,7 @@ class Fixed(Turning):
 
     point: Array
 
-    def position(self, time: float) -> Array | None:
+    def position(self, time: float | Array) -> Array | None:
         """Return the point [m], the same at all times."""
         return self.point
 
@@ -100,9 +101,9 @@ class Pulled(Free):
                 f"pulled end: load {self.load} N, ramp {self.ramp} s; allowed are finite numbers, ramp ≥ 0"
             )
 
-    def force(self, time: float) -> Array:
+    def force(self, time: float | Array) -> Array:
         """Return the load [N], or the part of the load that the ramp has reached."""
-        return self.load if time >= self.ramp else self.load * (time / self.ramp)
+        return np.multiply.outer(np.minimum(time / self.ramp, 1.0), self.load) if self.ramp else self.load
 
 
 @dataclass(frozen=True)
@@ -114,15 +115,15 @@ class Driven(Turning):
     def __post_init__(self) -> None:
         super().__post_init__()
         w = self.waypoints
-        if w.ndim != 2 or w.shape[1] != 4 or len(w) < 1 or not np.all(np.isfinite(w)):
+        if w.ndim != 2 or w.shape[1] != 4 or len(w) < 1 or not np.isfinite(w).all():
             raise ThreadError(f"driven end: waypoints of shape {w.shape}; allowed are rows of t, x, y, z")
-        if np.any(np.diff(w[:, 0]) <= 0.0):
+        if (w[1:, 0] <= w[:-1, 0]).any():
             raise ThreadError("driven end: the times of the waypoints do not rise; sort them and drop repeats")
 
-    def position(self, time: float) -> Array | None:
+    def position(self, time: float | Array) -> Array | None:
         """Return the point on the way at `time`, after the last waypoint that waypoint [m]."""
-        w = self.waypoints
-        return np.array([np.interp(time, w[:, 0], w[:, k]) for k in (1, 2, 3)])
+        t, *places = self.waypoints.T
+        return np.array([np.interp(time, t, each) for each in places]).T
 
 
 End = Free | Fixed | Clamped | Pulled | Driven

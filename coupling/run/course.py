@@ -2,10 +2,10 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from time import perf_counter
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -25,14 +25,14 @@ from coupling.kernels.steps.tautness import Strands
 from coupling.kernels.steps.tension import Limits, Stages
 from coupling.recent import Recent
 from coupling.reports.audit import BORNE
-from coupling.run.tautness import strands_of
+from coupling.run.tautness import loose_ends, strands_of
 from coupling.run.watch import CREATED, CREATED_BDF2, SHARE, TRACE
 from coupling.step import newton, tables
 from coupling.step.motion import CROSSED
 from coupling.step.newton import Problem
 from coupling.step.stability import borne_pressure
-from coupling.step.stepping import dynamic_problem
-from coupling.step.tables import OVER, bounds_of, empty_found, given_of, plain, tables_of
+from coupling.step.stepping import dynamic_problem, organ_answer
+from coupling.step.tables import OVER, Tables, bounds_of, empty_found, given_of, plain, solver_for, tables_of
 from coupling.step.tension import along_of, limits_of
 from coupling.system import State, System
 from thread.compliance import LACKS, POWERS, SLACK
@@ -43,6 +43,7 @@ log = logging.getLogger(__name__)
 
 KEPT = "march.march_of."  # begins the names of the loops' files on disk
 NONE, PLANE = np.zeros(0), np.zeros((0, 0))
+Arrays = TypeVar("Arrays", Law, Given, Strands)
 FIRST_ROOM = 64  # stages on spans, of which a run asks for some at first
 
 
@@ -88,29 +89,29 @@ def lacking_of(thread: Thread) -> Lacking:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """An organ as the loops go on with it from a state: what they read of it, `organ`, its motion, `now` and `earlier`,
-    and `state`, which makes the organ's own state of such a motion."""
+    """An organ as the loops go on with it from a state: its `answer` to the first step, what they read of it, `organ`,
+    its motion, `now` and `earlier`, and `state`, which makes the organ's own state of such a motion."""
 
+    answer: Answer[Any]
     organ: Organ
     now: ModalMotion
     earlier: ModalMotion
     state: Callable[[ModalMotion], Any]
 
 
-def body_of(
-    system: System[Any], scheme: Scheme, state: State[Any], times: Sequence[float], answer: Answer[Any]
-) -> Body | None:
-    """Return the organ of a system in steps of a scheme from a state, with its `answer` to the first; None where the
-    loops do not go on with it, or its loads change until the last of the `times` [s]."""
+def body_of(system: System[Any], scheme: Scheme, state: State[Any], times: Sequence[float]) -> Body | None:
+    """Return the organ of a system in steps of a scheme from a state; None where the loops do not go on with it, or its
+    loads change until the last of the `times` [s]."""
     organ, before = system.organ, state.before or state
     if isinstance(organ, Steady):
         loads = organ.steady_loads(state.organ, times)
         if loads is None:
             return None
+        answer = organ_answer(system, scheme, state)
         at_rest = NONE, NONE, NONE, loads[2], 0.0
         sag, none = over_holds(loads[1], system.holds), (NONE, NONE, PLANE, PLANE, NONE, PLANE)
         still = Organ(True, loads[0], sag, *none, 0.0, 0.0, 0.0, 0.0)
-        return Body(still, at_rest, at_rest, lambda motion: answer.accept(motion[3], NO_FORCES))
+        return Body(answer, still, at_rest, at_rest, lambda motion: answer.accept(motion[3], NO_FORCES))
     if isinstance(organ, Modal):
         modes = organ.modes(scheme, state.organ, times)
         if modes is None:
@@ -118,21 +119,31 @@ def body_of(
         mu, load, W, Y, y0, missed = (plain(x) for x in modes[:6])
         moving = Organ(False, 0.0, PLANE, mu, load, W, Y, y0, missed, *modes[6:])
         motions = organ.motion(state.organ, state.organ), organ.motion(before.organ, state.organ)
-        return Body(moving, *motions, lambda motion: organ.moved(state.organ, motion))
+        return Body(
+            organ_answer(system, scheme, state), moving, *motions, lambda motion: organ.moved(state.organ, motion)
+        )
     return None
 
 
 @dataclass(frozen=True, eq=False)
 class Fixture:
-    """What steps of a scheme have in common as long as the same holds are there, and room for what they write: the
-    places, loads and references among it are those of the step that is made."""
+    """Arrays that steps of a scheme share as long as the same holds are present, and room for results.
 
+    The references and loads among them are those of the step that is made; `solver` is the address of the compiled
+    step for arrays like these, and `nothing` the room of a course that keeps none of its steps.
+    """
+
+    tables: Tables
+    lacking: Lacking
+    pace: Pace
     law: Law
     given: Given
     bounds: Bounds
     scene: Scene
     limits: Limits
     room: Scratch
+    nothing: Kept
+    solver: int
 
 
 FIXTURES: Recent[Fixture] = Recent()
@@ -141,92 +152,102 @@ FIXTURES: Recent[Fixture] = Recent()
 def fixture_of(
     system: System[Any], scheme: Scheme, state: State[Any], answer: Answer[Any], motion: Motion, taut: Flags
 ) -> Fixture:
-    """Return the fixture of steps from a state, which is a `motion` with strands `taut` (k + 1,), with the organ's
-    `answer` to the first, where it is among the last that were made that. The organ is no part of what is remembered:
-    it may be large."""
-    held = tuple(end.position(0.0) is not None for end in system.ends)
-    of_ends = held, system.clamps, system.clamp_frames.tobytes()
+    """Return the fixture of steps from a state with the organ's `answer` to the first: one of the last that were made
+    where it fits, as it does from step to step. `motion` is that state as arrays, `taut` (k + 1,) its strands.
+
+    The organ is no part of what is remembered: it may be large. Its answer is written into the fixture's arrays.
+    """
+    loose = loose_ends(system, state).tobytes()
+    of_ends = system.held_flags.tobytes(), loose, len(taut), system.clamps, system.clamp_frames.tobytes()
     values = scheme.dt, scheme.d, scheme.weights, system.epsilon, *of_ends, state.present.tobytes(), len(motion.U)
-    strands = strands_of(system, state, taut)
     fixture = FIXTURES.of(
         (system.thread, system.piercings, system.gravity),
-        lambda: make_fixture(dynamic_problem(system, state, scheme.dt, answer, scheme), state.present, strands, motion),
+        lambda: make_fixture(system, scheme, state, answer, motion, taut),
         values,
     )
-    y_free, C = all_holds(system, answer.y_free), pad_compliance(system, answer.C)
-    return replace(
-        fixture,
-        given=fixture.given._replace(y_free=plain(y_free), C=plain(C)),
-        scene=fixture.scene._replace(strands=strands),
-    )
+    fixture.given.y_free[:] = all_holds(system, answer.y_free)
+    fixture.given.C[:] = pad_compliance(system, answer.C)
+    fixture.scene.strands.taut[:] = taut
+    return fixture
 
 
-def make_fixture(problem: Problem[Any], present: Flags, strands: Strands, motion: Motion) -> Fixture:
-    """Return the fixture of steps of which a problem is the first and a `motion` the start, with the holds that are
-    `present` (m,) and the thread's `strands`."""
-    system, law, given = problem.system, problem.law.table, given_of(problem)
+def make_fixture(
+    system: System[Any], scheme: Scheme, state: State[Any], answer: Answer[Any], motion: Motion, taut: Flags
+) -> Fixture:
+    """Return a new fixture; the arguments are those of `fixture_of`."""
+    problem = dynamic_problem(system, state, scheme.dt, answer, scheme)
+    tables, bounds = tables_of(system.thread), bounds_of(problem, 0.0, 1)
+    law = with_own(problem.law.table, "s_old", "s_held", "s_free", "stretch")
+    given = with_own(given_of(problem), "q_ref", "load", "y_free", "C")
+    room = empty_room(motion, system.thread.elastic_rule.w.shape[1])
     return Fixture(
-        law._replace(s_old=law.s_old.copy(), s_held=law.s_held.copy(), s_free=law.s_free.copy()),
-        given._replace(q_ref=given.q_ref.copy(), load=given.load.copy()),
-        bounds_of(problem, 0.0, 1),
-        scene_of(problem, present, strands),
-        limits_of(system),
-        empty_room(motion, system.thread.elastic_rule.w.shape[1]),
+        tables=tables,
+        lacking=lacking_of(system.thread),
+        pace=pace_of(scheme),
+        law=law,
+        given=given,
+        bounds=bounds,
+        scene=scene_of(problem, state.present, with_own(strands_of(system, state, taut), "taut")),
+        limits=limits_of(system),
+        room=room,
+        nothing=room_to_keep(motion, 0),
+        solver=solver_for(tables.curve, tables.knots, law, given, bounds, room.z, room.found),
     )
+
+
+def with_own(arrays: Arrays, *names: str) -> Arrays:
+    """Return a tuple of arrays in which those of these `names` are copies, which may be written to."""
+    return arrays._replace(**{name: getattr(arrays, name).copy() for name in names})
 
 
 class Course:
     """Steps of a scheme from a state, as far as they are `made`: the motion `now` and `earlier`, one step before, the
-    `energies` and the `iterations` of each; and what is `kept` of so many of them as are to be kept, `keep`. `answer`
-    is the organ's to the first; `taut` (k + 1,), which strands are, and stay so."""
+    `energies` and the `iterations` of each, and whether there was an event in the only one, `happened`; and what is
+    `kept` of so many of them as are to be kept, `keep`. `taut` (k + 1,): which strands are at its start."""
 
     def __init__(
         self,
         system: System[Any],
         scheme: Scheme,
         state: State[Any],
-        answer: Answer[Any],
         body: Body,
         taut: Flags,
         keep: int = 0,
     ) -> None:
-        self._like, self._holes, self._body, self._pace = state, len(system.piercings), body, pace_of(scheme)
-        self._tables, self._lacking = tables_of(system.thread), lacking_of(system.thread)
+        self._like, self._holes, self._body = state, len(system.piercings), body
         self._now, self._earlier = motion_of(state, body.now), motion_of(state.before or state, body.earlier)
-        self._fixture = fixture_of(system, scheme, state, answer, self._now, taut)
-        self.made, self.energies, self.iterations = 0, np.empty(0), np.zeros(0, np.int64)
-        self.kept = room_to_keep(self._now, keep)
+        self._fixture = fixture_of(system, scheme, state, body.answer, self._now, taut)
+        self.made, self.energies, self.iterations, self.happened = 0, np.empty(0), np.zeros(0, np.int64), False
+        self.kept = room_to_keep(self._now, keep) if keep else self._fixture.nothing
 
     def make_steps(self, energies: Sequence[float], ends: tuple[Array, ...], follow: bool) -> None:
         """Make as many steps as go smoothly between the `ends` that `coupling.run.march.tabled_ends` gives; the other
         arguments are those of `coupling.kernels.steps.march.march`."""
         self.energies, self.iterations = np.array(energies), np.zeros(len(ends[0]), np.int64)
-        thread, given = self._tables, self._fixture
-        solver = tables.solver_for(
-            thread.curve, thread.knots, given.law, given.given, given.bounds, given.room.z, given.room.found
-        )
+        given = self._fixture
         while True:
             self.made, why, missing = run_march(
-                thread.curve, thread.knots, given.law, given.given, given.bounds, given.scene, self._pace,
-                given.limits, self._lacking.stages, self._body.organ, Ends(*ends), self._now, self._earlier,
-                given.room, self.energies, self.iterations, self.made, follow, self.kept, solver,
+                given.tables.curve, given.tables.knots, given.law, given.given, given.bounds, given.scene, given.pace,
+                given.limits, given.lacking.stages, self._body.organ, Ends(*ends), self._now, self._earlier,
+                given.room, self.energies, self.iterations, self.made, follow, self.kept, given.solver,
             )  # fmt: skip
-            if why != march.TO_LEARN or not self._lacking.learn(missing):
+            if why != march.TO_LEARN or not given.lacking.learn(missing):
+                self.happened = why == march.HAPPENED
                 return
 
-    def now(self, time: float) -> State[Any]:
-        """Return the state that the steps have come to, at a `time` [s]."""
-        return self._state(self._now, time)
+    def now(self, time: float, before: State[Any] | None = None) -> State[Any]:
+        """Return the state that the steps have come to, at a `time` [s], which remembers the one `before` it."""
+        return self._state(self._now, time, before)
 
     def earlier(self, time: float) -> State[Any]:
         """Return the state one step before, at a `time` [s]."""
         return self._state(self._earlier, time)
 
-    def end_of(self, step: int, time: float) -> State[Any]:
-        """Return the state at the end of a step that is kept, at a `time` [s]."""
-        return self._state(Motion(*[each[step] for each in self.kept.ends]), time)
+    def end_of(self, step: int, time: float, before: State[Any] | None = None) -> State[Any]:
+        """Return the state at the end of a step that is kept, at a `time` [s], likewise."""
+        return self._state(Motion(*[each[step] for each in self.kept.ends]), time, before)
 
-    def _state(self, motion: Motion, time: float) -> State[Any]:
+    def _state(self, motion: Motion, time: float, before: State[Any] | None = None) -> State[Any]:
         f_y = motion.f_y[: self._holes].ravel()
         return State(
             time=time,
@@ -244,6 +265,8 @@ class Course:
             reaction=motion.reaction,
             layers=motion.layers if self._fixture.limits.bends else None,
             stretch=motion.stretch,
+            before=before,
+            dt_before=None if before is None else self._fixture.pace.dt,
         )
 
 

@@ -11,10 +11,11 @@ other events bear the time of its end. An end of a piercing changes neither posi
 compliance that the spline lacks there stored is let go, and counts as numerical dissipation.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -73,6 +74,24 @@ class Event:
     def energy(self) -> float:
         """Change of kinetic and elastic energy [J]."""
         return self.work - self.loss
+
+
+class Events(Sequence[Event]):
+    """Events in their order, which are found when somebody first asks for them: their times take solutions of their
+    own, and a host program that steps a run does not wait for these."""
+
+    def __init__(self, find: Callable[[], Sequence[Event]]) -> None:
+        self._find = find
+
+    @cached_property
+    def _found(self) -> tuple[Event, ...]:
+        return tuple(self._find())
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self._found[index]
 
 
 def find_events(
@@ -153,8 +172,7 @@ def strand_changes(
 ) -> tuple[list[Event], Flags]:
     """Find the strands that became taut or slack between two states, and return with them which are taut at the second,
     `(k + 1,)`, of which those `taut` were at the first. What lies along a tract is not told."""
-    if not np.array_equal(old.present, new.present) or len(taut) != strand_count(system, new):
-        taut = carried_over(system, taut, old, system, new)
+    taut = kept_taut(system, old, new, taut)
     now = still_taut(system, new, taut)
     changed = np.flatnonzero(now != taut).tolist()
     if not changed:
@@ -168,6 +186,13 @@ def strand_changes(
         if in_the_open:
             out.append(Event(time, "taut" if now[k] else "slack", name, float(s[k])))
     return out, now
+
+
+def kept_taut(system: System[Body], old: State[Body], new: State[Body], taut: Flags) -> Flags:
+    """Return which strands of a state are taut if none changed since the one before, in which those `taut` were."""
+    if np.array_equal(old.present, new.present) and len(taut) == strand_count(system, new):
+        return taut
+    return carried_over(system, taut, old, system, new)
 
 
 def surface_changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Event]:

@@ -8,7 +8,7 @@ or slack, and a step uphill.
 """
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Generic
 
 import numpy as np
@@ -16,14 +16,14 @@ import numpy as np
 from coupling.arrays import Array, Flags
 from coupling.calls import ask_before_correction
 from coupling.integrators import BackwardEuler, Scheme
-from coupling.interfaces import Body, Modal, Steady
+from coupling.interfaces import Body
 from coupling.kernels.constraints import Passage
 from coupling.reports.audit import Energies
 from coupling.reports.observation import Seen
 from coupling.run.tautness import taut_strands
 from coupling.step.newton import Iterate, Solution, evaluate
 from coupling.step.solver import covers
-from coupling.step.stepping import Take, bdf2_step, dynamic_problem, organ_answer, scheme_of, try_step
+from coupling.step.stepping import Step, Take, bdf2_step, dynamic_problem, organ_answer, scheme_of, try_step
 from coupling.system import State, System, forgetful
 
 if TYPE_CHECKING:
@@ -32,31 +32,33 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Marched(Generic[Body]):
-    """Where the loops come to: the `state` after so many steps `made`, its `energies`, and the Newton `iterations` of
-    all of them."""
+    """Where the loops come to: the `state` after so many steps `made`, its `energies`, the Newton `iterations` of all
+    of them, and whether there was an event in the only one, `happened`."""
 
     made: int
     state: State[Body]
     energies: Energies
     iterations: int
+    happened: bool
 
 
 @dataclass(frozen=True)
 class Marks(Generic[Body]):
     """Where the loops come to step by step: the `states` at their ends, with the `energies` and the Newton `iterations`
-    of each, and what there is to see of the thread in them, `seen`, with its largest axial `strains` (k,) [-]."""
+    of each, what there is to see of the thread in them, `seen`, with its largest axial `strains` (k,) [-], and whether
+    there was an event in the only one, `happened`."""
 
     states: list[State[Body]]
     energies: list[Energies]
     iterations: list[int]
     seen: Seen
     strains: Array
+    happened: bool
 
 
 def covered_scheme(system: System[Body], state: State[Body], dt: float, take: Take[Body]) -> Scheme | None:
     """Return the scheme of steps from a state that the loops cover, None where they do not: the thread and the holes
-    that `coupling.step.solver.covers`, without ties and without hands on holes, by backward Euler, or by BDF2 where
-    it goes on with steps of the same length."""
+    that `coupling.step.solver.covers`, without ties and without hands on holes, by backward Euler or BDF2."""
     if (
         not system.compiled
         or system.ties
@@ -65,9 +67,9 @@ def covered_scheme(system: System[Body], state: State[Body], dt: float, take: Ta
         or not covers(system)
     ):
         return None
-    if take is try_step and state.before is None:
+    if take is try_step:
         return BackwardEuler(dt)
-    return scheme_of(state, dt) if take is bdf2_step and state.dt_before == dt else None
+    return scheme_of(state, dt) if take is bdf2_step else None
 
 
 def march(
@@ -89,11 +91,11 @@ def march(
     course = run_course(system, state, energies, dt, times, take, follow, taut)
     if course is None:
         return None
-    made, new = course.made, course.now(times[course.made - 1])
+    made, before = course.made, None
     if take is bdf2_step:
         before = course.earlier(times[made - 2]) if made > 1 else forgetful(state)
-        new = replace(new, before=before, dt_before=dt)
-    return Marched(made, new, Energies(*course.energies.tolist()), int(course.iterations.sum()))
+    new = course.now(times[made - 1], before)
+    return Marched(made, new, Energies(*course.energies.tolist()), int(course.iterations.sum()), course.happened)
 
 
 def march_by_steps(
@@ -121,7 +123,7 @@ def march_by_steps(
     q, s, sigma, stretch, lam, y = (x[:made] for x in (ends.q, ends.s, ends.sigma, ends.stretch, ends.lam, ends.y))
     seen = Seen(state.present, np.array(times[:made]), q, course.kept.elastic[:made], s, sigma, stretch, lam, y, at)
     booked = [Energies(*each) for each in course.kept.energies[:made].tolist()]
-    return Marks(states, booked, course.iterations[:made].tolist(), seen, course.kept.strain[:made])
+    return Marks(states, booked, course.iterations[:made].tolist(), seen, course.kept.strain[:made], course.happened)
 
 
 def run_course(
@@ -138,19 +140,32 @@ def run_course(
     """Return the course of the steps that the loops make, of which so many are kept, None where they make none; the
     other arguments are those of `march`."""
     scheme = covered_scheme(system, state, dt, take)
-    if scheme is None or not isinstance(system.organ, Steady | Modal):
+    if scheme is None:
         return None
     from coupling.run.course import Course, body_of
 
-    answer = organ_answer(system, scheme, state)
-    body = body_of(system, scheme, state, times, answer)
+    if take is bdf2_step and state.dt_before != dt:
+        times = times[:1]  # the next one looks back at another step
+    body = body_of(system, scheme, state, times)
     if body is None:
         return None
-    course = Course(system, scheme, state, answer, body, taut_strands(system, state) if taut is None else taut, keep)
-    course.make_steps(astuple(energies), tabled_ends(system, state.time, times, dt), follow)
+    course = Course(system, scheme, state, body, taut_strands(system, state) if taut is None else taut, keep)
+    course.make_steps(list(vars(energies).values()), tabled_ends(system, state.time, times, dt), follow)
     for _ in range(int(course.iterations.sum())):  # the loops do not ask themselves, and each correction counts
         ask_before_correction()
     return course if course.made else None
+
+
+def step_between(system: System[Body], old: State[Body], new: State[Body], dt: float, take: Take[Body]) -> Step[Body]:
+    """Return the step of `dt` [s] that the loops made from a state to another one, with its solution, which they do not
+    keep."""
+    scheme = BackwardEuler(dt) if take is try_step else scheme_of(old, dt)
+    problem = dynamic_problem(system, old, dt, organ_answer(system, scheme, old), scheme)
+    law = problem.law if new.stretch is None else replace(problem.law, stretch=new.stretch)
+    problem = replace(problem, layers=new.layers, law=law)
+    z = Iterate(new.q, new.N, new.s, new.lam, new.y, new.sigma)
+    solution = Solution(problem, z, evaluate(problem, z), 0)
+    return Step(old, new, dt, solution, solution.residual.configuration)
 
 
 def solution_at(system: System[Body], state: State[Body]) -> Solution[Body]:
@@ -167,14 +182,13 @@ def tabled_ends(system: System[Body], start: float, times: Sequence[float], dt: 
     """Return what holds and pulls the ends in steps of `dt` [s] from `start` [s] on whose ends bear the `times` [s]:
     places [m] and forces [N] at their ends, and by how much more the forces are at their starts, `(steps, 2, 3)`
     each; places of ends that are free are zero."""
-    starts = [start, *times[:-1]]
+    begun = np.array([start, *times[:-1]])
     places, forces, more = np.zeros((3, len(times), 2, 3))
     for side, end in enumerate(system.ends):
-        for step, begun in enumerate(starts):
-            place = end.position(begun + dt)
-            if place is not None:
-                places[step, side] = place
-            else:
-                forces[step, side] = end.force(begun + dt)
-                more[step, side] = end.force(begun) - forces[step, side]
+        place = end.position(begun + dt)
+        if place is not None:
+            places[:, side] = place
+        else:
+            forces[:, side] = end.force(begun + dt)
+            more[:, side] = end.force(begun) - forces[:, side]
     return places, forces, more

@@ -12,8 +12,8 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import accumulate
-from typing import Generic
+from itertools import accumulate, chain
+from typing import Any, Generic
 
 import numpy as np
 
@@ -27,10 +27,10 @@ from coupling.rest.branch import reach
 from coupling.rest.equilibrium import refuse_unbalanced, settle_near
 from coupling.run.adaptivity import INTERVAL, Resolution, adapt_when_due, exchange_spline, refine_for, refit_state
 from coupling.run.cutting import Cut, cut_thread
-from coupling.run.events import Event, find_events
+from coupling.run.events import Event, Events, find_events, kept_taut
 from coupling.run.impact import begin_piercing
-from coupling.run.march import march, march_by_steps
-from coupling.run.tautness import carried_over, taut_strands
+from coupling.run.march import march, march_by_steps, step_between
+from coupling.run.tautness import carried_over, still_taut, taut_strands
 from coupling.run.tying import TieObservation, begin_tie, let_go_of_cut, lock_tie, observe_ties
 from coupling.run.watch import Watch
 from coupling.step.configuration import Configuration, configuration_of
@@ -42,7 +42,6 @@ from tissue.errors import FactorError
 log = logging.getLogger(__name__)
 
 AT_ONCE = 500  # steps at most, for nobody can call them off in between
-LONGEST_PAUSE = 64  # steps made one by one at most before the loops are asked again
 EQUILIBRIA = 4  # further ones of a load step at most, on knots that fit the one before
 ON_TIME = 1e-9  # of a step: a time this near the end of a step is that of its end
 
@@ -61,8 +60,7 @@ class Run(Generic[Body]):
     `fresh` is a thread under no tension yet that knots could go by. Of the last step: whether it was sought `loose`, as
     the next one then is first (`coupling.rest.equilibrium.settle`), the steps `taken` (several where it was halved,
     none where it was made in whole by compiled loops), the Newton iterations of those made `at_once`, and the `events`.
-    `apart`: how many steps are made one by one until the loops are asked again, and how many if they then make none,
-    zero where they have just made some. `seen`: what these saw of the thread at the end of the last step.
+    `seen`: what the loops saw of the thread at its end.
     """
 
     system: System[Body]
@@ -82,9 +80,8 @@ class Run(Generic[Body]):
     fresh: bool = True
     loose: bool = False
     at_once: int = 0
-    apart: tuple[int, int] = (0, 1)
     taken: tuple[Step[Body], ...] = ()
-    events: tuple[Event, ...] = ()
+    events: Sequence[Event] = ()
     seen: Sight[Body] | None = None
 
     @cached_property
@@ -174,25 +171,21 @@ class Run(Generic[Body]):
         smoothly (`coupling.run.march`), where the system asks for these: no solution of such a step is kept. The events
         and iterations are those of all. Raises as `step` does; who wants the steps before that one asks for fewer."""
         refuse_no_time(dt)
-        run, events, iterations, last = self, list[Event](), 0, self.number + count
+        run, last, parts, iterations = self, self.number + count, list[Sequence[Event]](), 0
         while run.number < last:
             times = list(accumulate([dt] * min(AT_ONCE, last - run.number), initial=run.state.time))[1:]
-            run = run._smoothly(dt, times) or run._apart(dt, times[0])
-            events, iterations = [*events, *run.events], iterations + run.iterations
+            run = run._smoothly(dt, times) or run.step(dt, times[0])
+            parts, iterations = [*parts, run.events], iterations + run.iterations
+        if len(parts) == 1:
+            return run
         of_last = sum(step.solution.iterations for step in run.taken)
-        return replace(run, events=tuple(events), at_once=iterations - of_last)
+        return replace(run, events=Events(lambda: list(chain(*parts))), at_once=iterations - of_last)
 
     def each_of_steps(self, dt: float, times: Sequence[float]) -> "list[Run[Body]]":
         """Make steps of `dt` [s] whose ends bear the `times` [s], and return the run after each: as many as go on
         smoothly in compiled loops, as for `steps`, else the first alone. Raises as `step` does."""
         refuse_no_time(dt)
-        return self._each_smoothly(dt, times) or [self._apart(dt, times[0])]
-
-    def _apart(self, dt: float, time: float) -> "Run[Body]":
-        """Return the run a step further that is made by itself."""
-        waits, pause = self.apart
-        apart = (waits - 1, max(pause, 1)) if waits else (max(pause - 1, 0), min(max(2 * pause, 1), LONGEST_PAUSE))
-        return replace(self.step(dt, time), apart=apart)
+        return self._each_smoothly(dt, times) or [self.step(dt, times[0])]
 
     def _smoothly(self, dt: float, times: Sequence[float]) -> "Run[Body] | None":
         """Return the run after as many of the steps of `dt` [s] to the `times` [s] as the loops make at once, None
@@ -204,8 +197,8 @@ class Run(Generic[Body]):
         found = march(self.system, self.state, self.energies, dt, before, self.take, follow, taut)
         if found is None:
             return None
-        made = replace(self._marched(found.made, len(times)), state=found.state, energies=found.energies)
-        return replace(made, at_once=found.iterations)
+        made = self._marched(found.made, state=found.state, energies=found.energies, at_once=found.iterations)
+        return self._switched(made, dt) if found.happened else made
 
     def _each_smoothly(self, dt: float, times: Sequence[float]) -> "list[Run[Body]]":
         """Return the runs after each of those steps, none where the loops make none."""
@@ -219,22 +212,38 @@ class Run(Generic[Body]):
         sights = look(self.system, self.s_begun, found.seen, found.states, found.strains)
         each = zip(found.states, found.energies, found.iterations, sights, strict=True)
         runs = [
-            replace(self._marched(made, made), state=state, energies=energies, at_once=iterations, seen=sight)
+            self._marched(made, state=state, energies=energies, at_once=iterations, seen=sight)
             for made, (state, energies, iterations, sight) in enumerate(each, 1)
         ]
-        return [*runs[:-1], replace(runs[-1], apart=(int(len(runs) < len(times)), 0))]
+        return [self._switched(runs[0], dt)] if found.happened else runs
 
-    def _marched(self, made: int, asked: int) -> "Run[Body]":
-        """Return the run after so many steps `made` by the loops of those `asked` for, but for where they came to: what
-        they stopped before is made next."""
-        number, apart = self.number + made, (int(made < asked), 0)
-        return replace(self, number=number, apart=apart, loose=False, taken=(), events=(), seen=None)
+    def _marched(self, made: int, **end: Any) -> "Run[Body]":
+        """Return the run after so many steps `made` by the loops, with the fields that these leave at the `end`."""
+        left: dict[str, Any] = {
+            "fresh": False,
+            "loose": False,
+            "taken": (),
+            "events": (),
+            "seen": None,
+        }
+        return replace(self, number=self.number + made, **(left | end))
+
+    def _switched(self, new: "Run[Body]", dt: float) -> "Run[Body]":
+        """Return the run after a step of `dt` [s] of the loops, `new`, with the events in it: that holds slip or stick,
+        strands become taut or slack, tissue tears."""
+        taut = still_taut(self.system, new.state, kept_taut(self.system, self.state, new.state, self.taut))
+        return replace(new, taut=taut, events=Events(lambda: self._events_until(new.state, dt)))
+
+    def _events_until(self, new: State[Body], dt: float) -> list[Event]:
+        """Return the events in a step of `dt` [s] of the loops to a `new` state."""
+        step = step_between(self.system, self.state, new, dt, self.take)
+        return find_events(self.system, self.state, [step], self.taut)[0]
 
     def _before_due(self, dt: float, times: Sequence[float]) -> Sequence[float]:
-        """Return those of the `times` [s] that steps of `dt` [s] go to before anything is scheduled; none where the
-        loops are not to be asked now, or something is looked at between steps that they know nothing of: knots that
-        follow the thread, and the error of a step."""
-        if self.fresh or not self.downhill or self.resolution is not None or self.tolerance < np.inf or self.apart[0]:
+        """Return those of the `times` [s] that steps of `dt` [s] go to before anything is scheduled; none where
+        something is looked at between steps that the loops know nothing of: knots that follow the thread, and the error
+        of a step."""
+        if not self.downhill or self.resolution is not None or self.tolerance < np.inf:
             return []
         holds = zip(self.system.piercings, self.state.present, strict=False)
         planned = [cut.time for cut in self.cuts] + [p.ends if there else p.begins for p, there in holds]
@@ -287,7 +296,7 @@ class Run(Generic[Body]):
             s_begun=state.s,
             taut=run.taut,
             fresh=False,
-            events=self.events + told,
+            events=(*self.events, *told),
         )
 
     def _settled(self, share: float, duration: float) -> "Run[Body]":
@@ -376,7 +385,7 @@ class Run(Generic[Body]):
             loose=any(step.loose for step in taken),
             taut=taut,
             taken=self.taken + tuple(taken),
-            events=self.events + tuple(found),
+            events=(*self.events, *found),
         )
 
     def refitted(self, dt: float, due: bool, once: bool = False) -> "Run[Body]":
@@ -398,7 +407,7 @@ class Run(Generic[Body]):
         if not knots:
             return self
         energies = book_events(system, self.energies, state, knots)
-        return replace(self, system=system, state=state, energies=energies, events=self.events + tuple(knots))
+        return replace(self, system=system, state=state, energies=energies, events=(*self.events, *knots))
 
     def _scheduled(self, earlier: float, dt: float) -> "Run[Body]":
         """Return the run after the cuts, and the piercings that end or begin, later than `earlier` [s]."""
@@ -410,7 +419,7 @@ class Run(Generic[Body]):
                 state=state,
                 energies=book_events(run.system, run.energies, state, due),
                 s_begun=np.where(state.present & ~run.state.present, state.s, run.s_begun),
-                events=run.events + tuple(due),
+                events=(*run.events, *due),
             )
         return run._carried_from(self)
 

@@ -67,6 +67,8 @@ def loose_ends(system: System[Body], state: State[Body]) -> Flags:
     `(2,)`."""
     spline, masses = system.thread.spline, system.thread.point_masses
     free = np.array([type(end) is Free and mass == 0.0 for end, mass in zip(system.ends, masses, strict=True)])
+    if not free.any():
+        return free
     anchors = state.s[state.present & ~system.may_slide & ~within(system, state.s)]
     half = 0.5 * (spline.start + spline.end)
     return free & ~np.array([(anchors < half).any(), (anchors > half).any()])

@@ -134,10 +134,10 @@ class Hand(Free):
     begin: Array
     end: Array
 
-    def force(self, time: float) -> Array:
-        """Return the load at a time [N]."""
-        share = float(np.interp(time, self.times, (0.0, 1.0)))
-        return np.asarray((1.0 - share) * self.begin + share * self.end)
+    def force(self, time: float | Array) -> Array:
+        """Return the load at `time` [N]."""
+        share = np.interp(time, self.times, (0.0, 1.0))
+        return np.asarray(np.multiply.outer(1.0 - share, self.begin) + np.multiply.outer(share, self.end))
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,6 @@ def memory_of(now: OrganRun) -> Arrays:
     }
     own |= {"tie_works": now.tie_works} if now.system.ties else {}
     own |= {"loose": np.array(now.loose)} if now.system.rough.any() else {}
-    own |= {"apart": np.array(now.apart)} if now.system.compiled else {}
     state = {name: value for name, value in pack(now.state, "state").items() if name not in REMADE}
     return own | state | pack(now.energies, "energies")
 
@@ -47,7 +46,6 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         taut = memory["taut"]
         tie_works = memory["tie_works"] if system.ties else beginning.tie_works
         loose = bool(memory["loose"]) if system.rough.any() else beginning.loose
-        waits, pause = memory["apart"].tolist() if system.compiled else beginning.apart
     except (KeyError, TypeError, ValueError) as error:
         raise ScenarioError(f"{CHECKPOINT} is of another version of this code ({error}); {ANEW}") from None
     whole = not isinstance(system.organ, tissue.KrylovOrgan)
@@ -69,5 +67,4 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         number=number,
         fresh=number == 0 and beginning.fresh,
         loose=loose,
-        apart=(waits, pause),
     )

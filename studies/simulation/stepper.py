@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import ThreadpoolController
 
-from coupling.system import System
 from studies.arrays import Array
 from studies.output.records import Snapshot, StepRecord
 from studies.scenario import Scenario, ScenarioError
@@ -161,11 +160,8 @@ class Stepper:
 
     def _led(self, dt: float, place: Array) -> OrganRun:
         """Return the run with a hand that leads the end from where it is to `place` within `dt` [s]."""
-        run, side = self._now, self._side
-        ends = list(run.system.ends)
-        here, held = run.state.time, ends[side]
+        run, here = self._now, self._now.state.time
+        held = run.system.ends[self._side]
         assert is_led(held)
         led = np.array([[here, *np.asarray(held.position(here))], [here + dt, *place]])
-        ends[side] = Driven(led, turn=held.turn)
-        system: System = replace(run.system, ends=(ends[0], ends[1]))
-        return replace(run, system=system)
+        return replace(run, system=run.system.led(self._side, Driven(led, turn=held.turn)))

@@ -2,7 +2,9 @@
 `coupling.run.run`): each predicted, solved with the tension that it ends with, concluded, looked at and audited.
 
 A step that does not converge, or in which anything happens that is more than the next step of a smooth motion, is not
-made: the arrays stay what they were at its start, and the numbers that are returned say why.
+made: the arrays stay what they were at its start, and the numbers that are returned say why. One with an event that
+changes no constraint is made where it is the first, and is then the last: a hold slips or sticks, a strand becomes taut
+or slack, tissue tears. Its time is found in Python, from the states on both sides.
 """
 
 from typing import Any, NamedTuple
@@ -46,6 +48,7 @@ from thread.kernels.vectors import cross, dot, norm, vector
 
 # Why no further step is made.
 MADE, TO_LEARN, NOT_SOLVED, TOO_FAST, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL, TOO_NARROW = range(11)
+HAPPENED = 11  # a step with an event is made, and is the last
 ENERGIES = 10  # numbers of `coupling.reports.audit.Energies` that steps change
 solve_at = by_address(solve)
 
@@ -222,8 +225,7 @@ def what_happened(scene: Scene, given: Given, strain: Array, knots: Knots, now: 
     """Return what is out of the ordinary in a solved step, MADE where nothing is."""
     if is_pressed(scene.along, strain, scene.borne, new.s, scene.here):
         return SQUEEZED
-    if is_switched(scene.strands, scene.along, new.s, new.N, new.v, scene.present):
-        return EVENT
+    event = is_switched(scene.strands, scene.along, new.s, new.N, new.v, scene.present)
     last = knots.breaks[len(knots.breaks) - 1]
     for k in range(len(new.s)):
         if scene.present[k]:
@@ -231,23 +233,23 @@ def what_happened(scene: Scene, given: Given, strain: Array, knots: Knots, now: 
                 return LEFT
             if given.directed[k] and now.sense[k] * new.sense[k] < 0.0:
                 return TURNED
-            if scene.rough[k] and (now.sigma[k] == 0.0) != (new.sigma[k] == 0.0):
-                return EVENT
-    return at_piercings(scene, now, new)
+            event |= scene.rough[k] and now.sigma[k] != new.sigma[k]
+    happened = at_piercings(scene, now, new)
+    return EVENT if event and happened == MADE else happened
 
 
 @loop
 def at_piercings(scene: Scene, now: Motion, new: Motion) -> int:
     """Return whether one piercing came past another or the tissue no longer bears one, MADE where neither is."""
+    torn = False
     for k in range(len(scene.strength)):
         for other in range(len(scene.strength)):
             both = scene.present[k] and scene.present[other]
             if both and now.s[k] < now.s[other] and new.s[k] >= new.s[other]:
                 return CROSSED
         before, after = norm(vector(now.lam[k], FIRST)), norm(vector(new.lam[k], FIRST))
-        if scene.present[k] and before <= scene.strength[k] < after:
-            return EVENT
-    return MADE
+        torn |= scene.present[k] and before <= scene.strength[k] < after
+    return EVENT if torn else MADE
 
 
 @loop
@@ -437,7 +439,7 @@ def end_step(
     organ: Organ, ends: Ends, step: int, now: Motion, earlier: Motion, room: Scratch, energies: Array, rounded: float,
 ) -> tuple[int, int]:  # fmt: skip
     """Look at a solved step, whose forces are `rounded` [N], and audit it; returns why it is not made, MADE where it
-    is, and what `learn` does."""
+    is, EVENT where it is although something happened, and what `learn` does."""
     start = Unknowns(now.q, now.N, now.s, now.lam, now.y, now.sigma)
     missing = pass_with(stages, limits, knots, given, start, room.end.layers, room.other)
     copy_lack(room.other, room.mid)
@@ -449,7 +451,7 @@ def end_step(
     copy_row(law.stretch, room.end.stretch)
     conclude(pace, scene, given, room.found, now, earlier, room.end)
     happened = what_happened(scene, given, room.found.strain, knots, now, room.end)
-    if happened != MADE:
+    if happened != MADE and (happened != EVENT or step > 0):
         return happened, KNOWN
     audit(curve, knots, law, given, scene, pace, ends.more[step], now, room)
     if not organ.still and not bear(pace, organ, now, room.end, room.going):
@@ -459,7 +461,7 @@ def end_step(
     create, weight = (scene.create_bdf2, pace.before) if pace.two_step else (scene.create, 0.0)
     give = (knots.breaks[-1] - knots.breaks[0]) / curve.EA
     shares = Shares(create, scene.there, scene.turned, rounded, give)
-    return UPHILL if goes_uphill(shares, weight, energies, room.after) else MADE, KNOWN
+    return UPHILL if goes_uphill(shares, weight, energies, room.after) else happened, KNOWN
 
 
 def march_of(digest: int) -> Any:
@@ -491,20 +493,20 @@ def march_of(digest: int) -> Any:
             found, missing = solve_step(
                 curve, knots, law, given, here, scene, pace, limits, stages, ends, step, now, room, solver
             )
-            if missing != KNOWN:
-                return step, TO_LEARN, missing
             if found < 0:
-                return step, NOT_SOLVED, KNOWN
+                return step, NOT_SOLVED if missing == KNOWN else TO_LEARN, missing
             why, missing = end_step(
                 curve, knots, law, given, scene, pace, limits, stages, organ, ends, step, now, earlier, room, energies,
                 here.rounded,
             )  # fmt: skip
-            if why != MADE:
+            if why != MADE and (why != EVENT or step > 0):
                 return step, why, missing
             copy_row(room.after, energies)
             keep(kept, step, room.found, room.end, energies)
             go_on(now, earlier, room.end)
             iterations[step] = found
+            if why == EVENT:
+                return 1, HAPPENED, KNOWN
         return len(iterations), MADE, KNOWN
 
     return march
