@@ -34,7 +34,7 @@ from coupling.run.tautness import carried_over, still_taut, taut_strands
 from coupling.run.tying import TieObservation, begin_tie, let_go_of_cut, lock_tie, observe_ties
 from coupling.run.watch import Watch
 from coupling.step.configuration import Configuration, configuration_of
-from coupling.step.stepping import CURVED, HALVINGS, Step, Take, advance, release, try_step
+from coupling.step.stepping import CURVED, HALVINGS, Step, Take, advance, bdf2_step, release
 from coupling.system import State, System, forgetful
 from thread.knots import LEVELS
 from tissue.errors import FactorError
@@ -60,7 +60,7 @@ class Run(Generic[Body]):
     `fresh` is a thread under no tension yet that knots could go by. Of the last step: whether it was sought `loose`, as
     the next one then is first (`coupling.rest.equilibrium.settle`), the steps `taken` (several where it was halved,
     none where it was made in whole by compiled loops), the Newton iterations of those made `at_once`, and the `events`.
-    `seen`: what the loops saw of the thread at its end.
+    `parted`: whether it was made in parts. `seen`: what the loops saw of the thread at its end.
     """
 
     system: System[Body]
@@ -80,6 +80,7 @@ class Run(Generic[Body]):
     fresh: bool = True
     loose: bool = False
     at_once: int = 0
+    parted: bool = False
     taken: tuple[Step[Body], ...] = ()
     events: Sequence[Event] = ()
     seen: Sight[Body] | None = None
@@ -120,9 +121,12 @@ class Run(Generic[Body]):
 
     @property
     def is_jumping(self) -> bool:
-        """Whether the step before left nothing to look back at, so that the next one may be too long for the motion;
-        always by backward Euler, never by the paper's variants."""
-        return self.downhill and not self.fresh and self.state.before is None
+        """Whether the thread has jumped, so that the next step may be too long for its motion: the step before left
+        nothing to look back at or, by an integrator that never looks back, was made in parts. Never by the paper's
+        variants."""
+        if not self.downhill or self.fresh:
+            return False
+        return self.state.before is None if self.take is bdf2_step else self.parted
 
     def step(self, dt: float, time: float | None = None) -> "Run[Body]":
         """Go `dt` [s] further; the end bears the `time` [s] given, to keep round-off from adding up. Where knots follow
@@ -222,6 +226,7 @@ class Run(Generic[Body]):
         left: dict[str, Any] = {
             "fresh": False,
             "loose": False,
+            "parted": False,
             "taken": (),
             "events": (),
             "seen": None,
@@ -384,6 +389,7 @@ class Run(Generic[Body]):
             tie_works=self.tie_works + sum(closing_works(step) + drawing_works(step) for step in taken),
             loose=any(step.loose for step in taken),
             taut=taut,
+            parted=bool(self.taken) or len(taken) > 1,
             taken=self.taken + tuple(taken),
             events=(*self.events, *found),
         )
@@ -478,7 +484,7 @@ def refuse_no_time(dt: float) -> None:
 def begin(
     system: System[Body],
     state: State[Body],
-    take: Take[Body] = try_step,
+    take: Take[Body] = bdf2_step,
     resolution: Resolution | None = None,
     given: Array | None = None,
     halvings: int = HALVINGS,

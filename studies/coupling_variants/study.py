@@ -169,7 +169,7 @@ def run_ways(scenario: Scenario, size: float, step_counts: Sequence[int]) -> Ite
 
 def settle(assembly: Assembly) -> tuple[System, State]:
     """Simulate up to `HOLD`; return the system and its state."""
-    run = begin(assembly.system, assembly.start())
+    run = begin(assembly.system, assembly.start(), try_step)
     for _ in range(round(HOLD / HOLD_STEP)):
         run = run.step(HOLD_STEP)
     return run.system, run.state

@@ -23,6 +23,7 @@ import tissue
 from coupling.paper.two_pass import two_pass
 from coupling.rest.laying import start
 from coupling.run import begin
+from coupling.step.stepping import try_step
 from coupling.system import Friction, Piercing, State, System
 from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, panels, ticks
@@ -211,7 +212,8 @@ def loop(mu: float, turn: float, holes: int) -> Iterator[Row]:
     hand = np.column_stack([way[:, 0], last + way[:, 1, None] * sides[holes % 2]])
     ends = (Pulled(-LOOP_HOLD * sides[0]), Driven(hand))
     system = fixed_holes(thread, ends, Friction(mu, mu), corners)
-    run = begin(system, start(system, s, path.position(gauss_rule(thread.spline, MASS_POINTS).s), 1.0))
+    laid = start(system, s, path.position(gauss_rule(thread.spline, MASS_POINTS).s), 1.0)
+    run = begin(system, laid, try_step)
     for _ in range(10):
         run = run.step(REST / 10)
     for number in range(2 * LOOP_STEPS):

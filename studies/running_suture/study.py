@@ -32,6 +32,7 @@ from coupling.reports.observation import observe
 from coupling.run import begin
 from coupling.run.adaptivity import Resolution, span_ratio
 from coupling.run.impact import begin_piercing
+from coupling.step.stepping import try_step
 from coupling.system import State, System
 from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, panels, ticks
@@ -338,7 +339,7 @@ def lead(line: Line, force: Array, seconds: float) -> Line:
         for hole, here in zip(system.piercings, line.state.present, strict=False)
     )
     system = replace(system, piercings=tuple(waiting))
-    run = replace(begin(system, line.state, resolution=line.resolution), fresh=False)
+    run = replace(begin(system, line.state, try_step, line.resolution), fresh=False)
     count = int(np.ceil(seconds / line.step - 1e-9))
     for _ in range(count):
         run = run.step(line.step)

@@ -14,6 +14,7 @@ from coupling.reports.audit import initial_energies
 from coupling.run.adaptivity import momentum
 from coupling.run.cutting import Cut, cut_thread
 from coupling.run.run import Run, begin
+from coupling.step.stepping import try_step
 from studies.command import command
 from studies.scenario import ScenarioError, dump, parse
 from studies.simulation import prepare
@@ -124,7 +125,7 @@ def test_a_twisted_thread_that_is_cut_spins_back_with_the_wave(energy: str) -> N
     q[:, 3] = (t[1:-3] + t[2:-2] + t[3:-1]) / (3.0 * length)  # the places of the points: θ rises evenly to 1
     left = Fixed(np.zeros(3), turn=np.array([[0.0, 0.0]]))
     right = Driven(np.array([[0.0, LENGTH, 0.0, 0.0]]), turn=np.array([[0.0, 0.0], [1e-12, 1.0]]))
-    run = begin(replace(laid, ends=(left, right)), replace(state, q=q), cuts=(Cut(0.0121, 1e-6),))
+    run = begin(replace(laid, ends=(left, right)), replace(state, q=q), try_step, cuts=(Cut(0.0121, 1e-6),))
     runs = [run]
     while run.number < 70:
         run = run.step(1e-7)
