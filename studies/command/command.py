@@ -218,7 +218,7 @@ def print_catalogue(options: argparse.Namespace) -> int:
 
 
 def run_bench(options: argparse.Namespace) -> int:
-    """``suture bench``: a step and its baselines, a small basis and many tensions, an organ at finite strain and the
+    """``suture bench``: steps of shipped scenes, a small basis and many tensions, an organ at finite strain and the
     assembly of a large one, or what an organ's solvers take."""
     if options.what == "organ":
         return int(import_module("studies.bench.organ").main(options.sizes, options.element, options.json))

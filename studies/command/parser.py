@@ -295,9 +295,7 @@ TABLE = {
     "study": _named("run a study into a table and a figure", _add_study, "run_study"),
     "schema": _named("print the JSON schema of the scenario file, or its keys as tables", _add_schema, "print_schema"),
     "catalogue": _named("list the sutures that a scenario can name", _add_nothing, "print_catalogue"),
-    "bench": _named(
-        "measure milliseconds per step and of two baselines, or the organ's solvers", _add_bench, "run_bench"
-    ),
+    "bench": _named("measure milliseconds per step of shipped scenes, or the organ's solvers", _add_bench, "run_bench"),
     "doctor": _named("say what is installed, and how to get what is not", _add_json, "examine", HELP),
     "completion": _named("print what completes commands in a shell", _add_completion, "print_completion", HELP),
 }

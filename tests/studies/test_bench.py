@@ -5,13 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from studies.bench import finite, many, organ
+from studies.bench import finite, many, organ, step
 from studies.command import command
 from studies.command.parser import read
 from studies.command.sweeps import cases_of
-from studies.scenario import parse
+from studies.scenario import load, parse
 from studies.scenario.toml import changed
 from studies.scenario.toml import read as tables_of
+from studies.simulation import prepare
 from tests.bounds import IDENTITY
 from tissue.solvers.choice import MULTIGRID
 from tissue.solvers.direct import LIBRARIES, is_installed
@@ -35,6 +36,26 @@ def test_bench_organ(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert organ.main_assembly(path, 1000) == 0
     both = json.loads(path.read_text())
     assert both["rows"] == written["rows"] and [each["unknowns"] for each in both["assembly"]] == [assembly["unknowns"]]
+
+
+def test_bench_step(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: whole runs of a scene as long as they are within the most, its iterations as a run has them,
+    times in their order, and a floor of an organ alone; the same in print and JSON."""
+    path, short = tmp_path / "bench.json", "solve.duration=0.006"
+    coarse = ["tissue.inertia=false", "tissue.mesh.h=8e-3", "tissue.mesh.h_site=4e-3"]
+    coarse += [f"piercing.{name}.subgrid=false" for name in ("entry", "exit")]
+    cases = {"thread": ("paper_figure_1", [short]), "organ": ("two_piercings", [short, *coarse])}
+    monkeypatch.setattr(step, "CASES", cases)
+    monkeypatch.setattr(step, "MOST", 15)
+    assert command.main(["bench", "step", "--json", str(path)]) == 0
+    rows = json.loads(path.read_text())["milliseconds_per_step"]
+    printed = capsys.readouterr().out.splitlines()[1:]
+    assert [line.split()[0] for line in printed] == [row["case"] for row in rows] == list(cases)
+    assert [row["steps"] for row in rows] == [12, 12] and [row["floor"] is None for row in rows] == [True, False]
+    for row, (scene, overrides) in zip(rows, cases.values(), strict=True):
+        assert 0.0 < row["median"] <= row["late"] <= row["worst"] and min(row["at_once"], row["recorded"]) > 0.0
+        records = [record for record, _ in prepare(load(scene, overrides)).advance()]
+        assert row["newton_iterations"] == sum(record.newton_iterations for record in records) / 6
 
 
 def test_bench_many(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
