@@ -1,10 +1,8 @@
 """The arrays of whole steps in compiled loops (`coupling.kernels.steps`), from those of the first one."""
 
-import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from time import perf_counter
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -32,14 +30,12 @@ from coupling.step.motion import CROSSED
 from coupling.step.newton import Problem
 from coupling.step.stability import borne_pressure
 from coupling.step.stepping import dynamic_problem, organ_answer
-from coupling.step.tables import OVER, Tables, bounds_of, empty_found, given_of, plain, solver_for, tables_of
+from coupling.step.tables import Tables, bounds_of, empty_found, given_of, plain, solver_for, tables_of
 from coupling.step.tension import along_of, limits_of
 from coupling.system import State, System
 from thread.compliance import LACKS, POWERS, SLACK
 from thread.spline import ORDERS
 from thread.thread import STAGES, Thread
-
-log = logging.getLogger(__name__)
 
 KEPT = "march.march_of."  # begins the names of the loops' files on disk
 NONE, PLANE = np.zeros(0), np.zeros((0, 0))
@@ -279,13 +275,8 @@ def is_ready() -> bool:
 
 def run_march(*given: object) -> tuple[int, int, int]:
     """Make steps in the loops; where these are to be compiled first, say so, and how long it took."""
-    if is_ready() or march.march.signatures:
+    with tables.telling(march.march, is_ready(), "steps made at once"):
         return cast(tuple[int, int, int], march.march(*given))
-    log.info("compiling steps that are made at once, once: another quarter of a minute, then they are kept")
-    began = perf_counter()
-    made: tuple[int, int, int] = march.march(*given)
-    log.info("such steps are compiled, in %.0f s", perf_counter() - began, extra=OVER)
-    return made
 
 
 def over_holds(x: Array, holds: int) -> Array:

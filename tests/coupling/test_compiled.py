@@ -263,6 +263,6 @@ def test_that_the_step_is_compiled_is_said_and_that_it_is_done(
     monkeypatch.setattr(tables, "is_ready", lambda: ready)
     with caplog.at_level("INFO", logger="coupling.step.tables"):
         assert tables.run_loops(3) == (3, 0.5)
-    told = [(record.getMessage().partition(",")[0], hasattr(record, "over")) for record in caplog.records]
-    new = [("compiling the step", False), ("the step is compiled", True)]
+    told = [(record.getMessage().partition(" (")[0], hasattr(record, "over")) for record in caplog.records]
+    new = [("compiling the step", False), ("compiled the step in 0 s", True)]
     assert told == ([] if ready or known else new)

@@ -16,7 +16,7 @@ import pytest
 
 from coupling.calls import ask_before_correction
 from coupling.errors import CouplingError
-from coupling.run import course, run
+from coupling.run import run
 from coupling.step import tables
 from meshes.errors import MeshError
 from studies.command import command, help
@@ -177,7 +177,7 @@ def test_a_signal_within_a_long_step_ends_it_between_two_corrections(
     ask_before_correction()
 
 
-@pytest.mark.parametrize("module", [run, tables, course, krylov])
+@pytest.mark.parametrize("module", [run, tables, krylov])
 def test_what_a_step_waits_for_is_said(
     module: ModuleType, contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
