@@ -1,10 +1,9 @@
-"""Newton's method of `coupling.step.newton` in compiled loops over plain arrays: the same equations, corrections and
-bounds.
+"""The formulas of the coupling, each once, as small compiled functions of numbers, tuples and plain arrays.
 
-The functions have the names of those in numpy that they repeat, so that the two can be read side by side:
-`curve` (`thread.energies`), `band` (`thread.banded`), `holes` (`coupling.kernels.constraints`), `friction`
-(`coupling.step.sliding`), `border` (`coupling.kernels.bordered`) and `iteration` (`coupling.step.newton`). What a
-hold is and has, `Hold`, is a tuple of numbers and of vectors, which are tuples of three. `coupling.step.solver` says
-what they cover, and `coupling.step.tables` makes the arrays; it imports the loops, and with them Numba, when the
-first step is solved. `loops`, `parts` and `address` are how they are compiled.
+`holes` has the constraints at one hole, `friction` the law of sliding there, `border` their linearisation and the
+condensed solve of all holes, `band` the thread's matrix, and `iteration` Newton's method with its active sets. `Hold`
+is one hole at an iterate: numbers, and vectors as tuples of three. `constraints` and `bordered` call the same functions
+for all holes at once from Python. Stretch and bending of the thread, and how a function is compiled, stand in
+`thread.kernels`. `coupling.step.tables` makes the arrays of a problem, and `coupling.step.solver` says which problems
+the compiled iteration solves by itself.
 """

@@ -171,8 +171,7 @@ def met_by(step: Step[Body]) -> Met:
 
 def passing_of(at: Passage) -> Passing:
     """Return the thread at its holes as the kernels want it."""
-    D = np.stack([at.P, at.T, at.K, at.J], axis=1)
-    return Passing(at.first.astype(np.int64), plain(at.b), D, plain(at.c))
+    return Passing(at.first.astype(np.int64), plain(at.b), plain(at.D), plain(at.c))
 
 
 def body_of(step: Step[Body]) -> Array:

@@ -1,5 +1,5 @@
-"""A step solved in numpy (`coupling.step.newton`), or by compiled loops (`coupling.kernels`) where the system asks
-for them and they cover it."""
+"""A step solved by the compiled iteration (`coupling.kernels.iteration`) where the system asks for it and it covers
+the problem, else by the same kernels called from Python (`coupling.step.newton`)."""
 
 from dataclasses import replace
 from functools import partial
