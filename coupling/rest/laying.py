@@ -17,8 +17,9 @@ from coupling.errors import StepError
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Body
 from coupling.joins.contact import solve_contact
-from coupling.step.newton import Iterate, Problem, solve
+from coupling.step.newton import Iterate, Problem
 from coupling.step.sliding import law_of, prescribed
+from coupling.step.solver import solve
 from coupling.step.stepping import sense, with_ends
 from coupling.system import State, System
 from thread.quadrature import gauss_rule
