@@ -13,6 +13,7 @@ import tissue
 from coupling.calls import asked_before_corrections
 from coupling.errors import CouplingError
 from coupling.rest.laying import start
+from coupling.run import course, events
 from coupling.run.cutting import Cut
 from coupling.run.march import Marched, march
 from coupling.run.run import Run, begin
@@ -294,6 +295,37 @@ def test_what_is_remembered_of_steps_is_of_these(monkeypatch: pytest.MonkeyPatch
             found = both(other, length, 6, monkeypatch)
             assert any(found.made)
             agree(found)
+
+
+def test_what_steps_share_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: of ten steps, each asked for by itself, with a hand that another system leads in each, the
+    arrays for the first and for those after it are made once, and no other."""
+    run, made = begun(figure_1(), 0), list[float]()
+    make = course.make_fixture
+
+    def noted(system: System, scheme: Any, *others: Any) -> Any:
+        made.append(scheme.a)
+        return make(system, scheme, *others)
+
+    monkeypatch.setattr(course, "make_fixture", noted)
+    dt, place = 1e-3, np.array([0.03, 0.0, 0.025])
+    for k in range(10):
+        hand = Driven(np.array([[k * dt, *place], [(k + 1) * dt, *(place + 1e-5)]]))
+        run, place = replace(run, system=run.system.led(1, hand)).steps(dt, 1), place + 1e-5
+        assert np.abs(run.state.q[-1] - place).max() <= IDENTITY * 0.04 and not run.taken
+    assert made == [1.0 / dt**2, (1.5 / dt) ** 2]
+
+
+def test_events_are_found_when_they_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: of forty steps with friction, in which a hole slips, no event is located until somebody
+    reads them, and then once."""
+    scene, located = figure_1(*(f"piercing.{hole}.{ROUGH}" for hole in ("entry", "exit"))), list[int]()
+    locate = events.locate
+    monkeypatch.setattr(events, "locate", lambda *given: located.append(1) or locate(*given))
+    run = begun(scene, 0).steps(scene.solve.dt, 40)
+    assert not located and not run.taken
+    kinds, once = [event.kind for event in run.events], len(located)
+    assert {"slips", "taut"} <= set(kinds) and len(run.events) == len(kinds) >= once > 0 == len(located) - once
 
 
 def test_every_correction_counts_and_a_batch_ends() -> None:
