@@ -25,7 +25,7 @@ from meshes.errors import MeshError
 from studies.command.lines import complain, print_lines
 from studies.command.parser import read
 from studies.command.progress import TOLD_IN_STEPS, TOLD_OF_LOOPS, Progress, StudyProgress, stages
-from studies.command.summary import MILLI, place_lines, print_summary, remark_lines
+from studies.command.summary import MILLI, doubt_lines, place_lines, print_summary, remark_lines
 from studies.output.budget import frame_bytes, row_bytes, size_text
 from studies.output.files import as_json
 from studies.output.folder import Recorder, check_folder
@@ -105,9 +105,7 @@ def _run(options: argparse.Namespace, simulation: AnySimulation) -> int:
     begun = begin(simulation, options.out, options.resume)
     if begun is None:
         _say(options, f"the run in {options.out} is completed; nothing is left to do")
-        remarks = open_run(options.out).remarks
-        doubt = any(remark["severity"] == "unsupported" for remark in remarks)
-        return UNSUPPORTED if options.strict and doubt else 0
+        return _doubt(options, [Remark(**record) for record in open_run(options.out).remarks])
     recorder, moments = begun
     log = RunLog(options.out, " ".join(["suture", *options.words]))
     status, outcome, failure = _simulate(simulation, moments, recorder, options.quiet or options.json, log)
@@ -119,7 +117,7 @@ def _run(options: argparse.Namespace, simulation: AnySimulation) -> int:
         print(as_json(recorder.summary(outcome)), end="")
     elif not options.quiet:
         print_summary(simulation.scenario, recorder, outcome, picture)
-    return status or strict_status(options.strict, recorder.remarks)
+    return status or _doubt(options, recorder.remarks)
 
 
 def check(options: argparse.Namespace) -> int:
@@ -175,6 +173,13 @@ def _draw_start(simulation: AnySimulation, path: Path) -> str:
     if drawn.failure:
         raise OSError(f"--picture {path}: no picture could be drawn: {drawn.failure}")
     return drawn.line
+
+
+def _doubt(options: argparse.Namespace, remarks: Sequence[Remark]) -> int:
+    """Return the exit status that remarks ask for; a quiet run still names the unsupported ones."""
+    if options.quiet and not options.json:
+        print_lines(doubt_lines(remarks, options.out), sys.stderr)
+    return strict_status(options.strict, remarks)
 
 
 def strict_status(strict: bool, remarks: Sequence[Remark]) -> int:

@@ -12,7 +12,9 @@ LABEL = re.compile(r".{,24}\s{2,}(?=\S)|suture: |")  # what stands before the wo
 
 
 def print_lines(lines: Sequence[str], stream: TextIO | None = None) -> None:
-    """Print lines, on standard output unless another stream is given."""
+    """Print lines, on standard output unless another stream is given; without any, nothing."""
+    if not lines:
+        return
     stream = stream or sys.stdout
     width = get_terminal_size().columns if stream.isatty() else None
     print("\n".join(lines if width is None else [part for line in lines for part in fold(line, width)]), file=stream)

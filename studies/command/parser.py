@@ -111,7 +111,9 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
         help="go on from the last checkpoint of the run in DIR, also to a larger solve.duration",
     )
     earlier.add_argument("--overwrite", action="store_true", help="replace the run in DIR; other files there are kept")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    parser.add_argument(
+        "--quiet", action="store_true", help="print nothing but errors, and one line of what is not supported"
+    )
     parser.add_argument("--no-picture", action="store_true", help="draw no picture of the last frame")
     parser.add_argument(
         "--no-remedies", action="store_true", help="of a run that fails, do not try on copies what would help it"

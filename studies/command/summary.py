@@ -1,6 +1,7 @@
 """The end of a run, in lines to be read by a person."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -77,6 +78,12 @@ def remark_lines(remarks: Sequence[Remark]) -> list[str]:
         return ["remarks    none"]
     ordered = sorted(remarks, key=lambda remark: not remark.unsupported)
     return [f"{'remarks' if not k else '':10} {remark.line}" for k, remark in enumerate(ordered)]
+
+
+def doubt_lines(remarks: Sequence[Remark], folder: Path) -> list[str]:
+    """Return one line that names the unsupported numbers of the run in a folder, none where all are supported."""
+    named = ", ".join(f"{remark.where} ({remark.code})" for remark in remarks if remark.unsupported)
+    return [f"suture: unsupported: {named}; the reasons are in {folder / 'summary.json'}"] if named else []
 
 
 def subgrid_line(gaps: Mapping[str, Mapping[str, Any]]) -> str:

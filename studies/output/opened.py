@@ -50,7 +50,7 @@ class OpenRun:
         return quantities(self.summary)
 
     @property
-    def remarks(self) -> list[dict[str, str]]:
+    def remarks(self) -> list[dict[str, Any]]:
         """What is said of the run: `code`, `severity`, `message` and `where` of each."""
         found: list[dict[str, str]] = self.summary.get("remarks", [])
         return found

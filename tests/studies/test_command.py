@@ -24,6 +24,7 @@ from studies.command.lines import print_lines
 from studies.command.parser import TABLE
 from studies.command.progress import Progress, duration
 from studies.output.budget import size_text
+from studies.output.remarks import remark
 from studies.output.version import ROOT
 from studies.scenario import Scenario, load
 from tests.studies.samples import CONTRACT, Stub
@@ -93,6 +94,24 @@ def test_a_quiet_run_prints_nothing(
     assert command.main(arguments) == 0
     assert capsys.readouterr() == ("", "")
     assert not (tmp_path / "out" / "picture.png").exists()
+
+
+def test_a_quiet_run_says_which_numbers_are_not_supported(
+    contract: str, stub: Prepare, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Independent check: remarks of severity "unsupported" are one line on standard error, in a quiet run and in one
+    that was completed before; notes are none."""
+    found = [remark("after-end", "cut.0.time", "late"), remark("thread-strength", "thread", "it would break")]
+    found.append(remark("hole-strain", "exit", "drawn far"))
+    monkeypatch.setattr(Stub, "remarks", lambda self, ending=None: found)
+    arguments = ["run", contract, "--out", str(tmp_path / "out"), "--quiet", "--no-picture"]
+    for more in ([], ["--resume"]):
+        assert command.main([*arguments, *more]) == 0
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        assert printed.err.count("\n") == 1
+        assert printed.err.startswith("suture: unsupported: thread (thread-strength), exit (hole-strain); ")
+        assert "after-end" not in printed.err
 
 
 def test_bad_input_is_refused_before_anything_is_written(
