@@ -1,5 +1,7 @@
 """The strain-energy density of a scenario's organ, cell by cell where its regions have their own."""
 
+from itertools import permutations
+
 import numpy as np
 
 import tissue
@@ -9,6 +11,10 @@ from studies.simulation.given import Given
 from tissue.materials.density import Density, Sum
 from tissue.materials.fibres import Fibres
 from tissue.materials.isotropic import Exponential
+
+# Directions m and normals n of simple shears F = I + γ m ⊗ n, along and halfway between the axes, of either sense.
+AXES = [(np.eye(3)[i], np.eye(3)[j]) for i, j in permutations(range(3), 2)]
+PLANES = [(s * m, n) for a, b in AXES for m, n in ((a, b), ((a + b) / 2**0.5, (a - b) / 2**0.5)) for s in (1.0, -1.0)]
 
 
 def hyperelasticity_of(table: model.Tissue, body: tissue.Elasticity, given: Given) -> tissue.Hyperelasticity:
@@ -45,6 +51,21 @@ def fibres_of(table: model.Tissue, body: tissue.Elasticity) -> list[Fibres]:
         for k, those in enumerate(families)
         for family in those
     ]
+
+
+def stiffness_in_shear(law: tissue.Hyperelasticity, strains: Array) -> Array:
+    """Return the largest tangent in simple shear over μ, of all cells and of planes along and between the axes, shape
+    `(k,)`, where the shear distorts as much as a stretch by `strains` (k,), from 0: Ī₁ = 3 + 3ε².
+
+    A neo-Hookean solid has 1 at any strain, as the linear organ has.
+    """
+    amounts, mu = np.sqrt(3.0) * strains, law.body.material.lame_mu
+    largest = np.full(len(strains), -np.inf)
+    for m, n in PLANES:
+        sheared = (np.eye(3)[:, :, None] + amount * np.outer(m, n)[:, :, None] for amount in amounts)
+        stress = [np.einsum("i,ij...,j->...", m, law.density.stress(F), n) / mu for F in sheared]
+        largest = np.maximum(largest, np.gradient(stress, amounts, axis=0).reshape(len(strains), -1).max(axis=1))
+    return largest
 
 
 def prestretch_of(table: model.Tissue, body: tissue.Elasticity) -> Array:

@@ -50,6 +50,7 @@ from studies.scenario import Scenario
 from studies.scenario.refusal import dotted_key
 from studies.simulation.assembly import Assembly, section_of
 from studies.simulation.given import Given, shear_moduli
+from studies.simulation.law import stiffness_in_shear
 from studies.simulation.tracts import Ball, across_wounds, radius_of
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED, unrest
 from thread.catalogue import knot_pull
@@ -57,6 +58,7 @@ from thread.thread import Thread
 from thread.vectors import curvature
 
 MILLI = 1e-3
+STRAINS = np.linspace(0.0, SMALL_STRAIN, 21)  # at which it is asked how much the tissue stiffens
 LOOKS = 9  # places between two holes at which it is asked how deep the thread lies
 PLAUSIBLE = {  # what organs and sutures have, with room to spare
     "size": (1e-3, 2.0),  # m
@@ -173,11 +175,6 @@ def handed_over(given: Given, body: tissue.Elasticity | None) -> list[Remark]:
     return out
 
 
-def is_finite(scenario: Scenario) -> bool:
-    """Tell whether the organ is one at finite strain, which has no linear range."""
-    return scenario.tissue is not None and scenario.tissue.material != "linear"
-
-
 def met(assembly: Assembly, ending: Ending, springs: Mapping[str, float]) -> list[Remark]:
     """Return what is to be said of a run that came to an `ending`; `springs` is by piercing the share of the hole's
     compliance that is added to it."""
@@ -188,8 +185,8 @@ def met(assembly: Assembly, ending: Ending, springs: Mapping[str, float]) -> lis
     dynamic = scenario.solve.kind == "dynamic"
     return [
         *(
-            beyond_at_springs(names, extremes, springs, stiffening_of(scenario))
-            if is_finite(scenario)
+            beyond_at_springs(names, extremes, springs, stiffness_in_shear(assembly.organ.law, STRAINS))
+            if isinstance(assembly.organ, tissue.FiniteOrgan)
             else [*beyond_at_holes(names, extremes), *beyond_in_tissue(extremes)]
         ),
         *missed_by_basis(names, extremes),
@@ -240,38 +237,27 @@ def beyond_at_holes(names: Sequence[str], extremes: Extremes) -> list[Remark]:
     return out
 
 
-def stiffening_of(scenario: Scenario) -> float:
-    """Return the largest stiffening b of the organ's materials [-], 0 where none stiffens; infinite with fibres or a
-    prestretch, by which tissue is not what its E and ν say from the start."""
-    tissue = scenario.tissue
-    tables = [] if tissue is None else [tissue, *tissue.region]
-    if any(table.fibres or table.prestretch for table in tables):
-        return float("inf")
-    return max((table.stiffening or 0.0 for table in tables), default=0.0)
-
-
-def springs_hold_to(share: float, stiffening: float) -> float:
+def springs_hold_to(share: float, stiffness: Array) -> float:
     """Return the way of linear springs over the footprint [-] up to which they stand for a `share` of a hole's
-    compliance in tissue of a `stiffening` b.
+    compliance in tissue of a `stiffness` at STRAINS over that of its E and ν.
 
     The tissue that they stand for is strained by about as much. They hold within small strain, and until
-    RESOLVED_SHARE of the compliance is too much, since W = μ/2b (exp(b(Ī₁ − 3)) − 1) is 1 + 9bε² times as stiff as at
-    rest.
+    RESOLVED_SHARE of the compliance is too much.
     """
     if share <= RESOLVED_SHARE:
         return float("inf")
-    too_soft = np.sqrt(9.0 * stiffening * (share - RESOLVED_SHARE) / RESOLVED_SHARE)
-    return float(1.0 / np.hypot(1.0 / SMALL_STRAIN, too_soft))
+    bound = 1.0 + RESOLVED_SHARE / (share - RESOLVED_SHARE)
+    return float(np.interp(bound, np.maximum.accumulate(stiffness), STRAINS))
 
 
 def beyond_at_springs(
-    names: Sequence[str], extremes: Extremes, springs: Mapping[str, float], stiffening: float
+    names: Sequence[str], extremes: Extremes, springs: Mapping[str, float], stiffness: Array
 ) -> list[Remark]:
     """Judge the springs at holes of an organ at finite strain whose cells are too coarse."""
     out = []
     for name, way in zip(names, np.maximum(extremes.sprung, extremes.mean_strain), strict=True):
         share = springs.get(name, 0.0)
-        limit = springs_hold_to(share, stiffening)
+        limit = springs_hold_to(share, stiffness)
         if way > limit:
             out.append(
                 remark(

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
+from skfem import MeshTet
 
 from coupling.rest import equilibrium
 from coupling.run.events import Event
@@ -53,12 +54,18 @@ from studies.scenario import Contact, Scenario, load, parse
 from studies.scenario.toml import tables
 from studies.simulation import prepare
 from studies.simulation import remarks as judging
+from studies.simulation.law import stiffness_in_shear
 from studies.simulation.memory import OrganRun
 from studies.simulation.simulation import Simulation
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED
-from tests.bounds import BUCKLING, IDENTITY
+from tests.bounds import BUCKLING, IDENTITY, TWO_SOLVERS
 from tests.studies.samples import ANCHORED, CONTRACT, LINEAR, Stub, frame, framing, step
 from thread.catalogue import suture
+from tissue import Hyperelasticity, Material, elasticity
+from tissue.materials.density import Density, Sum
+from tissue.materials.fibres import Fibres
+from tissue.materials.isotropic import Exponential
+from tissue.materials.own import Own, det
 
 ROUND = 1e-9  # of a bound: what is said beyond it is said this far beyond, and not this far within
 STEPS = 12
@@ -91,7 +98,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "subgrid-strain": (
         SMALL_STRAIN,
         1,
-        lambda x: judging.beyond_at_springs(["a"], met(sprung=np.array([x])), {"a": 0.2}, 0.0),
+        lambda x: judging.beyond_at_springs(["a"], met(sprung=np.array([x])), {"a": 0.2}, np.ones(21)),
     ),
     "tissue-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5))),
     "tissue-rotation": (SMALL_ROTATION, 1, lambda x: judging.beyond_in_tissue(met(rotation=x, rotated=0.5))),
@@ -150,17 +157,44 @@ def test_a_remark_is_said_beyond_its_bound_and_not_within(code: str) -> None:
     assert judge(bound * (1.0 - side * ROUND)) == []
 
 
+def law_of(distortion: Density | None, prestretch: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Hyperelasticity:
+    """Return an organ's law of E = 3 kPa, ν = 0.45 on one cube, of a density of distortion and a prestretch."""
+    mesh = MeshTet.init_tensor(*[np.arange(2.0)] * 3).with_boundaries({"bottom": lambda x: x[2] == 0.0})
+    return Hyperelasticity(elasticity(mesh, Material(3e3, 0.45, 1e3), "P1", ["bottom"]), distortion, prestretch)
+
+
 def test_springs_hold_less_far_in_tissue_that_stiffens() -> None:
     """Independent check: at that strain the second derivative of W = μ/2b exp(3bε²) by ε makes the springs' share of
     the compliance too large by what they may miss; without stiffening the bound is that of small strain."""
-    assert judging.springs_hold_to(RESOLVED_SHARE, 5.0) == np.inf
-    assert judging.springs_hold_to(0.2, judging.stiffening_of(load("two_piercings"))) == SMALL_STRAIN
-    limit = judging.springs_hold_to(0.2, judging.stiffening_of(load("skin", ["tissue.stiffening=5.0"])))
+    mu = 3e3 / 2.9
+    even = stiffness_in_shear(law_of(None), judging.STRAINS)
+    assert np.allclose(even, 1.0, rtol=0.0, atol=TWO_SOLVERS)
+    assert judging.springs_hold_to(RESOLVED_SHARE, even) == np.inf
+    assert judging.springs_hold_to(0.2, even) == SMALL_STRAIN
+    stiffness = stiffness_in_shear(law_of(Exponential(mu, 5.0)), judging.STRAINS)
+    limit = judging.springs_hold_to(0.2, stiffness)
     stiffer = (1.0 + 30.0 * limit**2) * np.exp(15.0 * limit**2)
-    assert 0.8 * RESOLVED_SHARE < 0.2 * (1.0 - 1.0 / stiffer) < 1.2 * RESOLVED_SHARE
-    assert [
-        each.code for each in judging.beyond_at_springs(["a"], met(sprung=np.array([1.01 * limit])), {"a": 0.2}, 5.0)
-    ]
+    assert 0.2 * (1.0 - 1.0 / stiffer) == pytest.approx(RESOLVED_SHARE, rel=0.1)
+    [said] = judging.beyond_at_springs(["a"], met(sprung=np.array([1.01 * limit])), {"a": 0.2}, stiffness)
+    assert said.code == "subgrid-strain"
+
+
+def test_any_law_that_stiffens_counts_as_one() -> None:
+    """Independent check: W = μ/2 (x + c x²) of x = Ī₁ − 3 has (1 + 6c γ²) μ in a shear γ; a function from Python that
+    says so, fibres and a prestretch are judged by their tangent, and weak fibres less than strong ones."""
+    mu, c = 3e3 / 2.9, 4.0
+
+    def stiffens(F: Any) -> Any:
+        x = np.trace(F.T @ F) * det(F) ** (-2.0 / 3.0) - 3.0
+        return 0.5 * mu * (x + c * x * x)
+
+    found = stiffness_in_shear(law_of(Own(stiffens)), judging.STRAINS)
+    assert found[-2] == pytest.approx(1.0 + 18.0 * c * judging.STRAINS[-2] ** 2, rel=0.01)
+    families = [Sum([Exponential(mu), Fibres([1.0, 0.0, 0.0], k1, 10.0)]) for k1 in (1e-3 * mu, mu)]
+    limits = [judging.springs_hold_to(0.2, stiffness_in_shear(law_of(one), judging.STRAINS)) for one in families]
+    assert limits == [SMALL_STRAIN, 0.0]
+    tight = law_of(Exponential(mu, 5.0), (1.2, 1.0, 1.0))
+    assert judging.springs_hold_to(0.2, stiffness_in_shear(tight, judging.STRAINS)) == 0.0
 
 
 def test_a_pull_on_coarse_cells_that_stiffen_is_told() -> None:
