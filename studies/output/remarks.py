@@ -76,6 +76,26 @@ class Remark:
 
 KINDS = (
     Kind(
+        "demand",
+        "unsupported",
+        f"at the start, a pull that would draw a hole of a linear organ by {SMALL_STRAIN:g} footprints and more",
+        "0.6 F/(E a²) is how far a half-space gives way; the tissue at the hole is then strained by about as much",
+    ),
+    Kind(
+        "stiff-thread",
+        "unsupported",
+        "before the first step, a couple 2 sin(θ/2) √(EI T) of a taut thread, or 1.6 EI θ/ℓ of one bent within the way "
+        f"ℓ to the next hole, above {SMALL_ROTATION:g} E a³ at a hole of a linear organ that imposes a direction; θ is "
+        "the angle from the path there to the next hole or load",
+        "E a³ is about the couple that turns a footprint on a half-space by a radian",
+    ),
+    Kind(
+        "pull-strength",
+        "unsupported",
+        "before the first step, a pull above the least knot-pull strength of `suture catalogue`, where that is known",
+        "a suture of that size may break there; no thread breaks in a run",
+    ),
+    Kind(
         "hole-strain",
         "unsupported",
         f"mean strain at a hole above {SMALL_STRAIN:g}",
@@ -308,6 +328,13 @@ KINDS = (
         "it bears on the tissue at the two holes alone, so that the depth of a bite changes nothing",
     ),
     Kind(
+        "no-hole",
+        "unsupported",
+        "thread more than its diameter deep in the organ, at the start, on a strand that crosses the surface without a "
+        "hole: between two holes, or from an end to the first or the last; not the free tail of an anchored hole",
+        "thread and organ touch at the holes alone, and it passes through all other tissue",
+    ),
+    Kind(
         "tract-bare",
         "note",
         f"more than {BARE:g} radii of a tract's path outside the organ or nearer to a surface than its radius, besides "
@@ -343,7 +370,7 @@ KINDS = (
     ),
     Kind(
         "units",
-        "note",
+        "unsupported",
         "a length, modulus or density that no organ or suture has",
         "numbers in mm, kPa or g/cm³ look like that",
     ),

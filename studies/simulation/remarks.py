@@ -49,6 +49,7 @@ from studies.output.remarks import (
 from studies.scenario import Scenario
 from studies.scenario.refusal import dotted_key
 from studies.simulation.assembly import Assembly, section_of
+from studies.simulation.demand import demanding, moduli_at
 from studies.simulation.given import Given, shear_moduli
 from studies.simulation.law import stiffness_in_shear
 from studies.simulation.tracts import Ball, across_wounds, radius_of
@@ -60,9 +61,17 @@ from thread.vectors import curvature
 MILLI = 1e-3
 STRAINS = np.linspace(0.0, SMALL_STRAIN, 21)  # at which it is asked how much the tissue stiffens
 LOOKS = 9  # places between two holes at which it is asked how deep the thread lies
+PRESSURES, LENGTHS = {"kPa": 1e3, "MPa": 1e6, "GPa": 1e9}, {"mm": 1e-3}
+UNITS = {  # of a key in SI, and those that it may have been given in
+    "size": ("m", LENGTHS),
+    "length": ("m", LENGTHS),
+    "diameter": ("m", LENGTHS),
+    "youngs_modulus": ("Pa", PRESSURES),
+    "density": ("kg/m³", {"g/cm³": 1e3}),
+}
 PLAUSIBLE = {  # what organs and sutures have, with room to spare
     "size": (1e-3, 2.0),  # m
-    "tissue.youngs_modulus": (1e2, 1e10),  # Pa: brain to tendon
+    "tissue.youngs_modulus": (3e2, 1e10),  # Pa: brain to tendon
     "tissue.density": (3e2, 5e3),  # kg/m³
     "thread.length": (1e-3, 1e1),  # m
     "thread.diameter": (5e-6, 3e-3),  # m
@@ -82,6 +91,11 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]], q: Ar
     out += [said for key, ramp in ramps_of(scenario).items() for said in unloaded_rest(key, ramp)]
     out += spans_left(scenario)
     out += undetermined_slip(scenario.solve.kind == "static" and slides_freely(system, system.rows[:, 0]))
+    strength = knot_pull(scenario.thread.suture) if scenario.thread.suture else None
+    E = moduli_at(assembly.body, scenario.piercing)
+    own = np.array([at for hole, at in zip(assembly.holes, assembly.s, strict=True) if not isinstance(hole, Ball)])
+    at = own * (assembly.path.length / thread.spline.end)
+    out += demanding(scenario, thread.section, assembly.path, at, E, strength)
     if assembly.body is None:
         return out
     sizes = [size_at(assembly.body.mesh, np.array(hole.place)) for hole in scenario.piercing]
@@ -692,20 +706,53 @@ def along_path(assembly: Assembly) -> list[Remark]:
     if body is None:
         return []
     stretch = path.length / assembly.system.thread.spline.end
+    diameter = assembly.system.thread.section.diameter
     placed = [(hole, s * stretch) for hole, s in zip(assembly.holes, assembly.s, strict=True) if hole.from_ == 0.0]
     own = [(hole, at) for hole, at in placed if not isinstance(hole, Ball)]
     tracts = {tract.between: tract for tract in scenario.tract}
-    out, depths = [], {}
+    out, depths = end_strands(assembly, own), {}
     for (one, first), (other, last) in pairwise(own):
         tract = tracts.get((one.name, other.name))
         if tract is None:
             at = np.clip(np.linspace(first, last, LOOKS + 2)[1:-1], 0.0, path.length)
-            depths[one.name, other.name] = float(assembly.depths(path.position(at)).max())
+            found = assembly.depths(path.position(at))
+            depths[one.name, other.name] = float(found.max())
+            crosses = bool(found.min() < -IN_TISSUE * diameter)
+            out += (
+                unpierced(f"between {one.name!r} and {other.name!r}", one.name, float(found.max()), diameter) * crosses
+            )
         else:
             balls = [(hole, at) for hole, at in placed if isinstance(hole, Ball) and hole.tract == tract.name]
             borne = sum(ball.length for ball, _ in balls) + across_wounds(scenario, body.mesh, balls)
             out += bare_tract(tract.name, last - first - borne, last - first, radius_of(tract, scenario.piercing))
-    return [*without_tract(depths, assembly.system.thread.section.diameter), *out]
+    return [*without_tract(depths, diameter), *out]
+
+
+def end_strands(assembly: Assembly, own: Sequence[tuple[model.Piercing, float]]) -> list[Remark]:
+    """Judge the first and the last strand of the thread, whose holes are its `own` at abscissae of the path [m]; not
+    the free tail of an anchored hole, which nothing pulls."""
+    path, thread = assembly.path, assembly.scenario.thread
+    strands = ((thread.start, 0.0, own[:1], "first"), (thread.end, path.length, own[-1:], "last"))
+    out: list[Remark] = []
+    for end, at_end, holes, which in strands:
+        for hole, at in holes:
+            if isinstance(end, model.FreeEnd) and hole.kind == "anchored":
+                continue
+            deep = assembly.depths(path.position(np.linspace(at_end, at, LOOKS + 2)[:-1]))
+            where = f"on its {which} strand, from its end to {hole.name!r},"
+            out += unpierced(where, hole.name, float(deep.max()), assembly.system.thread.section.diameter)
+    return out
+
+
+def unpierced(strand: str, hole: str, depth: float, diameter: float) -> list[Remark]:
+    """Judge how deep [m] a strand that has to cross the surface without a hole lies in the tissue."""
+    if depth <= IN_TISSUE * diameter:
+        return []
+    text = (
+        f"{strand} the thread lies up to {depth / MILLI:.2g} mm deep in the tissue, crosses its surface where no hole "
+        "is, and slides through as if no tissue was there; add a [[piercing]], or lead thread.path around the organ"
+    )
+    return [remark("no-hole", hole, text)]
 
 
 def without_tract(depths: Mapping[tuple[str, str], float], diameter: float) -> list[Remark]:
@@ -775,9 +822,8 @@ def values_of(assembly: Assembly) -> dict[str, Array]:
 
 def unlike_units(values: Mapping[str, Array]) -> list[Remark]:
     """Judge whether values [SI] by their key are such as organs and sutures have."""
-    units = {"size": "m", "length": "m", "diameter": "m", "youngs_modulus": "Pa", "density": "kg/m³"}
     return [
-        remark("units", key, unlike_text(key, odd, units[key.rpartition(".")[2]]))
+        remark("units", key, unlike_text(key, odd))
         for key, found in values.items()
         for odd in odd_values(found, *PLAUSIBLE[key])
     ]
@@ -788,8 +834,11 @@ def odd_values(values: Array, low: float, high: float) -> Iterable[float]:
     return values[(values < low) | (values > high)][:1].tolist()
 
 
-def unlike_text(key: str, value: float, unit: str) -> str:
-    """Say of a value that it is unlike an organ or a suture."""
+def unlike_text(key: str, value: float) -> str:
+    """Say of a value that it is unlike an organ or a suture, and in which other units it would be like one."""
     low, high = PLAUSIBLE[key]
-    what = "the organ is" if key == "size" else f"{key} ="
-    return f"{what} {value:.3g} {unit}; organs and sutures have {low:g} to {high:g}: is it in another unit than SI?"
+    unit, others = UNITS[key.rpartition(".")[2]]
+    likely = [other for other, factor in others.items() if low <= factor * value <= high]
+    which = f"is it in {' or '.join(likely)}?" if likely else "is it in another unit than SI?"
+    named = "the organ is" if key == "size" else f"{key} ="
+    return f"{named} {value:.3g} {unit}; organs and sutures have {low:g} to {high:g}: {which}"

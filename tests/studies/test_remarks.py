@@ -52,7 +52,7 @@ from studies.output.remarks import (
 )
 from studies.scenario import Contact, Scenario, load, parse
 from studies.scenario.toml import tables
-from studies.simulation import prepare
+from studies.simulation import demand, prepare
 from studies.simulation import remarks as judging
 from studies.simulation.law import stiffness_in_shear
 from studies.simulation.memory import OrganRun
@@ -142,7 +142,17 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "contact-rough": (STEEP, 1, lambda x: judging.steep_friction([Contact(between=("a", "b"), friction=x)])),
     "after-end": (2.0, 1, lambda x: judging.after_end({"cut.0.time": x}, 2.0)),
     "moved": (MOVED * 1e-3, 1, lambda x: judging.moved_holes([hole(near=[x, 0, 0])])),
-    "units": (1e2, -1, lambda x: judging.unlike_units({"tissue.youngs_modulus": np.array([1e5, x])})),
+    "demand": (SMALL_STRAIN, 1, lambda x: demand.overdrawn([hole()], np.ones(1), np.array([1e-3 * x]))),
+    "pull-strength": (10.0, 1, lambda x: demand.overpulled(x, 10.0)),
+    "stiff-thread": (
+        SMALL_ROTATION,
+        1,
+        lambda x: demand.overturned(
+            [hole(direction=[0, 0, 1])], np.ones(1), 0.5e-18 * x**2, np.ones(2), np.eye(3)[:2], np.eye(3)[1:2]
+        ),
+    ),
+    "no-hole": (IN_TISSUE * 3e-4, 1, lambda x: judging.unpierced("on a strand", "a", x, 3e-4)),
+    "units": (3e2, -1, lambda x: judging.unlike_units({"tissue.youngs_modulus": np.array([1e5, x])})),
 }
 
 
@@ -574,10 +584,21 @@ def test_the_bend_that_a_thread_is_laid_in_is_found_where_it_is() -> None:
         assert said or 0.25 * width <= radius <= 0.5 * width  # of its corners, and of the half circle between them
 
 
+@pytest.mark.parametrize(("size", "asked"), [(50.0, "in mm?"), (5e-5, "in another unit than SI?"), (0.05, None)])
+def test_an_organ_of_no_size_of_organs_is_foreseen(size: float, asked: str | None) -> None:
+    """Independent check: 50 m look like 50 mm, 0.05 mm like nothing known, and 50 mm are an organ."""
+    found = judging.unlike_units({"size": np.array([size])})
+    assert [each.message.endswith(f"is it {asked}") for each in found] == [True] * (asked is not None)
+
+
 def test_an_organ_in_millimetres_and_kilopascals_is_foreseen(scene: Path) -> None:
     """Independent check: 100 kPa written as 100, 1.07 g/cm³ as 1.07; numbers that are plausible have no remark."""
     given = ["tissue.youngs_modulus=99", "tissue.density=1.07"]
-    assert [each.where for each in prepare(load(scene, given)).remarks()] == ["tissue.youngs_modulus", "tissue.density"]
+    found = {each.where: each for each in prepare(load(scene, given)).remarks() if each.code == "units"}
+    assert list(found) == ["tissue.youngs_modulus", "tissue.density"]
+    assert all(each.unsupported for each in found.values())
+    assert "in kPa or MPa?" in found["tissue.youngs_modulus"].message
+    assert "in g/cm³?" in found["tissue.density"].message
     assert prepare(load(scene)).remarks() == []
 
 
@@ -626,7 +647,7 @@ def test_the_summary_has_the_extremes_of_the_whole_run(tmp_path: Path) -> None:
     assert (last.energy, last.created, last.thread_strain, last.tension) == (5.0, 0.25, 0.01, 0.2)
 
 
-@pytest.mark.parametrize(("code", "status"), [("spans", 3), ("units", 0)])
+@pytest.mark.parametrize(("code", "status"), [("spans", 3), ("moved", 0)])
 def test_console_and_file_say_the_same_and_strict_ends_with_3(
     code: str,
     status: int,

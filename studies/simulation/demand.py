@@ -1,0 +1,159 @@
+"""How far the loads of a scenario would draw and turn its holes, by estimates before the first step.
+
+The thread is taken as taut from hole to hole and free of friction, and each hole as a footprint on a half-space. Of 300
+random scenarios (`studies.campaign`) 97 in 100 of those whose run left the linear range, or passed the suture's
+strength, are found so, and 93 in 100 of those found did. A thread in pieces is not judged: its strands end at cuts.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import dist
+
+import numpy as np
+
+import tissue
+from studies import scenario as model
+from studies.arrays import Array
+from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark, remark
+from studies.scenario import Piercing, Scenario
+from thread.catalogue import Section
+from thread.path import RoundedPath
+
+ESTIMATE = 0.6  # of F/(E a): displacement of a footprint under a tangential force F
+BENT = 1.6  # of EI θ/ℓ: couple of a thread that is bent by θ within the way ℓ to the next hole
+NEAR_BY = 1e-6  # of a path: as far as its direction at a hole is looked for
+MILLI = 1e-3
+
+
+def demanding(
+    scenario: Scenario, section: Section, path: RoundedPath, s: Array, E: Array, strength: float | None
+) -> list[Remark]:
+    """Judge how far a thread would draw and turn its holes, which are at the abscissae `s` (p,) of the `path` [m] in
+    tissue of E (p,) [Pa], infinite without an organ; and whether it is pulled beyond its `strength` [N], None where
+    that is not known."""
+    holes, length = scenario.piercing, scenario.thread.length or path.length
+    springs = np.array([spring(hole, modulus) for hole, modulus in zip(holes, E, strict=True)])
+    tensions, ways = strand_tensions(scenario, length, section.EA, springs), directions(scenario)
+    out = overpulled(float(tensions.max()), strength)
+    if scenario.thread.cuts or scenario.tissue is None or scenario.tissue.material != "linear":
+        return out
+    EI = section.EI if scenario.thread.bending else 0.0
+    turned = overturned(holes, E, EI, tensions, ways, path_tangents(path, s))
+    return [*out, *overdrawn(holes, springs, hole_forces(tensions, ways)), *turned]
+
+
+def path_tangents(path: RoundedPath, s: Array) -> Array:
+    """Return the directions of a path at abscissae (p,) [m], shape `(p, 3)` [-]."""
+    near = NEAR_BY * path.length
+    ways = path.position(np.minimum(s + near, path.length)) - path.position(np.maximum(s - near, 0.0))
+    return np.asarray(ways / np.linalg.norm(ways, axis=1, keepdims=True))
+
+
+def moduli_at(body: tissue.Elasticity | None, holes: Sequence[Piercing]) -> Array:
+    """Return E of the cell nearest to each hole, infinite without an organ, shape `(p,)` [Pa]."""
+    if body is None:
+        return np.full(len(holes), np.inf)
+    middles = body.mesh.p[:, body.mesh.t].mean(axis=1).T
+    nearest = [int(np.linalg.norm(middles - hole.place, axis=1).argmin()) for hole in holes]
+    return np.broadcast_to(np.asarray(body.material.youngs_modulus, dtype=float), len(middles))[nearest]
+
+
+def spring(hole: Piercing, E: float) -> float:
+    """Return the stiffness of a hole against a force, E a/0.6, infinite for a bare point [N/m]."""
+    return E * hole.footprint / ESTIMATE if hole.footprint else float("inf")
+
+
+def corners(scenario: Scenario) -> Array:
+    """Return the two ends of the thread where they are led to, with the holes in between, shape `(p + 2, 3)` [m]."""
+    ends = [scenario.thread.path[0], scenario.thread.path[-1]]
+    for k, end in enumerate((scenario.thread.start, scenario.thread.end)):
+        ends[k] = end.position(scenario.solve.duration) if isinstance(end, model.DrivenEnd) else ends[k]
+    return np.array([ends[0], *(hole.place for hole in scenario.piercing), ends[1]])
+
+
+def directions(scenario: Scenario) -> Array:
+    """Return where the strands lead to along the thread, shape `(p + 1, 3)` [-]; to a load by its direction."""
+    ways = np.diff(corners(scenario), axis=0)
+    for k, sign, end in ((0, -1.0, scenario.thread.start), (-1, 1.0, scenario.thread.end)):
+        if isinstance(end, model.PulledEnd):
+            ways[k] = sign * np.array(end.force)
+    return np.asarray(ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), np.finfo(float).tiny))
+
+
+def strand_tensions(scenario: Scenario, length: float, EA: float, springs: Array) -> Array:
+    """Return the tension of each strand, shape `(p + 1,)` [N]: of the loads on the ends as far as the first anchored
+    hole, and of a thread that is held at both ends and too short for them, by the `springs` (p,) [N/m] of its holes."""
+    holes, out = scenario.piercing, np.zeros(len(scenario.piercing) + 1)
+    anchors = [k for k, hole in enumerate(holes) if hole.kind == "anchored"]
+    first, last = (anchors[0], anchors[-1]) if anchors else (len(holes), -1)
+    ends = (scenario.thread.start, scenario.thread.end)
+    for end, reached in zip(ends, (slice(0, first + 1), slice(last + 1, None)), strict=True):
+        if isinstance(end, model.PulledEnd):
+            out[reached] = np.maximum(out[reached], np.linalg.norm(end.force))
+    for k, hole in enumerate(holes):
+        pulls = [row[1] for row in hole.pull or () if len(row) > 1]
+        out[k] = max(out[k], *pulls, 0.0)
+        out[k + 1] = max(out[k + 1], *(-pull for pull in pulls), 0.0)
+    if anchors or scenario.thread.cuts or out.any() or any(isinstance(end, model.FreeEnd) for end in ends):
+        return out
+    short = float(np.linalg.norm(np.diff(corners(scenario), axis=0), axis=1).sum()) - length
+    unit = hole_forces(np.ones(len(out)), directions(scenario))
+    return np.full(len(out), max(short, 0.0) / (length / EA + float(unit**2 @ (1.0 / springs))))
+
+
+def hole_forces(tensions: Array, ways: Array) -> Array:
+    """Return the force of the thread on each hole, shape `(p,)` [N]."""
+    along = tensions[:, None] * ways
+    return np.asarray(np.linalg.norm(np.diff(along, axis=0), axis=1))
+
+
+def overpulled(tension: float, strength: float | None) -> list[Remark]:
+    """Judge a pull [N] by the strength of the suture [N]."""
+    if strength is None or tension <= strength:
+        return []
+    text = (
+        f"the thread is pulled with {tension:.3g} N, and its knot-pull strength is {strength:.3g} N (least average); "
+        "take a stronger suture, or pull less"
+    )
+    return [remark("pull-strength", "thread", text)]
+
+
+def overdrawn(holes: Sequence[Piercing], springs: Array, forces: Array) -> list[Remark]:
+    """Judge how far `forces` (p,) [N] would draw holes of `springs` (p,) [N/m]; the worst of them is named."""
+    ways = forces / springs
+    demands = [float(way / hole.footprint) if way else 0.0 for way, hole in zip(ways, holes, strict=True)]
+    beyond = [k for k, demand in enumerate(demands) if demand > SMALL_STRAIN]
+    if not beyond:
+        return []
+    worst = max(beyond, key=demands.__getitem__)
+    also = f", and {len(beyond) - 1} other holes too far as well" if len(beyond) > 1 else ""
+    text = (
+        f"this pull, {forces[worst]:.2g} N at {holes[worst].name!r}, would draw the hole by about "
+        f"{ways[worst] / MILLI:.2g} mm{also}: that is {demands[worst]:.2g} of its footprint, and linear "
+        f"elasticity holds to about {SMALL_STRAIN:g}; pull less, or take firmer tissue or a wider footprint"
+    )
+    return [remark("demand", holes[worst].name, text)]
+
+
+def overturned(
+    holes: Sequence[Piercing], E: Array, EI: float, tensions: Array, ways: Array, through: Array
+) -> list[Remark]:
+    """Judge how far the couple of a thread of a stiffness EI [N m²] turns the holes that give it a direction, from
+    their directions `through` them (p, 3) to the `ways` (p + 1, 3) of its strands of `tensions` (p + 1,) [N]. The worst
+    of them is named."""
+    spacing = min((gap for gap in (dist(a.place, b.place) for a, b in pairwise(holes)) if gap), default=np.inf)
+    guides = [k for k, hole in enumerate(holes) if hole.direction != "free" and hole.footprint]
+    turns = {}
+    for k in guides:
+        bends = np.arccos(np.clip(ways[k : k + 2] @ through[k], -1.0, 1.0))
+        taut = 2.0 * np.sin(0.5 * bends) * np.sqrt(EI * tensions[k : k + 2])
+        turns[k] = float(max(taut.max(), BENT * bends.max() * EI / spacing) / (E[k] * holes[k].footprint ** 3))
+    worst = max(turns, key=turns.__getitem__, default=None)
+    if worst is None or turns[worst] <= SMALL_ROTATION:
+        return []
+    text = (
+        f"the thread is stiff for this tissue: its couple would turn the hole {holes[worst].name!r} by about "
+        f"{turns[worst]:.2g} rad, and linear elasticity holds to about {SMALL_ROTATION:g}; take a thinner or limper "
+        "suture, firmer tissue or a wider footprint"
+    )
+    return [remark("stiff-thread", holes[worst].name, text)]
