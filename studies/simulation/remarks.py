@@ -95,7 +95,7 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]], q: Ar
     E = moduli_at(assembly.body, scenario.piercing)
     own = np.array([at for hole, at in zip(assembly.holes, assembly.s, strict=True) if not isinstance(hole, Ball)])
     at = own * (assembly.path.length / thread.spline.end)
-    out += demanding(scenario, thread.section, assembly.path, at, E, strength)
+    out += demanding(scenario, section_of(scenario.thread), assembly.path, at, E, strength)
     if assembly.body is None:
         return out
     sizes = [size_at(assembly.body.mesh, np.array(hole.place)) for hole in scenario.piercing]

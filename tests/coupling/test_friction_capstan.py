@@ -246,6 +246,17 @@ def test_ring(turn: float, mu: float) -> None:
     assert abs(seen.ratio / ring_ratio(mu, seen.alpha + seen.beta) - 1.0) < THRESHOLD
 
 
+@pytest.mark.parametrize(("mu", "passed", "drum"), [(0.1, 8.0, 12.3), (0.2, 62.6, 152.4)])
+def test_twelve_bare_holes_are_no_capstan(mu: float, passed: float, drum: float) -> None:
+    """Independent check: the pulls that the guide names for twelve turns of 120°, by the law that a ring keeps; each
+    turn in two halves comes nearer to the drum by three quarters of the difference."""
+    turn = 2.0 * np.pi / 3.0
+    assert ring_ratio(mu, turn) ** 12 == pytest.approx(passed, rel=5e-3)
+    assert np.exp(12 * mu * turn) == pytest.approx(drum, rel=5e-3)
+    gaps = [mu * turn - n * np.log(ring_ratio(mu, turn / n)) for n in (1, 2)]
+    assert gaps[1] / gaps[0] == pytest.approx(0.25, abs=0.05)
+
+
 def test_sleeve() -> None:
     """Independent check: nor does it where a sleeve holds the tangent; the configurational force is needed for it."""
     seen = drawn_round(90.0, 0.2, directed=True)
