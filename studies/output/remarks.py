@@ -15,6 +15,8 @@ Severity = Literal["note", "unsupported"]
 
 SMALL_STRAIN = 0.2  # linear elasticity leaves out ½ε² beside ε: a tenth of it here
 SMALL_ROTATION = 0.2  # rad: a rotation alone strains a linear body by 1 − cos θ, which is 0.02 here
+RULES = 1.1  # of the force across the thread: beyond, what presses at a hole is its couple, over the channel
+UNSURE = 0.05  # of the tension: how far friction over half and over twice the channel may be apart
 SHARE = 0.05  # of the organ's strain energy: what less of it does decides no force
 THREAD_STRAIN = 0.1  # a line through the origin fits the stress of monofilaments about as far (assumption)
 KINKED = 1.0  # diameters: in a bend of a smaller radius the fibres inside would be at half their length, and less
@@ -161,6 +163,15 @@ KINDS = (
         "unsupported",
         f"axial strain of the thread above {THREAD_STRAIN:g}",
         "its law is linear, and sutures are so at small strains alone",
+    ),
+    Kind(
+        "channel",
+        "note",
+        f"a rough hole that imposes a direction and names no `channel`, where what presses is above {RULES:g} of the "
+        f"force across the thread, and friction over half and over twice the channel differs by {UNSURE:.0%} of the "
+        "tension, at the end of the run",
+        "the couple presses on the ends of the channel with itself over its length, and no geometry tells that length "
+        "but for the size of the footprint",
     ),
     Kind(
         "spans",

@@ -21,7 +21,6 @@ from thread.path import RoundedPath
 
 ESTIMATE = 0.6  # of F/(E a): displacement of a footprint under a tangential force F
 BENT = 1.6  # of EI θ/ℓ: couple of a thread that is bent by θ within the way ℓ to the next hole
-NEAR_BY = 1e-6  # of a path: as far as its direction at a hole is looked for
 MILLI = 1e-3
 
 
@@ -38,15 +37,8 @@ def demanding(
     if scenario.thread.cuts or scenario.tissue is None or scenario.tissue.material != "linear":
         return out
     EI = section.EI if scenario.thread.bending else 0.0
-    turned = overturned(holes, E, EI, tensions, ways, path_tangents(path, s))
+    turned = overturned(holes, E, EI, tensions, ways, path.tangent(s))
     return [*out, *overdrawn(holes, springs, hole_forces(tensions, ways)), *turned]
-
-
-def path_tangents(path: RoundedPath, s: Array) -> Array:
-    """Return the directions of a path at abscissae (p,) [m], shape `(p, 3)` [-]."""
-    near = NEAR_BY * path.length
-    ways = path.position(np.minimum(s + near, path.length)) - path.position(np.maximum(s - near, 0.0))
-    return np.asarray(ways / np.linalg.norm(ways, axis=1, keepdims=True))
 
 
 def moduli_at(body: tissue.Elasticity | None, holes: Sequence[Piercing]) -> Array:

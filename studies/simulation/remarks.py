@@ -16,7 +16,16 @@ from coupling.rest.equilibrium import slides_freely
 from meshes.quality import size_at
 from studies import scenario as model
 from studies.arrays import Array
-from studies.output.records import SEEN, SWITCHES, Ending, EnergyRecord, Extremes, StepRecord, TractRecord
+from studies.output.records import (
+    SEEN,
+    SWITCHES,
+    Ending,
+    EnergyRecord,
+    Extremes,
+    PiercingRecord,
+    StepRecord,
+    TractRecord,
+)
 from studies.output.remarks import (
     BARE,
     COARSE,
@@ -33,6 +42,7 @@ from studies.output.remarks import (
     OUTDONE,
     REDUCED,
     RESOLVED_SHARE,
+    RULES,
     SHARE,
     SLID,
     SLIGHT,
@@ -43,6 +53,7 @@ from studies.output.remarks import (
     SWUNG,
     THREAD_STRAIN,
     UNSETTLED,
+    UNSURE,
     Remark,
     remark,
 )
@@ -209,6 +220,7 @@ def met(assembly: Assembly, ending: Ending, springs: Mapping[str, float]) -> lis
         *crossed_lips(extremes),
         *overloaded(extremes, strength),
         *(said for tract in step.tracts for said in stiff_in_tract(scenario, tract)),
+        *assumed_channels(scenario.piercing, step.piercings),
         *coarse_spans(step.span_ratio),
         *few_spans(step.spans_between),
         *([] if dynamic else unsettled_bending(step.unsettled_layers)),
@@ -343,6 +355,29 @@ def torn(names: Sequence[str], extremes: Extremes, strengths: Sequence[float]) -
         for name, pressure, strength in numbers
         if pressure > strength
     ]
+
+
+def assumed_channels(holes: Sequence[model.Piercing], found: Sequence[PiercingRecord]) -> list[Remark]:
+    """Judge what friction takes at rough holes that impose a direction and name no channel: of the worst of those where
+    the couple at the ends of the assumed one presses, and not the force, by how much that goes with its length."""
+    losses = []
+    for hole, seen in zip(holes, found, strict=True):
+        if hole.channel is not None or seen.channel is None or hole.friction is None:
+            continue
+        across = float(np.sqrt(max(seen.force @ seen.force - seen.tangential_force**2, 0.0)))
+        half, twice = 2.0 * seen.normal_force, max(across, 0.5 * seen.normal_force)
+        taken = hole.friction.kinetic * np.array([half, seen.normal_force, twice])
+        if seen.normal_force > RULES * across and taken[0] - taken[2] > UNSURE * max(seen.tension_before, 0.0):
+            losses.append((float(taken[0]), taken.tolist(), seen))
+    if not losses:
+        return []
+    _, (half, now, twice), seen = max(losses, key=lambda loss: loss[0])
+    text = (
+        f"friction at {seen.name!r} goes by the couple over a channel of {seen.channel / MILLI:.2g} mm that is "
+        f"assumed: it takes up to {now:.2g} N, over half the channel {half:.2g} N and over twice {twice:.2g} N; give "
+        f"{dotted_key(['piercing', seen.name, 'channel'])}, the length over which tissue guides the thread there"
+    )
+    return [remark("channel", seen.name, text)]
 
 
 def turned_pressure(extremes: Extremes) -> list[Remark]:

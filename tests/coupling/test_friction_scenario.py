@@ -9,6 +9,7 @@ import pytest
 from studies.output.records import StepRecord
 from studies.scenario import Scenario
 from studies.simulation import prepare
+from studies.simulation.remarks import assumed_channels
 from tests.bounds import ADAPTED, MOVED, TWO_SOLVERS
 from tests.thread.threads import PP
 
@@ -58,6 +59,28 @@ def test_every_key_of_friction_acts() -> None:
     for record in (rough, gripped, channel, slower):
         assert record.energy.friction_dissipation > 0.0
         assert all(hole.cone_residual <= TWO_SOLVERS * pull(record) for hole in record.piercings)
+
+
+def drawn_through(channel: float | None) -> tuple[float, list[str]]:
+    """Return what friction takes at the first of two rough holes at the end of a run [N], and what is said of it."""
+    table = deepcopy(DRAWN)
+    for hole in table["piercing"]:
+        hole.update({"friction": {"static": 0.05, "kinetic": 0.05}} | ({} if channel is None else {"channel": channel}))
+    simulation = prepare(Scenario.model_validate(table))
+    records = [record for record, _ in simulation.advance()]
+    said = [each.message for each in assumed_channels(simulation.scenario.piercing, records[-1].piercings)]
+    return 0.05 * records[-1].piercings[0].normal_force, said
+
+
+def test_friction_that_goes_with_an_assumed_channel_is_told() -> None:
+    """Independent check: where no channel is given and the couple presses, the remark names the channel that is assumed
+    and friction over half and over twice of it, which runs with these channels have too; none where one is given."""
+    assumed = 10 * PP.diameter
+    (_, [said]), others = drawn_through(None), [drawn_through(share * assumed) for share in (0.5, 1.0, 2.0)]
+    half, now, twice = (friction for friction, _ in others)
+    assert f"a channel of {1e3 * assumed:.2g} mm that is assumed: it takes up to {now:.2g} N" in said
+    assert all(not none for _, none in others)
+    assert (half, twice) == (pytest.approx(2.0 * now, rel=0.2), pytest.approx(0.5 * now, rel=0.2))
 
 
 def channels(footprint: float | None, **given: Any) -> list[float | None]:

@@ -38,6 +38,7 @@ from studies.output.remarks import (
     OUTDONE,
     REDUCED,
     RESOLVED_SHARE,
+    RULES,
     SHARE,
     SLID,
     SMALL_ROTATION,
@@ -59,7 +60,7 @@ from studies.simulation.memory import OrganRun
 from studies.simulation.simulation import Simulation
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED
 from tests.bounds import BUCKLING, IDENTITY, TWO_SOLVERS
-from tests.studies.samples import ANCHORED, CONTRACT, LINEAR, Stub, frame, framing, step
+from tests.studies.samples import ANCHORED, CONTRACT, LINEAR, Stub, frame, framing, piercing, step
 from thread.catalogue import suture
 from tissue import Hyperelasticity, Material, elasticity
 from tissue.materials.density import Density, Sum
@@ -142,6 +143,23 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "contact-rough": (STEEP, 1, lambda x: judging.steep_friction([Contact(between=("a", "b"), friction=x)])),
     "after-end": (2.0, 1, lambda x: judging.after_end({"cut.0.time": x}, 2.0)),
     "moved": (MOVED * 1e-3, 1, lambda x: judging.moved_holes([hole(near=[x, 0, 0])])),
+    "channel": (
+        RULES,
+        1,
+        lambda x: judging.assumed_channels(
+            [hole(direction=[0, 0, 1], friction={"static": 0.1, "kinetic": 0.1})],
+            [
+                replace(
+                    piercing("a", 0.0),
+                    force=np.array([0.0, 0.0, 1.0]),
+                    tangential_force=0.0,
+                    normal_force=x,
+                    channel=2e-3,
+                    tension_before=1.0,
+                )
+            ],
+        ),
+    ),
     "demand": (SMALL_STRAIN, 1, lambda x: demand.overdrawn([hole()], np.ones(1), np.array([1e-3 * x]))),
     "pull-strength": (10.0, 1, lambda x: demand.overpulled(x, 10.0)),
     "stiff-thread": (
