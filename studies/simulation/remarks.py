@@ -360,24 +360,24 @@ def torn(names: Sequence[str], extremes: Extremes, strengths: Sequence[float]) -
 def assumed_channels(holes: Sequence[model.Piercing], found: Sequence[PiercingRecord]) -> list[Remark]:
     """Judge what friction takes at rough holes that impose a direction and name no channel: of the worst of those where
     the couple at the ends of the assumed one presses, and not the force, by how much that goes with its length."""
-    losses = []
+    losses: list[tuple[list[float], float, str]] = []
     for hole, seen in zip(holes, found, strict=True):
         if hole.channel is not None or seen.channel is None or hole.friction is None:
             continue
-        across = float(np.sqrt(max(seen.force @ seen.force - seen.tangential_force**2, 0.0)))
+        across = float(np.linalg.norm(seen.force - seen.tangential_force * seen.tangent))
         half, twice = 2.0 * seen.normal_force, max(across, 0.5 * seen.normal_force)
         taken = hole.friction.kinetic * np.array([half, seen.normal_force, twice])
         if seen.normal_force > RULES * across and taken[0] - taken[2] > UNSURE * max(seen.tension_before, 0.0):
-            losses.append((float(taken[0]), taken.tolist(), seen))
+            losses.append((taken.tolist(), seen.channel, seen.name))
     if not losses:
         return []
-    _, (half, now, twice), seen = max(losses, key=lambda loss: loss[0])
+    (half, now, twice), channel, name = max(losses)
     text = (
-        f"friction at {seen.name!r} goes by the couple over a channel of {seen.channel / MILLI:.2g} mm that is "
+        f"friction at {name!r} goes by the couple over a channel of {channel / MILLI:.2g} mm that is "
         f"assumed: it takes up to {now:.2g} N, over half the channel {half:.2g} N and over twice {twice:.2g} N; give "
-        f"{dotted_key(['piercing', seen.name, 'channel'])}, the length over which tissue guides the thread there"
+        f"{dotted_key(['piercing', name, 'channel'])}, the length over which tissue guides the thread there"
     )
-    return [remark("channel", seen.name, text)]
+    return [remark("channel", name, text)]
 
 
 def turned_pressure(extremes: Extremes) -> list[Remark]:
