@@ -8,12 +8,14 @@ import multiprocessing
 import multiprocessing.connection
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from itertools import pairwise
+from multiprocessing.context import BaseContext
 from typing import Any, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -57,7 +59,7 @@ class Processes:
 
         Items are handed out in runs of neighbours, one run to a process: neighbours share what is expensive to make.
         """
-        context = multiprocessing.get_context("spawn")  # a fork of a process with threads may lock up
+        context = context_of(work.__module__)
         with ProcessPoolExecutor(min(self.jobs, len(items)) or 1, context, _begin) as pool:
             try:
                 yield from _handed_out(pool, work, _shares(len(items), self.jobs), items)
@@ -68,6 +70,17 @@ class Processes:
                 ) from None
             finally:
                 pool.shutdown(wait=True, cancel_futures=True)
+
+
+def context_of(module: str) -> BaseContext:
+    """Return how processes begin: on Linux as forks of a process that does nothing but import the `module` of the work
+    once for all, since a fork of one with threads at work may lock up; elsewhere, where libraries bear no fork, anew.
+    """
+    if sys.platform != "linux":
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([module])
+    return context
 
 
 def _begin() -> None:

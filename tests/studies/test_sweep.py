@@ -3,6 +3,7 @@
 import ast
 import io
 import json
+import os
 import re
 import sys
 from collections.abc import Callable, Iterator
@@ -304,6 +305,22 @@ def cluster() -> Iterator[Workers]:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(2, processes=True, threads_per_worker=1, dashboard_address=None) as local:
         yield Cluster(local.scheduler_address)
+
+
+IMPORTED_IN = os.getpid()
+
+
+def imported_and_working_in(item: int) -> tuple[int, int]:
+    """Return the processes that imported this module, and that work on an item."""
+    return IMPORTED_IN, os.getpid()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux alone")
+def test_processes_share_what_is_imported() -> None:
+    """Independent check: one process has imported the module of the work for all, and does none of the work."""
+    found = [result for _, result in Processes(2).done(imported_and_working_in, range(4))]
+    [server], workers = {server for server, _ in found}, {worker for _, worker in found}
+    assert server not in workers | {os.getpid()}
 
 
 def same_table(workers: Workers, folder: Path) -> None:
