@@ -1,4 +1,6 @@
-"""The main job at rest against a boundary-value problem that shares no line with it: two sleeves in an elastic body."""
+"""The job of `two_piercings` at rest, on softer tissue and as it is shipped, against a boundary-value problem that shares
+no line with it: two sleeves in an elastic body.
+"""
 
 import ast
 from functools import cache
@@ -12,7 +14,7 @@ from coupling.reports.observation import site_compliance
 from coupling.run.run import Run
 from studies.scenario import load
 from studies.simulation import Simulation, prepare
-from tests.bounds import IDENTITY, ORACLE
+from tests.bounds import IDENTITY, ORACLE, ORACLE_SHIPPED
 from tests.coupling import sleeves
 
 MESH = ("tissue.mesh.h=6e-3", "tissue.mesh.h_site=2.5e-3")
@@ -31,6 +33,7 @@ WAYS = {
         *FIRM,
         *FOLLOWING,
     ),  # where the thread bends sharply at the holes
+    "shipped": ("solve.kind='static'", "thread.resolution='fixed'"),  # on the spans that its run in time has
 }
 PLANE = np.array([0, 2, 3, 5])  # x and z of a site's x and u among its nine numbers
 FINER = 2  # times as many control points, and spans as much shorter
@@ -38,8 +41,10 @@ FINER = 2  # times as many control points, and spans as much shorter
 
 @cache
 def at_rest(way: str, points: int = POINTS) -> tuple[Simulation, Run]:
-    """Run the shipped scene to its end, on a coarse mesh: of the organ the oracle takes what this mesh answers."""
-    simulation = prepare(load("two_piercings", [*MESH, *SOFT, f"thread.control_points={points}", *WAYS[way]]))
+    """Run a way of the scene to its end. But for the shipped one, it is on softer tissue, on a coarse mesh, and has so
+    many control `points`: of the organ the oracle takes what its mesh answers."""
+    other = () if way == "shipped" else (*MESH, *SOFT, f"thread.control_points={points}")
+    simulation = prepare(load("two_piercings", [*other, *WAYS[way]]))
     now = simulation.beginning()
     while now.number < simulation.steps:
         now = simulation.next(now)
@@ -82,7 +87,7 @@ def errors(way: str, points: int = POINTS) -> dict[str, float]:
     return {kind: float(np.abs(got - exact).max() / np.abs(exact).max()) for kind, (got, exact) in pairs.items()}
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", [way for way in WAYS if way != "shipped"])
 def test_the_main_job_ends_where_the_elastica_does(way: str) -> None:
     """Independent check (an extensible elastica through two sleeves, solved by collocation): forces, couples, tensions,
     the hand's reaction, lengths drawn through, places and directions of the holes; at rest after a damped motion, in
@@ -93,6 +98,12 @@ def test_the_main_job_ends_where_the_elastica_does(way: str) -> None:
     assert np.abs(forces[:, 1]).max() <= IDENTITY * np.abs(forces).max()  # in the plane of the oracle
     off = errors(way)
     assert max(off.values()) <= ORACLE, off
+
+
+def test_the_shipped_scene_ends_near_the_elastica() -> None:
+    """Independent check: firm tissue bends the thread sharply, and the 160 control points of the scene leave more."""
+    off = errors("shipped")
+    assert max(off.values()) <= ORACLE_SHIPPED, off
 
 
 def test_a_finer_thread_ends_nearer() -> None:
