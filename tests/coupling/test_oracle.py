@@ -1,5 +1,5 @@
-"""The job of `two_piercings` at rest, on softer tissue and as it is shipped, against a boundary-value problem that shares
-no line with it: two sleeves in an elastic body.
+"""The job of `two_piercings` at rest, on softer tissue and as it is shipped, against a boundary-value problem that
+shares no line with it: two sleeves in an elastic body.
 """
 
 import ast
