@@ -22,9 +22,15 @@ ROOT = str(Path(__file__).parents[1])
 
 # A module by its name as `python -m` runs it, found where the parent finds its own: first where the code is, last what
 # else is on the parent's path. Isolated (-I), the child sees neither the working folder nor what PYTHON… names, so a
-# file there that is called like a module is not run.
+# file there that is called like a module is not run. Its input ends with the parent, however that ends: then the child
+# removes the folder that it works in, and ends too.
 CHILD = """
-import os, runpy, sys
+import os, runpy, shutil, sys, threading
+def end_with_parent():
+    os.read(0, 1)
+    shutil.rmtree(os.getcwd(), ignore_errors=True)
+    os._exit(1)
+threading.Thread(target=end_with_parent, daemon=True).start()
 root, rest = sys.argv[1], sys.argv[2].split(os.pathsep)
 del sys.argv[1:3]
 sys.path[:0] = [root] if root not in sys.path else []
@@ -42,7 +48,7 @@ def call_in_child(function: Callable[..., Any], *given: Any) -> Any:
         question, answer = Path(folder) / "question", Path(folder) / "answer"
         question.write_bytes(pickle.dumps((function.__module__, function.__qualname__, given)))
         try:
-            done = run_module("meshes.child", [question, answer], PATIENCE)
+            done = run_module("meshes.child", Path(folder), [question, answer], PATIENCE)
         except subprocess.TimeoutExpired:
             raise MeshError(
                 f"gmsh came to no end in {PATIENCE:g} s: the file contradicts itself; save it anew"
@@ -57,15 +63,27 @@ def call_in_child(function: Callable[..., Any], *given: Any) -> Any:
 
 
 def run_module(
-    module: str, given: Sequence[Path], patience: float, setting: Mapping[str, str] = MappingProxyType({})
+    module: str,
+    folder: Path,
+    given: Sequence[Path],
+    patience: float | None,
+    setting: Mapping[str, str] = MappingProxyType({}),
 ) -> "subprocess.CompletedProcess[bytes]":
-    """Run a module as `python -m` does, in the folder of the first path `given`, with the environment's `setting`.
+    """Run a module as `python -m` does with paths `given`, in a temporary `folder`, with the environment's `setting`.
 
-    Raises `subprocess.TimeoutExpired` after `patience` [s], `OSError` where there can be no process.
+    The child ends with this process, however it ends, and removes the folder then. Raises `subprocess.TimeoutExpired`
+    after `patience` [s], None: never, and `OSError` where there can be no process.
     """
     command = [sys.executable, "-I", "-c", CHILD, ROOT, os.pathsep.join(_own_path()), module, *map(str, given)]
-    surroundings, folder = os.environ | setting, given[0].parent
-    return subprocess.run(command, cwd=folder, env=surroundings, capture_output=True, timeout=patience, check=False)
+    surroundings = os.environ | setting
+    watched, held = os.pipe()  # nothing is written: the system closes it with this process
+    try:
+        return subprocess.run(
+            command, cwd=folder, env=surroundings, stdin=watched, capture_output=True, timeout=patience, check=False
+        )
+    finally:
+        os.close(watched)
+        os.close(held)
 
 
 def _own_path() -> list[str]:

@@ -1,16 +1,17 @@
 """``suture view``: a run in a window, or where there is no screen as a picture and an animation."""
 
 import os
-import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from meshes.child import run_module
 from studies.output.files import write_bytes
 from studies.output.reading import FrameFiles, ResultsError, RunResults, read_run, snapshot_of, topology_of
-from studies.pictures.picture import Drawn, draw_picture, draw_scene
+from studies.pictures.picture import Drawn, draw_picture, draw_scene, words_of
 from studies.pictures.scene import frame_of
 
 MOST_PICTURES = 24  # of an animation
@@ -25,10 +26,10 @@ def view(folder: Path, out: Path | None, time: float | None) -> list[str]:
         raise ResultsError(f"{folder} is refused: it has no frames; run the scenario anew")
     if out is not None:
         return [drawn_into(run, out, time)]
-    if has_screen(os.environ, sys.platform) and window(folder) == 0:
+    lacking = window(folder) if has_screen(os.environ, sys.platform) else "no screen"
+    if not lacking:
         return []
-    lines = [drawn_into(run, folder / f"view{kind}", time) for kind in KINDS]
-    return lines
+    return [f"window     none: {lacking}", *(drawn_into(run, folder / f"view{kind}", time) for kind in KINDS)]
 
 
 def write_macro(path: Path) -> list[str]:
@@ -44,9 +45,11 @@ def has_screen(environment: Mapping[str, str], system: str) -> bool:
     return system in ("win32", "darwin") or any(environment.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
-def window(folder: Path) -> int:
-    """Open a window and wait until it is closed; return the status of its process."""
-    return subprocess.run([sys.executable, "-m", "studies.pictures.window", str(folder)], check=False).returncode
+def window(folder: Path) -> str:
+    """Open a window and wait until it is closed; return why there was none, empty where there was."""
+    with tempfile.TemporaryDirectory() as scratch:
+        done = run_module("studies.pictures.window", Path(scratch), [folder.resolve()], patience=None)
+    return words_of(done) if done.returncode else ""
 
 
 def drawn_into(run: RunResults, out: Path, time: float | None) -> str:

@@ -66,7 +66,7 @@ def draw_apart(module: str, source: Path, path: Path, setting: Mapping[str, str]
     target = source.with_name("picture.png")
     target.unlink(missing_ok=True)
     try:
-        done = run_module(module, [source, target], patience * PATIENCE, setting)
+        done = run_module(module, source.parent, [source, target], patience * PATIENCE, setting)
         if not done.returncode and target.is_file():
             write_bytes(path, target.read_bytes())
             return ""
@@ -74,4 +74,9 @@ def draw_apart(module: str, source: Path, path: Path, setting: Mapping[str, str]
         return f"it took more than {patience * PATIENCE:g} s"
     except OSError as error:
         return str(error)
+    return words_of(done)
+
+
+def words_of(done: "subprocess.CompletedProcess[bytes]") -> str:
+    """Return what a child said last, without when and where in VTK."""
     return last_words(done.returncode, VTK_PLACE.sub("", done.stderr.decode(errors="replace")))

@@ -1,11 +1,13 @@
 """A window in which a run is turned and run through, by pyvista; in a process that a lack of OpenGL may end."""
 
+import os
 import sys
 from typing import Any
 
 import pyvista as pv
 
 from studies.output.reading import FrameFiles, read_run, snapshot_of, topology_of
+from studies.pictures.picture import WINDOWS
 from studies.pictures.scene import Frame, frame_of
 from studies.pictures.space import CORNER, place_camera, props_of, stage_of
 from studies.pictures.view import SIZE
@@ -22,6 +24,10 @@ def show(folder: str) -> None:
     last = read(run.frames[-1])
     stage = stage_of([read(run.frames[0]), last], topology, run.title)
     plotter: Any = pv.Plotter(window_size=list(SIZE), title=f"suture view {run.name}")
+    if plotter.render_window.GetClassName() in WINDOWS:
+        sys.exit(
+            f"VTK opens no window on the display {os.environ.get('DISPLAY', '')!r}; correct DISPLAY, or give --out"
+        )
     plotter.set_background("white")
     plotter.add_axes(color="black", line_width=3, viewport=CORNER)
     shown: list[Any] = []

@@ -1,6 +1,7 @@
 """Mesh files: every gmsh version reads to the same mesh, VTK too, units, names, and every fault in words."""
 
 import operator
+import os
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import meshio
 import numpy as np
+import psutil
 import pytest
 
 from meshes import child, gmsh_session
@@ -253,6 +255,28 @@ def test_a_child_says_what_it_refuses_and_how_it_ends(monkeypatch, tmp_path):
     (tmp_path / "pickle.py").write_text("raise SystemExit(7)")  # not looked for in the user's folder
     monkeypatch.setattr(child, "PATIENCE", 60)
     assert child.call_in_child(metres_per_unit, "mm") == 1e-3
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no signals")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_child_ends_with_its_parent_and_leaves_no_folder(tmp_path, number):
+    """Independent check: the process is gone and the folder for temporary files is empty, soon after the parent."""
+    script = "import time\nfrom meshes.child import call_in_child\ncall_in_child(time.sleep, 600)"
+    surroundings = dict(os.environ, TMPDIR=str(tmp_path))
+    with subprocess.Popen([sys.executable, "-c", script], env=surroundings) as parent:
+        until(lambda: psutil.Process(parent.pid).children())
+        [begun] = psutil.Process(parent.pid).children()
+        parent.send_signal(number)
+    until(lambda: not begun.is_running() or begun.status() == psutil.STATUS_ZOMBIE)
+    assert list(tmp_path.iterdir()) == []
+
+
+def until(is_so):
+    """Wait for something, half a minute at most."""
+    end = time.monotonic() + 30
+    while not is_so():
+        assert time.monotonic() < end
+        time.sleep(0.05)
 
 
 def test_the_last_words_of_a_child():

@@ -111,17 +111,27 @@ def test_a_run_without_a_screen_is_a_picture_and_an_animation(run: Path, capsys:
         asked.append(out)
         return str(out)
 
-    for screen, status, files in ((False, 0, 2), (True, 0, 0), (True, 1, 2)):
+    for screen, lacking, files in ((False, "", 2), (True, "", 0), (True, "no display", 2)):
         asked.clear()
         with (
             patch.object(looking, "has_screen", return_value=screen),
-            patch.object(looking, "window", return_value=status),
+            patch.object(looking, "window", return_value=lacking),
             patch.object(looking, "drawn_into", note),
         ):
             assert main(["view", str(run)]) == 0
         assert [path.name for path in asked] == ["view.png", "view.gif"][:files]
     assert main(["view", str(run), "--out", str(run / "x.csv")]) == 2
     assert ".gif for all frames" in capsys.readouterr().err
+
+
+def test_a_display_that_cannot_be_opened_is_named(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: the window's process says so; modules of the folder that one stands in are not run."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("DISPLAY", ":99")
+    for name in ("studies", "pyvista"):
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'run')!r}, 'w')")
+    assert "VTK opens no window on the display ':99'" in looking.window(run)
+    assert not (tmp_path / "run").exists()
 
 
 def test_an_animation_has_a_picture_for_each_frame_to_one_scale(run: Path, tmp_path: Path) -> None:
