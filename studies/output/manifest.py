@@ -22,6 +22,7 @@ from studies.scenario.toml import mesh_file
 MARK = "provenance.json"  # the first file written
 SCENARIO = "scenario.toml"
 PROFILE = "gap_profile.csv"
+FOLDERS = ("frames", "mesh")  # in that of a run
 FILES = (
     MARK,
     SCENARIO,
@@ -72,6 +73,7 @@ def unfinished(folder: Path, known: Iterable[str] = ()) -> list[Path]:
 
 def refuse_foreign(folder: Path, scenario: Scenario) -> None:
     """Raise `ScenarioError` where a run of the scenario would write over what no run wrote."""
+    refuse_links(folder, FOLDERS)
     own = set(own_files(folder))
     lost = [name for name in files_of(scenario) if (folder / name).exists() and folder / name not in own]
     if lost:
@@ -81,11 +83,21 @@ def refuse_foreign(folder: Path, scenario: Scenario) -> None:
         )
 
 
+def refuse_links(folder: Path, names: Iterable[str]) -> None:
+    """Raise `ScenarioError` where one of the folders inside is a link: what it leads to is somebody else's."""
+    for name in names:
+        if (folder / name).is_symlink():
+            raise ScenarioError(
+                f"--out {folder} is refused: {name} in it is a link to another folder; put that folder in the link's "
+                "place, or give a new or empty folder"
+            )
+
+
 def clear(folder: Path) -> None:
     """Take out of a folder what a run wrote there, all but its manifest and the lock."""
     for path in own_files(folder):
         if path.name not in (MARK, LOCK):
             path.unlink(missing_ok=True)
-    for name in ("frames", "mesh"):
+    for name in FOLDERS:
         with suppress(OSError):  # there is none, or it holds what is the user's
             (folder / name).rmdir()

@@ -11,6 +11,7 @@ from typing import Any
 
 from studies.output.files import as_json, read_json, write_json
 from studies.output.lock import LOCK, locked
+from studies.output.manifest import refuse_links
 from studies.output.provenance import provenance
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.toml import changed, parsed, read, tables
@@ -118,6 +119,7 @@ def planned_case(settings: Settings, data: dict[str, Any]) -> Planned:
 
 def check_folder(folder: Path, kind: str = "sweep") -> None:
     """Refuse a folder that holds other files than those of such a kind. Raises `ScenarioError`."""
+    refuse_links(folder, [CASES])
     there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
     others = [name for name in there if name != LOCK and (name not in OWN or not holds_sweep(folder, kind))]
     if others:

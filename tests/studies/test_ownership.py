@@ -24,6 +24,7 @@ from studies.output.manifest import files_of, manifest
 from studies.scenario import Scenario, ScenarioError, load, parse
 from studies.scenario.toml import tables
 from studies.simulation import prepare
+from studies.sweeps.sweep import check_folder as check_sweep_folder
 from tests.studies.samples import CONTRACT, LINEAR, Stub, framing, step
 
 SCENARIO = parse(tomllib.loads(CONTRACT.replace("every = 10", "every = 3")))
@@ -93,6 +94,23 @@ def test_a_run_that_would_write_over_a_file_is_refused(tmp_path: Path) -> None:
         recorded(tmp_path / "out", parse(data))
         data["tissue"]["mesh"]["path"] = str(tmp_path / "out/mesh/organ.msh")
         check_folder(tmp_path / "out", parse(data), overwrite=True)
+
+
+def test_a_folder_inside_that_is_a_link_is_not_followed(tmp_path: Path) -> None:
+    """Independent check: a run is refused whose `frames` lead elsewhere, and a sweep whose `cases` do; the files there
+    are kept."""
+    recorded(tmp_path / "out")
+    elsewhere = (tmp_path / "out" / "frames").rename(tmp_path / "elsewhere")
+    kept = sorted(elsewhere.iterdir())
+    (tmp_path / "out" / "frames").symlink_to(elsewhere)
+    for act in (lambda: check_folder(tmp_path / "out", SCENARIO, overwrite=True), lambda: recorded(tmp_path / "out")):
+        with pytest.raises(ScenarioError, match=r"frames in it is a link to another folder; put that folder in"):
+            act()
+    assert sorted(elsewhere.iterdir()) == kept
+    (tmp_path / "sweep").mkdir()
+    (tmp_path / "sweep" / "cases").symlink_to(elsewhere)
+    with pytest.raises(ScenarioError, match="cases in it is a link"):
+        check_sweep_folder(tmp_path / "sweep")
 
 
 def test_a_manifest_names_what_a_run_writes(tmp_path: Path) -> None:
