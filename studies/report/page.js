@@ -7,7 +7,7 @@ const TISSUE = tissue.map((colour, place) => [place / (tissue.length - 1), colou
 const SIGNED = [[0, "#2166ac"], [0.5, "#f7f7f7"], [1, "#b2182b"]];
 const SHADES = 32; // of the colours of a tension
 const CHART = 320, ROOM = 2, ROW = 19; // px: of a chart with room for so many rows of its legend, and of one row more
-const CONFIG = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] };
+const CONFIG = { displaylogo: false, showSendToCloud: false, responsive: true, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] };
 const FONT = { family: 'system-ui, "DejaVu Sans", sans-serif', size: 12, color: "#1c2430" };
 const element = (id) => document.getElementById(id);
 const withUnit = (name, unit) => (unit ? `${name} [${unit}]` : name);

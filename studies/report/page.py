@@ -29,7 +29,7 @@ def plotly_script() -> str:
 def whole_page(title: str, body: Iterable[str], data: Mapping[str, Any]) -> str:
     """Return a page that needs no other file; what it may load is forbidden in its head."""
     parts = {name: (HERE / f"page.{name}").read_text(encoding="utf-8") for name in ("html", "css", "js")}
-    numbers = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
+    numbers = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     return Template(parts["html"]).substitute(
         title=html.escape(title),
         style=parts["css"],

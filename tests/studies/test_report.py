@@ -133,6 +133,10 @@ def test_nothing_is_fetched(text: str) -> None:
     """Independent check: no element of the page names another file, and its head forbids what a script might load."""
     own = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
     assert re.findall(r'(?:src|href)="(?!data:)', own) == []
+    script = (page.HERE / "page.js").read_text(encoding="utf-8")
+    drawings = re.findall(r"Plotly\.\w+\(.*\)", script)
+    assert "showSendToCloud: false" in script and len(drawings) == 3  # else a button that uploads the numbers
+    assert all(drawing.endswith(", CONFIG)") for drawing in drawings)
     assert "default-src 'none'" in own and "connect-src" not in own and "http" not in own.replace("http-equiv", "")
 
 
@@ -149,6 +153,20 @@ def test_remarks_stand_first_and_text_is_no_markup(tmp_path: Path) -> None:
     order = [body.index(word) for word in ("Remarks", 'class="unsupported"', 'class="note"><b>', "Summary")]
     assert order == sorted(order)
     assert "<b>&</b>" not in body and "&lt;b&gt;&amp;&lt;/b&gt;" in body
+
+
+def test_a_name_that_opens_a_script_leaves_the_numbers_whole(run: Path, tmp_path: Path) -> None:
+    """Independent check: after `<!--<script>` a browser would not see the end of the numbers; none has a `<`, and they
+    are read as they were."""
+    pytest.importorskip("plotly")
+    folder, name = tmp_path / "run", "<!--<script>"
+    shutil.copytree(run, folder)
+    rows = (folder / "piercings.csv").read_text(encoding="utf-8")
+    (folder / "piercings.csv").write_text(rows.replace("entry", name), encoding="utf-8")
+    write_report([folder], tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "<" not in text.partition('id="data">')[2].partition("</script>")[0]
+    assert data_of(text)["views"][0]["piercings"] == [name, "exit"]
 
 
 def test_several_runs_a_study_and_a_sweep_are_compared(tmp_path: Path) -> None:
@@ -240,6 +258,7 @@ def test_the_page_in_a_browser(text: str, run: Path, tmp_path: Path) -> None:
         opened.open(run.parent / "page.html")
         opened.wait("document.querySelector('#view').data")
         assert opened.ask("document.querySelectorAll('.chart .main-svg').length") > 0
+        assert opened.ask("document.querySelectorAll('.modebar-btn[data-title^=Share]').length") == 0
         last, stress = opened.ask(place), opened.ask(colours)
         opened.press("#time", "Home", 36)
         opened.wait("document.querySelector('#moment').textContent === 't = 0 s'")
