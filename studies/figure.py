@@ -34,6 +34,11 @@ def panels(lines: int, columns: int) -> tuple[Figure, np.ndarray]:
     return drawing, drawing.subplots(lines, columns, squeeze=False)
 
 
+def literal(words: str) -> str:
+    """Return words as matplotlib draws them letter by letter: a dollar begins no formula."""
+    return words.replace("$", r"\$")
+
+
 def ticks(axes: Axes, axis: str, values: Sequence[float]) -> None:
     """Set plain numbers on an axis, logarithmic or not."""
     {"x": axes.set_xticks, "y": axes.set_yticks}[axis](values, [f"{value:.3g}" for value in values])

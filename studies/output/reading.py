@@ -7,7 +7,8 @@ import csv
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, cast
@@ -15,6 +16,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ValidationError
 
 from studies.arrays import Array
 from studies.output.columns import STATE_CODES, TABLES
@@ -22,7 +24,7 @@ from studies.output.fields import OrganRecord, OrganTopology, ThreadRecord
 from studies.output.files import read_json
 from studies.output.manifest import MARK, SCENARIO, holds_run
 from studies.output.records import PiercingRecord, Snapshot
-from studies.output.series import step_of
+from studies.output.series import is_whole, step_of
 
 HEADING = re.compile(r"(?P<name>.*?)(?: \[(?P<unit>[^\]]*)\])?")
 CORNERS = 4  # nodes of a tetrahedron without those on its edges
@@ -34,8 +36,30 @@ ITEM = {  # the column that says which piercing, pair or boundary a row of a tab
 TEXTS = {column.name for layout in TABLES for column in layout.columns if column.kind == "text"}
 
 
+TORN = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError, csv.Error)
+
+
 class ResultsError(ValueError):
     """A results folder that cannot be read, or that lacks what is asked for."""
+
+
+class Summary(BaseModel):
+    """The parts of `summary.json` that are looked into; it has more."""
+
+    remarks: list[dict[str, Any]]
+    piercings: dict[str, dict[str, Any]] = {}
+    energy: dict[str, Any] = {}
+
+
+@contextmanager
+def refused_if_torn(path: Path | str) -> Iterator[None]:
+    """Raise `ResultsError` where what is read from a file turns out not to be what a run writes there."""
+    try:
+        yield
+    except ResultsError:
+        raise
+    except TORN as error:
+        raise ResultsError(f"{path} is torn ({error or type(error).__name__}); run the scenario anew") from error
 
 
 @dataclass(frozen=True)
@@ -82,7 +106,11 @@ class FrameFiles:
             return None
         if not path.is_file():
             raise ResultsError(f"{path} is not there, though results.pvd names it; run the scenario anew")
-        return pv.read(path)
+        with refused_if_torn(path), pv.vtk_verbosity("off"):
+            if not is_whole(path.read_bytes()):
+                raise ValueError("it is not as it was written")
+            found = pv.read(path)
+        return found
 
 
 @dataclass(frozen=True)
@@ -104,8 +132,11 @@ class RunResults:
 
     @property
     def title(self) -> str:
-        """The title of the scenario, or the folder's name where it has none."""
-        return str(tomllib.loads(self.scenario).get("title", "")) or self.name
+        """The title of the scenario, or the folder's name where it has none, or its file is torn."""
+        try:
+            return str(tomllib.loads(self.scenario).get("title", "")) or self.name
+        except (tomllib.TOMLDecodeError, RecursionError):
+            return self.name
 
     @property
     def piercings(self) -> list[str]:
@@ -136,17 +167,37 @@ def read_run(folder: Path | str) -> RunResults:
     found = {layout.name: folder / f"{layout.name}.csv" for layout in TABLES}
     return RunResults(
         folder,
-        read_json(folder / "summary.json"),
+        read_summary(folder),
         read_json(folder / MARK),
-        (folder / SCENARIO).read_text(encoding="utf-8"),
-        {name: read_table(path) for name, path in found.items() if path.is_file()},
+        (folder / SCENARIO).read_text(encoding="utf-8", errors="replace"),
+        {name: read_run_table(path) for name, path in found.items() if path.is_file()},
         read_frames(folder / "results.pvd"),
     )
 
 
+def read_summary(folder: Path) -> dict[str, Any]:
+    """Read the summary of a run; empty where there is none, or one that is torn or has not the parts of one."""
+    found = read_json(folder / "summary.json")
+    try:
+        Summary.model_validate(found)
+    except ValidationError:
+        return {}
+    return found
+
+
+def read_run_table(path: Path) -> Table:
+    """Read a table of a run. Raises `ResultsError` for one whose rows do not say when they are, and of what."""
+    table = read_table(path)
+    wanted = {"time": "f", "step": "f"} | ({ITEM[path.stem]: "U"} if path.stem in ITEM else {})
+    for name, kind in wanted.items():
+        if name not in table.columns or table.columns[name].dtype.kind != kind:
+            raise ResultsError(f"{path} is torn (its column {name} is lost); run the scenario anew")
+    return table
+
+
 def read_table(path: Path) -> Table:
-    """Read a CSV table whose headings carry units. Raises `ResultsError` for a file without a heading."""
-    with path.open(encoding="utf-8", newline="") as file:
+    """Read a CSV table whose headings carry units. Raises `ResultsError` for a file that is torn or empty."""
+    with refused_if_torn(path), path.open(encoding="utf-8", newline="") as file:
         head, *rows = list(csv.reader(file)) or [[]]
     if not head:
         raise ResultsError(f"{path} is empty; run the scenario anew")
@@ -175,10 +226,11 @@ def read_frames(index: Path) -> tuple[FrameFiles, ...]:
     except (OSError, ValueError, ElementTree.ParseError):
         return ()
     frames: dict[int, tuple[float, dict[str, Path]]] = {}
-    for part in parts:
-        file = part.get("file", "")
-        _, files = frames.setdefault(step_of(file), (float(part.get("timestep", "nan")), {}))
-        files[part.get("name", "")] = index.parent / file
+    with refused_if_torn(index):
+        for part in parts:
+            file = part.get("file", "")
+            _, files = frames.setdefault(step_of(file), (float(part.get("timestep", "nan")), {}))
+            files[part.get("name", "")] = index.parent / file
     return tuple(FrameFiles(time, step, files) for step, (time, files) in sorted(frames.items()))
 
 
@@ -187,6 +239,11 @@ def snapshot_of(frame: FrameFiles, names: Sequence[str]) -> Snapshot:
 
     Raises `ResultsError` as `FrameFiles.read` does.
     """
+    with refused_if_torn(f"the frame at {frame.time:g} s"):
+        return _snapshot(frame, names)
+
+
+def _snapshot(frame: FrameFiles, names: Sequence[str]) -> Snapshot:
     thread, holes, organ = (frame.read(part) for part in ("thread", "piercings", "organ"))
     data = {name: np.asarray(values, dtype=np.float64) for name, values in thread.point_data.items()}
     lengths = tuple(len(piece) for piece in pieces(thread))
@@ -226,8 +283,9 @@ def topology_of(frame: FrameFiles) -> OrganTopology | None:
     organ = frame.read("organ")
     if organ is None:
         return None
-    [cells] = organ.cells_dict.values()
-    return OrganTopology(np.asarray(organ.points, dtype=np.float64), np.asarray(cells, dtype=np.int64))
+    with refused_if_torn(f"the frame at {frame.time:g} s"):
+        [cells] = organ.cells_dict.values()
+        return OrganTopology(np.asarray(organ.points, dtype=np.float64), np.asarray(cells, dtype=np.int64))
 
 
 def cells_of(organ: Any) -> NDArray[np.int64]:

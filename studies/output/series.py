@@ -11,6 +11,7 @@ Vector); thread and piercings are where they are.
 Which arrays there are is said in ``studies.output.columns``.
 """
 
+import hashlib
 import lzma
 import re
 import sys
@@ -47,6 +48,7 @@ COMPONENTS = {6: ("XX", "YY", "ZZ", "XY", "YZ", "XZ")}  # VTK's order of a symme
 FRAME = re.compile(r"(?:organ|thread|piercings|ties)_(\d{6,})\.vt[pu]")
 PARTS = ("organ", "thread", "piercings", "ties")  # of a frame, each a file
 FILE = re.compile(r'file="([^"]*)"')
+SEAL, SEALED = re.compile(rb"<!-- sha256 [0-9a-f]{64} -->\n"), 81  # what stands behind the end of a file, and its bytes
 LZMA = "vtkLZMADataCompressor"
 WORDS = {"id": lzma.FILTER_LZMA2, "lc": 0, "lp": 2, "pb": 2}  # numbers of four bytes
 SMALLEST = {"preset": 6, "dict_size": 2**20, **WORDS}  # of the mesh, which is encoded once
@@ -320,7 +322,19 @@ def _file(kind: str, piece: Markup, compressor: str = LZMA) -> bytes:
     """Write a file of one data set: its XML, then its arrays, which a reader finds by their places."""
     packed = f' header_type="UInt32" compressor="{compressor}"'
     text = _head(kind, "1.0", packed) + piece.within(kind).placed + '<AppendedData encoding="raw">\n_'
-    return text.encode() + b"".join(piece.arrays) + b"\n</AppendedData>\n</VTKFile>\n"
+    return sealed(text.encode() + b"".join(piece.arrays) + b"\n</AppendedData>\n</VTKFile>\n")
+
+
+def sealed(body: bytes) -> bytes:
+    """Return a file with a comment behind its end: the checksum of all before it."""
+    return body + b"<!-- sha256 %s -->\n" % hashlib.sha256(body).hexdigest().encode()
+
+
+def is_whole(data: bytes) -> bool:
+    """Tell whether a frame's file is as it was written: VTK finds no end of some that are not. One of an earlier
+    version has no checksum; it ends with its last tag."""
+    found = SEAL.search(data[-SEALED:])
+    return sealed(data[:-SEALED]) == data if found else data.endswith(b"</VTKFile>\n")
 
 
 def _head(kind: str, version: str, packed: str = "") -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
+from studies.figure import literal
 from studies.pictures.mesh_report import MeshScene
 from studies.pictures.section import ASIDE, DPI, cut
 from studies.pictures.view import MARKER, MILLI, SIZE, colours
@@ -29,7 +30,7 @@ def draw_section(scene: MeshScene, path: Path) -> None:
     axes.set_aspect("equal")
     axes.set_xlabel("x [mm]")
     axes.set_ylabel("z [mm]")
-    axes.set_title(f"{scene.title or 'mesh'}, y = {y / MILLI:.3g} mm", fontsize=11)
+    axes.set_title(f"{literal(scene.title) or 'mesh'}, y = {y / MILLI:.3g} mm", fontsize=11)
     figure.savefig(path, dpi=DPI)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from matplotlib import rc_context
 
-from studies.figure import COLOURS, STYLE, panels
+from studies.figure import COLOURS, STYLE, literal, panels
 from studies.output.reading import ResultsError, RunResults, Table, read_run
 from studies.report.charts import AXES, SHOWN, lengths, parts_over_time
 from studies.scenario.refusal import nearest
@@ -29,10 +29,10 @@ def plot(folder: Path, names: Sequence[str], out: Path | None) -> list[str]:
         figure.set_size_inches(7.0, 1.0 + 2.6 * len(units))
         for unit, axis in zip(units, axes[:, 0], strict=True):
             for number, (name, _, times, values) in enumerate(line for line in lines if line[1] == unit):
-                axis.plot(times, values, color=COLOURS[number % len(COLOURS)], label=name)
+                axis.plot(times, values, color=COLOURS[number % len(COLOURS)], label=literal(name))
             axis.set(xlabel="time [s]", ylabel=f"[{unit}]" if unit else "")
             axis.legend()
-        axes[0, 0].set_title(run.title, fontsize=9, wrap=True)
+        axes[0, 0].set_title(literal(run.title), fontsize=9, wrap=True)
         figure.savefig(target, dpi=150)
     return [f"plot       {target}: {', '.join(names)}"]
 

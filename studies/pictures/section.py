@@ -11,6 +11,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from studies.arrays import Array
+from studies.figure import literal
 from studies.output.fields import OrganTopology
 from studies.pictures.camera import along_arrows, label_places
 from studies.pictures.scene import Frame
@@ -120,7 +121,7 @@ def _section_piercings(axes: Axes, frame: Frame, scale: Scale) -> None:
 def _section_names(axes: Axes, frame: Frame, scale: Scale) -> None:
     """Write what each hole is called and its force, beside what is drawn, with a line to the hole."""
     named = [hole for hole in frame.piercings if hole.state != LEFT]
-    words = [label(hole.name, float(np.linalg.norm(hole.force))) for hole in named]
+    words = [literal(label(hole.name, float(np.linalg.norm(hole.force)))) for hole in named]
     boxes = np.array([[LETTER * LETTERS * len(text), 1.4 * LETTERS] for text in words]).reshape(-1, 2)
     holes, tips, thread = (
         axes.transData.transform(points[:, [0, 2]] / MILLI)
@@ -144,7 +145,7 @@ def _section_frame(axes: Axes, frame: Frame, title: str, scale: Scale) -> None:
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlabel("x [mm]")
     axes.set_ylabel("z [mm]")
-    axes.set_title(f"{caption(frame, title)}\n{legend(scale)}".strip(), fontsize=10)
+    axes.set_title(f"{literal(caption(frame, title))}\n{legend(scale)}".strip(), fontsize=10)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
 

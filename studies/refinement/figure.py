@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from studies.figure import COLOURS, panels, render_figure
+from studies.figure import COLOURS, literal, panels, render_figure
 from studies.refinement.ladder import KINDS, Ladder
 from studies.refinement.refined import Refined
 
@@ -46,7 +46,7 @@ def draw_numbers(axes: Axes, one: Refined) -> None:
     if one.interval is not None:
         axes.axhspan(*one.interval, color=COLOURS[0], alpha=0.15, label="interval")
     axes.set_xlim(0.0, 1.05)
-    axes.set_ylabel(f"{one.quantity} [{one.unit}]")
+    axes.set_ylabel(literal(f"{one.quantity} [{one.unit}]"))
     axes.set_title(one.text)
     if axes.get_legend_handles_labels()[0]:
         axes.legend()

@@ -82,11 +82,11 @@ def plain_columns(rows: Table) -> list[tuple[str, str, Array]]:
 
 def lengths(rows: Table) -> list[tuple[str, str, Array]]:
     """Return the length of every vector that stands in three columns, but for a place and a unit vector."""
-    names = [name.removesuffix("_x") for name in rows.numeric if name.endswith("_x")]
+    names = [name[:-2] for name in rows.numeric if {f"{name[:-2]}_{axis}" for axis in AXES} <= set(rows.numeric)]
     return [
-        (name, rows.units[f"{name}_x"], np.linalg.norm([rows.columns[f"{name}_{axis}"] for axis in AXES], axis=0))
-        for name in names
-        if rows.units.get(f"{name}_x") != "-"
+        (name, unit, np.linalg.norm([rows.columns[f"{name}_{axis}"] for axis in AXES], axis=0))
+        for name in dict.fromkeys(names)
+        if (unit := rows.units.get(f"{name}_x", "")) != "-"
     ]
 
 

@@ -24,7 +24,10 @@ from studies.study import holds_study
 from studies.sweeps.sweep import MARK, holds_sweep
 from studies.sweeps.table import counted
 
-UNENDED = "The run has not ended: it goes on, or was killed. Go on with --resume; what it has so far follows."
+UNENDED = (
+    "The run has not ended, or its summary is torn: it goes on, or was killed. Go on with --resume; what it has so far "
+    "follows."
+)
 MOST_ROWS = 200  # of a table that is shown whole
 HOLE_LINES = ("state", "slip", "force", "normal_force", "tangential_force", "tension_before", "tension_after")
 PAGE_COLOURS = {
@@ -221,7 +224,8 @@ def events_section(name: str, run: RunResults) -> Iterator[str]:
         yield page.paragraph(f"{name}: none")
         return
     yield f"<h3>{page.escaped(name)}</h3>"
-    yield whole_table(table, ("time", "step", "event", "piercing", "s"))
+    names = ("time", "step", "event", "piercing", "s")
+    yield whole_table(table, [name for name in names if name in table.columns])
 
 
 def rows_sections(rows: Rows, number: int) -> Iterator[str]:

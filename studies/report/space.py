@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from studies.arrays import Array
 from studies.output.columns import STATE_CODES, UNITS
 from studies.output.fields import OrganTopology
-from studies.output.reading import FrameFiles, RunResults, cells_of, nodal, pieces
+from studies.output.reading import FrameFiles, RunResults, cells_of, nodal, pieces, refused_if_torn
 from studies.pictures.view import Indices, surface
 from studies.report.charts import SHOWN, plain
 
@@ -39,7 +39,12 @@ class Skin:
 
 
 def view_record(run: RunResults, name: str, budget: float = BYTES) -> dict[str, Any]:
-    """Return a run's view as the page reads it; the organ is left out where there is none."""
+    """Return a run's view as the page reads it; the organ is left out where there is none. Raises `ResultsError`."""
+    with refused_if_torn(run.folder / "frames"):
+        return _view_record(run, name, budget)
+
+
+def _view_record(run: RunResults, name: str, budget: float) -> dict[str, Any]:
     frames = [run.frames[int(k)] for k in chosen_frames(len(run.frames))]
     threads = [thread_record(frame.read("thread")) for frame in frames]
     holes = [holes_record(frame, run.piercings) for frame in frames]

@@ -8,7 +8,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from studies.figure import COLOURS, MARKERS, panels, render_figure
+from studies.figure import COLOURS, MARKERS, literal, panels, render_figure
 from studies.output.files import write_bytes
 from studies.sweeps.table import Column, SweepTable, drawn_columns
 
@@ -51,13 +51,14 @@ def style_of(number: int) -> dict[str, Any]:
 
 
 def folded(words: str, width: int) -> str:
-    """Fold words into lines of at most so many letters, at blanks, and names at their dots and underscores."""
+    """Fold words into lines of at most so many letters, at blanks, and names at their dots and underscores; a dollar in
+    them begins no formula."""
     lines = [""]
     for part in re.split(r"(?<=[._])(?=[^\W\d_])|(?<=\s)", words):
         if lines[-1] and len(lines[-1]) + len(part.rstrip()) > width:
             lines.append("")
         lines[-1] += part
-    return "\n".join(map(str.rstrip, lines))
+    return literal("\n".join(map(str.rstrip, lines)))
 
 
 def add_legend(drawing: Figure, title: str, lines: int) -> None:

@@ -1,13 +1,13 @@
-"""`python -m tests.fuzz scenarios | meshes | chains --count N --seed N`: faults by their seed, and how many of what."""
+"""`python -m tests.fuzz scenarios | meshes | folders | chains --count N --seed N`: faults by seed, and a count."""
 
 import argparse
 import sys
 import tempfile
 from pathlib import Path
 
-from tests.fuzz import chains, mesh_files, scenarios
+from tests.fuzz import chains, folders, mesh_files, scenarios
 
-KINDS = {"scenarios": scenarios.run, "meshes": mesh_files.run, "chains": chains.run}
+KINDS = {"scenarios": scenarios.run, "meshes": mesh_files.run, "folders": folders.run, "chains": chains.run}
 
 
 def main() -> int:

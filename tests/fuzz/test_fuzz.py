@@ -7,7 +7,7 @@ from random import Random
 import pytest
 
 from meshes.errors import MeshError
-from tests.fuzz import chains, mesh_files, scenarios
+from tests.fuzz import chains, folders, mesh_files, scenarios
 from tests.fuzz.mutations import mutated_bytes, mutated_tables
 from tests.fuzz.trial import Hangs, Tally, limited
 
@@ -24,6 +24,15 @@ def test_mutated_meshes_are_refused_in_words_or_read(tmp_path: Path) -> None:
     tally = mesh_files.run(80, 0, tmp_path, (".vtk", ".vtu", ".obj", ".ply", ".stl"))
     assert tally.faults == []
     assert tally.counts["refused"] > 40 and tally.counts["read"] + tally.counts["filled"] > 3
+
+
+def test_mutated_folders_are_shown_or_refused_in_words(tmp_path: Path) -> None:
+    """Independent check: as the scenarios; report, plot, view, what Python opens, and runs that go on."""
+    pytest.importorskip("plotly")
+    pytest.importorskip("pandas")
+    tally = folders.run(80, 0, tmp_path)
+    assert tally.faults == []
+    assert min(tally.counts[word] for word in ("shown", "opened", "resumed", "refused")) > 2
 
 
 def test_a_chain_of_kills_ends_in_the_bytes_of_one_run(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from studies.output.columns import CONTACTS, LOADS
 from studies.output.reading import read_run, read_table, snapshot_of, topology_of
 from studies.output.records import ContactRecord, LoadRecord
 from studies.output.tables import CsvFile
-from studies.pictures import film_section, looking
+from studies.pictures import film_section, looking, section
 from studies.pictures.camera import CLEAR, camera_on, label_places, scale_bar
 from studies.pictures.plotting import columns_of, line_of
 from studies.pictures.view import aimed_at, force_text, legend, scale_of
@@ -132,6 +132,16 @@ def test_a_display_that_cannot_be_opened_is_named(run: Path, tmp_path: Path, mon
         (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'run')!r}, 'w')")
     assert "VTK opens no window on the display ':99'" in looking.window(run)
     assert not (tmp_path / "run").exists()
+
+
+def test_a_dollar_in_a_title_or_a_name_begins_no_formula(tmp_path: Path) -> None:
+    """Independent check: half a formula is drawn letter by letter, in a plot and in a section."""
+    folder = record_run(tmp_path / "run", title="$x_{$")
+    assert main(["plot", str(folder), "energy.kinetic", "--out", str(tmp_path / "plot.svg")]) == 0
+    assert "$x_{$" in (tmp_path / "plot.svg").read_text(encoding="utf-8")
+    last = frame(1.0)
+    holes = tuple(replace(hole, name="$x_{$") for hole in last.piercings)
+    section.draw_section(replace(last, piercings=holes), LINEAR, tmp_path / "section.png", "$x_{$")
 
 
 def test_an_animation_has_a_picture_for_each_frame_to_one_scale(run: Path, tmp_path: Path) -> None:

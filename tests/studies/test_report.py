@@ -169,6 +169,22 @@ def test_a_name_that_opens_a_script_leaves_the_numbers_whole(run: Path, tmp_path
     assert data_of(text)["views"][0]["piercings"] == [name, "exit"]
 
 
+@pytest.mark.parametrize(
+    "text", ['{"status": "completed"}', '{"remarks": 5}', '{"remarks": [], "piercings": [1]}', "{"]
+)
+def test_a_torn_scenario_or_summary_is_read_as_none(run: Path, tmp_path: Path, text: str) -> None:
+    """Independent check: the page has what is whole, under the folder's name, and does not call the run sound."""
+    pytest.importorskip("plotly")
+    folder = tmp_path / "torn"
+    shutil.copytree(run, folder)
+    (folder / "summary.json").write_text(text, encoding="utf-8")
+    (folder / "scenario.toml").write_bytes(b"title = \xff\n[tissue")
+    write_report([folder], tmp_path / "page.html")
+    body = (tmp_path / "page.html").read_text(encoding="utf-8").partition("<script")[0]
+    assert "its summary is torn" in body and "nothing is to be said" not in body
+    assert read_run(folder).title == "torn"
+
+
 def test_several_runs_a_study_and_a_sweep_are_compared(tmp_path: Path) -> None:
     """Independent check: a column for each run, of one name by its parent too; a study's question and figure; the
     title, origin and columns of a sweep; the verdict and figure of a refinement."""

@@ -11,8 +11,9 @@ from skfem import MeshTet
 
 from studies.output.columns import ORGAN_ARRAYS, PIERCING_ARRAYS, STATE_CODES, THREAD_ARRAYS
 from studies.output.fields import OrganTopology
+from studies.output.reading import FrameFiles, ResultsError
 from studies.output.records import Snapshot
-from studies.output.series import Markup, Series, encode_mesh, organ_file
+from studies.output.series import SEALED, Markup, Series, encode_mesh, organ_file
 from tests.studies.samples import LINEAR, frame, organ, quadratic
 
 TIMES = (0.0, 0.1 + 0.2, 1 / 3)
@@ -142,6 +143,20 @@ def test_frames_that_are_gone_are_left_out(tmp_path: Path) -> None:
     index = (tmp_path / "results.pvd").read_text(encoding="utf-8")
     assert "thread_000001" not in index and index.count("<DataSet") == 8
     assert Series(tmp_path, LINEAR, before=2).missing == []
+
+
+def test_a_frame_that_is_not_as_it_was_written_is_refused(tmp_path: Path) -> None:
+    """Independent check: any byte changed, an end cut off; a file of an earlier version has no checksum and is read."""
+    Series(tmp_path, LINEAR).write(0, frame(0.0))
+    path = next((tmp_path / "frames").glob("thread_*"))
+    data, parts = path.read_bytes(), FrameFiles(0.0, 0, {"thread": path})
+    flips = (data[:at] + bytes([data[at] ^ 4]) + data[at + 1 :] for at in range(0, len(data), 97))
+    for torn in [*flips, data[:-1], data[:-90]]:
+        path.write_bytes(torn)
+        with pytest.raises(ResultsError, match=r"thread_000000\.vtp is torn \(it is not as it was written\); run the"):
+            parts.read("thread")
+    path.write_bytes(data[:-SEALED])
+    assert parts.read("thread").n_points == len(frame(0.0).thread.points)
 
 
 def test_the_mesh_takes_a_small_part_of_a_frame(tmp_path: Path) -> None:
