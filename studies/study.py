@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from studies.output.files import read_json, write_bytes, write_json, write_text
+from studies.output.files import read_json, unfinished, write_bytes, write_json, write_text
+from studies.output.lock import LOCK, locked
 from studies.output.provenance import provenance
 from studies.scenario.refusal import as_toml, nearest, refusal
 from studies.workers import Workers, in_order
@@ -171,11 +172,12 @@ def check_folder(folder: Path, overwrite: bool = False) -> None:
     if folder.exists() and not folder.is_dir():
         raise StudyError(f"--out {folder} is refused: it is a file; give a folder")
     there = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
-    others = [name for name in there if name not in WRITTEN or not holds_study(folder)]
+    begun = {LOCK, *(path.name for path in unfinished(folder, WRITTEN))}
+    others = [name for name in there if name not in begun and (name not in WRITTEN or not holds_study(folder))]
     if others:
         reason = f"it holds other files than a study's ({others[0]}); give a new or empty folder"
         raise StudyError(f"--out {folder} is refused: {reason}")
-    if there and not overwrite:
+    if set(there) - begun and not overwrite:
         raise StudyError(
             f"--out {folder} is refused: it holds a study already; add --overwrite to replace it, or give another "
             "folder"
@@ -197,10 +199,11 @@ def carry_out(
 ) -> None:
     """Run a study into a folder: every row is written as soon as it is done, and told; then table, figure and what was
     asked. `workers` do its jobs, None: this process. A study that fails leaves its rows. Raises what its `main`
-    does, and `studies.workers.WorkersError`."""
+    does, `studies.workers.WorkersError`, and `ScenarioError` where another is at work in the folder."""
     token = AT_WORK.set(workers)
     try:
-        _carry_out(name, preset, given, folder, tell)
+        with locked(folder):
+            _carry_out(name, preset, given, folder, tell)
     finally:
         AT_WORK.reset(token)
 
@@ -223,10 +226,9 @@ def _carry_out(
 
 
 def empty_folder(folder: Path) -> None:
-    """Remove an earlier study from a folder, which is made where there is none."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in WRITTEN:
-        (folder / name).unlink(missing_ok=True)
+    """Remove an earlier study from a folder, finished or not."""
+    for path in (*(folder / name for name in WRITTEN), *unfinished(folder, WRITTEN)):
+        path.unlink(missing_ok=True)
 
 
 def write(name: str, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path) -> None:

@@ -5,13 +5,20 @@ import json
 import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 UNFINISHED = re.compile(r"\.(.+)\.\d+")  # a file about to be renamed, and the process that wrote it
+
+
+def unfinished(folder: Path, names: Container[str] | None = None) -> list[Path]:
+    """List the files of a folder that a killed process was about to rename to one of the names, None: to any."""
+    here = folder.iterdir() if folder.is_dir() else ()
+    found = ((path, UNFINISHED.fullmatch(path.name)) for path in here)
+    return [path for path, match in found if match and (names is None or match[1] in names)]
 
 
 def write_bytes(path: Path, data: bytes) -> None:

@@ -10,8 +10,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from studies.output import files
 from studies.output.columns import TABLES
-from studies.output.files import UNFINISHED, read_json
+from studies.output.files import read_json
 from studies.output.lock import LOCK
 from studies.output.log import LOG
 from studies.output.series import frame_files
@@ -66,9 +67,8 @@ def own_files(folder: Path) -> list[Path]:
 def unfinished(folder: Path, known: Iterable[str] = ()) -> list[Path]:
     """List the files that a killed run was about to rename to a name of its own, and its lock."""
     names = {MARK, *(Path(name).name for name in known)}
-    here = [path for place in (folder, folder / "mesh") if place.is_dir() for path in place.glob(".*")]
-    found = [path for path in here if (match := UNFINISHED.fullmatch(path.name)) and match[1] in names]
-    return [*found, *(path for path in here if path.name == LOCK)]
+    found = [path for place in (folder, folder / "mesh") for path in files.unfinished(place, names)]
+    return [*found, *folder.glob(LOCK)]
 
 
 def refuse_foreign(folder: Path, scenario: Scenario) -> None:

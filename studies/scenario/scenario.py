@@ -17,7 +17,7 @@ from studies.scenario.organ import LIPS, GivenMesh, Tissue, WoundMesh, boundarie
 from studies.scenario.piercing import Piercing, grips, place_refusal
 from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
 from studies.scenario.solve import WHOLE, Output, Solve
-from studies.scenario.table import ScenarioError, ScenarioTable, repetition
+from studies.scenario.table import ScenarioError, ScenarioTable, plain_values, repetition
 from studies.scenario.thread import ClampedEnd, Cut, End, PulledEnd, Thread
 from studies.scenario.tie import Tie, tie_fault
 from studies.scenario.tract import Tract, check_tracts
@@ -397,9 +397,14 @@ def check_control_points(control_points: int, piercings: int) -> None:
 
 
 def parse(data: Mapping[str, Any]) -> Scenario:
-    """Validate a scenario given as tables."""
+    """Validate a scenario given as tables, in which numbers may be numpy's. Raises `ScenarioError`."""
+    if not isinstance(data, Mapping):
+        raise ScenarioError(
+            f"{data!r} is refused: it is no scenario; give its tables, a dict, or load a file or a scene"
+        )
+    data = plain_values(data)
     try:
-        return Scenario.model_validate(dict(data))
+        return Scenario.model_validate(data)
     except ValidationError as error:
         raise ScenarioError(dict.fromkeys([*sentences(error, Scenario, data), *name_faults(data)])) from None
 

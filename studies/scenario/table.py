@@ -1,8 +1,9 @@
 """A table of a scenario: the kinds of values it holds, and how it is refused."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidator
 
 from studies.scenario.refusal import as_toml, refusal, shortened
@@ -30,6 +31,19 @@ class ScenarioError(ValueError):
         more = [f"and {len(told) - MOST_PROBLEMS} more"] if len(told) > MOST_PROBLEMS else []
         self.problems = tuple(shortened(problem, LONGEST_PROBLEM) for problem in [*told[:MOST_PROBLEMS], *more])
         super().__init__("\n".join(self.problems))
+
+
+def plain_values(value: Any) -> Any:
+    """Return tables, lists and numbers as a file has them: those of numpy as Python's own."""
+    match value:
+        case Mapping():
+            return {key: plain_values(item) for key, item in value.items()}
+        case list() | tuple():
+            return [plain_values(item) for item in value]
+        case np.ndarray() | np.generic():
+            return value.tolist()
+        case _:
+            return value
 
 
 def one_sentence(allowed: str) -> WrapValidator:

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from studies.output.files import as_json, read_json, write_json
+from studies.output.files import as_json, read_json, unfinished, write_json
 from studies.output.lock import LOCK, locked
 from studies.output.manifest import refuse_links
 from studies.output.provenance import provenance
 from studies.scenario import Scenario, ScenarioError
+from studies.scenario.table import plain_values
 from studies.scenario.toml import changed, parsed, read, tables
 from studies.simulation.sharing import organ_key
 from studies.status import COMPLETED, REFUSED
@@ -81,7 +82,7 @@ def sweep(
 
     Raises `ScenarioError`, and `studies.workers.WorkersError`.
     """
-    cases = grid(over) if isinstance(over, Mapping) else list(over)
+    cases = plain_values(grid(over) if isinstance(over, Mapping) else list(over))
     check_count(cases)
     plain = base_tables(base)
     folder = Path(folder)
@@ -121,7 +122,8 @@ def check_folder(folder: Path, kind: str = "sweep") -> None:
     """Refuse a folder that holds other files than those of such a kind. Raises `ScenarioError`."""
     refuse_links(folder, [CASES])
     there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
-    others = [name for name in there if name != LOCK and (name not in OWN or not holds_sweep(folder, kind))]
+    begun = {LOCK, *(path.name for path in unfinished(folder, OWN))}
+    others = [name for name in there if name not in begun and (name not in OWN or not holds_sweep(folder, kind))]
     if others:
         raise ScenarioError(
             f"--out {folder} is refused: it holds other files than a {kind}'s ({others[0]}); give a new or empty folder"
@@ -137,14 +139,14 @@ def _sweep(
     kind: str, base: Mapping[str, Any], planned: list[Planned], folder: Path, workers: Workers, tell: Tell
 ) -> SweepTable:
     """Run what is not there yet, and write the tables; what an earlier sweep made of all its cases goes first."""
-    for name in MADE:
-        (folder / name).unlink(missing_ok=True)
     kept = folder / CASES
-    kept.mkdir(exist_ok=True)
+    for path in (*(folder / name for name in MADE), *unfinished(folder, OWN), *unfinished(kept)):
+        path.unlink(missing_ok=True)
     asked = {"kind": kind, "title": base.get("title", ""), "cases": len(planned)}
     varied = list(dict.fromkeys(key for case in planned for key in case.settings))
     where = {"code": code_version()[0], "provenance": provenance()}
     write_json(folder / MARK, {**asked, "over": varied, "base": base, **where})
+    kept.mkdir(exist_ok=True)
     found = {case.digest: known for case in planned if case.digest and (known := known_case(kept, case.digest))}
     for number, case in enumerate((case for case in planned if case.refused), start=1):
         tell(Told(number, len(planned), case.settings, REFUSED, case.refused))

@@ -16,7 +16,9 @@ from coupling.errors import StepError
 from studies import study
 from studies.command import command
 from studies.figure import panels
-from studies.study import NAMES, WRITTEN, Study, StudyError, Table, arguments, check_folder, each, unit_field
+from studies.output.lock import locked
+from studies.scenario import ScenarioError
+from studies.study import NAMES, WRITTEN, Study, StudyError, Table, arguments, carry_out, check_folder, each, unit_field
 from studies.verdicts import beyond_bearing, beyond_linear, not_settled, too_coarse
 from studies.workers import Processes
 
@@ -161,6 +163,16 @@ def test_a_folder_of_somebody_else_is_refused(sample: None, tmp_path: Path, caps
         (tmp_path / name).write_text(text)
         with pytest.raises(StudyError, match=r"other files than a study's \(study\.json\)|\(table\.csv\)"):
             check_folder(tmp_path, overwrite=True)
+
+
+def test_a_study_has_its_folder_alone_and_knows_what_it_was_writing(sample: None, tmp_path: Path) -> None:
+    """Independent check: refused while another is at work there; what a killed one left unfinished goes."""
+    with locked(tmp_path / "out"), pytest.raises(ScenarioError, match="another run is at work there"):
+        carry_out("sample", "quick", {}, tmp_path / "out", lambda rows: None)
+    for name in (".study.json.4711", ".runs.csv.4711", ".suture.lock"):
+        (tmp_path / "out" / name).write_text("{")
+    assert command.main(["study", "sample", "--out", str(tmp_path / "out")]) == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == set(WRITTEN)
 
 
 def test_marks() -> None:

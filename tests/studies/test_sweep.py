@@ -278,6 +278,50 @@ def test_a_sweep_that_was_killed_goes_on(tmp_path: Path, monkeypatch: pytest.Mon
     assert len(ran) == 6  # of another scenario none is known
 
 
+def test_what_a_killed_sweep_was_writing_is_its_own(tmp_path: Path) -> None:
+    """Independent check: killed while it wrote its mark, a case or a table, it begins or goes on, and leaves none of
+    that; another's unfinished file is refused."""
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / ".sweep.json.4711").write_text("{")
+    sweep(RING, {"thread.damping": [20.0]}, tmp_path / "out")
+    for name in (".sweep.json.4711", ".table.csv.4711", f"cases/.{'f' * 64}.json.4711", ".suture.lock"):
+        (tmp_path / "out" / name).write_text("{")
+    (tmp_path / "out" / "table.csv").unlink()
+    sweep(RING, {"thread.damping": [20.0]}, tmp_path / "out")
+    assert (tmp_path / "out" / "table.csv").is_file()
+    assert [path for path in (tmp_path / "out").rglob(".*")] == []
+    (tmp_path / "out" / ".letter.txt.4711").touch()
+    with pytest.raises(ScenarioError, match=r"other files than a sweep's \(\.letter\.txt\.4711\)"):
+        sweep(RING, {"thread.damping": [20.0]}, tmp_path / "out")
+
+
+def test_the_mark_of_a_sweep_is_written_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: killed as it makes its first folder, it has one file that says whose the folder is."""
+
+    def killed(path: Path, *_: Any, **__: Any) -> None:
+        if path.name == "cases":
+            raise Killed
+        os.makedirs(path, exist_ok=True)
+
+    monkeypatch.setattr(Path, "mkdir", killed)
+    with pytest.raises(Killed):
+        sweep(RING, {"thread.damping": [20.0]}, tmp_path / "out")
+    monkeypatch.undo()
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["sweep.json"]
+    assert len(sweep(RING, {"thread.damping": [20.0]}, tmp_path / "out")) == 1
+
+
+def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
+    """Independent check: the table is that of Python's numbers, to the byte, and its settings are written as they are;
+    a scenario takes them too."""
+    listed = {"thread.damping": [20.0, 40.0], "thread.control_points": [16]}
+    arrays = {"thread.damping": np.array([20.0, 40.0]), "thread.control_points": np.array([16])}
+    one, other = sweep(RING, listed, tmp_path / "a"), sweep(RING, arrays, tmp_path / "b")
+    assert one.csv == other.csv and "np." not in other.csv
+    assert other["thread.control_points"].values == (16, 16)
+    assert parse(changed(RING, arrays | {"thread.damping": np.float32(20.0), "thread.control_points": np.int64(16)}))
+
+
 def test_what_the_cases_wait_for_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
