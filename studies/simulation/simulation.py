@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 import tissue
-from coupling.errors import StepError, UnbalancedError
+from coupling.errors import FormingError, StepError, UnbalancedError
 from coupling.interfaces import FrictionLaw
 from coupling.paper.linear_step import checked, linear_step, linear_two_pass
 from coupling.paper.staggered import backward_euler, stagger
@@ -31,6 +31,7 @@ from studies.output.records import Ending, Snapshot, StepRecord
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
 from studies.scenario import Scenario, ScenarioError, Solve, WoundMesh
 from studies.scenario.organ import LIPS
+from studies.scenario.refusal import dotted_key, refusal
 from studies.scenario.scenario import check_given
 from studies.scenario.solve import WHOLE
 from studies.simulation.assembly import Assembly, assemble, lip_gaps, shareable
@@ -153,8 +154,8 @@ class Simulation:
         that is none of this simulation.
         """
         if memory is None:
-            return self._from(self._laid(), self._starts_at_rest)
-        return self._from(recall(replace(self._laid(), fresh=not self._starts_at_rest), memory), False)
+            return self._from(self.laid(), self._starts_at_rest)
+        return self._from(recall(replace(self.laid(), fresh=not self._starts_at_rest), memory), False)
 
     def _from(self, now: OrganRun, rests: bool) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
         """Step on from where the run is, or from its rest. BLAS keeps to one thread: two of them on busy cores cost
@@ -193,11 +194,11 @@ class Simulation:
     def beginning(self) -> OrganRun:
         """Return the run before the first step. Raises `RestError` where it is to start at rest, and there is none."""
         if not self._starts_at_rest:
-            return self._laid()
+            return self.laid()
         with threadpool_limits(limits=1, user_api="blas"):
-            return self._laid().rested()
+            return self.laid().rested()
 
-    def _laid(self) -> OrganRun:
+    def laid(self) -> OrganRun:
         """Return the run with the thread where it was laid."""
         made, solve = self.assembly, self.scenario.solve
         one_system = (solve.scheme, solve.coupling, solve.friction) == ("newton", "monolithic", "implicit")
@@ -383,7 +384,20 @@ def prepare(
     given = Given(mesh, basis, stiffness, friction or {}, energy, ranks)
     with threadpool_limits(limits=1, user_api="blas"):  # the same bits on any number of cores
         assembly = assemble(scenario, store, given)
-        return Simulation(assembly, sound_start(assembly, shareable(store, given)), on_step)
+        simulation = Simulation(assembly, sound_start(assembly, shareable(store, given)), on_step)
+        refuse_open_ties(simulation)
+    return simulation
+
+
+def refuse_open_ties(simulation: Simulation) -> None:
+    """Refuse a tie from the start that cannot begin on the thread as it is laid. Raises `ScenarioError`."""
+    if not any(tie.from_ == 0.0 for tie in simulation.scenario.tie):
+        return
+    try:
+        simulation.laid()
+    except FormingError as error:
+        key = dotted_key(["tie", error.piercing, "from"])
+        raise ScenarioError(refusal(key, 0.0, f"the tie cannot begin there: {error.cause}")) from error
 
 
 def sound_start(assembly: Assembly, store: Store) -> State:
