@@ -230,15 +230,54 @@ MATERIALS = (
 )  # fmt: skip
 
 
+MANUAL = "Covidien, product manual of sutures SL5628g (excerpt read)"
+TABLE = "a public table of major commercial polymeric sutures (excerpt read)"
+LISTS = "public lists of suture brands, which agree (excerpts read)"
+# Brand, what it is made of, and where that was read. Of what no material above is, the catalogue has no stiffness.
+BRANDS = (
+    ("Prolene", "polypropylene", TABLE),
+    ("Surgipro", "polypropylene", MANUAL),
+    ("Ethilon", "nylon", TABLE),
+    ("Dermalon", "nylon", MANUAL),
+    ("Monosof", "nylon", MANUAL),
+    ("PDS II", "polydioxanone", LISTS),
+    ("PDS Plus", "polydioxanone", LISTS),
+    ("Maxon", "polyglyconate", LISTS),
+    ("Dexon", "polyglycolic acid", LISTS),
+    ("Vicryl", "polyglactin 910", TABLE),
+    ("coated Vicryl", "polyglactin 910", TABLE),
+    ("Vicryl Plus", "polyglactin 910", LISTS),
+    ("Vicryl Rapide", "polyglactin 910", LISTS),
+    ("Ethibond", "polyester", LISTS),
+    ("Ethibond Excel", "polyester", LISTS),
+    ("Mersilene", "polyester", LISTS),
+    ("Ti-Cron", "polyester", TABLE),
+    ("Surgidac", "polyester", TABLE),
+    ("Perma-Hand", "silk", LISTS),
+    ("Monocryl", "poliglecaprone 25", LISTS),
+    ("Biosyn", "glycomer 631", LISTS),
+    ("Caprosyn", "polyglytone 6211", LISTS),
+    ("Polysorb", "a braid of glycolide and lactide", LISTS),
+    ("Novafil", "polybutester", LISTS),
+    ("Surgilon", "braided nylon", MANUAL),
+    ("FiberWire", "braided polyethylene", LISTS),
+    ("Gore-Tex", "polytetrafluoroethylene", LISTS),
+)
+
+
 def _key(text: str) -> str:
     """Return a spelling reduced to what distinguishes materials: lower case letters and digits."""
     return re.sub(r"[^a-z0-9]", "", text.casefold())
 
 
 SIZE_OF: Mapping[str, Size] = MappingProxyType({size.usp: size for size in SIZES})
-MATERIAL_OF: Mapping[str, SutureMaterial] = MappingProxyType(
-    {_key(word): material for material in MATERIALS for word in (material.name, *material.synonyms)}
+_GENERIC = {_key(word): material for material in MATERIALS for word in (material.name, *material.synonyms)}
+_BRANDED = {_key(brand): _GENERIC[_key(of)] for brand, of, _ in BRANDS if _key(of) in _GENERIC}
+MATERIAL_OF: Mapping[str, SutureMaterial] = MappingProxyType(_GENERIC | _BRANDED)
+UNKNOWN_OF: Mapping[str, str] = MappingProxyType(
+    {_key(brand): f"{brand} is {of}" for brand, of, _ in BRANDS if _key(of) not in _GENERIC}
 )
+SIZE_WORDS, MATERIAL_WORDS = r"(?:usp)?\s*#?\s*(\d+(?:\s*[-/]\s*0)?)", r"([^\W\d].*?|316l)"
 
 
 def names() -> tuple[str, ...]:
@@ -253,10 +292,10 @@ def names() -> tuple[str, ...]:
 
 
 def suture(name: str) -> Section:
-    """Return the section of a suture by USP size and material, e.g. "2-0 polypropylene".
+    """Return the section of a suture by USP size and material or brand, e.g. "2-0 polypropylene", "Prolene 2-0".
 
-    Case, spaces, "2/0" and "USP" do not matter. Raises `ThreadError` with the nearest names for a suture that
-    the catalogue does not have.
+    Their order, case, spaces, "2/0" and "USP" do not matter. Raises `ThreadError` with the nearest names for a suture
+    that the catalogue does not have.
     """
     size, material = _parse(name)
     if material.modulus is None:
@@ -287,12 +326,24 @@ def knot_pull(name: str) -> float | None:
 
 
 def _parse(name: str) -> tuple[Size, SutureMaterial]:
-    match = re.fullmatch(r"(?:usp)?\s*#?\s*(\d+(?:\s*[-/]\s*0)?)\s*[-,]?\s*([^\W\d].*|316l)", name.strip().casefold())
-    size = SIZE_OF.get(_usp(match[1])) if match else None
-    material = MATERIAL_OF.get(_key(match[2])) if match else None
+    usp, word = _split(name)
+    size, material = SIZE_OF.get(usp), MATERIAL_OF.get(word)
     if size is None or material is None:
-        raise ThreadError(_miss(name))
+        raise ThreadError(_miss(name, usp, word))
     return size, material
+
+
+def _split(name: str) -> tuple[str, str]:
+    """Return the USP number and the key of the material in a name, in either order; empty where there are none."""
+    text = name.strip().casefold()
+    if _key(text) in MATERIAL_OF:  # nylon 6 is a material, and no size of nylon
+        return "", _key(text)
+    first = re.fullmatch(rf"{SIZE_WORDS}\s*[-,]?\s*{MATERIAL_WORDS}", text)
+    last = re.fullmatch(rf"{MATERIAL_WORDS}[\s,]+{SIZE_WORDS}", text)
+    found = [(_usp(first[1]), _key(first[2]))] if first else []
+    found += [(_usp(last[2]), _key(last[1]))] if last else []
+    known = [(usp, word) for usp, word in found if usp in SIZE_OF and word in MATERIAL_OF]
+    return [*known, *found, ("", _key(text))][0]
 
 
 def _usp(text: str) -> str:
@@ -305,9 +356,17 @@ def _usp(text: str) -> str:
     return f"{zeros}-0" if compact == "0" * zeros and zeros > 1 else compact
 
 
-def _miss(name: str) -> str:
-    near = difflib.get_close_matches(name.strip().casefold(), [n.casefold() for n in names()], n=3, cutoff=0.5)
-    hint = f"; the nearest are {', '.join(near)}" if near else ""
+def _miss(name: str, usp: str, word: str) -> str:
+    """Return why there is no such suture, with the nearest that there are."""
+    if word in UNKNOWN_OF:
+        return (
+            f"suture = {name!r}: {UNKNOWN_OF[word]}, of which the catalogue has no stiffness; give diameter, "
+            "youngs_modulus and density instead"
+        )
+    alike = difflib.get_close_matches(word, MATERIAL_OF, n=1)
+    sizes = [usp] if usp in SIZE_OF else difflib.get_close_matches(usp, SIZE_OF, n=3, cutoff=0.5)
+    near = [f"{size} {MATERIAL_OF[each].name}" for each in alike for size in sizes]
+    hint = f"; the nearest are {', '.join(near)}" if near[1:] else f"; the nearest is {near[0]}" if near else ""
     return (
         f"suture = {name!r} is not in the catalogue{hint}; sizes: {' '.join(SIZE_OF)}; "
         f"materials: {', '.join(material.name for material in MATERIALS)}"

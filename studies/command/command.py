@@ -47,7 +47,7 @@ from studies.status import FAILED, INTERRUPTED, REFUSED, SIGNALLED, UNSUPPORTED
 from studies.study import NAMES, StudyError, arguments, carry_out, study
 from studies.study import check_folder as check_study_folder
 from studies.workers import WorkersError, workers_of
-from thread.catalogue import KNOT_PULL, TEXTBOOK, USP, knot_pull, names, suture
+from thread.catalogue import BRANDS, KNOT_PULL, TEXTBOOK, USP, knot_pull, names, suture
 from thread.errors import ThreadError
 from tissue.errors import FactorError, TissueError
 
@@ -218,7 +218,8 @@ def print_catalogue(options: argparse.Namespace) -> int:
             f"{thread.rhoA * 1e6:12.4g} {thread.EA:10.4g} {thread.EI:11.3e} "
             f"{thread.GJ:11.3e} {'' if strength is None else f'{strength:.3g}':>14}"
         )
-    print_lines([f"sizes  {USP}", f"moduli  {TEXTBOOK}", f"knot pull, least average  {KNOT_PULL}"])
+    brands = ", ".join(f"{brand} ({of})" for brand, of, _ in BRANDS)
+    print_lines([f"brands  {brands}", f"sizes  {USP}", f"moduli  {TEXTBOOK}", f"knot pull, least average  {KNOT_PULL}"])
     return 0
 
 

@@ -134,7 +134,7 @@ class Thread(ScenarioTable):
 
     suture: Annotated[Text, AfterValidator(_known)] | None = Field(
         default=None,
-        description="USP size and material from the catalogue; instead of diameter, youngs_modulus, density",
+        description="USP size and material or brand from the catalogue; instead of diameter, youngs_modulus, density",
         examples=["2-0 polypropylene"],
     )
     diameter: Positive | None = Field(default=None, description="diameter of the thread [m]", examples=[3.2e-4])

@@ -9,6 +9,7 @@ import pytest
 from thread.catalogue import (
     BRAID_BENDING_FACTOR,
     BRAID_SOLID_FRACTION,
+    BRANDS,
     MATERIALS,
     SIZES,
     Section,
@@ -110,6 +111,9 @@ def test_catgut_is_one_size_larger():
         "2/0 pp",
         "00 polypropylene",
         "2 - 0 poly propylene",
+        "Prolene 2-0",
+        "2-0 Prolene",
+        "polypropylene, USP 2/0",
     ],
 )
 def test_spellings_of_one_suture(spelling):
@@ -122,6 +126,9 @@ def test_spellings_of_one_suture(spelling):
         ("3-0 PDS", "3-0 polydioxanone"), ("1 PGA", "1 polyglycolic acid"), 
         ("4-0 polyglactin", "4-0 Polyglactin-910"),
         ("0 316L", "0 stainless steel"), ("#5 PET", "5 polyester"), ("6-0 polyamide", "6-0 nylon"),
+        ("PDS 4-0", "4-0 polydioxanone"), ("PDS II 4-0", "4-0 PDS"), ("silk 4-0", "4-0 silk"),
+        ("Vicryl 3-0", "3-0 polyglactin 910"), ("nylon 3-0", "3-0 nylon"), ("nylon 6 3-0", "3-0 nylon"),
+        ("Ti-Cron 2-0", "2-0 polyester"), ("Ethilon 10-0", "10-0 nylon"), ("316L 0", "0 steel"),
     ],
 )  # fmt: skip
 def test_synonyms(one, other):
@@ -161,7 +168,10 @@ def test_knot_pull_grows_with_the_size_and_stays_below_the_strength_of_the_solid
     [
         ("2-0 polypropilene", "2-0 polypropylene"),
         ("20-0 nylon", "0 nylon"),
-        ("2-0 vicryl", "materials: polypropylene"),
+        ("vicril 2-0", "the nearest is 2-0 polyglactin 910; sizes"),
+        ("nylon 30", "the nearest are 3-0 nylon, "),
+        ("nylon 6", "sizes: 11-0"),
+        ("Monocryl 4-0", "Monocryl is poliglecaprone 25, of which the catalogue has no stiffness; give diameter"),
         ("polypropylene", "sizes: 11-0"),
         ("1-0 PDS", "not in the catalogue"),
         ("", "not in the catalogue"),
@@ -171,6 +181,16 @@ def test_knot_pull_grows_with_the_size_and_stays_below_the_strength_of_the_solid
 def test_a_miss_names_the_nearest(name, says):
     with pytest.raises(ThreadError, match=says):
         suture(name)
+
+
+def test_every_brand_has_a_source_and_is_a_material_or_known_to_be_none():
+    for brand, of, source in BRANDS:
+        assert source
+        if of in {material.name for material in MATERIALS}:
+            assert suture(f"{brand} 3-0") == suture(f"3-0 {of}")
+        else:
+            with pytest.raises(ThreadError, match=f"{brand} is {of}"):
+                suture(f"3-0 {brand}")
 
 
 @pytest.mark.parametrize(
