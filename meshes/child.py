@@ -39,8 +39,8 @@ runpy.run_module(sys.argv.pop(1), run_name="__main__")
 """
 
 
-def call_in_child(function: Callable[..., Any], *given: Any) -> Any:
-    """Return what a function of this package returns when called in another process.
+def call_in_child(function: Callable[..., Any], *given: Any, reader: str = "gmsh") -> Any:
+    """Return what a function of this package, by which a `reader` reads a file, returns when called in another process.
 
     Raises the `MeshError` that it raises there, and one where the process ends or is silent for PATIENCE.
     """
@@ -51,11 +51,11 @@ def call_in_child(function: Callable[..., Any], *given: Any) -> Any:
             done = run_module("meshes.child", Path(folder), [question, answer], PATIENCE)
         except subprocess.TimeoutExpired:
             raise MeshError(
-                f"gmsh came to no end in {PATIENCE:g} s: the file contradicts itself; save it anew"
+                f"{reader} came to no end in {PATIENCE:g} s: the file contradicts itself; save it anew"
             ) from None
         if not answer.is_file():
             words = last_words(done.returncode, done.stderr.decode(errors="replace"))
-            raise MeshError(f"gmsh broke down on it: {words}; the file contradicts itself; save it anew by gmsh")
+            raise MeshError(f"{reader} broke down on it: {words}; the file contradicts itself; save it anew")
         returned, error = pickle.loads(answer.read_bytes())
     if error is not None:
         raise error

@@ -1,10 +1,10 @@
-"""Volume meshes from files: gmsh `.msh` of every version through gmsh, `.vtk` and `.vtu` through meshio.
+"""Volume meshes from files: gmsh `.msh` of every version through gmsh, the other formats through meshio.
 
-Names: physical surfaces become boundaries and physical volumes subdomains (a group without a name goes by
-its number; format 1 has numbers only). Every mesh also has the boundary "surface", all its boundary facets,
-unless a group of the file bears that name. meshio could read `.msh` 2 and 4 without gmsh, but it drops the
-node numbers and with them the unused nodes; rather than two answers for one file there is one reader and an
-error that says what to install.
+Names: sets of cells and arrays of whole numbers on cells (`meshes.groups`). Of gmsh physical surfaces become boundaries
+and physical volumes subdomains (a group without a name goes by its number; format 1 has numbers only). Every mesh also
+has the boundary "surface", all its boundary facets, unless a group of the file bears that name. meshio could read
+`.msh` 2 and 4 without gmsh, but it drops the node numbers and with them the unused nodes; rather than two answers for
+one file there is one reader and an error that says what to install.
 """
 
 import io
@@ -22,12 +22,14 @@ from meshes.child import call_in_child
 from meshes.errors import MeshError
 from meshes.gmsh_session import current_arrays, session
 from meshes.grading import require_positive
+from meshes.groups import cells_of, named_groups
 from meshes.named import Named, named_mesh
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-FORMATS = ".msh (gmsh), .vtk or .vtu"
+MESHIO = (".vtk", ".vtu", ".inp", ".xdmf", ".med")  # formats that meshio reads
+FORMATS = f".msh (gmsh), {', '.join(MESHIO)}"
 LONGEST_REASON = 300  # characters of what a reader says, which may repeat the file
 LINEAR_ONLY = "only linear tetrahedra are taken (in gmsh: Mesh.ElementOrder = 1, no recombination)"
 
@@ -60,19 +62,19 @@ def _check_present(path: Path) -> None:
 
 
 def _reader(path: Path) -> Callable[[Path, float], skfem.MeshTet]:
-    readers = {".msh": _read_msh, ".vtk": _read_vtk, ".vtu": _read_vtk}
+    readers = {".msh": _read_msh} | dict.fromkeys(MESHIO, _read_meshio)
     try:
         return readers[path.suffix.lower()]
     except KeyError:
         raise MeshError(f"its ending {path.suffix!r} is none of the formats {FORMATS}") from None
 
 
-def _read_vtk(path: Path, metres_per_unit: float) -> skfem.MeshTet:
-    """Read the tetrahedra of a VTK file, which carries no names."""
+def _read_meshio(path: Path, metres_per_unit: float) -> skfem.MeshTet:
+    """Read the tetrahedra of a file by meshio, with the groups that it names."""
     data = meshio_data(path)
-    cells = {kind: np.concatenate([b.data for b in data.cells if b.type == kind]) for kind in data.cells_dict}
-    _check_kinds(list(cells), {"tetra"}, {"vertex", "line", "triangle"})
-    return named_mesh(scaled(data.points, metres_per_unit), cells["tetra"], {}, {}, parts=None)
+    _check_kinds(list(data.cells_dict), {"tetra"}, {"vertex", "line", "triangle"})
+    points = scaled(data.points, metres_per_unit)
+    return named_mesh(points, cells_of(data, "tetra"), *named_groups(data), parts=None)
 
 
 def meshio_data(path: Path) -> Any:
@@ -87,6 +89,8 @@ def meshio_data(path: Path) -> Any:
         # Its test for binary STL multiplies text as if it were a count: numpy warns of the overflow.
         with redirect_stdout(said), redirect_stderr(said), np.errstate(over="ignore"):
             return meshio.read(path)
+    except ModuleNotFoundError as error:
+        raise MeshError(f"to read it meshio needs {error.name}: `pip install {error.name}`") from error
     except (Exception, SystemExit) as error:
         reason = " ".join(f"{said.getvalue()} {'' if isinstance(error, SystemExit) else error}".split())
         why = reason[:LONGEST_REASON] or type(error).__name__

@@ -1,4 +1,4 @@
-"""Closed triangulated surfaces (STL, OBJ, PLY) filled with graded tetrahedra by gmsh.
+"""Closed triangulated surfaces (STL, OBJ, PLY, VTK PolyData) filled with graded tetrahedra by gmsh.
 
 gmsh neither ends nor fails on some surfaces that cross themselves, so a surface is checked here first.
 """
@@ -16,15 +16,18 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
 from meshes.checks import check_span
+from meshes.child import call_in_child
 from meshes.errors import MeshError
 from meshes.file import meshio_data, scaled
 from meshes.gmsh_session import generate, session
 from meshes.grading import Grading, site_points
+from meshes.groups import cells_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-FORMATS = (".stl", ".obj", ".ply")
+FORMATS = (".stl", ".obj", ".ply", ".vtp")  # and .vtk that holds PolyData
+POLYDATA = (".vtp", ".vtk")  # that VTK reads itself: meshio knows its volume meshes alone
 WELD = 1e-7  # over the surface's diagonal: nodes this near are one; STL writes single precision and every corner anew
 SHARP = 40.0  # degrees between facets beyond which their common edge stays an edge of the organ
 BLOCK = 2_000_000  # pairs of triangles tested at a time, to bound memory
@@ -140,13 +143,10 @@ def _triangles(path: Path) -> tuple[Array, Indices]:
     """Read points `(n, 3)` and triangles `(m, 3)` of a surface file; polygons of more corners are refused."""
     if path.suffix.lower() == ".ply" and path.is_file():
         _check_ply_header(path)
-    data = meshio_data(path)
-    kinds = sorted({block.type for block in data.cells} - {"vertex", "line"})
-    if kinds != ["triangle"]:
-        held = f"{', '.join(kinds)} elements" if kinds else "no elements"
-        raise MeshError(f"it holds {held}: a surface of triangles is wanted")
-    triangles = np.concatenate([block.data for block in data.cells if block.type == "triangle"])
-    points = np.asarray(data.points, dtype=float)
+    if path.suffix.lower() in POLYDATA:
+        points, triangles = call_in_child(polydata_arrays, path, reader="VTK")
+    else:
+        points, triangles = _meshio_arrays(path)
     if points.ndim != 2 or points.shape[1] != 3:
         raise MeshError(f"its points have shape {points.shape}: three coordinates each are wanted")
     if not np.isfinite(points).all():
@@ -155,6 +155,30 @@ def _triangles(path: Path) -> tuple[Array, Indices]:
         raise MeshError(f"some of its triangles name nodes outside the {len(points)} that it holds: correct them")
     check_span(points)
     return points, np.asarray(triangles, dtype=np.int64)
+
+
+def _meshio_arrays(path: Path) -> tuple[Array, Indices]:
+    data = meshio_data(path)
+    kinds = sorted({block.type for block in data.cells} - {"vertex", "line"})
+    if kinds != ["triangle"]:
+        held = f"{', '.join(kinds)} elements" if kinds else "no elements"
+        raise MeshError(f"it holds {held}: a surface of triangles is wanted")
+    return np.asarray(data.points, dtype=float), cells_of(data, "triangle")
+
+
+def polydata_arrays(path: Path) -> tuple[Array, Indices]:
+    """Read points and triangles of VTK PolyData, strips of triangles taken apart; on some torn files VTK comes to no
+    end: call it in a process of its own. Raises `MeshError`.
+    """
+    import pyvista as pv
+
+    found = pv.read(path)
+    if not isinstance(found, pv.PolyData):
+        raise MeshError(f"it holds {type(found).__name__}: a surface is wanted, as PolyData")
+    surface = found.triangulate() if found.n_strips else found
+    if not surface.is_all_triangles:
+        raise MeshError("it holds polygons of more corners: a surface of triangles is wanted")
+    return np.asarray(surface.points, dtype=float), np.asarray(surface.regular_faces, dtype=np.int64)
 
 
 def _check_ply_header(path: Path) -> None:

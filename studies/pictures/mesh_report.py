@@ -95,7 +95,7 @@ def region_numbers(mesh: skfem.MeshTet) -> Indices:
 
 def paraview(mesh: skfem.MeshTet) -> meshio.Mesh:
     """Make tetrahedra and surface triangles with cell arrays: `region` (−1 on triangles), `radius_ratio` (0 on
-    triangles) and for each boundary `boundary_…`, 1 on its triangles."""
+    triangles), for each boundary `boundary_…`, 1 on its triangles, and for each region `region_…`, 1 in its cells."""
     named = mesh.boundaries or {}
     facets = np.unique(np.concatenate([mesh.boundary_facets(), *named.values()]))
     m, k = mesh.nelements, len(facets)
@@ -105,6 +105,8 @@ def paraview(mesh: skfem.MeshTet) -> meshio.Mesh:
     }
     for name, chosen in named.items():
         data[f"boundary_{name}"] = [np.zeros(m, dtype=np.int8), np.isin(facets, chosen).astype(np.int8)]
+    for name, cells in (mesh.subdomains or {}).items():
+        data[f"region_{name}"] = [np.isin(np.arange(m), cells).astype(np.int8), np.zeros(k, dtype=np.int8)]
     return meshio.Mesh(mesh.p.T, [("tetra", mesh.t.T), ("triangle", mesh.facets[:, facets].T)], cell_data=data)
 
 

@@ -37,7 +37,8 @@ STRENGTH = (
     "logged, for nothing tears in the model [Pa]"
 )
 FLOOR = "wound_floor"  # of an ellipse that does not go through
-SURFACES = (".stl", ".obj", ".ply")  # files that hold a closed surface, to be filled
+SURFACES = (".stl", ".obj", ".ply", ".vtp")  # files that hold a closed surface, to be filled; and some .vtk
+HEAD = 1024  # bytes of a .vtk file in which it says what it holds
 
 
 # --- organ ------------------------------------------------------------------------------------------------
@@ -188,8 +189,8 @@ class FileMesh(ScenarioTable):
 
     kind: Literal["file"]
     path: Text = Field(
-        description="mesh file (.msh, .vtk, .vtu) or closed surface to be filled (.stl, .obj, .ply), relative to the "
-        "scenario file",
+        description="mesh file (.msh, .vtk, .vtu, .inp, .xdmf, .med) or closed surface to be filled (.stl, .obj, .ply, "
+        ".vtp, .vtk), relative to the scenario file",
         examples=["liver.msh"],
     )
     unit: Annotated[
@@ -207,7 +208,11 @@ class FileMesh(ScenarioTable):
     @property
     def is_surface(self) -> bool:
         """Whether the file holds a surface to be filled."""
-        return Path(self.path).suffix.lower() in SURFACES
+        path = Path(self.path)
+        if path.suffix.lower() != ".vtk" or not path.is_file():
+            return path.suffix.lower() in SURFACES
+        with path.open("rb") as file:
+            return b"POLYDATA" in file.read(HEAD).upper()
 
     @model_validator(mode="after")
     def _check_sizes(self) -> Self:

@@ -20,6 +20,7 @@ from meshes.errors import LONGEST, MeshError
 from meshes.file import read
 from meshes.gmsh_session import load_gmsh, session
 from meshes.grading import Grading
+from meshes.groups import named_groups
 from meshes.units import metres_per_unit
 from tests.meshes.samples import NEEDS_GMSH
 
@@ -133,6 +134,84 @@ def test_vtk_files_scale_by_their_unit_and_have_a_surface(tmp_path, name):
     assert volumes(mesh.p.T, mesh.t.T).sum() == pytest.approx(0.06 * 0.04 * 0.02, rel=1e-12)
     assert set(mesh.boundaries) == {"surface"}
     assert np.array_equal(mesh.boundaries["surface"], mesh.boundary_facets())
+
+
+def two_layers():
+    """A block of 2 × 1 × 1, its more than 200 cells' regions 1 and 2 below and above the middle, and its bed."""
+    made = block((2.0, 1.0, 1.0), 0.25)
+    upper = made.p[2, made.t].mean(axis=0) > made.p[2].mean()
+    bed = made.facets[:, made.facets_satisfying(lambda x: x[2] == x[2].min())].T
+    return made, np.where(upper, 2, 1), bed
+
+
+@pytest.mark.parametrize("name", ["a.vtu", "a.vtk"])
+def test_cell_arrays_name_regions_and_boundaries(tmp_path, name):
+    """Independent check: whole numbers above zero by their number, ones by the name of their array, on tetrahedra and
+    triangles; quality, ids and zeros name nothing."""
+    made, region, bed = two_layers()
+    data = {
+        "region": [region, np.full(len(bed), -1)],
+        "upper": [(region == 2).astype(np.int32), np.zeros(len(bed), np.int32)],
+        "boundary_bed": [np.zeros(len(region), np.int32), np.ones(len(bed), np.int32)],
+        "ids": [np.arange(len(region)) + 5000, np.arange(len(bed))],
+        "quality": [np.ones(len(region)), np.ones(len(bed))],
+    }
+    cells = [("tetra", made.t.T), ("triangle", bed)]
+    meshio.Mesh(made.p.T, cells, cell_data=data).write(tmp_path / name)
+    mesh = read(tmp_path / name)
+    assert set(mesh.subdomains) == {"1", "2", "upper"}
+    assert np.array_equal(mesh.subdomains["upper"], np.flatnonzero(region == 2))
+    assert np.array_equal(mesh.subdomains["1"], np.flatnonzero(region == 1))
+    assert set(mesh.boundaries) == {"bed", "surface"} and np.ptp(mesh.p[2, mesh.facets[:, mesh.boundaries["bed"]]]) == 0
+
+
+def test_an_xdmf_file_with_its_numbers_in_it_is_read(tmp_path):
+    """Independent check: points, tetrahedra and regions of a file written by hand."""
+    pytest.importorskip("h5py")
+    made, region, _ = two_layers()
+
+    def item(values: np.ndarray) -> str:
+        shape, kind = " ".join(map(str, values.shape)), "Float" if values.dtype.kind == "f" else "Int"
+        text = " ".join(map(repr, values.ravel().tolist()))
+        return f'<DataItem Dimensions="{shape}" NumberType="{kind}" Precision="8" Format="XML">{text}</DataItem>'
+
+    (tmp_path / "a.xdmf").write_text(
+        '<Xdmf Version="3.0"><Domain><Grid Name="Grid">'
+        f'<Geometry GeometryType="XYZ">{item(made.p.T)}</Geometry>'
+        f'<Topology TopologyType="Tetrahedron" NumberOfElements="{made.nelements}">{item(made.t.T)}</Topology>'
+        f'<Attribute Name="layer" AttributeType="Scalar" Center="Cell">{item(region)}</Attribute>'
+        "</Grid></Domain></Xdmf>"
+    )
+    mesh = read(tmp_path / "a.xdmf")
+    assert np.array_equal(mesh.p, made.p) and set(mesh.subdomains) == {"1", "2"}
+
+
+def test_sets_of_an_abaqus_file_are_regions(tmp_path):
+    """Independent check: an element set of a file as Abaqus writes it."""
+    made, region, _ = two_layers()
+    parts = [np.flatnonzero(region == 2)]
+    meshio.Mesh(made.p.T, [("tetra", made.t.T)], cell_sets={"upper": parts}).write(tmp_path / "a.inp")
+    mesh = read(tmp_path / "a.inp")
+    assert volumes(mesh.p.T, mesh.t.T).sum() == pytest.approx(2.0, rel=1e-12)
+    assert np.array_equal(mesh.subdomains["upper"], parts[0])
+
+
+def test_families_of_a_med_file_are_regions_and_boundaries():
+    """Independent check: Salome numbers the families of elements from −1 down, a family being in several groups."""
+    made, region, bed = two_layers()
+    families = {"cell_tags": [-region, np.full(len(bed), -7)]}
+    data = meshio.Mesh(made.p.T, [("tetra", made.t.T), ("triangle", bed)], cell_data=families)
+    data.cell_tags = {-1: ["skin"], -2: ["skin", "fat"], -7: ["bed"]}
+    surfaces, regions = named_groups(data)
+    assert surfaces.keys() == {"bed"} and np.array_equal(surfaces["bed"], bed)
+    assert {name: len(cells) for name, cells in regions.items()} == {"skin": len(region), "fat": (region == 2).sum()}
+
+
+def test_a_format_that_needs_more_says_what(tmp_path, monkeypatch):
+    """Independent check: meshio reads .med by h5py, which is not asked for otherwise."""
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    (tmp_path / "a.med").write_bytes(b"HDF")
+    assert "to read it meshio needs h5py: `pip install h5py`" in refusal(tmp_path / "a.med")
 
 
 def test_units():

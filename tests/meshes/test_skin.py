@@ -5,6 +5,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+import pyvista as pv
 import skfem
 
 from meshes.checks import check, volumes
@@ -44,6 +45,9 @@ def sphere(radius: float, rings: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def written(path: Path, points: np.ndarray, triangles: np.ndarray) -> Path:
+    if path.suffix in (".vtk", ".vtp"):
+        pv.PolyData.from_regular_faces(points, triangles).save(path)
+        return path
     meshio.Mesh(points, {"triangle": triangles}).write(path)
     return path
 
@@ -56,7 +60,7 @@ def refusal(path: Path) -> str:
 
 
 @NEEDS_GMSH
-@pytest.mark.parametrize("name", ["cube.stl", "cube.obj", "cube.ply"])
+@pytest.mark.parametrize("name", ["cube.stl", "cube.obj", "cube.ply", "cube.vtk", "cube.vtp"])
 def test_a_box_is_filled_exactly_from_every_format(tmp_path, name):
     """Independent check: volume and area of the box, whose flat faces and edges are kept."""
     path = written(tmp_path / name, *cuboid())
@@ -162,6 +166,12 @@ def test_what_is_no_surface_of_triangles_is_refused(tmp_path):
     points, _ = cuboid()
     meshio.Mesh(points, {"quad": np.array([[0, 1, 3, 2]])}).write(tmp_path / "quads.ply")
     assert "it holds quad elements: a surface of triangles is wanted" in refusal(tmp_path / "quads.ply")
+    pv.PolyData.from_regular_faces(points, [[0, 1, 3, 2]]).save(tmp_path / "quads.vtk")
+    assert "it holds polygons of more corners: a surface of triangles is wanted" in refusal(tmp_path / "quads.vtk")
+    pv.PolyData.from_regular_faces(points, [[0, 1, 3]]).cast_to_unstructured_grid().save(tmp_path / "grid.vtk")
+    assert "it holds UnstructuredGrid: a surface is wanted, as PolyData" in refusal(tmp_path / "grid.vtk")
+    (tmp_path / "torn.vtp").write_text("<VTKFile")
+    assert refusal(tmp_path / "torn.vtp")
     (tmp_path / "bad.stl").write_text("solid nothing\n")
     assert refusal(tmp_path / "bad.stl")
 

@@ -221,7 +221,7 @@ def test_names_are_told_together_with_values(contract: Path) -> None:
     told = [problem.split(" = ")[0].split(" is refused")[0] for problem in caught.value.problems]
     names = ["piercing.name", "tissue.boundary.top", "tissue.clamp", "tissue.roller"]
     assert told == ["tissue.bogus", "thread.suture", "solve.dt", *names]
-    assert "the nearest are 2-0 polypropylene" in caught.value.problems[1]
+    assert "the nearest is 2-0 polypropylene" in caught.value.problems[1]
     with pytest.raises(ScenarioError) as caught:
         load(contract, ['tissue.clamp=["botom"]'])
     assert len(caught.value.problems) == 1
