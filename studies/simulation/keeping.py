@@ -8,7 +8,6 @@ otherwise finds none of an older one's.
 import hashlib
 import io
 import logging
-import zipfile
 from dataclasses import asdict
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from scipy.sparse import csr_matrix
 
 import tissue
 from studies.arrays import Array
+from studies.output.checkpoint import is_sealed, sealed
 from studies.output.files import write_bytes
 from studies.scenario import ScenarioError
 from studies.scenario.refusal import refusal
@@ -24,7 +24,7 @@ from studies.scenario.refusal import refusal
 log = logging.getLogger(__name__)
 
 KEY = "tissue.reduction.keep"
-FORMAT = 1  # of the files: one that means something else by its arrays is not taken for this
+FORMAT = 2  # of the files: one that means something else by its arrays is not taken for this
 
 
 def kept_reduction(organ: tissue.DynamicOrgan, blocks: int, modes: int, folder: Path) -> tissue.Reduction:
@@ -43,7 +43,7 @@ def kept_reduction(organ: tissue.DynamicOrgan, blocks: int, modes: int, folder: 
     np.savez(packed, **asdict(made))
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_bytes(file, packed.getvalue())
+        write_bytes(file, sealed(packed.getvalue()))
     except OSError as error:
         reason = f"the basis cannot be written there ({error}); name another folder"
         raise ScenarioError(refusal(KEY, str(folder), reason)) from error
@@ -68,9 +68,12 @@ def _arrays(part: csr_matrix | Array) -> tuple[Array, ...]:
 
 
 def _read(file: Path) -> tissue.Reduction | None:
-    """Return what a file has, None where there is none or a torn one."""
+    """Return what a file has, None where there is none or one that is not as it was written, to the last bit."""
     try:
-        with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as found:
-            return tissue.Reduction(**found)
-    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile):
+        data = file.read_bytes()
+    except OSError:
         return None
+    if not is_sealed(data):
+        return None
+    with np.load(io.BytesIO(data), allow_pickle=False) as found:
+        return tissue.Reduction(**found)

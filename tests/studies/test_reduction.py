@@ -109,7 +109,8 @@ def test_a_basis_is_shared_by_what_damps_otherwise() -> None:
 
 def test_a_basis_is_kept_for_what_it_is_made_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Consistency check: a later run takes the basis from the folder, makes none, and moves to the same bits; damping
-    and the thread change nothing of it, material, holes and blocks do, and a torn file is made anew."""
+    and the thread change nothing of it, material, holes and blocks do. A torn file is made anew, and one whose numbers
+    were changed: values times 1.5 would be 1.5 times the displacement."""
     keep = ["tissue.mesh.h_site=4e-3", "tissue.mesh.h=8e-3", f'tissue.reduction={{ blocks = 1, keep = "{tmp_path}" }}']
     made: list[int] = []
 
@@ -135,6 +136,14 @@ def test_a_basis_is_kept_for_what_it_is_made_from(tmp_path: Path, monkeypatch: p
         assert made_for(other) == 1
     for file in tmp_path.iterdir():
         file.write_bytes(file.read_bytes()[:-100])
+    assert made_for() == 1 and not made_for()
+    for file in tmp_path.iterdir():
+        file.unlink()
+    assert made_for() == 1
+    [file] = tmp_path.iterdir()
+    with np.load(file) as found:
+        larger = {name: 1.5 * values if values.dtype.kind == "f" else values for name, values in found.items()}
+    np.savez(file, **larger)
     assert made_for() == 1 and not made_for()
 
 
