@@ -94,6 +94,12 @@ def test_no_circle_between_the_rooms_of_the_coupling() -> None:
     TopologicalSorter(above).prepare()
 
 
+def test_reports_import_pictures_and_never_the_other_way() -> None:
+    """Independent check: the text of every module of the pictures."""
+    asked = {module for path in (ROOT / "studies" / "pictures").glob("*.py") for module in modules_of(path)}
+    assert [module for module in asked if module.startswith("studies.report")] == []
+
+
 def test_imports_of_modules_are_seen_in_functions_too() -> None:
     """Independent check: the solver of a step imports the compiled loops' tables when it first needs them."""
     assert "coupling.step.tables" in modules_of(ROOT / "coupling/step/solver.py")

@@ -23,7 +23,7 @@ def view_results(options: argparse.Namespace) -> int:
 
 def plot_results(options: argparse.Namespace) -> int:
     """``suture plot``: columns of a run over time."""
-    from studies.pictures.plotting import plot
+    from studies.report.plotting import plot
 
     print_lines(plot(options.folder, options.columns, options.out))
     return 0

@@ -23,9 +23,9 @@ from studies.output.records import ContactRecord, LoadRecord
 from studies.output.tables import CsvFile
 from studies.pictures import film_section, looking, section
 from studies.pictures.camera import CLEAR, camera_on, label_places, scale_bar
-from studies.pictures.plotting import columns_of, line_of
 from studies.pictures.view import aimed_at, force_text, legend, scale_of
 from studies.report.charts import series_of
+from studies.report.plotting import columns_of, line_of
 from tests.studies.samples import LINEAR, frame, step
 from tests.studies.test_report import record_run
 
