@@ -1,7 +1,11 @@
 """Where the command begins: it is read before the libraries are loaded, and an interrupt meanwhile ends in a sentence
 too."""
 
+import codecs
 import gc
+import io
+import json
+import os
 import sys
 
 from studies.status import INTERRUPTED
@@ -13,6 +17,7 @@ KEPT = 31 * 2**20
 
 def main() -> int:
     """Run a command; returns the exit status."""
+    _mend_streams()
     try:
         from studies.command.parser import read
 
@@ -27,6 +32,24 @@ def main() -> int:
     except KeyboardInterrupt:
         print("suture: interrupted", file=sys.stderr)
         return INTERRUPTED
+
+
+def _mend_streams() -> None:
+    """Lead a stream that is closed to nowhere, and write what the encoding of another lacks as JSON escapes it, so that
+    what is JSON stays JSON."""
+    codecs.register_error("escaped", _escaped)
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
+        elif mode == "w" and isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="escaped")
+
+
+def _escaped(error: UnicodeError) -> tuple[str, int]:
+    """Return letters that an encoding lacks as JSON escapes them, and where to go on."""
+    assert isinstance(error, UnicodeEncodeError)
+    return json.dumps(error.object[error.start : error.end])[1:-1], error.end
 
 
 def _keep_freed_memory() -> None:

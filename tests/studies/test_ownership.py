@@ -21,7 +21,7 @@ from studies.output.folder import MARK, Recorder, can_resume, check_folder, comp
 from studies.output.lock import LOCK, locked
 from studies.output.log import LOG
 from studies.output.manifest import files_of, manifest
-from studies.scenario import Scenario, ScenarioError, load, parse
+from studies.scenario import Scenario, ScenarioError, load, parse, schema
 from studies.scenario.toml import tables
 from studies.simulation import prepare
 from studies.sweeps.sweep import check_folder as check_sweep_folder
@@ -300,6 +300,32 @@ def test_a_closed_pipe_is_no_error(words: list[str]) -> None:
     done = subprocess.run(line, stdout=writing, stderr=subprocess.PIPE, env=search, check=False)
     os.close(writing)
     assert (done.stderr, done.returncode) == (b"", 141)
+
+
+def begun(words: list[str], before: str = "", after: str = "") -> "subprocess.CompletedProcess[bytes]":
+    """The command by a shell, with settings before it and redirections after it."""
+    search = dict(os.environ, PYTHONPATH=str(Path(__file__).parents[2]))
+    line = f'{before} exec "$0" -m studies.command.start "$@" {after}'
+    return subprocess.run(["sh", "-c", line, sys.executable, *words], capture_output=True, env=search, check=False)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no such shell")
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
+def test_a_closed_stream_is_no_error(closed: str) -> None:
+    """Independent check: what is well is 0 and what is refused 2, with nothing said of the stream."""
+    for words, status in ((["catalogue"], 0), (["check", "nowhere.toml"], 2), (["schemas"], 2)):
+        done = begun(words, after=closed)
+        assert (done.returncode, b"Traceback" in done.stderr) == (status, False)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no such shell")
+def test_a_terminal_that_is_not_utf_8_gets_escapes() -> None:
+    """Independent check: the table of sutures is written, the schema is the same JSON, a path has its letters named."""
+    ascii_alone = "PYTHONIOENCODING=ascii"
+    done = begun(["catalogue"], ascii_alone)
+    assert (done.returncode, done.stderr) == (0, b"") and rb"EI [N m\u00b2]" in done.stdout
+    assert json.loads(begun(["schema"], ascii_alone).stdout) == schema()
+    assert rb"nowhere-\u00e9.toml does not exist" in begun(["check", "nowhere-é.toml"], ascii_alone).stderr
 
 
 # -- torn files ------------------------------------------------------------------------------------------------------
