@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numba import njit
 
-from thread.kernels.parts import PartCompiler, WholeCompiler
+from thread.kernels.parts import PartCompiler, SoundCache, WholeCompiler
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 entered: Any = None  # the part that an entry calls: each entry has its own
@@ -43,9 +43,12 @@ def outermost(kernel: Kernel) -> Kernel:
     """Return a compiled function that Python calls, kept on disk where one may write; it makes no arrays either."""
     options = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True, "pipeline_class": WholeCompiler}
     try:
-        return njit(cache=True, **options)(kernel)
+        whole: Any = njit(cache=True, **options)(kernel)
     except RuntimeError:  # no folder for the cache can be written
         return njit(**options)(kernel)
+    if hasattr(whole, "_cache"):  # not where Numba is switched off
+        whole._cache = SoundCache(whole.py_func)
+    return whole
 
 
 def entry(part: Kernel) -> Kernel:

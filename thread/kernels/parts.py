@@ -6,10 +6,14 @@ optimised at once. `pipeline_class` is Numba's own door for this ("Notes on Cust
 methods are those of `numba.core.codegen.JITCodeLibrary`. A part can be called by a whole and by parts alone.
 """
 
+import logging
 from typing import Any
 
 from numba.core.codegen import JITCodeLibrary
+from numba.core.caching import FunctionCache
 from numba.core.compiler import Compiler
+
+log = logging.getLogger(__name__)
 
 
 class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
@@ -73,3 +77,17 @@ class WholeCompiler(Compiler):  # type: ignore[misc]
         self.state.library = WholeLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
         self.state.library.enable_object_caching()
         return super().define_pipelines()
+
+
+class SoundCache(FunctionCache):  # type: ignore[misc]
+    """Numba's files of a compiled function, discarded where they are torn: it is compiled anew then. A run that is
+    killed, or a full disk, may leave them so. `tissue.loops` has the same, since neither package imports the other."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the function compiled for a signature, or None if it has to be compiled."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception as error:  # pickle raises whatever the bytes lead to
+            log.warning("compiled kernels in %s are torn (%s); they are compiled anew", self.cache_path, error)
+            self.flush()
+            return None
