@@ -25,12 +25,14 @@ def given_mesh(mesh: Any) -> skfem.MeshTet:
     inverted = volumes(points, tets) < 0.0 if tets.size and tets.max() < len(points) else np.zeros(len(tets), bool)
     tets[inverted] = tets[inverted][:, [0, 2, 1, 3]]
     made = checked_mesh(points, tets)
-    named = {"surface": made.boundary_facets()} | dict(getattr(mesh, "boundaries", None) or {})
+    facets = checked_names("boundary", getattr(mesh, "boundaries", None), made.nfacets)
+    cells = checked_names("subdomain", getattr(mesh, "subdomains", None), made.nelements)
+    named = {"surface": made.boundary_facets()} | facets
     empty = [name for name, facets in named.items() if not len(facets)]
     if empty:
         reason = "scikit-fem asks a function for the middles of facets, which lie beside a curved surface"
         raise MeshError(f"the boundary {empty[0]!r} of the mesh has no facets; name those it has ({reason})")
-    return made.with_boundaries(named).with_subdomains(dict(getattr(mesh, "subdomains", None) or {}))
+    return made.with_boundaries(named).with_subdomains(cells)
 
 
 def arrays_of(mesh: Any) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -43,7 +45,25 @@ def arrays_of(mesh: Any) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         points, tets = np.asarray(mesh.points), _only(dict(mesh.cells_dict), "tetra")
     else:
         raise MeshError(f"a {type(mesh).__name__} is no mesh that is known; give {KINDS}")
-    return np.array(points, dtype=np.float64), np.array(tets, dtype=np.int64)
+    return numbers_of("points", points, "f", 3), numbers_of("tetrahedra", tets, "iu", 4)
+
+
+def numbers_of(what: str, values: Any, kinds: str, width: int) -> NDArray[Any]:
+    """Return numbers of some kinds, shape `(n, width)`, in an array of their own. Raises `MeshError` for others."""
+    array = np.array(values)
+    if array.dtype.kind not in (kinds + "iu") or array.ndim != 2 or array.shape[1] != width:
+        wanted = "whole numbers" if kinds == "iu" else "numbers"
+        raise MeshError(f"the {what} of the mesh are {array.dtype} of shape {array.shape}; give {wanted}, (n, {width})")
+    return array.astype(np.float64 if "f" in kinds else np.int64)
+
+
+def checked_names(kind: str, named: Any, count: int) -> dict[str, Any]:
+    """Return the facets or cells by name, which are numbers from 0 below a `count`. Raises `MeshError` for others."""
+    for name, part in dict(named or {}).items():
+        array = np.asarray(part)
+        if array.dtype.kind not in "iu" or array.ndim != 1 or not np.all((array >= 0) & (array < count)):
+            raise MeshError(f"the {kind} {name!r} of the mesh is refused: give whole numbers from 0 to {count - 1}")
+    return dict(named or {})
 
 
 def _only(cells: dict[Any, Any], kind: Any) -> Any:

@@ -335,6 +335,8 @@ def _parse(name: str) -> tuple[Size, SutureMaterial]:
 
 def _split(name: str) -> tuple[str, str]:
     """Return the USP number and the key of the material in a name, in either order; empty where there are none."""
+    if not isinstance(name, str):
+        raise ThreadError(f"suture = {name!r} is no name; give for example '2-0 polypropylene'")
     text = name.strip().casefold()
     if _key(text) in MATERIAL_OF:  # nylon 6 is a material, and no size of nylon
         return "", _key(text)

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, fields
+from os import PathLike
 from pathlib import Path
 from typing import Any, cast
 from xml.etree import ElementTree
@@ -161,6 +162,8 @@ class RunResults:
 
 def read_run(folder: Path | str) -> RunResults:
     """Read the run in a folder. Raises `ResultsError` where it holds none."""
+    if not isinstance(folder, str | PathLike):
+        raise ResultsError(f"{folder!r} is refused: it names no folder; give one that suture run --out wrote")
     folder = Path(folder)
     if not holds_run(folder):
         raise ResultsError(f"{folder} is refused: it holds no run; give a folder that suture run --out wrote")

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
-from math import dist
+from math import dist, hypot
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -17,6 +17,10 @@ HandRow = Annotated[
 ]
 Hand = Annotated[tuple[HandRow, ...], Field(min_length=1)]
 Grip = tuple[Turn, ...]  # from the moment that a hand takes the thread to that when it lets go
+
+SMALLEST = 1e-6  # m, of a footprint: the finest suture is ten times as thick
+SHORTEST, LONGEST = 1e-100, 1e100  # of a direction: squares of its numbers are numbers, and not zero
+OF_NO_LENGTH = "it must not be zero, nor so short or long that its length is no number; give numbers near one"
 
 
 class Friction(ScenarioTable):
@@ -130,8 +134,15 @@ class Piercing(ScenarioTable):
 
     @model_validator(mode="after")
     def _check_effect(self) -> Self:
-        if self.direction == (0.0, 0.0, 0.0):
-            raise ValueError(".direction = [0, 0, 0] is refused: it must not be zero; give a direction")
+        for key, vector in (("direction", self.direction), ("along", self.along)):
+            if vector is not None and not isinstance(vector, str) and not SHORTEST < hypot(*vector) < LONGEST:
+                numbers = ", ".join(f"{x:g}" for x in vector)
+                raise ValueError(f".{key} = [{numbers}] is refused: {OF_NO_LENGTH}")
+        if 0.0 < self.footprint < SMALLEST:
+            raise ValueError(
+                f".footprint = {self.footprint} is refused: it is in m, and less than a micrometre; a hole bears over "
+                "about the radius of its thread: give that, or leave it out"
+            )
         self._check_place()
         if self.until is not None and self.until <= self.from_:
             raise ValueError(f".until = {self.until} is refused: it must be later than from = {self.from_}; raise it")
@@ -179,8 +190,6 @@ class Piercing(ScenarioTable):
         if self.along is not None and self.near is None:
             reason = "there is no point that its line goes through; give near, or leave it out"
             raise ValueError(f".along = {as_toml(self.along)} is refused: {reason}")
-        if self.along == (0.0, 0.0, 0.0):
-            raise ValueError(".along = [0, 0, 0] is refused: it must not be zero; give a direction, or leave it out")
 
     def _check_hand(self) -> None:
         """Refuse a hand that draws by a length and with a force at once, and one that has no time to draw, or lets go

@@ -37,7 +37,7 @@ def plain_values(value: Any) -> Any:
     """Return tables, lists and numbers as a file has them: those of numpy as Python's own."""
     match value:
         case Mapping():
-            return {key: plain_values(item) for key, item in value.items()}
+            return {str(key): plain_values(item) for key, item in value.items()}
         case list() | tuple():
             return [plain_values(item) for item in value]
         case np.ndarray() | np.generic():

@@ -7,13 +7,14 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from studies.scenario.organ import FileMesh
 from studies.scenario.refusal import BARE, as_key, as_toml, dotted_key, nearest, refusal
 from studies.scenario.scenario import Scenario, parse
-from studies.scenario.table import ScenarioError
+from studies.scenario.table import ScenarioError, plain_values
 
 INLINE = ("start", "end", "friction")  # tables written on one line
 SCENES = Path(__file__).parent / "scenes"  # scenarios that come with the package
@@ -39,7 +40,7 @@ def read(path: Path | str, overrides: Sequence[str] = ()) -> dict[str, Any]:
 def changed(data: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
     """Return a copy of a scenario's tables with keys set, each by its dotted name. Raises `ScenarioError`."""
     copy = deepcopy(dict(data))
-    for key, value in values.items():
+    for key, value in plain_values(values).items():
         text = f"{key}={as_toml(value)}"
         _set(copy, override_key(text), value, text)
     return copy
@@ -65,7 +66,10 @@ def scenes() -> list[str]:
 
 
 def scenario_file(path: Path | str) -> Path:
-    """Find the file of a scenario: `path` itself where it is a file, else the shipped scene of that name."""
+    """Find the file of a scenario: `path` itself where it is a file, else the shipped scene of that name. Raises
+    `ScenarioError` for what is no path."""
+    if not isinstance(path, str | PathLike):
+        raise ScenarioError(f"{path!r} is refused: it names no scenario; give the path of a file, or a shipped scene")
     path = Path(path)
     return SCENES / f"{path}.toml" if str(path) in scenes() and not path.is_file() else path
 

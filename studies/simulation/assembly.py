@@ -158,6 +158,12 @@ def length_of(scenario: Scenario, path: RoundedPath) -> float:
     if path.length > STRETCH * length:
         reason = f"the path is {path.length:.4g} m long, and no suture stretches that far; leave it out or lengthen it"
         raise ScenarioError(refusal("thread.length", length, reason))
+    if length > STRETCH * path.length:
+        reason = (
+            f"the path is {path.length:.4g} m long, and no suture lies pressed into {path.length / length:.2g} of "
+            "its length; leave it out, or let the path make the detour of the slack"
+        )
+        raise ScenarioError(refusal("thread.length", length, reason))
     return length
 
 

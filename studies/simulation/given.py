@@ -17,7 +17,7 @@ from meshes.given import given_mesh, mesh_digest
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
-from studies.scenario.refusal import dotted_key, nearest, refusal
+from studies.scenario.refusal import dotted_key, nearest, refusal, shortened
 from studies.scenario.scenario import with_given_mesh
 from tissue.elasticity import ELEMENTS
 from tissue.materials.density import Density
@@ -26,6 +26,7 @@ from tissue.materials.own import Own
 Stiffness = csr_matrix | Callable[[skfem.Basis], csr_matrix]
 Energy = Density | Callable[[Any], Any]
 
+SHOWN = 60  # letters of what is handed over, in a refusal
 TOGETHER = 1e-9  # of the organ: places of unknowns, by two ways to map a cell
 SYMMETRIC = 1e-10  # of the largest entry: round-off of a sum over the cells of a node, and no more
 STRESSLESS = 1e-8  # of μ: round-off of a density differentiated at F = I
@@ -73,6 +74,8 @@ class Given:
 
     def applied_to(self, scenario: Scenario) -> Scenario:
         """Return the scenario with what is handed over of its mesh. Raises `ScenarioError` for what does not fit it."""
+        if kinds := [*self._faults_of_kind()]:
+            raise ScenarioError(kinds)
         faults = [
             *self._faults_of_organ(scenario),
             *self._faults_of_friction(scenario),
@@ -81,6 +84,22 @@ class Given:
         if faults:
             raise ScenarioError(faults)
         return scenario if self.volume is None else with_given_mesh(scenario, mesh_digest(self.volume))
+
+    def _faults_of_kind(self) -> Iterator[str]:
+        """Yield what is not even of the kind that is wanted."""
+        wanted = {
+            "basis": (self.basis, lambda x: isinstance(x, skfem.Basis), "a skfem.Basis"),
+            "energy": (self.energy, lambda x: callable(x) or hasattr(x, "tangent"), "a function of F, or a Density"),
+            "ranks": (self.ranks, lambda x: hasattr(x, "Get_size"), "a communicator of mpi4py"),
+            "friction": (
+                self.friction,
+                is_law_by_name,
+                "a dict of laws by piercing, {'exit': law}, each a FrictionLaw",
+            ),
+        }
+        for name, (value, fits, words) in wanted.items():
+            if value is not None and not fits(value):
+                yield f"{name} = {shortened(repr(value), SHOWN)} is refused; give {words}"
 
     def _faults_of_organ(self, scenario: Scenario) -> Iterator[str]:
         table = scenario.tissue
@@ -159,6 +178,13 @@ class Given:
 NOTHING = Given()
 
 
+def is_law_by_name(value: object) -> bool:
+    """Tell whether something is laws of friction by the names of piercings."""
+    laws = value.items() if isinstance(value, Mapping) else [(None, None)]
+    needs = ("static", "kinetic", "slope")
+    return all(isinstance(name, str) and all(callable(getattr(law, n, None)) for n in needs) for name, law in laws)
+
+
 def is_numbered_like(one: skfem.Basis, other: skfem.Basis) -> bool:
     """Tell whether the unknowns of two bases are at the same places."""
     x, y = one.doflocs, other.doflocs
@@ -201,6 +227,8 @@ def checked_stiffness(K: Any, body: tissue.Elasticity) -> csr_matrix:
         found = f"a {type(K).__name__} of shape {getattr(K, 'shape', '()')}"
         reason = f"three unknowns at each of the {len(body.nodes)} nodes ask for {body.K.shape}"
         raise ScenarioError(f"stiffness is refused: it is {found}; {reason}, in a sparse matrix")
+    if K.dtype.kind not in "fiu":
+        raise ScenarioError(f"stiffness is refused: its numbers are {K.dtype}; give real ones, [N/m]")
     made = csr_matrix(K.astype(float))
     largest = float(np.abs(made.data).max(initial=0.0))
     if not np.isfinite(largest):

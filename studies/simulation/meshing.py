@@ -60,6 +60,7 @@ def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None) -> skfem.
     mesh = with_boxes(mesh_of(table, scenario.piercing) if given is None else given, table.boundary)
     for key, names in (("clamp", table.clamp), ("roller", table.roller)):
         check_clamp(names, sorted(mesh.boundaries or {}), key)
+        check_outer(mesh, names, key)
     if not scenario.floats:
         check_held(mesh, table.clamp, table.roller)
     check_smooth(mesh, scenario.piercing)
@@ -106,6 +107,15 @@ def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model
     grading, sites = grading_of(shape, holes), body.nearest(places(holes))
     check_memory(table, grading, sites, body, NO_PLANES)
     return fill(skin, grading, sites)
+
+
+def check_outer(mesh: skfem.MeshTet, names: Sequence[str], key: str) -> None:
+    """Refuse to hold a boundary by facets inside the organ. Raises `ScenarioError`."""
+    for name in names:
+        inside = np.setdiff1d((mesh.boundaries or {})[name], mesh.boundary_facets()).size
+        if inside:
+            reason = f"{inside} facets of {name} lie inside the organ, between its cells; name facets of its surface"
+            raise ScenarioError(refusal(f"tissue.{key}", list(names), reason))
 
 
 def places(holes: Sequence[model.Piercing]) -> Array:

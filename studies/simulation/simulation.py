@@ -381,12 +381,21 @@ def prepare(
     from it ends the run. Raises the errors of input that cannot be run.
     """
     check_given(scenario)
-    given = Given(mesh, basis, stiffness, friction or {}, energy, ranks)
+    given = Given(mesh, basis, stiffness, {} if friction is None else friction, energy, ranks)
+    check_doors(store, on_step)
     with threadpool_limits(limits=1, user_api="blas"):  # the same bits on any number of cores
         assembly = assemble(scenario, store, given)
         simulation = Simulation(assembly, sound_start(assembly, shareable(store, given)), on_step)
         refuse_open_ties(simulation)
     return simulation
+
+
+def check_doors(store: object, on_step: object) -> None:
+    """Refuse what is given from Python in the place of a store, or of a function. Raises `ScenarioError`."""
+    if store is not None and not hasattr(store, "take"):
+        raise ScenarioError(f"store = {store!r} is refused; give a studies.simulation.sharing.Shared, or leave it out")
+    if on_step is not None and not callable(on_step):
+        raise ScenarioError(f"on_step = {on_step!r} is refused; give a function of the record of a step")
 
 
 def refuse_open_ties(simulation: Simulation) -> None:

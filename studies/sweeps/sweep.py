@@ -7,7 +7,9 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
+
+import numpy as np
 
 from studies.output.files import as_json, read_json, unfinished, write_json
 from studies.output.lock import LOCK, locked
@@ -82,6 +84,7 @@ def sweep(
 
     Raises `ScenarioError`, and `studies.workers.WorkersError`.
     """
+    check_over(over)
     cases = plain_values(grid(over) if isinstance(over, Mapping) else list(over))
     check_count(cases)
     plain = base_tables(base)
@@ -92,6 +95,17 @@ def sweep(
         if check is not None and (known := known_table(planned, folder / CASES)) is not None:
             check(known)
         return _sweep(kind, plain, planned, folder, workers or InTurn(), tell)
+
+
+def check_over(over: object) -> None:
+    """Refuse what is neither lists of values by key nor a list of settings. Raises `ScenarioError`."""
+    lists = over.values() if isinstance(over, Mapping) else [over]
+    if any(isinstance(values, str) or not isinstance(values, Sequence | np.ndarray) for values in lists):
+        raise ScenarioError(
+            f"over = {over!r} is refused: give a list of values by each key, {{'solve.dt': [1e-3, 5e-4]}}"
+        )
+    if not isinstance(over, Mapping) and not all(isinstance(case, Mapping) for case in cast(Sequence, over)):
+        raise ScenarioError(f"over = {over!r} is refused: a case is a dict of values by key, {{'solve.dt': 1e-3}}")
 
 
 def base_tables(base: Base) -> dict[str, Any]:

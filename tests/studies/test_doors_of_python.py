@@ -1,5 +1,6 @@
 """What `studies` offers from Python: runs into folders, folders opened, meshes handed over."""
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import meshio
 import numpy as np
 import pytest
 import pyvista as pv
+from scipy.sparse import eye_array
 
 import studies
 from meshes.block import block
@@ -17,9 +19,12 @@ from studies.output.quantities import quantities
 from studies.output.reading import ResultsError
 from studies.output.records import StepRecord
 from studies.scenario import ScenarioError, dump, parse
-from studies.scenario.toml import changed
+from studies.scenario.toml import changed, load
+from studies.sweeps.sweep import sweep
 from tests.studies.test_given import BARE
 from tests.studies.test_sweep import ORGAN
+from thread.catalogue import suture
+from thread.errors import ThreadError
 
 GIVEN = changed(BARE, {"tissue.mesh": {"kind": "given"}, "tissue.boundary": [
     {"name": "bed", "box": [[-0.1, -0.1, -0.011], [0.1, 0.1, -0.009]]}], "tissue.clamp": ["bed"]})  # fmt: skip
@@ -72,6 +77,88 @@ def test_a_name_in_the_place_of_a_scenario_is_refused(tmp_path: Path) -> None:
         with pytest.raises(ScenarioError, match=r"'skin' is refused: it is no scenario; load a file or a scene"):
             door("skin")  # type: ignore[arg-type]
     assert not (tmp_path / "run").exists()
+
+
+MADE = block((0.02, 0.02, 0.01), 5e-3)
+INNER = np.setdiff1d(np.arange(MADE.nfacets), MADE.boundary_facets())
+UNKNOWNS = 3 * MADE.nvertices
+
+
+def named(facets: Any) -> Any:
+    """The block with a boundary of these facets, whatever they are."""
+    mesh = block((0.02, 0.02, 0.01), 5e-3)
+    mesh._boundaries = {"bed": facets}
+    return mesh
+
+
+HELD = changed(BARE, {"tissue.mesh": {"kind": "given"}, "tissue.clamp": ["bed"]})
+DOORS: dict[str, tuple[Callable[[], object], str]] = {
+    "tables None": (lambda: parse(None), "None is refused: it is no scenario; give its tables"),  # type: ignore[arg-type]
+    "a key that is a number": (
+        lambda: parse(changed(BARE, {"thread": {1: 2}})),
+        r"thread\.1 = 2 is refused: there is no",
+    ),
+    "a number for a name": (lambda: load(5), "5 is refused: it names no scenario"),  # type: ignore[arg-type]
+    "a number for a folder": (lambda: studies.open_run(5), "5 is refused: it names no folder"),  # type: ignore[arg-type]
+    "a number for a suture": (lambda: suture(5), "suture = 5 is no name"),  # type: ignore[arg-type]
+    **{
+        f"friction {law!r}": (
+            lambda law=law: studies.prepare(parse(BARE), friction=law),
+            "give a dict of laws by piercing",
+        )
+        for law in (0.1, [0.1], "x", {"ring": 0.1}, {"ring": None}, {3: None})
+    },
+    "points in a plane": (
+        lambda: given_mesh(meshio.Mesh(MADE.p.T[:, :2], [("tetra", MADE.t.T)])),
+        r"give numbers, \(n, 3\)",
+    ),
+    "complex points": (
+        lambda: given_mesh(meshio.Mesh(MADE.p.T + 0j, [("tetra", MADE.t.T)])),
+        "points of .* complex128",
+    ),
+    "cells of floats": (lambda: given_mesh(meshio.Mesh(MADE.p.T, [("tetra", MADE.t.T * 1.0)])), "give whole numbers"),
+    **{
+        f"facets {facets}": (
+            lambda facets=facets: given_mesh(named(facets)),
+            "boundary 'bed' .* whole numbers from 0 to",
+        )
+        for facets in (np.array([-1]), np.array([10**6]), np.array([0.5]), 5, None)
+    },
+    "a clamp inside": (
+        lambda: studies.prepare(parse(HELD), mesh=named(INNER)),
+        r"tissue\.clamp = .* lie inside the organ",
+    ),
+    "complex stiffness": (
+        lambda: studies.prepare(parse(BARE), stiffness=1j * eye_array(UNKNOWNS, format="csr")),  # type: ignore[arg-type]
+        "its numbers are complex128; give real ones",
+    ),
+    **{
+        f"{key} 5": (lambda key=key: studies.prepare(parse(BARE), **{key: 5}), f"{key} = 5 is refused; give a")
+        for key in ("basis", "energy", "ranks", "store", "on_step")
+    },
+    "a sweep over a number": (lambda: sweep(BARE, {"solve.dt": 5}, "none"), "give a list of values"),  # type: ignore[dict-item]
+    "a sweep of nothing": (lambda: sweep(None, {"solve.dt": [1e-3]}, "none"), "None is refused"),  # type: ignore[arg-type]
+    "no direction": (
+        lambda: parse(changed(BARE, {"piercing.0.direction": [0, 0, -1e-300]})),
+        r"direction = \[0, 0, -1e-300\] is refused: it must not be zero, nor so short",
+    ),
+    "a footprint of a nanometre": (
+        lambda: parse(changed(BARE, {"piercing.0.footprint": 1e-9})),
+        "less than a micrometre",
+    ),
+    "five times the path": (
+        lambda: studies.prepare(parse(changed(BARE, {"thread.length": 1.0}))),
+        r"thread\.length = 1\.0 is refused: the path is .* pressed into .* let the path make the detour",
+    ),
+}
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_what_is_no_thing_of_its_kind_is_refused_in_a_sentence(door: str) -> None:
+    """Independent check: what Python lets through the doors is refused with what is to be given."""
+    ask, said = DOORS[door]
+    with pytest.raises((ScenarioError, MeshError, ResultsError, ThreadError), match=said):
+        ask()
 
 
 def test_a_run_is_opened(tmp_path: Path) -> None:
