@@ -35,9 +35,10 @@ def test_mutated_folders_are_shown_or_refused_in_words(tmp_path: Path) -> None:
     assert min(tally.counts[word] for word in ("shown", "opened", "resumed", "refused")) > 2
 
 
-def test_a_chain_of_kills_ends_in_the_bytes_of_one_run(tmp_path: Path) -> None:
-    """Consistency check: one chain."""
-    tally = chains.run(1, 2, tmp_path)
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_chain_of_kills_ends_in_the_bytes_of_one_run(tmp_path: Path, seed: int) -> None:
+    """Consistency check: one chain of a run, and one of a sweep."""
+    tally = chains.run(1, seed, tmp_path)
     assert (tally.faults, tally.counts["same bytes"]) == ([], 1)
 
 
