@@ -9,8 +9,8 @@ methods are those of `numba.core.codegen.JITCodeLibrary`. A part can be called b
 import logging
 from typing import Any
 
-from numba.core.codegen import JITCodeLibrary
 from numba.core.caching import FunctionCache
+from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
 log = logging.getLogger(__name__)
