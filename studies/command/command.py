@@ -26,7 +26,7 @@ from studies.command.lines import complain, print_lines
 from studies.command.parser import read
 from studies.command.progress import TOLD_IN_STEPS, TOLD_OF_LOOPS, Progress, StudyProgress, stages
 from studies.command.summary import MILLI, doubt_lines, place_lines, print_summary, remark_lines
-from studies.output.budget import frame_bytes, row_bytes, size_text
+from studies.output.budget import frame_bytes, peak_memory, row_bytes, size_text
 from studies.output.files import as_json
 from studies.output.folder import Recorder, check_folder
 from studies.output.lock import locked
@@ -132,6 +132,7 @@ def check(options: argparse.Namespace) -> int:
         return strict_status(options.strict, remarks)
     counts = counts_of(simulation)
     size = f"{counts['steps']} steps, about {size_text(counts['bytes'])} of results"
+    size += f" and {size_text(counts['memory'])} of memory" if counts["memory"] else ""
     size_line = f"{options.file} can be run: {parts_of(simulation.scenario, counts)}, {size}"
     places = place_lines(simulation.scenario.piercing)
     print_lines([size_line, *places, *remark_lines(remarks), *([f"picture    {picture}"] if picture else [])])
@@ -163,6 +164,7 @@ def counts_of(simulation: AnySimulation) -> dict[str, Any]:
         "steps": simulation.steps,
         "moved": {hole.name: hole.moved for hole in scenario.piercing if hole.moved is not None},
         "bytes": round(frame_bytes(scenario, simulation.topology) + row_bytes(scenario)),
+        "memory": peak_memory(),
     }
 
 

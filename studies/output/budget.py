@@ -1,6 +1,7 @@
-"""What a run will take of the disk, before its first step."""
+"""What a run will take of disk and memory, before its first step."""
 
 import shutil
+import sys
 from pathlib import Path
 
 from studies.output.fields import OrganTopology
@@ -12,7 +13,7 @@ from studies.scenario.refusal import refusal
 # control point, 140 with twist and tracts, 200 a row of energy.csv and of steps.csv, 250 to 500 one of piercings.csv.
 PER_NODE, PER_CONTROL_POINT, PER_HOLE_DRAWN = 49.0, 140.0, 1400.0
 PER_STEP, PER_HOLE = 400.0, 500.0
-GIGA = 1e9
+GIGA, KIBI = 1e9, 1024.0
 UNITS = ((GIGA, "GB"), (1e6, "MB"), (1e3, "kB"))
 
 
@@ -28,6 +29,17 @@ def frame_bytes(scenario: Scenario, topology: OrganTopology | None) -> float:
 def row_bytes(scenario: Scenario) -> float:
     """Estimate what the tables of a run take [byte]."""
     return (PER_STEP + PER_HOLE * len(scenario.piercing)) * (scenario.solve.steps + 1)
+
+
+def peak_memory() -> float | None:
+    """Return the most memory that this process has had [byte], None where the system does not say. What a run prepares
+    is most of what it takes."""
+    if sys.platform == "win32":
+        return None
+    import resource
+
+    unit = 1.0 if sys.platform == "darwin" else KIBI
+    return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def size_text(size: float) -> str:

@@ -21,6 +21,7 @@ from studies.output.folder import MARK, Recorder, can_resume, check_folder, comp
 from studies.output.lock import LOCK, locked
 from studies.output.log import LOG
 from studies.output.manifest import files_of, manifest
+from studies.output.version import ROOT
 from studies.scenario import Scenario, ScenarioError, load, parse, schema
 from studies.scenario.toml import tables
 from studies.simulation import prepare
@@ -271,6 +272,29 @@ def test_the_disk_that_a_run_takes(tmp_path: Path) -> None:
     expected = budget.frame_bytes(simulation.scenario, simulation.topology), budget.row_bytes(simulation.scenario)
     assert 0.5 < expected[0] / (frames * 4 / 3) < 2.0  # the last is due, and counted as one that is not
     assert 0.5 < expected[1] / rows < 2.0
+
+
+MEASURED = """
+from studies.output.budget import peak_memory
+from studies.scenario import load
+from studies.simulation import prepare
+
+simulation = prepare(load("two_piercings", ["solve.kind='static'", "solve.load_steps=2"]))
+before = peak_memory()
+for _, frame in simulation.advance():
+    frame()
+print(before, peak_memory())
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the system does not say how much memory a process has had")
+def test_the_memory_that_a_run_takes() -> None:
+    """Independent check: what a process of its own has had when a shipped scene is prepared is within a factor of two
+    of what it has had at the end, and more than an interpreter alone takes."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    told = subprocess.run([sys.executable, "-c", MEASURED], capture_output=True, text=True, check=True, env=environment)
+    before, after = map(float, told.stdout.split())
+    assert 3e7 < before <= after < 2.0 * before
 
 
 def test_an_interrupt_before_the_first_step(
