@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coupling.arrays import Array, Indices
+from coupling.arrays import Array
 from coupling.errors import CouplingError
 
 ON_TIME = 1e-9  # of the time in which a tie is drawn: round-off of the time of a step is less
@@ -84,12 +84,3 @@ def gap_left(ties: Sequence[Tie], gaps: Array, earlier: float, later: float) -> 
     """Return what is left at `later` [s] of the `gaps` (t, 3) [m] between the strands at `earlier` [s]."""
     before, after = (np.array([1.0 - tie.share(time) for tie in ties]) for time in (earlier, later))
     return gaps * np.divide(after, before, out=np.zeros_like(after), where=before > 0.0)[:, None]
-
-
-def in_pairs(pairs: Indices, out: Array, sign: float = 1.0) -> Array:
-    """Return numbers of holds `(m,)` in which those of each pair say their mean; with the `sign` −1 half their
-    difference, and its opposite."""
-    out = out.copy()
-    mean = 0.5 * (out[pairs[:, 1]] + sign * out[pairs[:, 0]])
-    out[pairs[:, 1]], out[pairs[:, 0]] = mean, sign * mean
-    return out

@@ -322,8 +322,8 @@ def site_residual(joints: Joints, C: Array, y_free: Array, gaps: Array, y: Array
 def stiffen_hold(
     scale: float, rows: Flags, b: Array, border: Border, holds: Array, k: int, K: Array, push: Array
 ) -> None:
-    """Add Φ_qᵀ Γ (… + Φ_s ds + Φ_y dy) of hold k to its E, and write Φ_qᵀ Γ Φ_q over (P, T, T') into `K` (9, 9) and
-    Φ_qᵀ Γ Φ into `push` (9,). Γ is of the `scale` [N/m] of the thread's band on its control points."""
+    """Add Φ_qᵀ Γ (… + Φ_s ds + Φ_y dy) of hold k to its E, add Φ_qᵀ Γ Φ_q over (P, T, T') to `K` (9, 9) and
+    Φ_qᵀ Γ Φ to `push` (9,). Γ is of the `scale` [N/m] of the thread's band on its control points."""
     B, D, E, square = border.B[k], border.D[k], border.E[k], 0.0
     for i in range(4):
         square += b[0, i] ** 2 + b[1, i] ** 2

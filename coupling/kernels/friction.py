@@ -34,9 +34,7 @@ from thread.kernels.vectors import (
     times,
 )
 
-LAW, S, LAM, MU_U, MU_V, U, V = numbers(
-    0, 0, 1, 4, 5, 9, 12
-)  # row of the law; columns as in `coupling.kernels.bordered`
+LAW, S, LAM, MU_U, MU_V, U, V = numbers(0, 0, 1, 4, 5, 9, 12)  # row of the law; columns as in `coupling.kernels.border`
 AT_T, AT_K = numbers(3, 6)
 TINY = 2.2250738585072014e-308
 
@@ -51,9 +49,11 @@ class Joints(NamedTuple):
 
 
 class Law(NamedTuple):
-    """The law of sliding of `m` holds, as `coupling.step.sliding.Law`, with a law
-    of friction of one's own at the normal forces of the iterate: `own_static`, `own_kinetic` (m,) [N], `own_slope` (m,)
-    [-]."""
+    """The law of sliding of `m` holds, as `coupling.step.sliding.Law`.
+
+    `own_static`, `own_kinetic` (m,) [N] and `own_slope` (m,) [-] are a friction law of one's own at the normal forces
+    of the iterate, zero without one.
+    """
 
     s_old: Array
     s_held: Array
@@ -119,13 +119,13 @@ def normal_force(h: Hold, per_channel: float) -> float:
 
 @loop
 def kinetic_bound(law: Law, k: int, h: Hold) -> float:
-    """Return F₀ + μ_k N [N]."""
+    """Return F₀ + μ_k N, with a law of one's own more [N]."""
     return law.grip[k] + law.kinetic[k] * normal_force(h, law.per_channel[k]) + law.own_kinetic[k]
 
 
 @loop
 def static_bound(law: Law, k: int, h: Hold) -> float:
-    """Return F₀ + μ_s N [N]."""
+    """Return F₀ + μ_s N, with a law of one's own more [N]."""
     return law.grip[k] + law.static[k] * normal_force(h, law.per_channel[k]) + law.own_static[k]
 
 

@@ -38,7 +38,7 @@ from coupling.joins.contact import (
 from coupling.joins.rubbing import Rubbing
 from coupling.kernels.border import NINE, Border, site_residuals, stiffen_holds
 from coupling.kernels.bordered import FREE, PHI, S, SingularError, Y, linearise, newton_direction, own_stiffness
-from coupling.kernels.constraints import Passage, phi, site_force, spread, thread_force
+from coupling.kernels.constraints import Passage, phi, pressing_force, site_force, spread, thread_force
 from coupling.kernels.iteration import holds_solved, share
 from coupling.step.configuration import Configuration, evaluate_thread
 from coupling.step.sliding import Law, admissible_sigma, ruled, with_own_laws
@@ -237,6 +237,8 @@ def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
 
 def site_residual(problem: Problem[Body], z: Iterate, f_y: Array) -> Array:
     """Return the residuals of the sites under their forces `f_y` (m, 9), shape `(m, 9)`."""
+    if len(problem.gaps) < len(problem.law.strands):
+        raise ValueError(f"{len(problem.law.strands)} ties in force, but {len(problem.gaps)} gaps; give one for each")
     out = np.empty_like(f_y)
     y_free, C = (np.ascontiguousarray(x) for x in problem.organ_at_holds)
     site_residuals(problem.law.table.joints, C, y_free, problem.gaps, np.ascontiguousarray(z.y), f_y, out)
@@ -303,7 +305,9 @@ def linearised(problem: Problem[Body], z: Iterate, at: Passage) -> tuple[Border,
     """Linearise the holds: the border, with the rows of constraints that are not in force replaced by λ = 0, and the
     stiffness (m, 3, 3) [N m] of the thread's own axis at them."""
     law, sigma = problem.law, np.ascontiguousarray(z.sigma, dtype=float)
-    table = with_own_laws(law, ruled(law, sigma, at, z.s, z.lam, z.y).N) if any(law.own) else law.table
+    table = law.table
+    if any(own is not None for own in law.own):
+        table = with_own_laws(law, pressing_force(at, z.lam, z.y, law.per_channel))
     return linearise(table, sigma, problem.rows, at, z.lam, z.y)
 
 
@@ -380,7 +384,7 @@ def correct_downhill(problem: Problem[Body], z: Iterate, r: Residual, spans: flo
     """Make one Newton correction in which no abscissa goes uphill, nor further than so many of its span. Raises
     `SingularError`."""
     spline = problem.system.thread.spline
-    return correct(problem, z, r, spans * np.diff(spline.breaks)[spline.spans_of(z.s)])
+    return correct(problem, z, r, spans * np.diff(spline.breaks)[spline.spans_of(z.s, problem.law.s_old)])
 
 
 Corrector = Callable[[Problem[Body], Iterate, Residual], Iterate]

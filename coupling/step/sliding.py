@@ -202,7 +202,7 @@ def ruled(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Arra
     out = Ruled(N, f, met, static, kinetic, np.empty((m, 2)), np.empty((m, 1)), fits)
     arrays = hold_arrays(thread, lam, y)
     rule(law.table, sigma, s, margin, *arrays, out)
-    if any(law.own):
+    if any(own is not None for own in law.own):
         rule(with_own_laws(law, out.N), sigma, s, margin, *arrays, out)
     return out
 

@@ -266,7 +266,7 @@ def test_a_channel_bears_force_and_couple_at_its_ends(turn: float) -> None:
     u, v = y[0, 3:6], y[0, 6:]
     across = np.cos(np.radians(turn)) * u + np.sin(np.radians(turn)) * v
     lam = np.concatenate([F * u + along * X, [M * across @ u, M * across @ v]])[None]
-    at = replace(system.passage_of(state), c=np.zeros((1, 3, 3)))
+    at = replace(system.passage_of(state), c=np.zeros((1, 3, LACKS)))
     ends = [np.linalg.norm(0.5 * F * u + sign * M / channel * across) for sign in (1.0, -1.0)]
     seen = pressing_force(at, lam, y, np.array([1.0 / channel]))
     assert np.abs(seen - sum(ends)).max() <= RESIDUAL * F

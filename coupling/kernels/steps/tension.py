@@ -182,9 +182,9 @@ def change_of(limits: Limits, along: Along, s: Array, here: Flags, one: Array, o
 
 @owning
 def is_pressed(along: Along, strain: Array, borne: float, s: Array, here: Flags) -> bool:
-    """Whether half of the points of a part of the thread are pressed along themselves to a `strain` beyond the one
-    `borne` [-], the holds at `s` (m,) [m] that are `here` parting it. Spans that have a hold in them do not count:
-    where the axial force jumps, at a hole or an end that was moved, that of a spline swings about it."""
+    """Whether more than half of the points of a part of the thread are pressed along themselves to a `strain` beyond
+    the one `borne` [-], the holds at `s` (m,) [m] that are `here` parting it. Spans that have a hold in them do not
+    count: where the axial force jumps, at a hole or an end that was moved, that of a spline swings about it."""
     breaks, axial, bounds = along.breaks, along.axial, np.empty(len(s) + len(along.cuts))
     count = put_bounds(along, s, here, bounds)
     points, pressed, part, span = np.zeros(count + 1), np.zeros(count + 1), 0, 0
@@ -200,7 +200,7 @@ def is_pressed(along: Along, strain: Array, borne: float, s: Array, here: Flags)
                 pressed[part] += 0.0 if strain[e, g] >= -borne else 1.0
     squeezed = False
     for part in range(count + 1):
-        squeezed |= points[part] > 0.0 and 2.0 * pressed[part] >= points[part]
+        squeezed |= 2.0 * pressed[part] > points[part]
     return squeezed
 
 
