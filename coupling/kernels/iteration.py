@@ -68,7 +68,8 @@ class Given(NamedTuple):
     """What one step is solved under: `q_ref`, `load` (n, 3) and the unknowns `held` (n, 3) of the thread; `y_free`
     (m, 9), `C` (9m, 9m); constraints in force, `rows` (m, 5), and `directed` (m,); the piece of each hold: its outer
     `spans` (m, 2) and its ends, `piece` (m, 2) [m]; what the spline lacks on each span for each hold, `lack`
-    (m, spans, 3 derivatives, 3, 7 powers); whether the constraints `stiffen` the thread's band."""
+    (m, spans, 3 derivatives, 4, 7 powers); whether the constraints `stiffen` the thread's band; the `gaps` (t, 3) [m]
+    between the strands of ties; and what round-off moves the sites by, `rounded` (m, 9) [m, -]."""
 
     q_ref: Array
     load: Array

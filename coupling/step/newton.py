@@ -344,22 +344,22 @@ def allowed_share(problem: Problem[Body], dq: Array) -> float:
     )
 
 
-def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
-    """Return the thread's own matrix, banded: inertia, stiffness, and what a force along it does at a hole
-    (`coupling.kernels.bordered.own_stiffness`)."""
+def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual, own: Array | None = None) -> Array:
+    """Return the thread's own matrix, banded: inertia, stiffness, and that of its own axis at the holes, `own`
+    (m, 3, 3) [N m], None if it is to be evaluated here (`coupling.kernels.holes.lacking_stiffness`)."""
     at, thread = r.passage, problem.system.thread
     A = thread.tangent(r.points, z.N)
     A += problem.inertia
     if not at.bare:
-        A += thread.band_at(at.first, own_stiffness(at, linearised(problem, z, at)[1]))
+        A += thread.band_at(at.first, own_stiffness(at, linearised(problem, z, at)[1] if own is None else own))
     return A
 
 
 def direction(problem: Problem[Body], z: Iterate, r: Residual, reach: Array = FREE) -> tuple[Array, Array]:
     """Return Newton's direction dq (n, c), dz (m, 15) at an iterate, the whole of it; `reach` as for
     `coupling.kernels.bordered.newton_direction`. Raises `SingularError`."""
-    A = thread_matrix(problem, z, r)
-    border, r_q = border_of(problem, z, r.passage), r.thread
+    border, own = linearised(problem, z, r.passage)
+    A, r_q = thread_matrix(problem, z, r, own), r.thread
     if problem.stiffen:
         A, border, r_q = add_constraint_stiffness(problem, A, border, r)
     A, joined = problem.system.hold_still(A), (problem.law.table.joints, z.sigma)

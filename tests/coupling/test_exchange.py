@@ -14,6 +14,7 @@ from coupling.kernels.steps.audit import bears, exchange_in_place
 from coupling.reports.audit import BORNE, audit_step, passing_of
 from coupling.run.run import Run, begin
 from coupling.run.watch import CREATED
+from coupling.step.stepping import try_step
 from coupling.system import Piercing
 from tests.bounds import RESIDUAL, TWO_SOLVERS
 from tests.coupling.wholes import whole
@@ -64,7 +65,7 @@ def strummed(directed: bool = True) -> Run:
         beyond = (np.asarray(at) - s)[..., None]
         return np.where(beyond < 0.0, beyond * along(0.0), beyond * along(TURN))
 
-    return begin(system, laid(system, [s], path))
+    return begin(system, laid(system, [s], path), try_step)
 
 
 def exchanged(run: Run, ratio: float) -> tuple[Passage, Passage]:
