@@ -279,18 +279,13 @@ class Thread:
     def _missing(self) -> dict[tuple[int, int | None], Array]:
         return {}
 
-    @cached_property
-    def shortest_layer(self) -> float:
-        """√(EI/EA), over which a thread would bend under a tension of EA [m]."""
-        return float(np.sqrt(self.EI / self.EA))
-
     def missing_on(self, span: int, layer: float) -> Array:
         """Return the missing compliance on a span where the thread bends over `layer` = √(EI/T) [m], as polynomials in
-        the distance from its start [m]: straight in log ℓ between stages, which are remembered. They are counted from
-        a length of the thread, so that a scene in other units has the same. Shape `(3 derivatives, 4, 7 powers)`."""
+        the distance from its start [m]: straight in log ℓ between stages, which are remembered. Shape
+        `(3 derivatives, 4, 7 powers)`."""
         if self._patch(span).is_slack(layer):
             return self.missing_at(span, None)
-        stage = STAGES * np.log2(layer / self.shortest_layer)
+        stage = STAGES * np.log2(layer)
         lower = int(np.floor(stage))
         share = stage - lower
         return (1.0 - share) * self.missing_at(span, lower) + share * self.missing_at(span, lower + 1)
@@ -299,7 +294,7 @@ class Thread:
         """Return the missing compliance on a span at a stage, as `missing_on`; None stands for a slack thread."""
         key = (span, stage)
         if key not in self._missing:
-            layer = np.inf if stage is None else self.shortest_layer * 2.0 ** (stage / STAGES)
+            layer = np.inf if stage is None else 2.0 ** (stage / STAGES)
             self._missing[key] = missing_on(self._patch(span), layer) / self.EI
         return self._missing[key]
 

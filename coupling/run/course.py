@@ -48,17 +48,18 @@ class Lacking:
 
     def __init__(self, thread: Thread) -> None:
         self._thread, spans = thread, np.diff(thread.spline.breaks)
-        last = 0
+        self._base = last = 0
         if thread.EI:
-            last = int(np.ceil(STAGES * np.log2(spans.max() / SLACK / thread.shortest_layer)))
-        self._slots = np.full((spans.size, max(last, 0) + 3), -1, np.int64)
+            self._base = int(np.floor(STAGES * np.log2(np.sqrt(thread.EI / thread.EA))))
+            last = int(np.ceil(STAGES * np.log2(spans.max() / SLACK)))
+        self._slots = np.full((spans.size, max(last - self._base, 0) + 3), -1, np.int64)
         self._known = np.empty((FIRST_ROOM, 3, LACKS, len(POWERS)))
         self._count = 0
 
     @property
     def stages(self) -> Stages:
         """What is known so far."""
-        return Stages(self._slots, self._known)
+        return Stages(self._slots, self._known, self._base)
 
     def learn(self, slot: int) -> bool:
         """Learn what the loops asked for; whether there is such a stage."""
@@ -68,7 +69,7 @@ class Lacking:
         slack = stage == self._slots.shape[1] - 1
         if self._count == len(self._known):
             self._known = np.concatenate([self._known, np.empty_like(self._known)])
-        self._known[self._count] = self._thread.missing_at(span, None if slack else stage)
+        self._known[self._count] = self._thread.missing_at(span, None if slack else self._base + stage)
         self._slots[span, stage] = self._count
         self._count += 1
         return True

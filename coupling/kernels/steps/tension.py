@@ -36,10 +36,11 @@ class Along(NamedTuple):
 class Stages(NamedTuple):
     """What the spline lacks on each span at stages of √(EI/T), as far as it has been asked for
     (`thread.thread.Thread.missing_on`): `slots` (spans, k), the rows of `known` (rows, 3 derivatives, 4, 7 powers) for
-    the stages from √(EI/EA) on and, last, for a slack thread; below zero where not known yet."""
+    the stages from number `base` on and, last, for a slack thread; below zero where not known yet."""
 
     slots: Indices
     known: Array
+    base: int
 
 
 class Limits(NamedTuple):
@@ -219,9 +220,9 @@ def put_lack(stages: Stages, limits: Limits, h: float, span: int, layer: float, 
     width, share = stages.slots.shape[1], 0.0
     lower = width - 1
     if not h < limits.slack * layer:
-        stage = limits.stages * log2(layer / sqrt(limits.EI / limits.EA))
+        stage = limits.stages * log2(layer)
         share = stage - floor(stage)
-        lower = floor(stage)
+        lower = floor(stage) - stages.base
         if lower < 0 or lower + 1 >= width - 1:
             return BEYOND
     upper = lower if lower == width - 1 else lower + 1
