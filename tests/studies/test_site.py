@@ -42,7 +42,7 @@ def test_each_equation_leads_to_its_function(built: Path) -> None:
     assert len(links) >= len(named) > 50
     marks = {page: set(re.findall(r'id="([\w-]+)"', (built / page).read_text(encoding="utf-8"))) for page, _ in links}
     assert [link for link in links if link[1] not in marks[link[0]]] == []
-    assert "coupling-bordered-border" in {mark for _, mark in links}
+    assert "coupling-kernels-border-border" in {mark for _, mark in links}
 
 
 def test_a_link_that_leads_nowhere_ends_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
