@@ -17,7 +17,7 @@ from coupling.kernels.constraints import LOCAL, Passage, hold_arrays
 from coupling.kernels.friction import Joints, Law
 from thread.banded import half_band_of
 
-S, LAM, MU_U, MU_V, X, U, V = 0, slice(1, 4), 4, 5, slice(6, 9), slice(9, 12), slice(12, 15)
+S, LAM, MU_V = 0, slice(1, 4), 5  # columns of s, of λ and of μ_v
 PHI, Y = slice(1, 6), slice(6, 15)  # rows of Φ, and of the multipliers that go with them; of y
 OF_X = slice(0, 3)  # x among the nine numbers of y
 NO_JOINTS = Joints(np.zeros((0, 2), dtype=np.intp), np.zeros((0, 2), dtype=np.intp), 1.0)

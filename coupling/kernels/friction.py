@@ -343,4 +343,4 @@ def rule_all(
     rule_set(law, sigma, s, margin, out)
 
 
-rule = entry(rule_all)
+rule, fit = entry(rule_all), entry(fit_sigma)  # as Python calls them

@@ -306,7 +306,7 @@ def linearised(problem: Problem[Body], z: Iterate, at: Passage) -> tuple[Border,
     stiffness (m, 3, 3) [N m] of the thread's own axis at them."""
     law, sigma = problem.law, np.ascontiguousarray(z.sigma, dtype=float)
     table = law.table
-    if any(own is not None for own in law.own):
+    if law.has_own:
         table = with_own_laws(law, pressing_force(at, z.lam, z.y, law.per_channel))
     return linearise(table, sigma, problem.rows, at, z.lam, z.y)
 

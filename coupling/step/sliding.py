@@ -43,7 +43,7 @@ import numpy as np
 from coupling.arrays import Array, Flags, Indices
 from coupling.interfaces import Body, FrictionLaw
 from coupling.kernels.constraints import Passage, hold_arrays
-from coupling.kernels.friction import Joints, Ruled, rule
+from coupling.kernels.friction import Joints, Ruled, fit, rule
 from coupling.kernels.friction import Law as Table
 from coupling.system import System
 
@@ -112,6 +112,11 @@ class Law:
             joints=Joints(np.ascontiguousarray(self.strands), self.pairs, self.tie_compliance),
             ideal=self.ideal,
         )
+
+    @cached_property
+    def has_own(self) -> bool:
+        """Whether a hold has a law of friction of one's own."""
+        return any(own is not None for own in self.own)
 
     @cached_property
     def ideal(self) -> bool:
@@ -202,7 +207,7 @@ def ruled(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Arra
     out = Ruled(N, f, met, static, kinetic, np.empty((m, 2)), np.empty((m, 1)), fits)
     arrays = hold_arrays(thread, lam, y)
     rule(law.table, sigma, s, margin, *arrays, out)
-    if any(own is not None for own in law.own):
+    if law.has_own:
         rule(with_own_laws(law, out.N), sigma, s, margin, *arrays, out)
     return out
 
@@ -232,8 +237,8 @@ def cone_residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array,
 def admissible_sigma(law: Law, sigma: Array) -> Array:
     """Fit the active set to the holds: an ideal hole slides, one that may not slide sticks, and those that slide as one
     do so against one another, shape `(m,)`."""
-    fitted = np.where(law.may_slide, np.where(law.rough, sigma, 1.0), 0.0)
-    fitted[law.pairs[:, 1]] = -fitted[law.pairs[:, 0]]
+    fitted = np.array(sigma, dtype=float)
+    fit(law.table, fitted)
     return fitted
 
 
