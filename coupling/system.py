@@ -11,13 +11,15 @@ import numpy as np
 from coupling.arrays import Array, Flags, Indices
 from coupling.errors import CouplingError
 from coupling.interfaces import Body, FrictionLaw, KnowsDirections, Organ
-from coupling.kernels.constraints import Passage, passage
+from coupling.kernels.constraints import Passage, knot_passage, passage
 from coupling.kernels.steps.tension import Pull
 from coupling.recent import Recent
 from coupling.ties import ON_TIME, Tie
 from thread.banded import diagonal_of
 from thread.ends import Clamped, End
 from thread.frames import Frame
+from thread.kernels.travel import Ridden
+from thread.spline import Spline
 from thread.thread import Thread
 from thread.vectors import cross, unit_vector
 
@@ -217,6 +219,15 @@ class System(Generic[Body]):
                     'one (a vector, or "normal" on an organ), or take directed=False'
                 )
 
+    def at(self, state: "State[Body]") -> "System[Body]":
+        """Return the system with the thread on the spline of a state, the same one if that is its own."""
+        return self.on(self.thread.spline if state.spline is None else state.spline)
+
+    def on(self, spline: Spline) -> "System[Body]":
+        """Return the system with the thread on another spline, the same one if that is its own."""
+        thread = self.thread.on(spline)
+        return self if thread is self.thread else replace(self, thread=thread)
+
     def led(self, side: int, end: End) -> "System[Body]":
         """Return the system with another end of the thread at a `side`, where one is held by its place alone as this
         one is: all that was derived from the system stays valid, and is not derived again."""
@@ -311,17 +322,30 @@ class System(Generic[Body]):
         strands = [[True] * 3 + [False] * 2] * (2 * len(self.ties))
         return np.array(piercings + clamps + strands, dtype=bool).reshape(-1, 5)
 
-    def passage(self, q: Array, s: Array, home: Array | None = None, layers: Array | None = None) -> Passage:
+    def passage(
+        self,
+        q: Array,
+        s: Array,
+        home: Array | None = None,
+        layers: Array | None = None,
+        drive: Array | None = None,
+        ridden: Ridden | None = None,
+    ) -> Passage:
         """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (holds,) of its holds; `home` and
-        `layers` as for `coupling.kernels.constraints.passage`. That of the arrays asked last is remembered: the end
+        `layers` as for `coupling.kernels.constraints.passage`; `drive` (holds,) [N], −∂Π/∂s where knots travel,
+        or `ridden` with it. That of the arrays asked last is remembered: the end
         of a step is the start of the next."""
 
         def make() -> Passage:
+            if self.thread.travels:
+                return knot_passage(self.thread.placed(s).spline, q, self.rows[:, 3], drive, ridden)
             return passage(self.thread, q, s, self.rows[:, 3], home, layers)
 
-        if self.thread.spline.cuts.size:  # the pieces that `home` says are no part of what is remembered
+        if (
+            self.thread.spline.cuts.size or ridden is not None
+        ):  # the pieces that `home` says are no part of what is remembered
             return make()
-        return self._passages.of((q, s, layers), make)
+        return self._passages.of((q, s, layers, drive), make)
 
     @cached_property
     def _passages(self) -> Recent[Passage]:
@@ -335,7 +359,7 @@ class System(Generic[Body]):
 
     def passage_of(self, state: "State[Body]") -> Passage:
         """Evaluate the thread of a state at its holds."""
-        return self.passage(state.q, state.s, layers=state.layers)
+        return self.passage(state.q, state.s, layers=state.layers, drive=state.drive)
 
     @cached_property
     def may_slide(self) -> Flags:
@@ -449,6 +473,9 @@ class State(Generic[Body]):
     `layers` (holds,) [m], √(EI/T) that the thread bends over at its holes (`coupling.step.tension`), None without
     tension; `stretch` (holds,) [-], 1 + T/EA of the strands there, None of a state that no step ended with.
 
+    Where knots travel (`thread.packets`): the `spline` that q and v are on, `drive` (holds,) [N], −∂Π/∂s that the holes
+    bear, and the `solved` curve, its spline, q and v, if q and v have been put on other knots since.
+
     A two-step integrator keeps the state `before`, `dt_before` [s] earlier, which itself remembers nothing. None: the
     next step has no memory (the start, a one-step integrator, or a jump: see `forgetful`).
     """
@@ -470,8 +497,17 @@ class State(Generic[Body]):
     frame: Frame | None = None
     layers: Array | None = None
     stretch: Array | None = None
+    spline: Spline | None = None
+    drive: Array | None = None
+    solved: tuple[Spline, Array, Array] | None = None
     before: "State[Body] | None" = None
     dt_before: float | None = None
+
+
+def solved_curve(state: State[Body]) -> tuple[Spline, Array, Array]:
+    """Return the curve of a state as it was solved, on its own knots: its spline, q and v."""
+    assert state.spline is not None  # of a thread whose knots travel
+    return state.solved or (state.spline, state.q, state.v)
 
 
 def forgetful(state: State[Body]) -> State[Body]:

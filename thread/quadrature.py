@@ -10,7 +10,8 @@ from thread.spline import ORDERS, Spline
 
 @dataclass(frozen=True)
 class GaussRule:
-    """Gauss points of every span: weights `(spans, g)` [m] and basis derivatives `(spans, g, 4 orders, 4)`."""
+    """Points of every span: abscissae `s` and weights `w`, `(spans, g)` [m], and basis derivatives `(spans, g, 4
+    orders, 4)`."""
 
     s: Array
     w: Array
@@ -18,9 +19,13 @@ class GaussRule:
 
 
 def gauss_rule(spline: Spline, points: int) -> GaussRule:
-    """Return the Gauss–Legendre rule with `points` points on each span."""
+    """Return the Gauss–Legendre rule with `points` points on each span, in the parameter of its knots."""
     x, w = np.polynomial.legendre.leggauss(points)
-    left, right = spline.breaks[:-1, None], spline.breaks[1:, None]
-    s = 0.5 * (left + right) + 0.5 * (right - left) * x
-    _, b = spline.basis(s.ravel())
-    return GaussRule(s, 0.5 * (right - left) * w, b.reshape(*s.shape, ORDERS, ORDERS))
+    left, right = spline.parameters[:-1, None], spline.parameters[1:, None]
+    return rule_at(spline, 0.5 * (left + right) + 0.5 * (right - left) * x, 0.5 * (right - left) * w)
+
+
+def rule_at(spline: Spline, parameter: Array, w: Array) -> GaussRule:
+    """Return the rule of points and weights in the parameter of the knots, `(spans, g)` each."""
+    s, rate, b = spline.evaluate(parameter.ravel())
+    return GaussRule(s.reshape(w.shape), w * rate.reshape(w.shape), b.reshape(*w.shape, ORDERS, ORDERS))

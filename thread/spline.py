@@ -104,6 +104,16 @@ class Spline:
         """Index of the first of the four functions living on each span, shape `(spans,)`."""
         return np.searchsorted(self.knots, self.breaks[:-1], side="right") - ORDERS
 
+    @property
+    def parameters(self) -> Array:
+        """Ends of the spans in the parameter of the knots, here the abscissa itself, shape `(spans + 1,)`."""
+        return self.breaks
+
+    def evaluate(self, parameter: Array) -> tuple[Array, Array, Array]:
+        """Return abscissae (m,) [m], their rates by the parameter (m,), and the functions as of `basis`, `(m, 4, 4)`,
+        at parameters (m,)."""
+        return parameter, np.ones_like(parameter), self.basis(parameter)[1]
+
     @cached_property
     def spacing(self) -> Array:
         """Distances of the control points' Greville abscissae, shape `(n − 1,)` [m], infinite over a cut. No tangent is

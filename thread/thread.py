@@ -33,7 +33,8 @@ from thread.frames import (
     turns_too_far,
     untwisted_frame,
 )
-from thread.quadrature import GaussRule, gauss_rule
+from thread.placed import Placed
+from thread.quadrature import GaussRule, gauss_rule, rule_at
 from thread.spline import Spline
 
 LOCAL = 4  # functions of a cubic on one span
@@ -72,11 +73,29 @@ class CrossSection(Protocol):
         """Polar moment of inertia of the mass per rest length [kg m]."""
 
 
-def exact_weights(spline: Spline, s: Array) -> Array:
-    """Return quadrature weights [m] at as many points as T has functions, which integrate each of those
-    functions exactly.
+def axial_points(spline: Spline) -> tuple[Array, Array]:
+    """Return the parameters of the points of the stretch, two a span, shape `(spans, 2)`, and which of them count: where
+    a span has one point, the second is the same. A span has two if it is the first or the last of its piece, if it
+    begins at a repeated knot or if it ends at a triple one: its Gauss points or, where knots travel, its middle and that
+    end."""
+    breaks, repeats = np.unique(spline.knots, return_counts=True)
+    left, right = breaks[:-1, None], breaks[1:, None]
+    two = ((repeats[:-1] > 1) | (repeats[1:] >= LOCAL - 1))[:, None]
+    if isinstance(spline, Placed):
+        middle = 0.5 * (left + right)
+        at_end = np.where((repeats[:-1] > 1)[:, None], np.hstack([left, middle]), np.hstack([middle, right]))
+        points = np.where(two, at_end, middle)
+    else:
+        gauss = 0.5 * (left + right) + 0.5 * (right - left) * np.polynomial.legendre.leggauss(2)[0]
+        points = np.where(two, gauss, 0.5 * (left + right))
+    return points, np.hstack([np.ones_like(two), two])
 
-    The points `s` [m] are one fewer than the control points in every piece. Raises `ThreadError` where a weight
+
+def exact_weights(spline: Spline, s: Array) -> Array:
+    """Return quadrature weights in the parameter of the knots, at as many points as T has functions, which integrate
+    each of those functions exactly.
+
+    The points `s` are one fewer than the control points in every piece. Raises `ThreadError` where a weight
     is not positive: the spans are too unequal.
     """
     if s.size != spline.n - spline.pieces:
@@ -141,6 +160,22 @@ class Thread:
                 f"springs: {self.springs}; {self.n} control points need at least {fewest}, else they move unseen"
             )
 
+    @property
+    def travels(self) -> bool:
+        """Whether the thread's knots travel with its holes."""
+        return isinstance(self.spline, Placed)
+
+    def on(self, spline: Spline) -> "Thread":
+        """Return the thread on another spline, the same one if that is its own."""
+        return self if spline is self.spline else replace(self, spline=spline)
+
+    def placed(self, s: Array) -> "Thread":
+        """Return the thread with its holes at `s` (m,) [m], the same one if its knots stand still or are there."""
+        spline = self.spline
+        if not isinstance(spline, Placed) or np.array_equal(spline.travel.places(s), spline.places):
+            return self
+        return replace(self, spline=spline.moved(s))
+
     def with_spline(self, spline: Spline) -> "Thread":
         """Return the thread on another spline: with springs, as many more as the spline has functions of T more."""
         more = spline.n - spline.pieces - (self.n - self.spline.pieces)
@@ -194,17 +229,11 @@ class Thread:
         Between those points |T| may still fall to nothing, and a hole that imposes a sharp turn would find that out
         (T·u = 0 holds for T = 0): `crushing_energy`, on the rule of the bending, is against it.
         """
-        spline, full = self.spline, self.elastic_rule
-        breaks, repeats = np.unique(spline.knots, return_counts=True)
-        single = ((repeats[:-1] == 1) & (repeats[1:] < LOCAL - 1))[:, None]
-        s = np.where(single, 0.5 * (breaks[:-1] + breaks[1:])[:, None], full.s)
-        once = np.ones(s.shape, dtype=bool)
-        once[single[:, 0], 1:] = False
-        w = np.zeros(s.shape)
-        w[once] = exact_weights(spline, s[once])
-        w = np.where(single, w.sum(axis=1, keepdims=True) / s.shape[1], w)
-        _, b = spline.basis(s.ravel())
-        return GaussRule(s, w, b.reshape(*s.shape, LOCAL, LOCAL))
+        parameters, once = axial_points(self.spline)
+        w = np.zeros(parameters.shape)
+        w[once] = exact_weights(self.spline, parameters[once])
+        w = np.where(once.all(axis=1, keepdims=True), w, 0.5 * w.sum(axis=1, keepdims=True))
+        return rule_at(self.spline, parameters, w)
 
     # -- linear parts ------------------------------------------------------------------------------------------
 

@@ -60,7 +60,8 @@ class Border(NamedTuple):
     """The linearised holds, block by block over `m` holds.
 
     Thread: A dq + V E dz = −r_q. Holds: B Vᵀdq + D dz = −r. Organ: dy − C (F dz + R Vᵀdq) = −r_y.
-    `E` (m, 9, 15), `B` (m, 6, 9), `D` (m, 6, 15), `F` (m, 9, 15), `R` (m, 9, 9).
+    `E` (m, 9, 15), `B` (m, 6, 9), `D` (m, 6, 15), `F` (m, 9, 15), `R` (m, 9, 9), `S` (m, m): −∂²Π/∂s² of a thread
+    whose knots ride with the holes, beside D in the laws of sliding. Its V has H_qs, one column, in the place of b''.
 
     E = (H_qs, −Φ_qᵀ, H_qy), F = (−H_ys, Φ_yᵀ, −H_yy) and R = −H_yq, where q stands for the thread's nine numbers at a
     hold, (P, T, T'). The first row of B and D is the law of sliding, the others are Φ_q and (Φ_s, Φ_λ, Φ_y). The blocks
@@ -72,6 +73,7 @@ class Border(NamedTuple):
     D: Array
     F: Array
     R: Array
+    S: Array
 
     @property
     def H_qs(self) -> Array:
@@ -118,13 +120,14 @@ def empty_border(m: int) -> Border:
         np.zeros((m, OWN, BORDER)),
         np.zeros((m, NINE, BORDER)),
         np.zeros((m, NINE, NINE)),
+        np.zeros((m, m)),
     )
 
 
 @loop
 def linearise(h: Hold, border: Border) -> None:
     """Linearise Φ = (g, c₁, c₂) and the forces Φ_qᵀλ, Φ_yᵀλ of one hold, all blocks zero before."""
-    E, B, D, F, R = border
+    E, B, D, F, R, _ = border
     T, P_s, T_s, one = effective_tangent(h), place_rate(h), tangent_rate(h), diagonal(1.0)
 
     add_matrix(1.0, one, B, G, AT_P)
@@ -137,8 +140,11 @@ def linearise(h: Hold, border: Border) -> None:
     add_row(1.0, T, D, C1, U)
     add_row(1.0, T, D, C2, V)
 
-    add_column(-1.0, h.lam, E, AT_T, S)
-    add_column(-1.0, h.m, E, AT_K, S)
+    if h.rides:
+        E[AT_K, S] += 1.0
+    else:
+        add_column(-1.0, h.lam, E, AT_T, S)
+        add_column(-1.0, h.m, E, AT_K, S)
     add_matrix(-1.0, one, E, AT_P, LAM)
     add_column(-1.0, h.u, E, AT_T, MU_U)
     add_column(-1.0, h.v, E, AT_T, MU_V)
@@ -160,7 +166,7 @@ def linearise(h: Hold, border: Border) -> None:
 @loop
 def add_compliance(h: Hold, border: Border) -> None:
     """Add what Φ and the forces owe to the missing compliance."""
-    E, B, D, F, _ = border
+    E, B, D, F, _, _ = border
     add_matrix(h.c0[0], without(h.unit), D, G, LAM)
     add_moment(h.c1[0] * h.size, h, D, G)
     add_tangent_along(1.0, h.u, h, D, C1)
@@ -217,7 +223,7 @@ def add_own_turning(h: Hold, E: Array, B: Array) -> None:
 @loop
 def add_tilting(h: Hold, border: Border) -> None:
     """Add what T̂ and the forces owe to Γ, which tells how far the thread leaves the frame, and to |T|."""
-    _, B, _, F, _ = border
+    _, B, _, F, _, _ = border
     by_u, by_v = tilting_rates(h)
     for a, row, column in ((h.u, C1, MU_U), (h.v, C2, MU_V)):
         by_couple = sum_of(h.c3[0] * dot(h.m, a), h.by_T, h.c1[0] * dot(h.lam, a), h.unit)
@@ -263,7 +269,7 @@ def add_tilting_by(
 def linearise_hold(law: Law, k: int, sigma: float, h: Hold, rows: Flags, border: Border) -> None:
     """Linearise hold number k into its part of a border, with the constraints `rows` (5,) in force."""
     B, D = border.B[k], border.D[k]
-    linearise(h, Border(border.E[k], B, D, border.F[k], border.R[k]))
+    linearise(h, Border(border.E[k], B, D, border.F[k], border.R[k], border.S))
     linearise_law(law, k, sigma, h, B, D)
     drop_constraints(B, D, rows)
 
@@ -281,18 +287,39 @@ def drop_constraints(B: Array, D: Array, rows: Flags) -> None:
 
 
 @loop
-def put_columns(first: int, b: Array, X: Array, column: int) -> None:
-    """Write V = (b, b', b'') ⊗ I₃ of one hold into nine columns of `X` (n + 3, 3, k), zero before."""
-    for order in range(3):
+def put_columns(first: int, b: Array, orders: int, X: Array, column: int) -> None:
+    """Write V = (b, b', b'') ⊗ I₃ of one hold, so many `orders` of it, into nine columns of `X` (n + 3, 3, k), zero
+    before."""
+    for order in range(orders):
         for i in range(4):
             for x in range(3):
                 X[first + i, x, column + 3 * order + x] = b[order, i]
 
 
 @loop
-def values_at_hold(first: int, b: Array, X: Array, out: Array, at: int) -> None:
-    """Write Vᵀ X of one hold, shape `(9, k)`, to the rows from `at` on."""
-    for order in range(3):
+def put_riding(k: int, by_qs: Array, X: Array, column: int) -> None:
+    """Write H_qs of hold k, of `by_qs` (n, 3, m), into the column of `X` (n + 3, 3, k) for it."""
+    for i in range(len(by_qs)):
+        for x in range(3):
+            X[i, x, column + AT_K] = by_qs[i, x, k]
+
+
+@loop
+def values_riding(k: int, by_qs: Array, X: Array, out: Array, at: int) -> None:
+    """Write H_qsᵀ X of hold k to its row among those from `at` on."""
+    row = out[at + AT_K]
+    for i in range(len(by_qs)):
+        for x in range(3):
+            weight = by_qs[i, x, k]
+            if weight != 0.0:
+                for j in range(len(row)):
+                    row[j] += weight * X[i, x, j]
+
+
+@loop
+def values_at_hold(first: int, b: Array, orders: int, X: Array, out: Array, at: int) -> None:
+    """Write Vᵀ X of one hold, so many `orders` of it, shape `(9, k)`, to the rows from `at` on."""
+    for order in range(orders):
         b0, b1, b2, b3 = b[order, 0], b[order, 1], b[order, 2], b[order, 3]
         for x in range(3):
             row = out[at + 3 * order + x]
@@ -368,6 +395,9 @@ def solve_holds(
     M, GE = np.zeros((size, size + 1)), thread_by_holds(border.E, G, at, size)
     for k in range(m):
         add_own_equations(border, k, G, GE, r, at, M)
+        if len(sigma) > 0 and sigma[k] != 0.0:
+            for other in range(m):
+                M[at[BORDER * k], at[BORDER * other]] += border.S[k, other]
     if size > OWN * m:
         add_site_equations(border, C, G, GE, r_y, joints, at, M)
     join_laws(joints, sigma, r, at, M)
@@ -588,13 +618,13 @@ def thread_direction(E: Array, dz: Array, X: Array, dq: Array) -> bool:
 
 @loop
 def linearise_all(
-    law: Law, sigma: Array, rows: Flags, D: Array, c: Array, directed: Flags, bare: bool, lam: Array, y: Array,
-    border: Border, own: Array,
+    law: Law, sigma: Array, rows: Flags, D: Array, c: Array, directed: Flags, bare: bool, rides: bool, drive: Array,
+    lam: Array, y: Array, border: Border, own: Array,
 ) -> None:  # fmt: skip
     """Linearise all holds into a `border` of zeros, with constraints in force `rows` (m, 5), and add the stiffness of
     the thread's own axis at each of them to `own` (m, 3, 3) [N m]."""
     for k in range(len(lam)):
-        h = hold_at(D[k], c[k], directed[k], bare, lam[k], y[k])
+        h = hold_at(D[k], c[k], directed[k], bare, rides, drive[k], lam[k], y[k])
         linearise_hold(law, k, sigma[k], h, rows[k], border)
         if not bare:
             add_matrix(1.0, lacking_stiffness(h), own[k], FIRST, FIRST)

@@ -24,6 +24,9 @@ NO_JOINTS = Joints(np.zeros((0, 2), dtype=np.intp), np.zeros((0, 2), dtype=np.in
 FREE = np.zeros(0)  # abscissae that are not led
 
 
+RIDING = 6  # row of Vᵀ that has H_qs where knots travel
+
+
 SINGULAR_THREAD = "the thread's matrix is singular"
 SINGULAR_HOLDS = "the holds' matrix is singular: two constraints say the same, or nothing holds the thread"
 
@@ -35,7 +38,7 @@ class SingularError(ArithmeticError):
 def empty_border(m: int) -> Border:
     """Return the border of `m` holds with every block zero."""
     blocks = (NINE, BORDER), (OWN, NINE), (OWN, BORDER), (NINE, BORDER), (NINE, NINE)
-    return Border(*(np.zeros((m, *block)) for block in blocks))
+    return Border(*(np.zeros((m, *block)) for block in blocks), np.zeros((m, m)))
 
 
 def linearise(law: Law, sigma: Array, rows: Flags, thread: Passage, lam: Array, y: Array) -> tuple[Border, Array]:
@@ -43,6 +46,8 @@ def linearise(law: Law, sigma: Array, rows: Flags, thread: Passage, lam: Array, 
     forces on thread and organ; return the border, and the stiffness (m, 3, 3) [N m] of the thread's own axis at each
     hold."""
     border, own = empty_border(len(lam)), np.zeros((len(lam), 3, 3))
+    if thread.ridden is not None:
+        border.S[:] = -thread.ridden.by_ss
     linearise_holds(law, sigma, rows, *hold_arrays(thread, lam, y), border, own)
     return border, own
 
@@ -63,11 +68,13 @@ def column_pattern(c: int) -> tuple[Indices, Indices]:
 
 def columns(thread: Passage, n: int, c: int) -> Array:
     """Return V = (b, b', b'') ⊗ I₃ of every hold over the `c` coordinates of `n` points, shape `(c n, 9m)`, Fortran
-    order."""
+    order; where knots travel H_qs in the place of b''."""
     m = len(thread.first)
     V = np.zeros((m, NINE, c * n))
     row, column = column_pattern(c)
     V[np.arange(m)[:, None, None, None], row, c * thread.first[:, None, None, None] + column] = thread.b[:, :3, :, None]
+    if thread.ridden is not None:
+        V.reshape(m, NINE, n, c)[:, RIDING, :, :3] = np.moveaxis(thread.ridden.by_qs, 2, 0)
     return V.reshape(NINE * m, c * n).T
 
 
@@ -75,7 +82,10 @@ def values_at_holds(thread: Passage, X: Array) -> Array:
     """Return Vᵀ X by the four local points of each hold, shape `(9m, k)`; `X` (n, c, k)."""
     m = len(thread.first)
     local = X[thread.first[:, None] + LOCAL, :3]
-    return (thread.b[:, :3] @ local.reshape(m, 4, -1)).reshape(NINE * m, -1)
+    values = (thread.b[:, :3] @ local.reshape(m, 4, -1)).reshape(m, NINE, -1)
+    if thread.ridden is not None:
+        values[:, RIDING] = np.einsum("nxm,nxk->mk", thread.ridden.by_qs, X[:, :3])
+    return values.reshape(NINE * m, -1)
 
 
 def banded_solve(A: Array, b: Array) -> Array:

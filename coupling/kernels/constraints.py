@@ -21,6 +21,8 @@ from coupling.recent import Recent
 from thread.compliance import LACKS
 from thread.kernels.curve import FIRST, put
 from thread.kernels.loops import entry, loop, numbers
+from thread.kernels.travel import Ridden
+from thread.placed import Placed
 from thread.spline import ORDERS, Spline
 from thread.thread import Thread
 from thread.vectors import cross
@@ -36,7 +38,9 @@ class Passage:
 
     `first` (p,) and `b` (p, 4, 4): the basis there; `D` (p, 4, 3): P [m], T [-], T' [1/m], T'' [1/m²]; `c` (p, 3
     derivatives by s, 4): the missing compliances c₀, c₁, c₂, c₃ [m/N, 1/N, 1/(N m) twice]; `directed` (p,): where the
-    hole's frame gives the direction of the thread at the hole.
+    hole's frame gives the direction of the thread at the hole. `drive` (p,) [N]: −∂Π/∂s of a thread whose knots ride
+    with the holes, where D does not depend on s; None where knots stand still. `ridden`: that and the other derivatives
+    of Π by s, None where nobody asked for them.
     """
 
     first: Indices
@@ -44,6 +48,8 @@ class Passage:
     D: Array
     c: Array
     directed: Flags
+    drive: Array | None = None
+    ridden: Ridden | None = None
 
     @property
     def P(self) -> Array:
@@ -91,6 +97,23 @@ def passage(
     return replace(bare, c=thread.missing_compliance(s, home, layers), directed=directed)
 
 
+def knot_passage(
+    spline: Spline, q: Array, directed: Flags, drive: Array | None, ridden: Ridden | None = None
+) -> Passage:
+    """Evaluate a thread whose knots travel, on the `spline` of (P, S), at the knots of its holes: P and T there do not
+    depend on s. `drive` (p,) [N] is −∂Π/∂s, None: not known, zero."""
+    assert isinstance(spline, Placed)
+    at = spline.travel.at
+    first, b = spline.chi.basis(spline.chi.breaks[at])
+    b = b[:, :4] * np.array([1.0, 1.0, 0.0, 0.0])[:, None]
+    b[:, 1] /= np.einsum("mi,mi->m", b[:, 1], spline.places[first[:, None] + LOCAL])[:, None]
+    D = np.ascontiguousarray((b @ q[first[:, None] + LOCAL])[..., :3])
+    if ridden is not None:
+        drive = -ridden.by_s
+    drive = np.zeros(len(at)) if drive is None else drive
+    return Passage(first, b, D, np.zeros((len(at), 3, LACKS)), directed, drive, ridden)
+
+
 def bare_passage(spline: Spline, q: Array, s: Array, home: Array | None = None) -> Passage:
     """Evaluate the thread without the missing compliance: of rates, and under impulses, which a compliance without
     mass does not answer."""
@@ -119,11 +142,12 @@ class Meeting(NamedTuple):
 
 @loop
 def meet_all(
-    D: Array, c: Array, directed: Flags, bare: bool, lam: Array, y: Array, per_channel: Array, out: Meeting
-) -> None:
+    D: Array, c: Array, directed: Flags, bare: bool, rides: bool, drive: Array, lam: Array, y: Array,
+    per_channel: Array, out: Meeting,
+) -> None:  # fmt: skip
     """Evaluate thread and holes, into `out`."""
     for k in range(len(lam)):
-        h = hold_at(D[k], c[k], directed[k], bare, lam[k], y[k])
+        h = hold_at(D[k], c[k], directed[k], bare, rides, drive[k], lam[k], y[k])
         put(holes.effective_place(h), out.place, k, FIRST)
         put(holes.effective_tangent(h), out.tangent, k, FIRST)
         place, out.phi[k, C1], out.phi[k, C2] = holes.phi(h)
@@ -157,10 +181,12 @@ def meeting(thread: Passage, lam: Array, y: Array, per_channel: Array | None = N
     return thread._recent.of((lam, y, per_channel), make)
 
 
-def hold_arrays(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array, Flags, bool, Array, Array]:
+def hold_arrays(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array, Flags, bool, bool, Array, Array, Array]:
     """Return the arrays that the kernels make a hold of, each in the order of C."""
-    D, c, lam, y = (np.ascontiguousarray(x, dtype=float) for x in (thread.D, thread.c, lam, y))
-    return D, c, np.ascontiguousarray(thread.directed), thread.bare, lam, y
+    rides = thread.drive is not None
+    drive = np.zeros(len(thread.D)) if thread.drive is None else thread.drive
+    D, c, drive, lam, y = (np.ascontiguousarray(x, dtype=float) for x in (thread.D, thread.c, drive, lam, y))
+    return D, c, np.ascontiguousarray(thread.directed), thread.bare, rides, drive, lam, y
 
 
 def phi(thread: Passage, lam: Array, y: Array) -> Array:

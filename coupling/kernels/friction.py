@@ -138,7 +138,7 @@ def net_drive(law: Law, k: int, h: Hold, s: float) -> float:
 @loop
 def stretch_met(law: Law, k: int, h: Hold) -> float:
     """Return |T̂|."""
-    return law.stretch[k] if h.directed and not h.bare else norm(tangent(h))
+    return law.stretch[k] if h.rides or (h.directed and not h.bare) else norm(tangent(h))
 
 
 @loop
@@ -250,8 +250,11 @@ def linearise_law(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) -
     add_row(T_u, T_s, D, LAW, U)
     add_row(T_v, T_s, D, LAW, V)
     D[LAW, S] += dot(h.lam, h.K) + dot(h.m, h.J) + held_energy(h, 2) - law.inertia[k]
-    add_row(1.0, h.lam, B, LAW, AT_T)
-    add_row(1.0, h.m, B, LAW, AT_K)
+    if h.rides:
+        B[LAW, AT_K] -= 1.0
+    else:
+        add_row(1.0, h.lam, B, LAW, AT_T)
+        add_row(1.0, h.m, B, LAW, AT_K)
     if not h.bare:
         add_turning(h, B, D)
     if not law.ideal:
@@ -295,7 +298,7 @@ def add_friction(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) ->
     add_row(h.mu_u, by_m, D, LAW, U)
     add_row(h.mu_v, by_m, D, LAW, V)
     by_t = sum_of(press * dot(one, t), n_one, press * dot(other, t), n_other)
-    add_tangent(h, size, t, -given, by_t, B, D)
+    add_tangent(h, size, t, 0.0 if h.rides else -given, by_t, B, D)
 
 
 @loop
@@ -333,12 +336,12 @@ def add_effective_tangent(h: Hold, by: Vector, D: Array) -> tuple[Vector, Vector
 
 @loop
 def rule_all(
-    law: Law, sigma: Array, s: Array, margin: float, D: Array, c: Array, directed: Flags, bare: bool, lam: Array,
-    y: Array, out: Ruled,
+    law: Law, sigma: Array, s: Array, margin: float, D: Array, c: Array, directed: Flags, bare: bool, rides: bool,
+    drive: Array, lam: Array, y: Array, out: Ruled,
 ) -> None:  # fmt: skip
     """Evaluate the law of sliding of all holds, into `out`."""
     for k in range(len(s)):
-        h = hold_at(D[k], c[k], directed[k], bare, lam[k], y[k])
+        h = hold_at(D[k], c[k], directed[k], bare, rides, drive[k], lam[k], y[k])
         rule_hold(law, k, sigma[k], h, s[k], out)
     rule_set(law, sigma, s, margin, out)
 

@@ -70,7 +70,9 @@ class Hold(NamedTuple):
     `unit` vector and `size`, and λ `along` and `across` it [N]. How far T leaves the frame, as
     `coupling.kernels.constraints.Tilt`: `normal` n̂, `area`, `cosine` ψ, n̂ − ψâ `of_along` and â − ψn̂ `of_normal`,
     γ with its derivatives `slope` and `bend` by ψ, `share` Γ, `by_T`, `by_n`. `directed`: the frame tells where the
-    thread goes. `bare`: no hold of the thread lacks compliance.
+    thread goes. `bare`: no hold of the thread lacks compliance. ∂P/∂s at fixed q, `P_s`: T, or zero where the knots ride
+    with the holes (`rides`); then P, T at the hole do not depend on s, and `drive` is −∂Π/∂s [N], of the potential of
+    the thread (`thread.kernels.travel`).
     """
 
     P: Vector
@@ -89,6 +91,9 @@ class Hold(NamedTuple):
     x: Vector
     u: Vector
     v: Vector
+    P_s: Vector
+    rides: bool
+    drive: float
     m: Vector
     unit: Vector
     size: float
@@ -108,7 +113,7 @@ class Hold(NamedTuple):
 
 
 @loop
-def hold_at(D: Array, c: Array, directed: bool, bare: bool, lam: Array, y: Array) -> Hold:
+def hold_at(D: Array, c: Array, directed: bool, bare: bool, rides: bool, drive: float, lam: Array, y: Array) -> Hold:
     """Return a hold from P to T'', `D` (4, 3), c `(3 derivatives, 4)`, `lam` (5,) and `y` (9,)."""
     T, force, u, v = vector(D[1], FIRST), vector(lam, FIRST), vector(y, AT_U), vector(y, AT_V)
     size = norm(T)
@@ -119,6 +124,9 @@ def hold_at(D: Array, c: Array, directed: bool, bare: bool, lam: Array, y: Array
     cosine = dot(unit, normal)
     of_along, of_normal = sum_of(1.0, normal, -cosine, unit), sum_of(1.0, unit, -cosine, normal)
     half = sqrt(0.5 * (1.0 + cosine))  # cos ½φ
+    P_s = T
+    if rides:
+        P_s = ZERO
     gamma, slope = 0.5 * half**2 * (1.0 + half), 0.25 * (1.0 + 1.5 * half)
     return Hold(
         vector(D[0], FIRST),
@@ -137,6 +145,9 @@ def hold_at(D: Array, c: Array, directed: bool, bare: bool, lam: Array, y: Array
         vector(y, FIRST),
         u,
         v,
+        P_s,
+        rides,
+        drive,
         sum_of(lam[3], u, lam[4], v),
         unit,
         size,
@@ -250,7 +261,7 @@ def arm_rate(h: Hold) -> float:
 def place_rate(h: Hold) -> Vector:
     """Return ∂P̂/∂s at constant multipliers."""
     if h.bare:
-        return h.T
+        return h.P_s
     rate = plus(h.T, sum_of(h.c0[1], h.across, arm_rate(h), h.m))
     return sum_of(1.0, rate, -h.c0[0], axis_turned(h, h.K))
 
@@ -292,8 +303,8 @@ def tangent(h: Hold) -> Vector:
 
 @loop
 def driving_force(h: Hold) -> float:
-    """Return Φ_sᵀλ [N]."""
-    return dot(h.lam, h.T) + dot(h.m, h.K) + held_energy(h, 1) + dot(lacking_force(h), h.K)
+    """Return the force that drives the thread along itself, −∂Π/∂s + Φ_sᵀλ [N]."""
+    return h.drive + dot(h.lam, h.P_s) + dot(h.m, h.K) + held_energy(h, 1) + dot(lacking_force(h), h.K)
 
 
 @loop

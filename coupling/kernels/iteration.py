@@ -17,11 +17,13 @@ from coupling.kernels.border import (
     empty_border,
     linearise_hold,
     put_columns,
+    put_riding,
     site_residual,
     solve_holds,
     stiffen_hold,
     thread_direction,
     values_at_hold,
+    values_riding,
 )
 from coupling.kernels.friction import (
     Law,
@@ -46,9 +48,23 @@ from thread.compliance import LACKS
 from thread.kernels import curve as on_curve
 from thread.kernels.curve import FIRST, Curve, Stretched, add_block, along_span, put
 from thread.kernels.loops import entry, loop, outermost, owning, sources
+from thread.kernels.travel import (
+    Field,
+    Ridden,
+    Ride,
+    add_elastic_rates,
+    add_end_masses,
+    add_inertia,
+    clear_ridden,
+    next_riding_force,
+    on_span,
+    place_curve,
+    place_knots,
+)
 from thread.kernels.vectors import Vector, add_row, dot, sum_of
 
 SOLVED, RAN_AWAY, SINGULAR_THREAD, SINGULAR_HOLDS, NOT_CONVERGED, ALTERNATES, UNKNOWN = range(7)  # how one ends
+LEFT = 0.1  # of a part of the thread between two holes: what one correction leaves of it
 HOW, TOTAL, SETS, OF_SET, GOES_ON = range(5)  # in the numbers of a trail
 TINY = 2.2250738585072014e-308
 
@@ -69,7 +85,9 @@ class Given(NamedTuple):
     (m, 9), `C` (9m, 9m); constraints in force, `rows` (m, 5), and `directed` (m,); the piece of each hold: its outer
     `spans` (m, 2) and its ends, `piece` (m, 2) [m]; what the spline lacks on each span for each hold, `lack`
     (m, spans, 3 derivatives, 4, 7 powers); whether the constraints `stiffen` the thread's band; the `gaps` (t, 3) [m]
-    between the strands of ties; and what round-off moves the sites by, `rounded` (m, 9) [m, -]."""
+    between the strands of ties; and what round-off moves the sites by, `rounded` (m, 9) [m, -]. Of a thread whose knots
+    travel, `ride`: then the earlier curves, two `fields` whose sum is in the place of `q_ref`, and `load` is without
+    the thread's weight."""
 
     q_ref: Array
     load: Array
@@ -85,6 +103,8 @@ class Given(NamedTuple):
     stiffen: bool
     gaps: Array
     rounded: Array
+    ride: Ride
+    fields: tuple[Field, Field]
 
 
 class Bounds(NamedTuple):
@@ -130,12 +150,13 @@ class Trail(NamedTuple):
 
 class Passing(NamedTuple):
     """The thread at its holes, as `coupling.kernels.constraints.Passage`: `D` (m, 4, 3) P to T'', `b` (m, 4, 4), `c`
-    (m, 3, 4), `first` (m,)."""
+    (m, 3, 4), `first` (m,), `drive` (m,) [N], zero where knots stand still."""
 
     first: Indices
     b: Array
     D: Array
     c: Array
+    drive: Array
 
 
 class Found(NamedTuple):
@@ -157,6 +178,7 @@ class Found(NamedTuple):
     T_axial: Array
     strain: Array
     trail: Trail
+    ridden: Ridden
 
 
 @loop
@@ -210,6 +232,21 @@ def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found | Passin
 
 
 @loop
+def pass_knot(ride: Ride, z: Unknowns, k: int, r: Found) -> None:
+    """Evaluate the thread at the knot of hold k, of a thread whose knots travel: P and T do not depend on s."""
+    first, S = ride.first[k], r.ridden.S
+    r.first[k], rate = first, on_span(ride.at[k, 1], S, first)
+    for i in range(4):
+        r.b[k, 0, i], r.b[k, 1, i] = ride.at[k, 0, i], ride.at[k, 1, i] / rate
+        r.b[k, 2, i] = r.b[k, 3, i] = 0.0
+    for order in range(4):
+        put(along_span(r.b[k, order], z.q, first), r.D[k], order, FIRST)
+    for derivative in range(3):
+        for j in range(LACKS):
+            r.c[k, derivative, j] = 0.0
+
+
+@loop
 def lacks(c: Array) -> bool:
     """Whether the spline lacks any compliance at the holds, `c` (m, 3, 4)."""
     for k in range(len(c)):
@@ -232,7 +269,8 @@ def is_unknown(c: Array, s: Array) -> bool:
 @loop
 def hold_of(given: Given, z: Unknowns, r: Found, k: int, bare: bool) -> Hold:
     """Return hold k."""
-    return hold_at(r.D[k], r.c[k], given.directed[k], bare, z.lam[k], z.y[k])
+    drive = -r.ridden.by_s[k]
+    return hold_at(r.D[k], r.c[k], given.directed[k], bare, given.ride.on, drive, z.lam[k], z.y[k])
 
 
 @loop
@@ -251,16 +289,27 @@ def add_momentum(mass: Array, factor: float, q: Array, q_ref: Array, out: Array)
 @loop
 def evaluate(curve: Curve, knots: Knots, law: Law, given: Given, z: Unknowns, r: Found) -> tuple[float, bool]:
     """Evaluate all residuals of a step; returns the largest force [N] and whether the spline lacks nothing."""
-    at, m = Stretched(r.T, r.K, r.T_axial, r.strain), len(z.s)
+    at, m, ride = Stretched(r.T, r.K, r.T_axial, r.strain), len(z.s), given.ride
+    clear_ridden(r.ridden)
+    if ride.on:
+        place_knots(ride, z.s, r.ridden.S)
+        place_curve(ride, r.ridden.S, curve)
     on_curve.evaluate(curve, z.q, at)
     clear(r.elastic)
     clear(r.push)
     on_curve.add_gradient(curve, at, r.elastic)
     scale = balance_elastic(r, given.load)
-    if given.mass_factor != 0.0:
+    if ride.on:
+        add_elastic_rates(curve, ride, at, z.N, r.ridden)
+        add_inertia(curve, ride, given.fields, given.mass_factor, z.q, r.balance, r.ridden)
+        add_end_masses(ride, given.fields, given.mass_factor, z.q, r.balance, r.ridden)
+    elif given.mass_factor != 0.0:
         add_momentum(knots.mass, given.mass_factor, z.q, given.q_ref, r.balance)
     for k in range(m):
-        pass_hold(knots, given, z, k, r)
+        if ride.on:
+            pass_knot(ride, z, k, r)
+        else:
+            pass_hold(knots, given, z, k, r)
     bare = not lacks(r.c)
     for k in range(m):
         h = hold_of(given, z, r, k, bare)
@@ -346,6 +395,8 @@ def border_of(law: Law, given: Given, z: Unknowns, r: Found, bare: bool) -> Bord
     """Linearise the holds."""
     border = empty_border(len(z.s))
     for k in range(len(z.s)):
+        for other in range(len(z.s)):
+            border.S[k, other] = -r.ridden.by_ss[k, other]
         linearise_hold(law, k, z.sigma[k], hold_of(given, z, r, k, bare), given.rows[k], border)
     return border
 
@@ -355,10 +406,11 @@ def thread_matrix(curve: Curve, knots: Knots, given: Given, z: Unknowns, r: Foun
     """Return the thread's own matrix as a block band: inertia, stiffness, and that of the axes at the holes."""
     n = len(z.q)
     A = np.zeros((n + REACH, 3, 3 * (REACH + 1)))
+    mass = r.ridden.mass if given.ride.on else knots.mass
     for i in range(n):
         for k in range(REACH + 1):
             for x in range(3):
-                A[i, x, 3 * k + x] = given.mass_factor * knots.mass[i, k]
+                A[i, x, 3 * k + x] = given.mass_factor * mass[i, k]
     on_curve.add_tangent(curve, Stretched(r.T, r.K, r.T_axial, r.strain), z.N, A)
     for k in range(len(z.s)):
         if not bare:
@@ -414,11 +466,15 @@ def newton_direction(
 ) -> int:
     """Solve for the direction `dq` (n, 3), `dz` (m, 15), led by `reach` as in `solve_holds`; returns SOLVED or which
     matrix is singular."""
-    n, m = len(r.balance), len(r.holds)
+    n, m, rides = len(r.balance), len(r.holds), given.ride.on
+    orders = 2 if rides else 3
     X, first = np.zeros((n + REACH, 3, 1 + NINE * m)), n
     for k in range(m):
-        put_columns(r.first[k], r.b[k], X, 1 + NINE * k)
+        put_columns(r.first[k], r.b[k], orders, X, 1 + NINE * k)
         first = min(first, r.first[k])
+        if rides:
+            put_riding(k, r.ridden.by_qs, X, 1 + NINE * k)
+            first = 0
     for i in range(n):
         for x in range(3):
             X[i, x, 0] = -r.balance[i, x]
@@ -429,7 +485,9 @@ def newton_direction(
         return SINGULAR_THREAD
     G = np.zeros((NINE * m, 1 + NINE * m))
     for k in range(m):
-        values_at_hold(r.first[k], r.b[k], X, G, NINE * k)
+        values_at_hold(r.first[k], r.b[k], orders, X, G, NINE * k)
+        if rides:
+            values_riding(k, r.ridden.by_qs, X, G, NINE * k)
     if not solve_holds(border, given.C, G, r.holds, r.site, law.joints, sigma, reach, dz):
         return SINGULAR_HOLDS
     return SOLVED if thread_direction(border.E, dz, X, dq) else SINGULAR_HOLDS
@@ -472,15 +530,35 @@ def allowed_share(longest: float, turn: float, floats: bool, spacing: Array, lev
 
 
 @loop
-def add_correction(bounds: Bounds, spacing: Array, lever: Array, z: Unknowns, dq: Array, dz: Array) -> None:
-    """Add the share of a correction that is allowed; `dq` becomes what is added."""
+def share_between_holes(ride: Ride, S: Array, dz: Array) -> float:
+    """Return the part of a correction in which no part of the thread between two holes falls below LEFT of its
+    length."""
+    share, before = 1.0, 0.0
+    for i in range(len(S)):
+        moved = 0.0
+        for k in range(len(dz)):
+            moved += ride.b[i, k] * dz[k, 0]
+        if i > 0 and moved < before:
+            share = min(share, (1.0 - LEFT) * (S[i] - S[i - 1]) / (before - moved))
+        before = moved
+    return share
+
+
+@loop
+def add_correction(
+    bounds: Bounds, spacing: Array, lever: Array, ride: Ride, S: Array, z: Unknowns, dq: Array, dz: Array
+) -> None:
+    """Add the share of a correction that is allowed; `dq` and the first column of `dz` become what is added."""
     share = allowed_share(bounds.longest, bounds.turn, bounds.floats, spacing, lever, dq)
+    if ride.on:
+        share = min(share, share_between_holes(ride, S, dz))
     for i in range(len(dq)):
         for x in range(3):
             dq[i, x] *= share
             z.q[i, x] += dq[i, x]
     for k in range(len(z.s)):
-        z.s[k] += share * dz[k, 0]
+        dz[k, 0] *= share
+        z.s[k] += dz[k, 0]
         for j in range(5):
             z.lam[k, j] += share * dz[k, 1 + j]
         for j in range(NINE):
@@ -517,8 +595,11 @@ def solve_set(
         ending = newton_direction(A, border, law, z.sigma, given, r, reach, dq, dz)
         if ending != SOLVED:
             return ending, scale, bare
-        add_correction(bounds, knots.spacing, lever, z, dq, dz)
-        on_curve.next_axial_force(curve, Stretched(r.T, r.K, r.T_axial, r.strain), dq, z.N)
+        add_correction(bounds, knots.spacing, lever, given.ride, r.ridden.S, z, dq, dz)
+        at = Stretched(r.T, r.K, r.T_axial, r.strain)
+        on_curve.next_axial_force(curve, at, dq, z.N)
+        if given.ride.on:
+            next_riding_force(curve, given.ride, at, dz, z.N)
         made[OF_SET] += 1
         made[TOTAL] += 1
 

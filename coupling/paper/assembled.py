@@ -31,7 +31,17 @@ from coupling.joins.contact import NO_FORCES
 from coupling.joins.rubbing import rows_of
 from coupling.kernels.border import NINE, OWN, Border
 from coupling.kernels.bordered import LAM, MU_V, OF_X, S, Y, columns
-from coupling.step.newton import Iterate, Problem, Residual, Solution, allowed_share, border_of, solve, thread_matrix
+from coupling.step.newton import (
+    Iterate,
+    Problem,
+    Residual,
+    Solution,
+    allowed_share,
+    border_of,
+    next_axial_force,
+    solve,
+    thread_matrix,
+)
 from coupling.step.sliding import sliding_strands
 from thread.banded import diagonal_of
 
@@ -133,7 +143,7 @@ def assemble(problem: Problem[Body], z: Monolith, r: Residual) -> BlockSystem:
     J, held_sum = joined_laws(problem, z)
     own = [J @ diagonal(border.B[:, :1]), diagonal(border.B[:, 1:OWN])]
     by_law = [J @ column for column in split_by_unknown(border, "law", Y_all)]
-    by_law[1] = by_law[1] + held_sum
+    by_law[1] = by_law[1] + held_sum + J @ csr_array((z.sigma != 0.0)[:, None] * border.S)
     by_F = [-Y_all.T @ x for x in split_by_unknown(border, "F", Y_all)]
     G = csr_array(hstack([csr_array(organ.G), csr_array((len(organ.g0), 3 * t))]))
     by_gap, by_push = law_of_lips(problem, z)
@@ -240,7 +250,7 @@ def monolithic_solve(problem: Problem[Body], start: Iterate, U: Array, linear: L
         return replace(
             z,
             q=z.q + dq,
-            N=problem.system.thread.next_axial_force(r.points, dq),
+            N=next_axial_force(r, dq, x[system.blocks["s"]][:, None]),
             s=z.s + x[system.blocks["s"]],
             lam=z.lam + x[system.blocks["lam"]].reshape(-1, 5),
             y=all_variables(problem, U_next),

@@ -25,6 +25,7 @@ from coupling.kernels.steps.watch import at_stake
 from coupling.step.stepping import Step, end_load, scheme_of, thread_motion
 from coupling.step.tables import plain
 from coupling.system import State, System
+from thread.riding import potential_rates, put_on
 
 BORNE = 0.01  # of a compliance: with less of it left, a hole that stays in place is met under forces without measure
 NONE, PLANE = np.zeros(0), np.zeros((0, 0))
@@ -101,16 +102,52 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
 def turned_over(step: Step[Body]) -> Array:
     """Return what a step of the thread turns over, `coupling.kernels.steps.audit.TURNS` numbers [J]."""
     old, new, solution = step.old, step.new, step.solution
-    residual, y, thread = solution.residual, solution.iterate.y, solution.problem.system.thread
+    residual, y = solution.residual, solution.iterate.y
     lag = residual.f_y * (new.y - y)  # y: where the holes were when the thread was solved
     turns = np.zeros(audit.TURNS)
-    turns[audit.ELASTIC] = thread.energy(residual.configuration.points)
+    turns[audit.ELASTIC] = residual.configuration.thread.energy(residual.configuration.points)
     turns[audit.EXTERNAL] = closing_works(step).sum()
     turns[audit.NUMERICAL] = lying_work(step) + solution.linearisation
     turns[audit.REMAINDER] = -lag.sum()
     motions = motion_of(old, old.y, residual.f_y), motion_of(new, y, residual.f_y)
-    audit.audit(works_of(step), holes_of(step), forces_on(step), *motions, met_by(step), turns)
+    if solution.problem.system.thread.travels:
+        motions = motions[0]._replace(v=plain(put_on_end(step, old.v))), motions[1]
+    on = forces_on(step)
+    audit.audit(works_of(step), holes_of(step), on, *motions, met_by(step), turns)
+    if solution.problem.system.thread.travels:
+        add_travelling(step, on, turns)
     return turns
+
+
+def put_on_end(step: Step[Body], values: Array) -> Array:
+    """Return control values (n, c) of the start of a step, of its curve at the material points, on the knots of its
+    end."""
+    spline = step.old.spline
+    assert spline is not None
+    return put_on(step.solution.residual.configuration.thread, [(spline, values)])
+
+
+def add_travelling(step: Step[Body], on: OnThread, turns: Array) -> None:
+    """Add what a step turns over by the way of the knots themselves, with ∂Π/∂s of each part of the potential: the
+    elastic energy, the weight, and the inertia, what it takes beyond the change of the kinetic energy being the
+    integrator's."""
+    old, new, solution = step.old, step.new, step.solution
+    problem, r, thread = solution.problem, solution.residual, solution.residual.configuration.thread
+    ds, dq, n, m = new.s - old.s, new.q - old.q, thread.n, len(new.s)
+    weight, by_weight, by_elastic = potential_rates(thread, problem.weight * problem.system.gravity, new.q)
+    assert new.drive is not None
+    by_inertia = -new.drive - by_elastic - by_weight
+    inertia = r.thread.reshape(n, -1) - r.configuration.elastic + problem.load - weight + r.push
+    change = 0.5 * np.vdot(new.v, on.momentum)
+    change -= 0.5 * np.vdot(old.v, problem.system.at(old).thread.momentum(old.v))
+    taken = thread.damping * np.vdot(new.v, on.moved) + 0.5 * np.vdot(on.faster, new.v - put_on_end(step, old.v))
+    turns[audit.EXTERNAL] -= np.vdot(weight, dq) + by_weight @ ds
+    turns[audit.NUMERICAL] += by_elastic @ ds
+    beyond = np.vdot(inertia, dq) + by_inertia @ ds - change - taken
+    if is_of_bdf2(step):
+        turns[audit.TWO_STEP] += beyond + np.vdot(new.v, on.faster)
+    else:
+        turns[audit.NUMERICAL] += beyond
 
 
 def works_of(step: Step[Body]) -> Works:
@@ -118,9 +155,10 @@ def works_of(step: Step[Body]) -> Works:
     system, problem, two_step = step.solution.problem.system, step.solution.problem, is_of_bdf2(step)
     a, at, more = 0.0, np.zeros_like(step.new.q), np.zeros((2, 3))
     if two_step:
+        more = plain((end_load(system, step.old.time) - end_load(system, problem.time))[[0, -1], :3])
+    if two_step and not system.thread.travels:
         scheme = scheme_of(step.old, step.dt)
         a, at = float(scheme.a), plain(scheme.inertia_reference(*thread_motion(scheme, step.old)))
-        more = plain((end_load(system, step.old.time) - problem.load)[[0, -1], :3])
     return Works(float(system.thread.damping), a, at, two_step, more, two_step or problem.stiffen, BORNE)
 
 
@@ -137,15 +175,21 @@ def holes_of(step: Step[Body]) -> Holes:
         inertia=plain(law.inertia * np.ones(system.holds)),
         s_free=plain(law.s_free),
         epsilon=float(system.epsilon),
+        rides=system.thread.travels,
     )
 
 
 def forces_on(step: Step[Body]) -> OnThread:
     """Return what acts on the thread at the end of a step."""
     old, new, problem, r = step.old, step.new, step.solution.problem, step.solution.residual
-    moved, faster, momentum = (momentum_of(problem.system, x) for x in (new.q - old.q, new.v - old.v, new.v))
+    moves = (new.q - old.q, new.v - old.v, new.v)
+    system, push = problem.system, r.push
+    if system.thread.travels:
+        moves = (new.q - put_on_end(step, old.q), new.v - put_on_end(step, old.v), new.v)
+        system = system.on(r.configuration.thread.spline)
+    moved, faster, momentum = (momentum_of(system, x) for x in moves)
     elastic, load, balance = map(plain, (r.configuration.elastic, problem.load, r.thread.reshape(new.q.shape)))
-    return OnThread(elastic, load, balance, problem.system.held_flags, plain(r.push), moved, faster, momentum)
+    return OnThread(elastic, load, balance, problem.system.held_flags, plain(push), moved, faster, momentum)
 
 
 def motion_of(state: State[Body], y: Array, f_y: Array) -> Motion:
@@ -171,7 +215,8 @@ def met_by(step: Step[Body]) -> Met:
 
 def passing_of(at: Passage) -> Passing:
     """Return the thread at its holes as the kernels want it."""
-    return Passing(at.first.astype(np.int64), plain(at.b), plain(at.D), plain(at.c))
+    drive = np.zeros(len(at.D)) if at.drive is None else at.drive
+    return Passing(at.first.astype(np.int64), plain(at.b), plain(at.D), plain(at.c), plain(drive))
 
 
 def body_of(step: Step[Body]) -> Array:

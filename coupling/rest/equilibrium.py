@@ -53,6 +53,7 @@ from coupling.step.stepping import (
     end_load,
     reactions,
     release,
+    riding,
     settle_layers,
     tie_gaps,
     with_ends,
@@ -110,8 +111,8 @@ def static_problem(
     in `state`, as do the pieces of a thread that is cut. Friction opposes the way from `first`, and what is drawn
     through is counted from there; hands draw and ties hold as in a load step that `began` then [s], with all of the
     force that they have at its end."""
-    time = share * duration
-    load = share * end_load(system, duration)
+    time, system = share * duration, system.at(state)
+    load = share * (end_load(system, duration) - (system.weight if system.thread.travels else 0.0))
     load[loose_points(system, state)] = 0.0
     by_hand = system.drawn_lengths(first.time, time), system.pulling_forces(time)
     stretch = stretches_at(system, state.s, state.N, state.lam, state.present)
@@ -129,6 +130,8 @@ def static_problem(
         frame=state.frame,
         layers=layers_at(system, state.s, state.N, state.lam, state.present),
         gaps=tie_gaps(system, state, time),
+        fields=() if state.spline is None else ((state.spline, state.q[:, :3]),),
+        weight=share,
     )
 
 
@@ -501,6 +504,8 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
         frame=system.thread.transport_frame(old.frame, z.q),
         layers=problem.layers,
         stretch=problem.law.stretch,
+        solved=None,
+        **riding(residual),
     )
     return with_sense(system, old, new, residual.passage)
 

@@ -22,6 +22,7 @@ from coupling.step.sliding import law_of, prescribed
 from coupling.step.solver import solve
 from coupling.step.stepping import sense, with_ends
 from coupling.system import State, System
+from thread.placed import Placed
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import Thread
@@ -65,11 +66,19 @@ def project_path(thread: Thread, path: Array) -> Array:
 def laid_thread(thread: Thread, stretch: float, axial: float) -> Thread:
     """Return the thread over the path's own arc length (`stretch` times its rest length), with the section of a cord
     whose EA is `axial` EI/h², h the mean span."""
-    spline = Spline(thread.spline.knots * stretch)
+    spline = stretched(thread.spline, stretch)
     span = (spline.end - spline.start) / (len(spline.breaks) - 1)
     cord = Cord(EA=axial / span**2, diameter=span)
     plain = replace(thread, bending=True, point_masses=(0.0, 0.0), twist=False, springs=None, coil=0.0)
     return replace(plain, spline=spline, section=cord, hole_compliance=False)
+
+
+def stretched(spline: Spline, by: float) -> Spline:
+    """Return a spline whose abscissae are so many times as far from one another."""
+    if not isinstance(spline, Placed):
+        return Spline(spline.knots * by)
+    travel = replace(spline.travel, a=spline.travel.a * by)
+    return Placed(spline.knots, spline.places * by, travel)
 
 
 @dataclass(frozen=True)
@@ -137,7 +146,7 @@ def lay_on_bed(
             z = solve(problem, replace(z, sigma=loose.astype(float)), patience=patience).iterate
         except StepError:
             break
-    strain = float(np.abs(first.points(z.q).strain).max())
+    strain = float(np.abs(first.placed(z.s).points(z.q).strain).max())
     return z.q, z.s / laying.stretch, strain
 
 
@@ -169,6 +178,7 @@ def bed_problem(
         answer=answer,
         rows=system.rows & system.from_start[:, None],
         law=prescribed(law, ~loose, np.zeros(m)),
+        weight=0.0,
     )
 
 
@@ -194,7 +204,7 @@ def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[
     y = all_holds(system, system.organ.site_variables(organ))
     s = np.concatenate([s, system.clamp_abscissae, np.full(2 * len(system.ties), system.thread.spline.start)])
     q, s = lay(system, Laying(hold_still(system.organ, organ), path, stretch), s)
-    m, thread = system.holds, system.thread
+    m, thread = system.holds, system.thread.placed(s)
     q = np.pad(q, ((0, 0), (0, thread.coordinates - 3)))
     frame = thread.untwisted_frame(q)
     return State(
@@ -212,4 +222,5 @@ def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[
         sense=sense(system.passage(q, s), y),
         reaction=np.zeros((2, thread.coordinates)),
         frame=frame,
+        spline=thread.spline if thread.travels else None,
     )

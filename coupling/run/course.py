@@ -369,4 +369,4 @@ def room_to_keep(motion: Motion, steps: int) -> Kept:
 def empty_passing(*m: int) -> Passing:
     """Return room for the thread at the holes of an array of that shape."""
     first, b, D, c = np.zeros(m, np.int64), *(np.zeros((*m, *of)) for of in ((ORDERS, ORDERS), (ORDERS, 3), (3, LACKS)))
-    return Passing(first, b, D, c)
+    return Passing(first, b, D, c, np.zeros(m))

@@ -47,6 +47,8 @@ def resolved_bends(system: System[Body], state: State[Body]) -> Array:
 def is_too_long(system: System[Body], state: State[Body], dt: float) -> bool:
     """Whether the thread runs further through a hole in `dt` [s], at the rate it has, than one step sees: CROSSED of
     the spans at the hole, or, where these resolve √(EI/T), BENDS of it, at most CROSSED of the longest spans."""
+    if system.thread.travels:
+        return False
     crossed = crossing_rates(system, state) * dt
     if not (crossed > CROSSED).any():
         return False
@@ -65,6 +67,8 @@ def carried_on(system: System[Body], state: State[Body], dt: float) -> tuple[Arr
     none of that is known, and the shape stays.
     """
     thread, spline = system.thread, system.thread.spline
+    if thread.travels:
+        return None
     layers, ways = resolved_bends(system, state), dt * state.s_dot
     runs = (dt * crossing_rates(system, state) > CROSSED) & (layers > 0.0)
     if not runs.any() or spline.cuts.size:

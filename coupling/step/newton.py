@@ -43,7 +43,10 @@ from coupling.kernels.iteration import holds_solved, share
 from coupling.step.configuration import Configuration, evaluate_thread
 from coupling.step.sliding import Law, admissible_sigma, ruled, with_own_laws
 from coupling.system import System
+from thread.errors import ThreadError
 from thread.frames import Frame
+from thread.riding import field_of, ride, share_left, with_riding_force
+from thread.spline import Spline
 from thread.thread import Points
 from tissue.errors import OrganError
 
@@ -77,6 +80,9 @@ class Problem(Generic[Body]):
     exact row operation); `frame`, that of the start of the step, of a thread with twist; `layers` (m,) [m], √(EI/T)
     that the thread bends over at its holes, None without tension; `closed` (k,), the pairs of lips that are held
     closed, whatever their force, and how they are `rubbing`; `gaps` (t, 3) [m], between the strands of every tie;
+    `fields`, of a thread whose knots travel: earlier curves on their own splines, control values (n, 3) [m], whose sum
+    is in the place of `q_ref`, empty for `q_ref` on the thread's own spline, and the part of its `weight` that acts,
+    which is then no part of `load`;
     `by_turns`: a correction turns no tangent by more than LARGEST_TURN (`coupling.step.continuation.solve_held`);
     `along` makes a correction where the loads are unknown too, and returns the problem under others with it, None
     where they are given (`coupling.rest.branch`).
@@ -97,8 +103,16 @@ class Problem(Generic[Body]):
     closed: Flags = field(default_factory=lambda: NO_PAIRS)
     rubbing: Rubbing = field(default_factory=Rubbing)
     gaps: Array = field(default_factory=lambda: NO_GAPS)
+    fields: tuple[tuple[Spline, Array], ...] = ()
+    weight: float = 1.0
     by_turns: bool = False
     along: "Callable[[Problem[Body], Iterate, Residual], tuple[Problem[Body], Iterate]] | None" = None
+
+    @cached_property
+    def earlier(self) -> tuple[tuple[Spline, Array], tuple[Spline, Array]]:
+        """The earlier curves of a thread whose knots travel, always two; one is zero where there is none."""
+        fields = self.fields or ((self.system.thread.spline, self.q_ref[:, :3]),)
+        return fields[0], (fields[1] if len(fields) > 1 else (fields[0][0], np.zeros_like(fields[0][1])))
 
     @cached_property
     def inertia(self) -> Array:
@@ -211,13 +225,17 @@ class Solution(Generic[Body]):
 
 def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
     """Evaluate all residuals of a step."""
-    thread = problem.system.thread
-    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, problem.layers)
+    thread, inertia, ridden = problem.system.thread, np.zeros_like(z.q), None
+    if thread.travels:
+        fields = tuple(field_of(*field) for field in problem.earlier)
+        gravity = problem.weight * problem.system.gravity
+        inertia, ridden = ride(thread.placed(z.s), fields, problem.mass_factor, gravity, z.q, z.N)
+    elif problem.mass_factor:
+        inertia = problem.mass_factor * thread.momentum(z.q - problem.q_ref)
+    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, problem.layers, ridden=ridden)
     at, elastic = now.at, now.elastic
-    balance, push = elastic - problem.load, spread(thread_force(at, z.lam, z.y), at, thread.n)
+    balance, push = elastic - problem.load + inertia, spread(thread_force(at, z.lam, z.y), at, thread.n)
     balance[:, :3] -= push
-    if problem.mass_factor:
-        balance += problem.mass_factor * thread.momentum(z.q - problem.q_ref)
     holds = np.empty((len(z.s), 6))
     holds[:, S] = ruled(problem.law, z.sigma, at, z.s, z.lam, z.y).residual[:, 0]
     holds[:, PHI] = np.where(problem.rows, phi(at, z.lam, z.y), z.lam)
@@ -347,9 +365,9 @@ def allowed_share(problem: Problem[Body], dq: Array) -> float:
 def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual, own: Array | None = None) -> Array:
     """Return the thread's own matrix, banded: inertia, stiffness, and that of its own axis at the holes, `own`
     (m, 3, 3) [N m], None if it is to be evaluated here (`coupling.kernels.holes.lacking_stiffness`)."""
-    at, thread = r.passage, problem.system.thread
+    at, thread = r.passage, r.configuration.thread
     A = thread.tangent(r.points, z.N)
-    A += problem.inertia
+    A += problem.mass_factor * thread.mass_band if thread.travels else problem.inertia
     if not at.bare:
         A += thread.band_at(at.first, own_stiffness(at, linearised(problem, z, at)[1] if own is None else own))
     return A
@@ -368,15 +386,24 @@ def direction(problem: Problem[Body], z: Iterate, r: Residual, reach: Array = FR
 
 def moved(problem: Problem[Body], z: Iterate, r: Residual, dq: Array, dz: Array) -> Iterate:
     """Return an iterate moved by dq (n, c) and dz (m, 15)."""
-    N = problem.system.thread.next_axial_force(r.points, dq)
-    return replace(z, q=z.q + dq, N=N, s=z.s + dz[:, S], lam=z.lam + dz[:, PHI], y=z.y + dz[:, Y])
+    return replace(
+        z, q=z.q + dq, N=next_axial_force(r, dq, dz), s=z.s + dz[:, S], lam=z.lam + dz[:, PHI], y=z.y + dz[:, Y]
+    )
+
+
+def next_axial_force(r: Residual, dq: Array, dz: Array) -> Array:
+    """Return the axial forces (spans, a) [N] of an iterate moved by dq (n, c), its abscissae by the first column of dz
+    (m, …)."""
+    thread = r.configuration.thread
+    N = thread.next_axial_force(r.points, dq)
+    return with_riding_force(thread, r.points, dz, N) if thread.travels else N
 
 
 def correct(problem: Problem[Body], z: Iterate, r: Residual, reach: Array = FREE) -> Iterate:
     """Make one Newton correction; `reach` as for `coupling.kernels.bordered.newton_direction`. Raises
     `SingularError`."""
     dq, dz = direction(problem, z, r, reach)
-    share = allowed_share(problem, dq)
+    share = min(allowed_share(problem, dq), share_left(r.configuration.thread, dz[:, S]))
     return moved(problem, z, r, share * dq, share * dz)
 
 
@@ -403,7 +430,7 @@ def solve(
     """
     try:
         return solve_sets(problem, start, correct, patience)
-    except OrganError as error:
+    except (OrganError, ThreadError) as error:
         raise StepError(problem.time - problem.dt, problem.dt, str(error)) from error
 
 

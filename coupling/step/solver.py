@@ -49,7 +49,7 @@ def solve(problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: 
 
 def solve_once(problem: Problem[Body], start: Iterate, spans: float, patience: int) -> Solution[Body]:
     """Solve with the organ's answer as it is, as `solve` says. Raises `StepError`."""
-    if problem.system.compiled and is_covered(problem):
+    if (problem.system.compiled or problem.system.thread.travels) and is_covered(problem):
         return solve_compiled(problem, start, spans, patience)
     correct = partial(newton.correct_downhill, spans=spans) if spans else newton.correct
     return newton.solve(problem, start, correct, patience)
@@ -111,5 +111,6 @@ def residual_of(problem: Problem[Body], ended: "Ended") -> Residual:
     """Return the residual at a solved iterate from the arrays that the loops left. The thread itself is evaluated as a
     run that goes on from there evaluates it, to the same bits."""
     z, found = ended.z, ended.found
-    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, problem.layers)
+    drive = -found.ridden.by_s if problem.system.thread.travels else None
+    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, problem.layers, drive)
     return Residual(now, found.f_y, found.push, found.balance, found.holds, found.site, ended.force_scale)

@@ -151,7 +151,7 @@ def downhill(problem: Problem[Body], z: Iterate) -> Iterate:
     if z.q.size > MANY:
         cause = f"the thread buckles, and has more than {MANY} coordinates of control points to seek the way aside in"
         raise nowhere(problem, cause)
-    thread, q = problem.system.thread, OwnMotions(problem, z).lowest()
+    thread, q = problem.system.thread.placed(z.s), OwnMotions(problem, z).lowest()
     return replace(z, q=q, N=thread.EA * thread.points(q, problem.frame).strain)
 
 
@@ -162,6 +162,11 @@ class OwnMotions(Generic[Body]):
 
     problem: Problem[Body]
     z: Iterate
+
+    @cached_property
+    def thread(self) -> Thread:
+        """The thread, its knots where they are at the solution."""
+        return self.problem.system.thread.placed(self.z.s)
 
     @cached_property
     def free(self) -> Array:
@@ -181,7 +186,7 @@ class OwnMotions(Generic[Body]):
 
     def potential(self, x: Array) -> tuple[float, Array]:
         """Return the potential after a motion `x` (k,) [J], and its slope `(k,)`: energy, inertia and loads."""
-        q, thread, problem = self.moved(x), self.problem.system.thread, self.problem
+        q, thread, problem = self.moved(x), self.thread, self.problem
         points, off = thread.points(q, problem.frame), q - problem.q_ref
         inertia = problem.mass_factor * thread.momentum(off)
         slope = thread.gradient(points) + inertia - problem.load
@@ -190,9 +195,9 @@ class OwnMotions(Generic[Body]):
 
     def curvature(self, x: Array) -> Array:
         """Return the second derivative of the potential after a motion `x` (k,), shape `(k, k)`."""
-        thread = self.problem.system.thread
+        thread = self.thread
         points = thread.points(self.moved(x), self.problem.frame)
-        band = thread.tangent(points, thread.EA * points.strain) + self.problem.inertia
+        band = thread.tangent(points, thread.EA * points.strain) + self.problem.mass_factor * thread.mass_band
         h, size = half_band_of(band), band.shape[1]
         matrix = dia_array((band[h:], np.arange(h, -h - 1, -1)), shape=(size, size)).tocsr()
         return np.asarray(self.free.T @ (matrix @ self.free))

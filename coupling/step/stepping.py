@@ -5,7 +5,7 @@ A step that did not converge is never accepted.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Generic
+from typing import Any, Generic
 
 import numpy as np
 
@@ -19,13 +19,15 @@ from coupling.step.configuration import Configuration, configuration_of
 from coupling.step.continuation import solve_downhill
 from coupling.step.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.step.motion import carried_on, is_too_long, what_it_does
-from coupling.step.newton import Iterate, Problem, Solution
+from coupling.step.newton import Iterate, Problem, Residual, Solution
 from coupling.step.sliding import law_of
 from coupling.step.solver import solve
 from coupling.step.stability import go_aside
 from coupling.step.tension import PASSES, SETTLED, change_of, layers_at, stretches_at
-from coupling.system import State, System, forgetful
+from coupling.system import State, System, forgetful, solved_curve
 from coupling.ties import gap_left
+from thread.riding import put_on
+from thread.thread import Thread
 from thread.vectors import cross, dot
 from tissue.errors import OrganError
 
@@ -129,22 +131,54 @@ def dynamic_problem(
     scheme: Scheme | None = None,
 ) -> Problem[Body]:
     """Return the step of a scheme, backward Euler unless another is given, from `state` with the organ's `answer`."""
-    scheme, thread, time = scheme or BackwardEuler(dt), system.thread, state.time + dt
+    scheme, system = scheme or BackwardEuler(dt), system.at(state)
+    thread, time = system.thread, state.time + dt
+    if thread.travels:
+        return travelling_problem(system, state, dt, answer, scheme)
     factor, motion = scheme.a + scheme.d * thread.damping, thread_motion(scheme, state)
     q_ref = (
         scheme.a * scheme.inertia_reference(*motion)
         + scheme.d * thread.damping * scheme.damping_reference(*motion[::2])
     ) / factor
-    motion_s = sliding_motion(scheme, state)
+    return problem_of(system, state, dt, answer, scheme, q_ref, end_load(system, time))
+
+
+def travelling_problem(
+    system: System[Body], state: State[Body], dt: float, answer: Answer[Body], scheme: Scheme
+) -> Problem[Body]:
+    """Return the step of a scheme, as `dynamic_problem` does, of a thread whose knots travel: its inertia is from where
+    the earlier curves are at the material points."""
+    damping, curves = scheme.d * system.thread.damping, [solved_curve(past) for past in past_states(scheme, state)]
+    factor = scheme.a + damping
+    fields = tuple(
+        (spline, w * (q + scheme.a / (factor * scheme.d) * v)[:, :3])
+        for w, (spline, q, v) in zip(scheme.weights, curves, strict=True)
+    )
+    load = end_load(system, state.time + dt) - system.weight
+    q_ref = put_on(system.thread, list(fields))
+    return replace(problem_of(system, state, dt, answer, scheme, q_ref, load), fields=fields)
+
+
+def problem_of(
+    system: System[Body],
+    state: State[Body],
+    dt: float,
+    answer: Answer[Body],
+    scheme: Scheme,
+    q_ref: Array,
+    load: Array,
+) -> Problem[Body]:
+    """Return the step of a scheme whose inertia is from `q_ref` (n, c) under a `load` (n, c) [N]."""
+    time, motion_s = state.time + dt, sliding_motion(scheme, state)
     s_free = np.where(system.of_ties, scheme.damping_reference(*motion_s[::2]), scheme.inertia_reference(*motion_s))
     rows = system.rows & state.present[:, None]
     return Problem(
         system=system,
         time=time,
         dt=dt,
-        mass_factor=factor,
+        mass_factor=scheme.a + scheme.d * system.thread.damping,
         q_ref=q_ref,
-        load=end_load(system, time),
+        load=load,
         answer=answer,
         rows=rows,
         law=law_of(
@@ -204,11 +238,11 @@ def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme
 def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> Step[Body]:
     """Return the step from `state` that a solution of its problem makes. Raises `InversionError`."""
     problem, z, residual = solution.problem, solution.iterate, solution.residual
-    system = problem.system
+    system, thread = problem.system, residual.configuration.thread
     new: State[Body] = State(
         time=problem.time,
         q=z.q,
-        v=scheme.d * (z.q - scheme.damping_reference(*thread_motion(scheme, state)[::2])),
+        v=scheme.d * (z.q - earlier_places(thread, scheme, state)),
         N=z.N,
         organ=accept_organ(solution),
         s=z.s,
@@ -222,9 +256,25 @@ def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> St
         frame=system.thread.transport_frame(state.frame, z.q),
         layers=problem.layers,
         stretch=problem.law.stretch,
+        **riding(residual),
     )
     new = with_sense(system, state, new, residual.passage)
     return Step(state, new, problem.dt, solution, end_configuration(new, solution))
+
+
+def earlier_places(thread: Thread, scheme: Scheme, state: State[Body]) -> Array:
+    """Return Σ w_k x_k of a scheme, shape `(n, c)` [m]; where knots travel, of the curves at the material points, put on
+    the knots of the `thread` by its mass, which keeps momentum and moment of momentum."""
+    if not thread.travels:
+        return scheme.damping_reference(*thread_motion(scheme, state)[::2])
+    curves = zip(scheme.weights, (solved_curve(past) for past in past_states(scheme, state)), strict=True)
+    return put_on(thread, [(spline, w * q) for w, (spline, q, _) in curves])
+
+
+def riding(residual: Residual) -> dict[str, Any]:
+    """Return what a state has besides where knots travel: its spline, and −∂Π/∂s."""
+    thread = residual.configuration.thread
+    return {"spline": thread.spline, "drive": residual.passage.drive} if thread.travels else {}
 
 
 def accept_organ(solution: Solution[Body]) -> Body:
@@ -236,7 +286,7 @@ def accept_organ(solution: Solution[Body]) -> Body:
 def end_configuration(new: State[Body], solution: Solution[Body]) -> Configuration:
     """Return the thread's configuration at the end of a solved step: the one Newton ended with, but that the twist is
     measured from the frame carried to the end."""
-    if new.frame is None:
+    if new.frame is None or new.spline is not None:
         return solution.residual.configuration
     return configuration_of(solution.problem.system, new)
 
@@ -314,7 +364,7 @@ def with_sense(system: System[Body], old: State[Body], new: State[Body], at: Pas
     now = np.where(new.present, sense(at, new.y), new.sense)
     turned = (old.sense * now < 0.0) & system.rows[:, 3] & new.present
     if turned.any():
-        flipped = turned & (dot(at.T, bare_passage(system.thread.spline, old.q, old.s).T) < 0.0)
+        flipped = turned & (dot(at.T, bare_passage(system.at(old).thread.spline, old.q, old.s).T) < 0.0)
         if flipped.any():
             names = [p.name for p in system.piercings] + ["clamped end"] * len(system.clamps)
             raise InversionError(old.time, names[int(np.argmax(flipped))])

@@ -23,6 +23,8 @@ from thread.compliance import LACKS, POWERS
 from thread.energies.continuous import Continuous
 from thread.kernels.curve import Curve
 from thread.kernels.loops import files_of
+from thread.kernels.travel import Ridden
+from thread.riding import field_of, ride_of
 from thread.spline import ORDERS
 from thread.thread import Thread
 
@@ -120,6 +122,8 @@ def given_of(problem: Problem) -> Given:
         problem.stiffen,
         plain(problem.gaps),
         np.zeros((system.holds, NINE)),
+        ride_of(system.thread, problem.weight * system.gravity),
+        (field_of(*problem.earlier[0]), field_of(*problem.earlier[1])),
     )
 
 
@@ -176,7 +180,13 @@ def empty_found(z: Iterate | Unknowns, points: int) -> Found:
         T_axial=np.empty((spans, axial, 3)),
         strain=np.empty((spans, axial)),
         trail=Trail(np.empty((newton.MAX_SETS, m)), np.zeros(5, np.int64)),
+        ridden=Ridden(np.zeros(n), np.zeros(m), np.zeros((m, m)), np.zeros((n, 3, m)), np.zeros((n, 4))),
     )
+
+
+def own_curve(curve: Curve) -> Curve:
+    """Return a copy of a curve, whose functions and weights are written anew where knots travel."""
+    return Curve(*(np.copy(part) if isinstance(part, np.ndarray) else part for part in curve))
 
 
 def folder_of_loops() -> Path | None:
@@ -241,8 +251,9 @@ def run(tables: Tables, problem: Problem, start: Iterate, spans: float = 0.0, pa
     z = Iterate(*arrays)
     found, unknowns = empty_found(z, tables.curve.w.shape[1]), Unknowns(z.q, z.N, z.s, z.lam, z.y, z.sigma)
     made = found.trail.made
+    curve = tables.curve if not given.ride.on else own_curve(tables.curve)
     while True:
-        _, scale = run_loops(tables.curve, tables.knots, law, given, bounds, unknowns, found)
+        _, scale = run_loops(curve, tables.knots, law, given, bounds, unknowns, found)
         if made[iteration.HOW] != iteration.UNKNOWN or not learn(given.lack, problem, z.s):
             return Ended(int(made[iteration.HOW]), int(made[iteration.TOTAL]), scale, z, found)
         made[iteration.GOES_ON] = 1

@@ -19,14 +19,18 @@ PASSES = 3  # of a step with another tension at its holes
 def along_of(system: System[Body]) -> Along:
     """Return the abscissae of a thread as the kernels want them."""
     spline, axial = system.thread.spline, np.ascontiguousarray(system.thread.axial.s)
-    places = spline.breaks, spline.cuts, axial.reshape(len(axial), -1), spline.greville
+    axial = axial.reshape(len(axial), -1)
+    share = system.thread.axial_rule.w if system.thread.travels else np.ones(axial.shape)
+    places = spline.breaks, spline.cuts, axial, spline.greville, share
     return Along(*map(np.ascontiguousarray, places))
 
 
 def limits_of(system: System[Body]) -> Limits:
     """Return the constants of the tension of a thread at its holes."""
     EI, EA = float(system.thread.EI), float(system.thread.EA)
-    return Limits(REST * EA, FINE, SLACK, float(STAGES), EI, EA, SETTLED, PASSES, bends_at_holes(system))
+    return Limits(
+        REST * EA, FINE, SLACK, float(STAGES), EI, EA, SETTLED, PASSES, bends_at_holes(system), system.thread.travels
+    )
 
 
 def bends_at_holes(system: System[Body]) -> bool:

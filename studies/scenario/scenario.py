@@ -67,6 +67,7 @@ class Scenario(ScenarioTable):
         if not (isinstance(thread, dict) and isinstance(solve, dict)) or solve.get("kind") != "static":
             return table
         unable = thread.get("cuts") or thread.get("energy") == "springs" or thread.get("bending") is False
+        unable = unable or thread.get("knots") == "travelling"
         return table if unable else table | {"thread": {"resolution": "holes"} | thread}
 
     @model_validator(mode="after")

@@ -160,6 +160,11 @@ class Thread(ScenarioTable):
         default=3.0,
         description="ratio of the largest to the smallest knot span [-], fine near the piercings; 1: uniform",
     )
+    knots: Literal["travelling", "fixed"] = Field(
+        default="fixed",
+        description='where the knots of the spline are as the thread slides: "fixed" to the thread; "travelling" with '
+        "its holes, next to which spans are as short as the length asks for that the thread bends over",
+    )
     resolution: Literal["fixed", "holes", "adaptive"] = Field(
         default="fixed",
         description='where the spline of control_points is refined as the thread slides: "fixed", nowhere; "holes" '

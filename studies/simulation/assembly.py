@@ -12,6 +12,7 @@ import skfem
 import tissue
 from coupling.rest.laying import start
 from coupling.run.adaptivity import Resolution, coarse_tree, first_breaks
+from coupling.run.packets import Packets
 from coupling.step.solver import are_kept
 from coupling.system import Friction, Piercing, State, System
 from coupling.ties import Tie
@@ -33,9 +34,11 @@ from studies.simulation.tracts import Ball, check_balls, with_balls
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
 from thread.knots import Tree, graded_knots, knots_at
+from thread.packets import Hold, travelling
 from thread.path import RoundedPath, rounded_path
+from thread.placed import Placed
 from thread.quadrature import gauss_rule
-from thread.spline import Spline
+from thread.spline import DEGREE, Spline
 from thread.thread import MASS_POINTS, Thread
 from tissue.solvers.direct import LIBRARIES
 
@@ -68,7 +71,7 @@ class Assembly:
     path: RoundedPath
     s: Array
     body: tissue.Elasticity | None
-    resolution: Resolution | None
+    resolution: Resolution | Packets | None
     recovery: Callable[[], tissue.StressRecovery | None]
     depths: Callable[[Array], Array]
     given: Given = NOTHING
@@ -106,10 +109,10 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, holes, body, given, store))
     check_cuts(scenario.thread.cuts, length)
     check_cuts([table.s for table in scenario.cut], length, "cut.s")
-    thread = store.take("thread", thread_key(scenario, length, s), lambda: thread_of(scenario, length, s))
+    thread = store.take("thread", thread_key(scenario, length, s), lambda: thread_of(scenario, holes, length, s))
     check_pieces(scenario, thread.spline, [value for hole, value in zip(holes, s, strict=True) if is_known(hole)])
     resolution = resolution_of(scenario.thread, length, s)
-    check_cutting(scenario.cut, thread.spline, resolution)
+    check_cutting(scenario.cut, thread.spline, resolution if isinstance(resolution, Resolution) else None)
     check_draws(scenario.piercing, thread.spline, own)
     whole = resolved(scenario, length, own)
     system: System[tissue.OrganState] = System(
@@ -185,13 +188,39 @@ def nearest_pass(path: RoundedPath, point: Sequence[float], after: Sequence[floa
     return float(later[0] if later.size else near[0])
 
 
-def resolution_of(table: model.Thread, length: float, s: Sequence[float]) -> Resolution | None:
+def resolution_of(table: model.Thread, length: float, s: Sequence[float]) -> Resolution | Packets | None:
     """Tell how the knots follow the thread; None where they do not."""
+    if table.knots == "travelling":
+        return packets_of(table, length)
     if table.resolution == "fixed":
         return None
     if table.resolution == "adaptive":
         return Resolution(coarse_tree(0.0, length, table.control_points), table.tolerance)
     return Resolution(Tree(graded_spline(table, length, s).breaks), AT_COARSE, everywhere=False)
+
+
+def packets_of(table: model.Thread, length: float) -> Packets:
+    """Return how fine the packets of travelling knots are."""
+    return Packets(length / (table.control_points - DEGREE), float(np.sqrt(table.tolerance / 0.01)))
+
+
+def travelling_spline(scenario: Scenario, holes: Sequence[model.Piercing], length: float, s: Sequence[float]) -> Placed:
+    """Return the spline at the start of a thread whose knots travel: slack, it bends over no length yet."""
+    table, longest = scenario.thread, packets_of(scenario.thread, length).longest
+    holds = [
+        Hold(k, at, hole.direction != "free", longest)
+        for k, (hole, at) in enumerate(zip(holes, s, strict=True))
+        if hole.from_ == 0.0
+    ]
+    clamped = [end.kind == "clamped" for end in (table.start, table.end)]
+    places = [at for at, held in zip((0.0, length), clamped, strict=True) if held]
+    holds += [Hold(len(holes) + k, at, True, longest) for k, at in enumerate(places)]
+    total = len(holes) + len(places) + 2 * len(scenario.tie)
+    ends = longest if clamped[0] else None, longest if clamped[1] else None
+    travel = travelling(length, holds, total, longest, ends)
+    at = np.zeros(total)
+    at[[hold.number for hold in holds]] = [hold.s for hold in holds]
+    return Placed(travel.knots, travel.places(at), travel)
 
 
 def graded_spline(table: model.Thread, length: float, s: Sequence[float]) -> Spline:
@@ -212,11 +241,12 @@ def spline_of(table: model.Thread, length: float, s: Sequence[float]) -> Spline:
     return spline
 
 
-def thread_of(scenario: Scenario, length: float, s: Sequence[float]) -> Thread:
+def thread_of(scenario: Scenario, holes: Sequence[model.Piercing], length: float, s: Sequence[float]) -> Thread:
     """Return the thread, its knots graded towards the piercings. The linear step knows no missing compliance."""
     table = scenario.thread
+    travels = table.knots == "travelling"
     return Thread(
-        spline=spline_of(table, length, s),
+        spline=travelling_spline(scenario, holes, length, s) if travels else spline_of(table, length, s),
         section=section_of(table),
         bending=table.bending,
         twist=table.twist,
@@ -225,7 +255,7 @@ def thread_of(scenario: Scenario, length: float, s: Sequence[float]) -> Thread:
         springs=None if table.energy == "continuous" else table.springs or table.control_points - 1 - len(table.cuts),
         damping=table.damping,
         point_masses=(table.start.mass, table.end.mass),
-        hole_compliance=scenario.solve.scheme != "linear",
+        hole_compliance=scenario.solve.scheme != "linear" and not travels,
     )
 
 

@@ -82,7 +82,7 @@ class Works(NamedTuple):
 class Holes(NamedTuple):
     """What the audit reads of the holds, (m,) each: constraints in force, `rows` (m, 5), and `directed`; those that are
     `rough`, those where a hand has the thread, and those where it `slides` by an inertia of its own: ε s̈ = `inertia`
-    (s − `s_free`); and `epsilon`, ε [kg]."""
+    (s − `s_free`); `epsilon`, ε [kg]; and whether the knots ride with the holes (`rides`)."""
 
     rows: Flags
     directed: Flags
@@ -92,6 +92,7 @@ class Holes(NamedTuple):
     inertia: Array
     s_free: Array
     epsilon: float
+    rides: bool
 
 
 class OnThread(NamedTuple):
@@ -120,9 +121,10 @@ class Met(NamedTuple):
 
 
 @loop
-def hold_in(motion: Motion, directed: Flags, at: Passing, k: int) -> Hold:
+def hold_in(motion: Motion, holes: Holes, at: Passing, k: int) -> Hold:
     """Return hold k of a state."""
-    return hold_at(at.D[k], at.c[k], directed[k], False, motion.lam[k], motion.y[k])
+    D, c, directed, bare = at.D[k], at.c[k], holes.directed[k], holes.rides
+    return hold_at(D, c, directed, bare, holes.rides, at.drive[k], motion.lam[k], motion.y[k])
 
 
 @loop
@@ -269,7 +271,7 @@ def audit_holes(works: Works, holes: Holes, old: Motion, new: Motion, met: Met, 
     """Add what the holes store, what sliding takes, and what the compliance takes in as √(EI/T) is taken anew."""
     between, in_place, borne = 0.0, 0.0, not works.between
     for k in range(len(new.s)):
-        one, other = hold_in(old, holes.directed, met.was, k), hold_in(new, holes.directed, met.now, k)
+        one, other = hold_in(old, holes, met.was, k), hold_in(new, holes, met.now, k)
         out[ELASTIC] += held_energy(other, 0)
         audit_sliding(works, holes, old, new, k, (driving_force(one), driving_force(other)), out)
         between += exchange_between(one, other, met, k)
@@ -290,7 +292,8 @@ def audit_sliding(
     if holes.slides[k]:
         ideal = holes.inertia[k] * (new.s[k] - holes.s_free[k])
     out[NUMERICAL] += ideal * ds - 0.5 * holes.epsilon * (new.s_dot[k] ** 2 - old.s_dot[k] ** 2)
-    out[REMAINDER] -= drive * ds
+    if not holes.rides:  # else Φ does not depend on s
+        out[REMAINDER] -= drive * ds
     for j in range(9):
         out[REMAINDER] -= new.f_y[k, j] * (new.y[k, j] - old.y[k, j])
     goes_on = holes.rough[k] and old.sigma[k] == new.sigma[k] and holes.epsilon == 0.0

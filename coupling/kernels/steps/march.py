@@ -424,9 +424,9 @@ def audit(
     r = room.found
     works = Works(scene.damping, pace.a, room.at, pace.two_step, more, pace.two_step, scene.bearing)
     holes = Holes(
-        given.rows, given.directed, scene.rough, scene.by_hand, law.may_slide, law.inertia, law.s_free, scene.epsilon
+        given.rows, given.directed, scene.rough, scene.by_hand, law.may_slide, law.inertia, law.s_free, scene.epsilon, False
     )  # fmt: skip
-    met = Met(room.was, Passing(r.first, r.b, r.D, r.c), room.mid, room.back)
+    met = Met(room.was, Passing(r.first, r.b, r.D, r.c, r.ridden.by_s), room.mid, room.back)
     for i in range(len(room.turns)):
         room.turns[i] = 0.0
     room.turns[ELASTIC] = elastic_energy(curve, Stretched(r.T, r.K, r.T_axial, r.strain))

@@ -25,12 +25,14 @@ FIRST = 0
 
 class Along(NamedTuple):
     """Abscissae of a thread [m]: the `breaks` of its spans, (spans + 1,), its `cuts` (c,), where the axial force is
-    known, `axial` (k, a), and those of its control points, `greville` (n,)."""
+    known, `axial` (k, a), and those of its control points, `greville` (n,); the weights `share` (k, a) by which an
+    axial force counts in the mean of its strand."""
 
     breaks: Array
     cuts: Array
     axial: Array
     greville: Array
+    share: Array
 
 
 class Stages(NamedTuple):
@@ -46,7 +48,8 @@ class Stages(NamedTuple):
 class Limits(NamedTuple):
     """Constants of the tension: the `least` that counts [N], spans over √(EI/T) up to which it is `fine` without and up
     to which the thread is `slack`, stages of √(EI/T) in a factor of two, EI [N m²], EA [N], the ratio at which it is
-    `settled`, and passes of a step until it is left as it is, and whether the thread `bends` at all."""
+    `settled`, and passes of a step until it is left as it is, and whether the thread `bends` at all on knots that stand
+    still, or `rides` on knots that travel."""
 
     least: float
     fine: float
@@ -57,6 +60,7 @@ class Limits(NamedTuple):
     settled: float
     passes: int
     bends: bool
+    rides: bool
 
 
 class Pull(NamedTuple):
@@ -121,10 +125,10 @@ def put_tensions(along: Along, s: Array, N: Array, present: Flags, T: Array) -> 
         for g in range(axial.shape[1]):
             while part < count and bounds[part] < axial[e, g]:
                 part += 1
-            mean[part] += N[e, g]
-            points[part] += 1.0
+            mean[part] += along.share[e, g] * N[e, g]
+            points[part] += along.share[e, g]
     for part in range(count + 1):
-        mean[part] /= max(points[part], 1.0)
+        mean[part] /= points[part] if points[part] > 0.0 else 1.0
     for k in range(len(s)):
         at = 0
         while at < count and bounds[at] < s[k]:
@@ -141,6 +145,8 @@ def ask_tension(
     put_tensions(along, s, N, present, out.T)
     for k in range(len(s)):
         out.layers[k], out.stretch[k] = np.inf, 1.0
+        if limits.rides:
+            out.stretch[k] = 1.0 + 0.5 * (out.T[k, 0] + out.T[k, 1]) / limits.EA
         if limits.bends:
             put_bend(limits, along, directed[k], s[k], lam[k], k, out)
 

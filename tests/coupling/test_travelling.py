@@ -1,0 +1,240 @@
+"""A thread whose knots travel with its holes, drawn through rough holes: against the elastica of its own pulls, solved in
+three ways, in statics and in time."""
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from coupling.integrators import BackwardEuler
+from coupling.paper.assembled import Monolith, monolithic_solve
+from coupling.reports.audit import audit_step, initial_energies, multiplier_imbalance
+from coupling.step import newton, solver
+from coupling.step.stepping import dynamic_problem, organ_answer, predict, try_step
+from coupling.system import Friction, Piercing, State, System
+from studies.output.records import StepRecord
+from studies.scenario import Scenario
+from studies.simulation import prepare
+from tests.bounds import GAP, RESIDUAL, TWO_SOLVERS
+from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, Z, block_organ, hairpin, laid
+from thread.catalogue import suture
+from thread.ends import Fixed, Pulled
+from thread.packets import Hold, travelling
+from thread.placed import Placed
+from thread.thread import Thread
+
+PULL, FRICTION, COUPLE = 3e-3, 1e-2, 1e-2  # of the pull, of μN, and of the couples of both strands
+SUTURES = ("2-0 polypropylene", "4-0 nylon", "6-0 polypropylene", "8-0 nylon")
+MU, SPEED = 0.2, 0.05  # -, m/s
+
+
+def along(angle: float) -> np.ndarray:
+    """The direction at an angle [rad] below the x axis."""
+    return np.array([np.cos(angle), 0.0, -np.sin(angle)])
+
+
+def drawn(name: str, pull: float, turn: float, before: float | None, kind: str, duration: float = 0.12) -> Scenario:
+    """A thread under a dead pull at its start, drawn by its end through a rough hole at the origin, where it turns by
+    `turn` [rad], `before` of it on the near side; None: the hole imposes no direction."""
+    section = suture(name)
+    arm = max(0.025, 15.0 * np.sqrt(section.EI / pull))
+    start, tip, from_ = -(arm + 0.01) * along(0.0), arm * along(turn), 0.05
+    way = [[0.0, *tip], [from_, *tip], [duration, *(tip + max(SPEED * (duration - from_), 2e-3) * along(turn))]]
+    hole: dict[str, Any] = {"name": "hole", "at": [0, 0, 0], "friction": {"static": MU, "kinetic": MU}}
+    hole |= {"direction": "free"} if before is None else {"direction": along(before).tolist(), "channel": 1.0}
+    table = {
+        "thread": {
+            "suture": name,
+            "knots": "travelling",
+            "control_points": 20,
+            "damping": 30.0,
+            "path": [start.tolist(), [0, 0, 0], tip.tolist()],
+            "start": {"kind": "pulled", "force": (-pull * along(0.0)).tolist()}
+            | ({} if kind == "static" else {"ramp": 0.02}),
+            "end": {"kind": "driven", "waypoints": way},
+        },
+        "piercing": [hole],
+        "solve": {"kind": "static", "duration": duration, "load_steps": 4}
+        if kind == "static"
+        else {"dt": 1e-3, "duration": duration},
+    }
+    return Scenario.model_validate(table)
+
+
+def seeded(count: int) -> list[tuple[str, float, float, float | None]]:
+    """Cases over the range that a user stands in: sutures, T/EA from 1e-5 to 2e-2, turns to 150°."""
+    rng, out = np.random.default_rng(32), []
+    while len(out) < count:
+        name = SUTURES[rng.integers(len(SUTURES))]
+        pull = suture(name).EA * 10 ** rng.uniform(-5.0, np.log10(2e-2))
+        turn, share = np.radians(rng.uniform(30.0, 150.0)), rng.uniform(-0.2, 0.6)
+        if np.sqrt(suture(name).EI / pull) < 5e-3 and abs(share - 0.5) > 0.05:
+            out.append((name, float(pull), float(turn), None if rng.uniform() < 0.3 else float(share * turn)))
+    return out
+
+
+def errors(record: StepRecord, name: str, pull: float, before: float | None) -> tuple[float, float, float]:
+    """What pull, friction and couple are off by, over the pull, μN and the couples of both strands: of the elastica of
+    the pulls on both sides, stretch and all."""
+    section, hole = suture(name), record.piercings[0]
+    after = pull * along(0.0) - np.asarray(hole.force)
+    if abs(np.linalg.norm(after) - hole.tension_after) > abs(
+        np.linalg.norm(other := pull * along(0.0) + np.asarray(hole.force)) - hole.tension_after
+    ):
+        after = other
+    tension, angle = float(np.linalg.norm(after)), float(np.arctan2(-after[2], after[0]))
+    rubbed = MU * hole.normal_force
+    friction = (tension - pull - rubbed) / rubbed
+    if before is None:
+        return (tension - pull - rubbed) / tension, friction, 0.0
+
+    def couple(T: float, turn: float) -> float:
+        stored = T * (1.0 - np.cos(turn)) + T**2 / (2.0 * section.EA) * np.sin(turn) ** 2
+        return float(np.sign(turn) * np.sqrt(2.0 * section.EI * stored))
+
+    near, far = couple(pull, before), couple(tension, angle - before)
+    off = (np.linalg.norm(hole.couple) - abs(near - far)) / (abs(near) + abs(far))
+    return (tension - pull - rubbed) / tension, friction, float(off)
+
+
+@pytest.mark.parametrize("case", seeded(10), ids=lambda case: f"{case[0]} {case[1]:.3g} N")
+def test_a_drawn_thread_at_rest_is_the_elastica(case: tuple[str, float, float, float | None]) -> None:
+    """Independent check: closed forms of the elastica and Coulomb's law, at default settings with 20 control points
+    besides the packets."""
+    name, pull, turn, before = case
+    *_, (last, _) = prepare(drawn(name, pull, turn, before, "static")).advance()
+    assert last.piercings[0].state == "slip"
+    off = np.abs(errors(last, name, pull, before))
+    assert (off < [PULL, FRICTION, COUPLE]).all(), off
+
+
+@pytest.mark.parametrize("case", seeded(10)[:3], ids=lambda case: f"{case[0]} {case[1]:.3g} N")
+def test_a_drawn_thread_in_motion_is_the_elastica_at_every_moment(case: tuple[str, float, float, float | None]) -> None:
+    """Independent check: the same at the worst moment of a draw, and the drawn curve goes through its hole."""
+    name, pull, turn, before = case
+    records = [record for record, _ in prepare(drawn(name, pull, turn, before, "dynamic")).advance()]
+    late = [record for record in records if record.time > 0.09]
+    off = np.abs([errors(record, name, pull, before) for record in late]).max(axis=0)
+    assert all(record.piercings[0].state == "slip" for record in late)
+    assert (off < [PULL, FRICTION, COUPLE]).all(), off
+    assert max(record.constraint_max for record in records) <= GAP * suture(name).diameter
+    moved = records[-1].energy.external_work
+    assert max(abs(record.energy.balance_error) for record in records) < RESIDUAL * abs(moved)
+
+
+@cache
+def drawn_hairpin() -> tuple[System, State]:
+    """A hairpin through two rough holes of a block, its end drawn up, on knots that travel."""
+    path = hairpin(RADIUS, LENGTH)
+    start, _ = path(np.array([0.0, LENGTH]))
+    ends = Fixed(start), Pulled(np.array([0.05, 0.02, 0.2]), 8e-3)
+    holes = tuple(Piercing(name, friction=Friction(0.2, 0.1, channel=2e-3)) for name in ("entry", "exit"))
+    travel = travelling(LENGTH, [Hold(k, s, True, 5e-4) for k, s in enumerate(ABSCISSAE)], 2, 2e-3, (None, None))
+    spline = Placed(travel.knots, travel.places(np.array(ABSCISSAE)), travel)
+    thread = Thread(spline, suture("2-0 polypropylene"), damping=20.0, hole_compliance=False)
+    system = System(thread, ends, block_organ("P1", True), holes, gravity=-9.81 * Z)
+    return system, laid(system, ABSCISSAE, path)
+
+
+def test_compiled_called_and_assembled_agree() -> None:
+    """Consistency check: one step by the compiled loops, by the same kernels called from Python, and by Newton on the
+    assembled matrix; every unknown on its own scale."""
+    system, state = drawn_hairpin()
+    for _ in range(4):
+        state = try_step(system, state, 2e-3).new
+    problem = dynamic_problem(system, state, 2e-3, organ_answer(system, BackwardEuler(2e-3), state))
+    first = predict(problem, state)
+    one = solver.solve_compiled(problem, first).iterate
+    organ: Any = system.organ
+    for other in (
+        newton.solve(problem, first).iterate,
+        monolithic_solve(problem, first, organ.field(state.organ)).iterate,
+    ):
+        for name in ("q", "s", "y"):
+            a, b = getattr(one, name), getattr(other, name)
+            assert np.abs(a - b).max() < TWO_SOLVERS * np.abs(a).max()
+        assert np.abs(one.lam - other.lam).max() < TWO_SOLVERS * np.abs(one.lam).max()
+        assert np.array_equal(one.sigma, other.sigma)
+    assert isinstance(other, Monolith)
+
+
+def test_the_matrix_is_the_derivative_of_the_residual() -> None:
+    """Independent check: central differences of all residuals along a seeded direction, a sliding hole and one that
+    sticks. Of the inertia P̂'' is left out of Π_ss, which a step of 1e-4 s makes small."""
+    system, state = drawn_hairpin()
+    state = try_step(system, state, 2e-3).new
+    problem = dynamic_problem(system, state, 1e-4, organ_answer(system, BackwardEuler(1e-4), state))
+    z = replace(predict(problem, state), sigma=np.array([1.0, 0.0]))
+    thread = system.thread.placed(z.s)
+    z = replace(z, N=thread.EA * thread.points(z.q).strain)
+    r = newton.evaluate(problem, z)
+    dq, dz = newton.direction(problem, z, r)
+    h = 1e-6
+
+    def at(x: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        moved = replace(z, q=z.q + x * dq, s=z.s + x * dz[:, 0], lam=z.lam + x * dz[:, 1:6], y=z.y + x * dz[:, 6:])
+        placed = system.thread.placed(moved.s)
+        there = newton.evaluate(problem, replace(moved, N=placed.EA * placed.points(moved.q).strain))
+        free = there.thread.copy().reshape(z.q.shape)
+        free[system.held_flags] = 0.0
+        return free, there.holds, there.site
+
+    for plus, minus, now in zip(at(h), at(-h), at(0.0), strict=True):
+        slope = (plus - minus) / (2.0 * h)
+        assert np.abs(slope + now).max() < 1e-4 * np.abs(now).max()
+
+
+def test_energy_and_action_are_balanced_at_every_step() -> None:
+    """Identity: the audit of each step closes, and the multipliers act on thread and organ alike."""
+    system, state = drawn_hairpin()
+    energies = initial_energies(system, state)
+    for _ in range(6):
+        step = try_step(system, state, 2e-3)
+        energies, state = audit_step(system, energies, step), step.new
+        force, moment = multiplier_imbalance(system.at(state), state)
+        assert (
+            force < RESIDUAL * np.abs(state.lam[:, :3]).max() and moment < RESIDUAL * LENGTH * np.abs(state.lam).max()
+        )
+        assert abs(energies.balance_error) < RESIDUAL * energies.at_stake
+
+
+def running(kind: str, name: str) -> Scenario:
+    """A running stitch of six rough holes fixed in space, its start held, its end pulled with 1 N."""
+    bite, up, lead = 6e-3, 3.5e-3, 1e-2
+    path, holes = [[-bite / 2 - lead, -bite, lead]], []
+    for k in range(3):
+        y = (k - 1) * bite
+        holes += [[-bite / 2, y, 0.0], [bite / 2, y, 0.0]]
+        path += [[-bite / 2, y, 0.35 * up], [-bite / 2, y, -0.8 * up], [-bite / 4, y, -up], [bite / 4, y, -up]]
+        path += [[bite / 2, y, -0.8 * up], [bite / 2, y, 0.35 * up]]
+        path += [[bite / 4, y + bite / 4, up], [-bite / 4, y + 3 * bite / 4, up]] if k < 2 else []
+    rough = {"direction": "free", "friction": {"static": 0.1, "kinetic": 0.1}}
+    pull = {"kind": "pulled", "force": [0.5**0.5, 0, 0.5**0.5]}
+    table = {
+        "thread": {
+            "suture": name,
+            "knots": "travelling",
+            "damping": 200.0,
+            "path": [*path, [bite / 2 + lead, bite, lead]],
+            "start": {"kind": "fixed"},
+            "end": pull if kind == "static" else pull | {"ramp": 0.2},
+        },
+        "piercing": [{"name": f"h{k}", "at": hole} | rough for k, hole in enumerate(holes)],
+        "solve": {"kind": "static", "load_steps": 10} if kind == "static" else {"dt": 2e-3, "duration": 0.4},
+    }
+    return Scenario.model_validate(table)
+
+
+@pytest.mark.parametrize("name", ["4-0 nylon", "6-0 nylon"])
+def test_a_running_stitch_has_one_answer_at_rest_and_in_motion(name: str) -> None:
+    """Consistency check within 1 %, and Coulomb's law at each hole by the tensions that its strands transmit."""
+    tensions = []
+    for kind in ("static", "dynamic"):
+        *_, (last, _) = prepare(running(kind, name)).advance()
+        holes = last.piercings
+        tensions.append([holes[0].tension_before, *(hole.tension_after for hole in holes)])
+        loss = np.array([hole.tension_after - hole.tension_before for hole in holes])
+        assert loss == pytest.approx(0.1 * np.array([hole.normal_force for hole in holes]), rel=0.02)
+    assert tensions[0] == pytest.approx(tensions[1], rel=0.01)

@@ -1,0 +1,293 @@
+"""Knots that travel with the holes (`thread.packets`): the curve at one place of them, and what the potential owes to it.
+
+With S' = dS/dχ at a point, T = P'/S' and T' = (P'' − T S'')/S'²: where a hole moves and the control points stand, P'
+and P'' stay and S' changes. The turn per rest length is |P' × P''|²/(|P'|⁴ S'²), without S''; so per dχ
+
+    bending  ½EI ψ/S',  ψ of P', P'' alone      ∂ = −½EI φ,  ∂² = EI φ/S',  φ = ψ/S'²
+    stretch  ½EA ε² S',  ε = ½(P'²/S'² − 1)      ∂ = ½EA ε² − EA ε |T|²,  ∂² = |T|² (N + EA |T|²)/S'
+
+and their mixed derivatives by q follow. Inertia and weight are integrals over S of the fields: the thread's own, and
+the earlier ones, each a curve on its own knots, read at the material points of this one:
+
+    Π = … + ½a∫ρA |P(S) − P̂(S)|² dS − ∫ρA g·P dS
+"""
+
+from typing import NamedTuple
+
+from thread.arrays import Array, Indices
+from thread.kernels.curve import Curve, Stretched, along_span, bending_gradient, crushing, point
+from thread.kernels.loops import entry, loop
+from thread.kernels.vectors import Vector, dot, minus, plus, sum_of
+
+LEFT, RIGHT = 0, 1
+CLOSE = 1e-14  # of a span: abscissae that are no further apart are the same
+TRIES = 60  # to find the χ of an abscissa, on the span that holds it
+
+
+class Ride(NamedTuple):
+    """How knots travel, where `on`: S_i = `a` (n,) [m] + `b` (n, m) s, and the holds at both ends of the strand of each
+    span, `between` (spans, 2), −1 for an end of the thread.
+
+    Functions in χ, weights, and the rates of S' by the abscissae of the two holds: of the bending `slope`, `bend`
+    (spans, g, 4), `w` (spans, g), `rate` (spans, g, 2); of the stretch `axial_slope`, `axial_w`, `axial_rate`; of the
+    mass `value`, `mass_slope`, `mass_w`, `mass_rate`, with the rate of S itself, `moves`. `first` (m,) and `at` (m, 2,
+    4): functions and slopes at the holds. `rhoA` [kg/m], `gravity` (3,) [m/s²], masses of the `ends` (2,) [kg].
+    """
+
+    on: bool
+    a: Array
+    b: Array
+    between: Indices
+    slope: Array
+    bend: Array
+    w: Array
+    rate: Array
+    axial_slope: Array
+    axial_w: Array
+    axial_rate: Array
+    value: Array
+    mass_slope: Array
+    mass_w: Array
+    mass_rate: Array
+    moves: Array
+    first: Indices
+    at: Array
+    rhoA: float
+    gravity: Array
+    ends: Array
+
+
+class Field(NamedTuple):
+    """An earlier curve: ends of its spans in χ, `knots` (spans + 1,), and in S, `at` (spans + 1,) [m]; `first`
+    (spans,), `polynomials` (spans, 4, 4); control values `S` (n,) [m] and `c` (n, 3) [m]."""
+
+    knots: Array
+    at: Array
+    first: Indices
+    polynomials: Array
+    S: Array
+    c: Array
+
+
+class Ridden(NamedTuple):
+    """What the potential owes to the abscissae at an iterate: S_i, `S` (n,) [m]; `by_s` (m,) [N], `by_ss` (m, m) [N/m]
+    and `by_qs` (n, 3, m) [N/m], its derivatives; the upper band of the mass, `mass` (n, 4) [kg]."""
+
+    S: Array
+    by_s: Array
+    by_ss: Array
+    by_qs: Array
+    mass: Array
+
+
+@loop
+def on_span(b: Array, S: Array, first: int) -> float:
+    """Return Σ b_i S_i over the four control values from `first` on."""
+    return b[0] * S[first] + b[1] * S[first + 1] + b[2] * S[first + 2] + b[3] * S[first + 3]
+
+
+@loop
+def place_knots(ride: Ride, s: Array, S: Array) -> None:
+    """Write S_i = a_i + Σ b_ik s_k."""
+    for i in range(len(S)):
+        S[i] = ride.a[i]
+        for k in range(len(s)):
+            S[i] += ride.b[i, k] * s[k]
+
+
+@loop
+def place_curve(ride: Ride, S: Array, curve: Curve) -> None:
+    """Write the functions and weights of the curve for knots at `S` (n,) [m]."""
+    for e in range(len(curve.first)):
+        first = curve.first[e]
+        for g in range(curve.w.shape[1]):
+            rate, bend = on_span(ride.slope[e, g], S, first), on_span(ride.bend[e, g], S, first)
+            curve.w[e, g] = ride.w[e, g] * rate
+            for i in range(4):
+                slope = ride.slope[e, g, i] / rate
+                curve.slope[e, g, i] = slope
+                curve.bend[e, g, i] = (ride.bend[e, g, i] - slope * bend) / rate**2
+        for g in range(curve.axial_w.shape[1]):
+            rate = on_span(ride.axial_slope[e, g], S, first)
+            curve.axial_w[e, g] = ride.axial_w[e, g] * rate
+            for i in range(4):
+                curve.axial_slope[e, g, i] = ride.axial_slope[e, g, i] / rate
+
+
+@loop
+def add_mixed(x: float, a: Vector, ride: Ride, e: int, rates: Array, i: int, out: Ridden) -> None:
+    """Add x a to ∂²Π/∂q_i∂s of the two holds of span e, by their `rates` (2,)."""
+    for side in range(2):
+        k = ride.between[e, side]
+        if k >= 0:
+            y = x * rates[side]
+            out.by_qs[i, 0, k] += y * a[0]
+            out.by_qs[i, 1, k] += y * a[1]
+            out.by_qs[i, 2, k] += y * a[2]
+
+
+@loop
+def add_rates(by: float, by_by: float, ride: Ride, e: int, rates: Array, out: Ridden) -> None:
+    """Add a derivative `by` S' and a second one to those by the two holds of span e."""
+    for side in range(2):
+        k = ride.between[e, side]
+        if k >= 0:
+            out.by_s[k] += by * rates[side]
+            for other in range(2):
+                j = ride.between[e, other]
+                if j >= 0:
+                    out.by_ss[k, j] += by_by * rates[side] * rates[other]
+
+
+@loop
+def add_elastic_rates(curve: Curve, ride: Ride, at: Stretched, N: Array, out: Ridden) -> None:
+    """Add what stretch and bending owe to the abscissae, with the axial force `N` (spans, a) [N] as an unknown of its
+    own in the second derivatives."""
+    for e in range(len(curve.first)):
+        if ride.between[e, LEFT] < 0 and ride.between[e, RIGHT] < 0:
+            continue
+        for g in range(curve.w.shape[1]):
+            add_bending_rates(curve, ride, at, e, g, out)
+        for g in range(curve.axial_w.shape[1]):
+            T, strain, w = point(at.T_axial, e, g), at.strain[e, g], ride.axial_w[e, g]
+            a, S1 = dot(T, T), curve.axial_w[e, g] / ride.axial_w[e, g]
+            by = curve.EA * strain * (0.5 * strain - a)
+            by_by = a * (N[e, g] + curve.EA * a) / S1
+            add_rates(w * by, w * by_by, ride, e, ride.axial_rate[e, g], out)
+            for i in range(4):
+                x = -w * (curve.EA * a + N[e, g]) * curve.axial_slope[e, g, i]
+                add_mixed(x, T, ride, e, ride.axial_rate[e, g], curve.first[e] + i, out)
+
+
+@loop
+def add_bending_rates(curve: Curve, ride: Ride, at: Stretched, e: int, g: int, out: Ridden) -> None:
+    """Add what bending and crushing at one point owe to the abscissae."""
+    T, K, w = point(at.T, e, g), point(at.K, e, g), ride.w[e, g]
+    a, b, c, S1 = dot(T, T), dot(T, K), dot(K, K), curve.w[e, g] / ride.w[e, g]
+    bending = 0.5 * curve.EI * (a * c - b * b) / a**2
+    crush, slope, bent = crushing(curve.EA, a)
+    by = -bending + crush - 2.0 * a * slope
+    by_by = (2.0 * bending + 2.0 * a * (slope + 2.0 * a * bent)) / S1
+    add_rates(w * by, w * by_by, ride, e, ride.rate[e, g], out)
+    by_T, by_K = bending_gradient(curve, T, K)
+    by_T = sum_of(1.0, by_T, 4.0 * a * bent, T)
+    for i in range(4):
+        mixed = sum_of(curve.slope[e, g, i], by_T, curve.bend[e, g, i], by_K)
+        add_mixed(-w, mixed, ride, e, ride.rate[e, g], curve.first[e] + i, out)
+
+
+@loop
+def read_field(field: Field, s: float, near: int) -> tuple[Vector, Vector]:
+    """Return an earlier curve and its derivative by S at an abscissa; the search begins at the span `near`."""
+    last = len(field.first) - 1
+    e = min(near, last)
+    while e > 0 and s < field.at[e]:
+        e -= 1
+    while e < last and s > field.at[e + 1]:
+        e += 1
+    p, first, width = field.polynomials[e], field.first[e], field.knots[e + 1] - field.knots[e]
+    low, span = field.at[e], field.at[e + 1] - field.at[e]
+    x = width * (s - low) / span
+    rate = span / width
+    for _ in range(TRIES):
+        miss, rate = -s, 0.0
+        for i in range(4):
+            S = field.S[first + i]
+            miss += S * (p[0, i] + x * (p[1, i] + x * (p[2, i] + x * p[3, i])))
+            rate += S * (p[1, i] + x * (2.0 * p[2, i] + x * 3.0 * p[3, i]))
+        x -= miss / rate
+        if abs(miss) <= CLOSE * span:
+            break
+    P, slope = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for i in range(4):
+        q = (field.c[first + i, 0], field.c[first + i, 1], field.c[first + i, 2])
+        P = sum_of(1.0, P, p[0, i] + x * (p[1, i] + x * (p[2, i] + x * p[3, i])), q)
+        slope = sum_of(1.0, slope, (p[1, i] + x * (2.0 * p[2, i] + x * 3.0 * p[3, i])) / rate, q)
+    return P, slope
+
+
+@loop
+def add_inertia(
+    curve: Curve, ride: Ride, fields: tuple[Field, Field], factor: float, q: Array, F: Array, out: Ridden
+) -> None:
+    """Add inertia of the `factor` [1/s²], from where the earlier curves together are, and weight: forces to `F` (n, 3)
+    [N], and what they owe to the abscissae."""
+    for e in range(len(curve.first)):
+        first = curve.first[e]
+        for g in range(ride.mass_w.shape[1]):
+            b, rates, moves = ride.value[e, g], ride.mass_rate[e, g], ride.moves[e, g]
+            s, S1 = on_span(b, out.S, first), on_span(ride.mass_slope[e, g], out.S, first)
+            P, rho = along_span(b, q, first), ride.rhoA * ride.mass_w[e, g]
+            gravity = (ride.gravity[0], ride.gravity[1], ride.gravity[2])
+            was, way = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+            if factor != 0.0:
+                one, other = read_field(fields[0], s, e), read_field(fields[1], s, e)
+                was, way = plus(one[0], other[0]), plus(one[1], other[1])
+            R = minus(P, was)
+            force = sum_of(factor, R, -1.0, gravity)
+            for i in range(4):
+                F[first + i, 0] += rho * S1 * b[i] * force[0]
+                F[first + i, 1] += rho * S1 * b[i] * force[1]
+                F[first + i, 2] += rho * S1 * b[i] * force[2]
+                for j in range(i, 4):
+                    out.mass[first + i, j - i] += rho * S1 * b[i] * b[j]
+                add_mixed(rho * b[i], force, ride, e, rates, first + i, out)
+                add_mixed(-factor * rho * S1 * b[i], way, ride, e, moves, first + i, out)
+            by_rate = rho * (0.5 * factor * dot(R, R) - dot(gravity, P))
+            by_move, by_both = -factor * rho * S1 * dot(R, way), -factor * rho * dot(R, way)
+            twice = factor * rho * S1 * dot(way, way)
+            for side in range(2):
+                k = ride.between[e, side]
+                if k >= 0:
+                    out.by_s[k] += by_rate * rates[side] + by_move * moves[side]
+                    for other in range(2):
+                        j = ride.between[e, other]
+                        if j >= 0:
+                            mixed = moves[side] * rates[other] + rates[side] * moves[other]
+                            out.by_ss[k, j] += by_both * mixed + twice * moves[side] * moves[other]
+
+
+@loop
+def add_end_masses(ride: Ride, fields: tuple[Field, Field], factor: float, q: Array, F: Array, out: Ridden) -> None:
+    """Add inertia and weight of the point masses at both ends."""
+    for end in range(2):
+        i, mass = end * (len(q) - 1), ride.ends[end]
+        out.mass[i, 0] += mass
+        for x in range(3):
+            was = 0.0
+            if factor != 0.0:
+                was = fields[0].c[end * (len(fields[0].c) - 1), x] + fields[1].c[end * (len(fields[1].c) - 1), x]
+            F[i, x] += mass * (factor * (q[i, x] - was) - ride.gravity[x])
+
+
+@loop
+def next_riding_force(curve: Curve, ride: Ride, at: Stretched, dz: Array, N: Array) -> None:
+    """Add what holes that move by the first column of `dz` (m, …) [m] change of the axial force `N` (spans, a) [N] of
+    the next iterate."""
+    for e in range(len(curve.first)):
+        for g in range(curve.axial_w.shape[1]):
+            T, S1 = point(at.T_axial, e, g), curve.axial_w[e, g] / ride.axial_w[e, g]
+            for side in range(2):
+                k = ride.between[e, side]
+                if k >= 0:
+                    N[e, g] -= curve.EA * dot(T, T) / S1 * ride.axial_rate[e, g, side] * dz[k, 0]
+
+
+@loop
+def clear_ridden(out: Ridden) -> None:
+    """Set what is summed to zero."""
+    n, m = len(out.S), len(out.by_s)
+    for k in range(m):
+        out.by_s[k] = 0.0
+        for j in range(m):
+            out.by_ss[k, j] = 0.0
+    for i in range(n):
+        for x in range(4):
+            out.mass[i, x] = 0.0
+        for x in range(3):
+            for k in range(m):
+                out.by_qs[i, x, k] = 0.0
+
+
+elastic_rates_of, inertia_of = entry(add_elastic_rates), entry(add_inertia)  # as Python calls them
+end_masses_of, riding_force_of = entry(add_end_masses), entry(next_riding_force)

@@ -1,0 +1,165 @@
+"""Knots that travel with the holes: the thread as one spline of place and rest abscissa, (P, S), on fixed knots χ.
+
+    P(χ) = Σ b_i(χ) q_i,     S(χ) = Σ b_i(χ) S_i,     S_i = a_i + Σ_k b_ik s_k
+
+Hole k stands at one knot χ_k for ever: a double one where it imposes a direction, since the curvature may jump there,
+a simple one where it does not. Its abscissa s_k moves the control values S_i. The material knots next to it, τ, are a
+packet that moves rigidly, τ = s_k ± δ, with δ growing geometrically from a part of √(EI/T) on; what is left of a strand
+is divided affinely between the edges of its two packets. S_i are the Greville means of the τ, so that S rises with χ.
+A packet in a strand that is straight beyond it leaves the energy as it is where it goes: no hole feels a lattice.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from thread.arrays import Array, Indices
+from thread.errors import ThreadError
+from thread.spline import DEGREE, ORDERS, Spline
+
+GROWTH = 1.7  # ratio of neighbouring spans
+FAR = 5.0  # √(EI/T) to which a packet reaches: e^−5 of the bend is left there
+RIGID = 2  # spans at least that move rigidly with a hole: control values at it then depend on its abscissa alone
+SHARE = 0.35  # of a strand that the packet of one of its ends takes at most
+END = -1  # in place of a hole: an end of the thread
+
+
+@dataclass(frozen=True)
+class Hold:
+    """A hole as the knots see it: its number among the holds, abscissa `s` [m], whether it imposes a direction, and the
+    length `first` [m] of the span next to it."""
+
+    number: int
+    s: float
+    directed: bool
+    first: float
+
+
+@dataclass(frozen=True)
+class Travel:
+    """How knots travel: `knots` χ, S_i = `a` (n,) [m] + `b` (n, m) s; the break at which each hold stands, `at` (m,),
+    and the holds at both ends of the strand of each span, `between` (spans, 2), END for an end of the thread. As it was
+    made: the numbers of the `holds` (k,), the spans next to every hold, `first` (m,) [m], and the `lengths` of the
+    strands [m]."""
+
+    knots: Array
+    a: Array
+    b: Array
+    at: Indices
+    between: Indices
+    holds: Indices
+    first: Array
+    lengths: Array
+
+    def strands(self, s: Array) -> Array:
+        """Return the lengths of the strands with holds at `s` (m,) [m], shape `(strands,)` [m]."""
+        length = float(self.a[-1] + self.b[-1] @ s)
+        inside = np.sort(s[self.holds])
+        inside = inside[(inside > 0.0) & (inside < length)]
+        return np.diff(np.concatenate([[0.0], inside, [length]]))
+
+    def places(self, s: Array) -> Array:
+        """Return the rest abscissae S_i of the control values, shape `(n,)` [m], for holds at `s` (m,) [m]."""
+        return np.asarray(self.a + self.b @ s)
+
+
+@dataclass(frozen=True)
+class Strand:
+    """The spans between two neighbouring holds: the material knots behind the first are `constant` [m] + (1 −
+    `share`) s_left + `share` s_right, shape `(spans,)` each, the last of them the second hold itself."""
+
+    constant: Array
+    share: Array
+
+
+def widths(first: float, longest: float, length: float) -> Array:
+    """Return the spans of a packet [m], from the hole on: geometric from `first` [m], none longer than `longest` [m],
+    to FAR times twice the first, in a strand of a `length` [m]."""
+    first = min(first, longest, SHARE * length / (1.0 + GROWTH))
+    spans = np.minimum(first * GROWTH ** np.arange(64), longest)
+    reach = np.cumsum(spans)
+    wanted = int(np.searchsorted(reach, 2.0 * FAR * first)) + 1
+    room = int(np.searchsorted(reach, SHARE * length, side="right"))
+    return spans[: max(RIGID, min(wanted, room))]
+
+
+def strand_of(length: float, longest: float, left: float | None, right: float | None) -> Strand:
+    """Return the spans of a strand of a `length` [m], none longer than `longest` [m] as it is: packets that begin with
+    spans `left` and `right` [m] at its two ends, None at an end of the thread without a packet."""
+    one, other = (np.zeros(0) if first is None else widths(first, longest, length) for first in (left, right))
+    middle = length - one.sum() - other.sum()
+    x = np.linspace(0.0, middle, 2001)
+    wanted = np.full(x.shape, longest)
+    for packet, distance in ((one, x), (other, middle - x)):
+        if packet.size:
+            wanted = np.minimum(wanted, packet[-1] * GROWTH**0.5 + distance * (GROWTH - 1.0) / GROWTH**0.5)
+    count = np.concatenate([[0.0], np.cumsum(np.diff(x) * 2.0 / (wanted[1:] + wanted[:-1]))])
+    spans = max(int(np.ceil(count[-1] - 1e-9)), 4 - one.size - other.size, 1)
+    g = np.interp(np.linspace(0.0, count[-1], spans + 1)[1:], count, x) / middle
+    g[-1] = 1.0
+    edges = one.sum(), other.sum()
+    before_end = other.sum() - np.cumsum(other[::-1])
+    before_end[-1:] = 0.0
+    constant = [np.cumsum(one), (1.0 - g) * edges[0] - g * edges[1], -before_end]
+    return Strand(np.concatenate(constant), np.concatenate([np.zeros(one.size), g, np.ones(other.size)]))
+
+
+def travelling(
+    length: float, holds: Sequence[Hold], total: int, longest: float, ends: tuple[float | None, float | None]
+) -> Travel:
+    """Return how the knots of a thread of a rest `length` [m] travel with its `holds`, which are `total` with those
+    that it is not in. Spans are no longer than `longest` [m]; those next to an end are as long as `ends` says [m], None
+    where nothing bends the thread there.
+
+    Raises `ThreadError` where two holds are at one abscissa, or one at an end.
+    """
+    inner = sorted((hold for hold in holds if 0.0 < hold.s < length), key=lambda hold: hold.s)
+    places = np.array([0.0, *(hold.s for hold in inner), length])
+    if np.any(np.diff(places) <= 1e-9 * length):
+        raise ThreadError("holes: two are at one abscissa, or one at an end of the thread; put them apart")
+    rows, between, at, breaks = [np.zeros(total + 1)], [], np.zeros(total, dtype=np.intp), [0] * ORDERS
+    for k in range(len(places) - 1):
+        left, right = inner[k - 1] if k else None, inner[k] if k < len(inner) else None
+        strand = strand_of(
+            places[k + 1] - places[k], longest, left.first if left else ends[0], right.first if right else ends[1]
+        )
+        both = (left.number if left else END, right.number if right else END)
+        for constant, share in zip(strand.constant, strand.share, strict=True):
+            row = np.zeros(total + 1)
+            row[-1] = constant + (0.0 if right else share * length)
+            if left:
+                row[left.number] += 1.0 - share
+            if right:
+                row[right.number] += share
+            rows.append(row)
+            between.append(both)
+            breaks.append(len(rows) - 1)
+        if right:
+            at[right.number] = len(rows) - 1
+            breaks += [len(rows) - 1] * right.directed
+    breaks += [len(rows) - 1] * DEGREE
+    for hold in holds:
+        at[hold.number] = 0 if hold.s <= 0.0 else at[hold.number] if hold.s < length else len(rows) - 1
+    material = np.array(rows)[breaks]
+    S = (material[1:-3] + material[2:-2] + material[3:-1]) / DEGREE
+    knots = np.array(breaks, dtype=np.float64)
+    numbers, first = np.array([hold.number for hold in holds], dtype=np.intp), np.zeros(total)
+    first[numbers] = [hold.first for hold in holds]
+    return Travel(
+        knots, S[:, -1].copy(), S[:, :-1].copy(), at, np.array(between, dtype=np.intp), numbers, first, np.diff(places)
+    )
+
+
+@dataclass(frozen=True)
+class Placed(Spline):
+    """A spline of (P, S) at one place of its holes: abscissae are S, `places` (n,) [m], and `travel` says how they
+    move. Its functions and their derivatives by S are those of χ by the chain rule."""
+
+    places: Array
+    travel: Travel
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if np.any(np.diff(self.places) <= 0.0):
+            raise ThreadError("holes: two came so near to one another that no thread is left between their knots")

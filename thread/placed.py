@@ -1,0 +1,119 @@
+"""The spline of (P, S) of a thread whose knots travel with its holes (`thread.packets`), at one place of the holes.
+
+Its functions are those of the knots χ, and their derivatives by the rest abscissa S follow from the chain rule:
+
+    P_S = P'/S',   P_SS = (P'' − P_S S'')/S'²,   P_SSS = (P''' − 3 P_SS S' S'' − P_S S''')/S'³
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from thread.arrays import Array, Indices
+from thread.errors import ThreadError
+from thread.packets import Travel
+from thread.spline import ORDERS, Spline
+
+NEWTON = 12  # corrections at most for the χ of an abscissa, within the span that holds it
+
+
+@dataclass(frozen=True)
+class Placed(Spline):
+    """A spline of (P, S): `knots` are χ, `places` (n,) [m] the control values of S, which rise, and `travel` says how
+    they move with the holes. Abscissae are S everywhere, as of any other spline. Raises `ThreadError`."""
+
+    places: Array
+    travel: Travel
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not np.all(np.diff(self.places) > 0.0):
+            raise ThreadError("knots: two holes are so near to one another that no thread is left between their knots")
+
+    def moved(self, s: Array) -> "Placed":
+        """Return the spline with its holes at `s` (m,) [m]."""
+        placed = Placed(self.knots, self.travel.places(s), self.travel)
+        placed.__dict__["chi"] = self.chi  # whose functions do not move
+        return placed
+
+    @cached_property
+    def chi(self) -> Spline:
+        """The same functions over the knots χ themselves."""
+        return Spline(self.knots)
+
+    @property
+    def start(self) -> float:
+        """First abscissa [m]."""
+        return float(self.places[0])
+
+    @property
+    def end(self) -> float:
+        """Last abscissa [m]."""
+        return float(self.places[-1])
+
+    @property
+    def parameters(self) -> Array:
+        """Ends of the spans in χ, shape `(spans + 1,)`."""
+        return self.chi.breaks
+
+    @cached_property
+    def breaks(self) -> Array:
+        """Ends of the spans, shape `(spans + 1,)` [m]."""
+        return self.evaluate(self.chi.breaks)[0]
+
+    @cached_property
+    def first(self) -> Indices:
+        """Index of the first of the four functions living on each span, shape `(spans,)`."""
+        return self.chi.first
+
+    @cached_property
+    def polynomials(self) -> Array:
+        """Local power coefficients in χ, as of `Spline`."""
+        return self.chi.polynomials
+
+    @cached_property
+    def spacing(self) -> Array:
+        """Distances of the control points along the thread, shape `(n − 1,)` [m]: no tangent P'/S' is longer than the
+        longest ratio of a difference of control points to them."""
+        return np.diff(self.places)
+
+    @cached_property
+    def greville(self) -> Array:
+        """Abscissae at the Greville means of χ, shape `(n,)` [m]."""
+        return self.evaluate(np.clip(self.chi.greville, self.chi.start, self.chi.end))[0]
+
+    def through(self, values: Array) -> Array:
+        """Return the control values of the curve that has `values` (n, c) at `greville`."""
+        return self.chi.through(values)
+
+    def evaluate(self, parameter: Array) -> tuple[Array, Array, Array]:
+        """Return abscissae (m,) [m], S' (m,) [m] and the functions as of `basis`, `(m, 4, 4)`, at χ (m,)."""
+        first, b = self.chi.basis(parameter)
+        S, S1, S2, S3 = np.einsum("mki,mi->km", b, self.places[first[:, None] + np.arange(ORDERS)])
+        by_S = np.empty_like(b)
+        by_S[:, 0] = b[:, 0]
+        by_S[:, 1] = b[:, 1] / S1[:, None]
+        by_S[:, 2] = (b[:, 2] - by_S[:, 1] * S2[:, None]) / S1[:, None] ** 2
+        by_S[:, 3] = (b[:, 3] - 3.0 * by_S[:, 2] * (S1 * S2)[:, None] - by_S[:, 1] * S3[:, None]) / S1[:, None] ** 3
+        return S, S1, by_S
+
+    def parameter(self, s: Array) -> Array:
+        """Return χ of abscissae `s` (m,) [m], by Newton's method on the span that holds each."""
+        span = self.spans_of(s)
+        low, high = self.chi.breaks[span], self.chi.breaks[span + 1]
+        share = (s - self.breaks[span]) / (self.breaks[span + 1] - self.breaks[span])
+        chi, local = low + share * (high - low), self.places[self.first[span][:, None] + np.arange(ORDERS)]
+        poly = np.einsum("mri,mi->mr", self.polynomials[span], local)
+        for _ in range(NEWTON):
+            x = (chi - low)[:, None] ** np.arange(ORDERS)
+            slope = np.sum(poly[:, 1:] * np.arange(1, ORDERS) * x[:, :-1], axis=1)
+            chi = chi - (np.sum(poly * x, axis=1) - s) / slope
+        return np.asarray(chi)
+
+    def basis(self, s: ArrayLike, home: Array | None = None) -> tuple[Indices, Array]:
+        """Evaluate the functions and their derivatives by S at abscissae `s`, as of `Spline`."""
+        s = np.asarray(s, dtype=np.float64)
+        chi = self.parameter(s)
+        return self.chi.basis(chi)[0], self.evaluate(chi)[2]

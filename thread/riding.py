@@ -1,0 +1,177 @@
+"""A thread whose knots travel, as the kernels read it (`thread.kernels.travel`)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from thread.arrays import Array
+from thread.energies.continuous import Continuous
+from thread.kernels.travel import Field, Ridden, Ride, elastic_rates_of, end_masses_of, inertia_of, riding_force_of
+from thread.placed import Placed
+from thread.quadrature import gauss_rule
+from thread.spline import ORDERS, Spline
+from thread.thread import MASS_POINTS, Points, Thread, axial_points, exact_weights
+
+LEFT = 0.1  # of a part of the thread between two holes: what one correction leaves of it
+LOCAL = np.arange(ORDERS)
+
+
+def plain(x: Array) -> Array:
+    """Return an array as the kernels want it, in the order of C."""
+    return np.ascontiguousarray(x, dtype=float)
+
+
+def gauss_in_chi(spline: Spline, points: int) -> tuple[Array, Array]:
+    """Return Gauss points of every span and their weights in χ, shape `(spans, points)` each."""
+    x, w = np.polynomial.legendre.leggauss(points)
+    low, width = spline.breaks[:-1, None], np.diff(spline.breaks)[:, None]
+    return low + 0.5 * width * (1.0 + x), 0.5 * width * w
+
+
+def rates_of(spline: Placed, b: Array) -> Array:
+    """Return the rates of Σ b_i S_i, `b` (spans, g, 4), by the abscissae of the holds at both ends of the strand, shape
+    `(spans, g, 2)`, zero for an end of the thread."""
+    travel, local = spline.travel, spline.first[:, None] + LOCAL
+    out = np.zeros((*b.shape[:2], 2))
+    for side in range(2):
+        hold = travel.between[:, side]
+        moves = np.where((hold >= 0)[:, None], travel.b[local, np.maximum(hold, 0)[:, None]], 0.0)
+        out[:, :, side] = np.einsum("egi,ei->eg", b, moves)
+    return out
+
+
+def ride_of(thread: Thread, gravity: Array) -> Ride:
+    """Return how the knots of a thread travel under `gravity` (3,) [m/s²]."""
+    spline = thread.spline
+    if not isinstance(spline, Placed):
+        return standing(thread, gravity)
+    chi, travel = spline.chi, spline.travel
+
+    def functions(points: Array) -> Array:
+        return chi.basis(points.ravel())[1].reshape(*points.shape, ORDERS, ORDERS)
+
+    bent, w = gauss_in_chi(chi, thread.elastic_points)
+    stretched, once = axial_points(spline)
+    axial_w = np.zeros(stretched.shape)
+    axial_w[once] = exact_weights(spline, stretched[once])
+    axial_w = np.where(once.all(axis=1, keepdims=True), axial_w, 0.5 * axial_w.sum(axis=1, keepdims=True))
+    moved, mass_w = gauss_in_chi(chi, MASS_POINTS)
+    B, A, M = functions(bent), functions(stretched), functions(moved)
+    first, at = chi.basis(chi.breaks[travel.at])
+    return Ride(
+        True,
+        plain(travel.a),
+        plain(travel.b),
+        travel.between.astype(np.int64),
+        plain(B[:, :, 1]),
+        plain(B[:, :, 2]),
+        plain(w),
+        rates_of(spline, B[:, :, 1]),
+        plain(A[:, :, 1]),
+        plain(axial_w),
+        rates_of(spline, A[:, :, 1]),
+        plain(M[:, :, 0]),
+        plain(M[:, :, 1]),
+        plain(mass_w),
+        rates_of(spline, M[:, :, 1]),
+        rates_of(spline, M[:, :, 0]),
+        first.astype(np.int64),
+        plain(at[:, :2]),
+        float(thread.section.rhoA),
+        plain(gravity),
+        plain(np.array(thread.point_masses)),
+    )
+
+
+def standing(thread: Thread, gravity: Array) -> Ride:
+    """Return what the kernels read of a thread whose knots stand still: nothing."""
+    none, plane, block = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 0))
+    return Ride(
+        False, none, plane, np.zeros((0, 2), np.int64), block, block, plane, block, block, plane, block, block, block,
+        plane, block, block, np.zeros(0, np.int64), block, float(thread.section.rhoA), plain(gravity),
+        plain(np.array(thread.point_masses)),
+    )  # fmt: skip
+
+
+def field_of(spline: Spline, c: Array) -> Field:
+    """Return an earlier curve with control values `c` (n, 3) [m] on its own spline."""
+    knots = plain(spline.parameters)
+    S = spline.places if isinstance(spline, Placed) else spline.greville
+    return Field(
+        knots, plain(spline.breaks), spline.first.astype(np.int64), plain(spline.polynomials), plain(S), plain(c)
+    )
+
+
+def put_on(thread: Thread, curves: Sequence[tuple[Spline, Array]]) -> Array:
+    """Return the control values (n, c) on a thread's knots of the sum of `curves`, splines with control values (n', c),
+    by least squares weighted with the thread's mass: its momentum and its moment are those of the sum."""
+    rule = gauss_rule(thread.spline, MASS_POINTS)
+    where, total = rule.s.ravel(), 0.0
+    ends = np.zeros((2, curves[0][1].shape[1]))
+    for spline, values in curves:
+        first, b = spline.basis(np.clip(where, spline.start, spline.end))
+        total = total + np.einsum("mi,mic->mc", b[:, 0], values[first[:, None] + LOCAL])
+        ends += values[[0, -1]]
+    weighted = thread.section.rhoA * rule.w.ravel()[:, None] * total
+    local = np.einsum("egi,egc->eic", rule.b[:, :, 0], weighted.reshape(*rule.w.shape, -1))
+    load = np.zeros((thread.n, ends.shape[1]))
+    np.add.at(load, thread.points_of_span, local)
+    load[[0, -1]] += np.array(thread.point_masses)[:, None] * ends
+    M = thread.mass_matrix
+    band = np.array([np.pad(M.diagonal(k), (k, 0)) for k in range(ORDERS - 1, -1, -1)])
+    return np.asarray(solveh_banded(band, load))
+
+
+def potential_rates(thread: Thread, gravity: Array, q: Array) -> tuple[Array, Array, Array]:
+    """Return the forces −∂(weight)/∂q, shape `(n, c)` [N], and the derivatives by the abscissae of the holes of the
+    potential of the weight and of the elastic energy, shape `(m,)` [N] each, of a thread whose knots travel."""
+    spline, ride = thread.spline, ride_of(thread, gravity)
+    assert isinstance(spline, Placed) and isinstance(thread.axial, Continuous)
+    weight, elastic = empty_ridden(spline), empty_ridden(spline)
+    F, place = np.zeros((thread.n, 3)), plain(q[:, :3])
+    none = field_of(spline, np.zeros((thread.n, 3)))
+    curve, at = thread.axial.curve, thread.axial.evaluate(place)
+    inertia_of(curve, ride, (none, none), 0.0, place, F, weight)
+    end_masses_of(ride, (none, none), 0.0, place, F, weight)
+    elastic_rates_of(curve, ride, at, thread.EA * at.strain, elastic)
+    return np.pad(F, ((0, 0), (0, q.shape[1] - 3))), weight.by_s, elastic.by_s
+
+
+def empty_ridden(spline: Placed) -> Ridden:
+    """Return room for what the potential owes to the abscissae."""
+    n, m = spline.travel.b.shape
+    return Ridden(plain(spline.places), np.zeros(m), np.zeros((m, m)), np.zeros((n, 3, m)), np.zeros((n, 4)))
+
+
+def ride(
+    thread: Thread, fields: tuple[Field, Field], factor: float, gravity: Array, q: Array, N: Array
+) -> tuple[Array, Ridden]:
+    """Return inertia of the `factor` [1/s²] from earlier curves, with weight, shape `(n, c)` [N], and what the
+    potential owes to the abscissae, of a thread whose knots travel, at control values `q` (n, c) under the axial forces
+    `N` (spans, a) [N]."""
+    assert isinstance(thread.spline, Placed) and isinstance(thread.axial, Continuous)
+    out, how, F, place = empty_ridden(thread.spline), ride_of(thread, gravity), np.zeros((thread.n, 3)), plain(q[:, :3])
+    curve, at = thread.axial.curve, thread.axial.evaluate(place)
+    elastic_rates_of(curve, how, at, plain(N), out)
+    inertia_of(curve, how, fields, float(factor), place, F, out)
+    end_masses_of(how, fields, float(factor), place, F, out)
+    return np.pad(F, ((0, 0), (0, q.shape[1] - 3))), out
+
+
+def with_riding_force(thread: Thread, points: Points, dz: Array, N: Array) -> Array:
+    """Return axial forces `N` (spans, a) [N] with what holes that move by the first column of `dz` (m, …) change."""
+    assert isinstance(thread.axial, Continuous)
+    N = plain(N.copy())
+    riding_force_of(thread.axial.curve, ride_of(thread, np.zeros(3)), points.at[0], np.ascontiguousarray(dz), N)
+    return N
+
+
+def share_left(thread: Thread, ds: Array) -> float:
+    """Return the part of a correction in which no part of the thread between two holes that move by `ds` (m,) [m] falls
+    below LEFT of its length; 1 where knots stand still."""
+    spline = thread.spline
+    if not isinstance(spline, Placed):
+        return 1.0
+    shrink = -np.diff(spline.travel.b @ ds) / ((1.0 - LEFT) * spline.spacing)
+    return float(1.0 / max(1.0, shrink.max()))
