@@ -20,6 +20,9 @@ from thread.spline import DEGREE, ORDERS, Spline
 
 GROWTH = 1.7  # ratio of neighbouring spans
 FAR = 5.0  # √(EI/T) to which a packet reaches: e^−5 of the bend is left there
+FIRST = 0.5  # of √(EI/T): the span next to a hole
+COARSE, FINE = 1.3, 0.4  # times that: a packet that begins with a longer or a shorter span is made anew
+GROWN = 1.5  # ratio by which a strand may grow or shrink on the same spans
 RIGID = 2  # spans at least that move rigidly with a hole: control values at it then depend on its abscissa alone
 SHARE = 0.35  # of a strand that the packet of one of its ends takes at most
 END = -1  # in place of a hole: an end of the thread
@@ -41,7 +44,7 @@ class Travel:
     """How knots travel: `knots` χ, S_i = `a` (n,) [m] + `b` (n, m) s; the break at which each hold stands, `at` (m,),
     and the holds at both ends of the strand of each span, `between` (spans, 2), END for an end of the thread. As it was
     made: the numbers of the `holds` (k,), the spans next to every hold, `first` (m,) [m], and the `lengths` of the
-    strands [m]."""
+    strands [m]; and what it was made for: spans no `longest` [m], and FIRST √(EI/T) times `scale` next to a hole."""
 
     knots: Array
     a: Array
@@ -51,6 +54,26 @@ class Travel:
     holds: Indices
     first: Array
     lengths: Array
+    longest: float
+    scale: float
+
+    def wanted(self, layers: Array) -> Array:
+        """Return the spans next to holes that bend over `layers` (m,) [m], shape `(m,)` [m]."""
+        return np.minimum(FIRST * self.scale * layers, self.longest)
+
+    def fits(self, holds: Indices, layers: Array, s: Array) -> bool:
+        """Whether the packets are those of the `holds` (k,), as long as the `layers` (m,) [m] ask for that the thread
+        bends over at them, and the strands with holes at `s` (m,) [m] about as long as they were."""
+        if not np.array_equal(np.sort(holds), np.sort(self.holds)):
+            return False
+        wanted, has, lengths = self.wanted(layers)[holds], self.first[holds], self.strands(s)
+        alike = (has <= COARSE * wanted) & (has >= FINE * wanted)
+        return bool(alike.all() and (lengths < GROWN * self.lengths).all() and (lengths * GROWN > self.lengths).all())
+
+    def strand_of_spans(self) -> Array:
+        """Return how long the strand of each span was, shape `(spans,)` [m]."""
+        new = np.any(np.diff(self.between, axis=0, prepend=self.between[:1] - 1) != 0, axis=1)
+        return np.asarray(self.lengths[np.cumsum(new) - 1])
 
     def strands(self, s: Array) -> Array:
         """Return the lengths of the strands with holds at `s` (m,) [m], shape `(strands,)` [m]."""
@@ -106,11 +129,16 @@ def strand_of(length: float, longest: float, left: float | None, right: float | 
 
 
 def travelling(
-    length: float, holds: Sequence[Hold], total: int, longest: float, ends: tuple[float | None, float | None]
+    length: float,
+    holds: Sequence[Hold],
+    total: int,
+    longest: float,
+    ends: tuple[float | None, float | None],
+    scale: float = 1.0,
 ) -> Travel:
     """Return how the knots of a thread of a rest `length` [m] travel with its `holds`, which are `total` with those
     that it is not in. Spans are no longer than `longest` [m]; those next to an end are as long as `ends` says [m], None
-    where nothing bends the thread there.
+    where nothing bends the thread there; `scale` is what the packets are made for (`Travel`).
 
     Raises `ThreadError` where two holds are at one abscissa, or one at an end.
     """
@@ -147,8 +175,9 @@ def travelling(
     numbers, first = np.array([hold.number for hold in holds], dtype=np.intp), np.zeros(total)
     first[numbers] = [hold.first for hold in holds]
     return Travel(
-        knots, S[:, -1].copy(), S[:, :-1].copy(), at, np.array(between, dtype=np.intp), numbers, first, np.diff(places)
-    )
+        knots, S[:, -1].copy(), S[:, :-1].copy(), at, np.array(between, dtype=np.intp), numbers, first, np.diff(places),
+        longest, scale,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

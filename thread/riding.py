@@ -68,6 +68,7 @@ def ride_of(thread: Thread, gravity: Array) -> Ride:
         plain(B[:, :, 2]),
         plain(w),
         rates_of(spline, B[:, :, 1]),
+        plain(A[:, :, 0]),
         plain(A[:, :, 1]),
         plain(axial_w),
         rates_of(spline, A[:, :, 1]),
@@ -88,7 +89,8 @@ def standing(thread: Thread, gravity: Array) -> Ride:
     """Return what the kernels read of a thread whose knots stand still: nothing."""
     none, plane, block = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 0))
     return Ride(
-        False, none, plane, np.zeros((0, 2), np.int64), block, block, plane, block, block, plane, block, block, block,
+        False, none, plane, np.zeros((0, 2), np.int64), block, block, plane, block, block, block, plane, block, block,
+        block,
         plane, block, block, np.zeros(0, np.int64), block, float(thread.section.rhoA), plain(gravity),
         plain(np.array(thread.point_masses)),
     )  # fmt: skip

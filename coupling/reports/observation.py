@@ -24,6 +24,7 @@ from coupling.kernels.constraints import (
 from coupling.step.configuration import Configuration, configuration_of
 from coupling.step.sliding import cone_residual, law_of, side_by_side
 from coupling.system import Piercing, State, System
+from thread.placed import Placed
 from thread.vectors import dot
 
 Number = TypeVar("Number", bound="np.generic[Any]")
@@ -319,10 +320,19 @@ def axial_forces(system: System[Body], seen: Seen, forces: Array) -> Array:
     here, ends = strands(system, seen)
     way = ends - here[:, :, None]
     way = np.sign(way) * np.minimum(BEND * np.sqrt(system.thread.EI / sizes), 0.5 * np.abs(way))
-    first, b = system.thread.spline.basis((here[:, :, None] + way).ravel())
-    step = np.repeat(np.arange(len(seen.q)), way[0].size)[:, None]
-    tangents = (b @ seen.q[step, first[:, None] + LOCAL, :3])[:, 1].reshape(forces.shape)
+    tangents = tangents_at(system, seen, here[:, :, None] + way)
     return dot(forces, tangents) / np.linalg.norm(tangents, axis=3)
+
+
+def tangents_at(system: System[Body], seen: Seen, s: Array) -> Array:
+    """Return P' of every state at its abscissae `s` (k, …) [m], shape `(k, …, 3)`."""
+    spline = system.thread.spline
+    if isinstance(spline, Placed):
+        each = zip((spline.moved(own) for own in seen.s), seen.q, s, strict=True)
+        return np.array([own.curve(q[:, :3], at.ravel())[:, 1].reshape(*at.shape, 3) for own, q, at in each])
+    first, b = spline.basis(s.ravel())
+    step = np.repeat(np.arange(len(seen.q)), s[0].size)[:, None]
+    return np.asarray((b @ seen.q[step, first[:, None] + LOCAL, :3])[:, 1].reshape(*s.shape, 3))
 
 
 def strands(system: System[Body], seen: Seen) -> tuple[Array, Array]:

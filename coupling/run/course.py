@@ -19,6 +19,7 @@ from coupling.kernels.steps import march
 from coupling.kernels.steps.audit import BODY, TURNS, Motion
 from coupling.kernels.steps.march import ENERGIES, Ends, Kept, Scene, Scratch
 from coupling.kernels.steps.organ import Going, Organ, Pace
+from coupling.kernels.steps.riding import Fit
 from coupling.kernels.steps.tautness import Strands
 from coupling.kernels.steps.tension import Limits, Stages
 from coupling.recent import Recent
@@ -30,10 +31,13 @@ from coupling.step.motion import CROSSED
 from coupling.step.newton import Problem
 from coupling.step.stability import borne_pressure
 from coupling.step.stepping import dynamic_problem, organ_answer
-from coupling.step.tables import Tables, bounds_of, empty_found, given_of, plain, solver_for, tables_of
-from coupling.step.tension import along_of, limits_of
+from coupling.step.tables import Tables, bounds_of, empty_found, given_of, own_curve, plain, solver_for, tables_of
+from coupling.step.tension import REST, along_of, limits_of
 from coupling.system import State, System
+from thread import packets
 from thread.compliance import LACKS, POWERS, SLACK
+from thread.kernels.curve import Curve
+from thread.placed import Placed
 from thread.spline import ORDERS
 from thread.thread import STAGES, Thread
 
@@ -139,6 +143,7 @@ class Fixture:
     limits: Limits
     room: Scratch
     nothing: Kept
+    curve: Curve
     solver: int
 
 
@@ -156,8 +161,10 @@ def fixture_of(
     loose = loose_ends(system, state).tobytes()
     of_ends = system.held_flags.tobytes(), loose, len(taut), system.clamps, system.clamp_frames.tobytes()
     values = scheme.dt, scheme.d, scheme.weights, system.epsilon, *of_ends, state.present.tobytes(), len(motion.U)
+    thread = system.thread
+    alike = (thread.spline.travel, thread.section) if isinstance(thread.spline, Placed) else (thread,)
     fixture = FIXTURES.of(
-        (system.thread, system.piercings, system.gravity),
+        (*alike, system.piercings, system.gravity),
         lambda: make_fixture(system, scheme, state, answer, motion, taut),
         values,
     )
@@ -173,8 +180,10 @@ def make_fixture(
     """Return a new fixture; the arguments are those of `fixture_of`."""
     problem = dynamic_problem(system, state, scheme.dt, answer, scheme)
     tables, bounds = tables_of(system.thread), bounds_of(problem, 0.0, 1)
+    curve = own_curve(tables.curve) if system.thread.travels else tables.curve
     law = with_own(problem.law.table, "s_old", "s_held", "s_free", "stretch")
     given = with_own(given_of(problem), "q_ref", "load", "y_free", "C")
+    given = given._replace(fields=tuple(with_own(field, "at", "S", "c") for field in given.fields))
     room = empty_room(motion, system.thread.elastic_rule.w.shape[1])
     return Fixture(
         tables=tables,
@@ -187,7 +196,8 @@ def make_fixture(
         limits=limits_of(system),
         room=room,
         nothing=room_to_keep(motion, 0),
-        solver=solver_for(tables.curve, tables.knots, law, given, bounds, room.z, room.found),
+        curve=curve,
+        solver=solver_for(curve, tables.knots, law, given, bounds, room.z, room.found),
     )
 
 
@@ -223,7 +233,7 @@ class Course:
         given = self._fixture
         while True:
             self.made, why, missing = run_march(
-                given.tables.curve, given.tables.knots, given.law, given.given, given.bounds, given.scene, given.pace,
+                given.curve, given.tables.knots, given.law, given.given, given.bounds, given.scene, given.pace,
                 given.limits, given.lacking.stages, self._body.organ, Ends(*ends), self._now, self._earlier,
                 given.room, self.energies, self.iterations, self.made, follow, self.kept, given.solver,
             )  # fmt: skip
@@ -261,6 +271,7 @@ class Course:
             reaction=motion.reaction,
             layers=motion.layers if self._fixture.limits.bends else None,
             stretch=motion.stretch,
+            **riding_of(self._fixture.tables.thread, motion),
             before=before,
             dt_before=None if before is None else self._fixture.pace.dt,
         )
@@ -300,7 +311,7 @@ def scene_of(problem: Problem[Any], present: Flags, strands: Strands) -> Scene:
     by_place = thread.largest_bending + factor * thread.largest_mass
     return Scene(
         weight=plain(system.weight),
-        along=along_of(system),
+        along=with_own(along_of(system), "breaks", "axial", "greville", "share"),
         present=present,
         here=np.ascontiguousarray(problem.rows[:, 0]),
         slide=system.may_slide,
@@ -319,7 +330,26 @@ def scene_of(problem: Problem[Any], present: Flags, strands: Strands) -> Scene:
         turned=SHARE,
         bearing=BORNE,
         strands=strands,
+        fit=fit_of(thread),
     )
+
+
+def fit_of(thread: Thread) -> Fit:
+    """Return when the packets of a thread fit; of one whose knots stand still, nothing."""
+    spline, EI, least = thread.spline, float(thread.EI), REST * float(thread.EA)
+    if not isinstance(spline, Placed):
+        return Fit(NONE, NONE, 0.0, 0.0, 0.0, 0.0, 0.0, EI, 0.0, least)
+    travel = spline.travel
+    part, made = packets.FIRST * travel.scale, plain(travel.strand_of_spans())
+    ratios = packets.COARSE, packets.FINE, packets.GROWN
+    return Fit(plain(travel.first), made, part, float(travel.longest), *ratios, EI, spline.end, least)
+
+
+def riding_of(thread: Thread, motion: Motion) -> dict[str, Any]:
+    """Return what a state has besides where knots travel (`coupling.system.State`)."""
+    if not isinstance(thread.spline, Placed):
+        return {}
+    return {"spline": thread.spline.moved(motion.s), "drive": motion.drive}
 
 
 def motion_of(state: State[Any], body: ModalMotion) -> Motion:
@@ -328,7 +358,8 @@ def motion_of(state: State[Any], body: ModalMotion) -> Motion:
     layers = np.full(len(state.s), np.inf) if state.layers is None else state.layers
     U, V, A, f_y, drift = body
     stretch = np.ones_like(state.s) if state.stretch is None else state.stretch
-    all_of = (*names, state.reaction, layers, stretch, over_holds(f_y, len(state.s)), U, V, A, [drift])
+    drive = np.zeros_like(state.s) if state.drive is None else state.drive
+    all_of = (*names, state.reaction, layers, stretch, over_holds(f_y, len(state.s)), U, V, A, [drift], drive)
     return Motion(*[np.array(x, dtype=float, order="C") for x in all_of])
 
 

@@ -25,6 +25,7 @@ from coupling.step.newton import Iterate, Solution, evaluate
 from coupling.step.solver import covers
 from coupling.step.stepping import Step, Take, bdf2_step, dynamic_problem, organ_answer, scheme_of, try_step
 from coupling.system import State, System, forgetful
+from thread.placed import Placed
 
 if TYPE_CHECKING:
     from coupling.run.course import Course
@@ -65,11 +66,24 @@ def covered_scheme(system: System[Body], state: State[Body], dt: float, take: Ta
         or system.by_hand.any()
         or system.thread.spline.cuts.size
         or not covers(system)
+        or not is_on_one_travel(system, state, take)
     ):
         return None
     if take is try_step:
         return BackwardEuler(dt)
     return scheme_of(state, dt) if take is bdf2_step else None
+
+
+def is_on_one_travel(system: System[Body], state: State[Body], take: Take[Body]) -> bool:
+    """Whether a state, and the one that a step looks back at, are on the knots of the system, or moved with them."""
+    spline = system.thread.spline
+    if not isinstance(spline, Placed):
+        return True
+    past = [state] if take is not bdf2_step or state.before is None else [state, state.before]
+    own = [each.spline for each in past]
+    return all(each.solved is None for each in past) and all(
+        isinstance(each, Placed) and each.travel is spline.travel for each in own
+    )
 
 
 def march(
@@ -119,7 +133,8 @@ def march_by_steps(
         states = [replace(new, before=old, dt_before=dt) for old, new in zip(before, states, strict=True)]
     first, kept = course.kept.at.first[:made].ravel(), course.kept.at
     b, D, c = (x[:made].reshape(-1, *x.shape[2:]) for x in (kept.b, kept.D, kept.c))
-    at = Passage(first, b, D, c, np.tile(system.rows[:, 3], made))
+    drive = kept.drive[:made].ravel() if system.thread.travels else None
+    at = Passage(first, b, D, c, np.tile(system.rows[:, 3], made), drive)
     q, s, sigma, stretch, lam, y = (x[:made] for x in (ends.q, ends.s, ends.sigma, ends.stretch, ends.lam, ends.y))
     seen = Seen(state.present, np.array(times[:made]), q, course.kept.elastic[:made], s, sigma, stretch, lam, y, at)
     booked = [Energies(*each) for each in course.kept.energies[:made].tolist()]

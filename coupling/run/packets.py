@@ -5,7 +5,7 @@ thread's inertia is from the curves as they were solved, each on its own knots, 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,45 +19,19 @@ from coupling.system import State, System, solved_curve
 from thread.packets import Hold, Travel, travelling
 from thread.placed import Placed
 
-FIRST = 0.5  # of √(EI/T): the span next to a hole
-COARSE, FINE = 1.3, 0.4  # times that: a packet that begins with a longer or a shorter span is made anew
-GROWN = 1.5  # ratio by which a strand may grow or shrink on the same spans
+Exchange = tuple[System[Body], State[Body], Sequence[Event]]
 
 
-@dataclass(frozen=True)
-class Packets:
-    """How fine: spans no `longest` [m] away from holes, and next to them FIRST √(EI/T) times the `scale`."""
+def travel_of(system: System[Body]) -> Travel:
+    """Return how the knots of a system's thread travel."""
+    assert isinstance(system.thread.spline, Placed)
+    return system.thread.spline.travel
 
-    longest: float
-    scale: float = 1.0
 
-    def first(self, layers: Array) -> Array:
-        """Return the spans next to holes that bend over `layers` (m,) [m]."""
-        return np.minimum(FIRST * self.scale * layers, self.longest)
-
-    def fit(self, system: System[Body], state: State[Body]) -> bool:
-        """Whether the packets of a state are as long as its tension asks for, and its strands about as long as they
-        were."""
-        spline = system.thread.spline
-        assert isinstance(spline, Placed)
-        here = np.flatnonzero(holds_in_force(system, state))
-        if set(here.tolist()) != set(spline.travel.holds.tolist()):
-            return False
-        wanted, has = self.first(bent_over(system, state)), spline.travel.first
-        lengths, made = spline.travel.strands(state.s), spline.travel.lengths
-        alike = (has[here] <= COARSE * wanted[here]) & (has[here] >= FINE * wanted[here])
-        return bool(alike.all() and (lengths < GROWN * made).all() and (lengths * GROWN > made).all())
-
-    def due(self, system: System[Body], state: State[Body]) -> Travel:
-        """Return the knots that fit a state."""
-        here, first = np.flatnonzero(holds_in_force(system, state)), self.first(bent_over(system, state))
-        directed, spline = system.rows[:, 3], system.thread.spline
-        holds = [Hold(int(k), float(state.s[k]), bool(directed[k]), float(first[k])) for k in here]
-        clamped = [float(first[k]) for k in here if k >= len(system.piercings)]
-        ends: list[float | None] = [None, None]
-        for side, value in zip(system.clamps, clamped, strict=False):
-            ends[side] = value
-        return travelling(spline.end, holds, system.holds, self.longest, (ends[0], ends[1]))
+def fits(system: System[Body], state: State[Body]) -> bool:
+    """Whether the packets of a state are those of its holes, and as long as its tension asks for."""
+    here = np.flatnonzero(holds_in_force(system, state))
+    return travel_of(system).fits(here, bent_over(system, state), state.s)
 
 
 def bent_over(system: System[Body], state: State[Body]) -> Array:
@@ -65,19 +39,36 @@ def bent_over(system: System[Body], state: State[Body]) -> Array:
     return lengths_bent_over(system, state.s, state.N, state.lam, state.present)
 
 
-def fitted(
-    packets: Packets, system: System[Body], state: State[Body]
-) -> tuple[System[Body], State[Body], Sequence[Event]]:
+def due(system: System[Body], state: State[Body], layers: Array) -> Travel:
+    """Return the knots for the holes of a state at which the thread bends over `layers` (m,) [m]."""
+    travel, here = travel_of(system), np.flatnonzero(holds_in_force(system, state))
+    first, directed = travel.wanted(layers), system.rows[:, 3]
+    holds = [Hold(int(k), float(state.s[k]), bool(directed[k]), float(first[k])) for k in here]
+    ends: list[float | None] = [None, None]
+    for k, side in enumerate(system.clamps):
+        ends[side] = float(first[len(system.piercings) + k])
+    of_ends = ends[0], ends[1]
+    return travelling(system.thread.spline.end, holds, system.holds, travel.longest, of_ends, travel.scale)
+
+
+def fitted(system: System[Body], state: State[Body]) -> Exchange[Body]:
     """Return system and state on packets that fit, the same ones where they do, and the event of it."""
     system = system.at(state)
-    if packets.fit(system, state):
+    if fits(system, state):
         return system, state, []
-    return put_on_knots(system, state, packets.due(system, state))
+    return put_on_knots(system, state, due(system, state, bent_over(system, state)))
 
 
-def put_on_knots(
-    system: System[Body], state: State[Body], travel: Travel
-) -> tuple[System[Body], State[Body], Sequence[Event]]:
+def fitted_for(system: System[Body], state: State[Body], later: System[Body], end: State[Body]) -> Exchange[Body]:
+    """Return system and state on packets that fit an `end` state, the same ones where those of the `later` system that
+    it was found on do, and the event of it."""
+    later, system = later.at(end), system.at(state)
+    if fits(later, end):
+        return system, state, []
+    return put_on_knots(system, state, due(system, state, bent_over(later, end)))
+
+
+def put_on_knots(system: System[Body], state: State[Body], travel: Travel) -> Exchange[Body]:
     """Return system and state on other knots, and the event that says what that changes of the energy."""
     old, new = system.thread.spline, Placed(travel.knots, travel.places(state.s), travel)
     other = system.on(new)
@@ -88,13 +79,3 @@ def put_on_knots(
     energies = [initial_energies(*pair) for pair in ((system, state), (other, moved))]
     stored = [e.kinetic + e.elastic_thread for e in energies]
     return other, moved, [Event(state.time, "knots", loss=stored[0] - stored[1], control_points=new.n)]
-
-
-def fitted_for(
-    packets: Packets, system: System[Body], state: State[Body], later: System[Body], end: State[Body]
-) -> tuple[System[Body], State[Body], Sequence[Event]]:
-    """Return system and state on packets that fit an `end` state, the same ones where those of the `later` system that
-    it was found on do, and the event of it."""
-    if packets.fit(later.at(end), end):
-        return system, state, []
-    return put_on_knots(system.at(state), state, packets.due(later.at(end), replace(end, s=state.s)))

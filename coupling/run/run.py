@@ -30,7 +30,7 @@ from coupling.run.cutting import Cut, cut_thread
 from coupling.run.events import Event, Events, find_events, kept_taut
 from coupling.run.impact import begin_piercing
 from coupling.run.march import march, march_by_steps, step_between
-from coupling.run.packets import Packets, fitted, fitted_for
+from coupling.run.packets import fitted, fitted_for
 from coupling.run.tautness import carried_over, still_taut, taut_strands
 from coupling.run.tying import TieObservation, begin_tie, let_go_of_cut, lock_tie, observe_ties
 from coupling.run.watch import Watch
@@ -69,7 +69,7 @@ class Run(Generic[Body]):
     energies: Energies
     s_begun: Array
     take: Take[Body]
-    resolution: Resolution | Packets | None
+    resolution: Resolution | None
     given: Array
     tie_works: Array = field(default_factory=lambda: np.zeros(0))
     taut: Flags = field(default_factory=lambda: np.zeros(1, dtype=bool))
@@ -158,7 +158,7 @@ class Run(Generic[Body]):
             taken = advance(run.system, run.state, dt, run.take, depth, watch, run.is_jumping, run.tolerance)
         except (StepError, InversionError) as error:
             would_again = (level > 0 or self.fresh) and error.time <= self.state.time
-            if not isinstance(run.resolution, Resolution) or level >= run.halvings or would_again:
+            if run.resolution is None or level >= run.halvings or would_again:
                 raise
             log.debug("knots are brought up a part of the step at a time: %s", error)
         else:
@@ -232,7 +232,7 @@ class Run(Generic[Body]):
             "events": (),
             "seen": None,
         }
-        return replace(self, number=self.number + made, **(left | end))
+        return replace(self, number=self.number + made, system=self.system.at(end["state"]), **(left | end))
 
     def _switched(self, new: "Run[Body]", dt: float) -> "Run[Body]":
         """Return the run after a step of `dt` [s] of the loops, `new`, with the events in it: that holds slip or stick,
@@ -320,11 +320,11 @@ class Run(Generic[Body]):
         """Return the run before a load step, which was `first`, on the knots that this one asks for after it, and the
         run after it there; None where the knots fit. With friction it is found from where this one is, at once or a
         halving of the spans at a time, or else from the start of the load step. Raises as `load` does."""
-        again = self.rubs or isinstance(self.resolution, Packets)
+        again = self.rubs or self.system.thread.travels
         knots = first.refined_for(self) if again else self.refitted(0.0, True)
         if knots is first or knots is self:
             return None
-        if self.rubs and isinstance(self.resolution, Resolution):
+        if self.rubs and not self.system.thread.travels:
             for find in (partial(self._near_at_once, knots), partial(self._near_by_halves, first)):
                 try:
                     return find(share, duration)
@@ -400,19 +400,19 @@ class Run(Generic[Body]):
     def refitted(self, dt: float, due: bool, once: bool = False) -> "Run[Body]":
         """Return the run on the knots that fit its state, or those of them that halve a span `once`, itself where they
         do already. The knots are looked at where that is `due`, or a span at a hole is too long."""
+        if self.system.thread.travels:
+            return self._on(*fitted(self.system, self.state))
         if self.resolution is None:
             return self
-        if isinstance(self.resolution, Packets):
-            return self._on(*fitted(self.resolution, self.system, self.state))
         return self._on(*adapt_when_due(self.resolution, self.system, self.state, dt, due, once))
 
     def refined_for(self, later: "Run[Body]", once: bool = False) -> "Run[Body]":
         """Return the run with the knots too that a later one asks for, or those of them that halve a span `once`;
         itself where it has them all."""
+        if self.system.thread.travels:
+            return self._on(*fitted_for(self.system, self.state, later.system, later.state))
         if self.resolution is None:
             return self
-        if isinstance(self.resolution, Packets):
-            return self._on(*fitted_for(self.resolution, self.system, self.state, later.system, later.state))
         return self._on(*refine_for(self.resolution, self.system, self.state, (later.system, later.state), once))
 
     def _on(self, system: System[Body], state: State[Body], knots: list[Event]) -> "Run[Body]":
@@ -492,7 +492,7 @@ def begin(
     system: System[Body],
     state: State[Body],
     take: Take[Body] = bdf2_step,
-    resolution: Resolution | Packets | None = None,
+    resolution: Resolution | None = None,
     given: Array | None = None,
     halvings: int = HALVINGS,
     downhill: bool = True,

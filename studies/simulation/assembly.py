@@ -12,7 +12,6 @@ import skfem
 import tissue
 from coupling.rest.laying import start
 from coupling.run.adaptivity import Resolution, coarse_tree, first_breaks
-from coupling.run.packets import Packets
 from coupling.step.solver import are_kept
 from coupling.system import Friction, Piercing, State, System
 from coupling.ties import Tie
@@ -47,6 +46,7 @@ log = logging.getLogger(__name__)
 Moving = tissue.DynamicOrgan | tissue.KrylovOrgan | tissue.ReducedOrgan
 AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | Moving | tissue.FiniteOrgan
 
+TOLERANCE = 0.01  # relative error of the holes' forces that the packets of thread.packets.FIRST √(EI/T) are made for
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
 REACH = 0.1  # of the thread's length: how far from a piercing its spans are fine
 AT_COARSE = 0.04  # tolerance at holes that the coarse spans do not resolve: spans of a fifth of √(EI/T)
@@ -71,7 +71,7 @@ class Assembly:
     path: RoundedPath
     s: Array
     body: tissue.Elasticity | None
-    resolution: Resolution | Packets | None
+    resolution: Resolution | None
     recovery: Callable[[], tissue.StressRecovery | None]
     depths: Callable[[Array], Array]
     given: Given = NOTHING
@@ -112,7 +112,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     thread = store.take("thread", thread_key(scenario, length, s), lambda: thread_of(scenario, holes, length, s))
     check_pieces(scenario, thread.spline, [value for hole, value in zip(holes, s, strict=True) if is_known(hole)])
     resolution = resolution_of(scenario.thread, length, s)
-    check_cutting(scenario.cut, thread.spline, resolution if isinstance(resolution, Resolution) else None)
+    check_cutting(scenario.cut, thread.spline, resolution)
     check_draws(scenario.piercing, thread.spline, own)
     whole = resolved(scenario, length, own)
     system: System[tissue.OrganState] = System(
@@ -188,10 +188,10 @@ def nearest_pass(path: RoundedPath, point: Sequence[float], after: Sequence[floa
     return float(later[0] if later.size else near[0])
 
 
-def resolution_of(table: model.Thread, length: float, s: Sequence[float]) -> Resolution | Packets | None:
-    """Tell how the knots follow the thread; None where they do not."""
+def resolution_of(table: model.Thread, length: float, s: Sequence[float]) -> Resolution | None:
+    """Tell how the knots follow the thread; None where they do not, and where they travel with its holes."""
     if table.knots == "travelling":
-        return packets_of(table, length)
+        return None
     if table.resolution == "fixed":
         return None
     if table.resolution == "adaptive":
@@ -199,14 +199,9 @@ def resolution_of(table: model.Thread, length: float, s: Sequence[float]) -> Res
     return Resolution(Tree(graded_spline(table, length, s).breaks), AT_COARSE, everywhere=False)
 
 
-def packets_of(table: model.Thread, length: float) -> Packets:
-    """Return how fine the packets of travelling knots are."""
-    return Packets(length / (table.control_points - DEGREE), float(np.sqrt(table.tolerance / 0.01)))
-
-
 def travelling_spline(scenario: Scenario, holes: Sequence[model.Piercing], length: float, s: Sequence[float]) -> Placed:
     """Return the spline at the start of a thread whose knots travel: slack, it bends over no length yet."""
-    table, longest = scenario.thread, packets_of(scenario.thread, length).longest
+    table, longest = scenario.thread, length / (scenario.thread.control_points - DEGREE)
     holds = [
         Hold(k, at, hole.direction != "free", longest)
         for k, (hole, at) in enumerate(zip(holes, s, strict=True))
@@ -217,7 +212,7 @@ def travelling_spline(scenario: Scenario, holes: Sequence[model.Piercing], lengt
     holds += [Hold(len(holes) + k, at, True, longest) for k, at in enumerate(places)]
     total = len(holes) + len(places) + 2 * len(scenario.tie)
     ends = longest if clamped[0] else None, longest if clamped[1] else None
-    travel = travelling(length, holds, total, longest, ends)
+    travel = travelling(length, holds, total, longest, ends, float(np.sqrt(table.tolerance / TOLERANCE)))
     at = np.zeros(total)
     at[[hold.number for hold in holds]] = [hold.s for hold in holds]
     return Placed(travel.knots, travel.places(at), travel)

@@ -29,7 +29,8 @@ class Ride(NamedTuple):
     span, `between` (spans, 2), −1 for an end of the thread.
 
     Functions in χ, weights, and the rates of S' by the abscissae of the two holds: of the bending `slope`, `bend`
-    (spans, g, 4), `w` (spans, g), `rate` (spans, g, 2); of the stretch `axial_slope`, `axial_w`, `axial_rate`; of the
+    (spans, g, 4), `w` (spans, g), `rate` (spans, g, 2); of the stretch `axial_value`, `axial_slope`, `axial_w`,
+    `axial_rate`; of the
     mass `value`, `mass_slope`, `mass_w`, `mass_rate`, with the rate of S itself, `moves`. `first` (m,) and `at` (m, 2,
     4): functions and slopes at the holds. `rhoA` [kg/m], `gravity` (3,) [m/s²], masses of the `ends` (2,) [kg].
     """
@@ -42,6 +43,7 @@ class Ride(NamedTuple):
     bend: Array
     w: Array
     rate: Array
+    axial_value: Array
     axial_slope: Array
     axial_w: Array
     axial_rate: Array

@@ -43,7 +43,7 @@ BODY = 7
 class Motion(NamedTuple):
     """A state of thread and holds, as `coupling.system.State`; `layers` are infinite where there is no tension, and
     `f_y` (m, 9) the forces on the sites. Of modes of the organ `U`, `V`, `A` (n,) and what their check leaves open so
-    far, or the largest forces, `drift` (1,)."""
+    far, or the largest forces, `drift` (1,). Where knots travel −∂Π/∂s, `drive` (m,) [N]."""
 
     q: Array
     v: Array
@@ -62,6 +62,7 @@ class Motion(NamedTuple):
     V: Array
     A: Array
     drift: Array
+    drive: Array
 
 
 class Works(NamedTuple):

@@ -27,6 +27,16 @@ from coupling.kernels.steps.audit import (
     pass_holds,
 )
 from coupling.kernels.steps.organ import Going, Organ, Pace, audit_organ, bear, go_free
+from coupling.kernels.steps.riding import (
+    Fit,
+    audit_ride,
+    fits,
+    pass_knots,
+    place_along,
+    place_field,
+    put_curve,
+    put_rates,
+)
 from coupling.kernels.steps.tautness import Strands, is_switched
 from coupling.kernels.steps.tension import (
     KNOWN,
@@ -43,12 +53,12 @@ from coupling.kernels.steps.tension import (
 )
 from coupling.kernels.steps.watch import Shares, goes_uphill
 from thread.kernels.curve import Curve, Stretched, elastic_energy
-from thread.kernels.loops import loop, outermost, sources
+from thread.kernels.loops import loop, outermost, owning, sources
 from thread.kernels.vectors import cross, dot, norm, vector
 
 # Why no further step is made.
 MADE, TO_LEARN, NOT_SOLVED, TOO_FAST, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL, TOO_NARROW = range(11)
-HAPPENED = 11  # a step with an event is made, and is the last
+HAPPENED, REFIT = 11, 12  # a step with an event is made, and is the last; the packets no longer fit
 ENERGIES = 10  # numbers of `coupling.reports.audit.Energies` that steps change
 solve_at = by_address(solve)
 
@@ -70,7 +80,8 @@ class Scene(NamedTuple):
     thread itself [N]; the pressure that the thread bears [N] over EA, `borne`; spans that may run through a hole,
     `crossed`; shares of energies that a step may make [-]: of what there is `create`, one of BDF2 `create_bdf2` besides
     what it gives back, and with that `there`, or `turned` of what it turns over; of a compliance that is exchanged in
-    place, `bearing` [-]; and the `strands` between the holds."""
+    place, `bearing` [-]; the `strands` between the
+    holds; and when the packets of a thread whose knots travel `fit`."""
 
     weight: Array
     along: Along
@@ -92,6 +103,7 @@ class Scene(NamedTuple):
     turned: float
     bearing: float
     strands: Strands
+    fit: Fit
 
 
 class Scratch(NamedTuple):
@@ -144,6 +156,11 @@ def put_references(pace: Pace, scene: Scene, law: Law, given: Given, now: Motion
         place = pace.now * now.s[k] + pace.before * earlier.s[k]
         law.s_old[k] = law.s_held[k] = now.s[k]
         law.s_free[k] = place + (pace.now * now.s_dot[k] + pace.before * earlier.s_dot[k]) / pace.d
+    if given.ride.on:
+        by_v = pace.a / (factor * pace.d)
+        for field, weight, past in ((given.fields[0], pace.now, now), (given.fields[1], pace.before, earlier)):
+            place_field(field, given.ride, past.s)
+            put_curve(field, weight, past.q, weight * by_v, past.v)
     return largest
 
 
@@ -153,7 +170,7 @@ def put_load(scene: Scene, given: Given, ends: Ends, step: int) -> None:
     last = len(given.load) - 1
     for i in range(len(given.load)):
         for x in range(3):
-            given.load[i, x] = scene.weight[i, x]
+            given.load[i, x] = 0.0 if given.ride.on else scene.weight[i, x]
     for x in range(3):
         given.load[0, x] += ends.forces[step, 0, x]
         given.load[last, x] += ends.forces[step, 1, x]
@@ -192,15 +209,21 @@ def is_too_long(pace: Pace, scene: Scene, knots: Knots, given: Given, now: Motio
     return False
 
 
-@loop
+@owning
 def conclude(pace: Pace, scene: Scene, given: Given, r: Found, now: Motion, earlier: Motion, new: Motion) -> None:
     """Write what follows from the solved unknowns of a step: rates, forces in force, reactions, the sense in which the
     thread passes its holes."""
     n = len(new.q)
-    for i in range(n):
-        for x in range(3):
-            new.v[i, x] = pace.d * (new.q[i, x] - (pace.now * now.q[i, x] + pace.before * earlier.q[i, x]))
+    if given.ride.on:
+        put_curve(given.fields[0], pace.now, now.q, 0.0, now.v)
+        put_curve(given.fields[1], pace.before, earlier.q, 0.0, earlier.v)
+        put_rates(given.ride, given.fields, pace.d, r, new.q, new.v)
+    else:
+        for i in range(n):
+            for x in range(3):
+                new.v[i, x] = pace.d * (new.q[i, x] - (pace.now * now.q[i, x] + pace.before * earlier.q[i, x]))
     for k in range(len(new.s)):
+        new.drive[k] = -r.ridden.by_s[k]
         new.s_dot[k] = pace.d * (new.s[k] - (pace.now * now.s[k] + pace.before * earlier.s[k]))
         if new.sigma[k] == 0.0:
             new.s_dot[k] = 0.0
@@ -217,7 +240,8 @@ def conclude(pace: Pace, scene: Scene, given: Given, r: Found, now: Motion, earl
         i = end * (n - 1)
         for x in range(3):
             held = given.held[i, x]
-            new.reaction[end, x] = r.balance[i, x] if held else given.load[i, x] - scene.weight[i, x]
+            weight = 0.0 if given.ride.on else scene.weight[i, x]
+            new.reaction[end, x] = r.balance[i, x] if held else given.load[i, x] - weight
 
 
 @loop
@@ -295,6 +319,7 @@ def copy_motion(a: Motion, b: Motion) -> None:
     copy_row(a.V, b.V)
     copy_row(a.A, b.A)
     copy_row(a.drift, b.drift)
+    copy_row(a.drive, b.drive)
 
 
 @loop
@@ -306,7 +331,7 @@ def keep(kept: Kept, step: int, r: Found, end: Motion, energies: Array) -> None:
     place = Motion(
         of.q[step], of.v[step], of.N[step], of.s[step], of.s_dot[step], of.lam[step], of.y[step], of.sigma[step],
         of.sense[step], of.reaction[step], of.layers[step], of.stretch[step], of.f_y[step], of.U[step], of.V[step],
-        of.A[step], of.drift[step],
+        of.A[step], of.drift[step], of.drive[step],
     )  # fmt: skip
     copy_motion(end, place)
     copy_all(r.elastic, kept.elastic[step])
@@ -320,6 +345,7 @@ def keep(kept: Kept, step: int, r: Found, end: Motion, energies: Array) -> None:
         copy_all(r.b[k], kept.at.b[step, k])
         copy_all(r.D[k], kept.at.D[step, k])
         copy_all(r.c[k], kept.at.c[step, k])
+        kept.at.drive[step, k] = end.drive[k]
 
 
 @loop
@@ -356,7 +382,8 @@ def pass_with(
         missing = learn(stages, limits, knots, given, layers, z.s)
         if missing != KNOWN:
             return missing
-    pass_holds(knots, given, z, at)
+    if not given.ride.on:
+        pass_holds(knots, given, z, at)
     return KNOWN
 
 
@@ -373,7 +400,10 @@ def begin_step(
     if not organ.still:
         go_free(pace, organ, given, now, earlier, room.going)
     missing = pass_with(stages, limits, knots, given, start, now.layers, room.was)
-    if limits.bends:
+    if given.ride.on:
+        place_along(given.ride, given.fields[0].S, given.fields[0], scene.along)
+        pass_knots(given.ride, given.fields[0].S, now.q, now.drive, room.was)
+    if limits.bends or limits.rides:
         pull = Pull(room.T, room.end.layers, law.stretch)
         ask_tension(limits, scene.along, given.directed, now.s, now.N, now.lam, scene.present, pull)
         forget(given.lack)
@@ -415,25 +445,30 @@ def solve_step(
         forget(given.lack)
 
 
-@loop
+@owning
 def audit(
     curve: Curve, knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, more: Array, now: Motion,
     room: Scratch,
 ) -> None:  # fmt: skip
     """Write what a solved step of the thread turns over; `more` is as for `Works`."""
     r = room.found
-    works = Works(scene.damping, pace.a, room.at, pace.two_step, more, pace.two_step, scene.bearing)
+    rides = given.ride.on
+    works = Works(scene.damping, 0.0 if rides else pace.a, room.at, pace.two_step, more, pace.two_step, scene.bearing)
     holes = Holes(
-        given.rows, given.directed, scene.rough, scene.by_hand, law.may_slide, law.inertia, law.s_free, scene.epsilon, False
+        given.rows, given.directed, scene.rough, scene.by_hand, law.may_slide, law.inertia, law.s_free, scene.epsilon,
+        rides,
     )  # fmt: skip
-    met = Met(room.was, Passing(r.first, r.b, r.D, r.c, r.ridden.by_s), room.mid, room.back)
+    met = Met(room.was, Passing(r.first, r.b, r.D, r.c, room.end.drive), room.mid, room.back)
     for i in range(len(room.turns)):
         room.turns[i] = 0.0
+    if rides:
+        audit_ride(curve, given, works, holes, r, now, room.end, met, room.turns)
+        return
     room.turns[ELASTIC] = elastic_energy(curve, Stretched(r.T, r.K, r.T_axial, r.strain))
     audit_march(knots, given, works, holes, r, now, room.end, met, room.turns)
 
 
-@loop
+@owning
 def end_step(
     curve: Curve, knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, limits: Limits, stages: Stages,
     organ: Organ, ends: Ends, step: int, now: Motion, earlier: Motion, room: Scratch, energies: Array, rounded: float,
@@ -443,12 +478,14 @@ def end_step(
     start = Unknowns(now.q, now.N, now.s, now.lam, now.y, now.sigma)
     missing = pass_with(stages, limits, knots, given, start, room.end.layers, room.other)
     copy_lack(room.other, room.mid)
-    if missing == KNOWN:
+    if missing == KNOWN and not given.ride.on:
         missing = pass_with(stages, limits, knots, given, room.z, now.layers, room.other)
         copy_lack(room.other, room.back)
     if missing != KNOWN:
         return TO_LEARN, missing
     copy_row(law.stretch, room.end.stretch)
+    if given.ride.on:
+        place_along(given.ride, room.found.ridden.S, given.fields[0], scene.along)
     conclude(pace, scene, given, room.found, now, earlier, room.end)
     happened = what_happened(scene, given, room.found.strain, knots, now, room.end)
     if happened != MADE and (happened != EVENT or step > 0):
@@ -482,13 +519,15 @@ def march_of(digest: int) -> Any:
         """
         assert digest
         for step in range(first, len(iterations)):
-            if follow and is_too_long(pace, scene, knots, given, now):
+            if follow and not given.ride.on and is_too_long(pace, scene, knots, given, now):
                 return step, TOO_FAST, KNOWN
             largest, missing = begin_step(
                 knots, law, given, scene, pace, limits, stages, organ, ends, step, now, earlier, room
             )
             if missing != KNOWN:
                 return step, TO_LEARN, missing
+            if given.ride.on and not fits(scene.fit, given.ride, room.T, now.s, scene.present):
+                return step, REFIT, KNOWN
             here = bounds_at(bounds, rounded_force(scene, knots, largest))
             found, missing = solve_step(
                 curve, knots, law, given, here, scene, pace, limits, stages, ends, step, now, room, solver

@@ -1,0 +1,244 @@
+"""Steps of a thread whose knots travel with its holes: the earlier curves that its inertia is from, its velocity, how
+far its packets fit, and its part of the audit (`thread.kernels.travel`)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from coupling.arrays import Array, Flags, Indices
+from coupling.kernels.band import REACH
+from coupling.kernels.iteration import Found, Given, Passing, add_momentum
+from coupling.kernels.steps.audit import (
+    ELASTIC,
+    EXTERNAL,
+    NUMERICAL,
+    TWO_STEP,
+    Holes,
+    Met,
+    Motion,
+    OnThread,
+    Works,
+    audit_step,
+    product,
+    work_along,
+)
+from coupling.kernels.steps.tension import Along
+from thread.kernels.curve import FIRST, Curve, Stretched, along_span, elastic_energy, put
+from thread.kernels.loops import loop, owning
+from thread.kernels.travel import (
+    Field,
+    Ridden,
+    Ride,
+    add_elastic_rates,
+    add_end_masses,
+    add_inertia,
+    clear_ridden,
+    on_span,
+    place_knots,
+    read_field,
+)
+
+
+class Fit(NamedTuple):
+    """When packets fit (`thread.packets.Travel.fits`): the spans next to the holes that a step begins with are `first`
+    (m,) [m], wanted are `part` √(EI/T), at most `longest` [m], and they may be `coarse` and `fine` times that; the
+    strands were `made` (spans,) [m] long, and may have `grown` so many times; EI [N m²], the thread's `length` [m], and
+    the `least` tension [N]."""
+
+    first: Array
+    made: Array
+    part: float
+    longest: float
+    coarse: float
+    fine: float
+    grown: float
+    EI: float
+    length: float
+    least: float
+
+
+@loop
+def place_field(field: Field, ride: Ride, s: Array) -> None:
+    """Write where the knots of an earlier curve are, with holes at `s` (m,) [m]."""
+    place_knots(ride, s, field.S)
+    put_breaks(field.polynomials, field.first, field.S, field.at, field.knots[1] - field.knots[0])
+
+
+@loop
+def put_breaks(polynomials: Array, first: Indices, S: Array, breaks: Array, width: float) -> None:
+    """Write the abscissae of the ends of spans that are all of a `width` in χ."""
+    last = len(first) - 1
+    for e in range(len(first)):
+        breaks[e] = on_span(polynomials[e, 0], S, first[e])
+    breaks[last + 1] = breaks[last]
+    for r in range(1, 4):
+        breaks[last + 1] += on_span(polynomials[last, r], S, first[last]) * width**r
+
+
+@loop
+def put_curve(field: Field, x: float, q: Array, y: float, v: Array) -> None:
+    """Write x q + y v, the control values of an earlier curve."""
+    for i in range(len(q)):
+        for a in range(3):
+            field.c[i, a] = x * q[i, a] + y * v[i, a]
+
+
+@loop
+def place_along(ride: Ride, S: Array, field: Field, along: Along) -> None:
+    """Write the abscissae of a thread whose knots are at `S` (n,) [m]; its spans are those of a `field`."""
+    put_breaks(field.polynomials, field.first, S, along.breaks, field.knots[1] - field.knots[0])
+    for e in range(len(along.axial)):
+        for g in range(along.axial.shape[1]):
+            along.axial[e, g] = on_span(ride.axial_value[e, g], S, field.first[e])
+            along.share[e, g] = ride.axial_w[e, g] * on_span(ride.axial_slope[e, g], S, field.first[e])
+    for i in range(len(S)):
+        along.greville[i] = S[i]
+
+
+@loop
+def pass_knots(ride: Ride, S: Array, q: Array, drive: Array, at: Passing) -> None:
+    """Evaluate the thread at the knots of its holes."""
+    for k in range(len(ride.first)):
+        first = ride.first[k]
+        at.first[k], rate = first, on_span(ride.at[k, 1], S, first)
+        at.drive[k] = drive[k]
+        for i in range(4):
+            at.b[k, 0, i], at.b[k, 1, i] = ride.at[k, 0, i], ride.at[k, 1, i] / rate
+            at.b[k, 2, i] = at.b[k, 3, i] = 0.0
+        for order in range(4):
+            put(along_span(at.b[k, order], q, first), at.D[k], order, FIRST)
+
+
+@loop
+def fits(fit: Fit, ride: Ride, T: Array, s: Array, present: Flags) -> bool:
+    """Whether the packets fit the tensions `T` (m, 2) [N] next to holes at `s` (m,) [m]."""
+    for k in range(len(s)):
+        if present[k] and fit.first[k] > 0.0:
+            layer = min(np.sqrt(fit.EI / max(T[k, 0], T[k, 1], fit.least)), fit.length)
+            wanted = min(fit.part * layer, fit.longest)
+            if not fit.fine * wanted <= fit.first[k] <= fit.coarse * wanted:
+                return False
+    for e in range(len(fit.made)):
+        left, right = ride.between[e, 0], ride.between[e, 1]
+        length = (s[right] if right >= 0 else fit.length) - (s[left] if left >= 0 else 0.0)
+        if not (length < fit.grown * fit.made[e] and length * fit.grown > fit.made[e]):
+            return False
+    return True
+
+
+@owning
+def put_on(ride: Ride, field: Field, S: Array, mass: Array, out: Array) -> None:
+    """Write the control values (n, 3), on knots at `S` (n,) [m] with the upper band of the `mass` (n, 4) [kg], of an
+    earlier curve, by least squares weighted with the mass (`thread.riding.put_on`)."""
+    n = len(S)
+    for i in range(n):
+        for x in range(3):
+            out[i, x] = 0.0
+    for e in range(len(field.first)):
+        first = field.first[e]
+        for g in range(ride.mass_w.shape[1]):
+            b = ride.value[e, g]
+            P, _ = read_field(field, on_span(b, S, first), e)
+            w = ride.rhoA * ride.mass_w[e, g] * on_span(ride.mass_slope[e, g], S, first)
+            for i in range(4):
+                out[first + i, 0] += w * b[i] * P[0]
+                out[first + i, 1] += w * b[i] * P[1]
+                out[first + i, 2] += w * b[i] * P[2]
+    for end in range(2):
+        i = end * (n - 1)
+        for x in range(3):
+            out[i, x] += ride.ends[end] * field.c[i, x]
+    solve_mass(mass, out)
+
+
+@owning
+def put_rates(ride: Ride, fields: tuple[Field, Field], d: float, r: Found, q: Array, v: Array) -> None:
+    """Write v = d (q − Σ of the earlier curves), (n, 3) [m/s], on the knots of a solved step."""
+    places = np.zeros(q.shape)
+    put_on(ride, fields[0], r.ridden.S, r.ridden.mass, v)
+    put_on(ride, fields[1], r.ridden.S, r.ridden.mass, places)
+    for i in range(len(q)):
+        for x in range(3):
+            v[i, x] = d * (q[i, x] - v[i, x] - places[i, x])
+
+
+@owning
+def solve_mass(mass: Array, X: Array) -> None:
+    """Replace `X` (n, 3) by M⁻¹X, M of the upper band `mass` (n, 4): L D Lᵀ."""
+    n, U = len(mass), mass.copy()
+    for i in range(n):
+        for k in range(1, min(REACH, n - 1 - i) + 1):
+            lower = U[i, k] / U[i, 0]
+            for j in range(k, REACH + 1):
+                U[i + k, j - k] -= lower * U[i, j]
+            for x in range(3):
+                X[i + k, x] -= lower * X[i, x]
+    for i in range(n - 1, -1, -1):
+        for x in range(3):
+            for k in range(1, min(REACH, n - 1 - i) + 1):
+                X[i, x] -= U[i, k] * X[i + k, x]
+            X[i, x] /= U[i, 0]
+
+
+@owning
+def kinetic_at(curve: Curve, ride: Ride, fields: tuple[Field, Field], q: Array, v: Array) -> float:
+    """Return the kinetic energy of the thread with its knots where those of the first field are [J]."""
+    n, m = len(q), ride.b.shape[1]
+    part = Ridden(fields[0].S, np.zeros(m), np.zeros((m, m)), np.zeros((n, 3, m)), np.zeros((n, 4)))
+    F, momentum, none = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
+    add_inertia(curve, ride, fields, 0.0, q, F, part)
+    add_end_masses(ride, fields, 0.0, q, F, part)
+    add_momentum(part.mass, 1.0, v, none, momentum)
+    return 0.5 * product(v, momentum)
+
+
+@owning
+def audit_ride(
+    curve: Curve, given: Given, works: Works, holes: Holes, r: Found, old: Motion, new: Motion, met: Met,
+    out: Array,
+) -> None:  # fmt: skip
+    """Write what a step of a thread whose knots travel turns over into `out`, as `coupling.reports.audit.turned_over`.
+    The first field is where the knots were at its start."""
+    ride, field, mass, n = given.ride, given.fields[0], r.ridden.mass, len(new.q)
+    at_q, at_v, none = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
+    moved, faster, momentum, F = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
+    put_curve(field, 1.0, old.q, 0.0, old.v)
+    put_on(ride, field, r.ridden.S, mass, at_q)
+    put_curve(field, 1.0, old.v, 0.0, old.v)
+    put_on(ride, field, r.ridden.S, mass, at_v)
+    add_momentum(mass, 1.0, new.q, at_q, moved)
+    add_momentum(mass, 1.0, new.v, at_v, faster)
+    add_momentum(mass, 1.0, new.v, none, momentum)
+    at = Stretched(r.T, r.K, r.T_axial, r.strain)
+    out[ELASTIC] = elastic_energy(curve, at)
+    on = OnThread(r.elastic, given.load, r.balance, given.held, r.push, moved, faster, momentum)
+    start = Motion(
+        old.q, at_v, old.N, old.s, old.s_dot, old.lam, old.y, old.sigma, old.sense, old.reaction, old.layers,
+        old.stretch, old.f_y, old.U, old.V, old.A, old.drift, old.drive,
+    )  # fmt: skip
+    audit_step(works, holes, on, start, new, met, out)
+    m = len(new.s)
+    part = Ridden(r.ridden.S, np.zeros(m), np.zeros((m, m)), np.zeros((n, 3, m)), np.zeros((n, 4)))
+    add_elastic_rates(curve, ride, at, new.N, part)
+    by_elastic = part.by_s.copy()
+    clear_ridden(part)
+    add_inertia(curve, ride, given.fields, 0.0, new.q, F, part)
+    add_end_masses(ride, given.fields, 0.0, new.q, F, part)
+    beyond, by_ds, by_weight = kinetic_at(curve, ride, given.fields, old.q, old.v), 0.0, 0.0
+    for k in range(m):
+        ds = new.s[k] - old.s[k]
+        by_ds += by_elastic[k] * ds
+        by_weight += part.by_s[k] * ds
+        beyond += (r.ridden.by_s[k] - by_elastic[k] - part.by_s[k]) * ds
+    for i in range(n):
+        for x in range(3):
+            inertia = r.balance[i, x] - r.elastic[i, x] + given.load[i, x] - F[i, x] + r.push[i, x]
+            beyond += inertia * (new.q[i, x] - old.q[i, x])
+    beyond -= 0.5 * product(new.v, momentum)
+    beyond -= works.damping * product(new.v, moved) + 0.5 * work_along(faster, at_v, new.v)
+    out[EXTERNAL] -= work_along(F, old.q, new.q) + by_weight
+    out[NUMERICAL] += by_ds
+    if works.two_step:
+        out[TWO_STEP] += beyond + product(new.v, faster)
+    else:
+        out[NUMERICAL] += beyond
