@@ -338,7 +338,7 @@ class System(Generic[Body]):
 
         def make() -> Passage:
             if self.thread.travels:
-                return knot_passage(self.thread.placed(s).spline, q, self.rows[:, 3], drive, ridden)
+                return knot_passage(self.thread.placed(s).spline, q, s, self.rows[:, 3], drive, ridden)
             return passage(self.thread, q, s, self.rows[:, 3], home, layers)
 
         if (
@@ -499,15 +499,24 @@ class State(Generic[Body]):
     stretch: Array | None = None
     spline: Spline | None = None
     drive: Array | None = None
-    solved: tuple[Spline, Array, Array] | None = None
+    solved: "Solved | None" = None
     before: "State[Body] | None" = None
     dt_before: float | None = None
 
 
-def solved_curve(state: State[Body]) -> tuple[Spline, Array, Array]:
-    """Return the curve of a state as it was solved, on its own knots: its spline, q and v."""
+@dataclass(frozen=True)
+class Solved:
+    """A curve as it was solved: its `spline`, `q` and `v` (n, c)."""
+
+    spline: Spline
+    q: Array
+    v: Array
+
+
+def solved_curve(state: State[Body]) -> Solved:
+    """Return the curve of a state as it was solved, on its own knots."""
     assert state.spline is not None  # of a thread whose knots travel
-    return state.solved or (state.spline, state.q, state.v)
+    return state.solved or Solved(state.spline, state.q, state.v)
 
 
 def forgetful(state: State[Body]) -> State[Body]:

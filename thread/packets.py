@@ -57,6 +57,11 @@ class Travel:
     longest: float
     scale: float
 
+    def is_like(self, other: "Travel") -> bool:
+        """Return whether knots are the same and travel alike."""
+        same = self.knots.size == other.knots.size and self.b.shape == other.b.shape
+        return self is other or bool(same and (self.a == other.a).all() and (self.b == other.b).all())
+
     def wanted(self, layers: Array) -> Array:
         """Return the spans next to holes that bend over `layers` (m,) [m], shape `(m,)` [m]."""
         return np.minimum(FIRST * self.scale * layers, self.longest)

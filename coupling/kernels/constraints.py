@@ -98,20 +98,23 @@ def passage(
 
 
 def knot_passage(
-    spline: Spline, q: Array, directed: Flags, drive: Array | None, ridden: Ridden | None = None
+    spline: Spline, q: Array, s: Array, directed: Flags, drive: Array | None, ridden: Ridden | None = None
 ) -> Passage:
     """Evaluate a thread whose knots travel, on the `spline` of (P, S), at the knots of its holes: P and T there do not
-    depend on s. `drive` (p,) [N] is −∂Π/∂s, None: not known, zero."""
+    depend on s (p,) [m]; a hold that has no knot is passed at s. `drive` (p,) [N] is −∂Π/∂s, None: not known, zero."""
     assert isinstance(spline, Placed)
-    at = spline.travel.at
-    first, b = spline.chi.basis(spline.chi.breaks[at])
+    travel = spline.travel
+    chi = spline.chi.breaks[travel.at]
+    if len(travel.holds) < len(s):
+        chi = np.where(np.isin(np.arange(len(s)), travel.holds), chi, spline.parameter(s))
+    first, b = spline.chi.basis(chi)
     b = b[:, :4] * np.array([1.0, 1.0, 0.0, 0.0])[:, None]
     b[:, 1] /= np.einsum("mi,mi->m", b[:, 1], spline.places[first[:, None] + LOCAL])[:, None]
     D = np.ascontiguousarray((b @ q[first[:, None] + LOCAL])[..., :3])
     if ridden is not None:
         drive = -ridden.by_s
-    drive = np.zeros(len(at)) if drive is None else drive
-    return Passage(first, b, D, np.zeros((len(at), 3, LACKS)), directed, drive, ridden)
+    drive = np.zeros(len(s)) if drive is None else drive
+    return Passage(first, b, D, np.zeros((len(s), 3, LACKS)), directed, drive, ridden)
 
 
 def bare_passage(spline: Spline, q: Array, s: Array, home: Array | None = None) -> Passage:

@@ -565,6 +565,21 @@ def add_correction(
             z.y[k, j] += share * dz[k, 6 + j]
 
 
+@loop
+def reach_in_strands(ride: Ride, spans: float, length: float, s: Array, reach: Array) -> None:
+    """Write how far holes at `s` (m,) [m] go in a correction [m], as far as so many `spans` of strands in which knots
+    stand still, of four spans at least, would let them: knots that travel have no spans at holes to cross."""
+    for k in range(len(s)):
+        reach[k] = length
+    for e in range(len(ride.between)):
+        left, right = ride.between[e, 0], ride.between[e, 1]
+        strand = (s[right] if right >= 0 else length) - (s[left] if left >= 0 else 0.0)
+        if left >= 0:
+            reach[left] = min(reach[left], 0.25 * spans * strand)
+        if right >= 0:
+            reach[right] = min(reach[right], 0.25 * spans * strand)
+
+
 @owning
 def solve_set(
     curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
@@ -589,7 +604,9 @@ def solve_set(
         if given.stiffen:
             add_constraint_stiffness(A, border, given, r)
         hold_still(A, given.held)
-        for k in range(len(reach)):
+        if given.ride.on and len(reach) > 0:
+            reach_in_strands(given.ride, bounds.spans, r.ridden.S[-1], z.s, reach)
+        for k in range(0 if given.ride.on else len(reach)):
             span = span_of(knots.breaks, z.s[k], given.spans[k, 0], given.spans[k, 1])
             reach[k] = bounds.spans * (knots.breaks[span + 1] - knots.breaks[span])
         ending = newton_direction(A, border, law, z.sigma, given, r, reach, dq, dz)
@@ -683,4 +700,5 @@ def solve_of(digest: int) -> Any:
 
 
 solve = solve_of(sources(__file__))
+strand_reach = entry(reach_in_strands)
 share, holds_solved = entry(allowed_share), entry(are_holds_solved)  # as Python calls them

@@ -26,10 +26,11 @@ from coupling.kernels.constraints import Passage, bare_passage, phi, site_force,
 from coupling.kernels.friction import Joints
 from coupling.reports.audit import initial_energies
 from coupling.run.events import Event
+from coupling.run.packets import with_holes
 from coupling.step.diagnosis import refuse_faults
 from coupling.step.newton import Iterate, Problem
 from coupling.step.sliding import law_of
-from coupling.step.stepping import accept_organ, find_solution, sense, tie_gaps
+from coupling.step.stepping import accept_organ, find_solution, riding, sense, tie_gaps
 from coupling.system import State, System, forgetful
 from thread.vectors import dot
 
@@ -47,6 +48,7 @@ def begin_piercing(
     name, y = system.piercings[k].name, state.y[k]
     s = abscissa(system, state, k, given)
     placed = replace(state, s=np.where(np.arange(system.holds) == k, s, state.s))
+    system, placed = with_holes(system, placed, placed.present | (np.arange(system.holds) == k))
     at = system.passage_of(placed)
     gap = float(np.linalg.norm(at.P[k] - y[:3]))
     angle = misdirection(system, at, y, k)
@@ -54,8 +56,9 @@ def begin_piercing(
     within = with_hole(system, placed, at, k)
     refuse_faults(system, within)
     closed = draw_in(system, within, k, dt)
+    system = system.at(closed)
     after, impulse = strike(system, closed, k)
-    energies = [initial_energies(system, x) for x in (state, closed, after)]
+    energies = [initial_energies(system.at(x), x) for x in (state, closed, after)]
     work = sum(e.elastic * sign for e, sign in zip(energies[:2], (-1.0, 1.0), strict=True))
     loss = energies[1].kinetic - energies[2].kinetic
     return after, Event(state.time, "begins", name, float(after.s[k]), gap, angle, work, loss, impulse)
@@ -149,7 +152,8 @@ def draw_in(system: System[Body], state: State[Body], k: int, dt: float) -> Stat
     z, organ = solution.iterate, accept_organ(solution)
     lam = np.where(problem.rows, z.lam, 0.0)
     frame = system.thread.transport_frame(state.frame, z.q)
-    return replace(state, q=z.q, N=z.N, s=z.s, lam=lam, y=z.y, organ=organ, frame=frame)
+    here = riding(solution.residual)
+    return replace(state, q=z.q, N=z.N, s=z.s, lam=lam, y=z.y, organ=organ, frame=frame, solved=None, **here)
 
 
 def closing_problem(system: System[Body], state: State[Body], k: int, scheme: BackwardEuler) -> Problem[Body]:
@@ -166,6 +170,7 @@ def closing_problem(system: System[Body], state: State[Body], k: int, scheme: Ba
     sites = slice(len(system.piercings))
     y, f_y = state.y[sites].ravel(), site_force(at, state.lam, state.y)[sites].ravel()
     others = state.present & (np.arange(system.holds) != k)
+    others &= not thread.travels  # whose balance along them is that of the inertia too: they are held
     return Problem(
         system=system,
         time=state.time,
@@ -179,6 +184,7 @@ def closing_problem(system: System[Body], state: State[Body], k: int, scheme: Ba
         frame=state.frame,
         layers=state.layers,
         gaps=tie_gaps(system, state, state.time),
+        weight=0.0,
     )
 
 

@@ -82,7 +82,7 @@ def is_on_one_travel(system: System[Body], state: State[Body], take: Take[Body])
     past = [state] if take is not bdf2_step or state.before is None else [state, state.before]
     own = [each.spline for each in past]
     return all(each.solved is None for each in past) and all(
-        isinstance(each, Placed) and each.travel is spline.travel for each in own
+        isinstance(each, Placed) and each.travel.is_like(spline.travel) for each in own
     )
 
 

@@ -4,22 +4,20 @@ Between steps alone: in a step the knots χ stay, and a hole takes its packet wi
 thread's inertia is from the curves as they were solved, each on its own knots, and its shape is solved for anew.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from coupling.arrays import Array
+from coupling.arrays import Array, Flags
 from coupling.interfaces import Body
 from coupling.reports.audit import initial_energies
-from coupling.run.events import Event
 from coupling.step.diagnosis import holds_in_force
 from coupling.step.tension import lengths_bent_over
 from coupling.system import State, System, solved_curve
 from thread.packets import Hold, Travel, travelling
 from thread.placed import Placed
 
-Exchange = tuple[System[Body], State[Body], Sequence[Event]]
+Exchange = tuple[System[Body], State[Body], float]
 
 
 def travel_of(system: System[Body]) -> Travel:
@@ -52,24 +50,25 @@ def due(system: System[Body], state: State[Body], layers: Array) -> Travel:
 
 
 def fitted(system: System[Body], state: State[Body]) -> Exchange[Body]:
-    """Return system and state on packets that fit, the same ones where they do, and the event of it."""
+    """Return system and state on packets that fit, the same ones where they do, and the energy that is lost by it [J]."""
     system = system.at(state)
     if fits(system, state):
-        return system, state, []
+        return system, state, 0.0
     return put_on_knots(system, state, due(system, state, bent_over(system, state)))
 
 
 def fitted_for(system: System[Body], state: State[Body], later: System[Body], end: State[Body]) -> Exchange[Body]:
     """Return system and state on packets that fit an `end` state, the same ones where those of the `later` system that
-    it was found on do, and the event of it."""
+    it was found on do, and the energy that is lost by it [J]."""
     later, system = later.at(end), system.at(state)
     if fits(later, end):
-        return system, state, []
+        return system, state, 0.0
     return put_on_knots(system, state, due(system, state, bent_over(later, end)))
 
 
 def put_on_knots(system: System[Body], state: State[Body], travel: Travel) -> Exchange[Body]:
-    """Return system and state on other knots, and the event that says what that changes of the energy."""
+    """Return system and state on other knots, and the energy that is lost by it [J]: the shape is put on them before it
+    is solved for there."""
     old, new = system.thread.spline, Placed(travel.knots, travel.places(state.s), travel)
     other = system.on(new)
     q, v = (new.through(old.curve(x, new.greville)[:, 0]) for x in (state.q, state.v))
@@ -78,4 +77,13 @@ def put_on_knots(system: System[Body], state: State[Body], travel: Travel) -> Ex
     moved = replace(state, q=q, v=v, N=N, spline=new, solved=solved_curve(state))
     energies = [initial_energies(*pair) for pair in ((system, state), (other, moved))]
     stored = [e.kinetic + e.elastic_thread for e in energies]
-    return other, moved, [Event(state.time, "knots", loss=stored[0] - stored[1], control_points=new.n)]
+    return other, moved, stored[0] - stored[1]
+
+
+def with_holes(system: System[Body], state: State[Body], present: Flags) -> tuple[System[Body], State[Body]]:
+    """Return system and state with knots for the holds `present` (m,), the same ones where knots stand still."""
+    if not system.thread.travels:
+        return system, state
+    system, there = system.at(state), replace(state, present=present)
+    other, moved, _ = put_on_knots(system, state, due(system, there, bent_over(system, state)))
+    return other, moved

@@ -401,7 +401,7 @@ class Run(Generic[Body]):
         """Return the run on the knots that fit its state, or those of them that halve a span `once`, itself where they
         do already. The knots are looked at where that is `due`, or a span at a hole is too long."""
         if self.system.thread.travels:
-            return self._on(*fitted(self.system, self.state))
+            return self._riding(*fitted(self.system, self.state))
         if self.resolution is None:
             return self
         return self._on(*adapt_when_due(self.resolution, self.system, self.state, dt, due, once))
@@ -410,10 +410,18 @@ class Run(Generic[Body]):
         """Return the run with the knots too that a later one asks for, or those of them that halve a span `once`;
         itself where it has them all."""
         if self.system.thread.travels:
-            return self._on(*fitted_for(self.system, self.state, later.system, later.state))
+            return self._riding(*fitted_for(self.system, self.state, later.system, later.state))
         if self.resolution is None:
             return self
         return self._on(*refine_for(self.resolution, self.system, self.state, (later.system, later.state), once))
+
+    def _riding(self, system: System[Body], state: State[Body], loss: float) -> "Run[Body]":
+        """Return the run on other packets of knots, by which energy is lost [J]; itself where there are none."""
+        if state is self.state:
+            return self
+        exchange = Event(state.time, "knots", loss=loss)  # no event for a user: a new mesh costs no transfer
+        energies = book_events(system, self.energies, state, [exchange])
+        return replace(self, system=system, state=state, energies=energies)
 
     def _on(self, system: System[Body], state: State[Body], knots: list[Event]) -> "Run[Body]":
         """Return the run on other knots, with their events; itself where there are none."""
@@ -429,12 +437,19 @@ class Run(Generic[Body]):
         if due:
             run = replace(
                 run,
+                system=run.system.at(state),
                 state=state,
                 energies=book_events(run.system, run.energies, state, due),
                 s_begun=np.where(state.present & ~run.state.present, state.s, run.s_begun),
                 events=(*run.events, *due),
             )
-        return run._carried_from(self)
+        return run._with_packets(self)._carried_from(self)
+
+    def _with_packets(self, earlier: "Run[Body]") -> "Run[Body]":
+        """Return the run with packets for its holes, where these are others than in an earlier one."""
+        if not self.system.thread.travels or np.array_equal(self.state.present, earlier.state.present):
+            return self
+        return self._riding(*fitted(self.system, self.state))
 
     def _carried_from(self, earlier: "Run[Body]") -> "Run[Body]":
         """Return the run with the strands taut that were so in one that is no earlier in time, and has other holds or
@@ -463,7 +478,7 @@ class Run(Generic[Body]):
         for k in np.flatnonzero(open_ties):
             state, event = begin_tie(self.system, state, int(k))
             events.append(event)
-        return replace(self, state=state, events=tuple(events))._carried_from(self)
+        return replace(self, state=state, events=tuple(events))._with_packets(self)._carried_from(self)
 
     def tied_when_due(self, earlier: float, dt: float) -> "Run[Body]":
         """Return the run with the ties that begin or are locked later than `earlier` [s]. Raises `FormingError`."""
@@ -504,8 +519,8 @@ def begin(
     for k in [k for k, tie in enumerate(system.ties) if tie.begins == 0.0]:
         state, event = begin_tie(system, state, k)
         closed.append(event)
-    return Run(
-        system=system,
+    run = Run(
+        system=system.at(state),
         state=state,
         energies=initial_energies(system, state),
         s_begun=state.s,
@@ -520,6 +535,7 @@ def begin(
         cuts=cuts,
         events=tuple(closed),
     )
+    return run.refitted(0.0, True) if system.thread.travels else run
 
 
 def schedule_piercings(
@@ -534,12 +550,12 @@ def schedule_piercings(
     out = []
     for k, piercing in enumerate(system.piercings):
         if state.present[k] and is_due(piercing.ends, earlier, state.time, dt):
-            let_go = float(held_energy(system.passage_of(state), state.lam, state.y)[k])
+            let_go = float(held_energy(system.at(state).passage_of(state), state.lam, state.y)[k])
             out.append(Event(state.time, "ends", piercing.name, float(state.s[k]), loss=let_go))
             state = release(state, np.arange(system.holds) == k)
     for k, piercing in enumerate(system.piercings):
         if not state.present[k] and is_due(piercing.begins, earlier, state.time, dt):
-            state, event = begin_piercing(system, state, k, dt, float(given[k]))
+            state, event = begin_piercing(system.at(state), state, k, dt, float(given[k]))
             out.append(event)
     return state, out
 
@@ -554,7 +570,7 @@ def book_events(system: System[Body], energies: Energies, state: State[Body], ev
     numerical."""
     if not events:
         return energies
-    now = initial_energies(system, state)
+    now = initial_energies(system.at(state), state)
     return replace(
         energies,
         kinetic=now.kinetic,

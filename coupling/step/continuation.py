@@ -37,6 +37,8 @@ def reach_in_spans(problem: Problem[Body], guess: Iterate) -> float:
     """Return how far a correction downhill may move an abscissa, in spans at its hole: REACH of one, or, where those at
     all holes in which the thread may slide are shorter than √(EI/T), REACH of that, at most of the longest span."""
     thread, slides = problem.system.thread, problem.law.may_slide
+    if thread.travels:
+        return REACH
     spans = np.diff(thread.spline.breaks)
     layers = lengths_bent_over(problem.system, guess.s, guess.N, guess.lam, problem.rows[:, 0])
     ratios = np.minimum(layers, spans.max()) / spans[thread.spline.spans_of(guess.s)]

@@ -39,13 +39,13 @@ from coupling.joins.rubbing import Rubbing
 from coupling.kernels.border import NINE, Border, site_residuals, stiffen_holds
 from coupling.kernels.bordered import FREE, PHI, S, SingularError, Y, linearise, newton_direction, own_stiffness
 from coupling.kernels.constraints import Passage, phi, pressing_force, site_force, spread, thread_force
-from coupling.kernels.iteration import holds_solved, share
+from coupling.kernels.iteration import holds_solved, share, strand_reach
 from coupling.step.configuration import Configuration, evaluate_thread
 from coupling.step.sliding import Law, admissible_sigma, ruled, with_own_laws
 from coupling.system import System
 from thread.errors import ThreadError
 from thread.frames import Frame
-from thread.riding import field_of, ride, share_left, with_riding_force
+from thread.riding import field_of, ride, ride_of, share_left, with_riding_force
 from thread.spline import Spline
 from thread.thread import Points
 from tissue.errors import OrganError
@@ -410,7 +410,12 @@ def correct(problem: Problem[Body], z: Iterate, r: Residual, reach: Array = FREE
 def correct_downhill(problem: Problem[Body], z: Iterate, r: Residual, spans: float = REACH) -> Iterate:
     """Make one Newton correction in which no abscissa goes uphill, nor further than so many of its span. Raises
     `SingularError`."""
-    spline = problem.system.thread.spline
+    thread = problem.system.thread
+    spline = thread.spline
+    if thread.travels:
+        reach, how = np.empty(len(z.s)), ride_of(thread, np.zeros(3))
+        strand_reach(how, float(spans), float(spline.end), np.ascontiguousarray(z.s), reach)
+        return correct(problem, z, r, reach)
     return correct(problem, z, r, spans * np.diff(spline.breaks)[spline.spans_of(z.s, problem.law.s_old)])
 
 

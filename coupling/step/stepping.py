@@ -151,8 +151,8 @@ def travelling_problem(
     damping, curves = scheme.d * system.thread.damping, [solved_curve(past) for past in past_states(scheme, state)]
     factor = scheme.a + damping
     fields = tuple(
-        (spline, w * (q + scheme.a / (factor * scheme.d) * v)[:, :3])
-        for w, (spline, q, v) in zip(scheme.weights, curves, strict=True)
+        (curve.spline, w * (curve.q + scheme.a / (factor * scheme.d) * curve.v)[:, :3])
+        for w, curve in zip(scheme.weights, curves, strict=True)
     )
     load = end_load(system, state.time + dt) - system.weight
     q_ref = put_on(system.thread, list(fields))
@@ -267,8 +267,8 @@ def earlier_places(thread: Thread, scheme: Scheme, state: State[Body]) -> Array:
     the knots of the `thread` by its mass, which keeps momentum and moment of momentum."""
     if not thread.travels:
         return scheme.damping_reference(*thread_motion(scheme, state)[::2])
-    curves = zip(scheme.weights, (solved_curve(past) for past in past_states(scheme, state)), strict=True)
-    return put_on(thread, [(spline, w * q) for w, (spline, q, _) in curves])
+    curves = [solved_curve(past) for past in past_states(scheme, state)]
+    return put_on(thread, [(curve.spline, w * curve.q) for w, curve in zip(scheme.weights, curves, strict=True)])
 
 
 def riding(residual: Residual) -> dict[str, Any]:
@@ -384,6 +384,18 @@ def emptied_holds(system: System[Body], old: State[Body], new: State[Body]) -> F
     return gone
 
 
+def runs_out(system: System[Body], state: State[Body], dt: float) -> Flags:
+    """Return the holes that the thread runs out of within `dt` [s] at the rate it has, over an end that nothing holds,
+    shape `(m,)`, where its knots travel: a hole with its packet cannot pass the end."""
+    if not system.thread.travels:
+        return np.zeros(system.holds, dtype=bool)
+    spline, end = system.thread.spline, state.s + dt * state.s_dot
+    loose = [each.position(0.0) is None for each in system.ends]
+    near = system.thread.section.diameter
+    out = (loose[0] & (end < spline.start + near)) | (loose[1] & (end > spline.end - near))
+    return np.asarray(out & state.present & system.may_slide)
+
+
 def release(state: State[Body], gone: Flags) -> State[Body]:
     """Release the holes `gone`; what the thread did in them is no guide to what it does next."""
     lam = np.where(gone[:, None], 0.0, state.lam)
@@ -450,6 +462,12 @@ def advance(
             pending.append((part, level, remembers))
             continue
         except (StepError, InversionError) as error:
+            gone = runs_out(system, state, part)
+            if gone.any():
+                out = replace(state, time=state.time + part, s=state.s + part * state.s_dot)
+                state, beyond = release(state, gone), [*beyond, out]
+                pending.append((part, level, remembers))
+                continue
             if isinstance(error, UphillError) and level < min(depth + CURVED, HALVINGS):
                 pending += [(0.5 * part, level + 1, remembers)] * 2
                 continue

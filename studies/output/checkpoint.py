@@ -11,6 +11,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -39,8 +40,9 @@ def pack(record: Any, name: str) -> dict[str, NDArray[Any]]:
     return out
 
 
-def unpack(like: Record, arrays: Arrays, name: str, nested: Any = None) -> Record:
-    """Build a dataclass such as ``like`` from its arrays; ``nested`` is like a dataclass in it where ``like`` has None.
+def unpack(like: Record, arrays: Arrays, name: str, nested: Mapping[str, Any] = MappingProxyType({})) -> Record:
+    """Build a dataclass such as ``like`` from its arrays; ``nested`` are like the dataclasses in it, by field, where
+    ``like`` has None.
 
     Raises ``KeyError`` where one is missing that ``like`` has.
     """
@@ -50,7 +52,7 @@ def unpack(like: Record, arrays: Arrays, name: str, nested: Any = None) -> Recor
         if key in arrays:
             values[field.name] = float(arrays[key]) if arrays[key].ndim == 0 else np.array(arrays[key])
         elif any(other.startswith(f"{key}.") for other in arrays):
-            values[field.name] = unpack(nested if model is None else model, arrays, key)
+            values[field.name] = unpack(nested[field.name] if model is None else model, arrays, key, nested)
         elif model is None:
             values[field.name] = None
         else:

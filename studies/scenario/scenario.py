@@ -77,7 +77,8 @@ class Scenario(ScenarioTable):
         check_order(
             [(piercing, piercing.s) for piercing in self.piercing if piercing.s is not None], self.thread.length
         )
-        check_control_points(self.thread.control_points, len(self.piercing) + 2 * len(self.tie))
+        if self.thread.knots == "fixed":
+            check_control_points(self.thread.control_points, len(self.piercing) + 2 * len(self.tie))
         loose = next((piercing.name for piercing in self.piercing if piercing.direction == "normal"), None)
         sought = next((piercing.name for piercing in self.piercing if piercing.at == "surface"), None)
         if self.tissue is None and sought is not None:
@@ -224,6 +225,33 @@ class Scenario(ScenarioTable):
         if self.thread.resolution != "fixed" and self.solve.scheme == "linear":
             reason = "the linear scheme knows no missing compliance, by which the knots are placed; set it to fixed"
             raise ValueError(refusal("thread.resolution", self.thread.resolution, reason))
+        return self
+
+    @model_validator(mode="after")
+    def _check_travelling(self) -> Self:
+        if self.thread.knots == "fixed":
+            return self
+        needed = {
+            "thread.resolution": "fixed",
+            "thread.energy": "continuous",
+            "thread.bending": True,
+            "thread.twist": False,
+            "thread.cuts": (),
+            "solve.scheme": "newton",
+            "solve.coupling": "monolithic",
+            "solve.friction": "implicit",
+            "solve.epsilon": 0.0,
+        }
+        given = {"solve": self.solve, "thread": self.thread}
+        for key, value in needed.items():
+            table, name = key.split(".")
+            if getattr(given[table], name) != value:
+                wanted = "leave it out" if value == () else f"set it to {as_toml(value)}"
+                reason = f'thread.knots is travelling, which knows no such thread; {wanted}, or knots = "fixed"'
+                raise ValueError(refusal(key, getattr(given[table], name), reason))
+        if self.cut:
+            reason = 'thread.knots is travelling, and its thread is not cut; leave out [[cut]], or set knots to "fixed"'
+            raise ValueError(refusal("cut.s", self.cut[0].s, reason))
         return self
 
     @model_validator(mode="after")

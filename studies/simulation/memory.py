@@ -1,12 +1,13 @@
 """What a run keeps in mind at a checkpoint, and the run that goes on from it."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 import tissue
 from coupling.run.run import Run
-from coupling.system import System
+from coupling.system import Solved, System
 from studies.arrays import Array
 from studies.output.checkpoint import ANEW, CHECKPOINT, Arrays, pack, unpack
 from studies.scenario import ScenarioError
@@ -41,8 +42,12 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
     """Return where a run was, from what it kept in memory; `beginning` shows how that is built. Raises
     `ScenarioError`."""
     try:
-        system, number = on_knots(beginning.system, memory["knots"]), int(memory["step"])
-        state = unpack(beginning.state, memory, "state", beginning.state)
+        number, first = int(memory["step"]), beginning.state
+        nested: dict[str, Any] = {"before": first}
+        if first.spline is not None:
+            nested["solved"] = Solved(first.spline, first.q, first.v)
+        state = unpack(first, memory, "state", nested)
+        system = on_knots(beginning.system, memory["knots"]) if state.spline is None else beginning.system.at(state)
         energies, s_begun = unpack(beginning.energies, memory, "energies"), memory["s_begun"]
         taut = memory["taut"]
         tie_works = memory["tie_works"] if system.ties else beginning.tie_works

@@ -148,7 +148,7 @@ def check_balls(thread: model.Thread, holes: Sequence[Piercing]) -> None:
     and the thread bends between two."""
     balls = sum(isinstance(hole, Ball) for hole in holes)
     least = 4 + 3 * (len(holes) - balls) + 2 * balls
-    if balls and thread.control_points < least:
+    if balls and thread.knots == "fixed" and thread.control_points < least:
         reason = (
             f"{len(holes) - balls} piercings and {balls} balls of tracts need at least {least} (4, 3 for each piercing "
             "and 2 for each ball); raise it, or take a larger tract.spacing"
