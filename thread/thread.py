@@ -74,10 +74,10 @@ class CrossSection(Protocol):
 
 
 def axial_points(spline: Spline) -> tuple[Array, Array]:
-    """Return the parameters of the points of the stretch, two a span, shape `(spans, 2)`, and which of them count: where
-    a span has one point, the second is the same. A span has two if it is the first or the last of its piece, if it
-    begins at a repeated knot or if it ends at a triple one: its Gauss points or, where knots travel, its middle and that
-    end."""
+    """Return the parameters of the points of the stretch, two a span, shape `(spans, 2)`, and which of them count:
+    where a span has one point, the second is the same. A span has two if it is the first or the last of its piece, if
+    it begins at a repeated knot or if it ends at a triple one: its Gauss points or, where knots travel, its middle and
+    that end."""
     breaks, repeats = np.unique(spline.knots, return_counts=True)
     left, right = breaks[:-1, None], breaks[1:, None]
     two = ((repeats[:-1] > 1) | (repeats[1:] >= LOCAL - 1))[:, None]

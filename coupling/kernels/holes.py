@@ -70,9 +70,9 @@ class Hold(NamedTuple):
     `unit` vector and `size`, and λ `along` and `across` it [N]. How far T leaves the frame, as
     `coupling.kernels.constraints.Tilt`: `normal` n̂, `area`, `cosine` ψ, n̂ − ψâ `of_along` and â − ψn̂ `of_normal`,
     γ with its derivatives `slope` and `bend` by ψ, `share` Γ, `by_T`, `by_n`. `directed`: the frame tells where the
-    thread goes. `bare`: no hold of the thread lacks compliance. ∂P/∂s at fixed q, `P_s`: T, or zero where the knots ride
-    with the holes (`rides`); then P, T at the hole do not depend on s, and `drive` is −∂Π/∂s [N], of the potential of
-    the thread (`thread.kernels.travel`).
+    thread goes. `bare`: no hold of the thread lacks compliance. ∂P/∂s at fixed q, `P_s`: T, or zero where the knots
+    ride with the holes (`rides`); then P, T at the hole do not depend on s, and `drive` is −∂Π/∂s [N], of the potential
+    of the thread (`thread.kernels.travel`).
     """
 
     P: Vector

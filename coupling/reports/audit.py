@@ -133,7 +133,7 @@ def add_travelling(step: Step[Body], on: OnThread, turns: Array) -> None:
     integrator's."""
     old, new, solution = step.old, step.new, step.solution
     problem, r, thread = solution.problem, solution.residual, solution.residual.configuration.thread
-    ds, dq, n, m = new.s - old.s, new.q - old.q, thread.n, len(new.s)
+    ds, dq, n = new.s - old.s, new.q - old.q, thread.n
     weight, by_weight, by_elastic = potential_rates(thread, problem.weight * problem.system.gravity, new.q)
     assert new.drive is not None
     by_inertia = -new.drive - by_elastic - by_weight

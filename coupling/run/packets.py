@@ -50,7 +50,7 @@ def due(system: System[Body], state: State[Body], layers: Array) -> Travel:
 
 
 def fitted(system: System[Body], state: State[Body]) -> Exchange[Body]:
-    """Return system and state on packets that fit, the same ones where they do, and the energy that is lost by it [J]."""
+    """Return system and state on packets that fit, the same ones where they do, and the energy lost by that [J]."""
     system = system.at(state)
     if fits(system, state):
         return system, state, 0.0

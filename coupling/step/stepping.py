@@ -263,8 +263,8 @@ def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> St
 
 
 def earlier_places(thread: Thread, scheme: Scheme, state: State[Body]) -> Array:
-    """Return Σ w_k x_k of a scheme, shape `(n, c)` [m]; where knots travel, of the curves at the material points, put on
-    the knots of the `thread` by its mass, which keeps momentum and moment of momentum."""
+    """Return Σ w_k x_k of a scheme, shape `(n, c)` [m]; where knots travel, of the curves at the material points, put
+    on the knots of the `thread` by its mass, which keeps momentum and moment of momentum."""
     if not thread.travels:
         return scheme.damping_reference(*thread_motion(scheme, state)[::2])
     curves = [solved_curve(past) for past in past_states(scheme, state)]
@@ -396,6 +396,11 @@ def runs_out(system: System[Body], state: State[Body], dt: float) -> Flags:
     return np.asarray(out & state.present & system.may_slide)
 
 
+def further_on(state: State[Body], dt: float) -> State[Body]:
+    """Return a state whose holes have gone on for `dt` [s] at the rate they have."""
+    return replace(state, time=state.time + dt, s=state.s + dt * state.s_dot)
+
+
 def release(state: State[Body], gone: Flags) -> State[Body]:
     """Release the holes `gone`; what the thread did in them is no guide to what it does next."""
     lam = np.where(gone[:, None], 0.0, state.lam)
@@ -464,8 +469,7 @@ def advance(
         except (StepError, InversionError) as error:
             gone = runs_out(system, state, part)
             if gone.any():
-                out = replace(state, time=state.time + part, s=state.s + part * state.s_dot)
-                state, beyond = release(state, gone), [*beyond, out]
+                state, beyond = release(state, gone), [*beyond, further_on(state, part)]
                 pending.append((part, level, remembers))
                 continue
             if isinstance(error, UphillError) and level < min(depth + CURVED, HALVINGS):

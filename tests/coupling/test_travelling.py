@@ -1,5 +1,5 @@
-"""A thread whose knots travel with its holes, drawn through rough holes: against the elastica of its own pulls, solved in
-three ways, in statics and in time."""
+"""A thread whose knots travel with its holes, drawn through rough holes: against the elastica of its own pulls, solved
+in three ways, at rest and in time."""
 
 from dataclasses import replace
 from functools import cache
@@ -238,3 +238,70 @@ def test_a_running_stitch_has_one_answer_at_rest_and_in_motion(name: str) -> Non
         loss = np.array([hole.tension_after - hole.tension_before for hole in holes])
         assert loss == pytest.approx(0.1 * np.array([hole.normal_force for hole in holes]), rel=0.02)
     assert tensions[0] == pytest.approx(tensions[1], rel=0.01)
+
+
+def stitched(**solve: Any) -> dict[str, Any]:
+    """A thread pulled through two holes in time, of which the second begins later and the first ends."""
+    return {
+        "thread": {
+            "suture": "4-0 nylon",
+            "knots": "travelling",
+            "damping": 50.0,
+            "path": [[-0.02, 0, 0], [0, 0, 0.001], [0.02, 0, 0]],
+            "start": {"kind": "pulled", "force": [-0.1, 0, 0], "ramp": 0.01},
+            "end": {"kind": "driven", "waypoints": [[0, 0.02, 0, 0], [0.02, 0.02, 0, 0], [0.1, 0.02, 0, -0.004]]},
+        },
+        "piercing": [
+            {"name": "first", "at": [-0.005, 0, 0.0005], "direction": "free", "until": 0.06},
+            {"name": "second", "at": [0.008, 0, 0.0004], "direction": "free", "from": 0.03},
+        ],
+        "solve": {"dt": 1e-3, "duration": 0.08} | solve,
+    }
+
+
+def test_piercings_begin_and_end_on_knots_that_travel() -> None:
+    """Identity: the thread goes through each hole at its knot as long as it is in it, the audit closes across both
+    events, and without friction the tension is the same on both sides."""
+    records = [record for record, _ in prepare(Scenario.model_validate(stitched())).advance()]
+    kinds = [event.kind for record in records for event in record.events]
+    assert kinds.count("begins") == 1 and kinds.count("ends") == 1 and "knots" not in kinds
+    assert max(record.constraint_max for record in records) <= GAP * suture("4-0 nylon").diameter
+    scale = max(abs(record.energy.external_work) for record in records)
+    assert max(abs(record.energy.balance_error) for record in records) < RESIDUAL * scale
+    hole = records[-1].piercings[1]
+    assert hole.state == "slip" and hole.tension_after == pytest.approx(hole.tension_before, rel=5e-3)
+
+
+def test_a_run_that_is_resumed_goes_on_to_the_same_bits() -> None:
+    """Identity: from any record, also just after packets were made anew."""
+    simulation = prepare(Scenario.model_validate(stitched()))
+    whole = list(simulation.advance())
+    for at in (3, 31, 50):
+        memory = whole[at][0].memory
+        again = list(prepare(Scenario.model_validate(stitched())).advance(memory))
+        assert len(again) == len(whole) - at
+        for (one, _), (other, _) in zip(whole[at:], again, strict=True):
+            assert one.energy == other.energy
+            assert [hole.s for hole in one.piercings] == [hole.s for hole in other.piercings]
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("twist", True), ("cuts", [0.01]), ("energy", "springs"), ("bending", False)]
+)
+def test_what_cannot_travel_is_refused_in_words(key: str, value: Any) -> None:
+    table = stitched()
+    table["thread"][key] = value
+    with pytest.raises(ValueError, match="knots is travelling"):
+        Scenario.model_validate(table)
+
+
+def test_a_thread_drawn_out_of_its_last_hole_leaves_it() -> None:
+    """The packet of a hole cannot pass an end: the hole is left over it, in the step in which it would."""
+    table = stitched()
+    table["piercing"] = [{"name": "only", "at": [-0.005, 0, 0.0005], "direction": "free"}]
+    table["thread"] |= {"start": {"kind": "free"}, "damping": 5.0}
+    table["thread"]["end"]["waypoints"] = [[0, 0.02, 0, 0], [0.04, 0.05, 0, 0]]
+    table["solve"]["duration"] = 0.04
+    records = [record for record, _ in prepare(Scenario.model_validate(table)).advance()]
+    events = [event for record in records for event in record.events if event.kind == "leaves"]
+    assert len(events) == 1 and records[-1].piercings[0].state == "left"

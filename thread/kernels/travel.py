@@ -1,4 +1,4 @@
-"""Knots that travel with the holes (`thread.packets`): the curve at one place of them, and what the potential owes to it.
+"""Knots that travel with the holes (`thread.packets`): the curve at one place of them, and its potential by s.
 
 With S' = dS/dχ at a point, T = P'/S' and T' = (P'' − T S'')/S'²: where a hole moves and the control points stand, P'
 and P'' stay and S' changes. The turn per rest length is |P' × P''|²/(|P'|⁴ S'²), without S''; so per dχ

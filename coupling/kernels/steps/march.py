@@ -411,6 +411,16 @@ def begin_step(
 
 
 @loop
+def why_not_begun(given: Given, scene: Scene, room: Scratch, now: Motion, missing: int) -> int:
+    """Return why a step is not begun, MADE if it is: what the spline lacks is not known, or packets do not fit."""
+    if missing != KNOWN:
+        return TO_LEARN
+    if given.ride.on and not fits(scene.fit, given.ride, room.T, now.s, scene.present):
+        return REFIT
+    return MADE
+
+
+@loop
 def solve_step(
     curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, scene: Scene, pace: Pace, limits: Limits,
     stages: Stages, ends: Ends, step: int, now: Motion, room: Scratch, solver: int,
@@ -524,10 +534,9 @@ def march_of(digest: int) -> Any:
             largest, missing = begin_step(
                 knots, law, given, scene, pace, limits, stages, organ, ends, step, now, earlier, room
             )
-            if missing != KNOWN:
-                return step, TO_LEARN, missing
-            if given.ride.on and not fits(scene.fit, given.ride, room.T, now.s, scene.present):
-                return step, REFIT, KNOWN
+            why = why_not_begun(given, scene, room, now, missing)
+            if why != MADE:
+                return step, why, missing
             here = bounds_at(bounds, rounded_force(scene, knots, largest))
             found, missing = solve_step(
                 curve, knots, law, given, here, scene, pace, limits, stages, ends, step, now, room, solver
