@@ -61,7 +61,9 @@ class Placed(Spline):
     @cached_property
     def breaks(self) -> Array:
         """Ends of the spans, shape `(spans + 1,)` [m]."""
-        return self.evaluate(self.chi.breaks)[0]
+        breaks = self.evaluate(self.chi.breaks)[0]
+        breaks[[0, -1]] = self.start, self.end
+        return breaks
 
     @cached_property
     def first(self) -> Indices:

@@ -37,8 +37,8 @@ class SingularError(ArithmeticError):
 
 def empty_border(m: int) -> Border:
     """Return the border of `m` holds with every block zero."""
-    blocks = (NINE, BORDER), (OWN, NINE), (OWN, BORDER), (NINE, BORDER), (NINE, NINE)
-    return Border(*(np.zeros((m, *block)) for block in blocks), np.zeros((m, m)))
+    blocks = (NINE, BORDER), (OWN, NINE), (OWN, BORDER), (NINE, BORDER), (NINE, NINE), (m,)
+    return Border(*(np.zeros((m, *block)) for block in blocks))
 
 
 def linearise(law: Law, sigma: Array, rows: Flags, thread: Passage, lam: Array, y: Array) -> tuple[Border, Array]:

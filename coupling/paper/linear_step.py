@@ -352,7 +352,7 @@ def check_accuracy(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residu
     )
     points = thread.points(q, state.frame)
     residual = Residual(
-        Configuration(points, posed.at, thread.gradient(points)),
+        Configuration(points, posed.at, thread.gradient(points), thread),
         site_force(posed.at, lam, state.y),
         push,
         balance,

@@ -21,7 +21,7 @@ from coupling.kernels.steps.march import ENERGIES, Ends, Kept, Scene, Scratch
 from coupling.kernels.steps.organ import Going, Organ, Pace
 from coupling.kernels.steps.riding import Fit
 from coupling.kernels.steps.tautness import Strands
-from coupling.kernels.steps.tension import Limits, Stages
+from coupling.kernels.steps.tension import Along, Limits, Stages
 from coupling.recent import Recent
 from coupling.reports.audit import BORNE
 from coupling.run.tautness import loose_ends, strands_of
@@ -37,13 +37,14 @@ from coupling.system import State, System
 from thread import packets
 from thread.compliance import LACKS, POWERS, SLACK
 from thread.kernels.curve import Curve
+from thread.kernels.travel import Field
 from thread.placed import Placed
 from thread.spline import ORDERS
 from thread.thread import STAGES, Thread
 
 KEPT = "march.march_of."  # begins the names of the loops' files on disk
 NONE, PLANE = np.zeros(0), np.zeros((0, 0))
-Arrays = TypeVar("Arrays", Law, Given, Strands)
+Arrays = TypeVar("Arrays", Law, Given, Strands, Field, Along)
 FIRST_ROOM = 64  # stages on spans, of which a run asks for some at first
 
 
@@ -183,7 +184,8 @@ def make_fixture(
     curve = own_curve(tables.curve) if system.thread.travels else tables.curve
     law = with_own(problem.law.table, "s_old", "s_held", "s_free", "stretch")
     given = with_own(given_of(problem), "q_ref", "load", "y_free", "C")
-    given = given._replace(fields=tuple(with_own(field, "at", "S", "c") for field in given.fields))
+    one, other = (with_own(field, "at", "S", "c") for field in given.fields)
+    given = given._replace(fields=(one, other))
     room = empty_room(motion, system.thread.elastic_rule.w.shape[1])
     return Fixture(
         tables=tables,

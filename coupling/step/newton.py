@@ -227,7 +227,8 @@ def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
     """Evaluate all residuals of a step."""
     thread, inertia, ridden = problem.system.thread, np.zeros_like(z.q), None
     if thread.travels:
-        fields = tuple(field_of(*field) for field in problem.earlier)
+        one, other = problem.earlier
+        fields = field_of(*one), field_of(*other)
         gravity = problem.weight * problem.system.gravity
         inertia, ridden = ride(thread.placed(z.s), fields, problem.mass_factor, gravity, z.q, z.N)
     elif problem.mass_factor:

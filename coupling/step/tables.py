@@ -186,7 +186,8 @@ def empty_found(z: Iterate | Unknowns, points: int) -> Found:
 
 def own_curve(curve: Curve) -> Curve:
     """Return a copy of a curve, whose functions and weights are written anew where knots travel."""
-    return Curve(*(np.copy(part) if isinstance(part, np.ndarray) else part for part in curve))
+    names = "slope", "bend", "w", "axial_slope", "axial_w"
+    return curve._replace(**{name: getattr(curve, name).copy() for name in names})
 
 
 def folder_of_loops() -> Path | None:

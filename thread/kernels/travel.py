@@ -242,11 +242,11 @@ def add_inertia(
                 k = ride.between[e, side]
                 if k >= 0:
                     out.by_s[k] += by_rate * rates[side] + by_move * moves[side]
-                    for other in range(2):
-                        j = ride.between[e, other]
+                    for facing in range(2):
+                        j = ride.between[e, facing]
                         if j >= 0:
-                            mixed = moves[side] * rates[other] + rates[side] * moves[other]
-                            out.by_ss[k, j] += by_both * mixed + twice * moves[side] * moves[other]
+                            mixed = moves[side] * rates[facing] + rates[side] * moves[facing]
+                            out.by_ss[k, j] += by_both * mixed + twice * moves[side] * moves[facing]
 
 
 @loop
